@@ -1,0 +1,1 @@
+"""Device drivers: one folder a device, the same four files in each."""

@@ -1,0 +1,54 @@
+"""The few errors of the whole project, each named for what the caller can do about it.
+
+Wire garbage is never raised: drivers count it and report it in their statistics.
+"""
+
+
+class GraspError(Exception):
+    """Base of every expected error: one line that says what happened, one that says what to do.
+
+    ``kind`` is the stable, machine-readable name used in ``--json`` output.
+    """
+
+    kind = "error"
+
+    def __init__(self, message: str, remedy: str) -> None:
+        super().__init__(message)
+        self.message = message
+        self.remedy = remedy
+
+
+class LinkLost(GraspError):
+    """The device does not answer: check cable, power and address, then connect again."""
+
+    kind = "link_lost"
+
+
+class DeviceFault(GraspError):
+    """The device answers and reports a fault of its own: clear it as the remedy says."""
+
+    kind = "device_fault"
+
+
+class Refused(GraspError):
+    """The command was not sent, because it would break a limit or make no sense now."""
+
+    kind = "refused"
+
+
+class Stale(GraspError):
+    """Data are too old to act on: the state that they describe may be gone."""
+
+    kind = "stale"
+
+
+class ConfigError(GraspError):
+    """A setting is unknown, malformed or out of range: says which file, which key, what is allowed."""
+
+    kind = "config"
+
+    def __init__(self, file: str, key: str, problem: str, allowed: str) -> None:
+        super().__init__(f"{file}: {key}: {problem}", f"allowed: {allowed}")
+        self.file = file
+        self.key = key
+        self.allowed = allowed

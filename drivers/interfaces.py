@@ -1,0 +1,191 @@
+"""What the controller may know of a device: frozen states, commands in physical units, three protocols.
+
+Times are integer nanoseconds of one monotonic clock and are always passed in. Fingers are ordered
+A, B, C: finger A (the thumb) opposes B and C. Forces are newtons at a fingertip, by the gripper's
+calibration; positions are motor counts, 0 (open) to 255 (closed), which are the truth of this hand.
+"""
+
+from enum import IntEnum
+from typing import Protocol
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+FINGER_NAMES = ("A", "B", "C")
+FINGERS = len(FINGER_NAMES)
+TAXELS = 6
+
+Counts3 = tuple[int, int, int]
+Vector3 = tuple[float, float, float]
+
+
+class Detection(IntEnum):
+    """Object detection of one finger (gDTA..gDTC; Robotiq manual, GRIPPER STATUS register)."""
+
+    MOVING = 0
+    CONTACT_OPENING = 1
+    CONTACT_CLOSING = 2
+    AT_TARGET = 3
+
+
+class FingerState(msgspec.Struct, frozen=True):
+    """One finger as the gripper reports it."""
+
+    requested_counts: int  # echo of the last request that the gripper took up
+    position_counts: int
+    current_ma: int  # motor current; falls to 0 when the finger has stopped
+    detection: Detection
+
+
+class GripperState(msgspec.Struct, frozen=True):
+    """Snapshot of the gripper's status registers.
+
+    ``fresh`` is False from the moment a command is issued until the status is known to speak of
+    that command (echo matches, or two register refreshes for an unchanged request): until then the
+    detections still describe the motion before it.
+    """
+
+    t_ns: int  # when the status was received
+    seq: int
+    active: bool  # activation complete: the gripper obeys motion commands
+    fault: int  # gFLT, 0 = none
+    fault_text: str  # empty when there is none
+    fresh: bool
+    fingers: tuple[FingerState, FingerState, FingerState]
+
+    def age_ns(self, now_ns: int) -> int:
+        return now_ns - self.t_ns
+
+    @property
+    def at_rest(self) -> bool:
+        """True when the status is fresh and no finger moves."""
+        return self.fresh and all(f.detection is not Detection.MOVING for f in self.fingers)
+
+    @property
+    def positions(self) -> Counts3:
+        a, b, c = self.fingers
+        return a.position_counts, b.position_counts, c.position_counts
+
+
+class Applied(msgspec.Struct, frozen=True):
+    """What a gripper verb could really apply, after rounding to the device's own units.
+
+    ``force_n`` is the calibrated static force of the force byte that goes to the gripper.
+    ``effective`` is False when the device will do nothing (latched contact, rate limit); ``note``
+    says why.
+    """
+
+    targets_counts: Counts3
+    speed_mps: float
+    force_n: float
+    effective: bool = True
+    note: str = ""
+
+
+class Gripper(Protocol):
+    """A three-finger gripper. Verbs set intent; ``pump`` does one exchange with the device.
+
+    Verbs raise ``Refused`` when the request cannot be made within the limits given; they never
+    raise on link trouble, ``pump`` does (``LinkLost``).
+    """
+
+    @property
+    def state(self) -> GripperState | None: ...
+
+    @property
+    def least_force_n(self) -> float:
+        """Calibrated static force of the smallest force setting."""
+        ...
+
+    @property
+    def m_per_count(self) -> float:
+        """Fingertip travel of one motor count, by the position calibration."""
+        ...
+
+    def pump(self, now_ns: int) -> None: ...
+
+    def activate(self) -> Applied: ...
+
+    def open(self, speed_mps: float) -> Applied: ...
+
+    def move_to(self, targets_counts: Counts3, speed_mps: float, force_n: float) -> Applied: ...
+
+    def close_fast(
+        self, force_cap_n: float, closing: tuple[bool, bool, bool], limits_counts: Counts3, speed_mps: float
+    ) -> Applied: ...
+
+    def regrasp(self, force_cap_n: float) -> Applied: ...
+
+    def hold(self) -> Applied: ...
+
+    def clear_fault(self) -> Applied: ...
+
+
+class TactileFrame(msgspec.Struct, frozen=True):
+    """One sample of all fingertips on the 100 Hz grid.
+
+    counts: (3, 6) int16, raw minus rest, pressing is negative. raw, rest: (3, 6) int16, 10-bit codes.
+    temperature: (3, 6) int16, raw temperature codes. A missed sample repeats the last frame with
+    ``missed`` counting up; when ``stale`` is True (five or more missed) it must not be used.
+    """
+
+    t_ns: int  # grid time of this frame: when it was handed over
+    sampled_ns: int  # best estimate of when the pressures were converted
+    seq: int
+    counts: NDArray[np.int16]
+    raw: NDArray[np.int16]
+    rest: NDArray[np.int16]
+    temperature: NDArray[np.int16]
+    missed: int = 0
+    stale: bool = False
+
+
+class TactileSensor(Protocol):
+    """Fingertips sampled at 100 Hz; ``pump`` reads one sample, ``frame`` is the latest one."""
+
+    @property
+    def frame(self) -> TactileFrame | None:
+        """Latest frame; None before the rest counts have been taken."""
+        ...
+
+    @property
+    def rest_taken(self) -> bool: ...
+
+    def pump(self, now_ns: int) -> None: ...
+
+    def begin_rest(self) -> None:
+        """Start taking rest counts from the next samples; ``rest_taken`` turns True when done.
+
+        ``pump`` raises ``Refused`` when a fingertip is loaded or unsteady meanwhile.
+        """
+        ...
+
+
+class ArmState(msgspec.Struct, frozen=True):
+    """Tool position and velocity in the base frame, as last reported by the controller."""
+
+    t_ns: int
+    seq: int
+    position_m: Vector3
+    velocity_mps: Vector3
+    moving: bool
+    stopped_by_safety: bool = False  # protective or emergency stop
+
+    def age_ns(self, now_ns: int) -> int:
+        return now_ns - self.t_ns
+
+
+class Arm(Protocol):
+    """Straight-line arm. Verbs raise ``Refused`` outside speed, acceleration, jump or workspace limits."""
+
+    @property
+    def state(self) -> ArmState | None: ...
+
+    def pump(self, now_ns: int) -> None: ...
+
+    def move_to(self, position_m: Vector3, speed_mps: float, acceleration_mps2: float) -> None: ...
+
+    def stop(self, deceleration_mps2: float) -> None: ...
+
+    def set_payload(self, mass_kg: float) -> None: ...

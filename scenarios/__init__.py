@@ -1,0 +1,1 @@
+"""Experiments: scripted scenarios, their scoring, and the world they run in."""

@@ -1,0 +1,128 @@
+"""The simulated cell: one world joined to the three device models, advanced to any later instant.
+
+Between commands the world is one compiled call; only while a finger moves do gripper model and
+contact law exchange forces, every millisecond, each integrating finer steps inside.
+"""
+
+import msgspec
+import numpy as np
+
+from drivers.interfaces import Vector3
+from drivers.robotiq.model import FingerLoads, GripperModel, HandSettings
+from drivers.takktile.model import BoardModel, BoardModelSettings
+from drivers.ur.model import ArmModel, ArmModelSettings
+from scenarios.world import contact
+from scenarios.world.contact import ContactSettings, Floats
+from scenarios.world.fingertip import Codes, Fingertips, FingertipSettings
+from scenarios.world.objects import GraspObject
+
+EXCHANGE_NS = 1_000_000
+
+
+class CellSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """All that the cell is made of."""
+
+    body: GraspObject
+    contact: ContactSettings
+    fingertip: FingertipSettings
+    hand: HandSettings
+    board: BoardModelSettings
+    arm: ArmModelSettings
+    finger_offset_m: Floats  # (3,) added travel: where a finger really stops
+
+
+class Truth(msgspec.Struct, frozen=True):
+    """What only a simulation knows. Times in seconds since the cell began, None = not yet."""
+
+    t_ns: int
+    height_m: float
+    speed_mps: float
+    slip_distance_m: float
+    slip_speed_mps: float
+    normal_n: Vector3
+    shear_n: Vector3
+    peak_n: Vector3
+    slip_onset_s: float | None
+    force_rise_s: float | None
+    flank_slope: float  # of the surface at the pads' last contact; negative: narrowing upwards
+
+    @property
+    def touched(self) -> bool:
+        return max(self.normal_n) > 0.0
+
+
+class SimulatedCell:
+    """World, gripper, board and arm on one time line that starts at zero."""
+
+    def __init__(self, settings: CellSettings, rng: np.random.Generator) -> None:
+        self.gripper = GripperModel(settings.hand, 0)
+        self.arm = ArmModel(settings.arm, 0)
+        self.board = BoardModel(settings.board, self._sample)
+        self.fingertips = Fingertips(settings.fingertip, settings.body, rng)
+        self._parameters = contact.parameters(settings.contact, settings.body)
+        self._state = contact.initial_state()
+        self._step_s = settings.contact.step_s
+        self._offset_m = settings.finger_offset_m
+        self._now_ns = 0
+        self._stiffness = np.zeros(contact.FINGERS)
+
+    def advance(self, now_ns: int) -> None:
+        """Advance everything to now_ns."""
+        while self._now_ns < now_ns:
+            end_ns = now_ns
+            if self.gripper.moving:
+                end_ns = min(now_ns, self._now_ns + EXCHANGE_NS)
+            self._advance_to(end_ns)
+
+    def _advance_to(self, end_ns: int) -> None:
+        t0, t1 = self._now_ns, end_ns
+        s = self._state
+        before = self.gripper.travel_m + self._offset_m
+        normal = s[contact.NORMAL : contact.NORMAL + contact.FINGERS]
+        contact.normal_stiffness(self._parameters, normal, self._stiffness)
+        self.gripper.advance(t1, FingerLoads(normal, self._stiffness))
+        arm = self.arm
+        contact.advance(
+            self._parameters, s, t0 * 1e-9, (t1 - t0) * 1e-9, self._step_s,
+            arm.position(t1)[2] - arm.position(t0)[2], arm.velocity(t0)[2], arm.velocity(t1)[2],
+            before, self.gripper.travel_m + self._offset_m,
+        )  # fmt: skip
+        self._now_ns = end_ns
+
+    def _sample(self, t_ns: int) -> tuple[Codes, Codes]:
+        s = self._state
+        pressure, temperature = self.fingertips.sample(
+            t_ns * 1e-9,
+            s[contact.NORMAL : contact.NORMAL + contact.FINGERS],
+            s[contact.SHEAR : contact.SHEAR + contact.FINGERS],
+            s[contact.SLIP] * 1e3,
+            s[contact.STRETCH : contact.STRETCH + contact.FINGERS] * 1e3,
+            self.arm.velocity(t_ns) != (0.0, 0.0, 0.0),
+        )
+        return pressure.ravel(), temperature.ravel()
+
+    def truth(self) -> Truth:
+        """The state of the world at the time that it was last advanced to."""
+        s = self._state
+        return Truth(
+            t_ns=self._now_ns,
+            height_m=float(s[contact.HEIGHT]),
+            speed_mps=float(s[contact.SPEED]),
+            slip_distance_m=float(s[contact.SLIP]),
+            slip_speed_mps=float(s[contact.SLIP_SPEED]),
+            normal_n=_three(s, contact.NORMAL),
+            shear_n=_three(s, contact.SHEAR),
+            peak_n=_three(s, contact.PEAK),
+            slip_onset_s=_time(s[contact.ONSET_S]),
+            force_rise_s=_time(s[contact.RISE_S]),
+            flank_slope=float(s[contact.SLOPE]),
+        )
+
+
+def _three(state: Floats, at: int) -> Vector3:
+    a, b, c = state[at : at + 3].tolist()
+    return a, b, c
+
+
+def _time(t_s: np.float64) -> float | None:
+    return None if t_s == contact.NOT_YET else float(t_s)

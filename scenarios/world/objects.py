@@ -1,0 +1,53 @@
+"""The object of a trial: what it weighs, how it is shaped where it is held, how it feels.
+
+The paper names six objects and describes their surfaces in words only; every number is an
+assumption with a range.
+"""
+
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+
+class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One object of the experiments (paper, section V and figure 6). All figures are assumed."""
+
+    name: str
+    description: str = ""
+    long_body: bool = False  # judged by the 6 and 12 cm marks (paper, table IV)
+    grip_counts: Annotated[
+        tuple[int, int, int],
+        Meta(description="motor counts A, B, C of the first, too weak grasp; assumed"),
+    ]
+    mass_kg: Annotated[float, Meta(gt=0.0, le=3.0, description="with added weights; assumed")]
+    friction_static: Annotated[
+        float, Meta(gt=0.0, le=2.0, description="rubber on this surface; assumed, 0.5-1.2")
+    ]
+    friction_kinetic: Annotated[
+        float, Meta(gt=0.0, le=2.0, description="sliding; assumed, 0.6-0.95 of static")
+    ]
+    wall_stiffness_npm: Annotated[
+        float, Meta(ge=200.0, le=1e7, description="of one side, N/m; assumed")
+    ]
+    shape: Literal["straight", "ellipsoid"] = "straight"
+    half_width_m: Annotated[
+        float, Meta(gt=0.005, le=0.07, description="half of the widest width, closing axis; assumed")
+    ]
+    half_height_m: Annotated[
+        float, Meta(gt=0.005, le=0.3, description="vertical semi-axis of an ellipsoid; assumed")
+    ] = 0.1
+    grip_height_m: Annotated[
+        float,
+        Meta(ge=-0.1, le=0.1, description="grip above the widest point of an ellipsoid; assumed"),
+    ] = 0.0
+    body_above_grip_m: Annotated[
+        float, Meta(gt=0.0, le=0.5, description="straight body above the pads' centre; assumed")
+    ] = 0.15
+    texture_rms_m: Annotated[
+        float,
+        Meta(ge=0.0, le=1e-3, description="surface irregularity; assumed, 0.01-0.45 mm"),
+    ] = 0.1e-3
+    texture_length_m: Annotated[
+        float, Meta(ge=0.2e-3, le=10e-3, description="its correlation length; assumed, 1-2 mm")
+    ] = 1.5e-3
