@@ -1,0 +1,408 @@
+"""Driver core of the Robotiq 3-Finger gripper: verbs set intent, ``pump`` does one exchange.
+
+No thread, no clock, no sleep. Source of the rules: Robotiq 3-Finger manual, 2014/2018. Every
+register image carries, for each finger, a force byte whose calibrated force is within the cap of
+the verb that made it, or byte 0: the least force that the hand can be told.
+"""
+
+from collections.abc import Sequence
+from enum import Enum
+
+import msgspec
+
+from drivers.errors import DeviceFault, Refused
+from drivers.interfaces import (
+    FINGERS,
+    Applied,
+    Counts3,
+    Detection,
+    FingerState,
+    GripperState,
+)
+from drivers.robotiq.exchange import (
+    DriverSettings,
+    Exchange,
+    RegisterTransport,
+    Statistics,
+    WireLog,
+)
+from drivers.robotiq.image import (
+    applied,
+    checked_counts,
+    finger_state,
+    held_targets,
+    motion_image,
+    why_still,
+)
+from drivers.robotiq.protocol import (
+    FAULTS,
+    FULL_BYTE,
+    AxisCommand,
+    CommandRegisters,
+    GripperCalibration,
+    Severity,
+    StatusRegisters,
+)
+
+__all__ = ["DriverSettings", "RegisterTransport", "RobotiqDriver", "Statistics"]
+
+_RESET = CommandRegisters()
+_ACTIVATE = CommandRegisters(activate=True)
+_SCISSOR_MODE = 3
+
+_LOST = "the link is lost: nothing is sent until it answers again"
+_NOT_ACTIVATED = "activation did not complete: verify that nothing interferes with the fingers"
+
+
+class _Step(Enum):
+    """Sequence of several writes that ``pump`` is going through."""
+
+    NONE = 0
+    RESETTING = 1  # rACT cleared, wait for gACT = 0
+    RESTARTING = 2  # the same, then activate
+    ACTIVATING = 3  # rACT set, wait for gIMC = 3
+    LETTING_GO = 4  # rGTO cleared, wait two refreshes, then set it again
+
+
+_FORCED = (_Step.RESETTING, _Step.RESTARTING, _Step.ACTIVATING)
+
+
+class RobotiqDriver:
+    """Implements ``drivers.interfaces.Gripper`` over registers.
+
+    Fingers are always commanded one by one (rICF), all 16 bytes in one write: targets left over
+    from an earlier individual request cannot come back to life.
+    """
+
+    def __init__(
+        self,
+        transport: RegisterTransport,
+        settings: DriverSettings,
+        calibration: GripperCalibration,
+        log: WireLog | None = None,
+    ) -> None:
+        self._settings = settings
+        self._calibration = calibration
+        self._exchange = Exchange(transport, settings, log)
+        self._status: StatusRegisters | None = None
+        self._fingers: tuple[FingerState, FingerState, FingerState] | None = None
+        self._state: GripperState | None = None
+        self._now_ns = 0
+        self._seq = 0
+        self._step = _Step.NONE
+        self._deadline_ns = 0
+        self._next: CommandRegisters | None = None  # to write after LETTING_GO
+        self._grip_bytes = [FULL_BYTE] * FINGERS  # force of the grip; unknown counts as full
+        self._raised = 0  # major fault that was raised already
+        self._regrasps = 0
+        self._regrasps_left = settings.regrasp_budget
+        self._regrasp_ns: int | None = None
+        self._resynced = 0
+
+    # What is known
+
+    @property
+    def state(self) -> GripperState | None:
+        """Latest snapshot; None before the first exchange."""
+        state = self._state
+        if state is not None and state.fresh and not self._fresh:
+            self._state = state = msgspec.structs.replace(state, fresh=False)
+        return state
+
+    @property
+    def least_force_n(self) -> float:
+        """Calibrated static force of force byte 0, N."""
+        return self._calibration.least_force_n
+
+    @property
+    def m_per_count(self) -> float:
+        """Fingertip travel of one count by the calibration, m."""
+        return self._calibration.m_per_count
+
+    @property
+    def statistics(self) -> Statistics:
+        """Counters so far."""
+        exchange = self._exchange
+        return Statistics(
+            writes=exchange.writes,
+            reads=exchange.reads,
+            rejected=exchange.rejected,
+            link_losses=exchange.link_losses,
+            reconnects=exchange.reconnects,
+            resynced=self._resynced,
+            regrasps=self._regrasps,
+        )
+
+    @property
+    def _fresh(self) -> bool:
+        return self._step is _Step.NONE and self._exchange.confirmed
+
+    # Exchange
+
+    def pump(self, now_ns: int) -> None:
+        """One exchange: at most one write, one read, one change of state.
+
+        Raises ``LinkLost`` when the device does not answer, ``DeviceFault`` once for each fault
+        that stops motion and for an activation that does not end.
+        """
+        self._now_ns = now_ns
+        was_lost = self._exchange.lost
+        status = self._exchange.pump(now_ns)
+        if status is None:
+            return
+        changed, self._status = status is not self._status, status
+        if was_lost or self._was_reset(status):
+            self._resync(status)
+        if self._step is not _Step.NONE:
+            self._proceed(status, now_ns)
+        self._publish(status, now_ns, changed)
+        self._raise_fault(status, now_ns)
+
+    def _was_reset(self, status: StatusRegisters) -> bool:
+        """The device lost what it had taken up, as after a power cycle."""
+        wanted = self._exchange.wanted
+        if wanted is None or not wanted.activate or self._step is not _Step.NONE:
+            return False
+        return not status.active and self._exchange.settled(self._now_ns)
+
+    def _resync(self, status: StatusRegisters) -> None:
+        """Send nothing that moves without a new verb, and never activate by oneself."""
+        self._step = _Step.NONE
+        self._grip_bytes = [FULL_BYTE] * FINGERS
+        if self._exchange.wanted is None:
+            return
+        self._resynced += 1
+        self._exchange.want(None)
+        if status.ready and status.mode != _SCISSOR_MODE:
+            where = tuple(finger.position for finger in status.fingers)
+            self._exchange.want(self._image(where, 0, (0, 0, 0)))
+
+    def _publish(self, status: StatusRegisters, now_ns: int, changed: bool) -> None:
+        if changed or self._fingers is None:
+            a, b, c = (finger_state(axis, status) for axis in status.fingers)
+            self._fingers = (a, b, c)
+        self._seq += 1
+        fault = FAULTS[status.fault]
+        self._state = GripperState(
+            now_ns,
+            self._seq,
+            status.ready and fault.severity is not Severity.MAJOR,
+            status.fault,
+            fault.text,
+            self._fresh,
+            self._fingers,
+        )
+
+    def _raise_fault(self, status: StatusRegisters, now_ns: int) -> None:
+        fault = FAULTS[status.fault]
+        major = fault.severity is Severity.MAJOR
+        onset = major and fault.code != self._raised
+        self._raised = fault.code if major else 0
+        if onset:
+            if self._step not in (_Step.RESETTING, _Step.RESTARTING):
+                self._step = _Step.NONE
+            raise DeviceFault(f"gripper fault 0x{fault.code:02X}: {fault.text}", fault.remedy)
+        if self._step in _FORCED and now_ns > self._deadline_ns:
+            self._step = _Step.NONE
+            raise DeviceFault(_NOT_ACTIVATED + (fault.text and f" ({fault.text})"), "activate")
+
+    # Sequences
+
+    def _begin(self, step: _Step, command: CommandRegisters, within_s: float) -> None:
+        self._step = step
+        self._deadline_ns = self._now_ns + round(within_s * 1e9)
+        self._exchange.want(command)
+
+    def _proceed(self, status: StatusRegisters, now_ns: int) -> None:
+        if not self._exchange.settled(now_ns):
+            return
+        step = self._step
+        if step is _Step.LETTING_GO and (not status.go_to or now_ns > self._deadline_ns):
+            self._step = _Step.NONE
+            self._exchange.want(self._next)
+        elif step is _Step.RESTARTING and not status.active and not status.fault:
+            self._step = _Step.ACTIVATING
+            self._exchange.want(_ACTIVATE)
+        elif step is _Step.RESETTING and not status.active:
+            self._step = _Step.NONE
+        elif step is _Step.ACTIVATING and status.ready:
+            self._step = _Step.NONE
+            self._regrasps_left = self._settings.regrasp_budget
+
+    # Verbs
+
+    def activate(self) -> Applied:
+        """Make the hand ready. One that is ready and without fault is taken over as it is."""
+        state = self._known()
+        if self._exchange.lost:
+            return self._nothing(_LOST)
+        if self._step in (_Step.RESTARTING, _Step.ACTIVATING):
+            return self._nothing("activation is under way")
+        if state.active and not state.fault:
+            return self._nothing("already active: taken over as it is")
+        if Detection.CONTACT_CLOSING in (finger.detection for finger in state.fingers):
+            raise Refused(
+                "activation would drop what the fingers hold",
+                "open first; clear_fault if it cannot",
+            )
+        status, timeout_s = self._status, self._settings.activation_timeout_s
+        if status is not None and status.active and status.initialization == 1 and not state.fault:
+            self._begin(_Step.ACTIVATING, _ACTIVATE, timeout_s)  # begun by another master
+        else:
+            self._begin(_Step.RESTARTING, _RESET, timeout_s)
+        return self._of(_ACTIVATE)
+
+    def clear_fault(self) -> Applied:
+        """Reset the hand, even one that holds something; it has to be activated afterwards."""
+        fault = FAULTS[self._known().fault]
+        if self._exchange.lost:
+            return self._nothing(_LOST)
+        if fault.severity is not Severity.MAJOR:
+            return self._nothing(f"nothing to clear: {fault.text or 'no fault'}")
+        self._begin(_Step.RESETTING, _RESET, self._settings.activation_timeout_s)
+        return self._of(_RESET)
+
+    def open(self, speed_mps: float) -> Applied:
+        """Open all fingers to their software limits, at the least force."""
+        return self._move((0, 0, 0), speed_mps, (0, 0, 0))
+
+    def move_to(self, targets_counts: Counts3, speed_mps: float, force_n: float) -> Applied:
+        """Send each finger to a count, at a force within ``force_n``."""
+        byte = self._calibration.byte_at_most(force_n)
+        return self._move(checked_counts(targets_counts), speed_mps, (byte, byte, byte))
+
+    def close_fast(
+        self,
+        force_cap_n: float,
+        closing: tuple[bool, bool, bool],
+        limits_counts: Counts3,
+        speed_mps: float,
+    ) -> Applied:
+        """Close some fingers to their limits, within a force; the others hold where they are.
+
+        Nothing opens: a limit behind a finger leaves it where it is.
+        """
+        byte = self._calibration.byte_at_most(force_cap_n)
+        limits = checked_counts(limits_counts)
+        held = held_targets(self._known().fingers, self._exchange.wanted)
+        targets = tuple(
+            max(limit, here) if closes else here
+            for closes, limit, here in zip(closing, limits, held, strict=True)
+        )
+        return self._move(targets, speed_mps, tuple(byte if closes else 0 for closes in closing))
+
+    def hold(self) -> Applied:
+        """Stay: every target becomes the position the finger has. Never refused once connected."""
+        state = self._known()
+        if not state.active or self._exchange.lost or self._step in _FORCED:
+            return self._nothing("the hand does not obey motion commands: nothing was sent")
+        self._step = _Step.NONE
+        command = self._image(held_targets(state.fingers, self._exchange.wanted), 0, (0, 0, 0))
+        self._exchange.want(command)
+        return self._of(command)
+
+    def regrasp(self, force_cap_n: float) -> Applied:
+        """Clear and set rGTO, so that fingers latched in contact push again.
+
+        Rationed: the manual (p. 51) warns that doing so often may cause major failure.
+        """
+        byte = self._calibration.byte_at_most(force_cap_n)
+        state = self._ready()
+        refusal = self._regrasp_refusal(state)
+        wanted = self._exchange.wanted
+        if refusal or wanted is None:
+            return self._nothing(refusal)
+        pushes = [finger.detection is Detection.CONTACT_CLOSING for finger in state.fingers]
+        again = self._image(
+            tuple(axis.position for axis in wanted.axes[:FINGERS]),
+            wanted.a.speed,
+            tuple(byte if push else 0 for push in pushes),
+        )
+        self._grip_bytes = [byte if p else g for p, g in zip(pushes, self._grip_bytes, strict=True)]
+        self._regrasps += 1
+        self._regrasps_left -= 1
+        self._regrasp_ns = self._now_ns
+        self._next = again
+        released = msgspec.structs.replace(again, go_to=False)
+        self._begin(_Step.LETTING_GO, released, self._settings.regrasp_interval_s)
+        return self._of(again)
+
+    def _regrasp_refusal(self, state: GripperState) -> str:
+        wanted = self._exchange.wanted
+        if self._exchange.lost:
+            return _LOST
+        if self._step is _Step.LETTING_GO:
+            return "a regrasp is under way"
+        if wanted is None or not any(
+            finger.detection is Detection.CONTACT_CLOSING and axis.position > finger.position_counts
+            for finger, axis in zip(state.fingers, wanted.axes, strict=False)
+        ):
+            return "no finger that was told to close is latched in contact"
+        if not self._regrasps_left:
+            return f"budget of {self._settings.regrasp_budget} regrasps is spent: activate anew"
+        if self._regrasp_ns is not None:
+            left = self._settings.regrasp_interval_s - (self._now_ns - self._regrasp_ns) * 1e-9
+            if left > 0:
+                return f"rate limit: {left:.2f} s left"
+        return ""
+
+    # Images
+
+    def _move(
+        self, targets: Sequence[int], speed_mps: float, force_bytes: Sequence[int]
+    ) -> Applied:
+        speed = self._calibration.speed_byte_at_most(speed_mps)
+        state = self._ready()
+        command = self._image(targets, speed, force_bytes)
+        if self._exchange.lost:
+            return self._nothing(_LOST)
+        still = [self._why_still(i, command.axes[i], state) for i in range(FINGERS)]
+        for i, byte in enumerate(force_bytes):
+            if not still[i]:
+                self._grip_bytes[i] = byte
+        self._step = _Step.NONE
+        self._exchange.want(command)
+        return self._of(command, "" if "" in still else "; ".join(sorted(set(still))))
+
+    def _image(
+        self, targets: Sequence[int], speed: int, force_bytes: Sequence[int]
+    ) -> CommandRegisters:
+        mode = self._status.mode if self._status else 0
+        return motion_image(mode, targets, speed, force_bytes)
+
+    def _why_still(self, i: int, axis: AxisCommand, state: GripperState) -> str:
+        if not self._fresh:
+            return ""  # stale detections prove nothing
+        wanted = self._exchange.wanted
+        asked = wanted.axes[i].position if wanted and wanted.go_to else None
+        return why_still(state.fingers[i], axis, asked, self._grip_bytes[i])
+
+    # Answers
+
+    def _known(self) -> GripperState:
+        state = self.state
+        if state is None:
+            raise Refused("no status was received yet", "pump the driver first")
+        return state
+
+    def _ready(self) -> GripperState:
+        state = self._known()
+        if self._step in _FORCED:
+            raise Refused("activation or reset is under way", "wait until the hand is active")
+        if FAULTS[state.fault].severity is Severity.MAJOR:
+            raise Refused(f"gripper fault: {state.fault_text}", FAULTS[state.fault].remedy)
+        if not state.active:
+            raise Refused("the hand is not activated", "activate it first")
+        if self._status is not None and self._status.mode == _SCISSOR_MODE:
+            raise Refused("the hand is in scissor mode", "set it to basic mode")
+        return state
+
+    def _of(self, command: CommandRegisters, note: str = "") -> Applied:
+        return applied(self._calibration, command, note)
+
+    def _nothing(self, note: str) -> Applied:
+        """Answer of a verb that sends nothing: what is wanted already, with the reason."""
+        wanted = self._exchange.wanted
+        if wanted is None:
+            wanted = self._image(self._known().positions, 0, (0, 0, 0))
+        return self._of(wanted, note)

@@ -1,0 +1,182 @@
+"""One exchange of registers: what is wanted, what was written, what the status is worth."""
+
+from collections.abc import Callable, Sequence
+from typing import Annotated, Literal, Protocol
+
+import msgspec
+
+from drivers.errors import LinkLost
+from drivers.robotiq.protocol import (
+    REGISTERS,
+    RTU,
+    TCP,
+    CommandRegisters,
+    Registers,
+    StatusRegisters,
+)
+
+_Meta = msgspec.Meta
+
+WireLog = Callable[[int, Literal["write", "read"], Sequence[int]], None]
+
+
+class RegisterTransport(Protocol):
+    """Moves registers to and from the device. Raises ``LinkLost`` when it does not answer."""
+
+    def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None: ...
+
+    def read(self, first_register: int, count: int, now_ns: int) -> Sequence[int]: ...
+
+
+class DriverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How the driver talks to the gripper. "manual": Robotiq 3-Finger manual, 2014 or 2018."""
+
+    link: Annotated[
+        Literal["tcp", "rtu"],
+        _Meta(description="register addresses of this link; manual p. 59, 75"),
+    ] = "tcp"
+    refresh_hz: Annotated[
+        Literal[100, 200], _Meta(description="register refresh counted on, Hz; manual p. 75")
+    ] = 100
+    write_interval_s: Annotated[
+        float, _Meta(ge=0.005, le=0.1, description="least time between writes, s; manual p. 75")
+    ] = 0.01
+    activation_timeout_s: Annotated[
+        float, _Meta(ge=1, le=120, description="activation must end within, s; assumed")
+    ] = 20.0
+    regrasp_interval_s: Annotated[
+        float,
+        _Meta(
+            ge=0.5, le=60, description="least time between regrasps, s; assumed, see manual p. 51"
+        ),
+    ] = 0.5
+    regrasp_budget: Annotated[
+        int, _Meta(ge=0, le=1000, description="regrasps until the hand is activated anew; assumed")
+    ] = 20
+
+
+class Statistics(msgspec.Struct, frozen=True):
+    """Counts since the driver was made."""
+
+    writes: int = 0
+    reads: int = 0
+    rejected: int = 0  # replies that were no status registers
+    link_losses: int = 0
+    reconnects: int = 0
+    resynced: int = 0  # a command was dropped because the device may have lost it
+    regrasps: int = 0
+
+
+class Exchange:
+    """Writes the wanted registers when they differ from those written, then reads the status."""
+
+    def __init__(
+        self, transport: RegisterTransport, settings: DriverSettings, log: WireLog | None
+    ) -> None:
+        self._transport = transport
+        self._link = TCP if settings.link == "tcp" else RTU
+        self._interval_ns = round(settings.write_interval_s * 1e9)
+        self._two_refreshes_ns = 2 * 1_000_000_000 // settings.refresh_hz
+        self._log = log
+        self._wanted: CommandRegisters | None = None
+        self._image: Registers | None = None
+        self._written: Registers | None = None
+        self._written_ns: int | None = None
+        self._request: tuple[int, ...] | None = None  # echo to expect from what was written
+        self._echo: tuple[int, ...] = ()
+        self._edge = False
+        self._proven = True  # the status is known to speak of what was written
+        self._raw: Registers = ()
+        self._status = StatusRegisters()
+        self.lost = False
+        self.writes = self.reads = self.rejected = self.link_losses = self.reconnects = 0
+
+    @property
+    def wanted(self) -> CommandRegisters | None:
+        """Registers that the device shall have; None: leave alone what it has."""
+        return self._wanted
+
+    def want(self, command: CommandRegisters | None) -> None:
+        self._wanted = command
+        self._image = None if command is None else command.to_registers()
+        if command is None:
+            self._written = self._request = None
+
+    @property
+    def confirmed(self) -> bool:
+        """All that is wanted was written, and the status speaks of it."""
+        return self._proven and self._image == self._written and not self.lost
+
+    def settled(self, now_ns: int) -> bool:
+        """All that is wanted was written, two register refreshes ago or more."""
+        return self._image == self._written and self._refreshed_twice(now_ns)
+
+    def _refreshed_twice(self, now_ns: int) -> bool:
+        return self._written_ns is None or now_ns - self._written_ns >= self._two_refreshes_ns
+
+    def pump(self, now_ns: int) -> StatusRegisters | None:
+        """At most one write, then one read. None when the reply was no status.
+
+        While the link is lost nothing is written: what the device has now is not known.
+        """
+        try:
+            if not self.lost:
+                self._write(now_ns)
+            status = self._read(now_ns)
+        except LinkLost:
+            self.link_losses += not self.lost
+            self.lost, self._proven = True, False
+            raise
+        if status is not None:
+            self.reconnects += self.lost
+            self.lost = False
+            self._prove(status, now_ns)
+        return status
+
+    def _write(self, now_ns: int) -> None:
+        image, wanted = self._image, self._wanted
+        if image is None or wanted is None or image == self._written:
+            return
+        if self._written_ns is not None and now_ns - self._written_ns < self._interval_ns:
+            return
+        if self._log:
+            self._log(now_ns, "write", image)
+        # Always all registers: a shorter write would leave old bytes in force.
+        self._transport.write(self._link.command_register, image, now_ns)
+        self.writes += 1
+        self._request = _echo_of(wanted)
+        # An echo proves take-up only if it has to change, and the one before had been seen.
+        self._edge = self._proven and self._request is not None and self._echo != self._request
+        self._proven = False
+        self._written, self._written_ns = image, now_ns
+
+    def _read(self, now_ns: int) -> StatusRegisters | None:
+        registers = self._transport.read(self._link.status_register, REGISTERS, now_ns)
+        self.reads += 1
+        if self._log:
+            self._log(now_ns, "read", registers)
+        raw = tuple(registers)
+        if raw == self._raw:
+            return self._status
+        try:
+            self._status = StatusRegisters.from_registers(raw)
+        except ValueError:
+            self.rejected += 1
+            return None
+        self._raw = raw
+        return self._status
+
+    def _prove(self, status: StatusRegisters, now_ns: int) -> None:
+        """Echo gating: until then position and detection may be those of the motion before."""
+        self._echo = (status.a.echo, status.b.echo, status.c.echo)
+        proof = self._proven or self._edge or self._refreshed_twice(now_ns)
+        request = self._request
+        self._proven = proof and (request is None or (status.go_to and request == self._echo))
+
+
+def _echo_of(command: CommandRegisters) -> tuple[int, ...] | None:
+    if not command.go_to:
+        return None
+    if command.honours_fingers:
+        return command.a.position, command.b.position, command.c.position
+    return command.a.position, 0, 0

@@ -1,0 +1,96 @@
+"""From status to fingers, from requests to register images: pure functions of the driver."""
+
+from collections.abc import Sequence
+
+from drivers.errors import Refused
+from drivers.interfaces import FINGERS, Applied, Counts3, Detection, FingerState
+from drivers.robotiq.protocol import (
+    FULL_BYTE,
+    AxisCommand,
+    AxisStatus,
+    CommandRegisters,
+    GripperCalibration,
+    StatusRegisters,
+)
+
+_DETECTIONS = tuple(Detection)
+
+LATCHED = "contact is latched: a close at no higher force does nothing"
+THERE = "already there"
+
+
+def finger_state(axis: AxisStatus, status: StatusRegisters) -> FingerState:
+    """One finger of a status. gDT = 0 means moving only while gGTO is set (manual, gDT): a ready
+    hand without it stands still.
+    """
+    detection = _DETECTIONS[axis.detection]
+    if detection is Detection.MOVING and status.ready and not status.go_to:
+        detection = Detection.AT_TARGET
+    return FingerState(axis.echo, axis.position, axis.current_ma, detection)
+
+
+def checked_counts(targets: Sequence[int]) -> Sequence[int]:
+    """Three counts, or Refused."""
+    if len(targets) != FINGERS or any(not 0 <= target <= FULL_BYTE for target in targets):
+        raise Refused(f"targets {tuple(targets)} are not counts", "give three counts, 0 to 255")
+    return targets
+
+
+def motion_image(
+    mode: int, targets: Sequence[int], speed: int, force_bytes: Sequence[int]
+) -> CommandRegisters:
+    """Fingers one by one (rICF), all targets given: nothing left from before can move them.
+
+    ``mode`` must be the one that the hand is in: another one would open the fingers first.
+    """
+    a, b, c = (
+        AxisCommand(target, speed, byte) for target, byte in zip(targets, force_bytes, strict=True)
+    )
+    return CommandRegisters(
+        activate=True, mode=mode, go_to=True, individual_fingers=True, a=a, b=b, c=c
+    )
+
+
+def held_targets(
+    fingers: Sequence[FingerState], wanted: CommandRegisters | None
+) -> tuple[int, ...]:
+    """Targets that keep the fingers where they are: their positions.
+
+    A finger that rests a count beside its target keeps that target: following the report would
+    make it creep.
+    """
+    here = [finger.position_counts for finger in fingers]
+    if wanted is None or not wanted.go_to:
+        return tuple(here)
+    for i, finger in enumerate(fingers):
+        asked = wanted.axes[i].position
+        if finger.detection is not Detection.CONTACT_CLOSING and abs(asked - here[i]) <= 1:
+            here[i] = asked
+    return tuple(here)
+
+
+def why_still(finger: FingerState, axis: AxisCommand, asked: int | None, grip_byte: int) -> str:
+    """Why a finger will not move at a request, by a fresh status; empty when it may.
+
+    ``asked`` is the position last requested, ``grip_byte`` the force byte it closed with.
+    """
+    if finger.detection is Detection.MOVING:
+        return ""
+    if finger.detection is Detection.CONTACT_CLOSING and axis.force <= grip_byte:
+        if axis.position > finger.position_counts:
+            return LATCHED
+    elif finger.detection is Detection.AT_TARGET and axis.position == asked:
+        return THERE
+    return THERE if axis.position == finger.position_counts else ""
+
+
+def applied(calibration: GripperCalibration, command: CommandRegisters, note: str = "") -> Applied:
+    """What the bytes of an image say; a note means that nothing will move."""
+    targets: Counts3 = (command.a.position, command.b.position, command.c.position)
+    return Applied(
+        targets_counts=targets,
+        speed_mps=calibration.speed_mps(command.a.speed),
+        force_n=calibration.force_n(max(axis.force for axis in command.axes)),
+        effective=not note,
+        note=note,
+    )

@@ -1,0 +1,349 @@
+"""Registers of the Robotiq 3-Finger gripper: bytes, units, fault texts. No I/O, no time.
+
+Source: Robotiq 3-Finger instruction manual, 2008-2014 edition (register map p. 39-57, worked
+frames p. 67-74, register order p. 89) and 2008-2018 edition. Eight 16-bit registers go each way;
+register n holds byte 2n in its high half and byte 2n+1 in its low half.
+
+The one place where decoding fails is a wrong shape: ``from_bytes`` and ``from_registers`` raise
+``ValueError`` unless they get 16 bytes or eight values of 16 bits. Any content decodes.
+"""
+
+import struct
+from bisect import bisect_right
+from collections.abc import Sequence
+from enum import Enum
+from functools import cache
+from math import isfinite
+from typing import Annotated, Final, Self
+
+import msgspec
+
+from drivers.errors import Refused
+
+REGISTERS: Final = 8
+BYTES: Final = 2 * REGISTERS
+MA_PER_CURRENT_COUNT: Final = 10  # manual p. 67: 0x0F shown as 150 mA
+FULL_BYTE: Final = 255
+
+_WORDS: Final = struct.Struct(">8H")
+
+Registers = tuple[int, ...]
+
+
+class Link(msgspec.Struct, frozen=True):
+    """First register of the command and status blocks on one kind of link (manual p. 59, 75)."""
+
+    command_register: int
+    status_register: int
+
+
+TCP: Final = Link(command_register=0x0000, status_register=0x0000)
+RTU: Final = Link(command_register=0x03E8, status_register=0x07D0)
+
+
+def to_registers(data: bytes) -> Registers:
+    """16 bytes as eight registers, even byte high."""
+    if len(data) != BYTES:
+        raise ValueError(f"{len(data)} bytes, need {BYTES}")
+    return _WORDS.unpack(data)
+
+
+def to_bytes(registers: Sequence[int]) -> bytes:
+    """Eight registers as 16 bytes, even byte high."""
+    try:
+        return _WORDS.pack(*registers)
+    except (struct.error, TypeError) as error:
+        raise ValueError(f"not {REGISTERS} registers of 16 bits") from error
+
+
+def _need(name: str, value: int, most: int) -> None:
+    if not 0 <= value <= most:
+        raise ValueError(f"{name} = {value}, need 0 to {most}")
+
+
+class AxisCommand(msgspec.Struct, frozen=True):
+    """Request for one axis (rPR, rSP, rFR). Speed and force 0 are the minimum, not zero."""
+
+    position: int = 0
+    speed: int = 0
+    force: int = 0
+
+    def __post_init__(self) -> None:
+        _need("position", self.position, FULL_BYTE)
+        _need("speed", self.speed, FULL_BYTE)
+        _need("force", self.force, FULL_BYTE)
+
+
+class CommandRegisters(msgspec.Struct, frozen=True, kw_only=True):
+    """What is written to the gripper. The manual's name of each field stands beside it."""
+
+    activate: bool = False  # rACT: must be set first and stay set; clearing it resets
+    mode: int = 0  # rMOD: 0 basic, 1 pinch, 2 wide, 3 scissor
+    go_to: bool = False  # rGTO
+    auto_release: bool = False  # rATR: slow emergency opening, ends in fault 0x0F
+    individual_fingers: bool = False  # rICF: fingers B and C obey their own bytes
+    individual_scissor: bool = False  # rICS
+    a: AxisCommand = AxisCommand()  # all fingers unless individual_fingers
+    b: AxisCommand = AxisCommand()
+    c: AxisCommand = AxisCommand()
+    scissor: AxisCommand = AxisCommand()
+
+    def __post_init__(self) -> None:
+        _need("mode", self.mode, 3)
+
+    @property
+    def axes(self) -> tuple[AxisCommand, AxisCommand, AxisCommand, AxisCommand]:
+        return self.a, self.b, self.c, self.scissor
+
+    @property
+    def honours_fingers(self) -> bool:
+        """Individual fingers are not obeyed in scissor mode without individual scissor."""
+        return self.individual_fingers and (self.mode != 3 or self.individual_scissor)
+
+    def to_bytes(self) -> bytes:
+        action = self.activate | self.mode << 1 | self.go_to << 3 | self.auto_release << 4
+        options = self.individual_fingers << 2 | self.individual_scissor << 3
+        axes = (value for axis in self.axes for value in (axis.position, axis.speed, axis.force))
+        return bytes((action, options, 0, *axes, 0))
+
+    def to_registers(self) -> Registers:
+        return to_registers(self.to_bytes())
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Self:
+        if len(data) != BYTES:
+            raise ValueError(f"{len(data)} bytes, need {BYTES}")
+        action, options = data[0], data[1]
+        a, b, c, scissor = (AxisCommand(*data[at : at + 3]) for at in (3, 6, 9, 12))
+        return cls(
+            activate=bool(action & 1),
+            mode=action >> 1 & 3,
+            go_to=bool(action & 8),
+            auto_release=bool(action & 16),
+            individual_fingers=bool(options & 4),
+            individual_scissor=bool(options & 8),
+            a=a,
+            b=b,
+            c=c,
+            scissor=scissor,
+        )
+
+    @classmethod
+    def from_registers(cls, registers: Sequence[int]) -> Self:
+        return cls.from_bytes(to_bytes(registers))
+
+
+class AxisStatus(msgspec.Struct, frozen=True):
+    """Report of one axis: gPR echo, gPO position, gCU current (10 mA a count), gDT detection."""
+
+    echo: int = 0
+    position: int = 0
+    current: int = 0
+    detection: int = 0
+
+    def __post_init__(self) -> None:
+        _need("echo", self.echo, FULL_BYTE)
+        _need("position", self.position, FULL_BYTE)
+        _need("current", self.current, FULL_BYTE)
+        _need("detection", self.detection, 3)
+
+    @property
+    def current_ma(self) -> int:
+        return self.current * MA_PER_CURRENT_COUNT
+
+
+class StatusRegisters(msgspec.Struct, frozen=True, kw_only=True):
+    """What is read from the gripper. The manual's name of each field stands beside it."""
+
+    active: bool = False  # gACT
+    mode: int = 0  # gMOD
+    go_to: bool = False  # gGTO: 0 also during activation, mode change and auto-release
+    initialization: int = 0  # gIMC: 0 reset, 1 activating, 2 mode change, 3 ready
+    stopped: int = 0  # gSTA: 0 moving, 1 some stopped short, 2 all short, 3 all at target
+    fault: int = 0  # gFLT, low nibble; the high nibble is unspecified for this hand
+    a: AxisStatus = AxisStatus()
+    b: AxisStatus = AxisStatus()
+    c: AxisStatus = AxisStatus()
+    scissor: AxisStatus = AxisStatus()
+
+    def __post_init__(self) -> None:
+        _need("mode", self.mode, 3)
+        _need("initialization", self.initialization, 3)
+        _need("stopped", self.stopped, 3)
+        _need("fault", self.fault, 15)
+
+    @property
+    def axes(self) -> tuple[AxisStatus, AxisStatus, AxisStatus, AxisStatus]:
+        return self.a, self.b, self.c, self.scissor
+
+    @property
+    def fingers(self) -> tuple[AxisStatus, AxisStatus, AxisStatus]:
+        return self.a, self.b, self.c
+
+    @property
+    def ready(self) -> bool:
+        """Activated, and no activation or mode change is under way (byte 0 & 0x31 = 0x31)."""
+        return self.active and self.initialization == 3
+
+    def to_bytes(self) -> bytes:
+        state = self.active | self.mode << 1 | self.go_to << 3
+        state |= self.initialization << 4 | self.stopped << 6
+        detections = sum(axis.detection << 2 * i for i, axis in enumerate(self.axes))
+        axes = (value for axis in self.axes for value in (axis.echo, axis.position, axis.current))
+        return bytes((state, detections, self.fault, *axes, 0))
+
+    def to_registers(self) -> Registers:
+        return to_registers(self.to_bytes())
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Self:
+        if len(data) != BYTES:
+            raise ValueError(f"{len(data)} bytes, need {BYTES}")
+        state, detections = data[0], data[1]
+        a, b, c, scissor = (
+            AxisStatus(data[at], data[at + 1], data[at + 2], detections >> shift & 3)
+            for at, shift in ((3, 0), (6, 2), (9, 4), (12, 6))
+        )
+        return cls(
+            active=bool(state & 1),
+            mode=state >> 1 & 3,
+            go_to=bool(state & 8),
+            initialization=state >> 4 & 3,
+            stopped=state >> 6,
+            fault=data[2] & 0x0F,
+            a=a,
+            b=b,
+            c=c,
+            scissor=scissor,
+        )
+
+    @classmethod
+    def from_registers(cls, registers: Sequence[int]) -> Self:
+        return cls.from_bytes(to_bytes(registers))
+
+
+class Severity(Enum):
+    """How the gripper ranks a fault (manual, GRIPPER STATUS / gFLT)."""
+
+    NONE = "none"
+    PRIORITY = "priority"  # an action waits; passes by itself
+    MINOR = "minor"
+    MAJOR = "major"  # motion has stopped; a reset is required
+
+
+class Fault(msgspec.Struct, frozen=True):
+    """One fault code with what it means and what to do."""
+
+    code: int
+    severity: Severity
+    text: str
+    remedy: str
+
+
+_RESET: Final = "clear the fault (this resets the hand: it lets go), then activate"
+_KNOWN: Final = (
+    Fault(0x00, Severity.NONE, "", ""),
+    Fault(0x05, Severity.PRIORITY, "action delayed: activation must complete first", "wait"),
+    Fault(0x06, Severity.PRIORITY, "action delayed: mode change must complete first", "wait"),
+    Fault(0x07, Severity.PRIORITY, "rACT must be set before any action", "activate"),
+    Fault(0x09, Severity.MINOR, "communication chip not ready, may be booting", "wait"),
+    Fault(0x0A, Severity.MINOR, "mode change: scissor interference, below 20 s", "free the hand"),
+    Fault(0x0B, Severity.MINOR, "automatic release in progress", "wait until it is open"),
+    Fault(0x0D, Severity.MAJOR, "activation fault: interference or other error", _RESET),
+    Fault(0x0E, Severity.MAJOR, "mode change: scissor interference, above 20 s", _RESET),
+    Fault(0x0F, Severity.MAJOR, "automatic release completed: activation required", _RESET),
+)
+
+
+def _fault(code: int) -> Fault:
+    for known in _KNOWN:
+        if known.code == code:
+            return known
+    return Fault(code, Severity.MINOR, f"unknown fault 0x{code:02X}", "consult the manual")
+
+
+FAULTS: Final = tuple(_fault(code) for code in range(16))
+
+
+class GripperCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a byte is worth in newtons and metres. Newtons exist through this alone.
+
+    The hand has no force sensor: force is set through motor current (manual p. 47), so the map
+    from byte to newtons is a calibration and has a name.
+    """
+
+    name: str
+    least_force_n: Annotated[
+        float, msgspec.Meta(ge=1, le=30, description="static force of byte 0, N")
+    ]
+    most_force_n: Annotated[
+        float, msgspec.Meta(ge=15, le=80, description="static force of byte 255, N; manual p. 47")
+    ] = 60.0
+    force_exponent: Annotated[
+        float,
+        msgspec.Meta(ge=0.3, le=3, description="curve of byte to force, 1 = linear; assumed"),
+    ] = 1.0
+    least_speed_mps: Annotated[
+        float, msgspec.Meta(ge=0.001, le=0.1, description="speed of byte 0, m/s; manual 22 mm/s")
+    ] = 0.022
+    speed_step_mps: Annotated[
+        float,
+        msgspec.Meta(ge=1e-5, le=1e-3, description="speed of a count, m/s; 88 mm/s over 255"),
+    ] = 0.000345
+    m_per_count: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0003, le=0.0012, description="fingertip travel of a count, m; Franchi TR711"
+        ),
+    ] = 0.00077
+    m_per_count_uncertainty: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0, le=0.001, description="m; published figures spread from 0.47 to 0.77 mm"
+        ),
+    ] = 0.0003
+
+    def __post_init__(self) -> None:
+        if self.most_force_n <= self.least_force_n:
+            raise ValueError("most_force_n must exceed least_force_n")
+
+    def force_n(self, byte: int) -> float:
+        """Calibrated static force of a force byte, N."""
+        return _forces(self)[byte]
+
+    def byte_at_most(self, force_n: float) -> int:
+        """Largest force byte whose calibrated force does not exceed ``force_n``."""
+        if not isfinite(force_n) or force_n < self.least_force_n:
+            raise Refused(
+                f"the '{self.name}' calibration cannot stay below {force_n:g} N: "
+                f"its least force is {self.least_force_n:g} N",
+                "raise the force limit, or choose another gripper calibration",
+            )
+        return bisect_right(_forces(self), force_n) - 1
+
+    def speed_mps(self, byte: int) -> float:
+        """Fingertip speed of a speed byte, m/s."""
+        return self.least_speed_mps + self.speed_step_mps * byte
+
+    def speed_byte_at_most(self, speed_mps: float) -> int:
+        """Largest speed byte not faster than ``speed_mps``; byte 0 where even that is faster."""
+        if not isfinite(speed_mps) or speed_mps <= 0:
+            raise Refused(f"speed {speed_mps} m/s is not a speed", "ask for more than 0 m/s")
+        # The tolerance keeps a speed that came from a byte at that byte.
+        steps = (speed_mps - self.least_speed_mps) / self.speed_step_mps + 1e-6
+        return max(0, min(FULL_BYTE, int(steps)))
+
+
+@cache
+def _forces(calibration: GripperCalibration) -> tuple[float, ...]:
+    least, most = calibration.least_force_n, calibration.most_force_n
+    exponent = calibration.force_exponent
+    return tuple(least + (most - least) * (byte / FULL_BYTE) ** exponent for byte in range(256))
+
+
+# "paper": Grover et al. 2022 call 10 N the least force that can be programmed.
+# "manual": p. 47, 15 to 60 N. The two disagree, so a lab has to choose.
+CALIBRATIONS: Final = {
+    "paper": GripperCalibration(name="paper", least_force_n=10.0),
+    "manual": GripperCalibration(name="manual", least_force_n=15.0),
+}

@@ -1,0 +1,138 @@
+"""A driver over a modelled hand in virtual time, with springs to close on."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from drivers.errors import LinkLost
+from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.model import FingerLoads, GripperModel, HandSettings, ModelTransport
+from drivers.robotiq.protocol import CALIBRATIONS, CommandRegisters, GripperCalibration
+
+MS = 1_000_000
+
+
+class Springs:
+    """A linear object in front of each finger: (3,) stiffness N/m and travel of first touch m."""
+
+    def __init__(self, stiffness: Sequence[float], touch: Sequence[float]) -> None:
+        self.stiffness = np.array(stiffness, dtype=float)
+        self.touch = np.array(touch, dtype=float)
+
+    def force_n(self, travel: np.ndarray) -> np.ndarray:
+        return self.stiffness * (travel - self.touch)
+
+    def loads(self, travel: np.ndarray) -> FingerLoads:
+        return FingerLoads(self.force_n(travel), self.stiffness)
+
+
+class Transport(ModelTransport):
+    """The model's registers, over a link that a test can break or garble."""
+
+    def __init__(self, model: GripperModel) -> None:
+        super().__init__(model)
+        self.down = False
+        self.write_lost = False
+        self.garbage: list[Sequence[int]] = []
+
+    def replace(self, model: GripperModel) -> None:
+        """Another hand on the same wire, as after a power cycle."""
+        super().__init__(model)
+
+    def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
+        if self.down:
+            raise LinkLost("no answer", "check the cable")
+        super().write(first_register, registers, now_ns)
+        if self.write_lost:
+            self.down = True
+            raise LinkLost("no answer", "check the cable")
+
+    def read(self, first_register: int, count: int, now_ns: int) -> Sequence[int]:
+        if self.down:
+            raise LinkLost("no answer", "check the cable")
+        registers = super().read(first_register, count, now_ns)
+        return self.garbage.pop() if self.garbage else registers
+
+
+class Rig:
+    """Driver pumped at 100 Hz, model stepped at 1 kHz."""
+
+    def __init__(
+        self,
+        hand: HandSettings,
+        calibration: GripperCalibration,
+        *,
+        active: bool = True,
+        settings: DriverSettings | None = None,
+        springs: Springs | None = None,
+    ) -> None:
+        self.model = GripperModel(hand, 0, active=active)
+        self.transport = Transport(self.model)
+        self.written: list[CommandRegisters] = []
+        self.written_ns: list[int] = []
+        self.driver = RobotiqDriver(
+            self.transport, settings or DriverSettings(), calibration, log=self._log
+        )
+        self.springs = springs or Springs([0, 0, 0], [0, 0, 0])
+        self.now_ns = 0
+        self.peak_n = np.zeros(3)
+        self.step()
+
+    def _log(self, now_ns: int, kind: str, registers: Sequence[int]) -> None:
+        if kind == "write":
+            self.written.append(CommandRegisters.from_registers(registers))
+            self.written_ns.append(now_ns)
+
+    @property
+    def frames(self) -> list[str]:
+        """Everything written, as hex."""
+        return [command.to_bytes().hex() for command in self.written]
+
+    @property
+    def state(self):
+        return self.driver.state
+
+    def advance(self, ms: int) -> None:
+        for _ in range(ms):
+            self.now_ns += MS
+            self.model.advance(self.now_ns, self.springs.loads(self.model.travel_m))
+            self.peak_n = np.maximum(self.peak_n, self.springs.force_n(self.model.travel_m))
+
+    def step(self, steps: int = 1) -> None:
+        for _ in range(steps):
+            self.advance(10)
+            self.driver.pump(self.now_ns)
+
+    def settle(self, limit: int = 1000) -> None:
+        """Pump until everything rests; fails when it does not."""
+        for _ in range(limit):
+            self.step()
+            if self.state.at_rest and not self.model.moving:
+                return
+        raise AssertionError("the hand did not come to rest")
+
+
+@pytest.fixture
+def rig():
+    def make(
+        hand: HandSettings | None = None,
+        calibration: str = "paper",
+        active: bool = True,
+        settings: DriverSettings | None = None,
+        springs: Springs | None = None,
+    ) -> Rig:
+        return Rig(
+            hand or HandSettings(),
+            CALIBRATIONS[calibration],
+            active=active,
+            settings=settings,
+            springs=springs,
+        )
+
+    return make
+
+
+@pytest.fixture
+def springs():
+    return Springs
