@@ -1,0 +1,103 @@
+# make install   what a run needs, into .venv        make test       checks and tests
+# make lift      one lift of a can, simulated        make test-slow  the slow tests
+# make bench     measurements                        make test-train the tests that need torch
+# make lock      renew requirements/*.txt (with uv)  make clean      remove what make made
+#
+# PYTHON=/path/to/python picks the interpreter of a new .venv.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DELETE_ON_ERROR:
+MAKEFLAGS += --no-builtin-rules
+
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+export PIP_NO_INPUT := 1
+# An activated environment or a stray PYTHONPATH must not leak into .venv.
+unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
+
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip install -qq
+MADE := .venv/.made-in
+BASE := .venv/.installed-base
+DEV := .venv/.installed-dev
+TRAIN := .venv/.installed-train
+PYTHON ?= python3.12 python3.11 python3
+OBJECT ?= can
+
+.PHONY: install install-dev install-train lift test test-slow test-train bench check lock clean
+
+install: $(BASE)
+install-dev: $(DEV)
+install-train: $(TRAIN)
+
+# A name on the PATH proves nothing (a version manager leaves names that only print an error), so
+# each candidate is run. The stamp holds the checkout's path: a copied .venv would run the original.
+ifneq "$(shell test -x $(BIN)/python && cat $(MADE) 2>/dev/null)" "$(CURDIR)"
+.PHONY: $(MADE)
+endif
+$(MADE):
+	@rm -rf .venv
+	@for python in $(PYTHON); do \
+	  if "$$python" -c 'import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 13))' 2>/dev/null; then \
+	    echo "creating .venv with $$("$$python" --version)"; \
+	    "$$python" -m venv .venv; \
+	    printf '%s\n' "$(CURDIR)" > $@; \
+	    exit 0; \
+	  fi; \
+	done; \
+	echo "make: no usable Python 3.11 or 3.12 with venv found; install one (on Debian: apt-get install python3.11-venv) or name it with make PYTHON=/path/to/python3.12" >&2; \
+	exit 1
+
+# Stamps are touched last: an install that fails leaves none, and the next make tries again.
+$(BASE): $(MADE) requirements/base.txt pyproject.toml
+	@echo "installing requirements/base.txt"
+	@$(PIP) --require-hashes -r requirements/base.txt
+	@$(PIP) --no-deps --no-build-isolation -e .
+	@touch $@
+
+$(DEV): $(BASE) requirements/dev.txt
+	@echo "installing requirements/dev.txt"
+	@$(PIP) --require-hashes -r requirements/dev.txt
+	@touch $@
+
+# torch's file differs from place to place (CPU or CUDA build), so it has a version and no hash.
+$(TRAIN): $(DEV) requirements/train.txt
+	@echo "installing requirements/train.txt"
+	@$(PIP) -r requirements/train.txt
+	@touch $@
+
+lift: install
+	$(BIN)/grasp run lift --object $(OBJECT)
+
+# lint-imports' cache keeps old answers when a module is new; without it takes no longer
+check: install-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo --no-cache
+
+test: check
+	$(BIN)/python -m pytest
+
+test-slow: install-dev
+	$(BIN)/python -m pytest -m slow
+
+test-train: install-train
+	$(BIN)/python -m pytest -m train
+
+bench: install-dev
+	$(BIN)/python -m pytest -m bench -s
+
+# One resolution for both Pythons; base is held to what dev found, train to both.
+UV ?= uv
+COMPILE := $(UV) pip compile --quiet --upgrade --universal --python-version 3.11 --fork-strategy fewest --no-header
+lock:
+	@command -v $(UV) >/dev/null || { echo "make lock needs uv: pip install uv, or make lock UV=/path/to/uv" >&2; exit 1; }
+	$(COMPILE) --generate-hashes --extra charts --extra dev --group build pyproject.toml -o requirements/dev.txt
+	$(COMPILE) --generate-hashes --group build pyproject.toml -c requirements/dev.txt -o requirements/base.txt
+	$(COMPILE) requirements/train.in -c requirements/dev.txt -o requirements/train.txt
+	printf 'torch==2.13.0\n' >> requirements/train.txt
+
+clean:
+	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
+	find grasp drivers detector scenarios tests -name __pycache__ -type d -prune -exec rm -rf {} +

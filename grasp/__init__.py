@@ -1,0 +1,1 @@
+"""The application: a grasp controller that feels slip. Importing this package imports nothing."""

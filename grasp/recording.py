@@ -1,0 +1,327 @@
+"""Runs on disk: MCAP files with one JSON channel a topic, written chunk by chunk.
+
+A recorder never disturbs a run: nothing here raises into the loop, the first failure is kept and
+the half-written file goes. The same messages give the same bytes: times come from the caller, and
+no clock, host name or random number gets in. A writer that is killed leaves a file without its
+index; all chunks that were complete are read back.
+"""
+
+import contextlib
+import io
+import itertools
+import os
+import stat
+import struct
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import msgspec
+import numpy as np
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.records import Channel, Footer, McapRecord, Message, Metadata
+from mcap.stream_reader import StreamReader
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+
+from drivers.errors import GraspError
+
+LIBRARY = "grasp-controller"  # fixed: the libraries' versions belong in the metadata
+METADATA_NAME = "run"
+CHUNK_BYTES = 32 * 1024  # at most this much is lost to a kill: about half a second of a run
+
+_RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows
+
+Channels = Mapping[str, type[msgspec.Struct]]
+_Schema = dict[str, Any]
+
+
+class BadRecordingFile(GraspError, ValueError):
+    """A file is missing, no recording, damaged or made by another version."""
+
+    kind = "bad_recording"
+
+
+class RunRecorder:
+    """Writes one run to ``path``. No method raises; look at ``failure`` when the run is over.
+
+    channels: topic to message type; a type that has no JSON form is a TypeError here, before
+    anything runs. ``dropped`` counts the messages that were not written. Message times are
+    integer nanoseconds of the run's own clock.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        channels: Channels,
+        metadata: Mapping[str, str],
+        chunk_size: int = CHUNK_BYTES,
+    ) -> None:
+        self.path = path
+        self.failure: Exception | None = None
+        self.dropped = 0
+        self._kinds = dict(channels)
+        self._encode = msgspec.json.Encoder(enc_hook=_plain).encode
+        self._stream: _Unbuffered | None = None
+        self._writer: Writer | None = None
+        self._topics: dict[str, tuple[int, Iterator[int]]] = {}
+        schemas = {
+            topic: msgspec.json.encode(viewer_schema(kind)) for topic, kind in channels.items()
+        }
+        try:
+            self._start(schemas, metadata, chunk_size)
+        except Exception as error:
+            self._fail(error)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def write(self, topic: str, t_ns: int, message: msgspec.Struct) -> None:
+        """Append one message; after a failure, count it as dropped."""
+        if self._writer is None:
+            self._drop_late()
+            return
+        try:
+            if not isinstance(message, self._kinds[topic]):
+                raise TypeError(f"{topic} takes {self._kinds[topic].__name__}, not {message!r:.80}")
+            channel_id, sequence = self._topics[topic]
+            self._writer.add_message(channel_id, t_ns, self._encode(message), t_ns, next(sequence))
+        except Exception as error:
+            self.dropped += 1
+            self._fail(error)
+
+    def close(self) -> None:
+        """Write the index and close the file. Twice is once."""
+        writer, self._writer = self._writer, None
+        if writer is None or self._stream is None:
+            return
+        try:
+            writer.finish()
+            self._stream.close()
+        except Exception as error:
+            self._fail(error)
+
+    def _start(
+        self, schemas: Mapping[str, bytes], metadata: Mapping[str, str], chunk_size: int
+    ) -> None:
+        self._stream = _Unbuffered(io.FileIO(self.path, "w"))
+        writer = Writer(self._stream, chunk_size=chunk_size, compression=CompressionType.ZSTD)
+        writer.start(profile="", library=LIBRARY)
+        writer.add_metadata(METADATA_NAME, dict(sorted(metadata.items())))
+        for topic, schema in schemas.items():
+            schema_id = writer.register_schema(self._kinds[topic].__name__, "jsonschema", schema)
+            channel_id = writer.register_channel(topic, "json", schema_id)
+            self._topics[topic] = channel_id, itertools.count()
+        self._writer = writer
+
+    def _drop_late(self) -> None:
+        self.dropped += 1
+        if self.failure is None:
+            self.failure = ValueError(f"{self.path} was closed before the last message")
+
+    def _fail(self, error: Exception) -> None:
+        self.failure = self.failure or error
+        self._writer = None
+        if self._stream is None:
+            return
+        with contextlib.suppress(Exception):
+            self._stream.close()
+        with contextlib.suppress(OSError):
+            _remove_file(self.path)
+
+
+class RunRecording:
+    """One recording in memory: ``metadata``, and messages decoded as their types.
+
+    ``complete`` is False when the writer was killed: the last chunk is missing then.
+    """
+
+    def __init__(self, path: Path, channels: Channels) -> None:
+        contents = _read(path)
+        self.path = path
+        self.metadata = contents.metadata
+        self.complete = contents.complete
+        self._messages = contents.messages
+        self._decoders = {topic: msgspec.json.Decoder(kind) for topic, kind in channels.items()}
+
+    @classmethod
+    def open(cls, path: Path, channels: Channels) -> Self:
+        """Read ``path``; topics that ``channels`` does not name are left out."""
+        return cls(path, channels)
+
+    def __iter__(self) -> Iterator[tuple[str, int, Any]]:
+        """Topic, time in ns and message, in the order written."""
+        for topic, t_ns, data in self._messages:
+            if topic in self._decoders:
+                yield topic, t_ns, self._decode(topic, data)
+
+    def of(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """Time in ns and message of one topic, in the order written."""
+        return (
+            (t_ns, self._decode(name, data)) for name, t_ns, data in self._messages if name == topic
+        )
+
+    def _decode(self, topic: str, data: bytes) -> Any:
+        try:
+            return self._decoders[topic].decode(data)
+        except msgspec.MsgspecError as error:
+            raise BadRecordingFile(
+                f"{self.path}: a message on {topic} does not fit: {error}",
+                "read it with the version that recorded it (see the file's metadata)",
+            ) from error
+
+
+def read_messages(path: Path) -> Iterator[tuple[str, int, bytes]]:
+    """Topic, time in ns and JSON of every message, in the order written."""
+    return iter(_read(path).messages)
+
+
+def viewer_schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
+    """JSON Schema of a message as MCAP viewers read it: nested objects, no references.
+
+    Viewers refuse a whole channel over a property without a plain ``type``: an optional value is
+    described by its type, and what has no plain type at all (a list of lists, a union, a tuple of
+    mixed types) is left undescribed, which a schema allows; it is recorded all the same.
+    """
+    schema = msgspec.json.schema(kind)
+    plain = _plain_schema(schema, schema.get("$defs", {}), ())
+    if plain is None or plain["type"] != "object":
+        raise TypeError(f"{kind.__name__} is no JSON object")
+    return plain
+
+
+def _plain_schema(schema: _Schema, defs: _Schema, seen: tuple[str, ...]) -> _Schema | None:
+    """The schema without references, or None when a viewer would refuse it."""
+    if (reference := schema.get("$ref")) is not None:
+        if reference in seen:
+            return None
+        return _plain_schema(defs[reference.rsplit("/", 1)[-1]], defs, (*seen, reference))
+    if "anyOf" in schema:
+        options = [option for option in schema["anyOf"] if option.get("type") != "null"]
+        return _plain_schema(options[0], defs, seen) if len(options) == 1 else None
+    plain = _plain_type(schema, defs, seen)
+    notes = {key: schema[key] for key in ("title", "description") if key in schema}
+    return None if plain is None else notes | plain
+
+
+def _plain_type(schema: _Schema, defs: _Schema, seen: tuple[str, ...]) -> _Schema | None:
+    match schema.get("type"):
+        case "object":
+            return _plain_object(schema, defs, seen)
+        case "array":
+            return _plain_array(schema, defs, seen)
+        case "boolean" | "integer" | "number" | "string" as simple:
+            return {"type": simple}
+    return _plain_enum(schema.get("enum", []))
+
+
+def _plain_object(schema: _Schema, defs: _Schema, seen: tuple[str, ...]) -> _Schema:
+    plain = {
+        name: _plain_schema(value, defs, seen)
+        for name, value in schema.get("properties", {}).items()
+    }
+    described = {name: value for name, value in plain.items() if value is not None}
+    return {"type": "object", "properties": described}
+
+
+def _plain_array(schema: _Schema, defs: _Schema, seen: tuple[str, ...]) -> _Schema | None:
+    """An array of one plain type; None for mixed items and for arrays of arrays."""
+    each = schema.get("prefixItems") or [schema.get("items") or {}]
+    if any(item != each[0] for item in each):
+        return None
+    items = _plain_schema(each[0], defs, seen)
+    return None if items is None or items["type"] == "array" else {"type": "array", "items": items}
+
+
+def _plain_enum(values: list[int | str | None]) -> _Schema | None:
+    kinds = {type(value) for value in values if value is not None}
+    names: dict[type, str] = {int: "integer", str: "string"}
+    return {"type": names[kinds.pop()]} if len(kinds) == 1 and kinds <= names.keys() else None
+
+
+def _plain(value: object) -> Any:
+    """A number or list for what numpy computed."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} has no JSON form")
+
+
+class _Unbuffered(io.BufferedWriter):
+    """Hands every write to the kernel at once: what was written survives a kill."""
+
+    def write(self, data: Any, /) -> int:
+        count: int = super().write(data)
+        self.flush()
+        return count
+
+
+def _remove_file(path: Path) -> None:
+    """Remove a file or a link, never a device (a run may be recorded to /dev/null)."""
+    mode = os.lstat(path).st_mode
+    if stat.S_ISREG(mode) or stat.S_ISLNK(mode):
+        path.unlink()
+
+
+class _Contents(msgspec.Struct):
+    metadata: dict[str, str]
+    messages: list[tuple[str, int, bytes]]
+    complete: bool
+
+
+def _read(path: Path) -> _Contents:
+    contents = _Contents({}, [], complete=False)
+    topics: dict[int, str] = {}
+    for record in _records(path):
+        match record:
+            case Message():
+                topic = topics[record.channel_id]
+                contents.messages.append((topic, record.log_time, record.data))
+            case Channel():
+                topics[record.id] = record.topic
+            case Metadata(name=name) if name == METADATA_NAME:
+                contents.metadata = record.metadata
+            case Footer():
+                contents.complete = True
+    return contents
+
+
+def _records(path: Path) -> Iterator[McapRecord]:
+    data = _load(path)
+    whole = io.BytesIO(data[: _whole_records(data)])
+    try:
+        yield from StreamReader(whole, validate_crcs=True).records
+    except EndOfFile:
+        return  # the writer was killed: there is no footer
+    except Exception as error:  # the library names no base for what damage may raise
+        raise BadRecordingFile(
+            f"{path}: damaged recording: {error}", "record again, or restore the file from a copy"
+        ) from error
+
+
+def _load(path: Path) -> bytes:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        problem = f"{path}: {error.strerror}"
+        raise BadRecordingFile(problem, "give the path of a run's .mcap file") from error
+    if data.startswith(MCAP0_MAGIC):
+        return data
+    problem = "is no MCAP recording" if data else "is empty: its writer never started"
+    raise BadRecordingFile(f"{path} {problem}", "give the path of a run's .mcap file")
+
+
+def _whole_records(data: bytes) -> int:
+    """Bytes up to the end of the last whole record, with the closing magic where there is one."""
+    end = len(MCAP0_MAGIC)
+    while end + _RECORD_HEAD.size <= len(data):
+        opcode, length = _RECORD_HEAD.unpack_from(data, end)
+        stop = end + _RECORD_HEAD.size + int(length)
+        if stop > len(data):
+            return end
+        if opcode == Opcode.FOOTER:
+            return stop + len(MCAP0_MAGIC) if data.endswith(MCAP0_MAGIC) else stop
+        end = stop
+    return end

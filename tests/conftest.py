@@ -1,0 +1,96 @@
+"""Rules of every test: leave nothing behind, talk to nobody but this machine, flake never."""
+
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from ipaddress import ip_address
+from multiprocessing import resource_tracker
+from pathlib import Path
+from typing import Any
+
+import hypothesis
+import pytest
+
+GRACE_S = 2.0  # what is on its way out may take this long
+
+hypothesis.settings.register_profile("local", deadline=None, print_blob=True)
+hypothesis.settings.register_profile("ci", deadline=None, print_blob=True, derandomize=True)
+hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "local")
+
+# A developer's own settings (a lab's addresses among them) must not reach a test.
+for name in [name for name in os.environ if name.startswith("GRASP_")]:
+    del os.environ[name]
+os.environ["MPLBACKEND"] = "Agg"
+
+
+def threads() -> set[str]:
+    return {f"thread {thread.name} ({thread.ident})" for thread in threading.enumerate()}
+
+
+def children() -> set[str]:
+    """Child processes, unreaped ones too; not the helper that multiprocessing keeps for good."""
+    lists = (path.read_text().split() for path in Path("/proc/self/task").glob("*/children"))
+    pids = {int(pid) for pids in lists for pid in pids}
+    helper = getattr(resource_tracker._resource_tracker, "_pid", None)
+    return {f"process {pid}" for pid in pids - {helper}}
+
+
+def sockets() -> set[str]:
+    found = set()
+    for entry in os.scandir("/proc/self/fd"):
+        try:
+            target = os.readlink(entry.path)
+        except FileNotFoundError:  # the one that scandir itself had open
+            continue
+        if target.startswith("socket:"):
+            found.add(f"{target} (descriptor {entry.name})")
+    return found
+
+
+def held() -> set[str]:
+    return threads() | children() | sockets()
+
+
+@pytest.fixture(autouse=True)
+def nothing_left_behind() -> Iterator[None]:
+    """Fail a test that leaves a thread, a child process or a socket; older ones are not its own."""
+    before = held()
+    yield
+    deadline = time.monotonic() + GRACE_S
+    while (left := held() - before) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    if left:
+        pytest.fail("left behind: " + ", ".join(sorted(left)), pytrace=False)
+
+
+def is_here(address: Any) -> bool:
+    """True for addresses of this machine: loopback, or a path of the file system."""
+    if not isinstance(address, tuple):
+        return True
+    host = address[0]
+    if host in ("", "localhost"):
+        return True
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def only_here(call: Callable[..., Any]) -> Callable[..., Any]:
+    def guarded(self: socket.socket, *args: Any) -> Any:
+        if not is_here(args[-1]):
+            raise AssertionError(f"a test may talk to loopback only, not to {args[-1]}")
+        return call(self, *args)
+
+    return guarded
+
+
+@pytest.fixture(scope="session", autouse=True)
+def loopback_only() -> Iterator[None]:
+    """Refuse every connection that would leave this machine."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("connect", "connect_ex", "sendto"):
+            patch.setattr(socket.socket, name, only_here(getattr(socket.socket, name)))
+        yield

@@ -1,0 +1,147 @@
+"""The import contracts of pyproject.toml hold, and each of them catches what it forbids."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("grasp", "drivers", "detector", "scenarios")
+
+# contract, module that breaks it, what that module imports
+VIOLATIONS = [
+    ("layers", "drivers.planted", "grasp.planted_other"),
+    ("layers", "drivers.planted", "detector.planted_other"),
+    ("layers", "detector.planted", "drivers.interfaces"),
+    ("layers", "detector.planted", "grasp.planted_other"),
+    ("layers", "grasp.planted", "scenarios.planted_other"),
+    ("cli-is-top", "grasp.planted", "grasp.cli"),
+    ("cli-is-top", "scenarios.planted", "grasp.cli"),
+    ("world-alone", "scenarios.world.planted", "grasp.planted_other"),
+    ("world-alone", "scenarios.world.planted", "detector.planted_other"),
+    ("world-alone", "scenarios.world.planted", "scenarios.planted_other"),
+    ("world-drivers", "scenarios.world.planted", "drivers.interfaces"),
+    ("world-drivers", "scenarios.world.contact", "drivers.robotiq.model"),
+    ("world-drivers", "scenarios.world.cell", "drivers.robotiq.protocol"),
+    ("world-drivers", "scenarios.world.cell", "drivers.errors"),
+    ("drivers-independent", "drivers.robotiq.planted", "drivers.takktile.planted_other"),
+    ("drivers-independent", "drivers.ur.planted", "drivers.robotiq.planted_other"),
+    ("motor-internal", "scenarios.planted", "drivers.robotiq.motor"),
+    ("devices-by-interface", "grasp.controller", "drivers.robotiq.protocol"),
+    ("devices-by-interface", "grasp.guard", "drivers.robotiq.driver"),
+    ("devices-by-interface", "grasp.slip", "drivers.takktile.protocol"),
+    ("devices-by-interface", "grasp.loop", "drivers.ur.driver"),
+    ("devices-by-interface", "grasp.phases", "drivers.planted_other"),
+    ("no-torch", "grasp.planted", "torch"),
+    ("no-torch", "drivers.robotiq.planted", "torch.nn"),
+    ("no-torch", "detector.planted", "torch"),
+    ("no-torch", "scenarios.world.planted", "torch"),
+]
+
+# the exceptions that the contracts make
+PERMITTED = [
+    ("grasp.cli.planted", "scenarios.planted_other"),
+    ("grasp.cli.planted", "drivers.robotiq.protocol"),
+    ("grasp.controller", "drivers.interfaces"),
+    ("grasp.guard", "drivers.errors"),
+    ("scenarios.world.cell", "drivers.interfaces"),
+    ("scenarios.world.cell", "drivers.robotiq.model"),
+    ("scenarios.planted", "drivers.robotiq.driver"),
+    ("drivers.robotiq.planted", "drivers.robotiq.motor"),
+]
+
+
+def contract_ids() -> list[str]:
+    return re.findall(r'^id = "(.*)"$', (ROOT / "pyproject.toml").read_text(), re.MULTILINE)
+
+
+def lint(folder: Path, *contracts: str) -> subprocess.CompletedProcess[str]:
+    chosen = [argument for contract in contracts for argument in ("--contract", contract)]
+    program = "from importlinter.cli import lint_imports_command as main; main()"
+    options = ["--no-logo", "--no-cache", *chosen]  # its cache misses modules that are new
+    return subprocess.run(
+        [sys.executable, "-P", "-c", program, *options],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def broken(output: str) -> int:
+    found = re.search(r"(\d+) kept, (\d+) broken", output)
+    assert found, output
+    return int(found[2])
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The sources alone."""
+    folder = tmp_path_factory.mktemp("original")
+    for package in PACKAGES:
+        for source in (ROOT / package).rglob("*.py"):
+            copy = folder / source.relative_to(ROOT)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source, copy)
+    shutil.copyfile(ROOT / "pyproject.toml", folder / "pyproject.toml")
+    return folder
+
+
+@pytest.fixture
+def tree(original: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(original, tmp_path / "tree")
+
+
+def file_of(tree: Path, module: str) -> Path:
+    """The module's file, made with its packages where there is none."""
+    path = tree.joinpath(*module.split("."))
+    if (path / "__init__.py").exists():
+        return path / "__init__.py"
+    for parent in [p for p in path.parents if p.is_relative_to(tree) and p != tree]:
+        parent.mkdir(exist_ok=True, parents=True)
+        (parent / "__init__.py").touch()
+    source = path.with_suffix(".py")
+    source.touch()
+    return source
+
+
+def plant(tree: Path, importer: str, imported: str) -> None:
+    if imported.startswith(PACKAGES):
+        file_of(tree, imported)
+    with file_of(tree, importer).open("a") as source:
+        source.write(f"\nimport {imported}\n")
+
+
+def test_the_tree_keeps_its_contracts() -> None:
+    result = lint(ROOT)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+def test_every_contract_has_a_planted_violation() -> None:
+    assert {contract for contract, _, _ in VIOLATIONS} == set(contract_ids())
+
+
+@pytest.mark.parametrize(("contract", "importer", "imported"), VIOLATIONS)
+def test_a_violation_is_caught(tree: Path, contract: str, importer: str, imported: str) -> None:
+    plant(tree, importer, imported)
+    result = lint(tree, contract)
+    assert result.returncode == 1, result.stdout + result.stderr
+    assert broken(result.stdout) == 1
+    assert importer in result.stdout
+
+
+def test_what_is_permitted_is_not_caught(tree: Path) -> None:
+    for importer, imported in PERMITTED:
+        plant(tree, importer, imported)
+    result = lint(tree)
+    assert result.returncode == 0, result.stdout
+
+
+def test_a_verb_that_imports_within_a_function_is_seen(tree: Path) -> None:
+    with file_of(tree, "grasp.planted").open("a") as source:
+        source.write("def verb():\n    import scenarios\n")
+    assert lint(tree, "layers").returncode == 1

@@ -1,0 +1,132 @@
+"""What is installed is the four packages and the configuration, and the lock files are whole."""
+
+import re
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from email.parser import HeaderParser
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PACKAGES = {"grasp", "drivers", "detector", "scenarios"}
+LOCKS = {path.stem: path for path in (ROOT / "requirements").glob("*.txt")}
+PIN = re.compile(r"^([A-Za-z0-9._-]+)==([^\s;\\]+)", re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with a wheel, built from the sdist as most tools do; nothing is fetched."""
+    folder = tmp_path_factory.mktemp("dist")
+    command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(ROOT)]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    assert result.returncode == 0, result.stdout + result.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(built: Path) -> zipfile.ZipFile:
+    (path,) = built.glob("*.whl")
+    return zipfile.ZipFile(path)
+
+
+@pytest.fixture(scope="module")
+def wheel_files(wheel: zipfile.ZipFile) -> set[str]:
+    return {name for name in wheel.namelist() if ".dist-info/" not in name}
+
+
+def tracked(package: str, pattern: str) -> set[str]:
+    return {path.relative_to(ROOT).as_posix() for path in (ROOT / package).rglob(pattern)}
+
+
+def test_wheel_holds_the_four_packages_and_nothing_else(wheel_files: set[str]) -> None:
+    assert {name.split("/")[0] for name in wheel_files} == PACKAGES
+    sources = set().union(*(tracked(package, "*.py") for package in PACKAGES))
+    assert {name for name in wheel_files if name.endswith(".py")} == sources
+
+
+def test_wheel_holds_the_configuration_inside_grasp(wheel_files: set[str]) -> None:
+    config = {f"grasp/_{name}" for name in tracked("config", "*.toml")}
+    assert {name for name in wheel_files if name.startswith("grasp/_config/")} >= config
+
+
+def test_wheel_holds_no_leftovers(wheel_files: set[str]) -> None:
+    assert not [name for name in wheel_files if "__pycache__" in name or "test" in name.split("/")]
+
+
+def test_wheel_says_what_it_needs(wheel: zipfile.ZipFile) -> None:
+    (name,) = (name for name in wheel.namelist() if name.endswith("METADATA"))
+    metadata = HeaderParser().parsestr(wheel.read(name).decode())
+    assert metadata["Name"] == "grasp-controller"
+    assert metadata["License-Expression"] == "MIT"
+    assert {"train", "charts", "dev"} == set(metadata.get_all("Provides-Extra", []))
+    base = [r for r in metadata.get_all("Requires-Dist", []) if "extra ==" not in r]
+    assert len(base) == len(PROJECT["dependencies"])
+
+
+def test_sdist_holds_tests_and_lock_files(built: Path) -> None:
+    (path,) = built.glob("*.tar.gz")
+    with tarfile.open(path) as sdist:
+        names = {name.split("/", 1)[1] for name in sdist.getnames()}
+    assert {"Makefile", "LICENSE", "README.md", "requirements/base.txt"} <= names
+    assert "tests/unit/test_packaging.py" in names
+
+
+def test_importing_grasp_imports_nothing() -> None:
+    program = "import sys; old = set(sys.modules); import grasp; print(*set(sys.modules) - old)"
+    command = [sys.executable, "-c", program]
+    result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert result.stdout.split() == ["grasp"]
+
+
+def test_console_script_is_the_command_line() -> None:
+    assert PROJECT["scripts"] == {"grasp": "grasp.cli:main"}
+
+
+# Lock files
+
+
+def pins(name: str) -> dict[str, str]:
+    return dict(PIN.findall(LOCKS[name].read_text()))
+
+
+def normal(requirement: str) -> str:
+    return re.split(r"[<>=!~ \[;]", requirement)[0].lower().replace("_", "-")
+
+
+def test_base_pins_are_those_of_dev() -> None:
+    assert pins("base").items() <= pins("dev").items()
+
+
+def test_train_disagrees_with_nobody() -> None:
+    dev = pins("dev")
+    assert all(dev.get(name, version) == version for name, version in pins("train").items())
+    assert f"torch=={pins('train')['torch']}" in PROJECT["optional-dependencies"]["train"]
+
+
+@pytest.mark.parametrize("lock", ["base", "dev"])
+def test_lock_names_every_requirement(lock: str) -> None:
+    wanted = list(PROJECT["dependencies"])
+    if lock == "dev":
+        wanted += [*PROJECT["optional-dependencies"]["charts"]]
+        wanted += [*PROJECT["optional-dependencies"]["dev"]]
+    assert {normal(requirement) for requirement in wanted} <= pins(lock).keys()
+    assert "hatchling" in pins(lock)  # the editable install builds with it
+
+
+@pytest.mark.parametrize("lock", ["base", "dev"])
+def test_every_pin_has_a_hash(lock: str) -> None:
+    entries = re.split(r"\n(?=\S)", LOCKS[lock].read_text().strip())
+    entries = [entry for entry in entries if not entry.startswith("#")]
+    assert len(entries) == len(pins(lock))
+    assert all("--hash=sha256:" in entry for entry in entries)
+
+
+@pytest.mark.parametrize("lock", ["base", "dev", "train"])
+def test_lock_names_no_place(lock: str) -> None:
+    text = LOCKS[lock].read_text()
+    assert not re.search(r"://|--index|--extra-index|--find-links|@ file|^-", text, re.MULTILINE)
