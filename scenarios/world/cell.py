@@ -60,11 +60,16 @@ class SimulatedCell:
         self.board = BoardModel(settings.board, self._sample)
         self.fingertips = Fingertips(settings.fingertip, settings.body, rng)
         self._parameters = contact.parameters(settings.contact, settings.body)
-        self._state = contact.initial_state()
+        self._state = contact.initial_state(present=False)
         self._step_s = settings.contact.step_s
         self._offset_m = settings.finger_offset_m
         self._now_ns = 0
         self._stiffness = np.zeros(contact.FINGERS)
+
+    def place_object(self) -> None:
+        """Put the object on the table between the fingers, which must be open: an activation
+        closes the hand fully, so the object comes afterwards, as in the laboratory."""
+        self._state[:] = contact.initial_state()
 
     def advance(self, now_ns: int) -> None:
         """Advance everything to now_ns."""

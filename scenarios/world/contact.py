@@ -65,8 +65,8 @@ class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 # Layout of the state vector: one flat array, so that the compiled step takes and returns one object.
 HEIGHT, SPEED, SLIP, LATERAL, ONSET_S, SLIP_SPEED = 0, 1, 2, 3, 4, 5
 STRETCH, RELAXED, NORMAL, SHEAR, SLIDING, PEAK = 6, 9, 12, 15, 18, 21
-SLOPE, ONSET_FORCE, RISE_S = 24, 25, 26
-STATE_SIZE = 27
+SLOPE, ONSET_FORCE, RISE_S, PRESENT = 24, 25, 26, 27
+STATE_SIZE = 28
 RISE_N = 0.2  # a grip force counts as increased by this much (a few wander deviations)
 # and of the parameter vector.
 (
@@ -100,9 +100,10 @@ def parameters(contact: ContactSettings, body: GraspObject) -> Floats:
     return out
 
 
-def initial_state() -> Floats:
-    """State vector (27,): object at rest on the table, nothing touched."""
+def initial_state(present: bool = True) -> Floats:
+    """State vector (28,): object at rest on the table, nothing touched; or no object yet."""
     state = np.zeros(STATE_SIZE)
+    state[PRESENT] = 1.0 if present else 0.0
     state[ONSET_S] = NOT_YET
     state[RISE_S] = NOT_YET
     return state
@@ -187,31 +188,38 @@ def _residual(v: float, inertia: float, push: float, a: Floats, b: float, cap: F
 
 @njit(cache=True)
 def solve_velocity(inertia: float, push: float, a: Floats, b: float, cap: Floats) -> float:
-    """Root of the residual: exact, by bracketing between its (at most six) break points."""
+    """Root of the residual: bracketed between its (at most six) break points, where it is linear."""
     low, high = -np.inf, np.inf
-    r_low, r_high = 0.0, 0.0
     for i in range(FINGERS):
         for side in (-1.0, 1.0):
             v = (a[i] + side * cap[i]) / b
             r = _residual(v, inertia, push, a, b, cap)
-            if r <= 0.0 and v > low:
-                low, r_low = v, r
-            if r >= 0.0 and v < high:
-                high, r_high = v, r
+            if r <= 0.0:
+                low = max(low, v)
+            if r >= 0.0:
+                high = min(high, v)
     if low == high:
         return low
-    total = cap[0] + cap[1] + cap[2]
-    if low == -np.inf:  # below every break point all fingers pull up with their full friction
-        return (total - push) / inertia
-    if high == np.inf:
-        return (-total - push) / inertia
-    return low - r_low * (high - low) / (r_high - r_low)
+    inside = 0.5 * (low + high)
+    if low == -np.inf:
+        inside = high - 1.0
+    elif high == np.inf:
+        inside = low + 1.0
+    total, slope = -push, inertia
+    for i in range(FINGERS):
+        trial = a[i] - b * inside
+        if abs(trial) > cap[i]:
+            total += math.copysign(cap[i], trial)
+        else:
+            total += a[i]
+            slope += b
+    return total / slope
 
 
 @njit(cache=True)
 def _step(p: Floats, s: Floats, h: float, v_finger: float, travel: Floats, n: Floats) -> None:
     """One backward Euler step of h seconds."""
-    width, slope = width_and_slope(p, s[SLIP])
+    width, slope = width_and_slope(p, s[SLIP]) if s[PRESENT] != 0.0 else (-1.0, 0.0)
     normal_forces(p, width, travel, s, n)
     cos = 1.0 / math.sqrt(1.0 + slope * slope)
     b = (p[P_K_SHEAR] * h + p[P_C_SHEAR]) * cos

@@ -93,8 +93,9 @@ def test_step_equation_is_solved_exactly_whatever_the_numbers(
 ) -> None:
     v = contact.solve_velocity(mass_per_step, push, np.array(a), b, np.array(cap))
     forces = np.clip(np.array(a) - b * v, -np.array(cap), np.array(cap))
-    scale = abs(mass_per_step * v) + abs(push) + sum(cap) + 1e-9
-    assert abs(mass_per_step * v + push - forces.sum()) < 1e-9 * scale
+    scale = abs(mass_per_step * v) + abs(push) + sum(cap) + max(map(abs, a))
+    scale += 1e-9
+    assert abs(mass_per_step * v + push - forces.sum()) < 1e-9 * scale, v
 
 
 def test_object_held_within_its_friction_cone_does_not_creep() -> None:

@@ -1,0 +1,1 @@
+"""Arrays in, arrays out: slip detectors, decision rules, data files and scores."""

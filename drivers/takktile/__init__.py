@@ -1,0 +1,1 @@
+"""TakkTile barometric fingertips on the TakkTile USB board."""

@@ -1,0 +1,231 @@
+"""What the TakkTile USB board does, at the level of USB transfers; time is an argument.
+
+Source: TakkTile-usb firmware (main.c, TakkI2C.c). The board is host-paced: its timer interrupt
+reads all cells, waits until the host has drained the frame, and only then starts the next
+conversion. What a host reads was therefore converted right after its previous read.
+"""
+
+from collections.abc import Callable
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from drivers.takktile import protocol
+from drivers.takktile.protocol import Cell, Codes, Request
+
+Sample = Callable[[int], tuple[Codes, Codes]]
+
+# MPL115A2 coefficients of the datasheet's example; a0 is varied to tell the cells apart.
+_COEFFICIENTS = bytes.fromhex("3ECEB3F9C51733C8")
+_BUFFER_BYTES = 256  # the firmware indexes its calibration buffer by a byte
+
+
+class Stall(Exception):
+    """The endpoint answered STALL (errno 32 of a USB host)."""
+
+
+class Unplugged(Exception):
+    """The board is not on the bus (errno 19 of a USB host)."""
+
+
+class Hung(Exception):
+    """The firmware waits on its I2C bus for ever: requests time out until the board is replugged."""
+
+
+class BoardModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What differs from board to board."""
+
+    cells: Annotated[
+        tuple[Cell, ...],
+        msgspec.Meta(
+            min_length=1,
+            description="(row, column) of the cells fitted, in row-major order; Robotiq kit: 3 x 6",
+        ),
+    ] = tuple((row, column) for row in range(3) for column in range(6))
+    cell_read_us: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0, le=1000.0, description="us to read one cell by I2C; assumed, 1 MHz, 89 bits"
+        ),
+    ] = 100.0
+    takkfast: Annotated[
+        bool, msgspec.Meta(description="speak the takkfast firmware: 40-byte scan, fixed frames")
+    ] = False
+    hardware_version: Annotated[str, msgspec.Meta(description="string 0")] = "1.0"
+    firmware_version: Annotated[str, msgspec.Meta(description="string 1, assumed")] = "model"
+
+
+class BoardModel:
+    """One board.
+
+    ``sample(t_ns)`` gives the pressure and temperature codes of the cells fitted, two (n,) int16
+    arrays in the order of ``settings.cells``. It is called when a conversion starts, and its
+    result is held until the host has drained it.
+    """
+
+    def __init__(self, settings: BoardModelSettings, sample: Sample) -> None:
+        self._settings = settings
+        self._sample = sample
+        self._read_ns = round(settings.cell_read_us * 1e3)
+        self._dead: set[Cell] = set()
+        self._frozen: dict[int, int] = {}  # cell index -> code
+        self._timeouts = 0
+        self._lost_bytes = 0
+        self._split = False
+        self._flip: tuple[int, int] | None = None
+        self._stall = False
+        self._power_up()
+
+    def control(self, request: int, value: int, index: int, length: int, now_ns: int) -> bytes:
+        """Reply to a vendor request, cut to ``length``; ``Stall`` when the firmware knows it not."""
+        self._reach()
+        if self._hung:
+            raise Hung
+        match request:
+            case Request.STRING if index in (0, 1):
+                strings = (self._settings.hardware_version, self._settings.firmware_version)
+                reply = strings[index].encode("ascii") + b"\0"
+            case Request.TIMER:
+                reply = self._configure_timer(value, index, now_ns)
+            case Request.SCAN:
+                reply = self._scan()
+            case Request.CALIBRATION:
+                reply = self._calibration(row=index, column=value)
+            case _:
+                raise Stall
+        return reply[:length]
+
+    def bulk_read(self, size: int, now_ns: int) -> bytes | None:
+        """One bulk IN transfer of at most ``size`` bytes; None when it times out."""
+        self._reach()
+        if self._timeouts:
+            self._timeouts -= 1
+            return None
+        if self._hung or not self._started or now_ns < self._ready_ns:
+            return None
+        if not self._pending:
+            self._pending = self._spoil(self._frame())
+            size = protocol.PACKET_BYTES if self._split else size
+            self._split = False
+        out, self._pending = self._pending[:size], self._pending[size:]
+        if not self._pending:
+            self._start_conversion(now_ns)
+        return out
+
+    # Faults; those of one frame strike the next frame read.
+
+    def kill_column(self, column: int) -> None:
+        """Every cell of a column dies: the frame shrinks at once, without any notice."""
+        self._dead |= {cell for cell in self._settings.cells if cell[1] == column}
+
+    def freeze_cell(self, row: int, column: int) -> None:
+        """The cell repeats its present pressure code for ever."""
+        cell = self._settings.cells.index((row, column))
+        self._frozen[cell] = int(self._held[0][cell])
+
+    def time_out(self, reads: int) -> None:
+        """The next bulk reads bring nothing."""
+        self._timeouts = reads
+
+    def shorten_frame(self, lost_bytes: int) -> None:
+        """The next frame lacks its last bytes."""
+        self._lost_bytes = lost_bytes
+
+    def split_frame(self) -> None:
+        """The next frame arrives in two reads, as when the first times out half-way."""
+        self._split = True
+
+    def flip_bit(self, byte: int, bit: int) -> None:
+        """One bit of the next frame is wrong."""
+        self._flip = byte, bit
+
+    def stall(self) -> None:
+        """The next transfer, control or bulk, is answered with STALL."""
+        self._stall = True
+
+    def unplug(self) -> None:
+        self._plugged = False
+
+    def replug(self) -> None:
+        """Plug the board in again: it starts anew, and stopped."""
+        self._power_up()
+
+    def _power_up(self) -> None:
+        self._plugged = True
+        self._hung = False
+        self._started = False
+        self._ticks = 120  # the firmware's default
+        self._ready_ns = 0
+        self._pending = b""
+        blank = np.zeros(len(self._settings.cells), np.int16)
+        self._held: tuple[Codes, Codes] = (blank, blank)
+
+    def _reach(self) -> None:
+        if not self._plugged:
+            raise Unplugged
+        if self._stall:
+            self._stall = False
+            raise Stall
+
+    def _alive(self) -> list[Cell]:
+        return [cell for cell in self._settings.cells if cell not in self._dead]
+
+    def _configure_timer(self, ticks: int, index: int, now_ns: int) -> bytes:
+        self._pending = b""  # the firmware resets the IN pipe
+        self._started = index != 0
+        if self._started:
+            self._ticks = ticks
+            self._start_conversion(now_ns)
+        return bytes([self._started])
+
+    def _scan(self) -> bytes:
+        self._use_bus()
+        encode = protocol.encode_chain_scan if self._settings.takkfast else protocol.encode_scan
+        return encode(self._alive())
+
+    def _calibration(self, row: int, column: int) -> bytes:
+        """Fill the firmware's buffer as it does, byte-wide index and all, and answer from it."""
+        self._use_bus()
+        buffer = bytearray(_BUFFER_BYTES)
+        for cell_row, cell_column in self._alive():
+            at = (40 * cell_row + 8 * cell_column) % _BUFFER_BYTES
+            a0 = int.from_bytes(_COEFFICIENTS[:2]) + cell_row * protocol.COLUMNS + cell_column
+            buffer[at : at + 8] = a0.to_bytes(2) + _COEFFICIENTS[2:]
+        at = (40 * row + 8 * column) % _BUFFER_BYTES
+        return bytes(buffer[at : at + 8])
+
+    def _use_bus(self) -> None:
+        # A scan pre-empts the sampling interrupt in the middle of its I2C transfer. That can end in
+        # garbage or a hang; the model takes the worst case.
+        if self._started:
+            self._hung = True
+            raise Hung
+
+    def _start_conversion(self, now_ns: int) -> None:
+        pressure, temperature = self._sample(now_ns)
+        if self._frozen:
+            pressure = pressure.copy()
+            pressure[list(self._frozen)] = list(self._frozen.values())
+        self._held = pressure, temperature
+        reading_ns = self._read_ns * len(self._settings.cells)
+        self._ready_ns = now_ns + self._ticks * protocol.TICK_NS + reading_ns
+
+    def _frame(self) -> bytes:
+        live = [i for i, cell in enumerate(self._settings.cells) if cell not in self._dead]
+        pressure, temperature = (codes[live] for codes in self._held)
+        if not self._settings.takkfast:
+            return protocol.encode_frame(pressure, temperature)
+        places = [row * protocol.CHAIN_COLUMNS + column for row, column in self._alive()]
+        codes = np.zeros((2, protocol.CHAIN_FRAME_CELLS), np.int16)
+        codes[:, places] = pressure, temperature
+        return protocol.encode_frame(codes[0], codes[1])
+
+    def _spoil(self, frame: bytes) -> bytes:
+        """Apply the faults of one frame and forget them."""
+        if self._lost_bytes:
+            frame, self._lost_bytes = frame[: -self._lost_bytes], 0
+        if self._flip is not None:
+            (byte, bit), self._flip = self._flip, None
+            frame = frame[:byte] + bytes([frame[byte] ^ 1 << bit]) + frame[byte + 1 :]
+        return frame

@@ -1,0 +1,148 @@
+"""Bytes of the TakkTile USB board, both directions; nothing here keeps state or does I/O.
+
+Source: TakkTile-usb firmware (main.c, TakkI2C.c, Descriptors.c) and, for boards that answer a scan
+with 40 bytes, the takkfast firmware of takktile-boards; NXP AN3785 for the MPL115A2 conversion.
+"""
+
+from collections.abc import Sequence
+from enum import IntEnum
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+VENDOR_ID = 0x59E3
+PRODUCT_ID = 0x74C7
+ENDPOINT_IN = 0x81
+PACKET_BYTES = 64  # full-speed bulk packet: a transfer ends with the first shorter one
+READ_BYTES = 512  # multiple of the packet size, so that no packet can overflow the buffer
+
+REQUEST_TYPE = 0xC0  # IN | vendor | device: every request, even a command, is a read
+SCAN_BYTES = 64  # ask for more than either firmware line answers (8 or 40)
+CALIBRATION_BYTES = 8
+
+ROWS = 8
+COLUMNS = 6
+CELL_BYTES = 4
+CODE_MAX = 1023  # 10-bit converter
+
+CHAIN_COLUMNS = 5  # takkfast: cell = 5 * row + column
+CHAIN_CELLS = 40
+CHAIN_FRAME_CELLS = 80  # the master's 40 cells, then the slave's, dead cells as zeros
+
+TICK_NS = 8_000  # 32 MHz timer clock / 256
+MAX_TICKS = 32_768  # the timer's period register
+
+_PADDING = 0x3F  # codes are left aligned: the low six bits of each word are zero
+
+Cell = tuple[int, int]  # (row, column)
+Codes = NDArray[np.int16]
+
+
+class Request(IntEnum):
+    """Vendor requests (bRequest). 0xBB jumps to the boot loader and is therefore not listed."""
+
+    STRING = 0x00  # wIndex 0: hardware version, 1: firmware version; NUL-terminated
+    SCAN = 0x5C  # re-scan the I2C bus; only while stopped
+    CALIBRATION = 0x6C  # wValue column, wIndex row; only while stopped
+    TIMER = 0xC7  # wIndex != 0: start with wValue ticks, reply 1; wIndex 0: stop, reply 0
+
+
+class Layout(msgspec.Struct, frozen=True):
+    """Where each live cell sits in a bulk frame, as the scan reply implies it.
+
+    A board of the main line sends its live cells only, so that a frame shrinks with each dead one;
+    a takkfast board always sends every place.
+    """
+
+    alive: tuple[Cell, ...]
+    places: tuple[int, ...]  # place in the frame of each cell of ``alive``
+    frame_cells: int  # places in a frame
+
+    @property
+    def frame_bytes(self) -> int:
+        return self.frame_cells * CELL_BYTES
+
+
+class Coefficients(msgspec.Struct, frozen=True):
+    """Factory calibration of one MPL115A2 (AN3785): a0 [code], b1, b2 [-], c12 [1/code]."""
+
+    a0: float
+    b1: float
+    b2: float
+    c12: float
+
+
+def timer_ticks(conversion_ms: float) -> int:
+    """Ticks of 8 us for wValue of the timer request, rounded up: never less than asked for."""
+    return min(MAX_TICKS, -int(-conversion_ms * 1e6 // TICK_NS))
+
+
+def parse_scan(reply: bytes) -> Layout | None:
+    """Layout from a scan reply: 8 bytes, bit c of byte r, or 40 bytes, 0xFF per live cell."""
+    if len(reply) == ROWS:
+        alive = tuple((r, c) for r in range(ROWS) for c in range(COLUMNS) if reply[r] >> c & 1)
+        return Layout(alive, tuple(range(len(alive))), len(alive))
+    if len(reply) == CHAIN_CELLS:
+        places = tuple(place for place, live in enumerate(reply) if live)
+        alive = tuple(divmod(place, CHAIN_COLUMNS) for place in places)
+        return Layout(alive, places, CHAIN_FRAME_CELLS)
+    return None
+
+
+def encode_scan(alive: Sequence[Cell]) -> bytes:
+    """Scan reply of the main line: one byte a row, bit c set when column c is alive."""
+    rows = bytearray(ROWS)
+    for row, column in alive:
+        rows[row] |= 1 << column
+    return bytes(rows)
+
+
+def encode_chain_scan(alive: Sequence[Cell]) -> bytes:
+    """Scan reply of a takkfast board: 40 bytes, 0xFF for each live cell."""
+    cells = bytearray(CHAIN_CELLS)
+    for row, column in alive:
+        cells[row * CHAIN_COLUMNS + column] = 0xFF
+    return bytes(cells)
+
+
+def parse_frame(data: bytes, cells: int) -> tuple[Codes, Codes] | None:
+    """Pressure and temperature codes, each (cells,) int16 in 0..1023, of one bulk frame.
+
+    None when the length is wrong or a padding bit is set. The converter never sets one, but a
+    disturbed I2C read does: a released bus reads as 0xFF.
+    """
+    if len(data) != cells * CELL_BYTES:
+        return None
+    words = np.frombuffer(data, ">u2")
+    if np.bitwise_or.reduce(words) & _PADDING:
+        return None
+    codes = (words >> 6).astype(np.int16)
+    return codes[0::2], codes[1::2]
+
+
+def encode_frame(pressure: Codes, temperature: Codes) -> bytes:
+    """Bulk frame of (n,) pressure and temperature codes, saturated at the converter's range."""
+    words = np.empty((len(pressure), 2), ">u2")
+    words[:, 0] = np.clip(pressure, 0, CODE_MAX) << 6
+    words[:, 1] = np.clip(temperature, 0, CODE_MAX) << 6
+    return words.tobytes()
+
+
+def parse_calibration(reply: bytes) -> Coefficients | None:
+    """Coefficients of one cell: a0, b1, b2, c12 as signed 16-bit words, MSB first (AN3785).
+
+    The firmware's buffer is indexed by a byte, 40 * row + 8 * column, so that column 5 holds the
+    next row's column 0 and rows from 6 on wrap onto row 0: trust neither.
+    """
+    if len(reply) != CALIBRATION_BYTES:
+        return None
+    a0, b1, b2, c12 = (int(word) for word in np.frombuffer(reply, ">i2"))
+    return Coefficients(a0 / 2**3, b1 / 2**13, b2 / 2**14, (c12 >> 2) / 2**22)
+
+
+def pressure_kpa(coefficients: Coefficients, pressure: float, temperature: float) -> float:
+    """Absolute pressure in kPa of one cell's codes (AN3785), for diagnostics only."""
+    k = coefficients
+    compensated = k.a0 + (k.b1 + k.c12 * temperature) * pressure + k.b2 * temperature
+    return compensated * (115.0 - 50.0) / CODE_MAX + 50.0

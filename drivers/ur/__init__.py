@@ -1,0 +1,1 @@
+"""Universal Robots UR10 arm (CB3)."""

@@ -1,0 +1,78 @@
+"""The `grasp` command. Heavy imports live inside the verbs, so that `--help` answers at once."""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from grasp.cli import config, detector, exits, release, replay, run, runs
+
+VERBS = (run, replay, detector, release, config, runs)
+
+
+class Parser(argparse.ArgumentParser):
+    """Reports usage errors as every other error is reported: with --json, as JSON."""
+
+    def error(self, message: str) -> NoReturn:
+        remedy = f"see `{self.prog} --help`"
+        sys.exit(exits.report("usage", message, remedy, "--json" in sys.argv))
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The whole command line; builds no device and imports nothing heavy."""
+    parser = Parser(
+        prog="grasp",
+        description="Closed-loop grasp controller: feels slip with barometric fingertips and closes "
+        "a Robotiq 3-Finger gripper as fast as it can within a force limit.",
+        epilog="Exit codes: 0 success, 1 trial failed, 2 usage or configuration, 3 device, "
+        "4 safety stop, 5 could not record or internal error, 130 interrupted.",
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
+    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    for verb in VERBS:
+        verb.add_parser(verbs)
+    return parser
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415
+
+    try:
+        return version("grasp-controller")
+    except PackageNotFoundError:
+        return "unknown (not installed)"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns its exit code and never lets an expected error become a traceback."""
+    args = build_parser().parse_args(argv)
+    as_json = getattr(args, "json", False)
+    try:
+        return int(args.handler(args))
+    except KeyboardInterrupt:
+        return exits.report("interrupted", "interrupted", "", as_json)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return exits.SUCCESS
+    except Exception as error:
+        return _expected(error, as_json)
+
+
+def _expected(error: Exception, as_json: bool) -> int:
+    """Report an expected error; a bug keeps its traceback, unless JSON was asked for."""
+    kind = getattr(error, "kind", None)
+    if isinstance(kind, str):
+        message = getattr(error, "message", str(error))
+        return exits.report(kind, message, getattr(error, "remedy", ""), as_json)
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        text = f"{where}{error.strerror or error}"
+        return exits.report("could_not_record", text, "free the path or the disk", as_json)
+    if as_json:
+        text = f"{type(error).__name__}: {error}"
+        return exits.report("internal", text, "a bug: run without --json and report it", True)
+    import traceback  # noqa: PLC0415
+
+    traceback.print_exc()
+    return exits.INTERNAL

@@ -1,0 +1,43 @@
+"""Exit codes, and how an error becomes one line (or one JSON object) and a code."""
+
+import json
+import sys
+from typing import Any
+
+SUCCESS = 0
+TRIAL_FAILED = 1
+USAGE = 2
+DEVICE = 3
+SAFETY_STOP = 4
+INTERNAL = 5
+INTERRUPTED = 130
+
+_CODE_OF_KIND = {
+    "usage": USAGE,
+    "config": USAGE,
+    "bad_recording": USAGE,
+    "link_lost": DEVICE,
+    "device_fault": DEVICE,
+    "refused": SAFETY_STOP,
+    "stale": SAFETY_STOP,
+    "safety_stop": SAFETY_STOP,
+    "could_not_record": INTERNAL,
+    "internal": INTERNAL,
+    "interrupted": INTERRUPTED,
+}
+
+
+def code_of(kind: str) -> int:
+    """Exit code of an error kind; an unknown kind is an internal error."""
+    return _CODE_OF_KIND.get(kind, INTERNAL)
+
+
+def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) -> int:
+    """Say what went wrong and what to do; returns the exit code."""
+    code = code_of(kind)
+    if as_json:
+        error = {"kind": kind, "message": message, "remedy": remedy}
+        print(json.dumps({"error": error, "exit_code": code, **extra}))
+    else:
+        print(f"grasp: {message}" + (f" ({remedy})" if remedy else ""), file=sys.stderr)
+    return code

@@ -1,0 +1,171 @@
+"""What a person sees of a run: a live panel in a terminal, plain lines elsewhere, then the verdict."""
+
+import sys
+from types import TracebackType
+from typing import Any, Self
+
+from drivers.interfaces import FINGER_NAMES
+from grasp.loop import Tick
+from grasp.phases import Phase
+
+REFRESH_TICKS = 6
+STATUS_TICKS = 50
+BAR_CELLS = 30
+FORCE_FULL_N = 12.0
+_STYLE = {
+    Phase.COMPENSATE: "bold yellow", Phase.HOLD: "bold green", Phase.FAULT: "bold red",
+}  # fmt: skip
+
+
+class Display:
+    """Follows a run tick by tick. ``quiet`` shows nothing."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._view: _Live | _Lines | None = None
+        if not quiet:
+            self._view = _Live() if sys.stdout.isatty() else _Lines()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def tick(self, tick: Tick) -> None:
+        if self._view is not None:
+            self._view.tick(tick)
+
+    def close(self) -> None:
+        """Leave the last state on the screen; safe to call twice."""
+        if self._view is not None:
+            self._view.close()
+
+
+def status_text(tick: Tick) -> str:
+    """nominal / REGISTERED, as the paper's monitor showed it."""
+    slip = tick.decision.slip
+    if not slip.armed:
+        return "-"
+    text = "REGISTERED" if slip.registered else "nominal"
+    return f"{text} (masked)" if slip.masked else text
+
+
+class _Lines:
+    """One line a phase change, a registration, and every half second."""
+
+    def __init__(self) -> None:
+        self._phase: Phase | None = None
+        self._ticks = 0
+
+    def tick(self, tick: Tick) -> None:
+        changed = tick.decision.phase is not self._phase
+        self._phase = tick.decision.phase
+        if changed or tick.decision.slip.event or self._ticks % STATUS_TICKS == 0:
+            print(_line(tick))
+        self._ticks += 1
+
+    def close(self) -> None:
+        sys.stdout.flush()
+
+
+def _line(tick: Tick) -> str:
+    fingers = "  ".join(
+        f"{name} {force:5.1f} N p {p:4.2f}"
+        for name, force, p in zip(
+            FINGER_NAMES, tick.measured_n, tick.observation.probabilities.tolist(), strict=True
+        )
+    )
+    return f"{tick.t_ns * 1e-9:7.2f} s  {tick.decision.phase:<10}  {fingers}  slip {status_text(tick)}"
+
+
+class _Live:
+    """A panel that is redrawn in place, with the phase log beneath it."""
+
+    def __init__(self) -> None:
+        from rich.console import Console  # noqa: PLC0415
+        from rich.live import Live  # noqa: PLC0415
+
+        self._live = Live(console=Console(), auto_refresh=False)
+        self._live.start()
+        self._ticks = 0
+        self._phase: Phase | None = None
+        self._last: Tick | None = None
+
+    def tick(self, tick: Tick) -> None:
+        if tick.decision.phase is not self._phase or tick.decision.slip.event:
+            self._phase = tick.decision.phase
+            self._live.console.print(_line(tick), highlight=False)
+        self._last = tick
+        if self._ticks % REFRESH_TICKS == 0:
+            self._live.update(panel(tick), refresh=True)
+        self._ticks += 1
+
+    def close(self) -> None:
+        if self._live.is_started:
+            if self._last is not None:
+                self._live.update(panel(self._last), refresh=True)
+            self._live.stop()
+
+
+def panel(tick: Tick) -> Any:
+    """The live picture: phase, slip status, and a bar of force and of probability a finger."""
+    from rich.panel import Panel  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
+
+    table = Table.grid(padding=(0, 2))
+    rows = zip(
+        FINGER_NAMES, tick.measured_n, tick.observation.probabilities.tolist(),
+        tick.gripper.fingers, strict=True,
+    )  # fmt: skip
+    for name, force_n, p, finger in rows:
+        table.add_row(
+            f"finger {name}",
+            Text(_bar(force_n / FORCE_FULL_N), style="cyan"),
+            f"{force_n:5.1f} N",
+            Text(_bar(p), style="red" if p > 0.5 else "blue"),  # noqa: PLR2004
+            f"p {p:4.2f}",
+            f"{finger.position_counts:3d} counts",
+        )
+    phase = tick.decision.phase
+    title = Text.assemble(
+        (f" {phase} ", _STYLE.get(phase, "bold")),
+        f"  t {tick.t_ns * 1e-9:6.2f} s   arm {tick.arm.position_m[2]:6.3f} m   slip: ",
+        (status_text(tick), "bold red" if tick.decision.slip.registered else "green"),
+        " ",
+    )
+    return Panel(table, title=title, title_align="left", expand=False)
+
+
+def _bar(part: float) -> str:
+    filled = round(min(max(part, 0.0), 1.0) * BAR_CELLS)
+    return "█" * filled + "·" * (BAR_CELLS - filled)
+
+
+def print_verdict(result: Any) -> None:
+    """The short verdict of a trial and where its recording is."""
+    word = "SUCCESS" if result.success else "FAILED"
+    print(f"\n{word}: {result.outcome.replace('_', ' ')}  ({result.object}, seed {result.seed})")
+    for text in _facts(result):
+        print(f"  {text}")
+    if result.recording:
+        print(f"  recording: {result.recording}")
+
+
+def _facts(result: Any) -> list[str]:
+    facts = []
+    if result.detection_latency_ms is not None:
+        text = f"slip registered {result.detection_latency_ms:.0f} ms after its onset"
+        if result.reaction_latency_ms is not None:
+            text += f", grip force rising {result.reaction_latency_ms:.0f} ms after it"
+        facts.append(text)
+    if result.slip_distance_m is not None:
+        facts.append(f"the object slipped {result.slip_distance_m * 1e3:.0f} mm")
+    if result.peak_force_n:
+        peaks = ", ".join(f"{name} {force:.1f}" for name, force in result.peak_force_n.items())
+        facts.append(f"peak force {peaks} N (true); commanded {result.commanded_force_n:.1f} N")
+    else:
+        facts.append(f"commanded {result.commanded_force_n:.1f} N")
+    return facts

@@ -1,0 +1,38 @@
+"""`grasp release`: open the fingers of a rig that was left holding something."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from grasp.cli import exits
+
+HELP = "open the fingers of a gripper that was left closed"
+
+
+def add_parser(verbs: Any) -> None:
+    parser = verbs.add_parser(
+        "release",
+        help=HELP,
+        description=HELP + ". Support the object first: it falls when the fingers open.",
+    )
+    parser.add_argument("--rig", default="simulated", metavar="NAME",
+                        help="one of config/rigs (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--config", type=Path, metavar="FILE",
+                        help="TOML over the packaged settings (default: $GRASP_CONFIG)")  # fmt: skip
+    parser.add_argument("--json", action="store_true",
+                        help="one JSON object on standard output, nothing else")  # fmt: skip
+    parser.set_defaults(handler=release)
+
+
+def release(args: argparse.Namespace) -> int:
+    import json  # noqa: PLC0415
+
+    from scenarios.config import load_config  # noqa: PLC0415
+    from scenarios.release import release_gripper  # noqa: PLC0415
+
+    positions = release_gripper(load_config("can", args.rig, "energy", args.config))
+    if args.json:
+        print(json.dumps({"rig": args.rig, "positions_counts": positions}))
+    else:
+        print(f"released: fingers open at {positions} counts")
+    return exits.SUCCESS

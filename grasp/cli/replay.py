@@ -1,0 +1,102 @@
+"""`grasp replay`: a recorded run, or a recorded fingertip, through detector and controller again."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from grasp.cli import exits
+
+HELP = "feed a recording through detector, slip monitor and controller"
+SHOWN_DIFFERENCES = 10
+
+
+def add_parser(verbs: Any) -> None:
+    parser = verbs.add_parser("replay", help=HELP, description=HELP)
+    parser.add_argument("run", nargs="?", type=Path, metavar="RUN",
+                        help="folder or recording.mcap of a run")  # fmt: skip
+    parser.add_argument("--check", action="store_true",
+                        help="exit 1 if any event or command differs from the recording")  # fmt: skip
+    parser.add_argument("--tactile", type=Path, metavar="PATH.csv",
+                        help="a fingertip recording (t_s,p0..p5,slip) instead of a run")  # fmt: skip
+    parser.add_argument("--detector", default="energy", metavar="NAME",
+                        help="with --tactile: one of config/detectors (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
+                        help="with --tactile: one setting; may be repeated")  # fmt: skip
+    parser.add_argument("--json", action="store_true",
+                        help="one JSON object on standard output, nothing else")  # fmt: skip
+    parser.set_defaults(handler=replay)
+
+
+def replay(args: argparse.Namespace) -> int:
+    if (args.run is None) == (args.tactile is None):
+        return exits.report("usage", "give either a RUN or --tactile PATH.csv", "", args.json)
+    return _run(args) if args.tactile is None else _tactile(args)
+
+
+def _run(args: argparse.Namespace) -> int:
+    import msgspec  # noqa: PLC0415
+
+    from scenarios.replay import replay_run  # noqa: PLC0415
+
+    done = replay_run(args.run)
+    same = not done.differences
+    if args.json:
+        print(json.dumps({**msgspec.to_builtins(done), "same": same}))
+    else:
+        for t_s, what in done.events:
+            print(f"{t_s:7.2f} s  {what}")
+        cut = "" if done.complete else " (recording was cut off)"
+        print(f"{done.steps} steps replayed{cut}: {'as recorded' if same else 'DIFFERENT'}")
+        for d in done.differences[:SHOWN_DIFFERENCES]:
+            print(f"  {d.t_s:7.2f} s  {d.what}: recorded {d.recorded}, replayed {d.replayed}")
+        if len(done.differences) > SHOWN_DIFFERENCES:
+            print(f"  and {len(done.differences) - SHOWN_DIFFERENCES} more")
+    return exits.TRIAL_FAILED if args.check and not same else exits.SUCCESS
+
+
+def _tactile(args: argparse.Namespace) -> int:
+    import msgspec  # noqa: PLC0415
+
+    from detector.recordings import read_csv  # noqa: PLC0415
+    from grasp.cli.detector import evaluate_energy  # noqa: PLC0415
+    from scenarios.config import load_config  # noqa: PLC0415
+    from scenarios.replay_tactile import replay_tactile  # noqa: PLC0415
+
+    config = load_config("can", "simulated", args.detector, None, args.set)
+    recording = read_csv(args.tactile)
+    done = replay_tactile(config, recording)
+    scores = evaluate_energy(config, recording)
+    if args.json:
+        print(json.dumps({**msgspec.to_builtins(done), "evaluation": msgspec.to_builtins(scores)}))
+        return exits.SUCCESS
+    _print_tactile(done, recording, scores)
+    return exits.SUCCESS
+
+
+def _print_tactile(done: Any, recording: Any, scores: Any) -> None:
+    """Labels, registered events and commands on one time line, then the score."""
+    edges = [
+        (float(recording.t_s[i]), f"label: slip {'begins' if recording.slip[i] else 'ends'}")
+        for i in range(1, len(recording.t_s))
+        if recording.slip[i] != recording.slip[i - 1]
+    ]
+    lines = [
+        *edges,
+        *((t_s, f"    registered at finger {finger}") for t_s, finger in done.registered),
+        *((c.t_s, f"        {c.phase}: {c.command}") for c in done.commands),
+    ]
+    for t_s, text in sorted(lines, key=lambda line: line[0]):
+        print(f"{t_s:8.3f} s  {text}")
+    print(scores_text(scores))
+
+
+def scores_text(scores: Any) -> str:
+    """Caught, missed and false events with their delays, in a line or two."""
+    return msgspec_text(scores)
+
+
+def msgspec_text(scores: Any) -> str:
+    import msgspec  # noqa: PLC0415
+
+    return msgspec.json.format(msgspec.json.encode(scores), indent=2).decode()

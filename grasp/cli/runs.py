@@ -1,0 +1,33 @@
+"""`grasp runs`: what has been recorded so far."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from grasp.cli import exits
+
+HELP = "list recorded runs with their verdicts"
+
+
+def add_parser(verbs: Any) -> None:
+    parser = verbs.add_parser("runs", help=HELP, description=HELP)
+    parser.add_argument("--runs", type=Path, default=Path("runs"), metavar="DIR",
+                        help="folder of recordings (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="one JSON array of results")
+    parser.set_defaults(handler=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    results = [(path.parent.name, json.loads(path.read_text())) for path in
+               sorted(args.runs.glob("*/result.json"))]  # fmt: skip
+    if args.json:
+        print(json.dumps([result for _, result in results]))
+        return exits.SUCCESS
+    for name, result in results:
+        slip = result["slip_distance_m"]
+        distance = "" if slip is None else f"slip {slip * 1e3:5.1f} mm"
+        print(f"{name:<36}  {result['outcome']:<18}  seed {result['seed']:<6}  {distance}")
+    if not results:
+        print(f"no runs in {args.runs}")
+    return exits.SUCCESS

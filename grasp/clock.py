@@ -1,0 +1,53 @@
+"""Clocks. Only this module and the device threads read a real clock; everyone else is told the time."""
+
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+stopwatch_ns = time.perf_counter_ns
+
+
+class Clock(Protocol):
+    """Monotonic time in integer nanoseconds."""
+
+    @property
+    def now_ns(self) -> int: ...
+
+    def sleep_until_ns(self, t_ns: int) -> None: ...
+
+
+class VirtualClock:
+    """Time that passes only when somebody waits for it: waiting is what advances the world."""
+
+    def __init__(self, advance_world: Callable[[int], None], start_ns: int = 0) -> None:
+        self._advance_world = advance_world
+        self._now_ns = start_ns
+
+    @property
+    def now_ns(self) -> int:
+        return self._now_ns
+
+    def sleep_until_ns(self, t_ns: int) -> None:
+        if t_ns > self._now_ns:
+            self._advance_world(t_ns)
+            self._now_ns = t_ns
+
+
+class PacedClock(VirtualClock):
+    """Virtual time held back to the pace of the wall, so that a person can watch.
+
+    The results are those of VirtualClock: pacing only delays, it never changes the virtual times.
+    """
+
+    def __init__(self, advance_world: Callable[[int], None], start_ns: int = 0) -> None:
+        super().__init__(advance_world, start_ns)
+        self._ahead_ns: int | None = None
+
+    def sleep_until_ns(self, t_ns: int) -> None:
+        super().sleep_until_ns(t_ns)
+        wall_ns = time.monotonic_ns()
+        if self._ahead_ns is None:
+            self._ahead_ns = wall_ns - t_ns
+        late_s = (t_ns + self._ahead_ns - wall_ns) * 1e-9
+        if late_s > 0:
+            time.sleep(late_s)

@@ -1,0 +1,358 @@
+"""GraspController: one pure step from an observation to commands.
+
+No clock is read, nothing sleeps, nothing does I/O, so a run on the wire, a run in virtual time and
+the replay of a recording are the same code.
+"""
+
+from collections.abc import Callable
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from drivers.interfaces import (
+    FINGER_NAMES,
+    ArmState,
+    Counts3,
+    Detection,
+    GripperState,
+    Vector3,
+)
+from grasp.commands import (
+    BeginRest,
+    CloseFast,
+    Command,
+    HoldFingers,
+    MoveArm,
+    MoveFingers,
+    OpenFingers,
+    StopArm,
+)
+from grasp.phases import AIRBORNE_PHASES, Phase, PhaseMachine, Trigger
+from grasp.slip import SlipMonitor, SlipStatus
+
+CLOSED_COUNTS: Counts3 = (255, 255, 255)
+ALL_FINGERS = (True, True, True)
+
+
+class GripPlan(msgspec.Struct, frozen=True):
+    """Predetermined finger positions of one object, motor counts A, B, C (paper, section V-B)."""
+
+    preshape_counts: Counts3  # just short of the object
+    grip_counts: Counts3  # in contact, with too little force
+
+
+class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Speeds, heights and patience of a grasp."""
+
+    preshape_margin_counts: Annotated[
+        int, Meta(ge=2, le=60, description="fingers wait this far short of the grip positions")
+    ] = 15
+    approach_speed_mps: Annotated[
+        float, Meta(ge=0.022, le=0.11, description="of the fingers in free air")
+    ] = 0.11
+    grip_speed_mps: Annotated[
+        float, Meta(ge=0.022, le=0.11, description="of the fingers onto the object")
+    ] = 0.022
+    grip_force_n: Annotated[
+        float, Meta(gt=0.0, le=60.0, description="force setting while moving to the grip positions")
+    ] = 10.0
+    closing_speed_mps: Annotated[
+        float, Meta(ge=0.022, le=0.11, description="asked for when slip is registered")
+    ] = 0.11
+    force_cap_n: Annotated[
+        float, Meta(gt=0.0, le=60.0, description="asked for when slip is registered (paper: 10 N)")
+    ] = 10.0
+    settle_s: Annotated[
+        float, Meta(ge=0.05, le=10.0, description="between the fingers' rest and the lift")
+    ] = 0.6
+    lift_height_m: Annotated[float, Meta(ge=0.01, le=1.0, description="assumed, 0.1-0.3")] = 0.2
+    lift_speed_mps: Annotated[
+        float, Meta(ge=0.005, le=0.5, description="assumed, 0.1-0.25")
+    ] = 0.1
+    lift_acceleration_mps2: Annotated[
+        float, Meta(ge=0.05, le=5.0, description="assumed, 0.3-1.2")
+    ] = 0.5
+    lower_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="assumed")] = 0.05
+    retreat_m: Annotated[
+        float, Meta(ge=0.0, le=0.5, description="upwards, after the fingers have opened")
+    ] = 0.05
+    stop_deceleration_mps2: Annotated[
+        float, Meta(ge=0.1, le=10.0, description="of the arm, in every safe state")
+    ] = 1.0
+    hold_s: Annotated[
+        float, Meta(ge=0.0, le=600.0, description="at the top, before it is set down")
+    ] = 1.0
+    cap_patience_s: Annotated[
+        float, Meta(ge=0.05, le=5.0, description="slip may go on after the last rise of force")
+    ] = 0.3
+    stale_after_s: Annotated[
+        float, Meta(ge=0.02, le=1.0, description="age at which gripper or arm state is too old")
+    ] = 0.1
+    phase_timeout_s: Annotated[
+        float, Meta(ge=1.0, le=600.0, description="a phase other than idle may last")
+    ] = 30.0
+    keep: Annotated[bool, Meta(description="keep holding at the top instead of setting down")] = False
+    reactions: Annotated[
+        bool, Meta(description="answer registered slip; off in the twin run that judges false starts")
+    ] = True
+
+
+class Observation(msgspec.Struct, frozen=True):
+    """Everything one step may know.
+
+    ``pending``: a command of an earlier step has not reached its device yet. ``trouble``: one line
+    of what went wrong in device exchanges since the last step, empty when all is well.
+    """
+
+    t_ns: int
+    probabilities: NDArray[np.float64]  # (3,)
+    tactile_stale: bool
+    rest_taken: bool
+    gripper: GripperState
+    arm: ArmState
+    pending: bool = False
+    trouble: str = ""
+    gripper_lost: bool = False
+
+
+class Decision(msgspec.Struct, frozen=True):
+    """What one step wants done."""
+
+    phase: Phase
+    slip: SlipStatus
+    commands: tuple[Command, ...]
+    reset_detector: bool = False
+
+
+class GraspController:
+    """Grasps, lifts, answers slip, holds, sets down. Feed ``step`` once a tactile sample."""
+
+    def __init__(
+        self, settings: ControllerSettings, plan: GripPlan, monitor: SlipMonitor
+    ) -> None:
+        self._settings = settings
+        self._plan = plan
+        self.monitor = monitor
+        self.machine = PhaseMachine()
+        self.cap_reached = False
+        self.finished = False
+        self.fault_cause = ""
+        self._out: list[Command] = []
+        self._reset_detector = False
+        self._home: Vector3 | None = None
+        self._entered_ns = 0
+        self._quiet_since_ns: int | None = None  # fingers at rest (grasp) or arm at the top (hold)
+        self._last_rise_ns = 0
+        self._resting = False
+        self._retreating = False
+        self._handlers: dict[Phase, Callable[[Observation, SlipStatus], None]] = {
+            Phase.IDLE: self._idle,
+            Phase.APPROACH: self._approach,
+            Phase.GRASP: self._grasp,
+            Phase.LIFT: self._lift,
+            Phase.COMPENSATE: self._compensate,
+            Phase.HOLD: self._hold,
+            Phase.LOWER: self._lower,
+            Phase.RELEASE: self._release,
+            Phase.FAULT: self._fault,
+        }
+
+    @property
+    def phase(self) -> Phase:
+        return self.machine.phase
+
+    def step(self, seen: Observation) -> Decision:
+        """Take one observation; returns the commands that follow from it."""
+        self._out = []
+        self._reset_detector = False
+        slip = self.monitor.update(seen.t_ns, seen.probabilities)
+        trouble = self._trouble(seen)
+        if trouble and self.phase is not Phase.FAULT:
+            self._fail(seen, trouble)
+        else:
+            self._handlers[self.phase](seen, slip)
+        return Decision(self.phase, self.monitor.status, tuple(self._out), self._reset_detector)
+
+    def _trouble(self, seen: Observation) -> str:
+        stale_ns = self._settings.stale_after_s * 1e9
+        if seen.trouble:
+            return seen.trouble
+        if seen.tactile_stale and self.phase not in (Phase.IDLE, Phase.RELEASE):
+            return "stale: no fresh fingertip sample"
+        if seen.gripper.age_ns(seen.t_ns) > stale_ns:
+            return "stale: gripper status too old"
+        if seen.arm.age_ns(seen.t_ns) > stale_ns:
+            return "stale: arm state too old"
+        if seen.gripper.fault:
+            return f"gripper fault: {seen.gripper.fault_text}"
+        if seen.arm.stopped_by_safety:
+            return "arm stopped by its safety system"
+        if self.phase is not Phase.IDLE and not (self.phase is Phase.HOLD and self._settings.keep):
+            if seen.t_ns - self._entered_ns > self._settings.phase_timeout_s * 1e9:
+                return f"phase {self.phase} lasted longer than {self._settings.phase_timeout_s:g} s"
+        return ""
+
+    def _fire(self, trigger: Trigger, seen: Observation, cause: str) -> None:
+        self.machine.fire(trigger, seen.t_ns, cause)
+        self._entered_ns = seen.t_ns
+        self._quiet_since_ns = None
+
+    def _at_rest(self, seen: Observation) -> bool:
+        return not seen.pending and seen.gripper.at_rest
+
+    def _arm_at(self, seen: Observation, height_m: float) -> bool:
+        """True when the arm stands within 1 mm of that height over its start."""
+        assert self._home is not None  # noqa: S101  (set by the first step)
+        away = abs(seen.arm.position_m[2] - self._home[2] - height_m)
+        return not seen.pending and not seen.arm.moving and away < 1e-3
+
+    def _move_arm(self, height_m: float, speed_mps: float) -> None:
+        assert self._home is not None  # noqa: S101
+        x, y, z = self._home
+        self._out.append(
+            MoveArm((x, y, z + height_m), speed_mps, self._settings.lift_acceleration_mps2)
+        )
+
+    def _idle(self, seen: Observation, slip: SlipStatus) -> None:
+        if self.finished:
+            return
+        if any(f.detection is Detection.CONTACT_CLOSING for f in seen.gripper.fingers):
+            self._fail(seen, "the gripper already holds something: run `grasp release` first")
+            return
+        self._home = seen.arm.position_m
+        self._fire(Trigger.START, seen, "run started")
+        self._out.append(
+            MoveFingers(
+                self._plan.preshape_counts,
+                self._settings.approach_speed_mps,
+                self._settings.grip_force_n,
+            )
+        )
+
+    def _approach(self, seen: Observation, slip: SlipStatus) -> None:
+        if not self._at_rest(seen):
+            return
+        if not self._resting:
+            self._resting = True
+            self._out.append(BeginRest())
+        elif seen.rest_taken:
+            self._fire(Trigger.SHAPED, seen, "rest counts taken, fingers short of the object")
+            self._out.append(
+                MoveFingers(
+                    self._plan.grip_counts,
+                    self._settings.grip_speed_mps,
+                    self._settings.grip_force_n,
+                )
+            )
+
+    def _grasp(self, seen: Observation, slip: SlipStatus) -> None:
+        if not self._at_rest(seen):
+            return
+        for name, finger in zip(FINGER_NAMES, seen.gripper.fingers, strict=True):
+            if finger.detection is not Detection.AT_TARGET:
+                self._fail(
+                    seen,
+                    f"finger {name} stopped on contact short of its position: it is latched and "
+                    "could not be closed further at this force",
+                )
+                return
+        if self._quiet_since_ns is None:
+            self._quiet_since_ns = seen.t_ns
+            self._reset_detector = True
+            return
+        waited_ns = seen.t_ns - self._quiet_since_ns
+        half_ns = self._settings.settle_s * 0.5e9
+        if waited_ns >= half_ns and not slip.armed:
+            self._reset_detector = True
+            self.monitor.arm()
+        elif waited_ns >= 2 * half_ns:
+            self._fire(Trigger.GRIPPED, seen, "fingers rest at their positions")
+            self._move_arm(self._settings.lift_height_m, self._settings.lift_speed_mps)
+
+    def _lift(self, seen: Observation, slip: SlipStatus) -> None:
+        if slip.event and self._settings.reactions:
+            self._answer_slip(seen, slip)
+        elif self._arm_at(seen, self._settings.lift_height_m):
+            self._fire(Trigger.LIFTED, seen, "arm at the top")
+
+    def _answer_slip(self, seen: Observation, slip: SlipStatus) -> None:
+        s = self._settings
+        self._fire(
+            Trigger.SLIP_REGISTERED, seen, f"slip registered at finger {FINGER_NAMES[slip.finger]}"
+        )
+        self._last_rise_ns = seen.t_ns
+        self._out.append(CloseFast(s.force_cap_n, ALL_FINGERS, CLOSED_COUNTS, s.closing_speed_mps))
+
+    def _compensate(self, seen: Observation, slip: SlipStatus) -> None:
+        s = self._settings
+        if not self._at_rest(seen):
+            self._last_rise_ns = seen.t_ns
+            self.monitor.closing(seen.t_ns)
+        elif slip.masked:
+            return
+        elif not slip.registered:
+            self._fire(Trigger.SLIP_STOPPED, seen, "slip has stopped")
+        elif seen.t_ns - self._last_rise_ns >= s.cap_patience_s * 1e9:
+            self.cap_reached = True
+            self._fire(
+                Trigger.CAP_REACHED, seen, "slip goes on and the force can rise no more"
+            )
+            self._set_down()
+
+    def _hold(self, seen: Observation, slip: SlipStatus) -> None:
+        s = self._settings
+        if slip.event and s.reactions:
+            self._answer_slip(seen, slip)
+            return
+        if not self._arm_at(seen, s.lift_height_m):
+            return
+        if self._quiet_since_ns is None:
+            self._quiet_since_ns = seen.t_ns
+        elif seen.t_ns - self._quiet_since_ns >= s.hold_s * 1e9:
+            if s.keep:
+                self.finished = True
+                return
+            self._fire(Trigger.FINISHED, seen, "held long enough")
+            self._set_down()
+
+    def _set_down(self) -> None:
+        self.monitor.disarm()
+        self._move_arm(0.0, self._settings.lower_speed_mps)
+
+    def _lower(self, seen: Observation, slip: SlipStatus) -> None:
+        if self._arm_at(seen, 0.0):
+            self._fire(Trigger.LANDED, seen, "arm where the lift began")
+            self._out.append(OpenFingers(self._settings.approach_speed_mps))
+
+    def _release(self, seen: Observation, slip: SlipStatus) -> None:
+        s = self._settings
+        if not self._at_rest(seen):
+            return
+        if not self._retreating:
+            self._retreating = True
+            self._move_arm(s.retreat_m, s.lower_speed_mps)
+        elif self._arm_at(seen, s.retreat_m):
+            self._fire(Trigger.RETREATED, seen, "fingers open, arm clear")
+            self.finished = True
+
+    def _fail(self, seen: Observation, cause: str) -> None:
+        """Enter the safe state of the present phase; the commands are sent once."""
+        before = self.phase
+        self.fault_cause = cause
+        self._fire(Trigger.FAIL, seen, cause)
+        s = self._settings
+        self._out.append(StopArm(s.stop_deceleration_mps2))
+        if seen.gripper_lost:
+            return
+        if before in AIRBORNE_PHASES:  # the object may be off the table: do not let it fall
+            self._out.append(
+                CloseFast(s.force_cap_n, ALL_FINGERS, CLOSED_COUNTS, s.closing_speed_mps)
+            )
+        elif before is not Phase.IDLE:
+            self._out.append(HoldFingers())
+
+    def _fault(self, seen: Observation, slip: SlipStatus) -> None:
+        self.finished = seen.t_ns - self._entered_ns > 0.5e9

@@ -1,0 +1,149 @@
+"""ForceGuard: the last gate before the gripper.
+
+Three forces are kept apart. *Commanded*: the calibrated static force of what goes to the gripper;
+never above the limit, whatever the controller asks. *Measured*: estimated from the fingertips,
+20-80 ms late; it can only stop further closing, it cannot limit a rigid contact. *True*: known in
+simulation alone, and never seen here.
+
+One finger (A, the thumb) opposes two, so it carries their sum. With `every_finger` the thumb
+therefore closes alone while B and C hold; with `each_motor` all three close and each motor keeps
+the limit for itself, which can put twice the limit on the thumb.
+"""
+
+import math
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from drivers.errors import ConfigError
+from drivers.interfaces import Counts3, GripperState, Vector3
+from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers
+
+THUMB_ALONE = (True, False, False)
+
+
+class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The force limit and what is known of the hand that must keep it."""
+
+    force_limit_n: Annotated[
+        float, Meta(gt=0.0, le=60.0, description="of any finger (paper, section V-B: 10 N)")
+    ] = 10.0
+    cap_mode: Literal["every_finger", "each_motor"] = "every_finger"
+    overshoot_n: Annotated[
+        float,
+        Meta(ge=0.1, le=20.0, description="true force may pass the limit by this on a rigid object"),
+    ] = 1.0
+    contact_stiffness_npm: Annotated[
+        float,
+        Meta(ge=100.0, le=1e5, description="force rise a metre of thumb travel on a rigid object; "
+             "assumed, 600-10000 N/m"),
+    ] = 2500.0
+    tip_mass_kg: Annotated[
+        float, Meta(ge=0.001, le=5.0, description="finger and motor inertia seen at the tip; assumed")
+    ] = 0.1
+    travel_bound: Annotated[
+        bool, Meta(description="also bound closing by position: F0 + stiffness x travel = limit")
+    ] = False
+    counts_per_newton: Annotated[
+        float,
+        Meta(ge=1.0, le=5000.0, description="sum over a fingertip's taxels; assumed, from the "
+             "simulated fingertip: calibrate on hardware"),
+    ] = 160.0
+    measured_margin_n: Annotated[
+        float,
+        Meta(ge=0.0, le=50.0, description="measured force may pass the limit by this before further "
+             "closing stops; the estimate's own error"),
+    ] = 5.0
+
+
+class ForceGuard:
+    """Admits gripper commands, each changed as far as the limits need. Never raises while running."""
+
+    def __init__(self, settings: GuardSettings, least_force_n: float, m_per_count: float) -> None:
+        """Raises ConfigError when the gripper's least force is above the limit."""
+        if least_force_n > settings.force_limit_n:
+            raise ConfigError(
+                "guard",
+                "force_limit_n",
+                f"the gripper's calibration cannot close with less than {least_force_n:g} N, "
+                f"above the limit of {settings.force_limit_n:g} N",
+                f"guard.force_limit_n >= {least_force_n:g}, or a gripper.calibration that closes "
+                f"with {settings.force_limit_n:g} N or less",
+            )
+        self._settings = settings
+        self._m_per_count = m_per_count
+        self._anchor: tuple[Counts3, Vector3] | None = None
+
+    @property
+    def closing_speed_mps(self) -> float:
+        """Fastest closing whose kinetic energy cannot carry the tip past limit plus overshoot.
+
+        A tip of mass m that reaches the force limit at speed v against stiffness k overshoots by
+        v sqrt(k m): work equals energy, with the motor still pushing at the limit.
+        """
+        s = self._settings
+        return s.overshoot_n / math.sqrt(s.contact_stiffness_npm * s.tip_mass_kg)
+
+    def anchor(self, positions: Counts3, measured_n: Vector3) -> None:
+        """Remember the first grasp: travel is bounded from here."""
+        self._anchor = (positions, measured_n)
+
+    def admit(
+        self, command: GripperCommand, state: GripperState, measured_n: Vector3
+    ) -> GripperCommand:
+        """The command that may go to the gripper in place of ``command``."""
+        if isinstance(command, MoveFingers):
+            return self._admit_move(command, state, measured_n)
+        if isinstance(command, CloseFast):
+            return self._admit_close(command, state, measured_n)
+        return command
+
+    def _overloaded(self, measured_n: Vector3) -> bool:
+        s = self._settings
+        return max(measured_n) > s.force_limit_n + s.measured_margin_n
+
+    def _admit_move(
+        self, command: MoveFingers, state: GripperState, measured_n: Vector3
+    ) -> GripperCommand:
+        closes = any(
+            t > p for t, p in zip(command.targets_counts, state.positions, strict=True)
+        )
+        if closes and self._overloaded(measured_n):
+            return HoldFingers()
+        return MoveFingers(
+            targets_counts=self._bounded(command.targets_counts),
+            speed_mps=command.speed_mps,
+            force_n=min(command.force_n, self._settings.force_limit_n),
+        )
+
+    def _admit_close(
+        self, command: CloseFast, state: GripperState, measured_n: Vector3
+    ) -> GripperCommand:
+        s = self._settings
+        if self._overloaded(measured_n) or (s.travel_bound and self._anchor is None):
+            return HoldFingers()
+        return CloseFast(
+            force_cap_n=min(command.force_cap_n, s.force_limit_n),
+            closing=THUMB_ALONE if s.cap_mode == "every_finger" else command.closing,
+            limits_counts=self._bounded(command.limits_counts),
+            speed_mps=min(command.speed_mps, self.closing_speed_mps),
+        )
+
+    def _bounded(self, targets: Counts3) -> Counts3:
+        """Targets cut to where the force of each finger would reach the limit, whole counts down."""
+        s = self._settings
+        if not s.travel_bound or self._anchor is None:
+            return targets
+        step_n = s.contact_stiffness_npm * self._m_per_count
+        positions, forces_n = self._anchor
+        a, b, c = (
+            min(target, position + max(0, math.floor((s.force_limit_n - force_n) / step_n)))
+            for target, position, force_n in zip(targets, positions, forces_n, strict=True)
+        )
+        return a, b, c
+
+    def measured_n(self, counts_sum: Vector3) -> Vector3:
+        """Force estimate of each finger, N, from the sum of its counts (pressing is negative)."""
+        a, b, c = (max(0.0, -x / self._settings.counts_per_newton) for x in counts_sum)
+        return a, b, c

@@ -1,0 +1,153 @@
+"""Fills the frozen, bounded classes that the rooms declare, from layers of TOML.
+
+Later layers win. Every violation becomes one ConfigError that names the file, the key and what is
+allowed there.
+"""
+
+import difflib
+import re
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeVar, get_args, get_type_hints
+
+import msgspec
+
+from drivers.errors import ConfigError
+
+T = TypeVar("T", bound=msgspec.Struct)
+Table = dict[str, Any]
+
+
+class Layer(msgspec.Struct, frozen=True):
+    """Settings from one place; ``source`` names it in error messages."""
+
+    source: str
+    table: Table
+
+
+def config_dir() -> Path:
+    """Folder of the packaged configuration: installed beside this file, or `config/` of a checkout."""
+    installed = Path(__file__).parent / "_config"
+    return installed if installed.is_dir() else Path(__file__).parent.parent / "config"
+
+
+def names(kind: str) -> list[str]:
+    """Names for which config/<kind>/<name>.toml exists."""
+    return sorted(p.stem for p in (config_dir() / kind).glob("*.toml"))
+
+
+def read_toml(path: Path) -> Layer:
+    """One file as a layer; raises ConfigError when it is missing or malformed."""
+    try:
+        return Layer(str(path), tomllib.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        raise ConfigError(str(path), "-", "no such file", "the path of a TOML file") from None
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(str(path), "-", f"cannot be read: {error}", "valid TOML, UTF-8") from None
+
+
+def named_layer(kind: str, name: str) -> Layer:
+    """config/<kind>/<name>.toml; raises ConfigError listing the known names."""
+    known = names(kind)
+    if name not in known:
+        close = difflib.get_close_matches(name, known, n=1)
+        hint = f" (did you mean {close[0]!r}?)" if close else ""
+        raise ConfigError(f"config/{kind}", name, f"unknown{hint}", ", ".join(known))
+    return read_toml(config_dir() / kind / f"{name}.toml")
+
+
+def assignment_layer(assignments: Sequence[str]) -> Layer:
+    """`section.key=value` words of the command line; a value is TOML, or else plain text."""
+    table: Table = {}
+    for text in assignments:
+        key, equals, value = text.partition("=")
+        parts = key.strip().split(".")
+        if not equals or not all(parts):
+            raise ConfigError("--set", text, "not an assignment", "section.key=value")
+        node = table
+        for part in parts[:-1]:
+            node = node.setdefault(part, {})
+            if not isinstance(node, dict):
+                raise ConfigError("--set", key, "is both a value and a section", "one of them")
+        node[parts[-1]] = _value(value.strip())
+    return Layer("--set", table)
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"v = {text}")["v"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def load(cls: type[T], layers: Sequence[Layer]) -> T:
+    """Merge the layers and convert; raises ConfigError for the first violation."""
+    merged: Table = {}
+    sources: dict[str, str] = {}
+    for layer in layers:
+        _merge(merged, layer.table, layer.source, sources, "")
+    try:
+        return msgspec.convert(merged, cls)
+    except msgspec.ValidationError as error:
+        raise _explain(cls, str(error), sources) from None
+
+
+def _merge(into: Table, new: Table, source: str, sources: dict[str, str], prefix: str) -> None:
+    for key, value in new.items():
+        path = f"{prefix}{key}"
+        sources[path] = source
+        if isinstance(value, dict) and isinstance(into.get(key, {}), dict):
+            _merge(into.setdefault(key, {}), value, source, sources, f"{path}.")
+        else:
+            into[key] = value
+
+
+def _explain(cls: type[msgspec.Struct], message: str, sources: dict[str, str]) -> ConfigError:
+    """A ConfigError from msgspec's message, `problem - at `$.section.key``."""
+    problem, _, at = message.partition(" - at `$")
+    key = at.rstrip("`").lstrip(".")
+    field = re.search(r"(?:unknown|required) field `(.+?)`", problem)
+    if field:
+        owner = _type_at(cls, key)
+        key = f"{key}.{field[1]}".lstrip(".")
+        known = list(getattr(owner, "__struct_fields__", ()))
+        close = difflib.get_close_matches(field[1], known, n=1)
+        missing = "required" in problem
+        hint = f" (did you mean {close[0]!r}?)" if close and not missing else ""
+        text = "missing" if missing else f"unknown key{hint}"
+        return ConfigError(_source(sources, key), key, text, ", ".join(known))
+    return ConfigError(_source(sources, key), key, problem, allowed(cls, key))
+
+
+def _source(sources: dict[str, str], key: str) -> str:
+    key = re.sub(r"\[.*", "", key)
+    while key and key not in sources:
+        key = key.rpartition(".")[0]
+    return sources.get(key, "configuration")
+
+
+def _type_at(cls: type, key: str) -> type:
+    """The struct class that the dotted key leads to."""
+    for part in filter(None, key.split(".")):
+        cls = get_type_hints(cls).get(part, cls)
+    return cls
+
+
+def allowed(cls: type, key: str) -> str:
+    """What the field's declaration says is allowed: type, range and description."""
+    owner_key, _, name = re.sub(r"\[.*", "", key).rpartition(".")
+    hints = get_type_hints(_type_at(cls, owner_key), include_extras=True)
+    annotation = hints.get(name, "?")
+    base, *metas = get_args(annotation) or (annotation,)
+    meta = next((m for m in metas if isinstance(m, msgspec.Meta)), None)
+    text = getattr(base, "__name__", str(base)).replace("typing.", "")
+    if meta is None:
+        return str(annotation).replace("typing.", "") if get_args(annotation) else text
+    bounds = [
+        f"{sign} {bound:g}"
+        for sign, bound in ((">=", meta.ge), (">", meta.gt), ("<=", meta.le), ("<", meta.lt))
+        if bound is not None
+    ]
+    description = f" ({meta.description})" if meta.description else ""
+    return " ".join([text, " and ".join(bounds)]).strip() + description

@@ -1,0 +1,79 @@
+"""Everything that a lift can be told, one section a room, and how it is put together from layers."""
+
+import hashlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from detector.decision import RuleSettings
+from detector.energy import EnergySettings
+from drivers.robotiq.driver import DriverSettings as GripperSettings
+from drivers.robotiq.model import HandSettings
+from drivers.takktile.driver import TakkTileSettings
+from drivers.takktile.model import BoardModelSettings
+from drivers.ur.driver import ArmSettings
+from drivers.ur.model import ArmModelSettings
+from grasp.controller import ControllerSettings
+from grasp.guard import GuardSettings
+from grasp.loop import LoopSettings
+from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
+from grasp.slip import SlipSettings
+from scenarios.scoring import ScoringSettings
+from scenarios.variation import VariationSettings
+from scenarios.world.contact import ContactSettings
+from scenarios.world.fingertip import FingertipSettings
+from scenarios.world.objects import GraspObject
+
+
+class LiftConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Resolved settings of one lift. ``rig`` and ``detector_name`` are the names asked for."""
+
+    rig: str
+    detector_name: str
+    object: GraspObject
+    controller: ControllerSettings = ControllerSettings()
+    guard: GuardSettings = GuardSettings()
+    slip: SlipSettings = SlipSettings()
+    rule: RuleSettings = RuleSettings()
+    detector: EnergySettings = EnergySettings()
+    loop: LoopSettings = LoopSettings()
+    gripper: GripperSettings = GripperSettings()
+    arm: ArmSettings = ArmSettings()
+    tactile: TakkTileSettings = TakkTileSettings()
+    hand: HandSettings = HandSettings()
+    board: BoardModelSettings = BoardModelSettings()
+    arm_model: ArmModelSettings = ArmModelSettings()
+    contact: ContactSettings = ContactSettings()
+    fingertip: FingertipSettings = FingertipSettings()
+    variation: VariationSettings = VariationSettings()
+    scoring: ScoringSettings = ScoringSettings()
+
+    def digest(self) -> str:
+        """Hash of the resolved settings: equal digests and seeds mean equal runs."""
+        return hashlib.sha256(msgspec.json.encode(self)).hexdigest()[:16]
+
+
+def load_config(
+    object_name: str,
+    rig: str,
+    detector: str,
+    file: Path | None = None,
+    assignments: Sequence[str] = (),
+) -> LiftConfig:
+    """Class defaults <- rig <- object <- detector <- file (or $GRASP_CONFIG) <- assignments.
+
+    Raises ConfigError for an unknown name or the first setting that is not allowed.
+    """
+    layers = [
+        Layer("command line", {"rig": rig, "detector_name": detector}),
+        named_layer("rigs", rig),
+        named_layer("objects", object_name),
+        named_layer("detectors", detector),
+    ]
+    chosen = file or (Path(os.environ["GRASP_CONFIG"]) if "GRASP_CONFIG" in os.environ else None)
+    if chosen is not None:
+        layers.append(read_toml(chosen))
+    layers.append(assignment_layer(assignments))
+    return load(LiftConfig, layers)

@@ -1,0 +1,142 @@
+"""The verdict of a lift: which outcome, measured by what the world knows and the controller did.
+
+Success as in the paper (section V-C): slip correctly detected and compensated, object stably
+grasped and lifted; long objects are told apart by the distance between first and final grasp.
+"""
+
+from enum import StrEnum
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from grasp.loop import Tick
+from grasp.phases import AIRBORNE_PHASES, Phase
+from scenarios.world.cell import Truth
+from scenarios.world.objects import GraspObject
+
+
+class Outcome(StrEnum):
+    HELD_WITHIN_6CM = "held_within_6cm"
+    HELD_WITHIN_12CM = "held_within_12cm"
+    HELD = "held"
+    BEYOND_12CM = "beyond_12cm"
+    DROPPED = "dropped"
+    EXPELLED = "expelled"
+    NEVER_SLIPPED = "never_slipped"
+    UNDETECTED = "undetected"
+    FALSE_START = "false_start"
+    CAP_REACHED = "cap_reached"
+    OVER_FORCE = "over_force"
+    FAULT = "fault"
+
+
+SUCCESSES = frozenset({Outcome.HELD_WITHIN_6CM, Outcome.HELD_WITHIN_12CM, Outcome.HELD})
+
+
+class ScoringSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Bounds of the verdict."""
+
+    near_m: Annotated[float, Meta(gt=0, le=1, description="paper, table IV: 6 cm")] = 0.06
+    far_m: Annotated[float, Meta(gt=0, le=1, description="paper, table IV: 12 cm")] = 0.12
+    early_s: Annotated[
+        float, Meta(ge=0, le=1, description="registered this long before gross slip is no false start")
+    ] = 0.05
+    lifted_m: Annotated[
+        float, Meta(gt=0, le=1, description="the object must be this far off the table at the end")
+    ] = 0.005
+
+
+class LiftFacts(msgspec.Struct, frozen=True):
+    """What a verdict is drawn from; times in seconds since the run began.
+
+    ``end``: truth at the last instant in the air (before setting down), None without simulation.
+    ``twin_onset_s``: onset of gross slip in the twin run, None where it never slipped.
+    """
+
+    end: Truth | None
+    closing_at_loss: bool
+    registered_s: float | None
+    onset_s: float | None
+    twin_onset_s: float | None
+    peak_force_n: float | None
+    force_bound_n: float
+    cap_reached: bool
+    fault: str
+
+
+def outcome(facts: LiftFacts, body: GraspObject, settings: ScoringSettings) -> Outcome:
+    """The first rule that applies, worst first."""
+    if facts.fault:
+        return Outcome.FAULT
+    if facts.peak_force_n is not None and facts.peak_force_n > facts.force_bound_n:
+        return Outcome.OVER_FORCE
+    if facts.registered_s is not None and false_start(facts, settings):
+        return Outcome.FALSE_START
+    if facts.end is not None and lost(facts.end, settings):
+        expelled = facts.closing_at_loss and facts.end.flank_slope < 0.0
+        return Outcome.EXPELLED if expelled else Outcome.DROPPED
+    if facts.cap_reached:
+        return Outcome.CAP_REACHED
+    if facts.registered_s is None:
+        return Outcome.NEVER_SLIPPED if facts.onset_s is None else Outcome.UNDETECTED
+    return _held(facts.end, body, settings)
+
+
+def _held(end: Truth | None, body: GraspObject, settings: ScoringSettings) -> Outcome:
+    if not body.long_body or end is None:
+        return Outcome.HELD
+    if end.slip_distance_m <= settings.near_m:
+        return Outcome.HELD_WITHIN_6CM
+    return (
+        Outcome.HELD_WITHIN_12CM if end.slip_distance_m <= settings.far_m else Outcome.BEYOND_12CM
+    )
+
+
+def lost(end: Truth, settings: ScoringSettings) -> bool:
+    """True when the object is not in the fingers, or never left the table."""
+    return not end.touched or end.height_m < settings.lifted_m
+
+
+def false_start(facts: LiftFacts, settings: ScoringSettings) -> bool:
+    """Registered although, without reaction, nothing would have slipped by then or soon after."""
+    if facts.registered_s is None:
+        return False
+    latest = facts.registered_s + settings.early_s
+    onsets = (facts.onset_s, facts.twin_onset_s)
+    return not any(onset is not None and onset <= latest for onset in onsets)
+
+
+class Trace:
+    """Keeps, tick by tick, the little that a verdict needs."""
+
+    def __init__(self) -> None:
+        self.end: Truth | None = None
+        self.lift_began_ns: int | None = None
+        self.registered_ns: int | None = None
+        self.first_detection_ns: int | None = None
+        self.closing_at_loss = False
+        self.commanded_force_n = 0.0
+        self.peak_measured_n = 0.0
+        self._closing = False
+        self._was_touched = False
+
+    def add(self, tick: Tick, truth: Truth | None) -> None:
+        """Take one tick; truth is None on hardware."""
+        phase = tick.decision.phase
+        if phase is Phase.LIFT and self.lift_began_ns is None:
+            self.lift_began_ns = tick.t_ns
+        if tick.decision.slip.event and self.registered_ns is None:
+            self.registered_ns = tick.t_ns
+        for issued in tick.issued:
+            if issued.applied is not None:
+                self.commanded_force_n = max(self.commanded_force_n, issued.applied.force_n)
+        self.peak_measured_n = max(self.peak_measured_n, *tick.measured_n)
+        self._closing = self._closing or phase is Phase.COMPENSATE
+        if truth is None or phase not in AIRBORNE_PHASES:
+            return
+        if self._was_touched and not truth.touched:
+            self.closing_at_loss = self._closing
+        self._was_touched = truth.touched
+        if phase is not Phase.LOWER:
+            self.end = truth

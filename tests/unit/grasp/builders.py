@@ -1,0 +1,36 @@
+"""Small builders of states that the controller's tests need."""
+
+import numpy as np
+
+from drivers.interfaces import ArmState, Counts3, Detection, FingerState, GripperState
+from grasp.controller import Observation
+
+REST = Detection.AT_TARGET
+
+
+def gripper(
+    t_ns: int = 0,
+    positions: Counts3 = (55, 55, 55),
+    detections: tuple[Detection, Detection, Detection] = (REST, REST, REST),
+    fresh: bool = True,
+    fault: int = 0,
+) -> GripperState:
+    a, b, c = (FingerState(p, p, 0, d) for p, d in zip(positions, detections, strict=True))
+    return GripperState(t_ns, 0, True, fault, "fault" if fault else "", fresh, (a, b, c))
+
+
+def arm(t_ns: int = 0, height_m: float = 0.0, moving: bool = False, **more: bool) -> ArmState:
+    return ArmState(t_ns, 0, (0.3, 0.2, 0.4 + height_m), (0.0, 0.0, 0.0), moving, **more)
+
+
+def seen(t_ns: int, p: float = 0.0, **changes: object) -> Observation:
+    values: dict[str, object] = {
+        "t_ns": t_ns,
+        "probabilities": np.array([p, 0.0, 0.0]),
+        "tactile_stale": False,
+        "rest_taken": True,
+        "gripper": gripper(t_ns),
+        "arm": arm(t_ns),
+        **changes,
+    }
+    return Observation(**values)  # type: ignore[arg-type]

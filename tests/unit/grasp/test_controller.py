@@ -1,0 +1,282 @@
+"""The controller as a pure function: observations in, commands out."""
+
+import msgspec
+import pytest
+from transitions import MachineError
+
+from detector.decision import ConsecutiveRule, RuleSettings
+from drivers.interfaces import Detection
+from grasp.commands import (
+    BeginRest,
+    CloseFast,
+    HoldFingers,
+    MoveArm,
+    MoveFingers,
+    OpenFingers,
+    StopArm,
+)
+from grasp.controller import ControllerSettings, Decision, GraspController, GripPlan
+from grasp.phases import TRANSITIONS, Phase, PhaseMachine, Trigger, mermaid
+from grasp.slip import SlipMonitor, SlipSettings
+from tests.unit.grasp.builders import arm, gripper, seen
+
+TICK = 10_000_000
+HEIGHT = 0.2
+MOVING = (Detection.MOVING, Detection.AT_TARGET, Detection.AT_TARGET)
+LATCHED = (Detection.CONTACT_CLOSING, Detection.AT_TARGET, Detection.AT_TARGET)
+
+
+class Driver:
+    """Steps a controller through ticks of 10 ms and remembers what it wanted."""
+
+    def __init__(self, **settings: object) -> None:
+        merged = msgspec.structs.replace(ControllerSettings(), **settings)
+        monitor = SlipMonitor(ConsecutiveRule(RuleSettings(), 3), SlipSettings())
+        plan = GripPlan((40, 40, 40), (55, 55, 55))
+        self.controller = GraspController(merged, plan, monitor)
+        self.t_ns = 0
+        self.height_m = 0.0
+        self.commands: list[object] = []
+
+    def step(self, p: float = 0.0, **changes: object) -> Decision:
+        self.t_ns += TICK
+        changes.setdefault("gripper", gripper(self.t_ns))
+        changes.setdefault("arm", arm(self.t_ns, self.height_m))
+        decision = self.controller.step(seen(self.t_ns, p, **changes))
+        self.commands += decision.commands
+        return decision
+
+    def until(self, phase: Phase, p: float = 0.0, **changes: object) -> Decision:
+        for _ in range(400):
+            decision = self.step(p, **changes)
+            if decision.phase is phase:
+                return decision
+        raise AssertionError(f"never reached {phase}, stuck in {self.controller.phase}")
+
+    def lift(self) -> "Driver":
+        self.until(Phase.LIFT)
+        self.commands.clear()
+        return self
+
+    def climb(self, p: float = 0.0, **changes: object) -> Decision:
+        """One step with the arm on its way up."""
+        return self.step(p, arm=arm(self.t_ns + TICK, 0.05, moving=True), **changes)
+
+    def slip(self) -> "Driver":
+        self.lift()
+        for _ in range(2):
+            self.climb(0.9)
+        assert self.controller.phase is Phase.COMPENSATE
+        return self
+
+
+def test_approach_shapes_the_hand_then_takes_rest_counts_then_grasps() -> None:
+    d = Driver()
+    d.until(Phase.GRASP)
+    assert [type(c) for c in d.commands] == [MoveFingers, BeginRest, MoveFingers]
+    first, _, second = d.commands
+    assert isinstance(first, MoveFingers)
+    assert isinstance(second, MoveFingers)
+    assert first.targets_counts == (40, 40, 40)
+    assert second.targets_counts == (55, 55, 55)
+
+
+def test_grasp_waits_until_the_status_is_fresh_and_no_command_is_on_its_way() -> None:
+    d = Driver()
+    d.until(Phase.GRASP)
+    for change in ({"pending": True}, {"gripper": gripper(d.t_ns, fresh=False)},
+                   {"gripper": gripper(d.t_ns, detections=MOVING)}):  # fmt: skip
+        for _ in range(5):
+            assert d.step(**change).phase is Phase.GRASP
+    assert not d.controller.monitor.status.armed
+
+
+def test_finger_latched_by_contact_in_the_grasp_is_a_fault_and_nothing_is_lifted() -> None:
+    d = Driver()
+    d.until(Phase.GRASP)
+    d.commands.clear()
+    d.step(gripper=gripper(d.t_ns + TICK, detections=LATCHED))
+    assert d.controller.phase is Phase.FAULT
+    assert "finger A" in d.controller.fault_cause
+    assert d.commands == [StopArm(1.0), HoldFingers()]
+
+
+def test_detector_is_reset_and_armed_only_once_the_fingers_rest() -> None:
+    d = Driver()
+    d.until(Phase.GRASP)
+    resets = [d.step().reset_detector for _ in range(40)]
+    assert resets.count(True) == 2  # at rest, and again when listening begins
+    assert d.controller.monitor.status.armed
+
+
+def test_lift_is_relative_to_where_the_arm_stood() -> None:
+    d = Driver(lift_height_m=0.15)
+    d.until(Phase.LIFT)
+    command = d.commands[-1]
+    assert isinstance(command, MoveArm)
+    assert command.position_m == pytest.approx((0.3, 0.2, 0.55))
+
+
+def test_registered_slip_closes_as_fast_as_it_may_in_the_same_step() -> None:
+    d = Driver().lift()
+    d.climb(0.9)
+    assert d.commands == []
+    d.climb(0.9)
+    assert d.commands == [CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)]
+
+
+def test_own_closing_cannot_trigger_itself() -> None:
+    d = Driver().slip()
+    d.commands.clear()
+    for _ in range(10):
+        d.climb(0.99, gripper=gripper(d.t_ns + TICK, detections=MOVING))
+    for _ in range(12):  # fingers have stopped, the pads still shake
+        d.climb(0.99, gripper=gripper(d.t_ns + TICK, detections=LATCHED))
+    for _ in range(10):
+        d.climb(0.0, gripper=gripper(d.t_ns + TICK, detections=LATCHED))
+    assert d.commands == []
+    assert d.controller.phase is Phase.HOLD
+    assert len(d.controller.monitor.events) == 1
+
+
+def test_slip_that_goes_on_after_the_last_rise_of_force_reports_the_cap_and_lowers() -> None:
+    d = Driver().slip()
+    d.commands.clear()
+    since = d.t_ns
+    for _ in range(60):
+        if d.climb(0.9, gripper=gripper(d.t_ns + TICK, detections=LATCHED)).phase is Phase.LOWER:
+            break
+    assert d.controller.cap_reached
+    assert 0.29e9 <= d.t_ns - since <= 0.35e9
+    assert [type(c) for c in d.commands] == [MoveArm]
+
+
+def test_hold_answers_another_slip() -> None:
+    d = Driver().slip()
+    for _ in range(40):
+        d.climb(0.0)
+    assert d.controller.phase is Phase.HOLD
+    d.commands.clear()
+    d.climb(0.9)
+    d.climb(0.9)
+    assert isinstance(d.commands[0], CloseFast)
+
+
+def test_finished_lift_sets_down_opens_and_retreats() -> None:
+    d = Driver(hold_s=0.1).lift()
+    d.height_m = HEIGHT
+    d.until(Phase.LOWER)
+    d.height_m = 0.0
+    d.until(Phase.RELEASE)
+    d.height_m = 0.05
+    d.until(Phase.IDLE)
+    assert d.controller.finished
+    assert [type(c) for c in d.commands] == [MoveArm, OpenFingers, MoveArm]
+
+
+
+
+def test_keep_goes_on_holding() -> None:
+    d = Driver(hold_s=0.1, keep=True).lift()
+    d.height_m = HEIGHT
+    for _ in range(60):
+        d.step()
+    assert d.controller.phase is Phase.HOLD
+    assert d.controller.finished
+    assert d.commands == []
+
+
+def test_reactions_off_notes_slip_and_does_nothing() -> None:
+    d = Driver(reactions=False).lift()
+    for _ in range(10):
+        d.climb(0.9)
+    assert d.commands == []
+    assert d.controller.monitor.events
+
+
+FAULTS = [
+    {"trouble": "link_lost: cable"},
+    {"tactile_stale": True},
+    {"gripper": gripper(-200_000_000)},
+    {"arm": arm(-200_000_000)},
+    {"gripper": gripper(0, fault=13)},
+    {"arm": arm(0, stopped_by_safety=True)},
+]
+
+
+@pytest.mark.parametrize("change", FAULTS, ids=lambda c: next(iter(c)))
+def test_fault_before_contact_stops_and_does_not_close(change: dict[str, object]) -> None:
+    d = Driver()
+    d.step()
+    d.commands.clear()
+    d.step(**change)
+    assert d.controller.phase is Phase.FAULT
+    assert d.commands == [StopArm(1.0), HoldFingers()]
+
+
+@pytest.mark.parametrize("change", FAULTS, ids=lambda c: next(iter(c)))
+def test_fault_in_the_air_stops_the_arm_and_closes_to_the_cap(change: dict[str, object]) -> None:
+    d = Driver().lift()
+    d.step(**change)
+    assert d.commands[0] == StopArm(1.0)
+    assert isinstance(d.commands[1], CloseFast)
+    assert d.commands[1].force_cap_n == 10.0
+
+
+def test_lost_gripper_stops_the_arm_and_commands_nothing_else() -> None:
+    d = Driver().lift()
+    d.step(trouble="link_lost: gripper", gripper_lost=True)
+    assert d.commands == [StopArm(1.0)]
+
+
+def test_fault_is_finished_after_the_safe_state_had_time_and_sends_nothing_more() -> None:
+    d = Driver().lift()
+    d.step(trouble="x")
+    d.commands.clear()
+    for _ in range(52):
+        d.step()
+    assert d.controller.finished
+    assert d.commands == []
+
+
+def test_gripper_that_already_holds_something_is_not_opened() -> None:
+    d = Driver()
+    d.step(gripper=gripper(TICK, detections=LATCHED))
+    assert d.controller.phase is Phase.FAULT
+    assert "grasp release" in d.controller.fault_cause
+    assert d.commands == [StopArm(1.0)]
+
+
+def test_phase_that_lasts_too_long_is_a_fault() -> None:
+    d = Driver(phase_timeout_s=1.0)
+    d.until(Phase.GRASP)
+    for _ in range(110):
+        d.step(gripper=gripper(d.t_ns + TICK, detections=MOVING))
+    assert d.controller.phase is Phase.FAULT
+
+
+def test_every_transition_is_logged_with_time_and_cause() -> None:
+    d = Driver().slip()
+    log = d.controller.machine.log
+    assert [c.phase for c in log] == ["approach", "grasp", "lift", "compensate"]
+    assert all(c.cause for c in log)
+    assert log[-1].t_ns == d.t_ns
+
+
+def test_every_edge_of_the_table_can_be_walked_and_no_other() -> None:
+    for trigger in Trigger:
+        for phase in Phase:
+            machine = PhaseMachine()
+            machine._model.state = phase.value  # noqa: SLF001
+            expected = [dest for t, sources, dest in TRANSITIONS if t is trigger and phase in sources]
+            if expected:
+                machine.fire(trigger, 0, "test")
+                assert machine.phase is expected[0]
+            else:
+                with pytest.raises(MachineError):
+                    machine.fire(trigger, 0, "test")
+
+
+def test_state_diagram_names_every_trigger() -> None:
+    text = mermaid()
+    assert all(trigger.value in text for trigger in Trigger)

@@ -1,0 +1,102 @@
+"""Settings: layers, violations and what their errors say."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import ConfigError
+from grasp import settings
+from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
+from scenarios.config import LiftConfig, load_config
+
+
+def lift(*assignments: str, file: Path | None = None) -> LiftConfig:
+    return load_config("can", "simulated", "energy", file, assignments)
+
+
+def test_later_layers_win_key_by_key(tmp_path: Path) -> None:
+    file = tmp_path / "lab.toml"
+    file.write_text("[guard]\nforce_limit_n = 12.0\ntip_mass_kg = 0.2\n")
+    config = lift("guard.force_limit_n=11", file=file)
+    assert config.guard.force_limit_n == 11.0
+    assert config.guard.tip_mass_kg == 0.2
+    assert config.object.name == "can"
+
+
+def test_configuration_file_of_the_environment_is_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "lab.toml"
+    file.write_text("[controller]\nhold_s = 2.5\n")
+    monkeypatch.setenv("GRASP_CONFIG", str(file))
+    assert lift().controller.hold_s == 2.5
+
+
+@pytest.mark.parametrize(
+    ("assignment", "key", "says"),
+    [
+        ("guard.force_limt_n=9", "guard.force_limt_n", "force_limit_n"),
+        ("guard.force_limit_n=900", "guard.force_limit_n", "<= 60"),
+        ("guard.force_limit_n=much", "guard.force_limit_n", "float"),
+        ("guard.cap_mode=none", "guard.cap_mode", "each_motor"),
+        ("gard.force_limit_n=9", "gard", "guard"),
+        ("object.grip_counts=[1,2]", "object.grip_counts", "int"),
+        ("controller.lift_height_m=-1", "controller.lift_height_m", ">= 0.01"),
+        ("loop.period_s=nan", "loop.period_s", ">= 0.002"),
+    ],
+)
+def test_violation_names_source_key_and_what_is_allowed(
+    assignment: str, key: str, says: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        lift(assignment)
+    assert caught.value.file == "--set"
+    assert caught.value.key == key
+    assert says in f"{caught.value.message} {caught.value.allowed}"
+
+
+@pytest.mark.parametrize("text", ["guard", "=3", "guard..x=1", "guard=1"])
+def test_malformed_assignment_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError):
+        lift(text)
+
+
+def test_unknown_object_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_config("cann", "simulated", "energy")
+    assert "did you mean 'can'" in caught.value.message
+    assert "football" in caught.value.allowed
+
+
+def test_missing_and_malformed_files_are_refused_by_name(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.toml"
+    broken.write_text("[guard\n")
+    for path in (tmp_path / "none.toml", broken):
+        with pytest.raises(ConfigError) as caught:
+            read_toml(path)
+        assert caught.value.file == str(path)
+
+
+def test_every_packaged_object_and_detector_resolves() -> None:
+    for name in settings.names("objects"):
+        for detector in settings.names("detectors"):
+            assert load_config(name, "simulated", detector).object.name == name
+
+
+def test_text_values_need_no_quotes() -> None:
+    assert assignment_layer(["gripper.calibration=manual"]).table == {
+        "gripper": {"calibration": "manual"}
+    }
+
+
+def test_missing_required_setting_is_named() -> None:
+    table = dict(named_layer("objects", "can").table["object"])
+    del table["mass_kg"]
+    with pytest.raises(ConfigError) as caught:
+        load(LiftConfig, [Layer("x", {"rig": "r", "detector_name": "d", "object": table})])
+    assert caught.value.key == "object.mass_kg"
+
+
+def test_digest_changes_with_any_setting() -> None:
+    assert lift().digest() == lift().digest()
+    assert lift().digest() != lift("guard.overshoot_n=0.9").digest()
