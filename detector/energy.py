@@ -1,10 +1,13 @@
-"""`energy`: the one scalar that every network must beat.
+"""The one-number detector that every network has to beat: how much do the taxels change?
 
-Mean absolute change of a fingertip's counts over a short window, all six taxels together, against
-one threshold. Slip lifts the spectrum of the barometers at every frequency, so the simplest measure
-of change already tells slip from rest.
+A fingertip that slides is shaken at every frequency that 100 Hz can show, a fingertip at rest is
+not (Grover, Nadeau, Grebe and Kelly 2022 published a recording of both). So the energy of a finger
+is the mean absolute change from frame to frame, over its six taxels and a short window, in counts.
 """
 
+import math
+from collections.abc import Sequence
+from operator import sub
 from typing import Annotated
 
 import msgspec
@@ -12,60 +15,122 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from detector.decision import RuleSettings, event_starts
+
 TAXELS = 6
+SAMPLES_PER_MIN = 6000  # 100 Hz, the board's rate in the paper
+LOWEST_THRESHOLD_COUNTS, HIGHEST_THRESHOLD_COUNTS = 0.1, 500.0
+TUNING_STEP = 1.02
 
 
 class EnergySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Window and threshold of the scalar."""
+    """How long the detector looks, and which change reads as slip."""
 
     window: Annotated[
-        int, Meta(ge=1, le=100, description="changes averaged; 10 samples are 100 ms")
+        int, Meta(ge=1, le=100, description="changes averaged, samples of 10 ms; assumed")
     ] = 10
     threshold_counts: Annotated[
-        float, Meta(gt=0.0, le=500.0, description="mean |change| a sample at which p is 0.5")
-    ] = 2.5
+        float,
+        Meta(ge=LOWEST_THRESHOLD_COUNTS, le=HIGHEST_THRESHOLD_COUNTS,
+             description="energy of probability 0.5, counts per sample; assumed: twice that of "
+             "three loaded taxels of six at rest"),
+    ] = 6.0  # fmt: skip
     steepness: Annotated[
-        float, Meta(gt=0.1, le=50.0, description="of p in log energy; orders nothing, only scales")
+        float,
+        Meta(ge=0.1, le=20.0, description="log-odds gained per e-fold of energy; assumed"),
     ] = 4.0
 
 
 class EnergyDetector:
-    """Streaming and exact: sums of whole numbers neither drift nor round.
+    """Mean absolute change as a probability; see `probability_of`.
 
-    Until ``window`` changes have been seen after a reset their sum is still divided by ``window``:
-    a young detector hears less, so it cannot alarm by being new.
+    After a reset the first frame has no change, and until the window is full the changes still to
+    come count as zero. So the energy starts at 0 and can only be too small while it warms up: slip
+    may be found up to a window late, and a reset never raises an alarm by itself. A repeated frame
+    (a missed sample) is a change of zero like any other.
     """
 
     name = "energy"
+    threshold = 0.5
 
     def __init__(self, settings: EnergySettings, fingers: int) -> None:
-        self._settings = settings
-        self._scale = 1.0 / (settings.window * TAXELS)
-        self._changes = np.zeros((settings.window, fingers), np.int64)
-        self._sum = np.zeros(fingers, np.int64)
-        self._last: NDArray[np.int32] | None = None
-        self._next = 0
+        self.settings = settings
+        self.fingers = fingers
+        self._shape = (fingers, TAXELS)
+        self._per_energy = settings.window * TAXELS
+        self.reset()
 
     def reset(self) -> None:
-        self._changes[:] = 0
-        self._sum[:] = 0
-        self._last = None
-        self._next = 0
+        self._last: list[list[int]] | None = None
+        self._ring = [[0] * self.fingers for _ in range(self.settings.window)]
+        self._at = 0
+        self._sums = [0] * self.fingers  # whole counts: a running sum without drift
 
-    def energy(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, 6); mean absolute change a taxel and sample, (fingers,) counts."""
-        wide = counts.astype(np.int32)
-        if self._last is not None:
-            change = np.abs(wide - self._last).sum(axis=1)
-            self._sum += change - self._changes[self._next]
-            self._changes[self._next] = change
-            self._next = (self._next + 1) % len(self._changes)
-        self._last = wide
-        return self._sum * self._scale
+    @property
+    def energy_counts(self) -> list[float]:
+        """Energy of each finger after the latest frame, counts per sample."""
+        return [total / self._per_energy for total in self._sums]
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, 6); probability of slip, (fingers,)."""
-        ratio = self.energy(counts) / self._settings.threshold_counts
-        powered = ratio**self._settings.steepness
-        out: NDArray[np.float64] = powered / (1.0 + powered)
-        return out
+        """Take one frame (fingers, 6); give (fingers,) probabilities."""
+        if counts.shape != self._shape:
+            raise ValueError(f"frame has shape {counts.shape}, not {self._shape}")
+        # for 18 numbers plain integers are quicker than arrays, and they cannot overflow
+        frame: list[list[int]] = counts.tolist()
+        last = self._last or frame
+        new = [sum(map(abs, map(sub, a, b))) for a, b in zip(frame, last, strict=True)]
+        old = self._ring[self._at]
+        self._sums = [s + n - o for s, n, o in zip(self._sums, new, old, strict=True)]
+        self._ring[self._at] = new
+        self._at = (self._at + 1) % self.settings.window
+        self._last = frame
+        return np.array([probability_of(e, self.settings) for e in self.energy_counts])
+
+
+def probability_of(energy_counts: float, settings: EnergySettings) -> float:
+    """Logistic in the log of the energy: 0 for none, exactly 0.5 at the threshold."""
+    if energy_counts == 0.0:
+        return 0.0
+    ratio: float = (settings.threshold_counts / energy_counts) ** settings.steepness
+    return 1.0 / (1.0 + ratio)
+
+
+def energy_series(counts: NDArray[np.int16], window: int) -> NDArray[np.float64]:
+    """Energies (n, fingers) of a whole recording (n, fingers, 6), as the detector streams them."""
+    changes = np.abs(np.diff(counts.astype(np.int64), axis=0, prepend=counts[:1])).sum(axis=2)
+    total = np.cumsum(changes, axis=0)
+    total[window:] -= total[:-window].copy()
+    energies: NDArray[np.float64] = total / (window * TAXELS)
+    return energies
+
+
+def tune_threshold(
+    static: Sequence[NDArray[np.int16]],
+    settings: EnergySettings,
+    rule: RuleSettings,
+    false_events_per_min: float,
+) -> float:
+    """Give the least ``threshold_counts`` that keeps to the budget on data without any slip.
+
+    ``static`` holds recordings (n, fingers, 6), each a stream of its own; an event on any of their
+    fingers counts once. Thresholds are tried from high to low in steps of 2 %, up to the first that
+    breaks the budget. Fewer minutes than 1 / budget allow no event at all, and say little. Raises
+    ValueError if there are no data or no threshold is high enough.
+    """
+    series = [energy_series(counts, settings.window) for counts in static]
+    minutes = sum(len(energies) for energies in series) / SAMPLES_PER_MIN
+    if minutes == 0.0:
+        raise ValueError("no static data to tune on")
+    odds = rule.threshold / (1.0 - rule.threshold)
+    factor = odds ** (1.0 / settings.steepness)  # energy that the rule's threshold stands for
+    steps = int(math.log(HIGHEST_THRESHOLD_COUNTS / LOWEST_THRESHOLD_COUNTS, TUNING_STEP))
+    best = None
+    for step in range(steps, -1, -1):
+        threshold = LOWEST_THRESHOLD_COUNTS * TUNING_STEP**step
+        events = sum(len(event_starts(e, threshold * factor, rule)) for e in series)
+        if events > false_events_per_min * minutes:
+            break
+        best = threshold
+    if best is None:
+        raise ValueError(f"over the budget even at {HIGHEST_THRESHOLD_COUNTS:g} counts")
+    return best

@@ -43,7 +43,7 @@ class Stale(GraspError):
 
 
 class ConfigError(GraspError):
-    """A setting is unknown, malformed or out of range: says which file, which key, what is allowed."""
+    """A setting is unknown, malformed or out of range: names file, key and what is allowed."""
 
     kind = "config"
 

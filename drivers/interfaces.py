@@ -1,4 +1,4 @@
-"""What the controller may know of a device: frozen states, commands in physical units, three protocols.
+"""What the controller may know of a device: frozen states, physical units, three protocols.
 
 Times are integer nanoseconds of one monotonic clock and are always passed in. Fingers are ordered
 A, B, C: finger A (the thumb) opposes B and C. Forces are newtons at a fingertip, by the gripper's
@@ -112,7 +112,11 @@ class Gripper(Protocol):
     def move_to(self, targets_counts: Counts3, speed_mps: float, force_n: float) -> Applied: ...
 
     def close_fast(
-        self, force_cap_n: float, closing: tuple[bool, bool, bool], limits_counts: Counts3, speed_mps: float
+        self,
+        force_cap_n: float,
+        closing: tuple[bool, bool, bool],
+        limits_counts: Counts3,
+        speed_mps: float,
     ) -> Applied: ...
 
     def regrasp(self, force_cap_n: float) -> Applied: ...
@@ -125,8 +129,8 @@ class Gripper(Protocol):
 class TactileFrame(msgspec.Struct, frozen=True):
     """One sample of all fingertips on the 100 Hz grid.
 
-    counts: (3, 6) int16, raw minus rest, pressing is negative. raw, rest: (3, 6) int16, 10-bit codes.
-    temperature: (3, 6) int16, raw temperature codes. A missed sample repeats the last frame with
+    All arrays are (3, 6) int16. counts: raw minus rest, pressing is negative. raw, rest: 10-bit
+    codes. temperature: raw temperature codes. A missed sample repeats the last frame with
     ``missed`` counting up; when ``stale`` is True (five or more missed) it must not be used.
     """
 
@@ -177,7 +181,7 @@ class ArmState(msgspec.Struct, frozen=True):
 
 
 class Arm(Protocol):
-    """Straight-line arm. Verbs raise ``Refused`` outside speed, acceleration, jump or workspace limits."""
+    """Straight-line arm. Verbs raise ``Refused`` outside their limits, before anything is sent."""
 
     @property
     def state(self) -> ArmState | None: ...

@@ -1,4 +1,4 @@
-"""Clocks. Only this module and the device threads read a real clock; everyone else is told the time."""
+"""Clocks. Only this module and device threads read a real one; everyone else is told the time."""
 
 import time
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What a control step may ask of the devices: intents in physical units, nothing of any protocol."""
+"""What a control step may ask of the devices: intents in physical units, no protocol."""
 
 import msgspec
 
@@ -23,6 +23,8 @@ class CloseFast(msgspec.Struct, frozen=True, tag=True):
 
 
 class OpenFingers(msgspec.Struct, frozen=True, tag=True):
+    """All fingers open fully."""
+
     speed_mps: float
 
 
@@ -43,6 +45,8 @@ class MoveArm(msgspec.Struct, frozen=True, tag=True):
 
 
 class StopArm(msgspec.Struct, frozen=True, tag=True):
+    """Brake on the present line."""
+
     deceleration_mps2: float
 
 

@@ -69,9 +69,7 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float, Meta(ge=0.05, le=10.0, description="between the fingers' rest and the lift")
     ] = 0.6
     lift_height_m: Annotated[float, Meta(ge=0.01, le=1.0, description="assumed, 0.1-0.3")] = 0.2
-    lift_speed_mps: Annotated[
-        float, Meta(ge=0.005, le=0.5, description="assumed, 0.1-0.25")
-    ] = 0.1
+    lift_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="assumed, 0.1-0.25")] = 0.1
     lift_acceleration_mps2: Annotated[
         float, Meta(ge=0.05, le=5.0, description="assumed, 0.3-1.2")
     ] = 0.5
@@ -92,11 +90,14 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float, Meta(ge=0.02, le=1.0, description="age at which gripper or arm state is too old")
     ] = 0.1
     phase_timeout_s: Annotated[
-        float, Meta(ge=1.0, le=600.0, description="a phase other than idle may last")
+        float, Meta(ge=1.0, le=600.0, description="a phase other than idle and hold may last")
     ] = 30.0
-    keep: Annotated[bool, Meta(description="keep holding at the top instead of setting down")] = False
+    keep: Annotated[bool, Meta(description="keep holding at the top instead of setting down")] = (
+        False
+    )
     reactions: Annotated[
-        bool, Meta(description="answer registered slip; off in the twin run that judges false starts")
+        bool,
+        Meta(description="answer registered slip; off in the twin run that judges false starts"),
     ] = True
 
 
@@ -130,9 +131,7 @@ class Decision(msgspec.Struct, frozen=True):
 class GraspController:
     """Grasps, lifts, answers slip, holds, sets down. Feed ``step`` once a tactile sample."""
 
-    def __init__(
-        self, settings: ControllerSettings, plan: GripPlan, monitor: SlipMonitor
-    ) -> None:
+    def __init__(self, settings: ControllerSettings, plan: GripPlan, monitor: SlipMonitor) -> None:
         self._settings = settings
         self._plan = plan
         self.monitor = monitor
@@ -190,9 +189,10 @@ class GraspController:
             return f"gripper fault: {seen.gripper.fault_text}"
         if seen.arm.stopped_by_safety:
             return "arm stopped by its safety system"
-        if self.phase is not Phase.IDLE and not (self.phase is Phase.HOLD and self._settings.keep):
-            if seen.t_ns - self._entered_ns > self._settings.phase_timeout_s * 1e9:
-                return f"phase {self.phase} lasted longer than {self._settings.phase_timeout_s:g} s"
+        timeout_s = self._settings.phase_timeout_s
+        timed = self.phase not in (Phase.IDLE, Phase.HOLD)
+        if timed and seen.t_ns - self._entered_ns > timeout_s * 1e9:
+            return f"phase {self.phase} lasted longer than {timeout_s:g} s"
         return ""
 
     def _fire(self, trigger: Trigger, seen: Observation, cause: str) -> None:
@@ -273,7 +273,7 @@ class GraspController:
             self._move_arm(self._settings.lift_height_m, self._settings.lift_speed_mps)
 
     def _lift(self, seen: Observation, slip: SlipStatus) -> None:
-        if slip.event and self._settings.reactions:
+        if slip.registered and self._settings.reactions:
             self._answer_slip(seen, slip)
         elif self._arm_at(seen, self._settings.lift_height_m):
             self._fire(Trigger.LIFTED, seen, "arm at the top")
@@ -297,14 +297,12 @@ class GraspController:
             self._fire(Trigger.SLIP_STOPPED, seen, "slip has stopped")
         elif seen.t_ns - self._last_rise_ns >= s.cap_patience_s * 1e9:
             self.cap_reached = True
-            self._fire(
-                Trigger.CAP_REACHED, seen, "slip goes on and the force can rise no more"
-            )
+            self._fire(Trigger.CAP_REACHED, seen, "slip goes on and the force can rise no more")
             self._set_down()
 
     def _hold(self, seen: Observation, slip: SlipStatus) -> None:
         s = self._settings
-        if slip.event and s.reactions:
+        if slip.registered and s.reactions:
             self._answer_slip(seen, slip)
             return
         if not self._arm_at(seen, s.lift_height_m):

@@ -32,33 +32,48 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     cap_mode: Literal["every_finger", "each_motor"] = "every_finger"
     overshoot_n: Annotated[
         float,
-        Meta(ge=0.1, le=20.0, description="true force may pass the limit by this on a rigid object"),
+        Meta(
+            ge=0.1, le=20.0, description="true force may pass the limit by this on a rigid object"
+        ),
     ] = 1.0
     contact_stiffness_npm: Annotated[
         float,
-        Meta(ge=100.0, le=1e5, description="force rise a metre of thumb travel on a rigid object; "
-             "assumed, 600-10000 N/m"),
+        Meta(
+            ge=100.0,
+            le=1e5,
+            description="force rise a metre of thumb travel on a rigid object; "
+            "assumed, 600-10000 N/m",
+        ),
     ] = 2500.0
     tip_mass_kg: Annotated[
-        float, Meta(ge=0.001, le=5.0, description="finger and motor inertia seen at the tip; assumed")
+        float,
+        Meta(ge=0.001, le=5.0, description="finger and motor inertia seen at the tip; assumed"),
     ] = 0.1
     travel_bound: Annotated[
         bool, Meta(description="also bound closing by position: F0 + stiffness x travel = limit")
     ] = False
     counts_per_newton: Annotated[
         float,
-        Meta(ge=1.0, le=5000.0, description="sum over a fingertip's taxels; assumed, from the "
-             "simulated fingertip: calibrate on hardware"),
+        Meta(
+            ge=1.0,
+            le=5000.0,
+            description="sum over a fingertip's taxels; assumed, from the "
+            "simulated fingertip: calibrate on hardware",
+        ),
     ] = 160.0
     measured_margin_n: Annotated[
         float,
-        Meta(ge=0.0, le=50.0, description="measured force may pass the limit by this before further "
-             "closing stops; the estimate's own error"),
+        Meta(
+            ge=0.0,
+            le=50.0,
+            description="measured force may pass the limit by this before further "
+            "closing stops; the estimate's own error",
+        ),
     ] = 5.0
 
 
 class ForceGuard:
-    """Admits gripper commands, each changed as far as the limits need. Never raises while running."""
+    """Admits gripper commands, each changed as far as the limits need. Never raises in a run."""
 
     def __init__(self, settings: GuardSettings, least_force_n: float, m_per_count: float) -> None:
         """Raises ConfigError when the gripper's least force is above the limit."""
@@ -106,9 +121,7 @@ class ForceGuard:
     def _admit_move(
         self, command: MoveFingers, state: GripperState, measured_n: Vector3
     ) -> GripperCommand:
-        closes = any(
-            t > p for t, p in zip(command.targets_counts, state.positions, strict=True)
-        )
+        closes = any(t > p for t, p in zip(command.targets_counts, state.positions, strict=True))
         if closes and self._overloaded(measured_n):
             return HoldFingers()
         return MoveFingers(
@@ -131,7 +144,7 @@ class ForceGuard:
         )
 
     def _bounded(self, targets: Counts3) -> Counts3:
-        """Targets cut to where the force of each finger would reach the limit, whole counts down."""
+        """Targets cut to where each finger's force would reach the limit, whole counts down."""
         s = self._settings
         if not s.travel_bound or self._anchor is None:
             return targets

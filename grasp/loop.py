@@ -5,6 +5,7 @@ The loop owns the deadlines and the timing statistics; it knows devices by their
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Annotated, Protocol
 
 import msgspec
@@ -56,8 +57,12 @@ class LoopSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = 0.01
     decision_delay_s: Annotated[
         float,
-        Meta(ge=0.0, le=0.5, description="virtual time that a decision takes; default: p50 of frame "
-             "to decision measured here, the paper's inference takes 0.021 s"),
+        Meta(
+            ge=0.0,
+            le=0.5,
+            description="virtual time that a decision takes; default: p50 of frame "
+            "to decision measured here, the paper's inference takes 0.021 s",
+        ),
     ] = 0.0001
     stop_deceleration_mps2: Annotated[
         float, Meta(ge=0.1, le=10.0, description="of the arm when a person interrupts")
@@ -185,7 +190,7 @@ class ControlLoop:
 
     def _pump(self, now_ns: int) -> None:
         for name in ("tactile", "gripper", "arm"):
-            self._guarded(name, lambda n=name: getattr(self._devices, n).pump(now_ns))
+            self._guarded(name, partial(getattr(self._devices, name).pump, now_ns))
 
     def _guarded(self, device: str, action: Callable[[], None]) -> None:
         """Do it; an expected error becomes trouble for the next step, never an exception here."""

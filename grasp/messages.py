@@ -49,7 +49,7 @@ class ControlMessage(msgspec.Struct, frozen=True):
 
 
 class CommandMessage(msgspec.Struct, frozen=True):
-    """One command as it left: asked by the controller, admitted by the guard, applied by the device."""
+    """One command: asked by the controller, admitted by the guard, applied by the device."""
 
     decided_ns: int
     asked: Command

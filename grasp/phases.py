@@ -11,6 +11,8 @@ from transitions import EventData, Machine
 
 
 class Phase(StrEnum):
+    """Where a run stands."""
+
     IDLE = "idle"
     APPROACH = "approach"
     GRASP = "grasp"
@@ -23,6 +25,8 @@ class Phase(StrEnum):
 
 
 class Trigger(StrEnum):
+    """What makes the phase change."""
+
     START = "start"  # a run begins
     SHAPED = "shaped"  # rest counts taken, fingers just short of the object
     GRIPPED = "gripped"  # all fingers rest at their predetermined positions
@@ -50,9 +54,7 @@ TRANSITIONS: tuple[tuple[Trigger, tuple[Phase, ...], Phase], ...] = (
     (Trigger.FAIL, tuple(p for p in Phase if p is not Phase.FAULT), Phase.FAULT),
 )
 
-CONTACT_PHASES = frozenset(
-    {Phase.GRASP, Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.LOWER}
-)
+CONTACT_PHASES = frozenset({Phase.GRASP, Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.LOWER})
 AIRBORNE_PHASES = frozenset({Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.LOWER})
 
 
@@ -105,7 +107,9 @@ def mermaid() -> str:
     lines = ["stateDiagram-v2", "    [*] --> idle"]
     for trigger, sources, dest in TRANSITIONS:
         if trigger is Trigger.FAIL:
-            lines.append(f"    note right of {dest.value}: {trigger.value} leads here from every phase")
+            lines.append(
+                f"    note right of {dest.value}: {trigger.value} leads here from every phase"
+            )
             continue
         lines += [f"    {s.value} --> {dest.value}: {trigger.value}" for s in sources]
     return "\n".join(lines) + "\n"

@@ -27,7 +27,7 @@ class Layer(msgspec.Struct, frozen=True):
 
 
 def config_dir() -> Path:
-    """Folder of the packaged configuration: installed beside this file, or `config/` of a checkout."""
+    """Folder of the packaged configuration: beside this file, or `config/` of a checkout."""
     installed = Path(__file__).parent / "_config"
     return installed if installed.is_dir() else Path(__file__).parent.parent / "config"
 
@@ -141,7 +141,8 @@ def allowed(cls: type, key: str) -> str:
     annotation = hints.get(name, "?")
     base, *metas = get_args(annotation) or (annotation,)
     meta = next((m for m in metas if isinstance(m, msgspec.Meta)), None)
-    text = getattr(base, "__name__", str(base)).replace("typing.", "")
+    plain = base.__name__ if isinstance(base, type) and not get_args(base) else str(base)
+    text = plain.replace("typing.", "")
     if meta is None:
         return str(annotation).replace("typing.", "") if get_args(annotation) else text
     bounds = [

@@ -1,4 +1,4 @@
-"""From slip probabilities to registered slip events: when to listen, when not, and what it means."""
+"""From slip probabilities to registered slip events: when to listen, and when not."""
 
 from typing import Annotated, Protocol
 
@@ -12,8 +12,11 @@ class DecisionRule(Protocol):
     """Decides on a stream of probabilities; see ``detector.decision``."""
 
     threshold: float
+    registered: bool
 
     def reset(self) -> None: ...
+
+    def interrupt(self) -> None: ...
 
     def update(self, probabilities: NDArray[np.float64]) -> NDArray[np.bool_]: ...
 
@@ -23,12 +26,13 @@ class SlipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     mask_after_closing_s: Annotated[
         float,
-        Meta(ge=0.0, le=2.0, description="after our own closing has ended; the detector's memory "
-             "plus the first relaxation of the rubber"),
+        Meta(
+            ge=0.0,
+            le=2.0,
+            description="after our own closing has ended; the detector's memory plus the first "
+            "relaxation of the rubber",
+        ),
     ] = 0.14
-    nominal_samples: Annotated[
-        int, Meta(ge=1, le=100, description="samples below threshold on all fingers to be nominal")
-    ] = 3
 
 
 class SlipStatus(msgspec.Struct, frozen=True):
@@ -53,50 +57,47 @@ class SlipMonitor:
 
     def __init__(self, rule: DecisionRule, settings: SlipSettings) -> None:
         self._rule = rule
-        self._settings = settings
-        self._armed = False
+        self._mask_ns = round(settings.mask_after_closing_s * 1e9)
         self._masked_until_ns = 0
-        self._quiet = 0
         self.status = DISARMED
         self.events: list[tuple[int, int]] = []  # (t_ns, finger) of every registration
         self.first_detection_ns: int | None = None  # first armed sample above threshold
 
     def arm(self) -> None:
         self._rule.reset()
-        self._armed = True
-        self._quiet = 0
         self.status = SlipStatus(True, False, False, False, -1)
 
     def disarm(self) -> None:
-        self._armed = False
         self.status = DISARMED
 
     def closing(self, now_ns: int) -> None:
         """Our own fingers are moving: mask until a while after this."""
-        self._masked_until_ns = now_ns + round(self._settings.mask_after_closing_s * 1e9)
-        self._rule.reset()
-        self._quiet = 0
+        self._masked_until_ns = now_ns + self._mask_ns
+        self._rule.interrupt()
 
     def update(self, now_ns: int, probabilities: NDArray[np.float64]) -> SlipStatus:
         """Take one sample (fingers,) of probabilities."""
-        if not self._armed:
-            return self.status
         before = self.status
+        if not before.armed:
+            return before
         if now_ns < self._masked_until_ns:
             self.status = SlipStatus(True, True, before.registered, False, before.finger)
-            return self.status
-        above = bool(probabilities.max() > self._rule.threshold)
-        if above and self.first_detection_ns is None:
+        else:
+            self.status = self._decide(now_ns, probabilities, before)
+        return self.status
+
+    def _decide(
+        self, now_ns: int, probabilities: NDArray[np.float64], before: SlipStatus
+    ) -> SlipStatus:
+        if self.first_detection_ns is None and probabilities.max() > self._rule.threshold:
             self.first_detection_ns = now_ns
         registering = self._rule.update(probabilities)
-        self._quiet = 0 if above else self._quiet + 1
-        if registering.any():
-            finger = int(probabilities.argmax()) if registering.all() else int(registering.argmax())
-            event = not before.registered
-            if event:
-                self.events.append((now_ns, finger))
-            self.status = SlipStatus(True, False, True, event, finger)
-        else:
-            still = before.registered and self._quiet < self._settings.nominal_samples
-            self.status = SlipStatus(True, False, still, False, before.finger if still else -1)
-        return self.status
+        if not self._rule.registered:
+            return SlipStatus(True, False, False, False, -1)
+        if not registering.any():
+            return SlipStatus(True, False, True, False, before.finger)
+        finger = int(np.where(registering, probabilities, -1.0).argmax())
+        event = not before.registered
+        if event:
+            self.events.append((now_ns, finger))
+        return SlipStatus(True, False, True, event, finger)

@@ -1,4 +1,4 @@
-"""Everything that a lift can be told, one section a room, and how it is put together from layers."""
+"""Everything that a lift can be told, one section a room, put together from layers."""
 
 import hashlib
 import os
@@ -11,8 +11,8 @@ from detector.decision import RuleSettings
 from detector.energy import EnergySettings
 from drivers.robotiq.driver import DriverSettings as GripperSettings
 from drivers.robotiq.model import HandSettings
-from drivers.takktile.driver import TakkTileSettings
 from drivers.takktile.model import BoardModelSettings
+from drivers.takktile.settings import TakkTileSettings
 from drivers.ur.driver import ArmSettings
 from drivers.ur.model import ArmModelSettings
 from grasp.controller import ControllerSettings

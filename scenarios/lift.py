@@ -64,7 +64,7 @@ def run_trial(config: LiftConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> 
     trace = Trace()
 
     def take(tick: Tick) -> None:
-        truth = rig.truth() if rig.truth is not None else None
+        truth = rig.truth()
         trace.add(tick, truth)
         watch(tick, truth, controller)
 
@@ -76,8 +76,7 @@ def run_trial(config: LiftConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> 
     except KeyboardInterrupt:
         loop.interrupt()
         interrupted = True
-    final = rig.truth() if rig.truth is not None else None
-    return Trial(controller, loop, trace, final, interrupted)
+    return Trial(controller, loop, trace, rig.truth(), interrupted)
 
 
 def run(

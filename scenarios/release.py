@@ -25,4 +25,6 @@ def release_gripper(config: LiftConfig) -> Counts3:
             state = gripper.state
             if state is not None and state.at_rest:
                 return state.positions
-    raise DeviceFault("the fingers did not open", "free them by hand, then switch the gripper off and on")
+    raise DeviceFault(
+        "the fingers did not open", "free them by hand, then switch the gripper off and on"
+    )

@@ -26,7 +26,16 @@ from scenarios.config import LiftConfig
 from scenarios.lift import make_controller, make_guard
 from scenarios.runfolder import RECORDING, RUN_CHANNELS
 
-COMPARED = ("phase", "probabilities", "armed", "masked", "registered", "event", "finger", "commands")
+COMPARED = (
+    "phase",
+    "probabilities",
+    "armed",
+    "masked",
+    "registered",
+    "event",
+    "finger",
+    "commands",
+)
 
 
 class Difference(msgspec.Struct, frozen=True):
@@ -61,9 +70,7 @@ def replay_run(path: Path) -> Replay:
         stepper.take(topic, t_ns, message)
     if stepper.steps == 0:
         raise BadRecordingFile(f"{recording.path}: holds no control step", "record the run again")
-    return Replay(
-        str(path), stepper.steps, recording.complete, stepper.events, stepper.differences
-    )
+    return Replay(str(path), stepper.steps, recording.complete, stepper.events, stepper.differences)
 
 
 def _config(recording: RunRecording) -> LiftConfig:
@@ -147,9 +154,7 @@ class _Stepper:
 
     def _compare(self, t_ns: int, what: str, recorded: Any, replayed: Any) -> None:
         if recorded != replayed:
-            self.differences.append(
-                Difference(t_ns * 1e-9, what, str(recorded), str(replayed))
-            )
+            self.differences.append(Difference(t_ns * 1e-9, what, str(recorded), str(replayed)))
 
     def _note(self, t_ns: int, before: Phase, recorded: ControlMessage) -> None:
         t_s = t_ns * 1e-9

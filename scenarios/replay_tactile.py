@@ -59,7 +59,7 @@ class TactileReplay(msgspec.Struct, frozen=True):
 
 
 class ObedientDevices:
-    """Gripper and arm that do at once what they are told; closing takes 80 ms and ends in contact."""
+    """Gripper and arm that obey at once; closing takes 80 ms and ends in contact."""
 
     def __init__(self) -> None:
         self.rest_taken = False

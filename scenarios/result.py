@@ -33,6 +33,8 @@ class TimingResult(msgspec.Struct, frozen=True):
 
 
 class PhaseEntry(msgspec.Struct, frozen=True):
+    """When a phase began, and why."""
+
     phase: str
     t_s: float
     cause: str
@@ -127,8 +129,13 @@ def _commit() -> str:
     """Commit of the checkout that runs, with a mark when it is changed; `unknown` if installed."""
     command = ("git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*")
     try:
-        done = subprocess.run(  # noqa: S603
-            command, cwd=Path(__file__).parent, capture_output=True, text=True, timeout=5, check=True
+        done = subprocess.run(
+            command,
+            cwd=Path(__file__).parent,
+            capture_output=True,
+            text=True,
+            timeout=5,
+            check=True,
         )
     except (OSError, subprocess.SubprocessError):
         return "unknown"

@@ -1,6 +1,6 @@
 """Opens a rig: the three devices, their clock, and, where there is a simulation, its truth."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import msgspec
@@ -27,7 +27,11 @@ class Rig(msgspec.Struct, frozen=True):
 
     devices: Devices
     clock: Clock
-    truth: Callable[[], Truth] | None
+    cell: SimulatedCell | None
+
+    def truth(self) -> Truth | None:
+        """The state of the simulated world now; None on hardware."""
+        return None if self.cell is None else self.cell.truth()
 
 
 def calibration(config: LiftConfig) -> GripperCalibration:
@@ -72,7 +76,7 @@ def _simulated(config: LiftConfig, seed: int, paced: bool) -> Rig:
     connect(devices, fast)
     cell.place_object()
     clock = PacedClock(cell.advance, fast.now_ns) if paced else fast
-    return Rig(devices, clock, cell.truth)
+    return Rig(devices, clock, cell)
 
 
 def connect(devices: Devices, clock: Clock) -> None:

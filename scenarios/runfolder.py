@@ -17,7 +17,7 @@ from scenarios.world.cell import Truth
 
 RECORDING = "recording.mcap"
 RESULT = "result.json"
-RUN_CHANNELS = {**CHANNELS, TRUTH: Truth}
+RUN_CHANNELS: dict[str, type[msgspec.Struct]] = {**CHANNELS, TRUTH: Truth}
 
 
 class CouldNotRecord(GraspError):
@@ -30,7 +30,7 @@ class RunFolder:
     """Records one run. Nothing here raises while the loop runs; ``finish`` says how it went."""
 
     def __init__(self, runs: Path, scenario: str, config: LiftConfig, seed: int) -> None:
-        """Makes `runs/<stamp>-<scenario>-<object>/`; raises CouldNotRecord when that is impossible."""
+        """Makes `runs/<stamp>-<scenario>-<object>/`; raises CouldNotRecord if it cannot."""
         self.path = _new_folder(runs, f"{scenario}-{config.object.name}")
         self._recorder = RunRecorder(self.path / RECORDING, RUN_CHANNELS, metadata(config, seed))
         self._phases_written = 0
@@ -50,7 +50,7 @@ class RunFolder:
             write(TRUTH, tick.t_ns, truth)
 
     def finish(self, result: LiftResult | None) -> None:
-        """Close the recording and write the result; raises CouldNotRecord, leaving no folder then."""
+        """Close the recording, write the result; raises CouldNotRecord, leaving no folder."""
         self._recorder.close()
         failure: BaseException | None = self._recorder.failure
         if failure is None and result is not None:

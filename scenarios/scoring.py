@@ -17,6 +17,8 @@ from scenarios.world.objects import GraspObject
 
 
 class Outcome(StrEnum):
+    """How a lift can end; the first three are successes."""
+
     HELD_WITHIN_6CM = "held_within_6cm"
     HELD_WITHIN_12CM = "held_within_12cm"
     HELD = "held"
@@ -40,7 +42,8 @@ class ScoringSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     near_m: Annotated[float, Meta(gt=0, le=1, description="paper, table IV: 6 cm")] = 0.06
     far_m: Annotated[float, Meta(gt=0, le=1, description="paper, table IV: 12 cm")] = 0.12
     early_s: Annotated[
-        float, Meta(ge=0, le=1, description="registered this long before gross slip is no false start")
+        float,
+        Meta(ge=0, le=1, description="registered this long before gross slip is no false start"),
     ] = 0.05
     lifted_m: Annotated[
         float, Meta(gt=0, le=1, description="the object must be this far off the table at the end")
@@ -73,11 +76,13 @@ def outcome(facts: LiftFacts, body: GraspObject, settings: ScoringSettings) -> O
         return Outcome.OVER_FORCE
     if facts.registered_s is not None and false_start(facts, settings):
         return Outcome.FALSE_START
-    if facts.end is not None and lost(facts.end, settings):
+    if facts.end is not None and not facts.end.touched:
         expelled = facts.closing_at_loss and facts.end.flank_slope < 0.0
         return Outcome.EXPELLED if expelled else Outcome.DROPPED
     if facts.cap_reached:
         return Outcome.CAP_REACHED
+    if facts.end is not None and facts.end.height_m < settings.lifted_m:
+        return Outcome.DROPPED
     if facts.registered_s is None:
         return Outcome.NEVER_SLIPPED if facts.onset_s is None else Outcome.UNDETECTED
     return _held(facts.end, body, settings)
@@ -91,11 +96,6 @@ def _held(end: Truth | None, body: GraspObject, settings: ScoringSettings) -> Ou
     return (
         Outcome.HELD_WITHIN_12CM if end.slip_distance_m <= settings.far_m else Outcome.BEYOND_12CM
     )
-
-
-def lost(end: Truth, settings: ScoringSettings) -> bool:
-    """True when the object is not in the fingers, or never left the table."""
-    return not end.touched or end.height_m < settings.lifted_m
 
 
 def false_start(facts: LiftFacts, settings: ScoringSettings) -> bool:

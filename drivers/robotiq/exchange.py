@@ -32,7 +32,8 @@ class DriverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """How the driver talks to the gripper. "manual": Robotiq 3-Finger manual, 2014 or 2018."""
 
     calibration: Annotated[
-        str, _Meta(description="what a byte is worth in newtons: `paper` (10-60 N), `manual` (15-60 N)")
+        str,
+        _Meta(description="what a byte is worth in newtons: `paper` (10-60 N), `manual` (15-60 N)"),
     ] = "paper"
     link: Annotated[
         Literal["tcp", "rtu"],

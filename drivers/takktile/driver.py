@@ -164,9 +164,13 @@ class TakkTileDriver:
         raw.flags.writeable = False
         self._latest_raw = raw
         if self._resting is not None:
-            self._take_rest(raw)
+            self._take_rest(raw, self._resting)
         if self._rest is not None:
-            self._frame = self._build(now_ns, sampled_ns, raw, temperature[self._order])
+            counts, temperatures = raw - self._rest, temperature[self._order]
+            counts.flags.writeable = temperatures.flags.writeable = False
+            self._frame = TactileFrame(
+                now_ns, sampled_ns, self._seq, counts, raw, self._rest, temperatures
+            )
 
     def _read(self, now_ns: int) -> tuple[Codes, Codes, int] | Missed:
         """Pressure and temperature codes (cells,) in frame order, and when they were converted."""
@@ -202,13 +206,6 @@ class TakkTileDriver:
                 return
         raise DeviceFault("the tactile board keeps sending after a stop", "replug it, open again")
 
-    def _build(self, now_ns: int, sampled_ns: int, raw: Codes, temperature: Codes) -> TactileFrame:
-        assert self._rest is not None  # noqa: S101
-        counts = raw - self._rest
-        counts.flags.writeable = False
-        temperature.flags.writeable = False
-        return TactileFrame(now_ns, sampled_ns, self._seq, counts, raw, self._rest, temperature)
-
     def _repeat(self, now_ns: int) -> None:
         if self._frame is None:
             return
@@ -224,14 +221,14 @@ class TakkTileDriver:
     def _forget_rest(self) -> None:
         self._rest = self._resting = self._frame = None
 
-    def _take_rest(self, raw: Codes) -> None:
-        assert self._resting is not None  # noqa: S101
-        self._resting.append(raw)
-        if len(self._resting) < self._settings.rest_samples:
+    def _take_rest(self, raw: Codes, samples: list[Codes]) -> None:
+        samples.append(raw)
+        if len(samples) < self._settings.rest_samples:
             return
-        samples, self._resting = np.stack(self._resting), None
-        rest = np.rint(np.median(samples, axis=0)).astype(np.int16)
-        _check_rest(rest, samples.std(axis=0), self._settings)
+        self._resting = None
+        taken = np.stack(samples)
+        rest = np.rint(np.median(taken, axis=0)).astype(np.int16)
+        _check_rest(rest, taken.std(axis=0), self._settings)
         rest.flags.writeable = False
         self._rest = rest
 
@@ -260,7 +257,7 @@ def _frame_order(layout: Layout, settings: TakkTileSettings) -> NDArray[np.intp]
                 raise DeviceFault(
                     f"finger {finger} taxel {taxel} (row {cell[0]}, column {cell[1]}) does not "
                     f"answer; {len(place)} cells do",
-                    f"check the cable of finger {finger}, or correct `cells` in the tactile settings",
+                    f"check the cable of finger {finger}, or correct `cells` in the settings",
                 )
     return np.array([[place[cell] for cell in cells] for cells in settings.cells], np.intp)
 

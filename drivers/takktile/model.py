@@ -30,7 +30,7 @@ class Unplugged(Exception):
 
 
 class Hung(Exception):
-    """The firmware waits on its I2C bus for ever: requests time out until the board is replugged."""
+    """The firmware waits on its I2C bus for ever: all times out until the board is replugged."""
 
 
 class BoardModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -78,7 +78,7 @@ class BoardModel:
         self._power_up()
 
     def control(self, request: int, value: int, index: int, length: int, now_ns: int) -> bytes:
-        """Reply to a vendor request, cut to ``length``; ``Stall`` when the firmware knows it not."""
+        """Reply to a vendor request, cut to ``length``; ``Stall`` when the request is unknown."""
         self._reach()
         if self._hung:
             raise Hung
@@ -157,7 +157,7 @@ class BoardModel:
         self._started = False
         self._ticks = 120  # the firmware's default
         self._ready_ns = 0
-        self._pending = b""
+        self._pending: bytes = b""  # of a frame, what the host has not drained yet
         blank = np.zeros(len(self._settings.cells), np.int16)
         self._held: tuple[Codes, Codes] = (blank, blank)
 

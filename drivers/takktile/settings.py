@@ -33,8 +33,8 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         msgspec.Meta(
             ge=3.0,
             le=7.0,
-            description="ms from the start of a conversion to its reading; the MPL115A2 needs up to "
-            "3 ms, and with 18 cells to read it must fit into 10 ms",
+            description="ms from the start of a conversion to its reading; the MPL115A2 needs up "
+            "to 3 ms, and with 18 cells to read it must fit into 10 ms",
         ),
     ] = 3.0
     stale_after_missed: Annotated[
@@ -46,8 +46,8 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         msgspec.Meta(
             ge=15.0,
             le=1000.0,
-            description="ms since conversion above which a sample counts as missed: the board holds "
-            "a frame for as long as nobody reads it; assumed, as long as the sensor takes to be stale",
+            description="ms since conversion above which a sample counts as missed: the board "
+            "holds a frame for as long as nobody reads it; assumed, five periods of 100 Hz",
         ),
     ] = 50.0
     rest_samples: Annotated[
@@ -77,7 +77,9 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     ] = 512
     rest_reference: Annotated[
         tuple[FingerRest, FingerRest, FingerRest] | None,
-        msgspec.Meta(description="rest codes of this hand on a known unloaded day, fingers A, B, C"),
+        msgspec.Meta(
+            description="rest codes of this hand on a known unloaded day, fingers A, B, C"
+        ),
     ] = None
     rest_reference_tolerance_counts: Annotated[
         float,

@@ -10,25 +10,40 @@ from drivers.errors import DeviceFault, Refused, Stale
 from drivers.interfaces import ArmState, Vector3
 from drivers.ur.model import ArmSample
 
+_SLACK_M = 1e-9  # rounding, when a pose is computed from the start pose and a limit
+
 
 class ArmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Limits on what this driver will send. The workspace is a box around the pose at start."""
 
-    max_speed_mps: Annotated[float, Meta(gt=0.0, le=1.0, description="of the tool")] = 0.25
-    max_acceleration_mps2: Annotated[float, Meta(gt=0.0, le=10.0, description="of the tool")] = 1.2
+    max_speed_mps: Annotated[
+        float,
+        Meta(gt=0.0, le=1.0, description="m/s, of the tool; 0.25 m/s is reduced speed, ISO 10218"),
+    ] = 0.25
+    max_acceleration_mps2: Annotated[
+        float, Meta(gt=0.0, le=10.0, description="m/s2, of the tool; UR manual: movel's default")
+    ] = 1.2
     workspace_low_m: Annotated[
-        tuple[float, float, float], Meta(description="lowest x, y, z, relative to the start")
+        tuple[float, float, float], Meta(description="m, lowest x, y, z from the start; assumed")
     ] = (-0.05, -0.05, -0.01)
     workspace_high_m: Annotated[
-        tuple[float, float, float], Meta(description="highest x, y, z, relative to the start")
+        tuple[float, float, float], Meta(description="m, highest x, y, z from the start; assumed")
     ] = (0.05, 0.05, 0.5)
     max_jump_m: Annotated[
-        float, Meta(gt=0.0, le=1.0, description="longest single move from the present position")
+        float,
+        Meta(gt=0.0, le=1.0, description="m, longest move from the present position; assumed"),
     ] = 0.5
-    max_payload_kg: Annotated[float, Meta(gt=0.0, le=12.5, description="UR10 manual: 10 kg")] = 10.0
+    max_payload_kg: Annotated[
+        float, Meta(gt=0.0, le=12.5, description="kg, gripper included; UR10 manual: 10 kg")
+    ] = 10.0
     stale_after_s: Annotated[
-        float, Meta(ge=0.016, le=1.0, description="the controller's own timestamp may stand still")
+        float,
+        Meta(ge=0.016, le=1.0, description="s without a new controller timestamp; assumed"),
     ] = 0.05
+    arrived_within_m: Annotated[
+        float,
+        Meta(gt=0.0, le=0.01, description="m from the target at which a move is over; assumed"),
+    ] = 0.0005
 
 
 class ArmLink(Protocol):
@@ -36,7 +51,9 @@ class ArmLink(Protocol):
 
     def move_l(
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
-    ) -> None: ...
+    ) -> bool:
+        """Start a straight move and return at once; False when the controller does not take it."""
+        ...
 
     def stop_l(self, deceleration_mps2: float, now_ns: int) -> None: ...
 
@@ -51,9 +68,11 @@ class ArmDriver:
     def __init__(self, link: ArmLink, settings: ArmSettings) -> None:
         self._link = link
         self._settings = settings
+        self._stale_ns = round(settings.stale_after_s * 1e9)
         self._start_m: Vector3 | None = None
+        self._target_m: Vector3 | None = None  # of a move that has not arrived yet
         self._state: ArmState | None = None
-        self._sample_ns = -1
+        self._sample_ns: int | None = None
         self._fresh_ns = 0
         self._now_ns = 0
         self._seq = 0
@@ -61,10 +80,15 @@ class ArmDriver:
 
     @property
     def state(self) -> ArmState | None:
+        """Latest state; its time is when the controller's timestamp was last seen to change."""
         return self._state
 
     def pump(self, now_ns: int) -> None:
-        """Read one sample; raises Stale and DeviceFault, the latter once an onset."""
+        """Read one sample.
+
+        Raises ``Stale`` for as long as the controller's own timestamp stands still, and
+        ``DeviceFault`` once for each onset of a protective stop.
+        """
         self._now_ns = now_ns
         sample = self._link.read(now_ns)
         if sample.t_ns != self._sample_ns:
@@ -73,13 +97,60 @@ class ArmDriver:
             self._start_m = sample.position_m
         self._seq += 1
         self._state = ArmState(
-            self._fresh_ns, self._seq, sample.position_m, sample.velocity_mps, sample.moving,
-            sample.protective_stop,
-        )  # fmt: skip
+            t_ns=self._fresh_ns,
+            seq=self._seq,
+            position_m=sample.position_m,
+            velocity_mps=sample.velocity_mps,
+            moving=self._moving(sample),
+            stopped_by_safety=sample.protective_stop,
+        )
         self._check(now_ns, sample)
 
+    def move_to(self, position_m: Vector3, speed_mps: float, acceleration_mps2: float) -> None:
+        """Straight line; raises ``Refused`` outside any limit, before anything is sent."""
+        s = self._settings
+        _require_up_to("max_speed_mps", speed_mps, s.max_speed_mps, "m/s")
+        _require_up_to("max_acceleration_mps2", acceleration_mps2, s.max_acceleration_mps2, "m/s2")
+        state = self._state
+        if state is None or self._start_m is None:
+            raise Refused("the arm's position is not known yet", "pump the arm driver first")
+        if state.stopped_by_safety:
+            raise Refused("the arm stands in a protective stop", "clear it at the teach pendant")
+        jump_m = math.dist(position_m, state.position_m)
+        _require("max_jump_m", jump_m, 0.0, s.max_jump_m, "m")
+        box = zip(
+            "xyz", position_m, self._start_m, s.workspace_low_m, s.workspace_high_m, strict=True
+        )
+        for axis, value, start, low, high in box:
+            key = f"workspace_low_m..workspace_high_m ({axis} from start)"
+            _require(key, value - start, low, high, "m", _SLACK_M)
+        if not self._link.move_l(position_m, speed_mps, acceleration_mps2, self._now_ns):
+            raise Refused("the arm controller did not take the move", "look at the teach pendant")
+        self._target_m = position_m
+        self._state = msgspec.structs.replace(state, moving=True)
+
+    def stop(self, deceleration_mps2: float) -> None:
+        """Always allowed; a deceleration that makes no sense is replaced by the highest limit."""
+        most = self._settings.max_acceleration_mps2
+        self._target_m = None
+        sane = 0.0 < deceleration_mps2 < math.inf
+        self._link.stop_l(deceleration_mps2 if sane else most, self._now_ns)
+
+    def set_payload(self, mass_kg: float) -> None:
+        """Tell the controller what hangs on the flange, gripper included."""
+        _require("max_payload_kg", mass_kg, 0.0, self._settings.max_payload_kg, "kg")
+        self._link.set_payload(mass_kg)
+
+    def _moving(self, sample: ArmSample) -> bool:
+        """True from the command of a move on, although the controller starts it a cycle later."""
+        if self._target_m is not None and not sample.moving:
+            away_m = math.dist(sample.position_m, self._target_m)
+            if away_m <= self._settings.arrived_within_m or sample.protective_stop:
+                self._target_m = None
+        return sample.moving or self._target_m is not None
+
     def _check(self, now_ns: int, sample: ArmSample) -> None:
-        if now_ns - self._fresh_ns > self._settings.stale_after_s * 1e9:
+        if now_ns - self._fresh_ns > self._stale_ns:
             raise Stale(
                 "the arm controller's clock stands still",
                 "look at the teach pendant, then start the run again",
@@ -92,35 +163,16 @@ class ArmDriver:
                 "see the teach pendant for the cause, clear it there, then start the run again",
             )
 
-    def move_to(self, position_m: Vector3, speed_mps: float, acceleration_mps2: float) -> None:
-        """Straight line; raises Refused outside any limit, before anything is sent."""
-        s = self._settings
-        _require("arm.max_speed_mps", speed_mps, 0.0, s.max_speed_mps, "m/s")
-        _require("arm.max_acceleration_mps2", acceleration_mps2, 0.0, s.max_acceleration_mps2, "m/s2")
-        if self._state is None or self._start_m is None:
-            raise Refused("the arm's position is not known yet", "connect first")
-        jump = math.dist(position_m, self._state.position_m)
-        _require("arm.max_jump_m", jump, -1.0, s.max_jump_m, "m")
-        limits = zip("xyz", position_m, self._start_m, s.workspace_low_m, s.workspace_high_m,
-                     strict=True)  # fmt: skip
-        for axis, value, start, low, high in limits:
-            _require(f"arm.workspace ({axis} from start)", value - start, low - 1e-9, high + 1e-9, "m")
-        self._link.move_l(position_m, speed_mps, acceleration_mps2, self._now_ns)
 
-    def stop(self, deceleration_mps2: float) -> None:
-        """Always allowed; a deceleration that makes no sense is replaced by the highest limit."""
-        most = self._settings.max_acceleration_mps2
-        allowed = deceleration_mps2 if 0.0 < deceleration_mps2 < math.inf else most
-        self._link.stop_l(allowed, self._now_ns)
-
-    def set_payload(self, mass_kg: float) -> None:
-        _require("arm.max_payload_kg", mass_kg, -1e-9, self._settings.max_payload_kg, "kg")
-        self._link.set_payload(mass_kg)
+def _require_up_to(key: str, value: float, most: float, unit: str) -> None:
+    if not 0.0 < value <= most:
+        raise Refused(f"{value:g} {unit} breaks arm.{key}", f"allowed: above 0, to {most:g} {unit}")
 
 
-def _require(key: str, value: float, above: float, most: float, unit: str) -> None:
-    if not above < value <= most:
+def _require(
+    key: str, value: float, least: float, most: float, unit: str, slack: float = 0.0
+) -> None:
+    if not least - slack <= value <= most + slack:
         raise Refused(
-            f"{value:g} {unit} is outside {key}", f"allowed: more than {above:g} up to {most:g} {unit}"
+            f"{value:g} {unit} breaks arm.{key}", f"allowed: {least:g} to {most:g} {unit}"
         )
-

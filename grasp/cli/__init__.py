@@ -23,8 +23,8 @@ def build_parser() -> argparse.ArgumentParser:
     """The whole command line; builds no device and imports nothing heavy."""
     parser = Parser(
         prog="grasp",
-        description="Closed-loop grasp controller: feels slip with barometric fingertips and closes "
-        "a Robotiq 3-Finger gripper as fast as it can within a force limit.",
+        description="Closed-loop grasp controller: feels slip with barometric fingertips and "
+        "closes a Robotiq 3-Finger gripper as fast as it can within a force limit.",
         epilog="Exit codes: 0 success, 1 trial failed, 2 usage or configuration, 3 device, "
         "4 safety stop, 5 could not record or internal error, 130 interrupted.",
     )
@@ -36,7 +36,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415
+    from importlib.metadata import PackageNotFoundError, version
 
     try:
         return version("grasp-controller")
@@ -45,7 +45,7 @@ def _version() -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns its exit code and never lets an expected error become a traceback."""
+    """Run one command; returns its exit code. Expected errors become one line, no traceback."""
     args = build_parser().parse_args(argv)
     as_json = getattr(args, "json", False)
     try:
@@ -72,7 +72,7 @@ def _expected(error: Exception, as_json: bool) -> int:
     if as_json:
         text = f"{type(error).__name__}: {error}"
         return exits.report("internal", text, "a bug: run without --json and report it", True)
-    import traceback  # noqa: PLC0415
+    import traceback
 
     traceback.print_exc()
     return exits.INTERNAL

@@ -16,23 +16,25 @@ def add_parser(verbs: Any) -> None:
     show = actions.add_parser("show", help="every setting, its value and what is allowed")
     show.add_argument("section", nargs="?", help="show this section alone")
     add_trial_options(show)
-    show.add_argument("--json", action="store_true",
-                      help="the resolved settings as one JSON object")  # fmt: skip
+    show.add_argument(
+        "--json", action="store_true", help="the resolved settings as one JSON object"
+    )
     show.set_defaults(handler=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    import msgspec  # noqa: PLC0415
+    import msgspec
 
-    from grasp.settings import allowed  # noqa: PLC0415
-    from scenarios.config import load_config  # noqa: PLC0415
+    from grasp.settings import allowed
+    from scenarios.config import load_config
 
     config = load_config(args.object, args.rig, args.detector, args.config, args.set)
     table = msgspec.to_builtins(config)
     sections = [name for name, value in table.items() if isinstance(value, dict)]
     if args.section is not None and args.section not in sections:
-        return exits.report("usage", f"no section {args.section!r}", f"one of: {', '.join(sections)}",
-                            args.json)  # fmt: skip
+        return exits.report(
+            "usage", f"no section {args.section!r}", f"one of: {', '.join(sections)}", args.json
+        )
     shown = sections if args.section is None else [args.section]
     if args.json:
         print(json.dumps({name: table[name] for name in shown}))

@@ -1,4 +1,4 @@
-"""What a person sees of a run: a live panel in a terminal, plain lines elsewhere, then the verdict."""
+"""What a person sees of a run: a live panel or plain lines, then the verdict."""
 
 import sys
 from types import TracebackType
@@ -29,7 +29,10 @@ class Display:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, tb: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        tb: TracebackType | None,
     ) -> None:
         self.close()
 
@@ -77,15 +80,17 @@ def _line(tick: Tick) -> str:
             FINGER_NAMES, tick.measured_n, tick.observation.probabilities.tolist(), strict=True
         )
     )
-    return f"{tick.t_ns * 1e-9:7.2f} s  {tick.decision.phase:<10}  {fingers}  slip {status_text(tick)}"
+    return (
+        f"{tick.t_ns * 1e-9:7.2f} s  {tick.decision.phase:<10}  {fingers}  slip {status_text(tick)}"
+    )
 
 
 class _Live:
     """A panel that is redrawn in place, with the phase log beneath it."""
 
     def __init__(self) -> None:
-        from rich.console import Console  # noqa: PLC0415
-        from rich.live import Live  # noqa: PLC0415
+        from rich.console import Console
+        from rich.live import Live
 
         self._live = Live(console=Console(), auto_refresh=False)
         self._live.start()
@@ -111,9 +116,9 @@ class _Live:
 
 def panel(tick: Tick) -> Any:
     """The live picture: phase, slip status, and a bar of force and of probability a finger."""
-    from rich.panel import Panel  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
+    from rich.panel import Panel
+    from rich.table import Table
+    from rich.text import Text
 
     table = Table.grid(padding=(0, 2))
     rows = zip(
@@ -125,7 +130,7 @@ def panel(tick: Tick) -> Any:
             f"finger {name}",
             Text(_bar(force_n / FORCE_FULL_N), style="cyan"),
             f"{force_n:5.1f} N",
-            Text(_bar(p), style="red" if p > 0.5 else "blue"),  # noqa: PLR2004
+            Text(_bar(p), style="red" if p > 0.5 else "blue"),
             f"p {p:4.2f}",
             f"{finger.position_counts:3d} counts",
         )

@@ -15,20 +15,29 @@ def add_parser(verbs: Any) -> None:
         help=HELP,
         description=HELP + ". Support the object first: it falls when the fingers open.",
     )
-    parser.add_argument("--rig", default="simulated", metavar="NAME",
-                        help="one of config/rigs (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--config", type=Path, metavar="FILE",
-                        help="TOML over the packaged settings (default: $GRASP_CONFIG)")  # fmt: skip
-    parser.add_argument("--json", action="store_true",
-                        help="one JSON object on standard output, nothing else")  # fmt: skip
+    parser.add_argument(
+        "--rig",
+        default="simulated",
+        metavar="NAME",
+        help="one of config/rigs (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="TOML over the packaged settings (default: $GRASP_CONFIG)",
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="one JSON object on standard output, nothing else"
+    )
     parser.set_defaults(handler=release)
 
 
 def release(args: argparse.Namespace) -> int:
-    import json  # noqa: PLC0415
+    import json
 
-    from scenarios.config import load_config  # noqa: PLC0415
-    from scenarios.release import release_gripper  # noqa: PLC0415
+    from scenarios.config import load_config
+    from scenarios.release import release_gripper
 
     positions = release_gripper(load_config("can", args.rig, "energy", args.config))
     if args.json:

@@ -1,4 +1,4 @@
-"""`grasp replay`: a recorded run, or a recorded fingertip, through detector and controller again."""
+"""`grasp replay`: a recorded run or fingertip through detector and controller again."""
 
 import argparse
 import json
@@ -13,18 +13,36 @@ SHOWN_DIFFERENCES = 10
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("replay", help=HELP, description=HELP)
-    parser.add_argument("run", nargs="?", type=Path, metavar="RUN",
-                        help="folder or recording.mcap of a run")  # fmt: skip
-    parser.add_argument("--check", action="store_true",
-                        help="exit 1 if any event or command differs from the recording")  # fmt: skip
-    parser.add_argument("--tactile", type=Path, metavar="PATH.csv",
-                        help="a fingertip recording (t_s,p0..p5,slip) instead of a run")  # fmt: skip
-    parser.add_argument("--detector", default="energy", metavar="NAME",
-                        help="with --tactile: one of config/detectors (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
-                        help="with --tactile: one setting; may be repeated")  # fmt: skip
-    parser.add_argument("--json", action="store_true",
-                        help="one JSON object on standard output, nothing else")  # fmt: skip
+    parser.add_argument(
+        "run", nargs="?", type=Path, metavar="RUN", help="folder or recording.mcap of a run"
+    )
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="exit 1 if any event or command differs from the recording",
+    )
+    parser.add_argument(
+        "--tactile",
+        type=Path,
+        metavar="PATH.csv",
+        help="a fingertip recording (t_s,p0..p5,slip) instead of a run",
+    )
+    parser.add_argument(
+        "--detector",
+        default="energy",
+        metavar="NAME",
+        help="with --tactile: one of config/detectors (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="SECTION.KEY=VALUE",
+        help="with --tactile: one setting; may be repeated",
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="one JSON object on standard output, nothing else"
+    )
     parser.set_defaults(handler=replay)
 
 
@@ -35,9 +53,9 @@ def replay(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    import msgspec  # noqa: PLC0415
+    import msgspec
 
-    from scenarios.replay import replay_run  # noqa: PLC0415
+    from scenarios.replay import replay_run
 
     done = replay_run(args.run)
     same = not done.differences
@@ -56,12 +74,12 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _tactile(args: argparse.Namespace) -> int:
-    import msgspec  # noqa: PLC0415
+    import msgspec
 
-    from detector.recordings import read_csv  # noqa: PLC0415
-    from grasp.cli.detector import evaluate_energy  # noqa: PLC0415
-    from scenarios.config import load_config  # noqa: PLC0415
-    from scenarios.replay_tactile import replay_tactile  # noqa: PLC0415
+    from detector.recordings import read_csv
+    from grasp.cli.detector import evaluate_energy
+    from scenarios.config import load_config
+    from scenarios.replay_tactile import replay_tactile
 
     config = load_config("can", "simulated", args.detector, None, args.set)
     recording = read_csv(args.tactile)
@@ -97,6 +115,6 @@ def scores_text(scores: Any) -> str:
 
 
 def msgspec_text(scores: Any) -> str:
-    import msgspec  # noqa: PLC0415
+    import msgspec
 
     return msgspec.json.format(msgspec.json.encode(scores), indent=2).decode()

@@ -13,32 +13,68 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("run", help=HELP, description=HELP)
     parser.add_argument("scenario", choices=("lift",), help="lift: lift an object held too weakly")
     add_trial_options(parser)
-    parser.add_argument("--runs", type=Path, default=Path("runs"), metavar="DIR",
-                        help="folder of recordings (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--keep", action="store_true",
-                        help="keep holding the object instead of setting it down")  # fmt: skip
-    parser.add_argument("--pace", choices=("real", "max"),
-                        help="virtual time at the wall's pace, or as fast as it can "
-                        "(default: real in a terminal, max otherwise)")  # fmt: skip
-    parser.add_argument("--json", action="store_true",
-                        help="one JSON object on standard output, nothing else")  # fmt: skip
+    parser.add_argument(
+        "--runs",
+        type=Path,
+        default=Path("runs"),
+        metavar="DIR",
+        help="folder of recordings (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--keep", action="store_true", help="keep holding the object instead of setting it down"
+    )
+    parser.add_argument(
+        "--pace",
+        choices=("real", "max"),
+        help="virtual time at the wall's pace, or as fast as it can "
+        "(default: real in a terminal, max otherwise)",
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="one JSON object on standard output, nothing else"
+    )
     parser.set_defaults(handler=run)
 
 
 def add_trial_options(parser: argparse.ArgumentParser) -> None:
     """Options that choose what is run; `grasp config` knows them too."""
-    parser.add_argument("--object", default="can", metavar="NAME",
-                        help="one of config/objects (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--rig", default="simulated", metavar="NAME",
-                        help="one of config/rigs (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--detector", default="energy", metavar="NAME",
-                        help="one of config/detectors (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--seed", type=_seed, default=0, metavar="N",
-                        help="of everything random, 0 or more (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--config", type=Path, metavar="FILE",
-                        help="TOML over the packaged settings (default: $GRASP_CONFIG)")  # fmt: skip
-    parser.add_argument("--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
-                        help="one setting; may be repeated; `grasp config show` lists them")  # fmt: skip
+    parser.add_argument(
+        "--object",
+        default="can",
+        metavar="NAME",
+        help="one of config/objects (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--rig",
+        default="simulated",
+        metavar="NAME",
+        help="one of config/rigs (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--detector",
+        default="energy",
+        metavar="NAME",
+        help="one of config/detectors (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--seed",
+        type=_seed,
+        default=0,
+        metavar="N",
+        help="of everything random, 0 or more (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="TOML over the packaged settings (default: $GRASP_CONFIG)",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="SECTION.KEY=VALUE",
+        help="one setting; may be repeated; `grasp config show` lists them",
+    )
 
 
 def _seed(text: str) -> int:
@@ -48,11 +84,11 @@ def _seed(text: str) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    import sys  # noqa: PLC0415
+    import sys
 
-    from grasp.cli.live import Display  # noqa: PLC0415
-    from scenarios import lift  # noqa: PLC0415
-    from scenarios.config import load_config  # noqa: PLC0415
+    from grasp.cli.live import Display
+    from scenarios import lift
+    from scenarios.config import load_config
 
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
     config = load_config(args.object, args.rig, args.detector, args.config, assignments)
@@ -64,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _report(finished: Any, args: argparse.Namespace) -> int:
-    from grasp.cli.live import print_verdict  # noqa: PLC0415
+    from grasp.cli.live import print_verdict
 
     failure = finished.failure
     if failure is not None:

@@ -12,15 +12,22 @@ HELP = "list recorded runs with their verdicts"
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("runs", help=HELP, description=HELP)
-    parser.add_argument("--runs", type=Path, default=Path("runs"), metavar="DIR",
-                        help="folder of recordings (default: %(default)s)")  # fmt: skip
+    parser.add_argument(
+        "--runs",
+        type=Path,
+        default=Path("runs"),
+        metavar="DIR",
+        help="folder of recordings (default: %(default)s)",
+    )
     parser.add_argument("--json", action="store_true", help="one JSON array of results")
     parser.set_defaults(handler=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    results = [(path.parent.name, json.loads(path.read_text())) for path in
-               sorted(args.runs.glob("*/result.json"))]  # fmt: skip
+    results = [
+        (path.parent.name, json.loads(path.read_text()))
+        for path in sorted(args.runs.glob("*/result.json"))
+    ]
     if args.json:
         print(json.dumps([result for _, result in results]))
         return exits.SUCCESS

@@ -32,12 +32,17 @@ class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     """Compliances of hand and pads."""
 
     half_aperture_m: Annotated[
-        float, Meta(gt=0.02, le=0.1, description="pad to centre plane, open; manual: 155 mm opening")
+        float,
+        Meta(gt=0.02, le=0.1, description="pad to centre plane, open; manual: 155 mm opening"),
     ] = 0.0775
     mount_stiffness_npm: Annotated[
         float,
-        Meta(ge=500.0, le=1e6, description="linkage of one finger; assumed, 3-10 N/mm: without it "
-             "one motor count would be 7-15 N and no insufficient grasp would exist"),
+        Meta(
+            ge=500.0,
+            le=1e6,
+            description="linkage of one finger; assumed, 3-10 N/mm: without it "
+            "one motor count would be 7-15 N and no insufficient grasp would exist",
+        ),
     ] = 5000.0
     pad_stiffness_npm: Annotated[
         float, Meta(ge=500.0, le=1e6, description="10 mm urethane pad, normal; derived, 12-20 N/mm")
@@ -57,12 +62,10 @@ class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     relaxation_time_s: Annotated[
         float, Meta(ge=0.01, le=5.0, description="of that fraction; real clip 0.1-0.3 s")
     ] = 0.2
-    step_s: Annotated[
-        float, Meta(ge=1e-5, le=0.05, description="largest integration step")
-    ] = 5e-4
+    step_s: Annotated[float, Meta(ge=1e-5, le=0.05, description="largest integration step")] = 5e-4
 
 
-# Layout of the state vector: one flat array, so that the compiled step takes and returns one object.
+# Layout of the state vector: one flat array, so that the compiled step takes a single object.
 HEIGHT, SPEED, SLIP, LATERAL, ONSET_S, SLIP_SPEED = 0, 1, 2, 3, 4, 5
 STRETCH, RELAXED, NORMAL, SHEAR, SLIDING, PEAK = 6, 9, 12, 15, 18, 21
 SLOPE, ONSET_FORCE, RISE_S, PRESENT = 24, 25, 26, 27
@@ -80,7 +83,9 @@ NOT_YET = -1.0
 def finger_stiffness(contact: ContactSettings, body: GraspObject) -> float:
     """Normal stiffness of one finger on one wall, N/m: mount, pad and wall in series."""
     compliance = (
-        1 / contact.mount_stiffness_npm + 1 / contact.pad_stiffness_npm + 1 / body.wall_stiffness_npm
+        1 / contact.mount_stiffness_npm
+        + 1 / contact.pad_stiffness_npm
+        + 1 / body.wall_stiffness_npm
     )
     return 1 / compliance
 
@@ -188,7 +193,7 @@ def _residual(v: float, inertia: float, push: float, a: Floats, b: float, cap: F
 
 @njit(cache=True)
 def solve_velocity(inertia: float, push: float, a: Floats, b: float, cap: Floats) -> float:
-    """Root of the residual: bracketed between its (at most six) break points, where it is linear."""
+    """Root of the residual: bracketed between its six break points, where it is linear."""
     low, high = -np.inf, np.inf
     for i in range(FINGERS):
         for side in (-1.0, 1.0):

@@ -1,4 +1,4 @@
-"""What six barometers under rubber read while a textured surface presses and slides: a first, simple form.
+"""What six barometers under rubber read while a surface presses and slides: a first, simple form.
 
 The pad is a bed of springs (Winkler) on a grid fixed to the pad. A height field fixed to the object
 slides beneath it, so the pressure under each spring changes as its bump passes: this is what makes
@@ -122,7 +122,7 @@ class Pad:
         )
 
     def kernels(self, settings: FingertipSettings, centre_mm: Floats) -> tuple[Floats, Floats]:
-        """Counts per newton, (6, springs) each, of normal and shear load of a patch at centre_mm."""
+        """Counts per newton, (6, springs) each, of normal and shear load; patch at centre_mm."""
         away = taxel_positions(settings.pitch_mm)[:, None, :] - (self.springs_mm + centre_mm)
         r = np.hypot(away[..., 0], away[..., 1])
         ahead = away @ self.direction / np.maximum(r, 1e-9)
@@ -147,7 +147,7 @@ def spring_loads(
     force_n: float, slip_mm: float, along: Floats, row: NDArray[np.int64], gap: Floats,
     stiffness: float, field: Floats, out: Floats,
 ) -> None:  # fmt: skip
-    """Load of each spring, N, so that they sum to force_n. Solves for the common approach by Newton:
+    """Load of each spring, N, so that they sum to force_n. Newton solves for the common approach:
     the sum rises piecewise linearly and convexly with it, so a few steps are exact."""
     n = along.shape[0]
     positions = field.shape[1]

@@ -32,7 +32,8 @@ class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     ]
     shape: Literal["straight", "ellipsoid"] = "straight"
     half_width_m: Annotated[
-        float, Meta(gt=0.005, le=0.07, description="half of the widest width, closing axis; assumed")
+        float,
+        Meta(gt=0.005, le=0.07, description="half of the widest width, closing axis; assumed"),
     ]
     half_height_m: Annotated[
         float, Meta(gt=0.005, le=0.3, description="vertical semi-axis of an ellipsoid; assumed")

@@ -23,6 +23,7 @@ from tests.unit.grasp.builders import arm, gripper, seen
 TICK = 10_000_000
 HEIGHT = 0.2
 MOVING = (Detection.MOVING, Detection.AT_TARGET, Detection.AT_TARGET)
+RESTING = (Detection.AT_TARGET, Detection.AT_TARGET, Detection.AT_TARGET)
 LATCHED = (Detection.CONTACT_CLOSING, Detection.AT_TARGET, Detection.AT_TARGET)
 
 
@@ -84,10 +85,11 @@ def test_approach_shapes_the_hand_then_takes_rest_counts_then_grasps() -> None:
 def test_grasp_waits_until_the_status_is_fresh_and_no_command_is_on_its_way() -> None:
     d = Driver()
     d.until(Phase.GRASP)
-    for change in ({"pending": True}, {"gripper": gripper(d.t_ns, fresh=False)},
-                   {"gripper": gripper(d.t_ns, detections=MOVING)}):  # fmt: skip
-        for _ in range(5):
-            assert d.step(**change).phase is Phase.GRASP
+    for fresh, detections, pending in ((True, RESTING, True), (False, RESTING, False),
+                                       (True, MOVING, False)):  # fmt: skip
+        for _ in range(80):
+            now = gripper(d.t_ns + TICK, detections=detections, fresh=fresh)
+            assert d.step(gripper=now, pending=pending).phase is Phase.GRASP
     assert not d.controller.monitor.status.armed
 
 
@@ -172,8 +174,6 @@ def test_finished_lift_sets_down_opens_and_retreats() -> None:
     d.until(Phase.IDLE)
     assert d.controller.finished
     assert [type(c) for c in d.commands] == [MoveArm, OpenFingers, MoveArm]
-
-
 
 
 def test_keep_goes_on_holding() -> None:
@@ -267,8 +267,10 @@ def test_every_edge_of_the_table_can_be_walked_and_no_other() -> None:
     for trigger in Trigger:
         for phase in Phase:
             machine = PhaseMachine()
-            machine._model.state = phase.value  # noqa: SLF001
-            expected = [dest for t, sources, dest in TRANSITIONS if t is trigger and phase in sources]
+            machine._model.state = phase.value
+            expected = [
+                dest for t, sources, dest in TRANSITIONS if t is trigger and phase in sources
+            ]
             if expected:
                 machine.fire(trigger, 0, "test")
                 assert machine.phase is expected[0]

@@ -111,9 +111,7 @@ def test_no_target_lies_beyond_the_position_where_the_force_reaches_the_limit(
 def test_repeated_commands_do_not_ratchet_past_the_bound() -> None:
     g = guard(travel_bound=True)
     g.anchor((55, 55, 55), (2.0, 1.0, 1.0))
-    limits = [
-        g.admit(close(), gripper(positions=(55 + k, 55, 55)), NO_FORCE) for k in range(5)
-    ]
+    limits = [g.admit(close(), gripper(positions=(55 + k, 55, 55)), NO_FORCE) for k in range(5)]
     assert len({c.limits_counts for c in limits if isinstance(c, CloseFast)}) == 1
 
 

@@ -41,7 +41,7 @@ def test_single_samples_on_two_fingers_in_turn_register_nothing() -> None:
 
 
 def test_status_returns_to_nominal_after_enough_quiet_samples() -> None:
-    m = monitor(nominal_samples=3)
+    m = monitor()
     m.arm()
     statuses = feed(m, HIGH, HIGH, LOW, LOW, LOW, LOW)
     assert [s.registered for s in statuses] == [False, True, True, True, False, False]

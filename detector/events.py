@@ -1,0 +1,147 @@
+"""Metrics of events: what a decision rule registered against the slips that really happened.
+
+What the controller acts upon is the beginning of a registered event. So a slip is caught if an
+event begins within it; an alarm that is still on from before catches nothing.
+"""
+
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from detector.metrics import Floats, Labels
+
+Events = NDArray[np.intp]  # (m, 2): first sample, and the first one after
+
+
+class EventSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What counts as one slip, and what as caught."""
+
+    merge_gap_s: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="static gaps shorter than this do not end a slip, "
+                    "s; assumed, under half of the published recording's pauses")
+    ] = 0.1  # fmt: skip
+    early_s: Annotated[
+        float, Meta(ge=0.0, le=0.5, description="an event may begin this long before the label: "
+                    "sliding starts below the labelling speed, s; assumed")
+    ] = 0.02  # fmt: skip
+
+
+class Quantiles(msgspec.Struct, frozen=True):
+    """Values that occur: the least with at least that share at or below it."""
+
+    p50: float
+    p90: float
+    p99: float
+
+
+class EventMetrics(msgspec.Struct, frozen=True):
+    """Events in a stretch of data; None where there is nothing to judge.
+
+    Delays count from the label's rise (``delay``) and fall (``release_delay``): negative is early.
+    A miss enters as a delay that lasts to the end of its slip, which is the least it can be.
+    """
+
+    true_events: int
+    missed_events: int
+    registered_events: int
+    false_events: int
+    event_recall: float | None
+    event_precision: float | None
+    false_events_per_min: float | None
+    delay_ms: Quantiles | None
+    delay_mm: Quantiles | None
+    release_delay_ms: Quantiles | None
+
+
+def quantiles(values: Floats) -> Quantiles | None:
+    """p50, p90 and p99; None of no values."""
+    if not len(values):
+        return None
+    found = np.quantile(values, [0.5, 0.9, 0.99], method="inverted_cdf")
+    return Quantiles(*found.tolist())
+
+
+def true_events(slip: Labels, t_s: Floats, merge_gap_s: float) -> Events:
+    """Runs of slip (m, 2), those closer than the gap joined."""
+    edges = np.flatnonzero(np.diff(slip.astype(np.int8), prepend=0, append=0))
+    first, after = edges[::2], edges[1::2]
+    apart = t_s[first[1:]] - t_s[after[:-1]] >= merge_gap_s
+    return np.column_stack([
+        first[np.concatenate([[True], apart])[: len(first)]],
+        after[np.concatenate([apart, [True]])[: len(after)]],
+    ])  # fmt: skip
+
+
+def event_metrics(
+    registered: Events,
+    slip: Labels,
+    t_s: Floats,
+    settings: EventSettings,
+    *,
+    first_sample: int = 0,
+    speed_mps: Floats | None = None,
+) -> EventMetrics:
+    """Judge registered events (m, 2) against labels (n,) at times (n,).
+
+    Slips and false events count if they begin at ``first_sample`` or later. ``speed_mps`` (n,) is
+    the sliding speed; with it delays are given in mm slipped, too.
+    """
+    truth = true_events(slip, t_s, settings.merge_gap_s)
+    owner = _owners(registered, truth, t_s, settings.early_s)
+    scored = np.flatnonzero(truth[:, 0] >= first_sample)
+    false = int(((owner < 0) & (registered[:, 0] >= first_sample)).sum())
+    good = int(np.isin(owner, scored).sum())
+    first = [registered[owner == i][:1, 0] for i in scored]
+    answered = np.array([len(f) > 0 for f in first], np.bool_)
+    caught = int(answered.sum())
+    onset, end = truth[scored, 0], truth[scored, 1]
+    at = np.where(answered, [f[0] if len(f) else 0 for f in first], end).astype(np.intp)
+    released = np.array([registered[owner == i][-1, 1] for i in scored[answered]], np.intp)
+    static_s = _static_s(truth, t_s, first_sample)
+    return EventMetrics(
+        true_events=len(scored),
+        missed_events=len(scored) - caught,
+        registered_events=good + false,
+        false_events=false,
+        event_recall=caught / len(scored) if len(scored) else None,
+        event_precision=good / (good + false) if good + false else None,
+        false_events_per_min=false / static_s * 60.0 if static_s > 0.0 else None,
+        delay_ms=quantiles(_time(t_s, at) * 1e3 - _time(t_s, onset) * 1e3),
+        delay_mm=None if speed_mps is None else quantiles(_slipped_mm(speed_mps, t_s, onset, at)),
+        release_delay_ms=quantiles((_time(t_s, released) - _time(t_s, end[answered])) * 1e3),
+    )
+
+
+def _owners(registered: Events, truth: Events, t_s: Floats, early_s: float) -> NDArray[np.intp]:
+    """The slip (index into truth) in which each registered event begins, -1 if in none."""
+    start = registered[:, 0]
+    candidate = np.searchsorted(truth[:, 1], start, side="right")
+    onset_s = np.append(t_s[truth[:, 0]], np.inf)[candidate]
+    return np.where(t_s[start] >= onset_s - early_s, candidate, -1)
+
+
+def _time(t_s: Floats, samples: Events) -> Floats:
+    """Times of samples; the end of the data is as late as its last sample."""
+    times: Floats = t_s[np.minimum(samples, len(t_s) - 1)]
+    return times
+
+
+def _static_s(truth: Events, t_s: Floats, first_sample: int) -> float:
+    """How long, from the first sample on, there is no slip: every sample stands for one period."""
+    static = np.ones(len(t_s), np.bool_)
+    for first, after in truth:
+        static[first:after] = False
+    period_s = (t_s[-1] - t_s[0]) / (len(t_s) - 1)
+    return float(static[first_sample:].sum() * period_s)
+
+
+def _slipped_mm(speed_mps: Floats, t_s: Floats, onset: Events, at: Events) -> Floats:
+    """Distance slid between two samples each, a speed holding until the next one; early is 0."""
+    steps_mm = np.abs(speed_mps[:-1]) * np.diff(t_s) * 1e3
+    path_mm: Floats = np.concatenate([[0.0], np.cumsum(steps_mm)])
+    last = len(t_s) - 1
+    slipped = path_mm[np.minimum(at, last)] - path_mm[np.minimum(onset, last)]
+    return np.maximum(slipped, 0.0)

@@ -1,0 +1,147 @@
+"""Metrics of single samples: probabilities (n,) against labels (n,), arrays in, numbers out."""
+
+from itertools import pairwise
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Labels = NDArray[np.bool_]
+
+CALIBRATION_BINS = 10
+EDGE_BINS_MS = (0.0, 50.0, 100.0, 200.0, float("inf"))
+
+
+class Confusion(msgspec.Struct, frozen=True):
+    """Samples by label and verdict; a ratio of nothing is 0."""
+
+    static_static: int
+    static_slip: int  # labelled static, called slip
+    slip_static: int
+    slip_slip: int
+
+    @property
+    def n(self) -> int:
+        return self.static_static + self.static_slip + self.slip_static + self.slip_slip
+
+    @property
+    def accuracy(self) -> float:
+        return _ratio(self.static_static + self.slip_slip, self.n)
+
+    @property
+    def balanced_accuracy(self) -> float | None:
+        """Mean recall of both classes; None if the labels know only one."""
+        static, slip = self.static_static + self.static_slip, self.slip_static + self.slip_slip
+        if static == 0 or slip == 0:
+            return None
+        return (self.static_static / static + self.slip_slip / slip) / 2.0
+
+    @property
+    def slip_f1(self) -> float:
+        return _f1(self.slip_slip, self.slip_static + self.static_slip)
+
+    @property
+    def weighted_f1(self) -> float:
+        """F1 of both classes, weighted by how often they are labelled (the paper's F1)."""
+        static, slip = self.static_static + self.static_slip, self.slip_static + self.slip_slip
+        static_f1 = _f1(self.static_static, self.slip_static + self.static_slip)
+        return _ratio(static * static_f1 + slip * self.slip_f1, self.n)
+
+
+class EdgeBin(msgspec.Struct, frozen=True):
+    """Accuracy among samples this far from the nearest change of label; ``to_ms`` None: any."""
+
+    from_ms: float
+    to_ms: float | None
+    n: int
+    accuracy: float | None
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole else 0.0
+
+
+def _f1(hits: int, errors: int) -> float:
+    return _ratio(2 * hits, 2 * hits + errors)
+
+
+def confusion(verdicts: Labels, labels: Labels) -> Confusion:
+    """Count verdicts (n,) by label."""
+    cells = np.bincount(2 * labels.astype(np.intp) + verdicts, minlength=4)
+    a, b, c, d = cells.tolist()
+    return Confusion(a, b, c, d)
+
+
+class _Ranking:
+    """Samples grouped by equal probability, in rising order: what an AUC is computed from."""
+
+    def __init__(self, probabilities: Floats, labels: Labels) -> None:
+        self._group = np.unique(probabilities, return_inverse=True)[1]
+        self._labels = labels
+
+    def auc(self, weights: Floats) -> float | None:
+        """Share of (slip, static) pairs in the right order, ties counting half."""
+        slip = np.bincount(self._group, weights * self._labels)
+        static = np.bincount(self._group, weights * ~self._labels)
+        pairs = slip.sum() * static.sum()
+        if pairs == 0.0:
+            return None
+        return float((slip * (np.cumsum(static) - static / 2.0)).sum() / pairs)
+
+
+def auc(probabilities: Floats, labels: Labels) -> float | None:
+    """Area under the ROC curve; None if the labels know only one class."""
+    return _Ranking(probabilities, labels).auc(np.ones(len(labels)))
+
+
+def auc_interval(
+    probabilities: Floats, labels: Labels, *, seed: int = 0, resamples: int = 1000
+) -> tuple[float, float] | None:
+    """95 % bootstrap interval of the AUC over strokes and pauses.
+
+    Samples of one stroke are no independent witnesses, so whole runs of equal labels are drawn,
+    strokes and pauses apart. None with fewer than two of either.
+    """
+    block = np.concatenate([[0], np.cumsum(labels[1:] != labels[:-1])])
+    is_slip = labels[np.unique(block, return_index=True)[1]]
+    strokes, pauses = np.flatnonzero(is_slip), np.flatnonzero(~is_slip)
+    if min(len(strokes), len(pauses)) < 2:
+        return None
+    rng = np.random.default_rng(seed)
+    ranking = _Ranking(probabilities, labels)
+    values = []
+    for _ in range(resamples):
+        drawn = np.concatenate([rng.choice(kind, len(kind)) for kind in (strokes, pauses)])
+        weights = np.bincount(drawn, minlength=len(is_slip)).astype(np.float64)
+        values.append(ranking.auc(weights[block]))
+    low, high = np.quantile(np.array(values, np.float64), [0.025, 0.975])
+    return float(low), float(high)
+
+
+def calibration_error(probabilities: Floats, labels: Labels) -> float:
+    """Expected calibration error over ten equal bins of probability."""
+    bins = np.minimum((probabilities * CALIBRATION_BINS).astype(np.intp), CALIBRATION_BINS - 1)
+    gap = np.bincount(bins, probabilities - labels)
+    return float(np.abs(gap).sum() / len(labels))
+
+
+def edge_distance_ms(t_s: Floats, labels: Labels) -> Floats:
+    """Time (n,) to the nearest change of label, taken midway between its two samples."""
+    at = np.flatnonzero(labels[1:] != labels[:-1])
+    edges = np.concatenate([[-np.inf], (t_s[at] + t_s[at + 1]) / 2.0, [np.inf]])
+    after = np.searchsorted(edges, t_s)
+    nearest: Floats = np.minimum(t_s - edges[after - 1], edges[after] - t_s) * 1e3
+    return nearest
+
+
+def accuracy_by_edge(verdicts: Labels, labels: Labels, distance_ms: Floats) -> tuple[EdgeBin, ...]:
+    """Accuracy in bins of the distance (n,) to the nearest change of label."""
+    right = verdicts == labels
+    found = []
+    for low, high in pairwise(EDGE_BINS_MS):
+        last = high == float("inf")
+        inside = right[(distance_ms >= low) & ((distance_ms < high) | last)]
+        accuracy = float(inside.mean()) if len(inside) else None
+        found.append(EdgeBin(low, None if last else high, len(inside), accuracy))
+    return tuple(found)

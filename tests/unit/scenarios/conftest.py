@@ -1,0 +1,72 @@
+"""Lifts on the simulated rig, in virtual time."""
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import pytest
+
+from grasp.loop import Tick
+from grasp.phases import Phase
+from scenarios import lift
+from scenarios.config import LiftConfig, load_config
+from scenarios.lift import Trial
+from scenarios.result import LiftResult
+from scenarios.rigs import Rig, open_rig
+
+
+def config(*assignments: str, object_name: str = "can") -> LiftConfig:
+    return load_config(object_name, "simulated", "energy", None, assignments)
+
+
+def judged(*assignments: str, seed: int = 0, object_name: str = "can") -> LiftResult:
+    result = lift.run(config(*assignments, object_name=object_name), seed, None).result
+    assert result is not None
+    return result
+
+
+class Staged:
+    """One lift during which something is done to the rig at the first tick that meets a condition."""
+
+    def __init__(self, *assignments: str, seed: int = 0) -> None:
+        self.config = config(*assignments)
+        self.seed = seed
+        self.ticks: list[Tick] = []
+        self.done_at_ns: int | None = None
+
+    def run(self, when: Callable[[Tick], bool], act: Callable[[Rig], None]) -> Trial:
+        with open_rig(self.config, self.seed, paced=False) as rig:
+            self.rig = rig
+
+            def watch(tick: Tick, truth: Any, controller: Any) -> None:
+                self.ticks.append(tick)
+                if self.done_at_ns is None and when(tick):
+                    self.done_at_ns = tick.t_ns
+                    act(rig)
+
+            return lift.run_trial(self.config, rig, lift.make_guard(self.config), watch)
+
+    def result(self, trial: Trial) -> LiftResult:
+        return lift.judge(self.config, self.seed, trial, None)
+
+
+def in_phase(phase: Phase, after_ticks: int = 10) -> Callable[[Tick], bool]:
+    """True from the given number of ticks into a phase on."""
+    seen = 0
+
+    def check(tick: Tick) -> bool:
+        nonlocal seen
+        seen += tick.decision.phase is phase
+        return seen > after_ticks
+
+    return check
+
+
+@pytest.fixture(scope="session")
+def plain_lift() -> LiftResult:
+    return judged()
+
+
+def changed(config: LiftConfig, section: str, **values: Any) -> LiftConfig:
+    part = msgspec.structs.replace(getattr(config, section), **values)
+    return msgspec.structs.replace(config, **{section: part})

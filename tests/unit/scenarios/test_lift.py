@@ -1,0 +1,184 @@
+"""The lift as a closed loop over the device models: every outcome, and what leads to it."""
+
+from pathlib import Path
+
+import pytest
+
+from scenarios import lift
+from scenarios.result import LiftResult
+from tests.unit.scenarios.conftest import Staged, config, judged
+
+
+def test_weak_grasp_on_the_can_is_felt_and_saved(plain_lift: LiftResult) -> None:
+    r = plain_lift
+    assert r.success
+    assert r.outcome == "held_within_6cm"
+    assert [p.phase for p in r.phases] == [
+        "approach", "grasp", "lift", "compensate", "hold", "lower", "release", "idle",
+    ]  # fmt: skip
+    assert r.slip_onset_s is not None
+    assert r.first_detection_s is not None
+    assert r.slip_registered_s is not None
+    assert r.slip_onset_s < r.first_detection_s < r.slip_registered_s
+    assert r.slip_distance_m is not None
+    assert 0.001 < r.slip_distance_m < 0.06
+
+
+@pytest.mark.parametrize("name", ["box", "cardboard", "ball", "football", "foam"])
+def test_every_object_can_be_saved_by_the_default_controller(name: str) -> None:
+    assert judged(object_name=name).success
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_true_peak_of_the_reference_hand_stays_within_a_newton_of_the_limit(seed: int) -> None:
+    r = judged(seed=seed)
+    assert r.peak_force_n is not None
+    assert 10.0 < max(r.peak_force_n.values()) < 11.0
+    assert r.commanded_force_n <= 10.0
+
+
+def test_without_reactions_the_same_can_never_leaves_the_table() -> None:
+    r = judged("controller.reactions=false")
+    assert r.outcome == "dropped"
+    assert not r.success
+
+
+def test_deaf_detector_drops_the_can() -> None:
+    r = judged("detector.threshold_counts=400")
+    assert r.slip_registered_s is None
+    assert r.outcome == "dropped"
+
+
+def test_slip_that_ends_by_itself_unheard_is_undetected() -> None:
+    # A grip that just breaks at the arm's jerk but carries the weight at constant speed.
+    r = judged(
+        "detector.threshold_counts=400", "object.mass_kg=0.24", "object.friction_kinetic=0.79",
+        "arm.max_acceleration_mps2=5", "controller.lift_acceleration_mps2=5",
+        "controller.lift_speed_mps=0.25",
+    )  # fmt: skip
+    assert r.slip_onset_s is not None
+    assert r.outcome == "undetected"
+
+
+def test_grasp_that_is_strong_enough_never_slips_and_is_no_success() -> None:
+    r = judged("object.mass_kg=0.1", "object.grip_counts=[57,56,56]")
+    assert r.outcome == "never_slipped"
+    assert not r.success
+
+
+def test_detector_that_cries_at_once_is_a_false_start() -> None:
+    r = judged("detector.threshold_counts=0.3")
+    assert r.outcome == "false_start"
+    assert r.slip_registered_s is not None
+
+
+def test_registration_just_before_gross_slip_counts_as_detected_by_the_twin() -> None:
+    r = judged("scoring.early_s=1.0", "detector.threshold_counts=0.3", "controller.settle_s=0.3")
+    assert r.outcome != "false_start"
+
+
+def test_object_too_heavy_for_the_limit_reports_the_cap_and_is_lowered() -> None:
+    r = judged("object.mass_kg=2.5")
+    assert r.outcome == "cap_reached"
+    assert "lower" in [p.phase for p in r.phases]
+    assert r.peak_force_n is not None
+    assert max(r.peak_force_n.values()) < 11.0
+
+
+def test_short_body_slips_out_of_a_slow_hand() -> None:
+    r = judged("object.body_above_grip_m=0.01", "hand.command_latency_s=0.15")
+    assert r.outcome == "dropped"
+
+
+def test_ball_held_above_its_equator_is_expelled_by_closing() -> None:
+    r = judged(
+        "object.grip_height_m=0.012", "object.friction_static=0.3", "object.friction_kinetic=0.25",
+        "object.mass_kg=0.15", "hand.command_latency_s=0.1", object_name="ball",
+    )  # fmt: skip
+    assert r.outcome == "expelled"
+
+
+def test_long_object_that_slips_beyond_twelve_centimetres_is_no_success() -> None:
+    r = judged(
+        "object.body_above_grip_m=0.4", "hand.command_latency_s=0.15", "loop.decision_delay_s=0.5",
+        "controller.lift_height_m=0.4", "controller.lift_speed_mps=0.25",
+        "controller.lift_acceleration_mps2=1.2",
+    )  # fmt: skip
+    assert r.outcome == "beyond_12cm"
+
+
+def test_slower_decisions_cost_slip_as_arm_speed_times_delay() -> None:
+    fast, slow = judged("loop.decision_delay_s=0.0"), judged("loop.decision_delay_s=0.1")
+    assert fast.slip_distance_m is not None
+    assert slow.slip_distance_m is not None
+    extra_m = slow.slip_distance_m - fast.slip_distance_m
+    assert 0.006 < extra_m < 0.012  # 0.1 m/s x 0.1 s, the arm still accelerating
+
+
+def test_finger_that_stops_on_contact_in_the_grasp_is_a_fault_before_the_lift() -> None:
+    finished = lift.run(config("object.grip_counts=[75,75,75]", "controller.preshape_margin_counts=30"), 0, None)
+    assert finished.result is not None
+    assert finished.result.outcome == "fault"
+    assert [p.phase for p in finished.result.phases] == ["approach", "grasp", "fault"]
+    assert finished.failure is not None
+    assert finished.failure.kind == "safety_stop"
+
+
+def test_all_motors_closing_put_twice_the_limit_on_the_thumb() -> None:
+    r = judged("guard.cap_mode=each_motor")
+    assert r.peak_force_n is not None
+    assert r.peak_force_n["A"] > 17.0
+    assert r.outcome == "over_force"
+    assert r.commanded_force_n <= 10.0
+
+
+def test_start_up_override_breaks_the_limit_and_a_travel_bound_restores_it() -> None:
+    override = ("hand.override_s=0.1", "hand.override_n=30")
+    broken = judged(*override)
+    assert broken.outcome == "over_force"
+    bound = judged(*override, "guard.travel_bound=true")
+    assert bound.peak_force_n is not None
+    assert max(bound.peak_force_n.values()) < 11.0
+
+
+def test_heavier_fingertip_overshoots_more() -> None:
+    peaks = []
+    for mass in (0.05, 0.1, 0.5):
+        peak = judged(f"hand.tip_mass_kg={mass}").peak_force_n
+        assert peak is not None
+        peaks.append(max(peak.values()))
+    assert peaks == sorted(peaks)
+    assert peaks[-1] > 11.0
+
+
+def test_keep_goes_on_holding_the_object() -> None:
+    r = judged("controller.keep=true")
+    assert r.success
+    assert r.phases[-1].phase == "hold"
+
+
+def test_set_down_leaves_the_object_on_the_table_where_it_was() -> None:
+    staged = Staged()
+    staged.run(lambda tick: False, lambda rig: None)
+    truth = staged.rig.truth()
+    assert truth is not None
+    assert truth.height_m == 0.0
+    assert not truth.touched
+
+
+def test_own_closing_does_not_register_as_a_second_slip() -> None:
+    staged = Staged()
+    trial = staged.run(lambda tick: False, lambda rig: None)
+    assert len(trial.controller.monitor.events) == 1
+
+
+def test_equal_seeds_leave_byte_identical_recordings_and_other_seeds_do_not(tmp_path: Path) -> None:
+    data = []
+    for seed in (3, 3, 4):
+        result = lift.run(config(), seed, tmp_path).result
+        assert result is not None
+        assert result.recording is not None
+        data.append(Path(result.recording).read_bytes())
+    assert data[0] == data[1]
+    assert data[0] != data[2]
+
