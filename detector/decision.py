@@ -54,8 +54,7 @@ class ConsecutiveRule:
         """Take (fingers,) probabilities; tell which fingers (fingers,) register slip now."""
         values: list[float] = probabilities.tolist()
         self._runs = [
-            run + 1 if p > self.threshold else 0
-            for run, p in zip(self._runs, values, strict=True)
+            run + 1 if p > self.threshold else 0 for run, p in zip(self._runs, values, strict=True)
         ]
         self._quiet = 0 if any(self._runs) else self._quiet + 1
         registering = [run >= self.settings.consecutive for run in self._runs]
@@ -92,7 +91,8 @@ def _markers(
     """Samples (n,) on which some finger has been above for long enough, and all have been below."""
     above: NDArray[np.bool_] = np.greater(values, threshold)
     registering = _run_lengths(above).max(axis=1, initial=0) >= settings.consecutive
-    quiet = _run_lengths(~above.any(axis=1, keepdims=True))[:, 0] >= settings.release
+    below = ~np.logical_or.reduce(above, axis=1, keepdims=True)
+    quiet = _run_lengths(below)[:, 0] >= settings.release
     return registering, quiet
 
 

@@ -30,7 +30,7 @@ class EventSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class Quantiles(msgspec.Struct, frozen=True):
-    """Values that occur: the least with at least that share at or below it."""
+    """Values that occur, to a thousandth: the least with at least that share at or below it."""
 
     p50: float
     p90: float
@@ -61,7 +61,7 @@ def quantiles(values: Floats) -> Quantiles | None:
     if not len(values):
         return None
     found = np.quantile(values, [0.5, 0.9, 0.99], method="inverted_cdf")
-    return Quantiles(*found.tolist())
+    return Quantiles(*np.round(found, 3).tolist())
 
 
 def true_events(slip: Labels, t_s: Floats, merge_gap_s: float) -> Events:

@@ -114,9 +114,7 @@ def _columns(lines: list[str], source: str) -> tuple[str, ...]:
 def _row(line: str, columns: tuple[str, ...], source: str, number: int) -> list[float]:
     words = line.split(",")
     if len(words) != len(columns):
-        raise BadRecording(
-            source, number, f"{len(words)} columns", f"there must be {len(columns)}"
-        )
+        raise BadRecording(source, number, f"{len(words)} columns", f"there must be {len(columns)}")
     values = []
     for name, word in zip(columns, words, strict=True):
         try:

@@ -7,6 +7,7 @@ import msgspec
 
 from detector.decision import ConsecutiveRule
 from detector.interface import load_detector
+from drivers.errors import ConfigError
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp.controller import GraspController, GripPlan
 from grasp.guard import ForceGuard
@@ -47,6 +48,15 @@ class Trial(msgspec.Struct, frozen=True):
 def make_guard(config: LiftConfig) -> ForceGuard:
     """The guard; raises ConfigError before any device is touched if the limit cannot be kept."""
     known = calibration(config)
+    for key in ("grip_force_n", "force_cap_n"):
+        asked_n = getattr(config.controller, key)
+        if asked_n < known.least_force_n:
+            raise ConfigError(
+                "controller",
+                key,
+                f"{asked_n:g} N is less than the gripper can be set to",
+                f">= {known.least_force_n:g} N, the least force of calibration {known.name!r}",
+            )
     return ForceGuard(config.guard, known.least_force_n, known.m_per_count)
 
 

@@ -75,6 +75,7 @@ class BoardModel:
         self._split = False
         self._flip: tuple[int, int] | None = None
         self._stall = False
+        self._pending = b""  # of a frame, what the host has not drained yet
         self._power_up()
 
     def control(self, request: int, value: int, index: int, length: int, now_ns: int) -> bytes:
@@ -157,7 +158,7 @@ class BoardModel:
         self._started = False
         self._ticks = 120  # the firmware's default
         self._ready_ns = 0
-        self._pending: bytes = b""  # of a frame, what the host has not drained yet
+        self._pending = b""
         blank = np.zeros(len(self._settings.cells), np.int16)
         self._held: tuple[Codes, Codes] = (blank, blank)
 

@@ -1,0 +1,106 @@
+"""The decision rule: so many samples in a row on one finger, and its whole-stream twin."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from detector.decision import ConsecutiveRule, RuleSettings, event_starts, registered_events
+
+
+def rule(fingers: int = 3, **settings: float) -> ConsecutiveRule:
+    return ConsecutiveRule(RuleSettings(**settings), fingers)  # type: ignore[arg-type]
+
+
+def feed(r: ConsecutiveRule, *samples: tuple[float, ...]) -> list[list[bool]]:
+    return [r.update(np.array(p)).tolist() for p in samples]
+
+
+def latch(r: ConsecutiveRule, *values: float) -> list[bool]:
+    states = []
+    for p in values:
+        r.update(np.array([p]))
+        states.append(r.registered)
+    return states
+
+
+def test_the_paper_s_rule_is_the_default() -> None:
+    assert RuleSettings().consecutive == 2
+    assert RuleSettings().threshold == 0.5
+
+
+def test_k_samples_in_a_row_on_one_finger_register_it_for_as_long_as_they_last() -> None:
+    high, low = (0.0, 0.9, 0.0), (0.0, 0.0, 0.0)
+    found = feed(rule(), high, high, high, low, high)
+    assert [f[1] for f in found] == [False, True, True, False, False]
+    assert not any(f[0] or f[2] for f in found)
+
+
+def test_samples_in_a_row_on_different_fingers_register_nothing() -> None:
+    found = feed(rule(), (0.9, 0, 0), (0, 0.9, 0), (0, 0, 0.9), (0.9, 0, 0))
+    assert not np.any(found)
+
+
+def test_two_fingers_register_apart() -> None:
+    found = feed(rule(), (0.9, 0, 0), (0.9, 0.9, 0), (0, 0.9, 0))
+    assert found == [[False] * 3, [True, False, False], [False, True, False]]
+
+
+def test_a_probability_at_the_threshold_is_not_above_it() -> None:
+    assert not np.any(feed(rule(1), (0.5,), (0.5,), (0.5,)))
+    assert np.any(feed(rule(1), (0.5000001,), (0.5000001,)))
+
+
+def test_k_of_one_registers_at_once() -> None:
+    assert feed(rule(1, consecutive=1), (0.0,), (0.9,)) == [[False], [True]]
+
+
+def test_slip_stays_registered_until_enough_quiet_samples_on_all_fingers() -> None:
+    r = rule(1, release=3)
+    assert latch(r, 1, 1, 0, 0, 1, 0, 0, 0, 0) == [
+        False, True, True, True, True, True, True, False, False,
+    ]  # fmt: skip
+    both = rule(2, release=2)
+    states = []
+    for p in [(1, 0), (1, 0), (0, 1), (0, 0), (0, 1), (0, 0), (0, 0)]:
+        both.update(np.array(p, float))
+        states.append(both.registered)
+    assert states == [False, True, True, True, True, True, False]
+
+
+def test_a_reset_forgets_runs_and_registration() -> None:
+    r = rule(1)
+    latch(r, 1, 1)
+    r.reset()
+    assert not r.registered
+    assert latch(r, 1, 1) == [False, True]
+
+
+def test_events_of_a_stream_countable_by_hand() -> None:
+    p = np.array([0, 1, 1, 1, 0, 0, 0, 1, 0, 1, 1, 0, 1, 0, 0, 0, 1, 1], float)[:, None]
+    assert registered_events(p, RuleSettings(release=3)).tolist() == [[2, 6], [10, 15], [17, 18]]
+    assert event_starts(p * 40, 20.0, RuleSettings(release=3)).tolist() == [2, 10, 17]
+
+
+@pytest.mark.parametrize("n", [0, 1])
+def test_a_stream_too_short_to_register_has_no_events(n: int) -> None:
+    assert registered_events(np.ones((n, 3)), RuleSettings()).shape == (0, 2)
+
+
+@given(
+    p=arrays(np.float64, st.tuples(st.integers(1, 60), st.integers(1, 3)),
+             elements=st.sampled_from([0.2, 0.5, 0.8])),
+    k=st.integers(1, 4), release=st.integers(1, 4),
+)  # fmt: skip
+def test_events_of_a_stream_are_those_that_the_rule_registers_step_by_step(
+    p: np.ndarray, k: int, release: int
+) -> None:
+    settings = RuleSettings(consecutive=k, release=release)
+    r = ConsecutiveRule(settings, p.shape[1])
+    on = [False]
+    for sample in p:
+        r.update(sample)
+        on.append(r.registered)
+    edges = np.flatnonzero(np.diff(np.array(on, int), append=0))
+    assert registered_events(p, settings).tolist() == edges.reshape(-1, 2).tolist()

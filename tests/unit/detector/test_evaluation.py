@@ -1,0 +1,307 @@
+"""Figures that can be counted by hand or by brute force, and the authors' recording as a check."""
+
+import itertools
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from detector.decision import RuleSettings, registered_events
+from detector.energy import EnergyDetector, EnergySettings
+from detector.evaluation import Evaluation, evaluate_recording, stream
+from detector.events import EventMetrics, EventSettings, Quantiles, event_metrics, quantiles
+from detector.events import true_events as slips
+from detector.metrics import (
+    accuracy_by_edge,
+    auc,
+    auc_interval,
+    calibration_error,
+    confusion,
+    edge_distance_ms,
+)
+from detector.recordings import Recording
+
+JSON_FIELDS = {
+    "detector", "data", "n_samples", "accuracy", "weighted_f1", "slip_f1", "balanced_accuracy",
+    "auc", "event_recall", "event_precision", "false_events_per_min", "delay_ms", "delay_mm",
+    "release_delay_ms", "ece", "compute_us", "auc_interval", "threshold", "threshold_counts",
+    "by_edge_distance", "confusion", "true_events", "missed_events", "registered_events",
+    "false_events",
+}  # fmt: skip
+
+
+def flags(*runs: int) -> NDArray[np.bool_]:
+    """Runs of static, slip, static ... of these lengths."""
+    return np.repeat(np.arange(len(runs)) % 2 == 1, runs)
+
+
+def times(n: int) -> NDArray[np.float64]:
+    return np.arange(n) * 0.01
+
+
+def judge(
+    slip: NDArray[np.bool_], events: list[list[int]], **more: object
+) -> EventMetrics:
+    settings = more.pop("settings", EventSettings(merge_gap_s=0.1, early_s=0.02))
+    registered = np.array(events, np.intp).reshape(-1, 2)
+    return event_metrics(registered, slip, times(len(slip)), settings, **more)  # type: ignore[arg-type]
+
+
+class Scripted:
+    """A detector that says what it was told to."""
+
+    name = "scripted"
+    threshold = 0.5
+
+    def __init__(self, *fingers: NDArray[np.float64]) -> None:
+        self._script = np.stack(fingers, axis=1)
+
+    def reset(self) -> None:
+        self._at = 0
+
+    def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
+        self._at += 1
+        return self._script[self._at - 1]
+
+
+def recording(slip: NDArray[np.bool_], fingers: int = 1) -> Recording:
+    counts = np.zeros((len(slip), fingers, 6), np.int16)
+    return Recording(times(len(slip)), counts, slip, None, "by hand")
+
+
+# --- samples
+
+
+def test_a_confusion_gives_the_textbook_figures() -> None:
+    labels = np.array([0, 0, 0, 0, 0, 0, 1, 1, 1, 1], bool)
+    verdicts = np.array([0, 0, 0, 0, 1, 1, 1, 1, 1, 0], bool)
+    c = confusion(verdicts, labels)
+    assert (c.static_static, c.static_slip, c.slip_static, c.slip_slip) == (4, 2, 1, 3)
+    assert c.accuracy == 0.7
+    assert c.balanced_accuracy == pytest.approx((4 / 6 + 3 / 4) / 2)
+    assert c.slip_f1 == pytest.approx(2 * 0.6 * 0.75 / (0.6 + 0.75))
+    static_f1 = 2 * 0.8 * (4 / 6) / (0.8 + 4 / 6)
+    assert c.weighted_f1 == pytest.approx(0.6 * static_f1 + 0.4 * c.slip_f1)
+
+
+def test_labels_of_one_class_have_no_balanced_accuracy_no_auc_and_no_interval() -> None:
+    labels = np.zeros(5, bool)
+    assert confusion(labels, labels).balanced_accuracy is None
+    assert confusion(labels, labels).accuracy == 1.0
+    assert auc(np.arange(5.0), labels) is None
+    assert auc_interval(np.arange(5.0), labels) is None
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from([0.0, 0.1, 0.5, 0.7, 1.0]), st.booleans()), min_size=2)
+)
+def test_the_auc_is_the_share_of_pairs_in_the_right_order(pairs: list[tuple[float, bool]]) -> None:
+    slip = [p for p, label in pairs if label]
+    static = [p for p, label in pairs if not label]
+    won = [(a > b) + 0.5 * (a == b) for a, b in itertools.product(slip, static)]
+    found = auc(np.array([p for p, _ in pairs]), np.array([label for _, label in pairs]))
+    assert found == (pytest.approx(sum(won) / len(won)) if won else None)
+
+
+def test_the_interval_draws_whole_strokes_and_repeats_for_a_seed() -> None:
+    labels = flags(50, 50, 50, 50, 50, 50)
+    p = labels.astype(float)
+    p[250:] = 0.0  # one stroke of three is not heard at all
+    low, high = auc_interval(p, labels, seed=1) or (None, None)
+    assert (low, high) == (0.5, 1.0)
+    assert auc(p, labels) == pytest.approx(5 / 6)
+    rough = np.random.default_rng(0).random(300)
+    assert auc_interval(rough, labels, seed=1) == auc_interval(rough, labels, seed=1)
+    assert auc_interval(rough, labels, seed=1) != auc_interval(rough, labels, seed=2)
+
+
+def test_one_stroke_gives_no_interval() -> None:
+    assert auc_interval(np.linspace(0, 1, 30), flags(10, 10, 10)) is None
+
+
+def test_the_calibration_error_is_the_gap_between_saying_and_happening() -> None:
+    labels = np.array([0, 0, 1, 1], bool)
+    assert calibration_error(labels.astype(float), labels) == 0.0
+    assert calibration_error(np.array([0.25, 0.25, 0.95, 0.95]), labels) == pytest.approx(0.15)
+    assert calibration_error(np.array([1.0, 1.0, 0.0, 0.0]), labels) == 1.0
+    assert calibration_error(np.full(4, 0.5), labels) == 0.0
+
+
+def test_distance_is_counted_to_the_nearer_change_of_label() -> None:
+    found = edge_distance_ms(times(6), flags(2, 3, 1))
+    assert found == pytest.approx([15, 5, 5, 15, 5, 5])
+    assert np.isinf(edge_distance_ms(times(3), flags(3))).all()
+
+
+def test_accuracy_is_binned_by_distance_from_the_edge() -> None:
+    labels = flags(30, 30)
+    verdicts = flags(33, 27)  # three samples late
+    bins = accuracy_by_edge(verdicts, labels, edge_distance_ms(times(60), labels))
+    assert [(b.from_ms, b.to_ms, b.n) for b in bins] == [
+        (0.0, 50.0, 10), (50.0, 100.0, 10), (100.0, 200.0, 20), (200.0, None, 20),
+    ]  # fmt: skip
+    assert [b.accuracy for b in bins] == [0.7, 1.0, 1.0, 1.0]
+    far = accuracy_by_edge(labels, labels, np.full(60, np.inf))
+    assert [(b.n, b.accuracy) for b in far] == [(0, None)] * 3 + [(60, 1.0)]
+
+
+# --- events
+
+
+def test_short_static_gaps_do_not_divide_a_slip() -> None:
+    slip = flags(5, 10, 3, 10, 12, 4)
+    assert slips(slip, times(len(slip)), 0.0).tolist() == [[5, 15], [18, 28], [40, 44]]
+    assert slips(slip, times(len(slip)), 0.1).tolist() == [[5, 28], [40, 44]]
+    assert slips(slip, times(len(slip)), 1.0).tolist() == [[5, 44]]
+    assert slips(flags(5), times(5), 0.1).shape == (0, 2)
+
+
+def test_quantiles_are_values_that_occur() -> None:
+    assert quantiles(np.array([3.0, 1.0, 2.0])) == Quantiles(2.0, 3.0, 3.0)
+    assert quantiles(np.arange(1.0, 101.0)) == Quantiles(50.0, 90.0, 99.0)
+    assert quantiles(np.array([])) is None
+
+
+def test_a_caught_slip_has_a_delay_and_a_release_delay() -> None:
+    m = judge(flags(100, 50, 100), [[104, 155]])
+    assert (m.true_events, m.missed_events, m.registered_events, m.false_events) == (1, 0, 1, 0)
+    assert (m.event_recall, m.event_precision, m.false_events_per_min) == (1.0, 1.0, 0.0)
+    assert m.delay_ms == Quantiles(40.0, 40.0, 40.0)
+    assert m.release_delay_ms == Quantiles(50.0, 50.0, 50.0)
+
+
+def test_a_missed_slip_counts_as_a_delay_to_its_end() -> None:
+    m = judge(flags(100, 50, 100, 30, 100), [[102, 160]])
+    assert (m.event_recall, m.missed_events) == (0.5, 1)
+    assert m.delay_ms == Quantiles(20.0, 300.0, 300.0)
+    assert m.release_delay_ms == Quantiles(100.0, 100.0, 100.0)
+
+
+def test_an_event_that_begins_in_static_time_is_false_and_counted_by_static_minutes() -> None:
+    m = judge(flags(3000, 50, 2950), [[500, 520], [3010, 3040], [4000, 4003]])
+    assert (m.false_events, m.event_precision) == (2, pytest.approx(1 / 3))
+    assert m.false_events_per_min == pytest.approx(2 / (59.5 / 60))
+
+
+def test_an_alarm_that_never_ends_catches_nothing() -> None:
+    m = judge(flags(100, 50, 100, 50, 100), [[10, 400]])
+    assert (m.event_recall, m.false_events, m.event_precision) == (0.0, 1, 0.0)
+    assert m.release_delay_ms is None
+
+
+def test_an_event_may_begin_a_little_before_the_label_but_not_much() -> None:
+    early = judge(flags(100, 50, 100), [[98, 150]])
+    assert (early.event_recall, early.false_events) == (1.0, 0)
+    assert early.delay_ms == Quantiles(-20.0, -20.0, -20.0)
+    assert judge(flags(100, 50, 100), [[97, 150]]).false_events == 1
+
+
+def test_an_event_that_begins_as_the_slip_ends_is_false() -> None:
+    m = judge(flags(100, 50, 100), [[150, 160]])
+    assert (m.missed_events, m.false_events) == (1, 1)
+    assert judge(flags(100, 50, 100), [[149, 160]]).missed_events == 0
+
+
+def test_a_second_event_in_the_same_slip_is_not_false_and_the_last_one_is_released() -> None:
+    m = judge(flags(100, 50, 100), [[105, 120], [130, 148]])
+    assert (m.registered_events, m.false_events, m.event_precision) == (2, 0, 1.0)
+    assert m.delay_ms == Quantiles(50.0, 50.0, 50.0)
+    assert m.release_delay_ms == Quantiles(-20.0, -20.0, -20.0)
+
+
+def test_slips_and_false_events_before_the_first_sample_are_not_counted() -> None:
+    slip = flags(20, 50, 100, 50, 100)
+    m = judge(slip, [[5, 10], [60, 75], [175, 220]], first_sample=50)
+    assert (m.true_events, m.registered_events, m.false_events) == (1, 1, 0)
+    assert m.delay_ms == Quantiles(50.0, 50.0, 50.0)
+
+
+def test_data_without_slip_or_without_rest_leave_undefined_what_is_undefined() -> None:
+    still = judge(flags(100), [])
+    assert (still.event_recall, still.event_precision) == (None, None)
+    assert still.false_events_per_min == 0.0
+    assert still.delay_ms is None
+    assert judge(flags(0, 100), [[3, 100]]).false_events_per_min is None
+
+
+def test_a_slip_that_outlasts_the_data_ends_with_its_last_sample() -> None:
+    assert judge(flags(50, 50), []).delay_ms == Quantiles(490.0, 490.0, 490.0)
+    caught = judge(flags(50, 50), [[60, 100]])
+    assert caught.release_delay_ms == Quantiles(0.0, 0.0, 0.0)
+
+
+def test_with_a_speed_delays_are_given_in_mm_slipped() -> None:
+    slip = flags(100, 50, 100, 50, 100)
+    m = judge(slip, [[105, 150], [249, 300]], speed_mps=np.where(slip, 0.05, 0.0))
+    assert m.delay_mm == Quantiles(0.0, 2.5, 2.5)
+    assert judge(slip, []).delay_mm is None
+
+
+# --- the whole sheet
+
+
+def test_the_sheet_has_exactly_the_fields_that_readers_expect() -> None:
+    assert set(Evaluation.__struct_fields__) == JSON_FIELDS
+
+
+def test_a_scripted_detector_gets_the_score_that_can_be_counted() -> None:
+    slip = flags(110, 40, 60)
+    p = flags(113, 40, 57).astype(float)
+    ticks = itertools.count(0, 5_000)
+    e = evaluate_recording(
+        Scripted(p, np.zeros(210)), RuleSettings(), recording(slip, 2),
+        clock_ns=lambda: next(ticks),
+    )  # fmt: skip
+    assert (e.detector, e.data, e.n_samples) == ("scripted", "by hand", 110)
+    assert e.accuracy == pytest.approx(104 / 110)
+    assert (e.true_events, e.missed_events, e.false_events) == (1, 0, 0)
+    assert e.delay_ms == Quantiles(40.0, 40.0, 40.0)  # three late, and the second one registers
+    assert e.release_delay_ms == Quantiles(50.0, 50.0, 50.0)  # three late, and the third releases
+    assert e.compute_us == Quantiles(5.0, 5.0, 5.0)
+    assert (e.threshold, e.threshold_counts, e.auc_interval) == (0.5, None, None)
+    assert set(msgspec.json.decode(msgspec.json.encode(e))) == JSON_FIELDS
+
+
+def test_the_surest_finger_speaks_for_the_sample() -> None:
+    slip = flags(10, 10)
+    half = slip & (np.arange(20) < 15)
+    one = evaluate_recording(
+        Scripted(half * 0.9, (slip & ~half) * 0.8), RuleSettings(), recording(slip, 2),
+        first_sample=0,
+    )  # fmt: skip
+    assert (one.accuracy, one.auc) == (1.0, 1.0)
+
+
+def test_without_a_clock_no_cost_is_given() -> None:
+    e = evaluate_recording(
+        EnergyDetector(EnergySettings(), 1), RuleSettings(), recording(flags(5, 5)), first_sample=0
+    )
+    assert e.compute_us is None
+    assert e.threshold_counts == 6.0
+
+
+@pytest.mark.parametrize("first", [-1, 10])
+def test_a_first_sample_outside_the_data_is_refused(first: int) -> None:
+    with pytest.raises(ValueError, match="no sample left: 10"):
+        evaluate_recording(
+            Scripted(np.zeros(10)), RuleSettings(), recording(flags(10)), first_sample=first
+        )
+
+
+def test_every_field_of_the_event_metrics_is_in_the_sheet() -> None:
+    assert set(EventMetrics.__struct_fields__) <= set(Evaluation.__struct_fields__)
+
+
+def test_on_the_authors_recording_the_energy_tells_slip_from_rest(felt: Recording) -> None:
+    detector = EnergyDetector(EnergySettings(), 1)
+    e = evaluate_recording(detector, RuleSettings(), felt)
+    assert e.n_samples == 316
+    assert e.auc is not None
+    assert 0.88 < e.auc < 0.94
+    assert e.auc_interval is not None
+    assert e.auc_interval[0] < e.auc < e.auc_interval[1]
+    events = registered_events(stream(detector, felt.counts)[0], RuleSettings())
+    assert len(events) == e.registered_events + 1  # one more before the hundredth sample

@@ -1,0 +1,150 @@
+"""The data file: read as it is, refused with file, line, problem and remedy."""
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from detector.recordings import BadRecording, Recording, read_csv
+
+HEADER = "t_s,p0,p1,p2,p3,p4,p5,slip"
+GOOD = (HEADER, "0.00,-6,52,-158,-125,-24,-1,0", "0.01,-5,52,-158,-125,-24,-1,1")
+
+
+def write(folder: Path, *lines: str) -> Path:
+    path = folder / "tip.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def row(t_s: float, first: object = 0, slip: object = 0) -> str:
+    return f"{t_s},{first},0,0,0,0,0,{slip}"
+
+
+def refused(folder: Path, *lines: str) -> BadRecording:
+    path = write(folder, *lines)
+    with pytest.raises(BadRecording) as caught:
+        read_csv(path)
+    assert caught.value.file == str(path)
+    assert caught.value.remedy
+    return caught.value
+
+
+def test_a_recording_is_read_as_it_was_written(tmp_path: Path) -> None:
+    path = write(tmp_path, *GOOD)
+    r = read_csv(path)
+    assert r.t_s.tolist() == [0.0, 0.01]
+    assert r.counts.dtype == np.int16
+    assert r.counts.tolist() == [[[-6, 52, -158, -125, -24, -1]], [[-5, 52, -158, -125, -24, -1]]]
+    assert r.slip.tolist() == [False, True]
+    assert r.slip_true is None
+    assert (r.fingers, r.missed, r.source) == (1, 0, str(path))
+
+
+def test_true_labels_are_read_if_they_are_there(tmp_path: Path) -> None:
+    r = read_csv(write(tmp_path, HEADER + ",slip_true", row(0.0) + ",1", row(0.01) + ",0"))
+    assert r.slip_true is not None
+    assert r.slip_true.tolist() == [True, False]
+    assert r.slip.tolist() == [False, False]
+
+
+def test_byte_order_marks_line_ends_of_windows_and_blank_lines_do_no_harm(tmp_path: Path) -> None:
+    path = tmp_path / "tip.csv"
+    path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join((*GOOD, "", "")).encode())
+    assert len(read_csv(path).t_s) == 2
+
+
+def test_a_recording_cannot_be_changed(tmp_path: Path) -> None:
+    r = read_csv(write(tmp_path, *GOOD))
+    for array in (r.t_s, r.counts, r.slip):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+    with pytest.raises(AttributeError):
+        r.source = "other"  # type: ignore[misc]
+
+
+def test_jittered_times_are_kept_and_one_long_step_is_one_missed_sample(tmp_path: Path) -> None:
+    times = [0.0, 0.0062, 0.0193, 0.0386, 0.05]
+    r = read_csv(write(tmp_path, HEADER, *map(row, times)))
+    assert r.t_s.tolist() == times
+    assert r.missed == 1
+
+
+def test_missed_samples_of_all_gaps_are_counted(tmp_path: Path) -> None:
+    r = read_csv(write(tmp_path, HEADER, *map(row, [0.0, 0.01, 0.03, 0.04, 0.10, 0.116])))
+    assert r.missed == 1 + 5 + 1
+
+
+def test_a_gap_beyond_which_a_sensor_is_stale_is_refused(tmp_path: Path) -> None:
+    error = refused(tmp_path, HEADER, *map(row, [0.0, 0.01, 0.08]))
+    assert (error.line, error.problem) == (4, "6 samples are missing before this")
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadRecording, match="no such file") as caught:
+        read_csv(tmp_path / "none.csv")
+    assert caught.value.line is None
+
+
+def test_what_is_no_text_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "tip.csv"
+    path.write_bytes(b"\xff\xfe\x00\x01")
+    for bad in (path, tmp_path):
+        with pytest.raises(BadRecording, match="cannot be read"):
+            read_csv(bad)
+
+
+def test_an_empty_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "tip.csv"
+    path.touch()
+    with pytest.raises(BadRecording, match="empty"):
+        read_csv(path)
+
+
+@pytest.mark.parametrize("header", ["t_s,p0,p1,slip", HEADER + ",speed", row(0.0)])
+def test_wrong_columns_are_refused(tmp_path: Path, header: str) -> None:
+    error = refused(tmp_path, header, row(0.0), row(0.01))
+    assert error.line == 1
+    assert HEADER in error.remedy
+
+
+@pytest.mark.parametrize(
+    ("line", "problem"),
+    [
+        ("0.01,1,2", "3 columns"),
+        (row(0.01, "x"), "p0 is 'x'"),
+        (row(0.01, ""), "p0 is ''"),
+        (row(0.01, "nan"), "p0 is 'nan'"),
+        (row(0.01, "2.5"), "p0 is '2.5'"),
+        (row(0.01, 1024), "p0 is '1024'"),
+        (row(0.01, slip=2), "slip is '2'"),
+        ("inf" + row(0.01)[4:], "t_s is 'inf'"),
+    ],
+)
+def test_a_bad_row_is_refused_with_its_line(tmp_path: Path, line: str, problem: str) -> None:
+    error = refused(tmp_path, HEADER, row(0.0), "", line)
+    assert (error.line, error.problem) == (4, problem)
+
+
+@pytest.mark.parametrize("second", [0.0, -0.01])
+def test_times_that_do_not_increase_are_refused(tmp_path: Path, second: float) -> None:
+    error = refused(tmp_path, HEADER, row(0.0), row(second))
+    assert (error.line, error.problem) == (3, "time does not increase")
+
+
+@pytest.mark.parametrize("lines", [(), (row(0.0),)])
+def test_fewer_than_two_samples_are_refused(tmp_path: Path, lines: tuple[str, ...]) -> None:
+    assert "at least 2" in str(refused(tmp_path, HEADER, *lines))
+
+
+def test_the_error_says_everything_in_one_line_and_survives_another_process() -> None:
+    error = BadRecording("tip.csv", 7, "p0 is 'x'", "it must be a finite number")
+    assert str(error) == "tip.csv, line 7: p0 is 'x'; it must be a finite number"
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
+
+
+def test_the_authors_recording_has_jitter_and_one_missed_sample(felt: Recording) -> None:
+    assert felt.counts.shape == (416, 1, 6)
+    assert felt.missed == 1
+    assert np.diff(felt.t_s).min() < 0.0065

@@ -1,0 +1,242 @@
+"""No sequence of events puts a byte above the force limit on its way to the gripper.
+
+The bytes are taken where they reach the device: each register image that the driver writes is
+decoded here by its own few lines, not by the driver's code.
+"""
+
+import contextlib
+from collections.abc import Sequence
+from typing import Any
+
+import hypothesis.strategies as st
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import settings
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+
+from drivers.errors import ConfigError, LinkLost, Refused
+from drivers.robotiq.model import ModelTransport
+from drivers.robotiq.protocol import CALIBRATIONS
+from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
+from grasp.guard import GuardSettings
+from grasp.loop import ControlLoop, Tick
+from grasp.phases import Phase
+from scenarios.lift import make_controller, make_guard
+from scenarios.rigs import open_rig
+from tests.unit.scenarios.conftest import changed, config
+
+FORCE_BYTES = (5, 8, 11)
+LIMIT_N = 10.0
+TICK_NS = 10_000_000
+
+
+def paper_force_n(byte: int) -> float:
+    """10 N at byte 0 to 60 N at byte 255, linear (calibration `paper`)."""
+    return 10.0 + 50.0 * byte / 255
+
+
+class Wire:
+    """Sees every register image that reaches the gripper."""
+
+    def __init__(self, transport: ModelTransport) -> None:
+        self._inner = transport
+        self.images: list[bytes] = []
+        self.cut = False
+
+    def write(self, first: int, registers: Sequence[int], now_ns: int) -> None:
+        if self.cut:
+            raise LinkLost("cut", "mend it")
+        assert first == 0
+        self.images.append(b"".join(r.to_bytes(2, "big") for r in registers))
+        self._inner.write(first, registers, now_ns)
+
+    def read(self, first: int, count: int, now_ns: int) -> Sequence[int]:
+        if self.cut:
+            raise LinkLost("cut", "mend it")
+        return self._inner.read(first, count, now_ns)
+
+    def highest_force_n(self) -> float:
+        return max((paper_force_n(image[i]) for image in self.images for i in FORCE_BYTES
+                    if i < len(image)), default=0.0)  # fmt: skip
+
+
+class FixedDetector:
+    """Says what the test wants to have felt."""
+
+    def __init__(self) -> None:
+        self.p = 0.0
+
+    def reset(self) -> None: ...
+
+    def update(self, counts: Any) -> Any:
+        return np.array([self.p, 0.0, 0.0])
+
+
+class GraspUnderStress(RuleBasedStateMachine):
+    """A lift on the simulated rig, steered by hypothesis; one rule an event."""
+
+    limit_n = LIMIT_N
+
+    @initialize(
+        asked_n=st.sampled_from([10.0, 10.01, 10.2, 12.0, 60.0]),
+        mode=st.sampled_from(["every_finger", "each_motor"]),
+        bound=st.booleans(),
+        seed=st.integers(0, 50),
+        to_lift=st.booleans(),
+    )
+    def start(self, asked_n: float, mode: str, bound: bool, seed: int, to_lift: bool) -> None:
+        base = config("hand.activation_s=0.5")
+        base = changed(base, "guard", cap_mode=mode, travel_bound=bound)
+        self.config = changed(base, "controller", grip_force_n=asked_n, force_cap_n=asked_n)
+        self.context = open_rig(self.config, seed, paced=False)
+        rig = self.context.__enter__()
+        driver: Any = rig.devices.gripper
+        self.wire = Wire(driver._exchange._transport)
+        driver._exchange._transport = self.wire
+        self.rig = rig
+        self.detector = FixedDetector()
+        self.controller = make_controller(self.config)
+        self.last: Tick | None = None
+        self.loop = ControlLoop(
+            rig.devices, rig.clock, self.detector, self.controller, make_guard(self.config),
+            self.config.loop, self._remember,
+        )  # fmt: skip
+        if to_lift:
+            for _ in range(400):
+                self.loop.tick()
+                if self.controller.phase is Phase.LIFT:
+                    return
+            raise AssertionError("never lifted")
+
+    def _remember(self, tick: Tick) -> None:
+        self.last = tick
+
+    @rule(ticks=st.integers(1, 40))
+    def time_passes(self, ticks: int) -> None:
+        for _ in range(ticks):
+            self.loop.tick()
+
+    @rule()
+    def slip_is_felt(self) -> None:
+        self.detector.p = 0.9
+        for _ in range(3):
+            self.loop.tick()
+
+    @precondition(lambda self: self.detector.p > 0.5)
+    @rule()
+    def slip_ends(self) -> None:
+        self.detector.p = 0.0
+        for _ in range(4):
+            self.loop.tick()
+
+    @rule(
+        command=st.one_of(
+            st.builds(
+                CloseFast, st.floats(0, 100), st.tuples(*[st.booleans()] * 3),
+                st.tuples(*[st.integers(0, 255)] * 3), st.floats(0.01, 0.2),
+            ),
+            st.builds(
+                MoveFingers, st.tuples(*[st.integers(0, 255)] * 3), st.floats(0.01, 0.2),
+                st.floats(0, 100),
+            ),
+            st.just(OpenFingers(0.1)),
+            st.just(HoldFingers()),
+        )
+    )  # fmt: skip
+    def controller_goes_mad(self, command: GripperCommand) -> None:
+        now_ns = self.rig.clock.now_ns
+        self.loop._queue.append((now_ns, now_ns, command))
+        self.loop.tick()
+
+    @rule()
+    def regrasp_is_tried(self) -> None:
+        with contextlib.suppress(Refused):
+            self.rig.devices.gripper.regrasp(LIMIT_N)
+        self.loop.tick()
+
+    @precondition(lambda self: not self.wire.cut)
+    @rule(ticks=st.integers(1, 3))
+    def link_blinks(self, ticks: int) -> None:
+        self.wire.cut = True
+        for _ in range(ticks):
+            self.loop.tick()
+        self.wire.cut = False
+        self.loop.tick()
+
+    @rule(code=st.sampled_from([0x0B, 0x0E, 0x0F]))
+    def gripper_faults(self, code: int) -> None:
+        assert self.rig.cell is not None
+        self.rig.cell.gripper.inject_fault(code)
+        self.loop.tick()
+
+    @precondition(lambda self: self.controller.finished)
+    @rule()
+    def a_new_run_begins(self) -> None:
+        self.controller = make_controller(self.config)
+        self.loop = ControlLoop(
+            self.rig.devices, self.rig.clock, self.detector, self.controller,
+            make_guard(self.config), self.config.loop, self._remember,
+        )  # fmt: skip
+        self.loop.tick()
+
+    @invariant()
+    def no_force_byte_is_above_the_limit(self) -> None:
+        if hasattr(self, "wire"):
+            assert self.wire.highest_force_n() <= self.limit_n
+
+    def teardown(self) -> None:
+        if hasattr(self, "context"):
+            self.context.__exit__(None, None, None)
+
+
+TestForceLimit = GraspUnderStress.TestCase
+TestForceLimit.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+
+
+def test_the_stress_would_find_a_guard_that_lets_forces_through(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The check can fail: with the guard taken out, the same machine finds a byte above the limit."""
+    monkeypatch.setattr("grasp.guard.ForceGuard.admit", lambda self, command, *_: command)
+    machine = GraspUnderStress()
+    machine.start(60.0, "every_finger", bound=False, seed=0, to_lift=True)
+    machine.slip_is_felt()
+    machine.time_passes(5)
+    with pytest.raises(AssertionError):
+        machine.no_force_byte_is_above_the_limit()
+    machine.teardown()
+
+
+@pytest.mark.parametrize("limit_n", [10.0, 10.1, 10.19, 10.2, 10.3, 12.5, 59.9, 60.0])
+def test_bytes_keep_any_limit_sampled_densely(limit_n: float) -> None:
+    for asked_n in (limit_n - 0.2, limit_n - 1e-9, limit_n, limit_n + 1e-9, limit_n + 0.2, 200.0):
+        base = changed(config("hand.activation_s=0.5"), "guard", force_limit_n=limit_n)
+        with open_rig(base, 0, paced=False) as rig:
+            driver: Any = rig.devices.gripper
+            wire = Wire(driver._exchange._transport)
+            driver._exchange._transport = wire
+            loop = ControlLoop(
+                rig.devices, rig.clock, FixedDetector(), make_controller(base), make_guard(base),
+                base.loop,
+            )  # fmt: skip
+            loop.tick()
+            command = CloseFast(max(asked_n, 10.0), (True, True, True), (255, 255, 255), 0.11)
+            loop._queue.append((rig.clock.now_ns, rig.clock.now_ns, command))
+            loop.tick()
+            assert wire.images
+            assert wire.highest_force_n() <= limit_n
+
+
+@pytest.mark.parametrize("key", ["grip_force_n", "force_cap_n"])
+def test_force_that_the_calibration_cannot_set_is_refused_before_anything_moves(key: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make_guard(changed(config(), "controller", **{key: 9.99}))
+    assert caught.value.key == key
+
+
+def test_limit_just_below_the_least_force_is_refused_before_anything_moves() -> None:
+    with pytest.raises(ConfigError):
+        make_guard(changed(config(), "guard", force_limit_n=9.999))
+    assert msgspec.structs.asdict(GuardSettings())["force_limit_n"] == LIMIT_N
+    assert CALIBRATIONS["paper"].force_n(0) == LIMIT_N

@@ -1,0 +1,334 @@
+"""The TakkTile driver on a board model: what a naive client gets wrong."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from drivers.errors import DeviceFault, LinkLost, Refused
+from drivers.takktile.driver import ModelLink, TakkTileDriver
+from drivers.takktile.model import BoardModel, BoardModelSettings
+from drivers.takktile.protocol import Request
+from drivers.takktile.settings import TakkTileSettings
+
+MS = 1_000_000
+PERIOD_NS = 10 * MS
+
+
+class Bench:
+    """A driver on a board whose codes the test sets; time advances a period a pump."""
+
+    def __init__(
+        self,
+        settings: TakkTileSettings | None = None,
+        board: BoardModelSettings | None = None,
+    ) -> None:
+        self.codes = np.arange(440, 458, dtype=np.int16)  # board order
+        self.noise = np.zeros(18, np.int16)
+        self.now_ns = 0
+        self.board = BoardModel(board or BoardModelSettings(), self._sample)
+        self.driver = TakkTileDriver(ModelLink(self.board), settings or TakkTileSettings())
+
+    def _sample(self, t_ns: int) -> tuple[np.ndarray, np.ndarray]:
+        sign = 1 if t_ns // PERIOD_NS % 2 else -1
+        return self.codes + sign * self.noise, np.full(18, 500, np.int16)
+
+    def pump(self, times: int = 1) -> None:
+        for _ in range(times):
+            self.now_ns += PERIOD_NS
+            self.driver.pump(self.now_ns)
+
+    def take_rest(self) -> "Bench":
+        self.driver.open(self.now_ns)
+        self.driver.begin_rest()
+        self.pump(50)
+        return self
+
+    @property
+    def frame(self):
+        return self.driver.frame
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench().take_rest()
+
+
+def test_counts_are_raw_minus_rest_and_pressing_is_negative(bench):
+    bench.codes = bench.codes - 30
+    bench.pump(2)
+    frame = bench.frame
+    assert frame.counts.tolist() == [[-30] * 6] * 3
+    assert frame.rest.tolist() == np.arange(440, 458).reshape(3, 6).tolist()
+    assert (frame.raw - frame.rest == frame.counts).all()
+    assert frame.temperature.tolist() == [[500] * 6] * 3
+    assert {a.dtype for a in (frame.counts, frame.raw, frame.rest, frame.temperature)} == {
+        np.dtype(np.int16)
+    }
+
+
+def test_frames_cannot_be_changed_by_whoever_reads_them(bench):
+    for array in (bench.frame.counts, bench.frame.raw, bench.frame.rest, bench.frame.temperature):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 1
+
+
+def test_a_frame_says_that_it_was_converted_at_the_previous_read(bench):
+    bench.codes = bench.codes - 30  # pressed just after the last read
+    bench.pump()
+    assert bench.frame.t_ns == bench.now_ns
+    assert bench.frame.sampled_ns == bench.now_ns - PERIOD_NS
+    assert bench.frame.counts[0, 0] == 0
+    bench.pump()
+    assert bench.frame.counts[0, 0] == -30
+
+
+def test_after_timeouts_a_frame_is_as_old_as_the_last_read_that_brought_one(bench):
+    drained_ns = bench.now_ns
+    bench.board.time_out(2)
+    bench.pump(3)
+    assert bench.frame.missed == 0
+    assert bench.frame.sampled_ns == drained_ns
+
+
+def test_after_a_broken_frame_the_next_one_was_converted_when_the_broken_one_was_read(bench):
+    bench.board.shorten_frame(4)
+    bench.pump()
+    broken_ns = bench.now_ns
+    bench.pump()
+    assert bench.frame.sampled_ns == broken_ns
+
+
+def test_a_frame_that_nobody_read_for_long_is_counted_as_missed_not_taken_for_new(bench):
+    bench.codes = bench.codes - 30
+    bench.now_ns += 500 * MS
+    bench.pump()
+    assert bench.frame.missed == 1
+    assert bench.driver.statistics.too_old == 1
+    bench.pump()
+    assert bench.frame.missed == 0
+    assert bench.frame.counts[0, 0] == -30
+
+
+def test_a_missed_sample_repeats_the_last_frame_and_counts_up_until_stale(bench):
+    before = bench.frame
+    bench.board.time_out(5)
+    for missed in range(1, 6):
+        bench.pump()
+        frame = bench.frame
+        assert frame.missed == missed
+        assert frame.stale == (missed >= 5)
+        assert frame.t_ns == bench.now_ns
+        assert frame.sampled_ns == before.sampled_ns
+        assert frame.seq == before.seq + missed
+        assert frame.counts is before.counts
+    assert bench.driver.statistics.timeouts == 5
+
+
+def test_a_good_sample_ends_staleness(bench):
+    bench.board.time_out(7)
+    bench.pump(9)
+    assert bench.frame.missed == 0
+    assert not bench.frame.stale
+
+
+def test_a_shrunken_frame_never_shifts_taxels(bench):
+    before = bench.frame.counts
+    bench.board.kill_column(2)
+    bench.codes = bench.codes - 100
+    bench.pump(6)
+    assert bench.frame.counts is before
+    assert bench.frame.stale
+    assert bench.driver.statistics.wrong_lengths == 6
+
+
+def test_an_all_zero_cell_stays_in_its_place(bench):
+    bench.codes[7] = 0
+    bench.pump(2)
+    assert bench.frame.raw[1, 1] == 0
+    assert bench.frame.raw[1, 2] == 448
+
+
+def test_a_frame_cut_between_packets_costs_one_sample_and_not_two(bench):
+    bench.board.split_frame()
+    bench.pump()
+    assert bench.frame.missed == 1
+    bench.pump()
+    assert bench.frame.missed == 0
+    assert bench.frame.raw.tolist() == np.arange(440, 458).reshape(3, 6).tolist()
+    assert bench.driver.statistics.wrong_lengths == 1
+
+
+def test_a_short_frame_is_dropped_and_the_next_one_read_whole(bench):
+    bench.board.shorten_frame(4)
+    bench.pump()
+    assert bench.frame.missed == 1
+    bench.pump()
+    assert bench.frame.missed == 0
+
+
+def test_a_flipped_padding_bit_drops_the_frame(bench):
+    bench.board.flip_bit(byte=1, bit=2)
+    bench.pump()
+    assert bench.frame.missed == 1
+    assert bench.driver.statistics.implausible == 1
+
+
+def test_codes_above_512_are_not_folded_back(bench):
+    bench.codes[0] = 600
+    bench.pump(2)
+    assert bench.frame.raw[0, 0] == 600
+    assert bench.frame.counts[0, 0] == 160
+
+
+def test_a_board_left_running_is_stopped_before_it_is_scanned():
+    bench = Bench()
+    bench.board.control(Request.TIMER, 100, 0xFF, 1, 0)
+    bench.driver.open(PERIOD_NS)  # a scan while sampling would hang the board
+    bench.pump(2)
+    assert bench.driver.statistics.frames == 2
+
+
+def test_a_takkfast_board_is_read_by_its_long_scan():
+    cells = tuple(tuple(divmod(6 * finger + taxel, 5) for taxel in range(6)) for finger in range(3))
+    bench = Bench(
+        TakkTileSettings(cells=cells),
+        BoardModelSettings(cells=sum(cells, ()), takkfast=True),
+    ).take_rest()
+    assert bench.frame.raw.tolist() == np.arange(440, 458).reshape(3, 6).tolist()
+
+
+def test_cells_of_a_finger_may_be_any_cells_of_the_board():
+    swapped = TakkTileSettings(cells=tuple(tuple((r, 5 - c) for c in range(6)) for r in (2, 0, 1)))
+    bench = Bench(swapped).take_rest()
+    assert bench.frame.raw[0].tolist() == [457, 456, 455, 454, 453, 452]
+    assert bench.frame.raw[1, 5] == 440
+
+
+def test_opening_names_the_finger_and_taxel_whose_cell_is_dead():
+    bench = Bench()
+    bench.board.kill_column(3)
+    with pytest.raises(DeviceFault, match=r"finger A taxel 3 .*15 cells do") as caught:
+        bench.driver.open(0)
+    assert "cable of finger A" in caught.value.remedy
+
+
+def test_pumping_before_opening_is_refused():
+    with pytest.raises(Refused, match="not open"):
+        Bench().pump()
+
+
+def test_there_is_no_frame_before_the_rest_but_raw_codes():
+    bench = Bench()
+    bench.driver.open(0)
+    bench.board.time_out(1)
+    bench.pump()
+    assert bench.driver.latest_raw is None
+    bench.pump()
+    assert bench.frame is None
+    assert not bench.driver.rest_taken
+    assert bench.driver.latest_raw[2, 5] == 457
+
+
+def test_missed_samples_do_not_count_towards_the_rest():
+    bench = Bench()
+    bench.driver.open(0)
+    bench.driver.begin_rest()
+    bench.board.time_out(3)
+    bench.pump(52)
+    assert not bench.driver.rest_taken
+    bench.pump()
+    assert bench.driver.rest_taken
+    assert bench.frame.missed == 0
+
+
+def test_the_rest_is_the_median_so_one_outlier_leaves_no_trace():
+    bench = Bench()
+    bench.driver.open(0)
+    bench.driver.begin_rest()
+    bench.pump(20)
+    bench.codes = bench.codes - 8
+    bench.pump()
+    bench.codes = bench.codes + 8
+    bench.pump(29)
+    assert bench.frame.rest[0, 0] == 440
+
+
+def test_a_loaded_fingertip_is_refused_by_name_and_rest_can_be_taken_again():
+    bench = Bench()
+    bench.codes[9] = 380
+    with pytest.raises(Refused, match=r"finger B taxel 3 rests at code 380") as caught:
+        bench.take_rest()
+    assert "nothing touches" in caught.value.remedy
+    assert not bench.driver.rest_taken
+    assert bench.frame is None
+    bench.codes[9] = 449
+    bench.driver.begin_rest()
+    bench.pump(51)
+    assert bench.driver.rest_taken
+
+
+def test_an_unsteady_fingertip_is_refused_by_name():
+    bench = Bench()
+    bench.noise[17] = 2
+    with pytest.raises(Refused, match=r"finger C taxel 5 is unsteady at rest: std 2\.0"):
+        bench.take_rest()
+
+
+def test_a_rest_far_from_the_stored_reference_is_refused():
+    reference = [[440 + 6 * finger + taxel for taxel in range(6)] for finger in range(3)]
+    settings = msgspec.convert({"rest_reference": reference}, TakkTileSettings)
+    assert Bench(settings).take_rest().driver.rest_taken
+    bench = Bench(settings)
+    bench.codes[1] -= 25  # half a newton: still a plausible code
+    with pytest.raises(Refused, match=r"finger A taxel 1 rests -25 counts from rest_reference"):
+        bench.take_rest()
+
+
+def test_beginning_rest_again_forgets_the_old_one(bench):
+    bench.driver.begin_rest()
+    assert not bench.driver.rest_taken
+    assert bench.frame is None
+
+
+def test_an_unplugged_board_is_a_lost_link_and_reopening_asks_for_a_new_rest(bench):
+    bench.board.unplug()
+    with pytest.raises(LinkLost, match="unplugged"):
+        bench.pump()
+    bench.board.replug()
+    bench.driver.open(bench.now_ns)
+    assert not bench.driver.rest_taken
+    bench.driver.begin_rest()
+    bench.pump(50)
+    assert bench.frame.missed == 0
+
+
+def test_a_hung_board_asks_to_be_replugged(bench):
+    link = ModelLink(bench.board)
+    with pytest.raises(LinkLost, match="hangs") as caught:
+        link.control(Request.SCAN, 0, 0, 64, bench.now_ns)
+    assert "unplug" in caught.value.remedy
+
+
+def test_a_stalled_endpoint_is_a_device_fault(bench):
+    bench.board.stall()
+    with pytest.raises(DeviceFault, match="STALL"):
+        bench.pump()
+
+
+def test_a_closed_board_sends_nothing_more(bench):
+    bench.driver.close(bench.now_ns)
+    assert bench.board.bulk_read(512, bench.now_ns + PERIOD_NS) is None
+
+
+def test_a_cell_named_twice_is_refused():
+    row = [(0, column) for column in range(6)]
+    with pytest.raises(msgspec.ValidationError, match="more than one taxel"):
+        msgspec.convert({"cells": [row, row, row]}, TakkTileSettings)
+
+
+@pytest.mark.parametrize(
+    "setting", [{"conversion_ms": 0.8}, {"rest_samples": 10}, {"stale_after": 5}]
+)
+def test_settings_out_of_range_or_unknown_are_refused(setting):
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert(setting, TakkTileSettings)

@@ -1,0 +1,105 @@
+"""Golden bytes of the TakkTile board, both directions."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.takktile import protocol
+
+CODES = st.lists(st.integers(0, 1023), min_size=1, max_size=48)
+
+
+def codes(*values: int) -> np.ndarray:
+    return np.array(values, np.int16)
+
+
+def test_a_frame_holds_msb_and_lsb_of_pressure_then_of_temperature():
+    frame = protocol.encode_frame(codes(410, 1023), codes(507, 0))
+    assert frame == bytes.fromhex("66807EC0 FFC00000")
+    pressure, temperature = protocol.parse_frame(frame, 2)
+    assert pressure.tolist() == [410, 1023]
+    assert temperature.tolist() == [507, 0]
+
+
+@given(CODES)
+def test_every_code_survives_the_frame(values):
+    parsed = protocol.parse_frame(
+        protocol.encode_frame(codes(*values), codes(*values)), len(values)
+    )
+    assert parsed is not None
+    assert parsed[0].tolist() == parsed[1].tolist() == values
+
+
+def test_codes_above_512_are_not_folded_back():
+    pressure, _ = protocol.parse_frame(bytes.fromhex("96007CC0"), 1)
+    assert pressure.tolist() == [600]
+
+
+def test_the_encoder_saturates_as_the_converter_does():
+    frame = protocol.encode_frame(codes(-5, 2000), codes(0, 0))
+    assert protocol.parse_frame(frame, 2)[0].tolist() == [0, 1023]
+
+
+@given(st.binary(max_size=400))
+def test_a_frame_of_wrong_length_gives_none_and_never_raises(data):
+    parsed = protocol.parse_frame(data, 18)
+    assert parsed is None or len(data) == 72
+
+
+@pytest.mark.parametrize("bit", range(6))
+def test_a_set_padding_bit_is_impossible(bit):
+    assert protocol.parse_frame(bytes([0x66, 0x80 | 1 << bit, 0x7E, 0xC0]), 1) is None
+
+
+def test_a_released_bus_is_impossible():
+    assert protocol.parse_frame(b"\xff" * 72, 18) is None
+
+
+def test_a_short_scan_has_one_byte_a_row_and_bit_c_for_column_c():
+    layout = protocol.parse_scan(bytes.fromhex("3F00210000000080"))
+    assert layout.alive == (*((0, c) for c in range(6)), (2, 0), (2, 5))
+    assert layout.places == tuple(range(8))
+    assert layout.frame_bytes == 32
+    assert protocol.encode_scan(layout.alive) == bytes.fromhex("3F00210000000000")
+
+
+def test_a_long_scan_has_one_byte_a_cell_of_five_columns_and_frames_of_fixed_length():
+    reply = bytearray(40)
+    reply[0] = reply[4] = reply[5] = reply[39] = 0xFF
+    layout = protocol.parse_scan(bytes(reply))
+    assert layout.alive == ((0, 0), (0, 4), (1, 0), (7, 4))
+    assert layout.places == (0, 4, 5, 39)
+    assert layout.frame_bytes == 320
+    assert protocol.encode_chain_scan(layout.alive) == reply
+
+
+@pytest.mark.parametrize("length", [0, 1, 7, 9, 39, 41, 64])
+def test_a_scan_of_any_other_length_gives_none(length):
+    assert protocol.parse_scan(bytes(length)) is None
+
+
+@pytest.mark.parametrize(
+    ("conversion_ms", "ticks"), [(3.0, 375), (0.8, 100), (3.001, 376), (262.144, 32768), (1e3, 32768)]
+)
+def test_timer_ticks_last_eight_microseconds_and_never_fall_short(conversion_ms, ticks):
+    assert protocol.timer_ticks(conversion_ms) == ticks
+
+
+def test_the_datasheet_vector_converts_to_96_587_kpa():
+    coefficients = protocol.parse_calibration(bytes.fromhex("3ECEB3F9C51733C8"))
+    assert coefficients.a0 == 2009.75
+    assert coefficients.b1 == pytest.approx(-2.37585, abs=1e-5)
+    assert coefficients.b2 == pytest.approx(-0.92047, abs=1e-5)
+    assert coefficients.c12 == pytest.approx(0.000790, abs=1e-6)
+    assert protocol.pressure_kpa(coefficients, 410, 507) == pytest.approx(96.587, abs=1e-3)
+
+
+def test_pressing_lowers_the_code():
+    coefficients = protocol.parse_calibration(bytes.fromhex("3ECEB3F9C51733C8"))
+    pressed, rest = (protocol.pressure_kpa(coefficients, code, 507) for code in (300, 410))
+    assert pressed > rest
+
+
+def test_a_calibration_of_wrong_length_gives_none():
+    assert protocol.parse_calibration(b"\x3e\xce") is None
