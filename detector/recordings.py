@@ -26,6 +26,8 @@ class BadRecording(ValueError):
     ``line`` counts from 1, the header; None where the file as a whole is meant.
     """
 
+    kind = "bad_recording"
+
     def __init__(self, file: str, line: int | None, problem: str, remedy: str) -> None:
         super().__init__(file, line, problem, remedy)
         self.file = file
@@ -33,9 +35,13 @@ class BadRecording(ValueError):
         self.problem = problem
         self.remedy = remedy
 
-    def __str__(self) -> str:
+    @property
+    def message(self) -> str:
         where = self.file if self.line is None else f"{self.file}, line {self.line}"
-        return f"{where}: {self.problem}; {self.remedy}"
+        return f"{where}: {self.problem}"
+
+    def __str__(self) -> str:
+        return f"{self.message}; {self.remedy}"
 
 
 class Recording(msgspec.Struct, frozen=True, eq=False):

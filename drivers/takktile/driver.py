@@ -91,6 +91,7 @@ class TakkTileDriver:
         self._latest_raw: Codes | None = None
         self._rest: Codes | None = None
         self._resting: list[Codes] | None = None  # samples so far, while rest is being taken
+        self._rest_begun_ns = 0  # the last read before
         self._seq = 0
         self._frames = 0
         self._missed = dict.fromkeys(Missed, 0)
@@ -145,6 +146,7 @@ class TakkTileDriver:
     def begin_rest(self) -> None:
         self._forget_rest()
         self._resting = []
+        self._rest_begun_ns = self._converted_ns
 
     def pump(self, now_ns: int) -> None:
         """Read one sample; a missed one repeats the last frame.
@@ -163,7 +165,8 @@ class TakkTileDriver:
         raw = pressure[self._order]
         raw.flags.writeable = False
         self._latest_raw = raw
-        if self._resting is not None:
+        # The first sample after begin_rest was converted before it: the hand may still have moved.
+        if self._resting is not None and sampled_ns > self._rest_begun_ns:
             self._take_rest(raw, self._resting)
         if self._rest is not None:
             counts, temperatures = raw - self._rest, temperature[self._order]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
+from grasp.cli.detector import scores_text
 
 HELP = "feed a recording through detector, slip monitor and controller"
 SHOWN_DIFFERENCES = 10
@@ -77,14 +78,14 @@ def _tactile(args: argparse.Namespace) -> int:
     import msgspec
 
     from detector.recordings import read_csv
-    from grasp.cli.detector import evaluate_energy
+    from grasp.cli.detector import score
     from scenarios.config import load_config
     from scenarios.replay_tactile import replay_tactile
 
     config = load_config("can", "simulated", args.detector, None, args.set)
     recording = read_csv(args.tactile)
     done = replay_tactile(config, recording)
-    scores = evaluate_energy(config, recording)
+    scores = score(config, recording)
     if args.json:
         print(json.dumps({**msgspec.to_builtins(done), "evaluation": msgspec.to_builtins(scores)}))
         return exits.SUCCESS
@@ -107,14 +108,3 @@ def _print_tactile(done: Any, recording: Any, scores: Any) -> None:
     for t_s, text in sorted(lines, key=lambda line: line[0]):
         print(f"{t_s:8.3f} s  {text}")
     print(scores_text(scores))
-
-
-def scores_text(scores: Any) -> str:
-    """Caught, missed and false events with their delays, in a line or two."""
-    return msgspec_text(scores)
-
-
-def msgspec_text(scores: Any) -> str:
-    import msgspec
-
-    return msgspec.json.format(msgspec.json.encode(scores), indent=2).decode()

@@ -61,11 +61,11 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     ] = 1.0
     wander_n: Annotated[
         float, Meta(ge=0.0, le=1.0, description="rms of normal load at rest; assumed, 0.02-0.3 N")
-    ] = 0.02
+    ] = 0.05
     vibration_n: Annotated[
         float,
         Meta(ge=0.0, le=1.0, description="rms of load added while the arm moves; assumed, 0-0.3 N"),
-    ] = 0.03
+    ] = 0.05
     wander_memory_s: Annotated[
         float, Meta(ge=0.005, le=1.0, description="of both; assumed, 10-100 ms")
     ] = 0.03

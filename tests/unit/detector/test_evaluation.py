@@ -42,9 +42,7 @@ def times(n: int) -> NDArray[np.float64]:
     return np.arange(n) * 0.01
 
 
-def judge(
-    slip: NDArray[np.bool_], events: list[list[int]], **more: object
-) -> EventMetrics:
+def judge(slip: NDArray[np.bool_], events: list[list[int]], **more: object) -> EventMetrics:
     settings = more.pop("settings", EventSettings(merge_gap_s=0.1, early_s=0.02))
     registered = np.array(events, np.intp).reshape(-1, 2)
     return event_metrics(registered, slip, times(len(slip)), settings, **more)  # type: ignore[arg-type]
@@ -95,9 +93,7 @@ def test_labels_of_one_class_have_no_balanced_accuracy_no_auc_and_no_interval() 
     assert auc_interval(np.arange(5.0), labels) is None
 
 
-@given(
-    st.lists(st.tuples(st.sampled_from([0.0, 0.1, 0.5, 0.7, 1.0]), st.booleans()), min_size=2)
-)
+@given(st.lists(st.tuples(st.sampled_from([0.0, 0.1, 0.5, 0.7, 1.0]), st.booleans()), min_size=2))
 def test_the_auc_is_the_share_of_pairs_in_the_right_order(pairs: list[tuple[float, bool]]) -> None:
     slip = [p for p, label in pairs if label]
     static = [p for p, label in pairs if not label]
@@ -217,6 +213,13 @@ def test_slips_and_false_events_before_the_first_sample_are_not_counted() -> Non
     m = judge(slip, [[5, 10], [60, 75], [175, 220]], first_sample=50)
     assert (m.true_events, m.registered_events, m.false_events) == (1, 1, 0)
     assert m.delay_ms == Quantiles(50.0, 50.0, 50.0)
+    assert judge(slip, [], first_sample=170).true_events == 1
+    assert judge(slip, [], first_sample=171).true_events == 0
+
+
+def test_static_time_is_counted_from_the_first_sample_on() -> None:
+    m = judge(flags(300, 50, 250), [[400, 405]], first_sample=100)
+    assert m.false_events_per_min == pytest.approx(60.0 / 4.5)
 
 
 def test_data_without_slip_or_without_rest_leave_undefined_what_is_undefined() -> None:

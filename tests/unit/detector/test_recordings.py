@@ -127,6 +127,11 @@ def test_a_bad_row_is_refused_with_its_line(tmp_path: Path, line: str, problem: 
     assert (error.line, error.problem) == (4, problem)
 
 
+def test_the_whole_range_of_the_board_is_read(tmp_path: Path) -> None:
+    r = read_csv(write(tmp_path, HEADER, row(0.0, -1023), row(0.01, 1023)))
+    assert r.counts[:, 0, 0].tolist() == [-1023, 1023]
+
+
 @pytest.mark.parametrize("second", [0.0, -0.01])
 def test_times_that_do_not_increase_are_refused(tmp_path: Path, second: float) -> None:
     error = refused(tmp_path, HEADER, row(0.0), row(second))

@@ -26,7 +26,7 @@ def judged(*assignments: str, seed: int = 0, object_name: str = "can") -> LiftRe
 
 
 class Staged:
-    """One lift during which something is done to the rig at the first tick that meets a condition."""
+    """One lift in which something is done to the rig at the first tick that meets a condition."""
 
     def __init__(self, *assignments: str, seed: int = 0) -> None:
         self.config = config(*assignments)

@@ -197,7 +197,7 @@ TestForceLimit.settings = settings(max_examples=60, stateful_step_count=30, dead
 def test_the_stress_would_find_a_guard_that_lets_forces_through(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The check can fail: with the guard taken out, the same machine finds a byte above the limit."""
+    """The check can fail: without the guard the same machine finds a byte above the limit."""
     monkeypatch.setattr("grasp.guard.ForceGuard.admit", lambda self, command, *_: command)
     machine = GraspUnderStress()
     machine.start(60.0, "every_finger", bound=False, seed=0, to_lift=True)

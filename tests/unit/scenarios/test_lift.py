@@ -116,7 +116,9 @@ def test_slower_decisions_cost_slip_as_arm_speed_times_delay() -> None:
 
 
 def test_finger_that_stops_on_contact_in_the_grasp_is_a_fault_before_the_lift() -> None:
-    finished = lift.run(config("object.grip_counts=[75,75,75]", "controller.preshape_margin_counts=30"), 0, None)
+    finished = lift.run(
+        config("object.grip_counts=[75,75,75]", "controller.preshape_margin_counts=30"), 0, None
+    )
     assert finished.result is not None
     assert finished.result.outcome == "fault"
     assert [p.phase for p in finished.result.phases] == ["approach", "grasp", "fault"]
@@ -181,4 +183,3 @@ def test_equal_seeds_leave_byte_identical_recordings_and_other_seeds_do_not(tmp_
         data.append(Path(result.recording).read_bytes())
     assert data[0] == data[1]
     assert data[0] != data[2]
-

@@ -40,7 +40,7 @@ class Bench:
     def take_rest(self) -> "Bench":
         self.driver.open(self.now_ns)
         self.driver.begin_rest()
-        self.pump(50)
+        self.pump(51)
         return self
 
     @property
@@ -183,7 +183,8 @@ def test_codes_above_512_are_not_folded_back(bench):
 def test_a_board_left_running_is_stopped_before_it_is_scanned():
     bench = Bench()
     bench.board.control(Request.TIMER, 100, 0xFF, 1, 0)
-    bench.driver.open(PERIOD_NS)  # a scan while sampling would hang the board
+    bench.now_ns = PERIOD_NS
+    bench.driver.open(bench.now_ns)  # a scan while sampling would hang the board
     bench.pump(2)
     assert bench.driver.statistics.frames == 2
 
@@ -234,7 +235,7 @@ def test_missed_samples_do_not_count_towards_the_rest():
     bench.driver.open(0)
     bench.driver.begin_rest()
     bench.board.time_out(3)
-    bench.pump(52)
+    bench.pump(53)
     assert not bench.driver.rest_taken
     bench.pump()
     assert bench.driver.rest_taken
@@ -249,8 +250,19 @@ def test_the_rest_is_the_median_so_one_outlier_leaves_no_trace():
     bench.codes = bench.codes - 8
     bench.pump()
     bench.codes = bench.codes + 8
-    bench.pump(29)
+    bench.pump(30)
     assert bench.frame.rest[0, 0] == 440
+
+
+def test_a_sample_converted_before_rest_was_asked_for_is_not_part_of_it():
+    bench = Bench()
+    bench.codes[9] = 380
+    bench.driver.open(0)
+    bench.pump(3)
+    bench.codes[9] = 449  # the hand has opened, and at once the rest is taken
+    bench.driver.begin_rest()
+    bench.pump(51)
+    assert bench.frame.rest[1, 3] == 449
 
 
 def test_a_loaded_fingertip_is_refused_by_name_and_rest_can_be_taken_again():
@@ -298,7 +310,7 @@ def test_an_unplugged_board_is_a_lost_link_and_reopening_asks_for_a_new_rest(ben
     bench.driver.open(bench.now_ns)
     assert not bench.driver.rest_taken
     bench.driver.begin_rest()
-    bench.pump(50)
+    bench.pump(51)
     assert bench.frame.missed == 0
 
 

@@ -80,7 +80,8 @@ def test_a_scan_of_any_other_length_gives_none(length):
 
 
 @pytest.mark.parametrize(
-    ("conversion_ms", "ticks"), [(3.0, 375), (0.8, 100), (3.001, 376), (262.144, 32768), (1e3, 32768)]
+    ("conversion_ms", "ticks"),
+    [(3.0, 375), (0.8, 100), (3.001, 376), (262.144, 32768), (1e3, 32768)],
 )
 def test_timer_ticks_last_eight_microseconds_and_never_fall_short(conversion_ms, ticks):
     assert protocol.timer_ticks(conversion_ms) == ticks

@@ -1,0 +1,271 @@
+"""The arm model: closed-form trapezoids, commands at controller cycles, stops at any instant."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.ur.model import ArmModel, ArmModelSettings
+
+MS = 1_000_000
+CYCLE_NS = 8 * MS
+START = (0.5, 0.1, 0.3)
+PROMPT = ArmModelSettings(command_latency_s=0.0)
+
+coordinates = st.floats(-0.4, 0.4)
+targets = st.tuples(coordinates, coordinates, coordinates)
+speeds = st.floats(0.005, 1.0)
+accelerations = st.floats(0.05, 5.0)
+instants = st.integers(0, 3_000 * MS)
+
+
+def arm(settings: ArmModelSettings = PROMPT) -> ArmModel:
+    return ArmModel(settings, 0)
+
+
+def above(height_m: float) -> tuple[float, float, float]:
+    return START[0], START[1], START[2] + height_m
+
+
+def trapezoid(distance: float, v: float, a: float, t: float) -> float:
+    """Distance after t, by the textbook."""
+    if v * v / a > distance:
+        v = math.sqrt(a * distance)
+    ramp, end = v / a, distance / v + v / a
+    t = min(max(t, 0.0), end)
+    if t < ramp:
+        return 0.5 * a * t * t
+    if t < end - ramp:
+        return v * (t - 0.5 * ramp)
+    return distance - 0.5 * a * (end - t) ** 2
+
+
+def settle(model: ArmModel) -> tuple[float, float, float]:
+    return model.position(10**13)
+
+
+@given(targets, speeds, accelerations, instants)
+def test_a_move_from_rest_is_the_textbook_trapezoid_and_ends_exactly_at_its_target(
+    target, speed, acceleration, t_ns
+):
+    model = arm()
+    assert model.move_l(target, speed, acceleration, 0)
+    travelled = math.dist(model.position(t_ns), START)
+    expected = trapezoid(math.dist(START, target), speed, acceleration, t_ns * 1e-9)
+    assert travelled == pytest.approx(expected, abs=1e-8)
+    assert settle(model) == target
+    assert model.velocity(10**13) == (0.0, 0.0, 0.0)
+
+
+@given(targets, speeds, accelerations, instants, accelerations)
+def test_a_stop_at_any_instant_takes_v_squared_over_2a_along_the_line(
+    target, speed, acceleration, stop_ns, deceleration
+):
+    model = arm()
+    model.move_l(target, speed, acceleration, 0)
+    effect_ns = -(-stop_ns // CYCLE_NS) * CYCLE_NS
+    at_m, v = model.position(effect_ns), math.hypot(*model.velocity(effect_ns))
+    model.stop_l(deceleration, stop_ns)
+    rest_m = settle(model)
+    assert math.dist(at_m, rest_m) == pytest.approx(v * v / (2 * deceleration), abs=1e-8)
+    assert math.dist(START, at_m) + math.dist(at_m, rest_m) == pytest.approx(
+        math.dist(START, rest_m), abs=1e-8
+    )
+
+
+commands = st.lists(
+    st.tuples(
+        st.sampled_from(["move", "up", "stop", "trip"]),
+        st.integers(0, 400 * MS),  # since the command before
+        targets,
+        speeds,
+        accelerations,
+    ),
+    min_size=1,
+    max_size=8,
+)
+
+
+def obey(model: ArmModel, commands) -> tuple[list[int], float, float]:
+    """Carry out the commands; their times, the highest speed and acceleration asked for."""
+    now_ns, times, v, a = 0, [0], 0.0, 0.0
+    for verb, pause_ns, target, speed, acceleration in commands:
+        now_ns += pause_ns
+        times.append(now_ns)
+        v, a = max(v, speed), max(a, acceleration)
+        if verb == "stop":
+            model.stop_l(acceleration, now_ns)
+        elif verb == "trip":
+            a = max(a, 8.0)
+            model.trip(now_ns)
+            model.release()
+        else:
+            place = target if verb == "move" else above(abs(target[2]))
+            model.move_l(place, speed, acceleration, now_ns)
+    return times, v, a
+
+
+@given(commands, instants, st.integers(1, 5 * MS))
+def test_position_and_velocity_never_jump_whatever_is_commanded(commands, t_ns, dt_ns):
+    model = arm()
+    _, v, a = obey(model, commands)
+    dt = dt_ns * 1e-9
+    before, after = model.position(t_ns), model.position(t_ns + dt_ns)
+    assert math.dist(before, after) <= v * dt + 1e-8
+    assert math.hypot(*model.velocity(t_ns)) <= v + 1e-8
+    change = math.dist(model.velocity(t_ns), model.velocity(t_ns + dt_ns))
+    assert change <= a * dt + 1e-7
+
+
+@given(commands)
+def test_a_command_leaves_the_past_and_the_present_cycle_as_they_were(commands):
+    model = arm()
+    times, _, _ = obey(model, commands[:-1])
+    now_ns = times[-1] + commands[-1][1]
+    instants = [now_ns - 9 * MS, now_ns, -(-now_ns // CYCLE_NS) * CYCLE_NS]
+    before = [(model.position(t), model.velocity(t)) for t in instants[:2]]
+    cycle_m = model.position(instants[2])
+    obey_last = [(commands[-1][0], now_ns, *commands[-1][2:])]
+    obey(model, obey_last)
+    assert [(model.position(t), model.velocity(t)) for t in instants[:2]] == before or (
+        now_ns % CYCLE_NS == 0  # takes effect now: the velocity of this instant is rounded anew
+    )
+    assert math.dist(model.position(instants[2]), cycle_m) < 1e-8
+
+
+@given(commands, instants)
+def test_the_height_profile_is_position_and_velocity_at_many_times(commands, t_ns):
+    model = arm()
+    obey(model, commands)
+    times = t_ns + np.arange(20) * 500_000
+    z, vz = model.z_profile(times)
+    assert z == pytest.approx([model.position(int(t))[2] for t in times], abs=1e-12)
+    assert vz == pytest.approx([model.velocity(int(t))[2] for t in times], abs=1e-12)
+
+
+def test_acceleration_is_that_of_each_phase():
+    model = arm()
+    model.move_l(above(0.1), 0.1, 0.5, 0)  # ramps of 0.2 s, cruise of 0.8 s
+    assert model.acceleration(100 * MS)[2] == 0.5
+    assert model.acceleration(500 * MS)[2] == 0.0
+    assert model.acceleration(1100 * MS)[2] == -0.5
+    assert model.acceleration(1300 * MS)[2] == 0.0
+
+
+def test_a_command_takes_effect_at_the_first_cycle_after_its_latency():
+    model = arm(ArmModelSettings(command_latency_s=0.002))
+    model.move_l(above(0.1), 0.1, 0.5, 7 * MS)
+    assert model.position(16 * MS) == START
+    assert model.position(17 * MS)[2] > START[2]
+
+
+def test_two_commands_within_one_cycle_do_not_make_the_tool_jump():
+    model = arm()
+    model.move_l(above(0.2), 0.2, 1.0, 0)
+    before = model.position(401 * MS)
+    model.stop_l(1.0, 401 * MS)
+    model.move_l((0.5, 0.2, 0.3), 0.2, 1.0, 402 * MS)
+    assert model.position(401 * MS) == before
+    assert model.velocity(407 * MS)[2] == pytest.approx(0.2)
+
+
+def test_a_move_on_along_the_line_keeps_the_speed():
+    model = arm()
+    model.move_l(above(0.1), 0.1, 0.5, 0)
+    model.move_l(above(0.2), 0.1, 0.5, 400 * MS)
+    lowest = min(model.velocity(t * MS)[2] for t in range(400, 1900))
+    assert lowest == pytest.approx(0.1)
+    assert settle(model) == above(0.2)
+
+
+def test_a_faster_move_on_to_a_near_target_peaks_where_the_way_allows():
+    model = arm()
+    model.move_l(above(0.2), 0.1, 0.5, 0)
+    way = above(0.2)[2] - model.position(400 * MS)[2]
+    model.move_l(above(0.2), 1.0, 0.5, 400 * MS)
+    speeds = [model.velocity(t * 100_000)[2] for t in range(4000, 16000)]
+    assert max(speeds) == pytest.approx(math.sqrt(0.5 * way + 0.1**2 / 2), abs=1e-4)
+    assert np.abs(np.diff(speeds)).max() < 0.5 * 1.01e-4
+    heights = [model.position(t * 100_000)[2] for t in range(4000, 16000)]
+    assert np.abs(np.diff(heights)).max() < max(speeds) * 1.01e-4
+    assert settle(model) == above(0.2)
+
+
+def test_a_slower_move_on_along_the_line_brakes_to_its_speed_only():
+    model = arm()
+    model.move_l(above(0.2), 0.2, 1.0, 0)
+    model.move_l(above(0.2), 0.05, 1.0, 400 * MS)
+    assert model.velocity(800 * MS)[2] == pytest.approx(0.05)
+    assert settle(model) == above(0.2)
+
+
+def test_a_move_aside_stops_on_the_present_line_first():
+    model = arm()
+    model.move_l(above(0.2), 0.1, 0.5, 0)
+    corner = model.position(400 * MS)[2] + 0.1**2 / (2 * 0.5)
+    model.move_l((0.6, 0.1, 0.3), 0.1, 0.5, 400 * MS)
+    assert model.position(600 * MS) == pytest.approx((0.5, 0.1, corner), abs=1e-9)
+    assert math.hypot(*model.velocity(600 * MS)) == pytest.approx(0.0, abs=1e-9)
+    assert settle(model) == (0.6, 0.1, 0.3)
+
+
+def test_a_target_too_near_to_stop_at_is_passed_and_returned_to():
+    model = arm()
+    model.move_l(above(0.2), 0.2, 1.0, 0)
+    now = model.position(400 * MS)[2]
+    near = (0.5, 0.1, now + 0.005)
+    model.move_l(near, 0.2, 1.0, 400 * MS)
+    assert max(model.position(t * MS)[2] for t in range(400, 900)) == pytest.approx(
+        now + 0.02, abs=1e-6
+    )
+    assert settle(model) == near
+
+
+def test_a_protective_stop_brakes_hard_and_refuses_moves_until_released():
+    model = arm()
+    model.move_l(above(0.2), 0.2, 1.0, 0)
+    model.trip(400 * MS)
+    stopped = settle(model)
+    assert stopped[2] - model.position(400 * MS)[2] == pytest.approx(0.2**2 / (2 * 8.0))
+    assert not model.move_l(above(0.2), 0.2, 1.0, 600 * MS)
+    assert settle(model) == stopped
+    assert model.read(600 * MS).protective_stop
+    model.release()
+    assert model.move_l(above(0.2), 0.2, 1.0, 700 * MS)
+    assert settle(model) == above(0.2)
+
+
+def test_a_reading_is_the_sample_of_the_last_cycle():
+    model = arm()
+    model.move_l(above(0.2), 0.2, 1.0, 0)
+    sample = model.read(103 * MS)
+    assert sample.t_ns == 96 * MS
+    assert sample.position_m == model.position(96 * MS)
+    assert sample.velocity_mps == model.velocity(96 * MS)
+    assert sample.moving
+
+
+def test_a_move_is_moving_from_its_first_cycle_to_its_last():
+    model = arm()
+    assert not model.read(0).moving
+    model.move_l(above(0.1), 0.1, 0.5, 1 * MS)
+    assert not model.read(7 * MS).moving
+    assert model.read(8 * MS).moving  # although its speed is still zero
+    assert not model.read(1300 * MS).moving
+
+
+def test_a_move_to_where_the_tool_stands_is_no_motion():
+    model = arm()
+    assert model.move_l(START, 0.1, 0.5, 0)
+    assert not model.read(8 * MS).moving
+    assert settle(model) == START
+
+
+def test_many_commands_do_not_make_the_chain_grow_without_end():
+    model = arm()
+    for i in range(500):
+        model.move_l(above(0.1 + 0.0001 * i), 0.05, 0.5, i * 10 * MS)
+    assert settle(model) == above(0.1 + 0.0001 * 499)
+    assert model.position(499 * 10 * MS)[2] > model.position(498 * 10 * MS)[2] - 1e-12
