@@ -48,6 +48,7 @@ class Trial(msgspec.Struct, frozen=True):
 def make_guard(config: LiftConfig) -> ForceGuard:
     """The guard; raises ConfigError before any device is touched if the limit cannot be kept."""
     known = calibration(config)
+    guard = ForceGuard(config.guard, known.least_force_n, known.m_per_count)
     for key in ("grip_force_n", "force_cap_n"):
         asked_n = getattr(config.controller, key)
         if asked_n < known.least_force_n:
@@ -57,7 +58,7 @@ def make_guard(config: LiftConfig) -> ForceGuard:
                 f"{asked_n:g} N is less than the gripper can be set to",
                 f">= {known.least_force_n:g} N, the least force of calibration {known.name!r}",
             )
-    return ForceGuard(config.guard, known.least_force_n, known.m_per_count)
+    return guard
 
 
 def make_controller(config: LiftConfig) -> GraspController:

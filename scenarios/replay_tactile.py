@@ -137,7 +137,8 @@ def replay_tactile(config: LiftConfig, recording: Recording) -> TactileReplay:
         p = detector.update(frame)
         probabilities.append(p.tolist())
         monitor.update(t_ns, p)
-        if lift is None or lift.controller.phase not in _LIFTING:
+        ended = lift is None or lift.controller.phase not in _LIFTING
+        if ended and not monitor.status.registered:
             lift = _Lift(config, t_ns - PERIOD_NS)
         for command in lift.step(t_ns, p):
             commands.append(SentCommand(t_s, lift.controller.phase.value, str(command)))

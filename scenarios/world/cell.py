@@ -1,7 +1,7 @@
 """The simulated cell: one world joined to the three device models, advanced to any later instant.
 
-Between commands the world is one compiled call; only while a finger moves do gripper model and
-contact law exchange forces, every millisecond, each integrating finer steps inside.
+Between commands the world is one compiled call; only while a finger moves near the object do gripper
+model and contact law exchange forces, every millisecond, each integrating finer steps inside.
 """
 
 import msgspec
@@ -17,6 +17,7 @@ from scenarios.world.fingertip import Codes, Fingertips, FingertipSettings
 from scenarios.world.objects import GraspObject
 
 EXCHANGE_NS = 1_000_000
+CLOSING_MPS = 0.22  # thumb and opposing fingers at full speed
 
 
 class CellSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -65,6 +66,7 @@ class SimulatedCell:
         self._offset_m = settings.finger_offset_m
         self._now_ns = 0
         self._stiffness = np.zeros(contact.FINGERS)
+        self._arm_height_m, self._arm_rise_mps = self.arm.position(0)[2], 0.0
 
     def place_object(self) -> None:
         """Put the object on the table between the fingers, which must be open: an activation
@@ -75,9 +77,18 @@ class SimulatedCell:
         """Advance everything to now_ns."""
         while self._now_ns < now_ns:
             end_ns = now_ns
-            if self.gripper.moving:
+            if self.gripper.moving and self._near(now_ns):
                 end_ns = min(now_ns, self._now_ns + EXCHANGE_NS)
             self._advance_to(end_ns)
+
+    def _near(self, until_ns: int) -> bool:
+        """True when moving fingers could reach the object by then, or touch it now."""
+        s = self._state
+        reach_m = CLOSING_MPS * (until_ns - self._now_ns) * 1e-9
+        travel = self.gripper.travel_m + self._offset_m
+        return (
+            s[contact.NORMAL] > 0.0 or contact.clearance(self._parameters, s, travel) <= reach_m
+        )
 
     def _advance_to(self, end_ns: int) -> None:
         t0, t1 = self._now_ns, end_ns
@@ -86,12 +97,13 @@ class SimulatedCell:
         normal = s[contact.NORMAL : contact.NORMAL + contact.FINGERS]
         contact.normal_stiffness(self._parameters, normal, self._stiffness)
         self.gripper.advance(t1, FingerLoads(normal, self._stiffness))
-        arm = self.arm
+        height, rise_mps = self.arm.position(t1)[2], self.arm.velocity(t1)[2]
         contact.advance(
             self._parameters, s, t0 * 1e-9, (t1 - t0) * 1e-9, self._step_s,
-            arm.position(t1)[2] - arm.position(t0)[2], arm.velocity(t0)[2], arm.velocity(t1)[2],
+            height - self._arm_height_m, self._arm_rise_mps, rise_mps,
             before, self.gripper.travel_m + self._offset_m,
         )  # fmt: skip
+        self._arm_height_m, self._arm_rise_mps = height, rise_mps
         self._now_ns = end_ns
 
     def _sample(self, t_ns: int) -> tuple[Codes, Codes]:
@@ -102,7 +114,7 @@ class SimulatedCell:
             s[contact.SHEAR : contact.SHEAR + contact.FINGERS],
             s[contact.SLIP] * 1e3,
             s[contact.STRETCH : contact.STRETCH + contact.FINGERS] * 1e3,
-            self.arm.velocity(t_ns) != (0.0, 0.0, 0.0),
+            self._arm_rise_mps != 0.0,
         )
         return pressure.ravel(), temperature.ravel()
 

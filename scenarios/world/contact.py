@@ -171,6 +171,15 @@ def normal_forces(p: Floats, width: float, travel: Floats, state: Floats, out: F
 
 
 @njit(cache=True)
+def clearance(p: Floats, s: Floats, travel: Floats) -> float:
+    """How far thumb and nearest opposing finger may close in all before both sides touch, m."""
+    width = width_and_slope(p, s[SLIP])[0]
+    if s[PRESENT] == 0.0 or width < 0.0:
+        return np.inf
+    return 2 * (p[P_APERTURE] - width) - travel[0] - max(travel[1], travel[2])
+
+
+@njit(cache=True)
 def normal_stiffness(p: Floats, forces: Floats, out: Floats) -> None:
     """dN_i/dtravel_i (3,), N/m, with the other fingers still and the object free to the side."""
     total = 0.0

@@ -260,6 +260,6 @@ class Fingertips:
         code += s.noise_counts * noise[2 * FINGERS :].reshape(FINGERS, TAXELS)
         temperature = round(TEMPERATURE_CODE + TEMPERATURE_CODES_PER_K * warming)
         return (
-            np.clip(np.rint(code), 0, CODE_MAX).astype(np.int16),
+            np.rint(code).clip(0, CODE_MAX).astype(np.int16),
             np.full((FINGERS, TAXELS), temperature, np.int16),
         )
