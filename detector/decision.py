@@ -21,6 +21,11 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         Meta(gt=0.0, lt=1.0, description="probability above which a sample counts; the class "
              "border of the paper's two-way softmax"),
     ] = 0.5  # fmt: skip
+    fingers: Annotated[
+        int,
+        Meta(ge=1, le=3, description="how many fingers must agree; the paper does not say: assumed "
+             "1, any finger"),
+    ] = 1  # fmt: skip
     release: Annotated[
         int,
         Meta(ge=1, le=100, description="consecutive samples below threshold on all fingers that "
@@ -29,7 +34,7 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class ConsecutiveRule:
-    """So many samples in a row on one finger register slip; ``release`` quiet ones on all end it.
+    """So many samples in a row register slip on a finger; ``release`` quiet ones on all end it.
 
     A probability equal to the threshold is not above it.
     """
@@ -58,6 +63,8 @@ class ConsecutiveRule:
         ]
         self._quiet = 0 if any(self._runs) else self._quiet + 1
         registering = [run >= self.settings.consecutive for run in self._runs]
+        if sum(registering) < min(self.settings.fingers, self._fingers):
+            registering = [False] * self._fingers
         if any(registering):
             self.registered = True
         elif self._quiet >= self.settings.release:
@@ -90,7 +97,8 @@ def _markers(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Samples (n,) on which some finger has been above for long enough, and all have been below."""
     above: NDArray[np.bool_] = np.greater(values, threshold)
-    registering = _run_lengths(above).max(axis=1, initial=0) >= settings.consecutive
+    agreeing = (_run_lengths(above) >= settings.consecutive).sum(axis=1)
+    registering = agreeing >= min(settings.fingers, values.shape[1])
     below = ~np.logical_or.reduce(above, axis=1, keepdims=True)
     quiet = _run_lengths(below)[:, 0] >= settings.release
     return registering, quiet

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from drivers.interfaces import Counts3, Vector3
+from drivers.interfaces import FINGER_NAMES, Counts3, Vector3
 
 
 class MoveFingers(msgspec.Struct, frozen=True, tag=True):
@@ -52,3 +52,23 @@ class StopArm(msgspec.Struct, frozen=True, tag=True):
 
 GripperCommand = MoveFingers | CloseFast | OpenFingers | HoldFingers
 Command = GripperCommand | BeginRest | MoveArm | StopArm
+
+
+def describe(command: Command) -> str:
+    """A command in a person's words."""
+    match command:
+        case MoveFingers(targets, speed, force):
+            return f"fingers to {targets} counts at {speed * 1e3:.0f} mm/s, at most {force:g} N"
+        case CloseFast(cap, closing, _, speed):
+            names = "".join(n for n, c in zip(FINGER_NAMES, closing, strict=True) if c)
+            return f"close {names} at {speed * 1e3:.0f} mm/s, at most {cap:g} N"
+        case OpenFingers():
+            return "open all fingers"
+        case HoldFingers():
+            return "hold all fingers"
+        case BeginRest():
+            return "take rest counts"
+        case MoveArm((x, y, z), speed, _):
+            return f"arm to ({x:.3f}, {y:.3f}, {z:.3f}) m at {speed * 1e3:.0f} mm/s"
+        case StopArm():
+            return "stop the arm"

@@ -63,7 +63,7 @@ class LoopSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             description="virtual time that a decision takes; default: p50 of frame "
             "to decision measured here, the paper's inference takes 0.021 s",
         ),
-    ] = 0.0001
+    ] = 0.00002
     stop_deceleration_mps2: Annotated[
         float, Meta(ge=0.1, le=10.0, description="of the arm when a person interrupts")
     ] = 1.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from detector.interface import load_detector
 from drivers.interfaces import FINGERS, TAXELS, ArmState, GripperState
-from grasp.commands import GripperCommand
+from grasp.commands import GripperCommand, describe
 from grasp.messages import (
     ARM,
     COMMANDS,
@@ -163,4 +163,4 @@ class _Stepper:
         if self._controller.phase is not before:
             change = self._controller.machine.log[-1]
             self.events.append((t_s, f"phase {change.phase}: {change.cause}"))
-        self.events += [(t_s, f"command {command}") for command in recorded.commands]
+        self.events += [(t_s, f"  {describe(command)}") for command in recorded.commands]

@@ -30,6 +30,7 @@ from grasp.commands import (
     MoveArm,
     MoveFingers,
     OpenFingers,
+    describe,
 )
 from grasp.controller import GraspController, Observation
 from grasp.phases import Phase
@@ -47,7 +48,8 @@ class SentCommand(msgspec.Struct, frozen=True):
 
     t_s: float
     phase: str
-    command: str
+    command: Command
+    text: str
 
 
 class TactileReplay(msgspec.Struct, frozen=True):
@@ -140,7 +142,9 @@ def replay_tactile(config: LiftConfig, recording: Recording) -> TactileReplay:
         ended = lift is None or lift.controller.phase not in _LIFTING
         if ended and not monitor.status.registered:
             lift = _Lift(config, t_ns - PERIOD_NS)
-        for command in lift.step(t_ns, p):
-            commands.append(SentCommand(t_s, lift.controller.phase.value, str(command)))
+        if lift is not None:
+            sent = lift.step(t_ns, p)
+            phase = lift.controller.phase.value
+            commands += [SentCommand(t_s, phase, c, describe(c)) for c in sent]
     registered = [(t_ns * 1e-9, FINGER_NAMES[finger]) for t_ns, finger in monitor.events]
     return TactileReplay(registered, commands, probabilities)

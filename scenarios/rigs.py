@@ -74,6 +74,7 @@ def _simulated(config: LiftConfig, seed: int, paced: bool) -> Rig:
     )
     fast = VirtualClock(cell.advance)
     connect(devices, fast)
+    devices.arm.set_payload(config.arm.payload_kg)
     cell.place_object()
     clock = PacedClock(cell.advance, fast.now_ns) if paced else fast
     return Rig(devices, clock, cell)

@@ -45,6 +45,9 @@ class ScoringSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
         float,
         Meta(ge=0, le=1, description="registered this long before gross slip is no false start"),
     ] = 0.05
+    still_mps: Annotated[
+        float, Meta(gt=0, le=1, description="a held object slips slower; paper's bound of slip")
+    ] = 0.003
     lifted_m: Annotated[
         float, Meta(gt=0, le=1, description="the object must be this far off the table at the end")
     ] = 0.005
@@ -81,11 +84,15 @@ def outcome(facts: LiftFacts, body: GraspObject, settings: ScoringSettings) -> O
         return Outcome.EXPELLED if expelled else Outcome.DROPPED
     if facts.cap_reached:
         return Outcome.CAP_REACHED
-    if facts.end is not None and facts.end.height_m < settings.lifted_m:
+    if facts.end is not None and not _at_rest_in_the_air(facts.end, settings):
         return Outcome.DROPPED
     if facts.registered_s is None:
         return Outcome.NEVER_SLIPPED if facts.onset_s is None else Outcome.UNDETECTED
     return _held(facts.end, body, settings)
+
+
+def _at_rest_in_the_air(end: Truth, settings: ScoringSettings) -> bool:
+    return end.height_m >= settings.lifted_m and abs(end.slip_speed_mps) < settings.still_mps
 
 
 def _held(end: Truth | None, body: GraspObject, settings: ScoringSettings) -> Outcome:

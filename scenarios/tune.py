@@ -23,7 +23,7 @@ def static_lift(config: LiftConfig, seed: int) -> NDArray[np.int16]:
 
     Raises ValueError when it slipped all the same.
     """
-    body = msgspec.structs.replace(config.object, mass_kg=LIGHT_KG)
+    body = msgspec.structs.replace(config.object, mass_kg=LIGHT_KG, added_mass_kg=0.0)
     controller = msgspec.structs.replace(config.controller, reactions=False, keep=True)
     static = msgspec.structs.replace(config, object=body, controller=controller)
     frames: list[NDArray[np.int16]] = []

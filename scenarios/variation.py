@@ -49,6 +49,7 @@ def draw(
         friction_static=body.friction_static * rub,
         friction_kinetic=body.friction_kinetic * rub,
         mass_kg=body.mass_kg * (1 + settings.mass_cv * mass),
+        added_mass_kg=body.added_mass_kg * (1 + settings.mass_cv * mass),
     )
     varied_hand = msgspec.structs.replace(
         hand,

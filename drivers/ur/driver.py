@@ -33,6 +33,10 @@ class ArmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         float,
         Meta(gt=0.0, le=1.0, description="m, longest move from the present position; assumed"),
     ] = 0.5
+    payload_kg: Annotated[
+        float,
+        Meta(ge=0, le=10, description="mounted on the flange; hand 2.3 kg (manual), rest assumed"),
+    ] = 2.6
     max_payload_kg: Annotated[
         float, Meta(gt=0.0, le=12.5, description="kg, gripper included; UR10 manual: 10 kg")
     ] = 10.0

@@ -10,13 +10,9 @@ from bisect import bisect_right
 from typing import Annotated
 
 import msgspec
-import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from drivers.interfaces import Vector3
-
-Floats = NDArray[np.float64]
 
 _STANDING: Vector3 = (0.0, 0.0, 0.0)
 _SAME_LINE_M = 1e-6  # a target this close to the present line counts as lying on it
@@ -141,21 +137,6 @@ class ArmModel:
         segment = self._at(t_ns)
         return _ahead(_STANDING, segment.direction, segment.speed(t_ns))
 
-    def acceleration(self, t_ns: int) -> Vector3:
-        segment = self._at(t_ns)
-        return _ahead(_STANDING, segment.direction, segment.acceleration_mps2)
-
-    def z_profile(self, times_ns: NDArray[np.int64]) -> tuple[Floats, Floats]:
-        """Height (m) and vertical velocity (m/s), each (n,), at (n,) ascending times."""
-        last = self._chain[-1]
-        if times_ns[0] >= last.start_ns:
-            return np.full(len(times_ns), last.origin_m[2]), np.zeros(len(times_ns))
-        index = np.maximum(np.searchsorted(self._starts, times_ns, "right") - 1, 0)
-        start_ns = np.array(self._starts)[index]
-        z, speed, acceleration = self._vertical[:, index]
-        t = (times_ns - start_ns) * 1e-9
-        return z + (speed + 0.5 * acceleration * t) * t, speed + acceleration * t
-
     def read(self, now_ns: int) -> ArmSample:
         """The controller's sample of its last cycle."""
         t_ns = now_ns // self._period_ns * self._period_ns
@@ -177,12 +158,6 @@ class ArmModel:
     def _install(self, chain: list[Segment]) -> None:
         self._chain = chain
         self._starts = [segment.start_ns for segment in chain]
-        self._vertical = np.array(
-            [
-                (s.origin_m[2], s.speed_mps * s.direction[2], s.acceleration_mps2 * s.direction[2])
-                for s in chain
-            ]
-        ).T
 
 
 def _ahead(origin: Vector3, direction: Vector3, distance: float) -> Vector3:

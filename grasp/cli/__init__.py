@@ -6,17 +6,27 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from grasp.cli import config, detector, exits, release, replay, run, runs
+from grasp.cli import chart, config, detector, exits, release, replay, run, runs
 
-VERBS = (run, replay, detector, release, config, runs)
+VERBS = (run, replay, runs, chart, detector, config, release)
+
+
+class UsageError(Exception):
+    """The words of a command do not fit together."""
+
+    kind = "usage"
+
+    def __init__(self, message: str, remedy: str) -> None:
+        super().__init__(message)
+        self.message = message
+        self.remedy = remedy
 
 
 class Parser(argparse.ArgumentParser):
-    """Reports usage errors as every other error is reported: with --json, as JSON."""
+    """Raises usage errors, so that they are reported as every other error is."""
 
     def error(self, message: str) -> NoReturn:
-        remedy = f"see `{self.prog} --help`"
-        sys.exit(exits.report("usage", message, remedy, "--json" in sys.argv))
+        raise UsageError(message, f"see `{self.prog} --help`")
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -46,9 +56,10 @@ def _version() -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code. Expected errors become one line, no traceback."""
-    args = build_parser().parse_args(argv)
-    as_json = getattr(args, "json", False)
+    words = sys.argv[1:] if argv is None else argv
+    as_json = "--json" in words
     try:
+        args = build_parser().parse_args(words)
         return int(args.handler(args))
     except KeyboardInterrupt:
         return exits.report("interrupted", "interrupted", "", as_json)

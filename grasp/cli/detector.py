@@ -103,8 +103,8 @@ def scores_text(s: Any) -> str:
     low, high = s.auc_interval or (float("nan"), float("nan"))
     lines = [
         f"{s.detector} on {s.data}: {s.n_samples} samples",
-        f"  AUC {_number(s.auc)} [{low:.3f}, {high:.3f}]  accuracy {s.accuracy:.3f} at the deployed "
-        f"threshold ({_number(s.threshold_counts)} counts)  F1 slip {s.slip_f1:.3f}, "
+        f"  AUC {_number(s.auc)} [{low:.3f}, {high:.3f}]  accuracy {s.accuracy:.3f} at the "
+        f"deployed threshold ({_number(s.threshold_counts)} counts)  F1 slip {s.slip_f1:.3f}, "
         f"weighted {s.weighted_f1:.3f}",
         f"  slip events: {s.true_events - s.missed_events} of {s.true_events} caught, "
         f"{s.false_events} false ({_number(s.false_events_per_min)} a minute of rest)",

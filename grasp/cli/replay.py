@@ -103,7 +103,7 @@ def _print_tactile(done: Any, recording: Any, scores: Any) -> None:
     lines = [
         *edges,
         *((t_s, f"    registered at finger {finger}") for t_s, finger in done.registered),
-        *((c.t_s, f"        {c.phase}: {c.command}") for c in done.commands),
+        *((c.t_s, f"        {c.phase}: {c.text}") for c in done.commands),
     ]
     for t_s, text in sorted(lines, key=lambda line: line[0]):
         print(f"{t_s:8.3f} s  {text}")

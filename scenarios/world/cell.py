@@ -1,7 +1,7 @@
 """The simulated cell: one world joined to the three device models, advanced to any later instant.
 
-Between commands the world is one compiled call; only while a finger moves near the object do gripper
-model and contact law exchange forces, every millisecond, each integrating finer steps inside.
+Between commands the world is one compiled call; only while a finger moves near the object do
+gripper model and contact law exchange forces, every millisecond, with finer steps inside each.
 """
 
 import msgspec
@@ -86,9 +86,7 @@ class SimulatedCell:
         s = self._state
         reach_m = CLOSING_MPS * (until_ns - self._now_ns) * 1e-9
         travel = self.gripper.travel_m + self._offset_m
-        return (
-            s[contact.NORMAL] > 0.0 or contact.clearance(self._parameters, s, travel) <= reach_m
-        )
+        return s[contact.NORMAL] > 0.0 or contact.clearance(self._parameters, s, travel) <= reach_m
 
     def _advance_to(self, end_ns: int) -> None:
         t0, t1 = self._now_ns, end_ns

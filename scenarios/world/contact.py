@@ -94,7 +94,7 @@ def parameters(contact: ContactSettings, body: GraspObject) -> Floats:
     """Parameter vector (18,) of the compiled step."""
     out = np.empty(PARAMETER_SIZE)
     out[:P_STIFFNESS] = (
-        body.mass_kg, body.friction_static, body.friction_kinetic,
+        body.mass_kg + body.added_mass_kg, body.friction_static, body.friction_kinetic,
         contact.shear_stiffness_npm, contact.shear_damping_nspm,
         contact.relaxation_fraction, contact.relaxation_time_s,
         contact.half_aperture_m, contact.pad_half_length_m,
@@ -173,10 +173,11 @@ def normal_forces(p: Floats, width: float, travel: Floats, state: Floats, out: F
 @njit(cache=True)
 def clearance(p: Floats, s: Floats, travel: Floats) -> float:
     """How far thumb and nearest opposing finger may close in all before both sides touch, m."""
-    width = width_and_slope(p, s[SLIP])[0]
+    width, _ = width_and_slope(p, s[SLIP])
     if s[PRESENT] == 0.0 or width < 0.0:
         return np.inf
-    return 2 * (p[P_APERTURE] - width) - travel[0] - max(travel[1], travel[2])
+    gap: float = 2 * (p[P_APERTURE] - width) - travel[0] - max(travel[1], travel[2])
+    return gap
 
 
 @njit(cache=True)

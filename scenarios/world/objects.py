@@ -20,7 +20,10 @@ class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         tuple[int, int, int],
         Meta(description="motor counts A, B, C of the first, too weak grasp; assumed"),
     ]
-    mass_kg: Annotated[float, Meta(gt=0.0, le=3.0, description="with added weights; assumed")]
+    mass_kg: Annotated[float, Meta(gt=0.0, le=3.0, description="of the object alone; assumed")]
+    added_mass_kg: Annotated[
+        float, Meta(ge=0.0, le=3.0, description="weights added for the lift (paper); assumed")
+    ] = 0.0
     friction_static: Annotated[
         float, Meta(gt=0.0, le=2.0, description="rubber on this surface; assumed, 0.5-1.2")
     ]

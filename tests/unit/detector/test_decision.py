@@ -47,6 +47,20 @@ def test_two_fingers_register_apart() -> None:
     assert found == [[False] * 3, [True, False, False], [False, True, False]]
 
 
+def test_fingers_that_must_agree_register_together_or_not_at_all() -> None:
+    r = rule(fingers=3)
+    assert np.any(feed(r, (0.9, 0, 0), (0.9, 0, 0)))
+    both = ConsecutiveRule(RuleSettings(fingers=2), 3)
+    assert not np.any(feed(both, (0.9, 0, 0), (0.9, 0.9, 0)))
+    assert feed(both, (0.9, 0.9, 0)) == [[True, True, False]]
+    assert not both.update(np.array([0.0, 0.9, 0.0])).any()
+
+
+def test_single_fingertip_agrees_with_itself() -> None:
+    alone = ConsecutiveRule(RuleSettings(fingers=3), 1)
+    assert feed(alone, (0.9,), (0.9,)) == [[False], [True]]
+
+
 def test_a_probability_at_the_threshold_is_not_above_it() -> None:
     assert not np.any(feed(rule(1), (0.5,), (0.5,), (0.5,)))
     assert np.any(feed(rule(1), (0.5000001,), (0.5000001,)))

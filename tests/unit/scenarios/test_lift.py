@@ -52,7 +52,8 @@ def test_deaf_detector_drops_the_can() -> None:
 def test_slip_that_ends_by_itself_unheard_is_undetected() -> None:
     # A grip that just breaks at the arm's jerk but carries the weight at constant speed.
     r = judged(
-        "detector.threshold_counts=400", "object.mass_kg=0.24", "object.friction_kinetic=0.79",
+        "detector.threshold_counts=400", "object.mass_kg=0.24",
+        "object.added_mass_kg=0", "object.friction_kinetic=0.79",
         "arm.max_acceleration_mps2=5", "controller.lift_acceleration_mps2=5",
         "controller.lift_speed_mps=0.25",
     )  # fmt: skip
@@ -61,7 +62,7 @@ def test_slip_that_ends_by_itself_unheard_is_undetected() -> None:
 
 
 def test_grasp_that_is_strong_enough_never_slips_and_is_no_success() -> None:
-    r = judged("object.mass_kg=0.1", "object.grip_counts=[57,56,56]")
+    r = judged("object.mass_kg=0.1", "object.added_mass_kg=0", "object.grip_counts=[57,56,56]")
     assert r.outcome == "never_slipped"
     assert not r.success
 
@@ -93,7 +94,8 @@ def test_short_body_slips_out_of_a_slow_hand() -> None:
 def test_ball_held_above_its_equator_is_expelled_by_closing() -> None:
     r = judged(
         "object.grip_height_m=0.012", "object.friction_static=0.3", "object.friction_kinetic=0.25",
-        "object.mass_kg=0.15", "hand.command_latency_s=0.1", object_name="ball",
+        "object.mass_kg=0.15",
+        "object.added_mass_kg=0", "hand.command_latency_s=0.1", object_name="ball",
     )  # fmt: skip
     assert r.outcome == "expelled"
 

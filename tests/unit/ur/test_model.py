@@ -135,25 +135,6 @@ def test_a_command_leaves_the_past_and_the_present_cycle_as_they_were(commands):
     assert math.dist(model.position(instants[2]), cycle_m) < 1e-8
 
 
-@given(commands, instants)
-def test_the_height_profile_is_position_and_velocity_at_many_times(commands, t_ns):
-    model = arm()
-    obey(model, commands)
-    times = t_ns + np.arange(20) * 500_000
-    z, vz = model.z_profile(times)
-    assert z == pytest.approx([model.position(int(t))[2] for t in times], abs=1e-12)
-    assert vz == pytest.approx([model.velocity(int(t))[2] for t in times], abs=1e-12)
-
-
-def test_acceleration_is_that_of_each_phase():
-    model = arm()
-    model.move_l(above(0.1), 0.1, 0.5, 0)  # ramps of 0.2 s, cruise of 0.8 s
-    assert model.acceleration(100 * MS)[2] == 0.5
-    assert model.acceleration(500 * MS)[2] == 0.0
-    assert model.acceleration(1100 * MS)[2] == -0.5
-    assert model.acceleration(1300 * MS)[2] == 0.0
-
-
 def test_a_command_takes_effect_at_the_first_cycle_after_its_latency():
     model = arm(ArmModelSettings(command_latency_s=0.002))
     model.move_l(above(0.1), 0.1, 0.5, 7 * MS)

@@ -1,0 +1,48 @@
+"""How fast the simulated rig runs against real time, and where its time goes."""
+
+import cProfile
+import pstats
+import time
+from pathlib import Path
+
+import pytest
+
+from scenarios import lift
+from tests.unit.scenarios.conftest import config
+
+LIFTS = 10
+
+
+def seconds_a_lift(runs: Path | None) -> tuple[float, float]:
+    """Wall and virtual seconds of one lift, from the controller's start to its end."""
+    virtual = 0.0
+    start = time.perf_counter()
+    for seed in range(LIFTS):
+        result = lift.run(config(), seed, runs).result
+        assert result is not None
+        virtual += result.phases[-1].t_s - result.phases[0].t_s
+    return (time.perf_counter() - start) / LIFTS, virtual / LIFTS
+
+
+@pytest.mark.bench
+def test_multiple_of_real_time_with_and_without_a_recording(tmp_path: Path) -> None:
+    lift.run(config(), 0, None)
+    bare, virtual = seconds_a_lift(None)
+    recorded, _ = seconds_a_lift(tmp_path)
+    print(f"\na lift of {virtual:.1f} s takes {bare * 1e3:.0f} ms: {virtual / bare:.0f} x real time;"
+          f" recorded {recorded * 1e3:.0f} ms: {virtual / recorded:.0f} x;"
+          f" ratio {recorded / bare:.2f}")  # fmt: skip
+    profile = cProfile.Profile()
+    profile.enable()
+    lift.run(config(), 0, tmp_path)
+    profile.disable()
+    rooms: dict[str, float] = {}
+    entries = pstats.Stats(profile).stats.items()  # type: ignore[attr-defined]
+    for (file, _, _), (_, _, own, _, _) in entries:
+        parts = Path(file).parts
+        name = next((p for p in ("drivers", "detector", "grasp", "scenarios", "mcap", "numpy",
+                                 "transitions") if p in parts), "other")  # fmt: skip
+        rooms[name] = rooms.get(name, 0.0) + own
+    total = sum(rooms.values())
+    shares = sorted(rooms.items(), key=lambda item: -item[1])
+    print("own time: " + ", ".join(f"{name} {own / total:.0%}" for name, own in shares))

@@ -1,0 +1,133 @@
+"""Replay: the same code on recorded input gives the same events and commands."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from detector.recordings import Recording
+from grasp.commands import CloseFast
+from grasp.messages import CONTROL
+from grasp.recording import BadRecordingFile, RunRecorder, RunRecording
+from scenarios import lift
+from scenarios.figures import read_series
+from scenarios.replay import replay_run
+from scenarios.replay_tactile import replay_tactile
+from scenarios.runfolder import RUN_CHANNELS
+from tests.unit.scenarios.conftest import config
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    result = lift.run(config(), 0, tmp_path_factory.mktemp("runs")).result
+    assert result is not None
+    assert result.recording is not None
+    return Path(result.recording)
+
+
+def copy_changed(source: Path, out: Path, topic: str, at: int, **values: object) -> Path:
+    """A copy of a recording in which one message differs."""
+    recording = RunRecording.open(source, RUN_CHANNELS)
+    seen = 0
+    with RunRecorder(out, RUN_CHANNELS, recording.metadata) as writer:
+        for name, t_ns, message in recording:
+            if name == topic:
+                seen += 1
+                if seen == at:
+                    message = msgspec.structs.replace(message, **values)  # noqa: PLW2901
+            writer.write(name, t_ns, message)
+    assert writer.failure is None
+    return out
+
+
+def test_replay_of_a_run_does_what_the_run_did(recorded: Path) -> None:
+    replay = replay_run(recorded.parent)
+    assert replay.differences == []
+    assert replay.complete
+    assert replay.steps > 1000
+    assert any("slip registered" in what for _, what in replay.events)
+
+
+def test_folder_and_file_are_both_accepted(recorded: Path) -> None:
+    assert replay_run(recorded).steps == replay_run(recorded.parent).steps
+
+
+def test_tampered_probability_is_found(recorded: Path, tmp_path: Path) -> None:
+    changed = copy_changed(
+        recorded, tmp_path / "x.mcap", CONTROL, 300, probabilities=[0.5, 0.5, 0.5]
+    )
+    differences = replay_run(changed).differences
+    assert [d.what for d in differences] == ["probabilities"]
+
+
+def test_other_samples_lead_to_other_decisions(recorded: Path, tmp_path: Path) -> None:
+    lift_step = next(
+        k
+        for k, (_, m) in enumerate(RunRecording.open(recorded, RUN_CHANNELS).of(CONTROL))
+        if m.phase == "compensate"
+    )
+    recording = RunRecording.open(recorded, RUN_CHANNELS)
+    first = next(t for t, _ in recording.of("/tactile"))
+    control_times = [t for t, _ in recording.of(CONTROL)]
+    at = lift_step - control_times.index(first)
+    changed = copy_changed(recorded, tmp_path / "x.mcap", "/tactile", at, counts=[0] * 18)
+    assert replay_run(changed).differences
+
+
+def test_recording_of_a_killed_run_is_replayed_as_far_as_it_goes(
+    recorded: Path, tmp_path: Path
+) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(recorded.read_bytes()[: recorded.stat().st_size * 2 // 3])
+    replay = replay_run(cut)
+    assert not replay.complete
+    assert replay.differences == []
+    assert replay.steps > 100
+
+
+def test_recording_made_with_unknown_settings_is_refused(recorded: Path, tmp_path: Path) -> None:
+    recording = RunRecording.open(recorded, RUN_CHANNELS)
+    out = tmp_path / "x.mcap"
+    metadata = {**recording.metadata, "config": '{"rig": "simulated", "novel": 1}'}
+    with RunRecorder(out, RUN_CHANNELS, metadata) as writer:
+        for name, t_ns, message in recording:
+            writer.write(name, t_ns, message)
+    with pytest.raises(BadRecordingFile, match="do not fit this version"):
+        replay_run(out)
+
+
+def fingertip_strokes() -> Recording:
+    """Four seconds at rest with two loud strokes of 0.6 s."""
+    rng = np.random.default_rng(0)
+    n = 400
+    slip = np.zeros(n, bool)
+    slip[120:180] = slip[260:320] = True
+    steps = rng.normal(0, np.where(slip, 20.0, 1.0)[:, None], (n, 6))
+    counts = (-150 + np.cumsum(steps, axis=0) * 0.3 + steps).astype(np.int16)
+    return Recording(np.arange(n) * 0.01, counts[:, None, :], slip, None, "made up")
+
+
+def test_every_stroke_of_a_fingertip_recording_is_answered_once_by_closing() -> None:
+    replay = replay_tactile(config(), fingertip_strokes())
+    assert [finger for _, finger in replay.registered] == ["A", "A"]
+    closings = [c.t_s for c in replay.commands if isinstance(c.command, CloseFast)]
+    assert len(closings) == 2
+    assert 1.2 < closings[0] < 1.4
+    assert 2.6 < closings[1] < 2.8
+
+
+def test_guard_limits_what_a_fingertip_recording_would_have_sent() -> None:
+    replay = replay_tactile(config("controller.force_cap_n=60"), fingertip_strokes())
+    closings = [c.command for c in replay.commands if isinstance(c.command, CloseFast)]
+    assert closings
+    assert all(c.force_cap_n == 10.0 for c in closings)
+
+
+def test_figure_reads_forces_probabilities_and_phases(recorded: Path) -> None:
+    series = read_series(recorded)
+    assert series.probabilities.shape == (len(series.t_s), 3)
+    assert series.true_n is not None
+    assert series.true_n.max() > 10.0
+    assert series.onset_s is not None
+    assert [name for _, name in series.phases][:3] == ["approach", "grasp", "lift"]

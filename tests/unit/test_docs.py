@@ -1,0 +1,35 @@
+"""The documents say what the code does."""
+
+import re
+from pathlib import Path
+
+from grasp.phases import mermaid
+from grasp.settings import names
+from scenarios.scoring import Outcome
+
+ROOT = Path(__file__).parents[2]
+
+
+def read(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+def test_state_diagram_is_the_one_of_the_table() -> None:
+    shown = re.search(r"```mermaid\n(.*?)```", read("docs/architecture.md"), re.S)
+    assert shown is not None
+    assert shown[1] == mermaid()
+
+
+def test_every_outcome_is_explained() -> None:
+    text = read("docs/data-formats.md")
+    assert [o for o in Outcome if f"`{o.value}`" not in text] == []
+
+
+def test_every_object_is_named_in_the_readme() -> None:
+    assert [name for name in names("objects") if f"`{name}`" not in read("README.md")] == []
+
+
+def test_links_between_documents_lead_somewhere() -> None:
+    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+        for target in re.findall(r"\]\((?!https?:)([^)#]+)\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
