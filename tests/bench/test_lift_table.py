@@ -19,5 +19,6 @@ def test_forty_lifts_of_each_object() -> None:
         held = sum(r.success for r in results)
         latency = np.array([r.detection_latency_ms for r in results if r.detection_latency_ms])
         slip = np.array([r.slip_distance_m for r in results if r.slip_distance_m]) * 1e3
-        print(f"| {name} | {held} of {len(results)} | {np.median(latency):.0f}, {latency.max():.0f} "
+        counts = f"{held} of {len(results)}"
+        print(f"| {name} | {counts} | {np.median(latency):.0f}, {latency.max():.0f} "
               f"| {np.median(slip):.0f}, {slip.max():.0f} |")  # fmt: skip
