@@ -87,6 +87,9 @@ def run_trial(config: LiftConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> 
     except KeyboardInterrupt:
         loop.interrupt()
         interrupted = True
+    except BaseException:  # a bug of ours must not leave the arm moving
+        loop.interrupt()
+        raise
     return Trial(controller, loop, trace, rig.truth(), interrupted)
 
 
@@ -116,7 +119,7 @@ def run(
         result = judge(config, seed, trial, folder.recording if folder is not None else None)
     except BaseException:
         if folder is not None:
-            folder.discard()
+            folder.abandon()
         raise
     failure = _failure(trial, result)
     if folder is not None:

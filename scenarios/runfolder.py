@@ -34,6 +34,7 @@ class RunFolder:
         self.path = _new_folder(runs, f"{scenario}-{config.object.name}")
         self._recorder = RunRecorder(self.path / RECORDING, RUN_CHANNELS, metadata(config, seed))
         self._phases_written = 0
+        self._ticks = 0
 
     @property
     def recording(self) -> Path:
@@ -41,6 +42,7 @@ class RunFolder:
 
     def tick(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
         """Write one tick, with the phase changes that it brought."""
+        self._ticks += 1
         write = self._recorder.write
         write_tick(write, tick)
         for change in controller.machine.log[self._phases_written :]:
@@ -59,13 +61,14 @@ class RunFolder:
             except OSError as error:
                 failure = error
         if failure is not None:
-            self.discard()
+            shutil.rmtree(self.path, ignore_errors=True)
             raise could_not_record(self.path, failure)
 
-    def discard(self) -> None:
-        """Remove the folder and all that is in it."""
+    def abandon(self) -> None:
+        """End without a result: what was recorded is kept, a folder without a tick is removed."""
         self._recorder.close()
-        shutil.rmtree(self.path, ignore_errors=True)
+        if self._ticks == 0 or self._recorder.failure is not None:
+            shutil.rmtree(self.path, ignore_errors=True)
 
 
 def metadata(config: LiftConfig, seed: int) -> dict[str, str]:

@@ -36,9 +36,19 @@ class Display:
     ) -> None:
         self.close()
 
-    def tick(self, tick: Tick) -> None:
+    def setting_up(self, rig: str) -> None:
+        """Say that the rig is being opened, which may take a while."""
         if self._view is not None:
+            print(f"setting up the {rig} rig (the first time, the world is compiled)", flush=True)
+
+    def tick(self, tick: Tick) -> None:
+        """Show one tick. A screen that is gone must not stop a run: nothing more is shown then."""
+        if self._view is None:
+            return
+        try:
             self._view.tick(tick)
+        except OSError:
+            self._view = None
 
     def close(self) -> None:
         """Leave the last state on the screen; safe to call twice."""
@@ -93,12 +103,12 @@ class _Live:
         from rich.live import Live
 
         self._live = Live(console=Console(), auto_refresh=False)
-        self._live.start()
         self._ticks = 0
         self._phase: Phase | None = None
         self._last: Tick | None = None
 
     def tick(self, tick: Tick) -> None:
+        self._live.start()  # with the first tick; does nothing afterwards
         if tick.decision.phase is not self._phase or tick.decision.slip.event:
             self._phase = tick.decision.phase
             self._live.console.print(_line(tick), highlight=False)

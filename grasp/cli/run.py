@@ -92,8 +92,10 @@ def run(args: argparse.Namespace) -> int:
 
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
     config = load_config(args.object, args.rig, args.detector, args.config, assignments)
+    lift.make_guard(config)  # a limit that cannot be kept is refused before anything is shown
     paced = args.pace == "real" or (args.pace is None and sys.stdout.isatty() and not args.json)
     with Display(quiet=args.json) as display:
+        display.setting_up(args.rig)
         finished = lift.run(config, args.seed, args.runs, paced=paced, on_tick=display.tick)
         display.close()
     return _report(finished, args)

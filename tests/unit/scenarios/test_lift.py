@@ -4,7 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from drivers.errors import LinkLost
+from grasp.loop import Tick
 from scenarios import lift
+from scenarios.replay import replay_run
 from scenarios.result import LiftResult
 from tests.unit.scenarios.conftest import Staged, config, judged
 
@@ -185,3 +188,32 @@ def test_equal_seeds_leave_byte_identical_recordings_and_other_seeds_do_not(tmp_
         data.append(Path(result.recording).read_bytes())
     assert data[0] == data[1]
     assert data[0] != data[2]
+
+
+def test_bug_of_ours_stops_the_arm_and_keeps_what_was_recorded(tmp_path: Path) -> None:
+    ticks = 0
+
+    def broken(tick: Tick) -> None:
+        nonlocal ticks
+        ticks += 1
+        if ticks == 300:
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        lift.run(config(), 0, tmp_path, on_tick=broken)
+    folder = next(tmp_path.iterdir())
+    replay = replay_run(folder)
+    assert replay.complete
+    assert replay.steps == 300
+
+
+def test_run_that_never_began_leaves_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unplugged(*_: object) -> None:
+        raise LinkLost("no board", "plug it in")
+
+    monkeypatch.setattr("scenarios.rigs.connect", unplugged)
+    with pytest.raises(LinkLost):
+        lift.run(config(), 0, tmp_path)
+    assert list(tmp_path.iterdir()) == []
