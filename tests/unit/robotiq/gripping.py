@@ -1,0 +1,30 @@
+"""What the tests of the driver core share: a quick hand, and a rig that has gripped."""
+
+from drivers.interfaces import Detection
+from drivers.robotiq.model import HandSettings
+
+MS = 1_000_000
+
+
+FAST = 0.11
+
+
+RIGID = 5000.0
+
+
+QUICK = HandSettings(activation_s=0.1)
+
+
+ALL = (True, True, True)
+
+
+THUMB = (True, False, False)
+
+
+def gripped(rig, springs, **kwargs):
+    """A rig whose three fingers have met rigid objects at force byte 0."""
+    made = rig(springs=springs([RIGID] * 3, [0.03] * 3), **kwargs)
+    made.driver.close_fast(10.0, ALL, (255, 255, 255), FAST)
+    made.settle()
+    assert [f.detection for f in made.state.fingers] == [Detection.CONTACT_CLOSING] * 3
+    return made
