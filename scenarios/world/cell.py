@@ -112,6 +112,7 @@ class SimulatedCell:
             s[contact.SHEAR : contact.SHEAR + contact.FINGERS],
             s[contact.SLIP] * 1e3,
             s[contact.STRETCH : contact.STRETCH + contact.FINGERS] * 1e3,
+            contact.centre_on_pad(self._parameters, s[contact.SLIP]) * 1e3,
             self._arm_rise_mps != 0.0,
         )
         return pressure.ravel(), temperature.ravel()

@@ -136,6 +136,16 @@ def width_and_slope(p: Floats, slip: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
+def centre_on_pad(p: Floats, slip: float) -> float:
+    """Where the object's widest point lies on the pads, m above their middle; 0 if straight."""
+    if p[P_SHAPE] == 0.0:
+        return 0.0
+    above = -(p[P_GRIP_HEIGHT] + slip)
+    centre: float = min(max(above, -p[P_PAD_HALF]), p[P_PAD_HALF])
+    return centre
+
+
+@njit(cache=True)
 def normal_forces(p: Floats, width: float, travel: Floats, state: Floats, out: Floats) -> None:
     """Normal force of each finger (3,), N, into ``out``; the lateral position into the state.
 

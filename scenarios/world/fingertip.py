@@ -2,10 +2,12 @@
 
 The pad is a bed of springs (Winkler) on a grid fixed to the pad. A height field fixed to the object
 slides beneath it, so the pressure under each spring changes as its bump passes: this is what makes
-slip audible. Each spring's normal and shear load reaches the sensing plane through the two kernels
-of an incompressible layer bonded to its board (closed forms, few per cent; both scale with the
-effective depth h as 1/h^2). The normal load also wanders a little, and every taxel has rest count,
-temperature drift, noise, whole counts and ten bits.
+slip audible. On a round object the contact centre migrates over the pad as the pad slides past the
+widest point, and a pad that sticks carries its loads along as it shears. Each spring's normal and
+shear load reaches the sensing plane through the two kernels of an incompressible layer bonded to
+its board (closed forms, few per cent; both scale with the effective depth h as 1/h^2). The normal
+load also wanders a little, and every taxel has rest count, temperature drift, noise, whole counts
+and ten bits.
 
 Fingertip frame: x along the three columns, y across the two rows; taxels 0 1 2 in the lower row,
 5 4 3 in the upper. All lengths in this file are millimetres, as in the kernels' published form.
@@ -24,7 +26,7 @@ from scenarios.world.objects import GraspObject
 
 FINGERS = 3
 TAXELS = 6
-GRID_X, GRID_Y = 8, 6  # springs along and across the slip
+GRID_X, GRID_Y = 10, 6  # springs along and across the slip
 FIELD_STEP_MM = 0.25
 FIELD_LENGTH = 1024  # 256 mm of surface before it repeats
 COUNT_KPA = 0.1255  # MPL115A2, NXP AN3785: pressing lowers the code
@@ -46,9 +48,15 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         float,
         Meta(ge=2.0, le=10.0, description="effective rubber depth; the authors' clip: 3.5-6 mm"),
     ] = 4.0
-    patch_radius_mm: Annotated[
-        float, Meta(ge=2.0, le=12.0, description="of the contact patch; assumed, 4-8 mm")
-    ] = 7.0
+    pad_half_length_mm: Annotated[
+        float, Meta(ge=3.0, le=20.0, description="of the spring bed, along the slip; assumed")
+    ] = 10.0
+    pad_half_width_mm: Annotated[
+        float, Meta(ge=3.0, le=20.0, description="of the spring bed, across; assumed")
+    ] = 8.0
+    crown_radius_mm: Annotated[
+        float, Meta(ge=20.0, le=1000.0, description="curvature of the pad's face; assumed")
+    ] = 100.0
     foundation_n_per_mm3: Annotated[
         float, Meta(ge=0.02, le=1.0, description="spring bed; fitted to the clip, 0.08-0.2")
     ] = 0.14
@@ -106,14 +114,13 @@ class Pad:
 
     def __init__(self, settings: FingertipSettings) -> None:
         s = settings
-        cell = 2 * s.patch_radius_mm / GRID_X
-        along = (np.arange(GRID_X) - (GRID_X - 1) / 2) * cell
-        across = (np.arange(GRID_Y) - (GRID_Y - 1) / 2) * (2 * s.patch_radius_mm / GRID_Y)
+        along = _centres(GRID_X, s.pad_half_length_mm)
+        across = _centres(GRID_Y, s.pad_half_width_mm)
         u, w = (m.ravel() for m in np.meshgrid(along, across, indexing="ij"))
         self.along_mm = u
         self.row = np.tile(np.arange(GRID_Y), GRID_X)
-        self.gap_mm = 0.5 * (u**2 + w**2) / s.patch_radius_mm**2 * 0.5  # crowned pad: rim 0.25 mm
-        area = cell * (2 * s.patch_radius_mm / GRID_Y)
+        self.gap_mm = (u**2 + w**2) / (2 * s.crown_radius_mm)
+        area = 4 * s.pad_half_length_mm * s.pad_half_width_mm / (GRID_X * GRID_Y)
         self.spring_npmm = s.foundation_n_per_mm3 * area
         angle = math.radians(s.slip_direction_deg)
         self.direction = np.array([math.cos(angle), math.sin(angle)])
@@ -121,14 +128,32 @@ class Pad:
             w, [-self.direction[1], self.direction[0]]
         )
 
-    def kernels(self, settings: FingertipSettings, centre_mm: Floats) -> tuple[Floats, Floats]:
-        """Counts per newton, (6, springs) each, of normal and shear load; patch at centre_mm."""
+    def kernels(
+        self, settings: FingertipSettings, centre_mm: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Counts per newton, (6, springs) each, for a pad whose middle sits at centre_mm: of normal
+        load, of shear load, and the change of the first per millimetre that the load moves along.
+        """
         away = taxel_positions(settings.pitch_mm)[:, None, :] - (self.springs_mm + centre_mm)
         r = np.hypot(away[..., 0], away[..., 1])
         ahead = away @ self.direction / np.maximum(r, 1e-9)
         normal = normal_kernel(r, settings.depth_mm) / COUNT_KPA
         shear = shear_kernel(r, settings.depth_mm) * ahead / COUNT_KPA
-        return normal, shear
+        width = 5.6 * settings.depth_mm / 10.0  # of the normal kernel's Gaussian
+        moved = normal * (away @ self.direction) / width**2
+        return normal, shear, moved
+
+
+def _centres(n: int, half_mm: float) -> Floats:
+    """Centres of n equal cells that fill -half_mm..half_mm."""
+    return np.linspace(-half_mm, half_mm, 2 * n + 1)[1::2]
+
+
+def vertical_curvature(body: GraspObject) -> float:
+    """Of the object at its widest point, 1/mm; 0 for a straight body."""
+    if body.shape == "straight":
+        return 0.0
+    return body.half_width_m / body.half_height_m**2 * 1e-3
 
 
 def height_field(body: GraspObject, rng: np.random.Generator) -> Floats:
@@ -144,8 +169,9 @@ def height_field(body: GraspObject, rng: np.random.Generator) -> Floats:
 
 @njit(cache=True)
 def spring_loads(
-    force_n: float, slip_mm: float, along: Floats, row: NDArray[np.int64], gap: Floats,
-    stiffness: float, field: Floats, out: Floats,
+    force_n: float, slip_mm: float, centre_mm: float, curvature: float,
+    along: Floats, row: NDArray[np.int64], gap: Floats, stiffness: float, field: Floats,
+    out: Floats,
 ) -> None:  # fmt: skip
     """Load of each spring, N, so that they sum to force_n. Newton solves for the common approach:
     the sum rises piecewise linearly and convexly with it, so a few steps are exact."""
@@ -159,6 +185,7 @@ def spring_loads(
         right = (left + 1) % positions
         part = at - base
         height[j] = field[row[j], left] * (1 - part) + field[row[j], right] * part - gap[j]
+        height[j] -= 0.5 * curvature * (along[j] - centre_mm) ** 2
     approach = force_n / (stiffness * n) - height.min()  # all springs touch: never too shallow
     for _ in range(60):
         total = 0.0
@@ -178,9 +205,9 @@ def spring_loads(
 
 @njit(cache=True)
 def pressures(
-    normal_n: Floats, shear_n: Floats, slip_mm: float, stretch_mm: Floats,
-    along: Floats, row: NDArray[np.int64], gap: Floats, stiffness: float,
-    fields: Floats, k_normal: Floats, k_shear: Floats, out: Floats,
+    normal_n: Floats, shear_n: Floats, slip_mm: float, stretch_mm: Floats, centre_mm: float,
+    curvature: float, along: Floats, row: NDArray[np.int64], gap: Floats, stiffness: float,
+    fields: Floats, k_normal: Floats, k_shear: Floats, k_moved: Floats, out: Floats,
 ) -> None:  # fmt: skip
     """Fall of each taxel's code, counts (3, 6), under the three fingers' loads."""
     springs = along.shape[0]
@@ -190,14 +217,18 @@ def pressures(
             out[f, i] = 0.0
         if normal_n[f] <= 0.0:
             continue
-        # Until it slides, a pad carries its patch of surface along: only the slid part moves it.
+        # A pad that sticks holds its patch of surface: only what it has slid brings new texture.
         slid = slip_mm - stretch_mm[f]
-        spring_loads(normal_n[f], slid, along, row, gap, stiffness, fields[f], load)
+        spring_loads(
+            normal_n[f], slid, centre_mm, curvature, along, row, gap, stiffness, fields[f], load
+        )
         traction = shear_n[f] / normal_n[f]
+        shift = -stretch_mm[f]  # the object lags behind the finger and takes the load with it
         for j in range(springs):
             if load[j] > 0.0:
                 for i in range(TAXELS):
-                    out[f, i] += load[j] * (k_normal[f, i, j] + traction * k_shear[f, i, j])
+                    gain = k_normal[f, i, j] + shift * k_moved[f, i, j]
+                    out[f, i] += load[j] * (gain + traction * k_shear[f, i, j])
 
 
 class Fingertips:
@@ -217,6 +248,8 @@ class Fingertips:
         kernels = [self._pad.kernels(settings, c) for c in centres]
         self._k_normal = np.stack([k[0] for k in kernels])
         self._k_shear = np.stack([k[1] for k in kernels])
+        self._k_moved = np.stack([k[2] for k in kernels])
+        self._curvature = vertical_curvature(body)
         self.rest = rng.integers(
             settings.rest_low, settings.rest_high, (FINGERS, TAXELS), endpoint=True
         )
@@ -238,9 +271,12 @@ class Fingertips:
 
     def sample(
         self, t_s: float, normal_n: Floats, shear_n: Floats, slip_mm: float, stretch_mm: Floats,
-        arm_moves: bool,
+        centre_mm: float, arm_moves: bool,
     ) -> tuple[Codes, Codes]:  # fmt: skip
-        """Pressure and temperature codes (3, 6) int16 at time t_s."""
+        """Pressure and temperature codes (3, 6) int16 at time t_s.
+
+        centre_mm: where on the pads the object's widest point is, along the slip.
+        """
         s = self._settings
         noise = self._draw()
         keep = math.exp(-(t_s - self._t_s) / s.wander_memory_s)
@@ -252,8 +288,9 @@ class Fingertips:
         normal = np.where(touching, np.maximum(normal_n + rms * self._wander[0], 1e-3), 0.0)
         pad = self._pad
         pressures(
-            normal, shear_n + rms * self._wander[1], slip_mm, stretch_mm, pad.along_mm, pad.row,
-            pad.gap_mm, pad.spring_npmm, self._fields, self._k_normal, self._k_shear, self._fall,
+            normal, shear_n + rms * self._wander[1], slip_mm, stretch_mm, centre_mm,
+            self._curvature, pad.along_mm, pad.row, pad.gap_mm, pad.spring_npmm, self._fields,
+            self._k_normal, self._k_shear, self._k_moved, self._fall,
         )  # fmt: skip
         warming = s.drift_k_per_s * t_s
         code = self.rest - self._fall + PRESSURE_COUNTS_PER_K * warming

@@ -22,7 +22,7 @@ def codes(
 ) -> NDArray[np.int16]:
     normal = np.array([force_n, force_n / 2, force_n / 2])
     shear = np.array([shear_n, 0.0, 0.0])
-    pressure, _ = tips.sample(t_s, normal, shear, slip_mm, ZERO, False)
+    pressure, _ = tips.sample(t_s, normal, shear, slip_mm, ZERO, 0.0, False)
     return pressure
 
 
@@ -56,7 +56,16 @@ def test_spring_loads_sum_to_the_normal_force() -> None:
     loads = np.empty(len(pad.along_mm))
     for force in (0.02, 0.5, 10.0):
         fingertip.spring_loads(
-            force, 17.3, pad.along_mm, pad.row, pad.gap_mm, pad.spring_npmm, field, loads
+            force,
+            17.3,
+            2.0,
+            0.016,
+            pad.along_mm,
+            pad.row,
+            pad.gap_mm,
+            pad.spring_npmm,
+            field,
+            loads,
         )
         assert loads.min() >= 0.0
         assert loads.sum() == pytest.approx(force, rel=1e-9)
@@ -77,12 +86,34 @@ def test_sliding_over_texture_is_louder_than_resting_and_grows_with_speed() -> N
     assert loudness(0.0) < 1.5 < loudness(0.5) < loudness(1.0)
 
 
-def test_pad_that_sticks_carries_its_patch_along_unheard() -> None:
-    tips = make(**QUIET)
+def test_pad_that_sticks_hears_its_load_move_but_no_new_texture() -> None:
+    tips = make(**QUIET, centre_spread_mm=0.0)
     normal = np.array([3.0, 1.5, 1.5])
-    at_rest, _ = tips.sample(0.01, normal, ZERO, 0.0, ZERO, False)
-    stretched, _ = tips.sample(0.02, normal, ZERO, 0.4, np.full(3, 0.4), False)
-    assert (at_rest == stretched).all()
+    at_rest, _ = tips.sample(0.01, normal, ZERO, 0.0, ZERO, 0.0, False)
+    stretched, _ = tips.sample(0.02, normal, ZERO, 0.4, np.full(3, 0.4), 0.0, False)
+    change = (stretched - at_rest)[0]
+    assert change[[0, 5]].sum() < 0 < change[[2, 3]].sum()  # the load has moved towards -x
+    smooth = Fingertips(
+        FingertipSettings(**QUIET, centre_spread_mm=0.0), body(texture_rms_m=0.0),
+        np.random.default_rng(1),
+    )  # fmt: skip
+    still, _ = smooth.sample(0.01, normal, ZERO, 0.0, ZERO, 0.0, False)
+    moved, _ = smooth.sample(0.02, normal, ZERO, 0.4, np.full(3, 0.4), 0.0, False)
+    assert abs((moved - still - change)[0]).max() < 12  # texture decides how much, not whether
+
+
+def test_contact_centre_of_a_ball_migrates_over_the_columns() -> None:
+    ball = body(shape="ellipsoid", half_width_m=0.06, half_height_m=0.06, texture_rms_m=0.0)
+    tips = Fingertips(
+        FingertipSettings(**QUIET, centre_spread_mm=0.0), ball, np.random.default_rng(1)
+    )
+    normal = np.array([2.0, 1.0, 1.0])
+    deepest = []
+    for k, centre in enumerate((-7.0, 0.0, 7.0)):
+        pressure, _ = tips.sample(0.01 * (k + 1), normal, ZERO, 0.0, ZERO, centre, False)
+        fall = (tips.rest - pressure)[0]
+        deepest.append(int(np.argmax(fall[:3] + fall[5:2:-1])))
+    assert deepest == [0, 1, 2]
 
 
 def test_equal_seeds_give_equal_codes_and_other_seeds_do_not() -> None:
