@@ -16,6 +16,22 @@ class Clock(Protocol):
     def sleep_until_ns(self, t_ns: int) -> None: ...
 
 
+class WallClock:
+    """The machine's monotonic clock, counted from ``epoch_ns`` of it."""
+
+    def __init__(self, epoch_ns: int = 0) -> None:
+        self._epoch_ns = epoch_ns
+
+    @property
+    def now_ns(self) -> int:
+        return time.monotonic_ns() - self._epoch_ns
+
+    def sleep_until_ns(self, t_ns: int) -> None:
+        remaining_ns = t_ns - self.now_ns
+        if remaining_ns > 0:
+            time.sleep(remaining_ns * 1e-9)
+
+
 class VirtualClock:
     """Time that passes only when somebody waits for it: waiting is what advances the world."""
 

@@ -10,9 +10,11 @@ import msgspec
 from detector.decision import RuleSettings
 from detector.energy import EnergySettings
 from drivers.robotiq.driver import DriverSettings as GripperSettings
+from drivers.robotiq.modbus import ModbusSettings
 from drivers.robotiq.model import HandSettings
 from drivers.takktile.model import BoardModelSettings
-from drivers.takktile.settings import TakkTileSettings
+from drivers.takktile.settings import TakkTileSettings, UsbSettings
+from drivers.ur.client import UrSettings
 from drivers.ur.driver import ArmSettings
 from drivers.ur.model import ArmModelSettings
 from grasp.controller import ControllerSettings
@@ -42,6 +44,9 @@ class LiftConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     gripper: GripperSettings = GripperSettings()
     arm: ArmSettings = ArmSettings()
     tactile: TakkTileSettings = TakkTileSettings()
+    modbus: ModbusSettings = ModbusSettings()
+    usb: UsbSettings = UsbSettings()
+    ur: UrSettings = UrSettings(host="192.168.1.10")  # assumed; a lab names its own
     hand: HandSettings = HandSettings()
     board: BoardModelSettings = BoardModelSettings()
     arm_model: ArmModelSettings = ArmModelSettings()

@@ -193,6 +193,7 @@ def _facts(config: LiftConfig, seed: int, trial: Trial) -> LiftFacts:
         fault = fault or "the run did not end in time"
     facts = LiftFacts(
         end=end,
+        felt_n=trace.felt_n,
         closing_at_loss=trace.closing_at_loss,
         registered_s=seconds(trace.registered_ns),
         onset_s=end.slip_onset_s if end is not None else None,

@@ -1,10 +1,9 @@
 """Opens a rig: the three devices, their clock, and, where there is a simulation, its truth."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import msgspec
-import numpy as np
 
 from drivers.errors import ConfigError, DeviceFault
 from drivers.robotiq.driver import RobotiqDriver
@@ -12,14 +11,21 @@ from drivers.robotiq.model import ModelTransport
 from drivers.robotiq.protocol import CALIBRATIONS, GripperCalibration
 from drivers.takktile.driver import ModelLink, TakkTileDriver
 from drivers.ur.driver import ArmDriver
-from grasp.clock import Clock, PacedClock, VirtualClock
+from grasp.clock import Clock, PacedClock, VirtualClock, WallClock
 from grasp.loop import Devices
 from scenarios.config import LiftConfig
-from scenarios.variation import draw
-from scenarios.world.cell import CellSettings, SimulatedCell, Truth
+from scenarios.trial import make_cell
+from scenarios.world.cell import SimulatedCell, Truth
 
 POLL_NS = 100_000_000  # while waiting for activation
 ACTIVATION_TIMEOUT_S = 25.0
+
+
+class Stalls(msgspec.Struct, frozen=True):
+    """Times that the emulated world stood still over 50 ms: the cell's fault, not the loop's."""
+
+    count: int = 0
+    worst_ms: float = 0.0
 
 
 class Rig(msgspec.Struct, frozen=True):
@@ -27,11 +33,13 @@ class Rig(msgspec.Struct, frozen=True):
 
     devices: Devices
     clock: Clock
-    cell: SimulatedCell | None
+    cell: SimulatedCell | None  # the world, where it is in this process
+    world: Callable[[], Truth] | None  # its truth, wherever it is; None on hardware
+    stalls: Callable[[], Stalls] | None = None  # of the process that emulates the world
 
     def truth(self) -> Truth | None:
-        """The state of the simulated world now; None on hardware."""
-        return None if self.cell is None else self.cell.truth()
+        """The state of the world now; None on hardware."""
+        return None if self.world is None else self.world()
 
 
 def calibration(config: LiftConfig) -> GripperCalibration:
@@ -39,32 +47,54 @@ def calibration(config: LiftConfig) -> GripperCalibration:
     found = CALIBRATIONS.get(config.gripper.calibration)
     if found is None:
         known = ", ".join(CALIBRATIONS)
-        raise ConfigError("gripper", "calibration", f"unknown: {config.gripper.calibration}", known)
+        name = config.gripper.calibration
+        problem = f"unknown: {name}" if name else "must be chosen by hand on this rig"
+        raise ConfigError("gripper", "calibration", problem, known)
     return found
 
 
 @contextmanager
 def open_rig(config: LiftConfig, seed: int, paced: bool) -> Iterator[Rig]:
     """The rig that the configuration names. Raises the drivers' errors; closes what it opened."""
-    yield _simulated(config, seed, paced)
+    if config.rig == "simulated":
+        yield _simulated(config, seed, paced)
+        return
+    wired = _emulated(config, seed) if config.rig == "emulated" else _hardware(config)
+    with wired as rig:
+        yield rig
+
+
+@contextmanager
+def _emulated(config: LiftConfig, seed: int) -> Iterator[Rig]:
+    """Real drivers over real protocols to a cell in another process, in wall time."""
+    from scenarios.wired import at_endpoints, cell_process, wired_devices
+
+    with cell_process(config, seed) as cell:
+        clock = WallClock(cell.endpoints["start_ns"])
+        there = at_endpoints(config, cell.endpoints)
+        with wired_devices(there, calibration(config), clock) as devices:
+            connect(devices, clock)
+            devices.arm.set_payload(config.arm.payload_kg)
+            while not cell.control.ask("truth")["placed"]:
+                clock.sleep_until_ns(clock.now_ns + POLL_NS)
+            yield Rig(devices, clock, None, cell.truth, cell.stalls)
+
+
+@contextmanager
+def _hardware(config: LiftConfig) -> Iterator[Rig]:
+    """The same drivers at the lab's own addresses; nothing is known but what the devices say."""
+    from scenarios.wired import wired_devices
+
+    clock = WallClock(WallClock().now_ns)
+    with wired_devices(config, calibration(config), clock) as devices:
+        connect(devices, clock)
+        devices.arm.set_payload(config.arm.payload_kg)
+        yield Rig(devices, clock, None, None)
 
 
 def _simulated(config: LiftConfig, seed: int, paced: bool) -> Rig:
     """Real driver cores over the device models, in this process."""
-    varied, world = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
-    trial = draw(config.variation, config.object, config.hand, varied)
-    cell = SimulatedCell(
-        CellSettings(
-            body=trial.body,
-            contact=config.contact,
-            fingertip=config.fingertip,
-            hand=trial.hand,
-            board=config.board,
-            arm=config.arm_model,
-            finger_offset_m=trial.finger_offset_m,
-        ),
-        world,
-    )
+    cell = make_cell(config, seed)
     tactile = TakkTileDriver(ModelLink(cell.board), config.tactile)
     tactile.open(0)
     devices = Devices(
@@ -77,7 +107,7 @@ def _simulated(config: LiftConfig, seed: int, paced: bool) -> Rig:
     devices.arm.set_payload(config.arm.payload_kg)
     cell.place_object()
     clock = PacedClock(cell.advance, fast.now_ns) if paced else fast
-    return Rig(devices, clock, cell)
+    return Rig(devices, clock, cell, cell.truth)
 
 
 def connect(devices: Devices, clock: Clock) -> None:

@@ -48,6 +48,9 @@ class ScoringSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     still_mps: Annotated[
         float, Meta(gt=0, le=1, description="a held object slips slower; paper's bound of slip")
     ] = 0.003
+    felt_n: Annotated[
+        float, Meta(gt=0, le=10, description="without a simulation: less than this is not held")
+    ] = 0.5
     lifted_m: Annotated[
         float, Meta(gt=0, le=1, description="the object must be this far off the table at the end")
     ] = 0.005
@@ -61,6 +64,7 @@ class LiftFacts(msgspec.Struct, frozen=True):
     """
 
     end: Truth | None
+    felt_n: float  # highest measured force at that instant: all that hardware knows of holding
     closing_at_loss: bool
     registered_s: float | None
     onset_s: float | None
@@ -79,16 +83,27 @@ def outcome(facts: LiftFacts, body: GraspObject, settings: ScoringSettings) -> O
         return Outcome.OVER_FORCE
     if facts.registered_s is not None and false_start(facts, settings):
         return Outcome.FALSE_START
-    if facts.end is not None and not facts.end.touched:
-        expelled = facts.closing_at_loss and facts.end.flank_slope < 0.0
-        return Outcome.EXPELLED if expelled else Outcome.DROPPED
-    if facts.cap_reached:
-        return Outcome.CAP_REACHED
-    if facts.end is not None and not _at_rest_in_the_air(facts.end, settings):
-        return Outcome.DROPPED
+    failed = _not_held(facts, settings)
+    if failed is not None:
+        return failed
     if facts.registered_s is None:
         return Outcome.NEVER_SLIPPED if facts.onset_s is None else Outcome.UNDETECTED
     return _held(facts.end, body, settings)
+
+
+def _not_held(facts: LiftFacts, settings: ScoringSettings) -> Outcome | None:
+    """How the object was lost, if it was; on hardware the fingers' own feeling is all there is."""
+    end = facts.end
+    if end is None:
+        if facts.cap_reached:
+            return Outcome.CAP_REACHED
+        return Outcome.DROPPED if facts.felt_n < settings.felt_n else None
+    if not end.touched:
+        expelled = facts.closing_at_loss and end.flank_slope < 0.0
+        return Outcome.EXPELLED if expelled else Outcome.DROPPED
+    if facts.cap_reached:
+        return Outcome.CAP_REACHED
+    return None if _at_rest_in_the_air(end, settings) else Outcome.DROPPED
 
 
 def _at_rest_in_the_air(end: Truth, settings: ScoringSettings) -> bool:
@@ -109,6 +124,8 @@ def false_start(facts: LiftFacts, settings: ScoringSettings) -> bool:
     """Registered although, without reaction, nothing would have slipped by then or soon after."""
     if facts.registered_s is None:
         return False
+    if facts.end is None:  # only a simulation knows the onset
+        return False
     latest = facts.registered_s + settings.early_s
     onsets = (facts.onset_s, facts.twin_onset_s)
     return not any(onset is not None and onset <= latest for onset in onsets)
@@ -125,6 +142,7 @@ class Trace:
         self.closing_at_loss = False
         self.commanded_force_n = 0.0
         self.peak_measured_n = 0.0
+        self.felt_n = 0.0
         self._closing = False
         self._was_touched = False
 
@@ -140,6 +158,8 @@ class Trace:
                 self.commanded_force_n = max(self.commanded_force_n, issued.applied.force_n)
         self.peak_measured_n = max(self.peak_measured_n, *tick.measured_n)
         self._closing = self._closing or phase is Phase.COMPENSATE
+        if phase in AIRBORNE_PHASES and phase is not Phase.LOWER:
+            self.felt_n = max(tick.measured_n)
         if truth is None or phase not in AIRBORNE_PHASES:
             return
         if self._was_touched and not truth.touched:

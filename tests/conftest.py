@@ -1,5 +1,6 @@
 """Rules of every test: leave nothing behind, talk to nobody but this machine, flake never."""
 
+import contextlib
 import os
 import socket
 import threading
@@ -31,8 +32,10 @@ def threads() -> set[str]:
 
 def children() -> set[str]:
     """Child processes, unreaped ones too; not the helper that multiprocessing keeps for good."""
-    lists = (path.read_text().split() for path in Path("/proc/self/task").glob("*/children"))
-    pids = {int(pid) for pids in lists for pid in pids}
+    pids: set[int] = set()
+    for path in Path("/proc/self/task").glob("*/children"):
+        with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # a thread that has ended
+            pids |= {int(pid) for pid in path.read_text().split()}
     helper = getattr(resource_tracker._resource_tracker, "_pid", None)
     return {f"process {pid}" for pid in pids - {helper}}
 

@@ -100,6 +100,11 @@ class GripperModel:
         return self._busy
 
     @property
+    def ready(self) -> bool:
+        """True when activation is complete and nothing hinders motion (gIMC = 3)."""
+        return self._stage is Stage.READY
+
+    @property
     def travel_m(self) -> NDArray[np.float64]:
         """Fingertip travel from the mechanical opening stop, (3,) m."""
         return self._fingers.travel_m

@@ -76,7 +76,26 @@ class BoardModel:
         self._flip: tuple[int, int] | None = None
         self._stall = False
         self._pending = b""  # of a frame, what the host has not drained yet
+        self._plugs = 0
         self._power_up()
+
+    @property
+    def plugged(self) -> bool:
+        return self._plugged
+
+    @property
+    def plugs(self) -> int:
+        """How often the board has been plugged in: what a host opened before is of no use now."""
+        return self._plugs
+
+    @property
+    def ready_ns(self) -> int | None:
+        """From when on a bulk read brings something; None when that takes some other event."""
+        if self._stall:
+            return 0
+        if self._timeouts or self._hung or not self._started:
+            return None
+        return self._ready_ns
 
     def control(self, request: int, value: int, index: int, length: int, now_ns: int) -> bytes:
         """Reply to a vendor request, cut to ``length``; ``Stall`` when the request is unknown."""
@@ -154,6 +173,7 @@ class BoardModel:
 
     def _power_up(self) -> None:
         self._plugged = True
+        self._plugs += 1
         self._hung = False
         self._started = False
         self._ticks = 120  # the firmware's default

@@ -96,3 +96,14 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         twice = {cell for cell in mapped if mapped.count(cell) > 1}
         if twice:
             raise ValueError(f"cells: {sorted(twice)} named for more than one taxel")
+
+
+class UsbSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Which board to open."""
+
+    serial: Annotated[
+        str, msgspec.Meta(description="serial number of the board; empty: the first one found")
+    ] = ""
+    url: Annotated[
+        str, msgspec.Meta(description="tcp://HOST:PORT of an emulated board; empty: the USB bus")
+    ] = ""

@@ -6,9 +6,21 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from grasp.cli import chart, config, detector, exits, release, replay, run, runs
+from grasp.cli import (
+    chart,
+    config,
+    detector,
+    doctor,
+    emulate,
+    exits,
+    release,
+    replay,
+    run,
+    runs,
+    tactile,
+)
 
-VERBS = (run, replay, runs, chart, detector, config, release)
+VERBS = (run, replay, runs, chart, detector, tactile, config, doctor, emulate, release)
 
 
 class UsageError(Exception):

@@ -26,11 +26,16 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         "--pace",
         choices=("real", "max"),
-        help="virtual time at the wall's pace, or as fast as it can "
+        help="on the simulated rig: virtual time at the wall's pace, or as fast as it can "
         "(default: real in a terminal, max otherwise)",
     )
     parser.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, nothing else"
+    )
+    parser.add_argument(
+        "--confirm-motion",
+        action="store_true",
+        help="needed on the hardware rig, on every run: the cell is clear and somebody watches",
     )
     parser.set_defaults(handler=run)
 
@@ -92,6 +97,9 @@ def run(args: argparse.Namespace) -> int:
 
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
     config = load_config(args.object, args.rig, args.detector, args.config, assignments)
+    if config.rig == "hardware" and not args.confirm_motion:
+        remedy = "clear the cell, have the emergency stop at hand, then add --confirm-motion"
+        return exits.report("usage", "the hardware rig moves real devices", remedy, args.json)
     lift.make_guard(config)  # a limit that cannot be kept is refused before anything is shown
     paced = args.pace == "real" or (args.pace is None and sys.stdout.isatty() and not args.json)
     with Display(quiet=args.json) as display:

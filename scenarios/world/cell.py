@@ -53,20 +53,20 @@ class Truth(msgspec.Struct, frozen=True):
 
 
 class SimulatedCell:
-    """World, gripper, board and arm on one time line that starts at zero."""
+    """World, gripper, board and arm on one time line; the world's own time starts at start_ns."""
 
-    def __init__(self, settings: CellSettings, rng: np.random.Generator) -> None:
-        self.gripper = GripperModel(settings.hand, 0)
-        self.arm = ArmModel(settings.arm, 0)
+    def __init__(self, settings: CellSettings, rng: np.random.Generator, start_ns: int = 0) -> None:
+        self.gripper = GripperModel(settings.hand, start_ns)
+        self.arm = ArmModel(settings.arm, start_ns)
         self.board = BoardModel(settings.board, self._sample)
         self.fingertips = Fingertips(settings.fingertip, settings.body, rng)
         self._parameters = contact.parameters(settings.contact, settings.body)
         self._state = contact.initial_state(present=False)
         self._step_s = settings.contact.step_s
         self._offset_m = settings.finger_offset_m
-        self._now_ns = 0
+        self._start_ns = self._now_ns = start_ns
         self._stiffness = np.zeros(contact.FINGERS)
-        self._arm_height_m, self._arm_rise_mps = self.arm.position(0)[2], 0.0
+        self._arm_height_m, self._arm_rise_mps = self.arm.position(start_ns)[2], 0.0
 
     def place_object(self) -> None:
         """Put the object on the table between the fingers, which must be open: an activation
@@ -97,7 +97,7 @@ class SimulatedCell:
         self.gripper.advance(t1, FingerLoads(normal, self._stiffness))
         height, rise_mps = self.arm.position(t1)[2], self.arm.velocity(t1)[2]
         contact.advance(
-            self._parameters, s, t0 * 1e-9, (t1 - t0) * 1e-9, self._step_s,
+            self._parameters, s, (t0 - self._start_ns) * 1e-9, (t1 - t0) * 1e-9, self._step_s,
             height - self._arm_height_m, self._arm_rise_mps, rise_mps,
             before, self.gripper.travel_m + self._offset_m,
         )  # fmt: skip
@@ -107,7 +107,7 @@ class SimulatedCell:
     def _sample(self, t_ns: int) -> tuple[Codes, Codes]:
         s = self._state
         pressure, temperature = self.fingertips.sample(
-            t_ns * 1e-9,
+            (t_ns - self._start_ns) * 1e-9,
             s[contact.NORMAL : contact.NORMAL + contact.FINGERS],
             s[contact.SHEAR : contact.SHEAR + contact.FINGERS],
             s[contact.SLIP] * 1e3,

@@ -1,0 +1,190 @@
+"""Registers over Modbus TCP and Modbus RTU: the one file that knows pymodbus.
+
+Source: Robotiq 3-Finger manual, 2014 p. 59 and 75, 2018 p. 46 and 55. Over TCP the gripper knows
+functions 16 (write) and 4 (read); over RTU 16 and 3, and it answers an error with silence.
+"""
+
+import logging
+import struct
+import termios
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Annotated, Final, Literal
+
+import msgspec
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+from pymodbus.exceptions import ModbusException
+from pymodbus.pdu import ModbusPDU
+
+from drivers.errors import LinkLost
+
+_Meta = msgspec.Meta
+
+_BAUD: Final = 115200  # 8N1, manual p. 59
+_MOST_BYTES: Final = 4096
+_WRITE: Final = 16
+_READ_INPUT: Final = 4
+_READ_HOLDING: Final = 3
+
+# What pymodbus lets through: its own errors, those of the socket, and those of its decoder.
+_FAILURES: Final = (ModbusException, OSError, ValueError, IndexError, struct.error)
+
+# pymodbus tells of lost links and odd replies in its own log, unasked; here they are errors.
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())
+
+
+class ModbusSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Where the gripper is. "manual": Robotiq 3-Finger manual, 2014 or 2018."""
+
+    host: Annotated[
+        str, _Meta(min_length=1, description="address on the network; manual p. 75, as shipped")
+    ] = "192.168.1.11"
+    port: Annotated[int, _Meta(ge=1, le=65535, description="TCP port; manual p. 75")] = 502
+    unit: Annotated[int, _Meta(ge=0, le=255, description="unit number over TCP; manual p. 75")] = 2
+    serial_port: Annotated[
+        str, _Meta(min_length=1, description="device of the serial line, for RTU")
+    ] = "/dev/ttyUSB0"
+    slave: Annotated[
+        int, _Meta(ge=1, le=247, description="slave number over RTU; manual p. 59")
+    ] = 9
+    timeout_s: Annotated[
+        float, _Meta(ge=0.01, le=1, description="a reply or a connection must come within, s")
+    ] = 0.1
+    reconnect_s: Annotated[
+        float, _Meta(ge=0.02, le=10, description="least time between attempts to connect, s")
+    ] = 0.2
+
+
+class _Tcp:
+    """Replies carry the number of their request: a late one is dropped by itself."""
+
+    patience = 3  # unanswered requests in a row, then the connection counts as half open
+    read_function = _READ_INPUT
+    remedy = "check power, cable and address of the gripper"
+
+    def __init__(self, settings: ModbusSettings) -> None:
+        self.name = f"{settings.host}:{settings.port}"
+        self.unit = settings.unit
+        self.client = ModbusTcpClient(
+            settings.host, port=settings.port, timeout=settings.timeout_s, retries=0
+        )
+
+    def flush(self) -> None:
+        """Drop what came unasked. Raises OSError when the gripper has closed the connection."""
+        line = self.client.socket
+        if line is None:
+            return
+        line.setblocking(False)  # as pymodbus has it while it waits for a reply
+        with suppress(BlockingIOError):
+            while line.recv(_MOST_BYTES):
+                pass
+            raise ConnectionResetError("closed by the gripper")
+
+    def read(self, first: int, count: int) -> ModbusPDU:
+        return self.client.read_input_registers(first, count=count, device_id=self.unit)
+
+
+class _Rtu:
+    """Replies carry no number: a late one would pass for the next, so the port is reopened."""
+
+    patience = 1
+    read_function = _READ_HOLDING
+    remedy = "check power and cable of the gripper and the name of the serial port"
+
+    def __init__(self, settings: ModbusSettings) -> None:
+        self.name = settings.serial_port
+        self.unit = settings.slave
+        self.client = ModbusSerialClient(
+            settings.serial_port, baudrate=_BAUD, timeout=settings.timeout_s, retries=0
+        )
+
+    def flush(self) -> None:
+        """Drop what came unasked. Raises OSError when the port is gone."""
+        if self.client.socket is None:
+            return
+        try:
+            self.client.socket.reset_input_buffer()
+        except termios.error as error:
+            raise OSError(*error.args) from error
+
+    def read(self, first: int, count: int) -> ModbusPDU:
+        return self.client.read_holding_registers(first, count=count, device_id=self.unit)
+
+
+class ModbusTransport:
+    """A ``RegisterTransport``. Every failure is ``LinkLost``, after one timeout as a rule.
+
+    A lost connection is made anew by a later call, never by the one that finds it lost: whoever
+    uses it hears ``LinkLost`` before every new connection, and can take stock.
+    """
+
+    def __init__(self, settings: ModbusSettings, link: Literal["tcp", "rtu"] = "tcp") -> None:
+        """Nothing is connected before the first request."""
+        self._line: _Tcp | _Rtu = _Tcp(settings) if link == "tcp" else _Rtu(settings)
+        self._reconnect_ns = round(settings.reconnect_s * 1e9)
+        self._tried_ns: int | None = None
+        self._told = True  # LinkLost was raised since the last request that was answered
+        self._unanswered = 0
+        self.connections = 0
+
+    def close(self) -> None:
+        """Let go of the connection; a later request makes a new one."""
+        self._line.client.close()  # type: ignore[no-untyped-call]
+
+    def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
+        """Write registers, function 16."""
+        line, values = self._line, list(registers)
+        reply = self._exchange(
+            lambda: line.client.write_registers(first_register, values, device_id=line.unit),
+            _WRITE,
+            now_ns,
+        )
+        if (reply.address, reply.count) != (first_register, len(values)):
+            raise self._lost("acknowledged registers that were not written")
+
+    def read(self, first_register: int, count: int, now_ns: int) -> Sequence[int]:
+        """Read status registers: function 4 over TCP, 3 over RTU."""
+        line = self._line
+        reply = self._exchange(lambda: line.read(first_register, count), line.read_function, now_ns)
+        return reply.registers
+
+    def _exchange(self, request: Callable[[], ModbusPDU], function: int, now_ns: int) -> ModbusPDU:
+        self._connect(now_ns)
+        try:
+            self._line.flush()
+            reply = request()
+        except _FAILURES as error:
+            raise self._broken(error) from error
+        self._unanswered = 0
+        if reply.isError():
+            raise self._lost(f"answered exception {reply.exception_code} to function {function}")
+        if reply.function_code != function:
+            raise self._lost(f"answered function {reply.function_code} to function {function}")
+        self._told = False
+        return reply
+
+    def _connect(self, now_ns: int) -> None:
+        client = self._line.client
+        if client.connected:
+            return
+        if not self._told:
+            raise self._lost("closed the connection")
+        if self._tried_ns is not None and now_ns - self._tried_ns < self._reconnect_ns:
+            raise self._lost("does not answer")
+        self._tried_ns = now_ns
+        if not client.connect():
+            raise self._lost("cannot be connected")
+        self.connections += 1
+        self._unanswered = 0
+
+    def _broken(self, error: Exception) -> LinkLost:
+        """Judge a failed request; one that got no reply leaves the connection for some more."""
+        self._unanswered += 1
+        closed = isinstance(error, OSError) or not self._line.client.connected
+        if closed or self._unanswered >= self._line.patience:
+            self.close()
+        return self._lost("closed the connection" if closed else "does not answer")
+
+    def _lost(self, what: str) -> LinkLost:
+        self._told = True
+        return LinkLost(f"the gripper at {self._line.name} {what}", self._line.remedy)

@@ -1,0 +1,88 @@
+"""Which taxel is being pressed: how to find out the wiring of a kit, which no document gives."""
+
+import time
+from collections.abc import Callable, Iterator
+
+import msgspec
+import numpy as np
+
+from drivers.errors import DeviceFault
+from drivers.interfaces import FINGER_NAMES
+from drivers.takktile import protocol
+from drivers.takktile.board import Board, Codes, Link, Missed
+from drivers.takktile.protocol import Cell, Layout
+from drivers.takktile.settings import TakkTileSettings
+
+REST_FRAMES = 50
+LEAST_FALL_COUNTS = 20  # about half a newton; an untouched taxel moves by one or two
+_FIRST_FRAMES_S = 5.0
+
+
+class Press(msgspec.Struct, frozen=True):
+    """The cell whose code fell most below its rest; finger and taxel by ``settings.cells``."""
+
+    row: int
+    column: int
+    fall_counts: int
+    finger: str | None  # None: no finger has this cell
+    taxel: int | None
+
+
+def watch(
+    link: Link,
+    settings: TakkTileSettings,
+    seconds: float,
+    on_rest: Callable[[], None],
+    clock: Callable[[], int] = time.monotonic_ns,
+) -> Iterator[Press]:
+    """Take the rest, call ``on_rest``, then yield each press that is stronger than the one before.
+
+    Any live cell may answer, mapped or not. Ends after ``seconds``; stops the board in any case.
+    """
+    board = Board(link, settings.conversion_ms)
+    layout = board.open(clock())
+    if not layout.alive:
+        raise DeviceFault("not one cell of the tactile board answers", "check the fingers' cables")
+    places = _places(layout, settings)
+    try:
+        board.start(clock())
+        frames = _frames(board, layout, clock() + round(_FIRST_FRAMES_S * 1e9), clock)
+        resting = [pressure for pressure, _ in zip(frames, range(REST_FRAMES), strict=False)]
+        if len(resting) < REST_FRAMES:
+            raise DeviceFault("the tactile board sends no frames", "unplug it, plug it in again")
+        rest = np.median(resting, axis=0).astype(np.int16)
+        on_rest()
+        strongest = LEAST_FALL_COUNTS - 1
+        last: Cell | None = None
+        for pressure in _frames(board, layout, clock() + round(seconds * 1e9), clock):
+            falls = (rest - pressure)[list(layout.places)]
+            worst = int(np.argmax(falls))
+            cell, fall = layout.alive[worst], int(falls[worst])
+            if fall < LEAST_FALL_COUNTS:
+                strongest, last = LEAST_FALL_COUNTS - 1, None  # let go
+            elif cell != last or fall > strongest:
+                strongest, last = fall, cell
+                yield Press(*cell, fall, *places.get(cell, (None, None)))
+    finally:
+        board.close(clock())
+
+
+def _places(layout: Layout, settings: TakkTileSettings) -> dict[Cell, tuple[str, int]]:
+    return {
+        cell: (finger, taxel)
+        for finger, cells in zip(FINGER_NAMES, settings.cells, strict=True)
+        for taxel, cell in enumerate(cells)
+    }
+
+
+def _frames(
+    board: Board, layout: Layout, until_ns: int, clock: Callable[[], int]
+) -> Iterator[Codes]:
+    """(cells,) pressure codes in frame order, frame by frame until a time."""
+    while (now_ns := clock()) < until_ns:
+        reading = board.read(now_ns)
+        if isinstance(reading, Missed):
+            continue
+        codes = protocol.parse_frame(reading.data, layout.frame_cells)
+        if codes is not None:
+            yield codes[0]

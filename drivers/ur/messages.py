@@ -1,0 +1,122 @@
+"""What the arm's client and the process that holds ur_rtde say to each other, in msgpack."""
+
+from enum import StrEnum
+
+import msgspec
+
+from drivers.interfaces import Vector3
+
+Pose = tuple[float, float, float, float, float, float]
+
+PROGRAM_RUNNING = 2  # runtime_state; RTDE guide
+ROBOT_RUNNING = 7  # robot_mode; RTDE guide
+# safety_status_bits; RTDE guide: 2 protective stop, 10 stopped due to safety (with any of them)
+_STOP_BITS = 1 << 2 | 1 << 10
+_OTHER_STOP_BITS = sum(1 << bit for bit in (4, 5, 6, 7, 8, 9))
+LONGEST_MESSAGE = 65536
+
+
+class Outcome(StrEnum):
+    """What became of a command: ur_rtde itself says True or False."""
+
+    DONE = "done"
+    PROTECTIVE_STOP = "protective stop"
+    EMERGENCY_STOP = "emergency stop"
+    PROGRAM_ENDED = "program ended"
+    NOT_TAKEN = "not taken"
+
+
+class Message(msgspec.Struct, frozen=True, array_like=True, tag=True):
+    """Anything on the socket."""
+
+
+class Setup(Message, frozen=True):
+    """First of all; tcp_offset in m and rad, payload_kg None: as the installation has it."""
+
+    host: str
+    frequency_hz: float
+    tcp_offset: Pose
+    payload_kg: float | None
+    cog_m: Vector3
+    watchdog_hz: float
+    heartbeat_timeout_s: float
+    link_timeout_s: float
+    standing_below_mps: float
+
+
+class Move(Message, frozen=True):
+    """Straight to the pose. What is under way brakes first, with this acceleration."""
+
+    number: int
+    target: Pose
+    speed_mps: float
+    acceleration_mps2: float
+
+
+class Stop(Message, frozen=True):
+    """Brake along the line."""
+
+    number: int
+    deceleration_mps2: float
+
+
+class SetPayload(Message, frozen=True):
+    """Mass and centre of gravity of what hangs on the flange."""
+
+    number: int
+    mass_kg: float
+    cog_m: Vector3
+
+
+class Beat(Message, frozen=True):
+    """The client lives."""
+
+
+class Leave(Message, frozen=True):
+    """Brake, end the program, end the process."""
+
+
+Command = Move | Stop | SetPayload
+Request = Setup | Command | Beat | Leave
+
+
+class Ready(Message, frozen=True):
+    """The program runs on the controller; states follow."""
+
+
+class Failed(Message, frozen=True):
+    """The process ends: ur_rtde could not start, or the link is lost."""
+
+    reason: str
+
+
+class Reply(Message, frozen=True):
+    """At once for each command; once more if a move that had to wait failed later."""
+
+    number: int
+    outcome: Outcome
+
+
+class State(Message, frozen=True):
+    """One sample of the controller; received_ns is this machine's monotonic clock."""
+
+    received_ns: int
+    timestamp_s: float
+    pose: Pose
+    velocity_mps: Vector3
+    moving: bool
+    robot_mode: int
+    safety_bits: int
+    program_running: bool
+
+    @property
+    def stopped_by_safety(self) -> bool:
+        return bool(self.safety_bits & (_STOP_BITS | _OTHER_STOP_BITS))
+
+    @property
+    def emergency_stop(self) -> bool:
+        """Whatever is worse than a protective stop: safeguard too, violation, fault."""
+        return bool(self.safety_bits & _OTHER_STOP_BITS)
+
+
+Report = Ready | Failed | Reply | State

@@ -1,0 +1,46 @@
+"""`grasp doctor`: looks at everything a run needs, moves nothing, names every remedy."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from grasp.cli import exits
+
+HELP = "check this machine and the devices without moving anything"
+_MARK = {"ok": "ok  ", "warn": "warn", "fail": "FAIL"}
+
+
+def add_parser(verbs: Any) -> None:
+    parser = verbs.add_parser("doctor", help=HELP, description=HELP + ". Reads only.")
+    parser.add_argument(
+        "--rig", metavar="NAME",
+        help="also ask the devices of this rig (one of config/rigs)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE",
+        help="TOML over the packaged settings (default: $GRASP_CONFIG)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--json", action="store_true", help="one JSON object on standard output, nothing else"
+    )
+    parser.set_defaults(handler=doctor)
+
+
+def doctor(args: argparse.Namespace) -> int:
+    from scenarios.doctor import examine
+
+    checks = examine(args.rig, args.config)
+    failed = [c for c in checks if c.status == "fail"]
+    code = exits.DEVICE if failed else exits.SUCCESS
+    if args.json:
+        print(json.dumps({"healthy": not failed, "checks": [c._asdict() for c in checks],
+                          "exit_code": code}))  # fmt: skip
+        return code
+    width = max(len(c.name) for c in checks)
+    for check in checks:
+        print(f"{_MARK[check.status]}  {check.name:<{width}}  {check.detail}")
+        if check.remedy:
+            print(f"      {'':<{width}}  -> {check.remedy}")
+    print("all well" if not failed else f"{len(failed)} to mend; first: {failed[0].remedy}")
+    return code

@@ -1,0 +1,52 @@
+"""`grasp emulate`: the emulated cell for other people's clients."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from grasp.cli import exits
+
+HELP = "run the emulated cell: gripper on Modbus TCP, fingertips over USB transfers, arm on RTDE"
+
+
+def add_parser(verbs: Any) -> None:
+    parser = verbs.add_parser(
+        "emulate",
+        help=HELP,
+        description=HELP + ". Prints its endpoints as one JSON line when it is ready and ends on "
+        "SIGINT or SIGTERM. An object appears between the fingers once the hand is activated.",
+    )
+    parser.add_argument(
+        "--host", metavar="ADDRESS",
+        help="loopback address, e.g. 127.0.0.2 (default: a free one; never 127.0.0.1, where "
+        "ur_rtde skips a check)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--gripper-port", type=int, default=0, metavar="PORT",
+        help="Modbus TCP port (default: a free one; 502 needs privileges)",
+    )  # fmt: skip
+    parser.add_argument("--object", default="can", metavar="NAME", help="one of config/objects")
+    parser.add_argument("--seed", type=int, default=0, metavar="N")
+    parser.add_argument("--config", type=Path, metavar="FILE")
+    parser.add_argument("--set", action="append", default=[], metavar="SECTION.KEY=VALUE")
+    parser.set_defaults(handler=emulate)
+
+
+def emulate(args: argparse.Namespace) -> int:
+    from scenarios.config import load_config
+    from scenarios.emulate import end_on_signals, serve
+
+    if args.host == "127.0.0.1":
+        return exits.report(
+            "usage", "127.0.0.1 is not for a cell: ur_rtde skips a check there",
+            "choose another loopback address, e.g. 127.0.0.2", as_json=False,
+        )  # fmt: skip
+    config = load_config(args.object, "emulated", "energy", args.config, args.set)
+    try:
+        serve(config, args.seed, args.host, args.gripper_port, end_on_signals())
+    except OSError as error:
+        return exits.report(
+            "link_lost", f"cannot listen on {args.host or 'loopback'}: {error.strerror}",
+            "end the other cell, or choose another --host", as_json=False,
+        )  # fmt: skip
+    return exits.SUCCESS

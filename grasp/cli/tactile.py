@@ -1,0 +1,111 @@
+"""`grasp tactile`: let a user open the fingertips' USB board, and find out how it is wired."""
+
+import argparse
+import json
+import math
+import sys
+from typing import Any
+
+from grasp.cli import exits
+
+HELP = "set up the fingertips: USB permissions, which taxel is where"
+
+
+def add_parser(verbs: Any) -> None:
+    parser = verbs.add_parser("tactile", help=HELP, description=HELP)
+    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    rule = actions.add_parser("udev", help="print the udev rule that lets a user open the board")
+    rule.set_defaults(handler=udev)
+    which = actions.add_parser("identify", help="press a pad: which finger and taxel answers")
+    which.add_argument(
+        "--url",
+        metavar="URL",
+        help="an emulated board, tcp://HOST:PORT (default: the board on the USB bus)",
+    )
+    which.add_argument("--serial", help="the board with this serial number (default: the first)")
+    which.add_argument(
+        "--seconds",
+        type=_positive,
+        default=10.0,
+        metavar="N",
+        help="watch for N seconds (default: %(default)g)",
+    )
+    which.add_argument(
+        "--json", action="store_true", help="one JSON object on standard output, nothing else"
+    )
+    which.set_defaults(handler=identify)
+
+
+def udev(args: argparse.Namespace) -> int:
+    from drivers.takktile.udev import INSTALL, RULE
+
+    print(f"# install: {INSTALL}")
+    print(RULE)
+    return exits.SUCCESS
+
+
+def identify(args: argparse.Namespace) -> int:
+    from drivers.takktile.identify import watch
+    from drivers.takktile.settings import TakkTileSettings
+    from drivers.takktile.usb_link import UsbLink
+
+    strongest: dict[tuple[int, int], Any] = {}
+    last = None
+    link = UsbLink.find(args.serial, _bus(args.url))
+    try:
+        for press in watch(link, TakkTileSettings(), args.seconds, lambda: _prompt(args)):
+            cell = press.row, press.column
+            if cell not in strongest or press.fall_counts > strongest[cell].fall_counts:
+                strongest[cell] = press
+            if not args.json and cell != last:
+                print(_text(press), flush=True)
+            last = cell
+    finally:
+        link.close()
+    return _conclude(list(strongest.values()), args.json)
+
+
+def _bus(url: str | None) -> Any:
+    """pyusb back end: of an emulated board, or None for the machine's own USB."""
+    if url is None:
+        return None
+    from drivers.errors import ConfigError
+    from drivers.takktile.emulated_bus import backend
+
+    try:
+        return backend(url)
+    except ValueError as error:
+        raise ConfigError("--url", url, str(error), "tcp://HOST:PORT") from error
+
+
+def _prompt(args: argparse.Namespace) -> None:
+    print(f"press one pad after the other, for {args.seconds:g} s", file=sys.stderr, flush=True)
+
+
+def _text(press: Any) -> str:
+    cell = f"row {press.row}, column {press.column}"
+    if press.finger is None:
+        return f"no finger has this cell in `cells`: {cell}"
+    return f"finger {press.finger} taxel {press.taxel} ({cell})"
+
+
+def _conclude(presses: list[Any], as_json: bool) -> int:
+    """Sum up, strongest first; watching and seeing nothing is a failure."""
+    import msgspec
+
+    presses.sort(key=lambda press: -press.fall_counts)
+    code = exits.SUCCESS if presses else exits.TRIAL_FAILED
+    if as_json:
+        print(json.dumps({"presses": msgspec.to_builtins(presses), "exit_code": code}))
+    elif presses:
+        print(f"strongest: {_text(presses[0])}, {presses[0].fall_counts} counts below its rest")
+    else:
+        print("no pad was pressed")
+    return code
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not (value > 0 and math.isfinite(value)):
+        raise ValueError
+    return value

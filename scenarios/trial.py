@@ -1,0 +1,23 @@
+"""Makes the world of one trial: settings and seed in, a cell out."""
+
+import numpy as np
+
+from scenarios.config import LiftConfig
+from scenarios.variation import draw
+from scenarios.world.cell import CellSettings, SimulatedCell
+
+
+def make_cell(config: LiftConfig, seed: int, start_ns: int = 0) -> SimulatedCell:
+    """The cell that a seed stands for; equal on every rig."""
+    varied, world = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    trial = draw(config.variation, config.object, config.hand, varied)
+    settings = CellSettings(
+        body=trial.body,
+        contact=config.contact,
+        fingertip=config.fingertip,
+        hand=trial.hand,
+        board=config.board,
+        arm=config.arm_model,
+        finger_offset_m=trial.finger_offset_m,
+    )
+    return SimulatedCell(settings, world, start_ns)

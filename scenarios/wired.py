@@ -1,0 +1,125 @@
+"""Real drivers on real wires: at a lab's addresses, or at those of a cell in another process."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from drivers.errors import LinkLost
+from drivers.robotiq.driver import RobotiqDriver
+from drivers.robotiq.modbus import ModbusTransport
+from drivers.robotiq.protocol import GripperCalibration
+from drivers.robotiq.thread import ThreadedGripper
+from drivers.robotiq.timing import TimedTransport
+from drivers.takktile.emulated_bus import backend
+from drivers.takktile.reader import TactileReader
+from drivers.takktile.usb_link import UsbLink
+from drivers.ur.client import UrLink
+from drivers.ur.driver import ArmDriver
+from grasp.clock import WallClock
+from grasp.loop import Devices
+from scenarios.cell_control import ControlClient
+from scenarios.config import LiftConfig
+from scenarios.rigs import Stalls
+from scenarios.world.cell import Truth
+
+READY_S = 60.0  # compiling the world on a first run included
+END_S = 10.0
+
+
+class CellProcess:
+    """The child, its endpoints, and its control channel. Ends when this process does."""
+
+    def __init__(self, config: LiftConfig, seed: int) -> None:
+        # -P: a folder called `drivers` where the user happens to stand must not shadow ours
+        home = str(Path(__file__).parent.parent)
+        self._child = subprocess.Popen(
+            [sys.executable, "-P", "-m", "scenarios.emulate"],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+            env={**os.environ, "PYTHONPATH": home},
+        )  # fmt: skip
+        try:
+            assert self._child.stdin is not None and self._child.stdout is not None  # noqa: S101
+            order = {"config": msgspec.to_builtins(config), "seed": seed}
+            self._child.stdin.write(json.dumps(order) + "\n")
+            self._child.stdin.flush()
+            line = self._child.stdout.readline()
+            if not line:
+                raise LinkLost("the emulated cell did not start", "see its messages above")
+            self.endpoints: dict[str, Any] = json.loads(line)
+            control = self.endpoints["control"]
+            self.control = ControlClient(control["host"], control["port"])
+        except BaseException:
+            self.close()
+            raise
+
+    def truth(self) -> Truth:
+        """The state of the world now."""
+        return msgspec.convert(self.control.ask("truth")["truth"], Truth)
+
+    def stalls(self) -> Stalls:
+        """How often, and how long at worst, the cell stood still."""
+        reply = self.control.ask("truth")
+        return Stalls(reply["stalls"], reply["worst_stall_ms"])
+
+    def close(self) -> None:
+        if hasattr(self, "control"):
+            self.control.close()
+        for stream in (self._child.stdin, self._child.stdout):
+            if stream is not None:
+                stream.close()
+        try:
+            self._child.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+
+
+@contextmanager
+def cell_process(config: LiftConfig, seed: int) -> Iterator[CellProcess]:
+    cell = CellProcess(config, seed)
+    try:
+        yield cell
+    finally:
+        cell.close()
+
+
+def at_endpoints(config: LiftConfig, endpoints: dict[str, Any]) -> LiftConfig:
+    """The configuration with the addresses of a cell in place of the lab's."""
+    replace = msgspec.structs.replace
+    gripper = endpoints["gripper"]
+    return replace(
+        config,
+        modbus=replace(config.modbus, host=gripper["host"], port=gripper["port"]),
+        usb=replace(config.usb, url=endpoints["tactile"]["url"]),
+        ur=replace(config.ur, host=endpoints["arm"]["host"]),
+    )
+
+
+@contextmanager
+def wired_devices(
+    config: LiftConfig, calibration: GripperCalibration, clock: WallClock
+) -> Iterator[Devices]:
+    """Drivers on real wires, at the addresses of the configuration. Raises what opening raises."""
+    now: Callable[[], int] = lambda: clock.now_ns  # noqa: E731
+    modbus = ModbusTransport(config.modbus, config.gripper.link)
+    timed = TimedTransport(modbus, now)
+    core = RobotiqDriver(timed, config.gripper, calibration)
+    bus = backend(config.usb.url) if config.usb.url else None
+    find = partial(UsbLink.find, backend=bus, clock=now)
+    with (
+        ThreadedGripper(
+            core, 1 / config.gripper.refresh_hz, timed=timed,
+            write_interval_s=config.gripper.write_interval_s, close=modbus.close,
+        ) as gripper,
+        TactileReader(find, config.tactile, now) as tactile,
+        UrLink(config.ur) as link,
+    ):  # fmt: skip
+        yield Devices(gripper=gripper, arm=ArmDriver(link, config.arm), tactile=tactile)

@@ -1,0 +1,97 @@
+"""Kinematics of the UR10 against closed forms, and against itself by other ways."""
+
+import math
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given
+
+from drivers.ur import kinematics
+
+angle = st.floats(-math.pi, math.pi)
+joints = st.tuples(*[angle] * 6)
+rotation_vectors = st.tuples(*[st.floats(-1.8, 1.8)] * 3)
+
+
+def test_stretched_arm():
+    """All joints at zero: the arm lies along -x, by sums of link lengths."""
+    flange = kinematics.forward([0.0] * 6)
+    assert flange[:3, 3] == pytest.approx((-0.612 - 0.5723, -0.163941 - 0.0922, 0.1273 - 0.1157))
+    assert flange[:3, :3] == pytest.approx(np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]), abs=1e-12)
+
+
+def test_upright_arm():
+    """Shoulder and wrist 1 at -90 degrees: everything above the base."""
+    flange = kinematics.forward([0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0])
+    assert flange[:3, 3] == pytest.approx(
+        (0.0, -0.163941 - 0.0922, 0.1273 + 0.612 + 0.5723 + 0.1157)
+    )
+
+
+@given(angle)
+def test_base_joint_turns_everything_about_z(base):
+    q = [0.3, -1.2, 1.1, -0.5, 0.7, 0.2]
+    turned = kinematics.forward([q[0] + base, *q[1:]])
+    about_z = kinematics.frame((0.0, 0.0, 0.0, 0.0, 0.0, base))
+    assert turned == pytest.approx(about_z @ kinematics.forward(q), abs=1e-9)
+
+
+@given(joints)
+def test_jacobian_against_finite_differences(q):
+    h = 1e-6
+    found = kinematics.jacobian(q)
+    for joint in range(6):
+        up, down = list(q), list(q)
+        up[joint] += h
+        down[joint] -= h
+        a, b = kinematics.forward(down), kinematics.forward(up)
+        turn = kinematics.rotation_vector(b[:3, :3] @ a[:3, :3].T)
+        expected = np.concatenate((b[:3, 3] - a[:3, 3], turn)) / (2.0 * h)
+        assert found[:, joint] == pytest.approx(expected, abs=1e-6)
+
+
+@given(st.tuples(*[st.floats(-0.1, 0.1)] * 6))
+def test_inverse_finds_the_way_back(offset):
+    goal = [a + b for a, b in zip(kinematics.ELBOW_UP, offset, strict=True)]
+    found = kinematics.inverse(kinematics.forward(goal), kinematics.ELBOW_UP)
+    assert found == pytest.approx(goal, abs=1e-6)
+
+
+@given(st.floats(0.4, 0.8), st.floats(-0.3, 0.4), st.floats(0.1, 0.6))
+def test_working_space_with_the_tool_down(x, y, z):
+    goal = kinematics.frame((x, y, z, math.pi, 0.0, 0.0))
+    found = kinematics.inverse(goal, kinematics.ELBOW_UP)
+    assert found is not None
+    assert kinematics.forward(found) == pytest.approx(goal, abs=1e-8)
+
+
+@pytest.mark.parametrize("x", [1.5, 5.0, 1e300, math.inf, math.nan])
+def test_out_of_reach(x):
+    goal = kinematics.frame((0.0, 0.0, 0.0, math.pi, 0.0, 0.0))
+    goal[0, 3] = x
+    assert kinematics.inverse(goal, kinematics.ELBOW_UP) is None
+
+
+@given(rotation_vectors)
+def test_rotation_vector_round_trip(vector):
+    there = kinematics.rotation(vector)
+    assert there @ there.T == pytest.approx(np.eye(3), abs=1e-12)
+    back = kinematics.rotation_vector(there)
+    assert math.hypot(*back) <= math.pi + 1e-12
+    assert kinematics.rotation(back) == pytest.approx(there, abs=1e-9)
+
+
+@given(rotation_vectors.filter(lambda v: math.hypot(*v) > 0.1))
+def test_half_turns_are_well_conditioned(axis):
+    scale = math.pi / math.hypot(*axis)
+    half = kinematics.rotation([part * scale for part in axis])
+    again = kinematics.rotation(kinematics.rotation_vector(half))
+    assert again == pytest.approx(half, abs=1e-9)
+
+
+@given(st.tuples(*[st.floats(-1.0, 1.0)] * 6))
+def test_inverted_frame(pose):
+    matrix = kinematics.frame(pose)
+    assert matrix @ kinematics.inverted(matrix) == pytest.approx(np.eye(4), abs=1e-12)
+    assert kinematics.turn_between(matrix, matrix) == pytest.approx(0.0, abs=1e-7)

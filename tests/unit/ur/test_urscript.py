@@ -1,0 +1,338 @@
+"""URScript as the emulator reads and runs it, well-meant and otherwise."""
+
+import hypothesis.strategies as st
+import pytest
+from hypothesis import given
+
+from drivers.ur.emulator_compiler import WAITING, compile_program
+from drivers.ur.emulator_script import MAX_THREADS, PoseValue, Program
+from drivers.ur.emulator_syntax import Assign, Binary, Call, Function, Literal, Name, Sequence
+from drivers.ur.urscript import MAX_CHARS, ScriptError, depth_change, parse, tokens
+
+
+class Robot:
+    """Takes down what programs say."""
+
+    def __init__(self):
+        self.said = []
+
+
+def say(thread, value, more=""):
+    thread.robot.said.append(value)
+
+
+def sync(thread):
+    yield
+
+
+def twice(thread, value, scale=1):
+    yield
+    return 2 * value * scale
+
+
+setattr(sync, WAITING, True)
+setattr(twice, WAITING, True)
+KNOWN = {"say": say, "sync": sync, "twice": twice}
+
+
+def run(body, cycles=20):
+    """What a program says within so many cycles."""
+    robot = Robot()
+    text = "def main():\n" + body + "\nend\n"
+    program = Program(compile_program(text, KNOWN), robot)
+    try:
+        for _ in range(cycles):
+            if not program.step():
+                break
+    finally:
+        program.close()
+    return robot.said
+
+
+# reading
+
+
+def test_tokens_know_their_lines():
+    found = tokens('x = 1.5e-3 # note\n"text" != y')
+    assert [(one.kind, one.text, one.line) for one in found] == [
+        ("name", "x", 1),
+        ("=", "=", 1),
+        ("number", "1.5e-3", 1),
+        ("text", '"text"', 2),
+        ("!=", "!=", 2),
+        ("name", "y", 2),
+        ("end of program", "", 2),
+    ]
+
+
+def test_a_comment_may_stand_between_sign_and_value():
+    """So does ur_rtde's upload: its register offsets are filled in on the next line."""
+    body = parse("global a = # offset\n0    global b = # offset\n24\n")
+    assert body == (
+        Assign("a", Literal(0), None, "global"),
+        Assign("b", Literal(24), None, "global"),
+    )
+
+
+def test_poses_and_elements_of_p():
+    assert parse("x = p[0]")[0].value.base == Name("p")
+    pose = parse("x = p[0, 1, 2, 3, 4, 5]")[0].value
+    assert isinstance(pose, Sequence) and pose.pose and len(pose.items) == 6
+
+
+def test_named_arguments_and_precedence():
+    call = parse("f(q, a=1 + 2 * 3)")[0].value
+    assert isinstance(call, Call)
+    assert call.positional == (Name("q"),)
+    key, value = call.named[0]
+    assert key == "a"
+    assert value == Binary("+", Literal(1), Binary("*", Literal(2), Literal(3)))
+
+
+def test_empty_branches():
+    (function,) = parse("def f():\n if a == 1:\n elif a == 2:\n # nothing\n else:\n end\nend")
+    assert isinstance(function, Function)
+    assert [body for _, body in function.body[0].branches] == [(), ()]
+
+
+@pytest.mark.parametrize(
+    ("line", "change"),
+    [
+        ("def f():", 1),
+        ("  thread t():", 1),
+        ("elif x:", 0),
+        ("end", -1),
+        ('textmsg("if end end")', 0),
+        ("x = 1 # end", 0),
+        ("if a: b() end", 0),
+        ("ending = define", 0),
+    ],
+)
+def test_blocks_of_a_line(line, change):
+    assert depth_change(line) == change
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "def f(:\nend",
+        "def f():\n",
+        "x = ",
+        "x = = 1",
+        "1 = x",
+        "f(a=1, 2)",
+        "x = [1, 2",
+        "end",
+        "if x:\nend end",
+        'x = "open',
+        "x = 1 $ 2",
+        "x = a.b",
+        "x = f(__class__)()",
+        "lambda: 1",
+        "\x00",
+        "x = é",
+    ],
+)
+def test_what_is_no_program(text):
+    with pytest.raises(ScriptError):
+        parse(text)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x = " + "(" * 10_000 + "1" + ")" * 10_000,
+        "x = " + "[" * 10_000,
+        "x = " + "-" * 10_000 + "1",
+        "x = " + "not " * 10_000 + "1",
+        "x = " + "f(" * 10_000,
+        "if 1:\n" * 10_000,
+        "x = 1" + " + 1" * 100_000,
+        "x = a" + "[0]" * 100_000,
+        "x = " + "9" * 100_000,
+        "x = [" + "1, " * 1000 + "1]",
+        "f(" + "1, " * 1000 + "1)",
+        "x = 4294967296",
+        "x = 1e" + "9" * 100,
+        " " * (MAX_CHARS + 1),
+    ],
+)
+def test_excess_is_refused(text):
+    with pytest.raises(ScriptError):
+        parse(text)
+
+
+@given(st.text(st.sampled_from('ab p[](),=+-*"#\n:1.5endifwhiltru'), max_size=200))
+def test_any_text_is_parsed_or_refused(text):
+    try:
+        parse(text)
+    except ScriptError as error:
+        assert str(error)
+
+
+@given(st.text(max_size=100))
+def test_any_characters_are_parsed_or_refused(text):
+    try:
+        compile_program(text, KNOWN)
+    except ScriptError as error:
+        assert str(error)
+
+
+# running
+
+
+@pytest.mark.parametrize(
+    ("expression", "value"),
+    [
+        ("1 + 2 * 3", 7),
+        ("-2 + 5 % 3", 0),
+        ("(1 + 2) * 3 / 2", 4.5),
+        ("1 < 2 and not 3 >= 4", True),
+        ("False or 1 == 1.0", True),
+        ("True xor True", False),
+        ('"a" + "b"', "ab"),
+        ("p[1, 2, 3, 4, 5, 6]", PoseValue([1, 2, 3, 4, 5, 6])),
+        ("[1, [2][0]]", [1, 2]),
+        ("2147483647", 2147483647),
+    ],
+)
+def test_expressions(expression, value):
+    (said,) = run(f"say({expression})")
+    assert said == value and type(said) is type(value)
+
+
+def test_functions_scopes_and_copies():
+    body = """
+      global shared = 1
+      def change(q):
+        q[0] = 9
+        own = 5
+        shared = shared + own
+        return q
+      end
+      q = [1, 2]
+      r = change(q)
+      say(q)
+      say(r)
+      say(shared)
+    """
+    assert run(body) == [[1, 2], [9, 2], 6]
+
+
+def test_loops_branches_and_functions_that_wait():
+    body = """
+      def count(n):
+        i = 0
+        while True:
+          i = i + 1
+          if i == 2:
+            continue
+          elif i > n:
+            break
+          else:
+            say(i)
+          end
+          sync()
+        end
+        return i
+      end
+      say(count(4) + twice(3, scale=2))
+    """
+    assert run(body) == [1, 3, 4, 17]
+
+
+def test_arguments_that_are_skipped_are_not_evaluated():
+    body = """
+      def loud():
+        say("loud")
+        return True
+      end
+      x = False and loud()
+      y = True or loud()
+      say(loud() and not x)
+    """
+    assert run(body) == ["loud", True]
+
+
+def test_threads_are_started_killed_and_kept_waiting():
+    body = """
+      global n = 0
+      thread counter():
+        while True:
+          n = n + 1
+          sync()
+        end
+      end
+      handle = run counter()
+      sync()
+      sync()
+      enter_critical
+      before = n
+      sync()
+      sync()
+      say(n - before)
+      exit_critical
+      kill handle
+      sync()
+      before = n
+      sync()
+      say(n - before)
+      say(before > 0)
+    """
+    assert run(body) == [0, 0, True]
+
+
+def test_halt_ends_everything():
+    assert run("say(1)\nhalt\nsay(2)") == [1]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        "__import__(1)",
+        "import os",
+        "say(unknown)",
+        "x = unknown_function()",
+        "run nothing()",
+        "say()",
+        "say(1, nonsense=2)",
+        "say(1, thread=2)",
+        "say(thread=2)",
+        "twice(1, 2, 3)",
+        "def f(a):\n end\n f()",
+        "thread t():\n end\n t()",
+    ],
+)
+def test_unknown_names_never_start(body):
+    with pytest.raises(ScriptError):
+        compile_program("def main():\n" + body + "\nend", KNOWN)
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("while True:\n x = 1\n end", "infinite loop"),
+        ("def f():\n f()\n end\n f()", "too deep"),
+        ("def f():\n return 1\n end\n while f() == 1:\n end", "infinite loop"),
+        ("x = 2147483647\n x = x + 1", "overflow"),
+        ("x = -2147483647 - 1\n x = -x", "overflow"),
+        ("x = 1 / 0", "ZeroDivisionError"),
+        ("x = [1][1]", "out of range"),
+        ("x = [1][-1]", "out of range"),
+        ("x = [1][0.0]", "index"),
+        ("x = 1[0]", "index"),
+        ("x = [1]\n x = [x, x]", "list"),
+        ("x = p[0,0,0,0,0,0]\n x[0] = True\n x[0] = [1]", "list"),
+        ("x = p[0,0,0,0,0,[1][0]]\n x = x + 1", "number"),
+        ('x = "a" * 100000', "number"),
+        ('x = "a"\n while True:\n x = x + x\n end', "too long"),
+        ('x = "a" < 1', "number"),
+        ('x = -"a"', "number"),
+        ("if False:\n x = 1\n end\n say(x)", "no value"),
+        (f"thread t():\n sync()\n end\n i = 0\n while i < {MAX_THREADS + 1}:\n h = run t()\n"
+         " i = i + 1\n end", "too many threads"),
+    ],
+)  # fmt: skip
+def test_what_ends_a_program(body, message):
+    with pytest.raises(ScriptError, match=message):
+        run(body)

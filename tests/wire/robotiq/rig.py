@@ -1,0 +1,102 @@
+"""Emulators, drivers that talk to them, objects to close on."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from drivers.errors import LinkLost
+from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.emulator import GripperEmulator
+from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.model import FingerLoads, GripperModel, HandSettings
+from drivers.robotiq.protocol import CALIBRATIONS
+from drivers.robotiq.thread import ThreadedGripper
+from drivers.robotiq.timing import TimedTransport
+
+QUICK = HandSettings(activation_s=0.1, mode_change_s=0.1)
+PATIENT_S = 20.0  # nothing here takes long; a loaded machine may
+TIMEOUT_S = 0.25  # long enough for a reply on a loaded machine
+TOUCH_M = 0.03
+STIFFNESS_NPM = 5000.0
+
+
+class FastClock:
+    """Monotonic time of the wall, run ``rate`` times as fast."""
+
+    def __init__(self, rate: int) -> None:
+        self._rate = rate
+        self._start_ns = time.monotonic_ns()
+
+    def __call__(self) -> int:
+        return (time.monotonic_ns() - self._start_ns) * self._rate
+
+
+def until(true: Callable[[], bool], within_s: float = PATIENT_S) -> None:
+    """Wait with a deadline; fails when it passes."""
+    deadline = time.monotonic() + within_s
+    while not true():
+        assert time.monotonic() < deadline, "did not come about in time"
+        time.sleep(0.001)
+
+
+def with_objects(model: GripperModel, touch_m: float = TOUCH_M) -> GripperModel:
+    """A spring fixed in space before each finger: loads given once stay where they are."""
+    stiffness = np.full(3, STIFFNESS_NPM)
+    model.advance(0, FingerLoads(stiffness * (model.travel_m - touch_m), stiffness))
+    return model
+
+
+class Client:
+    """The real driver on the real wire, pumped by the test."""
+
+    def __init__(self, emulator: GripperEmulator, **settings: object) -> None:
+        host, port = emulator.address
+        where = {"host": host, "port": port, "timeout_s": TIMEOUT_S, "reconnect_s": 0.02}
+        self.transport = ModbusTransport(ModbusSettings(**{**where, **settings}))
+        self.timed = TimedTransport(self.transport, time.monotonic_ns)
+        self.driver = RobotiqDriver(self.timed, DriverSettings(), CALIBRATIONS["paper"])
+        self.errors: list[Exception] = []
+
+    @property
+    def state(self):
+        return self.driver.state
+
+    def pump(self, times: int = 1) -> None:
+        for _ in range(times):
+            self.driver.pump(time.monotonic_ns())
+
+    def pump_until(self, true: Callable[[], bool]) -> None:
+        """Pump through losses of the link, which are kept."""
+
+        def once() -> bool:
+            try:
+                self.pump()
+            except LinkLost as error:
+                self.errors.append(error)
+                return False
+            return true()
+
+        until(once)
+
+    def settle(self) -> None:
+        self.pump_until(lambda: self.state.at_rest)
+
+    def threaded(self, period_s: float = 0.01) -> ThreadedGripper:
+        return ThreadedGripper(self.driver, period_s, timed=self.timed, close=self.transport.close)
+
+    def close(self) -> None:
+        self.transport.close()
+
+
+class Served:
+    """An emulator and all that it has received."""
+
+    def __init__(self, model: GripperModel | HandSettings, clock: Callable[[], int]) -> None:
+        self.frames: list[bytes] = []
+        self.emulator = GripperEmulator(model, clock=clock, on_frame=self.frames.append)
+
+    @property
+    def writes(self) -> list[bytes]:
+        """Values of every function 16 that arrived."""
+        return [frame[13:] for frame in self.frames if frame[7] == 16]

@@ -1,0 +1,312 @@
+"""The emulator on Modbus TCP, byte by byte over plain sockets."""
+
+import asyncio
+import socket
+import time
+
+import pytest
+
+from drivers.robotiq.emulator import Fault, GripperEmulator, Trouble
+from drivers.robotiq.model import GripperModel, HandSettings
+
+FROZEN = HandSettings()
+
+
+def still() -> int:
+    """A clock that stands: nothing but the requests changes the hand."""
+    return 0
+
+
+class Wire:
+    """A bare socket."""
+
+    def __init__(self, emulator: GripperEmulator) -> None:
+        self.socket = socket.create_connection(emulator.address, timeout=10)
+
+    def send(self, text: str) -> None:
+        self.socket.sendall(bytes.fromhex(text))
+
+    def receive(self, count: int) -> str:
+        data = b""
+        while len(data) < count:
+            more = self.socket.recv(count - len(data))
+            if not more:
+                raise ConnectionResetError("closed")
+            data += more
+        return data.hex(" ")
+
+    def ask(self, text: str, count: int) -> str:
+        self.send(text)
+        return self.receive(count)
+
+    def closed(self) -> bool:
+        try:
+            return self.socket.recv(1) == b""
+        except ConnectionResetError:
+            return True
+
+
+@pytest.fixture
+def now():
+    """A clock that the test sets, in a list of one; at 2.5 s an activated hand is closing."""
+    return [0]
+
+
+@pytest.fixture
+def emulator(now):
+    with GripperEmulator(GripperModel(FROZEN, 0), clock=lambda: now[0]) as emulator:
+        yield emulator
+
+
+@pytest.fixture
+def dial():
+    """Connect to an emulator."""
+    made: list[Wire] = []
+
+    def connect(emulator: GripperEmulator) -> Wire:
+        made.append(Wire(emulator))
+        return made[-1]
+
+    yield connect
+    for wire in made:
+        wire.socket.close()
+
+
+@pytest.fixture
+def wire(emulator, dial):
+    return dial(emulator)
+
+
+ACTIVATE = "33 9a 00 00 00 0d 02 10 00 00 00 03 06 01 00 00 00 00 00"
+POLL = "45 33 00 00 00 06 02 04 00 00 00 01"
+
+
+def test_the_activation_of_the_manual(wire, now) -> None:
+    assert wire.ask(ACTIVATE, 12) == "33 9a 00 00 00 06 02 10 00 00 00 03"
+    now[0] = 2_500_000_000
+    assert wire.ask(POLL, 11) == "45 33 00 00 00 05 02 04 02 11 00"
+    now[0] = 7_000_000_000
+    assert wire.ask(POLL, 11) == "45 33 00 00 00 05 02 04 02 31 00"
+
+
+@pytest.mark.parametrize("unit", ["00", "02", "09", "ff"])
+def test_any_unit_is_answered_and_echoed(wire, unit: str) -> None:
+    answer = wire.ask(f"00 07 00 00 00 06 {unit} 04 00 00 00 02", 13)
+    assert answer == f"00 07 00 00 00 07 {unit} 04 04 00 00 00 00"
+
+
+@pytest.mark.parametrize(
+    ("request_pdu", "exception"),
+    [
+        ("03 00 00 00 08", "83 01"),  # holding registers: not over TCP
+        ("06 00 00 01 00", "86 01"),
+        ("17 00 00 00 08 00 00 00 01 02 01 00", "97 01"),
+        ("01 00 00 00 01", "81 01"),
+        ("2b 0e 01 00", "ab 01"),
+        ("04 00 00 00 09", "84 02"),
+        ("04 00 08 00 01", "84 02"),
+        ("04 07 d0 00 08", "84 02"),  # addresses of RTU
+        ("10 03 e8 00 01 02 00 00", "90 02"),
+        ("10 00 07 00 02 04 00 00 00 00", "90 02"),
+        ("04 00 00 00 00", "84 03"),
+        ("04 00 00 00 7e", "84 03"),
+        ("04 00 00 00", "84 03"),
+        ("10 00 00 00 00 00", "90 03"),
+        ("10 00 00 00 02 02 00 00", "90 03"),
+        ("10 00 00 00 01 02 00", "90 03"),
+        ("10 00 00", "90 03"),
+    ],
+)
+def test_exceptions(wire, request_pdu: str, exception: str) -> None:
+    length = len(bytes.fromhex(request_pdu)) + 1
+    assert wire.ask(f"12 34 00 00 {length:04x} 02 {request_pdu}", 9) == (
+        f"12 34 00 00 00 03 02 {exception}"
+    )
+    assert wire.ask(POLL, 11).startswith("45 33"), "and the connection lives on"
+
+
+def test_requests_in_one_segment_are_all_answered_in_order(wire) -> None:
+    polls = " ".join(f"00 {i:02x} 00 00 00 06 02 04 00 00 00 01" for i in range(20))
+    answers = wire.ask(polls, 20 * 11)
+    assert [answers[i * 33 : i * 33 + 5] for i in range(20)] == [f"00 {i:02x}" for i in range(20)]
+
+
+def test_a_request_may_come_in_pieces(wire) -> None:
+    for byte in ACTIVATE.split():
+        wire.send(byte)
+        time.sleep(0.001)
+    assert wire.receive(12) == "33 9a 00 00 00 06 02 10 00 00 00 03"
+
+
+@pytest.mark.parametrize(
+    "garbage",
+    [
+        "00 01 00 01 00 06 02 04 00 00 00 01",  # another protocol
+        "00 01 00 00 ff ff 02 04 00 00 00 01",
+        "00 01 00 00 00 00 02 04",
+        "00 01 00 00 00 01 02 04",
+        "47 45 54 20 2f 20 48 54 54 50 2f 31",  # GET / HTTP/1
+    ],
+)
+def test_garbage_closes_its_connection_and_no_other(emulator, wire, garbage: str, dial) -> None:
+    other = dial(emulator)
+    other.send(garbage)
+    assert other.closed()
+    assert wire.ask(POLL, 11).startswith("45 33")
+
+
+def test_a_short_write_leaves_the_other_registers(emulator, wire, now) -> None:
+    wire.ask("00 01 00 00 00 17 02 10 00 00 00 08 10" + " 00 04" + " 11 22" * 6 + " 00 00", 12)
+    now[0] = 20_000_000
+    wire.ask(ACTIVATE, 12)
+    now[0] = 40_000_000
+    status = wire.ask("00 02 00 00 00 06 02 04 00 00 00 08", 25)
+    assert status.split()[9] == "11", "taken up: activating"
+
+
+def test_clients_share_one_hand(emulator, wire, now, dial) -> None:
+    wires = [dial(emulator) for _ in range(5)]
+    wire.ask(ACTIVATE, 12)
+    now[0] = 2_500_000_000
+    for other in wires:
+        assert other.ask(POLL, 11) == "45 33 00 00 00 05 02 04 02 11 00"
+
+
+def test_too_many_clients_are_turned_away(emulator, dial) -> None:
+    wires = [dial(emulator) for _ in range(17)]
+    shut = []
+    for made in wires:
+        try:
+            made.ask(POLL, 11)
+        except OSError:
+            shut.append(made)
+    assert len(shut) == 1
+
+
+# Planned troubles
+
+
+def test_a_dropped_reply_is_carried_out(emulator, wire, now) -> None:
+    emulator.faults.add(Fault(trouble=Trouble.DROP, function=16))
+    wire.send(ACTIVATE)
+    assert wire.ask(POLL, 11).startswith("45 33"), "the next reply is that of the next request"
+    now[0] = 2_500_000_000
+    assert wire.ask(POLL, 11).endswith("11 00")
+
+
+def test_a_delayed_reply_comes_after_the_next(emulator, wire) -> None:
+    emulator.faults.add(Fault(trouble=Trouble.DELAY, seconds=0.2))
+    wire.send("00 01 00 00 00 06 02 04 00 00 00 01 00 02 00 00 00 06 02 04 00 00 00 01")
+    assert [wire.receive(11)[:5], wire.receive(11)[:5]] == ["00 02", "00 01"]
+
+
+def test_a_garbled_reply(emulator, wire) -> None:
+    emulator.faults.add(Fault(trouble=Trouble.GARBLE))
+    assert wire.ask(POLL, 11) == "ba cc ff ff ff fa fd fb fd ff ff"
+    assert wire.ask(POLL, 11).startswith("45 33")
+
+
+def test_a_split_reply(emulator, wire) -> None:
+    emulator.faults.add(Fault(trouble=Trouble.SPLIT, seconds=0.001))
+    assert wire.ask(POLL, 11) == "45 33 00 00 00 05 02 04 02 00 00"
+
+
+def test_a_disconnect_is_not_carried_out(emulator, wire, now, dial) -> None:
+    emulator.faults.add(Fault(trouble=Trouble.DISCONNECT, function=16))
+    wire.send(ACTIVATE)
+    assert wire.closed()
+    now[0] = 2_500_000_000
+    other = dial(emulator)
+    assert other.ask(POLL, 11).endswith("00 00")
+
+
+def test_an_exception_is_not_carried_out(emulator, wire, now) -> None:
+    emulator.faults.add(Fault(trouble=Trouble.EXCEPTION, function=16, code=4))
+    assert wire.ask(ACTIVATE, 9) == "33 9a 00 00 00 03 02 90 04"
+    now[0] = 2_500_000_000
+    assert wire.ask(POLL, 11).endswith("00 00")
+
+
+def test_a_frozen_gripper_carries_out_late_and_in_order(emulator, wire, now) -> None:
+    emulator.faults.add(Fault(trouble=Trouble.FREEZE, seconds=0.3))
+    wire.send(ACTIVATE + POLL)
+    wire.socket.settimeout(0.05)
+    with pytest.raises(TimeoutError):
+        wire.receive(1)
+    wire.socket.settimeout(10)
+    assert wire.receive(12).startswith("33 9a")
+    assert wire.receive(11).startswith("45 33")
+
+
+def test_a_fault_of_the_hand(emulator, wire, now) -> None:
+    emulator.faults.add(Fault(trouble=Trouble.DEVICE_FAULT, code=0x0D))
+    wire.ask(POLL, 11)
+    now[0] = 2_500_000_000
+    assert wire.ask("00 01 00 00 00 06 02 04 00 00 00 02", 13).split()[11] == "0d"
+
+
+def test_troubles_by_count_and_by_time(emulator, wire, now) -> None:
+    emulator.faults.add(Fault(trouble=Trouble.EXCEPTION, code=6, skip=2, times=2))
+    lengths = []
+    for _ in range(6):
+        wire.send(POLL)
+        lengths.append(int(wire.receive(6)[-2:], 16))
+        wire.receive(lengths[-1])
+    assert lengths == [5, 5, 3, 3, 5, 5]
+    emulator.faults.add(Fault(trouble=Trouble.EXCEPTION, code=6, from_ns=50))
+    assert wire.ask(POLL, 11)
+    now[0] = 50
+    assert wire.ask(POLL, 9).endswith("84 06")
+
+
+# Life
+
+
+def test_it_leaves_nothing_with_clients_connected(dial) -> None:
+    with GripperEmulator(FROZEN, clock=still) as emulator:
+        made = dial(emulator)
+        made.send("00 01 00")  # half a request
+    assert made.closed()
+
+
+def test_it_can_be_started_again(dial) -> None:
+    emulator = GripperEmulator(FROZEN, clock=still)
+    for _ in range(2):
+        with emulator:
+            made = dial(emulator)
+            assert made.ask(POLL, 11)
+
+
+def test_a_taken_port_is_an_error_that_leaves_nothing(emulator) -> None:
+    with pytest.raises(OSError):
+        GripperEmulator(FROZEN, *emulator.address, clock=still).start()
+
+
+def test_it_runs_in_a_loop_of_somebody_else() -> None:
+    async def talk() -> bytes:
+        async with GripperEmulator(FROZEN, clock=still) as emulator:
+            reader, writer = await asyncio.open_connection(*emulator.address)
+            writer.write(bytes.fromhex(POLL))
+            answer = await reader.readexactly(11)
+            writer.close()
+            await writer.wait_closed()
+            return answer
+
+    assert asyncio.run(talk()).hex(" ").startswith("45 33")
+
+
+def test_a_model_of_somebody_else_is_advanced_by_them_under_their_lock(dial) -> None:
+    import threading
+
+    lock, advanced = threading.Lock(), []
+    model = GripperModel(FROZEN, 0)
+
+    def advance(now_ns: int) -> None:
+        assert lock.locked()
+        advanced.append(now_ns)
+        model.advance(now_ns)
+
+    with GripperEmulator(model, clock=lambda: 77, lock=lock, advance=advance) as emulator:
+        made = dial(emulator)
+        made.ask(POLL, 11)
+    assert 77 in advanced

@@ -1,0 +1,75 @@
+"""An emulated board that the test can press, spoil, unplug and plug in again."""
+
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from functools import cached_property
+
+import numpy as np
+import pytest
+import usb.core
+
+from drivers.takktile.emulator import BoardServer, backend
+from drivers.takktile.model import BoardModel, BoardModelSettings
+from drivers.takktile.usb_link import UsbLink
+
+PATIENCE_S = 20.0  # for what must come at last, on a machine however busy
+MS = 1_000_000
+
+
+class Bench:
+    """A board model behind a server; pressure codes are the test's, temperature codes tell when.
+
+    The temperature code is the time of conversion in ms, modulo 1024.
+    """
+
+    def __init__(self, settings: BoardModelSettings | None = None) -> None:
+        settings = settings or BoardModelSettings()
+        self.codes = np.arange(440, 440 + len(settings.cells), dtype=np.int16)  # board order
+        self.conversions = 0
+        self.pressed, self.pressed_after = 0, sys.maxsize  # which cell, after which conversion
+        self.lock = threading.Lock()
+        self.board = BoardModel(settings, self._sample)
+        self.server = BoardServer(self.board, self.lock)
+
+    def _sample(self, t_ns: int) -> tuple[np.ndarray, np.ndarray]:
+        self.conversions += 1
+        if self.conversions > self.pressed_after:
+            self.codes[self.pressed] = 300
+        return self.codes.copy(), np.full(len(self.codes), t_ns // MS % 1024, np.int16)
+
+    @cached_property
+    def bus(self):
+        return backend(self.server.url)
+
+    def find(self):
+        return usb.core.find(backend=self.bus, idVendor=0x59E3, idProduct=0x74C7)
+
+    def connect(self, serial: str | None = None) -> UsbLink:
+        return UsbLink.find(serial, self.bus, control_timeout_ms=300)
+
+    def spoil(self, fault: str, *args: object) -> None:
+        with self.lock:
+            getattr(self.board, fault)(*args)
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    made = Bench()
+    with made.server:
+        yield made
+
+
+@pytest.fixture
+def device(bench: Bench):
+    found = bench.find()
+    yield found
+    usb.util.dispose_resources(found)
+
+
+def eventually(condition: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, f"never: {what}"
+        time.sleep(0.005)

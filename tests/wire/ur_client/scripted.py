@@ -1,0 +1,92 @@
+"""A controller that says what a test tells it to, framed by hand."""
+
+import selectors
+import socket
+import struct
+import threading
+
+DASHBOARD, SCRIPT, RTDE = 29999, 30003, 30004
+
+FIT_ANSWERS = {
+    "is in remote control": "true",
+    "robotmode": "Robotmode: RUNNING",
+    "safetystatus": "Safetystatus: NORMAL",
+}
+
+
+class ScriptedController:
+    """Serves the three ports of ``host``; without ``speaks`` it accepts and stays silent."""
+
+    def __init__(self, host, *, version=(5, 11, 1, 108318), ports=(DASHBOARD, SCRIPT, RTDE)):
+        self.version = version
+        self.answers = dict(FIT_ANSWERS)
+        self.in_use = set()
+        self.unknown = set()
+        self.banner = b"Connected: Universal Robots Dashboard Server\n"
+        self.chatter = b""  # sent before each RTDE answer
+        self.accepts_v2 = True
+        self.speaks = {DASHBOARD, RTDE}
+        self.asked = []
+        self._selector = selectors.DefaultSelector()
+        for port in ports:
+            listener = socket.create_server((host, port))
+            self._selector.register(listener, selectors.EVENT_READ, ("listen", port))
+        self._ending = False
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def close(self):
+        self._ending = True
+        self._thread.join()
+        for key in list(self._selector.get_map().values()):
+            key.fileobj.close()
+        self._selector.close()
+
+    def _serve(self):
+        while not self._ending:
+            for key, _ in self._selector.select(timeout=0.02):
+                kind, port = key.data
+                if kind == "listen":
+                    self._accept(key.fileobj, port)
+                else:
+                    self._answer(key.fileobj, port)
+
+    def _accept(self, listener, port):
+        peer, _ = listener.accept()
+        self._selector.register(peer, selectors.EVENT_READ, ("peer", port))
+        if port == DASHBOARD and port in self.speaks:
+            peer.sendall(self.banner)
+
+    def _answer(self, peer, port):
+        try:
+            data = peer.recv(65536)
+            if data and port in self.speaks:
+                peer.sendall(self._line(data) if port == DASHBOARD else self._packet(data))
+        except ConnectionError:
+            data = b""
+        if not data:
+            self._selector.unregister(peer)
+            peer.close()
+
+    def _line(self, data):
+        command = data.decode().strip()
+        self.asked.append(command)
+        fallback = f"could not understand: '{command}'"
+        return self.answers.get(command, fallback).encode() + b"\n"
+
+    def _packet(self, data):
+        kind, body = data[2:3], data[3:]
+        if kind == b"V":
+            answer = bytes([self.accepts_v2])
+        elif kind == b"v":
+            answer = struct.pack(">4I", *self.version)
+        else:
+            answer = b"\x01" + ",".join(map(self._type, body.decode().split(","))).encode()
+        return self.chatter + struct.pack(">Hc", 3 + len(answer), kind) + answer
+
+    def _type(self, name):
+        if name in self.in_use:
+            return "IN_USE"
+        if name in self.unknown:
+            return "NOT_FOUND"
+        return "INT32" if "_int_" in name else "DOUBLE"

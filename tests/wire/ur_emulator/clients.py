@@ -1,0 +1,287 @@
+"""Scenarios for real ur_rtde: ``python clients.py scenario host fault_port``."""
+
+import faulthandler
+import json
+import math
+import os
+import socket
+import sys
+import threading
+import time
+
+import dashboard_client
+import rtde_control
+import rtde_receive
+
+WAIT_S = 15.0
+
+
+class Site:
+    """One emulator and ur_rtde's interfaces to it."""
+
+    def __init__(self, host, fault_port):
+        self.host = host
+        self.faults = (host, fault_port)
+        self.receive = rtde_receive.RTDEReceiveInterface(host)
+        self.control = None
+
+    def connect(self):
+        self.control = rtde_control.RTDEControlInterface(self.host)
+        return self.control
+
+    def fault(self, **request):
+        with socket.create_connection(self.faults, timeout=10) as sock, sock.makefile("rw") as f:
+            f.write(json.dumps(request) + "\n")
+            f.flush()
+            answer = json.loads(f.readline())
+        assert answer["ok"], answer
+        return answer
+
+    @property
+    def position(self):
+        return self.receive.getActualTCPPose()[:3]
+
+    @property
+    def speed(self):
+        return math.hypot(*self.receive.getActualTCPSpeed()[:3])
+
+    def target(self, dx=0.0, dy=0.0, dz=0.0):
+        x, y, z, *turn = self.receive.getActualTCPPose()
+        return [x + dx, y + dy, z + dz, *turn]
+
+
+def until(condition, what):
+    deadline = time.monotonic() + WAIT_S
+    while not condition():
+        assert time.monotonic() < deadline, what
+        time.sleep(0.005)
+
+
+def near(a, b, tolerance=1e-6):
+    return math.dist(a, b) <= tolerance
+
+
+def fields(site):
+    r = site.receive
+    assert near(site.position, (0.5, 0.1, 0.3))
+    assert r.getRobotMode() == 7 and r.getSafetyMode() == 1
+    assert not r.isProtectiveStopped() and not r.isEmergencyStopped()
+    assert r.getSafetyStatusBits() == 1 and r.getRobotStatus() & 1
+    first = r.getTimestamp()
+    until(lambda: r.getTimestamp() > first, "timestamps stand still")
+    cycles = (r.getTimestamp() - first) / 0.008
+    assert abs(cycles - round(cycles)) < 1e-6
+
+
+def connect(site):
+    assert site.connect().isProgramRunning()
+
+
+def move_l(site):
+    c = site.connect()
+    start = site.target()
+    target = site.target(dx=0.03, dy=-0.05, dz=0.08)
+    before = site.receive.getActualQ()
+    assert c.moveL(target, 0.25, 1.2)
+    until(lambda: near(site.position, target[:3]), "not at the target")
+    assert not near(site.receive.getActualQ(), before, 0.01)
+    # as unmodified clients see it: joints and tool agree
+    assert near(c.getForwardKinematics()[:3], target[:3])
+    longer = c.getForwardKinematics(site.receive.getActualQ(), [0.0, 0.0, 0.01, 0.0, 0.0, 0.0])
+    assert near(longer[:3], [*target[:2], target[2] - 0.01])
+    assert c.moveJ(c.getInverseKinematics(start), 1.0, 2.0)
+    until(lambda: near(site.position, start[:3]), "not back")
+
+
+def async_move_and_stop(site):
+    c = site.connect()
+    assert c.moveL(site.target(dz=0.2), 0.05, 0.5, True)
+    until(lambda: site.speed > 0.02, "does not move")
+    assert c.getAsyncOperationProgressEx().isAsyncOperationRunning()
+    c.stopL(2.0)
+    until(lambda: site.speed == 0.0, "does not stop")
+    assert 0.3 < site.position[2] < 0.499
+    until(lambda: not c.getAsyncOperationProgressEx().isAsyncOperationRunning(), "still running")
+    assert c.isProgramRunning()
+    assert c.moveL(site.target(dz=0.01), 0.25, 1.2)
+
+
+def speed_l(site):
+    c = site.connect()
+    assert c.speedL([0.0, 0.04, 0.0, 0.0, 0.0, 0.0], 0.5)
+    until(lambda: abs(site.receive.getActualTCPSpeed()[1] - 0.04) < 1e-9, "speed not reached")
+    assert max(map(abs, site.receive.getActualQd())) > 0.01
+    assert c.speedL([0.0, 0.0, -0.03, 0.0, 0.0, 0.0], 0.5)
+    until(lambda: abs(site.receive.getActualTCPSpeed()[2] + 0.03) < 1e-9, "direction not taken")
+    assert c.speedStop(1.0)
+    until(lambda: site.speed == 0.0, "does not stop")
+    until(c.isSteady, "never steady")
+
+
+def settings(site):
+    c = site.connect()
+    assert c.setPayload(1.5, [0.0, 0.0, 0.05])
+    until(lambda: site.receive.getPayload() == 1.5, "payload not taken")
+    assert c.setTcp([0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
+    until(lambda: near(site.position, (0.5, 0.1, 0.2)), "tool centre point not taken")
+    assert near(c.getTCPOffset(), (0.0, 0.0, 0.1, 0.0, 0.0, 0.0))
+    target = site.target(dx=-0.02)
+    assert c.moveL(target, 0.25, 1.2)
+    until(lambda: near(site.position, target[:3]), "not at the target")
+    assert c.isPoseWithinSafetyLimits(target)
+    assert not c.isPoseWithinSafetyLimits(site.target(dx=3.0))
+
+
+def path(site):
+    c = site.connect()
+    points = [[*site.target(dz=z), 0.25, 1.2, 0.0] for z in (0.03, 0.06, 0.02)]
+    assert c.moveL(points)
+    until(lambda: near(site.position, points[-1][:3]), "not at the end of the path")
+
+
+def watchdog(site):
+    c = site.connect()
+    assert c.setWatchdog(4.0)
+    for _ in range(8):
+        assert c.kickWatchdog()
+        time.sleep(0.1)
+    assert c.speedL([0.0, 0.0, 0.02, 0.0, 0.0, 0.0], 0.5)
+    until(lambda: not c.isProgramRunning(), "the watchdog sleeps")
+    until(lambda: site.speed == 0.0, "moves without a program")
+    assert not c.moveL(site.target(), 0.25, 1.2)
+    assert c.reuploadScript()
+    until(c.isProgramRunning, "program does not start again")
+    assert c.moveL(site.target(dz=0.01), 0.25, 1.2)
+
+
+def protective_stop(site):
+    c = site.connect()
+    results = []
+    target = site.target(dz=0.3)
+    mover = threading.Thread(target=lambda: results.append(c.moveL(target, 0.05, 0.5)))
+    mover.start()
+    until(lambda: site.speed > 0.01, "does not move")
+    site.fault(do="protective_stop")
+    mover.join(WAIT_S)
+    assert results == [False]
+    # the other interface has a connection, and hence a delay, of its own
+    until(site.receive.isProtectiveStopped, "no protective stop")
+    until(lambda: site.receive.getSafetyMode() == 3, "no safety mode")
+    until(lambda: site.speed == 0.0, "moves on")
+    assert not c.moveL(target, 0.05, 0.5)
+    dashboard = dashboard_client.DashboardClient(site.host)
+    dashboard.connect()
+    assert "PROTECTIVE_STOP" in dashboard.safetystatus()
+    dashboard.unlockProtectiveStop()
+    until(lambda: not site.receive.isProtectiveStopped(), "not unlocked")
+    recovered(site, c)
+
+
+def emergency_stop(site):
+    c = site.connect()
+    assert c.moveL(site.target(dz=0.2), 0.05, 0.5, True)
+    until(lambda: site.speed > 0.01, "does not move")
+    site.fault(do="emergency_stop")
+    until(lambda: site.receive.isEmergencyStopped() and site.speed == 0.0, "no emergency stop")
+    until(lambda: site.receive.getRobotMode() == 3, "not switched off")
+    assert not c.moveL(site.target(), 0.05, 0.5)
+    site.fault(do="emergency_stop", pressed=False)
+    dashboard = dashboard_client.DashboardClient(site.host)
+    dashboard.connect()
+    dashboard.powerOn()
+    dashboard.brakeRelease()
+    until(lambda: site.receive.getRobotMode() == 7, "not running")
+    recovered(site, c)
+
+
+def recovered(site, c):
+    assert c.reuploadScript()
+    until(c.isProgramRunning, "program does not start again")
+    assert c.moveL(site.target(dz=-0.02), 0.25, 1.2)
+
+
+def stop_after_speed(site):
+    """ur_rtde's own trap: two threads of its script want the arm, the controller ends it."""
+    c = site.connect()
+    assert c.speedL([0.0, 0.0, 0.02, 0.0, 0.0, 0.0], 0.5)
+    until(lambda: site.speed > 0.01, "does not move")
+    c.stopL(1.0)
+    until(lambda: not c.isProgramRunning(), "the program goes on")
+    until(lambda: site.speed == 0.0, "moves without a program")
+    messages = " ".join(site.fault(do="state")["messages"])
+    assert "Another thread is already controlling the robot" in messages
+
+
+def turn_refused(site):
+    c = site.connect()
+    x, y, z, *_ = site.target()
+    assert not c.moveL([x, y, z, 2.5, 0.5, 0.0], 0.25, 1.2)
+    assert "orientation" in " ".join(site.fault(do="state")["messages"])
+
+
+def custom_script(site):
+    c = site.connect()
+    assert c.sendCustomScriptFunction("mine", 'textmsg("from the wire")')
+    assert any("from the wire" in line for line in site.fault(do="state")["messages"])
+    until(c.isProgramRunning, "control script not back")
+    assert c.moveL(site.target(dz=0.01), 0.25, 1.2)
+
+
+def not_remote(site):
+    site.fault(do="remote_control", on=False)
+    try:
+        site.connect()
+    except RuntimeError as error:
+        assert "remote control" in str(error), error
+    else:
+        raise AssertionError("connected")
+
+
+def in_use(site):
+    site.fault(do="claim", names=["input_int_register_0"])
+    try:
+        site.connect()
+    except RuntimeError as error:
+        assert "already in use" in str(error), error
+    else:
+        raise AssertionError("connected")
+    site.fault(do="unclaim")
+    site.connect()
+
+
+def frozen(site):
+    r = site.receive
+    site.fault(do="freeze", seconds=0.5)
+    stamp = r.getTimestamp()
+    until(lambda: r.getTimestamp() > stamp + 0.4, "never thawed")
+    assert r.isConnected()
+
+
+def dropped(site):
+    site.fault(do="drop_link")
+    until(lambda: not site.receive.isConnected(), "still connected")
+    assert site.receive.reconnect()
+    assert near(site.position, (0.5, 0.1, 0.3))
+
+
+def wrench(site):
+    c = site.connect()
+    site.fault(do="wrench", value=[1.0, 2.0, -3.0, 0.0, 0.0, 0.1])
+    until(lambda: near(site.receive.getActualTCPForce(), (1, 2, -3, 0, 0, 0.1)), "no force")
+    assert c.zeroFtSensor()
+    until(lambda: near(site.receive.getActualTCPForce(), [0.0] * 6), "not zeroed")
+
+
+def main(scenario, host, fault_port):
+    faulthandler.dump_traceback_later(35, exit=True)
+    site = Site(host, int(fault_port))
+    globals()[scenario](site)
+    if site.control is not None:
+        site.control.disconnect()
+    site.receive.disconnect()
+    sys.stdout.flush()
+    os._exit(0)  # ur_rtde's destructors wait, and have crashed
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
