@@ -15,7 +15,7 @@ def add_parser(verbs: Any) -> None:
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     show = actions.add_parser("show", help="every setting, its value and what is allowed")
     show.add_argument("section", nargs="?", help="show this section alone")
-    add_trial_options(show)
+    add_trial_options(show, rig="emulated")
     show.add_argument(
         "--json", action="store_true", help="the resolved settings as one JSON object"
     )

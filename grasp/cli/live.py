@@ -39,7 +39,11 @@ class Display:
     def setting_up(self, rig: str) -> None:
         """Say that the rig is being opened, which may take a while."""
         if self._view is not None:
-            print(f"setting up the {rig} rig (the first time, the world is compiled)", flush=True)
+            told = {
+                "simulated": "the first time, the world is compiled",
+                "emulated": "starting a cell, then the gripper activates for about 6 s",
+            }.get(rig, "the gripper activates, which opens and closes it")
+            print(f"setting up the {rig} rig: {told}", flush=True)
 
     def tick(self, tick: Tick) -> None:
         """Show one tick. A screen that is gone must not stop a run: nothing more is shown then."""

@@ -12,7 +12,7 @@ HELP = "run one trial of a scenario"
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("run", help=HELP, description=HELP)
     parser.add_argument("scenario", choices=("lift",), help="lift: lift an object held too weakly")
-    add_trial_options(parser)
+    add_trial_options(parser, rig="emulated")
     parser.add_argument(
         "--runs",
         type=Path,
@@ -40,7 +40,7 @@ def add_parser(verbs: Any) -> None:
     parser.set_defaults(handler=run)
 
 
-def add_trial_options(parser: argparse.ArgumentParser) -> None:
+def add_trial_options(parser: argparse.ArgumentParser, rig: str) -> None:
     """Options that choose what is run; `grasp config` knows them too."""
     parser.add_argument(
         "--object",
@@ -50,9 +50,10 @@ def add_trial_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--rig",
-        default="simulated",
+        default=rig,
         metavar="NAME",
-        help="one of config/rigs (default: %(default)s)",
+        help="emulated (real protocols to a cell in another process), simulated (virtual time), "
+        "or hardware (default: %(default)s)",
     )
     parser.add_argument(
         "--detector",

@@ -19,6 +19,9 @@ GRASP = [sys.executable, "-c", "import sys; from grasp.cli import main; sys.exit
 
 
 def call(*words: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    """Run a command in this process; lifts on the simulated rig unless they say otherwise."""
+    if words[:2] == ("run", "lift") and not {"--rig", "--help"} & set(words):
+        words = (*words, "--rig", "simulated")
     try:
         code = main(list(words))
     except SystemExit as left:
@@ -156,7 +159,7 @@ def test_full_disk_does_not_stop_the_lift_and_leaves_nothing_half_written(tmp_pa
         resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))
 
     done = subprocess.run(
-        [*GRASP, "run", "lift", "--runs", str(tmp_path / "runs")],
+        [*GRASP, "run", "lift", "--rig", "simulated", "--runs", str(tmp_path / "runs")],
         capture_output=True, text=True, preexec_fn=small_files, check=False,
     )  # fmt: skip
     assert done.returncode == 5
@@ -168,7 +171,7 @@ def test_full_disk_does_not_stop_the_lift_and_leaves_nothing_half_written(tmp_pa
 
 def test_ctrl_c_stops_the_arm_keeps_the_grip_and_says_how_to_release(tmp_path: Path) -> None:
     with subprocess.Popen(
-        [*GRASP, "run", "lift", "--runs", str(tmp_path), "--pace", "real"],
+        [*GRASP, "run", "lift", "--rig", "simulated", "--runs", str(tmp_path), "--pace", "real"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     ) as process:  # fmt: skip
         assert process.stdout is not None
@@ -298,7 +301,8 @@ def test_command_works_from_any_folder(tmp_path: Path) -> None:
     (tmp_path / "config" / "__init__.py").write_text("raise SystemExit('wrong config')")
     checkout = Path(__file__).parents[3]
     done = subprocess.run(
-        [*GRASP, "run", "lift", "--json"], cwd=tmp_path, capture_output=True, text=True,
+        [*GRASP, "run", "lift", "--rig", "simulated", "--json"], cwd=tmp_path,
+        capture_output=True, text=True,
         env={**os.environ, "PYTHONPATH": str(checkout)}, check=True,
     )  # fmt: skip
     assert json.loads(done.stdout)["success"]
