@@ -1,6 +1,6 @@
 """The object lift (paper, section V-C): grasp with too little force, lift, feel the slip, hold."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
@@ -23,7 +23,7 @@ from scenarios.result import (
     timing_result,
     versions,
 )
-from scenarios.rigs import Rig, calibration, open_rig
+from scenarios.rigs import Rig, Stalls, calibration, open_rig
 from scenarios.runfolder import CouldNotRecord, RunFolder
 from scenarios.scoring import SUCCESSES, LiftFacts, Outcome, Trace, false_start, outcome
 from scenarios.world.cell import Truth
@@ -42,6 +42,8 @@ class Trial(msgspec.Struct, frozen=True):
     loop: ControlLoop
     trace: Trace
     final: Truth | None
+    stalls: Stalls
+    acknowledged_ns: Sequence[int]
     interrupted: bool
 
 
@@ -90,7 +92,12 @@ def run_trial(config: LiftConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> 
     except BaseException:  # a bug of ours must not leave the arm moving
         loop.interrupt()
         raise
-    return Trial(controller, loop, trace, rig.truth(), interrupted)
+    return Trial(
+        controller, loop, trace, rig.truth(),
+        Stalls() if rig.stalls is None else rig.stalls(),
+        loop.timing.decision_to_ack_ns if rig.acknowledgements is None else rig.acknowledgements(),
+        interrupted,
+    )  # fmt: skip
 
 
 def run(
@@ -171,7 +178,7 @@ def judge(config: LiftConfig, seed: int, trial: Trial, recording: Path | None) -
         settled_force_n=_named(end.normal_n) if end else None,
         commanded_force_n=trace.commanded_force_n,
         phases=phase_entries(trial.controller.machine.log),
-        timing=timing_result(trial.loop.timing),
+        timing=timing_result(trial.loop.timing, trial.acknowledged_ns, trial.stalls),
         recording=str(recording) if recording is not None else None,
         versions=versions(),
         config_hash=config.digest(),

@@ -13,6 +13,7 @@ import numpy as np
 
 from grasp.loop import Timing
 from grasp.phases import PhaseChange
+from scenarios.rigs import Stalls
 
 
 class Spread(msgspec.Struct, frozen=True):
@@ -24,12 +25,15 @@ class Spread(msgspec.Struct, frozen=True):
 
 
 class TimingResult(msgspec.Struct, frozen=True):
-    """Measured on this machine; on the simulated rig the frame age is virtual time."""
+    """Measured on this machine; on the simulated rig the frame age is virtual time, and the
+    acknowledgement that of a call; on a wire it is the reply to the write."""
 
     frame_to_decision_us: Spread | None
     decision_to_ack_us: Spread | None
     frame_age_ms: Spread | None
     missed_periods: int
+    cell_stalls: int  # times that the emulated cell, not the loop, stood still over 50 ms
+    worst_cell_stall_ms: float
 
 
 class PhaseEntry(msgspec.Struct, frozen=True):
@@ -97,12 +101,14 @@ def spread(samples_ns: Sequence[int], unit_ns: float) -> Spread | None:
     return Spread(round(float(p50), 3), round(float(p99), 3), round(float(most), 3))
 
 
-def timing_result(timing: Timing) -> TimingResult:
+def timing_result(timing: Timing, acknowledged_ns: Sequence[int], stalls: Stalls) -> TimingResult:
     return TimingResult(
         frame_to_decision_us=spread(timing.frame_to_decision_ns, 1e3),
-        decision_to_ack_us=spread(timing.decision_to_ack_ns, 1e3),
+        decision_to_ack_us=spread(acknowledged_ns, 1e3),
         frame_age_ms=spread(timing.frame_age_ns, 1e6),
         missed_periods=timing.missed_periods,
+        cell_stalls=stalls.count,
+        worst_cell_stall_ms=round(stalls.worst_ms, 3),
     )
 
 

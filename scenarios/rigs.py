@@ -1,6 +1,6 @@
 """Opens a rig: the three devices, their clock, and, where there is a simulation, its truth."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import msgspec
@@ -36,6 +36,8 @@ class Rig(msgspec.Struct, frozen=True):
     cell: SimulatedCell | None  # the world, where it is in this process
     world: Callable[[], Truth] | None  # its truth, wherever it is; None on hardware
     stalls: Callable[[], Stalls] | None = None  # of the process that emulates the world
+    # verb to the reply that acknowledges its write, ns, where a thread does the exchange
+    acknowledgements: Callable[[], Sequence[int]] | None = None
 
     def truth(self) -> Truth | None:
         """The state of the world now; None on hardware."""
@@ -67,7 +69,7 @@ def open_rig(config: LiftConfig, seed: int, paced: bool) -> Iterator[Rig]:
 @contextmanager
 def _emulated(config: LiftConfig, seed: int) -> Iterator[Rig]:
     """Real drivers over real protocols to a cell in another process, in wall time."""
-    from scenarios.wired import at_endpoints, cell_process, wired_devices
+    from scenarios.wired import acknowledgements, at_endpoints, cell_process, wired_devices
 
     with cell_process(config, seed) as cell:
         clock = WallClock(cell.endpoints["start_ns"])
@@ -77,19 +79,19 @@ def _emulated(config: LiftConfig, seed: int) -> Iterator[Rig]:
             devices.arm.set_payload(config.arm.payload_kg)
             while not cell.control.ask("truth")["placed"]:
                 clock.sleep_until_ns(clock.now_ns + POLL_NS)
-            yield Rig(devices, clock, None, cell.truth, cell.stalls)
+            yield Rig(devices, clock, None, cell.truth, cell.stalls, acknowledgements(devices))
 
 
 @contextmanager
 def _hardware(config: LiftConfig) -> Iterator[Rig]:
     """The same drivers at the lab's own addresses; nothing is known but what the devices say."""
-    from scenarios.wired import wired_devices
+    from scenarios.wired import acknowledgements, wired_devices
 
     clock = WallClock(WallClock().now_ns)
     with wired_devices(config, calibration(config), clock) as devices:
         connect(devices, clock)
         devices.arm.set_payload(config.arm.payload_kg)
-        yield Rig(devices, clock, None, None)
+        yield Rig(devices, clock, None, None, None, acknowledgements(devices))
 
 
 def _simulated(config: LiftConfig, seed: int, paced: bool) -> Rig:

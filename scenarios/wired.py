@@ -4,7 +4,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -117,9 +117,17 @@ def wired_devices(
     with (
         ThreadedGripper(
             core, 1 / config.gripper.refresh_hz, timed=timed,
-            write_interval_s=config.gripper.write_interval_s, close=modbus.close,
+            write_interval_s=config.gripper.write_interval_s, close=modbus.close, clock=now,
         ) as gripper,
         TactileReader(find, config.tactile, now) as tactile,
         UrLink(config.ur) as link,
     ):  # fmt: skip
         yield Devices(gripper=gripper, arm=ArmDriver(link, config.arm), tactile=tactile)
+
+
+def acknowledgements(devices: Devices) -> Callable[[], Sequence[int]]:
+    """Latencies from verb to acknowledged write since now, ns."""
+    gripper = devices.gripper
+    assert isinstance(gripper, ThreadedGripper)  # noqa: S101
+    before = len(gripper.acknowledgements_ns)
+    return lambda: gripper.acknowledgements_ns[before:]

@@ -42,15 +42,18 @@ class ThreadedGripper:
         timed: TimedTransport | None = None,
         write_interval_s: float = 0.01,
         close: Callable[[], None] | None = None,
+        clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """``timed`` is the core's transport, where acknowledgements shall be timed.
 
         ``write_interval_s`` is that of the core: a command that it holds back is sent as soon as
-        it may be. ``close`` lets go of the connection after the last pump.
+        it may be. ``close`` lets go of the connection after the last pump. ``clock`` gives
+        monotonic nanoseconds: that of ``timed``, and of whoever asks how old a state is.
         """
         self._core = core
         self._timed = timed
         self._close = close
+        self._clock = clock
         self._period_ns = round(period_s * 1e9)
         self._interval_ns = round(write_interval_s * 1e9)
         self._lock = threading.Lock()  # guards the core
@@ -188,7 +191,7 @@ class ThreadedGripper:
         return self._command(self._core.clear_fault)
 
     def _command(self, verb: Callable[[], Applied]) -> Applied:
-        called_ns = time.monotonic_ns()
+        called_ns = self._clock()
         with self._lock:
             answer = verb()
             self._state = self._core.state  # no longer fresh
@@ -201,12 +204,12 @@ class ThreadedGripper:
 
     def _run(self) -> None:
         try:
-            tick_ns = time.monotonic_ns()
+            tick_ns = self._clock()
             while not self._stopping.is_set():
                 woken = self._wait_until(min(tick_ns, self._held_back_until_ns()))
                 if self._stopping.is_set():
                     return
-                now_ns = time.monotonic_ns()
+                now_ns = self._clock()
                 self._woken += woken
                 self._exchange(now_ns)
                 tick_ns = self._next_tick(tick_ns, now_ns)
@@ -216,7 +219,7 @@ class ThreadedGripper:
 
     def _wait_until(self, deadline_ns: int) -> bool:
         """Sleep to an absolute deadline; True when a verb ended the sleep."""
-        left_ns = deadline_ns - time.monotonic_ns()
+        left_ns = deadline_ns - self._clock()
         woken = self._wake.wait(max(0, left_ns) / _NS)
         self._wake.clear()
         return woken
@@ -248,7 +251,7 @@ class ThreadedGripper:
             self._state = self._core.state
             self._settle(now_ns)
         self._pumps += 1
-        self._pump_durations.add(time.monotonic_ns() - now_ns)
+        self._pump_durations.add(self._clock() - now_ns)
         self._pumped.set()
 
     def _note(self, error: GraspError, *, again: bool) -> None:

@@ -14,6 +14,8 @@ from typing import Any
 import pytest
 
 from scenarios import lift
+from scenarios.config import load_config
+from scenarios.rigs import open_rig
 from tests.unit.scenarios.conftest import config
 
 ROOT = Path(__file__).parents[2]
@@ -57,9 +59,11 @@ def lab_file(path: Path, endpoints: dict[str, Any]) -> Path:
     gripper, arm = endpoints["gripper"], endpoints["arm"]
     path.write_text(
         f'[gripper]\ncalibration = "paper"\n'
-        f'[modbus]\nhost = "{gripper["host"]}"\nport = {gripper["port"]}\n'
+        f'[modbus]\nhost = "{gripper["host"]}"\nport = {gripper["port"]}\ntimeout_s = 0.4\n'
         f'[usb]\nurl = "{endpoints["tactile"]["url"]}"\n'
-        f'[ur]\nhost = "{arm["host"]}"\n'
+        f'[ur]\nhost = "{arm["host"]}"\nwatchdog_hz = 4.0\nheartbeat_timeout_s = 0.5\n'
+        "[arm]\nstale_after_s = 0.5\n[controller]\nstale_after_s = 0.5\n"
+        "[tactile]\nstale_after_missed = 20\nmax_age_ms = 200\n"
     )
     return path
 
@@ -199,3 +203,28 @@ def test_doctor_names_everything_that_is_missing_at_once(tmp_path: Path) -> None
 @pytest.mark.parametrize("name", ["emulated", "hardware", "simulated"])
 def test_every_rig_is_a_file_of_the_configuration(name: str) -> None:
     assert (ROOT / "config" / "rigs" / f"{name}.toml").is_file()
+
+
+def test_all_devices_of_a_wired_rig_tell_the_time_of_its_clock() -> None:
+    with open_rig(load_config("can", "emulated", "energy", None, QUICK), 0, paced=False) as rig:
+        rig.devices.tactile.begin_rest()
+        deadline_ns = rig.clock.now_ns + 20_000_000_000
+        while rig.devices.tactile.frame is None and rig.clock.now_ns < deadline_ns:
+            rig.clock.sleep_until_ns(rig.clock.now_ns + 10_000_000)
+            rig.devices.tactile.pump(rig.clock.now_ns)
+        rig.devices.gripper.pump(rig.clock.now_ns)
+        rig.devices.arm.pump(rig.clock.now_ns)
+        now_ns = rig.clock.now_ns
+        gripper, arm = rig.devices.gripper.state, rig.devices.arm.state
+        frame = rig.devices.tactile.frame
+        assert gripper is not None and arm is not None and frame is not None
+        truth = rig.truth()
+        assert truth is not None
+        for t_ns in (gripper.t_ns, arm.t_ns, frame.sampled_ns):
+            assert -1_000_000 <= now_ns - t_ns < 5_000_000_000
+        assert rig.acknowledgements is not None
+        before = len(rig.acknowledgements())
+        rig.devices.gripper.move_to((20, 20, 20), 0.05, 10.0)
+        while len(rig.acknowledgements()) == before and rig.clock.now_ns < deadline_ns:
+            rig.clock.sleep_until_ns(rig.clock.now_ns + 5_000_000)
+        assert 0 < rig.acknowledgements()[-1] < 5_000_000_000
