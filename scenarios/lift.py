@@ -210,15 +210,15 @@ def _facts(config: LiftConfig, seed: int, trial: Trial) -> LiftFacts:
         cap_reached=trial.controller.cap_reached,
         fault=fault,
     )
-    if trial.final is not None and false_start(facts, config.scoring):
+    if not fault and trial.final is not None and false_start(facts, config.scoring):
         return msgspec.structs.replace(facts, twin_onset_s=twin_onset_s(config, seed))
     return facts
 
 
 def twin_onset_s(config: LiftConfig, seed: int) -> float | None:
-    """When gross slip sets in if nobody reacts: the same trial with reactions off."""
+    """When gross slip sets in if nobody reacts: the same trial, simulated, with reactions off."""
     controller = msgspec.structs.replace(config.controller, reactions=False, keep=True)
-    twin = msgspec.structs.replace(config, controller=controller)
+    twin = msgspec.structs.replace(config, rig="simulated", controller=controller)
     with open_rig(twin, seed, paced=False) as rig:
         trial = run_trial(twin, rig, make_guard(twin), lambda tick, truth, controller: None)
     return trial.final.slip_onset_s if trial.final is not None else None

@@ -26,9 +26,10 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     """One planned trouble: whom it hits is the conjunction of its conditions."""
 
     trouble: Trouble
-    function: Annotated[
-        int | None, _Meta(ge=1, le=127, description="requests with this function; None: all")
-    ] = None
+    function: (
+        Annotated[int, _Meta(ge=1, le=127, description="requests with this function; None: all")]
+        | None
+    ) = None
     from_ns: Annotated[
         int, _Meta(ge=0, description="not before this time of the emulator's clock, ns")
     ] = 0
