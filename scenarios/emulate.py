@@ -28,12 +28,12 @@ from drivers.ur.emulator import UrEmulator
 from drivers.ur.emulator_settings import EmulatorSettings
 from scenarios.cell_control import ControlServer
 from scenarios.config import LiftConfig
-from scenarios.trial import make_cell
+from scenarios.trial import cell_settings, make_cell
 from scenarios.world.cell import SimulatedCell
 
-KEEP_UP_S = 0.005
 STALL_NS = 50_000_000
 ADDRESS_TRIES = 50
+OPEN_M = 0.02  # fingertip travel of a hand that has room for an object
 
 
 class FaultOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -169,7 +169,8 @@ class EmulatedCell:
     def _place(self) -> None:
         """Put the object between the fingers once the hand is active, as a person would."""
         hand = self.cell.gripper
-        if not self._placed and hand.ready and not hand.moving:
+        is_open = hand.ready and not hand.moving and hand.travel_m.max() < OPEN_M
+        if is_open and not self._placed:
             self._placed = True
             self.cell.place_object()
 
@@ -218,10 +219,18 @@ class EmulatedCell:
                 truth = msgspec.to_builtins(self.cell.truth())
                 return {"truth": truth, "placed": self._placed, "stalls": self._stalls,
                         "worst_stall_ms": self._worst_stall_ns * 1e-6}  # fmt: skip
+            if verb == "load":
+                config = msgspec.convert(request["config"], LiftConfig)
+                self.cell.load(*cell_settings(config, int(request["seed"])))
+                self._placed = False
+                return {}
+            if verb == "tap":
+                self.cell.tap(float(request["impulse_ns"]), float(request["duration_s"]))
+                return {}
             if verb == "fault":
                 self.faults.order(request, time.monotonic_ns())
                 return {}
-        return {"error": f"unknown verb {verb!r}: one of place, truth, fault"}
+        return {"error": f"unknown verb {verb!r}: one of load, place, tap, truth, fault"}
 
 
 @contextmanager

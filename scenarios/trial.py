@@ -7,8 +7,8 @@ from scenarios.variation import draw
 from scenarios.world.cell import CellSettings, SimulatedCell
 
 
-def make_cell(config: LiftConfig, seed: int, start_ns: int = 0) -> SimulatedCell:
-    """The cell that a seed stands for; equal on every rig."""
+def cell_settings(config: LiftConfig, seed: int) -> tuple[CellSettings, np.random.Generator]:
+    """The world that a seed stands for, and the generator of its noise; equal on every rig."""
     varied, world = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
     trial = draw(config.variation, config.object, config.hand, varied)
     settings = CellSettings(
@@ -20,4 +20,9 @@ def make_cell(config: LiftConfig, seed: int, start_ns: int = 0) -> SimulatedCell
         arm=config.arm_model,
         finger_offset_m=trial.finger_offset_m,
     )
-    return SimulatedCell(settings, world, start_ns)
+    return settings, world
+
+
+def make_cell(config: LiftConfig, seed: int, start_ns: int = 0) -> SimulatedCell:
+    """A cell with that world."""
+    return SimulatedCell(*cell_settings(config, seed), start_ns)

@@ -59,19 +59,30 @@ class SimulatedCell:
         self.gripper = GripperModel(settings.hand, start_ns)
         self.arm = ArmModel(settings.arm, start_ns)
         self.board = BoardModel(settings.board, self._sample)
+        self._start_ns = self._now_ns = start_ns
+        self._stiffness = np.zeros(contact.FINGERS)
+        self._arm_height_m, self._arm_rise_mps = self.arm.position(start_ns)[2], 0.0
+        self.load(settings, rng)
+
+    def load(self, settings: CellSettings, rng: np.random.Generator) -> None:
+        """Another scene: object, contact and fingertips; no object is in place yet. The devices
+        are those that the cell began with, wherever they stand."""
         self.fingertips = Fingertips(settings.fingertip, settings.body, rng)
         self._parameters = contact.parameters(settings.contact, settings.body)
         self._state = contact.initial_state(present=False)
         self._step_s = settings.contact.step_s
         self._offset_m = settings.finger_offset_m
-        self._start_ns = self._now_ns = start_ns
-        self._stiffness = np.zeros(contact.FINGERS)
-        self._arm_height_m, self._arm_rise_mps = self.arm.position(start_ns)[2], 0.0
 
     def place_object(self) -> None:
         """Put the object on the table between the fingers, which must be open: an activation
         closes the hand fully, so the object comes afterwards, as in the laboratory."""
         self._state[:] = contact.initial_state()
+
+    def tap(self, impulse_ns: float, duration_s: float) -> None:
+        """Strike the top of the object now: a half-sine pulse, downwards."""
+        self._state[contact.TAP_START_S] = (self._now_ns - self._start_ns) * 1e-9
+        self._state[contact.TAP_S] = duration_s
+        self._state[contact.TAP_NS] = impulse_ns
 
     def advance(self, now_ns: int) -> None:
         """Advance everything to now_ns."""

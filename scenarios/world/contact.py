@@ -69,7 +69,8 @@ class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 HEIGHT, SPEED, SLIP, LATERAL, ONSET_S, SLIP_SPEED = 0, 1, 2, 3, 4, 5
 STRETCH, RELAXED, NORMAL, SHEAR, SLIDING, PEAK = 6, 9, 12, 15, 18, 21
 SLOPE, ONSET_FORCE, RISE_S, PRESENT = 24, 25, 26, 27
-STATE_SIZE = 28
+TAP_START_S, TAP_S, TAP_NS = 28, 29, 30  # a half-sine pulse on top of the object
+STATE_SIZE = 31
 RISE_N = 0.2  # a grip force counts as increased by this much (a few wander deviations)
 # and of the parameter vector.
 (
@@ -106,7 +107,7 @@ def parameters(contact: ContactSettings, body: GraspObject) -> Floats:
 
 
 def initial_state(present: bool = True) -> Floats:
-    """State vector (28,): object at rest on the table, nothing touched; or no object yet."""
+    """State vector (31,): object at rest on the table, nothing touched; or no object yet."""
     state = np.zeros(STATE_SIZE)
     state[PRESENT] = 1.0 if present else 0.0
     state[ONSET_S] = NOT_YET
@@ -242,15 +243,27 @@ def solve_velocity(inertia: float, push: float, a: Floats, b: float, cap: Floats
 
 
 @njit(cache=True)
-def _step(p: Floats, s: Floats, h: float, v_finger: float, travel: Floats, n: Floats) -> None:
-    """One backward Euler step of h seconds."""
+def tap_force(s: Floats, t_s: float) -> float:
+    """Downward force, N, of the mallet at time t_s: a half sine that carries TAP_NS in all."""
+    phase = (t_s - s[TAP_START_S]) / s[TAP_S] if s[TAP_S] > 0.0 else -1.0
+    if phase <= 0.0 or phase >= 1.0:
+        return 0.0
+    force: float = 0.5 * math.pi * s[TAP_NS] / s[TAP_S] * math.sin(math.pi * phase)
+    return force
+
+
+@njit(cache=True)
+def _step(
+    p: Floats, s: Floats, t_s: float, h: float, v_finger: float, travel: Floats, n: Floats
+) -> None:
+    """One backward Euler step of h seconds that ends at t_s."""
     width, slope = width_and_slope(p, s[SLIP]) if s[PRESENT] != 0.0 else (-1.0, 0.0)
     normal_forces(p, width, travel, s, n)
     cos = 1.0 / math.sqrt(1.0 + slope * slope)
     b = (p[P_K_SHEAR] * h + p[P_C_SHEAR]) * cos
     a = np.empty(FINGERS)
     cap = np.empty(FINGERS)
-    push = p[P_MASS] * (GRAVITY_MPS2 - s[SPEED] / h)
+    push = p[P_MASS] * (GRAVITY_MPS2 - s[SPEED] / h) + tap_force(s, t_s - 0.5 * h)
     for i in range(FINGERS):
         mu = p[P_MU_K] if s[SLIDING + i] != 0.0 else p[P_MU_S]
         cap[i] = mu * n[i] * cos
@@ -312,7 +325,7 @@ def advance(
         end = (j + 1.0) / steps
         for i in range(FINGERS):
             travel[i] = travel0[i] + (travel1[i] - travel0[i]) * end
-        _step(p, s, h, mean + (v1 - v0) * (middle - 0.5), travel, n)
+        _step(p, s, t_s + (j + 1) * h, h, mean + (v1 - v0) * (middle - 0.5), travel, n)
         if s[ONSET_S] == NOT_YET and abs(s[SLIP_SPEED]) > GROSS_SLIP_MPS:
             s[ONSET_S] = t_s + (j + 1) * h
             s[ONSET_FORCE] = s[NORMAL]

@@ -11,11 +11,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from scenarios import lift
 from scenarios.config import load_config
 from scenarios.rigs import open_rig
+from scenarios.wired import cell_process
 from tests.unit.scenarios.conftest import config
 
 ROOT = Path(__file__).parents[2]
@@ -228,3 +230,18 @@ def test_all_devices_of_a_wired_rig_tell_the_time_of_its_clock() -> None:
         while len(rig.acknowledgements()) == before and rig.clock.now_ns < deadline_ns:
             rig.clock.sleep_until_ns(rig.clock.now_ns + 5_000_000)
         assert 0 < rig.acknowledgements()[-1] < 5_000_000_000
+
+
+def test_control_channel_loads_another_scene_and_taps_its_object() -> None:
+    first = load_config("can", "emulated", "energy", None, QUICK)
+    ball = load_config("ball", "emulated", "energy", None, QUICK)
+    with cell_process(first, 0) as cell:
+        assert not cell.truth().touched
+        cell.control.ask("load", config=msgspec.to_builtins(ball), seed=3)
+        assert cell.control.ask("truth")["placed"] is False
+        cell.control.ask("tap", impulse_ns=0.1, duration_s=0.008)
+        with pytest.raises(ValueError, match="load, place, tap, truth, fault"):
+            cell.control.ask("dance")
+        with pytest.raises(ValueError, match="impulse_ns"):
+            cell.control.ask("tap")
+        assert cell.truth().height_m == 0.0

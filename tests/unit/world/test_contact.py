@@ -185,3 +185,30 @@ def test_rise_of_force_after_the_onset_is_timed() -> None:
     p = contact.parameters(ContactSettings(), body())
     state = lift(p, 5e-4, travel(55, 55, 55))
     assert 0.3 < state[contact.RISE_S] < 0.32
+
+
+def test_tap_on_a_free_object_leaves_its_whole_impulse() -> None:
+    p = contact.parameters(ContactSettings(), body())
+    state = contact.initial_state()
+    state[contact.HEIGHT] = 1.0
+    state[[contact.TAP_START_S, contact.TAP_S, contact.TAP_NS]] = 0.01, 0.008, 0.2
+    open_hand = travel(10, 10, 10)
+    contact.advance(p, state, 0.0, 0.03, 5e-4, 0.0, 0.0, 0.0, open_hand, open_hand)
+    expected = -contact.GRAVITY_MPS2 * 0.03 - 0.2 / 0.65
+    assert state[contact.SPEED] == pytest.approx(expected, rel=1e-3)
+
+
+def test_tap_within_the_friction_of_the_grip_moves_nothing_for_good_and_a_hard_one_does() -> None:
+    p = contact.parameters(ContactSettings(relaxation_fraction=0.0), body(mass_kg=0.35))
+    slips = []
+    for impulse in (0.01, 0.25):
+        state = contact.initial_state()
+        state[contact.HEIGHT] = 0.3
+        grip = travel(59.2, 55, 55)
+        contact.advance(p, state, 0.0, 0.3, 5e-4, 0.0, 0.0, 0.0, grip, grip)
+        before = state[contact.SLIP]
+        state[[contact.TAP_START_S, contact.TAP_S, contact.TAP_NS]] = 0.3, 0.008, impulse
+        contact.advance(p, state, 0.3, 0.5, 5e-4, 0.0, 0.0, 0.0, grip, grip)
+        slips.append(state[contact.SLIP] - before)
+    assert abs(slips[0]) < 1e-5
+    assert 0.002 < slips[1] < 0.05

@@ -1,0 +1,47 @@
+"""The same seeds on the emulated and the simulated rig: phases, slip distance, latencies."""
+
+import numpy as np
+import pytest
+
+from scenarios import lift
+from scenarios.config import load_config
+
+SEEDS = range(12)
+OBJECTS = ("box", "can")
+QUICK = ("hand.activation_s=0.5", "controller.hold_s=0.3", "controller.lift_height_m=0.1")
+MM_PER_MS = 0.1  # the arm's speed
+
+
+@pytest.mark.bench
+@pytest.mark.timeout(900)
+def test_wired_lifts_are_those_of_virtual_time_but_for_their_latency() -> None:
+    rest_mm, later_ms, acknowledged_us, decided_us, same, stalls = [], [], [], [], 0, 0
+    for name in OBJECTS:
+        for seed in SEEDS:
+            wired, virtual = (
+                lift.run(load_config(name, rig, "energy", None, QUICK), seed, None).result
+                for rig in ("emulated", "simulated")
+            )
+            assert wired is not None and virtual is not None
+            same += [p.phase for p in wired.phases] == [p.phase for p in virtual.phases]
+            stalls += wired.timing.cell_stalls
+            if wired.reaction_latency_ms is None or virtual.reaction_latency_ms is None:
+                print(name, seed, wired.outcome, wired.phases[-1].cause)
+                continue
+            later_ms.append(wired.reaction_latency_ms - virtual.reaction_latency_ms)
+            further_mm = 1e3 * ((wired.slip_distance_m or 0) - (virtual.slip_distance_m or 0))
+            rest_mm.append(further_mm - MM_PER_MS * later_ms[-1])
+            if wired.timing.decision_to_ack_us and wired.timing.frame_to_decision_us:
+                acknowledged_us.append(wired.timing.decision_to_ack_us)
+                decided_us.append(wired.timing.frame_to_decision_us)
+    total = len(OBJECTS) * len(SEEDS)
+    print(f"\nsame phases in {same} of {total}; the cell stood still over 50 ms {stalls} times")
+    print(f"reacted later by {np.median(later_ms):.1f} ms (median; {np.min(later_ms):.0f} to "
+          f"{np.max(later_ms):.0f}); slip distance beyond what that explains: "
+          f"at most {np.abs(rest_mm).max():.2f} mm")  # fmt: skip
+    for text, spreads in (("frame to decision", decided_us),
+                          ("decision to acknowledged write", acknowledged_us)):  # fmt: skip
+        p50, p99, worst = (max(getattr(s, n) for s in spreads) if n == "max" else
+                           np.median([getattr(s, n) for s in spreads])
+                           for n in ("p50", "p99", "max"))  # fmt: skip
+        print(f"{text}: p50 {p50:.0f}, p99 {p99:.0f}, max {worst:.0f} us")
