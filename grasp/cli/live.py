@@ -2,11 +2,14 @@
 
 import sys
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from drivers.interfaces import FINGER_NAMES
 from grasp.loop import Tick
 from grasp.phases import Phase
+
+if TYPE_CHECKING:
+    from rich.status import Status
 
 REFRESH_TICKS = 6
 STATUS_TICKS = 50
@@ -15,6 +18,13 @@ FORCE_FULL_N = 12.0
 _STYLE = {
     Phase.COMPENSATE: "bold yellow", Phase.HOLD: "bold green", Phase.FAULT: "bold red",
 }  # fmt: skip
+
+
+_SETTING_UP = {
+    "simulated": "the first time, the world is compiled",
+    "emulated": "starting a cell, then the gripper activates for about 6 s",
+    "hardware": "the gripper activates, which opens and closes it",
+}
 
 
 class Display:
@@ -39,11 +49,7 @@ class Display:
     def setting_up(self, rig: str) -> None:
         """Say that the rig is being opened, which may take a while."""
         if self._view is not None:
-            told = {
-                "simulated": "the first time, the world is compiled",
-                "emulated": "starting a cell, then the gripper activates for about 6 s",
-            }.get(rig, "the gripper activates, which opens and closes it")
-            print(f"setting up the {rig} rig: {told}", flush=True)
+            self._view.waiting(f"setting up the {rig} rig: {_SETTING_UP[rig]}")
 
     def tick(self, tick: Tick) -> None:
         """Show one tick. A screen that is gone must not stop a run: nothing more is shown then."""
@@ -76,6 +82,9 @@ class _Lines:
         self._phase: Phase | None = None
         self._ticks = 0
 
+    def waiting(self, text: str) -> None:
+        print(text, flush=True)
+
     def tick(self, tick: Tick) -> None:
         changed = tick.decision.phase is not self._phase
         self._phase = tick.decision.phase
@@ -107,11 +116,23 @@ class _Live:
         from rich.live import Live
 
         self._live = Live(console=Console(), auto_refresh=False)
+        self._waiting: Status | None = None
         self._ticks = 0
         self._phase: Phase | None = None
         self._last: Tick | None = None
 
+    def waiting(self, text: str) -> None:
+        """A line that moves until the first tick comes."""
+        self._waiting = self._live.console.status(text)
+        self._waiting.start()
+
+    def _stop_waiting(self) -> None:
+        if self._waiting is not None:
+            self._waiting.stop()
+            self._waiting = None
+
     def tick(self, tick: Tick) -> None:
+        self._stop_waiting()
         self._live.start()  # with the first tick; does nothing afterwards
         if tick.decision.phase is not self._phase or tick.decision.slip.event:
             self._phase = tick.decision.phase
@@ -122,6 +143,7 @@ class _Live:
         self._ticks += 1
 
     def close(self) -> None:
+        self._stop_waiting()
         if self._live.is_started:
             if self._last is not None:
                 self._live.update(panel(self._last), refresh=True)

@@ -16,7 +16,7 @@ from drivers.robotiq.protocol import CALIBRATIONS
 from drivers.robotiq.thread import ThreadedGripper
 from drivers.robotiq.timing import TimedTransport
 
-WRITES = 600
+WRITES = 6000  # a minute
 FRAME_S = 0.01
 SPEEDS_MPS = (0.05, 0.1)
 
@@ -94,13 +94,13 @@ def show(name: str, taken_ns: Sequence[int], note: str = "") -> None:
 
 
 @pytest.mark.bench
+@pytest.mark.timeout(900)
 def test_from_verb_to_acknowledgement(address: tuple[str, int]) -> None:
     """A new speed every frame of 10 ms. Where writes may be no closer than a frame, what one frame
     was late the next ones wait for, until a command is skipped.
     """
     print()
     show("bare socket", through_a_socket(address))
-    for hertz, interval_s in ((100, 0.01), (100, 0.008), (200, 0.008)):
+    for hertz, interval_s in ((100, 0.01), (100, 0.008)):
         name = f"{hertz} Hz, writes {interval_s * 1e3:.0f} ms apart"
         show(name, *through_the_driver(address, 1 / hertz, interval_s))
-    show("bare socket again", through_a_socket(address))
