@@ -266,6 +266,7 @@ def serve(
     ended: threading.Event,
 ) -> None:
     """Open a cell, say where it is, and serve until ``ended`` is set."""
+    make_cell(config, seed).compile()
     with open_cell(config, seed, host, gripper_port) as cell:
         print(json.dumps({"ready": True, "pid": os.getpid(), **cell.endpoints()}), flush=True)
         cell.run(ended.is_set)

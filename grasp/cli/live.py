@@ -22,7 +22,7 @@ _STYLE = {
 
 _SETTING_UP = {
     "simulated": "the first time, the world is compiled",
-    "emulated": "starting a cell, then the gripper activates for about 6 s",
+    "emulated": "starting a cell, then the gripper activates (10 s, the first time 20 s)",
     "hardware": "the gripper activates, which opens and closes it",
 }
 

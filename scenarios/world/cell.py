@@ -128,6 +128,13 @@ class SimulatedCell:
         )
         return pressure.ravel(), temperature.ravel()
 
+    def compile(self) -> None:
+        """Run every compiled function once. The first time on a machine that takes seconds, which
+        must have passed before a device has to answer."""
+        self._near(self._now_ns + EXCHANGE_NS)
+        self._advance_to(self._now_ns + EXCHANGE_NS)
+        self._sample(self._now_ns)
+
     def truth(self) -> Truth:
         """The state of the world at the time that it was last advanced to."""
         s = self._state

@@ -34,11 +34,15 @@ def sets() -> list[str]:
     return [word for assignment in QUICK for word in ("--set", assignment)]
 
 
-def call(*words: str) -> tuple[int, dict[str, Any]]:
+def call(*words: str, environment: dict[str, str] | None = None) -> tuple[int, dict[str, Any]]:
     done = subprocess.run(
-        [*GRASP, *words, "--json"], env=ENVIRONMENT, capture_output=True, text=True, check=False,
+        [*GRASP, *words, "--json"],
+        env={**ENVIRONMENT, **(environment or {})},
+        capture_output=True,
+        text=True,
+        check=False,
         timeout=100,
-    )  # fmt: skip
+    )
     assert done.stdout.count("\n") == 1, done.stderr
     return done.returncode, json.loads(done.stdout)
 
@@ -245,3 +249,11 @@ def test_control_channel_loads_another_scene_and_taps_its_object() -> None:
         with pytest.raises(ValueError, match="impulse_ns"):
             cell.control.ask("tap")
         assert cell.truth().height_m == 0.0
+
+
+def test_cell_has_compiled_its_world_before_it_answers(tmp_path: Path) -> None:
+    code, result = call(
+        "run", "lift", "--rig", "emulated", "--runs", str(tmp_path / "runs"), *sets(),
+        environment={"NUMBA_CACHE_DIR": str(tmp_path / "empty")},
+    )  # fmt: skip
+    assert code == 0, result
