@@ -1,14 +1,20 @@
 """Tactile recordings with labels: the one owner of their file format.
 
-The format is CSV with a header, ``t_s,p0,...,p5,slip`` and optionally ``slip_true``: seconds, the
-counts of one fingertip (raw minus rest, pressing negative), and 1 while it slips, 0 otherwise.
+A recording is one ``.npz`` file: arrays named with their units (``_ARRAYS``) and ``header``, a
+JSON text with the format's version and ``Metadata``. Plain CSV of one fingertip is read too:
+``t_s,p0,...,p5,slip`` and optionally ``slip_true``. Described in docs/data-formats.md.
 """
 
 import math
+import os
+import zipfile
+import zlib
 from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 TAXELS = 6
@@ -16,6 +22,9 @@ PERIOD_S = 0.01  # the board's sample period in the paper
 GAP_PERIODS = 1.5  # samples further apart than this have lost one between them
 MAX_MISSED = 5  # in a row; beyond that the sensor counts as stale and detectors are reset
 COUNTS_LIMIT = 1023  # difference of two 10-bit codes
+FORMAT = "grasp-recording"
+VERSION = 1
+SUFFIX = ".npz"
 COLUMNS = ("t_s", *(f"p{i}" for i in range(TAXELS)), "slip")
 OPTIONAL = "slip_true"
 
@@ -44,11 +53,36 @@ class BadRecording(ValueError):
         return f"{self.message}; {self.remedy}"
 
 
+Split = Literal["train", "validation", "test"]
+
+
+class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What was done, and all that is needed to do it again.
+
+    ``direction`` is degrees in the fingertip's plane, "0" to "315", or "cw" or "ccw"; empty where
+    there is none. ``cause`` names what shook the signal in a recording of the set ``confusers``.
+    ``parameters`` are the physical ones that were drawn for this recording, units in the names.
+    """
+
+    set: Literal["slide", "confusers"]
+    split: Split
+    surface: str
+    motion: Literal["primary", "oblique", "rotation", "none"]
+    speed_mps: Annotated[float, Meta(ge=0.0)]  # commanded; 0 for a rotation
+    spin_radps: Annotated[float, Meta(ge=0.0)]  # commanded; 0 for a translation
+    direction: str
+    seed: Annotated[int, Meta(ge=0)]
+    cause: str = ""
+    parameters: dict[str, float] = {}
+    commit: str = ""
+
+
 class Recording(msgspec.Struct, frozen=True, eq=False):
     """Labelled frames at the times at which they came; nothing is resampled, arrays are read-only.
 
-    ``slip`` is what the labelling rule says (in the paper: faster than 3 mm/s); ``slip_true`` is
-    known in simulation only.
+    ``slip`` is what the labelling rule says (in the paper: the fingertip faster than 3 mm/s or
+    0.2 rad/s); ``slip_true`` says that the contact itself slides. What only a simulation knows is
+    None elsewhere, and so are the fingertip's velocities where nobody measured them.
     """
 
     t_s: NDArray[np.float64]  # (n,)
@@ -56,6 +90,11 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
     slip: NDArray[np.bool_]  # (n,)
     slip_true: NDArray[np.bool_] | None  # (n,)
     source: str
+    metadata: Metadata | None = None
+    contact_speed_mps: NDArray[np.float32] | None = None  # (n,) surface against pad, fastest finger
+    contact_turn_radps: NDArray[np.float32] | None = None  # (n,) likewise, about the normal
+    velocity_mps: NDArray[np.float32] | None = None  # (n, 2) fingertip, along its x and y
+    spin_radps: NDArray[np.float32] | None = None  # (n,) fingertip, about its normal
 
     @property
     def fingers(self) -> int:
@@ -72,6 +111,149 @@ def missed_samples(t_s: NDArray[np.float64]) -> NDArray[np.intp]:
     periods = np.diff(t_s) / PERIOD_S
     lost = np.maximum(np.rint(periods).astype(np.intp) - 1, 1)
     return np.where(periods > GAP_PERIODS, lost, 0)
+
+
+def read(path: Path | str) -> Recording:
+    """Read a recording, ``.npz`` or CSV by its suffix; raises BadRecording."""
+    path = Path(path)
+    return _read_npz(path) if path.suffix == SUFFIX else read_csv(path)
+
+
+def write(path: Path | str, recording: Recording) -> None:
+    """Write ``.npz``, all of it or nothing; equal recordings give equal files.
+
+    Raises BadRecording for one that could not be read back, OSError for what the disk refuses.
+    """
+    path = Path(path)
+    if path.suffix != SUFFIX:
+        raise BadRecording(str(path), None, "wrong suffix", f"name the file *{SUFFIX}")
+    arrays = {name: getattr(recording, name) for name in _ARRAYS}
+    arrays = {name: array for name, array in arrays.items() if array is not None}
+    _check_arrays(arrays, str(path))
+    header = msgspec.json.encode(_Header(FORMAT, VERSION, recording.metadata)).decode()
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with partial.open("wb") as file:
+            np.savez_compressed(file, header=np.array(header), **arrays)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def read_dataset(folder: Path | str, split: Split | None = None) -> list[Recording]:
+    """All ``.npz`` recordings under a folder, sorted by path; with ``split`` those of it alone.
+
+    Raises BadRecording for the first file that is none, and when there is nothing to read.
+    """
+    folder = Path(folder)
+    every = (read(path) for path in sorted(folder.rglob(f"[!.]*{SUFFIX}")))
+    found = [r for r in every if split is None or _split(r) == split]
+    if not found:
+        what = f"no {split} recordings" if split else "no recordings"
+        raise BadRecording(str(folder), None, what, "name a folder made by `grasp dataset build`")
+    return found
+
+
+def _split(recording: Recording) -> Split:
+    if recording.metadata is None:
+        raise BadRecording(recording.source, None, "belongs to no split", "write it with metadata")
+    return recording.metadata.split
+
+
+class _Header(msgspec.Struct, frozen=True):
+    format: str
+    version: int
+    metadata: Metadata | None
+
+
+# dtype, shape after the samples (None: any number of fingers), needed
+_ARRAYS: dict[str, tuple[type[np.generic], tuple[int | None, ...], bool]] = {
+    "t_s": (np.float64, (), True),
+    "counts": (np.int16, (None, TAXELS), True),
+    "slip": (np.bool_, (), True),
+    "slip_true": (np.bool_, (), False),
+    "contact_speed_mps": (np.float32, (), False),
+    "contact_turn_radps": (np.float32, (), False),
+    "velocity_mps": (np.float32, (2,), False),
+    "spin_radps": (np.float32, (), False),
+}
+
+
+def _read_npz(path: Path) -> Recording:
+    source = str(path)
+    stored = _stored(path)
+    header = _header(stored.pop("header", None), source)
+    unknown = sorted(stored.keys() - _ARRAYS.keys())
+    if unknown:
+        raise BadRecording(
+            source, None, f"unknown arrays {', '.join(unknown)}", "see docs/data-formats.md"
+        )
+    _check_arrays(stored, source)
+    for array in stored.values():
+        array.flags.writeable = False
+    stored.setdefault("slip_true", None)
+    return Recording(**stored, source=source, metadata=header.metadata)
+
+
+def _stored(path: Path) -> dict[str, Any]:
+    if not path.exists():
+        raise BadRecording(str(path), None, "no such file", "check the path")
+    try:
+        # opened here: numpy forgets to close what turns out to be no zip file
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, TypeError,
+            AttributeError, NotImplementedError) as error:  # fmt: skip
+        raise BadRecording(
+            str(path), None, f"cannot be read: {str(error) or type(error).__name__}",
+            "copy or build the file again",
+        ) from None  # fmt: skip
+
+
+def _header(stored: NDArray[Any] | None, source: str) -> _Header:
+    foreign = "give a file that `grasp` wrote, or a CSV file"
+    if stored is None or stored.shape != () or stored.dtype.kind != "U":
+        raise BadRecording(source, None, "has no header: not a recording", foreign)
+    try:
+        version = msgspec.json.decode(str(stored), type=dict[str, Any]).get("version")
+        if version != VERSION:
+            raise BadRecording(
+                source, None, f"format version {version}, this program reads {VERSION}",
+                "build it again with this version",
+            )  # fmt: skip
+        header = msgspec.json.decode(str(stored), type=_Header)
+    except msgspec.DecodeError as error:
+        raise BadRecording(source, None, f"bad header: {error}", foreign) from None
+    if header.format != FORMAT:
+        raise BadRecording(source, None, f"format is {header.format!r}", foreign)
+    return header
+
+
+def _check_arrays(arrays: dict[str, Any], source: str) -> None:
+    """Raises BadRecording unless these are the arrays of a recording."""
+
+    def refuse(problem: str, remedy: str = "see docs/data-formats.md") -> None:
+        raise BadRecording(source, None, problem, remedy)
+
+    missing = [name for name, (_, _, needed) in _ARRAYS.items() if needed and name not in arrays]
+    if missing:
+        refuse(f"{', '.join(missing)} missing")
+    samples = arrays["t_s"].shape[0] if arrays["t_s"].ndim else 0
+    if samples < 2:
+        refuse(f"{samples} samples", "at least 2 are needed")
+    for name, array in arrays.items():
+        dtype, shape, _ = _ARRAYS[name]
+        wanted = (samples, *shape)
+        fits = array.ndim == len(wanted) and all(
+            n == m if m is not None else n > 0 for n, m in zip(array.shape, wanted, strict=True)
+        )
+        if array.dtype != dtype or not fits:
+            refuse(f"{name} is {array.dtype} {array.shape}, not {np.dtype(dtype)} {wanted}")
+        if not np.isfinite(array).all():
+            refuse(f"{name} holds values that are no finite numbers")
+    if abs(arrays["counts"].astype(np.int32)).max() > COUNTS_LIMIT:
+        refuse(f"counts beyond +-{COUNTS_LIMIT}", "write raw minus rest, unscaled")
+    _check_times(arrays["t_s"], None, source)
 
 
 def read_csv(path: Path | str) -> Recording:
@@ -147,17 +329,23 @@ def _objection(column: str, value: float) -> str:
     return "" if abs(value) <= COUNTS_LIMIT else f"counts must lie within +-{COUNTS_LIMIT}"
 
 
-def _check_times(t_s: NDArray[np.float64], numbers: list[int], source: str) -> None:
+def _check_times(t_s: NDArray[np.float64], lines: list[int] | None, source: str) -> None:
+    """``lines``: where each sample stands in the file, if it has lines."""
     backwards = np.flatnonzero(np.diff(t_s) <= 0.0)
     if len(backwards):
         raise BadRecording(
-            source, numbers[backwards[0] + 1], "time does not increase",
+            source, _line(lines, backwards[0] + 1), "time does not increase",
             "write samples in the order in which they came, each once",
         )  # fmt: skip
     missed = missed_samples(t_s)
     stale = np.flatnonzero(missed > MAX_MISSED)
     if len(stale):
+        problem = f"{missed[stale[0]]} samples are missing before this"
         raise BadRecording(
-            source, numbers[stale[0] + 1], f"{missed[stale[0]]} samples are missing before this",
+            source, _line(lines, stale[0] + 1), problem,
             f"at most {MAX_MISSED} in a row may be: cut the recording in two here",
         )  # fmt: skip
+
+
+def _line(lines: list[int] | None, sample: int) -> int | None:
+    return None if lines is None else lines[sample]

@@ -1,0 +1,207 @@
+"""The recording file: what is written is read back, anything else is refused with the remedy."""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from detector.recordings import BadRecording, Metadata, Recording, read, read_dataset, write
+
+METADATA = Metadata(
+    set="slide", split="train", surface="sphere", motion="oblique", speed_mps=0.075,
+    spin_radps=0.0, direction="135", seed=7, parameters={"depth_mm": 4.2}, commit="abc",
+)  # fmt: skip
+OPTIONAL = ("contact_speed_mps", "contact_turn_radps", "velocity_mps", "spin_radps")
+
+
+def recording(samples: int = 5, fingers: int = 1, **changes: Any) -> Recording:
+    rng = np.random.default_rng(samples)
+    made = Recording(
+        t_s=np.arange(samples) * 0.01,
+        counts=rng.integers(-400, 50, (samples, fingers, 6)).astype(np.int16),
+        slip=rng.random(samples) > 0.5,
+        slip_true=rng.random(samples) > 0.5,
+        source="here",
+        metadata=METADATA,
+        contact_speed_mps=rng.random(samples).astype(np.float32),
+        contact_turn_radps=rng.random(samples).astype(np.float32),
+        velocity_mps=rng.random((samples, 2)).astype(np.float32),
+        spin_radps=rng.random(samples).astype(np.float32),
+    )
+    return msgspec.structs.replace(made, **changes)
+
+
+def refused(path: Path) -> BadRecording:
+    with pytest.raises(BadRecording) as caught:
+        read(path)
+    assert caught.value.file == str(path)
+    assert caught.value.remedy
+    return caught.value
+
+
+def rewrite(path: Path, **changes: Any) -> None:
+    """The file with some arrays replaced, or left out for None."""
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files} | changes
+    np.savez(path, **{name: array for name, array in arrays.items() if array is not None})
+
+
+@pytest.fixture
+def good(tmp_path: Path) -> Path:
+    path = tmp_path / "a.npz"
+    write(path, recording())
+    return path
+
+
+@pytest.mark.parametrize("fingers", [1, 3])
+def test_a_recording_is_read_as_it_was_written(tmp_path: Path, fingers: int) -> None:
+    path = tmp_path / "a.npz"
+    written = recording(fingers=fingers)
+    write(path, written)
+    back = read(path)
+    for name in ("t_s", "counts", "slip", "slip_true", *OPTIONAL):
+        array = getattr(back, name)
+        np.testing.assert_array_equal(array, getattr(written, name))
+        assert array.dtype == getattr(written, name).dtype
+        assert not array.flags.writeable
+    assert back.metadata == METADATA
+    assert back.source == str(path)
+
+
+def test_what_nobody_measured_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    nothing = dict.fromkeys(("slip_true", "metadata", *OPTIONAL))
+    write(path, recording(**nothing))
+    back = read(path)
+    assert all(getattr(back, name) is None for name in nothing)
+
+
+def test_equal_recordings_give_equal_bytes_and_leave_nothing_else(tmp_path: Path) -> None:
+    for name in ("a.npz", "b.npz"):
+        write(tmp_path / name, recording())
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_csv_file_is_read_by_its_suffix(tmp_path: Path) -> None:
+    path = tmp_path / "tip.csv"
+    path.write_text("t_s,p0,p1,p2,p3,p4,p5,slip\n0.00,1,2,3,4,5,6,0\n0.01,1,2,3,4,5,6,1\n")
+    assert read(path).slip.tolist() == [False, True]
+    assert read(path).metadata is None
+
+
+def test_a_data_set_is_read_sorted_whole_or_by_split(tmp_path: Path) -> None:
+    for name, split in (("b/2", "test"), ("a/1", "train"), ("c", "train")):
+        path = tmp_path / f"{name}.npz"
+        path.parent.mkdir(exist_ok=True)
+        write(path, recording(metadata=msgspec.structs.replace(METADATA, split=split)))
+    (tmp_path / "a/.1.npz.99").write_bytes(b"left by a process that was killed")
+    names = [Path(r.source).relative_to(tmp_path).as_posix() for r in read_dataset(tmp_path)]
+    assert names == ["a/1.npz", "b/2.npz", "c.npz"]
+    assert len(read_dataset(tmp_path, "train")) == 2
+    with pytest.raises(BadRecording, match="no validation recordings"):
+        read_dataset(tmp_path, "validation")
+
+
+def test_a_recording_without_metadata_belongs_to_no_split(tmp_path: Path) -> None:
+    write(tmp_path / "a.npz", recording(metadata=None))
+    with pytest.raises(BadRecording, match="belongs to no split"):
+        read_dataset(tmp_path, "train")
+
+
+@pytest.mark.parametrize("part", [0.0, 0.3, 0.9])
+def test_a_file_cut_off_is_refused(good: Path, part: float) -> None:
+    whole = good.read_bytes()
+    good.write_bytes(whole[: round(len(whole) * part)])
+    assert "cannot be read" in refused(good).problem
+
+
+def test_flipped_bytes_are_refused(good: Path) -> None:
+    whole = bytearray(good.read_bytes())
+    for at in range(200, 230):
+        whole[at] ^= 0xFF
+    good.write_bytes(bytes(whole))
+    refused(good)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
+    assert refused(tmp_path / "none.npz").problem == "no such file"
+    (tmp_path / "folder.npz").mkdir()
+    refused(tmp_path / "folder.npz")
+
+
+def test_a_foreign_npz_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, t_s=np.arange(3.0))
+    assert "no header" in refused(path).problem
+
+
+def test_a_single_array_under_the_name_of_a_recording_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    with path.open("wb") as file:
+        np.save(file, np.arange(3.0))
+    refused(path)
+
+
+@pytest.mark.parametrize(
+    ("header", "problem"),
+    [
+        ("{", "bad header"),
+        ("[]", "bad header"),
+        ('{"format": "grasp-recording", "version": 2, "metadata": null}', "format version 2"),
+        ('{"format": "other", "version": 1, "metadata": null}', "format is 'other'"),
+        ('{"format": "grasp-recording", "version": 1, "metadata": {}}', "bad header"),
+    ],
+)
+def test_a_bad_header_is_refused(good: Path, header: str, problem: str) -> None:
+    rewrite(good, header=np.array(header))
+    assert problem in refused(good).problem
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"slip": None}, "slip missing"),
+        ({"slip": np.zeros(5, np.int64)}, "slip is int64"),
+        ({"slip": np.zeros(4, np.bool_)}, "slip is bool"),
+        ({"counts": np.zeros((5, 6), np.int16)}, "counts is"),
+        ({"counts": np.zeros((5, 0, 6), np.int16)}, "counts is"),
+        ({"counts": np.full((5, 1, 6), -1024, np.int16)}, "counts beyond"),
+        ({"counts": np.full((5, 1, 6), np.iinfo(np.int16).min, np.int16)}, "counts beyond"),
+        ({"t_s": np.zeros(5)}, "time does not increase"),
+        ({"t_s": np.array([0, 0.01, 0.02, 0.03, np.nan])}, "t_s holds"),
+        ({"t_s": np.array([0, 0.01, 0.02, 0.03, 0.2])}, "samples are missing"),
+        ({"t_s": np.array(0.0)}, "0 samples"),
+        ({"spin_radps": np.full(5, np.inf, np.float32)}, "spin_radps holds"),
+        ({"velocity_mps": np.zeros((5, 3), np.float32)}, "velocity_mps is"),
+        ({"extra": np.zeros(5)}, "unknown arrays extra"),
+    ],
+)
+def test_wrong_arrays_are_refused(good: Path, changes: dict[str, Any], problem: str) -> None:
+    rewrite(good, **changes)
+    assert problem in refused(good).problem
+
+
+def test_what_could_not_be_read_back_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(BadRecording, match="slip is"):
+        write(tmp_path / "a.npz", recording(slip=np.zeros(4, np.bool_)))
+    with pytest.raises(BadRecording, match="suffix"):
+        write(tmp_path / "a.csv", recording())
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupted_write_leaves_the_old_file(
+    good: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = good.read_bytes()
+
+    def fail(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(np, "savez_compressed", fail)
+    with pytest.raises(KeyboardInterrupt):
+        write(good, recording(samples=9))
+    assert good.read_bytes() == before
+    assert len(list(good.parent.iterdir())) == 1
