@@ -20,6 +20,7 @@ from drivers.ur.model import ArmModelSettings
 from grasp.controller import ControllerSettings
 from grasp.guard import GuardSettings
 from grasp.loop import LoopSettings
+from grasp.realtime import RealTimeSettings
 from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
 from grasp.slip import SlipSettings
 from scenarios.scoring import ScoringSettings
@@ -41,6 +42,7 @@ class LiftConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     rule: RuleSettings = RuleSettings()
     detector: EnergySettings = EnergySettings()
     loop: LoopSettings = LoopSettings()
+    realtime: RealTimeSettings = RealTimeSettings()
     gripper: GripperSettings = GripperSettings()
     arm: ArmSettings = ArmSettings()
     tactile: TakkTileSettings = TakkTileSettings()

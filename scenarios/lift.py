@@ -1,6 +1,7 @@
 """The object lift (paper, section V-C): grasp with too little force, lift, feel the slip, hold."""
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
 import msgspec
@@ -9,9 +10,11 @@ from detector.decision import ConsecutiveRule
 from detector.interface import load_detector
 from drivers.errors import ConfigError
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
+from grasp.clock import WallClock
 from grasp.controller import GraspController, GripPlan
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
+from grasp.realtime import real_time
 from grasp.slip import SlipMonitor
 from scenarios.config import LiftConfig
 from scenarios.result import (
@@ -44,6 +47,7 @@ class Trial(msgspec.Struct, frozen=True):
     final: Truth | None
     stalls: Stalls
     acknowledged_ns: Sequence[int]
+    real_time: bool | None  # was a real-time priority granted; None in virtual time
     interrupted: bool
 
 
@@ -84,18 +88,21 @@ def run_trial(config: LiftConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> 
     detector = load_detector(config.detector_name, config.detector, FINGERS)
     loop = ControlLoop(rig.devices, rig.clock, detector, controller, guard, config.loop, take)
     interrupted = False
-    try:
-        loop.run(DEADLINE_S)
-    except KeyboardInterrupt:
-        loop.interrupt()
-        interrupted = True
-    except BaseException:  # a bug of ours must not leave the arm moving
-        loop.interrupt()
-        raise
+    on_wall = isinstance(rig.clock, WallClock)
+    with real_time(config.realtime) if on_wall else nullcontext() as granted:
+        try:
+            loop.run(DEADLINE_S)
+        except KeyboardInterrupt:
+            loop.interrupt()
+            interrupted = True
+        except BaseException:  # a bug of ours must not leave the arm moving
+            loop.interrupt()
+            raise
     return Trial(
         controller, loop, trace, rig.truth(),
         Stalls() if rig.stalls is None else rig.stalls(),
         loop.timing.decision_to_ack_ns if rig.acknowledgements is None else rig.acknowledgements(),
+        granted,
         interrupted,
     )  # fmt: skip
 
@@ -178,7 +185,9 @@ def judge(config: LiftConfig, seed: int, trial: Trial, recording: Path | None) -
         settled_force_n=_named(end.normal_n) if end else None,
         commanded_force_n=trace.commanded_force_n,
         phases=phase_entries(trial.controller.machine.log),
-        timing=timing_result(trial.loop.timing, trial.acknowledged_ns, trial.stalls),
+        timing=timing_result(
+            trial.loop.timing, trial.acknowledged_ns, trial.real_time, trial.stalls
+        ),
         recording=str(recording) if recording is not None else None,
         versions=versions(),
         config_hash=config.digest(),

@@ -32,6 +32,7 @@ class TimingResult(msgspec.Struct, frozen=True):
     decision_to_ack_us: Spread | None
     frame_age_ms: Spread | None
     missed_periods: int
+    real_time: bool | None  # did the system grant a real-time priority; None in virtual time
     cell_stalls: int  # times that the emulated cell, not the loop, stood still over 50 ms
     worst_cell_stall_ms: float
 
@@ -101,12 +102,15 @@ def spread(samples_ns: Sequence[int], unit_ns: float) -> Spread | None:
     return Spread(round(float(p50), 3), round(float(p99), 3), round(float(most), 3))
 
 
-def timing_result(timing: Timing, acknowledged_ns: Sequence[int], stalls: Stalls) -> TimingResult:
+def timing_result(
+    timing: Timing, acknowledged_ns: Sequence[int], real_time: bool | None, stalls: Stalls
+) -> TimingResult:
     return TimingResult(
         frame_to_decision_us=spread(timing.frame_to_decision_ns, 1e3),
         decision_to_ack_us=spread(acknowledged_ns, 1e3),
         frame_age_ms=spread(timing.frame_age_ns, 1e6),
         missed_periods=timing.missed_periods,
+        real_time=real_time,
         cell_stalls=stalls.count,
         worst_cell_stall_ms=round(stalls.worst_ms, 3),
     )

@@ -15,6 +15,7 @@ from drivers.robotiq.model import GripperModel, HandSettings
 from drivers.robotiq.protocol import CALIBRATIONS
 from drivers.robotiq.thread import ThreadedGripper
 from drivers.robotiq.timing import TimedTransport
+from grasp.realtime import RealTimeSettings, real_time
 
 WRITES = 6000  # a minute
 FRAME_S = 0.01
@@ -52,7 +53,7 @@ def every_frame(work: Callable[[int], None]) -> None:
 
 
 def through_the_driver(
-    address: tuple[str, int], period_s: float, interval_s: float
+    address: tuple[str, int], period_s: float, interval_s: float, asked: RealTimeSettings
 ) -> tuple[Sequence[int], str]:
     transport = ModbusTransport(ModbusSettings(host=address[0], port=address[1], timeout_s=1.0))
     timed = TimedTransport(transport, time.monotonic_ns)
@@ -61,7 +62,7 @@ def through_the_driver(
     made = ThreadedGripper(
         core, period_s, timed=timed, write_interval_s=interval_s, close=transport.close
     )
-    with made as gripper:
+    with made as gripper, real_time(asked):
         every_frame(
             lambda frame: gripper.move_to((50, 50, 50), SPEEDS_MPS[frame % 2], 10.0) and None
         )
@@ -94,13 +95,16 @@ def show(name: str, taken_ns: Sequence[int], note: str = "") -> None:
 
 
 @pytest.mark.bench
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_from_verb_to_acknowledgement(address: tuple[str, int]) -> None:
     """A new speed every frame of 10 ms. Where writes may be no closer than a frame, what one frame
     was late the next ones wait for, until a command is skipped.
     """
-    print()
-    show("bare socket", through_a_socket(address))
-    for hertz, interval_s in ((100, 0.01), (100, 0.008)):
-        name = f"{hertz} Hz, writes {interval_s * 1e3:.0f} ms apart"
-        show(name, *through_the_driver(address, 1 / hertz, interval_s))
+    for priority in (0, 20):
+        asked = RealTimeSettings(priority=priority, collect_garbage=priority == 0)
+        with real_time(asked) as granted:
+            print(f"\n{'real-time priority' if granted else 'ordinary scheduling'}")
+            show("bare socket", through_a_socket(address))
+        for interval_s in (0.01, 0.008):
+            name = f"100 Hz, writes {interval_s * 1e3:.0f} ms apart"
+            show(name, *through_the_driver(address, 0.01, interval_s, asked))

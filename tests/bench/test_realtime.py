@@ -1,0 +1,76 @@
+"""What a real-time priority and a silent garbage collector change, idle and beside busy programs.
+
+Whole lifts on the emulated rig, all variants in one run.
+"""
+
+import multiprocessing
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from scenarios import lift
+from scenarios.config import load_config
+from scenarios.result import Spread, TimingResult
+
+SEEDS = range(4)
+QUICK = ("hand.activation_s=0.5", "controller.hold_s=0.3", "controller.lift_height_m=0.1")
+VARIANTS = {
+    "neither": ("realtime.priority=0", "realtime.collect_garbage=true"),
+    "collector silent": ("realtime.priority=0", "realtime.collect_garbage=false"),
+    "priority": ("realtime.priority=20", "realtime.collect_garbage=true"),
+    "both (default)": (),
+}
+
+
+def spin() -> None:
+    while True:
+        pass
+
+
+@contextmanager
+def busy_programs(count: int) -> Iterator[None]:
+    context = multiprocessing.get_context("spawn")
+    programs = [context.Process(target=spin, daemon=True) for _ in range(count)]
+    for program in programs:
+        program.start()
+    try:
+        yield
+    finally:
+        for program in programs:
+            program.kill()
+            program.join()
+            program.close()
+
+
+def timings(assignments: tuple[str, ...]) -> list[TimingResult]:
+    results = [
+        lift.run(load_config("can", "emulated", "energy", None, QUICK + assignments), seed, None)
+        for seed in SEEDS
+    ]
+    return [run.result.timing for run in results if run.result is not None]
+
+
+def show(label: str, unit: str, spreads: list[Spread]) -> str:
+    p50, p99 = (np.median([getattr(s, name) for s in spreads]) for name in ("p50", "p99"))
+    return f"{label} {p50:.2f} / {p99:.2f} / {max(s.max for s in spreads):.2f} {unit}"
+
+
+@pytest.mark.bench
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("programs", [0, 2, 4])
+def test_lifts_with_and_without(programs: int) -> None:
+    print(f"\nbeside {programs} busy programs; p50 / p99 / max, medians over {len(SEEDS)} lifts")
+    with busy_programs(programs):
+        for name, assignments in VARIANTS.items():
+            seen = timings(assignments)
+            decided = [t.frame_to_decision_us for t in seen if t.frame_to_decision_us]
+            acknowledged = [t.decision_to_ack_us for t in seen if t.decision_to_ack_us]
+            age = [t.frame_age_ms for t in seen if t.frame_age_ms]
+            print(
+                f"{name:17} {show('decision', 'us', decided)}, "
+                f"{show('acknowledged', 'us', acknowledged)}, {show('frame age', 'ms', age)}, "
+                f"periods missed {sum(t.missed_periods for t in seen)}, "
+                f"the cell's stalls {sum(t.cell_stalls for t in seen)}"
+            )

@@ -1,0 +1,94 @@
+import gc
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from grasp.realtime import RealTimeSettings, real_time
+
+QUIET = RealTimeSettings(priority=0)
+
+
+def policy() -> int:
+    return os.sched_getscheduler(threading.get_native_id())
+
+
+@contextmanager
+def another_thread() -> Iterator[int]:
+    end = threading.Event()
+    thread = threading.Thread(target=end.wait)
+    thread.start()
+    assert thread.native_id is not None
+    try:
+        yield thread.native_id
+    finally:
+        end.set()
+        thread.join()
+
+
+@pytest.fixture
+def allowed() -> None:
+    with real_time(RealTimeSettings(priority=1)) as granted:
+        pass
+    if not granted:
+        pytest.skip("this user may not ask for SCHED_FIFO")
+
+
+@pytest.mark.usefixtures("allowed")
+def test_all_threads_are_raised_and_put_back() -> None:
+    with another_thread() as other:
+        before = policy(), os.sched_getscheduler(other)
+        with real_time(RealTimeSettings(priority=7)):
+            for thread in (threading.get_native_id(), other):
+                assert os.sched_getscheduler(thread) & os.SCHED_FIFO
+                assert os.sched_getparam(thread).sched_priority == 7
+        assert (policy(), os.sched_getscheduler(other)) == before
+
+
+@pytest.mark.usefixtures("allowed")
+def test_a_thread_begun_inside_is_an_ordinary_one() -> None:
+    with real_time(RealTimeSettings(priority=7)), another_thread() as begun_inside:
+        assert os.sched_getscheduler(begun_inside) == os.SCHED_OTHER
+
+
+@pytest.mark.usefixtures("allowed")
+def test_a_thread_that_ended_meanwhile_is_no_trouble() -> None:
+    with another_thread() as other:
+        inside = real_time(RealTimeSettings(priority=7))
+        inside.__enter__()
+    inside.__exit__(None, None, None)
+    assert not os.path.exists(f"/proc/self/task/{other}")
+    assert policy() == os.SCHED_OTHER
+
+
+def test_a_refusal_is_told_and_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with real_time(RealTimeSettings()) as granted:
+        assert not granted
+        assert not gc.isenabled()
+    assert gc.isenabled()
+
+
+def test_cycles_wait_until_the_run_is_over_even_one_that_fails() -> None:
+    def fail() -> None:
+        with real_time(QUIET) as granted:
+            assert not granted
+            assert not gc.isenabled()
+            assert gc.get_freeze_count() > 0
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
+
+
+def test_collection_goes_on_where_it_is_asked_for() -> None:
+    with real_time(RealTimeSettings(priority=0, collect_garbage=True)):
+        assert gc.isenabled()
+        assert gc.get_freeze_count() == 0
