@@ -4,6 +4,8 @@ Between commands the world is one compiled call; only while a finger moves near 
 gripper model and contact law exchange forces, every millisecond, with finer steps inside each.
 """
 
+import math
+
 import msgspec
 import numpy as np
 
@@ -13,7 +15,7 @@ from drivers.takktile.model import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world import contact
 from scenarios.world.contact import ContactSettings, Floats
-from scenarios.world.fingertip import Codes, Fingertips, FingertipSettings
+from scenarios.world.fingertip import Codes, Fingertips, FingertipSettings, Surface
 from scenarios.world.objects import GraspObject
 
 EXCHANGE_NS = 1_000_000
@@ -67,7 +69,11 @@ class SimulatedCell:
     def load(self, settings: CellSettings, rng: np.random.Generator) -> None:
         """Another scene: object, contact and fingertips; no object is in place yet. The devices
         are those that the cell began with, wherever they stand."""
-        self.fingertips = Fingertips(settings.fingertip, settings.body, rng)
+        surfaces = [surface_of(settings.body)] * contact.FINGERS
+        self.fingertips = Fingertips(settings.fingertip, surfaces, rng)
+        angle = math.radians(settings.fingertip.slip_direction_deg)
+        self._up = np.array([math.cos(angle), math.sin(angle)])  # in the pads' frame
+        self._turn = np.full(contact.FINGERS, angle)  # the surface's x is the object's upwards
         self._parameters = contact.parameters(settings.contact, settings.body)
         self._state = contact.initial_state(present=False)
         self._step_s = settings.contact.step_s
@@ -117,15 +123,17 @@ class SimulatedCell:
 
     def _sample(self, t_ns: int) -> tuple[Codes, Codes]:
         s = self._state
-        pressure, temperature = self.fingertips.sample(
+        centre = contact.centre_on_pad(self._parameters, s[contact.SLIP])
+        ups = np.stack([self._up] * contact.FINGERS) * 1e3
+        self.fingertips.advance(
             (t_ns - self._start_ns) * 1e-9,
             s[contact.NORMAL : contact.NORMAL + contact.FINGERS],
-            s[contact.SHEAR : contact.SHEAR + contact.FINGERS],
-            s[contact.SLIP] * 1e3,
-            s[contact.STRETCH : contact.STRETCH + contact.FINGERS] * 1e3,
-            contact.centre_on_pad(self._parameters, s[contact.SLIP]) * 1e3,
+            -s[contact.SLIP] * ups,  # the object lags behind the rising fingers
+            self._turn,
+            centre * ups,
             self._arm_rise_mps != 0.0,
         )
+        pressure, temperature = self.fingertips.codes()
         return pressure.ravel(), temperature.ravel()
 
     def compile(self) -> None:
@@ -151,6 +159,20 @@ class SimulatedCell:
             force_rise_s=_time(s[contact.RISE_S]),
             flank_slope=float(s[contact.SLOPE]),
         )
+
+
+def surface_of(body: GraspObject) -> Surface:
+    """What every pad touches, x upwards; an ellipsoid is round in its horizontal section."""
+    curvature = (0.0, 0.0)
+    if body.shape == "ellipsoid":
+        curvature = (body.half_width_m / body.half_height_m**2 * 1e-3, 1e-3 / body.half_width_m)
+    return Surface(
+        curvature_per_mm=curvature,
+        texture_rms_mm=body.texture_rms_m * 1e3,
+        texture_length_mm=body.texture_length_m * 1e3,
+        friction_static=body.friction_static,
+        friction_kinetic=body.friction_kinetic,
+    )
 
 
 def _three(state: Floats, at: int) -> Vector3:

@@ -1,36 +1,35 @@
-"""What six barometers under rubber read while a surface presses and slides: a first, simple form.
+"""What six barometers under rubber read while a surface presses, slides and turns.
 
-The pad is a bed of springs (Winkler) on a grid fixed to the pad. A height field fixed to the object
-slides beneath it, so the pressure under each spring changes as its bump passes: this is what makes
-slip audible. On a round object the contact centre migrates over the pad as the pad slides past the
-widest point, and a pad that sticks carries its loads along as it shears. Each spring's normal and
-shear load reaches the sensing plane through the two kernels of an incompressible layer bonded to
-its board (closed forms, few per cent; both scale with the effective depth h as 1/h^2). The normal
-load also wanders a little, and every taxel has rest count, temperature drift, noise, whole counts
-and ten bits.
+The pad is a bed of springs with friction bristles (``spring_bed``) over a height field fixed to
+the object. Load and displacement of the surface come from outside; the bed decides which part of
+the patch holds on, and so what shear reaches the barometers. Each spring's normal and shear load
+reaches the sensing plane through the two kernels of an incompressible layer bonded to its board
+(closed forms of the Hankel solution; both scale with the effective depth h as 1/h^2). On top come
+wander and vibration of the load, and of each taxel rest code, warming, noise, whole counts and ten
+bits. docs/fingertip.md has the equations, their sources and the fit to a real recording.
 
-Fingertip frame: x along the three columns, y across the two rows; taxels 0 1 2 in the lower row,
-5 4 3 in the upper. All lengths in this file are millimetres, as in the kernels' published form.
+Pad frame: x along the three columns, y across the two rows; taxels 0 1 2 in the lower row, 5 4 3
+in the upper. Lengths in this file are millimetres, as in the kernels' published form.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Annotated
 
 import msgspec
 import numpy as np
 from msgspec import Meta
-from numba import njit
 from numpy.typing import NDArray
 
-from scenarios.world.objects import GraspObject
+from scenarios.world import spring_bed as bed
 
-FINGERS = 3
 TAXELS = 6
-GRID_X, GRID_Y = 10, 6  # springs along and across the slip
-FIELD_STEP_MM = 0.25
-FIELD_LENGTH = 1024  # 256 mm of surface before it repeats
+SPRINGS_X, SPRINGS_Y = 10, 8
+FIELD_POINTS = 256  # a power of two, of either side of the height field, which is periodic
+FIELD_STEPS = 5.0  # grid points to a correlation length
 COUNT_KPA = 0.1255  # MPL115A2, NXP AN3785: pressing lowers the code
 CODE_MAX = 1023
+FOLD = 1 << 9  # the authors' driver takes ten bits for a signed number, and its absolute value
 TEMPERATURE_CODE = 498  # 25 degrees
 TEMPERATURE_CODES_PER_K = -5.35
 PRESSURE_COUNTS_PER_K = 1.6
@@ -38,53 +37,106 @@ Floats = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
 
+class Surface(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What one pad touches. All figures are assumed."""
+
+    curvature_per_mm: Annotated[
+        tuple[float, float],
+        Meta(description="along x and y of the pad before anything turns; 0 is flat"),
+    ] = (0.0, 0.0)
+    texture_rms_mm: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="irregularity; felt 0.3-0.45, smooth 0.01-0.2")
+    ] = 0.1
+    texture_length_mm: Annotated[
+        float, Meta(ge=0.2, le=10.0, description="its correlation length; 1-2 mm")
+    ] = 1.5
+    friction_static: Annotated[float, Meta(ge=0.0, le=3.0, description="of rubber on it")] = 0.85
+    friction_kinetic: Annotated[float, Meta(ge=0.0, le=3.0, description="when it slides")] = 0.7
+
+
 class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Geometry and noise of one fingertip."""
+    """Geometry, rubber and noise of one fingertip. FITTED: by `grasp world calibrate`, on the
+    authors' clip; the range beside it is that searched, and the one to draw from in data sets."""
 
     pitch_mm: Annotated[
-        float, Meta(ge=3.0, le=10.0, description="between barometers; assumed, 6-8 mm")
+        float, Meta(ge=3.0, le=10.0, description="between barometers; assumed, 6-8")
     ] = 6.0
     depth_mm: Annotated[
-        float,
-        Meta(ge=2.0, le=10.0, description="effective rubber depth; the authors' clip: 3.5-6 mm"),
+        float, Meta(ge=2.0, le=10.0, description="effective depth of the rubber; FITTED, 3-8")
     ] = 4.0
     pad_half_length_mm: Annotated[
-        float, Meta(ge=3.0, le=20.0, description="of the spring bed, along the slip; assumed")
+        float, Meta(ge=3.0, le=20.0, description="of the spring bed, along x; assumed")
     ] = 10.0
     pad_half_width_mm: Annotated[
-        float, Meta(ge=3.0, le=20.0, description="of the spring bed, across; assumed")
+        float, Meta(ge=3.0, le=20.0, description="of the spring bed, along y; assumed")
     ] = 8.0
     crown_radius_mm: Annotated[
-        float, Meta(ge=20.0, le=1000.0, description="curvature of the pad's face; assumed")
+        float, Meta(ge=20.0, le=1000.0, description="of the pad's face; assumed, 60-200")
     ] = 100.0
+    tilt_rad: Annotated[
+        float, Meta(ge=0.0, le=0.2, description="deviation of each pad's tilt, both axes; "
+                    "assumed, 0.02-0.05")
+    ] = 0.03  # fmt: skip
     foundation_n_per_mm3: Annotated[
-        float, Meta(ge=0.02, le=1.0, description="spring bed; fitted to the clip, 0.08-0.2")
+        float, Meta(ge=0.02, le=1.0, description="spring bed, normal; FITTED, 0.05-0.3")
     ] = 0.14
+    shear_share: Annotated[
+        float, Meta(ge=0.1, le=1.0, description="of it, tangential stiffness; assumed from layer "
+                    "theory, 0.4-0.6")
+    ] = 0.5  # fmt: skip
+    relaxation_share: Annotated[
+        float, Meta(ge=0.0, le=0.5, description="of a spring's load that relaxes; assumed, the "
+                    "clip's 0.05-0.15")
+    ] = 0.1  # fmt: skip
+    relaxation_s: Annotated[
+        float, Meta(ge=0.01, le=5.0, description="time constant of that; assumed, 0.1-0.3")
+    ] = 0.2
+    wander_n: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="rms of the normal load's wander; FITTED, 0.02-0.5")
+    ] = 0.1
+    wander_fast_s: Annotated[
+        float, Meta(ge=0.005, le=1.0, description="memory of its fast half; FITTED, 0.01-0.1")
+    ] = 0.03
+    wander_slow_s: Annotated[
+        float, Meta(ge=0.05, le=10.0, description="memory of its slow half; assumed, 0.2-1")
+    ] = 0.5
+    vibration_n: Annotated[
+        float, Meta(ge=0.0, le=2.0, description="rms of load by the moving arm's mode; FITTED, 0-1")
+    ] = 0.1
+    vibration_mm: Annotated[
+        float, Meta(ge=0.0, le=0.5, description="rms of its sideways motion; assumed, 0-0.05")
+    ] = 0.01
+    vibration_hz: Annotated[
+        float, Meta(ge=2.0, le=45.0, description="frequency of that mode; assumed, 10-25")
+    ] = 16.0
+    vibration_damping: Annotated[
+        float, Meta(ge=0.005, le=1.0, description="of that mode; assumed, 0.04-0.15")
+    ] = 0.08
+    noise_counts: Annotated[
+        float, Meta(ge=0.0, le=5.0, description="rms before rounding; FITTED, 0.1-0.6")
+    ] = 0.3
+    rest_low: Annotated[int, Meta(ge=300, le=600, description="rest codes; assumed from")] = 420
+    rest_high: Annotated[int, Meta(ge=300, le=600, description="rest codes; assumed to")] = 480
+    warming_k: Annotated[
+        float, Meta(ge=-20.0, le=20.0, description="of the board in the end; assumed, 0-10")
+    ] = 5.0
+    warming_s: Annotated[
+        float, Meta(ge=10.0, le=10000.0, description="time constant of that; assumed")
+    ] = 600.0
+    fold_above_512: Annotated[
+        bool,
+        Meta(description="codes as the authors' driver read them: 512 + n comes out as 512 - n"),
+    ] = False
     slip_direction_deg: Annotated[
         float,
-        Meta(ge=-180.0, le=180.0, description="upward motion in the pad's frame, from x; assumed"),
+        Meta(ge=-180.0, le=180.0, description="upwards in the pad's frame, from x; assumed"),
     ] = 0.0
-    centre_spread_mm: Annotated[
-        float, Meta(ge=0.0, le=5.0, description="deviation of the patch centre; assumed")
-    ] = 1.0
-    wander_n: Annotated[
-        float, Meta(ge=0.0, le=1.0, description="rms of normal load at rest; assumed, 0.02-0.3 N")
-    ] = 0.05
-    vibration_n: Annotated[
-        float,
-        Meta(ge=0.0, le=1.0, description="rms of load added while the arm moves; assumed, 0-0.3 N"),
-    ] = 0.05
-    wander_memory_s: Annotated[
-        float, Meta(ge=0.005, le=1.0, description="of both; assumed, 10-100 ms")
-    ] = 0.03
-    noise_counts: Annotated[
-        float, Meta(ge=0.0, le=5.0, description="before rounding; real clip 0.3")
-    ] = 0.3
-    rest_low: Annotated[int, Meta(ge=300, le=600, description="rest codes drawn from")] = 420
-    rest_high: Annotated[int, Meta(ge=300, le=600, description="rest codes drawn to")] = 480
-    drift_k_per_s: Annotated[
-        float, Meta(ge=-1.0, le=1.0, description="warming of the board; assumed")
-    ] = 0.005
+    step_mm: Annotated[float, Meta(gt=0.0, le=1.0, description="longest path of an inner step")] = (
+        0.05
+    )
+    step_s: Annotated[float, Meta(gt=0.0, le=0.01, description="no inner step need be shorter")] = (
+        0.001
+    )
 
 
 def taxel_positions(pitch_mm: float) -> Floats:
@@ -94,54 +146,29 @@ def taxel_positions(pitch_mm: float) -> Floats:
     return np.stack([x, y], axis=1)
 
 
-def normal_kernel(r_mm: Floats, depth_mm: float) -> Floats:
-    """Pressure under 1 N at distance r, kPa/N."""
-    scale = 10.0 / depth_mm
-    out: Floats = 4.3 * scale**2 * np.exp(-((r_mm * scale) ** 2) / (2 * 5.6**2))
-    return out
+class Kernel(msgspec.Struct, frozen=True):
+    """Counts under 1 N: normal peak exp(-r^2 / 2 width^2), shear towards the taxel peak r exp(...).
+    Of a 10 mm layer 4.3 kPa/N, 5.6 mm, 0.38 kPa/N/mm and 6 mm; of depth h by similarity."""
+
+    normal_peak: float
+    normal_width_mm: float
+    shear_peak_per_mm: float
+    shear_width_mm: float
 
 
-def shear_kernel(r_mm: Floats, depth_mm: float) -> Floats:
-    """Pressure of 1 N of traction towards the taxel at distance r, kPa/N (antisymmetric in r)."""
-    scale = 10.0 / depth_mm
-    r10 = r_mm * scale
-    out: Floats = 0.38 * scale**2 * r10 * np.exp(-(r10**2) / (2 * 6.0**2))
-    return out
+def kernel(depth_mm: float) -> Kernel:
+    """Kernels of a layer of that depth."""
+    thin = 10.0 / depth_mm
+    return Kernel(
+        4.3 * thin**2 / COUNT_KPA, 5.6 / thin, 0.38 * thin**3 / COUNT_KPA, 6.0 / thin
+    )  # fmt: skip
 
 
-class Pad:
-    """Constant matrices of one fingertip: spring positions and kernels in the pad's frame."""
-
-    def __init__(self, settings: FingertipSettings) -> None:
-        s = settings
-        along = _centres(GRID_X, s.pad_half_length_mm)
-        across = _centres(GRID_Y, s.pad_half_width_mm)
-        u, w = (m.ravel() for m in np.meshgrid(along, across, indexing="ij"))
-        self.along_mm = u
-        self.row = np.tile(np.arange(GRID_Y), GRID_X)
-        self.gap_mm = (u**2 + w**2) / (2 * s.crown_radius_mm)
-        area = 4 * s.pad_half_length_mm * s.pad_half_width_mm / (GRID_X * GRID_Y)
-        self.spring_npmm = s.foundation_n_per_mm3 * area
-        angle = math.radians(s.slip_direction_deg)
-        self.direction = np.array([math.cos(angle), math.sin(angle)])
-        self.springs_mm = np.outer(u, self.direction) + np.outer(
-            w, [-self.direction[1], self.direction[0]]
-        )
-
-    def kernels(
-        self, settings: FingertipSettings, centre_mm: Floats
-    ) -> tuple[Floats, Floats, Floats]:
-        """Counts per newton, (6, springs) each, for a pad whose middle sits at centre_mm: of normal
-        load, of shear load, and the change of the first per millimetre that the load moves along.
-        """
-        away = taxel_positions(settings.pitch_mm)[:, None, :] - (self.springs_mm + centre_mm)
-        r = np.hypot(away[..., 0], away[..., 1])
-        ahead = away @ self.direction / np.maximum(r, 1e-9)
-        normal = normal_kernel(r, settings.depth_mm) / COUNT_KPA
-        shear = shear_kernel(r, settings.depth_mm) * ahead / COUNT_KPA
-        width = 5.6 * settings.depth_mm / 10.0  # of the normal kernel's Gaussian
-        moved = normal * (away @ self.direction) / width**2
-        return normal, shear, moved
+def spring_positions(settings: FingertipSettings) -> Floats:
+    """(S, 2) centres of the cells that fill the pad; the first has the least x and y."""
+    x = _centres(SPRINGS_X, settings.pad_half_length_mm)
+    y = _centres(SPRINGS_Y, settings.pad_half_width_mm)
+    return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
 def _centres(n: int, half_mm: float) -> Floats:
@@ -149,154 +176,159 @@ def _centres(n: int, half_mm: float) -> Floats:
     return np.linspace(-half_mm, half_mm, 2 * n + 1)[1::2]
 
 
-def vertical_curvature(body: GraspObject) -> float:
-    """Of the object at its widest point, 1/mm; 0 for a straight body."""
-    if body.shape == "straight":
-        return 0.0
-    return body.half_width_m / body.half_height_m**2 * 1e-3
-
-
-def height_field(body: GraspObject, rng: np.random.Generator) -> Floats:
-    """(rows, positions) heights in mm of the object's surface, periodic, with the stated rms."""
-    white = rng.standard_normal((GRID_Y, FIELD_LENGTH))
-    frequency = np.fft.rfftfreq(FIELD_LENGTH, FIELD_STEP_MM)
-    length = body.texture_length_m * 1e3
-    filtered = np.fft.rfft(white, axis=1) * np.exp(-0.5 * (np.pi * frequency * length) ** 2)
-    field = np.fft.irfft(filtered, n=FIELD_LENGTH, axis=1)
-    out: Floats = field / field.std() * body.texture_rms_m * 1e3
-    return out
-
-
-@njit(cache=True)
-def spring_loads(
-    force_n: float, slip_mm: float, centre_mm: float, curvature: float,
-    along: Floats, row: NDArray[np.int64], gap: Floats, stiffness: float, field: Floats,
-    out: Floats,
-) -> None:  # fmt: skip
-    """Load of each spring, N, so that they sum to force_n. Newton solves for the common approach:
-    the sum rises piecewise linearly and convexly with it, so a few steps are exact."""
-    n = along.shape[0]
-    positions = field.shape[1]
-    height = np.empty(n)
-    for j in range(n):
-        at = (along[j] + slip_mm) / FIELD_STEP_MM
-        base = math.floor(at)
-        left = int(base) % positions
-        right = (left + 1) % positions
-        part = at - base
-        height[j] = field[row[j], left] * (1 - part) + field[row[j], right] * part - gap[j]
-        height[j] -= 0.5 * curvature * (along[j] - centre_mm) ** 2
-    approach = force_n / (stiffness * n) - height.min()  # all springs touch: never too shallow
-    for _ in range(60):
-        total = 0.0
-        touching = 0
-        for j in range(n):
-            d = approach + height[j]
-            if d > 0.0:
-                total += d
-                touching += 1
-        change = (total - force_n / stiffness) / touching
-        approach -= change
-        if abs(change) < 1e-9:
-            break
-    for j in range(n):
-        out[j] = stiffness * max(0.0, approach + height[j])
-
-
-@njit(cache=True)
-def pressures(
-    normal_n: Floats, shear_n: Floats, slip_mm: float, stretch_mm: Floats, centre_mm: float,
-    curvature: float, along: Floats, row: NDArray[np.int64], gap: Floats, stiffness: float,
-    fields: Floats, k_normal: Floats, k_shear: Floats, k_moved: Floats, out: Floats,
-) -> None:  # fmt: skip
-    """Fall of each taxel's code, counts (3, 6), under the three fingers' loads."""
-    springs = along.shape[0]
-    load = np.empty(springs)
-    for f in range(FINGERS):
-        for i in range(TAXELS):
-            out[f, i] = 0.0
-        if normal_n[f] <= 0.0:
-            continue
-        # A pad that sticks holds its patch of surface: only what it has slid brings new texture.
-        slid = slip_mm - stretch_mm[f]
-        spring_loads(
-            normal_n[f], slid, centre_mm, curvature, along, row, gap, stiffness, fields[f], load
-        )
-        traction = shear_n[f] / normal_n[f]
-        shift = -stretch_mm[f]  # the object lags behind the finger and takes the load with it
-        for j in range(springs):
-            if load[j] > 0.0:
-                for i in range(TAXELS):
-                    gain = k_normal[f, i, j] + shift * k_moved[f, i, j]
-                    out[f, i] += load[j] * (gain + traction * k_shear[f, i, j])
+def height_field(surface: Surface, rng: np.random.Generator) -> tuple[bed.Singles, float]:
+    """Heights in mm on a periodic grid, Gaussian with the stated rms and correlation length (of a
+    fall to 1/e); and the grid's step, mm."""
+    white = rng.standard_normal((FIELD_POINTS, FIELD_POINTS), np.float32)
+    length = FIELD_STEPS  # in grid points
+    fx = np.fft.fftfreq(FIELD_POINTS)[:, None]
+    fy = np.fft.rfftfreq(FIELD_POINTS)[None, :]
+    smooth = np.exp(-0.5 * (np.pi * length) ** 2 * (fx**2 + fy**2))
+    field = np.fft.irfft2(np.fft.rfft2(white) * smooth, s=white.shape)
+    out = field * (surface.texture_rms_mm / field.std())
+    return out.astype(np.float32), surface.texture_length_mm / FIELD_STEPS
 
 
 class Fingertips:
-    """Three fingertips with their own textures, patch centres, rest codes and noise.
+    """One fingertip a surface, each with its own texture, tilt, rest codes and noise.
 
-    ``sample`` must be called in the order of time; everything random comes from the generator, so
+    ``advance`` must be called in the order of time. Everything random comes from the generator, so
     equal seeds and equal call times give equal codes.
     """
 
     def __init__(
-        self, settings: FingertipSettings, body: GraspObject, rng: np.random.Generator
+        self, settings: FingertipSettings, surfaces: Sequence[Surface], rng: np.random.Generator
     ) -> None:
-        self._settings = settings
-        self._pad = Pad(settings)
-        self._fields = np.stack([height_field(body, rng) for _ in range(FINGERS)])
-        centres = rng.normal(0.0, settings.centre_spread_mm, (FINGERS, 2))
-        kernels = [self._pad.kernels(settings, c) for c in centres]
-        self._k_normal = np.stack([k[0] for k in kernels])
-        self._k_shear = np.stack([k[1] for k in kernels])
-        self._k_moved = np.stack([k[2] for k in kernels])
-        self._curvature = vertical_curvature(body)
-        self.rest = rng.integers(
-            settings.rest_low, settings.rest_high, (FINGERS, TAXELS), endpoint=True
-        )
-        self._rng = rng
-        self._wander = np.zeros((2, FINGERS))  # of normal and shear load, unit variance
+        s, n = settings, len(surfaces)
+        self._settings, self._rng, self._pads = s, rng, n
+        self._at = spring_positions(s)
+        self._taxels = taxel_positions(s.pitch_mm)
+        self._parameters = _parameters(s)
+        fields = [height_field(surface, rng) for surface in surfaces]
+        self._fields = np.stack([field for field, _ in fields])
+        self._surfaces = np.array([
+            (*x.curvature_per_mm, x.friction_static, x.friction_kinetic, step)
+            for x, (_, step) in zip(surfaces, fields, strict=True)
+        ])  # fmt: skip
+        tilts = rng.normal(0.0, s.tilt_rad, (n, 2))
+        crown = (self._at**2).sum(axis=1) / (2 * s.crown_radius_mm)
+        self._gaps = crown + tilts @ self._at.T
+        self._shaking = np.exp(1j * rng.uniform(0.0, 2 * math.pi, n))  # direction a pad
+        self.rest = rng.integers(s.rest_low, s.rest_high, (n, TAXELS), endpoint=True)
+        self._states = np.zeros((n, bed.STATE))
+        self._springs = np.zeros((n, bed.SPRING, len(self._at)))
+        self._block, self._next = rng.standard_normal((0, 0)), 0
+        self._begin(n)
+
+    def _begin(self, n: int) -> None:
         self._t_s = 0.0
-        self._fall = np.zeros((FINGERS, TAXELS))
-        self._block = rng.standard_normal((0, 0))
-        self._next = 0
+        self._wander = np.zeros((2, n))  # fast and slow, unit variance
+        self._mode = 0j  # of the arm, unit variance of either part while it moves
+        self._normal = np.zeros(n)
+        self._motion = np.zeros((n, 2))
+        self._turn = np.zeros(n)
+        self._centre = np.zeros((n, 2))
+        self._noise = np.zeros((n, TAXELS))
+
+    def advance(
+        self, t_s: float, normal_n: Floats, motion_mm: Floats, turn_rad: Floats,
+        centre_mm: Floats, arm_moves: bool,
+    ) -> None:  # fmt: skip
+        """Bring all pads to t_s; everything given goes linearly from its last value to this one.
+
+        normal_n (F,): load, 0 or less without contact. motion_mm (F, 2): integral of the velocity
+        of the surface at the pad's middle, relative to the pad's base, in the pad's frame.
+        turn_rad (F,): rotation of the surface about it. centre_mm (F, 2): where on the pad the
+        widest point of a curved surface lies. arm_moves excites the arm's mode.
+        """
+        dt_s = t_s - self._t_s
+        if dt_s <= 0.0:
+            return
+        normal, shaken = self._disturb(dt_s, normal_n, arm_moves)
+        motion = motion_mm + shaken
+        bed.advance(
+            self._parameters, dt_s, self._normal, normal, motion - self._motion,
+            turn_rad - self._turn, self._centre, centre_mm, self._surfaces, self._fields,
+            self._at, self._gaps, self._states, self._springs,
+        )  # fmt: skip
+        self._t_s, self._normal, self._motion = t_s, normal, motion
+        self._turn[:], self._centre[:] = turn_rad, centre_mm
+
+    def _disturb(self, dt_s: float, normal_n: Floats, arm_moves: bool) -> tuple[Floats, Floats]:
+        """Load (F,) with wander and vibration, and the vibration's displacement (F, 2), mm.
+
+        Both are Ornstein-Uhlenbeck processes, stepped exactly; the second one turns.
+        """
+        s, n = self._settings, self._pads
+        row = self._draw()
+        for i, memory_s in enumerate((s.wander_fast_s, s.wander_slow_s)):
+            keep = math.exp(-dt_s / memory_s)
+            self._wander[i] *= keep
+            self._wander[i] += math.sqrt(1 - keep * keep) * row[i * n : (i + 1) * n]
+        omega = 2 * math.pi * s.vibration_hz
+        keep = math.exp(-s.vibration_damping * omega * dt_s)
+        turned = math.cos(omega * dt_s) + 1j * math.sin(omega * dt_s)
+        self._mode *= keep * turned
+        if arm_moves:
+            self._mode += math.sqrt(1 - keep * keep) * complex(row[2 * n], row[2 * n + 1])
+        self._noise = row[2 * n + 2 :].reshape(n, TAXELS)
+        added = s.wander_n * math.sqrt(0.5) * self._wander.sum(axis=0)
+        added += s.vibration_n * self._mode.real
+        load = np.where(normal_n > 0.0, np.maximum(normal_n + added, 0.0), 0.0)
+        sideways = s.vibration_mm * self._mode.imag * self._shaking
+        return load, np.stack([sideways.real, sideways.imag], axis=1)
 
     def _draw(self) -> Floats:
-        """24 standard normal numbers; drawn in blocks, which costs a tenth of single draws."""
+        """Standard normal numbers of one step; drawn in blocks, a tenth of the cost of singles."""
         if self._next >= len(self._block):
-            self._block = self._rng.standard_normal((256, 2 * FINGERS + FINGERS * TAXELS))
+            self._block = self._rng.standard_normal((256, self._pads * (2 + TAXELS) + 2))
             self._next = 0
         self._next += 1
         out: Floats = self._block[self._next - 1]
         return out
 
-    def sample(
-        self, t_s: float, normal_n: Floats, shear_n: Floats, slip_mm: float, stretch_mm: Floats,
-        centre_mm: float, arm_moves: bool,
-    ) -> tuple[Codes, Codes]:  # fmt: skip
-        """Pressure and temperature codes (3, 6) int16 at time t_s.
-
-        centre_mm: where on the pads the object's widest point is, along the slip.
-        """
+    def codes(self) -> tuple[Codes, Codes]:
+        """Pressure and temperature codes (F, 6) as of the last ``advance``."""
         s = self._settings
-        noise = self._draw()
-        keep = math.exp(-(t_s - self._t_s) / s.wander_memory_s)
-        self._t_s = t_s
-        self._wander *= keep
-        self._wander += math.sqrt(1 - keep * keep) * noise[: 2 * FINGERS].reshape(2, FINGERS)
-        rms = s.wander_n + (s.vibration_n if arm_moves else 0.0)
-        touching = normal_n > 0.0
-        normal = np.where(touching, np.maximum(normal_n + rms * self._wander[0], 1e-3), 0.0)
-        pad = self._pad
-        pressures(
-            normal, shear_n + rms * self._wander[1], slip_mm, stretch_mm, centre_mm,
-            self._curvature, pad.along_mm, pad.row, pad.gap_mm, pad.spring_npmm, self._fields,
-            self._k_normal, self._k_shear, self._k_moved, self._fall,
-        )  # fmt: skip
-        warming = s.drift_k_per_s * t_s
-        code = self.rest - self._fall + PRESSURE_COUNTS_PER_K * warming
-        code += s.noise_counts * noise[2 * FINGERS :].reshape(FINGERS, TAXELS)
+        fall = np.empty((self._pads, TAXELS))
+        bed.kernel_sums(self._parameters, self._springs, self._at, self._taxels, fall)
+        warming = s.warming_k * -math.expm1(-self._t_s / s.warming_s)
+        exact = self.rest - fall + PRESSURE_COUNTS_PER_K * warming + s.noise_counts * self._noise
+        pressure = np.rint(exact).clip(0, CODE_MAX)
+        if s.fold_above_512:
+            pressure = np.where(pressure > FOLD, 2 * FOLD - pressure, pressure)
         temperature = round(TEMPERATURE_CODE + TEMPERATURE_CODES_PER_K * warming)
         return (
-            np.rint(code).clip(0, CODE_MAX).astype(np.int16),
-            np.full((FINGERS, TAXELS), temperature, np.int16),
+            pressure.astype(np.int16),
+            np.full((self._pads, TAXELS), temperature, np.int16),
         )
+
+    @property
+    def slip_mps(self) -> Floats:
+        """(F,) sliding speed of the surface over the pad at its middle, mean of the last step: of
+        the rigid motion that fits the slip of all springs best, weighted by their load."""
+        out: Floats = np.hypot(self._states[:, bed.SLIP_X], self._states[:, bed.SLIP_Y]) * 1e-3
+        return out
+
+    @property
+    def turn_radps(self) -> Floats:
+        """(F,) turning rate of that motion, either sign."""
+        out: Floats = self._states[:, bed.SPIN].copy()
+        return out
+
+    @property
+    def sliding_share(self) -> Floats:
+        """(F,) share of the load on springs that slide, at the end of the last step."""
+        out: Floats = self._states[:, bed.SHARE].copy()
+        return out
+
+
+def _parameters(s: FingertipSettings) -> Floats:
+    area = 4 * s.pad_half_length_mm * s.pad_half_width_mm / (SPRINGS_X * SPRINGS_Y)
+    out = np.empty(bed.PARAMETERS)
+    stiffness = s.foundation_n_per_mm3 * area
+    out[:] = (
+        stiffness, stiffness * s.shear_share, s.relaxation_share, s.relaxation_s,
+        s.step_mm, s.step_s, *msgspec.structs.astuple(kernel(s.depth_mm)),
+    )  # fmt: skip
+    return out

@@ -5,127 +5,236 @@ import pytest
 from numpy.typing import NDArray
 
 from scenarios.world import fingertip
-from scenarios.world.fingertip import Fingertips, FingertipSettings
-from tests.unit.world.test_contact import body
+from scenarios.world import spring_bed as bed
+from scenarios.world.fingertip import Fingertips, FingertipSettings, Floats, Surface
 
-ZERO = np.zeros(3)
-QUIET = {"noise_counts": 0.0, "wander_n": 0.0, "vibration_n": 0.0, "drift_k_per_s": 0.0}
+QUIET = {
+    "noise_counts": 0.0, "wander_n": 0.0, "vibration_n": 0.0, "vibration_mm": 0.0,
+    "warming_k": 0.0, "tilt_rad": 0.0,
+}  # fmt: skip
+SMOOTH = Surface(texture_rms_mm=0.0)
+FELT = Surface(texture_rms_mm=0.3)
 
 
-def make(seed: int = 1, **settings: float) -> Fingertips:
+def make(surface: Surface = FELT, seed: int = 1, **settings: float) -> Fingertips:
     merged = FingertipSettings(**settings)  # type: ignore[arg-type]
-    return Fingertips(merged, body(), np.random.default_rng(seed))
+    return Fingertips(merged, [surface], np.random.default_rng(seed))
 
 
-def codes(
-    tips: Fingertips, t_s: float, force_n: float, slip_mm: float = 0.0, shear_n: float = 0.0
-) -> NDArray[np.int16]:
-    normal = np.array([force_n, force_n / 2, force_n / 2])
-    shear = np.array([shear_n, 0.0, 0.0])
-    pressure, _ = tips.sample(t_s, normal, shear, slip_mm, ZERO, 0.0, False)
-    return pressure
+def move(
+    tips: Fingertips, t_s: float, force_n: float, x_mm: float = 0.0, y_mm: float = 0.0,
+    turn: float = 0.0, centre_mm: tuple[float, float] = (0.0, 0.0), arm_moves: bool = False,
+) -> NDArray[np.int16]:  # fmt: skip
+    """(6,) counts over rest."""
+    tips.advance(
+        t_s, np.array([force_n]), np.array([[x_mm, y_mm]]), np.array([turn]),
+        np.array([centre_mm]), arm_moves,
+    )  # fmt: skip
+    return (tips.codes()[0] - tips.rest)[0].astype(np.int16)
+
+
+def slide(tips: Fingertips, mm_per_sample: float, samples: int, force_n: float = 4.0) -> Floats:
+    """(samples, 6) counts of a slide along x at 100 Hz, after 0.2 s of rest."""
+    for k in range(20):
+        move(tips, 0.01 * (k + 1), force_n)
+    return np.array(
+        [move(tips, 0.2 + 0.01 * k, force_n, mm_per_sample * k) for k in range(1, samples + 1)],
+        dtype=np.float64,
+    )
+
+
+def loads(tips: Fingertips) -> Floats:
+    return tips._springs[0, bed.LOAD]
 
 
 def test_pressing_lowers_the_codes_from_rest() -> None:
-    tips = make(**QUIET)
-    assert (codes(tips, 0.01, 0.0) == tips.rest).all()
-    pressed = codes(tips, 0.02, 3.0) - tips.rest
+    tips = make(SMOOTH, **QUIET)
+    assert (move(tips, 0.01, 0.0) == 0).all()
+    pressed = move(tips, 0.02, 3.0)
     assert (pressed <= 0).all()
     assert pressed.min() < -50
 
 
 def test_kernels_at_ten_millimetres_match_the_exact_layer_solution() -> None:
     # Exact Hankel solution for a patch of 4 mm: 4.32, 3.32, 1.56, 0.48 kPa/N at 0, 4, 8, 12 mm.
+    k = fingertip.kernel(10.0)
     r = np.array([0.0, 4.0, 8.0, 12.0])
-    assert fingertip.normal_kernel(r, 10.0) == pytest.approx([4.32, 3.32, 1.56, 0.48], abs=0.1)
+    normal = k.normal_peak * np.exp(-(r**2) / (2 * k.normal_width_mm**2)) * fingertip.COUNT_KPA
+    assert normal == pytest.approx([4.32, 3.32, 1.56, 0.48], abs=0.1)
     r = np.array([0.0, 2.0, 6.0, 10.0])
-    assert fingertip.shear_kernel(r, 10.0) == pytest.approx([0.0, 0.71, 1.38, 1.08], abs=0.15)
+    shear = k.shear_peak_per_mm * r * np.exp(-(r**2) / (2 * k.shear_width_mm**2))
+    assert shear * fingertip.COUNT_KPA == pytest.approx([0.0, 0.71, 1.38, 1.08], abs=0.15)
+
+
+def test_half_the_depth_hears_four_times_the_peak_of_both_kernels() -> None:
+    deep, shallow = fingertip.kernel(8.0), fingertip.kernel(4.0)
+    assert shallow.normal_peak == pytest.approx(4 * deep.normal_peak)
+    peaks = [k.shear_peak_per_mm * k.shear_width_mm for k in (deep, shallow)]
+    assert peaks[1] == pytest.approx(4 * peaks[0])
 
 
 def test_shear_raises_one_side_and_lowers_the_other() -> None:
-    tips = make(**QUIET, centre_spread_mm=0.0)
-    before = codes(tips, 0.01, 4.0)
-    difference = codes(tips, 0.02, 4.0, shear_n=3.0) - before
-    columns = difference[0, :3] + difference[0, 5:2:-1]
-    assert columns[2] < 0 < columns[0]  # traction along +x presses what lies ahead
+    tips = make(SMOOTH, **QUIET)
+    before = move(tips, 0.01, 4.0)
+    difference = move(tips, 0.02, 4.0, x_mm=5.0) - before  # the surface drags the pad along +x
+    columns = difference[:3] + difference[5:2:-1]
+    assert columns[2] < 0 < columns[0]
 
 
 def test_spring_loads_sum_to_the_normal_force() -> None:
-    pad = fingertip.Pad(FingertipSettings())
-    field = fingertip.height_field(body(texture_rms_m=3e-4), np.random.default_rng(3))
-    loads = np.empty(len(pad.along_mm))
-    for force in (0.02, 0.5, 10.0):
-        fingertip.spring_loads(
-            force,
-            17.3,
-            2.0,
-            0.016,
-            pad.along_mm,
-            pad.row,
-            pad.gap_mm,
-            pad.spring_npmm,
-            field,
-            loads,
-        )
-        assert loads.min() >= 0.0
-        assert loads.sum() == pytest.approx(force, rel=1e-9)
+    tips = make(**QUIET)
+    for k, force in enumerate((0.02, 0.5, 10.0, 0.1)):
+        move(tips, 0.01 * (k + 1), force, x_mm=1.7 * k, centre_mm=(2.0, 0.0))
+        assert loads(tips).min() >= 0.0
+        assert loads(tips).sum() == pytest.approx(force, rel=1e-9)
 
 
 def test_hard_press_saturates_at_code_zero() -> None:
-    assert codes(make(**QUIET), 0.01, 30.0).min() == 0
+    tips = make(**QUIET)
+    move(tips, 0.01, 60.0)
+    assert tips.codes()[0].min() == 0
 
 
 def test_sliding_over_texture_is_louder_than_resting_and_grows_with_speed() -> None:
     def loudness(speed_mm_per_sample: float) -> float:
-        tips = make()
-        seen = np.array(
-            [codes(tips, 0.01 * k, 4.0, slip_mm=speed_mm_per_sample * k) for k in range(1, 80)]
-        )
-        return float(np.abs(np.diff(seen[:, 0].astype(float), axis=0)).mean())
+        quiet = {"wander_n": 0.0}
+        return float(np.abs(np.diff(slide(make(**quiet), speed_mm_per_sample, 80), axis=0)).mean())
 
-    assert loudness(0.0) < 1.5 < loudness(0.5) < loudness(1.0)
+    assert loudness(0.0) < 1.5 < loudness(0.3) < loudness(0.6)
 
 
-def test_pad_that_sticks_hears_its_load_move_but_no_new_texture() -> None:
-    tips = make(**QUIET, centre_spread_mm=0.0)
-    normal = np.array([3.0, 1.5, 1.5])
-    at_rest, _ = tips.sample(0.01, normal, ZERO, 0.0, ZERO, 0.0, False)
-    stretched, _ = tips.sample(0.02, normal, ZERO, 0.4, np.full(3, 0.4), 0.0, False)
-    change = (stretched - at_rest)[0]
-    assert change[[0, 5]].sum() < 0 < change[[2, 3]].sum()  # the load has moved towards -x
-    smooth = Fingertips(
-        FingertipSettings(**QUIET, centre_spread_mm=0.0), body(texture_rms_m=0.0),
-        np.random.default_rng(1),
-    )  # fmt: skip
-    still, _ = smooth.sample(0.01, normal, ZERO, 0.0, ZERO, 0.0, False)
-    moved, _ = smooth.sample(0.02, normal, ZERO, 0.4, np.full(3, 0.4), 0.0, False)
-    assert abs((moved - still - change)[0]).max() < 12  # texture decides how much, not whether
+def test_pad_holds_on_to_the_surface_until_its_friction_is_overcome() -> None:
+    tips = make(SMOOTH, **QUIET)
+    move(tips, 0.01, 4.0)
+    move(tips, 0.02, 4.0, x_mm=0.02)
+    assert tips.sliding_share[0] < 0.2
+    assert tips.slip_mps[0] < 2e-4
+    for k in range(40):
+        move(tips, 0.03 + 0.01 * k, 4.0, x_mm=0.02 + 0.1 * k)
+    assert tips.sliding_share[0] == pytest.approx(1.0)
+    assert tips.slip_mps[0] == pytest.approx(0.01, rel=0.02)
+
+
+def test_patch_slides_from_its_rim_inwards() -> None:
+    tips = make(SMOOTH, **QUIET)
+    move(tips, 0.01, 4.0)
+    shares = []
+    for k in range(60):
+        move(tips, 0.02 + 0.01 * k, 4.0, x_mm=0.02 * k)
+        shares.append(float(tips.sliding_share[0]))
+        slides, load = tips._springs[0, bed.SLIDES] > 0, loads(tips)
+        if 0.1 < shares[-1] < 0.9:
+            assert load[slides].max() < load[(load > 0) & ~slides].max()
+    assert shares[0] == 0.0
+    assert any(0.1 < s < 0.9 for s in shares)
+    assert shares[-1] == pytest.approx(1.0)
+
+
+def test_traction_of_a_sliding_patch_is_kinetic_friction_of_its_load() -> None:
+    tips = make(SMOOTH, **QUIET)
+    slide(tips, 0.3, 100)
+    s = tips._settings
+    springs = tips._springs[0]
+    pull = springs[bed.BRISTLE_X] - s.relaxation_share * springs[bed.RELAXED_X]
+    traction = tips._parameters[bed.K_SHEAR] * pull.sum()
+    assert traction == pytest.approx(SMOOTH.friction_kinetic * 4.0, rel=0.02)
+
+
+def test_turning_on_the_spot_is_reported_as_turning_not_as_slip() -> None:
+    tips = make(SMOOTH, **QUIET)
+    for k in range(100):
+        move(tips, 0.01 * (k + 1), 4.0, turn=0.01 * k)
+    assert tips.turn_radps[0] == pytest.approx(1.0, rel=0.05)
+    assert tips.slip_mps[0] < 5e-4
+
+
+def test_pose_follows_the_path_of_the_surface() -> None:
+    tips = make(SMOOTH, **QUIET)
+    move(tips, 0.01, 0.0, x_mm=2.0)
+    move(tips, 0.02, 0.0, x_mm=2.0, turn=np.pi / 2)  # about the pad's middle
+    assert tips._states[0, :2] == pytest.approx([0.0, 2.0], abs=1e-12)
 
 
 def test_contact_centre_of_a_ball_migrates_over_the_columns() -> None:
-    ball = body(shape="ellipsoid", half_width_m=0.06, half_height_m=0.06, texture_rms_m=0.0)
-    tips = Fingertips(
-        FingertipSettings(**QUIET, centre_spread_mm=0.0), ball, np.random.default_rng(1)
-    )
-    normal = np.array([2.0, 1.0, 1.0])
+    ball = Surface(curvature_per_mm=(1 / 40, 1 / 40), texture_rms_mm=0.0)
+    tips = make(ball, **QUIET)
     deepest = []
     for k, centre in enumerate((-7.0, 0.0, 7.0)):
-        pressure, _ = tips.sample(0.01 * (k + 1), normal, ZERO, 0.0, ZERO, centre, False)
-        fall = (tips.rest - pressure)[0]
+        fall = -move(tips, 0.01 * (k + 1), 2.0, centre_mm=(centre, 0.0)).astype(int)
         deepest.append(int(np.argmax(fall[:3] + fall[5:2:-1])))
     assert deepest == [0, 1, 2]
 
 
 def test_equal_seeds_give_equal_codes_and_other_seeds_do_not() -> None:
-    first, again, other = make(5), make(5), make(6)
-    series = [[codes(tips, 0.01 * k, 2.0, 0.3 * k).tolist() for k in range(1, 300)]
-              for tips in (first, again, other)]  # fmt: skip
-    assert series[0] == series[1]
-    assert series[0] != series[2]
+    first, again, other = (slide(make(seed=seed), 0.3, 300) for seed in (5, 5, 6))
+    assert (first == again).all()
+    assert (first != other).any()
+
+
+def test_codes_can_be_read_twice() -> None:
+    tips = make()
+    move(tips, 0.01, 3.0)
+    assert (tips.codes()[0] == tips.codes()[0]).all()
+
+
+def test_finer_inner_steps_change_little() -> None:
+    coarse = slide(make(**QUIET), 0.4, 100)
+    fine = slide(make(**QUIET, step_mm=0.005, step_s=1e-5), 0.4, 100)
+    difference = np.abs(coarse - fine)
+    assert np.sqrt((difference**2).mean()) < 0.05 * coarse.std()
 
 
 def test_noise_floor_of_an_untouched_taxel_is_half_a_count() -> None:
     tips = make()
-    seen = np.array([codes(tips, 0.01 * k, 0.0) for k in range(1, 400)]).astype(float)
-    deviation = seen.std(axis=0)
-    assert 0.25 < np.median(deviation) < 0.6
+    seen = np.array([move(tips, 0.01 * k, 0.0) for k in range(1, 400)]).astype(float)
+    assert 0.25 < np.median(seen.std(axis=0)) < 0.6
+
+
+def test_relaxation_levels_the_peaks_out_while_the_load_stays() -> None:
+    tips = make(**QUIET)
+    early = move(tips, 0.01, 5.0)
+    peak_early = loads(tips).max()
+    for k in range(100):
+        move(tips, 0.02 + 0.01 * k, 5.0)
+    assert loads(tips).sum() == pytest.approx(5.0)
+    assert 0.8 * peak_early < loads(tips).max() < 0.99 * peak_early
+    assert move(tips, 2.0, 5.0).min() > early.min()
+
+
+def test_arm_shakes_the_pads_while_it_moves_and_rings_out_after() -> None:
+    tips = make(SMOOTH, **{**QUIET, "vibration_n": 0.3})
+    moving = [move(tips, 0.01 * (k + 1), 4.0, arm_moves=True) for k in range(200)]
+    still = [move(tips, 2.01 + 0.01 * k, 4.0) for k in range(200)]
+    loud = np.abs(np.diff(moving, axis=0)).sum(axis=1)
+    after = np.abs(np.diff(still, axis=0)).sum(axis=1)
+    assert loud.mean() > 5
+    assert after[:5].mean() > 0
+    assert after[100:].max() <= 1
+
+
+def test_authors_driver_folds_codes_above_512() -> None:
+    warm = {**QUIET, "rest_low": 510, "rest_high": 510, "warming_k": 10.0, "warming_s": 10.0}
+    plain, folded = make(SMOOTH, **warm), make(SMOOTH, **warm, fold_above_512=True)
+    for tips in (plain, folded):
+        move(tips, 100.0, 0.3)
+    true, seen = plain.codes()[0], folded.codes()[0]
+    above = true > 512
+    assert above.any() and not above.all()
+    assert (seen[above] == 1024 - true[above]).all()
+    assert (seen[~above] == true[~above]).all()
+
+
+def test_warming_raises_the_pressure_code_and_lowers_the_temperature_code() -> None:
+    tips = make(**{**QUIET, "warming_k": 10.0}, warming_s=10.0)
+    risen = move(tips, 100.0, 0.0)
+    assert (risen == 16).all()
+    assert (tips.codes()[1] == 445).all()  # 498 - 5.35 a kelvin
+
+
+def test_height_field_has_the_stated_rms_and_correlation_length() -> None:
+    surface = Surface(texture_rms_mm=0.3, texture_length_mm=1.5)
+    field, step = fingertip.height_field(surface, np.random.default_rng(0))
+    assert field.std() == pytest.approx(0.3, rel=1e-4)
+    apart = round(1.5 / step)
+    correlation = (field * np.roll(field, apart, axis=0)).mean() / field.var()
+    assert correlation == pytest.approx(np.exp(-1), abs=0.06)
