@@ -1,6 +1,6 @@
 """What every slip detector is to its users, and how one is made from its name."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import msgspec
@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.energy import EnergyDetector, EnergySettings
+from detector.network import NetworkSettings, load_network
+from detector.network_file import packaged_networks
+from detector.psd import PsdDetector, PsdFairDetector, PsdFairSettings, PsdSettings
 
 
 class SlipDetector(Protocol):
@@ -27,18 +30,33 @@ class SlipDetector(Protocol):
         """Take counts (fingers, 6), raw minus rest, pressing negative; give (fingers,)."""
 
 
-DETECTORS = ("energy",)
+DetectorSettings = EnergySettings | PsdSettings | PsdFairSettings | NetworkSettings
+
+_FORMULAS: dict[str, tuple[type[msgspec.Struct], Callable[[Any, int], SlipDetector]]] = {
+    "energy": (EnergySettings, EnergyDetector),
+    "psd": (PsdSettings, PsdDetector),
+    "psd-fair": (PsdFairSettings, PsdFairDetector),
+}
+DETECTORS = (*_FORMULAS, *packaged_networks())
 
 
 def load_detector(
-    name: str, settings: Mapping[str, Any] | EnergySettings, fingers: int
+    name: str, settings: Mapping[str, Any] | DetectorSettings, fingers: int
 ) -> SlipDetector:
     """Make the named detector, reset, for so many fingers.
 
-    Raises ValueError for an unknown name, msgspec.ValidationError for settings out of range.
+    A name that is not packaged is taken for a network of one's own if ``weights`` says where it is.
+    Raises ValueError for an unknown name, msgspec.ValidationError for settings out of range,
+    BadWeights for a network whose file is damaged or foreign.
     """
-    if name not in DETECTORS:
+    wanted: type[Any] = _FORMULAS[name][0] if name in _FORMULAS else NetworkSettings
+    made: Any = settings
+    if isinstance(settings, Mapping):
+        made = msgspec.convert(dict(settings), wanted)
+    if not isinstance(made, wanted):
+        raise ValueError(f"{name} takes {wanted.__name__}, not {type(made).__name__}")
+    if name in _FORMULAS:
+        return _FORMULAS[name][1](made, fingers)
+    if name not in DETECTORS and not made.weights:
         raise ValueError(f"unknown detector {name!r}; known: {', '.join(DETECTORS)}")
-    if not isinstance(settings, EnergySettings):
-        settings = msgspec.convert(dict(settings), EnergySettings)
-    return EnergyDetector(settings, fingers)
+    return load_network(name, made, fingers)

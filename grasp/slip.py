@@ -12,7 +12,9 @@ class DecisionRule(Protocol):
     """Decides on a stream of probabilities; see ``detector.decision``."""
 
     threshold: float
-    registered: bool
+
+    @property
+    def registered(self) -> bool: ...
 
     def reset(self) -> None: ...
 

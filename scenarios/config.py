@@ -9,6 +9,9 @@ import msgspec
 
 from detector.decision import RuleSettings
 from detector.energy import EnergySettings
+from detector.interface import DetectorSettings, SlipDetector, load_detector
+from detector.network import NetworkSettings
+from detector.psd import PsdFairSettings, PsdSettings
 from drivers.robotiq.driver import DriverSettings as GripperSettings
 from drivers.robotiq.modbus import ModbusSettings
 from drivers.robotiq.model import HandSettings
@@ -31,7 +34,11 @@ from scenarios.world.objects import GraspObject
 
 
 class LiftConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Resolved settings of one lift. ``rig`` and ``detector_name`` are the names asked for."""
+    """Resolved settings of one lift. ``rig`` and ``detector_name`` are the names asked for.
+
+    Of the sections `detector` (the scalar's), `psd`, `psd_fair` and `network`, the one counts that
+    the detector asked for takes.
+    """
 
     rig: str
     detector_name: str
@@ -41,6 +48,9 @@ class LiftConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     slip: SlipSettings = SlipSettings()
     rule: RuleSettings = RuleSettings()
     detector: EnergySettings = EnergySettings()
+    psd: PsdSettings = PsdSettings()
+    psd_fair: PsdFairSettings = PsdFairSettings()
+    network: NetworkSettings = NetworkSettings()
     loop: LoopSettings = LoopSettings()
     realtime: RealTimeSettings = RealTimeSettings()
     gripper: GripperSettings = GripperSettings()
@@ -60,6 +70,14 @@ class LiftConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     def digest(self) -> str:
         """Hash of the resolved settings: equal digests and seeds mean equal runs."""
         return hashlib.sha256(msgspec.json.encode(self)).hexdigest()[:16]
+
+    def make_detector(self, fingers: int) -> SlipDetector:
+        """The detector asked for; raises BadWeights for a network's damaged file."""
+        formulas: dict[str, DetectorSettings] = {
+            "energy": self.detector, "psd": self.psd, "psd-fair": self.psd_fair,
+        }  # fmt: skip
+        settings = formulas.get(self.detector_name, self.network)
+        return load_detector(self.detector_name, settings, fingers)
 
 
 def load_config(

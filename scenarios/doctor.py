@@ -86,10 +86,10 @@ def _guarded(name: str, look: Callable[[], Check]) -> Check:
         return Check(name, "fail", message, getattr(error, "remedy", "see the message"))
 
 
-def _load(rig: str | None, file: Path | None) -> Any:
+def _load(rig: str | None, file: Path | None, detector: str = "energy") -> Any:
     from scenarios.config import load_config
 
-    return load_config("can", rig or "simulated", "energy", file)
+    return load_config("can", rig or "simulated", detector, file)
 
 
 def _configuration(rig: str | None, file: Path | None) -> Check:
@@ -107,10 +107,7 @@ def _detectors(file: Path | None) -> Iterator[Check]:
     def look(name: str) -> Check:
         import numpy as np
 
-        from detector.interface import load_detector
-
-        config = _load(None, file)
-        detector = load_detector(name, config.detector, 3)
+        detector = _load(None, file, name).make_detector(3)
         frames = np.random.default_rng(0).integers(-200, 0, (200, 3, 6), dtype=np.int16)
         start = time.perf_counter_ns()
         for frame in frames:

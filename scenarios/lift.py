@@ -6,8 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from detector.decision import ConsecutiveRule
-from detector.interface import load_detector
+from detector.decision import make_rule
 from drivers.errors import ConfigError
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp.clock import WallClock
@@ -71,7 +70,7 @@ def make_controller(config: LiftConfig) -> GraspController:
     grip = config.object.grip_counts
     margin = config.controller.preshape_margin_counts
     a, b, c = (max(0, count - margin) for count in grip)
-    monitor = SlipMonitor(ConsecutiveRule(config.rule, FINGERS), config.slip)
+    monitor = SlipMonitor(make_rule(config.rule, FINGERS), config.slip)
     return GraspController(config.controller, GripPlan((a, b, c), grip), monitor)
 
 
@@ -85,7 +84,7 @@ def run_trial(config: LiftConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> 
         trace.add(tick, truth)
         watch(tick, truth, controller)
 
-    detector = load_detector(config.detector_name, config.detector, FINGERS)
+    detector = config.make_detector(FINGERS)
     loop = ControlLoop(rig.devices, rig.clock, detector, controller, guard, config.loop, take)
     interrupted = False
     on_wall = isinstance(rig.clock, WallClock)

@@ -6,7 +6,6 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from detector.interface import load_detector
 from drivers.interfaces import FINGERS, TAXELS, ArmState, GripperState
 from grasp.commands import GripperCommand, describe
 from grasp.messages import (
@@ -92,7 +91,7 @@ class _Stepper:
         self.differences: list[Difference] = []
         self._controller = make_controller(config)
         self._guard = make_guard(config)
-        self._detector = load_detector(config.detector_name, config.detector, FINGERS)
+        self._detector = config.make_detector(FINGERS)
         self._tactile: TactileMessage | None = None
         self._gripper: GripperState | None = None
         self._arm: ArmState | None = None

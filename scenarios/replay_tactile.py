@@ -9,8 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.decision import ConsecutiveRule
-from detector.interface import load_detector
+from detector.decision import make_rule
 from detector.recordings import Recording
 from drivers.interfaces import (
     FINGER_NAMES,
@@ -126,8 +125,8 @@ class _Lift:
 
 def replay_tactile(config: LiftConfig, recording: Recording) -> TactileReplay:
     """Replay a recording of one to three fingers; missing fingers stay at rest."""
-    detector = load_detector(config.detector_name, config.detector, FINGERS)
-    monitor = SlipMonitor(ConsecutiveRule(config.rule, FINGERS), config.slip)
+    detector = config.make_detector(FINGERS)
+    monitor = SlipMonitor(make_rule(config.rule, FINGERS), config.slip)
     monitor.arm()
     frame = np.zeros((FINGERS, TAXELS), np.int16)
     commands: list[SentCommand] = []

@@ -16,6 +16,7 @@ _CODE_OF_KIND = {
     "usage": USAGE,
     "config": USAGE,
     "bad_recording": USAGE,
+    "bad_weights": USAGE,
     "link_lost": DEVICE,
     "device_fault": DEVICE,
     "refused": SAFETY_STOP,

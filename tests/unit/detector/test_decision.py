@@ -6,7 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from detector.decision import ConsecutiveRule, RuleSettings, event_starts, registered_events
+from detector.decision import (
+    ConsecutiveRule,
+    RuleSettings,
+    event_starts,
+    make_rule,
+    registered_events,
+)
 
 
 def rule(fingers: int = 3, **settings: float) -> ConsecutiveRule:
@@ -118,3 +124,57 @@ def test_events_of_a_stream_are_those_that_the_rule_registers_step_by_step(
         on.append(r.registered)
     edges = np.flatnonzero(np.diff(np.array(on, int), append=0))
     assert registered_events(p, settings).tolist() == edges.reshape(-1, 2).tolist()
+
+
+CUSUM = {"kind": "cusum", "limit": 4.0, "drift": 0.5}
+
+
+def test_cusum_registers_sure_samples_sooner_than_doubtful_ones() -> None:
+    for p, expected in ((0.99, 0), (0.95, 1), (0.9, 2), (0.7, 11), (0.6, None)):
+        r = make_rule(RuleSettings(**CUSUM), 1)  # type: ignore[arg-type]
+        told = [bool(r.update(np.array([p]))[0]) for _ in range(30)]
+        assert (told.index(True) if any(told) else None) == expected
+
+
+def test_cusum_begins_anew_after_quiet_samples_and_when_interrupted() -> None:
+    r = make_rule(RuleSettings(**CUSUM, release=2), 1)  # type: ignore[arg-type]
+    for p in (0.97, 0.97):
+        r.update(np.array([p]))
+    assert r.registered
+    r.update(np.array([0.4]))
+    assert r.registered
+    r.update(np.array([0.4]))
+    assert not r.registered
+    r.update(np.array([0.97]))
+    r.interrupt()
+    assert not r.update(np.array([0.97])).any()
+
+
+def test_the_mean_of_the_fingers_decides_and_the_surest_registers() -> None:
+    r = make_rule(RuleSettings(fusion="mean", consecutive=1), 3)
+    assert r.update(np.array([0.9, 0.2, 0.2])).tolist() == [False, False, False]
+    assert r.update(np.array([0.7, 0.95, 0.4])).tolist() == [False, True, False]
+    assert r.registered
+
+
+@given(
+    seed=st.integers(0, 10_000), fingers=st.integers(1, 3), release=st.integers(1, 4),
+    kind=st.sampled_from(["consecutive", "cusum"]), fusion=st.sampled_from(["any", "mean"]),
+    limit=st.floats(0.5, 8.0), agree=st.integers(1, 2),
+)  # fmt: skip
+def test_events_of_a_whole_stream_are_those_of_the_rule_sample_by_sample(
+    seed: int, fingers: int, release: int, kind: str, fusion: str, limit: float, agree: int
+) -> None:
+    p = np.random.default_rng(seed).uniform(0.0, 1.0, (60, fingers))
+    settings = RuleSettings(
+        kind=kind, fusion=fusion, limit=limit, release=release, drift=0.3, fingers=agree,
+        threshold=0.6,
+    )  # type: ignore[arg-type]  # fmt: skip
+    r = make_rule(settings, fingers)
+    registered = []
+    for row in p:
+        r.update(row)
+        registered.append(r.registered)
+    edges = np.flatnonzero(np.diff([False, *registered, False]))
+    expected = edges.reshape(-1, 2)
+    assert registered_events(p, settings).tolist() == expected.tolist()

@@ -1,0 +1,140 @@
+"""Networks at run time: ONNX Runtime, one thread, all fingertips in one call, nothing allocated.
+
+A streaming network takes a frame and its own state and gives a probability and the next state. The
+state lies in two sets of arrays that take turns as input and output, bound once by address, so an
+update copies 18 numbers in and 3 out.
+"""
+
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from detector.network_file import TAXELS, LoadedNetwork, read_network, weights_path
+
+Float32s = NDArray[np.float32]
+
+
+class NetworkSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Which weights a network runs with."""
+
+    weights: Annotated[
+        str,
+        Meta(description="file ending in .onnx, or the name of a packaged network; empty: the one "
+             "of the detector's own name"),
+    ] = ""  # fmt: skip
+
+
+class StreamingNetwork:
+    """A causal network with explicit state.
+
+    A reset clears the state, as if no sample had ever been seen, and the first frame after it has
+    no change. A repeated frame (a missed sample) is a frame like any other.
+    """
+
+    def __init__(self, loaded: LoadedNetwork, fingers: int) -> None:
+        self.name = loaded.card.name
+        self.threshold = loaded.card.threshold
+        self.card = loaded.card
+        self._shape = (fingers, TAXELS)
+        self._session = loaded.session
+        # two frames and two sets of states: what one call wrote, the next one reads
+        self._frames = [np.zeros(self._shape, np.float32) for _ in range(2)]
+        self._states = [
+            {name: np.zeros((fingers, *shape), np.float32) for name, shape in loaded.states.items()}
+            for _ in range(2)
+        ]
+        self._probability = np.zeros(fingers, np.float32)
+        self._bindings = [self._bind(0), self._bind(1)]
+        self.reset()
+
+    def _bind(self, turn: int) -> Any:
+        """Reads the frame and states of this turn, writes the states of the other."""
+        binding = self._session.io_binding()
+        _bind_input(binding, "counts", self._frames[turn])
+        _bind_input(binding, "previous", self._frames[1 - turn])
+        for name, state in self._states[turn].items():
+            _bind_input(binding, name, state)
+        for name, state in self._states[1 - turn].items():
+            _bind_output(binding, f"next_{name}", state)
+        _bind_output(binding, "probability", self._probability)
+        return binding
+
+    def reset(self) -> None:
+        self._turn = 0
+        self._started = False
+        for state in self._states[0].values():
+            state.fill(0.0)
+
+    def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
+        """Take one frame (fingers, 6); give (fingers,) probabilities."""
+        if counts.shape != self._shape:
+            raise ValueError(f"frame has shape {counts.shape}, not {self._shape}")
+        turn = self._turn
+        self._frames[turn][:] = counts
+        if not self._started:
+            self._frames[1 - turn][:] = counts
+            self._started = True
+        self._session.run_with_iobinding(self._bindings[turn])
+        self._turn = 1 - turn
+        return self._probability.astype(np.float64)
+
+
+class WindowedNetwork:
+    """A network that looks at the whole window anew for each frame.
+
+    Until a window has passed since the reset, the first frame stands for what came before it.
+    """
+
+    def __init__(self, loaded: LoadedNetwork, fingers: int) -> None:
+        self.name = loaded.card.name
+        self.threshold = loaded.card.threshold
+        self.card = loaded.card
+        self._shape = (fingers, TAXELS)
+        self._session = loaded.session
+        self._window = np.zeros((fingers, loaded.card.window, TAXELS), np.float32)
+        self._probability = np.zeros(fingers, np.float32)
+        self._binding = self._session.io_binding()
+        _bind_input(self._binding, "counts", self._window)
+        _bind_output(self._binding, "probability", self._probability)
+        self.reset()
+
+    def reset(self) -> None:
+        self._started = False
+
+    def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
+        """Take one frame (fingers, 6); give (fingers,) probabilities."""
+        if counts.shape != self._shape:
+            raise ValueError(f"frame has shape {counts.shape}, not {self._shape}")
+        if self._started:
+            self._window[:, :-1] = self._window[:, 1:]
+            self._window[:, -1] = counts
+        else:
+            self._window[:] = counts[:, None, :]
+            self._started = True
+        self._session.run_with_iobinding(self._binding)
+        return self._probability.astype(np.float64)
+
+
+def _bind_input(binding: Any, name: str, array: Float32s) -> None:
+    binding.bind_input(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+
+
+def _bind_output(binding: Any, name: str, array: Float32s) -> None:
+    binding.bind_output(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
+
+
+def run_network(loaded: LoadedNetwork, fingers: int) -> StreamingNetwork | WindowedNetwork:
+    """The detector of a loaded file, reset."""
+    if loaded.card.mode == "stream":
+        return StreamingNetwork(loaded, fingers)
+    return WindowedNetwork(loaded, fingers)
+
+
+def load_network(
+    name: str, settings: NetworkSettings, fingers: int
+) -> StreamingNetwork | WindowedNetwork:
+    """Detector from its weights; raises BadWeights."""
+    return run_network(read_network(weights_path(settings.weights or name)), fingers)

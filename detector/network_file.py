@@ -1,0 +1,154 @@
+"""Trained networks as files: ONNX, and beside the graph a card of what it is and where it is from.
+
+The card lies in the file's own metadata as JSON. Nothing in a file is ever unpickled or executed
+but the graph, by ONNX Runtime, and only after the card and the shapes have been checked.
+"""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+FORMAT = 1
+CARD_KEY = "grasp"
+TAXELS = 6
+LARGEST_BYTES = 4_000_000  # ours are a tenth of a megabyte
+WEIGHTS = Path(__file__).parent / "weights"
+
+Mode = Literal["stream", "window"]
+
+
+class NetworkCard(msgspec.Struct, frozen=True, kw_only=True):
+    """What a weights file says of itself."""
+
+    format: int
+    name: str
+    mode: Mode  # a frame and a state at a time, or a whole window
+    window: int  # samples that a `window` graph takes; for `stream` its memory, 0: unbounded
+    threshold: Annotated[float, Meta(gt=0.0, lt=1.0)]  # probability above which a sample is slip
+    parameters: int
+    mean_counts: tuple[float, ...]
+    std_counts: tuple[float, ...]
+    change_scale_counts: float
+    temperature: float  # already applied in the graph, as is the shift to the true share of slip
+    shift: float
+    data_digest: str
+    label: str
+    augmentation: str
+    balance: str
+    seed: int
+    commit: str
+    steps: int
+    training_minutes: float
+    validation: dict[str, float]
+
+
+class BadWeights(ValueError):
+    """A file is no usable network: says which, what is wrong, and what to do."""
+
+    kind = "bad_weights"
+
+    def __init__(self, file: Path | str, problem: str) -> None:
+        super().__init__(str(file), problem)
+        self.message = f"{file}: {problem}"
+        self.remedy = "give a file that `grasp detector train` wrote with this version"
+
+    def __str__(self) -> str:
+        return f"{self.message}; {self.remedy}"
+
+
+class LoadedNetwork(msgspec.Struct, frozen=True):
+    """A checked file: its card, an ONNX Runtime session, and the states' shapes a finger."""
+
+    card: NetworkCard
+    session: Any
+    states: dict[str, tuple[int, ...]]
+
+
+def weights_path(weights: str) -> Path:
+    """A packaged network's name, or the path of a file that ends in .onnx."""
+    return Path(weights) if weights.endswith(".onnx") else WEIGHTS / f"{weights}.onnx"
+
+
+def packaged_networks() -> tuple[str, ...]:
+    """Names of the networks that come with the project."""
+    return tuple(sorted(path.stem for path in WEIGHTS.glob("*.onnx")))
+
+
+def read_network(path: Path) -> LoadedNetwork:
+    """Load and check a weights file; raises BadWeights for anything that is not one of ours."""
+    session = _session(path)
+    card = _card(path, session)
+    inputs = {i.name: (i.type, tuple(i.shape)) for i in session.get_inputs()}
+    outputs = {o.name: (o.type, tuple(o.shape)) for o in session.get_outputs()}
+    _check_ends(path, card, inputs, outputs)
+    states = {name: shape[1:] for name, (_, shape) in inputs.items() if name.startswith("state")}
+    _check_states(path, card, inputs, outputs, states)
+    return LoadedNetwork(card, session, states)
+
+
+def _session(path: Path) -> Any:
+    import onnxruntime as ort  # noqa: PLC0415 (the scalar runs without it, and starts sooner)
+
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise BadWeights(path, f"cannot be read: {error.strerror or error}") from None
+    if len(content) > LARGEST_BYTES:
+        raise BadWeights(path, f"{len(content)} bytes are no network of this project")
+    ort.set_default_logger_severity(4)  # an exception says it already
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
+    try:  # from bytes: a graph that points to other files finds none
+        return ort.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime raises classes of its own for every kind of damage
+        raise BadWeights(path, f"no ONNX graph that can run ({type(error).__name__})") from None
+
+
+def _card(path: Path, session: Any) -> NetworkCard:
+    text = session.get_modelmeta().custom_metadata_map.get(CARD_KEY)
+    if text is None:
+        raise BadWeights(path, "an ONNX file without this project's card")
+    try:
+        card = msgspec.json.decode(text, type=NetworkCard)
+    except (msgspec.DecodeError, msgspec.ValidationError) as error:
+        raise BadWeights(path, f"its card cannot be read: {error}") from None
+    if card.format != FORMAT:
+        raise BadWeights(path, f"format {card.format}, this version reads {FORMAT}")
+    return card
+
+
+Ends = dict[str, tuple[str, tuple[Any, ...]]]
+
+
+def _check_ends(path: Path, card: NetworkCard, inputs: Ends, outputs: Ends) -> None:
+    """The frame or window that goes in, and the probability that comes out."""
+    frame: tuple[str | int, ...] = ("fingers", TAXELS)
+    wanted = {"counts": frame, "previous": frame}
+    if card.mode == "window":
+        wanted = {"counts": ("fingers", card.window, TAXELS)}
+        if card.window < 1:
+            raise BadWeights(path, f"a window of {card.window} samples")
+    for name, shape in wanted.items():
+        found = inputs.get(name)
+        variable = found is not None and found[1][1:2] == ("samples",)
+        if found != ("tensor(float)", shape) and not (variable and card.mode == "window"):
+            raise BadWeights(path, f"input {name!r} is {found}, not float {shape}")
+    if outputs.get("probability") != ("tensor(float)", ("fingers",)):
+        raise BadWeights(path, f"output is {outputs.get('probability')}, not float ('fingers',)")
+
+
+def _check_states(
+    path: Path, card: NetworkCard, inputs: Ends, outputs: Ends, states: dict[str, tuple[Any, ...]]
+) -> None:
+    """Every state goes in and comes out with one shape, and there is nothing else."""
+    known = {"counts", *(["previous"] if card.mode == "stream" else []), *states}
+    if set(inputs) != known or bool(states) != (card.mode == "stream"):
+        raise BadWeights(path, f"inputs {sorted(inputs)} do not fit mode {card.mode!r}")
+    for name, shape in states.items():
+        if outputs.get(f"next_{name}") != inputs[name]:
+            raise BadWeights(path, f"{name} goes in as {inputs[name]}, out otherwise")
+        if any(type(n) is not int or n < 1 for n in shape):
+            raise BadWeights(path, f"{name} has no fixed shape: {shape}")

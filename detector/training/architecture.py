@@ -1,0 +1,43 @@
+"""Which networks there are, apart from torch: what training, export and their tests share."""
+
+from typing import Literal
+
+import msgspec
+
+TAXELS = 6
+WINDOW = 100  # samples: one second, the paper's
+NORM_EPS = 1e-3  # of the authors' layer norms
+# columns of rows of taxels: 0 1 2 in the lower row, 5 4 3 in the upper
+GRID = ((0, 1, 2), (5, 4, 3))
+
+Inputs = Literal["counts", "changes", "both"]
+
+
+class Architecture(msgspec.Struct, frozen=True, kw_only=True):
+    """What distinguishes one network from another; stored with its weights."""
+
+    family: Literal["tcn", "gru", "freq-cnn"]
+    inputs: Inputs = "counts"
+    kernel: int = 8
+    dilations: tuple[int, ...] = (1, 2, 4, 8)
+    channels: int = 12
+    head: int = 24
+    outputs: int = 2  # 2: softmax of static and slip, 1: log-odds
+    streaming: bool = False  # dense outputs, explicit state; otherwise the window's last step
+    scrambled: bool = False  # freq-cnn: the published reshape that mixes time and taxels
+
+    @property
+    def receptive_field(self) -> int:
+        """Samples that one output of a `tcn` depends on: two convolutions a block."""
+        return 1 + 2 * (self.kernel - 1) * sum(self.dilations)
+
+
+ARCHITECTURES = {
+    # 10,070 parameters; its receptive field of 211 exceeds the window, so the zero padding counts
+    "tcn-paper": Architecture(family="tcn"),
+    # 91 samples at most: window and stream are equal
+    "tcn": Architecture(family="tcn", inputs="both", kernel=4, outputs=1, streaming=True),
+    "gru": Architecture(family="gru", inputs="both", channels=32, outputs=1, streaming=True),
+    "freq-cnn-paper": Architecture(family="freq-cnn", scrambled=True),
+    "freq-cnn": Architecture(family="freq-cnn"),
+}

@@ -1,0 +1,258 @@
+"""Networks as ONNX graphs, built operator by operator from their weights.
+
+No exporter stands between: what is in the file is what is written here. Temperature and prior shift
+are part of the graph, its output is the calibrated probability.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+from onnx import TensorProto, helper, numpy_helper
+
+from detector.network_file import CARD_KEY, TAXELS, Mode, NetworkCard
+from detector.training.architecture import GRID, NORM_EPS, WINDOW, Architecture
+
+OPSET, IR_VERSION = 17, 8
+BATCH_NORM_EPS = 1e-5
+Weights = dict[str, NDArray[np.float32]]
+Shape = tuple[str | int, ...]
+
+
+class _Graph:
+    """Collects nodes; every method gives the name of what it computes."""
+
+    def __init__(self, weights: Weights) -> None:
+        self.weights = weights
+        self.nodes: list[onnx.NodeProto] = []
+        self.constants: dict[str, onnx.TensorProto] = {}
+
+    def const(self, array: object, dtype: type = np.float32) -> str:
+        name = f"c{len(self.constants)}"
+        self.constants[name] = numpy_helper.from_array(np.asarray(array, dtype), name)
+        return name
+
+    def op(self, kind: str, *inputs: str, out: str = "", **attributes: Any) -> str:
+        name = out or f"n{len(self.nodes)}"
+        self.nodes.append(helper.make_node(kind, list(inputs), [name], **attributes))
+        return name
+
+    def slice(self, x: str, start: int, end: int, axis: int, out: str = "") -> str:
+        ints = [self.const([v], np.int64) for v in (start, end, axis)]
+        return self.op("Slice", x, *ints, out=out)
+
+    def reshape(self, x: str, *shape: int, out: str = "") -> str:
+        return self.op("Reshape", x, self.const(shape, np.int64), out=out)
+
+    def dense(self, x: str, prefix: str) -> str:
+        matrix = self.const(self.weights[f"{prefix}.weight"].T)
+        return self.affine(x, matrix, self.const(self.weights[f"{prefix}.bias"]))
+
+    def affine(self, x: str, matrix: str, bias: str) -> str:
+        return self.op("Add", self.op("MatMul", x, matrix), bias)
+
+    def norm(self, x: str, prefix: str) -> str:
+        scale, bias = (self.const(self.weights[f"{prefix}.{w}"]) for w in ("weight", "bias"))
+        return self.op("LayerNormalization", x, scale, bias, axis=-1, epsilon=NORM_EPS)
+
+    def batch_norm(self, x: str, prefix: str, axes_after: int) -> str:
+        """Batch norm of trained statistics is a scale and a shift a channel."""
+        w = {k: self.weights[f"{prefix}.{k}"] for k in ("weight", "bias")}
+        scale = w["weight"] / np.sqrt(self.weights[f"{prefix}.running_var"] + BATCH_NORM_EPS)
+        shift = w["bias"] - self.weights[f"{prefix}.running_mean"] * scale
+        shape = (-1, *[1] * axes_after)
+        scaled = self.op("Mul", x, self.const(scale.reshape(shape)))
+        return self.op("Add", scaled, self.const(shift.reshape(shape)))
+
+
+def make_model(arch: Architecture, mode: Mode, weights: Weights, card: NetworkCard) -> bytes:
+    """The file: a graph for one frame (`stream`) or a window, and its card."""
+    g = _Graph(weights)
+    states: dict[str, tuple[int, ...]] = {}
+    if mode == "stream":
+        logit, states = {"tcn": _tcn_step, "gru": _gru_step}[arch.family](g, arch)
+        inputs: dict[str, Shape] = dict.fromkeys(("counts", "previous"), ("fingers", TAXELS))
+    else:
+        window = {"tcn": _tcn_window, "gru": _gru_window, "freq-cnn": _frequency_window}
+        logit = window[arch.family](g, arch)
+        samples = "samples" if arch.streaming else WINDOW
+        inputs = {"counts": ("fingers", samples, TAXELS)}
+    _probability(g, logit, card)
+    ends_in: dict[str, Shape] = {**inputs, **{k: ("fingers", *s) for k, s in states.items()}}
+    ends_out: dict[str, Shape] = {"probability": ("fingers",)}
+    ends_out |= {f"next_{k}": ("fingers", *s) for k, s in states.items()}
+    graph = helper.make_graph(
+        g.nodes, card.name, _ends(ends_in), _ends(ends_out), list(g.constants.values())
+    )
+    model = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", OPSET)], producer_name="grasp"
+    )
+    model.ir_version = IR_VERSION
+    helper.set_model_props(model, {CARD_KEY: msgspec.json.encode(card).decode()})
+    onnx.checker.check_model(model, full_check=True)
+    return bytes(model.SerializeToString())
+
+
+def _ends(shapes: Mapping[str, Shape]) -> list[onnx.ValueInfoProto]:
+    return [helper.make_tensor_value_info(k, TensorProto.FLOAT, list(s)) for k, s in shapes.items()]
+
+
+def _probability(g: _Graph, logit: str, card: NetworkCard) -> None:
+    shifted = g.op("Add", logit, g.const(card.shift))
+    cooled = g.op("Div", shifted, g.const(card.temperature))
+    g.op("Sigmoid", g.reshape(cooled, -1), out="probability")
+
+
+def _features(g: _Graph, arch: Architecture, counts: str, previous: str) -> str:
+    parts = []
+    if arch.inputs != "changes":
+        centred = g.op("Sub", counts, g.const(g.weights["features.mean"]))
+        parts.append(g.op("Div", centred, g.const(g.weights["features.std"])))
+    if arch.inputs != "counts":
+        changes = g.op("Sub", counts, previous)
+        scaled = g.op("Div", changes, g.const(g.weights["features.change_scale"]))
+        parts.append(g.op("Asinh", scaled))
+    return parts[0] if len(parts) == 1 else g.op("Concat", *parts, axis=-1)
+
+
+def _window_features(g: _Graph, arch: Architecture) -> str:
+    first = g.slice("counts", 0, 1, 1)
+    previous = g.op("Concat", first, g.slice("counts", 0, -1, 1), axis=1)
+    return _features(g, arch, "counts", previous)
+
+
+def _head(g: _Graph, x: str, outputs: int) -> str:
+    for i in (1, 2):
+        x = g.op("Selu", g.norm(g.dense(x, f"head.dense{i}"), f"head.norm{i}"))
+    return _log_odds(g, x, "head.out", outputs)
+
+
+def _log_odds(g: _Graph, x: str, prefix: str, outputs: int) -> str:
+    """Softmax of two is the logistic of their difference: the output layer takes it at once."""
+    weight, bias = g.weights[f"{prefix}.weight"], g.weights[f"{prefix}.bias"]
+    if outputs == 2:
+        weight, bias = weight[1:] - weight[:1], bias[1:] - bias[:1]
+    return g.affine(x, g.const(weight.T), g.const(bias))
+
+
+def _layers(arch: Architecture) -> list[tuple[int, str, int]]:
+    return [
+        (i, half, dilation)
+        for i, dilation in enumerate(arch.dilations)
+        for half in ("first", "second")
+    ]
+
+
+def _tcn_step(g: _Graph, arch: Architecture) -> tuple[str, dict[str, tuple[int, ...]]]:
+    """One frame: each layer keeps the inputs that its dilated taps will still ask for."""
+    x = _features(g, arch, "counts", "previous")
+    states: dict[str, tuple[int, ...]] = {}
+    around = x
+    for i, half, dilation in _layers(arch):
+        prefix = f"blocks.{i}.{half}"
+        kernel = g.weights[f"{prefix}.conv.weight"]  # (out, in, taps)
+        if half == "first":
+            around = _skip(g, x, i)
+        width = kernel.shape[1]
+        name = f"state{len(states)}"
+        states[name] = ((arch.kernel - 1) * dilation * width,)
+        history = g.op("Concat", name, x, axis=1)  # flat: sample after sample
+        g.slice(history, width, 2**31, 1, out=f"next_{name}")
+        flat = history
+        if dilation > 1:
+            taps = np.arange(arch.kernel)[:, None] * dilation * width + np.arange(width)
+            flat = g.op("Gather", history, g.const(taps.ravel(), np.int64), axis=1)
+        matrix = g.const(kernel.transpose(2, 1, 0).reshape(-1, kernel.shape[0]))
+        y = g.affine(flat, matrix, g.const(g.weights[f"{prefix}.conv.bias"]))
+        x = g.op("Selu", g.norm(y, f"{prefix}.norm"))
+        if half == "second":
+            x = g.op("Selu", g.op("Add", around, x))
+    return _head(g, x, arch.outputs), states
+
+
+def _skip(g: _Graph, x: str, block: int) -> str:
+    """The way around a block, (..., channels): a matrix where the width changes."""
+    kernel = g.weights.get(f"blocks.{block}.skip.weight")
+    if kernel is None:
+        return x
+    bias = g.const(g.weights[f"blocks.{block}.skip.bias"])
+    return g.affine(x, g.const(kernel[:, :, 0].T), bias)
+
+
+def _tcn_window(g: _Graph, arch: Architecture) -> str:
+    """A whole window; zeros before its beginning in every layer, the last step is read."""
+    x = _window_features(g, arch)  # (fingers, samples, width)
+    around = x
+    for i, half, dilation in _layers(arch):
+        prefix = f"blocks.{i}.{half}"
+        if half == "first":
+            around = _skip(g, x, i)
+        y = g.op(
+            "Conv", g.op("Transpose", x, perm=[0, 2, 1]),
+            g.const(g.weights[f"{prefix}.conv.weight"]), g.const(g.weights[f"{prefix}.conv.bias"]),
+            dilations=[dilation], pads=[(arch.kernel - 1) * dilation, 0],
+        )  # fmt: skip
+        x = g.op("Selu", g.norm(g.op("Transpose", y, perm=[0, 2, 1]), f"{prefix}.norm"))
+        if half == "second":
+            x = g.op("Selu", g.op("Add", around, x))
+    return _head(g, g.slice(x, -1, 2**31, 1), arch.outputs)
+
+
+def _gru_weights(g: _Graph) -> list[str]:
+    """Torch orders the gates reset, update, new; ONNX update, reset, new."""
+
+    def reorder(array: NDArray[np.float32]) -> NDArray[np.float32]:
+        reset, update, new = np.split(array, 3)
+        return np.concatenate([update, reset, new])
+
+    w, r, wb, rb = (
+        reorder(g.weights[f"gru.{k}_l0"]) for k in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
+    )
+    return [g.const(w[None]), g.const(r[None]), g.const(np.concatenate([wb, rb])[None])]
+
+
+def _gru_step(g: _Graph, arch: Architecture) -> tuple[str, dict[str, tuple[int, ...]]]:
+    x = _features(g, arch, "counts", "previous")
+    sequence = g.op("Unsqueeze", x, g.const([0], np.int64))  # (time, fingers, width)
+    before = g.op("Unsqueeze", "state0", g.const([0], np.int64))
+    g.nodes.append(helper.make_node(
+        "GRU", [sequence, *_gru_weights(g), "", before], ["", "hidden"],
+        hidden_size=arch.channels, linear_before_reset=1,
+    ))  # fmt: skip
+    hidden = g.op("Squeeze", "hidden", g.const([0], np.int64), out="next_state0")
+    return _log_odds(g, hidden, "out", arch.outputs), {"state0": (arch.channels,)}
+
+
+def _gru_window(g: _Graph, arch: Architecture) -> str:
+    sequence = g.op("Transpose", _window_features(g, arch), perm=[1, 0, 2])
+    g.nodes.append(helper.make_node(
+        "GRU", [sequence, *_gru_weights(g)], ["", "hidden"],
+        hidden_size=arch.channels, linear_before_reset=1,
+    ))  # fmt: skip
+    return _log_odds(g, "hidden", "out", arch.outputs)
+
+
+def _frequency_window(g: _Graph, arch: Architecture) -> str:
+    """The spectrum is a product with cosines and sines: 100 samples, 51 frequencies."""
+    x = _window_features(g, arch)
+    if arch.scrambled:
+        series = g.reshape(x, -1, TAXELS, WINDOW)
+    else:
+        at = g.const([taxel for row in GRID for taxel in row], np.int64)
+        series = g.op("Transpose", g.op("Gather", x, at, axis=2), perm=[0, 2, 1])
+    angle = 2.0 * np.pi / WINDOW * np.outer(np.arange(WINDOW), np.arange(WINDOW // 2 + 1))
+    parts = [g.op("MatMul", series, g.const(f(angle))) for f in (np.cos, np.sin)]
+    power = g.op("Add", *(g.op("Mul", part, part) for part in parts))
+    spectra = g.op("Transpose", g.op("Sqrt", power), perm=[0, 2, 1])  # (fingers, 51, 6)
+    y = g.reshape(spectra, -1, WINDOW // 2 + 1, 2, 3)
+    for i, pads in ((1, [1, 1, 1, 1]), (2, [0, 0, 0, 0])):
+        weights = [g.const(g.weights[f"conv{i}.{w}"]) for w in ("weight", "bias")]
+        y = g.batch_norm(g.op("Relu", g.op("Conv", y, *weights, pads=pads)), f"norm{i}", 2)
+    y = g.reshape(y, -1, 40)
+    for i, norm in ((1, "norm3"), (2, "norm4")):
+        dense = g.dense(y, f"dense{i}")
+        y = g.op("Relu", g.batch_norm(dense, norm, 0))
+    return _log_odds(g, y, "out", arch.outputs)

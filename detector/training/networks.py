@@ -1,0 +1,187 @@
+"""The networks in torch: counts (batch, time, 6) in, log-odds of slip (batch, time) out.
+
+`SlipTcn` is the network of Grover, Nadeau, Grebe and Kelly 2022 as its authors built it, and ours
+of the same family; `SlipGru` keeps one state instead of a history; `FrequencyCnn` is the paper's
+second method (after Meier et al. 2016), as published and with its reshape mended.
+"""
+
+import torch
+from torch import Tensor, nn
+
+from detector.training.architecture import GRID, NORM_EPS, TAXELS, WINDOW, Architecture, Inputs
+
+DROPOUT = 0.2
+
+
+class Features(nn.Module):
+    """Standardised counts, and changes from sample to sample on a compressed scale.
+
+    ``asinh`` is linear for the noise of a taxel at rest and a logarithm for slip, so that what
+    matters of a change is how many times larger than rest it is.
+    """
+
+    mean: Tensor  # (6,) counts
+    std: Tensor  # (6,) counts
+    change_scale: Tensor  # () counts a sample
+
+    def __init__(self, inputs: Inputs) -> None:
+        super().__init__()
+        self.inputs = inputs
+        self.register_buffer("mean", torch.zeros(TAXELS))
+        self.register_buffer("std", torch.ones(TAXELS))
+        self.register_buffer("change_scale", torch.ones(()))
+
+    @property
+    def width(self) -> int:
+        return 2 * TAXELS if self.inputs == "both" else TAXELS
+
+    def forward(self, counts: Tensor) -> Tensor:
+        """(batch, time, 6) to (batch, time, width); the first sample has no change."""
+        parts = []
+        if self.inputs != "changes":
+            parts.append((counts - self.mean) / self.std)
+        if self.inputs != "counts":
+            changes = torch.diff(counts, dim=1, prepend=counts[:, :1])
+            parts.append(torch.asinh(changes / self.change_scale))
+        return torch.cat(parts, dim=2)
+
+
+class CausalConv(nn.Module):
+    """Convolution, layer norm over channels, SELU, channel dropout: half a residual block."""
+
+    def __init__(self, width: int, channels: int, kernel: int, dilation: int) -> None:
+        super().__init__()
+        self.padding = (kernel - 1) * dilation
+        self.conv = nn.Conv1d(width, channels, kernel, dilation=dilation)
+        self.norm = nn.LayerNorm(channels, eps=NORM_EPS)
+        self.drop = nn.Dropout1d(DROPOUT)
+        nn.init.kaiming_normal_(self.conv.weight, nonlinearity="relu")
+        if self.conv.bias is not None:
+            nn.init.zeros_(self.conv.bias)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(batch, width, time) to (batch, channels, time), zeros before the beginning."""
+        y = self.conv(nn.functional.pad(x, (self.padding, 0)))
+        y = self.norm(y.transpose(1, 2)).transpose(1, 2)
+        return self.drop(nn.functional.selu(y))
+
+
+class Block(nn.Module):
+    """Two convolutions of one dilation and the way around them."""
+
+    def __init__(self, width: int, channels: int, kernel: int, dilation: int) -> None:
+        super().__init__()
+        self.first = CausalConv(width, channels, kernel, dilation)
+        self.second = CausalConv(channels, channels, kernel, dilation)
+        self.skip = nn.Conv1d(width, channels, 1) if width != channels else None
+
+    def forward(self, x: Tensor) -> Tensor:
+        around = x if self.skip is None else self.skip(x)
+        return nn.functional.selu(around + self.second(self.first(x)))
+
+
+class Head(nn.Module):
+    """Two dense layers with layer norm, SELU and dropout, and the output."""
+
+    def __init__(self, width: int, hidden: int, outputs: int) -> None:
+        super().__init__()
+        self.dense1, self.norm1 = nn.Linear(width, hidden), nn.LayerNorm(hidden, eps=NORM_EPS)
+        self.dense2, self.norm2 = nn.Linear(hidden, hidden), nn.LayerNorm(hidden, eps=NORM_EPS)
+        self.out = nn.Linear(hidden, outputs)
+        self.drop = nn.Dropout(DROPOUT)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(..., width) to log-odds (...)."""
+        x = self.drop(nn.functional.selu(self.norm1(self.dense1(x))))
+        x = self.drop(nn.functional.selu(self.norm2(self.dense2(x))))
+        return log_odds(self.out(x))
+
+
+class SlipTcn(nn.Module):
+    """Temporal convolutional network (paper, section on the network; as built: see the docs)."""
+
+    def __init__(self, arch: Architecture) -> None:
+        super().__init__()
+        self.arch = arch
+        self.features = Features(arch.inputs)
+        widths = [self.features.width] + [arch.channels] * len(arch.dilations)
+        self.blocks = nn.ModuleList(
+            Block(width, arch.channels, arch.kernel, dilation)
+            for width, dilation in zip(widths, arch.dilations, strict=False)
+        )
+        self.head = Head(arch.channels, arch.head, arch.outputs)
+
+    def forward(self, counts: Tensor, last: bool = False) -> Tensor:
+        """Log-odds (batch, time), or (batch, 1) of the last step."""
+        x = self.features(counts).transpose(1, 2)
+        for block in self.blocks:
+            x = block(x)
+        x = x.transpose(1, 2)
+        return self.head(x[:, -1:] if last else x)
+
+
+class SlipGru(nn.Module):
+    """One gated recurrent layer and a linear output."""
+
+    def __init__(self, arch: Architecture) -> None:
+        super().__init__()
+        self.arch = arch
+        self.features = Features(arch.inputs)
+        self.gru = nn.GRU(self.features.width, arch.channels, batch_first=True)
+        self.drop = nn.Dropout(DROPOUT)
+        self.out = nn.Linear(arch.channels, arch.outputs)
+
+    def forward(self, counts: Tensor, last: bool = False) -> Tensor:
+        hidden, _ = self.gru(self.features(counts))
+        return log_odds(self.out(self.drop(hidden[:, -1:] if last else hidden)))
+
+
+class FrequencyCnn(nn.Module):
+    """Convolutions over an image of spectra, (2, 3) taxels by 51 frequencies as channels."""
+
+    def __init__(self, arch: Architecture) -> None:
+        super().__init__()
+        self.arch = arch
+        self.features = Features(arch.inputs)
+        self.conv1, self.norm1 = nn.Conv2d(WINDOW // 2 + 1, 50, 3, padding=1), nn.BatchNorm2d(50)
+        self.conv2, self.norm2 = nn.Conv2d(50, 20, 2), nn.BatchNorm2d(20)
+        self.dense1, self.norm3 = nn.Linear(40, 40), nn.BatchNorm1d(40)
+        self.dense2, self.norm4 = nn.Linear(40, 20), nn.BatchNorm1d(20)
+        self.out = nn.Linear(20, arch.outputs)
+        self.drop2d, self.drop = nn.Dropout2d(DROPOUT), nn.Dropout(DROPOUT)
+
+    def image(self, counts: Tensor) -> Tensor:
+        """Amplitudes (batch, 51, 2, 3) of a window (batch, 100, 6).
+
+        The authors' reshape keeps the order of the numbers in memory, so that a "taxel" of theirs
+        is 16 2/3 samples of all six taxels; kept for comparison.
+        """
+        x = self.features(counts)
+        if self.arch.scrambled:
+            series = x.reshape(-1, 2, 3, WINDOW)
+        else:
+            series = x[:, :, torch.tensor(GRID)].permute(0, 2, 3, 1)
+        return torch.fft.rfft(series, dim=3).abs().permute(0, 3, 1, 2)
+
+    def forward(self, counts: Tensor, last: bool = True) -> Tensor:
+        """Log-odds (batch, 1) of windows (batch, 100, 6)."""
+        x = self.drop2d(self.norm1(nn.functional.relu(self.conv1(self.image(counts)))))
+        x = self.drop2d(self.norm2(nn.functional.relu(self.conv2(x))))
+        x = self.drop(nn.functional.relu(self.norm3(self.dense1(x.flatten(1)))))
+        x = self.drop(nn.functional.relu(self.norm4(self.dense2(x))))
+        return log_odds(self.out(x))[:, None]
+
+
+def log_odds(scores: Tensor) -> Tensor:
+    """(..., 1) as they are, (..., 2) as the difference whose logistic is the softmax."""
+    return scores[..., 0] if scores.shape[-1] == 1 else scores[..., 1] - scores[..., 0]
+
+
+def build(arch: Architecture) -> nn.Module:
+    """The network, with random weights."""
+    return {"tcn": SlipTcn, "gru": SlipGru, "freq-cnn": FrequencyCnn}[arch.family](arch)
+
+
+def parameter_count(network: nn.Module) -> int:
+    """Trainable numbers."""
+    return sum(p.numel() for p in network.parameters())

@@ -1,0 +1,145 @@
+"""Networks at run time: a stream is the window, a reset forgets, a bad file is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper
+
+from detector.evaluation import stream
+from detector.interface import load_detector
+from detector.network import StreamingNetwork, WindowedNetwork, run_network
+from detector.network_file import CARD_KEY, BadWeights, read_network
+from tests.unit.detector.networks import walk, write_network
+
+
+@pytest.mark.parametrize("lost", [None, 150, 151])
+def test_stream_and_window_of_the_tcn_agree_once_the_window_is_full(
+    tmp_path: Path, lost: int | None
+) -> None:
+    counts = walk(260)
+    if lost:
+        counts[lost] = counts[lost - 1]  # a missed sample is repeated
+    streamed = run_network(read_network(write_network(tmp_path, "tcn", "stream")), 3)
+    windowed = run_network(read_network(write_network(tmp_path, "tcn", "window")), 3)
+    assert isinstance(streamed, StreamingNetwork)
+    assert isinstance(windowed, WindowedNetwork)
+    difference = stream(streamed, counts)[0] - stream(windowed, counts)[0]
+    assert np.abs(difference[100:]).max() < 1e-5
+    assert np.ptp(stream(streamed, counts)[0]) > 0.1
+
+
+@pytest.mark.parametrize("name", ["tcn", "gru"])
+def test_a_reset_forgets_everything(tmp_path: Path, name: str) -> None:
+    detector = run_network(read_network(write_network(tmp_path, name, "stream")), 3)
+    first = stream(detector, walk(151))[0]
+    assert not np.allclose(stream(detector, walk(60, seed=2))[0], first[:60])
+    assert np.array_equal(stream(detector, walk(151))[0], first)
+
+
+@pytest.mark.parametrize(
+    ("name", "mode"), [("tcn", "stream"), ("gru", "stream"), ("tcn", "window")]
+)
+def test_fingers_do_not_know_one_another(tmp_path: Path, name: str, mode: str) -> None:
+    loaded = read_network(write_network(tmp_path, name, mode))  # type: ignore[arg-type]
+    counts = walk(150)
+    together = stream(run_network(loaded, 3), counts)[0]
+    for finger in range(3):
+        alone = stream(run_network(loaded, 1), counts[:, finger : finger + 1])[0]
+        assert np.abs(alone[:, 0] - together[:, finger]).max() < 1e-6
+
+
+def test_a_result_outlives_the_next_update(tmp_path: Path) -> None:
+    detector = run_network(read_network(write_network(tmp_path, "tcn", "stream")), 3)
+    counts = walk(40)
+    kept = [detector.update(frame) for frame in counts]
+    assert np.array_equal(np.array(kept), stream(detector, counts)[0])
+
+
+@pytest.mark.parametrize("mode", ["stream", "window"])
+def test_a_frame_of_another_shape_is_refused(tmp_path: Path, mode: str) -> None:
+    detector = run_network(read_network(write_network(tmp_path, "tcn", mode)), 3)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"\(1, 6\), not \(3, 6\)"):
+        detector.update(np.zeros((1, 6), np.int16))
+
+
+def test_temperature_and_shift_are_part_of_the_graph(tmp_path: Path) -> None:
+    counts = walk(120)
+    odds = []
+    for changes in ({"temperature": 1.0, "shift": 0.0}, {"temperature": 2.0, "shift": 0.5}):
+        path = write_network(tmp_path, "gru", "stream", **changes)
+        p = stream(run_network(read_network(path), 3), counts)[0]
+        odds.append(np.log(p / (1 - p)))
+    assert np.allclose(odds[1], (odds[0] + 0.5) / 2.0, atol=1e-4)
+
+
+def test_own_weights_are_loaded_by_path(tmp_path: Path) -> None:
+    path = write_network(tmp_path, "tcn", "stream")
+    assert load_detector("mine", {"weights": str(path)}, 3).name == "tcn"
+
+
+def damaged(path: Path, how: str) -> Path:
+    content = path.read_bytes()
+    if how == "cut":
+        path.write_bytes(content[: len(content) // 2])
+    elif how == "empty":
+        path.write_bytes(b"")
+    elif how == "pickle":
+        path.write_bytes(b"\x80\x04cos\nsystem\n(S'true'\ntR.")
+    elif how == "huge":
+        path.write_bytes(b"\0" * 5_000_000)
+    else:
+        model = onnx.load(path)
+        change(model, how)
+        path.write_bytes(model.SerializeToString())
+    return path
+
+
+def change(model: onnx.ModelProto, how: str) -> None:
+    if how == "no card":
+        del model.metadata_props[:]
+    elif how == "bad card":
+        model.metadata_props[0].value = '{"format": 1}'
+    elif how == "format":
+        text = model.metadata_props[0].value
+        model.metadata_props[0].value = text.replace('"format":1', '"format":99')
+    elif how == "mode":
+        text = model.metadata_props[0].value
+        model.metadata_props[0].value = text.replace('"mode":"stream"', '"mode":"window"')
+    elif how == "lost state":
+        outputs = [o for o in model.graph.output if o.name != "next_state0"]
+        del model.graph.output[:]
+        model.graph.output.extend(outputs)
+    elif how == "taxels":
+        model.graph.input[0].type.tensor_type.shape.dim[1].dim_value = 5
+
+
+@pytest.mark.parametrize(
+    "how",
+    ["cut", "empty", "pickle", "huge", "no card", "bad card", "format", "mode", "lost state",
+     "taxels"],
+)  # fmt: skip
+def test_a_damaged_or_foreign_file_is_refused_with_its_name(tmp_path: Path, how: str) -> None:
+    path = damaged(write_network(tmp_path, "tcn", "stream"), how)
+    with pytest.raises(BadWeights) as caught:
+        read_network(path)
+    assert str(path) in caught.value.message
+    assert "grasp detector train" in caught.value.remedy
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadWeights, match="No such file"):
+        read_network(tmp_path / "none.onnx")
+
+
+def test_someone_else_s_network_is_refused(tmp_path: Path) -> None:
+    ends = [helper.make_tensor_value_info(n, TensorProto.FLOAT, [1, 3]) for n in ("x", "y")]
+    graph = helper.make_graph([helper.make_node("Relu", ["x"], ["y"])], "g", ends[:1], ends[1:])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)])
+    model.ir_version = 8
+    path = tmp_path / "other.onnx"
+    path.write_bytes(model.SerializeToString())
+    with pytest.raises(BadWeights, match="without this project's card"):
+        read_network(path)
+    assert CARD_KEY == "grasp"

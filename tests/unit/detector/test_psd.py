@@ -1,0 +1,61 @@
+"""Spectral baselines: the published one as defined, the fair one as the authors' analysis."""
+
+import numpy as np
+import pytest
+
+from detector.evaluation import stream
+from detector.interface import load_detector
+from detector.psd import PsdDetector, PsdFairDetector, PsdFairSettings, PsdSettings
+from tests.unit.detector.networks import walk
+
+
+def test_the_published_power_is_summed_over_taxels_first_and_from_1_to_50_hz() -> None:
+    settings = PsdSettings(steepness=1.0)
+    counts = walk(160)
+    p = stream(PsdDetector(settings, 3), counts)[0]
+    standard = (counts[60:160].astype(float) - settings.mean_counts) / settings.std_counts
+    common = standard.sum(axis=2)
+    n = np.arange(100)
+    power = [
+        sum(
+            abs((common[:, f] * np.exp(-2j * np.pi * k * n / 100)).sum()) ** 2 for k in range(1, 51)
+        )
+        for f in range(3)
+    ]
+    odds = np.array(power) / 11000.0
+    assert np.allclose(p[-1], odds / (1 + odds))
+
+
+def test_what_taxels_do_against_one_another_the_published_one_cannot_see() -> None:
+    settings = PsdSettings(mean_counts=(0.0,) * 6, std_counts=(1.0,) * 6)
+    counts = np.zeros((150, 1, 6), np.int16)
+    counts[::2, 0, 0], counts[::2, 0, 1] = 400, -400
+    assert stream(PsdDetector(settings, 1), counts)[0].max() < 1e-6
+    assert stream(PsdFairDetector(PsdFairSettings(), 1), counts)[0][-1, 0] > 0.99
+
+
+def test_a_constant_load_is_no_vibration() -> None:
+    counts = np.full((60, 3, 6), -300, np.int16)
+    assert np.all(stream(PsdFairDetector(PsdFairSettings(), 3), counts)[0] < 1e-12)
+
+
+def test_a_sine_of_known_amplitude_gives_the_authors_figure() -> None:
+    """|FFT| of a sine at a bin of the window is half its amplitude times the window's length."""
+    t = np.arange(63)
+    counts = np.zeros((63, 1, 6), np.int16)
+    counts[:, 0, 2] = np.round(400 * np.sin(2 * np.pi * 4 * t / 21))
+    settings = PsdFairSettings(threshold_counts=400 * 21 / 2 / 20, steepness=1.0)
+    assert stream(PsdFairDetector(settings, 1), counts)[0][-1, 0] == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.parametrize("name", ["psd", "psd-fair"])
+def test_a_reset_forgets(name: str) -> None:
+    detector = load_detector(name, {}, 3)
+    first = stream(detector, walk(130))[0]
+    stream(detector, walk(40, seed=3))
+    assert np.array_equal(stream(detector, walk(130))[0], first)
+
+
+def test_settings_of_another_detector_are_refused() -> None:
+    with pytest.raises(ValueError, match="psd takes PsdSettings, not PsdFairSettings"):
+        load_detector("psd", PsdFairSettings(), 3)
