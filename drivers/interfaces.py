@@ -167,7 +167,10 @@ class TactileSensor(Protocol):
 
 
 class ArmState(msgspec.Struct, frozen=True):
-    """Tool position and velocity in the base frame, as last reported by the controller."""
+    """Tool position and velocity in the base frame, as last reported by the controller.
+
+    ``angle_rad`` is the turn about the tool's own axis (its z, right-handed) since the start.
+    """
 
     t_ns: int
     seq: int
@@ -175,13 +178,18 @@ class ArmState(msgspec.Struct, frozen=True):
     velocity_mps: Vector3
     moving: bool
     stopped_by_safety: bool = False  # protective or emergency stop
+    angle_rad: float = 0.0
+    spin_radps: float = 0.0
 
     def age_ns(self, now_ns: int) -> int:
         return now_ns - self.t_ns
 
 
 class Arm(Protocol):
-    """Straight-line arm. Verbs raise ``Refused`` outside their limits, before anything is sent."""
+    """Moves along straight lines, or drives at a velocity that must be renewed.
+
+    Verbs raise ``Refused`` outside their limits, before anything is sent.
+    """
 
     @property
     def state(self) -> ArmState | None: ...
@@ -189,6 +197,11 @@ class Arm(Protocol):
     def pump(self, now_ns: int) -> None: ...
 
     def move_to(self, position_m: Vector3, speed_mps: float, acceleration_mps2: float) -> None: ...
+
+    def drive(self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float) -> None:
+        """Take up this velocity, and spin about the tool's own axis, at up to the acceleration
+        (of the same number in rad/s2). A drive that is not renewed in time is stopped."""
+        ...
 
     def stop(self, deceleration_mps2: float) -> None: ...
 

@@ -4,6 +4,7 @@ Nothing reconnects by itself and nothing is unlocked; ``UrLink.recover`` starts 
 """
 
 import math
+from collections.abc import Callable
 from typing import Annotated, Self
 
 import msgspec
@@ -11,7 +12,7 @@ from msgspec import Meta
 
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.interfaces import Vector3
-from drivers.ur import messages
+from drivers.ur import kinematics, messages
 from drivers.ur.messages import ROBOT_RUNNING, Outcome, Pose, State
 from drivers.ur.model import ArmSample
 from drivers.ur.preflight import Report, preflight, require
@@ -70,8 +71,9 @@ class UrLink:
     """Implements ``drivers.ur.driver.ArmLink`` on a controller; ``connect`` before the first use.
 
     ``read`` is also the heartbeat: a caller that stops reading while the arm moves stops it.
-    ``move_l`` and ``stop_l`` return at once; if the controller does not carry them out, the next
-    ``read`` raises. The tool keeps the orientation that it had when the link was connected.
+    Verbs of motion return at once; if the controller does not carry them out, the next ``read``
+    raises. The tool keeps the orientation that it had when the link was connected, but for the
+    turn about its own axis that ``speed_l`` has given it.
     """
 
     def __init__(self, settings: UrSettings) -> None:
@@ -79,7 +81,8 @@ class UrLink:
         self._worker: WorkerProcess | None = None
         self._payload_kg: float | None = None
         self._trusted: State | None = None
-        self._rotation: Vector3 = (0.0, 0.0, 0.0)
+        self._rotation: Vector3 = (0.0, 0.0, 0.0)  # at the start
+        self._turned = False
         self._beat_ns = 0
         self._told: set[str] = set()  # troubles that were raised already and have not ended
         self._stop_number: int | None = None
@@ -96,6 +99,7 @@ class UrLink:
         self._worker, self._trusted = started, started.state
         self._told.clear()
         self._stop_number = None
+        self._turned = False
         if self._trusted is not None:
             self._rotation = self._trusted.pose[3:]
         return report
@@ -139,6 +143,29 @@ class UrLink:
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:
         """False in a safety stop; raises DeviceFault when no program runs on the controller."""
+        _, state = self._live()
+        rotation = state.pose[3:] if self._turned else self._rotation
+        return self._start(
+            lambda number: messages.Move(
+                number, (*target_m, *rotation), speed_mps, acceleration_mps2
+            ),
+            now_ns,
+        )
+
+    def speed_l(
+        self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float, now_ns: int
+    ) -> bool:
+        """As ``move_l``; the controller keeps the velocity for as long as ``read`` is called."""
+        _, state = self._live()
+        self._turned = self._turned or spin_radps != 0.0
+        axis = kinematics.rotation(state.pose[3:])[:, 2]
+        wx, wy, wz = (spin_radps * axis).tolist()
+        return self._start(
+            lambda number: messages.Drive(number, (*velocity_mps, wx, wy, wz), acceleration_mps2),
+            now_ns,
+        )
+
+    def _start(self, motion: Callable[[int], messages.Move | messages.Drive], now_ns: int) -> bool:
         process, state = self._live()
         if state.stopped_by_safety:
             return False
@@ -146,12 +173,7 @@ class UrLink:
             raise _program_ended()
         self._stop_number = None
         self._beat_ns = now_ns
-        process.post(
-            messages.Move(
-                process.next_number(), (*target_m, *self._rotation), speed_mps, acceleration_mps2
-            ),
-            self._settings.command_timeout_s,
-        )
+        process.post(motion(process.next_number()), self._settings.command_timeout_s)
         return True
 
     def stop_l(self, deceleration_mps2: float, now_ns: int) -> None:
@@ -194,7 +216,16 @@ class UrLink:
             velocity_mps=state.velocity_mps if powered else (0.0, 0.0, 0.0),
             moving=powered and state.moving,
             protective_stop=state.stopped_by_safety,
+            angle_rad=self._angle(trusted.pose[3:]),
+            spin_radps=_along_axis(trusted) if powered else 0.0,
         )
+
+    def _angle(self, rotation: Vector3) -> float:
+        """Turn about the tool's axis since the link was connected."""
+        if not self._turned:
+            return 0.0
+        start, present = kinematics.rotation(self._rotation), kinematics.rotation(rotation)
+        return kinematics.rotation_vector(start.T @ present)[2]
 
     def _live(self) -> tuple[WorkerProcess, State]:
         process = self._worker
@@ -262,6 +293,12 @@ class UrLink:
             link_timeout_s=s.link_timeout_s,
             standing_below_mps=s.standing_below_mps,
         )
+
+
+def _along_axis(state: State) -> float:
+    """Spin about the tool's own axis, rad/s."""
+    axis = kinematics.rotation(state.pose[3:])[:, 2]
+    return float(sum(a * w for a, w in zip(axis.tolist(), state.turning_radps, strict=True)))
 
 
 def _program_ended() -> DeviceFault:

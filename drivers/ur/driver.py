@@ -1,6 +1,7 @@
 """Thread-free core of the arm driver: limits before anything is sent, typed trouble afterwards."""
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Protocol
 
 import msgspec
@@ -29,6 +30,15 @@ class ArmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     workspace_high_m: Annotated[
         tuple[float, float, float], Meta(description="m, highest x, y, z from the start; assumed")
     ] = (0.05, 0.05, 0.5)
+    max_spin_radps: Annotated[
+        float, Meta(gt=0.0, le=3.0, description="about the tool's axis; paper: 1 rad/s")
+    ] = 1.5
+    max_turn_rad: Annotated[
+        float, Meta(gt=0.0, le=6.0, description="either way from the start: cables; assumed")
+    ] = 1.6
+    drive_timeout_s: Annotated[
+        float, Meta(ge=0.02, le=1.0, description="s without renewal that stop a drive; assumed")
+    ] = 0.1
     max_jump_m: Annotated[
         float,
         Meta(gt=0.0, le=1.0, description="m, longest move from the present position; assumed"),
@@ -59,6 +69,12 @@ class ArmLink(Protocol):
         """Start a straight move and return at once; False when the controller does not take it."""
         ...
 
+    def speed_l(
+        self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float, now_ns: int
+    ) -> bool:
+        """Take up a velocity and return at once; False when the controller does not take it."""
+        ...
+
     def stop_l(self, deceleration_mps2: float, now_ns: int) -> None: ...
 
     def set_payload(self, mass_kg: float) -> None: ...
@@ -81,6 +97,8 @@ class ArmDriver:
         self._now_ns = 0
         self._seq = 0
         self._tripped = False
+        self._driven_ns: int | None = None  # when the drive under way was last renewed
+        self._acceleration_mps2 = settings.max_acceleration_mps2  # of that drive
 
     @property
     def state(self) -> ArmState | None:
@@ -107,38 +125,74 @@ class ArmDriver:
             velocity_mps=sample.velocity_mps,
             moving=self._moving(sample),
             stopped_by_safety=sample.protective_stop,
+            angle_rad=sample.angle_rad,
+            spin_radps=sample.spin_radps,
         )
+        self._stop_forgotten_drive(now_ns)
         self._check(now_ns, sample)
 
     def move_to(self, position_m: Vector3, speed_mps: float, acceleration_mps2: float) -> None:
         """Straight line; raises ``Refused`` outside any limit, before anything is sent."""
         s = self._settings
+        state = self._ready(acceleration_mps2)
         _require_up_to("max_speed_mps", speed_mps, s.max_speed_mps, "m/s")
-        _require_up_to("max_acceleration_mps2", acceleration_mps2, s.max_acceleration_mps2, "m/s2")
-        state = self._state
-        if state is None or self._start_m is None:
-            raise Refused("the arm's position is not known yet", "pump the arm driver first")
-        if state.stopped_by_safety:
-            raise Refused("the arm stands in a protective stop", "clear it at the teach pendant")
         jump_m = math.dist(position_m, state.position_m)
         _require("max_jump_m", jump_m, 0.0, s.max_jump_m, "m")
-        box = zip(
-            "xyz", position_m, self._start_m, s.workspace_low_m, s.workspace_high_m, strict=True
-        )
-        for axis, value, start, low, high in box:
-            key = f"workspace_low_m..workspace_high_m ({axis} from start)"
-            _require(key, value - start, low, high, "m", _SLACK_M)
+        self._require_inside(position_m)
         if not self._link.move_l(position_m, speed_mps, acceleration_mps2, self._now_ns):
-            raise Refused("the arm controller did not take the move", "look at the teach pendant")
-        self._target_m = position_m
+            raise _not_taken()
+        self._target_m, self._driven_ns = position_m, None
         self._state = msgspec.structs.replace(state, moving=True)
+
+    def drive(self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float) -> None:
+        """Raises ``Refused`` outside any limit, and where the tool could leave the workspace or
+        turn too far before the drive times out and has braked."""
+        s = self._settings
+        state = self._ready(acceleration_mps2)
+        _require("max_speed_mps", math.hypot(*velocity_mps), 0.0, s.max_speed_mps, "m/s")
+        _require("max_spin_radps", abs(spin_radps), 0.0, s.max_spin_radps, "rad/s")
+        self._require_inside(
+            _at_worst(state.position_m, velocity_mps, s.drive_timeout_s, acceleration_mps2)
+        )
+        (turned_rad,) = _at_worst(
+            (state.angle_rad,), (spin_radps,), s.drive_timeout_s, acceleration_mps2
+        )
+        _require("max_turn_rad", abs(turned_rad), 0.0, s.max_turn_rad, "rad")
+        if not self._link.speed_l(velocity_mps, spin_radps, acceleration_mps2, self._now_ns):
+            raise _not_taken()
+        self._target_m = None
+        self._driven_ns, self._acceleration_mps2 = self._now_ns, acceleration_mps2
 
     def stop(self, deceleration_mps2: float) -> None:
         """Always allowed; a deceleration that makes no sense is replaced by the highest limit."""
         most = self._settings.max_acceleration_mps2
-        self._target_m = None
+        self._target_m = self._driven_ns = None
         sane = 0.0 < deceleration_mps2 < math.inf
         self._link.stop_l(deceleration_mps2 if sane else most, self._now_ns)
+
+    def _ready(self, acceleration_mps2: float) -> ArmState:
+        most = self._settings.max_acceleration_mps2
+        _require_up_to("max_acceleration_mps2", acceleration_mps2, most, "m/s2")
+        state = self._state
+        if state is None:
+            raise Refused("the arm's position is not known yet", "pump the arm driver first")
+        if state.stopped_by_safety:
+            raise Refused("the arm stands in a protective stop", "clear it at the teach pendant")
+        return state
+
+    def _require_inside(self, position_m: Sequence[float]) -> None:
+        s = self._settings
+        start_m = self._start_m or (0.0, 0.0, 0.0)  # known as soon as there is a state
+        box = zip("xyz", position_m, start_m, s.workspace_low_m, s.workspace_high_m, strict=True)
+        for axis, value, start, low, high in box:
+            key = f"workspace_low_m..workspace_high_m ({axis} from start)"
+            _require(key, value - start, low, high, "m", _SLACK_M)
+
+    def _stop_forgotten_drive(self, now_ns: int) -> None:
+        if self._driven_ns is None:
+            return
+        if now_ns - self._driven_ns > round(self._settings.drive_timeout_s * 1e9):
+            self.stop(self._acceleration_mps2)
 
     def set_payload(self, mass_kg: float) -> None:
         """Tell the controller what hangs on the flange, gripper included."""
@@ -166,6 +220,18 @@ class ArmDriver:
                 "the arm made a protective stop",
                 "see the teach pendant for the cause, clear it there, then start the run again",
             )
+
+
+def _at_worst(
+    at: Sequence[float], speed: Sequence[float], timeout_s: float, acceleration: float
+) -> list[float]:
+    """Where a drive ends that is forgotten now: it runs until it times out, then it brakes."""
+    braking_s = math.hypot(*speed) / (2.0 * acceleration)
+    return [x + v * (timeout_s + braking_s) for x, v in zip(at, speed, strict=True)]
+
+
+def _not_taken() -> Refused:
+    return Refused("the arm controller did not take the move", "look at the teach pendant")
 
 
 def _require_up_to(key: str, value: float, most: float, unit: str) -> None:

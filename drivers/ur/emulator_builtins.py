@@ -94,12 +94,10 @@ def _reached(q: Sequence[float] | None) -> tuple[float, ...]:
 def speedl(thread: Thread, xd: Value, a: Value = 1.2, t: Value = 0, aRot: Value = "a") -> Steps:
     """For t seconds; without t until the speed is reached. The motion goes on afterwards."""
     motion, period_s = thread.robot.motion, thread.robot.period_s
-    x, y, z, *turning = six(xd)
-    if any(turning):
-        raise ScriptError("this emulator keeps the orientation of the tool")
+    x, y, z, rx, ry, rz = six(xd)
     motion.take(thread)
     try:
-        motion.speed_line((x, y, z), finite(a))
+        motion.speed_line((x, y, z), (rx, ry, rz), finite(a))
         for _ in range(max(1, round(min(finite(t), _MAX_SLEEP_S) / period_s))):
             yield
     finally:

@@ -1,8 +1,8 @@
 """Joins the straight-line arm to URScript's motions and to the joints of a UR10.
 
-The arm model moves a point on straight lines and keeps the tool's orientation; that point is the
-flange. A motion that would turn the flange is refused, `speedl` is a very long line at the wanted
-speed, and a new direction is taken after braking.
+The arm model moves a point, the flange, and turns it about its own axis. Lines keep the present
+orientation: one that would turn the flange is refused. `speedl` may turn it about its axis, where
+that does not move the tool centre point.
 """
 
 import math
@@ -21,7 +21,7 @@ from drivers.ur.urscript import ScriptError
 
 _TURN_TOLERANCE_RAD = 0.01
 _AT_TARGET_M = 1e-6
-_SPEED_REACH_M = 50.0  # how far away the end of a speedl is set
+_ON_AXIS = 1e-6  # of the tool centre point, m; of a turn, rad/s
 _STEADY_NS = 500_000_000  # URScript manual: is_steady, standing still for 500 ms
 _STANDING: Joints = (0.0,) * kinematics.JOINTS
 
@@ -40,10 +40,11 @@ class Motion:
         self._lock = lock
         self._period_s = settings.controller.period_ns * 1e-9
         self._stop_mps2 = settings.stop_deceleration_mps2
-        self._rotation = kinematics.rotation(settings.tool_rotation_rad)
+        self._start_rotation = kinematics.rotation(settings.tool_rotation_rad)
+        self._rotation = self._start_rotation
         self._owner: Thread | None = None
         self._target: Vector3 | None = None
-        self._speed: tuple[Vector3, float] | None = None
+        self._speed: tuple[Vector3, float, float] | None = None
         self._still_since_ns = now_ns
         with lock:
             self._still_at: Vector3 = arm.position(now_ns)
@@ -65,10 +66,16 @@ class Motion:
         self.position: Vector3 = sample.position_m
         if self.position == self._still_at and not self.moving:
             self.velocity: Vector3 = (0.0, 0.0, 0.0)
+            self.turning: Vector3 = (0.0, 0.0, 0.0)
             self.qd = _STANDING
             return True
         self._still_at, self._still_since_ns = self.position, now_ns
         self.velocity = sample.velocity_mps
+        if sample.angle_rad or sample.spin_radps:
+            turn = kinematics.rotation((0.0, 0.0, sample.angle_rad))
+            self._rotation = self._start_rotation @ turn
+        x, y, z = (sample.spin_radps * self._rotation[:, 2]).tolist()
+        self.turning = (x, y, z)
         return self._follow()
 
     def _follow(self) -> bool:
@@ -80,7 +87,7 @@ class Motion:
         if q is None:
             return False
         self.q = q
-        twist = np.array((*self.velocity, 0.0, 0.0, 0.0))
+        twist = np.array((*self.velocity, *self.turning))
         try:
             self.qd = tuple(np.linalg.solve(kinematics.jacobian(q), twist).tolist())
         except np.linalg.LinAlgError:
@@ -105,7 +112,7 @@ class Motion:
 
     @property
     def tcp_speed(self) -> Pose:
-        return (*self.velocity, 0.0, 0.0, 0.0)
+        return (*self.velocity, *self.turning)
 
     @property
     def steady(self) -> bool:
@@ -176,21 +183,25 @@ class Motion:
         self._speed, self._target = None, (x, y, z)
         self._command(lambda arm: arm.move_l((x, y, z), speed_mps, acceleration_mps2, self._now_ns))
 
-    def speed_line(self, velocity: Vector3, acceleration_mps2: float) -> None:
-        """Keep this velocity until told otherwise."""
+    def speed_line(self, velocity: Vector3, turning: Vector3, acceleration_mps2: float) -> None:
+        """Keep this velocity (m/s; rad/s, base frame) until told otherwise. Raises ScriptError."""
         if acceleration_mps2 <= 0.0:
             raise ScriptError("the acceleration of a motion must be positive")
-        if self._speed == (velocity, acceleration_mps2):
+        spin = self._spin(turning)
+        if self._speed == (velocity, spin, acceleration_mps2):
             return
-        speed = math.hypot(*velocity)
-        if speed == 0.0:
-            self.stop(acceleration_mps2)
-        else:
-            x, y, z = (
-                p + v / speed * _SPEED_REACH_M for p, v in zip(self.position, velocity, strict=True)
-            )
-            self._command(lambda arm: arm.move_l((x, y, z), speed, acceleration_mps2, self._now_ns))
-        self._target, self._speed = None, (velocity, acceleration_mps2)
+        self._command(lambda arm: arm.speed_l(velocity, spin, acceleration_mps2, self._now_ns))
+        self._target, self._speed = None, (velocity, spin, acceleration_mps2)
+
+    def _spin(self, turning: Vector3) -> float:
+        """About the flange's axis; the axis itself turns with the flange, so it stays the same."""
+        axis = self._rotation[:, 2]
+        spin = float(axis @ np.array(turning))
+        if math.dist(turning, (spin * axis).tolist()) > _TURN_TOLERANCE_RAD * abs(spin) + _ON_AXIS:
+            raise ScriptError("this emulator turns the tool about its own axis only")
+        if spin and max(map(abs, (*self.tcp_offset[:2], *self.tcp_offset[3:5]))) > _ON_AXIS:
+            raise ScriptError("this emulator turns a tool only whose centre point is on the axis")
+        return spin
 
     def stop(self, deceleration_mps2: float) -> None:
         self._target = self._speed = None

@@ -53,6 +53,14 @@ class Move(Message, frozen=True):
     acceleration_mps2: float
 
 
+class Drive(Message, frozen=True):
+    """Keep this velocity, m/s and rad/s in the base frame, until told otherwise."""
+
+    number: int
+    velocity: Pose
+    acceleration_mps2: float
+
+
 class Stop(Message, frozen=True):
     """Brake along the line."""
 
@@ -76,7 +84,7 @@ class Leave(Message, frozen=True):
     """Brake, end the program, end the process."""
 
 
-Command = Move | Stop | SetPayload
+Command = Move | Drive | Stop | SetPayload
 Request = Setup | Command | Beat | Leave
 
 
@@ -91,7 +99,7 @@ class Failed(Message, frozen=True):
 
 
 class Reply(Message, frozen=True):
-    """At once for each command; once more if a move that had to wait failed later."""
+    """At once for each command; once more if a motion that had to wait failed later."""
 
     number: int
     outcome: Outcome
@@ -108,6 +116,7 @@ class State(Message, frozen=True):
     robot_mode: int
     safety_bits: int
     program_running: bool
+    turning_radps: Vector3 = (0.0, 0.0, 0.0)  # base frame
 
     @property
     def stopped_by_safety(self) -> bool:

@@ -1,8 +1,10 @@
-"""What the arm does: straight lines with trapezoidal speed, in closed form; time is an argument.
+"""What the arm does: straight lines with trapezoidal speed, or a velocity that is kept, in closed
+form; time is an argument.
 
-A path is a chain of segments of constant acceleration, each on a straight line; the last one is
-always at rest. A command replaces the part of the chain from the controller cycle in which it
-takes effect, and nothing before it.
+A path is a chain of segments of constant acceleration; the last one is at rest, or keeps the
+velocity that was asked for. The turn of the tool about its own axis is a second, shorter chain. A
+command replaces the part of the chains from the controller cycle in which it takes effect, and
+nothing before it.
 """
 
 import math
@@ -15,6 +17,7 @@ from msgspec import Meta
 from drivers.interfaces import Vector3
 
 _STANDING: Vector3 = (0.0, 0.0, 0.0)
+_STANDING_BELOW_MPS = 1e-8  # what rounding to whole nanoseconds leaves at the end of a line
 _SAME_LINE_M = 1e-6  # a target this close to the present line counts as lying on it
 _HISTORY = 32  # past segments kept: a few commands, hence far more than one control period
 
@@ -27,6 +30,8 @@ class ArmSample(msgspec.Struct, frozen=True):
     velocity_mps: Vector3
     moving: bool
     protective_stop: bool
+    angle_rad: float = 0.0  # turn of the tool about its own axis since the start
+    spin_radps: float = 0.0
 
 
 class ArmModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -53,26 +58,40 @@ class ArmModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
 
 
 class Segment(msgspec.Struct, frozen=True):
-    """Constant acceleration along a line from start_ns on, until the next segment begins."""
+    """Constant acceleration from start_ns on, until the next segment begins."""
 
     start_ns: int
     origin_m: Vector3
-    direction: Vector3  # of unit length
-    speed_mps: float
-    acceleration_mps2: float
+    velocity_mps: Vector3
+    acceleration_mps2: Vector3
 
     @property
     def at_rest(self) -> bool:
-        return self.speed_mps == 0.0 and self.acceleration_mps2 == 0.0
+        return self.velocity_mps == _STANDING and self.acceleration_mps2 == _STANDING
 
     def position(self, t_ns: int) -> Vector3:
         t = (t_ns - self.start_ns) * 1e-9
-        return _ahead(
-            self.origin_m, self.direction, (self.speed_mps + 0.5 * self.acceleration_mps2 * t) * t
-        )
+        (x, y, z), (u, v, w), (a, b, c) = self.origin_m, self.velocity_mps, self.acceleration_mps2
+        return x + (u + 0.5 * a * t) * t, y + (v + 0.5 * b * t) * t, z + (w + 0.5 * c * t) * t
 
-    def speed(self, t_ns: int) -> float:
-        return self.speed_mps + self.acceleration_mps2 * (t_ns - self.start_ns) * 1e-9
+    def velocity(self, t_ns: int) -> Vector3:
+        return _ahead(self.velocity_mps, self.acceleration_mps2, (t_ns - self.start_ns) * 1e-9)
+
+
+class Turn(msgspec.Struct, frozen=True):
+    """The same about the tool's axis."""
+
+    start_ns: int
+    origin_rad: float
+    spin_radps: float
+    acceleration_radps2: float
+
+    def angle(self, t_ns: int) -> float:
+        t = (t_ns - self.start_ns) * 1e-9
+        return self.origin_rad + (self.spin_radps + 0.5 * self.acceleration_radps2 * t) * t
+
+    def spin(self, t_ns: int) -> float:
+        return self.spin_radps + self.acceleration_radps2 * (t_ns - self.start_ns) * 1e-9
 
 
 class ArmModel:
@@ -88,7 +107,9 @@ class ArmModel:
         self._period_ns = round(settings.period_s * 1e9)
         self._latency_ns = round(settings.command_latency_s * 1e9)
         self._protective_mps2 = settings.protective_deceleration_mps2
-        self._install([_rest(now_ns, settings.start_m)])
+        self._chain: list[Segment] = [_rest(now_ns, settings.start_m)]
+        self._starts = [now_ns]
+        self._turns: list[Turn] = [Turn(now_ns, 0.0, 0.0, 0.0)]
         self.payload_kg = 0.0
         self.protective_stop = False
 
@@ -99,24 +120,40 @@ class ArmModel:
         if self.protective_stop:
             return False
         effect_ns = self._effect_ns(now_ns)
-        present = self._at(effect_ns)
-        at_m, speed = present.position(effect_ns), max(0.0, present.speed(effect_ns))
+        at_m, direction, speed = self._present(effect_ns)
         chain: list[Segment] = []
         start_ns = effect_ns
-        if speed and not _can_go_on(at_m, present.direction, target_m, speed**2, acceleration_mps2):
-            chain = _brake(effect_ns, at_m, present.direction, speed, acceleration_mps2)
+        if speed and not _can_go_on(at_m, direction, target_m, speed**2, acceleration_mps2):
+            chain = _brake(effect_ns, at_m, direction, speed, acceleration_mps2)
             start_ns, at_m, speed = chain[-1].start_ns, chain[-1].origin_m, 0.0
         chain += _line(start_ns, at_m, target_m, speed, speed_mps, acceleration_mps2)
         self._replace_from(effect_ns, chain)
+        self._spin_to(effect_ns, 0.0, acceleration_mps2)
+        return True
+
+    def speed_l(
+        self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float, now_ns: int
+    ) -> bool:
+        """Change to this velocity and keep it; the tool also spins about its own axis, at an
+        acceleration of the same number in rad/s2 (URScript's speedl). False while stopped by
+        safety."""
+        if self.protective_stop:
+            return False
+        effect_ns = self._effect_ns(now_ns)
+        present = self._at(effect_ns)
+        at_m, from_mps = present.position(effect_ns), present.velocity(effect_ns)
+        self._replace_from(
+            effect_ns, _ramp(effect_ns, at_m, from_mps, velocity_mps, acceleration_mps2)
+        )
+        self._spin_to(effect_ns, spin_radps, acceleration_mps2)
         return True
 
     def stop_l(self, deceleration_mps2: float, now_ns: int) -> None:
         """Brake along the present line, from the speed that the tool has when this takes effect."""
         effect_ns = self._effect_ns(now_ns)
-        present = self._at(effect_ns)
-        at_m, speed = present.position(effect_ns), max(0.0, present.speed(effect_ns))
-        chain = _brake(effect_ns, at_m, present.direction, speed, deceleration_mps2)
-        self._replace_from(effect_ns, chain)
+        at_m, direction, speed = self._present(effect_ns)
+        self._replace_from(effect_ns, _brake(effect_ns, at_m, direction, speed, deceleration_mps2))
+        self._spin_to(effect_ns, 0.0, deceleration_mps2)
 
     def trip(self, now_ns: int) -> None:
         """Protective stop: brake hard and refuse to move until released."""
@@ -134,16 +171,25 @@ class ArmModel:
         return self._at(t_ns).position(t_ns)
 
     def velocity(self, t_ns: int) -> Vector3:
-        segment = self._at(t_ns)
-        return _ahead(_STANDING, segment.direction, segment.speed(t_ns))
+        return self._at(t_ns).velocity(t_ns)
+
+    def angle(self, t_ns: int) -> float:
+        """Turn of the tool about its own axis since the start, rad."""
+        return self._turning(t_ns).angle(t_ns)
+
+    def spin(self, t_ns: int) -> float:
+        return self._turning(t_ns).spin(t_ns)
+
+    def moving(self, t_ns: int) -> bool:
+        return not self._at(t_ns).at_rest or self.spin(t_ns) != 0.0
 
     def read(self, now_ns: int) -> ArmSample:
         """The controller's sample of its last cycle."""
         t_ns = now_ns // self._period_ns * self._period_ns
-        moving = not self._at(t_ns).at_rest
         return ArmSample(
-            t_ns, self.position(t_ns), self.velocity(t_ns), moving, self.protective_stop
-        )
+            t_ns, self.position(t_ns), self.velocity(t_ns), self.moving(t_ns),
+            self.protective_stop, self.angle(t_ns), self.spin(t_ns),
+        )  # fmt: skip
 
     def _effect_ns(self, now_ns: int) -> int:
         return -(-(now_ns + self._latency_ns) // self._period_ns) * self._period_ns
@@ -151,13 +197,37 @@ class ArmModel:
     def _at(self, t_ns: int) -> Segment:
         return self._chain[max(0, bisect_right(self._starts, t_ns) - 1)]
 
+    def _present(self, t_ns: int) -> tuple[Vector3, Vector3, float]:
+        """Position, unit vector of the velocity, speed."""
+        at_m, (x, y, z) = self.position(t_ns), self.velocity(t_ns)
+        speed = math.hypot(x, y, z)
+        if speed < _STANDING_BELOW_MPS:
+            return at_m, _STANDING, 0.0
+        return at_m, (x / speed, y / speed, z / speed), speed
+
+    def _turning(self, t_ns: int) -> Turn:
+        turn = self._turns[0]
+        for later in self._turns:
+            if later.start_ns > t_ns:
+                break
+            turn = later
+        return turn
+
+    def _spin_to(self, effect_ns: int, spin_radps: float, acceleration_radps2: float) -> None:
+        present = self._turning(effect_ns)
+        angle, spin = present.angle(effect_ns), present.spin(effect_ns)
+        change_s = abs(spin_radps - spin) / acceleration_radps2
+        end_ns = effect_ns + round(change_s * 1e9)
+        past = [turn for turn in self._turns if turn.start_ns < effect_ns][-_HISTORY:]
+        ramp = math.copysign(acceleration_radps2, spin_radps - spin)
+        chain = [Turn(effect_ns, angle, spin, ramp)] if change_s else []
+        reached = angle + 0.5 * (spin + spin_radps) * change_s
+        self._turns = [*past, *chain, Turn(end_ns, reached, spin_radps, 0.0)]
+
     def _replace_from(self, effect_ns: int, chain: list[Segment]) -> None:
         past = [segment for segment in self._chain if segment.start_ns < effect_ns]
-        self._install(past[-_HISTORY:] + chain)
-
-    def _install(self, chain: list[Segment]) -> None:
-        self._chain = chain
-        self._starts = [segment.start_ns for segment in chain]
+        self._chain = past[-_HISTORY:] + chain
+        self._starts = [segment.start_ns for segment in self._chain]
 
 
 def _ahead(origin: Vector3, direction: Vector3, distance: float) -> Vector3:
@@ -166,7 +236,25 @@ def _ahead(origin: Vector3, direction: Vector3, distance: float) -> Vector3:
 
 
 def _rest(start_ns: int, at_m: Vector3) -> Segment:
-    return Segment(start_ns, at_m, _STANDING, 0.0, 0.0)
+    return Segment(start_ns, at_m, _STANDING, _STANDING)
+
+
+def _times(direction: Vector3, size: float) -> Vector3:
+    x, y, z = direction
+    return x * size, y * size, z * size
+
+
+def _ramp(
+    start_ns: int, at_m: Vector3, from_mps: Vector3, to_mps: Vector3, acceleration_mps2: float
+) -> list[Segment]:
+    """From one velocity to another, which is then kept."""
+    change_s = math.dist(from_mps, to_mps) / acceleration_mps2
+    if change_s == 0.0:
+        return [Segment(start_ns, at_m, to_mps, _STANDING)]
+    x, y, z = ((b - a) / change_s for a, b in zip(from_mps, to_mps, strict=True))
+    ramp = Segment(start_ns, at_m, from_mps, (x, y, z))
+    end_ns = start_ns + round(change_s * 1e9)
+    return [ramp, Segment(end_ns, ramp.position(end_ns), to_mps, _STANDING)]
 
 
 def _can_go_on(
@@ -186,7 +274,8 @@ def _brake(
         return [_rest(start_ns, at_m)]
     stop_ns = start_ns + round(speed / deceleration * 1e9)
     stop_m = _ahead(at_m, direction, speed**2 / (2.0 * deceleration))
-    return [Segment(start_ns, at_m, direction, speed, -deceleration), _rest(stop_ns, stop_m)]
+    braking = _times(direction, -deceleration)
+    return [Segment(start_ns, at_m, _times(direction, speed), braking), _rest(stop_ns, stop_m)]
 
 
 def _line(
@@ -213,6 +302,7 @@ def _line(
     t, s = 0.0, 0.0
     for duration, v, a in phases:
         origin = _ahead(at_m, (x, y, z), s)
-        chain.append(Segment(start_ns + round(t * 1e9), origin, (x, y, z), v, a))
+        begins_ns = start_ns + round(t * 1e9)
+        chain.append(Segment(begins_ns, origin, _times((x, y, z), v), _times((x, y, z), a)))
         t, s = t + duration, s + (v + 0.5 * a * duration) * duration
     return [*chain, _rest(start_ns + round(t * 1e9), target_m)]

@@ -26,6 +26,7 @@ from drivers.ur.messages import (
     LONGEST_MESSAGE,
     PROGRAM_RUNNING,
     Command,
+    Drive,
     Failed,
     Leave,
     Move,
@@ -50,6 +51,7 @@ _RECIPE = [
     "runtime_state",
 ]
 _SETTLE_CYCLES = 4  # until a command shows in what the controller reports
+_STANDING_BELOW_RADPS = 0.005  # that count as standing
 _KICKS_PER_LIMIT = 4  # kicks in the time after which the watchdog would bite
 _LEAVE_S = 2.0  # for braking when the client is gone
 
@@ -100,14 +102,17 @@ class Robot:
 
     def _read(self, timestamp_s: float) -> State:
         receive = self._receive
-        x, y, z = receive.getActualTCPSpeed()[:3]
-        speed = max(math.hypot(x, y, z), math.hypot(*receive.getTargetTCPSpeed()[:3]))
+        x, y, z, *turning = receive.getActualTCPSpeed()
+        wanted = receive.getTargetTCPSpeed()
+        speed = max(math.hypot(x, y, z), math.hypot(*wanted[:3]))
+        turn = max(math.hypot(*turning), math.hypot(*wanted[3:]))
         return State(
             received_ns=time.monotonic_ns(),
             timestamp_s=timestamp_s,
             pose=tuple(receive.getActualTCPPose()),
             velocity_mps=(x, y, z),
-            moving=speed > self._setup.standing_below_mps,
+            turning_radps=(turning[0], turning[1], turning[2]),
+            moving=speed > self._setup.standing_below_mps or turn > _STANDING_BELOW_RADPS,
             robot_mode=receive.getRobotMode(),
             safety_bits=receive.getSafetyStatusBits(),
             program_running=receive.getRuntimeState() == PROGRAM_RUNNING,
@@ -150,7 +155,9 @@ class Commander:
 
     Moves and stops are asynchronous ones only. ur_rtde's synchronous stop brakes joint by joint
     when no asynchronous one came before, and a move started while a stop is under way ends the
-    program ("another thread is already controlling the robot"), so such a move waits here.
+    program ("another thread is already controlling the robot"), so such a move waits here. A drive
+    is a thread of the program too, and only its own verb ends it; that verb blocks for as long as
+    the tool brakes, longer than the watchdog waits, so the drive is brought to rest first.
     """
 
     def __init__(self, control: Any, robot: Robot, setup: Setup, channel: Channel) -> None:
@@ -158,7 +165,9 @@ class Commander:
         self._robot = robot
         self._setup = setup
         self._channel = channel
-        self._waiting: Move | None = None
+        self._waiting: Move | Drive | None = None
+        self._driving = False
+        self._braking = False  # a drive is coming to rest
         self._stopping = False  # since the last move
         self._acceleration_mps2 = 1.2  # of the last move; UR manual: movel's default
         self._commanded_at = -math.inf
@@ -180,7 +189,8 @@ class Commander:
         while True:
             self._go_on()
             self._kick()
-            wait_s = self._robot.period_s if self._waiting else self._kick_period_s
+            soon = self._waiting or self._braking
+            wait_s = self._robot.period_s if soon else self._kick_period_s
             try:
                 request = self._channel.receive(wait_s)
             except EOFError:
@@ -189,13 +199,13 @@ class Commander:
                 return
             if request is not None:
                 self._heard_at = time.monotonic()
-            if isinstance(request, Move | Stop | SetPayload):
+            if isinstance(request, Move | Drive | Stop | SetPayload):
                 self._channel.send(Reply(request.number, self._carry_out(request)))
 
     def leave(self) -> None:
         """Brake if need be, then end the program, so that nothing is left running."""
         deadline = time.monotonic() + _LEAVE_S
-        if self.busy:
+        if self._driving or self.busy:
             self._stop(self._acceleration_mps2)
         while self.busy and time.monotonic() < deadline:
             self._control.kickWatchdog()
@@ -220,35 +230,52 @@ class Commander:
             self._stop(command.deceleration_mps2)
             return Outcome.DONE  # ur_rtde does not say; the speed will
         self._acceleration_mps2 = command.acceleration_mps2
-        if not self.busy:
-            return self._move(command)
+        if self._driving and isinstance(command, Drive):
+            return self._start(command)
+        if not self._driving and not self.busy:
+            return self._start(command)
         if self._waiting is None and not self._stopping:
             self._stop(command.acceleration_mps2)
         self._waiting = command
         return Outcome.DONE
 
     def _go_on(self) -> None:
-        """Send the move that waits, as soon as the tool stands, if anyone still wants it."""
-        move = self._waiting
-        if move is None or self.busy:
+        """Send the motion that waits, as soon as the tool stands, if anyone still wants it."""
+        if self._braking and not self.busy:
+            self._end_drive()
+        motion = self._waiting
+        if motion is None or self._braking or self.busy:
             return
         self._waiting = None
-        outcome = self._move(move) if self._client_lives else Outcome.NOT_TAKEN
+        outcome = self._start(motion) if self._client_lives else Outcome.NOT_TAKEN
         if outcome is not Outcome.DONE:
-            self._channel.send(Reply(move.number, outcome))
+            self._channel.send(Reply(motion.number, outcome))
 
-    def _move(self, move: Move) -> Outcome:
+    def _start(self, motion: Move | Drive) -> Outcome:
         self._stopping = False
-        taken = self._control.moveL(
-            list(move.target), move.speed_mps, move.acceleration_mps2, asynchronous=True
-        )
+        if isinstance(motion, Drive):
+            self._driving, self._braking = True, False
+            taken = self._control.speedL(list(motion.velocity), motion.acceleration_mps2)
+        else:
+            taken = self._control.moveL(
+                list(motion.target), motion.speed_mps, motion.acceleration_mps2, asynchronous=True
+            )
         self._commanded_at = time.monotonic()
         return self._robot.outcome(bool(taken))
 
     def _stop(self, deceleration_mps2: float) -> None:
         self._waiting = None
         self._stopping = True
-        self._control.stopL(deceleration_mps2, asynchronous=True)
+        if self._driving:  # stopL would end the program: the drive's thread holds the robot
+            self._braking = True
+            self._control.speedL([0.0] * 6, deceleration_mps2)
+        else:
+            self._control.stopL(deceleration_mps2, asynchronous=True)
+        self._commanded_at = time.monotonic()
+
+    def _end_drive(self) -> None:
+        self._driving = self._braking = False
+        self._control.speedStop(self._acceleration_mps2)
         self._commanded_at = time.monotonic()
 
     @property

@@ -250,3 +250,65 @@ def test_many_commands_do_not_make_the_chain_grow_without_end():
         model.move_l(above(0.1 + 0.0001 * i), 0.05, 0.5, i * 10 * MS)
     assert settle(model) == above(0.1 + 0.0001 * 499)
     assert model.position(499 * 10 * MS)[2] > model.position(498 * 10 * MS)[2] - 1e-12
+
+
+# drives
+
+
+def test_a_drive_takes_up_its_velocity_at_the_acceleration_and_keeps_it():
+    model = arm()
+    assert model.speed_l((0.03, -0.04, 0.0), 0.0, 0.5, 0)
+    assert math.hypot(*model.velocity(50 * MS)) == pytest.approx(0.025)
+    assert model.velocity(100 * MS) == pytest.approx((0.03, -0.04, 0.0))
+    assert model.velocity(9_000 * MS) == pytest.approx((0.03, -0.04, 0.0))
+    way_m = math.dist(model.position(100 * MS), START)
+    assert way_m == pytest.approx(0.05 * 0.1 / 2)
+
+
+def test_a_drive_goes_round_a_corner_without_standing():
+    model = arm()
+    model.speed_l((0.05, 0.0, 0.0), 0.0, 0.5, 0)
+    model.speed_l((0.0, 0.05, 0.0), 0.0, 0.5, 500 * MS)
+    effect_ns = 504 * MS
+    speeds = [math.hypot(*model.velocity(effect_ns + k * MS)) for k in range(200)]
+    assert min(speeds) == pytest.approx(0.05 / math.sqrt(2), rel=0.01)
+    assert model.velocity(effect_ns + 200 * MS) == pytest.approx((0.0, 0.05, 0.0))
+
+
+@given(st.floats(-2, 2), st.floats(-2, 2), st.floats(0.2, 5), instants, instants)
+def test_the_tool_turns_as_its_spin_says(first, second, acceleration, change_ns, t_ns):
+    model = arm()
+    model.speed_l((0.0, 0.0, 0.0), first, acceleration, 0)
+    model.speed_l((0.0, 0.0, 0.0), second, acceleration, change_ns)
+    dt_ns = MS
+    turned = model.angle(t_ns + dt_ns) - model.angle(t_ns)
+    mean = 0.5 * (model.spin(t_ns) + model.spin(t_ns + dt_ns))
+    assert turned == pytest.approx(mean * 1e-3, abs=acceleration * 1e-6)
+    change = abs(model.spin(t_ns + dt_ns) - model.spin(t_ns))
+    assert change <= acceleration * 1e-3 + 1e-7
+    assert model.position(t_ns) == START
+
+
+@pytest.mark.parametrize("verb", ["stop", "move"])
+def test_a_stop_and_a_move_end_a_drive_and_its_spin(verb):
+    model = arm()
+    model.speed_l((0.05, 0.0, 0.0), 1.0, 1.0, 0)
+    if verb == "stop":
+        model.stop_l(1.0, 2_000 * MS)
+    else:
+        model.move_l(START, 0.1, 1.0, 2_000 * MS)
+    settle(model)
+    assert model.spin(60_000 * MS) == 0.0
+    sample = model.read(60_000 * MS)
+    assert not sample.moving
+    assert sample.angle_rad == pytest.approx(2.0, abs=0.01)  # 0.5 s up, 1.5 s on, 1 s down
+
+
+def test_no_drive_in_a_protective_stop():
+    model = arm()
+    model.speed_l((0.05, 0.0, 0.0), 1.0, 1.0, 0)
+    model.trip(1_000 * MS)
+    assert not model.speed_l((0.05, 0.0, 0.0), 1.0, 1.0, 1_010 * MS)
+    sample = model.read(9_000 * MS)
+    assert not sample.moving
+    assert sample.spin_radps == 0.0

@@ -89,7 +89,7 @@ def test_two_threads_on_one_arm_end_the_program(bench):
         "movel(p[0.5, 0.1, 0.4, 0, 0, 0])",
         "stopl(0)",
         "stopj(-1)",
-        "speedl([0, 0, 0.1, 0, 0, 0.1])",
+        "speedl([0, 0, 0.1, 0.1, 0, 0])",
         "speedl([0, 0, 0.1, 0, 0, 0], a=0)",
         "servoj([0, 0, 0, 0, 0, 0])",
         "sleep(1e999)",

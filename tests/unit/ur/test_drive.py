@@ -1,0 +1,101 @@
+"""Driving the arm: it must be renewed, and cannot leave the workspace even if it is forgotten."""
+
+import math
+
+import pytest
+
+from drivers.errors import Refused
+from drivers.ur.driver import ArmDriver, ArmSettings
+from drivers.ur.model import ArmModel, ArmModelSettings
+
+MS = 1_000_000
+START = (0.5, 0.1, 0.3)
+BOX = 0.05
+
+
+@pytest.fixture
+def model() -> ArmModel:
+    return ArmModel(ArmModelSettings(), 0)
+
+
+@pytest.fixture
+def driver(model: ArmModel) -> ArmDriver:
+    driver = ArmDriver(model, ArmSettings())
+    driver.pump(0)
+    return driver
+
+
+def test_a_drive_is_followed_and_told_in_the_state(driver: ArmDriver) -> None:
+    for t in range(10, 700, 10):
+        driver.drive((0.02, 0.0, 0.0), 0.5, 1.0)
+        driver.pump(t * MS)
+    assert driver.state is not None
+    assert driver.state.velocity_mps == pytest.approx((0.02, 0.0, 0.0))
+    assert driver.state.spin_radps == pytest.approx(0.5)
+    assert driver.state.angle_rad > 0.1
+    assert driver.state.moving
+
+
+def test_a_drive_that_is_not_renewed_is_stopped(driver: ArmDriver, model: ArmModel) -> None:
+    driver.drive((0.02, 0.0, 0.0), 0.5, 1.0)
+    for t in range(10, 110, 10):
+        driver.pump(t * MS)
+    assert model.velocity(109 * MS) == pytest.approx((0.02, 0.0, 0.0))
+    for t in range(110, 800, 10):
+        driver.pump(t * MS)
+    assert driver.state is not None
+    assert not driver.state.moving
+    assert driver.state.spin_radps == 0.0
+
+
+def test_a_stop_ends_a_drive_for_good(driver: ArmDriver, model: ArmModel) -> None:
+    driver.drive((0.02, 0.0, 0.0), 0.0, 1.0)
+    driver.pump(50 * MS)
+    driver.stop(1.0)
+    for t in range(60, 500, 10):
+        driver.pump(t * MS)
+    assert model.velocity(500 * MS) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "spin", "acceleration", "key"),
+    [
+        ((0.26, 0.0, 0.0), 0.0, 1.0, "max_speed_mps"),
+        ((math.nan, 0.0, 0.0), 0.0, 1.0, "max_speed_mps"),
+        ((0.0, 0.0, 0.0), -1.6, 1.0, "max_spin_radps"),
+        ((0.0, 0.0, 0.0), math.nan, 1.0, "max_spin_radps"),
+        ((0.01, 0.0, 0.0), 0.0, 0.0, "max_acceleration_mps2"),
+        ((0.01, 0.0, 0.0), 0.0, 1.3, "max_acceleration_mps2"),
+        ((0.0, 0.0, -0.2), 0.0, 1.0, "workspace"),
+    ],
+)
+def test_a_drive_outside_a_limit_is_refused_by_key_and_nothing_moves(
+    driver, model, velocity, spin, acceleration, key
+):
+    with pytest.raises(Refused, match=key):
+        driver.drive(velocity, spin, acceleration)
+    assert not model.moving(1_000 * MS)
+
+
+def test_no_drive_before_the_first_sample(model: ArmModel) -> None:
+    with pytest.raises(Refused, match="not known"):
+        ArmDriver(model, ArmSettings()).drive((0.01, 0.0, 0.0), 0.0, 1.0)
+
+
+@pytest.mark.parametrize("what", ["speed", "spin"])
+def test_a_drive_forgotten_at_the_worst_moment_stays_inside(driver, model, what):
+    """Renewed until it is refused, and then forgotten."""
+    speed, spin = (0.1, 0.0) if what == "speed" else (0.0, 1.0)
+    t = 0
+    with pytest.raises(Refused):
+        for t in range(10, 60_000, 10):
+            driver.pump(t * MS)
+            driver.drive((speed, 0.0, 0.0), spin, 0.5)
+    for later in range(t + 10, t + 3_000, 10):
+        driver.pump(later * MS)
+    end = model.read((t + 3_000) * MS)
+    assert not end.moving
+    slack = 0.03  # of a controller cycle and the command's way there
+    assert end.position_m[0] - START[0] <= BOX + slack * speed
+    assert abs(end.angle_rad) <= ArmSettings().max_turn_rad + slack * abs(spin)
+    assert end.position_m[0] - START[0] > 0.5 * BOX or what == "spin"
