@@ -95,6 +95,10 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     keep: Annotated[bool, Meta(description="keep holding at the top instead of setting down")] = (
         False
     )
+    firm: Annotated[
+        bool,
+        Meta(description="close to the force cap before lifting, as for the tap (paper, V-B)"),
+    ] = False
     reactions: Annotated[
         bool,
         Meta(description="answer registered slip; off in the twin run that judges false starts"),
@@ -106,6 +110,7 @@ class Observation(msgspec.Struct, frozen=True):
 
     ``pending``: a command of an earlier step has not reached its device yet. ``trouble``: one line
     of what went wrong in device exchanges since the last step, empty when all is well.
+    ``set_down``: whoever runs the experiment has what they want; a held object may be set down.
     """
 
     t_ns: int
@@ -117,6 +122,7 @@ class Observation(msgspec.Struct, frozen=True):
     pending: bool = False
     trouble: str = ""
     gripper_lost: bool = False
+    set_down: bool = False
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -147,6 +153,7 @@ class GraspController:
         self._last_rise_ns = 0
         self._resting = False
         self._retreating = False
+        self._squeezing = False
         self._handlers: dict[Phase, Callable[[Observation, SlipStatus], None]] = {
             Phase.IDLE: self._idle,
             Phase.APPROACH: self._approach,
@@ -249,16 +256,12 @@ class GraspController:
             )
 
     def _grasp(self, seen: Observation, slip: SlipStatus) -> None:
-        if not self._at_rest(seen):
+        if not self._at_rest(seen) or not self._gripped(seen):
             return
-        for name, finger in zip(FINGER_NAMES, seen.gripper.fingers, strict=True):
-            if finger.detection is not Detection.AT_TARGET:
-                self._fail(
-                    seen,
-                    f"finger {name} stopped on contact short of its position: it is latched and "
-                    "could not be closed further at this force",
-                )
-                return
+        if self._settings.firm and not self._squeezing:
+            self._squeezing = True
+            self._close_to_cap()
+            return
         if self._quiet_since_ns is None:
             self._quiet_since_ns = seen.t_ns
             self._reset_detector = True
@@ -272,6 +275,27 @@ class GraspController:
             self._fire(Trigger.GRIPPED, seen, "fingers rest at their positions")
             self._move_arm(self._settings.lift_height_m, self._settings.lift_speed_mps)
 
+    def _gripped(self, seen: Observation) -> bool:
+        """False, and a fault, when the fingers at rest did not end as they should."""
+        if self._squeezing:
+            met = seen.gripper.fingers[0].detection is Detection.CONTACT_CLOSING
+            if not met:
+                self._fail(seen, "the thumb closed as far as it goes and met nothing")
+            return met
+        for name, finger in zip(FINGER_NAMES, seen.gripper.fingers, strict=True):
+            if finger.detection is not Detection.AT_TARGET:
+                self._fail(
+                    seen,
+                    f"finger {name} stopped on contact short of its position: it is latched and "
+                    "could not be closed further at this force",
+                )
+                return False
+        return True
+
+    def _close_to_cap(self) -> None:
+        s = self._settings
+        self._out.append(CloseFast(s.force_cap_n, ALL_FINGERS, CLOSED_COUNTS, s.closing_speed_mps))
+
     def _lift(self, seen: Observation, slip: SlipStatus) -> None:
         if slip.registered and self._settings.reactions:
             self._answer_slip(seen, slip)
@@ -279,12 +303,11 @@ class GraspController:
             self._fire(Trigger.LIFTED, seen, "arm at the top")
 
     def _answer_slip(self, seen: Observation, slip: SlipStatus) -> None:
-        s = self._settings
         self._fire(
             Trigger.SLIP_REGISTERED, seen, f"slip registered at finger {FINGER_NAMES[slip.finger]}"
         )
         self._last_rise_ns = seen.t_ns
-        self._out.append(CloseFast(s.force_cap_n, ALL_FINGERS, CLOSED_COUNTS, s.closing_speed_mps))
+        self._close_to_cap()
 
     def _compensate(self, seen: Observation, slip: SlipStatus) -> None:
         s = self._settings
@@ -309,11 +332,13 @@ class GraspController:
             return
         if self._quiet_since_ns is None:
             self._quiet_since_ns = seen.t_ns
-        elif seen.t_ns - self._quiet_since_ns >= s.hold_s * 1e9:
+        elif seen.set_down or seen.t_ns - self._quiet_since_ns >= s.hold_s * 1e9:
             if s.keep:
                 self.finished = True
                 return
-            self._fire(Trigger.FINISHED, seen, "held long enough")
+            self._fire(
+                Trigger.FINISHED, seen, "asked to set down" if seen.set_down else "held long enough"
+            )
             self._set_down()
 
     def _set_down(self) -> None:
@@ -346,9 +371,7 @@ class GraspController:
         if seen.gripper_lost:
             return
         if before in AIRBORNE_PHASES:  # the object may be off the table: do not let it fall
-            self._out.append(
-                CloseFast(s.force_cap_n, ALL_FINGERS, CLOSED_COUNTS, s.closing_speed_mps)
-            )
+            self._close_to_cap()
         elif before is not Phase.IDLE:
             self._out.append(HoldFingers())
 

@@ -126,6 +126,7 @@ class ControlLoop:
     ) -> None:
         self.timing = Timing()
         self.error: GraspError | None = None  # first device error of the run
+        self.set_down = False  # whoever runs the experiment asks for it, once it is held
         self._devices = devices
         self._clock = clock
         self._detector = detector
@@ -228,6 +229,7 @@ class ControlLoop:
             pending=bool(self._queue),
             trouble=self._trouble,
             gripper_lost=self._gripper_lost,
+            set_down=self.set_down,
         )
         self._trouble = ""
         before = self._controller.phase

@@ -46,6 +46,7 @@ class ControlMessage(msgspec.Struct, frozen=True):
     trouble: str
     gripper_lost: bool
     commands: list[Command]
+    set_down: bool = False
 
 
 class CommandMessage(msgspec.Struct, frozen=True):
@@ -99,7 +100,7 @@ def control_message(tick: Tick) -> ControlMessage:
     return ControlMessage(
         tick.decision.phase.value, seen.probabilities.tolist(), slip.armed, slip.masked,
         slip.registered, slip.event, slip.finger, tick.measured_n, seen.rest_taken, seen.pending,
-        seen.trouble, seen.gripper_lost, list(tick.decision.commands),
+        seen.trouble, seen.gripper_lost, list(tick.decision.commands), seen.set_down,
     )  # fmt: skip
 
 
@@ -128,4 +129,5 @@ def observation(
         pending=control.pending,
         trouble=control.trouble,
         gripper_lost=control.gripper_lost,
+        set_down=control.set_down,
     )

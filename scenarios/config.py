@@ -1,4 +1,4 @@
-"""Everything that a lift can be told, one section a room, put together from layers."""
+"""Everything that a lift or a tap can be told, one section a room, put together from layers."""
 
 import hashlib
 import os
@@ -27,14 +27,15 @@ from grasp.realtime import RealTimeSettings
 from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
 from grasp.slip import SlipSettings
 from scenarios.scoring import ScoringSettings
+from scenarios.tap_settings import TapScoringSettings, TapSettings
 from scenarios.variation import VariationSettings
-from scenarios.world.contact import ContactSettings
+from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.fingertip import FingertipSettings
 from scenarios.world.objects import GraspObject
 
 
 class LiftConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Resolved settings of one lift. ``rig`` and ``detector_name`` are the names asked for.
+    """Resolved settings of one trial, lift or tap. ``rig`` and ``detector_name``: as asked for.
 
     Of the sections `detector` (the scalar's), `psd`, `psd_fair` and `network`, the one counts that
     the detector asked for takes.
@@ -66,6 +67,8 @@ class LiftConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     fingertip: FingertipSettings = FingertipSettings()
     variation: VariationSettings = VariationSettings()
     scoring: ScoringSettings = ScoringSettings()
+    tap: TapSettings = TapSettings()
+    tap_scoring: TapScoringSettings = TapScoringSettings()
 
     def digest(self) -> str:
         """Hash of the resolved settings: equal digests and seeds mean equal runs."""

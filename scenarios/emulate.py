@@ -29,7 +29,7 @@ from drivers.ur.emulator_settings import EmulatorSettings
 from scenarios.cell_control import ControlServer
 from scenarios.config import LiftConfig
 from scenarios.trial import cell_settings, make_cell
-from scenarios.world.cell import SimulatedCell
+from scenarios.world.cell import Blow, SimulatedCell
 
 STALL_NS = 50_000_000
 ADDRESS_TRIES = 50
@@ -225,7 +225,8 @@ class EmulatedCell:
                 self._placed = False
                 return {}
             if verb == "tap":
-                self.cell.tap(float(request["impulse_ns"]), float(request["duration_s"]))
+                blow = {key: value for key, value in request.items() if key != "verb"}
+                self.cell.tap(msgspec.convert(blow, Blow))
                 return {}
             if verb == "fault":
                 self.faults.order(request, time.monotonic_ns())

@@ -84,26 +84,50 @@ def run_trial(config: LiftConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> 
         trace.add(tick, truth)
         watch(tick, truth, controller)
 
+    loop = make_loop(config, rig, controller, guard, take)
+    interrupted, granted = run_to_end(config, rig, loop, DEADLINE_S)
+    return Trial(
+        controller, loop, trace, rig.truth(), stalls(rig), acknowledged(rig, loop), granted,
+        interrupted,
+    )  # fmt: skip
+
+
+def make_loop(
+    config: LiftConfig, rig: Rig, controller: GraspController, guard: ForceGuard, take: OnTick
+) -> ControlLoop:
+    """The control loop of one trial on an open rig."""
     detector = config.make_detector(FINGERS)
-    loop = ControlLoop(rig.devices, rig.clock, detector, controller, guard, config.loop, take)
-    interrupted = False
+    return ControlLoop(rig.devices, rig.clock, detector, controller, guard, config.loop, take)
+
+
+def run_to_end(
+    config: LiftConfig, rig: Rig, loop: ControlLoop, deadline_s: float
+) -> tuple[bool, bool | None]:
+    """Run until the controller has finished. Tells whether Ctrl-C stopped it, in a safe state, and
+    whether a real-time priority was granted (None in virtual time)."""
     on_wall = isinstance(rig.clock, WallClock)
     with real_time(config.realtime) if on_wall else nullcontext() as granted:
         try:
-            loop.run(DEADLINE_S)
+            loop.run(deadline_s)
         except KeyboardInterrupt:
             loop.interrupt()
-            interrupted = True
+            return True, granted
         except BaseException:  # a bug of ours must not leave the arm moving
             loop.interrupt()
             raise
-    return Trial(
-        controller, loop, trace, rig.truth(),
-        Stalls() if rig.stalls is None else rig.stalls(),
-        loop.timing.decision_to_ack_ns if rig.acknowledgements is None else rig.acknowledgements(),
-        granted,
-        interrupted,
-    )  # fmt: skip
+    return False, granted
+
+
+def stalls(rig: Rig) -> Stalls:
+    """How often the rig's cell stood still so far; none where there is no cell."""
+    return Stalls() if rig.stalls is None else rig.stalls()
+
+
+def acknowledged(rig: Rig, loop: ControlLoop) -> Sequence[int]:
+    """Times from a command to its acknowledgement, ns."""
+    if rig.acknowledgements is None:
+        return loop.timing.decision_to_ack_ns
+    return rig.acknowledgements()
 
 
 def run(
@@ -112,7 +136,7 @@ def run(
     runs: Path | None,
     paced: bool = False,
     on_tick: OnTick = lambda tick: None,
-) -> FinishedRun:
+) -> FinishedRun[LiftResult]:
     """One judged lift. With ``runs`` it leaves a folder of its own there; None records nothing.
 
     Raises ConfigError, CouldNotRecord and the drivers' errors for what goes wrong before the run
@@ -134,7 +158,7 @@ def run(
         if folder is not None:
             folder.abandon()
         raise
-    failure = _failure(trial, result)
+    failure = failure_of(trial.controller, trial.loop, trial.interrupted, result.outcome)
     if folder is not None:
         try:
             folder.finish(None if trial.interrupted else result)
@@ -144,20 +168,21 @@ def run(
     return FinishedRun(result, failure)
 
 
-def _failure(trial: Trial, result: LiftResult) -> Failure | None:
+def failure_of(
+    controller: GraspController, loop: ControlLoop, interrupted: bool, outcome: str
+) -> Failure | None:
     """Why the exit code is not the verdict's, if so."""
-    if trial.interrupted:
+    if interrupted:
         return Failure(
             "interrupted",
-            f"stopped by hand in phase {trial.controller.phase}: the arm stands, the grip is kept",
+            f"stopped by hand in phase {controller.phase}: the arm stands, the grip is kept",
             "to let go, support the object and run `grasp release`",
         )
-    if result.outcome != Outcome.FAULT:
+    if outcome != Outcome.FAULT:
         return None
-    error = trial.loop.error
-    if error is not None:
-        return Failure(error.kind, error.message, error.remedy)
-    cause = trial.controller.fault_cause or "the run did not end in time"
+    if loop.error is not None:
+        return Failure(loop.error.kind, loop.error.message, loop.error.remedy)
+    cause = controller.fault_cause or "the run did not end in time"
     return Failure("safety_stop", cause, "see the phases of the result; then run `grasp release`")
 
 
@@ -177,11 +202,11 @@ def judge(config: LiftConfig, seed: int, trial: Trial, recording: Path | None) -
         slip_onset_s=facts.onset_s,
         first_detection_s=seconds(trial.controller.monitor.first_detection_ns),
         slip_registered_s=facts.registered_s,
-        detection_latency_ms=_later_ms(facts.onset_s, facts.registered_s),
-        reaction_latency_ms=_later_ms(facts.onset_s, end.force_rise_s if end else None),
+        detection_latency_ms=later_ms(facts.onset_s, facts.registered_s),
+        reaction_latency_ms=later_ms(facts.onset_s, end.force_rise_s if end else None),
         slip_distance_m=end.slip_distance_m if end else None,
-        peak_force_n=_named(end.peak_n) if end else None,
-        settled_force_n=_named(end.normal_n) if end else None,
+        peak_force_n=named(end.peak_n) if end else None,
+        settled_force_n=named(end.normal_n) if end else None,
         commanded_force_n=trace.commanded_force_n,
         phases=phase_entries(trial.controller.machine.log),
         timing=timing_result(
@@ -232,9 +257,9 @@ def twin_onset_s(config: LiftConfig, seed: int) -> float | None:
     return trial.final.slip_onset_s if trial.final is not None else None
 
 
-def _later_ms(since_s: float | None, t_s: float | None) -> float | None:
+def later_ms(since_s: float | None, t_s: float | None) -> float | None:
     return None if since_s is None or t_s is None else (t_s - since_s) * 1e3
 
 
-def _named(values: Vector3) -> dict[str, float]:
+def named(values: Vector3) -> dict[str, float]:
     return dict(zip(FINGER_NAMES, values, strict=True))

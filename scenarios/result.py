@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import msgspec
 import numpy as np
@@ -45,6 +45,13 @@ class PhaseEntry(msgspec.Struct, frozen=True):
     cause: str
 
 
+class Alarm(msgspec.Struct, frozen=True):
+    """A stretch of status REGISTERED; None: it was still so at the end."""
+
+    on_s: float
+    off_s: float | None
+
+
 class LiftResult(msgspec.Struct, frozen=True, kw_only=True):
     """Verdict of one lift. Times in seconds on the rig's clock; None = did not happen, or cannot
     be known without a simulation. Forces in newtons a finger; see docs for each outcome."""
@@ -72,6 +79,46 @@ class LiftResult(msgspec.Struct, frozen=True, kw_only=True):
     config_hash: str
 
 
+class TapResult(msgspec.Struct, frozen=True, kw_only=True):
+    """Verdict of one tap. Times in seconds on the rig's clock; None = did not happen, or cannot be
+    known without a simulation. Lengths in metres, relative to the fingertips, down and across the
+    closing axis; forces in newtons a finger. ``moved`` is False for a tap that moved nothing,
+    which is reported apart: it is no success, and a failure only if slip was registered."""
+
+    scenario: str
+    object: str
+    rig: str
+    detector: str
+    seed: int
+    direction: str
+    success: bool
+    outcome: str
+    moved: bool | None
+    displacement_m: float | None
+    down_m: float | None
+    across_m: float | None
+    impulse_ns: float | None
+    mallet_mps: float | None
+    struck_s: float | None
+    slip_onset_s: float | None
+    slip_end_s: float | None
+    slip_duration_ms: float | None
+    slip_registered_s: float | None
+    detection_latency_ms: float | None
+    nominal_again_s: float | None
+    nominal_again_ms: float | None
+    alarms: list[Alarm]
+    watched_until_s: float | None
+    grip_force_n: dict[str, float] | None
+    peak_force_n: dict[str, float] | None
+    commanded_force_n: float
+    phases: list[PhaseEntry]
+    timing: TimingResult
+    recording: str | None
+    versions: dict[str, str]
+    config_hash: str
+
+
 class Failure(msgspec.Struct, frozen=True):
     """Why a run ended otherwise than by a verdict alone."""
 
@@ -80,10 +127,13 @@ class Failure(msgspec.Struct, frozen=True):
     remedy: str
 
 
-class FinishedRun(msgspec.Struct, frozen=True):
+Result = TypeVar("Result", LiftResult, TapResult)
+
+
+class FinishedRun(msgspec.Struct, Generic[Result], frozen=True):
     """A result, a failure, or both: a fault on the way is judged and reported."""
 
-    result: LiftResult | None
+    result: Result | None
     failure: Failure | None
 
     def as_json(self) -> str:

@@ -15,7 +15,7 @@ from grasp.clock import Clock, PacedClock, VirtualClock, WallClock
 from grasp.loop import Devices
 from scenarios.config import LiftConfig
 from scenarios.trial import make_cell
-from scenarios.world.cell import SimulatedCell, Truth
+from scenarios.world.cell import Blow, SimulatedCell, Truth
 
 POLL_NS = 100_000_000  # while waiting for activation
 ACTIVATION_TIMEOUT_S = 25.0
@@ -38,6 +38,8 @@ class Rig(msgspec.Struct, frozen=True):
     stalls: Callable[[], Stalls] | None = None  # of the process that emulates the world
     # verb to the reply that acknowledges its write, ns, where a thread does the exchange
     acknowledgements: Callable[[], Sequence[int]] | None = None
+    tap: Callable[[Blow], None] | None = None  # strikes the object; None where a person must
+    load: Callable[[LiftConfig, int], None] | None = None  # another trial's object, put in place
 
     def truth(self) -> Truth | None:
         """The state of the world now; None on hardware."""
@@ -69,7 +71,13 @@ def open_rig(config: LiftConfig, seed: int, paced: bool) -> Iterator[Rig]:
 @contextmanager
 def _emulated(config: LiftConfig, seed: int) -> Iterator[Rig]:
     """Real drivers over real protocols to a cell in another process, in wall time."""
-    from scenarios.wired import acknowledgements, at_endpoints, cell_process, wired_devices
+    from scenarios.wired import (
+        acknowledgements,
+        at_endpoints,
+        cell_process,
+        wait_placed,
+        wired_devices,
+    )
 
     with cell_process(config, seed) as cell:
         clock = WallClock(cell.endpoints["start_ns"])
@@ -77,9 +85,16 @@ def _emulated(config: LiftConfig, seed: int) -> Iterator[Rig]:
         with wired_devices(there, calibration(config), clock) as devices:
             connect(devices, clock)
             devices.arm.set_payload(config.arm.payload_kg)
-            while not cell.control.ask("truth")["placed"]:
-                clock.sleep_until_ns(clock.now_ns + POLL_NS)
-            yield Rig(devices, clock, None, cell.truth, cell.stalls, acknowledgements(devices))
+            wait_placed(cell, clock)
+
+            def load(trial: LiftConfig, seed: int) -> None:
+                cell.load(trial, seed)
+                wait_placed(cell, clock)
+
+            yield Rig(
+                devices, clock, None, cell.truth, cell.stalls, acknowledgements(devices),
+                cell.tap, load,
+            )  # fmt: skip
 
 
 @contextmanager
@@ -109,7 +124,7 @@ def _simulated(config: LiftConfig, seed: int, paced: bool) -> Rig:
     devices.arm.set_payload(config.arm.payload_kg)
     cell.place_object()
     clock = PacedClock(cell.advance, fast.now_ns) if paced else fast
-    return Rig(devices, clock, cell, cell.truth)
+    return Rig(devices, clock, cell, cell.truth, tap=cell.tap)
 
 
 def connect(devices: Devices, clock: Clock) -> None:

@@ -12,7 +12,7 @@ from grasp.loop import Tick
 from grasp.messages import CHANNELS, PHASES, TRUTH, write_tick
 from grasp.recording import RunRecorder
 from scenarios.config import LiftConfig
-from scenarios.result import LiftResult, versions
+from scenarios.result import LiftResult, TapResult, versions
 from scenarios.world.cell import Truth
 
 RECORDING = "recording.mcap"
@@ -51,7 +51,7 @@ class RunFolder:
         if truth is not None:
             write(TRUTH, tick.t_ns, truth)
 
-    def finish(self, result: LiftResult | None) -> None:
+    def finish(self, result: LiftResult | TapResult | None) -> None:
         """Close the recording, write the result; raises CouldNotRecord, leaving no folder."""
         self._recorder.close()
         failure: BaseException | None = self._recorder.failure
@@ -89,7 +89,7 @@ def could_not_record(path: Path, cause: BaseException) -> CouldNotRecord:
     )
 
 
-def _pretty(result: LiftResult) -> bytes:
+def _pretty(result: LiftResult | TapResult) -> bytes:
     return msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n"
 
 

@@ -28,9 +28,10 @@ from grasp.loop import Devices
 from scenarios.cell_control import ControlClient
 from scenarios.config import LiftConfig
 from scenarios.rigs import Stalls
-from scenarios.world.cell import Truth
+from scenarios.world.cell import Blow, Truth
 
 READY_S = 60.0  # compiling the world on a first run included
+POLL_NS = 100_000_000
 END_S = 10.0
 
 
@@ -64,6 +65,14 @@ class CellProcess:
         """The state of the world now."""
         return msgspec.convert(self.control.ask("truth")["truth"], Truth)
 
+    def tap(self, blow: Blow) -> None:
+        """Strike the object."""
+        self.control.ask("tap", **msgspec.to_builtins(blow))
+
+    def load(self, config: LiftConfig, seed: int) -> None:
+        """Another trial's object; it is put in place as soon as the hand is open."""
+        self.control.ask("load", config=msgspec.to_builtins(config), seed=seed)
+
     def stalls(self) -> Stalls:
         """How often, and how long at worst, the cell stood still."""
         reply = self.control.ask("truth")
@@ -89,6 +98,15 @@ def cell_process(config: LiftConfig, seed: int) -> Iterator[CellProcess]:
         yield cell
     finally:
         cell.close()
+
+
+def wait_placed(cell: CellProcess, clock: WallClock) -> None:
+    """Until the cell has put the object between the fingers. Raises LinkLost when it never does."""
+    end_ns = clock.now_ns + round(READY_S * 1e9)
+    while not cell.control.ask("truth")["placed"]:
+        if clock.now_ns > end_ns:
+            raise LinkLost("the cell has not placed its object", "is the hand open? start again")
+        clock.sleep_until_ns(clock.now_ns + POLL_NS)
 
 
 def at_endpoints(config: LiftConfig, endpoints: dict[str, Any]) -> LiftConfig:

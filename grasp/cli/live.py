@@ -28,12 +28,13 @@ _SETTING_UP = {
 
 
 class Display:
-    """Follows a run tick by tick. ``quiet`` shows nothing."""
+    """Follows runs tick by tick. ``quiet`` shows nothing; ``plain`` draws no panel, so that a
+    person can type; ``brief`` leaves plain lines to registrations."""
 
-    def __init__(self, quiet: bool) -> None:
+    def __init__(self, quiet: bool, plain: bool = False, brief: bool = False) -> None:
         self._view: _Live | _Lines | None = None
         if not quiet:
-            self._view = _Live() if sys.stdout.isatty() else _Lines()
+            self._view = _Live() if sys.stdout.isatty() and not plain else _Lines(brief)
 
     def __enter__(self) -> Self:
         return self
@@ -60,6 +61,11 @@ class Display:
         except OSError:
             self._view = None
 
+    def note(self, text: str) -> None:
+        """A line between two runs."""
+        if self._view is not None:
+            self._view.note(text)
+
     def close(self) -> None:
         """Leave the last state on the screen; safe to call twice."""
         if self._view is not None:
@@ -76,19 +82,24 @@ def status_text(tick: Tick) -> str:
 
 
 class _Lines:
-    """One line a phase change, a registration, and every half second."""
+    """One line a phase change, a registration, and every half second; or registrations alone."""
 
-    def __init__(self) -> None:
+    def __init__(self, brief: bool) -> None:
+        self._brief = brief
         self._phase: Phase | None = None
         self._ticks = 0
 
     def waiting(self, text: str) -> None:
         print(text, flush=True)
 
+    def note(self, text: str) -> None:
+        print(text, flush=True)
+
     def tick(self, tick: Tick) -> None:
         changed = tick.decision.phase is not self._phase
         self._phase = tick.decision.phase
-        if changed or tick.decision.slip.event or self._ticks % STATUS_TICKS == 0:
+        due = changed or self._ticks % STATUS_TICKS == 0
+        if tick.decision.slip.event or (due and not self._brief):
             print(_line(tick))
         self._ticks += 1
 
@@ -125,6 +136,9 @@ class _Live:
         """A line that moves until the first tick comes."""
         self._waiting = self._live.console.status(text)
         self._waiting.start()
+
+    def note(self, text: str) -> None:
+        self._live.console.print(text, highlight=False)
 
     def _stop_waiting(self) -> None:
         if self._waiting is not None:
@@ -210,3 +224,30 @@ def _facts(result: Any) -> list[str]:
     else:
         facts.append(f"commanded {result.commanded_force_n:.1f} N")
     return facts
+
+
+def tap_line(result: Any) -> str:
+    """One tap in a line."""
+    parts = [f"tap {result.seed:<4} {result.direction:<7}  {result.outcome.replace('_', ' '):<18}"]
+    if result.displacement_m is not None:
+        parts.append(f"moved {result.displacement_m * 1e3:5.1f} mm")
+    if result.slip_duration_ms is not None:
+        parts.append(f"in {result.slip_duration_ms:3.0f} ms")
+    if result.detection_latency_ms is not None:
+        parts.append(f"registered after {result.detection_latency_ms:.0f} ms")
+    if result.nominal_again_ms is not None:
+        parts.append(f"nominal {result.nominal_again_ms:.0f} ms after its end")
+    return "  ".join(parts)
+
+
+def print_taps(summary: Any) -> None:
+    """The figures of a series of taps."""
+    print()
+    for name, n in (*summary.by_direction.items(), ("all", summary.total)):
+        rate = f" ({100 * n.successes / n.moved:.0f} %)" if n.moved else ""
+        print(
+            f"{name:<9} {n.successes} of {n.moved} taps that moved it{rate}; "
+            f"{n.false_alarms} of {n.unmoved} that moved nothing registered all the same"
+        )
+    others = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in summary.outcomes.items())
+    print(f"outcomes  {others}")

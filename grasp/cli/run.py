@@ -1,17 +1,24 @@
-"""`grasp run SCENARIO`: one trial, live in the terminal, judged and recorded."""
+"""`grasp run SCENARIO`: one lift or a series of taps, live in the terminal, judged and recorded."""
 
 import argparse
+import json
+import sys
 from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
 
-HELP = "run one trial of a scenario"
+HELP = "run a scenario"
+TAPS = 20  # paper, section V-B
 
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("run", help=HELP, description=HELP)
-    parser.add_argument("scenario", choices=("lift",), help="lift: lift an object held too weakly")
+    parser.add_argument(
+        "scenario",
+        choices=("lift", "tap"),
+        help="lift: lift an object held too weakly; tap: strike an object held at the force cap",
+    )
     add_trial_options(parser, rig="emulated")
     parser.add_argument(
         "--runs",
@@ -21,7 +28,21 @@ def add_parser(verbs: Any) -> None:
         help="folder of recordings (default: %(default)s)",
     )
     parser.add_argument(
-        "--keep", action="store_true", help="keep holding the object instead of setting it down"
+        "--keep",
+        action="store_true",
+        help="lift: keep holding the object instead of setting it down",
+    )
+    parser.add_argument(
+        "--taps",
+        type=_positive,
+        metavar="N",
+        help=f"tap: so many trials, with seeds from --seed on (default: {TAPS})",
+    )
+    parser.add_argument(
+        "--direction",
+        choices=("top", "side", "alternate", "closing"),
+        help="tap: on top, on the side across the closing axis, the two in turn, or along the "
+        "closing axis (default: alternate)",
     )
     parser.add_argument(
         "--pace",
@@ -89,25 +110,101 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-def run(args: argparse.Namespace) -> int:
-    import sys
+def _positive(text: str) -> int:
+    if not text.isdecimal() or not 0 < int(text) <= 10_000:
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number, 1 to 10000")
+    return int(text)
 
-    from grasp.cli.live import Display
+
+def run(args: argparse.Namespace) -> int:
     from scenarios import lift
     from scenarios.config import load_config
 
+    strange = _strange_option(args)
+    if strange:
+        return exits.report(
+            "usage", f"{strange} is no option of {args.scenario}", "leave it out", args.json
+        )
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
+    if args.direction:
+        assignments.append(f"tap.direction={args.direction}")
     config = load_config(args.object, args.rig, args.detector, args.config, assignments)
     if config.rig == "hardware" and not args.confirm_motion:
         remedy = "clear the cell, have the emergency stop at hand, then add --confirm-motion"
         return exits.report("usage", "the hardware rig moves real devices", remedy, args.json)
     lift.make_guard(config)  # a limit that cannot be kept is refused before anything is shown
-    paced = args.pace == "real" or (args.pace is None and sys.stdout.isatty() and not args.json)
+    return _lift(args, config) if args.scenario == "lift" else _tap(args, config)
+
+
+def _strange_option(args: argparse.Namespace) -> str:
+    """An option of the other scenario, if one was given."""
+    if args.scenario == "tap":
+        return "--keep" if args.keep else ""
+    return "--taps" if args.taps else "--direction" if args.direction else ""
+
+
+def _paced(args: argparse.Namespace) -> bool:
+    return args.pace == "real" or (args.pace is None and sys.stdout.isatty() and not args.json)
+
+
+def _lift(args: argparse.Namespace, config: Any) -> int:
+    from grasp.cli.live import Display
+    from scenarios import lift
+
     with Display(quiet=args.json) as display:
         display.setting_up(args.rig)
-        finished = lift.run(config, args.seed, args.runs, paced=paced, on_tick=display.tick)
+        finished = lift.run(config, args.seed, args.runs, paced=_paced(args), on_tick=display.tick)
         display.close()
     return _report(finished, args)
+
+
+def _tap(args: argparse.Namespace, config: Any) -> int:
+    from grasp.cli.live import Display, tap_line
+    from grasp.cli.operator import TerminalOperator
+    from scenarios import tap
+
+    operator = TerminalOperator() if config.rig == "hardware" else None
+    seeds = range(args.seed, args.seed + (args.taps or TAPS))
+    results: list[Any] = []
+    failure = None
+    with Display(quiet=args.json, plain=operator is not None, brief=True) as display:
+        display.setting_up(args.rig)
+        for finished in tap.run_series(
+            config, seeds, args.runs, _paced(args), display.tick, operator
+        ):
+            failure = finished.failure
+            if finished.result is not None:
+                results.append(finished.result)
+                display.note(tap_line(finished.result))
+            if failure is not None:
+                break
+        display.close()
+    return _report_taps(results, failure, args)
+
+
+def _report_taps(results: list[Any], failure: Any, args: argparse.Namespace) -> int:
+    """The series; 0 if taps moved the object and none of all was judged wrongly, else 1."""
+    import msgspec
+
+    from grasp.cli.live import print_taps
+    from scenarios.tap_summary import summarise
+
+    summary = summarise(results)
+    series = {
+        "scenario": "tap", "object": args.object, "rig": args.rig, "detector": args.detector,
+        "seed": args.seed, "summary": msgspec.to_builtins(summary),
+        "taps": msgspec.to_builtins(results),
+    }  # fmt: skip
+    if not args.json:
+        print_taps(summary)
+    if failure is not None:
+        extra = {"result": series} if args.json else {}
+        return exits.report(failure.kind, failure.message, failure.remedy, args.json, **extra)
+    if args.json:
+        print(json.dumps(series))
+    total = summary.total
+    right = total.moved > 0 and total.successes == total.moved and total.false_alarms == 0
+    return exits.SUCCESS if right and total.struck == len(results) else exits.TRIAL_FAILED
 
 
 def _report(finished: Any, args: argparse.Namespace) -> int:

@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps([result for _, result in results]))
         return exits.SUCCESS
     for name, result in results:
-        slip = result["slip_distance_m"]
+        slip = result.get("slip_distance_m", result.get("displacement_m"))
         distance = "" if slip is None else f"slip {slip * 1e3:5.1f} mm"
         print(f"{name:<36}  {result['outcome']:<18}  seed {result['seed']:<6}  {distance}")
     if not results:

@@ -5,16 +5,19 @@ gripper model and contact law exchange forces, every millisecond, with finer ste
 """
 
 import math
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
 from drivers.interfaces import Vector3
 from drivers.robotiq.model import FingerLoads, GripperModel, HandSettings
 from drivers.takktile.model import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world import contact
-from scenarios.world.contact import ContactSettings, Floats
+from scenarios.world.contact import Floats
+from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.fingertip import Codes, Fingertips, FingertipSettings, Surface
 from scenarios.world.objects import GraspObject
 
@@ -34,6 +37,24 @@ class CellSettings(msgspec.Struct, frozen=True, kw_only=True):
     finger_offset_m: Floats  # (3,) added travel: where a finger really stops
 
 
+class Blow(msgspec.Struct, frozen=True, kw_only=True):
+    """One tap of a mallet: a half-sine pulse, then a longer one while the hand follows through.
+
+    ``top`` strikes downwards, ``side`` across the closing axis, ``closing`` along it, onto the
+    thumb. Struck ``delay_s`` from now.
+    """
+
+    impulse_ns: Annotated[float, Meta(ge=0.0, le=5.0)]
+    duration_s: Annotated[float, Meta(gt=0.0, le=0.2)]
+    direction: Literal["top", "side", "closing"] = "top"
+    follow_ns: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.0
+    follow_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    delay_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+
+
+DIRECTIONS = {"top": contact.TOP, "side": contact.SIDE, "closing": contact.CLOSING}
+
+
 class Truth(msgspec.Struct, frozen=True):
     """What only a simulation knows. Times in seconds since the cell began, None = not yet."""
 
@@ -48,6 +69,10 @@ class Truth(msgspec.Struct, frozen=True):
     slip_onset_s: float | None
     force_rise_s: float | None
     flank_slope: float  # of the surface at the pads' last contact; negative: narrowing upwards
+    across_m: float = 0.0  # of the object, across the closing axis, relative to the fingertips
+    struck_s: float | None = None  # beginning of the last blow
+    moved_from_s: float | None = None  # gross slip since that blow: its first instant
+    moved_until_s: float | None = None  # and its last one so far
 
     @property
     def touched(self) -> bool:
@@ -72,7 +97,9 @@ class SimulatedCell:
         surfaces = [surface_of(settings.body)] * contact.FINGERS
         self.fingertips = Fingertips(settings.fingertip, surfaces, rng)
         angle = math.radians(settings.fingertip.slip_direction_deg)
-        self._up = np.array([math.cos(angle), math.sin(angle)])  # in the pads' frame
+        # (F, 2) in the pads' frames, which face each other: up, and the way a blow across drives
+        self._up = np.tile([math.cos(angle), math.sin(angle)], (contact.FINGERS, 1))
+        self._across = np.outer([1.0, -1.0, -1.0], [-math.sin(angle), math.cos(angle)])
         self._turn = np.full(contact.FINGERS, angle)  # the surface's x is the object's upwards
         self._parameters = contact.parameters(settings.contact, settings.body)
         self._state = contact.initial_state(present=False)
@@ -84,11 +111,14 @@ class SimulatedCell:
         closes the hand fully, so the object comes afterwards, as in the laboratory."""
         self._state[:] = contact.initial_state()
 
-    def tap(self, impulse_ns: float, duration_s: float) -> None:
-        """Strike the top of the object now: a half-sine pulse, downwards."""
-        self._state[contact.TAP_START_S] = (self._now_ns - self._start_ns) * 1e-9
-        self._state[contact.TAP_S] = duration_s
-        self._state[contact.TAP_NS] = impulse_ns
+    def tap(self, blow: Blow) -> None:
+        """Strike the object. What an earlier blow moved is forgotten."""
+        s = self._state
+        s[contact.TAP_DIRECTION] = DIRECTIONS[blow.direction]
+        s[contact.TAP_START_S] = (self._now_ns - self._start_ns) * 1e-9 + blow.delay_s
+        s[contact.TAP_S], s[contact.TAP_NS] = blow.duration_s, blow.impulse_ns
+        s[contact.FOLLOW_S], s[contact.FOLLOW_NS] = blow.follow_s, blow.follow_ns
+        s[contact.MOVED_FROM_S] = s[contact.MOVED_UNTIL_S] = contact.NOT_YET
 
     def advance(self, now_ns: int) -> None:
         """Advance everything to now_ns."""
@@ -124,13 +154,14 @@ class SimulatedCell:
     def _sample(self, t_ns: int) -> tuple[Codes, Codes]:
         s = self._state
         centre = contact.centre_on_pad(self._parameters, s[contact.SLIP])
-        ups = np.stack([self._up] * contact.FINGERS) * 1e3
+        # the object lags behind the rising fingers
+        motion = s[contact.ACROSS] * self._across - s[contact.SLIP] * self._up
         self.fingertips.advance(
             (t_ns - self._start_ns) * 1e-9,
             s[contact.NORMAL : contact.NORMAL + contact.FINGERS],
-            -s[contact.SLIP] * ups,  # the object lags behind the rising fingers
+            motion * 1e3,
             self._turn,
-            centre * ups,
+            centre * self._up * 1e3,
             self._arm_rise_mps != 0.0,
         )
         pressure, temperature = self.fingertips.codes()
@@ -158,6 +189,10 @@ class SimulatedCell:
             slip_onset_s=_time(s[contact.ONSET_S]),
             force_rise_s=_time(s[contact.RISE_S]),
             flank_slope=float(s[contact.SLOPE]),
+            across_m=float(s[contact.ACROSS]),
+            struck_s=float(s[contact.TAP_START_S]) if s[contact.TAP_S] > 0.0 else None,
+            moved_from_s=_time(s[contact.MOVED_FROM_S]),
+            moved_until_s=_time(s[contact.MOVED_UNTIL_S]),
         )
 
 

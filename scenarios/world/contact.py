@@ -1,4 +1,4 @@
-"""Level L1 of the contact ladder: three compliant fingers on one object that slides up and down.
+"""Level L1 of the contact ladder: three compliant fingers on one object that slides in their plane.
 
 Normal forces: finger, pad and object wall in series, a linear spring each; one relaxation term a
 finger (rubber, Prony form); the object is free along the closing axis, so that the thumb carries
@@ -7,19 +7,24 @@ Coulomb slider a finger (Jenkins element), integrated by backward Euler with an 
 piecewise linear step equation, so it neither drifts inside the friction cone nor cycles at large
 steps. Below the object is a table that can push but not pull.
 
+A blow from the side adds the second tangential direction, across the closing axis: friction is then
+a circle a finger, so what is spent sideways does not carry the weight, and the object sinks while
+it slides. The step is the minimum of a strictly convex function, found by Newton's method. Without
+such a blow nothing moves across and the step is the scalar one, bit for bit. Left out: rotation in
+the hand, and any change of width with motion across.
+
 Sign conventions: heights and velocities up; ``slip`` is finger height minus object height since
-the start, positive when the object lags behind rising fingers.
+the start, positive when the object lags behind rising fingers; ``across`` is the object's own
+motion relative to the fingers, positive the way a blow from the side drives it.
 """
 
 import math
-from typing import Annotated
 
-import msgspec
 import numpy as np
-from msgspec import Meta
 from numba import njit
 from numpy.typing import NDArray
 
+from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
 
 GRAVITY_MPS2 = 9.81
@@ -28,49 +33,17 @@ GROSS_SLIP_MPS = 0.003  # paper, section III-B: the bound of the label `slip`
 Floats = NDArray[np.float64]
 
 
-class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Compliances of hand and pads."""
-
-    half_aperture_m: Annotated[
-        float,
-        Meta(gt=0.02, le=0.1, description="pad to centre plane, open; manual: 155 mm opening"),
-    ] = 0.0775
-    mount_stiffness_npm: Annotated[
-        float,
-        Meta(
-            ge=500.0,
-            le=1e6,
-            description="linkage of one finger; assumed, 3-10 N/mm: without it "
-            "one motor count would be 7-15 N and no insufficient grasp would exist",
-        ),
-    ] = 5000.0
-    pad_stiffness_npm: Annotated[
-        float, Meta(ge=500.0, le=1e6, description="10 mm urethane pad, normal; derived, 12-20 N/mm")
-    ] = 15000.0
-    pad_half_length_m: Annotated[
-        float, Meta(ge=0.0, le=0.02, description="flat pad, along the slip; assumed, 8-12 mm")
-    ] = 0.010
-    shear_stiffness_npm: Annotated[
-        float, Meta(ge=500.0, le=1e6, description="pad, tangential; derived, 6-12 N/mm")
-    ] = 8000.0
-    shear_damping_nspm: Annotated[
-        float, Meta(ge=0.0, le=200.0, description="pad, tangential; assumed, 5-16 N s/m")
-    ] = 12.0
-    relaxation_fraction: Annotated[
-        float, Meta(ge=0.0, le=0.5, description="of the normal force; real clip 0.05-0.15")
-    ] = 0.1
-    relaxation_time_s: Annotated[
-        float, Meta(ge=0.01, le=5.0, description="of that fraction; real clip 0.1-0.3 s")
-    ] = 0.2
-    step_s: Annotated[float, Meta(ge=1e-5, le=0.05, description="largest integration step")] = 5e-4
-
-
 # Layout of the state vector: one flat array, so that the compiled step takes a single object.
 HEIGHT, SPEED, SLIP, LATERAL, ONSET_S, SLIP_SPEED = 0, 1, 2, 3, 4, 5
 STRETCH, RELAXED, NORMAL, SHEAR, SLIDING, PEAK = 6, 9, 12, 15, 18, 21
 SLOPE, ONSET_FORCE, RISE_S, PRESENT = 24, 25, 26, 27
-TAP_START_S, TAP_S, TAP_NS = 28, 29, 30  # a half-sine pulse on top of the object
-STATE_SIZE = 31
+TAP_START_S, TAP_S, TAP_NS = 28, 29, 30  # a half-sine pulse on the object
+TAP_DIRECTION, FOLLOW_S, FOLLOW_NS = 31, 32, 33  # and a longer one: the hand follows through
+MOVED_FROM_S, MOVED_UNTIL_S = 34, 35  # gross slip since the last blow: first and last instant
+ACROSS, ACROSS_SPEED, STRETCH_ACROSS = 36, 37, 38
+STATE_SIZE = STRETCH_ACROSS + FINGERS
+TOP, SIDE, CLOSING = 0, 1, 2  # a blow downwards; across; along the closing axis, onto the thumb
+BLOW_STEP_S, BLOW_LASTS_S = 1e-4, 0.3  # a blow and what it sets off is stepped more finely
 RISE_N = 0.2  # a grip force counts as increased by this much (a few wander deviations)
 # and of the parameter vector.
 (
@@ -107,11 +80,13 @@ def parameters(contact: ContactSettings, body: GraspObject) -> Floats:
 
 
 def initial_state(present: bool = True) -> Floats:
-    """State vector (31,): object at rest on the table, nothing touched; or no object yet."""
+    """State vector (41,): object at rest on the table, nothing touched; or no object yet."""
     state = np.zeros(STATE_SIZE)
     state[PRESENT] = 1.0 if present else 0.0
     state[ONSET_S] = NOT_YET
     state[RISE_S] = NOT_YET
+    state[MOVED_FROM_S] = NOT_YET
+    state[MOVED_UNTIL_S] = NOT_YET
     return state
 
 
@@ -182,6 +157,39 @@ def normal_forces(p: Floats, width: float, travel: Floats, state: Floats, out: F
 
 
 @njit(cache=True)
+def struck_normal_forces(
+    p: Floats, width: float, travel: Floats, push: float, state: Floats, out: Floats
+) -> None:
+    """``normal_forces`` while ``push`` N press the object onto the thumb: N_A = N_B + N_C + push.
+
+    Any finger may lose touch; the balance has one solution among the seven sets of fingers.
+    """
+    reach = np.empty(FINGERS)
+    side = np.array([1.0, -1.0, -1.0])  # thumb and opposing fingers gain and lose by motion aside
+    for i in range(FINGERS):
+        reach[i] = width - (p[P_APERTURE] - travel[i]) - p[P_RELAX] * state[RELAXED + i]
+        out[i] = 0.0
+    if width < 0.0:
+        return
+    for touching in range(1, 8):
+        total, stiffness = push, 0.0
+        for i in range(FINGERS):
+            if touching >> i & 1:
+                total -= side[i] * p[P_STIFFNESS + i] * reach[i]
+                stiffness += p[P_STIFFNESS + i]
+        lateral = total / stiffness
+        consistent = True
+        for i in range(FINGERS):
+            pressed = reach[i] + side[i] * lateral > 0.0
+            consistent = consistent and pressed == (touching >> i & 1 == 1)
+        if consistent:
+            state[LATERAL] = lateral
+            for i in range(FINGERS):
+                out[i] = max(0.0, p[P_STIFFNESS + i] * (reach[i] + side[i] * lateral))
+            return
+
+
+@njit(cache=True)
 def clearance(p: Floats, s: Floats, travel: Floats) -> float:
     """How far thumb and nearest opposing finger may close in all before both sides touch, m."""
     width, _ = width_and_slope(p, s[SLIP])
@@ -243,13 +251,85 @@ def solve_velocity(inertia: float, push: float, a: Floats, b: float, cap: Floats
 
 
 @njit(cache=True)
-def tap_force(s: Floats, t_s: float) -> float:
-    """Downward force, N, of the mallet at time t_s: a half sine that carries TAP_NS in all."""
-    phase = (t_s - s[TAP_START_S]) / s[TAP_S] if s[TAP_S] > 0.0 else -1.0
+def solve_planar(
+    inertia: float, push_z: float, push_y: float, cos: float,
+    a_z: Floats, a_y: Floats, b: float, cap: Floats,
+) -> tuple[float, float]:  # fmt: skip
+    """Object velocity, up and across, that balances inertia, push and three circular sliders.
+
+    The finger's force is a - b v, cut to length cap; its part up the flank counts ``cos``. The
+    balance is the gradient of a strictly convex function, so Newton's method with halved steps
+    cannot miss.
+    """
+    z, y = 0.0, 0.0
+    value, g_z, g_y, h_zz, h_zy, h_yy = _potential(
+        inertia, push_z, push_y, cos, a_z, a_y, b, cap, z, y
+    )
+    for _ in range(60):
+        determinant = h_zz * h_yy - h_zy * h_zy
+        d_z = (h_zy * g_y - h_yy * g_z) / determinant
+        d_y = (h_zy * g_z - h_zz * g_y) / determinant
+        gain = -(g_z * d_z + g_y * d_y)
+        if gain <= 1e-30 + 1e-28 * abs(value):
+            break
+        part = 1.0
+        for _halving in range(40):
+            new, n_z, n_y, h_zz, h_zy, h_yy = _potential(
+                inertia, push_z, push_y, cos, a_z, a_y, b, cap, z + part * d_z, y + part * d_y
+            )
+            # equal to the last digit counts as better when the gradient has become smaller
+            smaller = n_z * n_z + n_y * n_y < g_z * g_z + g_y * g_y
+            if new < value - 1e-4 * part * gain or (smaller and new <= value + 1e-14 * abs(value)):
+                break
+            part *= 0.5
+        z, y, value, g_z, g_y = z + part * d_z, y + part * d_y, new, n_z, n_y
+    return z, y
+
+
+@njit(cache=True)
+def _potential(
+    inertia: float, push_z: float, push_y: float, cos: float,
+    a_z: Floats, a_y: Floats, b: float, cap: Floats, z: float, y: float,
+) -> tuple[float, float, float, float, float, float]:  # fmt: skip
+    """The convex function of the step at velocity (z, y): value, gradient, second derivatives."""
+    m_z = inertia / cos
+    value = 0.5 * (m_z * z * z + inertia * y * y) + push_z / cos * z + push_y * y
+    g_z, g_y = m_z * z + push_z / cos, inertia * y + push_y
+    h_zz, h_zy, h_yy = m_z, 0.0, inertia
+    for i in range(FINGERS):
+        t_z, t_y = a_z[i] - b * z, a_y[i] - b * y
+        size = math.sqrt(t_z * t_z + t_y * t_y)
+        if size <= cap[i]:
+            value += 0.5 * size * size / b
+            g_z, g_y = g_z - t_z, g_y - t_y
+            h_zz, h_yy = h_zz + b, h_yy + b
+        else:
+            value += cap[i] * (size - 0.5 * cap[i]) / b
+            cut = cap[i] / size
+            g_z, g_y = g_z - cut * t_z, g_y - cut * t_y
+            h_zz += b * cut * t_y * t_y / (size * size)
+            h_zy -= b * cut * t_z * t_y / (size * size)
+            h_yy += b * cut * t_z * t_z / (size * size)
+    return value, g_z, g_y, h_zz, h_zy, h_yy
+
+
+@njit(cache=True)
+def _half_sine(since_s: float, duration_s: float, impulse_ns: float) -> float:
+    phase = since_s / duration_s if duration_s > 0.0 else -1.0
     if phase <= 0.0 or phase >= 1.0:
         return 0.0
-    force: float = 0.5 * math.pi * s[TAP_NS] / s[TAP_S] * math.sin(math.pi * phase)
+    force: float = 0.5 * math.pi * impulse_ns / duration_s * math.sin(math.pi * phase)
     return force
+
+
+@njit(cache=True)
+def tap_force(s: Floats, t_s: float) -> float:
+    """Force, N, of the mallet at time t_s: a half sine that carries TAP_NS in all, then a longer
+    one of FOLLOW_NS while the hand follows through."""
+    since = t_s - s[TAP_START_S]
+    return _half_sine(since, s[TAP_S], s[TAP_NS]) + _half_sine(
+        since - s[TAP_S], s[FOLLOW_S], s[FOLLOW_NS]
+    )
 
 
 @njit(cache=True)
@@ -257,38 +337,71 @@ def _step(
     p: Floats, s: Floats, t_s: float, h: float, v_finger: float, travel: Floats, n: Floats
 ) -> None:
     """One backward Euler step of h seconds that ends at t_s."""
-    width, slope = width_and_slope(p, s[SLIP]) if s[PRESENT] != 0.0 else (-1.0, 0.0)
-    normal_forces(p, width, travel, s, n)
+    gone = s[PRESENT] == 0.0 or abs(s[ACROSS]) > p[P_HALF_WIDTH]
+    width, slope = (-1.0, 0.0) if gone else width_and_slope(p, s[SLIP])
+    blow = tap_force(s, t_s - 0.5 * h)
+    if blow > 0.0 and s[TAP_DIRECTION] == CLOSING:
+        struck_normal_forces(p, width, travel, blow, s, n)
+    else:
+        normal_forces(p, width, travel, s, n)
     cos = 1.0 / math.sqrt(1.0 + slope * slope)
     b = (p[P_K_SHEAR] * h + p[P_C_SHEAR]) * cos
     a = np.empty(FINGERS)
+    a_y = np.empty(FINGERS)
     cap = np.empty(FINGERS)
-    push = p[P_MASS] * (GRAVITY_MPS2 - s[SPEED] / h) + tap_force(s, t_s - 0.5 * h)
+    push = p[P_MASS] * (GRAVITY_MPS2 - s[SPEED] / h)
+    push += blow if s[TAP_DIRECTION] == TOP else 0.0
+    push_y = -p[P_MASS] * s[ACROSS_SPEED] / h - (blow if s[TAP_DIRECTION] == SIDE else 0.0)
     for i in range(FINGERS):
         mu = p[P_MU_K] if s[SLIDING + i] != 0.0 else p[P_MU_S]
         cap[i] = mu * n[i] * cos
         touching = 1.0 if n[i] > 0.0 else 0.0
         a[i] = touching * p[P_K_SHEAR] * s[STRETCH + i] * cos + b * v_finger
+        a_y[i] = touching * p[P_K_SHEAR] * s[STRETCH_ACROSS + i] * cos
         push -= n[i] * slope  # above the widest point (slope < 0) closing pushes the object down
-    v = solve_velocity(p[P_MASS] / h, push, a, b, cap)
+    if push_y == 0.0:  # nothing has ever struck the side: the exact scalar step
+        v, w = solve_velocity(p[P_MASS] / h, push, a, b, cap), 0.0
+    else:
+        v, w = solve_planar(
+            p[P_MASS] / h, push, push_y, cos, a / cos, a_y / cos, b / cos, cap / cos
+        )
     if s[HEIGHT] + h * v < 0.0:
         v = -s[HEIGHT] / h  # the table
+    _settle(p, s, h, cos, v_finger, v, w, a, a_y, b, cap, n)
+    if n.max() > 0.0:
+        s[SLOPE] = slope
+
+
+@njit(cache=True)
+def _settle(
+    p: Floats, s: Floats, h: float, cos: float, v_finger: float, v: float, w: float,
+    a: Floats, a_y: Floats, b: float, cap: Floats, n: Floats,
+) -> None:  # fmt: skip
+    """Bring the state to the end of a step with object velocity v up and w across."""
     relative = v_finger - v
     all_slide, touching_any = True, False
+    damper = p[P_C_SHEAR] / h
     for i in range(FINGERS):
-        force = min(max(a[i] - b * v, -cap[i]), cap[i])
-        slides = n[i] > 0.0 and abs(a[i] - b * v) > cap[i]
-        old = s[STRETCH + i]
+        trial_z, trial_y = a[i] - b * v, a_y[i] - b * w
+        size = abs(trial_z) if trial_y == 0.0 else math.sqrt(trial_z * trial_z + trial_y * trial_y)
+        force = min(max(trial_z, -cap[i]), cap[i]) if trial_y == 0.0 else trial_z
+        force_y = trial_y
+        slides = n[i] > 0.0 and size > cap[i]
+        if slides and trial_y != 0.0:
+            force, force_y = trial_z * cap[i] / size, trial_y * cap[i] / size
         if n[i] <= 0.0:
             s[STRETCH + i] = 0.0
+            s[STRETCH_ACROSS + i] = 0.0
         elif slides:
-            damper = p[P_C_SHEAR] / h
+            old, old_y = s[STRETCH + i], s[STRETCH_ACROSS + i]
             s[STRETCH + i] = (force / cos + damper * old) / (p[P_K_SHEAR] + damper)
+            s[STRETCH_ACROSS + i] = (force_y / cos + damper * old_y) / (p[P_K_SHEAR] + damper)
         else:
-            s[STRETCH + i] = old + h * relative
+            s[STRETCH + i] += h * relative
+            s[STRETCH_ACROSS + i] -= h * w
         s[SLIDING + i] = 1.0 if slides else 0.0
         s[NORMAL + i] = n[i]
-        s[SHEAR + i] = force
+        s[SHEAR + i] = force if n[i] > 0.0 or trial_y == 0.0 else 0.0
         s[PEAK + i] = max(s[PEAK + i], n[i])
         if n[i] > 0.0:
             touching_any = True
@@ -300,9 +413,26 @@ def _step(
     s[HEIGHT] = max(0.0, s[HEIGHT] + h * v)
     s[SPEED] = v
     s[SLIP] += h * relative
-    s[SLIP_SPEED] = relative if all_slide and touching_any else 0.0
-    if touching_any:
-        s[SLOPE] = slope
+    s[ACROSS] += h * w
+    s[ACROSS_SPEED] = w
+    slip_speed = relative if w == 0.0 else math.sqrt(relative * relative + w * w)
+    s[SLIP_SPEED] = slip_speed if all_slide and touching_any else 0.0
+
+
+@njit(cache=True)
+def _note(s: Floats, t_s: float) -> None:
+    """Write down when gross slip set in, when the force rose after it, and what a blow moved."""
+    gross = abs(s[SLIP_SPEED]) > GROSS_SLIP_MPS
+    if s[ONSET_S] == NOT_YET and gross:
+        s[ONSET_S] = t_s
+        s[ONSET_FORCE] = s[NORMAL]
+    elif s[ONSET_S] != NOT_YET and s[RISE_S] == NOT_YET:
+        s[ONSET_FORCE] = min(s[ONSET_FORCE], s[NORMAL])
+        if s[NORMAL] > s[ONSET_FORCE] + RISE_N:
+            s[RISE_S] = t_s
+    if gross and s[TAP_S] > 0.0 and t_s >= s[TAP_START_S]:
+        s[MOVED_FROM_S] = t_s if s[MOVED_FROM_S] == NOT_YET else s[MOVED_FROM_S]
+        s[MOVED_UNTIL_S] = t_s
 
 
 @njit(cache=True)
@@ -315,6 +445,9 @@ def advance(
     which every touching pad slides faster than 3 mm/s, the object lagging or running ahead; and,
     after it, the first rise of the thumb's force.
     """
+    since_blow = t_s + dt_s - s[TAP_START_S] if s[TAP_S] > 0.0 else -1.0
+    if 0.0 < since_blow < BLOW_LASTS_S + dt_s:
+        step_s = min(step_s, BLOW_STEP_S)
     steps = max(1, math.ceil(dt_s / step_s - 1e-9))
     h = dt_s / steps
     mean = finger_rise_m / dt_s
@@ -326,10 +459,4 @@ def advance(
         for i in range(FINGERS):
             travel[i] = travel0[i] + (travel1[i] - travel0[i]) * end
         _step(p, s, t_s + (j + 1) * h, h, mean + (v1 - v0) * (middle - 0.5), travel, n)
-        if s[ONSET_S] == NOT_YET and abs(s[SLIP_SPEED]) > GROSS_SLIP_MPS:
-            s[ONSET_S] = t_s + (j + 1) * h
-            s[ONSET_FORCE] = s[NORMAL]
-        elif s[ONSET_S] != NOT_YET and s[RISE_S] == NOT_YET:
-            s[ONSET_FORCE] = min(s[ONSET_FORCE], s[NORMAL])
-            if s[NORMAL] > s[ONSET_FORCE] + RISE_N:
-                s[RISE_S] = t_s + (j + 1) * h
+        _note(s, t_s + (j + 1) * h)

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenarios.world import contact
-from scenarios.world.contact import ContactSettings, Floats
+from scenarios.world.contact import Floats
+from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
 
 COUNT_M = 0.00077

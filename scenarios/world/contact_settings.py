@@ -1,0 +1,43 @@
+"""What is assumed of the hand's compliances and of the pads."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+
+class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Compliances of hand and pads."""
+
+    half_aperture_m: Annotated[
+        float,
+        Meta(gt=0.02, le=0.1, description="pad to centre plane, open; manual: 155 mm opening"),
+    ] = 0.0775
+    mount_stiffness_npm: Annotated[
+        float,
+        Meta(
+            ge=500.0,
+            le=1e6,
+            description="linkage of one finger; assumed, 3-10 N/mm: without it "
+            "one motor count would be 7-15 N and no insufficient grasp would exist",
+        ),
+    ] = 5000.0
+    pad_stiffness_npm: Annotated[
+        float, Meta(ge=500.0, le=1e6, description="10 mm urethane pad, normal; derived, 12-20 N/mm")
+    ] = 15000.0
+    pad_half_length_m: Annotated[
+        float, Meta(ge=0.0, le=0.02, description="flat pad, along the slip; assumed, 8-12 mm")
+    ] = 0.010
+    shear_stiffness_npm: Annotated[
+        float, Meta(ge=500.0, le=1e6, description="pad, tangential; derived, 6-12 N/mm")
+    ] = 8000.0
+    shear_damping_nspm: Annotated[
+        float, Meta(ge=0.0, le=200.0, description="pad, tangential; assumed, 5-16 N s/m")
+    ] = 12.0
+    relaxation_fraction: Annotated[
+        float, Meta(ge=0.0, le=0.5, description="of the normal force; real clip 0.05-0.15")
+    ] = 0.1
+    relaxation_time_s: Annotated[
+        float, Meta(ge=0.01, le=5.0, description="of that fraction; real clip 0.1-0.3 s")
+    ] = 0.2
+    step_s: Annotated[float, Meta(ge=1e-5, le=0.05, description="largest integration step")] = 5e-4
