@@ -108,3 +108,32 @@ def _shade(axes: Any, series: Series, named: bool) -> None:
                 )  # fmt: skip
     if series.onset_s is not None:
         axes.axvline(series.onset_s, color="#b00020", lw=0.8)
+
+
+def draw_clips(
+    out: Path,
+    clips: list[tuple[str, NDArray[np.float64], NDArray[np.int16], NDArray[np.bool_]]],
+) -> None:
+    """Counts of one fingertip over time, one clip under the other, slip shaded: each a title,
+    (n,) times, (n, 6) counts and (n,) labels."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    plt.rcParams["svg.hashsalt"] = "grasp"
+    figure, rows = plt.subplots(
+        len(clips), 1, sharex=True, sharey=True, squeeze=False, figsize=(9, 2.4 * len(clips)),
+        layout="constrained",
+    )  # fmt: skip
+    for axes, (title, t_s, counts, slip) in zip(rows[:, 0], clips, strict=True):
+        for i in range(counts.shape[1]):
+            axes.plot(t_s, counts[:, i], lw=1, label=f"taxel {i}")
+        axes.fill_between(
+            t_s, 0, 1, where=slip, transform=axes.get_xaxis_transform(), color="#eeeeee", zorder=0
+        )
+        axes.set(ylabel="counts over rest", title=title)
+    rows[0, 0].legend(ncols=6, fontsize=8, frameon=False)
+    rows[-1, 0].set(xlabel="time, s; shaded: labelled slip")
+    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
+    plt.close(figure)

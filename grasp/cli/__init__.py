@@ -18,9 +18,10 @@ from grasp.cli import (
     run,
     runs,
     tactile,
+    world,
 )
 
-VERBS = (run, replay, runs, chart, detector, tactile, config, doctor, emulate, release)
+VERBS = (run, replay, runs, chart, detector, tactile, world, config, doctor, emulate, release)
 
 
 class UsageError(Exception):

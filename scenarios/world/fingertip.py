@@ -5,7 +5,7 @@ the object. Load and displacement of the surface come from outside; the bed deci
 the patch holds on, and so what shear reaches the barometers. Each spring's normal and shear load
 reaches the sensing plane through the two kernels of an incompressible layer bonded to its board
 (closed forms of the Hankel solution; both scale with the effective depth h as 1/h^2). On top come
-wander and vibration of the load, and of each taxel rest code, warming, noise, whole counts and ten
+wander and vibration of the press, and of each taxel rest code, warming, noise, whole counts and ten
 bits. docs/fingertip.md has the equations, their sources and the fit to a real recording.
 
 Pad frame: x along the three columns, y across the two rows; taxels 0 1 2 in the lower row, 5 4 3
@@ -91,20 +91,22 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     relaxation_s: Annotated[
         float, Meta(ge=0.01, le=5.0, description="time constant of that; assumed, 0.1-0.3")
     ] = 0.2
-    wander_n: Annotated[
-        float, Meta(ge=0.0, le=1.0, description="rms of the normal load's wander; FITTED, 0.02-0.5")
-    ] = 0.1
+    wander_mm: Annotated[
+        float, Meta(ge=0.0, le=0.1, description="rms of how much deeper or shallower the pad is "
+                    "held than asked for; FITTED, 0.001-0.04")
+    ] = 0.008  # fmt: skip
     wander_fast_s: Annotated[
         float, Meta(ge=0.005, le=1.0, description="memory of its fast half; FITTED, 0.01-0.1")
     ] = 0.03
     wander_slow_s: Annotated[
         float, Meta(ge=0.05, le=10.0, description="memory of its slow half; assumed, 0.2-1")
     ] = 0.5
-    vibration_n: Annotated[
-        float, Meta(ge=0.0, le=2.0, description="rms of load by the moving arm's mode; FITTED, 0-1")
-    ] = 0.1
     vibration_mm: Annotated[
-        float, Meta(ge=0.0, le=0.5, description="rms of its sideways motion; assumed, 0-0.05")
+        float, Meta(ge=0.0, le=0.1, description="likewise by the mode of an arm that moves; "
+                    "FITTED, 0.0005-0.03")
+    ] = 0.005  # fmt: skip
+    sway_mm: Annotated[
+        float, Meta(ge=0.0, le=0.5, description="rms of that mode sideways; assumed, 0-0.05")
     ] = 0.01
     vibration_hz: Annotated[
         float, Meta(ge=2.0, le=45.0, description="frequency of that mode; assumed, 10-25")
@@ -213,7 +215,8 @@ class Fingertips:
         tilts = rng.normal(0.0, s.tilt_rad, (n, 2))
         crown = (self._at**2).sum(axis=1) / (2 * s.crown_radius_mm)
         self._gaps = crown + tilts @ self._at.T
-        self._shaking = np.exp(1j * rng.uniform(0.0, 2 * math.pi, n))  # direction a pad
+        angle = rng.uniform(0.0, 2 * math.pi, n)
+        self._shaking = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         self.rest = rng.integers(s.rest_low, s.rest_high, (n, TAXELS), endpoint=True)
         self._states = np.zeros((n, bed.STATE))
         self._springs = np.zeros((n, bed.SPRING, len(self._at)))
@@ -222,8 +225,7 @@ class Fingertips:
 
     def _begin(self, n: int) -> None:
         self._t_s = 0.0
-        self._wander = np.zeros((2, n))  # fast and slow, unit variance
-        self._mode = 0j  # of the arm, unit variance of either part while it moves
+        self._disturbance = np.zeros((bed.DISTURBANCE, n))
         self._normal = np.zeros(n)
         self._motion = np.zeros((n, 2))
         self._turn = np.zeros(n)
@@ -244,8 +246,13 @@ class Fingertips:
         dt_s = t_s - self._t_s
         if dt_s <= 0.0:
             return
-        normal, shaken = self._disturb(dt_s, normal_n, arm_moves)
-        motion = motion_mm + shaken
+        row, n = self._draw(), self._pads
+        self._noise = row[2 * n + 2 :].reshape(n, TAXELS)
+        normal, motion = np.empty(n), np.empty((n, 2))
+        bed.disturb(
+            self._parameters, dt_s, arm_moves, normal_n, motion_mm, self._shaking, row,
+            self._states, self._disturbance, normal, motion,
+        )  # fmt: skip
         bed.advance(
             self._parameters, dt_s, self._normal, normal, motion - self._motion,
             turn_rad - self._turn, self._centre, centre_mm, self._surfaces, self._fields,
@@ -253,30 +260,6 @@ class Fingertips:
         )  # fmt: skip
         self._t_s, self._normal, self._motion = t_s, normal, motion
         self._turn[:], self._centre[:] = turn_rad, centre_mm
-
-    def _disturb(self, dt_s: float, normal_n: Floats, arm_moves: bool) -> tuple[Floats, Floats]:
-        """Load (F,) with wander and vibration, and the vibration's displacement (F, 2), mm.
-
-        Both are Ornstein-Uhlenbeck processes, stepped exactly; the second one turns.
-        """
-        s, n = self._settings, self._pads
-        row = self._draw()
-        for i, memory_s in enumerate((s.wander_fast_s, s.wander_slow_s)):
-            keep = math.exp(-dt_s / memory_s)
-            self._wander[i] *= keep
-            self._wander[i] += math.sqrt(1 - keep * keep) * row[i * n : (i + 1) * n]
-        omega = 2 * math.pi * s.vibration_hz
-        keep = math.exp(-s.vibration_damping * omega * dt_s)
-        turned = math.cos(omega * dt_s) + 1j * math.sin(omega * dt_s)
-        self._mode *= keep * turned
-        if arm_moves:
-            self._mode += math.sqrt(1 - keep * keep) * complex(row[2 * n], row[2 * n + 1])
-        self._noise = row[2 * n + 2 :].reshape(n, TAXELS)
-        added = s.wander_n * math.sqrt(0.5) * self._wander.sum(axis=0)
-        added += s.vibration_n * self._mode.real
-        load = np.where(normal_n > 0.0, np.maximum(normal_n + added, 0.0), 0.0)
-        sideways = s.vibration_mm * self._mode.imag * self._shaking
-        return load, np.stack([sideways.real, sideways.imag], axis=1)
 
     def _draw(self) -> Floats:
         """Standard normal numbers of one step; drawn in blocks, a tenth of the cost of singles."""
@@ -302,6 +285,13 @@ class Fingertips:
             pressure.astype(np.int16),
             np.full((self._pads, TAXELS), temperature, np.int16),
         )
+
+    @property
+    def approach_mm(self) -> Floats:
+        """(F,) how far the pad's base has come towards the surface's mean plane: what it takes to
+        carry the load on this spot. 0 or stale without contact."""
+        out: Floats = self._states[:, bed.APPROACH].copy()
+        return out
 
     @property
     def slip_mps(self) -> Floats:
@@ -330,5 +320,7 @@ def _parameters(s: FingertipSettings) -> Floats:
     out[:] = (
         stiffness, stiffness * s.shear_share, s.relaxation_share, s.relaxation_s,
         s.step_mm, s.step_s, *msgspec.structs.astuple(kernel(s.depth_mm)),
+        s.wander_mm, s.wander_fast_s, s.wander_slow_s, s.vibration_mm, s.sway_mm,
+        2 * math.pi * s.vibration_hz, s.vibration_damping,
     )  # fmt: skip
     return out

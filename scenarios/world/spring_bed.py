@@ -26,20 +26,56 @@ Flags = NDArray[np.uint8]
 (
     K_NORMAL, K_SHEAR, RELAXATION, RELAXATION_TIME, STEP_MM, STEP_S,
     NORMAL_PEAK, NORMAL_WIDTH, SHEAR_PEAK, SHEAR_WIDTH,
-) = range(10)  # fmt: skip
-PARAMETERS = 10
+    WANDER_MM, FAST_S, SLOW_S, MODE_MM, SWAY_MM, MODE_RADPS, MODE_DAMPING,
+) = range(17)  # fmt: skip
+PARAMETERS = 17
 # of the surface of each pad,
 CURVATURE_X, CURVATURE_Y, MU_STATIC, MU_KINETIC, FIELD_STEP = range(5)
 SURFACE = 5
 # and of the state of each pad.
-POSE_X, POSE_Y, POSE_TURN, APPROACH, SLIP_X, SLIP_Y, SPIN, SHARE = range(8)
-STATE = 8
+POSE_X, POSE_Y, POSE_TURN, APPROACH, SLIP_X, SLIP_Y, SPIN, SHARE, STIFFNESS = range(9)
+STATE = 9
+# What shakes the pads, unit variance: wander of either memory a pad, and the arm's mode.
+FAST, SLOW, MODE_COS, MODE_SIN = range(4)
+DISTURBANCE = 4
 # State of each spring; deflection and what of it has relaxed, first of the load, then of shear.
 DEPTH, BRISTLE_X, BRISTLE_Y, RELAXED, RELAXED_X, RELAXED_Y, LOAD, SLIDES = range(8)
 SPRING = 8
 NEWTON_STEPS = 60
 SAME_MM = 1e-9
 NEGLIGIBLE = -12.0  # exponent of a kernel: below 0.01 counts a newton
+
+
+@njit(cache=True)
+def disturb(
+    p: Floats, dt_s: float, arm_moves: bool, normal: Floats, motion: Floats, shaking: Floats,
+    draws: Floats, states: Floats, disturbance: Floats, load: Floats, moved_to: Floats,
+) -> None:  # fmt: skip
+    """Load (F,) with wander and vibration, and motion (F, 2) with the vibration's sway.
+
+    Wander and vibration press the pad a little more or less, which the springs in contact turn
+    into load. All are Ornstein-Uhlenbeck processes, stepped exactly over dt_s with standard normal
+    draws (2 F + 2,); the arm's mode turns as it decays, is driven while the arm moves, and is
+    common to all pads, which it shakes along their own directions shaking (F, 2).
+    """
+    n = normal.shape[0]
+    fast, slow = math.exp(-dt_s / p[FAST_S]), math.exp(-dt_s / p[SLOW_S])
+    keep = math.exp(-p[MODE_DAMPING] * p[MODE_RADPS] * dt_s)
+    cos, sin = keep * math.cos(p[MODE_RADPS] * dt_s), keep * math.sin(p[MODE_RADPS] * dt_s)
+    drive = math.sqrt(1.0 - keep * keep) if arm_moves else 0.0
+    a, b = disturbance[MODE_COS, 0], disturbance[MODE_SIN, 0]
+    disturbance[MODE_COS, :] = cos * a - sin * b + drive * draws[2 * n]
+    disturbance[MODE_SIN, :] = sin * a + cos * b + drive * draws[2 * n + 1]
+    for f in range(n):
+        own = disturbance[:, f]
+        own[FAST] = fast * own[FAST] + math.sqrt(1.0 - fast * fast) * draws[f]
+        own[SLOW] = slow * own[SLOW] + math.sqrt(1.0 - slow * slow) * draws[n + f]
+        pressed = p[WANDER_MM] * math.sqrt(0.5) * (own[FAST] + own[SLOW])
+        pressed += p[MODE_MM] * own[MODE_COS]
+        added = states[f, STIFFNESS] * pressed
+        load[f] = max(0.0, normal[f] + added) if normal[f] > 0.0 else 0.0
+        for c in range(2):
+            moved_to[f, c] = motion[f, c] + p[SWAY_MM] * own[MODE_SIN] * shaking[f, c]
 
 
 @njit(cache=True)
@@ -108,8 +144,10 @@ def press(p: Floats, state: Floats, reach: Floats, springs: Floats, normal_n: fl
     k = p[K_NORMAL]
     state[APPROACH] = solve_approach(reach, normal_n / k, state[APPROACH])
     phi = p[RELAXATION]
+    state[STIFFNESS] = 0.0
     for j in range(reach.shape[0]):
         d = state[APPROACH] + reach[j]
+        state[STIFFNESS] += k if d > 0.0 else 0.0
         springs[LOAD, j] = k * d if d > 0.0 else 0.0
         springs[DEPTH, j] = d + phi * springs[RELAXED, j] if d > 0.0 else 0.0
 

@@ -9,7 +9,7 @@ from scenarios.world import spring_bed as bed
 from scenarios.world.fingertip import Fingertips, FingertipSettings, Floats, Surface
 
 QUIET = {
-    "noise_counts": 0.0, "wander_n": 0.0, "vibration_n": 0.0, "vibration_mm": 0.0,
+    "noise_counts": 0.0, "wander_mm": 0.0, "vibration_mm": 0.0, "sway_mm": 0.0,
     "warming_k": 0.0, "tilt_rad": 0.0,
 }  # fmt: skip
 SMOOTH = Surface(texture_rms_mm=0.0)
@@ -97,7 +97,7 @@ def test_hard_press_saturates_at_code_zero() -> None:
 
 def test_sliding_over_texture_is_louder_than_resting_and_grows_with_speed() -> None:
     def loudness(speed_mm_per_sample: float) -> float:
-        quiet = {"wander_n": 0.0}
+        quiet = {"wander_mm": 0.0}
         return float(np.abs(np.diff(slide(make(**quiet), speed_mm_per_sample, 80), axis=0)).mean())
 
     assert loudness(0.0) < 1.5 < loudness(0.3) < loudness(0.6)
@@ -202,7 +202,7 @@ def test_relaxation_levels_the_peaks_out_while_the_load_stays() -> None:
 
 
 def test_arm_shakes_the_pads_while_it_moves_and_rings_out_after() -> None:
-    tips = make(SMOOTH, **{**QUIET, "vibration_n": 0.3})
+    tips = make(SMOOTH, **{**QUIET, "vibration_mm": 0.01})
     moving = [move(tips, 0.01 * (k + 1), 4.0, arm_moves=True) for k in range(200)]
     still = [move(tips, 2.01 + 0.01 * k, 4.0) for k in range(200)]
     loud = np.abs(np.diff(moving, axis=0)).sum(axis=1)

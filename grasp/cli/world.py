@@ -1,0 +1,173 @@
+"""`grasp world`: how true the simulated world is, and what its parameters are."""
+
+import argparse
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from grasp.cli import exits
+
+HELP = "fit and judge the simulated world"
+
+
+def add_parser(verbs: Any) -> None:
+    parser = verbs.add_parser("world", help=HELP, description=HELP)
+    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    _add_calibrate(actions)
+
+
+def _add_calibrate(actions: Any) -> None:
+    text = "fit the simulated fingertip to a real recording, and show both side by side"
+    parser = actions.add_parser(
+        "calibrate",
+        help=text,
+        description=text + ". The recording should be strokes with pauses, labelled. Fitted values "
+        "are judged on simulated clips that the search has not seen. To use them, pass the file "
+        "written by --out as --config to any other command; the built-in values are those fitted "
+        "to the clip of the paper's authors.",
+    )
+    parser.add_argument(
+        "--recording", type=Path, required=True, metavar="PATH",
+        help="one fingertip, columns t_s,p0..p5,slip",
+    )  # fmt: skip
+    parser.add_argument(
+        "--check", action="store_true", help="judge the built-in values; search for no others"
+    )
+    parser.add_argument(
+        "--rounds", type=int, default=None, metavar="N", help="of the search (default: 20)"
+    )
+    parser.add_argument(
+        "--clips", type=int, default=48, metavar="N",
+        help="simulated clips that the result is judged on (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--ablate", action="store_true", help="show the figures with each ingredient left out"
+    )
+    parser.add_argument("--out", type=Path, metavar="FILE.toml", help="write the fitted values")
+    parser.add_argument(
+        "--figure", type=Path, metavar="FILE", help="draw a simulated clip under the recording"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="one JSON object on standard output, nothing else"
+    )
+    parser.set_defaults(handler=calibrate)
+
+
+def calibrate(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from detector.recordings import read
+    from scenarios import calibrate as fitting
+    from scenarios.signal_statistics import signal_statistics
+
+    if args.figure and find_spec("matplotlib") is None:
+        remedy = "pip install 'grasp-controller[charts]'"
+        return exits.report("usage", "--figure needs matplotlib", remedy, args.json)
+    recording = read(args.recording)
+    if recording.fingers != 1 or recording.slip.all() or not recording.slip.any():
+        remedy = "give strokes with pauses between them, labelled"
+        return exits.report(
+            "usage", f"{args.recording}: not one fingertip in slip and at rest", remedy, args.json
+        )
+    if args.out:
+        args.out.touch()  # fails before the search rather than after it
+    counts = recording.counts[:, 0]
+    real = signal_statistics(recording.t_s, counts, recording.slip)
+    setup, fitted = (fitting.Setup(), {}) if args.check else _search(real, args)
+    of = fitting.figures(setup, args.clips, fitting.JUDGE_SEED)
+    rows, misfit = fitting.compare(real, of), fitting.misfit(real, fitting.mean(of))
+    without = _ablate(setup, args) if args.ablate else {}
+    if args.out:
+        args.out.write_text(fitting.as_toml(fitted, args.recording.name), encoding="utf-8")
+    if args.figure:
+        _draw(args.figure, setup, recording)
+    if args.json:
+        report = {
+            "recording": args.recording.name, "misfit": misfit, "statistics": rows,
+            "parameters": fitting.parameter_values(setup), "fitted": not args.check,
+            "ablations": without,
+        }  # fmt: skip
+        print(msgspec.json.encode(report).decode())
+    else:
+        _print(real, rows, misfit, setup, without)
+    return exits.SUCCESS
+
+
+def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict[str, float]]:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from scenarios.calibrate import Search, Setup, fit
+
+    search = Search() if args.rounds is None else Search(rounds=args.rounds)
+    with Progress(console=Console(stderr=True), transient=True, disable=args.json) as bar:
+        task = bar.add_task("fitting", total=None)
+        return fit(
+            real, Setup(), search,
+            lambda done, total, best: bar.update(
+                task, completed=done, total=total, description=f"fitting, misfit {best:.2f}"
+            ),
+        )  # fmt: skip
+
+
+def _ablate(setup: Any, args: argparse.Namespace) -> dict[str, dict[str, float]]:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from scenarios.calibrate import ablations
+
+    with Progress(console=Console(stderr=True), transient=True, disable=args.json) as bar:
+        task = bar.add_task("leaving out", total=None)
+        return ablations(
+            setup, args.clips,
+            lambda done, total: bar.update(task, completed=done, total=total),
+        )  # fmt: skip
+
+
+def _draw(out: Path, setup: Any, recording: Any) -> None:
+    from scenarios.calibrate import JUDGE_SEED
+    from scenarios.figures import draw_clips
+    from scenarios.strokes import simulate
+
+    clips = simulate(setup.fingertip, setup.strokes, 4, JUDGE_SEED)
+    draw_clips(
+        out,
+        [
+            ("recorded", recording.t_s - recording.t_s[0], recording.counts[:, 0], recording.slip),
+            *(("simulated", clips.t_s, counts, clips.slip) for counts in clips.counts[:2]),
+        ],
+    )
+
+
+def _print(
+    real: dict[str, float], rows: list[Any], misfit: float, setup: Any, without: Any
+) -> None:
+    from scenarios.calibrate import misfit as misfit_of
+    from scenarios.calibrate import parameter_values
+
+    print(f"{'statistic':28}{'real':>9}{'simulated':>11}{'10-90 % of clips':>20}{'ratio':>8}")
+    for r in rows:
+        ratio = f"{r.simulated / r.real:8.2f}" if r.real else " " * 8
+        print(
+            f"{r.name:28}{r.real:9.3g}{r.simulated:11.3g}{r.low:10.3g}{r.high:10.3g}{ratio}"
+            f"{'' if r.within_aim else '  beyond the aim'}"
+        )
+    print(f"misfit {misfit:.2f} (1: on average just within the aims)\n")
+    print(f"{'parameter':34}{'value':>9}  range searched")
+    for name, value, low, high in parameter_values(setup):
+        print(f"{name:34}{value:9.3g}  {low:g} to {high:g}")
+    if without:
+        shown = SHOWN_OF_ABLATIONS
+        print(
+            f"\n{'left out':34}{'misfit':>8}" + "".join(f"{short:>10}" for short in shown.values())
+        )
+        for name, figures in without.items():
+            cells = "".join(f"{figures[key]:10.3g}" for key in shown)
+            print(f"{name:34}{misfit_of(real, figures):8.2f}{cells}")
+
+
+SHOWN_OF_ABLATIONS = {
+    "AUC of the scalar": "AUC", "increment rms static": "static", "increment rms slip": "slip",
+    "increment ratio": "ratio", "correlation static": "corr st", "correlation slip": "corr sl",
+    "25 Hz slip": "25 Hz", "highest excursion": "highest", "creep after a stop per s": "creep",
+}  # fmt: skip

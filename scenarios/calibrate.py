@@ -1,0 +1,254 @@
+"""Fits the simulated fingertip to a real recording: simulated strokes like the recording's, their
+statistics side by side with the real ones, and a search that brings the two together.
+
+The search is the cross-entropy method (Rubinstein 1999): draw parameter sets from a normal
+distribution, keep the best, fit the distribution to them, repeat. All sets are judged on the same
+seeds. What the recording cannot tell is left at its assumed value.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from scenarios.signal_statistics import FFT_HZ, signal_statistics
+from scenarios.strokes import StrokeSettings, simulate
+from scenarios.world.fingertip import FingertipSettings
+
+SCALE_FACTOR, CORRELATION, CONTRAST, CONTRAST_BY_EDGE = 1.5, 0.2, 0.03, 0.1  # the aims
+FIT_SEED, JUDGE_SEED = 1, 2  # judged on clips that the fit has not seen
+Floats = NDArray[np.float64]
+Figures = dict[str, float]
+
+
+class Target(msgspec.Struct, frozen=True):
+    """One statistic that the simulation should share with the recording."""
+
+    name: str
+    group: str  # groups weigh alike in the fit
+    kind: Literal["factor", "difference"]
+    aim: float  # how far off is near enough: a factor, or a difference
+
+    def error(self, real: float, simulated: float) -> float:
+        """Deviation in units of the aim; 1 is just near enough."""
+        if self.kind == "difference":
+            return (simulated - real) / self.aim
+        return float(np.log(max(simulated, 1e-3) / max(real, 1e-3)) / np.log(self.aim))
+
+
+def _targets() -> tuple[Target, ...]:
+    rows: list[tuple[str, str, Literal["factor", "difference"], float]] = [
+        ("idle noise", "noise", "factor", SCALE_FACTOR),
+        ("deviation in slip", "level", "factor", SCALE_FACTOR),
+        ("highest excursion", "level", "factor", SCALE_FACTOR),
+        ("creep after a stop per s", "level", "factor", SCALE_FACTOR),
+        ("share saturated", "level", "factor", SCALE_FACTOR),
+        ("increment ratio", "increments", "factor", SCALE_FACTOR),
+        ("correlation static", "correlations", "difference", CORRELATION),
+        ("correlation slip", "correlations", "difference", CORRELATION),
+        ("AUC of the scalar", "contrast", "difference", CONTRAST),
+    ]
+    for state in ("static", "slip"):
+        for figure in ("rms", "median", "p95"):
+            rows.append((f"increment {figure} {state}", "increments", "factor", SCALE_FACTOR))
+        rows += [(f"{f} Hz {state}", f"spectrum {state}", "factor", SCALE_FACTOR) for f in FFT_HZ]
+    for edge in ("0-50 ms", "50-100 ms", "100-200 ms", "over 200 ms"):
+        rows.append((f"AUC {edge}", "contrast by edge", "difference", CONTRAST_BY_EDGE))
+    return tuple(Target(*row) for row in rows)
+
+
+TARGETS = _targets()
+
+
+class Parameter(msgspec.Struct, frozen=True):
+    """One number that the fit may choose, between bounds, on a logarithmic scale."""
+
+    section: Literal["fingertip", "strokes"]
+    name: str
+    low: float
+    high: float
+
+
+PARAMETERS = (
+    Parameter("fingertip", "depth_mm", 3.0, 8.0),
+    Parameter("fingertip", "foundation_n_per_mm3", 0.05, 0.3),
+    Parameter("fingertip", "tilt_rad", 0.02, 0.1),
+    Parameter("fingertip", "crown_radius_mm", 40.0, 400.0),
+    Parameter("fingertip", "wander_mm", 0.001, 0.04),
+    Parameter("fingertip", "wander_fast_s", 0.01, 0.1),
+    Parameter("fingertip", "vibration_mm", 0.0005, 0.03),
+    Parameter("fingertip", "vibration_hz", 10.0, 25.0),
+    Parameter("fingertip", "noise_counts", 0.1, 0.6),
+    Parameter("strokes", "peak_mps", 0.015, 0.06),
+    Parameter("strokes", "skew", 2.0, 5.0),
+    Parameter("strokes", "force_n", 2.0, 12.0),
+    Parameter("strokes", "zero_load_n", 0.05, 6.0),
+    Parameter("strokes", "texture_rms_mm", 0.1, 0.6),
+    Parameter("strokes", "texture_length_mm", 1.0, 3.0),
+    Parameter("strokes", "friction", 0.4, 1.2),
+)
+
+# Each ingredient by the settings that leave it out; the rest stays as fitted.
+ABLATIONS: dict[str, dict[str, float]] = {
+    "surface irregularity": {"strokes.texture_rms_mm": 0.0},
+    "effective depth (10 mm instead)": {"fingertip.depth_mm": 10.0},
+    "shear": {"strokes.friction": 0.0},
+    "force wander": {"fingertip.wander_mm": 0.0},
+    "arm vibration": {"fingertip.vibration_mm": 0.0, "fingertip.sway_mm": 0.0},
+    "load while zeroing": {"strokes.zero_load_n": 0.0},
+    "relaxation": {"fingertip.relaxation_share": 0.0},
+    "migration: crown and tilt": {"fingertip.crown_radius_mm": 1000.0, "fingertip.tilt_rad": 0.0},
+    "static over kinetic friction": {"strokes.static_share": 1.0},
+    "partial slip: stiff bristles": {"fingertip.shear_share": 1.0},
+    "force loop and arm stiffness": {"strokes.arm_npmm": 0.01, "strokes.force_loop_radps": 0.0},
+    "fold above 512": {"fingertip.fold_above_512": False},
+    "noise": {"fingertip.noise_counts": 0.0},
+}
+
+
+class Setup(msgspec.Struct, frozen=True):
+    """A fingertip and the strokes that it is judged on, as the authors' driver recorded it."""
+
+    fingertip: FingertipSettings = FingertipSettings(fold_above_512=True)
+    strokes: StrokeSettings = StrokeSettings()
+
+    def changed(self, values: dict[str, float]) -> "Setup":
+        """With settings named section.name replaced."""
+        parts: dict[str, dict[str, float]] = {"fingertip": {}, "strokes": {}}
+        for key, value in values.items():
+            section, name = key.split(".")
+            parts[section][name] = value
+        return Setup(
+            msgspec.structs.replace(self.fingertip, **parts["fingertip"]),
+            msgspec.structs.replace(self.strokes, **parts["strokes"]),
+        )
+
+
+def figures(setup: Setup, clips: int, seed: int) -> list[Figures]:
+    """Statistics of simulated clips, one by one."""
+    made = simulate(setup.fingertip, setup.strokes, clips, seed)
+    return [signal_statistics(made.t_s, counts, made.slip) for counts in made.counts]
+
+
+def mean(of: Sequence[Figures]) -> Figures:
+    """Mean of each figure over the clips that have it; nan where none has."""
+    out = {}
+    for name in of[0]:
+        values = np.array([f[name] for f in of])
+        values = values[np.isfinite(values)]
+        out[name] = float(values.mean()) if len(values) else np.nan
+    return out
+
+
+def misfit(real: Figures, simulated: Figures) -> float:
+    """Root mean square over the groups of the mean squared error in aims; 1 is just near enough."""
+    groups: dict[str, list[float]] = {}
+    for target in TARGETS:
+        if np.isfinite(real[target.name]):
+            value = simulated[target.name]
+            error = target.error(real[target.name], value) if np.isfinite(value) else 5.0
+            groups.setdefault(target.group, []).append(min(error**2, 100.0))
+    return float(np.sqrt(np.mean([np.mean(errors) for errors in groups.values()])))
+
+
+class Search(msgspec.Struct, frozen=True, kw_only=True):
+    """How long to look."""
+
+    rounds: int = 20
+    tries: int = 40  # a round
+    kept: int = 8
+    clips: int = 24  # a try
+    seed: int = 0
+
+
+def fit(
+    real: Figures,
+    start: Setup,
+    search: Search,
+    progress: Callable[[int, int, float], None] = lambda done, total, best: None,
+) -> tuple[Setup, dict[str, float]]:
+    """The best parameters found, and the setup with them in place.
+
+    ``progress`` is told tries done, tries in all and the best misfit so far.
+    """
+    rng = np.random.default_rng(search.seed)
+    low = np.log([p.low for p in PARAMETERS])
+    high = np.log([p.high for p in PARAMETERS])
+    centre, spread = (low + high) / 2, (high - low) / 3
+    best_error, best = np.inf, centre
+    for r in range(search.rounds):
+        tries = np.clip(centre + spread * rng.standard_normal((search.tries, len(low))), low, high)
+        tries[0] = best
+        errors = []
+        for k, values in enumerate(tries):
+            setup = start.changed(named(values))
+            errors.append(misfit(real, mean(figures(setup, search.clips, FIT_SEED))))
+            progress(r * search.tries + k + 1, search.rounds * search.tries, min(errors))
+        kept = np.argsort(errors)[: search.kept]
+        if errors[kept[0]] < best_error:
+            best_error, best = errors[kept[0]], tries[kept[0]]
+        centre = tries[kept].mean(axis=0)
+        spread = np.maximum(0.3 * spread + 0.7 * tries[kept].std(axis=0), (high - low) / 200)
+    return start.changed(named(best)), named(best)
+
+
+def named(logarithms: Floats) -> dict[str, float]:
+    """Parameter values by section.name, three digits."""
+    pairs = zip(PARAMETERS, np.exp(logarithms).tolist(), strict=True)
+    return {f"{p.section}.{p.name}": float(f"{value:.3g}") for p, value in pairs}
+
+
+class Row(msgspec.Struct, frozen=True):
+    """One statistic side by side; ``low`` and ``high``: 10th and 90th percentile over clips."""
+
+    name: str
+    real: float
+    simulated: float
+    low: float
+    high: float
+    within_aim: bool
+
+
+def compare(real: Figures, of: Sequence[Figures]) -> list[Row]:
+    """Every target that the recording has."""
+    average = mean(of)
+    rows = []
+    for target in TARGETS:
+        wanted, value = real[target.name], average[target.name]
+        if not np.isfinite(wanted):
+            continue
+        spread = np.array([f[target.name] for f in of])
+        low, high = (float(np.nanpercentile(spread, q)) for q in (10, 90))
+        near = bool(abs(target.error(wanted, value)) <= 1.0)
+        rows.append(Row(target.name, wanted, value, low, high, near))
+    return rows
+
+
+def ablations(
+    setup: Setup, clips: int, progress: Callable[[int, int], None] = lambda done, total: None
+) -> dict[str, Figures]:
+    """Mean figures with each ingredient left out, all else as it is."""
+    out = {}
+    for name, changes in ABLATIONS.items():
+        out[name] = mean(figures(setup.changed(changes), clips, JUDGE_SEED))
+        progress(len(out), len(ABLATIONS))
+    return out
+
+
+def parameter_values(setup: Setup) -> list[tuple[str, float, float, float]]:
+    """Name, value, and the bounds of the search, of every parameter of the fit."""
+    return [
+        (f"{p.section}.{p.name}", getattr(getattr(setup, p.section), p.name), p.low, p.high)
+        for p in PARAMETERS
+    ]
+
+
+def as_toml(fitted: dict[str, float], recording: str) -> str:
+    """The fingertip's fitted values as a settings file; the nuisances as comments."""
+    lines = [f"# fitted by `grasp world calibrate --recording {recording}`", "[fingertip]"]
+    for key, value in fitted.items():
+        section, name = key.split(".")
+        lines.append(f"{'' if section == 'fingertip' else '# strokes: '}{name} = {value}")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,155 @@
+"""Simulated recordings like the authors' clip: one fingertip slid there and back over a fixed
+surface, stroke by stroke, under an arm that holds its force by a slow loop."""
+
+import math
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from scenarios.world.fingertip import Fingertips, FingertipSettings, Surface
+
+PERIOD_S = 0.01
+SLIP_MPS = 0.003  # paper, section III-B
+ZEROING = 20  # samples
+SETTLED = 50  # samples at rest before the first one that counts
+Floats = NDArray[np.float64]
+
+
+class StrokeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What arm and surface did while the clip was recorded. Where FITTED these are nuisances of
+    the calibration: the clip does not say how fast it slid, how hard, or on what."""
+
+    strokes: Annotated[int, Meta(ge=1, description="there and back; the clip has 4")] = 4
+    stroke_s: Annotated[
+        float, Meta(gt=0.0, description="of motion above 3 mm/s; the clip's mean")
+    ] = 0.6
+    pause_s: Annotated[float, Meta(gt=0.0, description="between strokes; the clip's mean")] = 0.25
+    rest_s: Annotated[float, Meta(gt=0.0, description="after the last; the clip's")] = 0.9
+    peak_mps: Annotated[float, Meta(gt=0.0, le=0.2, description="fastest; FITTED, 0.015-0.06")] = (
+        0.05
+    )
+    skew: Annotated[
+        float, Meta(ge=1.0, le=8.0, description="speed ~ s^2 (1 - s)^skew; FITTED, 2-5")
+    ] = 3.0
+    force_n: Annotated[float, Meta(gt=0.0, description="mean; FITTED, 2-12")] = 6.0
+    force_spread: Annotated[float, Meta(ge=0.0, description="between clips, relative; assumed")] = (
+        0.3
+    )
+    zero_load_n: Annotated[
+        float, Meta(ge=0.0, le=10.0, description="on the pad while it was zeroed; FITTED, 0-6")
+    ] = 1.0
+    arm_npmm: Annotated[
+        float, Meta(gt=0.0, description="arm and mount, along the press; assumed, 3-10")
+    ] = 5.0
+    pad_npmm: Annotated[
+        float, Meta(gt=0.0, description="pad, likewise: only steadies the exchange of forces")
+    ] = 15.0
+    force_loop_radps: Annotated[
+        float, Meta(ge=0.0, description="corner of the arm's force loop; assumed, 3-10")
+    ] = 5.0
+    texture_rms_mm: Annotated[float, Meta(ge=0.0, le=1.0, description="felt; FITTED, 0.1-0.6")] = (
+        0.35
+    )
+    texture_length_mm: Annotated[float, Meta(ge=0.2, le=10.0, description="felt; FITTED, 1-3")] = (
+        1.5
+    )
+    friction: Annotated[float, Meta(ge=0.0, le=2.0, description="kinetic; FITTED, 0.4-1.2")] = 0.8
+    static_share: Annotated[
+        float, Meta(ge=1.0, le=2.0, description="static over kinetic; assumed, 1.1-1.5")
+    ] = 1.2
+
+
+class Clips(msgspec.Struct, frozen=True):
+    """Recordings of equal motion: (n,) times and labels; (clips, n, 6) counts over rest."""
+
+    t_s: Floats
+    slip: NDArray[np.bool_]
+    counts: NDArray[np.int16]
+    force_n: Floats  # (clips, n) true normal load asked of the pads
+
+
+def stroke_speeds(settings: StrokeSettings) -> tuple[Floats, Floats]:
+    """Times and speed of the fingertip in m/s (n,), from the first sample that counts."""
+    s = settings
+    part = np.linspace(0.0, 1.0, 501)
+    bell = part**2 * (1 - part) ** s.skew
+    bell /= bell.max()
+    whole_s = s.stroke_s / (bell * s.peak_mps > SLIP_MPS).mean()
+    period_s = max(s.stroke_s + s.pause_s, whole_s + PERIOD_S)
+    n = round((s.pause_s + s.strokes * period_s + s.rest_s) / PERIOD_S)
+    t = np.arange(n) * PERIOD_S
+    stroke = np.floor((t - s.pause_s) / period_s)
+    phase = (t - s.pause_s - stroke * period_s) / whole_s
+    speed = s.peak_mps * np.interp(phase, part, bell)
+    speed[(stroke < 0) | (stroke >= s.strokes) | (phase >= 1.0)] = 0.0
+    return t, np.where(stroke % 2 == 0, speed, -speed)
+
+
+class Press:
+    """Arm and mount pressing several fingertips, each by itself: a spring whose base a slow loop
+    moves until the load is right. Within a stroke it is stiff: what lifts the pad loads it."""
+
+    def __init__(self, settings: StrokeSettings, target_n: Floats, slope: Floats) -> None:
+        self._settings, self._target, self._slope = settings, target_n, slope
+        self._base_mm = target_n / settings.arm_npmm
+        self._stiffness = (
+            settings.arm_npmm * settings.pad_npmm / (settings.arm_npmm + settings.pad_npmm)
+        )
+        self.load_n = target_n.copy()
+
+    def begin(self, approach_mm: Floats) -> None:
+        """Take up the pads' position as that of the wanted load."""
+        self.load_n = self._target.copy()
+        self._base_mm = self.load_n / self._settings.arm_npmm + approach_mm
+
+    def step(self, approach_mm: Floats, x_mm: float) -> None:
+        """One period: the load (clips,) that goes with the pads' approach, the surface sloping."""
+        s = self._settings
+        base = self._base_mm - self._slope * x_mm
+        error = s.arm_npmm * (base - approach_mm) - self.load_n
+        self.load_n = np.maximum(self.load_n + error * s.pad_npmm / (s.arm_npmm + s.pad_npmm), 0.05)
+        rate = s.force_loop_radps * (self._target - self.load_n) / self._stiffness
+        self._base_mm += rate * PERIOD_S
+
+
+def simulate(
+    fingertip: FingertipSettings, settings: StrokeSettings, clips: int, seed: int
+) -> Clips:
+    """As many clips as asked for, each with its own surface, tilt, direction, force and rest."""
+    rng = np.random.default_rng(seed)
+    s = settings
+    surface = Surface(
+        texture_rms_mm=s.texture_rms_mm, texture_length_mm=s.texture_length_mm,
+        friction_static=s.static_share * s.friction, friction_kinetic=s.friction,
+    )  # fmt: skip
+    angle = rng.uniform(0.0, 2 * math.pi, clips)
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    target = s.force_n * np.exp(s.force_spread * rng.standard_normal(clips))
+    press = Press(s, target, rng.normal(0.0, fingertip.tilt_rad, clips))
+    tips = Fingertips(fingertip, [surface] * clips, rng)
+    t, speed = stroke_speeds(s)
+    x = np.concatenate([np.zeros(SETTLED), np.cumsum(speed) * PERIOD_S * 1e3])
+    still, middle = np.zeros(clips), np.zeros((clips, 2))
+    counts = np.empty((clips, len(t), 6), np.int16)
+    force = np.empty((clips, len(t)))
+    zero = _zero(tips, np.full(clips, s.zero_load_n), still, middle)
+    for k in range(len(x)):
+        # its force loop never lets the arm rest
+        tips.advance((ZEROING + k + 1) * PERIOD_S, press.load_n, x[k] * along, still, middle, True)
+        if k == 0:
+            press.begin(tips.approach_mm)
+        press.step(tips.approach_mm, x[k])
+        if k >= SETTLED:
+            counts[:, k - SETTLED] = tips.codes()[0] - zero
+            force[:, k - SETTLED] = press.load_n
+    return Clips(t, np.abs(speed) > SLIP_MPS, counts, force)
+
+
+def _zero(tips: Fingertips, load_n: Floats, still: Floats, middle: Floats) -> NDArray[np.int16]:
+    """Codes (clips, 6) that pass for rest, though a load may have lain on the pads."""
+    for k in range(ZEROING):
+        tips.advance((k + 1) * PERIOD_S, load_n, middle, still, middle, False)
+    return tips.codes()[0]
