@@ -1,7 +1,8 @@
 # make install   what a run needs, into .venv        make test       checks and tests
 # make lift      one lift of a can, simulated        make test-slow  the slow tests
 # make bench     measurements                        make test-train the tests that need torch
-# make lock      renew requirements/*.txt (with uv)  make clean      remove what make made
+# make lock      renew requirements/*.txt (with uv)  make test-cluster the test that needs Dask
+# make clean     remove what make made
 #
 # PYTHON=/path/to/python picks the interpreter of a new .venv.
 
@@ -21,14 +22,16 @@ MADE := .venv/.made-in
 BASE := .venv/.installed-base
 DEV := .venv/.installed-dev
 TRAIN := .venv/.installed-train
+CLUSTER := .venv/.installed-cluster
 PYTHON ?= python3.12 python3.11 python3
 OBJECT ?= can
 
-.PHONY: install install-dev install-train lift test test-slow test-train bench check lock clean
+.PHONY: install install-dev install-train install-cluster lift test test-slow test-train test-cluster bench check lock clean
 
 install: $(BASE)
 install-dev: $(DEV)
 install-train: $(TRAIN)
+install-cluster: $(CLUSTER)
 
 # A name on the PATH proves nothing (a version manager leaves names that only print an error), so
 # each candidate is run. The stamp holds the checkout's path: a copied .venv would run the original.
@@ -66,6 +69,11 @@ $(TRAIN): $(DEV) requirements/train.txt
 	@$(PIP) -r requirements/train.txt
 	@touch $@
 
+$(CLUSTER): $(DEV) requirements/cluster.txt
+	@echo "installing requirements/cluster.txt"
+	@$(PIP) --require-hashes -r requirements/cluster.txt
+	@touch $@
+
 lift: install
 	$(BIN)/grasp run lift --object $(OBJECT)
 
@@ -85,6 +93,9 @@ test-slow: install-dev
 test-train: install-train
 	$(BIN)/python -m pytest -m train
 
+test-cluster: install-cluster
+	$(BIN)/python -m pytest -m "slow or not slow" tests/wire/test_cluster.py
+
 bench: install-dev
 	$(BIN)/python -m pytest -m bench -s
 
@@ -95,6 +106,7 @@ lock:
 	@command -v $(UV) >/dev/null || { echo "make lock needs uv: pip install uv, or make lock UV=/path/to/uv" >&2; exit 1; }
 	$(COMPILE) --generate-hashes --extra charts --extra dev --group build pyproject.toml -o requirements/dev.txt
 	$(COMPILE) --generate-hashes --group build pyproject.toml -c requirements/dev.txt -o requirements/base.txt
+	$(COMPILE) --generate-hashes --extra cluster --group build pyproject.toml -c requirements/dev.txt -o requirements/cluster.txt
 	$(COMPILE) requirements/train.in -c requirements/dev.txt -o requirements/train.txt
 	printf 'torch==2.13.0\n' >> requirements/train.txt
 

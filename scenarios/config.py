@@ -33,15 +33,18 @@ from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.fingertip import FingertipSettings
 from scenarios.world.objects import GraspObject
 
+DEFAULT_PROFILE = "default"
+
 
 class LiftConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Resolved settings of one trial, lift or tap. ``rig`` and ``detector_name``: as asked for.
+    """Resolved settings of one trial, lift or tap; ``rig``, ``profile``, ``detector_name``: names.
 
     Of the sections `detector` (the scalar's), `psd`, `psd_fair` and `network`, the one counts that
     the detector asked for takes.
     """
 
     rig: str
+    profile: str = DEFAULT_PROFILE
     detector_name: str
     object: GraspObject
     controller: ControllerSettings = ControllerSettings()
@@ -86,18 +89,23 @@ class LiftConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 def load_config(
     object_name: str,
     rig: str,
-    detector: str,
+    detector: str | None = None,
     file: Path | None = None,
     assignments: Sequence[str] = (),
+    profile: str = DEFAULT_PROFILE,
 ) -> LiftConfig:
-    """Class defaults <- rig <- object <- detector <- file (or $GRASP_CONFIG) <- assignments.
+    """Class defaults <- rig <- profile <- object <- detector <- file (or $GRASP_CONFIG) <-
+    assignments. Without a name of its own, the detector is the profile's.
 
     Raises ConfigError for an unknown name or the first setting that is not allowed.
     """
+    whole = named_layer("profiles", profile)
+    detector = detector or str(whole.table["detector_name"])
     layers = [
-        Layer("command line", {"rig": rig, "detector_name": detector}),
         named_layer("rigs", rig),
+        whole,
         named_layer("objects", object_name),
+        Layer("command line", {"rig": rig, "profile": profile, "detector_name": detector}),
         named_layer("detectors", detector),
     ]
     chosen = file or (Path(os.environ["GRASP_CONFIG"]) if "GRASP_CONFIG" in os.environ else None)

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -31,13 +32,14 @@ def threads() -> set[str]:
 
 
 def children() -> set[str]:
-    """Child processes, unreaped ones too; not the helper that multiprocessing keeps for good."""
+    """Child processes, unreaped ones too; not the helpers that process pools keep for good."""
     pids: set[int] = set()
     for path in Path("/proc/self/task").glob("*/children"):
         with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # a thread that has ended
             pids |= {int(pid) for pid in path.read_text().split()}
-    helper = getattr(resource_tracker._resource_tracker, "_pid", None)
-    return {f"process {pid}" for pid in pids - {helper}}
+    trackers = (resource_tracker, sys.modules.get("joblib.externals.loky.backend.resource_tracker"))
+    helpers = {t._resource_tracker._pid for t in trackers if t is not None}  # type: ignore[attr-defined]
+    return {f"process {pid}" for pid in pids - helpers}
 
 
 def sockets() -> set[str]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from grasp.cli import (
+    campaign,
     chart,
     config,
     detector,
@@ -21,7 +22,9 @@ from grasp.cli import (
     world,
 )
 
-VERBS = (run, replay, runs, chart, detector, tactile, world, config, doctor, emulate, release)
+VERBS = (
+    run, campaign, replay, runs, chart, detector, tactile, world, config, doctor, emulate, release
+)  # fmt: skip
 
 
 class UsageError(Exception):

@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
     from grasp.settings import allowed
     from scenarios.config import load_config
 
-    config = load_config(args.object, args.rig, args.detector, args.config, args.set)
+    config = load_config(args.object, args.rig, args.detector, args.config, args.set, args.profile)
     table = msgspec.to_builtins(config)
     sections = [name for name, value in table.items() if isinstance(value, dict)]
     if args.section is not None and args.section not in sections:

@@ -77,10 +77,16 @@ def add_trial_options(parser: argparse.ArgumentParser, rig: str) -> None:
         "or hardware (default: %(default)s)",
     )
     parser.add_argument(
-        "--detector",
-        default="energy",
+        "--profile",
+        default="default",
         metavar="NAME",
-        help="one of config/detectors (default: %(default)s)",
+        help="one of config/profiles: how detector, decision and reaction are set together "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--detector",
+        metavar="NAME",
+        help="one of config/detectors (default: the profile's)",
     )
     parser.add_argument(
         "--seed",
@@ -128,7 +134,9 @@ def run(args: argparse.Namespace) -> int:
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
     if args.direction:
         assignments.append(f"tap.direction={args.direction}")
-    config = load_config(args.object, args.rig, args.detector, args.config, assignments)
+    config = load_config(
+        args.object, args.rig, args.detector, args.config, assignments, args.profile
+    )
     if config.rig == "hardware" and not args.confirm_motion:
         remedy = "clear the cell, have the emergency stop at hand, then add --confirm-motion"
         return exits.report("usage", "the hardware rig moves real devices", remedy, args.json)

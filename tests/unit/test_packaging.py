@@ -63,7 +63,7 @@ def test_wheel_says_what_it_needs(wheel: zipfile.ZipFile) -> None:
     metadata = HeaderParser().parsestr(wheel.read(name).decode())
     assert metadata["Name"] == "grasp-controller"
     assert metadata["License-Expression"] == "MIT"
-    assert {"train", "charts", "dev"} == set(metadata.get_all("Provides-Extra", []))
+    assert {"train", "charts", "cluster", "dev"} == set(metadata.get_all("Provides-Extra", []))
     base = [r for r in metadata.get_all("Requires-Dist", []) if "extra ==" not in r]
     assert len(base) == len(PROJECT["dependencies"])
 
@@ -102,23 +102,31 @@ def test_base_pins_are_those_of_dev() -> None:
     assert pins("base").items() <= pins("dev").items()
 
 
+def test_cluster_disagrees_with_nobody() -> None:
+    base, dev, cluster = pins("base"), pins("dev"), pins("cluster")
+    assert base.items() <= cluster.items()
+    assert all(dev.get(name, version) == version for name, version in cluster.items())
+
+
 def test_train_disagrees_with_nobody() -> None:
     dev = pins("dev")
     assert all(dev.get(name, version) == version for name, version in pins("train").items())
     assert f"torch=={pins('train')['torch']}" in PROJECT["optional-dependencies"]["train"]
 
 
-@pytest.mark.parametrize("lock", ["base", "dev"])
+@pytest.mark.parametrize("lock", ["base", "dev", "cluster"])
 def test_lock_names_every_requirement(lock: str) -> None:
     wanted = list(PROJECT["dependencies"])
     if lock == "dev":
         wanted += [*PROJECT["optional-dependencies"]["charts"]]
         wanted += [*PROJECT["optional-dependencies"]["dev"]]
+    if lock == "cluster":
+        wanted += PROJECT["optional-dependencies"]["cluster"]
     assert {normal(requirement) for requirement in wanted} <= pins(lock).keys()
     assert "hatchling" in pins(lock)  # the editable install builds with it
 
 
-@pytest.mark.parametrize("lock", ["base", "dev"])
+@pytest.mark.parametrize("lock", ["base", "dev", "cluster"])
 def test_every_pin_has_a_hash(lock: str) -> None:
     entries = re.split(r"\n(?=\S)", LOCKS[lock].read_text().strip())
     entries = [entry for entry in entries if not entry.startswith("#")]
@@ -126,7 +134,7 @@ def test_every_pin_has_a_hash(lock: str) -> None:
     assert all("--hash=sha256:" in entry for entry in entries)
 
 
-@pytest.mark.parametrize("lock", ["base", "dev", "train"])
+@pytest.mark.parametrize("lock", ["base", "dev", "cluster", "train"])
 def test_lock_names_no_place(lock: str) -> None:
     text = LOCKS[lock].read_text()
     assert not re.search(r"://|--index|--extra-index|--find-links|@ file|^-", text, re.MULTILINE)

@@ -1,0 +1,197 @@
+"""What a person sees of a campaign: a bar while it runs, Table IV at its end."""
+
+import sys
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+
+    from scenarios.campaign.run import Progress
+    from scenarios.campaign.summary import Cell, Quantiles, Summary, Variant
+
+LINES = 10  # where there is no terminal: a line for each tenth of the campaign
+TITLES = {"lift": "object lift", "tap": "mallet tap"}
+
+
+class View:
+    """Follows a campaign on standard error: bar, rate, time left, successes so far."""
+
+    def __init__(self, name: str, quiet: bool) -> None:
+        self._name = name
+        self._quiet = quiet
+        self._last: Progress | None = None
+        self._bar: Bar | None = None
+        self._start_s = time.monotonic()
+        self._shown = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        tb: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def show(self, progress: "Progress") -> None:
+        """Take the state after one more trial."""
+        self._last = progress
+        if self._quiet:
+            return
+        if sys.stderr.isatty():
+            self._show_bar(progress)
+        elif progress.new * LINES // max(1, progress.total) > self._shown:
+            self._shown = progress.new * LINES // max(1, progress.total)
+            print(f"{self._name}: {_counts(progress)}, {self._rate(progress)}", file=sys.stderr)
+
+    def kept(self, out: Path) -> str:
+        """What an interrupted campaign leaves."""
+        if self._last is None:
+            return "interrupted before anything ran"
+        return f"{self._last.done} of {self._last.total} trials are in {out}"
+
+    def _rate(self, progress: "Progress") -> str:
+        spent_s = max(1e-9, time.monotonic() - self._start_s)
+        per_s = progress.new / spent_s
+        left_s = (progress.total - progress.done) / per_s if per_s else float("inf")
+        return f"{per_s:.1f} trials/s, {left_s:.0f} s left"
+
+    def _show_bar(self, progress: "Progress") -> None:
+        if self._bar is None:
+            self._bar = _bar()
+            self._bar.add_task(self._name, total=progress.total, completed=progress.done, said="")
+            self._bar.start()
+        said = f"{_counts(progress)}  {self._rate(progress)}" if progress.new else "starting"
+        self._bar.update(self._bar.task_ids[0], completed=progress.done, said=said)
+
+    def close(self) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+
+
+def _counts(progress: "Progress") -> str:
+    text = f"{progress.done}/{progress.total}"
+    if progress.new:
+        text += f", {progress.successes / progress.new:.0%} succeeded"
+    return text + (f", {progress.errors} ERRORS" if progress.errors else "")
+
+
+def _bar() -> "Bar":
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[said]}"),
+        console=Console(file=sys.stderr),
+    )
+
+
+def print_summary(summary: "Summary") -> None:
+    """Table IV, one table a scenario: the paper beside every variant."""
+    from rich.console import Console
+
+    console = Console(width=None if sys.stdout.isatty() else 160, highlight=False)
+    for scenario in dict.fromkeys(variant.scenario for variant in summary.variants):
+        variants = [v for v in summary.variants if v.scenario == scenario]
+        console.print(_rates(scenario, variants))
+        console.print(_times(variants))
+        for variant in variants:
+            _print_likelihood(console, variant)
+    console.print(
+        f"{summary.trials} trials, {summary.errors} errors, {summary.cpu_s:g} s of CPU time"
+    )
+
+
+def _rates(scenario: str, variants: "list[Variant]") -> Any:
+    from rich.table import Table
+
+    from scenarios.campaign.paper import TABLE_IV, TRIALS, wilson
+    from scenarios.campaign.summary import paper_rate
+
+    names = list(dict.fromkeys(cell.object for v in variants for cell in v.cells))
+    table = Table(title=TITLES[scenario], title_justify="left")
+    for heading in ("object", "paper, n = 20", *map(_heading, variants)):
+        table.add_column(heading)
+    for name in names:
+        rate = paper_rate(scenario, name)
+        paper = "-"
+        if rate is not None:
+            known = TABLE_IV[name]
+            paper = _rate(rate, wilson(round(rate * TRIALS), TRIALS))
+            if scenario == "lift" and known.far:
+                paper += f"  {known.near * 5}+{known.far * 5}"
+        cells = [next((c for c in v.cells if c.object == name), None) for v in variants]
+        table.add_row(name, paper, *(_shown(cell) for cell in cells))
+    rates = [paper_rate(scenario, name) for name in names]
+    known_rates = [rate for rate in rates if rate is not None]
+    average = f"{sum(known_rates) / len(known_rates):.1%}" if known_rates else "-"
+    table.add_section()
+    table.add_row("average", average, *(f"{v.average:.1%}" for v in variants))
+    return table
+
+
+def _heading(variant: "Variant") -> str:
+    swept = "" if variant.swept == "{}" else f"\n{variant.swept}"
+    return f"{variant.profile}, {variant.detector}{swept}"
+
+
+def _rate(rate: float, interval: tuple[float, float]) -> str:
+    low, high = interval
+    return f"{rate:4.0%} ({low * 100:.0f}-{high * 100:.0f})"
+
+
+def _shown(cell: "Cell | None") -> str:
+    if cell is None:
+        return "-"
+    text = _rate(cell.rate, cell.interval)
+    if cell.within_6cm is not None and cell.within_12cm:
+        parts = (cell.within_6cm, cell.within_12cm)
+        text += "  " + "+".join(f"{100 * part / cell.trials:.0f}" for part in parts)
+    text += f"  n {cell.trials}"
+    text += f", {cell.errors} errors" if cell.errors else ""
+    lost = {name: n for name, n in cell.outcomes.items() if not name.startswith("held")}
+    return text + "".join(f"\n{n} {name}" for name, n in lost.items())
+
+
+def _times(variants: "list[Variant]") -> Any:
+    from rich.table import Table
+
+    table = Table(title="10, 50 and 90 % of all trials; inf: that many did not get there",
+                  title_justify="left")  # fmt: skip
+    headings = ("object", "registered after onset, ms", "force rises after onset, ms", "slip, mm")
+    for heading in ("variant", *headings):
+        table.add_column(heading)
+    for variant in variants:
+        for i, cell in enumerate(variant.cells):
+            table.add_row(
+                _heading(variant) if i == 0 else "", cell.object,
+                _three(cell.detection_latency_ms), _three(cell.reaction_latency_ms),
+                _three(cell.slip_distance_mm),
+            )  # fmt: skip
+    return table
+
+
+def _three(values: "Quantiles") -> str:
+    parts = ("inf" if v is None else f"{v:.0f}" for v in (values.p10, values.p50, values.p90))
+    return " / ".join(parts) if values.trials else "-"
+
+
+def _print_likelihood(console: Any, variant: "Variant") -> None:
+    if variant.log_likelihood is None or variant.best_log_likelihood is None:
+        return
+    away = variant.best_log_likelihood - variant.log_likelihood
+    console.print(
+        f"{_heading(variant)}: log-likelihood of the paper's column {variant.log_likelihood:.1f}, "
+        f"{away:.1f} below the best that any model could have"
+    )
+    unlikely = [c for c in variant.cells if c.p_value is not None and c.p_value < 0.05]
+    for cell in unlikely:
+        console.print(f"  {cell.object}: the paper's figure has p = {cell.p_value:.2g} under it")

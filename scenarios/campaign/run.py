@@ -1,0 +1,79 @@
+"""Runs what a campaign still lacks, and writes every trial as it finishes."""
+
+from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
+from pathlib import Path
+
+import msgspec
+
+from scenarios.campaign import pool
+from scenarios.campaign.spec import CampaignSpec, Trial, combinations, trials
+from scenarios.campaign.store import CampaignStore
+from scenarios.campaign.trial import Finished, Row, run_trial
+
+CAMPAIGNS = Path("runs/campaigns")
+
+
+class Progress(msgspec.Struct, frozen=True):
+    """Where a campaign stands."""
+
+    total: int
+    done: int  # rows in the file, this call's and those of calls before
+    new: int  # rows of this call
+    successes: int  # among those of this call
+    errors: int
+
+
+OnProgress = Callable[[Progress], None]
+
+
+def default_path(spec: CampaignSpec) -> Path:
+    return CAMPAIGNS / f"{spec.name}.sqlite"
+
+
+def run(
+    spec: CampaignSpec,
+    out: Path,
+    jobs: int,
+    address: str | None = None,
+    resume: bool = False,
+    on_progress: OnProgress = lambda progress: None,
+    work: pool.Work = run_trial,
+) -> Progress:
+    """Run the trials that the file lacks; those that errored before are run again.
+
+    Raises ConfigError before anything runs, CouldNotStore when a row cannot be written.
+    KeyboardInterrupt passes through: every row that was reported is in the file.
+    """
+    places = combinations(spec)
+    open_store = CampaignStore.resume if resume else CampaignStore.create
+    with open_store(out, spec, places) as store:
+        every = list(trials(spec, places))
+        had = store.finished()
+        todo = [trial for trial in every if trial.number not in had]
+        progress = Progress(len(every), len(had), 0, 0, 0)
+        on_progress(progress)
+        # closed at once when something goes wrong here: the workers must not outlive it
+        with closing(_finished(todo, jobs, address, work)) as finished:
+            for each in finished:
+                progress = _counted(progress, store.add(each))
+                on_progress(progress)
+    return progress
+
+
+def _finished(
+    todo: Sequence[Trial], jobs: int, address: str | None, work: pool.Work
+) -> Generator[Finished, None, None]:
+    if address is not None and todo:
+        return pool.cluster(todo, address, work)
+    return pool.local(todo, max(1, min(jobs, len(todo))), work)
+
+
+def _counted(before: Progress, row: Row) -> Progress:
+    return Progress(
+        total=before.total,
+        done=before.done + 1,
+        new=before.new + 1,
+        successes=before.successes + bool(row.success),
+        errors=before.errors + (row.status == "error"),
+    )

@@ -1,0 +1,142 @@
+"""What a campaign file says, and the trials that it stands for."""
+
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+from detector.interface import load_detector
+from drivers.errors import ConfigError
+from drivers.interfaces import FINGERS
+from grasp.settings import load, read_toml
+from scenarios.config import LiftConfig, load_config
+from scenarios.lift import make_guard
+
+SEEDS_APART = 10_000  # so the seeds of two campaigns with different `seeds` never meet
+
+# axes with a name of their own, and the setting that each of them sets
+AXES = {
+    "decision_rules": "rule.consecutive",
+    "latencies_s": "loop.decision_delay_s",
+    "closing_speeds_mps": "controller.closing_speed_mps",
+}
+
+
+class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A grid: every combination of what is listed, each so many times. Empty: as the profile."""
+
+    name: Annotated[str, Meta(pattern="^[A-Za-z0-9._-]+$", description="letters, digits, . _ -")]
+    scenarios: Annotated[tuple[Literal["lift"], ...], Meta(min_length=1)] = ("lift",)
+    objects: Annotated[tuple[str, ...], Meta(min_length=1, description="of config/objects")]
+    profiles: Annotated[tuple[str, ...], Meta(min_length=1, description="of config/profiles")] = (
+        "default",
+    )
+    detectors: Annotated[tuple[str, ...], Meta(description="of config/detectors")] = ()
+    decision_rules: Annotated[
+        tuple[int, ...], Meta(description="consecutive detections that register slip")
+    ] = ()
+    latencies_s: Annotated[
+        tuple[float, ...], Meta(description="virtual time that a decision takes")
+    ] = ()
+    closing_speeds_mps: Annotated[
+        tuple[float, ...], Meta(description="asked for when slip is registered")
+    ] = ()
+    sweep: Annotated[
+        dict[str, tuple[Any, ...]], Meta(description="any other setting, section.key = [values]")
+    ] = {}
+    settings: Annotated[
+        tuple[str, ...], Meta(description="section.key=value, for every trial")
+    ] = ()
+    seeds: Annotated[
+        tuple[Annotated[int, Meta(ge=0, lt=100)], ...],
+        Meta(min_length=1, description="trial seeds are seed x 10000 + repetition"),
+    ] = (0,)
+    repetitions: Annotated[
+        int, Meta(ge=1, le=SEEDS_APART, description="of every combination (paper: 20)")
+    ] = 20
+    recordings: Annotated[
+        Literal["failures", "all", "none"], Meta(description="which are kept")
+    ] = "failures"
+
+
+class Trial(msgspec.Struct, frozen=True):
+    """One trial of a campaign: everything that decides its outcome."""
+
+    number: int  # place in the grid, from 0
+    scenario: str
+    repetition: int
+    seed: int
+    swept: dict[str, Any]  # settings that differ between the combinations
+    config: LiftConfig
+    recordings: str
+
+
+class Combination(msgspec.Struct, frozen=True):
+    """One place of the grid, settings resolved."""
+
+    scenario: str
+    swept: dict[str, Any]
+    config: LiftConfig
+
+
+def read_spec(path: Path) -> CampaignSpec:
+    """Raises ConfigError for a file that is missing, malformed or says something unknown."""
+    return load(CampaignSpec, [read_toml(path)])
+
+
+def combinations(spec: CampaignSpec) -> list[Combination]:
+    """Every combination once, checked as far as can be without running it.
+
+    Raises ConfigError for an unknown name, a setting out of range, a force limit that the
+    gripper cannot keep, or a detector that cannot be loaded.
+    """
+    axes = {key: getattr(spec, axis) for axis, key in AXES.items() if getattr(spec, axis)}
+    axes |= spec.sweep
+    found = []
+    for scenario, profile, detector, name, *values in itertools.product(
+        spec.scenarios, spec.profiles, spec.detectors or (None,), spec.objects, *axes.values()
+    ):
+        swept = dict(zip(axes, values, strict=True))
+        words = [*spec.settings, *(f"{key}={_literal(value)}" for key, value in swept.items())]
+        config = load_config(name, "simulated", detector, None, words, profile)
+        make_guard(config)
+        found.append(Combination(scenario, swept, config))
+    _check_detectors([each.config for each in found])
+    return found
+
+
+def _check_detectors(configs: list[LiftConfig]) -> None:
+    """Load each detector once: weights that are missing are found before anything runs."""
+    for config in {config.detector_name: config for config in configs}.values():
+        try:
+            load_detector(config.detector_name, config.detector, FINGERS)
+        except (OSError, ValueError) as error:
+            raise ConfigError(
+                "campaign", f"detector {config.detector_name!r}", str(error),
+                "one that can be loaded; name it with detectors = [...]",
+            ) from None  # fmt: skip
+
+
+def _literal(value: Any) -> str:
+    """A value as `--set` reads it."""
+    return msgspec.json.encode(value).decode()
+
+
+def trials(spec: CampaignSpec, places: list[Combination]) -> Iterator[Trial]:
+    """All trials. Repetitions are outermost: a campaign that was cut short has seen every
+    combination about equally often, on the same seeds."""
+    numbers = itertools.count()
+    for seed, repetition in itertools.product(spec.seeds, range(spec.repetitions)):
+        for place in places:
+            yield Trial(
+                number=next(numbers),
+                scenario=place.scenario,
+                repetition=repetition,
+                seed=seed * SEEDS_APART + repetition,
+                swept=place.swept,
+                config=place.config,
+                recordings=spec.recordings,
+            )

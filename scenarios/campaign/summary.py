@@ -1,0 +1,176 @@
+"""Table IV from the rows of a campaign: rates with intervals, latencies, slip distances."""
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+
+from scenarios.campaign.paper import (
+    LONG,
+    TABLE_IV,
+    TRIALS,
+    log_multinomial,
+    log_predictive,
+    p_value,
+    paper_counts,
+    wilson,
+)
+from scenarios.campaign.trial import Row
+from scenarios.scoring import Outcome
+
+NEAR, FAR = Outcome.HELD_WITHIN_6CM.value, Outcome.HELD_WITHIN_12CM.value
+
+
+class Quantiles(msgspec.Struct, frozen=True):
+    """Of all trials in which the object slipped: what did not come, or was lost, is infinity.
+
+    None is infinity: that share of the trials did not get there.
+    """
+
+    p10: float | None
+    p50: float | None
+    p90: float | None
+    trials: int
+
+
+class Cell(msgspec.Struct, frozen=True, kw_only=True):
+    """One object in one variant."""
+
+    object: str
+    trials: int
+    errors: int
+    successes: int
+    interval: tuple[float, float]  # Wilson, 95 %
+    within_6cm: int | None  # a long object's lifts
+    within_12cm: int | None
+    outcomes: dict[str, int]
+    detection_latency_ms: Quantiles
+    reaction_latency_ms: Quantiles
+    slip_distance_mm: Quantiles
+    p_value: float | None  # of the paper's counts under this model; None: the paper has none
+
+    @property
+    def rate(self) -> float:
+        return self.successes / self.trials if self.trials else math.nan
+
+
+class Variant(msgspec.Struct, frozen=True, kw_only=True):
+    """One column of the table: a scenario under one profile, detector and set of swept values."""
+
+    scenario: str
+    profile: str
+    detector: str
+    swept: str
+    cells: list[Cell]
+    average: float
+    log_likelihood: float | None  # of the paper's column under this one; None: other objects
+    best_log_likelihood: float | None  # under its own frequencies: no model can do better
+
+
+class Summary(msgspec.Struct, frozen=True):
+    """Of a whole campaign."""
+
+    name: str
+    trials: int
+    errors: int
+    cpu_s: float
+    variants: list[Variant]
+    versions: list[str]
+
+
+def summarize(name: str, rows: Sequence[Row]) -> Summary:
+    """Group the rows by variant, in the order in which they first appear."""
+    groups: dict[tuple[str, str, str, str], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row.scenario, row.profile, row.detector, row.swept), []).append(row)
+    return Summary(
+        name=name,
+        trials=len(rows),
+        errors=sum(row.status == "error" for row in rows),
+        cpu_s=round(sum(row.cpu_s or 0.0 for row in rows), 1),
+        variants=[_variant(key, group) for key, group in groups.items()],
+        versions=sorted({row.versions for row in rows if row.versions}),
+    )
+
+
+def _variant(key: tuple[str, str, str, str], rows: Sequence[Row]) -> Variant:
+    scenario = key[0]
+    by_object: dict[str, list[Row]] = {}
+    for row in rows:
+        by_object.setdefault(row.object, []).append(row)
+    cells = [_cell(scenario, name, group) for name, group in by_object.items()]
+    known = {name: group for name, group in by_object.items() if name in TABLE_IV}
+    score = best = None
+    if len(known) == len(TABLE_IV):
+        score = sum(
+            log_predictive(paper_counts(scenario, name), _counts(scenario, name, group))
+            for name, group in known.items()
+        )
+        best = sum(log_multinomial(paper_counts(scenario, name)) for name in known)
+    return Variant(
+        scenario=scenario, profile=key[1], detector=key[2], swept=key[3], cells=cells,
+        average=sum(cell.rate for cell in cells) / len(cells),
+        log_likelihood=score, best_log_likelihood=best,
+    )  # fmt: skip
+
+
+def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
+    done = [row for row in rows if row.status == "done"]
+    successes = sum(bool(row.success) for row in done)
+    outcomes: dict[str, int] = {}
+    for row in done:
+        outcomes[str(row.outcome)] = outcomes.get(str(row.outcome), 0) + 1
+    split = scenario == "lift" and name in LONG
+    known = name in TABLE_IV and done
+    return Cell(
+        object=name,
+        trials=len(done),
+        errors=len(rows) - len(done),
+        successes=successes,
+        interval=wilson(successes, len(done)),
+        within_6cm=outcomes.get(NEAR, 0) if split else None,
+        within_12cm=outcomes.get(FAR, 0) if split else None,
+        outcomes=dict(sorted(outcomes.items(), key=lambda item: -item[1])),
+        detection_latency_ms=quantiles([row.detection_latency_ms for row in done]),
+        reaction_latency_ms=quantiles([row.reaction_latency_ms for row in done]),
+        slip_distance_mm=quantiles([_caught_mm(row) for row in done]),
+        p_value=p_value(paper_counts(scenario, name), _counts(scenario, name, done))
+        if known
+        else None,
+    )
+
+
+def _counts(scenario: str, name: str, rows: Sequence[Row]) -> tuple[int, ...]:
+    """Counts by the classes of the paper's cell."""
+    done = [row for row in rows if row.status == "done"]
+    failed = sum(not row.success for row in done)
+    if scenario == "tap" or name not in LONG:
+        return len(done) - failed, failed
+    near = sum(row.outcome == NEAR for row in done)
+    return near, len(done) - failed - near, failed
+
+
+def _caught_mm(row: Row) -> float | None:
+    """Slip distance of an object that was caught; a lost one slipped for ever."""
+    return row.slip_distance_m * 1e3 if row.success and row.slip_distance_m is not None else None
+
+
+def quantiles(values: Sequence[float | None]) -> Quantiles:
+    """10, 50 and 90 %, by nearest rank, None counting as infinity."""
+    ordered = sorted(math.inf if value is None else value for value in values)
+
+    def at(part: float) -> float | None:
+        if not ordered:
+            return None
+        value = ordered[min(len(ordered) - 1, math.ceil(part * len(ordered)) - 1)]
+        return None if math.isinf(value) else round(value, 3)
+
+    return Quantiles(at(0.1), at(0.5), at(0.9), len(ordered))
+
+
+def paper_rate(scenario: str, name: str) -> float | None:
+    """The paper's success rate of an object; None for an object that is not the paper's."""
+    cell = TABLE_IV.get(name)
+    if cell is None:
+        return None
+    return (cell.tap if scenario == "tap" else cell.lift) / TRIALS

@@ -1,0 +1,104 @@
+"""The figures of Table IV: intervals, likelihoods, quantiles in which a drop is infinity."""
+
+import math
+
+import msgspec
+import pytest
+
+from scenarios.campaign.paper import (
+    TABLE_IV,
+    TRIALS,
+    log_multinomial,
+    log_predictive,
+    p_value,
+    paper_counts,
+    wilson,
+)
+from scenarios.campaign.summary import quantiles, summarize
+from scenarios.campaign.trial import Row
+
+
+def row(number: int, name: str, outcome: str, slip_m: float | None = 0.02, **more: object) -> Row:
+    success = outcome.startswith("held")
+    values = {
+        "trial": number, "scenario": "lift", "object": name, "profile": "default",
+        "detector": "energy", "swept": "{}", "repetition": number, "seed": number,
+        "status": "done", "config_hash": "", "success": success, "outcome": outcome,
+        "slip_distance_m": slip_m, **more,
+    }  # fmt: skip
+    return msgspec.convert(values, Row)
+
+
+def test_averages_are_those_that_the_paper_prints() -> None:
+    cells = TABLE_IV.values()
+    assert sum(cell.lift for cell in cells) / (6 * TRIALS) == 0.725
+    assert sum(cell.tap for cell in cells) / (6 * TRIALS) == 0.875
+
+
+@pytest.mark.parametrize(
+    "successes, n, low, high", [(7, 20, 0.181, 0.567), (20, 20, 0.839, 1.0), (0, 20, 0.0, 0.161)]
+)
+def test_wilson_interval(successes: int, n: int, low: float, high: float) -> None:
+    assert wilson(successes, n) == pytest.approx((low, high), abs=5e-4)
+
+
+def test_predictive_probabilities_sum_to_one() -> None:
+    total = sum(
+        math.exp(log_predictive((a, b, 20 - a - b), (12, 5, 3)))
+        for a in range(21)
+        for b in range(21 - a)
+    )
+    assert total == pytest.approx(1.0)
+
+
+def test_a_model_that_was_run_often_and_agrees_is_nearly_the_best() -> None:
+    counts = paper_counts("lift", "cardboard")
+    agreeing = tuple(1000 * k for k in counts)
+    assert log_predictive(counts, agreeing) == pytest.approx(log_multinomial(counts), abs=0.01)
+    assert p_value(counts, agreeing) == pytest.approx(1.0)
+
+
+def test_a_model_that_never_fails_does_not_explain_a_third() -> None:
+    assert p_value((7, 13), (100, 0)) < 1e-6
+    assert p_value((19, 1), (100, 0)) > 0.05
+
+
+def test_a_lost_object_counts_as_infinitely_far() -> None:
+    found = quantiles([1.0, 2.0, 3.0, None])
+    assert (found.p50, found.p90) == (2.0, None)
+    rows = [row(0, "ball", "held"), row(1, "ball", "dropped", slip_m=0.3)]
+    (cell,) = summarize("x", rows).variants[0].cells
+    assert (cell.slip_distance_mm.p10, cell.slip_distance_mm.p90) == (20.0, None)
+
+
+def test_errors_are_counted_apart_from_failures() -> None:
+    rows = [row(0, "ball", "held"), row(1, "ball", "dropped"), row(2, "ball", "held")]
+    rows[2] = msgspec.structs.replace(rows[2], status="error", success=None, outcome=None)
+    summary = summarize("x", rows)
+    (cell,) = summary.variants[0].cells
+    assert (cell.trials, cell.successes, cell.errors, summary.errors) == (2, 1, 1, 1)
+
+
+def test_long_objects_are_split_at_6_and_12_cm_and_all_six_give_a_likelihood() -> None:
+    names = list(TABLE_IV)
+    rows = []
+    for name in names:
+        for i in range(20):
+            cell = TABLE_IV[name]
+            kind = "held_within_6cm" if i < cell.near else "held_within_12cm"
+            rows.append(row(len(rows), name, kind if i < cell.lift else "dropped"))
+    (variant,) = summarize("x", rows).variants
+    cells = {cell.object: cell for cell in variant.cells}
+    assert (cells["cardboard"].within_6cm, cells["cardboard"].within_12cm) == (9, 8)
+    assert cells["ball"].within_6cm is None
+    assert variant.average == pytest.approx(0.725)
+    assert variant.log_likelihood is not None and variant.best_log_likelihood is not None
+    assert 0 < variant.best_log_likelihood - variant.log_likelihood < 6
+    assert all(cell.p_value is not None and cell.p_value > 0.5 for cell in variant.cells)
+
+
+def test_variants_are_kept_apart() -> None:
+    rows = [row(0, "ball", "held"), row(1, "ball", "dropped", profile="paper")]
+    variants = summarize("x", rows).variants
+    assert [(v.profile, v.average) for v in variants] == [("default", 1.0), ("paper", 0.0)]
+    assert variants[0].log_likelihood is None

@@ -1,0 +1,80 @@
+"""A campaign as a user runs it: a command in a process of its own."""
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from scenarios.campaign.trial import MACHINE_COLUMNS
+
+GRASP = [sys.executable, "-c", "import sys; from grasp.cli import main; sys.exit(main())"]
+PATIENCE_S = 100.0
+
+
+def campaign_file(folder: Path, repetitions: int) -> Path:
+    path = folder / "small.toml"
+    path.write_text(
+        f'name = "small"\nobjects = ["can", "ball"]\nrepetitions = {repetitions}\n'
+        'recordings = "none"\n'
+    )
+    return path
+
+
+def started(*words: str) -> subprocess.Popen[str]:
+    """The command, in a process group of its own, as a shell would start it."""
+    return subprocess.Popen(
+        [*GRASP, "campaign", "run", *words],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, process_group=0,
+    )  # fmt: skip
+
+
+def finished(*words: str) -> tuple[int, str, str]:
+    process = started(*words)
+    out, err = process.communicate(timeout=PATIENCE_S)
+    return process.returncode, out, err
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def rows(path: Path) -> list[dict[str, Any]]:
+    """All rows, without what the machine decides."""
+    if not path.exists():
+        return []
+    db = sqlite3.connect(path)
+    try:
+        db.row_factory = sqlite3.Row
+        found = [dict(row) for row in db.execute("SELECT * FROM trials ORDER BY trial")]
+    except sqlite3.OperationalError:  # not yet created
+        return []
+    finally:
+        db.close()
+    return [{k: v for k, v in row.items() if k not in MACHINE_COLUMNS} for row in found]
+
+
+def workers_of(pid: int) -> list[int]:
+    """Processes of the group that the command began, without the command."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        alive, group = fields[0] != "Z", int(fields[2])
+        if group == pid and alive and int(path.parent.name) != pid:
+            found.append(int(path.parent.name))
+    return found
+
+
+def interrupt(process: subprocess.Popen[str]) -> None:
+    """Ctrl-C: the whole group gets the signal."""
+    os.killpg(process.pid, signal.SIGINT)
