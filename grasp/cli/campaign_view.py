@@ -157,7 +157,8 @@ def _shown(cell: "Cell | None") -> str:
         text += "  " + "+".join(f"{100 * part / cell.trials:.0f}" for part in parts)
     text += f"  n {cell.trials}"
     text += f", {cell.errors} errors" if cell.errors else ""
-    lost = {name: n for name, n in cell.outcomes.items() if not name.startswith("held")}
+    good = ("held", "registered")
+    lost = {name: n for name, n in cell.outcomes.items() if not name.startswith(good)}
     return text + "".join(f"\n{n} {name}" for name, n in lost.items())
 
 
@@ -166,14 +167,17 @@ def _times(variants: "list[Variant]") -> Any:
 
     table = Table(title="10, 50 and 90 % of all trials; inf: that many did not get there",
                   title_justify="left")  # fmt: skip
-    headings = ("object", "registered after onset, ms", "force rises after onset, ms", "slip, mm")
-    for heading in ("variant", *headings):
+    tap = variants[0].scenario == "tap"
+    third = "nominal after motion, ms" if tap else "force rises after onset, ms"
+    fourth = "moved, mm" if tap else "slip, mm"
+    for heading in ("variant", "object", "registered after onset, ms", third, fourth):
         table.add_column(heading)
     for variant in variants:
         for i, cell in enumerate(variant.cells):
             table.add_row(
                 _heading(variant) if i == 0 else "", cell.object,
-                _three(cell.detection_latency_ms), _three(cell.reaction_latency_ms),
+                _three(cell.detection_latency_ms),
+                _three(cell.nominal_again_ms if tap else cell.reaction_latency_ms),
                 _three(cell.slip_distance_mm),
             )  # fmt: skip
     return table

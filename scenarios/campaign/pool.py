@@ -10,7 +10,6 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from contextlib import contextmanager
 
 import msgspec
-from joblib.externals.loky import ProcessPoolExecutor
 
 from drivers.errors import GraspError, LinkLost
 from scenarios.campaign.spec import Trial
@@ -88,7 +87,9 @@ def _drain(executor: Executor, waiting: deque[Trial], ahead: int, work: Work) ->
 
 
 @contextmanager
-def _workers(jobs: int) -> Iterator[ProcessPoolExecutor]:
+def _workers(jobs: int) -> Iterator[Executor]:
+    from joblib.externals.loky import ProcessPoolExecutor
+
     executor = ProcessPoolExecutor(max_workers=jobs, initializer=_prepare, env=ONE_THREAD)
     try:
         yield executor

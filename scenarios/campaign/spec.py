@@ -8,10 +8,10 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from detector.interface import load_detector
 from drivers.errors import ConfigError
 from drivers.interfaces import FINGERS
 from grasp.settings import load, read_toml
+from scenarios import tap
 from scenarios.config import LiftConfig, load_config
 from scenarios.lift import make_guard
 
@@ -29,7 +29,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """A grid: every combination of what is listed, each so many times. Empty: as the profile."""
 
     name: Annotated[str, Meta(pattern="^[A-Za-z0-9._-]+$", description="letters, digits, . _ -")]
-    scenarios: Annotated[tuple[Literal["lift"], ...], Meta(min_length=1)] = ("lift",)
+    scenarios: Annotated[tuple[Literal["lift", "tap"], ...], Meta(min_length=1)] = ("lift",)
     objects: Annotated[tuple[str, ...], Meta(min_length=1, description="of config/objects")]
     profiles: Annotated[tuple[str, ...], Meta(min_length=1, description="of config/profiles")] = (
         "default",
@@ -103,6 +103,8 @@ def combinations(spec: CampaignSpec) -> list[Combination]:
         words = [*spec.settings, *(f"{key}={_literal(value)}" for key, value in swept.items())]
         config = load_config(name, "simulated", detector, None, words, profile)
         make_guard(config)
+        if scenario == tap.SCENARIO:
+            tap.tap_config(config)
         found.append(Combination(scenario, swept, config))
     _check_detectors([each.config for each in found])
     return found
@@ -112,7 +114,7 @@ def _check_detectors(configs: list[LiftConfig]) -> None:
     """Load each detector once: weights that are missing are found before anything runs."""
     for config in {config.detector_name: config for config in configs}.values():
         try:
-            load_detector(config.detector_name, config.detector, FINGERS)
+            config.make_detector(FINGERS)
         except (OSError, ValueError) as error:
             raise ConfigError(
                 "campaign", f"detector {config.detector_name!r}", str(error),

@@ -37,7 +37,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     """One object in one variant."""
 
     object: str
-    trials: int
+    trials: int  # of taps: those that moved the object
     errors: int
     successes: int
     interval: tuple[float, float]  # Wilson, 95 %
@@ -46,6 +46,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     outcomes: dict[str, int]
     detection_latency_ms: Quantiles
     reaction_latency_ms: Quantiles
+    nominal_again_ms: Quantiles  # after the end of motion; taps
     slip_distance_mm: Quantiles
     p_value: float | None  # of the paper's counts under this model; None: the paper has none
 
@@ -109,23 +110,24 @@ def _variant(key: tuple[str, str, str, str], rows: Sequence[Row]) -> Variant:
         best = sum(log_multinomial(paper_counts(scenario, name)) for name in known)
     return Variant(
         scenario=scenario, profile=key[1], detector=key[2], swept=key[3], cells=cells,
-        average=sum(cell.rate for cell in cells) / len(cells),
+        average=sum(cell.rate for cell in cells if cell.trials) / max(1, len(cells)),
         log_likelihood=score, best_log_likelihood=best,
     )  # fmt: skip
 
 
 def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
-    done = [row for row in rows if row.status == "done"]
+    ran = [row for row in rows if row.status == "done"]
+    done = _counted(scenario, ran)
     successes = sum(bool(row.success) for row in done)
     outcomes: dict[str, int] = {}
-    for row in done:
+    for row in ran:
         outcomes[str(row.outcome)] = outcomes.get(str(row.outcome), 0) + 1
     split = scenario == "lift" and name in LONG
     known = name in TABLE_IV and done
     return Cell(
         object=name,
         trials=len(done),
-        errors=len(rows) - len(done),
+        errors=len(rows) - len(ran),
         successes=successes,
         interval=wilson(successes, len(done)),
         within_6cm=outcomes.get(NEAR, 0) if split else None,
@@ -133,16 +135,23 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
         outcomes=dict(sorted(outcomes.items(), key=lambda item: -item[1])),
         detection_latency_ms=quantiles([row.detection_latency_ms for row in done]),
         reaction_latency_ms=quantiles([row.reaction_latency_ms for row in done]),
-        slip_distance_mm=quantiles([_caught_mm(row) for row in done]),
+        nominal_again_ms=quantiles([row.nominal_again_ms for row in done]),
+        slip_distance_mm=quantiles([_slip_mm(scenario, row) for row in done]),
         p_value=p_value(paper_counts(scenario, name), _counts(scenario, name, done))
         if known
         else None,
     )
 
 
+def _counted(scenario: str, rows: Sequence[Row]) -> list[Row]:
+    """Trials that a success rate is out of: of taps, those that moved the object."""
+    done = [row for row in rows if row.status == "done"]
+    return done if scenario == "lift" else [row for row in done if row.moved]
+
+
 def _counts(scenario: str, name: str, rows: Sequence[Row]) -> tuple[int, ...]:
     """Counts by the classes of the paper's cell."""
-    done = [row for row in rows if row.status == "done"]
+    done = _counted(scenario, rows)
     failed = sum(not row.success for row in done)
     if scenario == "tap" or name not in LONG:
         return len(done) - failed, failed
@@ -150,9 +159,11 @@ def _counts(scenario: str, name: str, rows: Sequence[Row]) -> tuple[int, ...]:
     return near, len(done) - failed - near, failed
 
 
-def _caught_mm(row: Row) -> float | None:
-    """Slip distance of an object that was caught; a lost one slipped for ever."""
-    return row.slip_distance_m * 1e3 if row.success and row.slip_distance_m is not None else None
+def _slip_mm(scenario: str, row: Row) -> float | None:
+    """Slip distance; a lifted object that was lost slipped for ever."""
+    if row.slip_distance_m is None or (scenario == "lift" and not row.success):
+        return None
+    return row.slip_distance_m * 1e3
 
 
 def quantiles(values: Sequence[float | None]) -> Quantiles:

@@ -8,10 +8,12 @@ from typing import Any
 
 import msgspec
 
-from scenarios import lift
+from scenarios import lift, tap
 from scenarios.campaign.spec import Trial
 from scenarios.config import LiftConfig
-from scenarios.result import FinishedRun, versions
+from scenarios.result import FinishedRun, LiftResult, TapResult, versions
+
+AnyRun = FinishedRun[LiftResult] | FinishedRun[TapResult]
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
@@ -30,7 +32,10 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     outcome: str | None = None
     detection_latency_ms: float | None = None
     reaction_latency_ms: float | None = None
-    slip_distance_m: float | None = None
+    moved: bool | None = None  # a tap: what moved nothing is counted apart
+    direction: str | None = None
+    nominal_again_ms: float | None = None
+    slip_distance_m: float | None = None  # of a tap: the permanent displacement
     peak_force_n: float | None = None
     commanded_force_n: float | None = None
     result: str | None = None
@@ -57,9 +62,10 @@ class NotReproducible(RuntimeError):
     """The same settings and seed gave another verdict: a bug, never a finding."""
 
 
-def run_once(scenario: str, config: LiftConfig, seed: int, runs: Path | None) -> FinishedRun:
+def run_once(scenario: str, config: LiftConfig, seed: int, runs: Path | None) -> AnyRun:
     """One judged trial of a scenario."""
-    assert scenario == lift.SCENARIO  # noqa: S101  (checked when the campaign file was read)
+    if scenario == tap.SCENARIO:
+        return tap.run(config, seed, runs)
     return lift.run(config, seed, runs)
 
 
@@ -87,7 +93,7 @@ def _run(trial: Trial) -> Finished:
     if trial.recordings == "all":
         return _recorded(trial)
     finished = Finished(_judged(trial, run_once(trial.scenario, trial.config, trial.seed, None)))
-    if trial.recordings == "none" or finished.row.success:
+    if trial.recordings == "none" or finished.row.success or finished.row.moved is False:
         return finished
     return _again(trial, finished.row)
 
@@ -109,7 +115,7 @@ def _recorded(trial: Trial) -> Finished:
         return Finished(row, Path(finished.result.recording).read_bytes())
 
 
-def _judged(trial: Trial, finished: FinishedRun) -> Row:
+def _judged(trial: Trial, finished: AnyRun) -> Row:
     result = finished.result
     if result is None:
         raise RuntimeError(finished.failure.message if finished.failure else "no result")
@@ -119,18 +125,32 @@ def _judged(trial: Trial, finished: FinishedRun) -> Row:
         del table[column]
     return Row(
         **_identity(trial),
+        **_figures(result),
         status="done",
         success=result.success,
         outcome=result.outcome,
         detection_latency_ms=result.detection_latency_ms,
-        reaction_latency_ms=result.reaction_latency_ms,
-        slip_distance_m=result.slip_distance_m,
         peak_force_n=max(result.peak_force_n.values()) if result.peak_force_n else None,
         commanded_force_n=result.commanded_force_n,
         result=_json(table),
         error=finished.failure.message if finished.failure else None,
         timing=_json(timing),
     )
+
+
+def _figures(result: LiftResult | TapResult) -> dict[str, Any]:
+    """Columns that one of the scenarios has."""
+    if isinstance(result, LiftResult):
+        return {
+            "reaction_latency_ms": result.reaction_latency_ms,
+            "slip_distance_m": result.slip_distance_m,
+        }
+    return {
+        "moved": result.moved,
+        "direction": result.direction,
+        "nominal_again_ms": result.nominal_again_ms,
+        "slip_distance_m": result.displacement_m,
+    }
 
 
 def _identity(trial: Trial) -> dict[str, Any]:

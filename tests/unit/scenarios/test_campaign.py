@@ -114,9 +114,9 @@ def test_a_wrong_file_is_refused_before_anything_runs(
 
 
 def test_the_packaged_campaigns_can_be_read() -> None:
-    for name, count in (("paper", 120), ("table4", 1200)):
+    for name, count in (("paper", 240), ("table4", 2400)):
         spec = read_spec(Path(__file__).parents[3] / f"config/campaigns/{name}.toml")
-        size = len(spec.objects) * len(spec.profiles) * spec.repetitions
+        size = len(spec.scenarios) * len(spec.objects) * len(spec.profiles) * spec.repetitions
         assert size == count
 
 
@@ -135,6 +135,13 @@ def test_a_failure_leaves_its_recording_and_a_success_none() -> None:
     assert lost.recording is not None
     assert lost.recording.startswith(b"\x89MCAP")
     assert lost.row.recording is None  # its place is known when it is stored
+
+
+def test_taps_alternate_their_direction_and_keep_what_was_measured() -> None:
+    spec = CampaignSpec(name="tap", scenarios=("tap",), objects=("box",), repetitions=2)
+    rows = [run_trial(trial).row for trial in trials(spec, combinations(spec))]
+    assert [row.direction for row in rows] == ["top", "side"]
+    assert all(row.moved is not None and row.slip_distance_m is not None for row in rows)
 
 
 def test_a_row_repeats_with_its_seed() -> None:

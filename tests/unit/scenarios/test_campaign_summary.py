@@ -19,11 +19,11 @@ from scenarios.campaign.trial import Row
 
 
 def row(number: int, name: str, outcome: str, slip_m: float | None = 0.02, **more: object) -> Row:
-    success = outcome.startswith("held")
-    values = {
+    values: dict[str, object] = {
         "trial": number, "scenario": "lift", "object": name, "profile": "default",
         "detector": "energy", "swept": "{}", "repetition": number, "seed": number,
-        "status": "done", "config_hash": "", "success": success, "outcome": outcome,
+        "status": "done", "config_hash": "",
+        "success": outcome.startswith("held"), "outcome": outcome,
         "slip_distance_m": slip_m, **more,
     }  # fmt: skip
     return msgspec.convert(values, Row)
@@ -69,6 +69,16 @@ def test_a_lost_object_counts_as_infinitely_far() -> None:
     rows = [row(0, "ball", "held"), row(1, "ball", "dropped", slip_m=0.3)]
     (cell,) = summarize("x", rows).variants[0].cells
     assert (cell.slip_distance_mm.p10, cell.slip_distance_mm.p90) == (20.0, None)
+
+
+def test_taps_that_moved_nothing_are_counted_apart() -> None:
+    tap = {"scenario": "tap", "slip_m": 0.005}
+    rows = [row(0, "ball", "registered", success=True, moved=True, **tap)]
+    rows.append(row(1, "ball", "undetected", moved=True, **tap))
+    rows += [row(i, "ball", "unmoved_registered", moved=False, **tap) for i in (2, 3)]
+    (cell,) = summarize("x", rows).variants[0].cells
+    assert (cell.trials, cell.successes) == (2, 1)
+    assert cell.outcomes["unmoved_registered"] == 2
 
 
 def test_errors_are_counted_apart_from_failures() -> None:
