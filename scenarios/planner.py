@@ -1,0 +1,261 @@
+"""Chooses the cheapest level of the contact ladder, and a step, that answers within a tolerance.
+
+Three questions, asked separately. A structural indicator says which terms a scene could do without
+(no lever and no side load: nothing turns). Agreement with the next fuller level says whether it can
+here. Halving the step bounds what the integration adds; results are extrapolated from two steps.
+"""
+
+import math
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from scenarios.world import contact
+from scenarios.world.contact import GRAVITY_MPS2, Floats
+from scenarios.world.ladder.drive import tap_wrench
+from scenarios.world.ladder.levels import (
+    BRUSH_POINTS,
+    SQUARE_SPIN,
+    Level,
+    Outcome,
+    admits_rigid,
+    simulate,
+)
+from scenarios.world.ladder.rigid import press
+from scenarios.world.ladder.scene import Scene
+
+CONFIRMING_POINTS = 3  # brush points a side that confirm L3; within a quarter of the full brush
+MODEL_SHARE = 1 / 3  # of the tolerance: errors were up to 1.7 x the gap to the next level
+STEP_SHARE = 1 / 2  # of the tolerance, for the difference of a step and its half
+STEPS_A_PULSE = 4
+STEPS_A_PERIOD = 16
+LARGEST_STEP_S, LEAST_STEP_S = 2e-3, 1e-5
+NO_LEVER = 1e-9
+
+
+class Tolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a scene is asked for, and how exactly; None: not asked."""
+
+    slip_m: Annotated[float, Meta(gt=0.0, description="of the tape mark")] = 1e-3
+    rotation_rad: Annotated[float, Meta(gt=0.0)] | None = None
+    peak_force_n: Annotated[float, Meta(gt=0.0)] | None = None
+
+
+class Indicators(msgspec.Struct, frozen=True):
+    """Dimensionless numbers of a scene that say which terms it could do without."""
+
+    load_ratio: float  # peak load along the pads over the static cone at the final grip
+    eccentricity: float  # torque about the middle of the friction, over what the pads can bear
+    sideways: bool
+    frequency_ratio: float  # of a vibration to the object on its pads
+    pulse_ratio: float  # of a tap's length to that period; inf without a tap
+    coupled: bool  # flanks or relaxation: forces depend on the motion
+
+    @property
+    def turns(self) -> bool:
+        """True when something may move the object out of the line of L0 and L1."""
+        return self.sideways or self.eccentricity > NO_LEVER
+
+
+class Answer(msgspec.Struct, frozen=True):
+    """Quantities of one level, extrapolated from two steps, and the difference of those steps."""
+
+    level: Level
+    step_s: float  # the finer one
+    mark_m: tuple[float, float]
+    turn_rad: float
+    peak_force_n: float
+    step_error: float  # of the two steps, in tolerances
+
+    @property
+    def slip_m(self) -> float:
+        return math.hypot(*self.mark_m)
+
+
+class Comparison(msgspec.Struct, frozen=True):
+    """A level against the next fuller one; the gap in tolerances."""
+
+    level: Level
+    against: Level
+    gap: float
+
+
+class Plan(msgspec.Struct, frozen=True):
+    """The choice, its answer, and why."""
+
+    scene: str
+    tolerance: Tolerance
+    indicators: Indicators
+    comparisons: tuple[Comparison, ...]
+    answer: Answer
+
+    @property
+    def level(self) -> Level:
+        return self.answer.level
+
+    def lines(self) -> list[str]:
+        """The choice explained in a few lines."""
+        return _explain(self)
+
+
+def indicators(scene: Scene) -> Indicators:
+    """Indicators from the scene's terms alone: nothing is simulated."""
+    normal = press(contact.parameters(scene.contact, scene.body), _final_travel(scene))
+    total_n, mass = float(normal.sum()), scene.mass_kg
+    cone_n = scene.body.friction_static * total_n
+    places, plane = scene.finger_places(), scene.plane
+    middle = normal @ places / total_n if total_n > 0.0 else np.zeros(2)
+    weight_n = mass * (GRAVITY_MPS2 + _acceleration(scene))
+    loads = [np.array([0.0, -weight_n, -weight_n * plane.centre_of_mass_y_m])]
+    period_s = 2 * math.pi * math.sqrt(mass / (3 * scene.contact.shear_stiffness_npm))
+    pulse = math.inf
+    if scene.tap is not None:
+        peak_n = 0.5 * math.pi * scene.tap.impulse_ns / scene.tap.duration_s
+        loads.append(peak_n * tap_wrench(scene.tap))
+        pulse = scene.tap.duration_s / period_s
+    force = np.hypot(*np.sum(loads, axis=0)[:2])
+    torque = max(abs(w[2] - middle[0] * w[1] + middle[1] * w[0]) for w in loads)
+    return Indicators(
+        load_ratio=float(force / cone_n) if cone_n > 0.0 else math.inf,
+        eccentricity=float(torque / (cone_n * _reach(scene))) if cone_n > 0.0 else math.inf,
+        sideways=any(w[0] != 0.0 for w in loads),
+        frequency_ratio=scene.vibration.frequency_hz * period_s if scene.vibration else 0.0,
+        pulse_ratio=pulse,
+        coupled=not admits_rigid(scene),
+    )
+
+
+def _reach(scene: Scene) -> float:
+    """Lever at which the pads bear torque: their distance from the middle and their own spin."""
+    distance = float(np.abs(scene.finger_places()[:, 0]).mean())
+    return max(distance + SQUARE_SPIN * scene.contact.pad_half_length_m, 1e-6)
+
+
+def _acceleration(scene: Scene) -> float:
+    shake = scene.vibration.acceleration_mps2 if scene.vibration is not None else 0.0
+    return shake + (scene.arm.acceleration_mps2 if scene.arm is not None else 0.0)
+
+
+def _final_travel(scene: Scene) -> Floats:
+    """Finger travel (3,) at which a closing thumb meets its force stop; else as it is."""
+    travel, closing = np.array(scene.grip.travel_m), scene.grip.closing
+    if closing is None:
+        return travel
+    p = contact.parameters(scene.contact, scene.body)
+    low, high = 0.0, scene.contact.half_aperture_m
+    for _ in range(40):  # monotone: more travel, more force
+        middle = 0.5 * (low + high)
+        pressed = press(p, travel + [middle, 0.0, 0.0])[0]
+        low, high = (middle, high) if pressed < closing.force_stop_n else (low, middle)
+    return travel + [low, 0.0, 0.0]
+
+
+def first_step_s(scene: Scene) -> float:
+    """Largest step that still sees the scene's fastest term."""
+    step = LARGEST_STEP_S
+    if scene.tap is not None:
+        step = min(step, scene.tap.duration_s / STEPS_A_PULSE)
+    if scene.vibration is not None:
+        step = min(step, 1.0 / (STEPS_A_PERIOD * scene.vibration.frequency_hz))
+    return step
+
+
+def answer(
+    scene: Scene, level: Level, tolerance: Tolerance, step_s: float,
+    points: int = BRUSH_POINTS,
+) -> Answer:  # fmt: skip
+    """Two runs, at step_s and half of it, extrapolated: backward Euler is of first order."""
+    coarse = simulate(scene, level, step_s, points)
+    if level is Level.RIGID:
+        return _extrapolate(coarse, coarse, tolerance)
+    return _extrapolate(coarse, simulate(scene, level, 0.5 * step_s, points), tolerance)
+
+
+def _extrapolate(coarse: Outcome, fine: Outcome, tolerance: Tolerance) -> Answer:
+    mark = 2 * np.array(fine.mark_m) - np.array(coarse.mark_m)
+    bare = Answer(
+        level=fine.level, step_s=fine.step_s, mark_m=(float(mark[0]), float(mark[1])),
+        turn_rad=2 * fine.turn_rad - coarse.turn_rad, peak_force_n=fine.peak_force_n,
+        step_error=0.0,
+    )  # fmt: skip
+    return msgspec.structs.replace(bare, step_error=_gap(coarse, fine, tolerance))
+
+
+def _gap(a: Outcome | Answer, b: Outcome | Answer, tolerance: Tolerance) -> float:
+    """Largest difference of what is asked, in tolerances."""
+    gap = math.dist(a.mark_m, b.mark_m) / tolerance.slip_m
+    if tolerance.rotation_rad is not None:
+        gap = max(gap, abs(a.turn_rad - b.turn_rad) / tolerance.rotation_rad)
+    if tolerance.peak_force_n is not None:
+        gap = max(gap, abs(a.peak_force_n - b.peak_force_n) / tolerance.peak_force_n)
+    return gap
+
+
+def refined(
+    scene: Scene, level: Level, tolerance: Tolerance, first: Answer | None = None
+) -> Answer:
+    """Halve the step until that changes the result by less than its share of the tolerance."""
+    found = first or answer(scene, level, tolerance, first_step_s(scene))
+    while found.step_error > STEP_SHARE and found.step_s > LEAST_STEP_S:
+        fine = simulate(scene, level, found.step_s)
+        finer = simulate(scene, level, 0.5 * found.step_s)
+        found = _extrapolate(fine, finer, tolerance)
+    return found
+
+
+def plan(scene: Scene, tolerance: Tolerance) -> Plan:
+    """Cheapest level that its fuller neighbours confirm. Always ends: the last one is the brush."""
+    facts = indicators(scene)
+    step_s = first_step_s(scene)
+    start, end = (Level.POINTS, Level.BRUSH) if facts.turns else (Level.RIGID, Level.SLIDER)
+    if facts.coupled:
+        start = max(start, Level.SLIDER)
+    compared: list[Comparison] = []
+    here = answer(scene, start, tolerance, step_s)
+    while here.level < end:
+        fuller_level = Level(here.level + 1)
+        points = CONFIRMING_POINTS if fuller_level is Level.BRUSH else BRUSH_POINTS
+        fuller = answer(scene, fuller_level, tolerance, step_s, points)
+        gap = _gap(here, fuller, tolerance)
+        compared.append(Comparison(here.level, fuller_level, gap))
+        if gap <= MODEL_SHARE:
+            break
+        here = fuller
+    first = None if here.level is Level.BRUSH else here
+    found = refined(scene, here.level, tolerance, first)
+    return Plan(scene.name, tolerance, facts, tuple(compared), found)
+
+
+_MEANING = {
+    Level.RIGID: "rigid Coulomb, exact",
+    Level.SLIDER: "compliant sliders along the lift",
+    Level.POINTS: "planar, a point a finger",
+    Level.SPIN: "planar, a limit surface with spin a finger",
+    Level.BRUSH: f"planar, {BRUSH_POINTS} x {BRUSH_POINTS} brush points a finger",
+}
+
+
+def _explain(found: Plan) -> list[str]:
+    facts = found.indicators
+    turning = "nothing turns the object: L2 to L4 would move as L1 does"
+    if facts.turns:
+        side = "a side load" if facts.sideways else "a lever"
+        turning = f"{side}, eccentricity {facts.eccentricity:.2g}: L0 and L1 are not admitted"
+    lines = [f"load {facts.load_ratio:.2f} of the static cone; {turning}"]
+    if facts.coupled:
+        lines.append("flanks or relaxing pads: L0 is not admitted")
+    for c in found.comparisons:
+        verdict = "agree" if c.gap <= MODEL_SHARE else "do not agree"
+        lines.append(
+            f"L{int(c.level)} and L{int(c.against)} {verdict}: {c.gap:.2g} tolerances apart "
+            f"({MODEL_SHARE:.2g} allowed)"
+        )
+    a = found.answer
+    step = "no step" if a.level is Level.RIGID else f"step {a.step_s * 1e3:.3g} ms"
+    lines.append(f"choice: L{int(a.level)} ({_MEANING[a.level]}), {step}, two steps "
+                 f"{a.step_error:.2g} tolerances apart ({STEP_SHARE:.2g} allowed)")  # fmt: skip
+    lines.append(f"slip {a.slip_m * 1e3:.3f} mm at the mark, rotation "
+                 f"{math.degrees(a.turn_rad):.2f} deg, peak force {a.peak_force_n:.2f} N")  # fmt: skip
+    return lines

@@ -1,0 +1,1 @@
+"""The contact ladder: one scene, five contact models of rising fidelity, one interface."""

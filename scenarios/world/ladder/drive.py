@@ -1,0 +1,67 @@
+"""What a scene imposes, as tables over the steps of a level. An absent term is one row."""
+
+import math
+
+import msgspec
+import numpy as np
+
+from scenarios.world.contact import Floats
+from scenarios.world.ladder.scene import ArmRise, Scene, TapPulse, Vibration
+
+
+class Drive(msgspec.Struct, frozen=True):
+    """Step means, so that the hand's path and the tap's impulse are exact at any step."""
+
+    steps: int
+    step_s: float
+    hand_mps: Floats  # (steps,) or (1,), along z
+    load: Floats  # (steps, 3) or (1, 3): force along y and z, N, torque about the middle, N m
+    first_mps: float  # speed of hand and object when the scene begins
+
+
+def drive(scene: Scene, step_s: float) -> Drive:
+    """Tables of a scene for steps of at most step_s."""
+    steps = max(1, math.ceil(scene.duration_s / step_s - 1e-9))
+    h = scene.duration_s / steps
+    ends_s = np.linspace(0.0, scene.duration_s, steps + 1)
+    hand_mps = np.zeros(1)
+    if scene.arm is not None:
+        hand_mps = hand_mps + np.diff(arm_height(scene.arm, ends_s)) / h
+    if scene.vibration is not None:
+        hand_mps = hand_mps + np.diff(vibration_height(scene.vibration, ends_s)) / h
+    load = np.zeros((1, 3))
+    if scene.tap is not None:
+        mean_n = np.diff(tap_impulse(scene.tap, ends_s)) / h
+        load = mean_n[:, None] * tap_wrench(scene.tap)
+    first = 0.0
+    if scene.vibration is not None:
+        first = -scene.vibration.acceleration_mps2 / scene.vibration.rate
+    return Drive(steps, h, hand_mps, load, first)
+
+
+def arm_height(arm: ArmRise, t_s: Floats) -> Floats:
+    """Height risen, m, at times t_s (n,)."""
+    ramp_s = arm.speed_mps / arm.acceleration_mps2
+    within = np.minimum(t_s, ramp_s)
+    height: Floats = 0.5 * arm.acceleration_mps2 * within**2 + arm.speed_mps * (t_s - within)
+    return height
+
+
+def vibration_height(vibration: Vibration, t_s: Floats) -> Floats:
+    """Height of the hand, m, at times t_s (n,); its acceleration is +a sin(w t)."""
+    height: Floats = -vibration.acceleration_mps2 / vibration.rate**2 * np.sin(vibration.rate * t_s)
+    return height
+
+
+def tap_impulse(tap: TapPulse, t_s: Floats) -> Floats:
+    """Impulse delivered until t_s (n,), N s."""
+    phase = np.clip((t_s - tap.at_s) / tap.duration_s, 0.0, 1.0)
+    impulse: Floats = 0.5 * tap.impulse_ns * (1.0 - np.cos(math.pi * phase))
+    return impulse
+
+
+def tap_wrench(tap: TapPulse) -> Floats:
+    """Force (y, z) and torque about the middle of the grip, (3,), of a blow of 1 N."""
+    if tap.direction == "top":
+        return np.array([0.0, -1.0, -tap.offset_m])
+    return np.array([1.0, 0.0, -tap.offset_m])
