@@ -5,15 +5,16 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from grasp.cli import exits
+from grasp.cli import exits, world_plan
 
-HELP = "fit and judge the simulated world"
+HELP = "fit and judge the simulated world, choose its physics"
 
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("world", help=HELP, description=HELP)
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     _add_calibrate(actions)
+    world_plan.add_parser(actions)
 
 
 def _add_calibrate(actions: Any) -> None:

@@ -16,7 +16,9 @@ from scenarios.world.ladder import rigid
 from scenarios.world.ladder.levels import Level, Outcome, outcome
 from scenarios.world.ladder.scene import Scene
 
-STRIBECK_MPS = 1e-3  # LuGre: speed at which static friction has given way; physics of the comparison
+STRIBECK_MPS = (
+    1e-3  # LuGre: speed at which static friction has given way; physics of the comparison
+)
 REGULAR_MPS = 1e-3  # regularised Coulomb: full friction from this speed on
 _M, _MU_S, _MU_K, _K, _C, _TABLE = range(6)
 

@@ -156,16 +156,15 @@ def _event(
     n = n0 + n1 * (t - t0)
     _, speed, a = _hand(m, t)
     _, _, push = _tap(m, t)
-    left: float = 0.0
+    left: float
     if mode == TABLE:
         left = m[M_MASS] * GRAVITY_MPS2 + push - (m[M_MU_K] * n if speed > 0.0 else 0.0)
-        return left
-    if mode == STICK:
+    elif mode == STICK:
         left = m[M_MU_S] * n - abs(m[M_MASS] * (GRAVITY_MPS2 + a) + push)
-        return left
-    slip, u = _slide(m, t0, u0, sign, n0, n1, t)
-    over = _hand(m, t)[0] - _hand(m, t0)[0] - slip + gap
-    return min(sign * u, over)
+    else:
+        slip, u = _slide(m, t0, u0, sign, n0, n1, t)
+        left = min(sign * u, _hand(m, t)[0] - _hand(m, t0)[0] - slip + gap)
+    return left
 
 
 @njit(cache=True)
