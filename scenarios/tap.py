@@ -89,9 +89,10 @@ def tap_config(config: LiftConfig) -> LiftConfig:
         config,
         object=replace(config.object, added_mass_kg=0.0),
         controller=replace(
-            config.controller, firm=True, reactions=False, keep=False, hold_s=HOLD_S, retreat_m=0.0
+            config.controller, firm=True, reactions=False, keep=False, hold_s=HOLD_S,
+            retreat_m=0.0, lift_height_m=config.tap.height_m,
         ),
-    )
+    )  # fmt: skip
 
 
 def run_trial(

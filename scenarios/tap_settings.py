@@ -36,6 +36,14 @@ class TapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         float,
         Meta(ge=0.0, le=0.5, description="of the hand: relative deviation; assumed, 0.1-0.3"),
     ] = 0.2
+    height_m: Annotated[
+        float,
+        Meta(
+            ge=0.02,
+            le=0.5,
+            description="held this far above the table, further than a blow moves it; assumed",
+        ),
+    ] = 0.08
     duration_s: Annotated[
         float, Meta(ge=0.001, le=0.05, description="of the impact, rubber; assumed, 4-16 ms")
     ] = 0.008

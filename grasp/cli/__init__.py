@@ -14,6 +14,7 @@ from grasp.cli import (
     doctor,
     emulate,
     exits,
+    grip_search,
     release,
     replay,
     run,
@@ -23,7 +24,7 @@ from grasp.cli import (
 )
 
 VERBS = (
-    run, campaign, replay, runs, chart, detector, tactile, world, config, doctor, emulate, release
+    run, campaign, grip_search, replay, runs, chart, detector, tactile, world, config, doctor, emulate, release
 )  # fmt: skip
 
 
