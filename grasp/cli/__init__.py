@@ -24,7 +24,8 @@ from grasp.cli import (
 )
 
 VERBS = (
-    run, campaign, grip_search, replay, runs, chart, detector, tactile, world, config, doctor, emulate, release
+    run, campaign, grip_search, replay, runs, chart, detector, tactile, world, config, doctor,
+    emulate, release,
 )  # fmt: skip
 
 
