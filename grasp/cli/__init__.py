@@ -10,6 +10,7 @@ from grasp.cli import (
     campaign,
     chart,
     config,
+    dataset,
     detector,
     doctor,
     emulate,
@@ -24,8 +25,8 @@ from grasp.cli import (
 )
 
 VERBS = (
-    run, campaign, grip_search, replay, runs, chart, detector, tactile, world, config, doctor,
-    emulate, release,
+    run, campaign, grip_search, replay, runs, chart, dataset, detector, tactile, world, config,
+    doctor, emulate, release,
 )  # fmt: skip
 
 

@@ -72,6 +72,47 @@ class Display:
             self._view.close()
 
 
+class AcquireDisplay:
+    """Follows an acquisition: a line a phase in a pipe, one that is renewed in a terminal."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet = quiet
+        self._status: Status | None = None
+        self._ticks = 0
+
+    def __enter__(self) -> Self:
+        if not self._quiet and sys.stdout.isatty():
+            from rich.console import Console
+
+            self._status = Console().status("")
+            self._status.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._status is not None:
+            self._status.stop()
+
+    def setting_up(self, rig: str) -> None:
+        self._show(f"setting up the {rig} rig")
+
+    def tick(self, tick: Any) -> None:
+        """Show one tick of ``scenarios.acquire``."""
+        self._ticks += 1
+        every = REFRESH_TICKS if self._status is not None else 2 * STATUS_TICKS
+        if self._ticks % every == 0:
+            x, y, _ = tick.arm.velocity_mps
+            self._show(
+                f"{tick.t_ns * 1e-9:7.2f} s  {tick.phase:<9} {tick.force_n:5.1f} N  "
+                f"{1e3 * (x * x + y * y) ** 0.5:5.1f} mm/s  {tick.arm.spin_radps:+5.2f} rad/s"
+            )
+
+    def _show(self, text: str) -> None:
+        if self._status is not None:
+            self._status.update(text)
+        elif not self._quiet:
+            print(text, flush=True)
+
+
 def status_text(tick: Tick) -> str:
     """nominal / REGISTERED, as the paper's monitor showed it."""
     slip = tick.decision.slip

@@ -1,4 +1,4 @@
-"""`grasp run SCENARIO`: one lift or a series of taps, live in the terminal, judged and recorded."""
+"""`grasp run SCENARIO`: one lift, a series of taps or an acquisition, live and recorded."""
 
 import argparse
 import json
@@ -10,16 +10,19 @@ from grasp.cli import exits
 
 HELP = "run a scenario"
 TAPS = 20  # paper, section V-B
+SPEED_MPS, SECONDS = 0.05, 20.0  # of an acquisition
 
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("run", help=HELP, description=HELP)
     parser.add_argument(
         "scenario",
-        choices=("lift", "tap"),
-        help="lift: lift an object held too weakly; tap: strike an object held at the force cap",
+        choices=("lift", "tap", "acquire"),
+        help="lift: lift an object held too weakly; tap: strike an object held at the force cap; "
+        "acquire: press one fingertip on a fixed surface and stroke it, for labelled slip data",
     )
     add_trial_options(parser, rig="emulated")
+    add_acquire_options(parser)
     parser.add_argument(
         "--runs",
         type=Path,
@@ -40,9 +43,10 @@ def add_parser(verbs: Any) -> None:
     )
     parser.add_argument(
         "--direction",
-        choices=("top", "side", "alternate", "closing"),
-        help="tap: on top, on the side across the closing axis, the two in turn, or along the "
-        "closing axis (default: alternate)",
+        metavar="DIR",
+        help="tap: top, side (across the closing axis), alternate (the two in turn), or closing "
+        "(along that axis; default: alternate); acquire: degrees in the fingertip's plane in steps "
+        "of 45, or cw or ccw (default: 0)",
     )
     parser.add_argument(
         "--pace",
@@ -110,6 +114,47 @@ def add_trial_options(parser: argparse.ArgumentParser, rig: str) -> None:
     )
 
 
+def add_acquire_options(parser: argparse.ArgumentParser) -> None:
+    """Options of `grasp run acquire` alone; it uses neither an object nor a detector."""
+    parser.add_argument(
+        "--surface",
+        metavar="NAME",
+        help="acquire: one of config/surfaces: planar, sphere, cylinder-x, cylinder-y "
+        "(default: planar)",
+    )
+    parser.add_argument(
+        "--speed",
+        type=_speed,
+        metavar="MPS",
+        help="acquire: commanded speed of a stroke, m/s; a rotation turns at 1 rad/s "
+        f"(default: {SPEED_MPS})",
+    )
+    parser.add_argument(
+        "--seconds",
+        type=_seconds,
+        metavar="S",
+        help=f"acquire: length of the recording (default: {SECONDS:g})",
+    )
+
+
+def _speed(text: str) -> float:
+    return _number(text, 0.004, 0.2, "a speed in m/s")
+
+
+def _seconds(text: str) -> float:
+    return _number(text, 1.0, 3600.0, "seconds")
+
+
+def _number(text: str, low: float, high: float, what: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not low <= value <= high:
+        raise argparse.ArgumentTypeError(f"{text!r} is not {what}: {low:g} to {high:g}")
+    return value
+
+
 def _seed(text: str) -> int:
     if not text.isdecimal() or int(text) >= 2**63:
         raise argparse.ArgumentTypeError(f"{text!r} is no seed: a whole number, 0 to 2^63 - 1")
@@ -131,28 +176,60 @@ def run(args: argparse.Namespace) -> int:
         return exits.report(
             "usage", f"{strange} is no option of {args.scenario}", "leave it out", args.json
         )
+    if args.scenario == "acquire":
+        return _acquire(args)
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
     if args.direction:
         assignments.append(f"tap.direction={args.direction}")
     config = load_config(
         args.object, args.rig, args.detector, args.config, assignments, args.profile
     )
-    if config.rig == "hardware" and not args.confirm_motion:
-        remedy = "clear the cell, have the emergency stop at hand, then add --confirm-motion"
-        return exits.report("usage", "the hardware rig moves real devices", remedy, args.json)
+    if (refused := _unconfirmed(config.rig, args)) is not None:
+        return refused
     lift.make_guard(config)  # a limit that cannot be kept is refused before anything is shown
     return _lift(args, config) if args.scenario == "lift" else _tap(args, config)
 
 
 def _strange_option(args: argparse.Namespace) -> str:
-    """An option of the other scenario, if one was given."""
-    if args.scenario == "tap":
-        return "--keep" if args.keep else ""
-    return "--taps" if args.taps else "--direction" if args.direction else ""
+    """An option of another scenario, if one was given."""
+    own = {"lift": ("keep",), "tap": ("taps", "direction"),
+           "acquire": ("direction", "surface", "speed", "seconds")}  # fmt: skip
+    for option in ("keep", "taps", "direction", "surface", "speed", "seconds"):
+        if getattr(args, option) and option not in own[args.scenario]:
+            return f"--{option}"
+    return ""
 
 
 def _paced(args: argparse.Namespace) -> bool:
     return args.pace == "real" or (args.pace is None and sys.stdout.isatty() and not args.json)
+
+
+def _acquire(args: argparse.Namespace) -> int:
+    from grasp.cli.live import AcquireDisplay
+    from scenarios import acquire
+    from scenarios.acquire_config import load_acquire_config
+    from scenarios.pressing import motion
+
+    config = load_acquire_config(args.surface or "planar", args.rig, args.config, args.set)
+    course = motion(args.direction or "0", args.speed or SPEED_MPS, acquire.TURN_RADPS)
+    if (refused := _unconfirmed(config.rig, args)) is not None:
+        return refused
+    with AcquireDisplay(quiet=args.json) as display:
+        display.setting_up(args.rig)
+        finished = acquire.run(
+            config, course, args.seed, args.seconds or SECONDS, args.runs, _paced(args),
+            display.tick,
+        )  # fmt: skip
+    print(finished.as_json() if args.json else finished.as_text())
+    return exits.SUCCESS
+
+
+def _unconfirmed(rig: str, args: argparse.Namespace) -> int | None:
+    """Exit code of a run that would move real devices without a word; None if it may go on."""
+    if rig != "hardware" or args.confirm_motion:
+        return None
+    remedy = "clear the cell, have the emergency stop at hand, then add --confirm-motion"
+    return exits.report("usage", "the hardware rig moves real devices", remedy, args.json)
 
 
 def _lift(args: argparse.Namespace, config: Any) -> int:

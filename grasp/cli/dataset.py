@@ -1,0 +1,177 @@
+"""`grasp dataset`: build a data set of labelled recordings, and say what one holds."""
+
+import argparse
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from grasp.cli import exits
+
+HELP = "build and describe data sets of labelled fingertip recordings"
+
+
+def add_parser(verbs: Any) -> None:
+    parser = verbs.add_parser("dataset", help=HELP, description=HELP)
+    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    _add_build(actions)
+    _add_describe(actions)
+
+
+def _add_build(actions: Any) -> None:
+    text = "make all recordings of a data set, on the simulated rig"
+    parser = actions.add_parser(
+        "build",
+        help=text,
+        description=text + ". The same file gives the same recordings, on any number of processes. "
+        "A build that was ended goes on where it was.",
+    )
+    parser.add_argument(
+        "config", type=Path, metavar="FILE.toml", help="for example config/datasets/paper.toml"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to fill")
+    parser.add_argument(
+        "--jobs", type=_jobs, default=0, metavar="N", help="processes (default: one a core)"
+    )
+    parser.add_argument(
+        "--share", type=_share, default=1.0, metavar="X",
+        help="build so much of it, over 0 to 1, with the same distribution (default: %(default)s)",
+    )  # fmt: skip
+    _add_json(parser)
+    parser.set_defaults(handler=build)
+
+
+def _add_describe(actions: Any) -> None:
+    text = "counts and statistics of a data set beside the paper's"
+    parser = actions.add_parser("describe", help=text, description=text)
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of recordings")
+    parser.add_argument(
+        "--split", choices=("train", "validation", "test"), help="of this split alone"
+    )
+    parser.add_argument(
+        "--pictures", type=Path, metavar="FILE",
+        help="draw a few recordings, .svg, .png or .pdf; needs the extra `charts`",
+    )  # fmt: skip
+    _add_json(parser)
+    parser.set_defaults(handler=describe)
+
+
+def _add_json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--json", action="store_true", help="one JSON object on standard output, nothing else"
+    )
+
+
+def _jobs(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= 256:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of processes: 1 to 256")
+    return int(text)
+
+
+def _share(text: str) -> float:
+    try:
+        share = float(text)
+    except ValueError:
+        share = 0.0
+    if not 0.0 < share <= 1.0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no share: over 0, to 1")
+    return share
+
+
+def build(args: argparse.Namespace) -> int:
+    import json
+    import os
+
+    from scenarios import datasets
+
+    config = datasets.reduced(datasets.load_dataset_config(args.config), args.share)
+    jobs = datasets.plan(config)
+    workers = args.jobs or len(os.sched_getaffinity(0))
+    with _Bar(args.json) as bar:
+        made = datasets.build(jobs, config, args.out, workers, bar.show)
+    samples = sum(job.samples for job in jobs)
+    if args.json:
+        print(json.dumps({"folder": str(args.out), "recordings": len(jobs), "made": made,
+                          "samples": samples}))  # fmt: skip
+    else:
+        print(f"{args.out}: {len(jobs)} recordings, {samples} samples; {made} made now")
+    return exits.SUCCESS
+
+
+class _Bar:
+    """A bar in a terminal, a line for every tenth elsewhere, nothing for machines."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet = quiet
+        self._live: Any = None
+        self._tenths = -1
+
+    def __enter__(self) -> "_Bar":
+        if not self._quiet and sys.stdout.isatty():
+            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+            self._live = Progress(
+                "recordings", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+            )
+            self._task = self._live.add_task("recordings", total=None)
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def show(self, done: int, total: int) -> None:
+        if self._live is not None:
+            self._live.update(self._task, completed=done, total=total)
+        elif not self._quiet and (tenths := 10 * done // max(1, total)) > self._tenths:
+            self._tenths = tenths
+            print(f"{done} of {total} recordings", flush=True)
+
+
+def describe(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from detector.recordings import read_dataset
+    from scenarios import dataset_report
+
+    if args.pictures is not None and find_spec("matplotlib") is None:
+        remedy = "pip install 'grasp-controller[charts]'"
+        return exits.report("usage", "pictures need matplotlib", remedy, args.json)
+    recordings = read_dataset(args.folder, args.split)
+    report = dataset_report.describe(recordings)
+    if args.pictures is not None:
+        dataset_report.draw(recordings, args.pictures)
+    if args.json:
+        print(msgspec.json.encode(report).decode())
+    else:
+        print_report(report)
+    return exits.SUCCESS
+
+
+def print_report(r: Any) -> None:
+    """Figures beside the paper's, as tables."""
+    from scenarios.dataset_report import PAPER_COUNTS, PAPER_SLIP, PAPER_STATIC
+
+    print(f"{r.recordings} recordings, {r.samples} samples: {r.static} static, {r.slip} slip")
+    print(f"paper: {PAPER_STATIC + PAPER_SLIP} samples: {PAPER_STATIC} static, {PAPER_SLIP} slip")
+    if r.slip_true is not None:
+        print(f"slip_true: {r.slip_true}; equal to the label slip in {r.labels_agree:.1%}")
+    if r.speed_p50_mps is not None:
+        print(f"speed where labelled slip: p50 {r.speed_p50_mps * 1e3:.0f}, "
+              f"p99 {r.speed_p99_mps * 1e3:.0f} mm/s")  # fmt: skip
+    print("splits: " + ", ".join(f"{name} {n}" for name, n in r.splits.items()))
+    for name, n in r.causes.items():
+        print(f"  {name:<28}{n:8d} samples")
+    if r.table:
+        print(f"\n{'Table I':<12}{'speed':>7}  {'surface':<12}{'samples':>8}{'slip':>8}"
+              f"{'%':>7}{'paper':>7}")  # fmt: skip
+    for c in r.table:
+        paper = "-" if c.paper_percent is None else f"{c.paper_percent:.1f}"
+        print(f"{c.motion:<12}{c.speed:>7g}  {c.surface:<12}{c.samples:>8}{c.slip:>8}"
+              f"{c.percent:>7.1f}{paper:>7}")  # fmt: skip
+    print(f"\n{'counts, taxel':<16}" + "".join(f"{i:>8}" for i in range(6)))
+    for name, theirs in PAPER_COUNTS.items():
+        ours = [getattr(taxel, name) for taxel in r.taxels]
+        print(f"{name:<16}" + "".join(f"{value:>8.0f}" for value in ours))
+        print(f"{'  paper':<16}" + "".join(f"{value:>8.0f}" for value in theirs))

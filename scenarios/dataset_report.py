@@ -1,0 +1,174 @@
+"""What a data set holds, beside Table I of the paper and the authors' statistics a taxel."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from detector.recordings import Recording
+from drivers.interfaces import TAXELS
+
+SURFACES = ("planar", "sphere", "cylinder-y", "cylinder-x")
+# Grover et al. 2022, Table I: percent of the samples, surfaces as above; speeds in m/s or rad/s.
+PAPER_TABLE: dict[tuple[str, float], tuple[float, float, float, float]] = {
+    ("primary", 0.05): (5.3, 3.7, 3.5, 3.6),
+    ("primary", 0.075): (4.5, 4.7, 3.7, 3.7),
+    ("primary", 0.1): (4.8, 4.7, 3.3, 3.2),
+    ("oblique", 0.05): (4.9, 3.3, 3.3, 3.3),
+    ("oblique", 0.075): (3.5, 4.2, 3.5, 3.4),
+    ("oblique", 0.1): (3.9, 4.2, 3.0, 3.1),
+    ("rotation", 1.0): (3.8, 1.2, 1.5, 1.2),
+}
+PAPER_STATIC, PAPER_SLIP = 143_584, 122_918
+# What the authors' configuration gives for the data of the paper, counts a taxel.
+PAPER_COUNTS = {
+    "mean": (-120.24, -59.29, -14.26, -19.77, -55.34, -60.12),
+    "std": (182.70, 146.50, 80.06, 86.97, 140.52, 143.61),
+    "least": (-491.0, -497.0, -450.0, -502.0, -484.0, -475.0),
+    "most": (190.0, 205.0, 200.0, 86.0, 163.0, 172.0),
+}
+
+
+class TableCell(msgspec.Struct, frozen=True):
+    """One group of Table I: percent of the data set's samples, and of the paper's."""
+
+    motion: str
+    speed: float  # m/s, of a rotation rad/s
+    surface: str
+    samples: int
+    slip: int
+    percent: float
+    paper_percent: float | None
+
+
+class Taxel(msgspec.Struct, frozen=True):
+    """Counts of one taxel over all recordings and fingers."""
+
+    mean: float
+    std: float
+    least: int
+    most: int
+
+
+class Report(msgspec.Struct, frozen=True):
+    """A data set in figures."""
+
+    recordings: int
+    samples: int
+    static: int
+    slip: int
+    slip_true: int | None
+    labels_agree: float | None  # share of samples with equal labels
+    splits: dict[str, int]  # samples
+    causes: dict[str, int]  # samples of each cause
+    speed_p50_mps: float | None  # of the fingertip, where it is labelled slip
+    speed_p99_mps: float | None
+    table: list[TableCell]
+    taxels: list[Taxel]
+
+
+def describe(recordings: Sequence[Recording]) -> Report:
+    """Figures of recordings that are not empty."""
+    samples = sum(len(r.slip) for r in recordings)
+    slip = sum(int(r.slip.sum()) for r in recordings)
+    true = [r for r in recordings if r.slip_true is not None]
+    known = [(r, r.slip_true) for r in true if r.slip_true is not None]
+    complete = len(known) == len(recordings)
+    speeds = _speeds(recordings)
+    return Report(
+        recordings=len(recordings),
+        samples=samples,
+        static=samples - slip,
+        slip=slip,
+        slip_true=sum(int(label.sum()) for _, label in known) if complete else None,
+        labels_agree=(
+            sum(int((r.slip == label).sum()) for r, label in known) / samples if complete else None
+        ),
+        splits=_counted((r.metadata.split, r) for r in recordings if r.metadata),
+        causes=_counted(
+            (r.metadata.cause, r) for r in recordings if r.metadata and r.metadata.cause
+        ),
+        speed_p50_mps=float(np.percentile(speeds, 50)) if len(speeds) else None,
+        speed_p99_mps=float(np.percentile(speeds, 99)) if len(speeds) else None,
+        table=_table(recordings, samples),
+        taxels=_taxels(recordings),
+    )
+
+
+def _counted(labelled: Iterable[tuple[str, Recording]]) -> dict[str, int]:
+    counts: Counter[str] = Counter()
+    for name, r in labelled:
+        counts[name] += len(r.slip)
+    return dict(sorted(counts.items()))
+
+
+def _speeds(recordings: Sequence[Recording]) -> np.ndarray:
+    speeds = [
+        np.hypot(r.velocity_mps[:, 0], r.velocity_mps[:, 1])[r.slip]
+        for r in recordings
+        if r.velocity_mps is not None and r.metadata and r.metadata.motion != "rotation"
+    ]
+    return np.concatenate(speeds) if speeds else np.zeros(0)
+
+
+def _table(recordings: Sequence[Recording], samples: int) -> list[TableCell]:
+    groups: dict[tuple[str, float, str], list[Recording]] = {}
+    for r in recordings:
+        if (m := r.metadata) is not None and m.motion != "none":
+            key = (m.motion, m.speed_mps or m.spin_radps, m.surface)
+            groups.setdefault(key, []).append(r)
+    rows = [(row, surface) for row in PAPER_TABLE for surface in SURFACES]
+    order = {(*row, surface): i for i, (row, surface) in enumerate(rows)}
+    cells = []
+    for kind, speed, surface in sorted(groups, key=lambda key: (order.get(key, len(order)), key)):
+        group = groups[kind, speed, surface]
+        n = sum(len(r.slip) for r in group)
+        slip = sum(int(r.slip.sum()) for r in group)
+        percent = dict(zip(SURFACES, PAPER_TABLE.get((kind, speed), ()), strict=False))
+        cells.append(
+            TableCell(kind, speed, surface, n, slip, 100.0 * n / samples, percent.get(surface))
+        )
+    return cells
+
+
+def _taxels(recordings: Sequence[Recording]) -> list[Taxel]:
+    counts = np.concatenate([r.counts.reshape(-1, TAXELS) for r in recordings])
+    return [
+        Taxel(
+            float(counts[:, i].mean()), float(counts[:, i].std()),
+            int(counts[:, i].min()), int(counts[:, i].max()),
+        )
+        for i in range(TAXELS)
+    ]  # fmt: skip
+
+
+def draw(recordings: Sequence[Recording], out: Path) -> None:
+    """Pictures of up to four recordings, spread over the set: counts, and both labels as shades."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    chosen = [recordings[i * len(recordings) // 4] for i in range(min(4, len(recordings)))]
+    plt.rcParams["svg.hashsalt"] = "grasp"  # the same recordings give the same file
+    figure, axes = plt.subplots(len(chosen), 1, figsize=(10, 2.4 * len(chosen)), squeeze=False)
+    for axis, r in zip(axes[:, 0], chosen, strict=True):
+        shown = r.t_s < 8.0
+        for taxel in range(TAXELS):
+            axis.plot(r.t_s[shown], r.counts[shown, 0, taxel], lw=0.8, label=str(taxel))
+        low, high = axis.get_ylim()
+        axis.fill_between(r.t_s[shown], low, high, where=r.slip[shown], color="#f2c48d", alpha=0.4)
+        if r.slip_true is not None:
+            edge = low + 0.06 * (high - low)
+            axis.fill_between(r.t_s[shown], low, edge, where=r.slip_true[shown], color="#b33b2e")
+        m = r.metadata
+        what = f"{m.surface}, {m.cause or m.motion} {m.direction}" if m else r.source
+        axis.set_title(what, loc="left", fontsize=9)
+        axis.set_ylabel("counts")
+    axes[0, 0].legend(title="taxel", ncols=6, fontsize=7, loc="upper right")
+    axes[-1, 0].set_xlabel("s; shaded: label slip; bar: the contact truly slides")
+    figure.tight_layout()
+    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None)
+    plt.close(figure)

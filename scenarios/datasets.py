@@ -1,0 +1,316 @@
+"""Data sets: which recordings, in what order of chance, and how they are made on every core.
+
+A data set is a folder of recordings (``detector.recordings``) and ``dataset.json``, which says what
+it was built from. The plan is a pure function of its TOML file; each recording is one of its seed.
+So a build that was ended goes on where it was, and two builds give the same files.
+"""
+
+import hashlib
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from detector.recordings import SUFFIX, Metadata, Recording, Split, write
+from drivers.errors import ConfigError, GraspError
+from grasp.settings import load, read_toml
+from scenarios.acquire import Session, open_acquire_rig, recording
+from scenarios.acquire_config import load_acquire_config
+from scenarios.pressing import TURNS, Motion, motion
+from scenarios.result import versions
+
+DIRECTIONS = {
+    "primary": ("0", "90", "180", "270"),
+    "oblique": ("45", "135", "225", "315"),
+    "rotation": tuple(TURNS),
+}
+INDEX = "dataset.json"
+SPARE = (1.1, 2.0, 5.0)  # samples recorded for each one wanted, until the labels' shares come out
+SPARE_SAMPLES = 250
+THREAD_LIMITS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
+SEEDS = 1_000_000  # seeds of one data set
+Range = tuple[float, float]
+C = TypeVar("C", bound=msgspec.Struct)
+
+
+class DatasetRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One row of Table I: percent of the samples a surface. Speed in m/s, of a rotation rad/s."""
+
+    motion: Literal["primary", "oblique", "rotation"]
+    speed: Annotated[float, Meta(gt=0.0, le=2.0)]
+    percent: dict[str, Annotated[float, Meta(ge=0.0, le=100.0)]]
+
+
+class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A data set's TOML file."""
+
+    name: str
+    seed: Annotated[int, Meta(ge=0, lt=2**31)]
+    static_samples: Annotated[int, Meta(ge=1)]
+    slip_samples: Annotated[int, Meta(ge=1)]
+    recording_samples: Annotated[int, Meta(ge=100, le=100_000)]
+    least_recordings: Annotated[int, Meta(ge=3, le=1000)]
+    rows: Annotated[list[DatasetRow], Meta(min_length=1)]
+    randomise: dict[str, Range] = {}
+
+
+class Job(msgspec.Struct, frozen=True):
+    """One recording to be made."""
+
+    path: str  # in the data set's folder
+    surface: str
+    motion: Motion
+    static: int
+    slip: int
+    metadata: Metadata
+
+    @property
+    def samples(self) -> int:
+        return self.static + self.slip
+
+
+class CouldNotBuild(GraspError):
+    """The folder holds something else."""
+
+    kind = "usage"
+
+
+Progress = Callable[[int, int], None]
+
+
+def load_dataset_config(path: Path) -> DatasetConfig:
+    """Raises ConfigError for a file that is missing or not allowed."""
+    return load(DatasetConfig, [read_toml(path)])
+
+
+def reduced(config: DatasetConfig, share: float) -> DatasetConfig:
+    """The same distribution with fewer samples and recordings."""
+    return msgspec.structs.replace(
+        config,
+        static_samples=max(1, round(config.static_samples * share)),
+        slip_samples=max(1, round(config.slip_samples * share)),
+        least_recordings=max(3, round(config.least_recordings * share)),
+    )
+
+
+def plan(config: DatasetConfig) -> list[Job]:
+    """All recordings; the splits are 80/10/10 by recording within each group of Table I."""
+    groups = [(row, name, share) for row in config.rows for name, share in row.percent.items()]
+    shares = np.array([share for _, _, share in groups])
+    slips = apportion(config.slip_samples, shares)
+    statics = apportion(config.static_samples, shares)
+    jobs: list[Job] = []
+    commit = versions()["commit"]
+    for (row, surface, share), slip, static in zip(groups, slips, statics, strict=True):
+        if share == 0.0:
+            continue
+        wanted = round((slip + static) / config.recording_samples)
+        count = max(config.least_recordings, wanted)
+        parts = zip(
+            apportion(slip, np.ones(count)), apportion(static, np.ones(count)),
+            _splits(count, np.random.default_rng([config.seed, len(jobs)])), strict=True,
+        )  # fmt: skip
+        for k, (slip_part, static_part, split) in enumerate(parts):
+            directions = DIRECTIONS[row.motion]
+            course = motion(directions[k % len(directions)], row.speed, row.speed)
+            seed = config.seed * SEEDS + len(jobs)
+            metadata = Metadata(
+                set="slide", split=split, surface=surface, motion=row.motion,
+                speed_mps=course.speed_mps, spin_radps=course.spin_radps,
+                direction=course.direction, seed=seed, commit=commit,
+                parameters=drawn(config.randomise, seed),
+            )  # fmt: skip
+            name = f"{surface}/{row.motion}-{row.speed:g}-{k:02d}-{course.direction}{SUFFIX}"
+            jobs.append(Job(name, surface, course, static_part, slip_part, metadata))
+    return jobs
+
+
+def apportion(total: int, shares: NDArray[np.float64]) -> list[int]:
+    """Whole parts in these proportions that sum to the total: largest remainders."""
+    exact = total * shares / shares.sum()
+    parts = np.floor(exact).astype(int)
+    order = np.argsort(parts - exact, kind="stable")
+    parts[order[: total - parts.sum()]] += 1
+    return [int(part) for part in parts]
+
+
+def _splits(count: int, rng: np.random.Generator) -> list[Split]:
+    """80/10/10, at least one recording each, in random order."""
+    tenth = max(1, round(0.1 * count))
+    rest = count - 2 * tenth
+    sizes: dict[Split, int] = {"train": rest, "validation": tenth, "test": tenth}
+    ordered = [split for split, size in sizes.items() for _ in range(size)]
+    return [ordered[i] for i in rng.permutation(count)]
+
+
+def drawn(ranges: Mapping[str, Range], seed: int) -> dict[str, float]:
+    """One value a setting, evenly between its bounds."""
+    rng = np.random.default_rng([seed, 2])
+    return {key: float(rng.uniform(low, high)) for key, (low, high) in ranges.items()}
+
+
+def with_values(config: C, values: Mapping[str, Any]) -> C:
+    """The configuration with some settings replaced, `section.key`; raises ConfigError."""
+    tree = msgspec.to_builtins(config)
+    for key, value in values.items():
+        section, _, name = key.partition(".")
+        if name not in tree.get(section, {}):
+            raise ConfigError("randomise", key, "no such setting", "section.key of a setting")
+        tree[section][name] = value
+    try:
+        return msgspec.convert(tree, type(config))
+    except msgspec.ValidationError as error:
+        raise ConfigError("randomise", "-", str(error), "values within their ranges") from None
+
+
+def make(job: Job) -> Recording:
+    """The recording of a job: a session on the simulated rig, of which the part is taken that
+    holds so many samples of either label."""
+    wanted = job.static + job.slip
+    config = with_values(load_acquire_config(job.surface, "simulated"), job.metadata.parameters)
+    for spare in SPARE:
+        with open_acquire_rig(config, job.metadata.seed, paced=False) as rig:
+            session = Session(config, job.motion, job.metadata.seed, rig)
+            session.run(round(wanted * spare) + SPARE_SAMPLES)
+        whole = recording(session.ticks, config, job.metadata, job.path)
+        first = window(whole.slip, wanted, job.slip)
+        if first is not None:
+            return part_of(whole, first, first + wanted)
+    raise ConfigError(
+        job.path, "control.pause_share", f"no {wanted} samples with {job.slip} of slip came",
+        "a share near that of the labels",
+    )  # fmt: skip
+
+
+def window(slip: NDArray[np.bool_], length: int, count: int) -> int | None:
+    """Where ``length`` samples begin of which ``count`` are labelled slip, as early as can be."""
+    total = np.concatenate(([0], np.cumsum(slip)))
+    hits = np.flatnonzero(total[length:] - total[:-length] == count)
+    return int(hits[0]) if len(hits) else None
+
+
+def part_of(whole: Recording, first: int, end: int) -> Recording:
+    """Samples first to end, time counted from the first of them."""
+    cut = {
+        name: array[first:end]
+        for name in whole.__struct_fields__
+        if isinstance(array := getattr(whole, name), np.ndarray)
+    }
+    cut["t_s"] = cut["t_s"] - cut["t_s"][0]
+    return msgspec.structs.replace(whole, **cut)
+
+
+class _Index(msgspec.Struct, frozen=True):
+    """What a folder was built from."""
+
+    digest: str
+    commit: str
+    recordings: int
+    dataset: Any
+
+
+def build(jobs: Sequence[Job], origin: Any, out: Path, workers: int, progress: Progress) -> int:
+    """Make every recording that ``out`` lacks; gives how many those were.
+
+    Raises CouldNotBuild when the folder holds another data set, OSError when it cannot be written.
+    """
+    _claim(out, jobs, origin)
+    missing = [job for job in jobs if not (out / job.path).exists()]
+    done = len(jobs) - len(missing)
+    progress(done, len(jobs))
+    for path in {(out / job.path).parent for job in missing}:
+        path.mkdir(parents=True, exist_ok=True)
+    for _ in _results(missing, out, workers):
+        done += 1
+        progress(done, len(jobs))
+    return len(missing)
+
+
+def _claim(out: Path, jobs: Sequence[Job], origin: Any) -> None:
+    digest = hashlib.sha256(msgspec.json.encode(list(jobs))).hexdigest()[:16]
+    path = out / INDEX
+    if path.exists():
+        try:
+            found = msgspec.json.decode(path.read_bytes(), type=_Index)
+        except msgspec.DecodeError:
+            found = None
+        if found is None or found.digest != digest:
+            raise CouldNotBuild(
+                f"{out} holds a data set of other settings or of another version of the program",
+                "give another folder with --out, or remove this one",
+            )
+        return
+    out.mkdir(parents=True, exist_ok=True)
+    if any(out.iterdir()):
+        raise CouldNotBuild(f"{out} is not empty", "give a new folder with --out")
+    index = _Index(digest, versions()["commit"], len(jobs), msgspec.to_builtins(origin))
+    partial = out / f".{INDEX}"
+    partial.write_bytes(msgspec.json.format(msgspec.json.encode(index), indent=1) + b"\n")
+    partial.replace(path)
+
+
+def _write(job: Job, out: Path) -> None:
+    write(out / job.path, make(job))
+
+
+def _results(jobs: Sequence[Job], out: Path, workers: int) -> Iterator[None]:
+    """One for each recording written, by so many processes of one thread each."""
+    if workers == 1:
+        for job in jobs:
+            _write(job, out)
+            yield
+        return
+    with (
+        _single_threaded(),
+        ProcessPoolExecutor(
+            workers, mp_context=get_context("spawn"), initializer=_end_with_parent
+        ) as pool,
+    ):
+        try:
+            waiting = {pool.submit(_write, job, out) for job in jobs}
+            while waiting:
+                finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    future.result()
+                    yield
+        except BaseException:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+
+
+@contextmanager
+def _single_threaded() -> Iterator[None]:
+    """Children inherit it: one thread each, as there is a process for each core."""
+    before = {name: os.environ.get(name) for name in THREAD_LIMITS}
+    os.environ.update(dict.fromkeys(THREAD_LIMITS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent was killed would wait for work for ever; Ctrl-C is the parent's."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, name="parent-watch", daemon=True).start()

@@ -1,0 +1,246 @@
+"""Presses one fingertip on a surface and strokes it: force control and motion, no clock, no device.
+
+The arm has no force sensor, so the force is the fingertip's own estimate: the sum of its counts
+over a calibration. A PID turns its error into a speed along the surface's normal; strokes are
+trapezoids of speed within the surface, out and back, with pauses between them (paper, section
+III-B).
+"""
+
+import math
+from enum import StrEnum
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from drivers.errors import ConfigError
+from drivers.interfaces import ArmState, Vector3
+
+TURNS = {"ccw": 1.0, "cw": -1.0}
+DIRECTIONS = (*(str(angle) for angle in range(0, 360, 45)), *TURNS)
+
+
+class PressControlSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How to press and how to stroke."""
+
+    force_n: Annotated[
+        float, Meta(ge=0.5, le=15.0, description="to be kept; the authors' clip: 3-12 N")
+    ] = 5.0
+    counts_per_newton: Annotated[
+        float, Meta(ge=0.0, le=5000.0, description="calibration of this fingertip, sum of its "
+                    "taxels; 0: by pressing the simulated one. Hardware needs it")
+    ] = 0.0  # fmt: skip
+    touch_n: Annotated[
+        float, Meta(ge=0.05, le=5.0, description="estimate that counts as touched; assumed")
+    ] = 0.5
+    approach_mps: Annotated[
+        float, Meta(ge=0.001, le=0.05, description="downwards until touched; assumed")
+    ] = 0.01
+    proportional_mps_n: Annotated[
+        float, Meta(ge=0.0, le=0.02, description="PID; default: 5 rad/s on 3.5 N/mm, clip 3-10")
+    ] = 0.0015
+    integral_mps_ns: Annotated[float, Meta(ge=0.0, le=0.1, description="PID; assumed")] = 0.0008
+    derivative_m_n: Annotated[float, Meta(ge=0.0, le=0.001, description="PID; assumed")] = 0.00001
+    integral_limit_ns: Annotated[
+        float, Meta(ge=0.0, le=20.0, description="of its windup; assumed")
+    ] = 3.0
+    press_mps: Annotated[
+        float, Meta(ge=0.001, le=0.05, description="fastest along the normal; assumed")
+    ] = 0.012
+    depth_m: Annotated[
+        float, Meta(ge=0.0005, le=0.01, description="deepest below first touch, whatever the "
+                    "estimate says (taxels saturate); assumed")
+    ] = 0.005  # fmt: skip
+    settle_s: Annotated[
+        float, Meta(ge=0.0, le=10.0, description="pressed before the first stroke; assumed")
+    ] = 1.5
+    stroke_m: Annotated[
+        float, Meta(ge=0.001, le=0.05, description="length of a stroke, either way; assumed: with "
+                    "the acceleration it gives the clip's 0.65 s and real speeds to 6 cm/s")
+    ] = 0.017  # fmt: skip
+    acceleration_mps2: Annotated[
+        float, Meta(ge=0.02, le=1.0, description="of a stroke; assumed, see there")
+    ] = 0.2
+    turn_rad: Annotated[
+        float, Meta(ge=0.05, le=2.0, description="angle of a rotation stroke; assumed")
+    ] = 0.6
+    turn_radps2: Annotated[
+        float, Meta(ge=0.2, le=10.0, description="acceleration of a rotation; assumed")
+    ] = 3.5
+    stroke_scatter: Annotated[
+        float, Meta(ge=0.0, le=0.5, description="relative deviation of lengths; assumed")
+    ] = 0.15
+    pause_share: Annotated[
+        float, Meta(ge=0.1, le=20.0, description="pauses over strokes, in time; with the slow ends "
+                    "of strokes it gives the paper's 143,584 static to 122,918 slip samples")
+    ] = 0.95  # fmt: skip
+    fingertip_x_deg: Annotated[
+        float, Meta(ge=-180.0, le=180.0, description="of the fingertip's x in the tool frame at "
+                    "the start; the tool points down")
+    ] = 0.0  # fmt: skip
+    drive_mps2: Annotated[
+        float, Meta(ge=0.1, le=5.0, description="acceleration at which the arm follows, "
+                    "and rad/s2: above that of the strokes; assumed")
+    ] = 4.0  # fmt: skip
+
+
+class Motion(msgspec.Struct, frozen=True):
+    """Which way, and how fast at most; exactly one of the speeds is not 0."""
+
+    direction: str
+    speed_mps: float
+    spin_radps: float
+
+    @property
+    def kind(self) -> Literal["primary", "oblique", "rotation"]:
+        """As in the rows of the paper's Table I."""
+        if self.direction in TURNS:
+            return "rotation"
+        return "primary" if int(self.direction) % 90 == 0 else "oblique"
+
+
+def motion(direction: str, speed_mps: float, spin_radps: float) -> Motion:
+    """Raises ConfigError for a direction that is none."""
+    if direction not in DIRECTIONS:
+        raise ConfigError("--direction", direction, "no direction", ", ".join(DIRECTIONS))
+    turns = direction in TURNS
+    return Motion(direction, 0.0 if turns else speed_mps, spin_radps if turns else 0.0)
+
+
+class Phase(StrEnum):
+    """Where a session stands."""
+
+    APPROACH = "approach"
+    SETTLE = "settle"
+    STROKE = "stroke"
+    PAUSE = "pause"
+
+
+class Stroke(msgspec.Struct, frozen=True):
+    """A trapezoid of speed over ``length`` (metres or radians) from start_s on, one way."""
+
+    start_s: float
+    length: float
+    speed: float
+    acceleration: float
+    sign: float
+
+    @property
+    def peak(self) -> float:
+        return min(self.speed, math.sqrt(self.acceleration * self.length))
+
+    @property
+    def duration_s(self) -> float:
+        return self.length / self.peak + self.peak / self.acceleration
+
+    def speed_at(self, t_s: float) -> float:
+        t = t_s - self.start_s
+        ramp = min(t, self.duration_s - t) * self.acceleration
+        return self.sign * max(0.0, min(self.peak, ramp))
+
+
+class Drive(msgspec.Struct, frozen=True):
+    """What the arm is to do until the next sample: base frame."""
+
+    velocity_mps: Vector3
+    spin_radps: float
+
+
+class PressController:
+    """One session: ``step`` once a sample."""
+
+    def __init__(
+        self, settings: PressControlSettings, counts_per_newton: float, motion: Motion,
+        rng: np.random.Generator,
+    ) -> None:  # fmt: skip
+        self._settings = settings
+        self._counts_per_newton = counts_per_newton
+        self._motion = motion
+        self._rng = rng
+        self.phase = Phase.APPROACH
+        self.target_n = settings.force_n
+        self.force_n = 0.0
+        self._touch_m: Vector3 | None = None
+        self._phase_end_s = math.inf
+        self._stroke: Stroke | None = None
+        self._side = 1.0  # to which the next stroke leads, from where it touched
+        self._integral_ns = 0.0
+        self._error_n = 0.0
+        self._t_s: float | None = None
+
+    def step(self, t_s: float, counts: NDArray[np.int16], arm: ArmState) -> Drive:
+        """Counts (6,) of the pressed fingertip, raw minus rest, and the arm's state."""
+        dt_s = t_s - self._t_s if self._t_s is not None else 0.0
+        self._t_s = t_s
+        self.force_n = max(0.0, -float(counts.sum()) / self._counts_per_newton)
+        self._follow_script(t_s, arm)
+        if self.phase is Phase.APPROACH:
+            return Drive((0.0, 0.0, -self._settings.approach_mps), 0.0)
+        along = self._stroke.speed_at(t_s) if self._stroke is not None else 0.0
+        press = self._press(dt_s, arm.position_m[2])
+        if self._motion.direction in TURNS:
+            return Drive((0.0, 0.0, press), along * TURNS[self._motion.direction])
+        u, v = self._heading
+        return Drive((along * u, along * v, press), 0.0)
+
+    def _follow_script(self, t_s: float, arm: ArmState) -> None:
+        s = self._settings
+        if self.phase is Phase.APPROACH:
+            if self.force_n >= s.touch_n:
+                self.phase, self._phase_end_s = Phase.SETTLE, t_s + s.settle_s
+                self._touch_m = arm.position_m
+        elif t_s >= self._phase_end_s:
+            if self.phase is Phase.STROKE:
+                self._pause(t_s)
+            else:
+                self._begin_stroke(t_s, arm)
+
+    def _begin_stroke(self, t_s: float, arm: ArmState) -> None:
+        """To the other side of where it touched, half of a stroke's length away."""
+        s, turns = self._settings, self._motion.direction in TURNS
+        scatter = 1.0 + s.stroke_scatter * float(np.clip(self._rng.standard_normal(), -2.0, 2.0))
+        way = self._side * 0.5 * (s.turn_rad if turns else s.stroke_m) * scatter
+        way -= self._travelled(arm)
+        self._side = -self._side
+        speed = self._motion.spin_radps if turns else self._motion.speed_mps
+        acceleration = s.turn_radps2 if turns else s.acceleration_mps2
+        self._stroke = Stroke(t_s, abs(way), speed, acceleration, math.copysign(1.0, way))
+        self.phase, self._phase_end_s = Phase.STROKE, t_s + self._stroke.duration_s
+
+    def _travelled(self, arm: ArmState) -> float:
+        """Along the session's direction from where it touched: metres, or radians of a turn."""
+        if self._motion.direction in TURNS:
+            return arm.angle_rad * TURNS[self._motion.direction]
+        start = self._touch_m or arm.position_m
+        u, v = self._heading
+        return u * (arm.position_m[0] - start[0]) + v * (arm.position_m[1] - start[1])
+
+    @property
+    def _heading(self) -> tuple[float, float]:
+        """Of a translation, in the base frame: the tool's y runs against the base's."""
+        angle = math.radians(float(self._motion.direction) + self._settings.fingertip_x_deg)
+        return math.cos(angle), -math.sin(angle)
+
+    def _pause(self, t_s: float) -> None:
+        stroke_s = self._stroke.duration_s if self._stroke is not None else 0.0
+        share = self._settings.pause_share * float(self._rng.uniform(0.4, 1.6))
+        self._stroke = None
+        self.phase, self._phase_end_s = Phase.PAUSE, t_s + stroke_s * share
+
+    def _press(self, dt_s: float, height_m: float) -> float:
+        """Speed along z that brings the estimate to the target, m/s."""
+        s = self._settings
+        error = self.target_n - self.force_n
+        change = (error - self._error_n) / dt_s if dt_s > 0.0 else 0.0
+        self._error_n = error
+        limit = s.integral_limit_ns
+        self._integral_ns = min(max(self._integral_ns + error * dt_s, -limit), limit)
+        down = (
+            s.proportional_mps_n * error + s.integral_mps_ns * self._integral_ns
+            + s.derivative_m_n * change
+        )  # fmt: skip
+        down = min(max(down, -s.press_mps), s.press_mps)
+        too_deep = self._touch_m is not None and height_m < self._touch_m[2] - s.depth_m
+        return -min(down, 0.0) if too_deep else -down

@@ -1,0 +1,164 @@
+"""One fingertip pressed on a fixed surface: where they touch, how hard, and how they move.
+
+The pad is a shallow dome that faces down, the surface a plane, a cylinder or a sphere of radius R.
+Off its apex by x, a dome of radius C touches it where the normals agree: at -x C / (R + C) on the
+pad, and higher by -x^2 / 2(R + C) (both axes alike, small angles). Load: compression of pad,
+finger and arm in series. The rest is the fingertip's own affair.
+
+Tool frame: the tool points down, so its x runs along the base's x and its y against the base's y;
+the pad's frame is the tool frame turned with the tool.
+"""
+
+import math
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from scenarios.world.fingertip import Fingertips, FingertipSettings, Surface
+
+Floats = NDArray[np.float64]
+STEP_S = 0.015  # motion between two board samples, jitter included, is taken as straight
+KNOCK_STEP_S = 0.001
+
+
+class FixedSurface(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is pressed on. A radius of 0 is straight along that axis of the fingertip."""
+
+    name: str
+    description: str = ""
+    radius_x_m: Annotated[float, Meta(ge=0.0, le=1.0, description="along the fingertip's x")] = 0.0
+    radius_y_m: Annotated[float, Meta(ge=0.0, le=1.0, description="along its y")] = 0.0
+    wall_stiffness_npm: Annotated[
+        float, Meta(ge=1e3, le=1e7, description="printed ABS; assumed, next to rigid")
+    ] = 1e6
+    texture_rms_m: Annotated[
+        float, Meta(ge=0.0, le=0.001, description="sanded smooth; assumed, 0.01-0.2 mm")
+    ] = 0.00006
+    texture_length_m: Annotated[
+        float, Meta(ge=0.0002, le=0.01, description="correlation length; assumed, 1-2 mm")
+    ] = 0.0015
+    friction_kinetic: Annotated[
+        float, Meta(ge=0.0, le=3.0, description="urethane on ABS, sliding; assumed, 0.5-1.2")
+    ] = 0.82
+    friction_ratio: Annotated[
+        float, Meta(ge=1.0, le=3.0, description="static over kinetic friction; assumed, 1.1-1.35")
+    ] = 1.2
+
+
+class PressSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Stiffness between arm and surface, and where the surface is."""
+
+    pad_stiffness_npm: Annotated[
+        float, Meta(ge=500.0, le=1e6, description="10 mm urethane pad, normal; derived, 12-20 N/mm")
+    ] = 15000.0
+    finger_stiffness_npm: Annotated[
+        float, Meta(ge=500.0, le=1e6, description="linkage of the finger; assumed, 3-10 N/mm")
+    ] = 5000.0
+    arm_stiffness_npm: Annotated[
+        float, Meta(ge=1000.0, le=1e6, description="of the arm at the tool; assumed, 20-60 N/mm")
+    ] = 40000.0
+    gap_m: Annotated[
+        float, Meta(ge=0.0, le=0.05, description="below the start, to the apex; assumed")
+    ] = 0.006
+    off_apex_x_m: Annotated[
+        float, Meta(ge=-0.02, le=0.02, description="of the start from the apex, tool x; assumed")
+    ] = 0.0
+    off_apex_y_m: Annotated[
+        float, Meta(ge=-0.02, le=0.02, description="likewise, tool y; assumed")
+    ] = 0.0
+
+
+class PressedPad:
+    """The pad on its surface, advanced in the order of time."""
+
+    def __init__(
+        self, surface: FixedSurface, press: PressSettings, fingertip: FingertipSettings,
+        rng: np.random.Generator, start_m: tuple[float, float, float], start_s: float,
+    ) -> None:  # fmt: skip
+        crown = 1e3 / fingertip.crown_radius_mm
+        self._curvature = np.array([_curvature(surface.radius_x_m), _curvature(surface.radius_y_m)])
+        self._on_pad = self._curvature / (self._curvature + crown)
+        self._stiffness_npm = 1 / (
+            1 / press.pad_stiffness_npm + 1 / press.finger_stiffness_npm
+            + 1 / press.arm_stiffness_npm + 1 / surface.wall_stiffness_npm
+        )  # fmt: skip
+        self._start_m = np.array(start_m)
+        self._apex_m = start_m[2] - press.gap_m
+        self._drop = self._on_pad * crown  # 1 / (R + C)
+        self._off_apex_m = np.array([press.off_apex_x_m, press.off_apex_y_m])
+        self.tips = Fingertips(fingertip, [_touched(surface)], rng)
+        self._start_s = self._t_s = start_s
+        self._motion_mm = np.zeros(2)
+        self._at_m = np.zeros(2)
+        self._height_m, self._angle_rad = start_m[2], 0.0
+        self._knock = (math.inf, 1.0, 0.0)  # start, duration, impulse
+        self.normal_n = 0.0
+
+    def knock(self, impulse_ns: float, duration_s: float) -> None:
+        """Something strikes the table now: a half sine added to the load, sideways nothing."""
+        self._knock = (self._t_s, duration_s, impulse_ns)
+
+    def advance(
+        self, t_s: float, position_m: tuple[float, float, float], angle_rad: float, moving: bool
+    ) -> None:
+        """To t_s, when the tool is there; it got there straight."""
+        x, y, z = position_m
+        at = np.array([x - self._start_m[0], self._start_m[1] - y])
+        span = t_s - self._t_s
+        if span <= 0.0:
+            return
+        knocked = self._knock[0] + self._knock[1] > self._t_s - KNOCK_STEP_S
+        shaken = knocked and self._knock[2] > 0.0 and math.isfinite(self._knock[0])
+        steps = math.ceil(span / (KNOCK_STEP_S if shaken else STEP_S) - 1e-6)
+        from_at, from_z, from_angle, from_s = self._at_m, self._height_m, self._angle_rad, self._t_s
+        for i in range(1, steps + 1):
+            part = i / steps
+            self._step(
+                from_s + part * span, from_at + part * (at - from_at),
+                from_z + part * (z - from_z), from_angle + part * (angle_rad - from_angle), moving,
+            )  # fmt: skip
+
+    def _step(self, t_s: float, at_m: Floats, height_m: float, angle: float, moving: bool) -> None:
+        middle = 0.5 * (angle + self._angle_rad)
+        self._motion_mm = self._motion_mm - 1e3 * _turned(at_m - self._at_m, -middle)
+        self._at_m, self._height_m, self._angle_rad, self._t_s = at_m, height_m, angle, t_s
+        off = at_m + self._off_apex_m
+        surface_m = self._apex_m - 0.5 * float((self._drop * off * off).sum())
+        load = self._stiffness_npm * (surface_m - height_m)
+        self.normal_n = max(0.0, load + self._struck(t_s)) if load > 0.0 else 0.0
+        centre = _turned(-1e3 * self._on_pad * off, -angle)
+        self.tips.advance(
+            t_s - self._start_s, np.array([self.normal_n]), self._motion_mm[None, :],
+            np.array([-angle]), centre[None, :], moving,
+        )  # fmt: skip
+
+    def _struck(self, t_s: float) -> float:
+        start_s, duration_s, impulse_ns = self._knock
+        phase = (t_s - start_s) / duration_s
+        if not 0.0 < phase < 1.0:
+            return 0.0
+        return 0.5 * math.pi * impulse_ns / duration_s * math.sin(math.pi * phase)
+
+
+def _touched(surface: FixedSurface) -> Surface:
+    return Surface(
+        curvature_per_mm=(
+            1e-3 * _curvature(surface.radius_x_m), 1e-3 * _curvature(surface.radius_y_m)
+        ),
+        texture_rms_mm=surface.texture_rms_m * 1e3,
+        texture_length_mm=surface.texture_length_m * 1e3,
+        friction_static=surface.friction_kinetic * surface.friction_ratio,
+        friction_kinetic=surface.friction_kinetic,
+    )  # fmt: skip
+
+
+def _curvature(radius_m: float) -> float:
+    return 1.0 / radius_m if radius_m else 0.0
+
+
+def _turned(vector: Floats, angle: float) -> Floats:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])

@@ -1,0 +1,79 @@
+"""The cell of the acquisition: an arm, a board, and one fingertip pressed on a fixed surface."""
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.interfaces import TAXELS
+from drivers.takktile.model import BoardModel, BoardModelSettings
+from drivers.ur.model import ArmModel, ArmModelSettings
+from scenarios.world.fingertip import FingertipSettings
+from scenarios.world.pressed import FixedSurface, PressedPad, PressSettings
+
+FINGERS = 3
+Codes = NDArray[np.int16]
+
+
+class PressedCellSettings(msgspec.Struct, frozen=True, kw_only=True):
+    """All that the cell is made of."""
+
+    surface: FixedSurface
+    press: PressSettings
+    fingertip: FingertipSettings
+    board: BoardModelSettings
+    arm: ArmModelSettings
+    finger: int  # which of the three is pressed
+
+
+class PressedTruth(msgspec.Struct, frozen=True):
+    """What only a simulation knows, at the board's latest sample."""
+
+    t_ns: int
+    normal_n: float
+    contact_speed_mps: float  # surface against pad
+    contact_turn_radps: float
+    sliding_share: float
+
+
+class PressedCell:
+    """Arm, board and pad on one time line. The two fingertips that touch nothing are at rest."""
+
+    def __init__(
+        self, settings: PressedCellSettings, rng: np.random.Generator, start_ns: int = 0
+    ) -> None:
+        self.arm = ArmModel(settings.arm, start_ns)
+        self.pad = PressedPad(
+            settings.surface, settings.press, settings.fingertip, rng, settings.arm.start_m,
+            start_ns * 1e-9,
+        )  # fmt: skip
+        self._rest = rng.integers(
+            settings.fingertip.rest_low, settings.fingertip.rest_high, (FINGERS, TAXELS),
+            endpoint=True,
+        ).astype(np.int16)  # fmt: skip
+        self._finger = settings.finger
+        self._now_ns = start_ns
+        self.board = BoardModel(settings.board, self._sample)
+
+    def advance(self, now_ns: int) -> None:
+        """Advance everything to now_ns."""
+        self._now_ns = max(self._now_ns, now_ns)
+        arm, t = self.arm, self._now_ns
+        self.pad.advance(t * 1e-9, arm.position(t), arm.angle(t), arm.moving(t))
+
+    def _sample(self, t_ns: int) -> tuple[Codes, Codes]:
+        self.advance(t_ns)
+        pressure, temperature = self.pad.tips.codes()
+        codes = self._rest.copy()
+        codes[self._finger] = pressure[0]
+        return codes.ravel(), np.broadcast_to(temperature, (FINGERS, TAXELS)).ravel()
+
+    def truth(self) -> PressedTruth:
+        """The state of the contact at the time that it was last advanced to."""
+        tips = self.pad.tips
+        return PressedTruth(
+            t_ns=self._now_ns,
+            normal_n=self.pad.normal_n,
+            contact_speed_mps=float(tips.slip_mps[0]),
+            contact_turn_radps=float(abs(tips.turn_radps[0])),
+            sliding_share=float(tips.sliding_share[0]),
+        )

@@ -1,0 +1,209 @@
+"""Data sets: the plan of the paper's, equal builds, and builds that were ended go on."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from detector.recordings import read, read_dataset
+from drivers.errors import ConfigError
+from grasp.cli import main
+from grasp.settings import config_dir
+from scenarios import datasets
+from scenarios.dataset_report import PAPER_SLIP, PAPER_STATIC, PAPER_TABLE, SURFACES, describe
+from scenarios.datasets import CouldNotBuild, DatasetConfig, Job, apportion, build, plan, window
+
+PAPER = config_dir() / "datasets" / "paper.toml"
+
+
+def quiet(done: int, total: int) -> None:
+    pass
+
+
+@pytest.fixture(scope="module")
+def paper() -> DatasetConfig:
+    return datasets.load_dataset_config(PAPER)
+
+
+@pytest.fixture(scope="module")
+def jobs(paper: DatasetConfig) -> list[Job]:
+    return plan(paper)
+
+
+@pytest.fixture(scope="module")
+def few(paper: DatasetConfig) -> list[Job]:
+    """Three small recordings of different motions and surfaces."""
+    small = plan(datasets.reduced(paper, 0.02))
+    return [small[0], small[40], small[-1]]
+
+
+def test_the_papers_set_has_the_papers_samples(jobs: list[Job]) -> None:
+    assert sum(job.slip for job in jobs) == PAPER_SLIP
+    assert sum(job.static for job in jobs) == PAPER_STATIC
+
+
+def test_the_papers_set_is_distributed_as_table_1_says(jobs: list[Job]) -> None:
+    samples: Counter[tuple[str, float, str]] = Counter()
+    for job in jobs:
+        speed = job.motion.speed_mps or job.motion.spin_radps
+        samples[job.motion.kind, speed, job.surface] += job.samples
+    total = sum(samples.values())
+    table_sum = sum(sum(row) for row in PAPER_TABLE.values())  # 100.0 by rounding, or nearly
+    for (motion, speed), row in PAPER_TABLE.items():
+        for surface, percent in zip(SURFACES, row, strict=True):
+            ours = 100.0 * samples[motion, speed, surface] / total
+            assert ours == pytest.approx(percent * 100.0 / table_sum, abs=0.01)
+
+
+def test_every_direction_and_every_split_is_in_every_group(jobs: list[Job]) -> None:
+    groups: dict[tuple[str, str], list[Job]] = {}
+    for job in jobs:
+        groups.setdefault((job.surface, job.path.rsplit("-", 2)[0]), []).append(job)
+    assert len(groups) == 28
+    for group in groups.values():
+        splits = Counter(job.metadata.split for job in group)
+        assert splits["validation"] == splits["test"] == max(1, round(0.1 * len(group)))
+        assert splits["train"] >= 8
+        directions = {job.motion.direction for job in group}
+        assert directions == set(datasets.DIRECTIONS[group[0].motion.kind])
+
+
+def test_paths_and_seeds_are_unique_and_the_plan_is_the_same_twice(
+    paper: DatasetConfig, jobs: list[Job]
+) -> None:
+    assert len({job.path for job in jobs}) == len({job.metadata.seed for job in jobs}) == len(jobs)
+    assert plan(paper) == jobs
+
+
+def test_parameters_are_drawn_within_their_ranges(paper: DatasetConfig, jobs: list[Job]) -> None:
+    for key, (low, high) in paper.randomise.items():
+        values = [job.metadata.parameters[key] for job in jobs]
+        assert low <= min(values) < max(values) <= high
+        assert np.mean(values) == pytest.approx((low + high) / 2, abs=0.15 * (high - low))
+
+
+def test_a_parameter_that_does_not_exist_is_refused(few: list[Job]) -> None:
+    config = datasets.load_acquire_config("planar", "simulated")
+    with pytest.raises(ConfigError, match="no such setting"):
+        datasets.with_values(config, {"fingertip.depht_mm": 4.0})
+    with pytest.raises(ConfigError, match="depth_mm"):
+        datasets.with_values(config, {"fingertip.depth_mm": 400.0})
+
+
+def test_parts_sum_to_the_total() -> None:
+    assert apportion(10, np.array([1.0, 1.0, 1.0])) == [4, 3, 3]
+    assert apportion(7, np.array([5.0, 0.0, 2.0])) == [5, 0, 2]
+
+
+def test_the_window_holds_exactly_so_many_samples_of_slip() -> None:
+    slip = np.array([0, 0, 0, 1, 1, 0, 1, 1, 1, 0], bool)
+    assert window(slip, 4, 2) == 1
+    assert window(slip, 3, 3) == 6
+    assert window(slip, 4, 4) is None
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_build_makes_what_was_planned(tmp_path: Path, few: list[Job], workers: int) -> None:
+    seen: list[tuple[int, int]] = []
+    made = build(few, {}, tmp_path / "set", workers, lambda done, total: seen.append((done, total)))
+    assert made == 3
+    assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    for job in few:
+        r = read(tmp_path / "set" / job.path)
+        assert r.metadata == job.metadata
+        assert int(r.slip.sum()) == job.slip
+        assert len(r.slip) == job.samples
+        assert r.t_s[0] == 0.0
+        assert r.slip_true is not None
+
+
+def test_a_second_build_makes_only_what_is_missing_and_makes_it_equal(
+    tmp_path: Path, few: list[Job]
+) -> None:
+    build(few, {}, tmp_path / "set", 1, quiet)
+    path = tmp_path / "set" / few[1].path
+    before = path.read_bytes()
+    path.unlink()
+    assert build(few, {}, tmp_path / "set", 1, quiet) == 1
+    assert path.read_bytes() == before
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path: Path, few: list[Job]) -> None:
+    build(few[:1], {}, tmp_path / "set", 1, quiet)
+    with pytest.raises(CouldNotBuild, match="other settings"):
+        build(few, {}, tmp_path / "set", 1, quiet)
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "thesis.txt").touch()
+    with pytest.raises(CouldNotBuild, match="not empty"):
+        build(few, {}, tmp_path / "other", 1, quiet)
+
+
+def test_a_build_that_was_killed_leaves_whole_files_only_and_goes_on(tmp_path: Path) -> None:
+    out = tmp_path / "set"
+    command = [sys.executable, "-c", "from grasp.cli import main; raise SystemExit(main())",
+               "dataset", "build", str(PAPER), "--share", "0.02", "--jobs", "2",
+               "--out", str(out)]  # fmt: skip
+    home = Path(datasets.__file__).parent.parent
+    child = subprocess.Popen(command, cwd=home, stdout=subprocess.DEVNULL)
+    deadline = time.monotonic() + 100
+    while len(list(out.glob("*/[!.]*.npz"))) < 3 and child.poll() is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    workers = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
+    os.kill(child.pid, signal.SIGKILL)
+    child.wait()
+    while any(Path(f"/proc/{pid}").exists() for pid in workers):
+        assert time.monotonic() < deadline, "workers live on"
+        time.sleep(0.05)
+    left = {path: path.read_bytes() for path in out.glob("*/[!.]*.npz")}
+    assert len(read_dataset(out)) == len(left) >= 3
+    small = datasets.reduced(datasets.load_dataset_config(PAPER), 0.02)
+    every = plan(small)
+    nearly = [job for job in every if (out / job.path).exists()]
+    index = json.loads((out / datasets.INDEX).read_text())
+    assert index["recordings"] == len(every)
+    again = tmp_path / "again"
+    build(nearly[:2], {}, again, 1, quiet)
+    for job in nearly[:2]:
+        assert (again / job.path).read_bytes() == left[out / job.path]
+
+
+def test_a_report_counts_what_is_there(tmp_path: Path, few: list[Job]) -> None:
+    build(few, {}, tmp_path / "set", 1, quiet)
+    report = describe(read_dataset(tmp_path / "set"))
+    assert report.recordings == 3
+    assert report.samples == sum(job.samples for job in few)
+    assert report.slip == sum(job.slip for job in few)
+    assert len(report.table) == 3
+    assert sum(cell.percent for cell in report.table) == pytest.approx(100.0)
+    counts = np.concatenate([read(tmp_path / "set" / j.path).counts[:, 0] for j in few])
+    assert [t.mean for t in report.taxels] == pytest.approx(counts.mean(axis=0).tolist())
+
+
+def test_the_command_line_describes_and_draws(
+    tmp_path: Path, few: list[Job], capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("matplotlib")
+    build(few, {}, tmp_path / "set", 1, quiet)
+    picture = tmp_path / "few.svg"
+    folder = str(tmp_path / "set")
+    assert main(["dataset", "describe", folder, "--pictures", str(picture)]) == 0
+    assert "Table I" in capsys.readouterr().out
+    assert "<svg" in picture.read_text()
+    assert main(["dataset", "describe", folder, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["recordings"] == 3
+
+
+def test_an_empty_folder_and_a_wrong_share_are_usage_errors(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["dataset", "describe", str(tmp_path)]) == 2
+    assert main(["dataset", "build", str(PAPER), "--out", str(tmp_path), "--share", "2"]) == 2
+    assert "share" in capsys.readouterr().err
