@@ -35,8 +35,8 @@ class FixedSurface(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         float, Meta(ge=1e3, le=1e7, description="printed ABS; assumed, next to rigid")
     ] = 1e6
     texture_rms_m: Annotated[
-        float, Meta(ge=0.0, le=0.001, description="sanded smooth; assumed, 0.01-0.2 mm")
-    ] = 0.00006
+        float, Meta(ge=0.0, le=0.001, description="a sanded print; assumed, 0.05-0.3 mm")
+    ] = 0.00015
     texture_length_m: Annotated[
         float, Meta(ge=0.0002, le=0.01, description="correlation length; assumed, 1-2 mm")
     ] = 0.0015
