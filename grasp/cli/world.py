@@ -8,12 +8,14 @@ from typing import Any
 from grasp.cli import exits, world_plan
 
 HELP = "fit and judge the simulated world, choose its physics"
+REMEDY = "pip install 'grasp-controller[charts]'"
 
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("world", help=HELP, description=HELP)
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     _add_calibrate(actions)
+    _add_strokes(actions)
     world_plan.add_parser(actions)
 
 
@@ -35,7 +37,11 @@ def _add_calibrate(actions: Any) -> None:
         "--check", action="store_true", help="judge the built-in values; search for no others"
     )
     parser.add_argument(
-        "--rounds", type=int, default=None, metavar="N", help="of the search (default: 20)"
+        "--rounds",
+        type=int,
+        default=None,
+        metavar="N",
+        help="of the closer half of the search (default: 8)",
     )
     parser.add_argument(
         "--clips", type=int, default=48, metavar="N",
@@ -54,6 +60,28 @@ def _add_calibrate(actions: Any) -> None:
     parser.set_defaults(handler=calibrate)
 
 
+def _add_strokes(actions: Any) -> None:
+    text = "draw what the simulated fingertip reads while it is slid there and back"
+    parser = actions.add_parser("strokes", help=text, description=text)
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=".svg or .png")
+    parser.add_argument("--seed", type=int, default=0, metavar="N")
+    parser.set_defaults(handler=strokes)
+
+
+def strokes(args: argparse.Namespace) -> int:
+    if find_spec("matplotlib") is None:
+        return exits.report("usage", "a picture needs matplotlib", REMEDY, as_json=False)
+    from scenarios.calibrate import Setup
+    from scenarios.figures import draw_clips
+    from scenarios.strokes import simulate
+
+    setup = Setup()
+    clips = simulate(setup.fingertip, setup.strokes, 2, args.seed)
+    draw_clips(args.out, [("simulated", clips.t_s, counts, clips.slip) for counts in clips.counts])
+    print(args.out)
+    return exits.SUCCESS
+
+
 def calibrate(args: argparse.Namespace) -> int:
     import msgspec
 
@@ -62,8 +90,7 @@ def calibrate(args: argparse.Namespace) -> int:
     from scenarios.signal_statistics import signal_statistics
 
     if args.figure and find_spec("matplotlib") is None:
-        remedy = "pip install 'grasp-controller[charts]'"
-        return exits.report("usage", "--figure needs matplotlib", remedy, args.json)
+        return exits.report("usage", "--figure needs matplotlib", REMEDY, args.json)
     recording = read(args.recording)
     if recording.fingers != 1 or recording.slip.all() or not recording.slip.any():
         remedy = "give strokes with pauses between them, labelled"
@@ -86,11 +113,12 @@ def calibrate(args: argparse.Namespace) -> int:
         report = {
             "recording": args.recording.name, "misfit": misfit, "statistics": rows,
             "parameters": fitting.parameter_values(setup), "fitted": not args.check,
-            "ablations": without,
+            "ablations": without, "data_set": fitting.data_set_levels(setup, args.clips // 2),
         }  # fmt: skip
         print(msgspec.json.encode(report).decode())
     else:
         _print(real, rows, misfit, setup, without)
+        _print_levels(fitting.data_set_levels(setup, args.clips // 2))
     return exits.SUCCESS
 
 
@@ -100,7 +128,7 @@ def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict
 
     from scenarios.calibrate import Search, Setup, fit
 
-    search = Search() if args.rounds is None else Search(rounds=args.rounds)
+    search = Search() if args.rounds is None else Search(close_rounds=args.rounds)
     with Progress(console=Console(stderr=True), transient=True, disable=args.json) as bar:
         task = bar.add_task("fitting", total=None)
         return fit(
@@ -165,6 +193,17 @@ def _print(
         for name, figures in without.items():
             cells = "".join(f"{figures[key]:10.3g}" for key in shown)
             print(f"{name:34}{misfit_of(real, figures):8.2f}{cells}")
+
+
+def _print_levels(levels: Any) -> None:
+    from scenarios.calibrate import AUTHORS_DATA_SET
+
+    print("\nlevels a taxel, strokes of all forces and zero loads | the authors' data set")
+    simulated = (levels.mean, levels.std, levels.least, levels.most)
+    names = ("mean", "deviation", "least", "most")
+    for name, mine, theirs in zip(names, simulated, AUTHORS_DATA_SET, strict=True):
+        cells = [" ".join(f"{x:5.0f}" for x in values) for values in (mine, theirs)]
+        print(f"{name:10}{cells[0]} | {cells[1]}")
 
 
 SHOWN_OF_ABLATIONS = {

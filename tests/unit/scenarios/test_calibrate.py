@@ -63,14 +63,15 @@ def test_search_ends_nearer_to_the_recording_than_it_began() -> None:
                               "strokes.texture_rms_mm": 0.15})  # fmt: skip
     real = calibrate.mean(calibrate.figures(hidden, 4, 7))
     told = []
-    search = Search(rounds=3, tries=8, kept=3, clips=3)
+    search = Search(
+        wide_rounds=3, wide_tries=8, wide_clips=3, close_rounds=1, close_tries=4, close_clips=4
+    )
     found, values = calibrate.fit(real, Setup(), search, lambda *told_now: told.append(told_now))
     before, after = (
-        calibrate.misfit(real, calibrate.mean(calibrate.figures(s, 3, calibrate.FIT_SEED)))
-        for s in (Setup(), found)
+        calibrate.misfit(real, calibrate.mean(calibrate.figures(s, 6, 7))) for s in (Setup(), found)
     )
     assert after < 0.9 * before
-    assert told[-1][:2] == (24, 24)
+    assert told[-1][:2] == (28, 28)
     assert len(values) == len(calibrate.PARAMETERS)
 
 
