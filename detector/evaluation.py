@@ -1,6 +1,7 @@
-"""One sheet of figures for a detector and a decision rule on a labelled recording."""
+"""One sheet of figures for a detector and a decision rule on labelled recordings."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -8,15 +9,16 @@ from numpy.typing import NDArray
 
 from detector.decision import RuleSettings, registered_events
 from detector.energy import EnergyDetector
-from detector.events import EventSettings, Quantiles, event_metrics, quantiles
+from detector.events import EventSettings, Judgement, Quantiles, judge, pooled, quantiles
 from detector.interface import SlipDetector
+from detector.intervals import Interval, recording_intervals, stroke_intervals
 from detector.metrics import (
     Confusion,
     EdgeBin,
     Floats,
+    Labels,
     accuracy_by_edge,
     auc,
-    auc_interval,
     calibration_error,
     confusion,
     edge_distance_ms,
@@ -24,6 +26,10 @@ from detector.metrics import (
 from detector.recordings import Recording
 
 WARM_UP_SAMPLES = 100  # the paper's window: what comes earlier no detector has to know
+HAND_FINGERS = 3
+SLIDE = "slide"  # false events on recordings of the paper's kind, beside the causes of the others
+
+LabelName = Literal["slip", "slip_true"]
 
 
 class Evaluation(msgspec.Struct, frozen=True):
@@ -31,29 +37,52 @@ class Evaluation(msgspec.Struct, frozen=True):
 
     detector: str
     data: str
+    label: str
     n_samples: int
     accuracy: float
+    weighted_precision: float
     weighted_f1: float
     slip_f1: float
     balanced_accuracy: float | None
     auc: float | None
     event_recall: float | None
     event_precision: float | None
-    false_events_per_min: float | None
+    false_events_per_min: float | None  # of the recordings as they are
+    false_events_per_min_by_cause: dict[str, float]
+    false_events_per_min_hand: float | None  # as if every recording had three fingers
     delay_ms: Quantiles | None
     delay_mm: Quantiles | None  # needs the sliding speed
     release_delay_ms: Quantiles | None
     ece: float
     compute_us: Quantiles | None  # one update of all fingers; needs a clock
-    auc_interval: tuple[float, float] | None  # 95 %
+    intervals: dict[str, Interval]  # 95 %, over recordings, or over strokes and pauses of one
+    auc_interval: Interval | None
     threshold: float  # on the probability, of `accuracy` and its kin
     threshold_counts: float | None  # the same in counts, for the energy detector
     by_edge_distance: tuple[EdgeBin, ...]
     confusion: Confusion
+    recordings: int
     true_events: int
     missed_events: int
     registered_events: int
     false_events: int
+
+
+class Streamed(msgspec.Struct, frozen=True, eq=False):
+    """A recording and what a detector said of it, frame by frame."""
+
+    recording: Recording
+    probabilities: Floats  # (n, fingers)
+    spent_us: Floats  # (n,), or none
+    label: LabelName = "slip"
+
+    @property
+    def labels(self) -> Labels:
+        """(n,) by the chosen label; raises ValueError where the recording lacks it."""
+        found = self.recording.slip if self.label == "slip" else self.recording.slip_true
+        if found is None:
+            raise ValueError(f"{self.recording.source} has no {self.label}")
+        return found
 
 
 def stream(
@@ -75,6 +104,91 @@ def stream(
     return np.array(probabilities), np.array(spent_us)
 
 
+def stream_recordings(
+    make: Callable[[int], SlipDetector],
+    recordings: Iterable[Recording],
+    clock_ns: Callable[[], int] | None = None,
+    label: LabelName = "slip",
+) -> list[Streamed]:
+    """Stream every recording through the detector made for its number of fingers."""
+    made: dict[int, SlipDetector] = {}
+    found = []
+    for recording in recordings:
+        if recording.fingers not in made:
+            made[recording.fingers] = make(recording.fingers)
+        p, spent_us = stream(made[recording.fingers], recording.counts, clock_ns)
+        found.append(Streamed(recording, p, spent_us, label))
+    return found
+
+
+def judge_stream(
+    streamed: Streamed, rule: RuleSettings, events: EventSettings, first_sample: int
+) -> Judgement:
+    """The events that the rule makes of one recording."""
+    speed = streamed.recording.contact_speed_mps
+    return judge(
+        registered_events(streamed.probabilities, rule), streamed.labels, streamed.recording.t_s,
+        events, first_sample=first_sample,
+        speed_mps=None if speed is None else speed.astype(np.float64),
+    )  # fmt: skip
+
+
+def evaluate_streams(
+    detector: SlipDetector,
+    rule: RuleSettings,
+    streams: Sequence[Streamed],
+    data: str,
+    *,
+    first_sample: int = WARM_UP_SAMPLES,
+    events: EventSettings = EventSettings(),  # noqa: B008 (frozen)
+) -> Evaluation:
+    """Score what was streamed, each recording from ``first_sample`` on.
+
+    A recording has one label for all fingers, so the finger that is surest speaks for a sample.
+    Samples are judged at the detector's own threshold, events at the rule's. Raises ValueError if
+    nothing is left to score.
+    """
+    for s in streams:
+        if not 0 <= first_sample < len(s.recording.t_s):
+            count = len(s.recording.t_s)
+            raise ValueError(f"no sample left: {count} in all, first {first_sample}")
+    judged = [judge_stream(s, rule, events, first_sample) for s in streams]
+    parts = [(s.probabilities.max(axis=1)[first_sample:], s.labels[first_sample:]) for s in streams]
+    p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
+    verdicts = p > detector.threshold
+    distances = [edge_distance_ms(s.recording.t_s, s.labels)[first_sample:] for s in streams]
+    cells = confusion(verdicts, labels)
+    intervals = (
+        stroke_intervals(p, labels, detector.threshold)
+        if len(streams) == 1
+        else recording_intervals(parts, judged, detector.threshold)
+    )
+    return Evaluation(
+        **msgspec.structs.asdict(pooled(judged)),
+        detector=detector.name,
+        data=data,
+        label=streams[0].label,
+        n_samples=cells.n,
+        accuracy=cells.accuracy,
+        weighted_precision=cells.weighted_precision,
+        weighted_f1=cells.weighted_f1,
+        slip_f1=cells.slip_f1,
+        balanced_accuracy=cells.balanced_accuracy,
+        auc=auc(p, labels),
+        false_events_per_min_by_cause=_by_cause(streams, judged),
+        false_events_per_min_hand=hand_rate(streams, judged),
+        ece=calibration_error(p, labels),
+        compute_us=quantiles(np.concatenate([s.spent_us for s in streams])),
+        intervals=intervals,
+        auc_interval=intervals.get("auc"),
+        threshold=detector.threshold,
+        threshold_counts=_threshold_counts(detector),
+        by_edge_distance=accuracy_by_edge(verdicts, labels, np.concatenate(distances)),
+        confusion=cells,
+        recordings=len(streams),
+    )
+
+
 def evaluate_recording(
     detector: SlipDetector,
     rule: RuleSettings,
@@ -82,45 +196,37 @@ def evaluate_recording(
     *,
     first_sample: int = WARM_UP_SAMPLES,
     events: EventSettings = EventSettings(),  # noqa: B008 (frozen)
-    speed_mps: Floats | None = None,
     clock_ns: Callable[[], int] | None = None,
 ) -> Evaluation:
-    """Stream a recording through detector and rule; score it from ``first_sample`` on.
-
-    The recording has one label for all fingers, so the finger that is surest speaks for a sample.
-    Samples are judged at the detector's own threshold, events at the rule's. ``speed_mps`` (n,) is
-    the true sliding speed, where known. Raises ValueError if nothing is left to score.
-    """
-    if not 0 <= first_sample < len(recording.t_s):
-        raise ValueError(f"no sample left: {len(recording.t_s)} in all, first {first_sample}")
-    probabilities, spent_us = stream(detector, recording.counts, clock_ns)
-    happened = event_metrics(
-        registered_events(probabilities, rule), recording.slip, recording.t_s, events,
-        first_sample=first_sample, speed_mps=speed_mps,
-    )  # fmt: skip
-    p = probabilities.max(axis=1)[first_sample:]
-    labels = recording.slip[first_sample:]
-    verdicts = p > detector.threshold
-    cells = confusion(verdicts, labels)
-    distance_ms = edge_distance_ms(recording.t_s, recording.slip)[first_sample:]
-    return Evaluation(
-        **msgspec.structs.asdict(happened),
-        detector=detector.name,
-        data=recording.source,
-        n_samples=cells.n,
-        accuracy=cells.accuracy,
-        weighted_f1=cells.weighted_f1,
-        slip_f1=cells.slip_f1,
-        balanced_accuracy=cells.balanced_accuracy,
-        auc=auc(p, labels),
-        ece=calibration_error(p, labels),
-        compute_us=quantiles(spent_us),
-        auc_interval=auc_interval(p, labels),
-        threshold=detector.threshold,
-        threshold_counts=_threshold_counts(detector),
-        by_edge_distance=accuracy_by_edge(verdicts, labels, distance_ms),
-        confusion=cells,
+    """Stream one recording through detector and rule and score it; see `evaluate_streams`."""
+    streamed = Streamed(recording, *stream(detector, recording.counts, clock_ns))
+    return evaluate_streams(
+        detector, rule, [streamed], recording.source, first_sample=first_sample, events=events
     )
+
+
+def cause_of(recording: Recording) -> str:
+    """What shook the signal of a recording, `slide` for the paper's kind."""
+    return (recording.metadata.cause if recording.metadata else "") or SLIDE
+
+
+def hand_rate(streams: Sequence[Streamed], judged: Sequence[Judgement]) -> float | None:
+    """False events a minute of three fingers; a finger alone has a third of a hand's minutes."""
+    hand_s = sum(
+        j.static_s * s.recording.fingers / HAND_FINGERS
+        for s, j in zip(streams, judged, strict=True)
+    )
+    return sum(j.false for j in judged) / hand_s * 60.0 if hand_s > 0.0 else None
+
+
+def _by_cause(streams: Sequence[Streamed], judged: Sequence[Judgement]) -> dict[str, float]:
+    rates = {}
+    for cause in sorted({cause_of(s.recording) for s in streams}):
+        chosen = [j for s, j in zip(streams, judged, strict=True) if cause_of(s.recording) == cause]
+        rate = pooled(chosen).false_events_per_min
+        if rate is not None:
+            rates[cause] = rate
+    return rates
 
 
 def _threshold_counts(detector: SlipDetector) -> float | None:

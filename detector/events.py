@@ -4,6 +4,7 @@ What the controller acts upon is the beginning of a registered event. So a slip 
 event begins within it; an alarm that is still on from before catches nothing.
 """
 
+from collections.abc import Sequence
 from typing import Annotated
 
 import msgspec
@@ -75,6 +76,74 @@ def true_events(slip: Labels, t_s: Floats, merge_gap_s: float) -> Events:
     ])  # fmt: skip
 
 
+class Judgement(msgspec.Struct, frozen=True, eq=False):
+    """What became of the slips of one stretch of data; several can be pooled."""
+
+    delays_ms: Floats  # of every slip, misses to its end
+    delays_mm: Floats | None
+    releases_ms: Floats  # of the slips that were caught
+    missed: int
+    good: int  # registered events that begin in a slip
+    false: int
+    static_s: float
+
+
+def judge(
+    registered: Events,
+    slip: Labels,
+    t_s: Floats,
+    settings: EventSettings,
+    *,
+    first_sample: int = 0,
+    speed_mps: Floats | None = None,
+) -> Judgement:
+    """Judge registered events (m, 2) against labels (n,) at times (n,).
+
+    Slips and false events count if they begin at ``first_sample`` or later. ``speed_mps`` (n,) is
+    the sliding speed; with it delays are given in mm slipped, too.
+    """
+    truth = true_events(slip, t_s, settings.merge_gap_s)
+    owner = _owners(registered, truth, t_s, settings.early_s)
+    scored = np.flatnonzero(truth[:, 0] >= first_sample)
+    first = [registered[owner == i][:1, 0] for i in scored]
+    answered = np.array([len(f) > 0 for f in first], np.bool_)
+    onset, end = truth[scored, 0], truth[scored, 1]
+    at = np.where(answered, [f[0] if len(f) else 0 for f in first], end).astype(np.intp)
+    released = np.array([registered[owner == i][-1, 1] for i in scored[answered]], np.intp)
+    return Judgement(
+        delays_ms=_time(t_s, at) * 1e3 - _time(t_s, onset) * 1e3,
+        delays_mm=None if speed_mps is None else _slipped_mm(speed_mps, t_s, onset, at),
+        releases_ms=(_time(t_s, released) - _time(t_s, end[answered])) * 1e3,
+        missed=int((~answered).sum()),
+        good=int(np.isin(owner, scored).sum()),
+        false=int(((owner < 0) & (registered[:, 0] >= first_sample)).sum()),
+        static_s=_static_s(truth, t_s, first_sample),
+    )
+
+
+def pooled(judgements: Sequence[Judgement]) -> EventMetrics:
+    """Metrics of several stretches of data as of one."""
+    delays = np.concatenate([j.delays_ms for j in judgements])
+    slipped = [j.delays_mm for j in judgements if j.delays_mm is not None]
+    releases = np.concatenate([j.releases_ms for j in judgements])
+    missed, good, false = (
+        sum(getattr(j, name) for j in judgements) for name in ("missed", "good", "false")
+    )
+    static_s = sum(j.static_s for j in judgements)
+    return EventMetrics(
+        true_events=len(delays),
+        missed_events=missed,
+        registered_events=good + false,
+        false_events=false,
+        event_recall=(len(delays) - missed) / len(delays) if len(delays) else None,
+        event_precision=good / (good + false) if good + false else None,
+        false_events_per_min=false / static_s * 60.0 if static_s > 0.0 else None,
+        delay_ms=quantiles(delays),
+        delay_mm=quantiles(np.concatenate(slipped)) if len(slipped) == len(judgements) else None,
+        release_delay_ms=quantiles(releases),
+    )
+
+
 def event_metrics(
     registered: Events,
     slip: Labels,
@@ -84,35 +153,10 @@ def event_metrics(
     first_sample: int = 0,
     speed_mps: Floats | None = None,
 ) -> EventMetrics:
-    """Judge registered events (m, 2) against labels (n,) at times (n,).
-
-    Slips and false events count if they begin at ``first_sample`` or later. ``speed_mps`` (n,) is
-    the sliding speed; with it delays are given in mm slipped, too.
-    """
-    truth = true_events(slip, t_s, settings.merge_gap_s)
-    owner = _owners(registered, truth, t_s, settings.early_s)
-    scored = np.flatnonzero(truth[:, 0] >= first_sample)
-    false = int(((owner < 0) & (registered[:, 0] >= first_sample)).sum())
-    good = int(np.isin(owner, scored).sum())
-    first = [registered[owner == i][:1, 0] for i in scored]
-    answered = np.array([len(f) > 0 for f in first], np.bool_)
-    caught = int(answered.sum())
-    onset, end = truth[scored, 0], truth[scored, 1]
-    at = np.where(answered, [f[0] if len(f) else 0 for f in first], end).astype(np.intp)
-    released = np.array([registered[owner == i][-1, 1] for i in scored[answered]], np.intp)
-    static_s = _static_s(truth, t_s, first_sample)
-    return EventMetrics(
-        true_events=len(scored),
-        missed_events=len(scored) - caught,
-        registered_events=good + false,
-        false_events=false,
-        event_recall=caught / len(scored) if len(scored) else None,
-        event_precision=good / (good + false) if good + false else None,
-        false_events_per_min=false / static_s * 60.0 if static_s > 0.0 else None,
-        delay_ms=quantiles(_time(t_s, at) * 1e3 - _time(t_s, onset) * 1e3),
-        delay_mm=None if speed_mps is None else quantiles(_slipped_mm(speed_mps, t_s, onset, at)),
-        release_delay_ms=quantiles((_time(t_s, released) - _time(t_s, end[answered])) * 1e3),
-    )
+    """Metrics of one stretch of data; see `judge`."""
+    return pooled([
+        judge(registered, slip, t_s, settings, first_sample=first_sample, speed_mps=speed_mps)
+    ])  # fmt: skip
 
 
 def _owners(registered: Events, truth: Events, t_s: Floats, early_s: float) -> NDArray[np.intp]:

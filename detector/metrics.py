@@ -42,6 +42,14 @@ class Confusion(msgspec.Struct, frozen=True):
         return _f1(self.slip_slip, self.slip_static + self.static_slip)
 
     @property
+    def weighted_precision(self) -> float:
+        """Precision of both classes, weighted by how often they are labelled."""
+        static, slip = self.static_static + self.static_slip, self.slip_static + self.slip_slip
+        of_static = _ratio(self.static_static, self.static_static + self.slip_static)
+        of_slip = _ratio(self.slip_slip, self.slip_slip + self.static_slip)
+        return _ratio(static * of_static + slip * of_slip, self.n)
+
+    @property
     def weighted_f1(self) -> float:
         """F1 of both classes, weighted by how often they are labelled (the paper's F1)."""
         static, slip = self.static_static + self.static_slip, self.slip_static + self.slip_slip
@@ -73,7 +81,7 @@ def confusion(verdicts: Labels, labels: Labels) -> Confusion:
     return Confusion(a, b, c, d)
 
 
-class _Ranking:
+class Ranking:
     """Samples grouped by equal probability, in rising order: what an AUC is computed from."""
 
     def __init__(self, probabilities: Floats, labels: Labels) -> None:
@@ -92,31 +100,7 @@ class _Ranking:
 
 def auc(probabilities: Floats, labels: Labels) -> float | None:
     """Area under the ROC curve; None if the labels know only one class."""
-    return _Ranking(probabilities, labels).auc(np.ones(len(labels)))
-
-
-def auc_interval(
-    probabilities: Floats, labels: Labels, *, seed: int = 0, resamples: int = 1000
-) -> tuple[float, float] | None:
-    """95 % bootstrap interval of the AUC over strokes and pauses.
-
-    Samples of one stroke are no independent witnesses, so whole runs of equal labels are drawn,
-    strokes and pauses apart. None with fewer than two of either.
-    """
-    block = np.concatenate([[0], np.cumsum(labels[1:] != labels[:-1])])
-    is_slip = labels[np.unique(block, return_index=True)[1]]
-    strokes, pauses = np.flatnonzero(is_slip), np.flatnonzero(~is_slip)
-    if min(len(strokes), len(pauses)) < 2:
-        return None
-    rng = np.random.default_rng(seed)
-    ranking = _Ranking(probabilities, labels)
-    values = []
-    for _ in range(resamples):
-        drawn = np.concatenate([rng.choice(kind, len(kind)) for kind in (strokes, pauses)])
-        weights = np.bincount(drawn, minlength=len(is_slip)).astype(np.float64)
-        values.append(ranking.auc(weights[block]))
-    low, high = np.quantile(np.array(values, np.float64), [0.025, 0.975])
-    return float(low), float(high)
+    return Ranking(probabilities, labels).auc(np.ones(len(labels)))
 
 
 def calibration_error(probabilities: Floats, labels: Labels) -> float:

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from grasp.cli import exits
+from grasp.cli import exits, train
 
 HELP = "score and tune slip detectors"
 TUNING_OBJECTS = ("can", "box", "cardboard", "ball", "football", "foam")
@@ -16,6 +16,7 @@ def add_parser(verbs: Any) -> None:
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     _add_evaluate(actions)
     _add_tune(actions)
+    train.add_parser(actions)
 
 
 def _add_evaluate(actions: Any) -> None:

@@ -57,7 +57,7 @@ PERMITTED = [
     ("drivers.robotiq.planted", "drivers.robotiq.motor"),
     ("detector.training.planted", "torch"),
     ("detector.training.planted", "onnx"),
-    ("grasp.cli.detector", "detector.training.planted_other"),
+    ("grasp.cli.train", "detector.training.planted_other"),
 ]
 
 

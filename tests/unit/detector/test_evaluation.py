@@ -11,25 +11,33 @@ from numpy.typing import NDArray
 
 from detector.decision import RuleSettings, registered_events
 from detector.energy import EnergyDetector, EnergySettings
-from detector.evaluation import Evaluation, evaluate_recording, stream
+from detector.evaluation import (
+    Evaluation,
+    Streamed,
+    evaluate_recording,
+    evaluate_streams,
+    stream,
+    stream_recordings,
+)
 from detector.events import EventMetrics, EventSettings, Quantiles, event_metrics, quantiles
 from detector.events import true_events as slips
+from detector.intervals import stroke_intervals
 from detector.metrics import (
     accuracy_by_edge,
     auc,
-    auc_interval,
     calibration_error,
     confusion,
     edge_distance_ms,
 )
-from detector.recordings import Recording
+from detector.recordings import Metadata, Recording
 
 JSON_FIELDS = {
     "detector", "data", "n_samples", "accuracy", "weighted_f1", "slip_f1", "balanced_accuracy",
     "auc", "event_recall", "event_precision", "false_events_per_min", "delay_ms", "delay_mm",
     "release_delay_ms", "ece", "compute_us", "auc_interval", "threshold", "threshold_counts",
     "by_edge_distance", "confusion", "true_events", "missed_events", "registered_events",
-    "false_events",
+    "false_events", "label", "weighted_precision", "false_events_per_min_by_cause",
+    "false_events_per_min_hand", "intervals", "recordings",
 }  # fmt: skip
 
 
@@ -90,7 +98,7 @@ def test_labels_of_one_class_have_no_balanced_accuracy_no_auc_and_no_interval() 
     assert confusion(labels, labels).balanced_accuracy is None
     assert confusion(labels, labels).accuracy == 1.0
     assert auc(np.arange(5.0), labels) is None
-    assert auc_interval(np.arange(5.0), labels) is None
+    assert stroke_intervals(np.arange(5.0), labels, 0.5) == {}
 
 
 @given(st.lists(st.tuples(st.sampled_from([0.0, 0.1, 0.5, 0.7, 1.0]), st.booleans()), min_size=2))
@@ -106,16 +114,16 @@ def test_the_interval_draws_whole_strokes_and_repeats_for_a_seed() -> None:
     labels = flags(50, 50, 50, 50, 50, 50)
     p = labels.astype(float)
     p[250:] = 0.0  # one stroke of three is not heard at all
-    low, high = auc_interval(p, labels, seed=1) or (None, None)
-    assert (low, high) == (0.5, 1.0)
+    assert stroke_intervals(p, labels, 0.5, seed=1)["auc"] == (0.5, 1.0)
     assert auc(p, labels) == pytest.approx(5 / 6)
     rough = np.random.default_rng(0).random(300)
-    assert auc_interval(rough, labels, seed=1) == auc_interval(rough, labels, seed=1)
-    assert auc_interval(rough, labels, seed=1) != auc_interval(rough, labels, seed=2)
+    once, again, other = (stroke_intervals(rough, labels, 0.5, seed) for seed in (1, 1, 2))
+    assert once == again
+    assert once != other
 
 
 def test_one_stroke_gives_no_interval() -> None:
-    assert auc_interval(np.linspace(0, 1, 30), flags(10, 10, 10)) is None
+    assert stroke_intervals(np.linspace(0, 1, 30), flags(10, 10, 10), 0.5) == {}
 
 
 def test_the_calibration_error_is_the_gap_between_saying_and_happening() -> None:
@@ -308,3 +316,63 @@ def test_on_the_authors_recording_the_energy_tells_slip_from_rest(felt: Recordin
     assert e.auc_interval[0] < e.auc < e.auc_interval[1]
     events = registered_events(stream(detector, felt.counts)[0], RuleSettings())
     assert len(events) == e.registered_events + 1  # one more before the hundredth sample
+
+
+# --- several recordings
+
+
+def metadata(cause: str) -> Metadata:
+    return Metadata(
+        set="confusers" if cause else "slide", split="test", surface="planar", motion="none",
+        speed_mps=0.0, spin_radps=0.0, direction="", seed=0, cause=cause,
+    )  # fmt: skip
+
+
+def streamed(slip: NDArray[np.bool_], p: NDArray[np.bool_], cause: str = "") -> Streamed:
+    made = msgspec.structs.replace(recording(slip), metadata=metadata(cause))
+    return Streamed(made, p.astype(float)[:, None], np.empty(0))
+
+
+def test_several_recordings_are_scored_as_one_and_false_events_by_their_cause() -> None:
+    caught = streamed(flags(300, 50, 250), flags(305, 45, 250))
+    shaken = streamed(flags(600), flags(200, 10, 100, 10, 280), "tightening")
+    e = evaluate_streams(Scripted(np.zeros(1)), RuleSettings(), [caught, shaken], "both")
+    assert (e.recordings, e.n_samples) == (2, 1000)
+    assert (e.true_events, e.missed_events, e.false_events) == (1, 0, 2)
+    assert e.delay_ms == Quantiles(60.0, 60.0, 60.0)
+    assert e.false_events_per_min_by_cause == {
+        "slide": 0.0, "tightening": pytest.approx(2 / (5.0 / 60)),
+    }  # fmt: skip
+    assert e.false_events_per_min == pytest.approx(2 / (9.5 / 60))
+    # one finger each: a hand has three, and three times the false events
+    assert e.false_events_per_min_hand == pytest.approx(3 * 2 / (9.5 / 60))
+    low, high = e.intervals["false_events_per_min"]
+    assert (low, high) == (0.0, pytest.approx(2 / (5.0 / 60)))
+
+
+def test_the_other_label_is_scored_on_demand_and_missed_where_it_is_not_there() -> None:
+    slip, slip_true = flags(200, 50, 50), flags(220, 30, 50)
+    made = msgspec.structs.replace(recording(slip), slip_true=slip_true)
+    results = [
+        evaluate_streams(
+            Scripted(np.zeros(1)), RuleSettings(), [Streamed(made, p, np.empty(0), label)], "x"
+        )
+        for label in ("slip", "slip_true")
+        for p in [slip_true.astype(float)[:, None]]
+    ]
+    assert [e.accuracy for e in results] == [pytest.approx(180 / 200), 1.0]
+    with pytest.raises(ValueError, match="by hand has no slip_true"):
+        Streamed(recording(slip), np.zeros((300, 1)), np.empty(0), "slip_true").labels  # noqa: B018
+
+
+def test_each_recording_starts_from_a_reset_and_gets_a_detector_of_its_fingers() -> None:
+    made = [recording(flags(10, 10), fingers) for fingers in (1, 3, 1)]
+    asked: list[int] = []
+
+    def make(fingers: int) -> EnergyDetector:
+        asked.append(fingers)
+        return EnergyDetector(EnergySettings(), fingers)
+
+    streams = stream_recordings(make, made)
+    assert [s.probabilities.shape for s in streams] == [(20, 1), (20, 3), (20, 1)]
+    assert asked == [1, 3]

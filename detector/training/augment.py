@@ -1,0 +1,63 @@
+"""Augmentation three ways: as the paper says, as its authors' code ran, and ours."""
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+Augmentation = Literal["none", "paper", "as-run", "ours"]
+
+# taxels 0 1 2 in the lower row, 5 4 3 in the upper: identity, flip of x, flip of y, half turn
+SYMMETRIES = np.array([
+    [0, 1, 2, 3, 4, 5], [2, 1, 0, 5, 4, 3], [5, 4, 3, 2, 1, 0], [3, 4, 5, 0, 1, 2],
+])  # fmt: skip
+HALF_TURN = 3
+PAPER_NOISE_COUNTS = 6.0  # 1 % of the barometers' range, -500 to 200 counts in the authors' data
+AS_RUN_NOISE_COUNTS = 0.5
+AS_RUN_SHARE = 0.75
+
+# ours: what differs from hand to hand and does not tell slip from rest
+GAIN = 2.0  # sensitivity from half to double
+OFFSET_COUNTS = 30.0  # rest counts that have wandered, a taxel
+NOISE_COUNTS = 1.5  # at most
+LOST_SHARE = 0.01  # samples repeated
+DEAD_SHARE = 0.03  # taxels that say nothing
+
+
+def augment(counts: Floats, how: Augmentation, rng: np.random.Generator) -> Floats:
+    """A changed copy of a batch (batch, time, 6) in counts."""
+    if how == "paper":
+        turned = _turn(counts, rng.integers(0, 4, size=len(counts)))
+        return _noise(turned, np.full(len(counts), PAPER_NOISE_COUNTS), rng)
+    if how == "as-run":
+        turned = _turn(counts, np.where(rng.random(len(counts)) < AS_RUN_SHARE, HALF_TURN, 0))
+        noisy = rng.random(len(counts)) < AS_RUN_SHARE
+        return _noise(turned, noisy * AS_RUN_NOISE_COUNTS, rng)
+    return _ours(counts, rng) if how == "ours" else counts.copy()
+
+
+def _turn(counts: Floats, which: Any) -> Floats:
+    turned: Floats = np.take_along_axis(counts, SYMMETRIES[which][:, None, :], axis=2)
+    return turned
+
+
+def _noise(counts: Floats, std_counts: Any, rng: np.random.Generator) -> Floats:
+    noise = rng.standard_normal(counts.shape, np.float32)
+    noisy: Floats = counts + noise * std_counts.astype(np.float32)[:, None, None]
+    return noisy
+
+
+def _ours(counts: Floats, rng: np.random.Generator) -> Floats:
+    batch, time, taxels = counts.shape
+    turned = _turn(counts, rng.integers(0, 4, size=batch))
+    gain = np.exp(rng.uniform(-np.log(GAIN), np.log(GAIN), (batch, 1, 1)))
+    offset = rng.normal(0.0, OFFSET_COUNTS, (batch, 1, taxels))
+    changed = (turned * gain + offset).astype(np.float32)
+    changed = _noise(changed, NOISE_COUNTS * rng.random(batch), rng)
+    changed *= rng.random((batch, 1, taxels)) >= DEAD_SHARE
+    lost = rng.random((batch, time)) < LOST_SHARE
+    lost[:, 0] = False
+    latest = np.maximum.accumulate(np.where(lost, 0, np.arange(time)), axis=1)
+    repeated: Floats = np.take_along_axis(changed, latest[:, :, None], axis=1)
+    return repeated

@@ -1,0 +1,221 @@
+"""The training loop: one thread, repeatable step by step, resumed from its checkpoints.
+
+Every random draw of a step comes from the seed and the step's number, so a training that was
+interrupted and resumed ends with the same weights as one that was not.
+"""
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import torch
+from torch import nn
+
+from detector.recordings import Recording
+from detector.training.architecture import ARCHITECTURES
+from detector.training.augment import augment
+from detector.training.networks import build
+from detector.training.sequences import Batch, Fingers, Windows, crops, fingers_of, statistics
+from detector.training.settings import TrainSettings
+from detector.training.validation import Score, odds_of, score
+
+CHECKPOINT_S = 30.0
+
+
+class Progress(msgspec.Struct, frozen=True):
+    """Where a training stands."""
+
+    step: int
+    steps: int
+    loss: float
+    minutes: float  # of the processor
+    score: Score | None  # of a validation that has just been made
+    best: Score | None
+
+
+class BadCheckpoint(ValueError):
+    """A checkpoint cannot be resumed from."""
+
+    kind = "usage"
+
+    def __init__(self, path: Path, problem: str) -> None:
+        super().__init__(str(path), problem)
+        self.message = f"{path}: {problem}"
+        self.remedy = "train anew without --resume"
+
+
+class Training:
+    """One network on one set of recordings; `run` trains it to its end."""
+
+    def __init__(
+        self,
+        name: str,
+        settings: TrainSettings,
+        train: Sequence[Recording],
+        validation: Sequence[Recording],
+        data_digest: str,
+    ) -> None:
+        torch.set_num_threads(1)
+        torch.manual_seed(settings.seed % 2**31)
+        self.name, self.settings, self.arch = name, settings, ARCHITECTURES[name]
+        self.data_digest = data_digest
+        self._validation = validation
+        self._fingers = fingers_of(train, settings.label)
+        self.statistics = statistics(self._fingers, per_taxel=not self.arch.streaming)
+        self.network = build(self.arch)
+        self._standardise()
+        self._optimiser = torch.optim.Adam(self.network.parameters(), settings.learning_rate)
+        self._batches = _Batches(settings, self._fingers, self.arch.streaming)
+        share = self._fingers.slip_share
+        self._slip_weight = 1.0 / share - 1.0
+        self.shift = -math.log(self._slip_weight)  # classes were weighted alike: back to the truth
+        self.step, self._spent_s, self._waited = 0, 0.0, 0
+        self.best: Score | None = None
+        self._best_weights: dict[str, torch.Tensor] = {}
+
+    def _standardise(self) -> None:
+        features: Any = self.network.features
+        features.mean.copy_(torch.tensor(self.statistics.mean))
+        features.std.copy_(torch.tensor(self.statistics.std))
+        features.change_scale.fill_(self.statistics.change_scale)
+
+    @property
+    def minutes(self) -> float:
+        """Processor time spent, in this process and those it resumes."""
+        return self._spent_s / 60.0
+
+    def run(
+        self, minutes: float, checkpoint: Path | None, tell: Callable[[Progress], None]
+    ) -> None:
+        """Train until the steps are made, the minutes are spent or validation stands still.
+
+        Ctrl-C leaves a checkpoint. At the end the network has its best weights.
+        """
+        every = max(1, self.settings.steps // self.settings.validations)
+        saved_s = self._spent_s
+        self.network.train()
+        try:
+            while self.step < self.settings.steps and self._waited < self.settings.patience:
+                before_s = time.process_time()
+                loss = self._learn()
+                due = self.step % every == 0 or self.step == self.settings.steps
+                out_of_time = self._spent_s > minutes * 60.0
+                found = self._validate() if due or out_of_time else None
+                self._spent_s += time.process_time() - before_s
+                tell(self._progress(loss, found))
+                if checkpoint is not None and self._spent_s - saved_s > CHECKPOINT_S:
+                    self.save(checkpoint)
+                    saved_s = self._spent_s
+                if out_of_time:
+                    break
+        finally:
+            if checkpoint is not None:
+                self.save(checkpoint)
+        self.network.load_state_dict(self._best_weights)
+
+    def _progress(self, loss: float, found: Score | None) -> Progress:
+        return Progress(self.step, self.settings.steps, loss, self.minutes, found, self.best)
+
+    def _learn(self) -> float:
+        """One step; gives its loss."""
+        s = self.settings
+        rng = np.random.default_rng([s.seed, self.step])
+        torch.manual_seed(int(rng.integers(2**31)))
+        batch = self._batches.draw(self.step)
+        counts = torch.from_numpy(augment(batch.counts, s.augmentation, rng))
+        labels, weights = torch.from_numpy(batch.labels), torch.from_numpy(batch.weights)
+        if s.balance == "weights":
+            weights = weights * torch.where(labels > 0, self._slip_weight, 1.0)
+        odds = self.network(counts) if self.arch.streaming else self.network(counts, last=True)
+        each = nn.functional.binary_cross_entropy_with_logits(odds, labels, reduction="none")
+        loss = (each * weights).sum() / weights.sum()
+        for group in self._optimiser.param_groups:
+            group["lr"] = self._rate()
+        self._optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.network.parameters(), s.clip_norm)
+        self._optimiser.step()
+        self.step += 1
+        return float(loss.detach())
+
+    def _rate(self) -> float:
+        s = self.settings
+        cosine = 0.5 * (1.0 + math.cos(math.pi * self.step / s.steps))
+        return s.learning_rate * (s.final_rate + (1.0 - s.final_rate) * cosine)
+
+    def _validate(self) -> Score:
+        odds = odds_of(self.network, self.arch, self._validation)
+        found = score(
+            odds, self._validation, self.settings.label, self.shift, self.settings.budget_per_min
+        )
+        if self.best is None or found.key < self.best.key:
+            self.best, self._waited = found, 0
+            self._best_weights = {k: v.clone() for k, v in self.network.state_dict().items()}
+        else:
+            self._waited += 1
+        return found
+
+    def save(self, path: Path) -> None:
+        """Write all that `resume` needs, whole or not at all."""
+        partial = path.with_name(f".{path.name}")
+        best = msgspec.structs.asdict(self.best) if self.best else None
+        state = {
+            "identity": self._identity(), "step": self.step, "spent_s": self._spent_s,
+            "waited": self._waited, "best": best, "network": self.network.state_dict(),
+            "best_weights": self._best_weights, "optimiser": self._optimiser.state_dict(),
+        }  # fmt: skip
+        with partial.open("wb") as file:  # opened here: torch refuses names of its own choice
+            torch.save(state, file)
+        partial.replace(path)
+
+    def resume(self, path: Path) -> None:
+        """Go on where a checkpoint left off; raises BadCheckpoint.
+
+        Only tensors and plain values are read (``weights_only``): no code in a file is ever run.
+        """
+        try:
+            stored = torch.load(path, weights_only=True)
+        except FileNotFoundError:
+            raise BadCheckpoint(path, "no such file") from None
+        except Exception as error:  # torch raises whatever the damage led it to
+            raise BadCheckpoint(path, f"cannot be read ({type(error).__name__})") from None
+        if not isinstance(stored, dict) or stored.get("identity") != self._identity():
+            raise BadCheckpoint(path, "is of other settings, data or another network")
+        self.network.load_state_dict(stored["network"])
+        self._optimiser.load_state_dict(stored["optimiser"])
+        self._best_weights = stored["best_weights"]
+        self.step, self._spent_s = stored["step"], stored["spent_s"]
+        self._waited = stored["waited"]
+        self.best = msgspec.convert(stored["best"], Score | None)
+
+    def _identity(self) -> str:
+        settings = msgspec.json.encode([self.arch, self.settings]).decode()
+        return f"{self.name} {self.data_digest} {settings}"
+
+
+class _Batches:
+    """The batch of a step: crops for streaming networks, windows epoch by epoch for the others."""
+
+    def __init__(self, settings: TrainSettings, fingers: Fingers, streaming: bool) -> None:
+        self._settings, self._fingers = settings, fingers
+        self._windows = None if streaming else Windows(fingers)
+        self._epoch = -1
+        self._chosen = np.empty(0, np.intp)
+
+    def draw(self, step: int) -> Batch:
+        s = self._settings
+        if self._windows is None:
+            rng = np.random.default_rng([s.seed, step, 1])
+            return crops(self._fingers, rng, s.batch, s.crop, s.warm, s.fresh)
+        slip = int(self._windows.labels.sum())
+        rest = len(self._windows.labels) - slip
+        n = 2 * min(slip, rest) if s.balance == "undersample" else slip + rest
+        epoch, at = divmod(step, max(1, n // s.batch))
+        if epoch != self._epoch:
+            self._chosen = self._windows.epoch(np.random.default_rng([s.seed, epoch, 2]), s.balance)
+            self._epoch = epoch
+        return self._windows.take(self._chosen[at * s.batch : (at + 1) * s.batch])

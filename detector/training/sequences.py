@@ -1,0 +1,133 @@
+"""Recordings as what networks learn from: sequences of one finger, and draws from them."""
+
+import hashlib
+from collections.abc import Sequence
+from typing import Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from detector.evaluation import LabelName, Streamed
+from detector.recordings import Recording
+from detector.training.architecture import WINDOW
+
+Floats = NDArray[np.float32]
+Balance = Literal["weights", "undersample"]
+LEAST_CHANGE_COUNTS = 0.5  # no scale is finer than the noise of a taxel at rest
+
+
+class Fingers(msgspec.Struct, frozen=True, eq=False):
+    """Sequences of one finger each."""
+
+    counts: list[Floats]  # (n, 6)
+    labels: list[NDArray[np.bool_]]  # (n,)
+
+    @property
+    def slip_share(self) -> float:
+        """Share of slip among all samples."""
+        return float(np.concatenate(self.labels).mean())
+
+
+class Statistics(msgspec.Struct, frozen=True):
+    """What inputs are standardised with; mean and std of each taxel, counts."""
+
+    mean: tuple[float, ...]
+    std: tuple[float, ...]
+    change_scale: float
+
+
+class Batch(msgspec.Struct, frozen=True, eq=False):
+    """Inputs with a label and a weight for every sample, 0 where nothing is to be learnt."""
+
+    counts: Floats  # (batch, time, 6)
+    labels: Floats  # (batch, time)
+    weights: Floats  # (batch, time)
+
+
+def fingers_of(recordings: Sequence[Recording], label: LabelName) -> Fingers:
+    """Every finger of every recording, under the recording's one label."""
+    counts, labels = [], []
+    for recording in recordings:
+        known = Streamed(recording, np.empty((0, 1)), np.empty(0), label).labels
+        for finger in range(recording.fingers):
+            counts.append(recording.counts[:, finger].astype(np.float32))
+            labels.append(known)
+    return Fingers(counts, labels)
+
+
+def statistics(fingers: Fingers, per_taxel: bool) -> Statistics:
+    """Mean and deviation, of each taxel or of all alike; mean absolute change while static."""
+    every = np.concatenate(fingers.counts).astype(np.float64)
+    axis = 0 if per_taxel else None
+    mean, std = np.broadcast_to(every.mean(axis), 6), np.broadcast_to(every.std(axis), 6)
+    still = [
+        np.abs(np.diff(c, axis=0))[~label[1:]]
+        for c, label in zip(fingers.counts, fingers.labels, strict=True)
+    ]
+    change = float(np.concatenate(still).mean())
+    return Statistics(
+        tuple(mean.tolist()), tuple(np.maximum(std, 1.0).tolist()),
+        max(change, LEAST_CHANGE_COUNTS),
+    )  # fmt: skip
+
+
+def digest(recordings: Sequence[Recording]) -> str:
+    """Names the data: equal recordings in equal order give an equal digest."""
+    found = hashlib.sha256()
+    for recording in recordings:
+        found.update(recording.counts.tobytes())
+        found.update(recording.slip.tobytes())
+    return found.hexdigest()[:16]
+
+
+def crops(
+    fingers: Fingers, rng: np.random.Generator, batch: int, crop: int, warm: int, fresh: float
+) -> Batch:
+    """Stretches of ``warm + crop`` samples; the first ``warm`` are not learnt from.
+
+    A share ``fresh`` of them is learnt from the first sample on: so looks the time after a reset.
+    """
+    lengths = np.array([len(c) for c in fingers.counts])
+    chosen = rng.choice(len(lengths), batch, p=lengths / lengths.sum())
+    time = warm + crop
+    counts = np.zeros((batch, time, 6), np.float32)
+    labels, weights = np.zeros((batch, time), np.float32), np.zeros((batch, time), np.float32)
+    for row, i in enumerate(chosen):
+        start = int(rng.integers(0, max(1, lengths[i] - time)))
+        part = slice(start, start + time)
+        n = len(fingers.counts[i][part])
+        counts[row, :n] = fingers.counts[i][part]
+        counts[row, n:] = counts[row, n - 1]
+        labels[row, :n] = fingers.labels[i][part]
+        weights[row, 0 if rng.random() < fresh else warm : n] = 1.0
+    return Batch(counts, labels, weights)
+
+
+class Windows:
+    """All windows of a hundred samples, each with the label of its last one."""
+
+    def __init__(self, fingers: Fingers) -> None:
+        self._fingers = fingers
+        ends = [np.arange(WINDOW - 1, len(c)) for c in fingers.counts]
+        self._finger = np.repeat(np.arange(len(ends)), [len(e) for e in ends])
+        self._end = np.concatenate(ends)
+        self.labels = np.concatenate([label[WINDOW - 1 :] for label in fingers.labels])
+
+    def epoch(self, rng: np.random.Generator, balance: Balance) -> NDArray[np.intp]:
+        """All windows in random order, or (paper) as many static as slipping ones."""
+        if balance == "weights":
+            return rng.permutation(len(self.labels))
+        slip, static = np.flatnonzero(self.labels), np.flatnonzero(~self.labels)
+        n = min(len(slip), len(static))
+        both = [rng.choice(kind, n, replace=False) for kind in (slip, static)]
+        return rng.permutation(np.concatenate(both))
+
+    def take(self, chosen: NDArray[np.intp]) -> Batch:
+        """The chosen windows; only their last sample has a weight."""
+        counts = np.stack([
+            self._fingers.counts[i][end - WINDOW + 1 : end + 1]
+            for i, end in zip(self._finger[chosen], self._end[chosen], strict=True)
+        ])  # fmt: skip
+        labels = self.labels[chosen].astype(np.float32)[:, None]
+        return Batch(counts, labels, np.ones_like(labels))

@@ -1,0 +1,55 @@
+"""What a training is told, and the defaults of each network."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from detector.evaluation import LabelName
+from detector.training.augment import Augmentation
+from detector.training.sequences import Balance
+
+
+class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How long, on what, and how a network is trained; stored in its checkpoints."""
+
+    steps: Annotated[int, Meta(ge=1, le=10_000_000, description="optimiser steps planned")]
+    augmentation: Augmentation = "ours"
+    balance: Balance = "weights"
+    label: LabelName = "slip"
+    seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
+    batch: Annotated[int, Meta(ge=2, le=4096, description="stretches or windows a step")] = 16
+    crop: Annotated[int, Meta(ge=1, le=4096, description="samples learnt from a stretch")] = 160
+    warm: Annotated[
+        int, Meta(ge=0, le=4096, description="samples before them; more than the network's memory")
+    ] = 92
+    fresh: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="share learnt from the first sample on")
+    ] = 0.25
+    learning_rate: Annotated[float, Meta(gt=0.0, le=0.1)] = 0.004
+    final_rate: Annotated[
+        float, Meta(gt=0.0, le=1.0, description="share of the rate left at the end, by a cosine")
+    ] = 0.02
+    clip_norm: Annotated[float, Meta(gt=0.0, description="of the gradient; the authors': 1")] = 1.0
+    validations: Annotated[int, Meta(ge=1, le=1000, description="evenly over the steps")] = 16
+    patience: Annotated[
+        int, Meta(ge=1, description="validations without a better one that end it")
+    ] = 8
+    budget_per_min: Annotated[
+        float, Meta(gt=0.0, description="false events over three fingers at which validation asks "
+                    "for the delay")
+    ] = 1.0  # fmt: skip
+
+
+# windows cost a hundred times more a label than sequences: few, and balanced as in the paper
+DEFAULTS = {
+    "tcn": TrainSettings(steps=12_000),
+    "gru": TrainSettings(steps=9_000),
+    "tcn-paper": TrainSettings(
+        steps=6_000, augmentation="as-run", balance="undersample", batch=256, learning_rate=0.002
+    ),
+    "freq-cnn": TrainSettings(
+        steps=6_000, augmentation="none", balance="undersample", batch=256, learning_rate=0.002
+    ),
+}
+DEFAULTS["freq-cnn-paper"] = DEFAULTS["freq-cnn"]

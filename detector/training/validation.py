@@ -1,0 +1,97 @@
+"""How good a network is on recordings it has not learnt from: events first, then likelihood."""
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from detector.decision import RuleSettings
+from detector.evaluation import LabelName, Streamed
+from detector.recordings import Recording
+from detector.sweep import best, rules, sweep
+from detector.training.architecture import WINDOW, Architecture
+
+WINDOWS_AT_ONCE = 512
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+
+
+class Score(msgspec.Struct, frozen=True):
+    """Of one validation; ``delay_ms`` is the least mean delay within the budget, inf if none."""
+
+    delay_ms: float
+    loss: float
+    accuracy: float
+    false_per_min: float
+
+    @property
+    def key(self) -> tuple[float, float]:
+        return (self.delay_ms, self.loss)
+
+
+def odds_of(
+    network: nn.Module, arch: Architecture, recordings: Sequence[Recording]
+) -> list[NDArray[np.float64]]:
+    """Log-odds (n, fingers) of whole recordings, each from a reset, as the runtime streams them."""
+    network.eval()
+    found = []
+    with torch.inference_mode():
+        for recording in recordings:
+            counts = torch.from_numpy(recording.counts.astype(np.float32)).permute(1, 0, 2)
+            odds = network(counts) if arch.streaming else _windowed(network, counts)
+            found.append(odds.T.double().numpy())
+    network.train()
+    return found
+
+
+def _windowed(network: nn.Module, counts: torch.Tensor) -> torch.Tensor:
+    """(fingers, n) from (fingers, n, 6); the first frame stands for those before it."""
+    before = counts[:, :1].expand(-1, WINDOW - 1, -1)
+    windows = torch.cat([before, counts], dim=1).unfold(1, WINDOW, 1).transpose(2, 3)
+    flat = windows.reshape(-1, WINDOW, windows.shape[3])
+    parts = [network(part, last=True)[:, 0] for part in flat.split(WINDOWS_AT_ONCE)]
+    return torch.cat(parts).reshape(len(counts), -1)
+
+
+def score(
+    odds: Sequence[NDArray[np.float64]],
+    recordings: Sequence[Recording],
+    label: LabelName,
+    shift: float,
+    budget_per_min: float,
+) -> Score:
+    """Events of the quickest rule within the budget, likelihood and accuracy of the samples."""
+    streams = [
+        Streamed(r, 1.0 / (1.0 + np.exp(-(o + shift))), np.empty(0), label)
+        for r, o in zip(recordings, odds, strict=True)
+    ]
+    tried = [r for r in rules(RuleSettings()) if r.kind == "consecutive" and r.consecutive == 2]
+    chosen = best(sweep(streams, tried), budget_per_min)
+    z = np.concatenate([(o + shift).ravel() for o in odds])
+    y = np.concatenate([np.repeat(s.labels, s.recording.fingers) for s in streams])
+    return Score(
+        delay_ms=chosen.mean_delay_ms if chosen else math.inf,
+        loss=likelihood(z, y),
+        accuracy=float(((z > 0) == y).mean()),
+        false_per_min=chosen.false_per_min if chosen else math.inf,
+    )
+
+
+def likelihood(odds: NDArray[np.float64], labels: NDArray[np.bool_]) -> float:
+    """Mean negative log-likelihood of labels (n,) under log-odds (n,)."""
+    return float(np.logaddexp(0.0, np.where(labels, -odds, odds)).mean())
+
+
+def temperature(odds: NDArray[np.float64], labels: NDArray[np.bool_]) -> float:
+    """The divisor of the log-odds that makes the labels likeliest (Guo et al. 2017)."""
+    low, high = math.log(0.2), math.log(10.0)
+    while high - low > 1e-3:
+        a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
+        if likelihood(odds / math.exp(a), labels) < likelihood(odds / math.exp(b), labels):
+            high = b
+        else:
+            low = a
+    return math.exp((low + high) / 2.0)

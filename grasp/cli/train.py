@@ -1,0 +1,129 @@
+"""`grasp detector train`: fit a network and write its weights. Needs the extra `train`."""
+
+import argparse
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from grasp.cli import exits
+
+NETWORKS = ("tcn", "gru", "tcn-paper", "freq-cnn", "freq-cnn-paper")
+NO_LIMIT_MINUTES = 1e9
+
+
+def add_parser(actions: Any) -> None:
+    text = "train a network on data sets and write its weights (extra `train`)"
+    parser = actions.add_parser(
+        "train",
+        help=text,
+        description=text + ". One thread. Learns from the split `train`, stops early on events of "
+        "the split `validation`, calibrates on it, never sees `test`.",
+    )
+    parser.add_argument("network", metavar="NAME", choices=NETWORKS, help=", ".join(NETWORKS))
+    parser.add_argument(
+        "--data", type=Path, nargs="+", required=True, metavar="DIR",
+        help="folders made by `grasp dataset build`",
+    )  # fmt: skip
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE.onnx",
+        help="weights to write (default: NAME.onnx here); log and checkpoint lie beside it",
+    )  # fmt: skip
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="(default: %(default)s)")
+    parser.add_argument("--steps", type=int, metavar="N", help="optimiser steps")
+    parser.add_argument(
+        "--minutes", type=float, default=NO_LIMIT_MINUTES, metavar="M",
+        help="processor minutes after which it ends with what it has (default: no limit)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--augmentation", choices=("none", "paper", "as-run", "ours"),
+        help="four symmetries at 25 %% and noise of 1 %% of the range (the paper's text), half "
+        "turns at 75 %% and noise of half a count (its code as it ran), or ours: symmetries, "
+        "gain, offset, noise, lost samples, dead taxels",
+    )  # fmt: skip
+    parser.add_argument(
+        "--balance",
+        choices=("weights", "undersample"),
+        help="weigh the classes, or (windows only) draw as many of each an epoch",
+    )
+    parser.add_argument("--label", choices=("slip", "slip_true"), help="what to learn")
+    parser.add_argument(
+        "--resume", action="store_true", help="go on from the checkpoint beside --out"
+    )
+    parser.add_argument("--json", action="store_true", help="the network's card as one JSON object")
+    parser.set_defaults(handler=train)
+
+
+def train(args: argparse.Namespace) -> int:
+    if find_spec("torch") is None or find_spec("onnx") is None:
+        remedy = "make install-train, or pip install 'grasp-controller[train]'"
+        return exits.report("usage", "training needs torch and onnx", remedy, args.json)
+    import msgspec
+
+    from detector.training.export import export
+    from scenarios.result import versions
+
+    out = args.out or Path(f"{args.network}.onnx")
+    training, validation = _prepare(args)
+    checkpoint = out.with_suffix(".checkpoint")
+    if args.resume:
+        training.resume(checkpoint)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with out.with_suffix(".log").open("a", encoding="utf-8") as log:
+        training.run(args.minutes, checkpoint, _Reporter(log, live=not args.json).tell)
+    card = export(training, validation, out, versions()["commit"])
+    checkpoint.unlink(missing_ok=True)
+    if args.json:
+        print(msgspec.json.encode(card).decode())
+    else:
+        print(f"{out}: {card.parameters} parameters, {card.steps} steps, "
+              f"{card.training_minutes:.1f} processor minutes, accuracy on validation "
+              f"{card.validation['accuracy']:.3f}")  # fmt: skip
+    return exits.SUCCESS
+
+
+def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
+    """The training, ready to run, and the validation recordings."""
+    import msgspec
+
+    from detector.recordings import read_dataset
+    from detector.training.fit import Training
+    from detector.training.sequences import digest
+    from detector.training.settings import DEFAULTS, TrainSettings
+
+    learnt = [r for folder in args.data for r in read_dataset(folder, "train")]
+    validation = [r for folder in args.data for r in read_dataset(folder, "validation")]
+    asked = {
+        name: getattr(args, name)
+        for name in ("seed", "steps", "augmentation", "balance", "label")
+        if getattr(args, name) is not None
+    }
+    table = msgspec.structs.asdict(DEFAULTS[args.network]) | asked
+    settings = msgspec.convert(table, TrainSettings)
+    used = digest([*learnt, *validation])
+    return Training(args.network, settings, learnt, validation, used), validation
+
+
+class _Reporter:
+    """One moving line for a person, one plain line a validation for the log."""
+
+    def __init__(self, log: Any, live: bool) -> None:
+        self._log = log
+        self._live = live and sys.stderr.isatty()
+        self._smooth = 0.0
+
+    def tell(self, p: Any) -> None:
+        self._smooth = p.loss if p.step <= 1 else 0.98 * self._smooth + 0.02 * p.loss
+        if self._live and p.step % 10 == 0:
+            best = f"  best delay {p.best.delay_ms:.0f} ms" if p.best else ""
+            line = f"step {p.step}/{p.steps}  loss {self._smooth:.3f}  {p.minutes:.1f} min{best}"
+            sys.stderr.write(f"\r{line:<78}")
+            sys.stderr.flush()
+        if p.score is not None:
+            s = p.score
+            self._log.write(
+                f"step {p.step} minutes {p.minutes:.2f} loss {self._smooth:.4f} validation "
+                f"loss {s.loss:.4f} accuracy {s.accuracy:.4f} delay_ms {s.delay_ms:.1f} "
+                f"false_per_min {s.false_per_min:.2f}\n"
+            )
+            self._log.flush()

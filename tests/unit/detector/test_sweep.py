@@ -1,0 +1,65 @@
+"""The sweep: every point is the sheet's, the best keeps to its budget, the frontier only falls."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from detector.decision import RuleSettings
+from detector.evaluation import Streamed, evaluate_streams
+from detector.recordings import Recording
+from detector.sweep import best, frontier, rules, sweep
+from tests.unit.detector.test_evaluation import Scripted, flags, times
+
+
+def noisy(seed: int, fingers: int = 1) -> Streamed:
+    """Slip is heard, with a lag, over a noise that at times sounds the same."""
+    rng = np.random.default_rng(seed)
+    slip = flags(300, 60, 400, 60, 300, 60, 200)
+    heard = np.convolve(slip, np.ones(6) / 6)[: len(slip)]
+    odds = 8 * heard - 4 + rng.normal(0, 2, len(slip)) + 5 * (rng.random(len(slip)) < 0.01)
+    p: NDArray[np.float64] = 1 / (1 + np.exp(-odds))
+    counts = np.zeros((len(slip), fingers, 6), np.int16)
+    made = Recording(times(len(slip)), counts, slip, None, "made")
+    return Streamed(made, np.repeat(p[:, None], fingers, axis=1), np.empty(0))
+
+
+STREAMS = [noisy(seed) for seed in range(3)]
+
+
+def test_a_point_is_what_the_sheet_says_of_its_rule() -> None:
+    for p in sweep(STREAMS, list(rules(RuleSettings()))[::40]):
+        sheet = evaluate_streams(Scripted(np.zeros(1)), p.rule, STREAMS, "made")
+        assert p.false_per_min == sheet.false_events_per_min_hand
+        assert p.recall == sheet.event_recall
+        assert sheet.delay_ms is not None
+        assert abs(p.delay_ms - sheet.delay_ms.p50) <= 10.0
+
+
+def test_the_best_rule_keeps_to_the_budget_and_no_other_that_does_is_quicker() -> None:
+    points = sweep(STREAMS, rules(RuleSettings()))
+    for budget in (0.0, 5.0, 60.0):
+        chosen = best(points, budget)
+        assert chosen is not None
+        assert chosen.false_per_min <= budget
+        quicker = [p for p in points if p.mean_delay_ms < chosen.mean_delay_ms]
+        assert all(p.false_per_min > budget for p in quicker)
+    assert best([], 1.0) is None
+
+
+def test_more_false_events_buy_less_delay_along_the_frontier() -> None:
+    line = frontier(sweep(STREAMS, rules(RuleSettings())))
+    rates, delays = [p.false_per_min for p in line], [p.delay_ms for p in line]
+    assert len(line) > 3
+    assert rates == sorted(rates)
+    assert delays == sorted(delays, reverse=True)
+
+
+def test_a_finger_alone_counts_for_a_third_of_a_hand() -> None:
+    rule = RuleSettings()
+    (alone,), (hand,) = sweep([noisy(0)], [rule]), sweep([noisy(0, fingers=3)], [rule])
+    assert alone.false_per_min == pytest.approx(3 * hand.false_per_min)
+
+
+def test_data_without_slip_give_no_point() -> None:
+    still = Recording(times(300), np.zeros((300, 1, 6), np.int16), flags(300), None, "still")
+    assert sweep([Streamed(still, np.zeros((300, 1)), np.empty(0))], [RuleSettings()]) == []
