@@ -147,30 +147,55 @@ def _layers(arch: Architecture) -> list[tuple[int, str, int]]:
 
 
 def _tcn_step(g: _Graph, arch: Architecture) -> tuple[str, dict[str, tuple[int, ...]]]:
-    """One frame: each layer keeps the inputs that its dilated taps will still ask for."""
+    """One frame. The state is what every layer was given before: (samples x all widths), flat.
+
+    All that the past contributes to all layers is one product before the first of them; along the
+    chain of layers only the newest tap is left.
+    """
+    layers = _layers(arch)
+    kernels = [g.weights[f"blocks.{i}.{half}.conv.weight"] for i, half, _ in layers]
+    width = sum(kernel.shape[1] for kernel in kernels)
+    length = (arch.kernel - 1) * max(arch.dilations)
+    past = _past(g, arch, kernels, width, length)
     x = _features(g, arch, "counts", "previous")
-    states: dict[str, tuple[int, ...]] = {}
-    around = x
-    for i, half, dilation in _layers(arch):
-        prefix = f"blocks.{i}.{half}"
-        kernel = g.weights[f"{prefix}.conv.weight"]  # (out, in, taps)
+    around, given = x, []
+    for (i, half, _), kernel, before in zip(layers, kernels, past, strict=True):
+        given.append(x)
         if half == "first":
             around = _skip(g, x, i)
-        width = kernel.shape[1]
-        name = f"state{len(states)}"
-        states[name] = ((arch.kernel - 1) * dilation * width,)
-        history = g.op("Concat", name, x, axis=1)  # flat: sample after sample
-        g.slice(history, width, 2**31, 1, out=f"next_{name}")
-        flat = history
-        if dilation > 1:
-            taps = np.arange(arch.kernel)[:, None] * dilation * width + np.arange(width)
-            flat = g.op("Gather", history, g.const(taps.ravel(), np.int64), axis=1)
-        matrix = g.const(kernel.transpose(2, 1, 0).reshape(-1, kernel.shape[0]))
-        y = g.affine(flat, matrix, g.const(g.weights[f"{prefix}.conv.bias"]))
-        x = g.op("Selu", g.norm(y, f"{prefix}.norm"))
+        y = g.op("Gemm", x, g.const(kernel[:, :, -1].T), before)
+        x = g.op("Selu", g.norm(y, f"blocks.{i}.{half}.norm"))
         if half == "second":
             x = g.op("Selu", g.op("Add", around, x))
-    return _head(g, x, arch.outputs), states
+    kept = g.slice("state0", width, 2**31, 1)
+    g.op("Concat", kept, *given, axis=1, out="next_state0")
+    return _head(g, x, arch.outputs), {"state0": (length * width,)}
+
+
+def _past(
+    g: _Graph, arch: Architecture, kernels: list[NDArray[np.float32]], width: int, length: int
+) -> list[str]:
+    """What the older taps and the biases add to each layer (fingers, channels)."""
+    rows, blocks, first = [], [], 0
+    for (_, _, dilation), kernel in zip(_layers(arch), kernels, strict=True):
+        own = kernel.shape[1]
+        back = np.arange(arch.kernel - 1, 0, -1) * dilation  # samples ago, the oldest tap first
+        rows.append(((length - back)[:, None] * width + first + np.arange(own)).ravel())
+        blocks.append(kernel[:, :, :-1].transpose(2, 1, 0).reshape(-1, kernel.shape[0]))
+        first += own
+    matrix = np.zeros((sum(map(len, blocks)), arch.channels * len(blocks)), np.float32)
+    at = 0
+    for layer, block in enumerate(blocks):
+        columns = slice(layer * arch.channels, (layer + 1) * arch.channels)
+        matrix[at : at + len(block), columns] = block
+        at += len(block)
+    biases = [g.weights[f"blocks.{i}.{half}.conv.bias"] for i, half, _ in _layers(arch)]
+    taps = g.op("Gather", "state0", g.const(np.concatenate(rows), np.int64), axis=1)
+    every = g.op("Gemm", taps, g.const(matrix), g.const(np.concatenate(biases)))
+    names = [f"past{layer}" for layer in range(len(blocks))]
+    sizes = g.const([arch.channels] * len(blocks), np.int64)
+    g.nodes.append(helper.make_node("Split", [every, sizes], names, axis=1))
+    return names
 
 
 def _skip(g: _Graph, x: str, block: int) -> str:

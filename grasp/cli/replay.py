@@ -77,15 +77,17 @@ def _run(args: argparse.Namespace) -> int:
 def _tactile(args: argparse.Namespace) -> int:
     import msgspec
 
+    from detector.evaluation import evaluate_recording
     from detector.recordings import read_csv
-    from grasp.cli.detector import score
+    from grasp.clock import stopwatch_ns
     from scenarios.config import load_config
     from scenarios.replay_tactile import replay_tactile
 
     config = load_config("can", "simulated", args.detector, None, args.set)
     recording = read_csv(args.tactile)
     done = replay_tactile(config, recording)
-    scores = score(config, recording)
+    detector = config.make_detector(recording.fingers)
+    scores = evaluate_recording(detector, config.rule, recording, clock_ns=stopwatch_ns)
     if args.json:
         print(json.dumps({**msgspec.to_builtins(done), "evaluation": msgspec.to_builtins(scores)}))
         return exits.SUCCESS

@@ -1,0 +1,95 @@
+"""`grasp detector` and `grasp chart detectors` on data sets: scores, tuning, tables, a chart."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from detector.recordings import write
+from grasp.cli import main
+from tests.unit.detector.toys import toys
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("toys")
+    for recording in [*toys("validation", 3, 0), *toys("test", 3, 50)]:
+        write(folder / f"{recording.source}.npz", recording)
+    return folder
+
+
+def answers(capsys: pytest.CaptureFixture[str], *words: str) -> list[dict[str, object]]:
+    assert main(list(words)) == 0
+    return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_every_detector_gets_one_json_object(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = answers(
+        capsys, "detector", "evaluate", "energy", "psd-fair", "--data", str(data), "--json"
+    )
+    assert [sheet["detector"] for sheet in found] == ["energy", "psd-fair"]
+    for sheet in found:
+        assert sheet["recordings"] == 3
+        assert sheet["n_samples"] == 3 * 800
+        assert set(sheet["false_events_per_min_by_cause"]) == {"slide"}  # type: ignore[arg-type]
+        assert {"accuracy", "auc", "delay_ms_p50"} <= set(sheet["intervals"])  # type: ignore[arg-type]
+
+
+def test_label_and_split_are_chosen(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["detector", "evaluate", "energy", "--data", str(data), "--json"]
+    (truth,) = answers(capsys, *words, "--label", "slip_true")
+    (early,) = answers(capsys, *words, "--split", "validation")
+    assert truth["label"] == "slip_true"
+    assert truth["confusion"] != early["confusion"]
+    assert main([*words[:-1], "--split", "train"]) == 2
+    assert "no train recordings" in capsys.readouterr().err
+
+
+def test_a_person_reads_intervals_and_the_slipping_finger_s_delay(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["detector", "evaluate", "energy", "--data", str(data)]) == 0
+    text = capsys.readouterr().out
+    assert "AUC 0." in text
+    assert "[" in text
+    assert "caught" in text
+
+
+def test_a_tuned_rule_is_toml_that_the_next_run_takes(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["detector", "tune", "energy", "--data", str(data), "--budget", "6"]) == 0
+    path = tmp_path / "tuned.toml"
+    path.write_text(capsys.readouterr().out)
+    words = ["detector", "evaluate", "energy", "--data", str(data), "--split", "validation"]
+    (sheet,) = answers(capsys, *words, "--config", str(path), "--json")
+    assert sheet["false_events_per_min_hand"] <= 6.0  # type: ignore[operator]
+
+
+def test_a_network_is_not_tuned_without_data(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["detector", "tune", "psd"]) == 2
+    assert "--data" in capsys.readouterr().err
+
+
+def test_the_tables_name_every_method(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["detector", "table2", "psd", "energy", "--data", str(data)]) == 0
+    text = capsys.readouterr().out
+    assert "| `psd` | 57.4 / " in text
+    assert "| `energy` | – / " in text
+
+
+def test_the_chart_leaves_its_numbers_beside_the_picture(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("matplotlib")
+    out = tmp_path / "chart.svg"
+    assert (
+        main(["chart", "detectors", "energy", "psd", "--data", str(data), "--out", str(out)]) == 0
+    )
+    assert "human grip reflex" in out.read_text()
+    numbers = json.loads(out.with_suffix(".json").read_text())
+    assert set(numbers) == {"energy", "psd"}
+    rates = [p["false_per_min"] for p in numbers["energy"]["points"]]
+    assert rates == sorted(rates)
