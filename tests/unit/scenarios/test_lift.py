@@ -96,10 +96,9 @@ def test_short_body_slips_out_of_a_slow_hand() -> None:
 
 def test_ball_held_above_its_equator_is_expelled_by_closing() -> None:
     r = judged(
-        "object.grip_height_m=0.012", "object.friction_static=0.3", "object.friction_kinetic=0.25",
+        "object.grip_height_m=0.008", "object.friction_static=0.3", "object.friction_kinetic=0.25",
         "object.mass_kg=0.15",
-        "object.added_mass_kg=0", "hand.command_latency_s=0.1", "object.half_width_m=0.0603",
-        object_name="ball",
+        "object.added_mass_kg=0", "hand.command_latency_s=0.06", object_name="ball",
     )  # fmt: skip
     assert r.outcome == "expelled"
 

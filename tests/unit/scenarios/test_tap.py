@@ -1,0 +1,293 @@
+"""The tap as a closed loop over the device models, and with a person who strikes."""
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from drivers.errors import ConfigError
+from grasp.loop import Issued, Tick
+from scenarios import mallet, tap
+from scenarios.lift import make_guard
+from scenarios.mallet import direction_of, swing
+from scenarios.replay import replay_run
+from scenarios.result import TapResult
+from scenarios.rigs import Rig, open_rig
+from scenarios.tap import TapTrial, tap_config
+from scenarios.tap_scoring import TapOutcome
+from scenarios.world import contact
+from scenarios.world.cell import Blow
+from tests.unit.scenarios.conftest import config
+
+HELD = "tap.impulse_ns=0.02"  # well within the friction of the grip
+# a threshold between resting noise and a blow, whatever the fingertip's latest figures are
+HEARS = "detector.threshold_counts=12"
+
+
+@cache
+def _result(assignments: tuple[str, ...], seed: int) -> TapResult:
+    result = tap.run(config(HEARS, *assignments), seed, None).result
+    assert result is not None
+    return result
+
+
+def result_of(*assignments: str, seed: int = 0) -> TapResult:
+    return _result(assignments, seed)
+
+
+class Staged:
+    """One tap trial with a watcher, on a rig that stays open to look at."""
+
+    def __init__(self, *assignments: str, seed: int = 0) -> None:
+        self.config = tap_config(config(HEARS, *assignments))
+        self.seed = seed
+        self.ticks: list[Tick] = []
+
+    def run(self, act: Callable[[Rig, Tick], None] = lambda rig, tick: None) -> TapTrial:
+        with open_rig(self.config, self.seed, paced=False) as rig:
+
+            def watch(tick: Tick, truth: object, controller: object) -> None:
+                self.ticks.append(tick)
+                act(rig, tick)
+
+            return tap.run_trial(self.config, self.seed, rig, make_guard(self.config), watch)
+
+
+def sent_while_watched(staged: Staged, trial: TapTrial) -> list[Issued]:
+    """Commands that went out between the blow and the end of the watch."""
+    assert trial.sequence.motion is not None
+    first, last = trial.sequence.motion.struck_s, trial.sequence.watched_until_s
+    issued = [i for tick in staged.ticks for i in tick.issued]
+    return [i for i in issued if first * 1e9 < i.sent_ns < last * 1e9]
+
+
+@pytest.mark.parametrize(("seed", "direction"), [(0, "top"), (1, "side")])
+def test_blow_moves_the_object_is_registered_and_forgotten(seed: int, direction: str) -> None:
+    r = result_of(seed=seed)
+    assert r.outcome == "registered"
+    assert r.success and r.moved
+    assert r.direction == direction
+    assert r.displacement_m is not None and 0.002 < r.displacement_m < 0.02
+    assert r.down_m is not None and r.across_m is not None
+    assert (abs(r.down_m) > abs(r.across_m)) == (direction == "top")
+    assert r.struck_s is not None and r.slip_onset_s is not None and r.slip_end_s is not None
+    assert r.struck_s < r.slip_onset_s < r.slip_end_s
+    assert r.slip_duration_ms is not None and 5 < r.slip_duration_ms < 150
+    assert r.slip_registered_s is not None and r.slip_registered_s > r.struck_s
+    assert r.nominal_again_ms is not None and 0 <= r.nominal_again_ms < 1000
+    assert r.mallet_mps is not None and 0.3 < r.mallet_mps < 4
+
+
+def test_object_is_held_firmly_above_the_table_and_set_down_again() -> None:
+    r = result_of()
+    assert [p.phase for p in r.phases] == [
+        "approach", "grasp", "lift", "hold", "lower", "release", "idle",
+    ]  # fmt: skip
+    assert r.grip_force_n is not None
+    assert 9.0 < r.grip_force_n["A"] <= 11.0
+    assert r.grip_force_n["A"] == pytest.approx(r.grip_force_n["B"] + r.grip_force_n["C"])
+    assert r.commanded_force_n <= 10.0
+
+
+def test_registration_at_the_cap_changes_nothing_at_the_gripper() -> None:
+    staged = Staged()
+    trial = staged.run()
+    assert trial.sequence.motion is not None
+    assert trial.controller.monitor.events
+    assert sent_while_watched(staged, trial) == []
+
+
+def test_tap_within_the_friction_of_the_grip_is_reported_apart() -> None:
+    r = result_of(HELD)
+    assert r.moved is False
+    assert not r.success
+    assert r.outcome in ("unmoved_quiet", "unmoved_registered")
+    assert result_of(HELD, "detector.threshold_counts=400").outcome == "unmoved_quiet"
+
+
+def test_deaf_detector_does_not_detect() -> None:
+    assert result_of("detector.threshold_counts=400").outcome == "undetected"
+
+
+def test_detector_that_is_never_quiet_leaves_nothing_to_strike() -> None:
+    r = result_of("detector.threshold_counts=0.1", "tap.patience_s=1")
+    assert r.outcome == "never_nominal"
+    assert r.moved is None
+    assert r.impulse_ns is None
+
+
+def test_blow_much_too_hard_knocks_the_object_out() -> None:
+    r = result_of("tap.impulse_ns=1.9", "tap.direction=side")
+    assert r.outcome == "knocked_out"
+    assert r.moved
+
+
+def test_blow_along_the_closing_axis_passes_the_limit_from_outside_unanswered() -> None:
+    staged = Staged("tap.direction=closing", "tap.impulse_ns=0.3", "tap.duration_s=0.02",
+                    "tap.spread=0")  # fmt: skip
+    trial = staged.run()
+    motion, end = trial.sequence.motion, trial.trace.end
+    assert motion is not None and end is not None
+    assert max(end.peak_n) > 20.0
+    assert max(max(t.measured_n) for t in staged.ticks if t.t_ns * 1e-9 > motion.struck_s) > 10.0
+    assert sent_while_watched(staged, trial) == []
+    result = tap.judge(staged.config, 0, trial, None)
+    assert result.outcome in ("unmoved_quiet", "unmoved_registered")
+    assert result.commanded_force_n <= 10.0
+
+
+def test_long_push_that_is_measured_far_above_the_limit_is_not_answered_either() -> None:
+    staged = Staged("tap.direction=closing", "tap.impulse_ns=1.5", "tap.duration_s=0.05",
+                    "tap.follow_s=0.2", "tap.follow_fraction=0.5", "tap.spread=0")  # fmt: skip
+    trial = staged.run()
+    motion = trial.sequence.motion
+    assert motion is not None
+    after = [t for t in staged.ticks if motion.struck_s <= t.t_ns * 1e-9 <= motion.struck_s + 0.3]
+    assert max(max(tick.measured_n) for tick in after) > 15.0
+    assert all(not tick.issued for tick in after)
+    positions = {tick.gripper.positions for tick in after}
+    assert len(positions) == 1
+    assert not trial.controller.fault_cause
+
+
+def test_seed_chooses_direction_strength_and_moment() -> None:
+    c = tap_config(config())
+    assert [direction_of(c.tap, seed) for seed in range(4)] == ["top", "side", "top", "side"]
+    swings = [swing(c, seed) for seed in range(0, 400, 2)]
+    strengths = np.array([s.impulse_ns for s in swings])
+    nominal = mallet.search(c, "top")
+    assert strengths.mean() == pytest.approx(nominal, rel=0.05)
+    assert strengths.std() / nominal == pytest.approx(0.2, rel=0.2)
+    assert {type(s.blow) for s in swings} == {Blow}
+    assert swing(c, 8) == swing(c, 8) != swing(c, 10)
+
+
+@pytest.mark.parametrize("name", ["ball", "box", "can", "cardboard", "foam", "football"])
+@pytest.mark.parametrize("direction", ["top", "side"])
+def test_search_finds_the_blow_that_moves_the_object_as_far_as_asked(
+    name: str, direction: str
+) -> None:
+    c = tap_config(config(object_name=name))
+    impulse = mallet.search(c, direction)
+    assert 0.05 < impulse < 0.6
+    p, held, travel = mallet._held(c.object, c.contact, 10.0)
+    tap_only = msgspec.structs.replace(c.tap, spread=0.0)
+    moved = mallet._moved_m(
+        p, held, travel, c.contact, mallet._blow(tap_only, direction, impulse, 0.0)
+    )
+    assert moved == pytest.approx(0.007, rel=0.01)
+
+
+def test_search_says_so_when_every_blow_that_moves_it_so_far_knocks_it_out() -> None:
+    c = tap_config(config("tap.aim_m=0.03", "object.body_above_grip_m=0.02"))
+    with pytest.raises(ConfigError, match="leaves it in the hand"):
+        swing(c, 0)
+
+
+def test_paper_added_weights_for_the_lift_only() -> None:
+    assert tap_config(config()).object.added_mass_kg == 0.0
+
+
+def test_watch_too_short_to_judge_is_refused() -> None:
+    with pytest.raises(ConfigError, match="too short to judge"):
+        tap_config(config("tap.watch_s=1.2"))
+
+
+def test_series_is_its_taps_one_by_one() -> None:
+    series = [f.result for f in tap.run_series(config(HEARS), range(2), None)]
+    for seed, of_series in enumerate(series):
+        alone = result_of(seed=seed)
+        assert of_series is not None
+        assert (of_series.outcome, of_series.displacement_m, of_series.alarms) == (
+            alone.outcome, alone.displacement_m, alone.alarms,
+        )  # fmt: skip
+
+
+def test_recorded_tap_replays_as_it_was(tmp_path: Path) -> None:
+    result = tap.run(config(HEARS), 1, tmp_path).result
+    assert result is not None and result.recording is not None
+    replayed = replay_run(Path(result.recording))
+    assert replayed.differences == []
+    assert any("asked to set down" in what for _, what in replayed.events)
+    assert msgspec.json.decode((Path(result.recording).parent / "result.json").read_bytes())[
+        "outcome"
+    ] == result.outcome  # fmt: skip
+
+
+class Person:
+    """Strikes through the world when asked, waits a little, and reads the mark as told."""
+
+    def __init__(self, rig: Rig, blow: Blow, answers: list[str]) -> None:
+        self.asked: list[str] = []
+        self._rig, self._blow, self._answers = rig, blow, answers
+        self._polls = 0
+        self._pending: list[str] = []
+
+    def say(self, text: str) -> None:
+        self.asked.append(text)
+        self._polls = 0
+        if text.startswith("Tap"):
+            assert self._rig.tap is not None
+            self._rig.tap(self._blow)
+            self._pending = [""]
+        else:
+            self._pending = [self._answers.pop(0)]
+
+    def poll(self) -> str | None:
+        self._polls += 1
+        return self._pending.pop() if self._pending and self._polls > 20 else None
+
+
+def by_hand(answers: list[str], *assignments: str) -> tuple[TapResult, Person]:
+    """A tap on a rig that seems to have no world: a person does the rest."""
+    c = tap_config(config(HEARS, *assignments))
+    with open_rig(c, 0, paced=False) as rig:
+        person = Person(rig, swing(c, 0).blow, answers)
+        blind = msgspec.structs.replace(rig, tap=None, world=None)
+        trial = tap.run_trial(c, 0, blind, make_guard(c), lambda *_: None, person)
+    return tap.judge(c, 0, trial, None), person
+
+
+def test_person_strikes_and_types_what_the_tape_mark_says() -> None:
+    r, person = by_hand(["7,5"])
+    assert r.outcome == "registered"
+    assert r.displacement_m == pytest.approx(0.0075)
+    assert r.impulse_ns is None and r.down_m is None and r.grip_force_n is None
+    assert "TOP" in person.asked[0]
+    assert r.detection_latency_ms is not None and 0 <= r.detection_latency_ms < 100
+
+
+def test_what_is_no_length_is_asked_again() -> None:
+    r, person = by_hand(["far", "-3", "nan", "0.4"])
+    assert r.displacement_m == pytest.approx(0.0004)
+    assert r.outcome == TapOutcome.UNMOVED_REGISTERED
+    assert [("no length" in text) for text in person.asked[2:]] == [True, True, True]
+
+
+def test_person_may_say_that_the_object_was_lost() -> None:
+    assert by_hand(["l"])[0].outcome == "knocked_out"
+
+
+def test_nobody_to_strike_is_an_error() -> None:
+    c = tap_config(config())
+    with open_rig(c, 0, paced=False) as rig:
+        blind = msgspec.structs.replace(rig, tap=None)
+        with pytest.raises(ConfigError, match="nobody"):
+            tap.run_trial(c, 0, blind, make_guard(c), lambda *_: None)
+
+
+def test_thumb_that_meets_nothing_when_closing_firmly_is_a_fault() -> None:
+    def take_away(rig: Rig, tick: Tick) -> None:
+        assert rig.cell is not None
+        rig.cell._state[contact.PRESENT] = 0.0
+
+    staged = Staged()
+    trial = staged.run(take_away)
+    r = tap.judge(staged.config, 0, trial, None)
+    assert r.outcome == "fault"
+    assert "met nothing" in trial.controller.fault_cause
+    assert "lift" not in [p.phase for p in r.phases]
+    assert r.moved is None

@@ -1,0 +1,63 @@
+"""What differs between trials is drawn from the distributions that are stated."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from scenarios.trial import make_cell
+from scenarios.variation import Trial, VariationSettings, draw
+from tests.unit.scenarios.conftest import config
+
+MANY = 2000
+
+
+def drawn(settings: VariationSettings, n: int = MANY) -> list[Trial]:
+    c = config()
+    return [draw(settings, c.object, c.hand, np.random.default_rng(k)) for k in range(n)]
+
+
+def test_every_variation_has_the_spread_that_its_setting_states() -> None:
+    c = config()
+    s = VariationSettings()
+    trials = drawn(s)
+    spreads = {
+        "friction": (np.std([t.body.friction_static / c.object.friction_static for t in trials]),
+                     s.friction_cv),
+        "mass": (np.std([t.body.mass_kg / c.object.mass_kg for t in trials]), s.mass_cv),
+        "height": (np.std([t.body.grip_height_m for t in trials]), s.start_height_m),
+        "finger": (np.std([t.finger_offset_m for t in trials]), s.finger_scatter_m),
+    }  # fmt: skip
+    for name, (found, stated) in spreads.items():
+        assert found == pytest.approx(stated, rel=0.08), name
+    latency = [t.hand.command_latency_s - c.hand.command_latency_s for t in trials]
+    assert min(latency) >= 0.0 and max(latency) <= s.command_latency_s
+    assert np.mean(latency) == pytest.approx(s.command_latency_s / 2, rel=0.08)
+    force = [t.hand.least_force_n for t in trials]
+    assert 10.0 * (1 - s.force_stop_fraction) <= min(force) < max(force) <= 10.0
+    assert np.std([t.hand.tick_phase_s for t in trials]) > 0.002
+
+
+def test_gripped_higher_means_that_less_of_the_body_is_above_the_pads() -> None:
+    c = config()
+    for trial in drawn(VariationSettings(), 5):
+        body = trial.body
+        assert body.grip_height_m + body.body_above_grip_m == pytest.approx(
+            c.object.grip_height_m + c.object.body_above_grip_m
+        )
+
+
+def test_zero_spreads_leave_the_object_as_it_is() -> None:
+    off = VariationSettings(
+        friction_cv=0, mass_cv=0, start_height_m=0, finger_scatter_m=0, force_stop_fraction=0,
+        command_latency_s=0,
+    )  # fmt: skip
+    c = config()
+    trial = drawn(off, 1)[0]
+    assert trial.body == c.object
+    assert trial.finger_offset_m.tolist() == [0.0, 0.0, 0.0]
+    assert msgspec.structs.replace(trial.hand, tick_phase_s=c.hand.tick_phase_s) == c.hand
+
+
+def test_rest_counts_differ_from_trial_to_trial() -> None:
+    first, again, other = (make_cell(config(), seed).fingertips.rest.tolist() for seed in (0, 0, 1))
+    assert first == again != other
