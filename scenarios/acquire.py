@@ -95,7 +95,7 @@ class Session:
     """One session on an open rig: ``run`` it, then ask for the ``ticks``."""
 
     def __init__(
-        self, config: AcquireConfig, motion: Motion, seed: int, rig: AcquireRig,
+        self, config: AcquireConfig, motion: Motion | None, seed: int, rig: AcquireRig,
         on_tick: OnTick = lambda tick: None, script: Script = lambda t_s, controller, cell: None,
     ) -> None:  # fmt: skip
         self._config = config

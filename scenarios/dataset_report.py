@@ -108,7 +108,7 @@ def _speeds(recordings: Sequence[Recording]) -> np.ndarray:
     speeds = [
         np.hypot(r.velocity_mps[:, 0], r.velocity_mps[:, 1])[r.slip]
         for r in recordings
-        if r.velocity_mps is not None and r.metadata and r.metadata.motion != "rotation"
+        if r.velocity_mps is not None and r.metadata and r.metadata.motion in ("primary", "oblique")
     ]
     return np.concatenate(speeds) if speeds else np.zeros(0)
 
@@ -116,7 +116,7 @@ def _speeds(recordings: Sequence[Recording]) -> np.ndarray:
 def _table(recordings: Sequence[Recording], samples: int) -> list[TableCell]:
     groups: dict[tuple[str, float, str], list[Recording]] = {}
     for r in recordings:
-        if (m := r.metadata) is not None and m.motion != "none":
+        if (m := r.metadata) is not None and m.set == "slide":
             key = (m.motion, m.speed_mps or m.spin_radps, m.surface)
             groups.setdefault(key, []).append(r)
     rows = [(row, surface) for row in PAPER_TABLE for surface in SURFACES]

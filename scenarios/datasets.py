@@ -14,20 +14,22 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from detector.recordings import SUFFIX, Metadata, Recording, Split, write
+from detector.recordings import PERIOD_S, SUFFIX, Metadata, Recording, Split, write
 from drivers.errors import ConfigError, GraspError
 from grasp.settings import load, read_toml
 from scenarios.acquire import Session, open_acquire_rig, recording
 from scenarios.acquire_config import load_acquire_config
+from scenarios.confusers import FixedCause, GraspedCause, make_confuser
 from scenarios.pressing import TURNS, Motion, motion
 from scenarios.result import versions
+from scenarios.values import with_values
 
 DIRECTIONS = {
     "primary": ("0", "90", "180", "270"),
@@ -40,7 +42,6 @@ SPARE_SAMPLES = 250
 THREAD_LIMITS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 SEEDS = 1_000_000  # seeds of one data set
 Range = tuple[float, float]
-C = TypeVar("C", bound=msgspec.Struct)
 
 
 class DatasetRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -51,16 +52,28 @@ class DatasetRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     percent: dict[str, Annotated[float, Meta(ge=0.0, le=100.0)]]
 
 
+class CauseRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Recordings in which something shakes the fingertip; see ``scenarios.confusers``."""
+
+    cause: FixedCause | GraspedCause
+    on: Annotated[list[str], Meta(min_length=1)]  # surfaces, or objects of a grasp
+    recordings: Annotated[int, Meta(ge=3, le=10_000)]
+    seconds: Annotated[float, Meta(ge=1.0, le=600.0)]
+    strokes: bool = False
+    randomise: dict[str, Range] = {}
+
+
 class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A data set's TOML file."""
+    """A data set's TOML file: rows of Table I, or causes, or both."""
 
     name: str
     seed: Annotated[int, Meta(ge=0, lt=2**31)]
-    static_samples: Annotated[int, Meta(ge=1)]
-    slip_samples: Annotated[int, Meta(ge=1)]
-    recording_samples: Annotated[int, Meta(ge=100, le=100_000)]
-    least_recordings: Annotated[int, Meta(ge=3, le=1000)]
-    rows: Annotated[list[DatasetRow], Meta(min_length=1)]
+    static_samples: Annotated[int, Meta(ge=0)] = 0
+    slip_samples: Annotated[int, Meta(ge=0)] = 0
+    recording_samples: Annotated[int, Meta(ge=100, le=100_000)] = 1200
+    least_recordings: Annotated[int, Meta(ge=3, le=1000)] = 10
+    rows: list[DatasetRow] = []
+    causes: list[CauseRow] = []
     randomise: dict[str, Range] = {}
 
 
@@ -69,9 +82,9 @@ class Job(msgspec.Struct, frozen=True):
 
     path: str  # in the data set's folder
     surface: str
-    motion: Motion
+    motion: Motion | None  # None: no strokes
     static: int
-    slip: int
+    slip: int  # of a cause, static and slip are not told apart
     metadata: Metadata
 
     @property
@@ -100,11 +113,42 @@ def reduced(config: DatasetConfig, share: float) -> DatasetConfig:
         static_samples=max(1, round(config.static_samples * share)),
         slip_samples=max(1, round(config.slip_samples * share)),
         least_recordings=max(3, round(config.least_recordings * share)),
+        causes=[
+            msgspec.structs.replace(row, recordings=max(3, round(row.recordings * share)))
+            for row in config.causes
+        ],
     )
 
 
 def plan(config: DatasetConfig) -> list[Job]:
-    """All recordings; the splits are 80/10/10 by recording within each group of Table I."""
+    """All recordings; splits are 80/10/10 by recording within each cause or group of Table I."""
+    jobs = _slide_jobs(config) if config.rows else []
+    return jobs + _cause_jobs(config, len(jobs))
+
+
+def _cause_jobs(config: DatasetConfig, first: int) -> list[Job]:
+    jobs: list[Job] = []
+    commit = versions()["commit"]
+    for row in config.causes:
+        index = first + len(jobs)
+        splits = _splits(row.recordings, np.random.default_rng([config.seed, index]))
+        for k, split in enumerate(splits):
+            seed = config.seed * SEEDS + first + len(jobs)
+            course = motion(DIRECTIONS["primary"][k % 4], 0.05, 1.0) if row.strokes else None
+            name = row.on[k % len(row.on)]
+            metadata = Metadata(
+                set="confusers", split=split, surface=name, cause=row.cause,
+                motion=course.kind if course else "none",
+                speed_mps=course.speed_mps if course else 0.0, spin_radps=0.0,
+                direction=course.direction if course else "", seed=seed, commit=commit,
+                parameters=drawn(config.randomise | row.randomise, seed),
+            )  # fmt: skip
+            path = f"{row.cause}/{k:03d}-{name}{SUFFIX}"
+            jobs.append(Job(path, name, course, round(row.seconds / PERIOD_S), 0, metadata))
+    return jobs
+
+
+def _slide_jobs(config: DatasetConfig) -> list[Job]:
     groups = [(row, name, share) for row in config.rows for name, share in row.percent.items()]
     shares = np.array([share for _, _, share in groups])
     slips = apportion(config.slip_samples, shares)
@@ -159,24 +203,12 @@ def drawn(ranges: Mapping[str, Range], seed: int) -> dict[str, float]:
     return {key: float(rng.uniform(low, high)) for key, (low, high) in ranges.items()}
 
 
-def with_values(config: C, values: Mapping[str, Any]) -> C:
-    """The configuration with some settings replaced, `section.key`; raises ConfigError."""
-    tree = msgspec.to_builtins(config)
-    for key, value in values.items():
-        section, _, name = key.partition(".")
-        if name not in tree.get(section, {}):
-            raise ConfigError("randomise", key, "no such setting", "section.key of a setting")
-        tree[section][name] = value
-    try:
-        return msgspec.convert(tree, type(config))
-    except msgspec.ValidationError as error:
-        raise ConfigError("randomise", "-", str(error), "values within their ranges") from None
-
-
 def make(job: Job) -> Recording:
     """The recording of a job: a session on the simulated rig, of which the part is taken that
     holds so many samples of either label."""
-    wanted = job.static + job.slip
+    wanted = job.samples
+    if job.metadata.cause:
+        return make_confuser(job.metadata, wanted, job.motion, job.path)
     config = with_values(load_acquire_config(job.surface, "simulated"), job.metadata.parameters)
     for spare in SPARE:
         with open_acquire_rig(config, job.metadata.seed, paced=False) as rig:

@@ -53,6 +53,9 @@ class PressControlSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
         float, Meta(ge=0.0005, le=0.01, description="deepest below first touch, whatever the "
                     "estimate says (taxels saturate); assumed")
     ] = 0.005  # fmt: skip
+    clear_m: Annotated[
+        float, Meta(ge=0.0005, le=0.02, description="above first touch, when lifted off; assumed")
+    ] = 0.003
     settle_s: Annotated[
         float, Meta(ge=0.0, le=10.0, description="pressed before the first stroke; assumed")
     ] = 1.5
@@ -116,6 +119,7 @@ class Phase(StrEnum):
     SETTLE = "settle"
     STROKE = "stroke"
     PAUSE = "pause"
+    OFF = "off"
 
 
 class Stroke(msgspec.Struct, frozen=True):
@@ -149,10 +153,10 @@ class Drive(msgspec.Struct, frozen=True):
 
 
 class PressController:
-    """One session: ``step`` once a sample."""
+    """One session: ``step`` once a sample. Without a motion it presses and never strokes."""
 
     def __init__(
-        self, settings: PressControlSettings, counts_per_newton: float, motion: Motion,
+        self, settings: PressControlSettings, counts_per_newton: float, motion: Motion | None,
         rng: np.random.Generator,
     ) -> None:  # fmt: skip
         self._settings = settings
@@ -170,19 +174,26 @@ class PressController:
         self._error_n = 0.0
         self._t_s: float | None = None
 
+    def lift_off(self) -> None:
+        """Break the contact, then press again."""
+        self.phase, self._stroke = Phase.OFF, None
+
     def step(self, t_s: float, counts: NDArray[np.int16], arm: ArmState) -> Drive:
         """Counts (6,) of the pressed fingertip, raw minus rest, and the arm's state."""
         dt_s = t_s - self._t_s if self._t_s is not None else 0.0
         self._t_s = t_s
         self.force_n = max(0.0, -float(counts.sum()) / self._counts_per_newton)
         self._follow_script(t_s, arm)
-        if self.phase is Phase.APPROACH:
-            return Drive((0.0, 0.0, -self._settings.approach_mps), 0.0)
+        if self.phase in (Phase.APPROACH, Phase.OFF):
+            up = 1.0 if self.phase is Phase.OFF else -1.0
+            return Drive((0.0, 0.0, up * self._settings.approach_mps), 0.0)
         along = self._stroke.speed_at(t_s) if self._stroke is not None else 0.0
         press = self._press(dt_s, arm.position_m[2])
+        if self._motion is None:
+            return Drive((0.0, 0.0, press), 0.0)
         if self._motion.direction in TURNS:
             return Drive((0.0, 0.0, press), along * TURNS[self._motion.direction])
-        u, v = self._heading
+        u, v = _heading(self._motion, self._settings)
         return Drive((along * u, along * v, press), 0.0)
 
     def _follow_script(self, t_s: float, arm: ArmState) -> None:
@@ -190,38 +201,35 @@ class PressController:
         if self.phase is Phase.APPROACH:
             if self.force_n >= s.touch_n:
                 self.phase, self._phase_end_s = Phase.SETTLE, t_s + s.settle_s
-                self._touch_m = arm.position_m
-        elif t_s >= self._phase_end_s:
+                self._touch_m, self._integral_ns = arm.position_m, 0.0
+        elif self.phase is Phase.OFF:
+            if self._touch_m is None or arm.position_m[2] > self._touch_m[2] + s.clear_m:
+                self.phase = Phase.APPROACH
+        elif self._motion is not None and t_s >= self._phase_end_s:
             if self.phase is Phase.STROKE:
                 self._pause(t_s)
             else:
-                self._begin_stroke(t_s, arm)
+                self._begin_stroke(t_s, arm, self._motion)
 
-    def _begin_stroke(self, t_s: float, arm: ArmState) -> None:
+    def _begin_stroke(self, t_s: float, arm: ArmState, motion: Motion) -> None:
         """To the other side of where it touched, half of a stroke's length away."""
-        s, turns = self._settings, self._motion.direction in TURNS
+        s, turns = self._settings, motion.direction in TURNS
         scatter = 1.0 + s.stroke_scatter * float(np.clip(self._rng.standard_normal(), -2.0, 2.0))
         way = self._side * 0.5 * (s.turn_rad if turns else s.stroke_m) * scatter
-        way -= self._travelled(arm)
+        way -= self._travelled(arm, motion)
         self._side = -self._side
-        speed = self._motion.spin_radps if turns else self._motion.speed_mps
+        speed = motion.spin_radps if turns else motion.speed_mps
         acceleration = s.turn_radps2 if turns else s.acceleration_mps2
         self._stroke = Stroke(t_s, abs(way), speed, acceleration, math.copysign(1.0, way))
         self.phase, self._phase_end_s = Phase.STROKE, t_s + self._stroke.duration_s
 
-    def _travelled(self, arm: ArmState) -> float:
+    def _travelled(self, arm: ArmState, motion: Motion) -> float:
         """Along the session's direction from where it touched: metres, or radians of a turn."""
-        if self._motion.direction in TURNS:
-            return arm.angle_rad * TURNS[self._motion.direction]
+        if motion.direction in TURNS:
+            return arm.angle_rad * TURNS[motion.direction]
         start = self._touch_m or arm.position_m
-        u, v = self._heading
+        u, v = _heading(motion, self._settings)
         return u * (arm.position_m[0] - start[0]) + v * (arm.position_m[1] - start[1])
-
-    @property
-    def _heading(self) -> tuple[float, float]:
-        """Of a translation, in the base frame: the tool's y runs against the base's."""
-        angle = math.radians(float(self._motion.direction) + self._settings.fingertip_x_deg)
-        return math.cos(angle), -math.sin(angle)
 
     def _pause(self, t_s: float) -> None:
         stroke_s = self._stroke.duration_s if self._stroke is not None else 0.0
@@ -244,3 +252,9 @@ class PressController:
         down = min(max(down, -s.press_mps), s.press_mps)
         too_deep = self._touch_m is not None and height_m < self._touch_m[2] - s.depth_m
         return -min(down, 0.0) if too_deep else -down
+
+
+def _heading(motion: Motion, settings: PressControlSettings) -> tuple[float, float]:
+    """Of a translation, in the base frame: the tool's y runs against the base's."""
+    angle = math.radians(float(motion.direction) + settings.fingertip_x_deg)
+    return math.cos(angle), -math.sin(angle)

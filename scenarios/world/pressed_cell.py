@@ -1,5 +1,7 @@
 """The cell of the acquisition: an arm, a board, and one fingertip pressed on a fixed surface."""
 
+import math
+
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,10 @@ from scenarios.world.fingertip import FingertipSettings
 from scenarios.world.pressed import FixedSurface, PressedPad, PressSettings
 
 FINGERS = 3
+STROKE_MPS, STROKE_RADPS = (
+    0.001,
+    0.02,
+)  # from here on the arm's mode is excited: force control is not
 Codes = NDArray[np.int16]
 
 
@@ -51,6 +57,7 @@ class PressedCell:
             endpoint=True,
         ).astype(np.int16)  # fmt: skip
         self._finger = settings.finger
+        self.shaken = False  # something shakes the arm that is not its own motion
         self._now_ns = start_ns
         self.board = BoardModel(settings.board, self._sample)
 
@@ -58,7 +65,9 @@ class PressedCell:
         """Advance everything to now_ns."""
         self._now_ns = max(self._now_ns, now_ns)
         arm, t = self.arm, self._now_ns
-        self.pad.advance(t * 1e-9, arm.position(t), arm.angle(t), arm.moving(t))
+        x, y, _ = arm.velocity(t)
+        strokes = math.hypot(x, y) > STROKE_MPS or abs(arm.spin(t)) > STROKE_RADPS
+        self.pad.advance(t * 1e-9, arm.position(t), arm.angle(t), strokes or self.shaken)
 
     def _sample(self, t_ns: int) -> tuple[Codes, Codes]:
         self.advance(t_ns)

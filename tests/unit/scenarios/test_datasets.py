@@ -17,8 +17,10 @@ from drivers.errors import ConfigError
 from grasp.cli import main
 from grasp.settings import config_dir
 from scenarios import datasets
+from scenarios.acquire_config import load_acquire_config
 from scenarios.dataset_report import PAPER_SLIP, PAPER_STATIC, PAPER_TABLE, SURFACES, describe
 from scenarios.datasets import CouldNotBuild, DatasetConfig, Job, apportion, build, plan, window
+from scenarios.values import with_values
 
 PAPER = config_dir() / "datasets" / "paper.toml"
 
@@ -90,11 +92,11 @@ def test_parameters_are_drawn_within_their_ranges(paper: DatasetConfig, jobs: li
 
 
 def test_a_parameter_that_does_not_exist_is_refused(few: list[Job]) -> None:
-    config = datasets.load_acquire_config("planar", "simulated")
+    config = load_acquire_config("planar", "simulated")
     with pytest.raises(ConfigError, match="no such setting"):
-        datasets.with_values(config, {"fingertip.depht_mm": 4.0})
+        with_values(config, {"fingertip.depht_mm": 4.0})
     with pytest.raises(ConfigError, match="depth_mm"):
-        datasets.with_values(config, {"fingertip.depth_mm": 400.0})
+        with_values(config, {"fingertip.depth_mm": 400.0})
 
 
 def test_parts_sum_to_the_total() -> None:

@@ -1,0 +1,172 @@
+"""What shakes a fingertip without slip: recordings that the paper's data set lacks.
+
+Fixed objects are pressed as in the acquisition, without strokes, while a script disturbs them;
+grasped ones are lifted by the lift's own cell (contact of level L1, one slip for all fingers), so
+light that they are held. Both labels say whether the contact truly moves.
+"""
+
+from collections.abc import Callable
+from typing import Literal, get_args
+
+import msgspec
+import numpy as np
+
+from detector.recordings import Metadata, Recording
+from grasp.controller import GraspController
+from grasp.loop import Tick
+from grasp.phases import Phase
+from scenarios import acquire
+from scenarios.acquire import Script, Session, open_acquire_rig
+from scenarios.acquire_config import SamplingSettings, load_acquire_config
+from scenarios.config import LiftConfig, load_config
+from scenarios.lift import make_guard, run_trial
+from scenarios.pressing import Motion, PressController
+from scenarios.rigs import open_rig
+from scenarios.values import with_values
+from scenarios.world.cell import Blow, Truth
+from scenarios.world.pressed_cell import PressedCell
+
+FixedCause = Literal[
+    "contact_made_and_broken", "force_steps", "tap", "arm_vibration", "temperature_drift",
+    "lost_samples", "steady",
+]  # fmt: skip
+GraspedCause = Literal[
+    "grasped_closing_and_tightening", "grasped_lift_acceleration", "grasped_tap",
+    "grasped_arm_vibration", "grasped_uneven_load",
+]  # fmt: skip
+GRASPED: tuple[str, ...] = get_args(GraspedCause)
+SETTLED_S = 4.0  # of a session: rest, approach and settling are over before the first disturbance
+EAGER = 0.2  # counts of a detector that takes anything for slip: it makes the hand tighten
+LIGHT_KG = 0.03
+
+
+def make_confuser(
+    metadata: Metadata, samples: int, motion: Motion | None, source: str
+) -> Recording:
+    """At most so many samples; a lift ends when it ends."""
+    if metadata.cause in GRASPED:
+        return _grasped(metadata, samples, source)
+    return _pressed(metadata, samples, motion, source)
+
+
+def _pressed(metadata: Metadata, samples: int, motion: Motion | None, source: str) -> Recording:
+    values = dict(metadata.parameters)
+    if metadata.cause == "lost_samples":
+        values["tactile.stale_after_missed"] = 20  # so many in a row would end the session
+    config = with_values(load_acquire_config(metadata.surface, "simulated"), values)
+    rng = np.random.default_rng([metadata.seed, 3])
+    script = _script(metadata.cause, rng)
+    with open_acquire_rig(config, metadata.seed, paced=False) as rig:
+        session = Session(config, motion, metadata.seed, rig, script=script)
+        session.run(samples, from_start=metadata.cause == "contact_made_and_broken")
+    return _by_truth(acquire.recording(session.ticks, config, metadata, source))
+
+
+def _script(cause: str, rng: np.random.Generator) -> Script:
+    """What happens on the way; a cause that is all in the parameters has no script."""
+
+    def lift_off(controller: PressController, cell: PressedCell) -> None:
+        controller.lift_off()
+
+    def step_force(controller: PressController, cell: PressedCell) -> None:
+        controller.target_n = float(rng.uniform(1.5, 9.0))
+
+    def knock(controller: PressController, cell: PressedCell) -> None:
+        cell.pad.knock(float(rng.uniform(0.005, 0.06)), float(rng.uniform(0.004, 0.015)))
+
+    def shake(controller: PressController, cell: PressedCell) -> None:
+        cell.shaken = not cell.shaken
+
+    acts = {
+        "contact_made_and_broken": (lift_off, 2.0, 4.0),
+        "force_steps": (step_force, 0.4, 1.5),
+        "tap": (knock, 0.4, 1.5),
+        "arm_vibration": (shake, 0.5, 2.0),
+    }
+    if cause not in acts:
+        return lambda t_s, controller, cell: None
+    act, shortest_s, longest_s = acts[cause]
+    due_s = SETTLED_S
+
+    def script(t_s: float, controller: PressController, cell: PressedCell | None) -> None:
+        nonlocal due_s
+        if t_s >= due_s and cell is not None:
+            due_s = t_s + float(rng.uniform(shortest_s, longest_s))
+            act(controller, cell)
+
+    return script
+
+
+def _grasped(metadata: Metadata, samples: int, source: str) -> Recording:
+    config = lift_config(metadata)
+    seen: list[tuple[Tick, Truth]] = []
+    rng = np.random.default_rng([metadata.seed, 3])
+    with open_rig(config, metadata.seed, paced=False) as rig:
+        disturb = _taps(rng, rig.tap) if metadata.cause == "grasped_tap" else None
+
+        def watch(tick: Tick, truth: Truth | None, controller: GraspController) -> None:
+            if tick.frame is not None and truth is not None:
+                seen.append((tick, truth))
+            if disturb is not None:
+                disturb(tick)
+
+        run_trial(config, rig, make_guard(config), watch)
+    return _of_lift(seen[-samples:], config, metadata, source)
+
+
+def lift_config(metadata: Metadata) -> LiftConfig:
+    """A lift of something so light that it is held; an eager detector where the hand is to
+    tighten, else one that never speaks."""
+    config = load_config(metadata.surface, "simulated", "energy")
+    tightens = metadata.cause == "grasped_closing_and_tightening"
+    fixed = {
+        "object.mass_kg": LIGHT_KG,
+        "object.added_mass_kg": 0.0,
+        "detector.threshold_counts": EAGER if tightens else 500.0,
+        "controller.hold_s": 1.5,
+    }
+    return with_values(config, fixed | metadata.parameters)
+
+
+def _taps(rng: np.random.Generator, tap: Callable[[Blow], None] | None) -> Callable[[Tick], None]:
+    """Blows while the object is lifted and held, too weak to move it for long, if at all."""
+    due_ns = 0
+
+    def disturb(tick: Tick) -> None:
+        nonlocal due_ns
+        if tick.decision.phase not in (Phase.LIFT, Phase.HOLD) or tick.t_ns < due_ns:
+            return
+        due_ns = tick.t_ns + round(float(rng.uniform(0.3, 1.0)) * 1e9)
+        if tap is not None:
+            blow = Blow(
+                impulse_ns=float(rng.uniform(0.002, 0.02)),
+                duration_s=float(rng.uniform(0.004, 0.015)),
+            )
+            tap(blow)
+
+    return disturb
+
+
+def _of_lift(
+    seen: list[tuple[Tick, Truth]], config: LiftConfig, metadata: Metadata, source: str
+) -> Recording:
+    speed = np.array([abs(truth.slip_speed_mps) for _, truth in seen])
+    ticks = [tick for tick, _ in seen]
+    slides = acquire.slip_label(speed, np.zeros(len(speed)), SamplingSettings())
+    return Recording(
+        t_s=np.array([(tick.t_ns - ticks[0].t_ns) * 1e-9 for tick in ticks]),
+        counts=np.stack([tick.frame.counts for tick in ticks if tick.frame is not None]),
+        slip=slides,
+        slip_true=slides,
+        source=source,
+        metadata=metadata,
+        contact_speed_mps=speed.astype(np.float32),
+        contact_turn_radps=np.zeros(len(speed), np.float32),
+    )
+
+
+def _by_truth(recording: Recording) -> Recording:
+    """Static unless the contact truly moves, whatever the fingertip does."""
+    if recording.slip_true is None:
+        raise ValueError("a recording without truth cannot be labelled by it")
+    return msgspec.structs.replace(recording, slip=recording.slip_true)

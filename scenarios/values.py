@@ -1,0 +1,24 @@
+"""Settings replaced by name: what a recording of a data set draws for itself."""
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import msgspec
+
+from drivers.errors import ConfigError
+
+C = TypeVar("C", bound=msgspec.Struct)
+
+
+def with_values(config: C, values: Mapping[str, Any]) -> C:
+    """The configuration with some settings replaced, `section.key`; raises ConfigError."""
+    tree = msgspec.to_builtins(config)
+    for key, value in values.items():
+        section, _, name = key.partition(".")
+        if name not in tree.get(section, {}):
+            raise ConfigError("randomise", key, "no such setting", "section.key of a setting")
+        tree[section][name] = value
+    try:
+        return msgspec.convert(tree, type(config))
+    except msgspec.ValidationError as error:
+        raise ConfigError("randomise", "-", str(error), "values within their ranges") from None

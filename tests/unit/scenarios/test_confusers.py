@@ -1,0 +1,99 @@
+"""Confusers: the fingertip is shaken, and only true motion of the contact is labelled."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from detector.recordings import Recording
+from grasp.settings import config_dir
+from scenarios import datasets
+from scenarios.datasets import Job, make, plan
+
+CONFUSERS = config_dir() / "datasets" / "confusers.toml"
+FIXED = ("contact_made_and_broken", "force_steps", "tap", "arm_vibration", "temperature_drift")
+
+
+@pytest.fixture(scope="module")
+def jobs() -> list[Job]:
+    return plan(datasets.load_dataset_config(CONFUSERS))
+
+
+def first(jobs: list[Job], cause: str, **parameters: float) -> Recording:
+    job = next(job for job in jobs if job.metadata.cause == cause)
+    drawn = {**job.metadata.parameters, **parameters}
+    metadata = msgspec.structs.replace(job.metadata, parameters=drawn)
+    return make(msgspec.structs.replace(job, metadata=metadata))
+
+
+def changes(r: Recording) -> np.ndarray:
+    """(n - 1,) mean absolute change of the liveliest fingertip's taxels."""
+    return np.abs(np.diff(r.counts.astype(int), axis=0)).mean(axis=2).max(axis=1)
+
+
+@pytest.mark.parametrize("cause", FIXED)
+def test_nothing_slips_although_the_signal_moves(jobs: list[Job], cause: str) -> None:
+    r = first(jobs, cause)
+    assert r.slip_true is not None
+    assert (r.slip == r.slip_true).all()
+    assert r.slip.mean() < 0.02
+    assert r.metadata is not None
+    assert (r.metadata.set, r.metadata.cause) == ("confusers", cause)
+
+
+def test_a_tap_and_a_shaken_arm_are_heard(jobs: list[Job]) -> None:
+    steady = np.percentile(changes(first(jobs, "steady")), 99)
+    assert changes(first(jobs, "tap")).max() > 3 * steady
+    assert np.percentile(changes(first(jobs, "arm_vibration")), 99) > 3 * steady
+
+
+def test_contact_is_made_and_broken_again_and_again(jobs: list[Job]) -> None:
+    load = -first(jobs, "contact_made_and_broken").counts[:, 0].sum(axis=1)
+    pressed = load > 0.3 * load.max()
+    assert np.diff(pressed.astype(int)).clip(0).sum() >= 2
+    assert (load < 0.05 * load.max()).mean() > 0.1
+
+
+def test_drift_shifts_the_taxels_although_force_control_holds_their_sum(jobs: list[Job]) -> None:
+    """1.6 counts a kelvin on every taxel; the sum is what the arm presses by."""
+    warm, cold = (
+        first(jobs, "temperature_drift", **{"fingertip.warming_k": kelvin}).counts[-50:, 0]
+        for kelvin in (15.0, -15.0)
+    )
+    shift = warm.mean(axis=0) - cold.mean(axis=0)
+    assert abs(shift).max() > 5
+    assert abs(shift.sum()) < 0.5 * abs(shift).sum()
+
+
+def test_lost_samples_are_repeated_while_the_contact_slides(jobs: list[Job]) -> None:
+    r = first(jobs, "lost_samples", **{"sampling.lost_share": 0.2})
+    repeated = (np.diff(r.counts, axis=0) == 0).all(axis=(1, 2)).mean()
+    assert repeated > 0.15
+    assert 0.1 < r.slip.mean() < 0.7
+
+
+@pytest.mark.parametrize("cause", ["grasped_closing_and_tightening", "grasped_tap"])
+def test_a_grasp_is_recorded_with_three_fingers_and_holds(jobs: list[Job], cause: str) -> None:
+    r = first(jobs, cause)
+    assert r.fingers == 3
+    assert r.slip.mean() < 0.05
+    assert np.abs(r.counts).max() > 30
+    assert (r.counts.astype(int).sum(axis=2) < -30).all(axis=1).any()  # all three pressed
+
+
+def test_an_uneven_grasp_loads_its_fingers_differently(jobs: list[Job]) -> None:
+    uneven = first(jobs, "grasped_uneven_load", **{"variation.finger_scatter_m": 0.0008})
+    loads = -uneven.counts.astype(int).sum(axis=2)
+    held = loads[loads.max(axis=1) > 0.5 * loads.max()].mean(axis=0)
+    assert held.max() > 2 * held.min()
+
+
+def test_every_cause_has_all_splits(jobs: list[Job]) -> None:
+    for cause in {job.metadata.cause for job in jobs}:
+        splits = [job.metadata.split for job in jobs if job.metadata.cause == cause]
+        share = len(splits) // 10
+        assert splits.count("validation") == splits.count("test") == share
+
+
+def test_seeds_of_the_two_sets_are_apart(jobs: list[Job]) -> None:
+    paper = plan(datasets.load_dataset_config(config_dir() / "datasets" / "paper.toml"))
+    assert not {j.metadata.seed for j in paper} & {j.metadata.seed for j in jobs}
