@@ -23,6 +23,7 @@ from scenarios.strokes import StrokeSettings, simulate
 from scenarios.world.fingertip import FingertipSettings
 
 SCALE_FACTOR, CORRELATION, CONTRAST, CONTRAST_BY_EDGE = 1.5, 0.2, 0.03, 0.1  # the aims
+BATCH, SEEDS = 6, 1000  # clips at a time; seeds apart, so that no clip is made twice
 CREEP = 50.0  # counts/s: may be of either sign, so no factor
 FIT_SEED, JUDGE_SEED = 1000, 2  # judged on clips that the fit has not seen
 # Levels a taxel over the authors' whole data set, counts: mean, deviation, least, most.
@@ -91,6 +92,7 @@ PARAMETERS = (
     Parameter("fingertip", "crown_radius_mm", 40.0, 400.0),
     Parameter("fingertip", "wander_mm", 0.001, 0.04),
     Parameter("fingertip", "wander_fast_s", 0.01, 0.1),
+    Parameter("fingertip", "wander_slow_s", 0.1, 1.0),
     Parameter("fingertip", "vibration_mm", 0.0005, 0.03),
     Parameter("fingertip", "vibration_hz", 10.0, 25.0),
     Parameter("fingertip", "noise_counts", 0.1, 0.6),
@@ -140,9 +142,13 @@ class Setup(msgspec.Struct, frozen=True):
 
 
 def figures(setup: Setup, clips: int, seed: int) -> list[Figures]:
-    """Statistics of simulated clips, one by one."""
-    made = simulate(setup.fingertip, setup.strokes, clips, seed)
-    return [signal_statistics(made.t_s, counts, made.slip) for counts in made.counts]
+    """Statistics of simulated clips, one by one; few at a time share an arm and its vibration."""
+    out: list[Figures] = []
+    for first in range(0, clips, BATCH):
+        n = min(BATCH, clips - first)
+        made = simulate(setup.fingertip, setup.strokes, n, BATCH * SEEDS * seed + first)
+        out += [signal_statistics(made.t_s, counts, made.slip) for counts in made.counts]
+    return out
 
 
 def mean(of: Sequence[Figures]) -> Figures:

@@ -18,7 +18,13 @@ from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world import contact
 from scenarios.world.contact import Floats
 from scenarios.world.contact_settings import ContactSettings
-from scenarios.world.fingertip import Codes, Fingertips, FingertipSettings, Surface
+from scenarios.world.fingertip import (
+    Codes,
+    Fingertips,
+    FingertipSettings,
+    Surface,
+    in_a_grasp,
+)
 from scenarios.world.objects import GraspObject
 
 EXCHANGE_NS = 1_000_000
@@ -95,7 +101,7 @@ class SimulatedCell:
         """Another scene: object, contact and fingertips; no object is in place yet. The devices
         are those that the cell began with, wherever they stand."""
         surfaces = [surface_of(settings.body)] * contact.FINGERS
-        self.fingertips = Fingertips(settings.fingertip, surfaces, rng)
+        self.fingertips = Fingertips(in_a_grasp(settings.fingertip), surfaces, rng)
         angle = math.radians(settings.fingertip.slip_direction_deg)
         # (F, 2) in the pads' frames, which face each other: up, and the way a blow across drives
         self._up = np.tile([math.cos(angle), math.sin(angle)], (contact.FINGERS, 1))

@@ -63,7 +63,7 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     ] = 6.0
     depth_mm: Annotated[
         float, Meta(ge=2.0, le=10.0, description="effective depth of the rubber; FITTED, 3-8")
-    ] = 4.0
+    ] = 3.13
     pad_half_length_mm: Annotated[
         float, Meta(ge=3.0, le=20.0, description="of the spring bed, along x; assumed")
     ] = 10.0
@@ -71,15 +71,15 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         float, Meta(ge=3.0, le=20.0, description="of the spring bed, along y; assumed")
     ] = 8.0
     crown_radius_mm: Annotated[
-        float, Meta(ge=20.0, le=1000.0, description="of the pad's face; assumed, 60-200")
-    ] = 100.0
+        float, Meta(ge=20.0, le=1000.0, description="of the pad's face; FITTED, 40-400")
+    ] = 77.5
     tilt_rad: Annotated[
         float, Meta(ge=0.0, le=0.2, description="deviation of each pad's tilt, both axes; "
-                    "assumed, 0.02-0.05")
-    ] = 0.03  # fmt: skip
+                    "FITTED, 0.02-0.1")
+    ] = 0.0615  # fmt: skip
     foundation_n_per_mm3: Annotated[
         float, Meta(ge=0.02, le=1.0, description="spring bed, normal; FITTED, 0.05-0.3")
-    ] = 0.14
+    ] = 0.259
     shear_share: Annotated[
         float, Meta(ge=0.1, le=1.0, description="of it, tangential stiffness; assumed from layer "
                     "theory, 0.4-0.6")
@@ -94,29 +94,33 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     wander_mm: Annotated[
         float, Meta(ge=0.0, le=0.1, description="rms of how much deeper or shallower the pad is "
                     "held than asked for; FITTED, 0.001-0.04")
-    ] = 0.008  # fmt: skip
+    ] = 0.00969  # fmt: skip
     wander_fast_s: Annotated[
         float, Meta(ge=0.005, le=1.0, description="memory of its fast half; FITTED, 0.01-0.1")
-    ] = 0.03
+    ] = 0.0254
     wander_slow_s: Annotated[
-        float, Meta(ge=0.05, le=10.0, description="memory of its slow half; assumed, 0.2-1")
+        float, Meta(ge=0.05, le=10.0, description="memory of its slow half; FITTED, 0.1-1")
     ] = 0.5
     vibration_mm: Annotated[
         float, Meta(ge=0.0, le=0.1, description="likewise by the mode of an arm that moves; "
                     "FITTED, 0.0005-0.03")
-    ] = 0.005  # fmt: skip
+    ] = 0.0098  # fmt: skip
     sway_mm: Annotated[
         float, Meta(ge=0.0, le=0.5, description="rms of that mode sideways; assumed, 0-0.05")
     ] = 0.01
+    grasp_share: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="of wander and vibration that a grasped object "
+                    "leaves: it rides on the arm with its pads; assumed, 0.05-0.5")
+    ] = 0.2  # fmt: skip
     vibration_hz: Annotated[
-        float, Meta(ge=2.0, le=45.0, description="frequency of that mode; assumed, 10-25")
-    ] = 16.0
+        float, Meta(ge=2.0, le=45.0, description="frequency of that mode; FITTED, 10-25")
+    ] = 15.1
     vibration_damping: Annotated[
         float, Meta(ge=0.005, le=1.0, description="of that mode; assumed, 0.04-0.15")
     ] = 0.08
     noise_counts: Annotated[
         float, Meta(ge=0.0, le=5.0, description="rms before rounding; FITTED, 0.1-0.6")
-    ] = 0.3
+    ] = 0.314
     rest_low: Annotated[int, Meta(ge=300, le=600, description="rest codes; assumed from")] = 420
     rest_high: Annotated[int, Meta(ge=300, le=600, description="rest codes; assumed to")] = 480
     warming_k: Annotated[
@@ -138,6 +142,17 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     )
     step_s: Annotated[float, Meta(gt=0.0, le=0.01, description="no inner step need be shorter")] = (
         0.001
+    )
+
+
+def in_a_grasp(settings: FingertipSettings) -> FingertipSettings:
+    """The same pads on an object that the hand holds, not the arm presses."""
+    share = settings.grasp_share
+    return msgspec.structs.replace(
+        settings,
+        wander_mm=share * settings.wander_mm,
+        vibration_mm=share * settings.vibration_mm,
+        sway_mm=share * settings.sway_mm,
     )
 
 
