@@ -130,6 +130,7 @@ class _Stepper:
         for name in COMPARED:
             self._compare(t_ns, name, getattr(recorded, name), getattr(replayed, name))
         self._note(t_ns, before, recorded)
+        self._tactile = None  # a step without a frame has no message: rest is being taken anew
         self.steps += 1
 
     def _probabilities(self) -> Any:

@@ -164,7 +164,10 @@ def run_series(
     if config.rig == "simulated":
         for seed in seeds:
             with open_rig(config, seed, paced) as rig:
-                yield _one(config, seed, rig, guard, runs, on_tick, operator)
+                finished = _one(config, seed, rig, guard, runs, on_tick, operator)
+            yield finished
+            if finished.failure is not None:
+                return
         return
     with open_rig(config, seeds[0], paced) as rig:
         for seed in seeds:

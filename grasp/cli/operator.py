@@ -27,7 +27,8 @@ class TerminalOperator:
 
     def poll(self) -> str | None:
         """A line, once it is there. Raises OperatorLeft when the terminal has closed."""
-        if b"\n" not in self._typed and not self._read():
+        ended = b"\n" not in self._typed and not self._read()
+        if ended and b"\n" not in self._typed:
             raise OperatorLeft(
                 "standard input has ended: the arm stands, the grip is kept",
                 "to let go, support the object and run `grasp release`",

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ GRASP = [sys.executable, "-c", "import sys; from grasp.cli import main; sys.exit
 
 def call(*words: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
     """Run a command in this process; lifts on the simulated rig unless they say otherwise."""
-    if words[:2] == ("run", "lift") and not {"--rig", "--help"} & set(words):
+    if words[:2] in (("run", "lift"), ("run", "tap")) and not {"--rig", "--help"} & set(words):
         words = (*words, "--rig", "simulated")
     try:
         code = main(list(words))
@@ -53,7 +54,7 @@ def test_help_imports_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize(
-    "verb", ["run", "replay", "runs", "chart", "detector", "config", "release"]
+    "verb", ["run", "grip-search", "replay", "runs", "chart", "detector", "config", "release"]
 )
 def test_every_verb_explains_itself(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = call(verb, "--help", capsys=capsys)
@@ -90,6 +91,73 @@ def test_json_verdict_has_every_promised_field(
         assert set(timing[name]) == {"p50", "p99", "max"}
     assert timing["missed_periods"] == 0
     assert Path(result["recording"]).is_file()
+
+
+def test_taps_are_shown_counted_and_left_as_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = call(
+        "run", "tap", "--taps", "2", "--runs", str(tmp_path), "--set",
+        "detector.threshold_counts=12", capsys=capsys,
+    )  # fmt: skip
+    assert code == 0
+    assert "all       2 of 2 taps that moved it (100 %)" in out
+    assert "REGISTERED" in out
+    folders = sorted(tmp_path.iterdir())
+    assert [sorted(p.name for p in f.iterdir()) for f in folders] == [
+        ["recording.mcap", "result.json"]
+    ] * 2
+    assert {json.loads((f / "result.json").read_text())["direction"] for f in folders} == {
+        "top", "side",
+    }  # fmt: skip
+    assert call("replay", str(folders[0]), "--check", capsys=capsys)[0] == 0
+    assert "registered" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
+    if find_spec("matplotlib"):
+        assert call("chart", "run", str(folders[1]), capsys=capsys)[0] == 0
+
+
+def test_json_of_a_series_has_every_tap_and_the_counts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, series = run_json(
+        capsys, "run", "tap", "--taps", "2", "--direction", "side", "--seed", "4", "--runs",
+        str(tmp_path), "--set", "tap.impulse_ns=0.02",
+    )  # fmt: skip
+    assert code == 1  # nothing moved: no success to speak of
+    assert list(series) == ["scenario", "object", "rig", "detector", "seed", "summary", "taps"]
+    assert series["summary"]["total"]["unmoved"] == 2
+    assert [t["seed"] for t in series["taps"]] == [4, 5]
+    assert {t["direction"] for t in series["taps"]} == {"side"}
+    assert list(series["taps"][0]) == [
+        "scenario", "object", "rig", "detector", "seed", "direction", "success", "outcome", "moved",
+        "displacement_m", "down_m", "across_m", "impulse_ns", "mallet_mps", "struck_s",
+        "slip_onset_s", "slip_end_s", "slip_duration_ms", "slip_registered_s",
+        "detection_latency_ms", "nominal_again_s", "nominal_again_ms", "alarms", "watched_until_s",
+        "grip_force_n", "peak_force_n", "commanded_force_n", "phases", "timing", "recording",
+        "versions", "config_hash",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["lift", "--taps", "3"], "--taps is no option of lift"),
+        (["lift", "--direction", "top"], "--direction is no option of lift"),
+        (["tap", "--keep"], "--keep is no option of tap"),
+        (["tap", "--taps", "0"], "a whole number"),
+        (["tap", "--direction", "up"], "top"),
+        (["tap", "--set", "tap.watch_s=1"], "too short to judge"),
+        (["tap", "--set", "tap.spread=3"], "<= 0.5"),
+        (["tap", "--set", "object.mass_kg=2.9"], "leaves it in the hand"),
+    ],
+)
+def test_options_that_do_not_fit_are_told_before_anything_moves(
+    words: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = call("run", *words, "--runs", str(tmp_path), capsys=capsys)
+    assert code == 2
+    assert says in err
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_failed_trial_exits_with_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

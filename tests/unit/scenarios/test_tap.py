@@ -10,6 +10,7 @@ import pytest
 
 from drivers.errors import ConfigError
 from grasp.loop import Issued, Tick
+from grasp.phases import Phase
 from scenarios import mallet, tap
 from scenarios.lift import make_guard
 from scenarios.mallet import direction_of, swing
@@ -291,3 +292,15 @@ def test_thumb_that_meets_nothing_when_closing_firmly_is_a_fault() -> None:
     assert "met nothing" in trial.controller.fault_cause
     assert "lift" not in [p.phase for p in r.phases]
     assert r.moved is None
+
+
+def test_interrupted_tap_stops_the_arm_keeps_the_grip_and_ends_the_series(tmp_path: Path) -> None:
+    def press_ctrl_c(tick: Tick) -> None:
+        if tick.decision.phase is Phase.HOLD:
+            raise KeyboardInterrupt
+
+    ended = list(tap.run_series(config(), range(3), tmp_path, on_tick=press_ctrl_c))
+    assert ended[0].failure is not None
+    assert ended[0].failure.kind == "interrupted"
+    assert "grip is kept" in ended[0].failure.message
+    assert len(ended) == 1
