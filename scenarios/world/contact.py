@@ -265,21 +265,27 @@ def solve_planar(
     value, g_z, g_y, h_zz, h_zy, h_yy = _potential(
         inertia, push_z, push_y, cos, a_z, a_y, b, cap, z, y
     )
+    polished = 0
     for _ in range(60):
         determinant = h_zz * h_yy - h_zy * h_zy
         d_z = (h_zy * g_y - h_yy * g_z) / determinant
         d_y = (h_zy * g_z - h_zz * g_y) / determinant
         gain = -(g_z * d_z + g_y * d_y)
-        if gain <= 1e-30 + 1e-28 * abs(value):
-            break
+        if gain <= 1e-12 * abs(value):  # less than the value can tell: two whole steps suffice
+            z, y = z + d_z, y + d_y
+            polished += 1
+            if polished == 2:
+                break
+            value, g_z, g_y, h_zz, h_zy, h_yy = _potential(
+                inertia, push_z, push_y, cos, a_z, a_y, b, cap, z, y
+            )
+            continue
         part = 1.0
         for _halving in range(40):
             new, n_z, n_y, h_zz, h_zy, h_yy = _potential(
                 inertia, push_z, push_y, cos, a_z, a_y, b, cap, z + part * d_z, y + part * d_y
             )
-            # equal to the last digit counts as better when the gradient has become smaller
-            smaller = n_z * n_z + n_y * n_y < g_z * g_z + g_y * g_y
-            if new < value - 1e-4 * part * gain or (smaller and new <= value + 1e-14 * abs(value)):
+            if new < value - 1e-4 * part * gain:
                 break
             part *= 0.5
         z, y, value, g_z, g_y = z + part * d_z, y + part * d_y, new, n_z, n_y
