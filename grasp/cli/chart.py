@@ -5,9 +5,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from grasp.cli import exits
+from grasp.cli import chart_physics, exits
 
-HELP = "draw pictures of runs and of detectors"
+HELP = "draw pictures of runs, of detectors and of the physics"
 
 
 def add_parser(verbs: Any) -> None:
@@ -21,6 +21,7 @@ def add_parser(verbs: Any) -> None:
     )  # fmt: skip
     run.set_defaults(handler=draw)
     _add_detectors(charts)
+    chart_physics.add_parsers(charts)
 
 
 def _add_detectors(charts: Any) -> None:

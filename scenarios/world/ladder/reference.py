@@ -74,15 +74,31 @@ def problem(scene: Scene, level: Level, brush_points: int = 6) -> Problem:
     return Problem(m, body, wrench, finger, places, times, normal, scene.on_table)
 
 
-@njit(cache=False)  # calls kernels of another file
+@njit(cache=True)
+def _imposed(m: Floats, t: float) -> tuple[float, float, float]:
+    """Height and speed of the hand, and the force of the tap, from the vector of rigid.motion."""
+    ramp = m[rigid.M_V] / m[rigid.M_A] if m[rigid.M_V] > 0.0 else 0.0
+    within = min(t, ramp)
+    z = 0.5 * m[rigid.M_A] * within * within + m[rigid.M_V] * (t - within)
+    v = m[rigid.M_A] * within
+    if m[rigid.M_VIB] > 0.0:
+        z -= m[rigid.M_VIB] / m[rigid.M_W] ** 2 * math.sin(m[rigid.M_W] * t)
+        v -= m[rigid.M_VIB] / m[rigid.M_W] * math.cos(m[rigid.M_W] * t)
+    since, push = t - m[rigid.M_TAP], 0.0
+    if 0.0 < since < m[rigid.M_TAP_S]:
+        w = math.pi / m[rigid.M_TAP_S]
+        push = 0.5 * m[rigid.M_TAP_NS] * w * math.sin(w * since)
+    return z, v, push
+
+
+@njit(cache=True)
 def _rates(
     t: float, x: Floats, flags: Floats, judge: bool, m: Floats, body: Floats, wrench: Floats,
     finger: Floats, elements: Floats, n: Floats, out: Floats,
 ) -> bool:  # fmt: skip
     """Derivative of x: pose (3), speed (3), stretch (E x 3). flags (E + 1): sliding, resting last.
     With ``judge`` the flags are brought up to date, and True means that one has changed."""
-    hand_z, hand_v, _ = rigid._hand(m, t)
-    _, _, push = rigid._tap(m, t)
+    hand_z, hand_v, push = _imposed(m, t)
     count = finger.shape[0]
     force_y, torque = push * wrench[0], push * wrench[2]
     torque -= body[3] * push * wrench[1] - body[4] * push * wrench[0]
@@ -123,7 +139,7 @@ def _rates(
     return changed
 
 
-@njit(cache=False)  # calls kernels of another file
+@njit(cache=True)
 def _stage(
     x: Floats, k: Floats, h: float, weights: Floats, count: int, out: Floats
 ) -> None:  # fmt: skip
@@ -135,7 +151,7 @@ def _stage(
                 out[d] += h * weights[j] * k[j, d]
 
 
-@njit(cache=False)  # calls kernels of another file
+@njit(cache=True)
 def _error(k: Floats, h: float, weights: Floats, lower: Floats, tolerance_m: float) -> float:
     """Largest difference of the two orders over the tolerance; a speed counts for 10 ms of it."""
     worst: float = 0.0
@@ -147,7 +163,7 @@ def _error(k: Floats, h: float, weights: Floats, lower: Floats, tolerance_m: flo
     return worst
 
 
-@njit(cache=False)  # calls kernels of another file
+@njit(cache=True)
 def _integrate(
     x: Floats, flags: Floats, times: Floats, normal: Floats, tolerance_m: float, fixed_s: float,
     table: Floats, weights: Floats, lower: Floats, nodes: Floats,
@@ -210,8 +226,7 @@ def _run(
 ) -> Outcome:  # fmt: skip
     count = len(q.finger)
     x, flags = np.zeros(6 + 3 * count), np.zeros(count + 1)
-    hand_v = rigid._hand(q.m, 0.0)[1]
-    x[4] = hand_v
+    x[4] = _imposed(q.m, 0.0)[1]
     stretch = x[6:].reshape(count, 3)
     stretch[:, 1] = scene.initial_stretch(q.normal[0])[q.finger.astype(int)]
     flags[count] = float(q.on_table)
@@ -219,7 +234,7 @@ def _run(
         x, flags, q.times, q.normal, tolerance_m, step_s, *rule,
         q.m, q.body, q.wrench, q.finger, q.elements,
     )  # fmt: skip
-    hand_z, hand_v, _ = rigid._hand(q.m, scene.duration_s)
+    hand_z, hand_v, _ = _imposed(q.m, scene.duration_s)
     pose, speed = x[:3] - [0.0, hand_z, 0.0], x[3:6] - [0.0, hand_v, 0.0]
     peak = float(q.normal.max())
     return outcome(scene, level, step_s, pose, speed, q.normal[-1], peak, stretch)
