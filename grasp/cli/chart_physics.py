@@ -1,4 +1,4 @@
-"""`grasp chart physics` and `grasp chart stability`: computed afresh, numbers beside the picture."""
+"""`grasp chart physics` and `grasp chart stability`; the numbers go beside the picture."""
 
 import argparse
 from importlib.util import find_spec
