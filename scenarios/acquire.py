@@ -5,8 +5,7 @@ gives the second label.
 """
 
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 
@@ -14,32 +13,20 @@ import msgspec
 import numpy as np
 
 from detector.recordings import Metadata, Recording, write
-from drivers.errors import ConfigError, Stale
-from drivers.interfaces import Arm, ArmState, TactileFrame, TactileSensor
-from drivers.takktile.driver import ModelLink, TakkTileDriver
-from drivers.ur.driver import ArmDriver
-from grasp.clock import Clock, PacedClock, VirtualClock
+from drivers.errors import Stale
+from drivers.interfaces import ArmState, TactileFrame
 from scenarios.acquire_config import AcquireConfig, SamplingSettings
+from scenarios.acquire_rigs import AcquireRig, open_acquire_rig
+from scenarios.acquire_world import counts_per_newton
 from scenarios.pressing import Motion, Phase, PressController
 from scenarios.result import versions
-from scenarios.world.pressed_cell import PressedCell, PressedCellSettings, PressedTruth
+from scenarios.world.pressed_cell import PressedCell, PressedTruth
 
 REST_TIMEOUT_S = 5.0
 APPROACH_TIMEOUT_S = 10.0
 RETREAT_MPS = 0.05
 TURN_RADPS = 1.0  # paper, section III-B
 STOP_MPS2 = 1.0
-
-
-class AcquireRig(msgspec.Struct, frozen=True):
-    """What an acquisition needs of a rig: arm and fingertips, connected; the hand stays as it is,
-    one finger pointing down."""
-
-    arm: Arm
-    tactile: TactileSensor
-    clock: Clock
-    cell: PressedCell | None  # the world, where it is in this process
-    truth: Callable[[], PressedTruth] | None  # None on hardware
 
 
 class Tick(msgspec.Struct, frozen=True):
@@ -55,40 +42,6 @@ class Tick(msgspec.Struct, frozen=True):
 
 OnTick = Callable[[Tick], None]
 Script = Callable[[float, PressController, PressedCell | None], None]
-
-
-def pressed_cell(config: AcquireConfig, seed: int, start_ns: int = 0) -> PressedCell:
-    """The world that a seed stands for; equal on every rig."""
-    settings = PressedCellSettings(
-        surface=config.surface, press=config.press, fingertip=config.fingertip,
-        board=config.board, arm=config.arm_model, finger=config.finger,
-    )  # fmt: skip
-    return PressedCell(settings, np.random.default_rng([seed, 0]), start_ns)
-
-
-@contextmanager
-def open_acquire_rig(config: AcquireConfig, seed: int, paced: bool) -> Iterator[AcquireRig]:
-    """The rig that the configuration names. Raises the drivers' errors; closes what it opened."""
-    if config.rig != "simulated":
-        raise ConfigError("command line", "rig", "acquire runs on this rig only", "simulated")
-    cell = pressed_cell(config, seed)
-    tactile = TakkTileDriver(ModelLink(cell.board), config.tactile)
-    tactile.open(0)
-    clock = (PacedClock if paced else VirtualClock)(cell.advance)
-    yield AcquireRig(ArmDriver(cell.arm, config.arm), tactile, clock, cell, cell.truth)
-
-
-def counts_per_newton(config: AcquireConfig) -> float:
-    """Calibration of the force estimate. Raises ConfigError on hardware that names none."""
-    known = config.control.counts_per_newton
-    if known:
-        return known
-    if config.rig == "hardware":
-        raise ConfigError(
-            "control", "counts_per_newton", "must be measured on this rig",
-            "sum of a fingertip's counts under a known weight, over that weight in newtons",
-        )  # fmt: skip
-    return pressed_gain(config)
 
 
 class Session:
@@ -310,24 +263,3 @@ def _on_fingertip(arm: ArmState, config: AcquireConfig) -> tuple[float, float]:
     angle = arm.angle_rad + math.radians(config.control.fingertip_x_deg)
     c, s = math.cos(angle), math.sin(angle)
     return c * x + s * y, -s * x + c * y
-
-
-def pressed_gain(config: AcquireConfig) -> float:
-    """Sum of counts a newton of the simulated fingertip, pressed as hard as it will be: what a
-    weight on it would tell."""
-    still = msgspec.structs.replace(
-        config.fingertip,
-        wander_mm=0.0,
-        vibration_mm=0.0,
-        sway_mm=0.0,
-        noise_counts=0.0,
-        tilt_rad=0.0,
-    )
-    cell = pressed_cell(msgspec.structs.replace(config, fingertip=still), seed=0)
-    tips, load_n = cell.pad.tips, config.control.force_n
-    nothing = np.zeros((1, 2))
-    for i in range(100):
-        load = np.array([load_n * min(1.0, i / 50)])
-        tips.advance((i + 1) * 0.01, load, nothing, np.zeros(1), nothing, False)
-    fall = (tips.rest - tips.codes()[0]).sum()
-    return max(1.0, float(fall) / load_n)

@@ -39,6 +39,14 @@ class SamplingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     ] = 0.2
 
 
+# The arm presses where a lift has its table, and follows strokes that accelerate themselves.
+ARM = {
+    "workspace_low_m": [-0.05, -0.05, -0.02],
+    "workspace_high_m": [0.05, 0.05, 0.05],
+    "max_acceleration_mps2": 4.0,
+}
+
+
 class AcquireConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Resolved settings of one acquisition."""
 
@@ -50,11 +58,7 @@ class AcquireConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     control: PressControlSettings = PressControlSettings()
     press: PressSettings = PressSettings()
     sampling: SamplingSettings = SamplingSettings()
-    arm: ArmSettings = ArmSettings(
-        workspace_low_m=(-0.05, -0.05, -0.02),
-        workspace_high_m=(0.05, 0.05, 0.05),
-        max_acceleration_mps2=4.0,
-    )
+    arm: ArmSettings = ArmSettings()  # as in ARM, by ``load_acquire_config``
     tactile: TakkTileSettings = TakkTileSettings()
     usb: UsbSettings = UsbSettings()
     ur: UrSettings = UrSettings(host="192.168.1.10")  # assumed; a lab names its own
@@ -66,12 +70,13 @@ class AcquireConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 def load_acquire_config(
     surface: str, rig: str, file: Path | None = None, assignments: Sequence[str] = ()
 ) -> AcquireConfig:
-    """Class defaults <- rig <- surface <- file (or $GRASP_CONFIG) <- assignments.
+    """Class defaults <- ARM <- rig <- surface <- file (or $GRASP_CONFIG) <- assignments.
 
     Of the rig's settings and of a file those of other scenarios are left out. Raises ConfigError
     for an unknown name or the first setting that is not allowed.
     """
     layers = [
+        Layer("acquisition", {"arm": dict(ARM)}),
         Layer("command line", {"rig": rig}),
         _of_this_scenario(named_layer("rigs", rig)),
         named_layer("surfaces", surface),

@@ -16,8 +16,9 @@ from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios import acquire
-from scenarios.acquire import Script, Session, open_acquire_rig
+from scenarios.acquire import Script, Session
 from scenarios.acquire_config import SamplingSettings, load_acquire_config
+from scenarios.acquire_rigs import open_acquire_rig
 from scenarios.config import LiftConfig, load_config
 from scenarios.lift import make_guard, run_trial
 from scenarios.pressing import Motion, PressController

@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from detector.recordings import PERIOD_S, SUFFIX, Metadata, Recording, Split, write
 from drivers.errors import ConfigError, GraspError
 from grasp.settings import load, read_toml
-from scenarios.acquire import Session, open_acquire_rig, recording
+from scenarios.acquire import Session, recording
 from scenarios.acquire_config import load_acquire_config
+from scenarios.acquire_rigs import open_acquire_rig
 from scenarios.confusers import FixedCause, GraspedCause, make_confuser
 from scenarios.pressing import TURNS, Motion, motion
 from scenarios.result import versions

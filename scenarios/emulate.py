@@ -17,7 +17,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -33,6 +33,7 @@ from scenarios.world.cell import Blow, SimulatedCell
 
 STALL_NS = 50_000_000
 ADDRESS_TRIES = 50
+T = TypeVar("T")
 OPEN_M = 0.02  # fingertip travel of a hand that has room for an object
 
 
@@ -249,11 +250,16 @@ def open_cell(
 def _bind(config: LiftConfig, seed: int, host: str | None, gripper_port: int) -> EmulatedCell:
     if host is not None:
         return EmulatedCell(config, seed, host, gripper_port)
+    return at_free_address(lambda address: EmulatedCell(config, seed, address, gripper_port))
+
+
+def at_free_address(make: Callable[[str], T]) -> T:
+    """What ``make`` gives at the first loopback address that it can bind."""
     for _ in range(ADDRESS_TRIES):
         parts = (random.randint(1, 254) for _ in range(3))
         address = "127." + ".".join(map(str, parts))  # never 127.0.0.1: ur_rtde skips a check there
         try:
-            return EmulatedCell(config, seed, address, gripper_port)
+            return make(address)
         except OSError:
             continue
     raise OSError(f"no free loopback address in {ADDRESS_TRIES} tries")
@@ -281,15 +287,21 @@ def end_on_signals() -> threading.Event:
     return ended
 
 
-def main() -> None:
-    ended = end_on_signals()
-    order = json.loads(sys.stdin.readline())
+def read_order(ended: threading.Event) -> dict[str, Any]:
+    """The first line of standard input; ``ended`` is set when the input closes: the parent died."""
+    order: dict[str, Any] = json.loads(sys.stdin.readline())
 
     def watch() -> None:
         sys.stdin.read()  # returns when the parent has closed its end, however it died
         ended.set()
 
     threading.Thread(target=watch, name="parent-watch", daemon=True).start()
+    return order
+
+
+def main() -> None:
+    ended = end_on_signals()
+    order = read_order(ended)
     config = msgspec.convert(order["config"], LiftConfig)
     serve(config, order["seed"], order.get("host"), order.get("gripper_port", 0), ended)
 

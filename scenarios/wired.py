@@ -38,11 +38,13 @@ END_S = 10.0
 class CellProcess:
     """The child, its endpoints, and its control channel. Ends when this process does."""
 
-    def __init__(self, config: LiftConfig, seed: int) -> None:
+    def __init__(
+        self, config: msgspec.Struct, seed: int, module: str = "scenarios.emulate"
+    ) -> None:
         # -P: a folder called `drivers` where the user happens to stand must not shadow ours
         home = str(Path(__file__).parent.parent)
         self._child = subprocess.Popen(
-            [sys.executable, "-P", "-m", "scenarios.emulate"],
+            [sys.executable, "-P", "-m", module],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
             env={**os.environ, "PYTHONPATH": home},
         )  # fmt: skip

@@ -8,8 +8,10 @@ import pytest
 from detector.recordings import Metadata, Recording, read
 from drivers.errors import ConfigError, Refused, Stale
 from scenarios import acquire
-from scenarios.acquire import Session, Tick, open_acquire_rig
+from scenarios.acquire import Session, Tick
 from scenarios.acquire_config import AcquireConfig, load_acquire_config
+from scenarios.acquire_rigs import open_acquire_rig
+from scenarios.acquire_world import counts_per_newton
 from scenarios.pressing import Phase, motion
 
 METADATA = Metadata(
@@ -176,7 +178,7 @@ def test_a_direction_that_is_none_is_refused() -> None:
 def test_hardware_needs_a_calibration_of_its_own() -> None:
     hardware = load_acquire_config("planar", "hardware")
     with pytest.raises(ConfigError, match="counts_per_newton"):
-        acquire.counts_per_newton(hardware)
+        counts_per_newton(hardware)
 
 
 def test_a_run_leaves_one_recording(tmp_path: Any) -> None:
