@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 
@@ -32,9 +33,10 @@ class Contender(msgspec.Struct, frozen=True, eq=False):
         return sweep(self.streams, rules(self.config.rule))
 
 
-def read_split(folders: Sequence[Path], split: Split) -> list[Recording]:
+def read_split(folders: Sequence[Path], split: Split | Literal["all"]) -> list[Recording]:
     """Recordings of one split of several data sets; raises BadRecording for an empty one."""
-    return [r for folder in folders for r in read_dataset(folder, split)]
+    wanted = None if split == "all" else split
+    return [r for folder in folders for r in read_dataset(folder, wanted)]
 
 
 def contender(

@@ -37,8 +37,9 @@ def _add_evaluate(actions: Any) -> None:
         "--data", type=Path, nargs="+", metavar="DIR", help="folders made by `grasp dataset build`"
     )
     parser.add_argument(
-        "--split", choices=("train", "validation", "test"), default="test",
-        help="with --data: what to score on (default: %(default)s)",
+        "--split", choices=("train", "validation", "test", "all"), default="test",
+        help="with --data: what to score on; all is fair on a set built from a seed of its own "
+        "(default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--label", choices=("slip", "slip_true"), default="slip",

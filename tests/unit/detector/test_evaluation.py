@@ -376,3 +376,14 @@ def test_each_recording_starts_from_a_reset_and_gets_a_detector_of_its_fingers()
     streams = stream_recordings(make, made)
     assert [s.probabilities.shape for s in streams] == [(20, 1), (20, 3), (20, 1)]
     assert asked == [1, 3]
+
+
+def test_hearing_the_pad_shear_before_the_contact_slides_is_early_and_not_false() -> None:
+    slip, slip_true = flags(200, 50, 50), flags(210, 40, 50)
+    made = msgspec.structs.replace(recording(slip), slip_true=slip_true)
+    said = flags(203, 47, 50).astype(float)[:, None]
+    sheet = evaluate_streams(
+        Scripted(np.zeros(1)), RuleSettings(), [Streamed(made, said, np.empty(0), "slip_true")], "x"
+    )
+    assert (sheet.missed_events, sheet.false_events) == (0, 0)
+    assert sheet.delay_ms == Quantiles(-60.0, -60.0, -60.0)
