@@ -63,7 +63,7 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     ] = 6.0
     depth_mm: Annotated[
         float, Meta(ge=2.0, le=10.0, description="effective depth of the rubber; FITTED, 3-8")
-    ] = 3.13
+    ] = 3.43
     pad_half_length_mm: Annotated[
         float, Meta(ge=3.0, le=20.0, description="of the spring bed, along x; assumed")
     ] = 10.0
@@ -72,14 +72,14 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     ] = 8.0
     crown_radius_mm: Annotated[
         float, Meta(ge=20.0, le=1000.0, description="of the pad's face; FITTED, 40-400")
-    ] = 77.5
+    ] = 102.0
     tilt_rad: Annotated[
         float, Meta(ge=0.0, le=0.2, description="deviation of each pad's tilt, both axes; "
                     "FITTED, 0.02-0.1")
-    ] = 0.0615  # fmt: skip
+    ] = 0.0942  # fmt: skip
     foundation_n_per_mm3: Annotated[
         float, Meta(ge=0.02, le=1.0, description="spring bed, normal; FITTED, 0.05-0.3")
-    ] = 0.259
+    ] = 0.247
     shear_share: Annotated[
         float, Meta(ge=0.1, le=1.0, description="of it, tangential stiffness; assumed from layer "
                     "theory, 0.4-0.6")
@@ -94,17 +94,17 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     wander_mm: Annotated[
         float, Meta(ge=0.0, le=0.1, description="rms of how much deeper or shallower the pad is "
                     "held than asked for; FITTED, 0.001-0.04")
-    ] = 0.00969  # fmt: skip
+    ] = 0.0227  # fmt: skip
     wander_fast_s: Annotated[
         float, Meta(ge=0.005, le=1.0, description="memory of its fast half; FITTED, 0.01-0.1")
-    ] = 0.0254
+    ] = 0.0412
     wander_slow_s: Annotated[
         float, Meta(ge=0.05, le=10.0, description="memory of its slow half; FITTED, 0.1-1")
-    ] = 0.5
+    ] = 0.374
     vibration_mm: Annotated[
         float, Meta(ge=0.0, le=0.1, description="likewise by the mode of an arm that moves; "
                     "FITTED, 0.0005-0.03")
-    ] = 0.0098  # fmt: skip
+    ] = 0.0043  # fmt: skip
     sway_mm: Annotated[
         float, Meta(ge=0.0, le=0.5, description="rms of that mode sideways; assumed, 0-0.05")
     ] = 0.01
@@ -114,13 +114,13 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     ] = 0.2  # fmt: skip
     vibration_hz: Annotated[
         float, Meta(ge=2.0, le=45.0, description="frequency of that mode; FITTED, 10-25")
-    ] = 15.1
+    ] = 15.2
     vibration_damping: Annotated[
         float, Meta(ge=0.005, le=1.0, description="of that mode; assumed, 0.04-0.15")
     ] = 0.08
     noise_counts: Annotated[
         float, Meta(ge=0.0, le=5.0, description="rms before rounding; FITTED, 0.1-0.6")
-    ] = 0.314
+    ] = 0.289
     rest_low: Annotated[int, Meta(ge=300, le=600, description="rest codes; assumed from")] = 420
     rest_high: Annotated[int, Meta(ge=300, le=600, description="rest codes; assumed to")] = 480
     warming_k: Annotated[
