@@ -76,6 +76,8 @@ class Session:
         self._take_rest()
         start = arm.state
         try:
+            if self._config.control.residual_n > 0.0:
+                self._rest_under_load(self._config.control.residual_n)
             while len(self.ticks) < samples:
                 tick = self._sample()
                 if from_start or self._settled(tick):
@@ -96,6 +98,19 @@ class Session:
             self._wait()
             rig.arm.pump(rig.clock.now_ns)
             rig.tactile.pump(rig.clock.now_ns)
+
+    def _rest_under_load(self, residual_n: float) -> None:
+        """Press so hard, stand, and take the rest counts again: they hide that load."""
+        controller, settings = self._controller, self._config.control
+        presser = PressController(settings, controller.counts_per_newton, None, self._pace)
+        presser.target_n = residual_n
+        self._controller = presser
+        while self._touched_ns is None or not self._settled(self._sample()):
+            self._sample()
+        self._rig.arm.stop(STOP_MPS2)
+        self._take_rest()
+        controller.zero_n = presser.force_n
+        self._controller, self._touched_ns = controller, None
 
     def _wait(self) -> None:
         """Until the next sample is due; in a simulation with the real board's jitter and losses."""

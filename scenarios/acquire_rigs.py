@@ -10,6 +10,7 @@ from drivers.interfaces import Arm, TactileSensor
 from drivers.takktile.driver import ModelLink, TakkTileDriver
 from drivers.takktile.emulated_bus import backend
 from drivers.takktile.reader import TactileReader
+from drivers.takktile.settings import TakkTileSettings
 from drivers.takktile.usb_link import UsbLink
 from drivers.ur.client import UrLink
 from drivers.ur.driver import ArmDriver
@@ -45,7 +46,7 @@ def open_acquire_rig(config: AcquireConfig, seed: int, paced: bool) -> Iterator[
 def _simulated(config: AcquireConfig, seed: int, paced: bool) -> AcquireRig:
     """Real driver cores over the device models, in this process."""
     cell = pressed_cell(config, seed)
-    tactile = TakkTileDriver(ModelLink(cell.board), config.tactile)
+    tactile = TakkTileDriver(ModelLink(cell.board), _tactile_settings(config))
     tactile.open(0)
     clock = (PacedClock if paced else VirtualClock)(cell.advance)
     return AcquireRig(ArmDriver(cell.arm, config.arm), tactile, clock, cell, cell.truth)
@@ -74,6 +75,13 @@ def _hardware(config: AcquireConfig) -> AbstractContextManager[AcquireRig]:
     return _wired(config, WallClock(WallClock().now_ns), None)
 
 
+def _tactile_settings(config: AcquireConfig) -> TakkTileSettings:
+    """A rest under load is what the driver otherwise refuses."""
+    if config.control.residual_n <= 0.0:
+        return config.tactile
+    return msgspec.structs.replace(config.tactile, rest_min_counts=0, rest_max_std_counts=20.0)
+
+
 @contextmanager
 def _wired(
     config: AcquireConfig, clock: WallClock, truth: Callable[[], PressedTruth] | None
@@ -81,7 +89,7 @@ def _wired(
     now: Callable[[], int] = lambda: clock.now_ns  # noqa: E731
     bus = backend(config.usb.url) if config.usb.url else None
     find = partial(UsbLink.find, backend=bus, clock=now)
-    with TactileReader(find, config.tactile, now) as tactile, UrLink(config.ur) as link:
+    with TactileReader(find, _tactile_settings(config), now) as tactile, UrLink(config.ur) as link:
         arm = ArmDriver(link, config.arm)
         arm.set_payload(config.arm.payload_kg)
         yield AcquireRig(arm, tactile, clock, None, truth)

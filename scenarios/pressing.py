@@ -32,6 +32,10 @@ class PressControlSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
         float, Meta(ge=0.0, le=5000.0, description="calibration of this fingertip, sum of its "
                     "taxels; 0: by pressing the simulated one. Hardware needs it")
     ] = 0.0  # fmt: skip
+    residual_n: Annotated[
+        float, Meta(ge=-10.0, le=10.0, description="load under which the rest counts are taken; 0 "
+                    "or less: in the air. Part of the authors' recordings, 0-6 N, by their means")
+    ] = 0.0  # fmt: skip
     touch_n: Annotated[
         float, Meta(ge=0.05, le=5.0, description="estimate that counts as touched; assumed")
     ] = 0.5
@@ -160,11 +164,12 @@ class PressController:
         rng: np.random.Generator,
     ) -> None:  # fmt: skip
         self._settings = settings
-        self._counts_per_newton = counts_per_newton
+        self.counts_per_newton = counts_per_newton
         self._motion = motion
         self._rng = rng
         self.phase = Phase.APPROACH
         self.target_n = settings.force_n
+        self.zero_n = 0.0  # load at which the counts are zero
         self.force_n = 0.0
         self._touch_m: Vector3 | None = None
         self._phase_end_s = math.inf
@@ -182,7 +187,7 @@ class PressController:
         """Counts (6,) of the pressed fingertip, raw minus rest, and the arm's state."""
         dt_s = t_s - self._t_s if self._t_s is not None else 0.0
         self._t_s = t_s
-        self.force_n = max(0.0, -float(counts.sum()) / self._counts_per_newton)
+        self.force_n = max(0.0, self.zero_n - float(counts.sum()) / self.counts_per_newton)
         self._follow_script(t_s, arm)
         if self.phase in (Phase.APPROACH, Phase.OFF):
             up = 1.0 if self.phase is Phase.OFF else -1.0

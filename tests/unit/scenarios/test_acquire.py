@@ -170,6 +170,17 @@ def test_saturated_taxels_do_not_press_the_finger_ever_deeper() -> None:
     assert min(pressed) > pressed[0] - 0.0025
 
 
+def test_a_rest_under_load_hides_that_load_from_the_counts() -> None:
+    """The force is held all the same, and a pad that is unloaded reads above its rest."""
+    air, _ = session(samples=300)
+    loaded, r = session("0", "control.residual_n=5.0", samples=300)
+    hidden = [abs(m.frame.counts[0].astype(int).sum()) for m in (*loaded.ticks, *air.ticks)]
+    assert np.mean(hidden[:300]) < 0.5 * np.mean(hidden[300:])
+    true = np.array([tick.truth.normal_n for tick in loaded.ticks if tick.truth])
+    assert true.mean() == pytest.approx(5.0, rel=0.4)
+    assert r.counts.max() > 20
+
+
 def test_a_direction_that_is_none_is_refused() -> None:
     with pytest.raises(ConfigError, match="no direction"):
         motion("44", 0.05, 1.0)
