@@ -13,9 +13,12 @@ class GraspError(Exception):
     kind = "error"
 
     def __init__(self, message: str, remedy: str) -> None:
-        super().__init__(message)
+        super().__init__(message, remedy)  # all arguments, so that it survives another process
         self.message = message
         self.remedy = remedy
+
+    def __str__(self) -> str:
+        return self.message
 
 
 class LinkLost(GraspError):
@@ -49,6 +52,7 @@ class ConfigError(GraspError):
 
     def __init__(self, file: str, key: str, problem: str, allowed: str) -> None:
         super().__init__(f"{file}: {key}: {problem}", f"allowed: {allowed}")
+        self.args = (file, key, problem, allowed)
         self.file = file
         self.key = key
         self.allowed = allowed

@@ -20,6 +20,8 @@ from scenarios.acquire_world import pressed_cell
 from scenarios.wired import CellProcess
 from scenarios.world.pressed_cell import PressedCell, PressedTruth
 
+LOADED_STD = 200.0  # counts; anything that a pressed fingertip may do while it is zeroed
+
 
 class AcquireRig(msgspec.Struct, frozen=True):
     """What an acquisition needs of a rig: arm and fingertips, connected; the hand stays as it is,
@@ -76,10 +78,12 @@ def _hardware(config: AcquireConfig) -> AbstractContextManager[AcquireRig]:
 
 
 def _tactile_settings(config: AcquireConfig) -> TakkTileSettings:
-    """A rest under load is what the driver otherwise refuses."""
+    """A rest under load is what the driver otherwise refuses: low, and unsteady as the force."""
     if config.control.residual_n <= 0.0:
         return config.tactile
-    return msgspec.structs.replace(config.tactile, rest_min_counts=0, rest_max_std_counts=20.0)
+    return msgspec.structs.replace(
+        config.tactile, rest_min_counts=0, rest_max_std_counts=LOADED_STD
+    )
 
 
 @contextmanager

@@ -1,0 +1,21 @@
+"""Expected errors: one line, one remedy, and the same in another process."""
+
+import pickle
+
+import pytest
+
+from drivers.errors import ConfigError, DeviceFault, GraspError, LinkLost, Refused, Stale
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        *(kind("what happened", "what to do") for kind in (LinkLost, DeviceFault, Refused, Stale)),
+        ConfigError("file.toml", "section.key", "too high", "0 to 1"),
+    ],
+)
+def test_an_error_survives_another_process(error: GraspError) -> None:
+    back = pickle.loads(pickle.dumps(error))
+    assert type(back) is type(error)
+    assert (str(back), back.message, back.remedy) == (str(error), error.message, error.remedy)
+    assert "what to do" not in str(back)
