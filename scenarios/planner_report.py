@@ -33,11 +33,12 @@ def truth(scene: Scene) -> Floats:
         np.array(simulate(scene, Level.BRUSH, step_s, TRUTH_POINTS).mark_m)
         for step_s in (TRUTH_STEP_S, 0.5 * TRUTH_STEP_S)
     )
-    return 2 * fine - coarse
+    exact: Floats = 2 * fine - coarse
+    return exact
 
 
 def tally(scenes: Sequence[Scene], truths: Sequence[Floats], tolerance_m: float) -> Tally:
-    """Plan every scene and run the reference on it; the first plan, which compiles, is not timed."""
+    """Plan every scene and run the reference on it; a first plan, which compiles, is not timed."""
     tolerance = Tolerance(slip_m=tolerance_m)
     levels, misses, late, worst = [0] * 5, 0, 0, 0.0
     costs = np.zeros(2)

@@ -182,10 +182,11 @@ def run_numpy(batch: Batch, step_s: float) -> Floats:
         n = pick(height - z < p[R_TOP], n, 0.0)
         risen = hand_height(p, t, batch.vibrates)
         total = impulse(p, t) if batch.tapped else given
-        z, v, *rest = step(
+        arguments: tuple[Any, ...] = (
             z, v, *s, *flags, *n, (risen - height) / h, (total - given) / h, h,
             p[R_MASS], p[R_MU_S], p[R_MU_K], p[R_K], p[R_C], p[R_TABLE],
         )  # fmt: skip
+        z, v, *rest = step(*arguments)
         s, flags = tuple(rest[:FINGERS]), tuple(rest[FINGERS:])
         height, given = risen, total
     slip: Floats = height - z
