@@ -53,9 +53,9 @@ def swing(config: LiftConfig, seed: int) -> Swing:
     if nominal_ns is None:
         nominal_ns = search(config, "top" if direction == "closing" else direction)
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2])
-    strength = 1 + tap.spread * float(np.clip(rng.standard_normal(), -2.5, 2.5))
+    hand = 1 + tap.spread * float(np.clip(rng.standard_normal(), -2.5, 2.5))
     delay, wait = rng.uniform(size=2).tolist()
-    impulse_ns = nominal_ns * max(strength, 0.0)
+    impulse_ns = tap.strength * nominal_ns * max(hand, 0.0)
     blow = _blow(tap, direction, impulse_ns, config.loop.period_s * delay)
     return Swing(blow, tap.wait_s * wait)
 
@@ -74,7 +74,9 @@ def search(config: LiftConfig, direction: str) -> float:
     Raises ConfigError when none below 2 N s does: the object is knocked out before.
     """
     # the strength of one blow is what is searched: what differs between trials plays no part
-    tap = msgspec.structs.replace(config.tap, impulse_ns=None, direction="alternate", spread=0.0)
+    tap = msgspec.structs.replace(
+        config.tap, impulse_ns=None, direction="alternate", spread=0.0, strength=1.0
+    )
     return _search(config.object, config.contact, config.controller.force_cap_n, tap, direction)
 
 

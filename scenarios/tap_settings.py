@@ -32,6 +32,15 @@ class TapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         ]
         | None
     ) = None
+    strength: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            le=3.0,
+            description="of that blow; at 0.2 it moves nothing, which tells what a detector makes "
+            "of the blow itself",
+        ),
+    ] = 1.0
     spread: Annotated[
         float,
         Meta(ge=0.0, le=0.5, description="of the hand: relative deviation; assumed, 0.1-0.3"),

@@ -5,7 +5,9 @@ from pathlib import Path
 
 from grasp.phases import mermaid
 from grasp.settings import names
+from scenarios.config import load_config
 from scenarios.scoring import Outcome
+from scenarios.tap_scoring import TapOutcome
 
 ROOT = Path(__file__).parents[2]
 
@@ -23,6 +25,18 @@ def test_state_diagram_is_the_one_of_the_table() -> None:
 def test_every_outcome_is_explained() -> None:
     text = read("docs/data-formats.md")
     assert [o for o in Outcome if f"`{o.value}`" not in text] == []
+
+
+def test_every_outcome_of_a_tap_is_explained() -> None:
+    text = read("docs/experiments.md")
+    assert [o for o in TapOutcome if f"`{o.value}`" not in text] == []
+
+
+def test_positions_of_the_fingers_in_the_document_are_those_of_the_objects() -> None:
+    text = read("docs/experiments.md")
+    for name in names("objects"):
+        counts = load_config(name, "simulated", "energy").object.grip_counts
+        assert f"| {name} | {' '.join(map(str, counts))} |" in text
 
 
 def test_every_object_is_named_in_the_readme() -> None:
