@@ -25,7 +25,7 @@ from detector.recordings import PERIOD_S, SUFFIX, Metadata, Recording, Split, wr
 from drivers.errors import ConfigError, GraspError
 from grasp.settings import load, read_toml
 from scenarios.acquire import Session, recording
-from scenarios.acquire_config import load_acquire_config
+from scenarios.acquire_config import AcquireConfig, load_acquire_config
 from scenarios.acquire_rigs import open_acquire_rig
 from scenarios.confusers import FixedCause, GraspedCause, make_confuser
 from scenarios.pressing import TURNS, Motion, motion
@@ -38,7 +38,7 @@ DIRECTIONS = {
     "rotation": tuple(TURNS),
 }
 INDEX = "dataset.json"
-SPARE = (1.1, 2.0, 5.0)  # samples recorded for each one wanted, until the labels' shares come out
+SPARE = (1.1, 1.3, 1.6, 2.0, 3.0)  # samples recorded for each one wanted, try after try
 SPARE_SAMPLES = 250
 THREAD_LIMITS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 SEEDS = 1_000_000  # seeds of one data set
@@ -219,10 +219,19 @@ def make(job: Job) -> Recording:
         first = window(whole.slip, wanted, job.slip)
         if first is not None:
             return part_of(whole, first, first + wanted)
+        config = _with_other_pauses(config, job, float(whole.slip.mean()))
     raise ConfigError(
         job.path, "control.pause_share", f"no {wanted} samples with {job.slip} of slip came",
         "a share near that of the labels",
     )  # fmt: skip
+
+
+def _with_other_pauses(config: AcquireConfig, job: Job, slip_share: float) -> AcquireConfig:
+    """Pauses longer or shorter in proportion to the static samples that came too few or many."""
+    came = (1.0 - slip_share) / max(slip_share, 0.01)
+    share = config.control.pause_share * job.static / max(1, job.slip) / max(came, 0.01)
+    control = msgspec.structs.replace(config.control, pause_share=min(max(share, 0.1), 20.0))
+    return msgspec.structs.replace(config, control=control)
 
 
 def window(slip: NDArray[np.bool_], length: int, count: int) -> int | None:

@@ -9,6 +9,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -124,6 +125,17 @@ def test_a_build_makes_what_was_planned(tmp_path: Path, few: list[Job], workers:
         assert len(r.slip) == job.samples
         assert r.t_s[0] == 0.0
         assert r.slip_true is not None
+
+
+@pytest.mark.parametrize("pause_share", [0.3, 4.0])
+def test_the_labels_shares_come_out_whatever_the_first_pauses(
+    few: list[Job], pause_share: float
+) -> None:
+    parameters = few[0].metadata.parameters | {"control.pause_share": pause_share}
+    metadata = msgspec.structs.replace(few[0].metadata, parameters=parameters)
+    job = msgspec.structs.replace(few[0], metadata=metadata, static=500, slip=400)
+    r = datasets.make(job)
+    assert (len(r.slip), int(r.slip.sum())) == (900, 400)
 
 
 def test_a_second_build_makes_only_what_is_missing_and_makes_it_equal(
