@@ -172,20 +172,35 @@ def _judged(end: Truth, body: GraspObject, scoring: ScoringSettings) -> Reaction
     return Reaction(success, end.slip_distance_m if success else None, rise_ms)
 
 
-def _check(config: LiftConfig, seed: int, begun: Copy, factors: Sequence[float]) -> Check | None:
-    """None where the full path never answered, or answered before anything slipped."""
+def answered(config: LiftConfig, seed: int) -> tuple[int, CloseFast, int] | None:
+    """When the full path gave its command to close, the command, and when slip was registered."""
+    answer = _answer(config, seed)
+    return None if answer is None else answer[:3]
+
+
+def _answer(config: LiftConfig, seed: int) -> tuple[int, CloseFast, int, Truth] | None:
+    """None where the full path never answered, or nothing had slipped by its end."""
     sent: list[tuple[int, CloseFast]] = []
 
     def watch(tick: Tick, truth: Truth | None, controller: GraspController) -> None:
-        sent.extend((i.sent_ns, i.admitted) for i in tick.issued if isinstance(i.admitted, CloseFast))
+        for issued in tick.issued:
+            if isinstance(issued.admitted, CloseFast):
+                sent.append((issued.sent_ns, issued.admitted))
 
     with open_rig(config, seed, paced=False) as rig:
         trial = run_trial(config, rig, make_guard(config), watch)
     end, registered_ns = trial.trace.end, trial.trace.registered_ns
     if end is None or registered_ns is None or end.slip_onset_s is None or not sent:
         return None
-    sent_ns, command = sent[0]
-    late_ns = registered_ns - round(end.slip_onset_s * 1e9)
+    return *sent[0], registered_ns, end
+
+
+def _check(config: LiftConfig, seed: int, begun: Copy, factors: Sequence[float]) -> Check | None:
+    answer = _answer(config, seed)
+    if answer is None or answer[3].slip_onset_s is None:
+        return None
+    sent_ns, command, registered_ns, end = answer
+    late_ns = registered_ns - round(answer[3].slip_onset_s * 1e9)
     return Check(
         full=_judged(end, config.object, config.scoring),
         reduced=react(config, begun, sent_ns, command),

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from grasp.cli import exits
+from grasp.cli import campaign_calibrate, exits
 
 HELP = "run a grid of trials in parallel; sum it up as the paper's Table IV"
 
@@ -14,6 +14,7 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("campaign", help=HELP, description=HELP)
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     _add_run(actions)
+    campaign_calibrate.add_parser(actions)
     summary = actions.add_parser("summary", help="rates with intervals, latencies, slip distances")
     summary.add_argument("file", type=Path, metavar="FILE", help="SQLite file of a campaign")
     summary.add_argument("--json", action="store_true", help="one JSON object")

@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from grasp.cli import chart_physics, exits
+from grasp.cli import chart_hunting, chart_physics, chart_reaction, exits
 
 HELP = "draw pictures of runs, of detectors and of the physics"
 
@@ -22,6 +22,8 @@ def add_parser(verbs: Any) -> None:
     run.set_defaults(handler=draw)
     _add_detectors(charts)
     chart_physics.add_parsers(charts)
+    chart_reaction.add_parser(charts)
+    chart_hunting.add_parser(charts)
 
 
 def _add_detectors(charts: Any) -> None:

@@ -29,7 +29,8 @@ def _add_computed(charts: Any, name: str, handler: Any, text: str) -> None:
     parser.set_defaults(handler=handler)
 
 
-def _matplotlib_is_missing() -> bool:
+def matplotlib_is_missing() -> bool:
+    """True, and said with its remedy, where the extra `charts` is not installed."""
     if find_spec("matplotlib") is not None:
         return False
     exits.report("usage", "charts need matplotlib", "pip install 'grasp-controller[charts]'", False)
@@ -37,7 +38,7 @@ def _matplotlib_is_missing() -> bool:
 
 
 def draw_physics(args: argparse.Namespace) -> int:
-    if _matplotlib_is_missing():
+    if matplotlib_is_missing():
         return exits.USAGE
     from scenarios import physics_chart
 
@@ -51,7 +52,7 @@ def draw_physics(args: argparse.Namespace) -> int:
 
 
 def draw_stability(args: argparse.Namespace) -> int:
-    if _matplotlib_is_missing():
+    if matplotlib_is_missing():
         return exits.USAGE
     from scenarios import stability
 

@@ -104,7 +104,7 @@ def _variant(key: tuple[str, str, str, str], rows: Sequence[Row]) -> Variant:
     score = best = None
     if len(known) == len(TABLE_IV):
         score = sum(
-            log_predictive(paper_counts(scenario, name), _counts(scenario, name, group))
+            log_predictive(paper_counts(scenario, name), class_counts(scenario, name, group))
             for name, group in known.items()
         )
         best = sum(log_multinomial(paper_counts(scenario, name)) for name in known)
@@ -137,7 +137,7 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
         reaction_latency_ms=quantiles([row.reaction_latency_ms for row in done]),
         nominal_again_ms=quantiles([row.nominal_again_ms for row in done]),
         slip_distance_mm=quantiles([_slip_mm(scenario, row) for row in done]),
-        p_value=p_value(paper_counts(scenario, name), _counts(scenario, name, done))
+        p_value=p_value(paper_counts(scenario, name), class_counts(scenario, name, done))
         if known
         else None,
     )
@@ -149,7 +149,7 @@ def _counted(scenario: str, rows: Sequence[Row]) -> list[Row]:
     return done if scenario == "lift" else [row for row in done if row.moved]
 
 
-def _counts(scenario: str, name: str, rows: Sequence[Row]) -> tuple[int, ...]:
+def class_counts(scenario: str, name: str, rows: Sequence[Row]) -> tuple[int, ...]:
     """Counts by the classes of the paper's cell."""
     done = _counted(scenario, rows)
     failed = sum(not row.success for row in done)
