@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from grasp.cli import exits
 
 if TYPE_CHECKING:
-    from scenarios.campaign.calibrate import Calibration, Profile
+    from scenarios.campaign.calibrate import Calibration, Profile, TradeOff
     from scenarios.campaign.cause import Cause
 
 
@@ -89,13 +89,11 @@ def _causes(result: "Calibration", args: argparse.Namespace) -> "list[Cause]":
             config = load_config(
                 each.object, "simulated", result.detector, None, own, result.profile
             )
-            causes.append(explain(config, seeds, spread_of(found, each.object)))
+            causes.append(explain(config, seeds, each.rate, spread_of(found, each.object)))
     return causes
 
 
 def _print(result: "Calibration", causes: "list[Cause]") -> None:
-    from scenarios.campaign.calibrate import trades
-
     print(f"lift column, profile {result.profile}, detector {result.detector}, "
           f"{result.repetitions} lifts a place; arm speed {result.speed_mps:g} m/s")  # fmt: skip
     for each in result.best:
@@ -107,9 +105,7 @@ def _print(result: "Calibration", causes: "list[Cause]") -> None:
     for profile in result.profiles:
         _print_profile(profile)
     for trade in result.trade_offs:
-        shown = ", ".join(f"{v:g} m/s with {x * 1e3:g} mm" for v, x in trade.pairs)
-        verb = "trade off" if trades(trade) else "do not trade off"
-        print(f"arm speed and {trade.object} {trade.setting} {verb}: {shown}")
+        _print_trade_off(trade)
     for cause in causes:
         _print_cause(cause)
 
@@ -122,6 +118,19 @@ def _print_profile(profile: "Profile") -> None:
     print(f"profile of {profile.object} {profile.setting}: {shown}{flat or border}")
 
 
+def _print_trade_off(trade: "TradeOff") -> None:
+    from scenarios.campaign.calibrate import trades
+
+    pair = f"arm speed and {trade.object} {trade.setting}"
+    if trade.everything:
+        print(f"{pair}: every pair explains the object about as well: neither is identified by it")
+    elif trades(trade):
+        shown = ", ".join(f"{v:g} m/s with {x * 1e3:g} mm" for v, x in trade.pairs)
+        print(f"{pair} trade off: {shown}")
+    else:
+        print(f"{pair} do not trade off")
+
+
 def _print_cause(cause: "Cause") -> None:
     low, high = cause.paper
     print(
@@ -129,4 +138,4 @@ def _print_cause(cause: "Cause") -> None:
     )
     for each in cause.ranges:
         verdict = "could be the cause" if each.reaches else "cannot be the cause"
-        print(f"  {each.cause:<10} gives {each.low:.0%} to {each.high:.0%}: {verdict}")
+        print(f"  {each.cause:<18} gives {each.low:.0%} to {each.high:.0%}: {verdict}")

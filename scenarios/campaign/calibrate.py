@@ -71,6 +71,7 @@ class TradeOff(msgspec.Struct, frozen=True):
     object: str
     setting: str
     pairs: list[tuple[float, float]]  # (arm speed, length) within 1.92 of the object's best
+    everything: bool  # all that were tried
 
 
 class Calibration(msgspec.Struct, frozen=True, kw_only=True):
@@ -199,7 +200,7 @@ def _trade_off(found: Sequence[Candidate], name: str) -> TradeOff:
         for c in sorted(own, key=lambda c: (c.speed_mps, c.scalar or 0.0))
         if top - c.log_likelihood <= PLAUSIBLE and c.scalar is not None
     ]
-    return TradeOff(name, SCALARS[name][0], pairs)
+    return TradeOff(name, SCALARS[name][0], pairs, len(pairs) == len(own))
 
 
 def trades(trade_off: TradeOff) -> bool:
