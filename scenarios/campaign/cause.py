@@ -3,7 +3,7 @@
 Each is moved through its whole range, the others as they are: what cannot reach the paper's
 interval even so is not the cause. Detection and reaction are moved on copies of the lift
 (``scenarios.reaction``): the command to close comes earlier or later. On a copy nobody listens any
-more, so a full run that fails where its copy holds has failed by an alarm: too early, or not ending.
+more: a full run that fails where its copy holds has failed by an alarm, too early or without end.
 """
 
 from collections.abc import Sequence
