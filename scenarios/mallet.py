@@ -49,9 +49,7 @@ def swing(config: LiftConfig, seed: int) -> Swing:
     """The blow that a seed stands for. Raises ConfigError when no blow moves the object enough."""
     tap = config.tap
     direction = direction_of(tap, seed)
-    nominal_ns = tap.impulse_ns
-    if nominal_ns is None:
-        nominal_ns = search(config, "top" if direction == "closing" else direction)
+    nominal_ns = tap.impulse_ns or search(config, "top" if direction == "closing" else direction)
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2])
     hand = 1 + tap.spread * float(np.clip(rng.standard_normal(), -2.5, 2.5))
     delay, wait = rng.uniform(size=2).tolist()
@@ -75,7 +73,7 @@ def search(config: LiftConfig, direction: str) -> float:
     """
     # the strength of one blow is what is searched: what differs between trials plays no part
     tap = msgspec.structs.replace(
-        config.tap, impulse_ns=None, direction="alternate", spread=0.0, strength=1.0
+        config.tap, impulse_ns=0.0, direction="alternate", spread=0.0, strength=1.0
     )
     return _search(config.object, config.contact, config.controller.force_cap_n, tap, direction)
 

@@ -25,13 +25,14 @@ class TapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
             "move it, too weak to knock it out (paper, section V-B); assumed, 2-20 mm",
         ),
     ] = 0.007
-    impulse_ns: (
-        Annotated[
-            float,
-            Meta(gt=0.0, le=2.0, description="N s, in place of the search; assumed, 0.08-0.45"),
-        ]
-        | None
-    ) = None
+    impulse_ns: Annotated[
+        float,
+        Meta(
+            ge=0.0,
+            le=2.0,
+            description="N s, in place of the search; 0: searched; assumed, 0.08-0.45",
+        ),
+    ] = 0.0
     strength: Annotated[
         float,
         Meta(
