@@ -163,16 +163,16 @@ def draw(chart: PhysicsChart, out: Path) -> None:
 
     plt.rcParams["svg.hashsalt"] = "grasp"
     scenes = list(dict.fromkeys(p.scene for p in chart.points))
-    figure, panels = plt.subplots(1, len(scenes), figsize=(15, 6.5), sharey=True)
-    for axes, scene in zip(panels, scenes, strict=True):
+    figure, panels = plt.subplots(1, len(scenes), figsize=(15, 6.5), sharey=True, squeeze=False)
+    for axes, scene in zip(panels[0], scenes, strict=True):
         curves = dict.fromkeys(p.curve for p in chart.points if p.scene == scene)
         for curve in curves:
             _plot(axes, curve, [p for p in chart.points if (p.scene, p.curve) == (scene, curve)])
         axes.set(xscale="log", yscale="log", title=scene, xlabel="processor time of a scene, µs")
         axes.grid(alpha=0.3)
-    panels[0].set_ylabel("error of the tape mark, mm")
-    panels[0].set_ylim(0.5 * FLOOR_MM, 300.0)
-    handles, labels = panels[0].get_legend_handles_labels()
+    panels[0, 0].set_ylabel("error of the tape mark, mm")
+    panels[0, 0].set_ylim(0.5 * FLOOR_MM, 300.0)
+    handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=6, fontsize=8, frameon=False)
     if chart.note:
         figure.text(0.5, 0.97, chart.note, ha="center", fontsize=9, color="#b00020")

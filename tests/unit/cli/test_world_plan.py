@@ -1,0 +1,48 @@
+"""`grasp world plan` and the verbs of the physics charts."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from grasp.cli import exits, main
+
+
+def test_plan_explains_its_choice_in_a_few_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["world", "plan", "tap", "--object", "box", "--tolerance", "1mm"]) == exits.SUCCESS
+    lines = capsys.readouterr().out.splitlines()
+    assert 3 <= len(lines) <= 7
+    assert any(line.startswith("choice: L") for line in lines)
+
+
+def test_plan_as_json_has_the_choice_and_the_explanation(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = ["world", "plan", "lift", "--tolerance", "0.5mm", "--rotation", "2deg", "--json"]
+    assert main(words) == exits.SUCCESS
+    found = json.loads(capsys.readouterr().out)
+    assert found["answer"]["level"] == 1
+    assert found["tolerance"]["rotation_rad"] == pytest.approx(0.0349, abs=1e-4)
+    assert found["explanation"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["--tolerance", "1 mile"], ["--tolerance", "-1mm"], ["--tolerance", "nan"],
+     ["--rotation", "3mm"], ["--object", "no-such-thing"]],
+)  # fmt: skip
+def test_plan_refuses_what_it_cannot_read(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["world", "plan", "lift", *words]) == exits.USAGE
+    assert capsys.readouterr().err.startswith("grasp: ")
+
+
+def test_chart_that_cannot_be_written_fails_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("matplotlib")
+    for chart in ("physics", "stability"):
+        out = tmp_path / "no-such-folder" / "chart.svg"
+        assert main(["chart", chart, "--out", str(out)]) == exits.INTERNAL
+    assert "no-such-folder" in capsys.readouterr().err
