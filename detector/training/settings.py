@@ -43,13 +43,23 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 # windows cost a hundred times more a label than sequences: few, and balanced as in the paper
 DEFAULTS = {
-    "tcn": TrainSettings(steps=12_000),
-    "gru": TrainSettings(steps=9_000),
+    "tcn": TrainSettings(steps=5_000),
+    "gru": TrainSettings(steps=3_000),
     "tcn-paper": TrainSettings(
-        steps=6_000, augmentation="as-run", balance="undersample", batch=256, learning_rate=0.002
+        steps=2_000,
+        augmentation="as-run",
+        balance="undersample",
+        batch=256,
+        learning_rate=0.002,
+        validations=4,
     ),
     "freq-cnn": TrainSettings(
-        steps=6_000, augmentation="none", balance="undersample", batch=256, learning_rate=0.002
+        steps=4_000,
+        augmentation="none",
+        balance="undersample",
+        batch=256,
+        learning_rate=0.002,
+        validations=4,
     ),
 }
 DEFAULTS["freq-cnn-paper"] = DEFAULTS["freq-cnn"]

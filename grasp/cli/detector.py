@@ -1,6 +1,7 @@
 """`grasp detector`: score, tune, table and train slip detectors."""
 
 import argparse
+import json
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ def add_parser(verbs: Any) -> None:
     _add_evaluate(actions)
     tune.add_parser(actions)
     _add_table2(actions)
+    _add_card(actions)
     train.add_parser(actions)
 
 
@@ -62,6 +64,28 @@ def _add_table2(actions: Any) -> None:
         help="folders made by `grasp dataset build`; the split `test` is scored",
     )  # fmt: skip
     parser.set_defaults(handler=table2)
+
+
+def _add_card(actions: Any) -> None:
+    text = "what a network's weights say of themselves: data, seed, commit, calibration"
+    parser = actions.add_parser("card", help=text, description=text)
+    parser.add_argument("network", metavar="NAME|FILE.onnx", help="packaged name, or a file")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.set_defaults(handler=card)
+
+
+def card(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from detector.network_file import read_network, weights_path
+
+    found = read_network(weights_path(args.network)).card
+    if args.json:
+        print(msgspec.json.encode(found).decode())
+    else:
+        for key, value in msgspec.to_builtins(found).items():
+            print(f"{key}: {json.dumps(value)}")
+    return exits.SUCCESS
 
 
 def evaluate(args: argparse.Namespace) -> int:

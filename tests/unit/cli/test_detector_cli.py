@@ -7,6 +7,7 @@ import pytest
 
 from detector.recordings import write
 from grasp.cli import main
+from tests.unit.detector.networks import write_network
 from tests.unit.detector.toys import toys
 
 
@@ -93,3 +94,13 @@ def test_the_chart_leaves_its_numbers_beside_the_picture(
     assert set(numbers) == {"energy", "psd"}
     rates = [p["false_per_min"] for p in numbers["energy"]["points"]]
     assert rates == sorted(rates)
+
+
+def test_a_card_says_what_the_weights_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_network(tmp_path, "gru", "stream", seed=7)
+    (found,) = answers(capsys, "detector", "card", str(path), "--json")
+    assert (found["name"], found["seed"], found["mode"]) == ("gru", 7, "stream")
+    assert main(["detector", "card", "oracle"]) == 2
+    assert "oracle.onnx" in capsys.readouterr().err
