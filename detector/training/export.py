@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from detector.evaluation import Streamed
 from detector.network_file import FORMAT, Mode, NetworkCard
@@ -12,21 +13,25 @@ from detector.training.architecture import WINDOW
 from detector.training.fit import Training
 from detector.training.graph import make_model
 from detector.training.networks import parameter_count
-from detector.training.validation import likelihood, odds_of, temperature
+from detector.training.validation import calibration, likelihood, odds_of
 
 THRESHOLD = 0.5  # of a calibrated probability: the likelier class
 
 
 def export(training: Training, validation: list[Recording], path: Path, commit: str) -> NetworkCard:
-    """Fit the temperature on validation, write ``path``, give the card."""
-    odds = odds_of(training.network, training.arch, validation)
-    z = np.concatenate([(o + training.shift).ravel() for o in odds])
-    y = np.concatenate([
-        np.repeat(Streamed(r, o, np.empty(0), training.settings.label).labels, r.fingers)
-        for r, o in zip(validation, odds, strict=True)
-    ])  # fmt: skip
-    cooled = temperature(z, y)
-    figures = {"loss": likelihood(z / cooled, y), "accuracy": float(((z > 0) == y).mean())}
+    """Calibrate on validation, write ``path``, give the card.
+
+    Where there are recordings of the paper's kind, the probabilities are true of them: slip as
+    common as there. A rule for rarer slip has a higher threshold, see `grasp detector tune`.
+    """
+    slides = [r for r in validation if r.metadata is None or r.metadata.set == "slide"]
+    z, y = _samples(training, slides or validation)
+    temperature, shift = calibration(z, y)
+    calibrated = (z + shift) / temperature
+    figures = {
+        "loss": likelihood(calibrated, y),
+        "accuracy": float(((calibrated > 0) == y).mean()),
+    }
     if training.best is not None and math.isfinite(training.best.delay_ms):
         figures["mean_delay_ms_within_budget"] = training.best.delay_ms
     mode: Mode = "stream" if training.arch.streaming else "window"
@@ -37,7 +42,7 @@ def export(training: Training, validation: list[Recording], path: Path, commit: 
         parameters=parameter_count(training.network),
         mean_counts=training.statistics.mean, std_counts=training.statistics.std,
         change_scale_counts=training.statistics.change_scale,
-        temperature=cooled, shift=training.shift, data_digest=training.data_digest,
+        temperature=temperature, shift=shift, data_digest=training.data_digest,
         label=training.settings.label, augmentation=training.settings.augmentation,
         balance=training.settings.balance, seed=training.settings.seed, commit=commit,
         steps=training.step, training_minutes=round(training.minutes, 2),
@@ -48,3 +53,15 @@ def export(training: Training, validation: list[Recording], path: Path, commit: 
     partial.write_bytes(make_model(training.arch, mode, weights, card))
     partial.replace(path)
     return card
+
+
+def _samples(
+    training: Training, recordings: list[Recording]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Log-odds and labels (n,) of all samples of all fingers."""
+    odds = odds_of(training.network, training.arch, recordings)
+    labels = [
+        np.repeat(Streamed(r, o, np.empty(0), training.settings.label).labels, r.fingers)
+        for r, o in zip(recordings, odds, strict=True)
+    ]
+    return np.concatenate([o.ravel() for o in odds]), np.concatenate(labels)

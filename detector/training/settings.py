@@ -43,8 +43,8 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 # windows cost a hundred times more a label than sequences: few, and balanced as in the paper
 DEFAULTS = {
-    "tcn": TrainSettings(steps=5_000),
-    "gru": TrainSettings(steps=3_000),
+    "tcn": TrainSettings(steps=3_500),
+    "gru": TrainSettings(steps=2_500),
     "tcn-paper": TrainSettings(
         steps=2_000,
         augmentation="as-run",

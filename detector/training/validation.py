@@ -16,7 +16,7 @@ from detector.sweep import best, rules, sweep
 from detector.training.architecture import WINDOW, Architecture
 
 WINDOWS_AT_ONCE = 512
-GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+NEWTON_STEPS, RIDGE, LEAST_SLOPE = 25, 1e-6, 0.05
 
 
 class Score(msgspec.Struct, frozen=True):
@@ -85,13 +85,17 @@ def likelihood(odds: NDArray[np.float64], labels: NDArray[np.bool_]) -> float:
     return float(np.logaddexp(0.0, np.where(labels, -odds, odds)).mean())
 
 
-def temperature(odds: NDArray[np.float64], labels: NDArray[np.bool_]) -> float:
-    """The divisor of the log-odds that makes the labels likeliest (Guo et al. 2017)."""
-    low, high = math.log(0.2), math.log(10.0)
-    while high - low > 1e-3:
-        a, b = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-        if likelihood(odds / math.exp(a), labels) < likelihood(odds / math.exp(b), labels):
-            high = b
-        else:
-            low = a
-    return math.exp((low + high) / 2.0)
+def calibration(odds: NDArray[np.float64], labels: NDArray[np.bool_]) -> tuple[float, float]:
+    """Temperature and shift that make the labels likeliest: (odds + shift) / temperature.
+
+    Platt 1999, by Newton's method. The shift carries the share of slip among these labels, which
+    training on weighed classes has taken away.
+    """
+    x = np.column_stack([odds, np.ones_like(odds)])
+    w = np.zeros(2)
+    for _ in range(NEWTON_STEPS):
+        p = 0.5 * (1.0 + np.tanh(x @ w / 2.0))
+        curvature = (x * (p * (1.0 - p))[:, None]).T @ x + RIDGE * np.eye(2)
+        w -= np.linalg.solve(curvature, x.T @ (p - labels))
+    slope = max(float(w[0]), LEAST_SLOPE)
+    return 1.0 / slope, float(w[1]) / slope

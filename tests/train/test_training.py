@@ -18,7 +18,7 @@ from detector.training.export import export  # noqa: E402
 from detector.training.fit import BadCheckpoint, Progress, Training  # noqa: E402
 from detector.training.sequences import Windows, crops, digest, fingers_of  # noqa: E402
 from detector.training.settings import DEFAULTS, TrainSettings  # noqa: E402
-from detector.training.validation import likelihood, odds_of, temperature  # noqa: E402
+from detector.training.validation import calibration, likelihood, odds_of  # noqa: E402
 from grasp.cli import main  # noqa: E402
 from tests.unit.detector.toys import toys  # noqa: E402
 
@@ -159,12 +159,14 @@ def test_a_symmetry_done_twice_is_none() -> None:
         assert order[order].tolist() == [0, 1, 2, 3, 4, 5]
 
 
-def test_the_temperature_undoes_overconfidence() -> None:
+def test_calibration_undoes_overconfidence_and_a_wrong_prior() -> None:
     rng = np.random.default_rng(0)
     odds = rng.normal(0, 2, 20_000)
     labels = rng.random(20_000) < 1 / (1 + np.exp(-odds))
-    assert temperature(odds * 3, labels) == pytest.approx(3.0, rel=0.1)
-    assert likelihood(odds, labels) < likelihood(odds * 3, labels)
+    temperature, shift = calibration(odds * 3 + 1.5, labels)
+    assert temperature == pytest.approx(3.0, rel=0.1)
+    assert shift == pytest.approx(-1.5, abs=0.2)
+    assert likelihood(odds, labels) < likelihood(odds * 3 + 1.5, labels)
 
 
 def test_every_network_has_defaults_that_fit_it() -> None:
