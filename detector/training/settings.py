@@ -46,7 +46,7 @@ DEFAULTS = {
     "tcn": TrainSettings(steps=3_500),
     "gru": TrainSettings(steps=2_500),
     "tcn-paper": TrainSettings(
-        steps=2_000,
+        steps=1_200,
         augmentation="as-run",
         balance="undersample",
         batch=256,
@@ -54,7 +54,7 @@ DEFAULTS = {
         validations=4,
     ),
     "freq-cnn": TrainSettings(
-        steps=4_000,
+        steps=3_000,
         augmentation="none",
         balance="undersample",
         batch=256,
