@@ -58,7 +58,7 @@ class Session:
         pace, course = np.random.default_rng([seed, 1]).spawn(2)
         self._pace = pace
         self._controller = PressController(
-            config.control, counts_per_newton(config), motion, course
+            config.control, counts_per_newton(config, seed), motion, course
         )
         self._tick = 0
         self.ticks: list[Tick] = []

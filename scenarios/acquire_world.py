@@ -17,7 +17,7 @@ def pressed_cell(config: AcquireConfig, seed: int, start_ns: int = 0) -> Pressed
     return PressedCell(settings, np.random.default_rng([seed, 0]), start_ns)
 
 
-def counts_per_newton(config: AcquireConfig) -> float:
+def counts_per_newton(config: AcquireConfig, seed: int) -> float:
     """Calibration of the force estimate. Raises ConfigError on hardware that names none."""
     known = config.control.counts_per_newton
     if known:
@@ -27,21 +27,16 @@ def counts_per_newton(config: AcquireConfig) -> float:
             "control", "counts_per_newton", "must be measured on this rig",
             "sum of a fingertip's counts under a known weight, over that weight in newtons",
         )  # fmt: skip
-    return pressed_gain(config)
+    return pressed_gain(config, seed)
 
 
-def pressed_gain(config: AcquireConfig) -> float:
+def pressed_gain(config: AcquireConfig, seed: int) -> float:
     """Sum of counts a newton of the simulated fingertip, pressed as hard as it will be: what a
-    weight on it would tell."""
+    weight on this very one, tilted as it is, would tell."""
     still = msgspec.structs.replace(
-        config.fingertip,
-        wander_mm=0.0,
-        vibration_mm=0.0,
-        sway_mm=0.0,
-        noise_counts=0.0,
-        tilt_rad=0.0,
+        config.fingertip, wander_mm=0.0, vibration_mm=0.0, sway_mm=0.0, noise_counts=0.0
     )
-    cell = pressed_cell(msgspec.structs.replace(config, fingertip=still), seed=0)
+    cell = pressed_cell(msgspec.structs.replace(config, fingertip=still), seed)
     tips, load_n = cell.pad.tips, config.control.force_n
     nothing = np.zeros((1, 2))
     for i in range(100):

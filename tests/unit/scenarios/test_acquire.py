@@ -189,7 +189,7 @@ def test_a_direction_that_is_none_is_refused() -> None:
 def test_hardware_needs_a_calibration_of_its_own() -> None:
     hardware = load_acquire_config("planar", "hardware")
     with pytest.raises(ConfigError, match="counts_per_newton"):
-        counts_per_newton(hardware)
+        counts_per_newton(hardware, 0)
 
 
 def test_a_run_leaves_one_recording(tmp_path: Any) -> None:
