@@ -77,7 +77,11 @@ def pick(condition: Any, yes: Any, no: Any) -> Any:
 
 @overload(pick)
 def _pick_compiled(condition: Any, yes: Any, no: Any) -> Any:
-    return lambda condition, yes, no: yes if condition else no
+    # numba holds the two signatures against one another, annotations included
+    def choose(condition: Any, yes: Any, no: Any) -> Any:
+        return yes if condition else no
+
+    return choose
 
 
 @register_jitable

@@ -72,15 +72,19 @@ def _until_event(p: Floats, travel: Floats, speed: Floats, stop_n: float) -> flo
         if speed[i] > 0.0 and slope[i] > 0.0:
             spans.append((stop_n - start[i]) / slope[i])
     low, high = 0.0, float(max(tiny, min(spans)))
-    if np.allclose(press(p, travel + speed * high), start + slope * high, rtol=1e-6, atol=1e-6):
+    if _near(press(p, travel + speed * high), start + slope * high, 1e-6):
         return high
     while high - low > 1e-12:  # a finger touches or lets go on the way
         middle = 0.5 * (low + high)
         straight = start + slope * middle
         here = press(p, travel + speed * middle)
-        linear = np.allclose(here, straight, rtol=1e-9, atol=1e-8)
+        linear = _near(here, straight, 1e-8)
         low, high = (middle, high) if linear else (low, middle)
     return max(high, tiny)
+
+
+def _near(a: Floats, b: Floats, tolerance_n: float) -> bool:
+    return bool(np.abs(a - b).max() <= tolerance_n * (1.0 + np.abs(b).max()))
 
 
 def motion(scene: Scene) -> Floats:
@@ -255,8 +259,8 @@ def knots(scene: Scene, forces: GripForces) -> list[float]:
     return sorted(t for t in times if t <= scene.duration_s)
 
 
-def run(scene: Scene) -> tuple[Floats, Floats]:
-    """Result of ``solve`` and the normal forces at the end (3,), N."""
+def run(scene: Scene) -> tuple[Floats, GripForces]:
+    """Result of ``solve``, and the normal forces."""
     m, forces = motion(scene), grip_forces(scene)
     times = np.array(knots(scene, forces))
     total = np.interp(times, forces.t_s, forces.force_n.sum(axis=1))
@@ -265,5 +269,4 @@ def run(scene: Scene) -> tuple[Floats, Floats]:
         grid_s = 1.0 / (32 * scene.vibration.frequency_hz)
     if m[M_TAP_NS] > 0.0:
         grid_s = min(grid_s, m[M_TAP_S] / 16)
-    last = np.array([np.interp(scene.duration_s, forces.t_s, f) for f in forces.force_n.T])
-    return solve(m, times, total, scene.on_table, grid_s), last
+    return solve(m, times, total, scene.on_table, grid_s), forces
