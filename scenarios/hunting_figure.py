@@ -39,7 +39,7 @@ def draw_hunting(maps: Sequence[HuntingMap], default: HuntingSettings, out: Path
 def _draw_panel(axes: Any, m: HuntingMap, default: HuntingSettings) -> Any:
     image = axes.pcolormesh(
         [1e3 * r for r in m.refractories_s], [1e3 * latency for latency in m.latencies_s],
-        m.compensations, cmap="OrRd", vmin=1, vmax=MOST_SHOWN, shading="nearest",
+        m.compensations, cmap="OrRd", vmin=1, vmax=MOST_SHOWN, shading="nearest", rasterized=True,
     )  # fmt: skip
     axes.plot(
         1e3 * default.refractory_s, 1e3 * default.latency_s, "*", color="#153f6b", ms=11, mec="w"

@@ -3,10 +3,14 @@
 import argparse
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from grasp.cli import campaign_calibrate, exits
 
+if TYPE_CHECKING:
+    from scenarios.campaign.spec import CampaignSpec
+
+MOST = 10_000
 HELP = "run a grid of trials in parallel; sum it up as the paper's Table IV"
 
 
@@ -39,7 +43,7 @@ def _add_run(actions: Any) -> None:
         "campaign", metavar="FILE", help="campaign file, or the name of one of config/campaigns"
     )
     run.add_argument(
-        "--jobs", type=_jobs, default=os.cpu_count() or 1, metavar="N",
+        "--jobs", type=_count, default=os.cpu_count() or 1, metavar="N",
         help="worker processes on this machine (default: its CPUs)",
     )  # fmt: skip
     run.add_argument(
@@ -52,6 +56,12 @@ def _add_run(actions: Any) -> None:
         help="SQLite file to make (default: runs/campaigns/<name>.sqlite)",
     )  # fmt: skip
     run.add_argument(
+        "--detector", metavar="NAME", help="in place of the detectors of the campaign file"
+    )
+    run.add_argument(
+        "--repetitions", type=_count, metavar="N", help="in place of the campaign file's"
+    )
+    run.add_argument(
         "--resume", action="store_true",
         help="go on with an existing file: run what is missing or errored",
     )  # fmt: skip
@@ -61,10 +71,23 @@ def _add_run(actions: Any) -> None:
     run.set_defaults(handler=run_campaign)
 
 
-def _jobs(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 1024:
-        raise argparse.ArgumentTypeError(f"{text!r}: a whole number, 1 to 1024")
+def _count(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= MOST:
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number, 1 to {MOST}")
     return int(text)
+
+
+def _spec(args: argparse.Namespace) -> "CampaignSpec":
+    import msgspec
+
+    from scenarios.campaign.spec import read_spec
+
+    changes = {
+        "detectors": (args.detector,) if args.detector else None,
+        "repetitions": args.repetitions,
+    }
+    wanted = {key: value for key, value in changes.items() if value is not None}
+    return msgspec.structs.replace(read_spec(_path(args.campaign)), **wanted)
 
 
 def _path(word: str) -> Path:
@@ -80,9 +103,8 @@ def _path(word: str) -> Path:
 def run_campaign(args: argparse.Namespace) -> int:
     from grasp.cli.campaign_view import View
     from scenarios.campaign.run import default_path, run
-    from scenarios.campaign.spec import read_spec
 
-    spec = read_spec(_path(args.campaign))
+    spec = _spec(args)
     out = args.out or default_path(spec)
     with View(spec.name, quiet=args.json) as view:
         try:

@@ -30,7 +30,13 @@ def add_parser(actions: Any) -> None:
         "--repetitions", type=int, default=20, metavar="N",
         help="lifts at each place of the grid (default: %(default)s; 60 places)",
     )  # fmt: skip
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="worker processes (default: CPUs)",
+    )
     parser.add_argument(
         "--out", type=Path, default=Path("runs/calibration"), metavar="DIR",
         help="folder of the campaign files and of calibration.json (default: %(default)s)",

@@ -43,6 +43,9 @@ class View:
         self._last = progress
         if self._quiet:
             return
+        if progress.new == 0:  # a campaign begins, perhaps not the first one
+            self._start_s, self._shown = time.monotonic(), 0
+            self.close()
         if sys.stderr.isatty():
             self._show_bar(progress)
         elif progress.new * LINES // max(1, progress.total) > self._shown:

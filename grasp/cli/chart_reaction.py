@@ -49,7 +49,13 @@ def add_parser(charts: Any) -> None:
         "--check", type=int, default=10, metavar="N",
         help="of these, run in full as well (default: %(default)s)",
     )  # fmt: skip
-    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=os.cpu_count() or 1,
+        metavar="N",
+        help="worker processes (default: CPUs)",
+    )
     parser.add_argument(
         "--out", type=Path, default=Path("reaction.svg"), metavar="FILE",
         help="picture to write, .svg, .png or .pdf; the figures go beside it as .json "

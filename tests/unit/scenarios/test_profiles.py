@@ -1,0 +1,75 @@
+"""Profiles set detector, decision and reaction together."""
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from detector.network_file import BadWeights
+from drivers.errors import ConfigError
+from grasp.settings import named_layer, names
+from scenarios import lift
+from scenarios.campaign.spec import CampaignSpec, combinations
+from scenarios.config import LiftConfig, load_config
+from tests.unit.scenarios.conftest import config
+
+
+def paper(*assignments: str) -> LiftConfig:
+    return load_config("can", "simulated", "energy", None, assignments, "paper")
+
+
+def test_every_profile_names_its_detector() -> None:
+    assert names("profiles") == ["default", "paper"]
+    assert all("detector_name" in named_layer("profiles", p).table for p in names("profiles"))
+
+
+def test_the_default_profile_changes_no_setting() -> None:
+    plain = LiftConfig(rig="simulated", detector_name="energy", object=config().object)
+    same = msgspec.structs.replace(config(), gripper=plain.gripper, detector=plain.detector)
+    assert same == plain
+
+
+def test_a_profile_gives_the_detector_unless_one_is_named() -> None:
+    assert (
+        load_config("can", "simulated").detector_name
+        == (named_layer("profiles", "default").table["detector_name"])
+    )
+    assert load_config("can", "simulated", "psd").detector_name == "psd"
+
+
+def test_the_paper_s_profile_is_what_the_paper_says() -> None:
+    settings = paper()
+    assert named_layer("profiles", "paper").table["detector_name"] == "tcn-paper"
+    assert settings.profile == "paper"
+    assert (settings.loop.period_s, settings.loop.decision_delay_s) == (0.01, 0.021)
+    assert (settings.rule.consecutive, settings.guard.force_limit_n) == (2, 10.0)
+    assert settings.guard.cap_mode == "each_motor"
+    assert settings.variation.command_latency_s == 0.1
+
+
+def test_settings_of_one_s_own_win_over_a_profile() -> None:
+    assert paper("rule.consecutive=3").rule.consecutive == 3
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_every_motor_at_its_limit_loads_the_thumb_twice_and_is_no_excess(seed: int) -> None:
+    result = lift.run(paper(), seed, None).result
+    assert result is not None and result.peak_force_n is not None
+    assert 18.0 < result.peak_force_n["A"] < 24.0
+    assert result.commanded_force_n <= 10.0
+    assert result.outcome != "over_force"
+
+
+def test_a_detector_without_its_weights_is_refused_before_anything_runs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def missing(*_: Any) -> None:
+        raise BadWeights("detector/weights/tcn-paper.onnx", "no such file")
+
+    monkeypatch.setattr(LiftConfig, "make_detector", missing)
+    spec = CampaignSpec(name="x", objects=("can",), detectors=("energy",))
+    with pytest.raises(ConfigError, match=r"tcn-paper\.onnx"):
+        combinations(spec)
+    unknown = CampaignSpec(name="x", objects=("can",), detectors=("no-such-network",))
+    with pytest.raises(ConfigError, match="no-such-network"):
+        combinations(unknown)
