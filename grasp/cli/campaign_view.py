@@ -111,6 +111,8 @@ def print_summary(summary: "Summary") -> None:
     console.print(
         f"{summary.trials} trials, {summary.errors} errors, {summary.cpu_s:g} s of CPU time"
     )
+    if len(summary.versions) > 1:
+        console.print(f"NOTE: rows of {len(summary.versions)} different versions, see --json")
 
 
 def _rates(scenario: str, variants: "list[Variant]") -> Any:
