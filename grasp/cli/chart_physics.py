@@ -82,5 +82,4 @@ def _with_progress(compute: Any) -> Any:
 def _write_numbers(out: Path, numbers: Any) -> None:
     import msgspec
 
-    text = msgspec.json.format(msgspec.json.encode(numbers), indent=1)
-    out.with_suffix(".json").write_bytes(text + b"\n")
+    out.with_suffix(".json").write_bytes(msgspec.json.encode(numbers) + b"\n")
