@@ -25,6 +25,12 @@ def add_parser(charts: Any) -> None:
         "copy of that world. Some seeds are run in full beside it, as a check and to tell what a "
         "faster detector would be worth.",
     )
+    _add_choices(parser)
+    _add_size(parser)
+    parser.set_defaults(handler=draw)
+
+
+def _add_choices(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--objects", nargs="+", default=OBJECTS, metavar="NAME",
         help="of config/objects (default: the paper's six)",
@@ -42,6 +48,9 @@ def add_parser(charts: Any) -> None:
         "--speeds", nargs="+", type=float, default=SPEEDS_MPS, metavar="M/S",
         help="closing speeds (default: 0.022 to 0.11)",
     )  # fmt: skip
+
+
+def _add_size(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seeds", type=int, default=20, metavar="N", help="of each object (default: %(default)s)"
     )
@@ -61,7 +70,6 @@ def add_parser(charts: Any) -> None:
         help="picture to write, .svg, .png or .pdf; the figures go beside it as .json "
         "(default: %(default)s)",
     )  # fmt: skip
-    parser.set_defaults(handler=draw)
 
 
 def draw(args: argparse.Namespace) -> int:

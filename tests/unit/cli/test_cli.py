@@ -54,7 +54,8 @@ def test_help_imports_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize(
-    "verb", ["run", "grip-search", "replay", "runs", "chart", "detector", "config", "release"]
+    "verb",
+    ["run", "campaign", "grip-search", "replay", "runs", "chart", "detector", "config", "release"],
 )
 def test_every_verb_explains_itself(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = call(verb, "--help", capsys=capsys)
