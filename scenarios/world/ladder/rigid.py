@@ -192,7 +192,7 @@ def _leave(
     gap: float, grid_s: float,
 ) -> float:  # fmt: skip
     """First instant in (t0, t1] at which the mode ends, or t1."""
-    count = max(8, math.ceil((t1 - t0) / grid_s))
+    count = max(32, math.ceil((t1 - t0) / grid_s))
     low = t0
     for j in range(1, count + 1):
         high = t0 + (t1 - t0) * j / count

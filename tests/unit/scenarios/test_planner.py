@@ -70,6 +70,19 @@ def test_indicators_are_the_numbers_they_are_named_after() -> None:
     assert indicators(held(tap=tap(0.0, "side"))).sideways
 
 
+@pytest.mark.parametrize(("hz", "acceleration", "level"), [
+    (4.0, 4.0, Level.RIGID),  # slow and well inside the cone
+    (21.0, 4.0, Level.SLIDER),  # half of the pads' resonance
+    (4.0, 21.0, Level.SLIDER),  # slow, but 0.92 of the cone
+])  # fmt: skip
+def test_vibration_is_rigid_only_far_from_resonance_and_cone(
+    hz: float, acceleration: float, level: Level
+) -> None:
+    shaken = Vibration(acceleration_mps2=acceleration, frequency_hz=hz)
+    scene = held(body=body(friction_kinetic=0.5), vibration=shaken, duration_s=1.0)
+    assert plan(scene, MM).level is level
+
+
 def test_every_scene_of_the_command_line_can_be_planned() -> None:
     for build in SCENES.values():
         found = plan(build(body(), ContactSettings(), 0.0), Tolerance(slip_m=2e-3))

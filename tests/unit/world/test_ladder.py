@@ -172,3 +172,27 @@ def test_object_left_alone_on_the_table_stays_there() -> None:
     open_hand = lift(grip=Grip(travel_m=(0.01, 0.01, 0.01)))
     for level in COMPLIANT:
         assert simulate(open_hand, level, 1e-3).z_m == pytest.approx(-0.15, abs=1e-12)
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1), count=st.integers(1, 40), stiffness=st.floats(1e-1, 1e5),
+    weight=st.floats(1e-3, 1e5), cap=st.floats(0.0, 30.0),
+)  # fmt: skip
+def test_planar_step_equation_is_solved_whatever_the_numbers(
+    seed: int, count: int, stiffness: float, weight: float, cap: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    inertia = weight * np.array([1.0, 1.0, rng.uniform(1e-4, 1e-2)])
+    push, v = rng.normal(0.0, 10.0, 3) * [1.0, 1.0, 0.05], rng.normal(0.0, 1.0, 3)
+    a, arm = rng.normal(0.0, 5.0, (count, 3)), rng.normal(0.0, 0.03, (count, 3))
+    b, caps = stiffness * rng.uniform(0.1, 1.0, count), cap * rng.uniform(0.0, 1.0, count)
+    taken = compliant.solve_velocity(v, inertia, push, a, b, caps, arm, np.empty((6, 3)))
+    assert taken < compliant.NEWTON_LIMIT
+    r = np.stack([v[0] - v[2] * arm[:, 1], v[1] + v[2] * arm[:, 0], v[2] * arm[:, 2]], axis=1)
+    f = a - b[:, None] * r
+    size = np.maximum(np.linalg.norm(f, axis=1), 1e-300)
+    f *= np.minimum(1.0, caps / size)[:, None]
+    torque = arm[:, 0] * f[:, 1] - arm[:, 1] * f[:, 0] + arm[:, 2] * f[:, 2]
+    left = inertia * v + push - [f[:, 0].sum(), f[:, 1].sum(), torque.sum()]
+    scale = np.abs(push).sum() + caps.sum() + np.abs(inertia * v).sum()
+    assert np.abs(left).max() < 1e-8 * scale
