@@ -36,7 +36,15 @@ def test_rigid_tap_of_vanishing_length_is_the_impulse_limit() -> None:
     assert slips[-1] == pytest.approx(limit_m, rel=1e-3)
 
 
-@pytest.mark.parametrize("scene", [lift(), held(tap=tap())], ids=["lift", "tap"])
+BALL = {"shape": "ellipsoid", "half_width_m": 0.0603, "half_height_m": 0.0603}
+RELAXING = ContactSettings()
+FLANK = lift(contact=RELAXING, body=body(**BALL, grip_height_m=0.012))
+
+
+@pytest.mark.parametrize(
+    "scene", [lift(), held(tap=tap()), lift(contact=RELAXING), FLANK],
+    ids=["lift", "tap", "relaxing", "flank"],
+)  # fmt: skip
 def test_without_lever_and_side_load_all_compliant_levels_move_alike(scene: Scene) -> None:
     slips = [simulate(scene, level, 1e-3) for level in COMPLIANT]
     for other in slips[1:]:
@@ -64,9 +72,6 @@ def test_error_of_backward_euler_halves_with_the_step() -> None:
     errors = [abs(simulate(lift(), Level.SLIDER, h).slip_m - exact) for h in (2e-3, 1e-3, 5e-4)]
     assert errors[0] / errors[1] == pytest.approx(2.0, rel=0.1)
     assert errors[1] / errors[2] == pytest.approx(2.0, rel=0.1)
-
-
-BALL = {"shape": "ellipsoid", "half_width_m": 0.0603, "half_height_m": 0.0603}
 
 
 @pytest.mark.parametrize("shape", [{}, {**BALL, "grip_height_m": 0.02}], ids=["straight", "ball"])
