@@ -13,6 +13,7 @@ from scenarios.world.ladder.reference import adaptive
 from scenarios.world.ladder.scene import Closing, Grip, Plane, Scene, squeeze
 from tests.unit.world.ladder_scenes import SOFT, body, changed, held, lift, tap
 
+AWAY = Plane(centre_of_mass_y_m=-0.004, centre_of_mass_z_m=0.02)
 COMPLIANT = (Level.SLIDER, Level.POINTS, Level.SPIN, Level.BRUSH)
 
 
@@ -58,6 +59,9 @@ def test_without_lever_and_side_load_all_compliant_levels_move_alike(scene: Scen
         (lift(), Level.SLIDER), (held(tap=tap(0.02)), Level.POINTS),
         (held(tap=tap(0.04, "side", 0.12)), Level.SPIN),
         (held(tap=tap(0.02)), Level.BRUSH),
+        (held(tap=tap(0.02), plane=AWAY), Level.POINTS),
+        (held(tap=tap(0.04, "side", 0.12), plane=AWAY), Level.POINTS),
+        (lift(plane=AWAY), Level.POINTS),
     ],
 )  # fmt: skip
 def test_backward_euler_extrapolated_meets_adaptive_runge_kutta(scene: Scene, level: Level) -> None:
