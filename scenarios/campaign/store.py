@@ -3,7 +3,7 @@
 import csv
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, Self, TextIO
 
@@ -63,6 +63,10 @@ class CampaignStore:
             raise ConfigError(
                 str(path), "--out", "exists already", "a new file, or --resume to go on with it"
             )
+        return cls._begun(path, spec, places)
+
+    @classmethod
+    def _begun(cls, path: Path, spec: CampaignSpec, places: Sequence[Combination]) -> Self:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -109,9 +113,10 @@ class CampaignStore:
 
     @classmethod
     def resume(cls, path: Path, spec: CampaignSpec, places: Sequence[Combination]) -> Self:
-        """The file, if it is of this campaign, else ConfigError; a new one if there is none."""
-        if not path.exists():
-            return cls.create(path, spec, places)
+        """The file, if it is of this campaign, else ConfigError; a new one if there is none, or
+        one that was killed before it held anything."""
+        if not path.exists() or _blank(path):
+            return cls._begun(path, spec, places)
         store = cls.open(path)
         known = {row[0] for row in store._db.execute("SELECT config_hash FROM configs")}
         if store.spec != spec or known != {p.config.digest() for p in places}:
@@ -177,6 +182,12 @@ class CampaignStore:
         writer.writeheader()
         for row in self.rows():
             writer.writerow(msgspec.structs.asdict(row))
+
+
+def _blank(path: Path) -> bool:
+    """True for a database without any table, and for an empty file."""
+    with _stored(path), closing(sqlite3.connect(path)) as db:
+        return bool(db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0)
 
 
 def _declarations() -> str:

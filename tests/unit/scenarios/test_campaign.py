@@ -238,6 +238,25 @@ def test_an_existing_file_is_refused_without_resume(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("one_process")
+def test_a_campaign_killed_before_its_first_table_can_be_resumed(tmp_path: Path) -> None:
+    out = tmp_path / "a.sqlite"
+    out.touch()
+    done = run_with(TWO_OBJECTS, out, judged_at_once, resume=True)
+    assert (done.done, done.total) == (4, 4)
+
+
+def test_a_foreign_file_is_not_resumed_into(tmp_path: Path) -> None:
+    out = tmp_path / "a.sqlite"
+    with sqlite3.connect(out) as db:
+        db.execute("CREATE TABLE precious (x)")
+    db.close()
+    before = out.read_bytes()
+    with pytest.raises(BadCampaignFile, match="not a campaign"):
+        run_with(TWO_OBJECTS, out, judged_at_once, resume=True)
+    assert out.read_bytes() == before
+
+
+@pytest.mark.usefixtures("one_process")
 def test_another_campaign_cannot_be_resumed(tmp_path: Path) -> None:
     out = tmp_path / "a.sqlite"
     run_with(TWO_OBJECTS, out, judged_at_once)
