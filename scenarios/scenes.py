@@ -2,10 +2,11 @@
 its controller. The reaction comes at a stated time; what the loop does is `grasp run`'s affair."""
 
 from collections.abc import Callable
+from typing import Annotated
 
 import msgspec
+from msgspec import Meta
 
-from scenarios.world.contact import FINGERS, GRAVITY_MPS2, finger_stiffness
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder.scene import (
     ArmRise,
@@ -19,9 +20,40 @@ from scenarios.world.ladder.scene import (
 )
 from scenarios.world.objects import GraspObject
 
-RADIUS_OF_GYRATION_M = 0.09  # of an object 0.3 m tall; assumed, 0.04-0.12
-REACTION_S = 0.35  # from the start of the rise to the first closing; assumed, as `grasp run` shows
-THUMB_N, LIMIT_N = 2.0, 10.0  # first and final force of the thumb (paper: 10 N in the tap)
+
+class SceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What the scenes add to object and pads. All assumed; nothing here is measured."""
+
+    radius_of_gyration_m: Annotated[
+        float, Meta(gt=0.0, le=0.3, description="of an object 0.3 m tall; assumed, 0.04-0.12")
+    ] = 0.09
+    aside_m: Annotated[
+        float, Meta(ge=-0.1, le=0.1, description="centre of mass beside the middle of the grip")
+    ] = 0.0
+    first_thumb_n: Annotated[
+        float, Meta(gt=0.0, le=10.0, description="before slip; assumed, 0.8-3 N")
+    ] = 2.0
+    final_thumb_n: Annotated[float, Meta(gt=0.0, le=60.0, description="paper, tap: 10 N")] = 10.0
+    reaction_s: Annotated[
+        float,
+        Meta(ge=0.0, le=2.0, description="start of the rise to first closing; assumed, 0.1-0.6"),
+    ] = 0.35
+    closing_mps: Annotated[
+        float, Meta(gt=0.0, le=0.11, description="the guard's bound for a rigid object")
+    ] = 0.063
+    arm_mps: Annotated[float, Meta(gt=0.0, le=1.0, description="assumed, 0.1-0.25")] = 0.1
+    arm_mps2: Annotated[float, Meta(gt=0.0, le=5.0, description="assumed, 0.3-1.2")] = 0.5
+    top_impulse_ns: Annotated[float, Meta(gt=0.0, le=2.0, description="assumed, 0.08-0.45")] = 0.2
+    side_impulse_ns: Annotated[float, Meta(gt=0.0, le=2.0, description="assumed, 0.08-0.45")] = 0.12
+    blow_s: Annotated[float, Meta(gt=0.0, le=0.1, description="assumed, 2-16 ms")] = 8e-3
+    top_offset_m: Annotated[
+        float, Meta(ge=-0.1, le=0.1, description="of the blow, beside the grip; assumed, 0-40 mm")
+    ] = 0.02
+    side_offset_m: Annotated[
+        float, Meta(ge=-0.1, le=0.2, description="of the blow, above the grip; assumed, 0-60 mm")
+    ] = 0.04
+    shake_mps2: Annotated[float, Meta(gt=0.0, le=50.0, description="peak; assumed, 2-10")] = 4.9
+    shake_hz: Annotated[float, Meta(ge=1.0, le=500.0, description="assumed, 5-60")] = 20.0
 
 
 class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -29,55 +61,68 @@ class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
     object: GraspObject
     contact: ContactSettings = ContactSettings()
+    scene: SceneSettings = SceneSettings()
 
 
-def plane_of(body: GraspObject, aside_m: float = 0.0) -> Plane:
-    mass = body.mass_kg + body.added_mass_kg
-    return Plane(inertia_kgm2=mass * RADIUS_OF_GYRATION_M**2, centre_of_mass_y_m=aside_m)
-
-
-def lift(body: GraspObject, contact: ContactSettings, aside_m: float = 0.0) -> Scene:
-    """Too weak a grasp on the table, an arm that rises, a thumb that closes 350 ms later."""
-    rise_npm = finger_stiffness(contact, body) * 2 / FINGERS
-    closing = Closing(start_s=REACTION_S, speed_mps=min(0.063, 110.0 / rise_npm),
-                      force_stop_n=LIMIT_N)  # fmt: skip
+def lift(world: World) -> Scene:
+    """Too weak a grasp on the table, an arm that rises, a thumb that closes after the reaction."""
+    body, contact, chosen = world.object, world.contact, world.scene
+    closing = Closing(
+        start_s=chosen.reaction_s, speed_mps=chosen.closing_mps, force_stop_n=chosen.final_thumb_n
+    )
+    half = 0.5 * chosen.first_thumb_n
     return Scene(
         name="lift", duration_s=1.6, body=body, contact=contact, on_table=True,
-        grip=Grip(travel_m=squeeze(body, contact, 0.5 * THUMB_N, 0.5 * THUMB_N), closing=closing),
-        plane=plane_of(body, aside_m), arm=ArmRise(speed_mps=0.1, acceleration_mps2=0.5),
+        grip=Grip(travel_m=squeeze(body, contact, half, half), closing=closing),
+        plane=_plane(world),
+        arm=ArmRise(speed_mps=chosen.arm_mps, acceleration_mps2=chosen.arm_mps2),
     )  # fmt: skip
 
 
-def tap(body: GraspObject, contact: ContactSettings, aside_m: float = 0.0) -> Scene:
-    """A blow of 0.2 N s on the top of a held object, 20 mm beside the middle of the grip."""
-    blow = TapPulse(impulse_ns=0.2, duration_s=8e-3, at_s=0.05, offset_m=0.02)
-    return _held("tap", body, contact, aside_m, 0.5, blow)
+def tap(world: World) -> Scene:
+    """A blow on the top of a held object, beside the middle of the grip."""
+    chosen = world.scene
+    blow = TapPulse(
+        impulse_ns=chosen.top_impulse_ns, duration_s=chosen.blow_s, at_s=0.05,
+        offset_m=chosen.top_offset_m,
+    )  # fmt: skip
+    return _held("tap", world, 0.5, blow)
 
 
-def side_tap(body: GraspObject, contact: ContactSettings, aside_m: float = 0.0) -> Scene:
-    """A blow of 0.12 N s on the side of a held object, 40 mm above the middle of the grip."""
-    blow = TapPulse(impulse_ns=0.12, duration_s=8e-3, at_s=0.05, offset_m=0.04, direction="side")
-    return _held("side-tap", body, contact, aside_m, 0.5, blow)
+def side_tap(world: World) -> Scene:
+    """A blow on the side of a held object, above the middle of the grip."""
+    chosen = world.scene
+    blow = TapPulse(
+        impulse_ns=chosen.side_impulse_ns, duration_s=chosen.blow_s, at_s=0.05,
+        offset_m=chosen.side_offset_m, direction="side",
+    )  # fmt: skip
+    return _held("side-tap", world, 0.5, blow)
 
 
-def hold(body: GraspObject, contact: ContactSettings, aside_m: float = 0.0) -> Scene:
-    """A held object whose hand shakes at 20 Hz with 0.5 g."""
-    shake = Vibration(acceleration_mps2=0.5 * GRAVITY_MPS2, frequency_hz=20.0)
-    return _held("hold", body, contact, aside_m, 1.0, None, shake)
+def hold(world: World) -> Scene:
+    """A held object whose hand shakes."""
+    shake = Vibration(acceleration_mps2=world.scene.shake_mps2, frequency_hz=world.scene.shake_hz)
+    return _held("hold", world, 1.0, None, shake)
 
 
 def _held(
-    name: str, body: GraspObject, contact: ContactSettings, aside_m: float, duration_s: float,
-    blow: TapPulse | None, shake: Vibration | None = None,
+    name: str, world: World, duration_s: float, blow: TapPulse | None,
+    shake: Vibration | None = None,
 ) -> Scene:  # fmt: skip
-    half = 0.5 * LIMIT_N
+    half = 0.5 * world.scene.final_thumb_n
     return Scene(
-        name=name, duration_s=duration_s, body=body, contact=contact,
-        grip=Grip(travel_m=squeeze(body, contact, half, half)),
-        plane=plane_of(body, aside_m), tap=blow, vibration=shake,
+        name=name, duration_s=duration_s, body=world.object, contact=world.contact,
+        grip=Grip(travel_m=squeeze(world.object, world.contact, half, half)),
+        plane=_plane(world), tap=blow, vibration=shake,
     )  # fmt: skip
 
 
-SCENES: dict[str, Callable[[GraspObject, ContactSettings, float], Scene]] = {
+def _plane(world: World) -> Plane:
+    mass = world.object.mass_kg + world.object.added_mass_kg
+    inertia = mass * world.scene.radius_of_gyration_m**2
+    return Plane(inertia_kgm2=inertia, centre_of_mass_y_m=world.scene.aside_m)
+
+
+SCENES: dict[str, Callable[[World], Scene]] = {
     "lift": lift, "tap": tap, "side-tap": side_tap, "hold": hold,
 }  # fmt: skip

@@ -31,8 +31,8 @@ def add_parser(actions: Any) -> None:
         help="tolerance on the peak force of a finger, such as 0.1N (default: not asked)",
     )  # fmt: skip
     parser.add_argument(
-        "--aside", type=quantity("m", "um", "mm", "cm"), default=0.0, metavar="LENGTH",
-        help="centre of mass beside the middle of the grip (default: 0)",
+        "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
+        help="override a setting of object, contact or scene, such as scene.aside_m=0.01",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="the plan as one JSON object")
     parser.set_defaults(handler=show)
@@ -58,19 +58,19 @@ def quantity(*units: str) -> Any:
 def show(args: argparse.Namespace) -> int:
     import msgspec
 
-    from grasp.settings import load, named_layer
+    from grasp.settings import assignment_layer, load, named_layer
     from scenarios.planner import Tolerance, plan
     from scenarios.scenes import SCENES as BUILD
     from scenarios.scenes import World
 
-    world = load(World, [named_layer("objects", args.object)])
+    world = load(World, [named_layer("objects", args.object), assignment_layer(args.set)])
     asked = (args.tolerance, args.rotation, args.force)
     if any(value is not None and value <= 0.0 for value in asked):
         return exits.report("usage", "a tolerance is above zero", "--tolerance 1mm", args.json)
     tolerance = Tolerance(
         slip_m=args.tolerance, rotation_rad=args.rotation, peak_force_n=args.force
     )
-    found = plan(BUILD[args.scene](world.object, world.contact, args.aside), tolerance)
+    found = plan(BUILD[args.scene](world), tolerance)
     if args.json:
         print(json.dumps({**msgspec.to_builtins(found), "explanation": found.lines()}))
     else:

@@ -8,7 +8,7 @@ import pytest
 
 from grasp.settings import names
 from scenarios import lift
-from scenarios.scenes import RADIUS_OF_GYRATION_M
+from scenarios.scenes import SceneSettings
 from scenarios.world import contact
 from scenarios.world.ladder import compliant
 from scenarios.world.ladder.levels import Level, elements
@@ -46,7 +46,7 @@ def replay(
 ) -> tuple[float, float, float]:
     """Slip distance at the grip, m, rotation, rad, and 1 where the fingers still press, at the
     highest point."""
-    inertia = parameters[contact.P_MASS] * RADIUS_OF_GYRATION_M**2
+    inertia = parameters[contact.P_MASS] * SceneSettings().radius_of_gyration_m ** 2
     p = np.concatenate((parameters, [inertia, aside_m, 0.0]))
     scene: Scene = ladder_scenes.lift()
     half = float(parameters[contact.P_PAD_HALF])

@@ -329,10 +329,9 @@ def _settle(
 def follow(
     p: Floats, s: Floats, steps: int, h: float, hand_mps: Floats, load: Floats, closing: Floats,
     on_table: bool, finger: Floats, elements: Floats, stretch: Floats, sliding: Floats,
-) -> int:  # fmt: skip
+) -> None:  # fmt: skip
     """A whole scene: ``steps`` steps of h seconds. Tables as in drive.Drive; finger (E,) which
     finger an element belongs to; elements (E, 4); stretch (E, 3) and sliding (E,) are state.
-    Returns the Newton iterations taken.
 
     The table pushes and never pulls; while it does, it keeps the object from turning and sliding.
     """
@@ -341,7 +340,6 @@ def follow(
     b, cap = np.empty(count), np.empty(count)
     inertia = np.array([p[_MASS], p[_MASS], p[P_INERTIA]]) / h
     push, v, work = np.empty(3), np.empty(3), np.empty((6, 3))
-    iterations = 0
     for j in range(steps):
         hand = hand_mps[min(j, hand_mps.shape[0] - 1)]
         force = load[min(j, load.shape[0] - 1)]
@@ -356,7 +354,7 @@ def follow(
         push[2] += p[P_COM_Y] * force[1] - p[P_COM_Z] * force[0]
         for d in range(3):
             v[d] = s[SPEED + d]
-        iterations += solve_velocity(v, inertia, push, a, b, cap, arm, work)
+        solve_velocity(v, inertia, push, a, b, cap, arm, work)
         if on_table and s[POSE + 1] + h * v[1] < 0.0:
             v[0], v[1], v[2] = 0.0, -s[POSE + 1] / h, 0.0
         _settle(p, h, v, a, b, cap, arm, stretch, sliding)
@@ -365,4 +363,3 @@ def follow(
             s[POSE + d] += h * v[d]
             s[SPEED + d] = v[d]
         s[HAND] += h * hand
-    return iterations

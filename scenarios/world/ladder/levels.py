@@ -68,13 +68,13 @@ def admits_rigid(scene: Scene) -> bool:
 def _rigid(scene: Scene) -> Outcome:
     if not admits_rigid(scene):
         raise ValueError("L0 knows neither flanks nor relaxation; use L1")
-    result, forces = rigid.run(scene)
-    lost = result[0] >= scene.body.body_above_grip_m
+    slip, u, forces = rigid.run(scene)
+    lost = slip >= scene.body.body_above_grip_m
     end = [np.interp(scene.duration_s, forces.t_s, n) for n in forces.force_n.T]
     normal = np.zeros(FINGERS) if lost else np.array(end)
     peak = float(forces.force_n.max())
     stretch = np.zeros((FINGERS, 3))
-    pose, speed = np.array([0.0, -result[0], 0.0]), np.array([0.0, -result[1], 0.0])
+    pose, speed = np.array([0.0, -slip, 0.0]), np.array([0.0, -u, 0.0])
     return outcome(scene, Level.RIGID, 0.0, pose, speed, normal, peak, stretch)
 
 

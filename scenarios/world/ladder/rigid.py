@@ -209,13 +209,15 @@ def _leave(
 
 
 @njit(cache=True)
-def solve(m: Floats, knots: Floats, total_n: Floats, on_table: bool, grid_s: float) -> Floats:
-    """Slip distance, slip speed, height of the object, first instant of slip (-1: never), events.
+def solve(
+    m: Floats, knots: Floats, total_n: Floats, on_table: bool, grid_s: float
+) -> tuple[float, float]:
+    """Slip distance and slip speed at the end.
 
     knots (K,): every instant at which something sets in or ends, rising, the scene's end last;
     total_n (K,): sum of the normal forces there, linear in between.
     """
-    slip, u, onset, events = 0.0, 0.0, -1.0, 0.0
+    slip, u = 0.0, 0.0
     resting = on_table
     z_object = 0.0
     for k in range(knots.shape[0] - 1):
@@ -228,8 +230,6 @@ def solve(m: Floats, knots: Floats, total_n: Floats, on_table: bool, grid_s: flo
             until = _leave(m, mode, t, end, u, sign, n, n1, gap, grid_s)
             hand0, _, _ = _hand(m, t)
             hand1, speed1, _ = _hand(m, until)
-            if mode != STICK and onset < 0.0 and until - t > 1e-9:
-                onset = t
             if mode == TABLE:
                 slip += hand1 - hand0
                 u = speed1
@@ -244,9 +244,8 @@ def solve(m: Floats, knots: Floats, total_n: Floats, on_table: bool, grid_s: flo
             resting = on_table and z_object <= 1e-12
             if resting and mode == SLIDE and z_object < 0.0:
                 z_object, u = 0.0, speed1
-            events += 1.0
             t = until
-    return np.array([slip, u, z_object, onset, events])
+    return slip, u
 
 
 def knots(scene: Scene, forces: GripForces) -> list[float]:
@@ -259,8 +258,8 @@ def knots(scene: Scene, forces: GripForces) -> list[float]:
     return sorted(t for t in times if t <= scene.duration_s)
 
 
-def run(scene: Scene) -> tuple[Floats, GripForces]:
-    """Result of ``solve``, and the normal forces."""
+def run(scene: Scene) -> tuple[float, float, GripForces]:
+    """Slip distance and slip speed at the end, and the normal forces."""
     m, forces = motion(scene), grip_forces(scene)
     times = np.array(knots(scene, forces))
     total = np.interp(times, forces.t_s, forces.force_n.sum(axis=1))
@@ -269,4 +268,5 @@ def run(scene: Scene) -> tuple[Floats, GripForces]:
         grid_s = 1.0 / (32 * scene.vibration.frequency_hz)
     if m[M_TAP_NS] > 0.0:
         grid_s = min(grid_s, m[M_TAP_S] / 16)
-    return solve(m, times, total, scene.on_table, grid_s), forces
+    slip, u = solve(m, times, total, scene.on_table, grid_s)
+    return slip, u, forces

@@ -29,7 +29,7 @@ def test_plan_as_json_has_the_choice_and_the_explanation(
 @pytest.mark.parametrize(
     "words",
     [["--tolerance", "1 mile"], ["--tolerance", "-1mm"], ["--tolerance", "nan"],
-     ["--rotation", "3mm"], ["--object", "no-such-thing"]],
+     ["--rotation", "3mm"], ["--object", "no-such-thing"], ["--set", "scene.aside_m=7"]],
 )  # fmt: skip
 def test_plan_refuses_what_it_cannot_read(
     words: list[str], capsys: pytest.CaptureFixture[str]

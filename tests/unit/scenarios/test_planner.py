@@ -8,7 +8,7 @@ import pytest
 from scenarios.planner import Tolerance, indicators, plan
 from scenarios.planner_report import scenes_of, truth
 from scenarios.random_scenes import random_lift, random_tap
-from scenarios.scenes import SCENES
+from scenarios.scenes import SCENES, World
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder.levels import Level, simulate
 from scenarios.world.ladder.scene import Plane, Vibration
@@ -85,7 +85,7 @@ def test_vibration_is_rigid_only_far_from_resonance_and_cone(
 
 def test_every_scene_of_the_command_line_can_be_planned() -> None:
     for build in SCENES.values():
-        found = plan(build(body(), ContactSettings(), 0.0), Tolerance(slip_m=2e-3))
+        found = plan(build(World(object=body())), Tolerance(slip_m=2e-3))
         assert found.lines()[-2].startswith("choice: L")
         assert np.isfinite(found.answer.slip_m)
 
