@@ -33,7 +33,7 @@ FixedCause = Literal[
 ]  # fmt: skip
 GraspedCause = Literal[
     "grasped_closing_and_tightening", "grasped_lift_acceleration", "grasped_tap",
-    "grasped_arm_vibration", "grasped_uneven_load",
+    "grasped_arm_vibration", "grasped_uneven_load", "grasped_slip",
 ]  # fmt: skip
 GRASPED: tuple[str, ...] = get_args(GraspedCause)
 SETTLED_S = 4.0  # of a session: rest, approach and settling are over before the first disturbance
@@ -116,9 +116,11 @@ def _grasped(metadata: Metadata, samples: int, source: str) -> Recording:
 
 
 def lift_config(metadata: Metadata) -> LiftConfig:
-    """A lift of something so light that it is held; an eager detector where the hand is to
-    tighten, else one that never speaks."""
+    """A lift of something so light that it is held, or (`grasped_slip`) as heavy as it is told to
+    be; an eager detector where the hand is to tighten, else one that never speaks."""
     config = load_config(metadata.surface, "simulated", "energy")
+    if metadata.cause == "grasped_slip":
+        return with_values(config, {"detector.threshold_counts": 500.0} | metadata.parameters)
     tightens = metadata.cause == "grasped_closing_and_tightening"
     fixed = {
         "object.mass_kg": LIGHT_KG,

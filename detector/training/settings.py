@@ -43,10 +43,10 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 # windows cost a hundred times more a label than sequences: few, and balanced as in the paper
 DEFAULTS = {
-    "tcn": TrainSettings(steps=3_500),
-    "gru": TrainSettings(steps=2_500),
+    "tcn": TrainSettings(steps=2_500),
+    "gru": TrainSettings(steps=1_500),
     "tcn-paper": TrainSettings(
-        steps=1_200,
+        steps=800,
         augmentation="as-run",
         balance="undersample",
         batch=256,
@@ -54,7 +54,7 @@ DEFAULTS = {
         validations=4,
     ),
     "freq-cnn": TrainSettings(
-        steps=3_000,
+        steps=2_000,
         augmentation="none",
         balance="undersample",
         batch=256,
