@@ -97,3 +97,19 @@ def test_every_cause_has_all_splits(jobs: list[Job]) -> None:
 def test_seeds_of_the_two_sets_are_apart(jobs: list[Job]) -> None:
     paper = plan(datasets.load_dataset_config(config_dir() / "datasets" / "paper.toml"))
     assert not {j.metadata.seed for j in paper} & {j.metadata.seed for j in jobs}
+
+
+def test_what_is_too_heavy_slips_in_the_hand_and_nobody_reacts() -> None:
+    path = config_dir() / "datasets" / "grasped-slip.toml"
+    slips = plan(datasets.load_dataset_config(path))
+    r = first(slips, "grasped_slip", **{"object.added_mass_kg": 0.4})
+    assert r.fingers == 3
+    assert r.slip[:100].sum() == 0  # it begins with a grasp that holds
+    assert r.slip.sum() > 50
+    assert changes(r)[r.slip[1:]].mean() > 3 * changes(r)[~r.slip[1:]].mean()
+
+
+def test_seeds_of_slips_in_the_hand_are_apart_from_those_of_the_confusers(jobs: list[Job]) -> None:
+    path = config_dir() / "datasets" / "grasped-slip.toml"
+    slips = plan(datasets.load_dataset_config(path))
+    assert not {j.metadata.seed for j in slips} & {j.metadata.seed for j in jobs}
