@@ -15,10 +15,10 @@ import numpy as np
 from detector.recordings import Metadata, Recording, write
 from drivers.errors import Stale
 from drivers.interfaces import ArmState, TactileFrame
-from scenarios.acquire_config import AcquireConfig, SamplingSettings
-from scenarios.acquire_rigs import AcquireRig, open_acquire_rig
-from scenarios.acquire_world import counts_per_newton
-from scenarios.pressing import Motion, Phase, PressController
+from scenarios.acquisition.config import AcquireConfig, SamplingSettings
+from scenarios.acquisition.press import Motion, Phase, PressController
+from scenarios.acquisition.rigs import AcquireRig, open_acquire_rig
+from scenarios.acquisition.world import counts_per_newton
 from scenarios.result import versions
 from scenarios.world.pressed_cell import PressedCell, PressedTruth
 

@@ -11,7 +11,7 @@ from detector.interface import SlipDetector
 from detector.recordings import Recording, Split, read_dataset
 from detector.sweep import Point, best, rules, sweep
 from grasp.clock import stopwatch_ns
-from scenarios.config import LiftConfig, load_config
+from scenarios.config import RunConfig, load_config
 
 Tell = Callable[[str], None]
 
@@ -19,7 +19,7 @@ Tell = Callable[[str], None]
 class Contender(msgspec.Struct, frozen=True, eq=False):
     """A detector with its configuration, and what it said of the recordings."""
 
-    config: LiftConfig
+    config: RunConfig
     detector: SlipDetector
     streams: list[Streamed]
     data: str

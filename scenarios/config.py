@@ -27,7 +27,7 @@ from grasp.realtime import RealTimeSettings
 from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
 from grasp.slip import SlipSettings
 from scenarios.scoring import ScoringSettings
-from scenarios.tap_settings import TapScoringSettings, TapSettings
+from scenarios.tapping.settings import TapScoringSettings, TapSettings
 from scenarios.variation import VariationSettings
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.fingertip import FingertipSettings
@@ -36,7 +36,7 @@ from scenarios.world.objects import GraspObject
 DEFAULT_PROFILE = "default"
 
 
-class LiftConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class RunConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Resolved settings of one trial, lift or tap; ``rig``, ``profile``, ``detector_name``: names.
 
     Of the sections `detector` (the scalar's), `psd`, `psd_fair` and `network`, the one counts that
@@ -93,7 +93,7 @@ def load_config(
     file: Path | None = None,
     assignments: Sequence[str] = (),
     profile: str = DEFAULT_PROFILE,
-) -> LiftConfig:
+) -> RunConfig:
     """Class defaults <- rig <- profile <- object <- detector <- file (or $GRASP_CONFIG) <-
     assignments. Without a name of its own, the detector is the profile's.
 
@@ -112,4 +112,4 @@ def load_config(
     if chosen is not None:
         layers.append(read_toml(chosen))
     layers.append(assignment_layer(assignments))
-    return load(LiftConfig, layers)
+    return load(RunConfig, layers)

@@ -17,11 +17,11 @@ from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios import acquire
 from scenarios.acquire import Script, Session
-from scenarios.acquire_config import SamplingSettings, load_acquire_config
-from scenarios.acquire_rigs import open_acquire_rig
-from scenarios.config import LiftConfig, load_config
+from scenarios.acquisition.config import SamplingSettings, load_acquire_config
+from scenarios.acquisition.press import Motion, PressController
+from scenarios.acquisition.rigs import open_acquire_rig
+from scenarios.config import RunConfig, load_config
 from scenarios.lift import make_guard, run_trial
-from scenarios.pressing import Motion, PressController
 from scenarios.rigs import open_rig
 from scenarios.values import with_values
 from scenarios.world.cell import Blow, Truth
@@ -115,7 +115,7 @@ def _grasped(metadata: Metadata, samples: int, source: str) -> Recording:
     return _of_lift(seen[-samples:], config, metadata, source)
 
 
-def lift_config(metadata: Metadata) -> LiftConfig:
+def lift_config(metadata: Metadata) -> RunConfig:
     """A lift of something so light that it is held, or (`grasped_slip`) as heavy as it is told to
     be; an eager detector where the hand is to tighten, else one that never speaks."""
     config = load_config(metadata.surface, "simulated", "energy")
@@ -151,7 +151,7 @@ def _taps(rng: np.random.Generator, tap: Callable[[Blow], None] | None) -> Calla
 
 
 def _of_lift(
-    seen: list[tuple[Tick, Truth]], config: LiftConfig, metadata: Metadata, source: str
+    seen: list[tuple[Tick, Truth]], config: RunConfig, metadata: Metadata, source: str
 ) -> Recording:
     speed = np.array([abs(truth.slip_speed_mps) for _, truth in seen])
     ticks = [tick for tick, _ in seen]

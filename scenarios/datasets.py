@@ -25,10 +25,10 @@ from detector.recordings import PERIOD_S, SUFFIX, Metadata, Recording, Split, wr
 from drivers.errors import ConfigError, GraspError
 from grasp.settings import load, read_toml
 from scenarios.acquire import Session, recording
-from scenarios.acquire_config import AcquireConfig, load_acquire_config
-from scenarios.acquire_rigs import open_acquire_rig
+from scenarios.acquisition.config import AcquireConfig, load_acquire_config
+from scenarios.acquisition.press import TURNS, Motion, motion
+from scenarios.acquisition.rigs import open_acquire_rig
 from scenarios.confusers import FixedCause, GraspedCause, make_confuser
-from scenarios.pressing import TURNS, Motion, motion
 from scenarios.result import versions
 from scenarios.values import with_values
 

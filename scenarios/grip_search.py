@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import Counts3
 from grasp.settings import Layer, load
-from scenarios.config import LiftConfig
+from scenarios.config import RunConfig
 from scenarios.lift import twin_onset_s
 from scenarios.variation import Trial, draw
 from scenarios.world import contact
@@ -69,18 +69,18 @@ def criteria(
     return load(GripCriteria, [Layer("grip-search", given)])
 
 
-def with_counts(config: LiftConfig, counts: Counts3) -> LiftConfig:
+def with_counts(config: RunConfig, counts: Counts3) -> RunConfig:
     """The configuration with these positions for its object."""
     body = msgspec.structs.replace(config.object, grip_counts=counts)
     return msgspec.structs.replace(config, object=body)
 
 
-def lifts_that_slip(config: LiftConfig, seeds: range) -> int:
+def lifts_that_slip(config: RunConfig, seeds: range) -> int:
     """How many simulated lifts slip when nobody reacts."""
     return sum(twin_onset_s(config, seed) is not None for seed in seeds)
 
 
-def search(config: LiftConfig, criteria: GripCriteria, seed: int = 0) -> list[Grip]:
+def search(config: RunConfig, criteria: GripCriteria, seed: int = 0) -> list[Grip]:
     """All triples near first contact, best first: fails in fewest draws, then middling force."""
     trials = _trials(config, criteria.draws, seed)
     grips = [judge(config, criteria, counts, trials) for counts in _candidates(config, criteria)]
@@ -95,7 +95,7 @@ def search(config: LiftConfig, criteria: GripCriteria, seed: int = 0) -> list[Gr
     )
 
 
-def judge(config: LiftConfig, criteria: GripCriteria, counts: Counts3, trials: list[Trial]) -> Grip:
+def judge(config: RunConfig, criteria: GripCriteria, counts: Counts3, trials: list[Trial]) -> Grip:
     """One triple on all trials."""
     pressed, carried = _forces(config, counts, trials)
     relaxed = pressed * (1 - config.contact.relaxation_fraction)
@@ -116,13 +116,13 @@ def judge(config: LiftConfig, criteria: GripCriteria, counts: Counts3, trials: l
     )
 
 
-def present_grip(config: LiftConfig, criteria: GripCriteria, seed: int = 0) -> Grip:
+def present_grip(config: RunConfig, criteria: GripCriteria, seed: int = 0) -> Grip:
     """The object's own positions, judged the same way."""
     trials = _trials(config, criteria.draws, seed)
     return judge(config, criteria, config.object.grip_counts, trials)
 
 
-def _trials(config: LiftConfig, draws: int, seed: int) -> list[Trial]:
+def _trials(config: RunConfig, draws: int, seed: int) -> list[Trial]:
     children = np.random.SeedSequence(seed).spawn(draws)
     return [
         draw(config.variation, config.object, config.hand, np.random.default_rng(child))
@@ -130,7 +130,7 @@ def _trials(config: LiftConfig, draws: int, seed: int) -> list[Trial]:
     ]
 
 
-def _candidates(config: LiftConfig, criteria: GripCriteria) -> Iterator[Counts3]:
+def _candidates(config: RunConfig, criteria: GripCriteria) -> Iterator[Counts3]:
     """Triples around first contact. B and C are alike, and the object is free along the closing
     axis, so only one order of the two and triples about its middle are tried."""
     p = contact.parameters(config.contact, config.object)
@@ -143,7 +143,7 @@ def _candidates(config: LiftConfig, criteria: GripCriteria) -> Iterator[Counts3]
 
 
 def _forces(
-    config: LiftConfig, counts: Counts3, trials: list[Trial]
+    config: RunConfig, counts: Counts3, trials: list[Trial]
 ) -> tuple[Floats, NDArray[np.float64]]:
     """Normal forces (n, 3), N, at first, and the share (n,) of the weight that friction carries."""
     pressed = np.zeros((len(trials), contact.FINGERS))

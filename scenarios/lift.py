@@ -15,7 +15,7 @@ from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
 from grasp.realtime import real_time
 from grasp.slip import SlipMonitor
-from scenarios.config import LiftConfig
+from scenarios.config import RunConfig
 from scenarios.result import (
     Failure,
     FinishedRun,
@@ -50,7 +50,7 @@ class Trial(msgspec.Struct, frozen=True):
     interrupted: bool
 
 
-def make_guard(config: LiftConfig) -> ForceGuard:
+def make_guard(config: RunConfig) -> ForceGuard:
     """The guard; raises ConfigError before any device is touched if the limit cannot be kept."""
     known = calibration(config)
     guard = ForceGuard(config.guard, known.least_force_n, known.m_per_count)
@@ -66,7 +66,7 @@ def make_guard(config: LiftConfig) -> ForceGuard:
     return guard
 
 
-def make_controller(config: LiftConfig) -> GraspController:
+def make_controller(config: RunConfig) -> GraspController:
     grip = config.object.grip_counts
     margin = config.controller.preshape_margin_counts
     a, b, c = (max(0, count - margin) for count in grip)
@@ -74,7 +74,7 @@ def make_controller(config: LiftConfig) -> GraspController:
     return GraspController(config.controller, GripPlan((a, b, c), grip), monitor)
 
 
-def run_trial(config: LiftConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> Trial:
+def run_trial(config: RunConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> Trial:
     """Run a controller to its end on an open rig; Ctrl-C stops the arm and keeps the grip."""
     controller = make_controller(config)
     trace = Trace()
@@ -93,7 +93,7 @@ def run_trial(config: LiftConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> 
 
 
 def make_loop(
-    config: LiftConfig, rig: Rig, controller: GraspController, guard: ForceGuard, take: OnTick
+    config: RunConfig, rig: Rig, controller: GraspController, guard: ForceGuard, take: OnTick
 ) -> ControlLoop:
     """The control loop of one trial on an open rig."""
     detector = config.make_detector(FINGERS)
@@ -101,7 +101,7 @@ def make_loop(
 
 
 def run_to_end(
-    config: LiftConfig, rig: Rig, loop: ControlLoop, deadline_s: float
+    config: RunConfig, rig: Rig, loop: ControlLoop, deadline_s: float
 ) -> tuple[bool, bool | None]:
     """Run until the controller has finished. Tells whether Ctrl-C stopped it, in a safe state, and
     whether a real-time priority was granted (None in virtual time)."""
@@ -131,7 +131,7 @@ def acknowledged(rig: Rig, loop: ControlLoop) -> Sequence[int]:
 
 
 def run(
-    config: LiftConfig,
+    config: RunConfig,
     seed: int,
     runs: Path | None,
     paced: bool = False,
@@ -186,7 +186,7 @@ def failure_of(
     return Failure("safety_stop", cause, "see the phases of the result; then run `grasp release`")
 
 
-def judge(config: LiftConfig, seed: int, trial: Trial, recording: Path | None) -> LiftResult:
+def judge(config: RunConfig, seed: int, trial: Trial, recording: Path | None) -> LiftResult:
     """Verdict and figures of a finished trial; runs the twin where only that can tell."""
     facts = _facts(config, seed, trial)
     verdict = outcome(facts, config.object, config.scoring)
@@ -218,7 +218,7 @@ def judge(config: LiftConfig, seed: int, trial: Trial, recording: Path | None) -
     )
 
 
-def _facts(config: LiftConfig, seed: int, trial: Trial) -> LiftFacts:
+def _facts(config: RunConfig, seed: int, trial: Trial) -> LiftFacts:
     trace, end = trial.trace, trial.trace.end
     guard = config.guard
     bound_n = guard.force_limit_n + guard.overshoot_n
@@ -248,7 +248,7 @@ def _facts(config: LiftConfig, seed: int, trial: Trial) -> LiftFacts:
     return facts
 
 
-def twin_onset_s(config: LiftConfig, seed: int) -> float | None:
+def twin_onset_s(config: RunConfig, seed: int) -> float | None:
     """When gross slip sets in if nobody reacts: the same trial, simulated, with reactions off."""
     controller = msgspec.structs.replace(config.controller, reactions=False, keep=True)
     twin = msgspec.structs.replace(config, rig="simulated", controller=controller)

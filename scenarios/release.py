@@ -2,14 +2,14 @@
 
 from drivers.errors import DeviceFault
 from drivers.interfaces import Counts3
-from scenarios.config import LiftConfig
+from scenarios.config import RunConfig
 from scenarios.rigs import open_rig
 
 TIMEOUT_S = 15.0
 POLL_NS = 50_000_000
 
 
-def release_gripper(config: LiftConfig) -> Counts3:
+def release_gripper(config: RunConfig) -> Counts3:
     """Open all fingers and wait until they rest; returns where they stand.
 
     Raises the drivers' errors of opening the rig, and DeviceFault when the fingers do not open.

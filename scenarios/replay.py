@@ -21,7 +21,7 @@ from grasp.messages import (
 )
 from grasp.phases import Phase
 from grasp.recording import BadRecordingFile, RunRecording
-from scenarios.config import LiftConfig
+from scenarios.config import RunConfig
 from scenarios.lift import make_controller, make_guard
 from scenarios.runfolder import RECORDING, RUN_CHANNELS
 
@@ -72,9 +72,9 @@ def replay_run(path: Path) -> Replay:
     return Replay(str(path), stepper.steps, recording.complete, stepper.events, stepper.differences)
 
 
-def _config(recording: RunRecording) -> LiftConfig:
+def _config(recording: RunRecording) -> RunConfig:
     try:
-        return msgspec.json.decode(recording.metadata["config"], type=LiftConfig)
+        return msgspec.json.decode(recording.metadata["config"], type=RunConfig)
     except (KeyError, msgspec.MsgspecError) as error:
         raise BadRecordingFile(
             f"{recording.path}: its settings do not fit this version: {error}",
@@ -85,7 +85,7 @@ def _config(recording: RunRecording) -> LiftConfig:
 class _Stepper:
     """Collects the messages of a step and replays it when its control message comes."""
 
-    def __init__(self, config: LiftConfig) -> None:
+    def __init__(self, config: RunConfig) -> None:
         self.steps = 0
         self.events: list[tuple[float, str]] = []
         self.differences: list[Difference] = []

@@ -34,7 +34,7 @@ from grasp.commands import (
 from grasp.controller import GraspController, Observation
 from grasp.phases import Phase
 from grasp.slip import SlipMonitor
-from scenarios.config import LiftConfig
+from scenarios.config import RunConfig
 from scenarios.lift import make_controller, make_guard
 
 CLOSING_NS = 80_000_000  # how long a stand-in finger closes before it meets its object
@@ -95,7 +95,7 @@ class ObedientDevices:
 class _Lift:
     """A controller in the middle of a lift, on stand-in devices."""
 
-    def __init__(self, config: LiftConfig, now_ns: int) -> None:
+    def __init__(self, config: RunConfig, now_ns: int) -> None:
         self.controller: GraspController = make_controller(config)
         self._guard = make_guard(config)
         self._devices = ObedientDevices()
@@ -123,7 +123,7 @@ class _Lift:
         return sent
 
 
-def replay_tactile(config: LiftConfig, recording: Recording) -> TactileReplay:
+def replay_tactile(config: RunConfig, recording: Recording) -> TactileReplay:
     """Replay a recording of one to three fingers; missing fingers stay at rest."""
     detector = config.make_detector(FINGERS)
     monitor = SlipMonitor(make_rule(config.rule, FINGERS), config.slip)

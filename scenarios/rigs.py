@@ -13,7 +13,7 @@ from drivers.takktile.driver import ModelLink, TakkTileDriver
 from drivers.ur.driver import ArmDriver
 from grasp.clock import Clock, PacedClock, VirtualClock, WallClock
 from grasp.loop import Devices
-from scenarios.config import LiftConfig
+from scenarios.config import RunConfig
 from scenarios.trial import make_cell
 from scenarios.world.cell import Blow, SimulatedCell, Truth
 
@@ -39,14 +39,14 @@ class Rig(msgspec.Struct, frozen=True):
     # verb to the reply that acknowledges its write, ns, where a thread does the exchange
     acknowledgements: Callable[[], Sequence[int]] | None = None
     tap: Callable[[Blow], None] | None = None  # strikes the object; None where a person must
-    load: Callable[[LiftConfig, int], None] | None = None  # another trial's object, put in place
+    load: Callable[[RunConfig, int], None] | None = None  # another trial's object, put in place
 
     def truth(self) -> Truth | None:
         """The state of the world now; None on hardware."""
         return None if self.world is None else self.world()
 
 
-def calibration(config: LiftConfig) -> GripperCalibration:
+def calibration(config: RunConfig) -> GripperCalibration:
     """The gripper calibration that the configuration names."""
     found = CALIBRATIONS.get(config.gripper.calibration)
     if found is None:
@@ -58,7 +58,7 @@ def calibration(config: LiftConfig) -> GripperCalibration:
 
 
 @contextmanager
-def open_rig(config: LiftConfig, seed: int, paced: bool) -> Iterator[Rig]:
+def open_rig(config: RunConfig, seed: int, paced: bool) -> Iterator[Rig]:
     """The rig that the configuration names. Raises the drivers' errors; closes what it opened."""
     if config.rig == "simulated":
         yield _simulated(config, seed, paced)
@@ -69,7 +69,7 @@ def open_rig(config: LiftConfig, seed: int, paced: bool) -> Iterator[Rig]:
 
 
 @contextmanager
-def _emulated(config: LiftConfig, seed: int) -> Iterator[Rig]:
+def _emulated(config: RunConfig, seed: int) -> Iterator[Rig]:
     """Real drivers over real protocols to a cell in another process, in wall time."""
     from scenarios.wired import (
         acknowledgements,
@@ -87,7 +87,7 @@ def _emulated(config: LiftConfig, seed: int) -> Iterator[Rig]:
             devices.arm.set_payload(config.arm.payload_kg)
             wait_placed(cell, clock)
 
-            def load(trial: LiftConfig, seed: int) -> None:
+            def load(trial: RunConfig, seed: int) -> None:
                 cell.load(trial, seed)
                 wait_placed(cell, clock)
 
@@ -98,7 +98,7 @@ def _emulated(config: LiftConfig, seed: int) -> Iterator[Rig]:
 
 
 @contextmanager
-def _hardware(config: LiftConfig) -> Iterator[Rig]:
+def _hardware(config: RunConfig) -> Iterator[Rig]:
     """The same drivers at the lab's own addresses; nothing is known but what the devices say."""
     from scenarios.wired import acknowledgements, wired_devices
 
@@ -109,7 +109,7 @@ def _hardware(config: LiftConfig) -> Iterator[Rig]:
         yield Rig(devices, clock, None, None, None, acknowledgements(devices))
 
 
-def _simulated(config: LiftConfig, seed: int, paced: bool) -> Rig:
+def _simulated(config: RunConfig, seed: int, paced: bool) -> Rig:
     """Real driver cores over the device models, in this process."""
     cell = make_cell(config, seed)
     tactile = TakkTileDriver(ModelLink(cell.board), config.tactile)

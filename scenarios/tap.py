@@ -14,7 +14,7 @@ from drivers.errors import ConfigError
 from grasp.controller import GraspController
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
-from scenarios.config import LiftConfig
+from scenarios.config import RunConfig
 from scenarios.lift import (
     OnTick,
     Watch,
@@ -28,7 +28,6 @@ from scenarios.lift import (
     run_to_end,
     stalls,
 )
-from scenarios.mallet import direction_of, mallet_speed_mps, swing
 from scenarios.result import (
     Failure,
     FinishedRun,
@@ -40,8 +39,8 @@ from scenarios.result import (
 from scenarios.rigs import Rig, Stalls, open_rig
 from scenarios.runfolder import CouldNotRecord, RunFolder
 from scenarios.scoring import Trace
-from scenarios.striking import Operator, PersonStrikes, TapSequence, WorldStrikes
-from scenarios.tap_scoring import (
+from scenarios.tapping.mallet import direction_of, mallet_speed_mps, swing
+from scenarios.tapping.scoring import (
     UNMOVED,
     UNSTRUCK,
     Motion,
@@ -53,6 +52,7 @@ from scenarios.tap_scoring import (
     registered_after,
     verdict,
 )
+from scenarios.tapping.striking import Operator, PersonStrikes, TapSequence, WorldStrikes
 from scenarios.world.cell import Truth
 
 SCENARIO = "tap"
@@ -74,7 +74,7 @@ class TapTrial(msgspec.Struct, frozen=True):
     interrupted: bool
 
 
-def tap_config(config: LiftConfig) -> LiftConfig:
+def tap_config(config: RunConfig) -> RunConfig:
     """The settings as a tap uses them: firm grip, no answer to slip, no added weights (the paper
     added those for the lift), set down where it stood. Raises ConfigError when the status is not
     watched for long enough to be judged."""
@@ -96,7 +96,7 @@ def tap_config(config: LiftConfig) -> LiftConfig:
 
 
 def run_trial(
-    config: LiftConfig,
+    config: RunConfig,
     seed: int,
     rig: Rig,
     guard: ForceGuard,
@@ -133,7 +133,7 @@ def run_trial(
 
 
 def run(
-    config: LiftConfig,
+    config: RunConfig,
     seed: int,
     runs: Path | None,
     paced: bool = False,
@@ -145,7 +145,7 @@ def run(
 
 
 def run_series(
-    config: LiftConfig,
+    config: RunConfig,
     seeds: range,
     runs: Path | None,
     paced: bool = False,
@@ -192,7 +192,7 @@ def _reseat(rig: Rig, operator: Operator | None) -> None:
 
 
 def _one(
-    config: LiftConfig, seed: int, rig: Rig, guard: ForceGuard, runs: Path | None,
+    config: RunConfig, seed: int, rig: Rig, guard: ForceGuard, runs: Path | None,
     on_tick: OnTick, operator: Operator | None,
 ) -> FinishedRun[TapResult]:  # fmt: skip
     folder = RunFolder(runs, SCENARIO, config, seed) if runs is not None else None
@@ -219,7 +219,7 @@ def _one(
     return FinishedRun(result, failure)
 
 
-def facts_of(config: LiftConfig, trial: TapTrial) -> TapFacts:
+def facts_of(config: RunConfig, trial: TapTrial) -> TapFacts:
     """What the verdict is drawn from."""
     fault = trial.controller.fault_cause
     if not trial.controller.finished and not trial.interrupted:
@@ -235,7 +235,7 @@ def facts_of(config: LiftConfig, trial: TapTrial) -> TapFacts:
     )
 
 
-def judge(config: LiftConfig, seed: int, trial: TapTrial, recording: Path | None) -> TapResult:
+def judge(config: RunConfig, seed: int, trial: TapTrial, recording: Path | None) -> TapResult:
     """Verdict and figures of a finished tap."""
     facts = facts_of(config, trial)
     outcome = verdict(facts, config.tap_scoring)

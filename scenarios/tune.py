@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from detector.energy import tune_threshold
 from grasp.controller import GraspController
 from grasp.loop import Tick
-from scenarios.config import LiftConfig
+from scenarios.config import RunConfig
 from scenarios.lift import make_guard, run_trial
 from scenarios.rigs import open_rig
 from scenarios.world.cell import Truth
@@ -18,7 +18,7 @@ LIGHT_KG = 0.03  # so light that no grasp of any object here lets it slip
 FIRST_SEED = 1_000_000  # tuning seeds are kept apart from those of trials
 
 
-def static_lift(config: LiftConfig, seed: int) -> NDArray[np.int16]:
+def static_lift(config: RunConfig, seed: int) -> NDArray[np.int16]:
     """Counts (n, fingers, 6) of one lift while the detector is armed and nothing slips.
 
     Raises ValueError when it slipped all the same.
@@ -40,7 +40,7 @@ def static_lift(config: LiftConfig, seed: int) -> NDArray[np.int16]:
 
 
 def tune(
-    configs: list[LiftConfig],
+    configs: list[RunConfig],
     lifts: int,
     false_events_per_min: float,
     progress: Callable[[int, int], None] = lambda done, total: None,

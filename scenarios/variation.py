@@ -3,7 +3,7 @@
 Drawn here: where the object is gripped, where each finger stops, friction, mass, the force at which
 motors stop, and the gripper's timing. The fingertips draw their own rest counts, patch positions,
 textures and noise (``scenarios.world.fingertip``), a tap its strength and moment
-(``scenarios.mallet``). "Normal" is cut at 2.5 deviations.
+(``scenarios.tapping.mallet``). "Normal" is cut at 2.5 deviations.
 """
 
 from typing import Annotated

@@ -26,7 +26,7 @@ from drivers.ur.driver import ArmDriver
 from grasp.clock import WallClock
 from grasp.loop import Devices
 from scenarios.cell_control import ControlClient
-from scenarios.config import LiftConfig
+from scenarios.config import RunConfig
 from scenarios.rigs import Stalls
 from scenarios.world.cell import Blow, Truth
 
@@ -71,7 +71,7 @@ class CellProcess:
         """Strike the object."""
         self.control.ask("tap", **msgspec.to_builtins(blow))
 
-    def load(self, config: LiftConfig, seed: int) -> None:
+    def load(self, config: RunConfig, seed: int) -> None:
         """Another trial's object; it is put in place as soon as the hand is open."""
         self.control.ask("load", config=msgspec.to_builtins(config), seed=seed)
 
@@ -94,7 +94,7 @@ class CellProcess:
 
 
 @contextmanager
-def cell_process(config: LiftConfig, seed: int) -> Iterator[CellProcess]:
+def cell_process(config: RunConfig, seed: int) -> Iterator[CellProcess]:
     cell = CellProcess(config, seed)
     try:
         yield cell
@@ -111,7 +111,7 @@ def wait_placed(cell: CellProcess, clock: WallClock) -> None:
         clock.sleep_until_ns(clock.now_ns + POLL_NS)
 
 
-def at_endpoints(config: LiftConfig, endpoints: dict[str, Any]) -> LiftConfig:
+def at_endpoints(config: RunConfig, endpoints: dict[str, Any]) -> RunConfig:
     """The configuration with the addresses of a cell in place of the lab's."""
     replace = msgspec.structs.replace
     gripper = endpoints["gripper"]
@@ -125,7 +125,7 @@ def at_endpoints(config: LiftConfig, endpoints: dict[str, Any]) -> LiftConfig:
 
 @contextmanager
 def wired_devices(
-    config: LiftConfig, calibration: GripperCalibration, clock: WallClock
+    config: RunConfig, calibration: GripperCalibration, clock: WallClock
 ) -> Iterator[Devices]:
     """Drivers on real wires, at the addresses of the configuration. Raises what opening raises."""
     now: Callable[[], int] = lambda: clock.now_ns  # noqa: E731

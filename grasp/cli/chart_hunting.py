@@ -30,8 +30,8 @@ def add_parser(charts: Any) -> None:
 def draw(args: argparse.Namespace) -> int:
     from grasp.cli.chart_physics import matplotlib_is_missing
     from scenarios.config import load_config
-    from scenarios.hunting import POLICIES, default_loop, hunt, hunting_map
-    from scenarios.hunting_figure import draw_hunting
+    from scenarios.reaction.hunting import POLICIES, default_loop, hunt, hunting_map
+    from scenarios.reaction.hunting_figure import draw_hunting
 
     if matplotlib_is_missing():
         return exits.USAGE

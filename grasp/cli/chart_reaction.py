@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from grasp.cli import exits
 
 if TYPE_CHECKING:
-    from scenarios.reaction_summary import ReactionSummary
+    from scenarios.reaction.summary import ReactionSummary
 
 OBJECTS = ("ball", "foam", "football", "box", "cardboard", "can")
 LATENCIES_MS = (0.0, 25.0, 50.0, 75.0, 100.0, 134.0, 150.0, 200.0, 250.0, 300.0, 350.0, 400.0)
@@ -77,9 +77,9 @@ def draw(args: argparse.Namespace) -> int:
 
     from grasp.cli.chart_physics import matplotlib_is_missing
     from scenarios.config import load_config
-    from scenarios.reaction import Grid, studies
-    from scenarios.reaction_figure import draw_reaction
-    from scenarios.reaction_summary import summarize
+    from scenarios.reaction.copies import Grid, studies
+    from scenarios.reaction.figure import draw_reaction
+    from scenarios.reaction.summary import summarize
 
     if matplotlib_is_missing():
         return exits.USAGE

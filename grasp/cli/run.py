@@ -207,8 +207,8 @@ def _paced(args: argparse.Namespace) -> bool:
 def _acquire(args: argparse.Namespace) -> int:
     from grasp.cli.live import AcquireDisplay
     from scenarios import acquire
-    from scenarios.acquire_config import load_acquire_config
-    from scenarios.pressing import motion
+    from scenarios.acquisition.config import load_acquire_config
+    from scenarios.acquisition.press import motion
 
     config = load_acquire_config(args.surface or "planar", args.rig, args.config, args.set)
     course = motion(args.direction or "0", args.speed or SPEED_MPS, acquire.TURN_RADPS)
@@ -272,7 +272,7 @@ def _report_taps(results: list[Any], failure: Any, args: argparse.Namespace) -> 
     import msgspec
 
     from grasp.cli.live import print_taps
-    from scenarios.tap_summary import summarise
+    from scenarios.tapping.summary import summarise
 
     summary = summarise(results)
     series = {

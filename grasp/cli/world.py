@@ -71,9 +71,9 @@ def _add_strokes(actions: Any) -> None:
 def strokes(args: argparse.Namespace) -> int:
     if find_spec("matplotlib") is None:
         return exits.report("usage", "a picture needs matplotlib", REMEDY, as_json=False)
-    from scenarios.calibrate import Setup
     from scenarios.figures import draw_clips
-    from scenarios.strokes import simulate
+    from scenarios.signal.calibrate import Setup
+    from scenarios.signal.strokes import simulate
 
     setup = Setup()
     clips = simulate(setup.fingertip, setup.strokes, 2, args.seed)
@@ -86,8 +86,8 @@ def calibrate(args: argparse.Namespace) -> int:
     import msgspec
 
     from detector.recordings import read
-    from scenarios import calibrate as fitting
-    from scenarios.signal_statistics import signal_statistics
+    from scenarios.signal import calibrate as fitting
+    from scenarios.signal.statistics import signal_statistics
 
     if args.figure and find_spec("matplotlib") is None:
         return exits.report("usage", "--figure needs matplotlib", REMEDY, args.json)
@@ -126,7 +126,7 @@ def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict
     from rich.console import Console
     from rich.progress import Progress
 
-    from scenarios.calibrate import Search, Setup, fit
+    from scenarios.signal.calibrate import Search, Setup, fit
 
     search = Search() if args.rounds is None else Search(close_rounds=args.rounds)
     with Progress(console=Console(stderr=True), transient=True, disable=args.json) as bar:
@@ -143,7 +143,7 @@ def _ablate(setup: Any, args: argparse.Namespace) -> dict[str, dict[str, float]]
     from rich.console import Console
     from rich.progress import Progress
 
-    from scenarios.calibrate import ablations
+    from scenarios.signal.calibrate import ablations
 
     with Progress(console=Console(stderr=True), transient=True, disable=args.json) as bar:
         task = bar.add_task("leaving out", total=None)
@@ -154,9 +154,9 @@ def _ablate(setup: Any, args: argparse.Namespace) -> dict[str, dict[str, float]]
 
 
 def _draw(out: Path, setup: Any, recording: Any) -> None:
-    from scenarios.calibrate import JUDGE_SEED
     from scenarios.figures import draw_clips
-    from scenarios.strokes import simulate
+    from scenarios.signal.calibrate import JUDGE_SEED
+    from scenarios.signal.strokes import simulate
 
     clips = simulate(setup.fingertip, setup.strokes, 4, JUDGE_SEED)
     draw_clips(
@@ -171,8 +171,8 @@ def _draw(out: Path, setup: Any, recording: Any) -> None:
 def _print(
     real: dict[str, float], rows: list[Any], misfit: float, setup: Any, without: Any
 ) -> None:
-    from scenarios.calibrate import misfit as misfit_of
-    from scenarios.calibrate import parameter_values
+    from scenarios.signal.calibrate import misfit as misfit_of
+    from scenarios.signal.calibrate import parameter_values
 
     print(f"{'statistic':28}{'real':>9}{'simulated':>11}{'10-90 % of clips':>20}{'ratio':>8}")
     for r in rows:
@@ -196,7 +196,7 @@ def _print(
 
 
 def _print_levels(levels: Any) -> None:
-    from scenarios.calibrate import AUTHORS_DATA_SET
+    from scenarios.signal.calibrate import AUTHORS_DATA_SET
 
     print("\nlevels a taxel, strokes of all forces and zero loads | the authors' data set")
     simulated = (levels.mean, levels.std, levels.least, levels.most)

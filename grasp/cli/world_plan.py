@@ -59,9 +59,9 @@ def show(args: argparse.Namespace) -> int:
     import msgspec
 
     from grasp.settings import assignment_layer, load, named_layer
-    from scenarios.planner import Tolerance, plan
-    from scenarios.scenes import SCENES as BUILD
-    from scenarios.scenes import World
+    from scenarios.physics.planner import Tolerance, plan
+    from scenarios.physics.scenes import SCENES as BUILD
+    from scenarios.physics.scenes import World
 
     world = load(World, [named_layer("objects", args.object), assignment_layer(args.set)])
     asked = (args.tolerance, args.rotation, args.force)

@@ -2,8 +2,9 @@
 
 Each is moved through its whole range, the others as they are: what cannot reach the paper's
 interval even so is not the cause. Detection and reaction are moved on copies of the lift
-(``scenarios.reaction``): the command to close comes earlier or later. On a copy nobody listens any
-more: a full run that fails where its copy holds has failed by an alarm, too early or without end.
+(``scenarios.reaction.copies``): the command to close comes earlier or later. On a copy nobody
+listens any more: a full run that fails where its copy holds has failed by an alarm, too early or
+without end.
 """
 
 from collections.abc import Sequence
@@ -11,8 +12,8 @@ from collections.abc import Sequence
 import msgspec
 
 from scenarios.campaign.paper import TRIALS, paper_counts, wilson
-from scenarios.config import LiftConfig
-from scenarios.reaction import answered, at_lift, find_onset, react
+from scenarios.config import RunConfig
+from scenarios.reaction.copies import answered, at_lift, find_onset, react
 
 REACTION_RANGE_S = (0.0, 0.25)  # decision delay and command path together; assumed
 DETECTION_FACTORS = (0.25, 4.0)  # of the detector's own delay
@@ -37,7 +38,7 @@ class Cause(msgspec.Struct, frozen=True):
 
 
 def explain(
-    config: LiftConfig, seeds: Sequence[int], rate: float, geometry: tuple[float, float]
+    config: RunConfig, seeds: Sequence[int], rate: float, geometry: tuple[float, float]
 ) -> Cause:
     """Move each cause alone. ``rate``: of the full runs; ``geometry``: over the calibration's
     grid."""
@@ -63,7 +64,7 @@ def _range(cause: str, rates: tuple[float, float], paper: tuple[float, float]) -
     return Range(cause, low, high, low <= paper[1] and high >= paper[0])
 
 
-def _moved(config: LiftConfig, seed: int) -> dict[str, bool]:
+def _moved(config: RunConfig, seed: int) -> dict[str, bool]:
     begun = at_lift(config, seed)
     onset_ns = find_onset(begun)
     answer = answered(config, seed)

@@ -12,7 +12,7 @@ from drivers.errors import ConfigError
 from drivers.interfaces import FINGERS
 from grasp.settings import load, read_toml
 from scenarios import tap
-from scenarios.config import LiftConfig, load_config
+from scenarios.config import RunConfig, load_config
 from scenarios.lift import make_guard
 
 SEEDS_APART = 10_000  # so the seeds of two campaigns with different `seeds` never meet
@@ -70,7 +70,7 @@ class Trial(msgspec.Struct, frozen=True):
     repetition: int
     seed: int
     swept: dict[str, Any]  # settings that differ between the combinations
-    config: LiftConfig
+    config: RunConfig
     recordings: str
 
 
@@ -79,7 +79,7 @@ class Combination(msgspec.Struct, frozen=True):
 
     scenario: str
     swept: dict[str, Any]
-    config: LiftConfig
+    config: RunConfig
 
 
 def read_spec(path: Path) -> CampaignSpec:
@@ -110,7 +110,7 @@ def combinations(spec: CampaignSpec) -> list[Combination]:
     return found
 
 
-def _check_detectors(configs: list[LiftConfig]) -> None:
+def _check_detectors(configs: list[RunConfig]) -> None:
     """Load each detector once: weights that are missing are found before anything runs."""
     for config in {config.detector_name: config for config in configs}.values():
         try:

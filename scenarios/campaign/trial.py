@@ -10,7 +10,7 @@ import msgspec
 
 from scenarios import lift, tap
 from scenarios.campaign.spec import Trial
-from scenarios.config import LiftConfig
+from scenarios.config import RunConfig
 from scenarios.result import FinishedRun, LiftResult, TapResult, versions
 
 AnyRun = FinishedRun[LiftResult] | FinishedRun[TapResult]
@@ -62,7 +62,7 @@ class NotReproducible(RuntimeError):
     """The same settings and seed gave another verdict: a bug, never a finding."""
 
 
-def run_once(scenario: str, config: LiftConfig, seed: int, runs: Path | None) -> AnyRun:
+def run_once(scenario: str, config: RunConfig, seed: int, runs: Path | None) -> AnyRun:
     """One judged trial of a scenario."""
     if scenario == tap.SCENARIO:
         return tap.run(config, seed, runs)

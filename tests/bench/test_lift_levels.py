@@ -8,7 +8,7 @@ import pytest
 
 from grasp.settings import names
 from scenarios import lift
-from scenarios.scenes import SceneSettings
+from scenarios.physics.scenes import SceneSettings
 from scenarios.world import contact
 from scenarios.world.ladder import compliant
 from scenarios.world.ladder.levels import Level, elements

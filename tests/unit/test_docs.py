@@ -7,7 +7,7 @@ from grasp.phases import mermaid
 from grasp.settings import names
 from scenarios.config import load_config
 from scenarios.scoring import Outcome
-from scenarios.tap_scoring import TapOutcome
+from scenarios.tapping.scoring import TapOutcome
 
 ROOT = Path(__file__).parents[2]
 

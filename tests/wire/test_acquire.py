@@ -7,8 +7,8 @@ import pytest
 
 from detector.recordings import read
 from scenarios import acquire
-from scenarios.acquire_config import load_acquire_config
-from scenarios.pressing import motion
+from scenarios.acquisition.config import load_acquire_config
+from scenarios.acquisition.press import motion
 
 pytest.importorskip("rtde_control")
 

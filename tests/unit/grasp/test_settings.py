@@ -7,10 +7,10 @@ import pytest
 from drivers.errors import ConfigError
 from grasp import settings
 from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
-from scenarios.config import LiftConfig, load_config
+from scenarios.config import RunConfig, load_config
 
 
-def lift(*assignments: str, file: Path | None = None) -> LiftConfig:
+def lift(*assignments: str, file: Path | None = None) -> RunConfig:
     return load_config("can", "simulated", "energy", file, assignments)
 
 
@@ -93,7 +93,7 @@ def test_missing_required_setting_is_named() -> None:
     table = dict(named_layer("objects", "can").table["object"])
     del table["mass_kg"]
     with pytest.raises(ConfigError) as caught:
-        load(LiftConfig, [Layer("x", {"rig": "r", "detector_name": "d", "object": table})])
+        load(RunConfig, [Layer("x", {"rig": "r", "detector_name": "d", "object": table})])
     assert caught.value.key == "object.mass_kg"
 
 

@@ -9,13 +9,13 @@ import pytest
 from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios import lift
-from scenarios.config import LiftConfig, load_config
+from scenarios.config import RunConfig, load_config
 from scenarios.lift import Trial
 from scenarios.result import LiftResult
 from scenarios.rigs import Rig, open_rig
 
 
-def config(*assignments: str, object_name: str = "can") -> LiftConfig:
+def config(*assignments: str, object_name: str = "can") -> RunConfig:
     return load_config(object_name, "simulated", "energy", None, assignments)
 
 
@@ -67,6 +67,6 @@ def plain_lift() -> LiftResult:
     return judged()
 
 
-def changed(config: LiftConfig, section: str, **values: Any) -> LiftConfig:
+def changed(config: RunConfig, section: str, **values: Any) -> RunConfig:
     part = msgspec.structs.replace(getattr(config, section), **values)
     return msgspec.structs.replace(config, **{section: part})

@@ -9,10 +9,10 @@ from detector.recordings import Metadata, Recording, read
 from drivers.errors import ConfigError, Refused, Stale
 from scenarios import acquire
 from scenarios.acquire import Session, Tick
-from scenarios.acquire_config import AcquireConfig, load_acquire_config
-from scenarios.acquire_rigs import open_acquire_rig
-from scenarios.acquire_world import counts_per_newton
-from scenarios.pressing import Phase, motion
+from scenarios.acquisition.config import AcquireConfig, load_acquire_config
+from scenarios.acquisition.press import Phase, motion
+from scenarios.acquisition.rigs import open_acquire_rig
+from scenarios.acquisition.world import counts_per_newton
 
 METADATA = Metadata(
     set="slide", split="train", surface="planar", motion="primary", speed_mps=0.05,

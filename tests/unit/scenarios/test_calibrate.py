@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from detector.recordings import read_csv
-from scenarios import calibrate, strokes
-from scenarios.calibrate import Search, Setup
 from scenarios.config import load_config
-from scenarios.signal_statistics import signal_statistics
-from scenarios.strokes import StrokeSettings
+from scenarios.signal import calibrate, strokes
+from scenarios.signal.calibrate import Search, Setup
+from scenarios.signal.statistics import signal_statistics
+from scenarios.signal.strokes import StrokeSettings
 from scenarios.world.fingertip import FingertipSettings
 
 FELT = Path(__file__).parents[4] / "shared" / "data" / "takktile_felt.csv"

@@ -18,7 +18,7 @@ from drivers.errors import ConfigError
 from grasp.cli import main
 from grasp.settings import config_dir
 from scenarios import datasets
-from scenarios.acquire_config import load_acquire_config
+from scenarios.acquisition.config import load_acquire_config
 from scenarios.dataset_report import PAPER_SLIP, PAPER_STATIC, PAPER_TABLE, SURFACES, describe
 from scenarios.datasets import CouldNotBuild, DatasetConfig, Job, apportion, build, plan, window
 from scenarios.values import with_values

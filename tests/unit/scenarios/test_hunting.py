@@ -6,7 +6,7 @@ import itertools
 import msgspec
 import pytest
 
-from scenarios.hunting import (
+from scenarios.reaction.hunting import (
     LOOSENING,
     RATCHET,
     REGRASP,

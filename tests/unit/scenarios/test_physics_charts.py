@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios import mujoco_scene, physics_chart, stability, yardsticks
-from scenarios.physics_chart import PhysicsChart, ratios
+from scenarios.physics import chart as physics_chart
+from scenarios.physics import mujoco_scene, stability, yardsticks
+from scenarios.physics.chart import PhysicsChart, ratios
+from scenarios.physics.yardsticks import Point, measure
 from scenarios.world.ladder.levels import Level
-from scenarios.yardsticks import Point, measure
 
 
 def point(curve: str, step_s: float, cost_us: float, error_mm: float) -> Point:

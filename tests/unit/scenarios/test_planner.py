@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.planner import Tolerance, indicators, plan
-from scenarios.planner_report import scenes_of, truth
-from scenarios.random_scenes import random_lift, random_tap
-from scenarios.scenes import SCENES, World
+from scenarios.physics.planner import Tolerance, indicators, plan
+from scenarios.physics.planner_report import scenes_of, truth
+from scenarios.physics.random_scenes import random_lift, random_tap
+from scenarios.physics.scenes import SCENES, World
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder.levels import Level, simulate
 from scenarios.world.ladder.scene import Plane, Vibration

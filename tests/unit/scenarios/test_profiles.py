@@ -10,11 +10,11 @@ from drivers.errors import ConfigError
 from grasp.settings import named_layer, names
 from scenarios import lift
 from scenarios.campaign.spec import CampaignSpec, combinations
-from scenarios.config import LiftConfig, load_config
+from scenarios.config import RunConfig, load_config
 from tests.unit.scenarios.conftest import config
 
 
-def paper(*assignments: str) -> LiftConfig:
+def paper(*assignments: str) -> RunConfig:
     return load_config("can", "simulated", "energy", None, assignments, "paper")
 
 
@@ -24,7 +24,7 @@ def test_every_profile_names_its_detector() -> None:
 
 
 def test_the_default_profile_changes_no_setting() -> None:
-    plain = LiftConfig(rig="simulated", detector_name="energy", object=config().object)
+    plain = RunConfig(rig="simulated", detector_name="energy", object=config().object)
     same = msgspec.structs.replace(config(), gripper=plain.gripper, detector=plain.detector)
     assert same == plain
 
@@ -66,7 +66,7 @@ def test_a_detector_without_its_weights_is_refused_before_anything_runs(
     def missing(*_: Any) -> None:
         raise BadWeights("detector/weights/tcn-paper.onnx", "no such file")
 
-    monkeypatch.setattr(LiftConfig, "make_detector", missing)
+    monkeypatch.setattr(RunConfig, "make_detector", missing)
     spec = CampaignSpec(name="x", objects=("can",), detectors=("energy",))
     with pytest.raises(ConfigError, match=r"tcn-paper\.onnx"):
         combinations(spec)

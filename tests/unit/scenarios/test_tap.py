@@ -11,14 +11,15 @@ import pytest
 from drivers.errors import ConfigError
 from grasp.loop import Issued, Tick
 from grasp.phases import Phase
-from scenarios import mallet, tap
+from scenarios import tap
 from scenarios.lift import make_guard
-from scenarios.mallet import direction_of, swing
 from scenarios.replay import replay_run
 from scenarios.result import TapResult
 from scenarios.rigs import Rig, open_rig
 from scenarios.tap import TapTrial, tap_config
-from scenarios.tap_scoring import TapOutcome
+from scenarios.tapping import mallet
+from scenarios.tapping.mallet import direction_of, swing
+from scenarios.tapping.scoring import TapOutcome
 from scenarios.world import contact
 from scenarios.world.cell import Blow
 from tests.unit.scenarios.conftest import config

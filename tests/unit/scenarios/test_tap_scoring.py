@@ -4,9 +4,9 @@ import msgspec
 import pytest
 
 from scenarios.result import Alarm
-from scenarios.tap_scoring import Motion, TapFacts, TapOutcome, nominal_again_s, verdict
-from scenarios.tap_settings import TapScoringSettings
-from scenarios.tap_summary import count, sensitivity, summarise, verdict_again
+from scenarios.tapping.scoring import Motion, TapFacts, TapOutcome, nominal_again_s, verdict
+from scenarios.tapping.settings import TapScoringSettings
+from scenarios.tapping.summary import count, sensitivity, summarise, verdict_again
 from tests.unit.scenarios.test_tap import result_of
 
 WINDOWS = TapScoringSettings(moved_m=0.001, register_s=0.5, clear_s=1.0, stay_s=0.5)

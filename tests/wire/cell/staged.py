@@ -16,7 +16,7 @@ from grasp.commands import CloseFast, HoldFingers, MoveArm, MoveFingers, OpenFin
 from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios import lift
-from scenarios.config import LiftConfig, load_config
+from scenarios.config import RunConfig, load_config
 from scenarios.rigs import Rig, open_rig
 from scenarios.world.cell import Truth
 
@@ -139,7 +139,7 @@ class Staged:
         self.fault = FAULTS[fault]
         self.phase = phase
         self.row = Row(fault=fault, phase=phase.value)
-        self.config: LiftConfig = load_config("can", "emulated", "energy", None, QUICK)
+        self.config: RunConfig = load_config("can", "emulated", "energy", None, QUICK)
         self._rig: Rig | None = None
         self.struck = False
         self._last = Phase.IDLE
@@ -163,7 +163,7 @@ class Staged:
         return self.row
 
     @contextmanager
-    def _open(self, config: LiftConfig, seed: int, paced: bool) -> Iterator[Rig]:
+    def _open(self, config: RunConfig, seed: int, paced: bool) -> Iterator[Rig]:
         with open_rig(config, seed, paced) as rig:
             first = self._rig is None  # a twin run is none of ours
             if first:

@@ -7,13 +7,13 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from scenarios import yardsticks
+from scenarios.physics import yardsticks
+from scenarios.physics.yardsticks import Runner
 from scenarios.world.contact import Floats
 from scenarios.world.ladder import reference
 from scenarios.world.ladder.comparators import Method
 from scenarios.world.ladder.levels import Level
 from scenarios.world.ladder.scene import Scene
-from scenarios.yardsticks import Runner
 
 FORCE_N = 20.0  # sum of the normal forces after closing
 DAMPING_RATIO = 0.2  # of the object on its pads, at every stiffness; 0.2 at 8 kN/m and 12 N s/m

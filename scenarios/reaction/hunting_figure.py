@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from scenarios.hunting import HuntingMap, HuntingSettings
+from scenarios.reaction.hunting import HuntingMap, HuntingSettings
 
 MOST_SHOWN = 20
 

@@ -14,7 +14,7 @@ from drivers.ur.client import UrSettings
 from drivers.ur.driver import ArmSettings
 from drivers.ur.model import ArmModelSettings
 from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
-from scenarios.pressing import PressControlSettings
+from scenarios.acquisition.press import PressControlSettings
 from scenarios.world.fingertip import FingertipSettings
 from scenarios.world.pressed import FixedSurface, PressSettings
 

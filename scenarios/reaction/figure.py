@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.campaign.summary import Quantiles
-from scenarios.reaction_summary import Curve, ReactionSummary
+from scenarios.reaction.summary import Curve, ReactionSummary
 
 COLOURS = {
     "ball": "#b5432a", "foam": "#d98e04", "football": "#7a5195",

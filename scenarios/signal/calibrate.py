@@ -13,13 +13,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.signal_statistics import (
+from scenarios.signal.statistics import (
     FFT_HZ,
     TaxelStatistics,
     signal_statistics,
     taxel_statistics,
 )
-from scenarios.strokes import StrokeSettings, simulate
+from scenarios.signal.strokes import StrokeSettings, simulate
 from scenarios.world.fingertip import FingertipSettings
 
 SCALE_FACTOR, CORRELATION, CONTRAST, CONTRAST_BY_EDGE = 1.5, 0.2, 0.03, 0.1  # the aims

@@ -8,11 +8,11 @@ import numpy as np
 
 from grasp.loop import Tick
 from grasp.phases import Phase
-from scenarios.config import LiftConfig
-from scenarios.mallet import Swing
+from scenarios.config import RunConfig
 from scenarios.result import Alarm
-from scenarios.tap_scoring import Motion
-from scenarios.tap_settings import TapSettings
+from scenarios.tapping.mallet import Swing
+from scenarios.tapping.scoring import Motion
+from scenarios.tapping.settings import TapSettings
 from scenarios.world.cell import Blow, Truth
 
 SIDES = {
@@ -90,7 +90,7 @@ class PersonStrikes:
     When motion ended is not known; an upper bound is assumed.
     """
 
-    def __init__(self, operator: Operator, direction: str, config: LiftConfig) -> None:
+    def __init__(self, operator: Operator, direction: str, config: RunConfig) -> None:
         self.motion: Motion | None = None
         self.impulse_ns: float | None = None  # nobody knows
         self._operator, self._direction = operator, direction

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import msgspec
 import numpy as np
 
-from scenarios.planner import Tolerance, plan, reference
+from scenarios.physics.planner import Tolerance, plan, reference
 from scenarios.world.contact import Floats
 from scenarios.world.ladder.levels import Level, simulate
 from scenarios.world.ladder.scene import Scene

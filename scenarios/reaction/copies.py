@@ -19,7 +19,7 @@ from grasp.controller import CLOSED_COUNTS, GraspController
 from grasp.guard import THUMB_ALONE
 from grasp.loop import Tick
 from grasp.phases import Phase
-from scenarios.config import LiftConfig
+from scenarios.config import RunConfig
 from scenarios.lift import make_controller, make_guard, make_loop, run_trial
 from scenarios.rigs import open_rig
 from scenarios.scoring import SUCCESSES, LiftFacts, ScoringSettings, outcome
@@ -77,7 +77,7 @@ class Grid(msgspec.Struct, frozen=True):
     detector_factors: Sequence[float] = (2.0, 4.0)
 
 
-def study(config: LiftConfig, seed: int, grid: Grid, check: bool) -> SeedStudy:
+def study(config: RunConfig, seed: int, grid: Grid, check: bool) -> SeedStudy:
     """Everything of one object and seed. Raises RuntimeError when the lift never begins."""
     begun = at_lift(config, seed)
     onset_ns = find_onset(begun)
@@ -95,13 +95,13 @@ def study(config: LiftConfig, seed: int, grid: Grid, check: bool) -> SeedStudy:
     return SeedStudy(config.object.name, seed, True, points, checked)
 
 
-def _command_path_ns(config: LiftConfig, seed: int) -> int:
+def _command_path_ns(config: RunConfig, seed: int) -> int:
     """Verb to motion in this trial's hand: half a refresh period on average, then its latency."""
     hand = cell_settings(config, seed)[0].hand
     return round((0.5 / hand.refresh_hz + hand.command_latency_s) * 1e9)
 
 
-def at_lift(config: LiftConfig, seed: int) -> Copy:
+def at_lift(config: RunConfig, seed: int) -> Copy:
     """World and gripper driver of a trial at the instant at which its arm begins to rise."""
     controller_settings = msgspec.structs.replace(config.controller, reactions=False, keep=True)
     unanswered = msgspec.structs.replace(config, controller=controller_settings)
@@ -127,7 +127,7 @@ def find_onset(begun: Copy) -> int | None:
     return None
 
 
-def react(config: LiftConfig, begun: Copy, at_ns: int, command: CloseFast) -> Reaction:
+def react(config: RunConfig, begun: Copy, at_ns: int, command: CloseFast) -> Reaction:
     """The lift with that command given at that time and judged at the top."""
     cell, gripper = copy.deepcopy(begun)
     start_ns = cell.truth().t_ns
@@ -152,7 +152,7 @@ def _busy(cell: SimulatedCell) -> bool:
     return cell.gripper.moving
 
 
-def _lift_s(config: LiftConfig) -> float:
+def _lift_s(config: RunConfig) -> float:
     c = config.controller
     ramp_s = c.lift_speed_mps / c.lift_acceleration_mps2
     return c.lift_height_m / c.lift_speed_mps + ramp_s + SETTLE_S
@@ -172,13 +172,13 @@ def _judged(end: Truth, body: GraspObject, scoring: ScoringSettings) -> Reaction
     return Reaction(success, end.slip_distance_m if success else None, rise_ms)
 
 
-def answered(config: LiftConfig, seed: int) -> tuple[int, CloseFast, int] | None:
+def answered(config: RunConfig, seed: int) -> tuple[int, CloseFast, int] | None:
     """When the full path gave its command to close, the command, and when slip was registered."""
     answer = _answer(config, seed)
     return None if answer is None else answer[:3]
 
 
-def _answer(config: LiftConfig, seed: int) -> tuple[int, CloseFast, int, Truth] | None:
+def _answer(config: RunConfig, seed: int) -> tuple[int, CloseFast, int, Truth] | None:
     """None where the full path never answered, or nothing had slipped by its end."""
     sent: list[tuple[int, CloseFast]] = []
 
@@ -195,7 +195,7 @@ def _answer(config: LiftConfig, seed: int) -> tuple[int, CloseFast, int, Truth] 
     return *sent[0], registered_ns, end
 
 
-def _check(config: LiftConfig, seed: int, begun: Copy, factors: Sequence[float]) -> Check | None:
+def _check(config: RunConfig, seed: int, begun: Copy, factors: Sequence[float]) -> Check | None:
     answer = _answer(config, seed)
     if answer is None or answer[3].slip_onset_s is None:
         return None
@@ -217,7 +217,7 @@ def _saved_ns(late_ns: int, factor: float) -> int:
 
 
 def studies(
-    configs: Sequence[LiftConfig], seeds: Sequence[int], checked: int, grid: Grid, jobs: int
+    configs: Sequence[RunConfig], seeds: Sequence[int], checked: int, grid: Grid, jobs: int
 ) -> Iterator[SeedStudy]:
     """All of them as they finish, on worker processes; the first ``checked`` seeds are checked."""
     from joblib import Parallel, delayed

@@ -9,13 +9,13 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from scenarios import yardsticks
+from scenarios.physics import yardsticks
+from scenarios.physics.yardsticks import Point, Runner
 from scenarios.world.contact import Floats
 from scenarios.world.ladder import reference
 from scenarios.world.ladder.comparators import Method
 from scenarios.world.ladder.levels import Level
 from scenarios.world.ladder.scene import Scene
-from scenarios.yardsticks import Point, Runner
 
 STEPS_S = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)
 MUJOCO_STEPS_S = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)
@@ -82,7 +82,7 @@ def _adaptive(level: Level, scene: Scene, tolerance_m: float) -> Floats:
 
 
 def _mujoco(impratio: float, scene: Scene, step_s: float) -> Floats:
-    from scenarios import mujoco_scene
+    from scenarios.physics import mujoco_scene
 
     return mujoco_scene.run(scene, step_s, impratio)
 

@@ -1,6 +1,6 @@
 """The emulated cell of the acquisition: one process, one pressed fingertip, arm and board on wires.
 
-    python -m scenarios.emulate_pressed   reads {"config": ..., "seed": ...} on one line of stdin
+    python -m scenarios.acquisition.emulate   reads {"config": ..., "seed": ...}, a line of stdin
 
 As ``scenarios.emulate`` for the lift: one line of JSON when ready, ends with its parent. There is
 no gripper: whatever the hand's pose, one finger points down.
@@ -19,8 +19,8 @@ import msgspec
 from drivers.takktile.emulator import BoardServer
 from drivers.ur.emulator import UrEmulator
 from drivers.ur.emulator_settings import EmulatorSettings
-from scenarios.acquire_config import AcquireConfig
-from scenarios.acquire_world import pressed_cell
+from scenarios.acquisition.config import AcquireConfig
+from scenarios.acquisition.world import pressed_cell
 from scenarios.cell_control import ControlServer
 from scenarios.emulate import at_free_address, end_on_signals, read_order
 

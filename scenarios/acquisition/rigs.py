@@ -15,8 +15,8 @@ from drivers.takktile.usb_link import UsbLink
 from drivers.ur.client import UrLink
 from drivers.ur.driver import ArmDriver
 from grasp.clock import Clock, PacedClock, VirtualClock, WallClock
-from scenarios.acquire_config import AcquireConfig
-from scenarios.acquire_world import pressed_cell
+from scenarios.acquisition.config import AcquireConfig
+from scenarios.acquisition.world import pressed_cell
 from scenarios.wired import CellProcess
 from scenarios.world.pressed_cell import PressedCell, PressedTruth
 
@@ -57,7 +57,7 @@ def _simulated(config: AcquireConfig, seed: int, paced: bool) -> AcquireRig:
 @contextmanager
 def _emulated(config: AcquireConfig, seed: int) -> Iterator[AcquireRig]:
     """Real drivers over real protocols to a cell in another process, in wall time."""
-    process = CellProcess(config, seed, "scenarios.emulate_pressed")
+    process = CellProcess(config, seed, "scenarios.acquisition.emulate")
     try:
         replace, ends = msgspec.structs.replace, process.endpoints
         there = replace(

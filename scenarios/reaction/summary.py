@@ -8,7 +8,7 @@ import msgspec
 
 from scenarios.campaign.paper import wilson
 from scenarios.campaign.summary import Quantiles, quantiles
-from scenarios.reaction import Check, Reaction, SeedStudy
+from scenarios.reaction.copies import Check, Reaction, SeedStudy
 
 CLIFF = 0.3  # a fall of success by this much between neighbouring latencies is named
 

@@ -7,8 +7,8 @@ import msgspec
 import numpy as np
 
 from scenarios.result import Spread, TapResult
-from scenarios.tap_scoring import UNMOVED, Motion, TapFacts, TapOutcome, verdict
-from scenarios.tap_settings import TapScoringSettings
+from scenarios.tapping.scoring import UNMOVED, Motion, TapFacts, TapOutcome, verdict
+from scenarios.tapping.settings import TapScoringSettings
 
 
 class TapCount(msgspec.Struct, frozen=True):

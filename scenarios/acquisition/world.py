@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 
 from drivers.errors import ConfigError
-from scenarios.acquire_config import AcquireConfig
+from scenarios.acquisition.config import AcquireConfig
 from scenarios.world.pressed_cell import PressedCell, PressedCellSettings
 
 

@@ -11,7 +11,7 @@ from enum import StrEnum
 import msgspec
 
 from scenarios.result import Alarm
-from scenarios.tap_settings import TapScoringSettings
+from scenarios.tapping.settings import TapScoringSettings
 
 
 class TapOutcome(StrEnum):

@@ -1,0 +1,1 @@
+"""Contact models compared: scenes, the planner that chooses one, stability, cost of accuracy."""

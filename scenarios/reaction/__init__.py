@@ -1,0 +1,1 @@
+"""What a millisecond of reaction is worth, and where the loop would hunt."""

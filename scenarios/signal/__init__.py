@@ -1,0 +1,1 @@
+"""The simulated fingertip beside a real one: strokes, their statistics, the fit."""

@@ -1,0 +1,1 @@
+"""The parts of the mallet tap: the blow, who delivers it, and how it is judged."""
