@@ -50,7 +50,7 @@ def test_contact_is_made_and_broken_again_and_again(jobs: list[Job]) -> None:
     load = -first(jobs, "contact_made_and_broken").counts[:, 0].sum(axis=1)
     pressed = load > 0.3 * load.max()
     assert np.diff(pressed.astype(int)).clip(0).sum() >= 2
-    assert (load < 0.05 * load.max()).mean() > 0.1
+    assert (load < 0.05 * load.max()).mean() > 0.05  # off the surface, again and again
 
 
 def test_drift_shifts_the_taxels_although_force_control_holds_their_sum(jobs: list[Job]) -> None:
