@@ -208,15 +208,14 @@ def registered_events(
 
 def cusum(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray[np.float64]:
     """Sums (n, fingers) of `CusumRule`; they do not depend on its limit."""
-    quiet = _quiet(np.greater(probabilities, settings.threshold), settings.release).tolist()
-    columns = []
-    for evidence in (log_odds(probabilities) - settings.drift).T.tolist():
-        total, sums = 0.0, []
-        for value, reset in zip(evidence, quiet, strict=True):
-            total = 0.0 if reset else max(0.0, total + value)
-            sums.append(total)
-        columns.append(sums)
-    return np.array(columns).T
+    quiet = _quiet(np.greater(probabilities, settings.threshold), settings.release)
+    evidence = log_odds(probabilities) - settings.drift
+    sums = np.zeros_like(evidence)
+    edges = np.flatnonzero(np.diff(quiet, prepend=True, append=True))
+    for first, after in edges.reshape(-1, 2):  # stretches in which nothing begins anew
+        total = np.cumsum(evidence[first:after], axis=0)
+        sums[first:after] = total - np.minimum(np.minimum.accumulate(total, axis=0), 0.0)
+    return sums
 
 
 def event_starts(

@@ -15,10 +15,10 @@ from detector.evaluation import WARM_UP_SAMPLES, Streamed, hand_rate, judge_stre
 from detector.events import EventSettings
 from detector.metrics import Floats
 
-LOG_ODDS = np.linspace(-4.0, 9.0, 27)  # thresholds tried
-LIMITS = np.geomspace(0.5, 200.0, 27)  # of summed log-odds
-CONSECUTIVE = (1, 2, 3, 5, 8)
-DRIFTS = (0.0, 1.0, 2.0)
+LOG_ODDS = np.linspace(-3.0, 9.0, 17)  # thresholds tried
+LIMITS = np.geomspace(0.5, 100.0, 14)  # of summed log-odds
+CONSECUTIVE = (1, 2, 3, 5)
+DRIFTS = (0.0, 2.0)
 
 
 class Point(msgspec.Struct, frozen=True):

@@ -69,7 +69,7 @@ class Training:
         self.network = build(self.arch)
         self._standardise()
         self._optimiser = torch.optim.Adam(self.network.parameters(), settings.learning_rate)
-        self._batches = _Batches(settings, self._fingers, self.arch.streaming)
+        self._batches = _Batches(settings, self._fingers)
         share = self._fingers.slip_share
         self._slip_weight = 1.0 / share - 1.0
         self.shift = -math.log(self._slip_weight)  # classes were weighted alike: back to the truth
@@ -130,7 +130,7 @@ class Training:
         labels, weights = torch.from_numpy(batch.labels), torch.from_numpy(batch.weights)
         if s.balance == "weights":
             weights = weights * torch.where(labels > 0, self._slip_weight, 1.0)
-        odds = self.network(counts) if self.arch.streaming else self.network(counts, last=True)
+        odds = self.network(counts) if s.dense else self.network(counts, last=True)
         each = nn.functional.binary_cross_entropy_with_logits(odds, labels, reduction="none")
         loss = (each * weights).sum() / weights.sum()
         for group in self._optimiser.param_groups:
@@ -200,9 +200,9 @@ class Training:
 class _Batches:
     """The batch of a step: crops for streaming networks, windows epoch by epoch for the others."""
 
-    def __init__(self, settings: TrainSettings, fingers: Fingers, streaming: bool) -> None:
+    def __init__(self, settings: TrainSettings, fingers: Fingers) -> None:
         self._settings, self._fingers = settings, fingers
-        self._windows = None if streaming else Windows(fingers)
+        self._windows = None if settings.dense else Windows(fingers)
         self._epoch = -1
         self._chosen = np.empty(0, np.intp)
 

@@ -14,6 +14,10 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """How long, on what, and how a network is trained; stored in its checkpoints."""
 
     steps: Annotated[int, Meta(ge=1, le=10_000_000, description="optimiser steps planned")]
+    dense: Annotated[
+        bool,
+        Meta(description="learn from every sample of a stretch, not from the last of a window"),
+    ] = True
     augmentation: Augmentation = "ours"
     balance: Balance = "weights"
     label: LabelName = "slip"
@@ -41,25 +45,20 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ] = 1.0  # fmt: skip
 
 
-# windows cost a hundred times more a label than sequences: few, and balanced as in the paper
+# A window costs as much as a stretch of its length and gives one label instead of a hundred. So
+# `tcn-paper` too learns from every sample of stretches as long as its window, each with the zeros
+# before it that the network will see; `--windows` trains it as its authors did.
 DEFAULTS = {
     "tcn": TrainSettings(steps=2_500),
-    "gru": TrainSettings(steps=1_500),
+    "gru": TrainSettings(steps=3_000, patience=12),
     "tcn-paper": TrainSettings(
-        steps=800,
-        augmentation="as-run",
-        balance="undersample",
-        batch=256,
-        learning_rate=0.002,
-        validations=4,
+        steps=1_500, augmentation="as-run", batch=64, crop=100, warm=0, fresh=1.0,
+        learning_rate=0.002, validations=2,
     ),
     "freq-cnn": TrainSettings(
-        steps=2_000,
-        augmentation="none",
-        balance="undersample",
-        batch=256,
-        learning_rate=0.002,
-        validations=4,
+        steps=2_000, dense=False, augmentation="none", balance="undersample", batch=256,
+        learning_rate=0.002, validations=4,
     ),
-}
+}  # fmt: skip
 DEFAULTS["freq-cnn-paper"] = DEFAULTS["freq-cnn"]
+WINDOWS = {"dense": False, "balance": "undersample", "batch": 256}

@@ -30,7 +30,7 @@ def add_parser(verbs: Any) -> None:
     )
     parser.add_argument(
         "--detector",
-        default="energy",
+        default="gru",
         metavar="NAME",
         help="with --tactile: one of config/detectors (default: %(default)s)",
     )

@@ -46,6 +46,10 @@ def add_parser(actions: Any) -> None:
         choices=("weights", "undersample"),
         help="weigh the classes, or (windows only) draw as many of each an epoch",
     )
+    parser.add_argument(
+        "--windows", action="store_true",
+        help="tcn-paper: learn from the last sample of windows alone, as its authors did",
+    )  # fmt: skip
     parser.add_argument("--label", choices=("slip", "slip_true"), help="what to learn")
     parser.add_argument(
         "--resume", action="store_true", help="go on from the checkpoint beside --out"
@@ -89,7 +93,7 @@ def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
     from detector.recordings import read_dataset
     from detector.training.fit import Training
     from detector.training.sequences import digest
-    from detector.training.settings import DEFAULTS, TrainSettings
+    from detector.training.settings import DEFAULTS, WINDOWS, TrainSettings
 
     learnt = [r for folder in args.data for r in read_dataset(folder, "train")]
     validation = [r for folder in args.data for r in read_dataset(folder, "validation")]
@@ -98,6 +102,8 @@ def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
         for name in ("seed", "steps", "augmentation", "balance", "label")
         if getattr(args, name) is not None
     }
+    if args.windows:
+        asked = WINDOWS | asked
     table = msgspec.structs.asdict(DEFAULTS[args.network]) | asked
     settings = msgspec.convert(table, TrainSettings)
     used = digest([*learnt, *validation])

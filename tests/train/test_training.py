@@ -30,8 +30,8 @@ QUICK = TrainSettings(steps=30, batch=4, crop=60, validations=3)
 
 def training(name: str = "tcn", **changes: object) -> Training:
     settings = msgspec.structs.replace(QUICK, **changes)
-    if not name.startswith(("tcn", "gru")) or name == "tcn-paper":
-        settings = msgspec.structs.replace(settings, balance="undersample", batch=32)
+    if name not in ("tcn", "gru"):
+        settings = msgspec.structs.replace(settings, dense=False, balance="undersample", batch=32)
     return Training(name, settings, TRAIN, VALIDATION, digest(TRAIN))
 
 
@@ -171,7 +171,8 @@ def test_calibration_undoes_overconfidence_and_a_wrong_prior() -> None:
 
 def test_every_network_has_defaults_that_fit_it() -> None:
     for name, settings in DEFAULTS.items():
-        assert (settings.balance == "undersample") == (name not in ("tcn", "gru"))
+        assert settings.dense == (not name.startswith("freq-cnn"))
+        assert settings.dense == (settings.balance == "weights")
 
 
 def test_the_verb_trains_logs_resumes_and_its_weights_are_used(
