@@ -16,7 +16,7 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     steps: Annotated[int, Meta(ge=1, le=10_000_000, description="optimiser steps planned")]
     dense: Annotated[
         bool,
-        Meta(description="learn from every sample of a stretch, not from the last of a window"),
+        Meta(description="learn from every sample of a stretch, not from a window's last"),
     ] = True
     augmentation: Augmentation = "ours"
     balance: Balance = "weights"
