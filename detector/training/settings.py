@@ -50,7 +50,7 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 # before it that the network will see; `--windows` trains it as its authors did.
 DEFAULTS = {
     "tcn": TrainSettings(steps=2_500),
-    "gru": TrainSettings(steps=3_000, patience=12),
+    "gru": TrainSettings(steps=1_500),
     "tcn-paper": TrainSettings(
         steps=1_500, augmentation="as-run", batch=64, crop=100, warm=0, fresh=1.0,
         learning_rate=0.002, validations=2,

@@ -14,7 +14,7 @@ from scenarios.config import load_config
 from scenarios.result import LiftResult
 
 SEEDS = range(int(os.environ.get("LIFTS", "40")))
-DETECTORS = ("energy", "tcn-paper", "tcn")
+DETECTORS = ("energy", "tcn-paper", "tcn", "gru")
 MASKS_S = (0.14, 0.0)
 
 
