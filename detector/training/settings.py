@@ -49,8 +49,8 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 # `tcn-paper` too learns from every sample of stretches as long as its window, each with the zeros
 # before it that the network will see; `--windows` trains it as its authors did.
 DEFAULTS = {
-    "tcn": TrainSettings(steps=2_500),
-    "gru": TrainSettings(steps=1_500),
+    "tcn": TrainSettings(steps=8_000),
+    "gru": TrainSettings(steps=6_000),
     "tcn-paper": TrainSettings(
         steps=1_500, augmentation="as-run", batch=64, crop=100, warm=0, fresh=1.0,
         learning_rate=0.002, validations=2,
