@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import signal
 import socket
 import sys
 import threading
@@ -25,6 +26,9 @@ hypothesis.settings.load_profile("ci" if os.environ.get("CI") else "local")
 for name in [name for name in os.environ if name.startswith("GRASP_")]:
     del os.environ[name]
 os.environ["MPLBACKEND"] = "Agg"
+
+# Begun in the background of a script, the tests would ignore Ctrl-C, and so would what they start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def threads() -> set[str]:

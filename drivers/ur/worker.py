@@ -54,6 +54,7 @@ _SETTLE_CYCLES = 4  # until a command shows in what the controller reports
 _STANDING_BELOW_RADPS = 0.005  # that count as standing
 _KICKS_PER_LIMIT = 4  # kicks in the time after which the watchdog would bite
 _LEAVE_S = 2.0  # for braking when the client is gone
+_BRAKE_AGAIN_S = 0.2  # a drive that moves on this long after it was told to end is told again
 
 
 class Channel:
@@ -170,6 +171,7 @@ class Commander:
         self._braking = False  # a drive is coming to rest
         self._stopping = False  # since the last move
         self._acceleration_mps2 = 1.2  # of the last move; UR manual: movel's default
+        self._deceleration_mps2 = self._acceleration_mps2  # of the last stop
         self._commanded_at = -math.inf
         self._heard_at = time.monotonic()
         self._kicked_at = -math.inf
@@ -243,6 +245,8 @@ class Commander:
         """Send the motion that waits, as soon as the tool stands, if anyone still wants it."""
         if self._braking and not self.busy:
             self._end_drive()
+        elif self._braking and time.monotonic() - self._commanded_at > _BRAKE_AGAIN_S:
+            self._brake()
         motion = self._waiting
         if motion is None or self._braking or self.busy:
             return
@@ -268,9 +272,15 @@ class Commander:
         self._stopping = True
         if self._driving:  # stopL would end the program: the drive's thread holds the robot
             self._braking = True
-            self._control.speedL([0.0] * 6, deceleration_mps2)
+            self._deceleration_mps2 = deceleration_mps2
+            self._brake()
         else:
             self._control.stopL(deceleration_mps2, asynchronous=True)
+            self._commanded_at = time.monotonic()
+
+    def _brake(self) -> None:
+        """Bring a drive to rest; said again while it moves, since a controller may miss a call."""
+        self._control.speedL([0.0] * 6, self._deceleration_mps2)
         self._commanded_at = time.monotonic()
 
     def _end_drive(self) -> None:
