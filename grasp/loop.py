@@ -61,7 +61,7 @@ class LoopSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             ge=0.0,
             le=0.5,
             description="virtual time that a decision takes; default: p50 of frame "
-            "to decision measured here, the paper's inference takes 0.021 s",
+            "to decision with `energy`, quiet; the paper's inference takes 0.021 s",
         ),
     ] = 0.00002
     stop_deceleration_mps2: Annotated[
