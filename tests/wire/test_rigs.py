@@ -83,8 +83,8 @@ def test_lift_on_the_emulated_rig_is_that_of_the_simulated_one(tmp_path: Path) -
     assert [p["phase"] for p in wired["phases"]] == [p.phase for p in simulated.phases]
     assert simulated.slip_distance_m is not None
     assert simulated.reaction_latency_ms is not None
-    # 0.1 mm for each millisecond that the wall-clock loop reacted later, and 2 mm of its own
-    later_ms = max(0.0, wired["reaction_latency_ms"] - simulated.reaction_latency_ms)
+    # 0.1 mm for each millisecond that the wall-clock loop reacted later or earlier, and 2 mm
+    later_ms = abs(wired["reaction_latency_ms"] - simulated.reaction_latency_ms)
     assert abs(wired["slip_distance_m"] - simulated.slip_distance_m) < 0.002 + 1e-4 * later_ms
     assert wired["commanded_force_n"] <= 10.0
     assert Path(wired["recording"]).is_file()
