@@ -33,12 +33,13 @@ FixedCause = Literal[
 ]  # fmt: skip
 GraspedCause = Literal[
     "grasped_closing_and_tightening", "grasped_lift_acceleration", "grasped_tap",
-    "grasped_arm_vibration", "grasped_uneven_load", "grasped_slip",
+    "grasped_blow", "grasped_arm_vibration", "grasped_uneven_load", "grasped_slip",
 ]  # fmt: skip
 GRASPED: tuple[str, ...] = get_args(GraspedCause)
 SETTLED_S = 4.0  # of a session: rest, approach and settling are over before the first disturbance
 EAGER = 0.2  # counts of a detector that takes anything for slip: it makes the hand tighten
 LIGHT_KG = 0.03
+BLOWS_NS = {"grasped_tap": (0.002, 0.02), "grasped_blow": (0.005, 0.25)}
 
 
 def make_confuser(
@@ -103,7 +104,8 @@ def _grasped(metadata: Metadata, samples: int, source: str) -> Recording:
     seen: list[tuple[Tick, Truth]] = []
     rng = np.random.default_rng([metadata.seed, 3])
     with open_rig(config, metadata.seed, paced=False) as rig:
-        disturb = _taps(rng, rig.tap) if metadata.cause == "grasped_tap" else None
+        strength = BLOWS_NS.get(metadata.cause)
+        disturb = None if strength is None else _taps(rng, rig.tap, strength)
 
         def watch(tick: Tick, truth: Truth | None, controller: GraspController) -> None:
             if tick.frame is not None and truth is not None:
@@ -116,23 +118,24 @@ def _grasped(metadata: Metadata, samples: int, source: str) -> Recording:
 
 
 def lift_config(metadata: Metadata) -> RunConfig:
-    """A lift of something so light that it is held, or (`grasped_slip`) as heavy as it is told to
-    be; an eager detector where the hand is to tighten, else one that never speaks."""
+    """A lift of something so light that it is held; for `grasped_slip` as heavy as it is told to
+    be, for `grasped_blow` of its own weight and as firmly as in the tap. An eager detector where
+    the hand is to tighten, else one that never speaks."""
     config = load_config(metadata.surface, "simulated", "energy")
-    if metadata.cause == "grasped_slip":
-        return with_values(config, {"detector.threshold_counts": 500.0} | metadata.parameters)
     tightens = metadata.cause == "grasped_closing_and_tightening"
-    fixed = {
-        "object.mass_kg": LIGHT_KG,
-        "object.added_mass_kg": 0.0,
-        "detector.threshold_counts": EAGER if tightens else 500.0,
-        "controller.hold_s": 1.5,
-    }
+    fixed: dict[str, float] = {"detector.threshold_counts": EAGER if tightens else 500.0}
+    if metadata.cause == "grasped_blow":
+        fixed |= {"object.added_mass_kg": 0.0, "controller.hold_s": 4.0}
+        fixed |= {"controller.firm": True, "controller.reactions": False}
+    elif metadata.cause != "grasped_slip":
+        fixed |= {"object.mass_kg": LIGHT_KG, "object.added_mass_kg": 0.0, "controller.hold_s": 1.5}
     return with_values(config, fixed | metadata.parameters)
 
 
-def _taps(rng: np.random.Generator, tap: Callable[[Blow], None] | None) -> Callable[[Tick], None]:
-    """Blows while the object is lifted and held, too weak to move it for long, if at all."""
+def _taps(
+    rng: np.random.Generator, tap: Callable[[Blow], None] | None, impulse_ns: tuple[float, float]
+) -> Callable[[Tick], None]:
+    """Blows on top and on the side while the object is lifted and held; weak ones are the most."""
     due_ns = 0
 
     def disturb(tick: Tick) -> None:
@@ -142,8 +145,9 @@ def _taps(rng: np.random.Generator, tap: Callable[[Blow], None] | None) -> Calla
         due_ns = tick.t_ns + round(float(rng.uniform(0.3, 1.0)) * 1e9)
         if tap is not None:
             blow = Blow(
-                impulse_ns=float(rng.uniform(0.002, 0.02)),
+                impulse_ns=float(np.exp(rng.uniform(*np.log(impulse_ns)))),
                 duration_s=float(rng.uniform(0.004, 0.015)),
+                direction="top" if rng.random() < 0.5 else "side",
             )
             tap(blow)
 

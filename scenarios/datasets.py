@@ -73,6 +73,7 @@ class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     slip_samples: Annotated[int, Meta(ge=0)] = 0
     recording_samples: Annotated[int, Meta(ge=100, le=100_000)] = 1200
     least_recordings: Annotated[int, Meta(ge=3, le=1000)] = 10
+    held_out: Annotated[float, Meta(gt=0.0, le=0.4)] = 0.1  # for validation, and as much for test
     rows: list[DatasetRow] = []
     causes: list[CauseRow] = []
     randomise: dict[str, Range] = {}
@@ -122,7 +123,7 @@ def reduced(config: DatasetConfig, share: float) -> DatasetConfig:
 
 
 def plan(config: DatasetConfig) -> list[Job]:
-    """All recordings; splits are 80/10/10 by recording within each cause or group of Table I."""
+    """All recordings; split by recording within each cause or group of Table I."""
     jobs = _slide_jobs(config) if config.rows else []
     return jobs + _cause_jobs(config, len(jobs))
 
@@ -132,7 +133,8 @@ def _cause_jobs(config: DatasetConfig, first: int) -> list[Job]:
     commit = versions()["commit"]
     for row in config.causes:
         index = first + len(jobs)
-        splits = _splits(row.recordings, np.random.default_rng([config.seed, index]))
+        rng = np.random.default_rng([config.seed, index])
+        splits = _splits(row.recordings, config.held_out, rng)
         for k, split in enumerate(splits):
             seed = config.seed * SEEDS + first + len(jobs)
             course = motion(DIRECTIONS["primary"][k % 4], 0.05, 1.0) if row.strokes else None
@@ -163,7 +165,8 @@ def _slide_jobs(config: DatasetConfig) -> list[Job]:
         count = max(config.least_recordings, wanted)
         parts = zip(
             apportion(slip, np.ones(count)), apportion(static, np.ones(count)),
-            _splits(count, np.random.default_rng([config.seed, len(jobs)])), strict=True,
+            _splits(count, config.held_out, np.random.default_rng([config.seed, len(jobs)])),
+            strict=True,
         )  # fmt: skip
         for k, (slip_part, static_part, split) in enumerate(parts):
             directions = DIRECTIONS[row.motion]
@@ -189,11 +192,10 @@ def apportion(total: int, shares: NDArray[np.float64]) -> list[int]:
     return [int(part) for part in parts]
 
 
-def _splits(count: int, rng: np.random.Generator) -> list[Split]:
-    """80/10/10, at least one recording each, in random order."""
-    tenth = max(1, round(0.1 * count))
-    rest = count - 2 * tenth
-    sizes: dict[Split, int] = {"train": rest, "validation": tenth, "test": tenth}
+def _splits(count: int, held_out: float, rng: np.random.Generator) -> list[Split]:
+    """The rest is for training; at least one recording each, in random order."""
+    part = max(1, round(held_out * count))
+    sizes: dict[Split, int] = {"train": count - 2 * part, "validation": part, "test": part}
     ordered = [split for split, size in sizes.items() for _ in range(size)]
     return [ordered[i] for i in rng.permutation(count)]
 
