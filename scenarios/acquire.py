@@ -7,19 +7,20 @@ gives the second label.
 import math
 from collections.abc import Callable
 from datetime import datetime
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
-from detector.recordings import Metadata, Recording, write
-from drivers.errors import Stale
+from detector.recordings import MAX_MISSED, SUFFIX, Metadata, Recording, missed_samples, write
+from drivers.errors import GraspError, Stale
 from drivers.interfaces import ArmState, TactileFrame
 from scenarios.acquisition.config import AcquireConfig, SamplingSettings
 from scenarios.acquisition.press import Motion, Phase, PressController
 from scenarios.acquisition.rigs import AcquireRig, open_acquire_rig
 from scenarios.acquisition.world import counts_per_newton
-from scenarios.result import versions
+from scenarios.result import Failure, versions
 from scenarios.world.pressed_cell import PressedCell, PressedTruth
 
 REST_TIMEOUT_S = 5.0
@@ -27,6 +28,7 @@ APPROACH_TIMEOUT_S = 10.0
 RETREAT_MPS = 0.05
 TURN_RADPS = 1.0  # paper, section III-B
 STOP_MPS2 = 1.0
+LEAST_SAMPLES = 2  # of a recording
 
 
 class Tick(msgspec.Struct, frozen=True):
@@ -115,7 +117,8 @@ class Session:
     def _wait(self) -> None:
         """Until the next sample is due; in a simulation with the real board's jitter and losses."""
         rig, sampling = self._rig, self._config.sampling
-        self._tick += 1
+        late = int((rig.clock.now_ns - self._start_ns) * 1e-9 / sampling.period_s)
+        self._tick = max(self._tick, late) + 1  # samples that were slept through do not come back
         due_ns = self._start_ns + round(self._tick * sampling.period_s * 1e9)
         if rig.cell is None:
             rig.clock.sleep_until_ns(due_ns)
@@ -177,7 +180,7 @@ class Session:
 
 
 class FinishedAcquisition(msgspec.Struct, frozen=True):
-    """What a run has left behind."""
+    """What a run has left behind; with a ``failure`` it ended early, and this is what there was."""
 
     scenario: str
     rig: str
@@ -188,20 +191,25 @@ class FinishedAcquisition(msgspec.Struct, frozen=True):
     slip: int
     slip_true: int | None
     missed: int
-    force_mean_n: float  # estimated by the fingertip
-    force_std_n: float
-    speed_max_mps: float
-    recording: str
+    force_mean_n: float | None  # estimated by the fingertip
+    force_std_n: float | None
+    speed_max_mps: float | None
+    recordings: list[str]
+    failure: Failure | None = None
 
     def as_json(self) -> str:
         return msgspec.json.encode(self).decode()
 
     def as_text(self) -> str:
+        if not self.recordings:
+            return "nothing was recorded"
         true = "" if self.slip_true is None else f" (the contact truly slid in {self.slip_true})"
+        cut = "" if len(self.recordings) == 1 else ", cut where too many samples were missing"
         return (
             f"{self.samples} samples, {self.slip} labelled slip{true}, {self.missed} repeated\n"
             f"force by the fingertip {self.force_mean_n:.1f} +- {self.force_std_n:.1f} N, "
-            f"fastest {self.speed_max_mps * 1e3:.0f} mm/s\nrecording: {self.recording}"
+            f"fastest {(self.speed_max_mps or 0.0) * 1e3:.0f} mm/s\n"
+            f"recording: {', '.join(self.recordings)}{cut}"
         )
 
 
@@ -211,29 +219,60 @@ def run(
 ) -> FinishedAcquisition:  # fmt: skip
     """One session on the rig of the configuration; writes `runs/<stamp>-acquire-<surface>.npz`.
 
-    Raises ConfigError, the drivers' errors, and OSError when it cannot be written.
+    What was recorded is kept, whatever ends the session: a device's error or Ctrl-C becomes the
+    ``failure``. A recording may not lack many samples in a row, so it is cut in two there.
+
+    Raises ConfigError, the drivers' errors before anything moves, and OSError when it cannot be
+    written.
     """
     runs.mkdir(parents=True, exist_ok=True)
-    samples = round(seconds / config.sampling.period_s)
+    failure = None
     with open_acquire_rig(config, seed, paced) as rig:
         session = Session(config, motion, seed, rig, on_tick)
-        session.run(samples)
+        try:
+            session.run(round(seconds / config.sampling.period_s))
+        except GraspError as error:
+            failure = Failure(error.kind, error.message, error.remedy)
+        except KeyboardInterrupt:
+            failure = Failure("interrupted", "stopped by hand: the arm stands", "")
+    parts = [part for part in _without_gaps(session.ticks) if len(part) >= LEAST_SAMPLES]
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
-    path = runs / f"{stamp}-acquire-{config.surface.name}-{motion.direction}-{seed}.npz"
+    name = f"{stamp}-acquire-{config.surface.name}-{motion.direction}-{seed}"
+    names = [name] if len(parts) == 1 else [f"{name}-{k}" for k in range(1, len(parts) + 1)]
     metadata = Metadata(
         set="slide", split="train", surface=config.surface.name, motion=motion.kind,
         speed_mps=motion.speed_mps, spin_radps=motion.spin_radps, direction=motion.direction,
         seed=seed, commit=versions()["commit"],
     )  # fmt: skip
-    made = recording(session.ticks, config, metadata, str(path))
-    write(path, made)
-    force = np.array([tick.force_n for tick in session.ticks])
-    speed = np.zeros(1) if made.velocity_mps is None else np.hypot(*made.velocity_mps.T)
+    made = []
+    for part, stem in zip(parts, names, strict=True):
+        path = runs / f"{stem}{SUFFIX}"
+        made.append(recording(part, config, metadata, str(path)))
+        write(path, made[-1])
+    return _finished(config, motion, seed, [t for p in parts for t in p], made, failure)
+
+
+def _without_gaps(ticks: list[Tick]) -> list[list[Tick]]:
+    """The session, cut where more samples in a row are missing than a recording may lack."""
+    times = np.array([tick.t_ns * 1e-9 for tick in ticks])
+    ends = np.flatnonzero(missed_samples(times) > MAX_MISSED) + 1
+    edges = [0, *ends.tolist(), len(ticks)]
+    return [ticks[first:end] for first, end in pairwise(edges)]
+
+
+def _finished(
+    config: AcquireConfig, motion: Motion, seed: int, ticks: list[Tick], made: list[Recording],
+    failure: Failure | None,
+) -> FinishedAcquisition:  # fmt: skip
+    force = np.array([tick.force_n for tick in ticks])
+    fastest = [np.hypot(*r.velocity_mps.T).max() for r in made if r.velocity_mps is not None]
+    true = [int(r.slip_true.sum()) for r in made if r.slip_true is not None]
     return FinishedAcquisition(
-        "acquire", config.rig, config.surface.name, motion.direction, seed, samples,
-        int(made.slip.sum()), None if made.slip_true is None else int(made.slip_true.sum()),
-        sum(tick.frame.missed > 0 for tick in session.ticks), float(force.mean()),
-        float(force.std()), float(speed.max()), str(path),
+        "acquire", config.rig, config.surface.name, motion.direction, seed, len(ticks),
+        sum(int(r.slip.sum()) for r in made), sum(true) if true else None,
+        sum(tick.frame.missed > 0 for tick in ticks),
+        float(force.mean()) if ticks else None, float(force.std()) if ticks else None,
+        float(max(fastest)) if fastest else None, [r.source for r in made], failure,
     )  # fmt: skip
 
 

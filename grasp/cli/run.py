@@ -220,8 +220,15 @@ def _acquire(args: argparse.Namespace) -> int:
             config, course, args.seed, args.seconds or SECONDS, args.runs, _paced(args),
             display.tick,
         )  # fmt: skip
-    print(finished.as_json() if args.json else finished.as_text())
-    return exits.SUCCESS
+    failure = finished.failure
+    if not args.json:
+        print(finished.as_text())
+    elif failure is None:
+        print(finished.as_json())
+    if failure is None:
+        return exits.SUCCESS
+    extra = {"result": json.loads(finished.as_json())} if args.json else {}
+    return exits.report(failure.kind, failure.message, failure.remedy, args.json, **extra)
 
 
 def _unconfirmed(rig: str, args: argparse.Namespace) -> int | None:
