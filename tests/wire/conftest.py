@@ -1,0 +1,66 @@
+"""Wall time on a shared machine: a test that failed while the machine stood still is run again.
+
+Real clients talk to real servers here, with real timeouts. When the system lets no process run for
+longer than those, a failure says nothing about either. Every other failure counts at once.
+"""
+
+import time
+
+import pytest
+from _pytest.runner import runtestprotocol
+
+from tests.wire.stillness import StallMeter
+
+AGAIN = 3  # times at most
+CALM_S, PATIENCE_S = 2.0, 20.0
+TIMEOUT_S = 420  # of all attempts together
+
+_meter: StallMeter | None = None
+_repeated: list[str] = []
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if "tests/wire/" in item.path.as_posix() and item.get_closest_marker("timeout") is None:
+            item.add_marker(pytest.mark.timeout(TIMEOUT_S))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool:
+    meter = _started(item.config)
+    where = {"nodeid": item.nodeid, "location": item.location}
+    item.ihook.pytest_runtest_logstart(**where)
+    for left in reversed(range(1 + AGAIN)):
+        start_s = time.monotonic()
+        reports = runtestprotocol(item, log=False, nextitem=nextitem)
+        stall_s = meter.worst_since_s(start_s)
+        if not left or not stall_s or not any(report.failed for report in reports):
+            break
+        _repeated.append(f"{item.nodeid}: everything stood still for {stall_s * 1e3:.0f} ms")
+        _forget(item)
+        meter.wait_for_calm(CALM_S, PATIENCE_S)
+    for report in reports:
+        item.ihook.pytest_runtest_logreport(report=report)
+    item.ihook.pytest_runtest_logfinish(**where)
+    return True
+
+
+def _started(config: pytest.Config) -> StallMeter:
+    global _meter  # noqa: PLW0603  (one for the whole run)
+    if _meter is None:
+        _meter = StallMeter()
+        config.add_cleanup(_meter.close)
+    return _meter
+
+
+def _forget(item: pytest.Item) -> None:
+    """What the attempt has left set up; fixtures of modules too, since they may be what failed."""
+    item.session._setupstate.teardown_exact(None)
+    item._initrequest()  # type: ignore[attr-defined]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    if _repeated:
+        terminalreporter.section("run again")
+        for line in _repeated:
+            terminalreporter.write_line(line)
