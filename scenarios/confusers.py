@@ -21,7 +21,8 @@ from scenarios.acquisition.config import SamplingSettings, load_acquire_config
 from scenarios.acquisition.press import Motion, PressController
 from scenarios.acquisition.rigs import open_acquire_rig
 from scenarios.config import RunConfig, load_config
-from scenarios.lift import make_guard, run_trial
+from scenarios.execution import make_guard
+from scenarios.lift import run_trial
 from scenarios.rigs import open_rig
 from scenarios.values import with_values
 from scenarios.world.cell import Blow, Truth

@@ -22,7 +22,7 @@ from grasp.messages import (
 from grasp.phases import Phase
 from grasp.recording import BadRecordingFile, RunRecording
 from scenarios.config import RunConfig
-from scenarios.lift import make_controller, make_guard
+from scenarios.execution import make_controller, make_guard
 from scenarios.runfolder import RECORDING, RUN_CHANNELS
 
 COMPARED = (

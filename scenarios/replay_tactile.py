@@ -35,7 +35,7 @@ from grasp.controller import GraspController, Observation
 from grasp.phases import Phase
 from grasp.slip import SlipMonitor
 from scenarios.config import RunConfig
-from scenarios.lift import make_controller, make_guard
+from scenarios.execution import make_controller, make_guard
 
 CLOSING_NS = 80_000_000  # how long a stand-in finger closes before it meets its object
 PERIOD_NS = 10_000_000

@@ -15,29 +15,21 @@ from grasp.controller import GraspController
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
 from scenarios.config import RunConfig
-from scenarios.lift import (
+from scenarios.execution import (
     OnTick,
     Watch,
     acknowledged,
-    failure_of,
     later_ms,
     make_controller,
     make_guard,
     make_loop,
     named,
+    recorded,
     run_to_end,
     stalls,
 )
-from scenarios.result import (
-    Failure,
-    FinishedRun,
-    TapResult,
-    phase_entries,
-    timing_result,
-    versions,
-)
+from scenarios.result import FinishedRun, TapResult, phase_entries, timing_result, versions
 from scenarios.rigs import Rig, Stalls, open_rig
-from scenarios.runfolder import CouldNotRecord, RunFolder
 from scenarios.scoring import Trace
 from scenarios.tapping.mallet import direction_of, mallet_speed_mps, swing
 from scenarios.tapping.scoring import (
@@ -53,7 +45,6 @@ from scenarios.tapping.scoring import (
     verdict,
 )
 from scenarios.tapping.striking import Operator, PersonStrikes, TapSequence, WorldStrikes
-from scenarios.world.cell import Truth
 
 SCENARIO = "tap"
 DEADLINE_S = 180.0  # a phase other than hold has its own, shorter one
@@ -195,28 +186,13 @@ def _one(
     config: RunConfig, seed: int, rig: Rig, guard: ForceGuard, runs: Path | None,
     on_tick: OnTick, operator: Operator | None,
 ) -> FinishedRun[TapResult]:  # fmt: skip
-    folder = RunFolder(runs, SCENARIO, config, seed) if runs is not None else None
+    def attempt(watch: Watch) -> TapTrial:
+        return run_trial(config, seed, rig, guard, watch, operator)
 
-    def watch(tick: Tick, truth: Truth | None, controller: GraspController) -> None:
-        if folder is not None:
-            folder.tick(tick, truth, controller)
-        on_tick(tick)
+    def judged(trial: TapTrial, recording: Path | None) -> TapResult:
+        return judge(config, seed, trial, recording)
 
-    try:
-        trial = run_trial(config, seed, rig, guard, watch, operator)
-        result = judge(config, seed, trial, folder.recording if folder is not None else None)
-    except BaseException:
-        if folder is not None:
-            folder.abandon()
-        raise
-    failure = failure_of(trial.controller, trial.loop, trial.interrupted, result.outcome)
-    if folder is not None:
-        try:
-            folder.finish(None if trial.interrupted else result)
-        except CouldNotRecord as error:
-            result = msgspec.structs.replace(result, recording=None)
-            failure = failure or Failure(error.kind, error.message, error.remedy)
-    return FinishedRun(result, failure)
+    return recorded(config, SCENARIO, seed, runs, on_tick, attempt, judged)
 
 
 def facts_of(config: RunConfig, trial: TapTrial) -> TapFacts:

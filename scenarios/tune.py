@@ -10,7 +10,8 @@ from detector.energy import tune_threshold
 from grasp.controller import GraspController
 from grasp.loop import Tick
 from scenarios.config import RunConfig
-from scenarios.lift import make_guard, run_trial
+from scenarios.execution import make_guard
+from scenarios.lift import run_trial
 from scenarios.rigs import open_rig
 from scenarios.world.cell import Truth
 

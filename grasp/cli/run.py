@@ -168,8 +168,8 @@ def _positive(text: str) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    from scenarios import lift
     from scenarios.config import load_config
+    from scenarios.execution import make_guard
 
     strange = _strange_option(args)
     if strange:
@@ -186,7 +186,7 @@ def run(args: argparse.Namespace) -> int:
     )
     if (refused := _unconfirmed(config.rig, args)) is not None:
         return refused
-    lift.make_guard(config)  # a limit that cannot be kept is refused before anything is shown
+    make_guard(config)  # a limit that cannot be kept is refused before anything is shown
     return _lift(args, config) if args.scenario == "lift" else _tap(args, config)
 
 

@@ -13,7 +13,7 @@ from drivers.interfaces import FINGERS
 from grasp.settings import load, read_toml
 from scenarios import tap
 from scenarios.config import RunConfig, load_config
-from scenarios.lift import make_guard
+from scenarios.execution import make_guard
 
 SEEDS_APART = 10_000  # so the seeds of two campaigns with different `seeds` never meet
 

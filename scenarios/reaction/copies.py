@@ -20,7 +20,8 @@ from grasp.guard import THUMB_ALONE
 from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios.config import RunConfig
-from scenarios.lift import make_controller, make_guard, make_loop, run_trial
+from scenarios.execution import make_controller, make_guard, make_loop
+from scenarios.lift import run_trial
 from scenarios.rigs import open_rig
 from scenarios.scoring import SUCCESSES, LiftFacts, ScoringSettings, outcome
 from scenarios.trial import cell_settings

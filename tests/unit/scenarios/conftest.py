@@ -10,6 +10,7 @@ from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios import lift
 from scenarios.config import RunConfig, load_config
+from scenarios.execution import make_guard
 from scenarios.lift import Trial
 from scenarios.result import LiftResult
 from scenarios.rigs import Rig, open_rig
@@ -44,7 +45,7 @@ class Staged:
                     self.done_at_ns = tick.t_ns
                     act(rig)
 
-            return lift.run_trial(self.config, rig, lift.make_guard(self.config), watch)
+            return lift.run_trial(self.config, rig, make_guard(self.config), watch)
 
     def result(self, trial: Trial) -> LiftResult:
         return lift.judge(self.config, self.seed, trial, None)

@@ -12,7 +12,7 @@ from drivers.errors import ConfigError
 from grasp.loop import Issued, Tick
 from grasp.phases import Phase
 from scenarios import tap
-from scenarios.lift import make_guard
+from scenarios.execution import make_guard
 from scenarios.replay import replay_run
 from scenarios.result import TapResult
 from scenarios.rigs import Rig, open_rig
