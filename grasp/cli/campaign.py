@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from grasp.cli import campaign_calibrate, exits
+from grasp.cli.options import add_jobs, whole
 
 if TYPE_CHECKING:
     from scenarios.campaign.spec import CampaignSpec
 
-MOST = 10_000
+MOST_REPETITIONS = 10_000
 HELP = "run a grid of trials in parallel; sum it up as the paper's Table IV"
 
 
@@ -42,10 +43,7 @@ def _add_run(actions: Any) -> None:
     run.add_argument(
         "campaign", metavar="FILE", help="campaign file, or the name of one of config/campaigns"
     )
-    run.add_argument(
-        "--jobs", type=_count, default=os.cpu_count() or 1, metavar="N",
-        help="worker processes on this machine (default: its CPUs)",
-    )  # fmt: skip
+    add_jobs(run)
     run.add_argument(
         "--cluster", metavar="ADDRESS",
         help="run on the workers of this Dask scheduler instead, e.g. tcp://10.0.0.1:8786 "
@@ -59,7 +57,10 @@ def _add_run(actions: Any) -> None:
         "--detector", metavar="NAME", help="in place of the detectors of the campaign file"
     )
     run.add_argument(
-        "--repetitions", type=_count, metavar="N", help="in place of the campaign file's"
+        "--repetitions",
+        type=whole(1, MOST_REPETITIONS),
+        metavar="N",
+        help="in place of the campaign file's",
     )
     run.add_argument(
         "--resume", action="store_true",
@@ -69,12 +70,6 @@ def _add_run(actions: Any) -> None:
         "--json", action="store_true", help="the summary as one JSON object, nothing else"
     )
     run.set_defaults(handler=run_campaign)
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= MOST:
-        raise argparse.ArgumentTypeError(f"{text!r}: a whole number, 1 to {MOST}")
-    return int(text)
 
 
 def _spec(args: argparse.Namespace) -> "CampaignSpec":

@@ -1,11 +1,11 @@
 """`grasp campaign calibrate`: the few lengths that the paper's lift column can tell."""
 
 import argparse
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from grasp.cli import exits
+from grasp.cli.options import add_jobs, whole
 
 if TYPE_CHECKING:
     from scenarios.campaign.calibrate import Calibration, Profile, TradeOff
@@ -27,16 +27,10 @@ def add_parser(actions: Any) -> None:
     )  # fmt: skip
     parser.add_argument("--detector", metavar="NAME", help="default: the profile's")
     parser.add_argument(
-        "--repetitions", type=int, default=20, metavar="N",
+        "--repetitions", type=whole(1, 100_000), default=20, metavar="N",
         help="lifts at each place of the grid (default: %(default)s; 60 places)",
     )  # fmt: skip
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="worker processes (default: CPUs)",
-    )
+    add_jobs(parser)
     parser.add_argument(
         "--out", type=Path, default=Path("runs/calibration"), metavar="DIR",
         help="folder of the campaign files and of calibration.json (default: %(default)s)",

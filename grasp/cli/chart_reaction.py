@@ -1,12 +1,12 @@
 """`grasp chart reaction`: what a millisecond of reaction latency is worth."""
 
 import argparse
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from grasp.cli import exits
+from grasp.cli.options import add_jobs, whole
 
 if TYPE_CHECKING:
     from scenarios.reaction.summary import ReactionSummary
@@ -52,19 +52,17 @@ def _add_choices(parser: argparse.ArgumentParser) -> None:
 
 def _add_size(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--seeds", type=int, default=20, metavar="N", help="of each object (default: %(default)s)"
+        "--seeds",
+        type=whole(1, 100_000),
+        default=20,
+        metavar="N",
+        help="of each object (default: %(default)s)",
     )
     parser.add_argument(
-        "--check", type=int, default=10, metavar="N",
+        "--check", type=whole(0, 100_000), default=10, metavar="N",
         help="of these, run in full as well (default: %(default)s)",
     )  # fmt: skip
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        default=os.cpu_count() or 1,
-        metavar="N",
-        help="worker processes (default: CPUs)",
-    )
+    add_jobs(parser)
     parser.add_argument(
         "--out", type=Path, default=Path("reaction.svg"), metavar="FILE",
         help="picture to write, .svg, .png or .pdf; the figures go beside it as .json "

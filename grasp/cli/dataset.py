@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
+from grasp.cli.options import add_jobs
 
 HELP = "build and describe data sets of labelled fingertip recordings"
 
@@ -30,9 +31,7 @@ def _add_build(actions: Any) -> None:
         "config", type=Path, metavar="FILE.toml", help="for example config/datasets/paper.toml"
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to fill")
-    parser.add_argument(
-        "--jobs", type=_jobs, default=0, metavar="N", help="processes (default: one a core)"
-    )
+    add_jobs(parser)
     parser.add_argument(
         "--share", type=_share, default=1.0, metavar="X",
         help="build so much of it, over 0 to 1, with the same distribution (default: %(default)s)",
@@ -62,12 +61,6 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _jobs(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 256:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number of processes: 1 to 256")
-    return int(text)
-
-
 def _share(text: str) -> float:
     try:
         share = float(text)
@@ -80,15 +73,13 @@ def _share(text: str) -> float:
 
 def build(args: argparse.Namespace) -> int:
     import json
-    import os
 
     from scenarios import datasets
 
     config = datasets.reduced(datasets.load_dataset_config(args.config), args.share)
     jobs = datasets.plan(config)
-    workers = args.jobs or len(os.sched_getaffinity(0))
     with _Bar(args.json) as bar:
-        made = datasets.build(jobs, config, args.out, workers, bar.show)
+        made = datasets.build(jobs, config, args.out, args.jobs, bar.show)
     samples = sum(job.samples for job in jobs)
     if args.json:
         print(json.dumps({"folder": str(args.out), "recordings": len(jobs), "made": made,

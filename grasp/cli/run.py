@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
+from grasp.cli.options import whole
 
 HELP = "run a scenario"
 TAPS = 20  # paper, section V-B
@@ -37,7 +38,7 @@ def add_parser(verbs: Any) -> None:
     )
     parser.add_argument(
         "--taps",
-        type=_positive,
+        type=whole(1, 10_000),
         metavar="N",
         help=f"tap: so many trials, with seeds from --seed on (default: {TAPS})",
     )
@@ -158,12 +159,6 @@ def _number(text: str, low: float, high: float, what: str) -> float:
 def _seed(text: str) -> int:
     if not text.isdecimal() or int(text) >= 2**63:
         raise argparse.ArgumentTypeError(f"{text!r} is no seed: a whole number, 0 to 2^63 - 1")
-    return int(text)
-
-
-def _positive(text: str) -> int:
-    if not text.isdecimal() or not 0 < int(text) <= 10_000:
-        raise argparse.ArgumentTypeError(f"{text!r}: a whole number, 1 to 10000")
     return int(text)
 
 
