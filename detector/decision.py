@@ -1,5 +1,6 @@
 """Decision rules: when do probabilities, sample by sample, amount to a registered slip event?"""
 
+import math
 from typing import Annotated, Literal
 
 import msgspec
@@ -8,6 +9,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 MOST_LOG_ODDS = 7.0  # one sample in a thousand: no detector is calibrated beyond that
+LEAST_PROBABILITY = 1.0 / (1.0 + math.exp(MOST_LOG_ODDS))
 
 
 class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -172,8 +174,8 @@ def _one_rule(settings: RuleSettings, fingers: int) -> ConsecutiveRule | CusumRu
 
 def log_odds(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
     """Log-odds, limited to what a detector can be believed."""
-    least = 1.0 / (1.0 + np.exp(MOST_LOG_ODDS))
-    p = np.clip(probabilities, least, 1.0 - least)
+    # np.clip takes three times as long for a handful of numbers
+    p = np.minimum(np.maximum(probabilities, LEAST_PROBABILITY), 1.0 - LEAST_PROBABILITY)
     odds: NDArray[np.float64] = np.log(p / (1.0 - p))
     return odds
 

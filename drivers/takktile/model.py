@@ -233,8 +233,10 @@ class BoardModel:
         self._ready_ns = now_ns + self._ticks * protocol.TICK_NS + reading_ns
 
     def _frame(self) -> bytes:
-        live = [i for i, cell in enumerate(self._settings.cells) if cell not in self._dead]
-        pressure, temperature = (codes[live] for codes in self._held)
+        pressure, temperature = self._held
+        if self._dead:
+            live = [i for i, cell in enumerate(self._settings.cells) if cell not in self._dead]
+            pressure, temperature = pressure[live], temperature[live]
         if not self._settings.takkfast:
             return protocol.encode_frame(pressure, temperature)
         places = [row * protocol.CHAIN_COLUMNS + column for row, column in self._alive()]

@@ -123,10 +123,9 @@ def parse_frame(data: bytes, cells: int) -> tuple[Codes, Codes] | None:
 
 def encode_frame(pressure: Codes, temperature: Codes) -> bytes:
     """Bulk frame of (n,) pressure and temperature codes, saturated at the converter's range."""
-    words = np.empty((len(pressure), 2), ">u2")
-    words[:, 0] = np.clip(pressure, 0, CODE_MAX) << 6
-    words[:, 1] = np.clip(temperature, 0, CODE_MAX) << 6
-    return words.tobytes()
+    words = np.stack((pressure, temperature), axis=1)
+    words = np.minimum(np.maximum(words, 0), CODE_MAX)
+    return (words.astype(np.uint16) << 6).astype(">u2").tobytes()
 
 
 def parse_calibration(reply: bytes) -> Coefficients | None:

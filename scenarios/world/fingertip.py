@@ -292,7 +292,7 @@ class Fingertips:
         bed.kernel_sums(self._parameters, self._springs, self._at, self._taxels, fall)
         warming = s.warming_k * -math.expm1(-self._t_s / s.warming_s)
         exact = self.rest - fall + PRESSURE_COUNTS_PER_K * warming + s.noise_counts * self._noise
-        pressure = np.rint(exact).clip(0, CODE_MAX)
+        pressure = np.minimum(np.maximum(np.rint(exact), 0.0), CODE_MAX)
         if s.fold_above_512:
             pressure = np.where(pressure > FOLD, 2 * FOLD - pressure, pressure)
         temperature = round(TEMPERATURE_CODE + TEMPERATURE_CODES_PER_K * warming)
