@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits, world_plan
+from grasp.cli.options import whole
 
 HELP = "fit and judge the simulated world, choose its physics"
 REMEDY = "pip install 'grasp-controller[charts]'"
@@ -43,6 +44,10 @@ def _add_calibrate(actions: Any) -> None:
         metavar="N",
         help="of the closer half of the search (default: 8)",
     )
+    parser.add_argument(
+        "--seed", type=whole(0, 2**31 - 1), default=0, metavar="N",
+        help="another search; how far two differ is what the recording does not tell",
+    )  # fmt: skip
     parser.add_argument(
         "--clips", type=int, default=48, metavar="N",
         help="simulated clips that the result is judged on (default: %(default)s)",
@@ -123,12 +128,15 @@ def calibrate(args: argparse.Namespace) -> int:
 
 
 def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict[str, float]]:
+    import msgspec
     from rich.console import Console
     from rich.progress import Progress
 
     from scenarios.signal.calibrate import Search, Setup, fit
 
-    search = Search() if args.rounds is None else Search(close_rounds=args.rounds)
+    search = Search(seed=args.seed)
+    if args.rounds is not None:
+        search = msgspec.structs.replace(search, close_rounds=args.rounds)
     with Progress(console=Console(stderr=True), transient=True, disable=args.json) as bar:
         task = bar.add_task("fitting", total=None)
         return fit(

@@ -29,18 +29,18 @@ class StrokeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     pause_s: Annotated[float, Meta(gt=0.0, description="between strokes; the clip's mean")] = 0.25
     rest_s: Annotated[float, Meta(gt=0.0, description="after the last; the clip's")] = 0.9
     peak_mps: Annotated[float, Meta(gt=0.0, le=0.2, description="fastest; FITTED, 0.015-0.06")] = (
-        0.0483
+        0.0431
     )
     skew: Annotated[
         float, Meta(ge=1.0, le=8.0, description="speed ~ s^2 (1 - s)^skew; FITTED, 1.2-5")
-    ] = 2.81
-    force_n: Annotated[float, Meta(gt=0.0, description="mean; FITTED, 2-12")] = 3.7
+    ] = 2.12
+    force_n: Annotated[float, Meta(gt=0.0, description="mean; FITTED, 2-12")] = 3.31
     force_spread: Annotated[float, Meta(ge=0.0, description="between clips, relative; assumed")] = (
         0.3
     )
     zero_load_n: Annotated[
         float, Meta(ge=0.0, le=10.0, description="on the pad while it was zeroed; FITTED, 0-6")
-    ] = 1.81
+    ] = 1.4
     arm_npmm: Annotated[
         float, Meta(gt=0.0, description="arm and mount, along the press; assumed, 3-10")
     ] = 5.0
@@ -51,12 +51,12 @@ class StrokeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         float, Meta(ge=0.0, description="corner of the arm's force loop; assumed, 3-10")
     ] = 5.0
     texture_rms_mm: Annotated[float, Meta(ge=0.0, le=1.0, description="felt; FITTED, 0.1-0.6")] = (
-        0.477
+        0.453
     )
     texture_length_mm: Annotated[float, Meta(ge=0.2, le=10.0, description="felt; FITTED, 1-3")] = (
-        1.62
+        1.55
     )
-    friction: Annotated[float, Meta(ge=0.0, le=2.0, description="kinetic; FITTED, 0.4-1.2")] = 0.848
+    friction: Annotated[float, Meta(ge=0.0, le=2.0, description="kinetic; FITTED, 0.4-1.2")] = 0.916
     static_share: Annotated[
         float, Meta(ge=1.0, le=2.0, description="static over kinetic; assumed, 1.1-1.5")
     ] = 1.2

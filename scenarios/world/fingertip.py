@@ -63,7 +63,7 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     ] = 6.0
     depth_mm: Annotated[
         float, Meta(ge=2.0, le=10.0, description="effective depth of the rubber; FITTED, 3-8")
-    ] = 3.43
+    ] = 3.23
     pad_half_length_mm: Annotated[
         float, Meta(ge=3.0, le=20.0, description="of the spring bed, along x; assumed")
     ] = 10.0
@@ -72,14 +72,14 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     ] = 8.0
     crown_radius_mm: Annotated[
         float, Meta(ge=20.0, le=1000.0, description="of the pad's face; FITTED, 40-400")
-    ] = 102.0
+    ] = 65.8
     tilt_rad: Annotated[
         float, Meta(ge=0.0, le=0.2, description="deviation of each pad's tilt, both axes; "
                     "FITTED, 0.02-0.1")
-    ] = 0.0942  # fmt: skip
+    ] = 0.0854  # fmt: skip
     foundation_n_per_mm3: Annotated[
         float, Meta(ge=0.02, le=1.0, description="spring bed, normal; FITTED, 0.05-0.3")
-    ] = 0.247
+    ] = 0.223
     shear_share: Annotated[
         float, Meta(ge=0.1, le=1.0, description="of it, tangential stiffness; assumed from layer "
                     "theory, 0.4-0.6")
@@ -94,17 +94,17 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     wander_mm: Annotated[
         float, Meta(ge=0.0, le=0.1, description="rms of how much deeper or shallower the pad is "
                     "held than asked for; FITTED, 0.001-0.04")
-    ] = 0.0227  # fmt: skip
+    ] = 0.0372  # fmt: skip
     wander_fast_s: Annotated[
         float, Meta(ge=0.005, le=1.0, description="memory of its fast half; FITTED, 0.01-0.1")
-    ] = 0.0412
+    ] = 0.0323
     wander_slow_s: Annotated[
         float, Meta(ge=0.05, le=10.0, description="memory of its slow half; FITTED, 0.1-1")
-    ] = 0.374
+    ] = 0.212
     vibration_mm: Annotated[
         float, Meta(ge=0.0, le=0.1, description="likewise by the mode of an arm that moves; "
                     "FITTED, 0.0005-0.03")
-    ] = 0.0043  # fmt: skip
+    ] = 0.00831  # fmt: skip
     sway_mm: Annotated[
         float, Meta(ge=0.0, le=0.5, description="rms of that mode sideways; assumed, 0-0.05")
     ] = 0.01
@@ -114,13 +114,13 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     ] = 0.2  # fmt: skip
     vibration_hz: Annotated[
         float, Meta(ge=2.0, le=45.0, description="frequency of that mode; FITTED, 10-25")
-    ] = 15.2
+    ] = 18.7
     vibration_damping: Annotated[
         float, Meta(ge=0.005, le=1.0, description="of that mode; assumed, 0.04-0.15")
     ] = 0.08
     noise_counts: Annotated[
         float, Meta(ge=0.0, le=5.0, description="rms before rounding; FITTED, 0.1-0.6")
-    ] = 0.289
+    ] = 0.205
     rest_low: Annotated[int, Meta(ge=300, le=600, description="rest codes; assumed from")] = 420
     rest_high: Annotated[int, Meta(ge=300, le=600, description="rest codes; assumed to")] = 480
     warming_k: Annotated[
@@ -262,7 +262,7 @@ class Fingertips:
         if dt_s <= 0.0:
             return
         row, n = self._draw(), self._pads
-        self._noise = row[2 * n + 2 :].reshape(n, TAXELS)
+        self._noise = row[4 * n + 2 :].reshape(n, TAXELS)
         normal, motion = np.empty(n), np.empty((n, 2))
         bed.disturb(
             self._parameters, dt_s, arm_moves, normal_n, motion_mm, self._shaking, row,
@@ -279,7 +279,7 @@ class Fingertips:
     def _draw(self) -> Floats:
         """Standard normal numbers of one step; drawn in blocks, a tenth of the cost of singles."""
         if self._next >= len(self._block):
-            self._block = self._rng.standard_normal((256, self._pads * (2 + TAXELS) + 2))
+            self._block = self._rng.standard_normal((256, self._pads * (4 + TAXELS) + 2))
             self._next = 0
         self._next += 1
         out: Floats = self._block[self._next - 1]

@@ -35,9 +35,9 @@ SURFACE = 5
 # and of the state of each pad.
 POSE_X, POSE_Y, POSE_TURN, APPROACH, SLIP_X, SLIP_Y, SPIN, SHARE, STIFFNESS = range(9)
 STATE = 9
-# What shakes the pads, unit variance: wander of either memory a pad, and the arm's mode.
-FAST, SLOW, MODE_COS, MODE_SIN = range(4)
-DISTURBANCE = 4
+# What shakes the pads: wander of either memory a pad, with what drives it, and the arm's mode.
+FAST, FAST_DRIVE, SLOW, SLOW_DRIVE, MODE_COS, MODE_SIN = range(6)
+DISTURBANCE = 6
 # State of each spring; deflection and what of it has relaxed, first of the load, then of shear.
 DEPTH, BRISTLE_X, BRISTLE_Y, RELAXED, RELAXED_X, RELAXED_Y, LOAD, SLIDES = range(8)
 SPRING = 8
@@ -54,28 +54,42 @@ def disturb(
     """Load (F,) with wander and vibration, and motion (F, 2) with the vibration's sway.
 
     Wander and vibration press the pad a little more or less, which the springs in contact turn
-    into load. All are Ornstein-Uhlenbeck processes, stepped exactly over dt_s with standard normal
-    draws (2 F + 2,); the arm's mode turns as it decays, is driven while the arm moves, and is
-    common to all pads, which it shakes along their own directions shaking (F, 2).
+    into load. Wander is an Ornstein-Uhlenbeck process that drags another behind it, so it is as
+    smooth as what a force loop holds; the arm's mode is damped, turns as it decays, is driven while
+    the arm moves, and is common to all pads, which it shakes along their own directions shaking
+    (F, 2). All are stepped exactly over dt_s with standard normal draws (4 F + 2,).
     """
     n = normal.shape[0]
-    fast, slow = math.exp(-dt_s / p[FAST_S]), math.exp(-dt_s / p[SLOW_S])
     keep = math.exp(-p[MODE_DAMPING] * p[MODE_RADPS] * dt_s)
     cos, sin = keep * math.cos(p[MODE_RADPS] * dt_s), keep * math.sin(p[MODE_RADPS] * dt_s)
     drive = math.sqrt(1.0 - keep * keep) if arm_moves else 0.0
     a, b = disturbance[MODE_COS, 0], disturbance[MODE_SIN, 0]
-    disturbance[MODE_COS, :] = cos * a - sin * b + drive * draws[2 * n]
-    disturbance[MODE_SIN, :] = sin * a + cos * b + drive * draws[2 * n + 1]
+    disturbance[MODE_COS, :] = cos * a - sin * b + drive * draws[4 * n]
+    disturbance[MODE_SIN, :] = sin * a + cos * b + drive * draws[4 * n + 1]
     for f in range(n):
         own = disturbance[:, f]
-        own[FAST] = fast * own[FAST] + math.sqrt(1.0 - fast * fast) * draws[f]
-        own[SLOW] = slow * own[SLOW] + math.sqrt(1.0 - slow * slow) * draws[n + f]
-        pressed = p[WANDER_MM] * math.sqrt(0.5) * (own[FAST] + own[SLOW])
+        wander(dt_s / p[FAST_S], draws[f], draws[n + f], own[FAST : FAST_DRIVE + 1])
+        wander(dt_s / p[SLOW_S], draws[2 * n + f], draws[3 * n + f], own[SLOW : SLOW_DRIVE + 1])
+        pressed = p[WANDER_MM] * (own[FAST] + own[SLOW])
         pressed += p[MODE_MM] * own[MODE_COS]
         added = states[f, STIFFNESS] * pressed
         load[f] = max(0.0, normal[f] + added) if normal[f] > 0.0 else 0.0
         for c in range(2):
             moved_to[f, c] = motion[f, c] + p[SWAY_MM] * own[MODE_SIN] * shaking[f, c]
+
+
+@njit(cache=True)
+def wander(a: float, draw: float, other: float, pair: Floats) -> None:
+    """Step (y, x) over ``a`` time constants: x' = -x + white noise of variance 2, y' = x - y.
+    Variance of x is 1 in the long run, of y 1/2; the noise of a step has the covariance of the
+    exact solution."""
+    keep, gone = math.exp(-a), math.exp(-2.0 * a)
+    xx, xy = 1.0 - gone, 0.5 - gone * (a + 0.5)
+    yy = 0.5 - gone * (a * (a + 1.0) + 0.5)
+    y, x = pair[0], pair[1]
+    pair[0] = keep * (y + a * x) + xy / math.sqrt(xx) * draw
+    pair[0] += math.sqrt(max(yy - xy * xy / xx, 0.0)) * other
+    pair[1] = keep * x + math.sqrt(xx) * draw
 
 
 @njit(cache=True)
