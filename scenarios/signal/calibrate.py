@@ -95,7 +95,6 @@ PARAMETERS = (
     Parameter("fingertip", "wander_slow_s", 0.1, 1.0),
     Parameter("fingertip", "vibration_mm", 0.0005, 0.03),
     Parameter("fingertip", "vibration_hz", 10.0, 25.0),
-    Parameter("fingertip", "noise_counts", 0.1, 0.6),
     Parameter("strokes", "peak_mps", 0.015, 0.06),
     Parameter("strokes", "skew", 1.2, 5.0),
     Parameter("strokes", "force_n", 2.0, 12.0),

@@ -119,8 +119,9 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         float, Meta(ge=0.005, le=1.0, description="of that mode; assumed, 0.04-0.15")
     ] = 0.08
     noise_counts: Annotated[
-        float, Meta(ge=0.0, le=5.0, description="rms before rounding; FITTED, 0.1-0.6")
-    ] = 0.205
+        float, Meta(ge=0.0, le=5.0, description="rms before rounding; assumed, unloaded "
+                    "taxels of the clip 0.2-0.5")
+    ] = 0.3  # fmt: skip
     rest_low: Annotated[int, Meta(ge=300, le=600, description="rest codes; assumed from")] = 420
     rest_high: Annotated[int, Meta(ge=300, le=600, description="rest codes; assumed to")] = 480
     warming_k: Annotated[

@@ -33,10 +33,9 @@ def test_arm_holds_its_mean_force_and_the_surface_disturbs_it() -> None:
     clips = strokes.simulate(FingertipSettings(), StrokeSettings(force_spread=0.0), 6, 1)
     force = clips.force_n
     assert force[:, ~clips.slip].mean() == pytest.approx(StrokeSettings().force_n, rel=0.15)
-    assert force[:, clips.slip].std() > 0.1
     smooth = StrokeSettings(force_spread=0.0, texture_rms_mm=0.0)
     level = strokes.simulate(FingertipSettings(tilt_rad=0.0), smooth, 6, 1)
-    assert level.force_n[:, 30:].std() < 0.1
+    assert level.force_n[:, 30:].std() < 0.3 * force[:, clips.slip].std()
 
 
 def test_equal_seeds_give_equal_clips() -> None:
@@ -59,16 +58,17 @@ def test_error_is_one_at_the_aim() -> None:
 
 
 def test_search_ends_nearer_to_the_recording_than_it_began() -> None:
-    hidden = Setup().changed({"fingertip.wander_mm": 0.03, "fingertip.noise_counts": 0.6,
-                              "strokes.texture_rms_mm": 0.15})  # fmt: skip
+    hidden = Setup().changed({"fingertip.depth_mm": 5.0, "strokes.texture_rms_mm": 0.12})
     real = calibrate.mean(calibrate.figures(hidden, 4, 7))
     told = []
     search = Search(
         wide_rounds=3, wide_tries=8, wide_clips=3, close_rounds=1, close_tries=4, close_clips=4
     )
     found, values = calibrate.fit(real, Setup(), search, lambda *told_now: told.append(told_now))
+    middles = np.array([0.5 * np.log(p.low * p.high) for p in calibrate.PARAMETERS])
+    began = Setup().changed(calibrate.named(middles))
     before, after = (
-        calibrate.misfit(real, calibrate.mean(calibrate.figures(s, 6, 7))) for s in (Setup(), found)
+        calibrate.misfit(real, calibrate.mean(calibrate.figures(s, 6, 7))) for s in (began, found)
     )
     assert after < 0.9 * before
     assert told[-1][:2] == (28, 28)
