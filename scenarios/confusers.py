@@ -2,7 +2,8 @@
 
 Fixed objects are pressed as in the acquisition, without strokes, while a script disturbs them;
 grasped ones are lifted by the lift's own cell (contact of level L1, one slip for all fingers), so
-light that they are held. Both labels say whether the contact truly moves.
+light that they are held. Both labels say whether the contact truly moves; `slip` as a detector can
+feel it (`as_felt`).
 """
 
 from collections.abc import Callable
@@ -10,8 +11,9 @@ from typing import Literal, get_args
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from detector.recordings import Metadata, Recording
+from detector.recordings import PERIOD_S, Metadata, Recording
 from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.phases import Phase
@@ -40,7 +42,9 @@ GRASPED: tuple[str, ...] = get_args(GraspedCause)
 SETTLED_S = 4.0  # of a session: rest, approach and settling are over before the first disturbance
 EAGER = 0.2  # counts of a detector that takes anything for slip: it makes the hand tighten
 LIGHT_KG = 0.03
-BLOWS_NS = {"grasped_tap": (0.002, 0.02), "grasped_blow": (0.005, 0.25)}
+LEAST_SLIP_M = 0.0005
+FELT_SAMPLES = 8  # what a detector may take to be sure of a slip, however short
+BLOWS_NS = {"grasped_tap": (0.002, 0.02), "grasped_blow": (0.01, 0.3)}
 
 
 def make_confuser(
@@ -158,19 +162,39 @@ def _taps(
 def _of_lift(
     seen: list[tuple[Tick, Truth]], config: RunConfig, metadata: Metadata, source: str
 ) -> Recording:
-    speed = np.array([abs(truth.slip_speed_mps) for _, truth in seen])
     ticks = [tick for tick, _ in seen]
+    t_s = np.array([(tick.t_ns - ticks[0].t_ns) * 1e-9 for tick in ticks])
+    places = np.array([(truth.slip_distance_m, truth.across_m) for _, truth in seen])
+    held = np.array([truth.touched for _, truth in seen])  # afterwards the hand leaves the object
+    moved_m = np.hypot(*np.diff(places, axis=0, prepend=places[:1]).T) * held
+    speed = moved_m / np.diff(t_s, prepend=t_s[0] - PERIOD_S)  # a blow's slip lies between samples
     slides = acquire.slip_label(speed, np.zeros(len(speed)), SamplingSettings())
     return Recording(
-        t_s=np.array([(tick.t_ns - ticks[0].t_ns) * 1e-9 for tick in ticks]),
+        t_s=t_s,
         counts=np.stack([tick.frame.counts for tick in ticks if tick.frame is not None]),
-        slip=slides,
+        slip=as_felt(slides, places),
         slip_true=slides,
         source=source,
         metadata=metadata,
         contact_speed_mps=speed.astype(np.float32),
         contact_turn_radps=np.zeros(len(speed), np.float32),
     )
+
+
+def as_felt(slides: NDArray[np.bool_], places_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """The label `slip` (n,) of an object with those places in the hand (n, 2): what moves it less
+    than half a millimetre for good is none (the pads give and swing back), and a short slip lasts
+    until its traces have been read and felt.
+
+    A blow is over within one or two samples, which reach the detector when the object is at rest.
+    """
+    label = np.zeros_like(slides)
+    edges = np.flatnonzero(np.diff(slides, prepend=False, append=False))
+    for first, end in edges.reshape(-1, 2):
+        before, after = places_m[max(first - 1, 0)], places_m[min(end, len(places_m) - 1)]
+        if np.hypot(*(after - before)) >= LEAST_SLIP_M:
+            label[first : max(end, first + FELT_SAMPLES)] = True
+    return label
 
 
 def _by_truth(recording: Recording) -> Recording:

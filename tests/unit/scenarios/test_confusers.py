@@ -7,6 +7,7 @@ import pytest
 from detector.recordings import Recording
 from grasp.settings import config_dir
 from scenarios import datasets
+from scenarios.confusers import as_felt
 from scenarios.datasets import Job, make, plan
 
 CONFUSERS = config_dir() / "datasets" / "confusers.toml"
@@ -94,6 +95,16 @@ def test_blows_on_a_firm_grip_are_heard_and_only_hard_ones_slide_the_object(
         near_slip = np.convolve(r.slip[1:], np.ones(61), "same") > 0
         assert (loud & ~near_slip).any()
         assert r.slip.mean() < 0.1
+
+
+def test_a_short_slip_is_labelled_until_it_can_be_felt_and_a_tiny_one_not_at_all() -> None:
+    step_m = np.zeros(40)
+    step_m[5:7] = 0.003  # a blow
+    step_m[20:22] = (0.002, -0.0018)  # the pads give, and swing back
+    step_m[25:39] = 0.001  # a slide
+    places_m = np.stack([np.cumsum(step_m), np.zeros(40)], axis=1)
+    label = as_felt(step_m != 0.0, places_m)
+    assert np.flatnonzero(np.diff(label, prepend=False)).tolist() == [5, 13, 25, 39]
 
 
 def test_an_uneven_grasp_loads_its_fingers_differently(jobs: list[Job]) -> None:
