@@ -49,14 +49,14 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 # `tcn-paper` too learns from every sample of stretches as long as its window, each with the zeros
 # before it that the network will see; `--windows` trains it as its authors did.
 DEFAULTS = {
-    "tcn": TrainSettings(steps=8_000),
-    "gru": TrainSettings(steps=6_000),
+    "tcn": TrainSettings(steps=12_000),
+    "gru": TrainSettings(steps=8_000),
     "tcn-paper": TrainSettings(
-        steps=1_500, augmentation="as-run", batch=64, crop=100, warm=0, fresh=1.0,
+        steps=12_000, augmentation="as-run", batch=64, crop=100, warm=0, fresh=1.0,
         learning_rate=0.002, validations=2,
     ),
     "freq-cnn": TrainSettings(
-        steps=2_000, dense=False, augmentation="none", balance="undersample", batch=256,
+        steps=10_000, dense=False, augmentation="none", balance="undersample", batch=256,
         learning_rate=0.002, validations=4,
     ),
 }  # fmt: skip
