@@ -129,7 +129,6 @@ class _Reporter:
             s = p.score
             self._log.write(
                 f"step {p.step} minutes {p.minutes:.2f} loss {self._smooth:.4f} validation "
-                f"loss {s.loss:.4f} accuracy {s.accuracy:.4f} delay_ms {s.delay_ms:.1f} "
-                f"false_per_min {s.false_per_min:.2f}\n"
+                f"loss {s.loss:.4f} accuracy {s.accuracy:.4f} delay_ms {s.delay_ms:.1f}\n"
             )
             self._log.flush()
