@@ -18,7 +18,7 @@ PATIENT = ("tactile.stale_after_missed=20", "arm.stale_after_s=1.0", "ur.heartbe
 
 
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize("direction", ["45", "ccw"])
+@pytest.mark.parametrize("direction", ["45", pytest.param("ccw", marks=pytest.mark.slow)])
 def test_an_acquisition_on_the_emulated_rig_holds_its_force_and_labels_its_strokes(
     tmp_path: Path, direction: str
 ) -> None:

@@ -60,7 +60,9 @@ class Person:
         self._world.close()
 
 
-@pytest.mark.parametrize(("typed", "moved"), [("6.5", True), ("0", False)])
+@pytest.mark.parametrize(
+    ("typed", "moved"), [("6.5", True), pytest.param("0", False, marks=pytest.mark.slow)]
+)
 def test_person_at_the_hardware_rig_strikes_measures_and_types(
     tmp_path: Path, typed: str, moved: bool
 ) -> None:
