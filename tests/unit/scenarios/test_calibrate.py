@@ -33,6 +33,7 @@ def test_arm_holds_its_mean_force_and_the_surface_disturbs_it() -> None:
     clips = strokes.simulate(FingertipSettings(), StrokeSettings(force_spread=0.0), 6, 1)
     force = clips.force_n
     assert force[:, ~clips.slip].mean() == pytest.approx(StrokeSettings().force_n, rel=0.15)
+    assert force[:, clips.slip].std() > 0.1
     smooth = StrokeSettings(force_spread=0.0, texture_rms_mm=0.0)
     level = strokes.simulate(FingertipSettings(tilt_rad=0.0), smooth, 6, 1)
     assert level.force_n[:, 30:].std() < 0.3 * force[:, clips.slip].std()

@@ -178,11 +178,13 @@ def test_codes_can_be_read_twice() -> None:
 
 
 def test_finer_inner_steps_change_little() -> None:
-    coarse = slide(make(**QUIET), 0.4, 100)
-    fine = slide(make(**QUIET, step_mm=0.005, step_s=1e-5), 0.4, 100)
-    difference = np.abs(coarse - fine)
-    # not less: which bristle lets go first is a matter of chance (docs/fingertip.md)
-    assert np.sqrt((difference**2).mean()) < 0.08 * coarse.std()
+    """Over five surfaces: on each, which bristle lets go first is a matter of chance."""
+    shares = []
+    for seed in range(1, 6):
+        coarse = slide(make(seed=seed, **QUIET), 0.4, 100)
+        fine = slide(make(seed=seed, **QUIET, step_mm=0.005, step_s=1e-5), 0.4, 100)
+        shares.append(np.sqrt(((coarse - fine) ** 2).mean()) / coarse.std())
+    assert np.mean(shares) < 0.08
 
 
 def test_noise_floor_of_an_untouched_taxel_is_half_a_count() -> None:
