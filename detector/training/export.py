@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.evaluation import Streamed
 from detector.network_file import FORMAT, Mode, NetworkCard
 from detector.recordings import Recording
+from detector.scores.evaluation import Streamed
 from detector.training.architecture import WINDOW
 from detector.training.fit import Training
 from detector.training.graph import make_model

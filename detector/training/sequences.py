@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.evaluation import LabelName, Streamed
 from detector.recordings import Recording
+from detector.scores.evaluation import LabelName, Streamed
 from detector.training.architecture import WINDOW
 
 Floats = NDArray[np.float32]

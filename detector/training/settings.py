@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from detector.evaluation import LabelName
+from detector.scores.evaluation import LabelName
 from detector.training.augment import Augmentation
 from detector.training.sequences import Balance
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from torch import nn
 
 from detector.decision import RuleSettings
-from detector.evaluation import LabelName, Streamed
 from detector.recordings import Recording
-from detector.sweep import best, rules, sweep
+from detector.scores.evaluation import LabelName, Streamed
+from detector.scores.sweep import best, rules, sweep
 from detector.training.architecture import WINDOW, Architecture
 
 WINDOWS_AT_ONCE = 512

@@ -19,20 +19,20 @@ from drivers.interfaces import (
     FingerState,
     GripperState,
 )
-from drivers.robotiq.exchange import (
-    DriverSettings,
-    Exchange,
-    RegisterTransport,
-    Statistics,
-    WireLog,
-)
-from drivers.robotiq.image import (
+from drivers.robotiq.encoding import (
     applied,
     checked_counts,
     finger_state,
     held_targets,
     motion_image,
     why_still,
+)
+from drivers.robotiq.exchange import (
+    DriverSettings,
+    Exchange,
+    RegisterTransport,
+    Statistics,
+    WireLog,
 )
 from drivers.robotiq.protocol import (
     FAULTS,

@@ -9,9 +9,9 @@ import msgspec
 
 from drivers.errors import DeviceFault, LinkLost
 from drivers.interfaces import TactileFrame
-from drivers.takktile import faults
 from drivers.takktile.board import Board, Codes, Link, Transfer
 from drivers.takktile.fingertips import Fingertips
+from drivers.takktile.link import trouble
 from drivers.takktile.model import BoardModel, Hung, Stall, Unplugged
 from drivers.takktile.settings import TakkTileSettings
 
@@ -96,7 +96,7 @@ class TakkTileDriver:
 def _explain(error: Stall | Unplugged | Hung) -> DeviceFault | LinkLost:
     match error:
         case Stall():
-            return faults.stalled()
+            return trouble.stalled()
         case Hung():
-            return LinkLost(faults.HUNG, faults.HUNG_REMEDY)
-    return faults.unplugged()
+            return LinkLost(trouble.HUNG, trouble.HUNG_REMEDY)
+    return trouble.unplugged()

@@ -8,8 +8,8 @@ from grasp.cli import exits
 from grasp.cli.options import add_jobs, whole
 
 if TYPE_CHECKING:
-    from scenarios.campaign.calibrate import Calibration, Profile, TradeOff
-    from scenarios.campaign.cause import Cause
+    from scenarios.studies.table4.calibrate import Calibration, Profile, TradeOff
+    from scenarios.studies.table4.cause import Cause
 
 
 def add_parser(actions: Any) -> None:
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     import msgspec
 
     from grasp.cli.campaign_view import View
-    from scenarios.campaign.calibrate import calibrate
+    from scenarios.studies.table4.calibrate import calibrate
 
     with View("calibrate", quiet=args.json) as view:
         try:
@@ -69,11 +69,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _causes(result: "Calibration", args: argparse.Namespace) -> "list[Cause]":
     """For the objects that even the best values do not explain."""
-    from scenarios.campaign.calibrate import SEED, assignments, candidates, spread_of
-    from scenarios.campaign.cause import explain
     from scenarios.campaign.spec import SEEDS_APART
     from scenarios.campaign.store import CampaignStore
-    from scenarios.config import load_config
+    from scenarios.rigs.config import load_config
+    from scenarios.studies.table4.calibrate import SEED, assignments, candidates, spread_of
+    from scenarios.studies.table4.cause import explain
 
     rows = []
     for path in sorted(args.out.glob("calibrate-*.sqlite")):
@@ -119,7 +119,7 @@ def _print_profile(profile: "Profile") -> None:
 
 
 def _print_trade_off(trade: "TradeOff") -> None:
-    from scenarios.campaign.calibrate import trades
+    from scenarios.studies.table4.calibrate import trades
 
     pair = f"arm speed and {trade.object} {trade.setting}"
     if trade.everything:

@@ -47,8 +47,8 @@ def draw(args: argparse.Namespace) -> int:
     if find_spec("matplotlib") is None:
         remedy = "pip install 'grasp-controller[charts]'"
         return exits.report("usage", "charts need matplotlib", remedy, as_json=False)
-    from scenarios.figures import draw_run
-    from scenarios.replay import find_recording
+    from scenarios.report.run_figure import draw_run
+    from scenarios.trial.replay import find_recording
 
     out = args.out or find_recording(args.run).with_name("run.svg")
     draw_run(args.run, out)
@@ -62,8 +62,8 @@ def draw_detectors(args: argparse.Namespace) -> int:
         return exits.report("usage", "charts need matplotlib", remedy, as_json=False)
     from detector.interface import DETECTORS
     from grasp.cli.tune import shown
-    from scenarios.benchmark import contender, read_split
-    from scenarios.detector_figures import curve, draw_detectors
+    from scenarios.studies.detectors.benchmark import contender, read_split
+    from scenarios.studies.detectors.figures import curve, draw_detectors
 
     recordings = read_split(args.data, "test")
     curves = {}

@@ -40,7 +40,7 @@ def matplotlib_is_missing() -> bool:
 def draw_physics(args: argparse.Namespace) -> int:
     if matplotlib_is_missing():
         return exits.USAGE
-    from scenarios.physics import chart as physics_chart
+    from scenarios.studies.physics import chart as physics_chart
 
     args.out.touch()  # fails before the work rather than after it
     chart = _with_progress(physics_chart.compute)
@@ -54,7 +54,7 @@ def draw_physics(args: argparse.Namespace) -> int:
 def draw_stability(args: argparse.Namespace) -> int:
     if matplotlib_is_missing():
         return exits.USAGE
-    from scenarios.physics import stability
+    from scenarios.studies.physics import stability
 
     args.out.touch()
     found = _with_progress(stability.compute)

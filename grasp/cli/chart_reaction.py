@@ -9,7 +9,7 @@ from grasp.cli import exits
 from grasp.cli.options import add_jobs, whole
 
 if TYPE_CHECKING:
-    from scenarios.reaction.summary import ReactionSummary
+    from scenarios.studies.reaction.summary import ReactionSummary
 
 OBJECTS = ("ball", "foam", "football", "box", "cardboard", "can")
 LATENCIES_MS = (0.0, 25.0, 50.0, 75.0, 100.0, 134.0, 150.0, 200.0, 250.0, 300.0, 350.0, 400.0)
@@ -74,10 +74,10 @@ def draw(args: argparse.Namespace) -> int:
     import msgspec
 
     from grasp.cli.chart_physics import matplotlib_is_missing
-    from scenarios.config import load_config
-    from scenarios.reaction.copies import Grid, studies
-    from scenarios.reaction.figure import draw_reaction
-    from scenarios.reaction.summary import summarize
+    from scenarios.rigs.config import load_config
+    from scenarios.studies.reaction.copies import Grid, studies
+    from scenarios.studies.reaction.figure import draw_reaction
+    from scenarios.studies.reaction.summary import summarize
 
     if matplotlib_is_missing():
         return exits.USAGE

@@ -74,7 +74,7 @@ def _share(text: str) -> float:
 def build(args: argparse.Namespace) -> int:
     import json
 
-    from scenarios import datasets
+    from scenarios.acquire.datasets import build as datasets
 
     config = datasets.reduced(datasets.load_dataset_config(args.config), args.share)
     jobs = datasets.plan(config)
@@ -124,7 +124,7 @@ def describe(args: argparse.Namespace) -> int:
     import msgspec
 
     from detector.recordings import read_dataset
-    from scenarios import dataset_report
+    from scenarios.acquire.datasets import report as dataset_report
 
     if args.pictures is not None and find_spec("matplotlib") is None:
         remedy = "pip install 'grasp-controller[charts]'"
@@ -142,7 +142,7 @@ def describe(args: argparse.Namespace) -> int:
 
 def print_report(r: Any) -> None:
     """Figures beside the paper's, as tables."""
-    from scenarios.dataset_report import PAPER_COUNTS, PAPER_SLIP, PAPER_STATIC
+    from scenarios.acquire.datasets.report import PAPER_COUNTS, PAPER_SLIP, PAPER_STATIC
 
     print(f"{r.recordings} recordings, {r.samples} samples: {r.static} static, {r.slip} slip")
     print(f"paper: {PAPER_STATIC + PAPER_SLIP} samples: {PAPER_STATIC} static, {PAPER_SLIP} slip")

@@ -102,7 +102,7 @@ def evaluate(args: argparse.Namespace) -> int:
 def _sheets(args: argparse.Namespace) -> Any:
     """The sheet of each detector, as soon as it is made."""
     from detector.recordings import read
-    from scenarios.benchmark import contender, read_split
+    from scenarios.studies.detectors.benchmark import contender, read_split
 
     if args.recording is not None:
         recordings, data = [read(args.recording)], str(args.recording)
@@ -114,8 +114,8 @@ def _sheets(args: argparse.Namespace) -> Any:
 
 
 def table2(args: argparse.Namespace) -> int:
-    from detector.tables import cell_f1, cells_table, methods_table
-    from scenarios.benchmark import contender, read_split
+    from detector.scores.tables import cell_f1, cells_table, methods_table
+    from scenarios.studies.detectors.benchmark import contender, read_split
 
     recordings = read_split(args.data, "test")
     made = [

@@ -28,7 +28,7 @@ def add_parser(verbs: Any) -> None:
 
 
 def doctor(args: argparse.Namespace) -> int:
-    from scenarios.doctor import examine
+    from scenarios.rigs.doctor import examine
 
     checks = examine(args.rig, args.config)
     failed = [c for c in checks if c.status == "fail"]

@@ -44,8 +44,14 @@ def add_parser(verbs: Any) -> None:
 def search(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.config import load_config
-    from scenarios.grip_search import criteria, lifts_that_slip, present_grip, search, with_counts
+    from scenarios.rigs.config import load_config
+    from scenarios.studies.grip_search import (
+        criteria,
+        lifts_that_slip,
+        present_grip,
+        search,
+        with_counts,
+    )
 
     config = load_config(args.object, args.rig, args.detector, args.config, args.set)
     wanted = criteria(args.least, args.most, args.draws)

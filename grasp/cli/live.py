@@ -96,7 +96,7 @@ class AcquireDisplay:
         self._show(f"setting up the {rig} rig")
 
     def tick(self, tick: Any) -> None:
-        """Show one tick of ``scenarios.acquire``."""
+        """Show one tick of ``scenarios.acquire.session``."""
         self._ticks += 1
         every = REFRESH_TICKS if self._status is not None else 2 * STATUS_TICKS
         if self._ticks % every == 0:

@@ -36,8 +36,8 @@ def add_parser(verbs: Any) -> None:
 def release(args: argparse.Namespace) -> int:
     import json
 
-    from scenarios.config import load_config
-    from scenarios.release import release_gripper
+    from scenarios.rigs.config import load_config
+    from scenarios.rigs.release import release_gripper
 
     positions = release_gripper(load_config("can", args.rig, "energy", args.config))
     if args.json:

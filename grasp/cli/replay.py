@@ -56,7 +56,7 @@ def replay(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.replay import replay_run
+    from scenarios.trial.replay import replay_run
 
     done = replay_run(args.run)
     same = not done.differences
@@ -77,11 +77,11 @@ def _run(args: argparse.Namespace) -> int:
 def _tactile(args: argparse.Namespace) -> int:
     import msgspec
 
-    from detector.evaluation import evaluate_recording
     from detector.recordings import read_csv
+    from detector.scores.evaluation import evaluate_recording
     from grasp.clock import stopwatch_ns
-    from scenarios.config import load_config
-    from scenarios.replay_tactile import replay_tactile
+    from scenarios.rigs.config import load_config
+    from scenarios.trial.replay_tactile import replay_tactile
 
     config = load_config("can", "simulated", args.detector, None, args.set)
     recording = read_csv(args.tactile)

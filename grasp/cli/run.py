@@ -163,8 +163,8 @@ def _seed(text: str) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    from scenarios.config import load_config
-    from scenarios.execution import make_guard
+    from scenarios.rigs.config import load_config
+    from scenarios.trial.execution import make_guard
 
     strange = _strange_option(args)
     if strange:
@@ -201,9 +201,9 @@ def _paced(args: argparse.Namespace) -> bool:
 
 def _acquire(args: argparse.Namespace) -> int:
     from grasp.cli.live import AcquireDisplay
-    from scenarios import acquire
-    from scenarios.acquisition.config import load_acquire_config
-    from scenarios.acquisition.press import motion
+    from scenarios.acquire import session as acquire
+    from scenarios.acquire.config import load_acquire_config
+    from scenarios.acquire.press import motion
 
     config = load_acquire_config(args.surface or "planar", args.rig, args.config, args.set)
     course = motion(args.direction or "0", args.speed or SPEED_MPS, acquire.TURN_RADPS)
@@ -236,7 +236,7 @@ def _unconfirmed(rig: str, args: argparse.Namespace) -> int | None:
 
 def _lift(args: argparse.Namespace, config: Any) -> int:
     from grasp.cli.live import Display
-    from scenarios import lift
+    from scenarios.lift import lift
 
     with Display(quiet=args.json) as display:
         display.setting_up(args.rig)
@@ -248,7 +248,7 @@ def _lift(args: argparse.Namespace, config: Any) -> int:
 def _tap(args: argparse.Namespace, config: Any) -> int:
     from grasp.cli.live import Display, tap_line
     from grasp.cli.operator import TerminalOperator
-    from scenarios import tap
+    from scenarios.tap import tap
 
     operator = TerminalOperator() if config.rig == "hardware" else None
     seeds = range(args.seed, args.seed + (args.taps or TAPS))
@@ -274,7 +274,7 @@ def _report_taps(results: list[Any], failure: Any, args: argparse.Namespace) -> 
     import msgspec
 
     from grasp.cli.live import print_taps
-    from scenarios.tapping.summary import summarise
+    from scenarios.tap.summary import summarise
 
     summary = summarise(results)
     series = {

@@ -37,7 +37,7 @@ def add_parser(verbs: Any) -> None:
 
 
 def udev(args: argparse.Namespace) -> int:
-    from drivers.takktile.udev import INSTALL, RULE
+    from drivers.takktile.link.udev import INSTALL, RULE
 
     print(f"# install: {INSTALL}")
     print(RULE)
@@ -46,8 +46,8 @@ def udev(args: argparse.Namespace) -> int:
 
 def identify(args: argparse.Namespace) -> int:
     from drivers.takktile.identify import watch
+    from drivers.takktile.link.usb import UsbLink
     from drivers.takktile.settings import TakkTileSettings
-    from drivers.takktile.usb_link import UsbLink
 
     strongest: dict[tuple[int, int], Any] = {}
     last = None
@@ -70,7 +70,7 @@ def _bus(url: str | None) -> Any:
     if url is None:
         return None
     from drivers.errors import ConfigError
-    from drivers.takktile.emulated_bus import backend
+    from drivers.takktile.emulator.bus import backend
 
     try:
         return backend(url)

@@ -65,7 +65,7 @@ def train(args: argparse.Namespace) -> int:
     import msgspec
 
     from detector.training.export import export
-    from scenarios.result import versions
+    from scenarios.trial.result import versions
 
     out = args.out or Path(f"{args.network}.onnx")
     training, validation = _prepare(args)

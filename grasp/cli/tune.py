@@ -88,7 +88,7 @@ def tune(args: argparse.Namespace) -> int:
 def _tune_rule(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.benchmark import contender, read_split, tune_rule
+    from scenarios.studies.detectors.benchmark import contender, read_split, tune_rule
 
     recordings = read_split(args.data, "validation")
     (name,) = [args.detector]
@@ -114,8 +114,8 @@ def _tune_on_lifts(args: argparse.Namespace) -> tuple[float, float]:
     from rich.console import Console
     from rich.progress import Progress
 
-    from scenarios.config import load_config
-    from scenarios.tune import tune as tune_on_lifts
+    from scenarios.rigs.config import load_config
+    from scenarios.studies.detectors.tune import tune as tune_on_lifts
 
     configs = [
         load_config(name, "simulated", "energy", args.config, args.set) for name in TUNING_OBJECTS
@@ -131,7 +131,7 @@ def _tune_on_lifts(args: argparse.Namespace) -> tuple[float, float]:
 def _tune_on_recordings(args: argparse.Namespace) -> tuple[float, float]:
     from detector.energy import tune_threshold
     from detector.recordings import BadRecording, read
-    from scenarios.config import load_config
+    from scenarios.rigs.config import load_config
 
     config = load_config("can", "simulated", "energy", args.config, args.set)
     recordings = [read(path) for path in args.static]

@@ -76,9 +76,9 @@ def _add_strokes(actions: Any) -> None:
 def strokes(args: argparse.Namespace) -> int:
     if find_spec("matplotlib") is None:
         return exits.report("usage", "a picture needs matplotlib", REMEDY, as_json=False)
-    from scenarios.figures import draw_clips
-    from scenarios.signal.calibrate import Setup
-    from scenarios.signal.strokes import simulate
+    from scenarios.report.run_figure import draw_clips
+    from scenarios.studies.signal.calibrate import Setup
+    from scenarios.studies.signal.strokes import simulate
 
     setup = Setup()
     clips = simulate(setup.fingertip, setup.strokes, 2, args.seed)
@@ -91,8 +91,8 @@ def calibrate(args: argparse.Namespace) -> int:
     import msgspec
 
     from detector.recordings import read
-    from scenarios.signal import calibrate as fitting
-    from scenarios.signal.statistics import signal_statistics
+    from scenarios.studies.signal import calibrate as fitting
+    from scenarios.studies.signal.statistics import signal_statistics
 
     if args.figure and find_spec("matplotlib") is None:
         return exits.report("usage", "--figure needs matplotlib", REMEDY, args.json)
@@ -132,7 +132,7 @@ def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict
     from rich.console import Console
     from rich.progress import Progress
 
-    from scenarios.signal.calibrate import Search, Setup, fit
+    from scenarios.studies.signal.calibrate import Search, Setup, fit
 
     search = Search(seed=args.seed)
     if args.rounds is not None:
@@ -151,7 +151,7 @@ def _ablate(setup: Any, args: argparse.Namespace) -> dict[str, dict[str, float]]
     from rich.console import Console
     from rich.progress import Progress
 
-    from scenarios.signal.calibrate import ablations
+    from scenarios.studies.signal.calibrate import ablations
 
     with Progress(console=Console(stderr=True), transient=True, disable=args.json) as bar:
         task = bar.add_task("leaving out", total=None)
@@ -162,9 +162,9 @@ def _ablate(setup: Any, args: argparse.Namespace) -> dict[str, dict[str, float]]
 
 
 def _draw(out: Path, setup: Any, recording: Any) -> None:
-    from scenarios.figures import draw_clips
-    from scenarios.signal.calibrate import JUDGE_SEED
-    from scenarios.signal.strokes import simulate
+    from scenarios.report.run_figure import draw_clips
+    from scenarios.studies.signal.calibrate import JUDGE_SEED
+    from scenarios.studies.signal.strokes import simulate
 
     clips = simulate(setup.fingertip, setup.strokes, 4, JUDGE_SEED)
     draw_clips(
@@ -179,8 +179,8 @@ def _draw(out: Path, setup: Any, recording: Any) -> None:
 def _print(
     real: dict[str, float], rows: list[Any], misfit: float, setup: Any, without: Any
 ) -> None:
-    from scenarios.signal.calibrate import misfit as misfit_of
-    from scenarios.signal.calibrate import parameter_values
+    from scenarios.studies.signal.calibrate import misfit as misfit_of
+    from scenarios.studies.signal.calibrate import parameter_values
 
     print(f"{'statistic':28}{'real':>9}{'simulated':>11}{'10-90 % of clips':>20}{'ratio':>8}")
     for r in rows:
@@ -204,7 +204,7 @@ def _print(
 
 
 def _print_levels(levels: Any) -> None:
-    from scenarios.signal.calibrate import AUTHORS_DATA_SET
+    from scenarios.studies.signal.calibrate import AUTHORS_DATA_SET
 
     print("\nlevels a taxel, strokes of all forces and zero loads | the authors' data set")
     simulated = (levels.mean, levels.std, levels.least, levels.most)

@@ -59,9 +59,9 @@ def show(args: argparse.Namespace) -> int:
     import msgspec
 
     from grasp.settings import assignment_layer, load, named_layer
-    from scenarios.physics.planner import Tolerance, plan
-    from scenarios.physics.scenes import SCENES as BUILD
-    from scenarios.physics.scenes import World
+    from scenarios.world.ladder.experiments import SCENES as BUILD
+    from scenarios.world.ladder.experiments import World
+    from scenarios.world.ladder.planner import Tolerance, plan
 
     world = load(World, [named_layer("objects", args.object), assignment_layer(args.set)])
     asked = (args.tolerance, args.rotation, args.force)

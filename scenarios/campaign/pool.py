@@ -13,7 +13,7 @@ import msgspec
 
 from drivers.errors import GraspError, LinkLost
 from scenarios.campaign.spec import Trial
-from scenarios.campaign.trial import Finished, error_row
+from scenarios.campaign.worker import Finished, error_row
 
 Work = Callable[[Trial], Finished]
 AHEAD = 2  # trials handed out for every worker: none waits for the parent's disk

@@ -9,7 +9,7 @@ import msgspec
 from scenarios.campaign import pool
 from scenarios.campaign.spec import CampaignSpec, Trial, combinations, trials
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.trial import Finished, Row, run_trial
+from scenarios.campaign.worker import Finished, Row, run_trial
 
 CAMPAIGNS = Path("runs/campaigns")
 

@@ -11,9 +11,9 @@ from msgspec import Meta
 from drivers.errors import ConfigError
 from drivers.interfaces import FINGERS
 from grasp.settings import load, read_toml
-from scenarios import tap
-from scenarios.config import RunConfig, load_config
-from scenarios.execution import make_guard
+from scenarios.rigs.config import RunConfig, load_config
+from scenarios.tap import tap
+from scenarios.trial.execution import make_guard
 
 SEEDS_APART = 10_000  # so the seeds of two campaigns with different `seeds` never meet
 

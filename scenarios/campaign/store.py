@@ -11,7 +11,7 @@ import msgspec
 
 from drivers.errors import ConfigError, GraspError
 from scenarios.campaign.spec import CampaignSpec, Combination
-from scenarios.campaign.trial import Finished, Row
+from scenarios.campaign.worker import Finished, Row
 
 FORMAT = "grasp-campaign 1"
 _TYPES = {int: "INTEGER", float: "REAL", bool: "INTEGER", str: "TEXT"}

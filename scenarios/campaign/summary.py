@@ -15,8 +15,8 @@ from scenarios.campaign.paper import (
     paper_counts,
     wilson,
 )
-from scenarios.campaign.trial import Row
-from scenarios.scoring import Outcome
+from scenarios.campaign.worker import Row
+from scenarios.lift.scoring import Outcome
 
 NEAR, FAR = Outcome.HELD_WITHIN_6CM.value, Outcome.HELD_WITHIN_12CM.value
 

@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import Meta
 
 from drivers.interfaces import Vector3
-from drivers.robotiq.model import FingerLoads, GripperModel, HandSettings
+from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
 from drivers.takktile.model import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world import contact

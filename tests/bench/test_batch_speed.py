@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from scenarios.physics import yardsticks
+from scenarios.studies.physics import yardsticks
 from scenarios.world.ladder import batch
 
 

@@ -11,9 +11,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from scenarios import lift
-from scenarios.config import load_config
-from scenarios.result import LiftResult
+from scenarios.lift import lift
+from scenarios.rigs.config import load_config
+from scenarios.trial.result import LiftResult
 
 SEEDS = range(int(os.environ.get("LIFTS", "40")))
 OBJECTS = os.environ.get("OBJECTS", "can").split(",")

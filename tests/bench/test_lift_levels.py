@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from grasp.settings import names
-from scenarios import lift
-from scenarios.physics.scenes import SceneSettings
+from scenarios.lift import lift
 from scenarios.world import contact
 from scenarios.world.ladder import compliant
+from scenarios.world.ladder.experiments import SceneSettings
 from scenarios.world.ladder.levels import Level, elements
 from scenarios.world.ladder.scene import Scene
 from tests.unit.scenarios.conftest import config

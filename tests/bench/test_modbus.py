@@ -9,12 +9,12 @@ from multiprocessing.connection import Connection
 import pytest
 
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator import GripperEmulator
-from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
-from drivers.robotiq.model import GripperModel, HandSettings
+from drivers.robotiq.emulator.tcp import GripperEmulator
+from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.link.thread import ThreadedGripper
+from drivers.robotiq.link.timing import TimedTransport
+from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from drivers.robotiq.protocol import CALIBRATIONS
-from drivers.robotiq.thread import ThreadedGripper
-from drivers.robotiq.timing import TimedTransport
 from grasp.realtime import RealTimeSettings, real_time
 
 WRITES = 6000  # a minute

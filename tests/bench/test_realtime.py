@@ -10,9 +10,9 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from scenarios import lift
-from scenarios.config import load_config
-from scenarios.result import Spread, TimingResult
+from scenarios.lift import lift
+from scenarios.rigs.config import load_config
+from scenarios.trial.result import Spread, TimingResult
 
 SEEDS = range(4)
 QUICK = ("hand.activation_s=0.5", "controller.hold_s=0.3", "controller.lift_height_m=0.1")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from scenarios import lift
-from scenarios.config import load_config
+from scenarios.lift import lift
+from scenarios.rigs.config import load_config
 
 SEEDS = range(25)
 OBJECTS = ("box", "can")

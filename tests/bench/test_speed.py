@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from scenarios import lift
+from scenarios.lift import lift
 from tests.unit.scenarios.conftest import config
 
 LIFTS = 10

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from scenarios import tap
-from scenarios.config import load_config
-from scenarios.result import TapResult
-from scenarios.tapping.scoring import TapOutcome
-from scenarios.tapping.settings import TapScoringSettings
-from scenarios.tapping.summary import count, sensitivity
+from scenarios.rigs.config import load_config
+from scenarios.tap import tap
+from scenarios.tap.scoring import TapOutcome
+from scenarios.tap.settings import TapScoringSettings
+from scenarios.tap.summary import count, sensitivity
+from scenarios.trial.result import TapResult
 
 OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
 DETECTORS = os.environ.get("DETECTORS", "energy,tcn-paper,tcn,gru").split(",")

@@ -9,10 +9,10 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from detector.decision import RuleSettings  # noqa: E402
-from detector.evaluation import evaluate_streams, stream, stream_recordings  # noqa: E402
 from detector.network import run_network  # noqa: E402
 from detector.network_file import read_network  # noqa: E402
 from detector.recordings import write  # noqa: E402
+from detector.scores.evaluation import evaluate_streams, stream, stream_recordings  # noqa: E402
 from detector.training.augment import SYMMETRIES, augment  # noqa: E402
 from detector.training.export import export  # noqa: E402
 from detector.training.fit import BadCheckpoint, Progress, Training  # noqa: E402

@@ -5,9 +5,9 @@ from pathlib import Path
 
 from grasp.phases import mermaid
 from grasp.settings import names
-from scenarios.config import load_config
-from scenarios.scoring import Outcome
-from scenarios.tapping.scoring import TapOutcome
+from scenarios.lift.scoring import Outcome
+from scenarios.rigs.config import load_config
+from scenarios.tap.scoring import TapOutcome
 
 ROOT = Path(__file__).parents[2]
 

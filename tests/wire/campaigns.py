@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from scenarios.campaign.trial import MACHINE_COLUMNS
+from scenarios.campaign.worker import MACHINE_COLUMNS
 
 GRASP = [sys.executable, "-c", "import sys; from grasp.cli import main; sys.exit(main())"]
 PATIENCE_S = 100.0

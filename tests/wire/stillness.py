@@ -6,7 +6,7 @@ import sys
 import tempfile
 import time
 
-LIMIT_S = 0.05  # as for a cell (scenarios.emulate): shorter waits are part of an ordinary machine
+LIMIT_S = 0.05  # as for a cell (rigs.emulated_cell): shorter waits are part of an ordinary machine
 METER = """
 import os, sys, time
 parent, limit_s = int(sys.argv[1]), float(sys.argv[2])

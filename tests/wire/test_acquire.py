@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from detector.recordings import read
-from scenarios import acquire
-from scenarios.acquisition.config import load_acquire_config
-from scenarios.acquisition.press import motion
+from scenarios.acquire import session as acquire
+from scenarios.acquire.config import load_acquire_config
+from scenarios.acquire.press import motion
 
 pytest.importorskip("rtde_control")
 

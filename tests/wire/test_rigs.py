@@ -14,10 +14,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from scenarios import lift
-from scenarios.config import load_config
-from scenarios.rigs import open_rig
-from scenarios.wired import cell_process
+from scenarios.lift import lift
+from scenarios.rigs.config import load_config
+from scenarios.rigs.rig import open_rig
+from scenarios.rigs.wired import cell_process
 from tests.unit.scenarios.conftest import config
 
 ROOT = Path(__file__).parents[2]
@@ -165,8 +165,8 @@ def alive(pid: int) -> bool:
 
 def test_cell_ends_with_its_parent_even_when_that_is_killed() -> None:
     script = (
-        "from scenarios.config import load_config\n"
-        "from scenarios.wired import CellProcess\n"
+        "from scenarios.rigs.config import load_config\n"
+        "from scenarios.rigs.wired import CellProcess\n"
         "import time\n"
         "cell = CellProcess(load_config('can', 'emulated', 'energy'), 0)\n"
         "print(cell.endpoints['pid'], flush=True)\n"

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from scenarios.cell_control import ControlClient
+from scenarios.rigs.cell_control import ControlClient
 from tests.wire.test_rigs import ENVIRONMENT, GRASP, call, emulate, lab_file, sets
 
 QUICK_TAP = ("tap.watch_s=1.6", "tap.wait_s=0", "detector.threshold_counts=12")

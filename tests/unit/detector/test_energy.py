@@ -15,8 +15,8 @@ from detector.energy import (
     probability_of,
     tune_threshold,
 )
-from detector.evaluation import stream
 from detector.interface import DETECTORS, load_detector
+from detector.scores.evaluation import stream
 
 
 def frames(n: int, fingers: int = 3, seed: int = 0, spread: int = 20) -> NDArray[np.int16]:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from detector.decision import RuleSettings, registered_events
 from detector.energy import EnergyDetector, EnergySettings
-from detector.evaluation import (
+from detector.recordings import Metadata, Recording
+from detector.scores.evaluation import (
     Evaluation,
     Streamed,
     evaluate_recording,
@@ -19,17 +20,16 @@ from detector.evaluation import (
     stream,
     stream_recordings,
 )
-from detector.events import EventMetrics, EventSettings, Quantiles, event_metrics, quantiles
-from detector.events import true_events as slips
-from detector.intervals import stroke_intervals
-from detector.metrics import (
+from detector.scores.events import EventMetrics, EventSettings, Quantiles, event_metrics, quantiles
+from detector.scores.events import true_events as slips
+from detector.scores.intervals import stroke_intervals
+from detector.scores.metrics import (
     accuracy_by_edge,
     auc,
     calibration_error,
     confusion,
     edge_distance_ms,
 )
-from detector.recordings import Metadata, Recording
 
 JSON_FIELDS = {
     "detector", "data", "n_samples", "accuracy", "weighted_f1", "slip_f1", "balanced_accuracy",

@@ -7,10 +7,10 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
-from detector.evaluation import stream
 from detector.interface import load_detector
 from detector.network import StreamingNetwork, WindowedNetwork, run_network
 from detector.network_file import CARD_KEY, BadWeights, read_network
+from detector.scores.evaluation import stream
 from tests.unit.detector.networks import walk, write_network
 
 

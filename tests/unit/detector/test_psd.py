@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from detector.evaluation import stream
 from detector.interface import load_detector
 from detector.psd import PsdDetector, PsdFairDetector, PsdFairSettings, PsdSettings
+from detector.scores.evaluation import stream
 from tests.unit.detector.networks import walk
 
 

@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from detector.decision import RuleSettings
-from detector.evaluation import Streamed, evaluate_streams
 from detector.recordings import Recording
-from detector.sweep import best, frontier, rules, sweep
+from detector.scores.evaluation import Streamed, evaluate_streams
+from detector.scores.sweep import best, frontier, rules, sweep
 from tests.unit.detector.test_evaluation import Scripted, flags, times
 
 

@@ -4,8 +4,8 @@ import msgspec
 import numpy as np
 
 from detector.decision import RuleSettings
-from detector.evaluation import Streamed, evaluate_streams
-from detector.tables import cell_f1, cells_table, methods_table
+from detector.scores.evaluation import Streamed, evaluate_streams
+from detector.scores.tables import cell_f1, cells_table, methods_table
 from tests.unit.detector.test_evaluation import Scripted, flags, metadata, recording
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.errors import LinkLost
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.model import FingerLoads, GripperModel, HandSettings, ModelTransport
+from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings, ModelTransport
 from drivers.robotiq.protocol import CALIBRATIONS, CommandRegisters, GripperCalibration
 
 MS = 1_000_000

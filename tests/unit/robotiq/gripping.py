@@ -1,7 +1,7 @@
 """What the tests of the driver core share: a quick hand, and a rig that has gripped."""
 
 from drivers.interfaces import Detection
-from drivers.robotiq.model import HandSettings
+from drivers.robotiq.model.gripper import HandSettings
 
 MS = 1_000_000
 

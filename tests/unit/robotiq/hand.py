@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drivers.robotiq.model import FingerLoads, GripperModel, HandSettings
+from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
 from drivers.robotiq.protocol import AxisCommand, CommandRegisters, StatusRegisters
 
 MS = 1_000_000

@@ -4,7 +4,7 @@ import msgspec
 
 from drivers.interfaces import Detection
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.model import HandSettings
+from drivers.robotiq.model.gripper import HandSettings
 from drivers.robotiq.protocol import (
     CALIBRATIONS,
     StatusRegisters,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.model import GripperModel, ModelTransport
+from drivers.robotiq.model.gripper import GripperModel, ModelTransport
 from drivers.robotiq.protocol import (
     CALIBRATIONS,
     CommandRegisters,

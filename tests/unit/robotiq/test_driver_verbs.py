@@ -5,7 +5,7 @@ import pytest
 from drivers.errors import DeviceFault, Refused
 from drivers.interfaces import Gripper
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.model import GripperModel, HandSettings, ModelTransport
+from drivers.robotiq.model.gripper import GripperModel, HandSettings, ModelTransport
 from drivers.robotiq.protocol import (
     CALIBRATIONS,
     RTU,

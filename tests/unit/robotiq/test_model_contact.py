@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.robotiq.model import FREE, FingerLoads, GripperModel, HandSettings
+from drivers.robotiq.model.gripper import FREE, FingerLoads, GripperModel, HandSettings
 from tests.unit.robotiq.hand import MS, QUICK, Hand, command, detections
 
 # Contact

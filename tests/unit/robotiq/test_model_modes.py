@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from drivers.robotiq.model import HandSettings
+from drivers.robotiq.model.gripper import HandSettings
 from drivers.robotiq.protocol import AxisCommand, CommandRegisters
 from tests.unit.robotiq.hand import Hand, command
 

@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from drivers.robotiq.model import HandSettings
+from drivers.robotiq.model.gripper import HandSettings
 from drivers.robotiq.protocol import AxisCommand, CommandRegisters
 from tests.unit.robotiq.hand import QUICK, Hand, command, detections
 

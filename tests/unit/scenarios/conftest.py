@@ -8,12 +8,12 @@ import pytest
 
 from grasp.loop import Tick
 from grasp.phases import Phase
-from scenarios import lift
-from scenarios.config import RunConfig, load_config
-from scenarios.execution import make_guard
-from scenarios.lift import Trial
-from scenarios.result import LiftResult
-from scenarios.rigs import Rig, open_rig
+from scenarios.lift import lift
+from scenarios.lift.lift import Trial
+from scenarios.rigs.config import RunConfig, load_config
+from scenarios.rigs.rig import Rig, open_rig
+from scenarios.trial.execution import make_guard
+from scenarios.trial.result import LiftResult
 
 
 def config(*assignments: str, object_name: str = "can") -> RunConfig:

@@ -10,12 +10,12 @@ import pytest
 
 from detector.recordings import Metadata, Recording, read
 from drivers.errors import ConfigError, Refused, Stale
-from scenarios import acquire
-from scenarios.acquire import Session, Tick
-from scenarios.acquisition.config import AcquireConfig, load_acquire_config
-from scenarios.acquisition.press import Phase, motion
-from scenarios.acquisition.rigs import AcquireRig, open_acquire_rig
-from scenarios.acquisition.world import counts_per_newton
+from scenarios.acquire import session as acquire
+from scenarios.acquire.config import AcquireConfig, load_acquire_config
+from scenarios.acquire.press import Phase, motion
+from scenarios.acquire.rig import AcquireRig, open_acquire_rig
+from scenarios.acquire.session import Session, Tick
+from scenarios.acquire.world_of_seed import counts_per_newton
 
 METADATA = Metadata(
     set="slide", split="train", surface="planar", motion="primary", speed_mps=0.05,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from detector.recordings import read_csv
-from scenarios.config import load_config
-from scenarios.signal import calibrate, strokes
-from scenarios.signal.calibrate import Search, Setup
-from scenarios.signal.statistics import signal_statistics
-from scenarios.signal.strokes import StrokeSettings
+from scenarios.rigs.config import load_config
+from scenarios.studies.signal import calibrate, strokes
+from scenarios.studies.signal.calibrate import Search, Setup
+from scenarios.studies.signal.statistics import signal_statistics
+from scenarios.studies.signal.strokes import StrokeSettings
 from scenarios.world.fingertip import FingertipSettings
 
 FELT = Path(__file__).parents[4] / "shared" / "data" / "takktile_felt.csv"

@@ -5,7 +5,10 @@ from collections.abc import Callable
 import msgspec
 import pytest
 
-from scenarios.campaign.calibrate import (
+from scenarios.campaign.paper import LONG, TRIALS
+from scenarios.campaign.spec import combinations
+from scenarios.campaign.worker import Row
+from scenarios.studies.table4.calibrate import (
     SCALARS,
     SEED,
     SPEED,
@@ -16,10 +19,7 @@ from scenarios.campaign.calibrate import (
     specs,
     trades,
 )
-from scenarios.campaign.cause import explain
-from scenarios.campaign.paper import LONG, TRIALS
-from scenarios.campaign.spec import combinations
-from scenarios.campaign.trial import Row
+from scenarios.studies.table4.cause import explain
 from tests.unit.scenarios.conftest import config
 
 TRUE_MPS = 0.15

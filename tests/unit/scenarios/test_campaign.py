@@ -17,7 +17,7 @@ from scenarios.campaign.pool import Work
 from scenarios.campaign.run import Progress, run
 from scenarios.campaign.spec import CampaignSpec, Trial, combinations, read_spec, trials
 from scenarios.campaign.store import BadCampaignFile, CampaignStore
-from scenarios.campaign.trial import MACHINE_COLUMNS, Finished, Row, error_row, run_trial
+from scenarios.campaign.worker import MACHINE_COLUMNS, Finished, Row, error_row, run_trial
 
 TWO_OBJECTS = CampaignSpec(name="two", objects=("can", "ball"), repetitions=2)
 
@@ -157,7 +157,7 @@ def test_a_trial_that_crashes_is_a_row_with_its_traceback(monkeypatch: pytest.Mo
     def crash(*_: Any) -> None:
         raise ZeroDivisionError("on purpose")
 
-    monkeypatch.setattr("scenarios.campaign.trial.run_once", crash)
+    monkeypatch.setattr("scenarios.campaign.worker.run_once", crash)
     spec = CampaignSpec(name="crash", objects=("can",), repetitions=1)
     (trial,) = trials(spec, combinations(spec))
     row = run_trial(trial).row

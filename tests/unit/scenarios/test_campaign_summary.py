@@ -15,7 +15,7 @@ from scenarios.campaign.paper import (
     wilson,
 )
 from scenarios.campaign.summary import quantiles, summarize
-from scenarios.campaign.trial import Row
+from scenarios.campaign.worker import Row
 
 
 def row(number: int, name: str, outcome: str, slip_m: float | None = 0.02, **more: object) -> Row:

@@ -6,9 +6,9 @@ import pytest
 
 from detector.recordings import Recording
 from grasp.settings import config_dir
-from scenarios import datasets
-from scenarios.confusers import as_felt
-from scenarios.datasets import Job, make, plan
+from scenarios.acquire.datasets import build as datasets
+from scenarios.acquire.datasets.build import Job, make, plan
+from scenarios.acquire.datasets.confusers import as_felt
 
 CONFUSERS = config_dir() / "datasets" / "confusers.toml"
 FIXED = ("contact_made_and_broken", "force_steps", "tap", "arm_vibration", "temperature_drift")

@@ -17,11 +17,25 @@ from detector.recordings import read, read_dataset
 from drivers.errors import ConfigError
 from grasp.cli import main
 from grasp.settings import config_dir
-from scenarios import datasets
-from scenarios.acquisition.config import load_acquire_config
-from scenarios.dataset_report import PAPER_SLIP, PAPER_STATIC, PAPER_TABLE, SURFACES, describe
-from scenarios.datasets import CouldNotBuild, DatasetConfig, Job, apportion, build, plan, window
-from scenarios.values import with_values
+from scenarios.acquire.config import load_acquire_config
+from scenarios.acquire.datasets import build as datasets
+from scenarios.acquire.datasets.build import (
+    CouldNotBuild,
+    DatasetConfig,
+    Job,
+    apportion,
+    build,
+    plan,
+    window,
+)
+from scenarios.acquire.datasets.draws import with_values
+from scenarios.acquire.datasets.report import (
+    PAPER_SLIP,
+    PAPER_STATIC,
+    PAPER_TABLE,
+    SURFACES,
+    describe,
+)
 
 PAPER = config_dir() / "datasets" / "paper.toml"
 
@@ -164,7 +178,7 @@ def test_a_build_that_was_killed_leaves_whole_files_only_and_goes_on(tmp_path: P
     command = [sys.executable, "-c", "from grasp.cli import main; raise SystemExit(main())",
                "dataset", "build", str(PAPER), "--share", "0.02", "--jobs", "2",
                "--out", str(out)]  # fmt: skip
-    home = Path(datasets.__file__).parent.parent
+    home = Path(datasets.__file__).parents[3]
     child = subprocess.Popen(command, cwd=home, stdout=subprocess.DEVNULL)
     deadline = time.monotonic() + 100
     while len(list(out.glob("*/[!.]*.npz"))) < 3 and child.poll() is None:

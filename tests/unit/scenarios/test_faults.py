@@ -5,8 +5,8 @@ import pytest
 from drivers.errors import LinkLost
 from grasp.commands import CloseFast, HoldFingers, MoveArm, StopArm
 from grasp.phases import Phase
-from scenarios.lift import Trial
-from scenarios.rigs import Rig
+from scenarios.lift.lift import Trial
+from scenarios.rigs.rig import Rig
 from tests.unit.scenarios.conftest import Staged, in_phase
 
 CONTACT = [Phase.LIFT, Phase.COMPENSATE, Phase.HOLD]

@@ -16,14 +16,14 @@ from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from drivers.errors import ConfigError, LinkLost, Refused
-from drivers.robotiq.model import ModelTransport
+from drivers.robotiq.model.gripper import ModelTransport
 from drivers.robotiq.protocol import CALIBRATIONS
 from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
 from grasp.guard import GuardSettings
 from grasp.loop import ControlLoop, Tick
 from grasp.phases import Phase
-from scenarios.execution import make_controller, make_guard
-from scenarios.rigs import open_rig
+from scenarios.rigs.rig import open_rig
+from scenarios.trial.execution import make_controller, make_guard
 from tests.unit.scenarios.conftest import changed, config
 
 FORCE_BYTES = (5, 8, 11)

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import ConfigError
-from scenarios import lift
-from scenarios.grip_search import (
+from scenarios.lift import lift
+from scenarios.studies.grip_search import (
     GripCriteria,
     criteria,
     lifts_that_slip,

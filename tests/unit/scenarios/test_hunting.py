@@ -6,7 +6,7 @@ import itertools
 import msgspec
 import pytest
 
-from scenarios.reaction.hunting import (
+from scenarios.studies.reaction.hunting import (
     LOOSENING,
     RATCHET,
     REGRASP,

@@ -6,9 +6,9 @@ import pytest
 
 from drivers.errors import LinkLost
 from grasp.loop import Tick
-from scenarios import lift
-from scenarios.replay import replay_run
-from scenarios.result import LiftResult
+from scenarios.lift import lift
+from scenarios.trial.replay import replay_run
+from scenarios.trial.result import LiftResult
 from tests.unit.scenarios.conftest import Staged, config, judged
 
 
@@ -213,7 +213,7 @@ def test_run_that_never_began_leaves_no_folder(
     def unplugged(*_: object) -> None:
         raise LinkLost("no board", "plug it in")
 
-    monkeypatch.setattr("scenarios.rigs.connect", unplugged)
+    monkeypatch.setattr("scenarios.rigs.rig.connect", unplugged)
     with pytest.raises(LinkLost):
         lift.run(config(), 0, tmp_path)
     assert list(tmp_path.iterdir()) == []

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenarios.physics import chart as physics_chart
-from scenarios.physics import mujoco_scene, stability, yardsticks
-from scenarios.physics.chart import PhysicsChart, ratios
-from scenarios.physics.yardsticks import Point, measure
+from scenarios.studies.physics import chart as physics_chart
+from scenarios.studies.physics import mujoco_scene, stability, yardsticks
+from scenarios.studies.physics.chart import PhysicsChart, ratios
+from scenarios.studies.physics.yardsticks import Point, measure
 from scenarios.world.ladder.levels import Level
 
 

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.physics.planner import Tolerance, indicators, plan
-from scenarios.physics.planner_report import scenes_of, truth
-from scenarios.physics.random_scenes import random_lift, random_tap
-from scenarios.physics.scenes import SCENES, World
+from scenarios.studies.physics.planner_report import scenes_of, truth
+from scenarios.studies.physics.random_scenes import random_lift, random_tap
 from scenarios.world.contact_settings import ContactSettings
+from scenarios.world.ladder.experiments import SCENES, World
 from scenarios.world.ladder.levels import Level, simulate
+from scenarios.world.ladder.planner import Tolerance, indicators, plan
 from scenarios.world.ladder.scene import Plane, Vibration
 from tests.unit.world.ladder_scenes import body, held, lift, tap
 

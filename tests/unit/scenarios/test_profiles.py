@@ -8,9 +8,9 @@ import pytest
 from detector.network_file import BadWeights
 from drivers.errors import ConfigError
 from grasp.settings import named_layer, names
-from scenarios import lift
 from scenarios.campaign.spec import CampaignSpec, combinations
-from scenarios.config import RunConfig, load_config
+from scenarios.lift import lift
+from scenarios.rigs.config import RunConfig, load_config
 from tests.unit.scenarios.conftest import config
 
 

@@ -5,7 +5,7 @@ import pytest
 from grasp.commands import CloseFast
 from grasp.controller import CLOSED_COUNTS
 from grasp.guard import THUMB_ALONE
-from scenarios.reaction.copies import (
+from scenarios.studies.reaction.copies import (
     Copy,
     Grid,
     GridPoint,
@@ -16,7 +16,7 @@ from scenarios.reaction.copies import (
     react,
     study,
 )
-from scenarios.reaction.summary import summarize
+from scenarios.studies.reaction.summary import summarize
 from tests.unit.scenarios.conftest import config
 
 CLOSE = CloseFast(10.0, THUMB_ALONE, CLOSED_COUNTS, 0.11)

@@ -10,11 +10,11 @@ from detector.recordings import Recording
 from grasp.commands import CloseFast
 from grasp.messages import CONTROL
 from grasp.recording import BadRecordingFile, RunRecorder, RunRecording
-from scenarios import lift
-from scenarios.figures import read_series
-from scenarios.replay import replay_run
-from scenarios.replay_tactile import replay_tactile
-from scenarios.runfolder import RUN_CHANNELS
+from scenarios.lift import lift
+from scenarios.report.run_figure import read_series
+from scenarios.trial.replay import replay_run
+from scenarios.trial.replay_tactile import replay_tactile
+from scenarios.trial.run_folder import RUN_CHANNELS
 from tests.unit.scenarios.conftest import config
 
 

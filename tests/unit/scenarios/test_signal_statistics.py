@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenarios.signal.statistics import FFT_HZ, signal_statistics, taxel_statistics
+from scenarios.studies.signal.statistics import FFT_HZ, signal_statistics, taxel_statistics
 
 N = 400
 T = np.arange(N) * 0.01

@@ -11,15 +11,14 @@ import pytest
 from drivers.errors import ConfigError
 from grasp.loop import Issued, Tick
 from grasp.phases import Phase
-from scenarios import tap
-from scenarios.execution import make_guard
-from scenarios.replay import replay_run
-from scenarios.result import TapResult
-from scenarios.rigs import Rig, open_rig
-from scenarios.tap import TapTrial, tap_config
-from scenarios.tapping import mallet
-from scenarios.tapping.mallet import direction_of, swing
-from scenarios.tapping.scoring import TapOutcome
+from scenarios.rigs.rig import Rig, open_rig
+from scenarios.tap import mallet, tap
+from scenarios.tap.mallet import direction_of, swing
+from scenarios.tap.scoring import TapOutcome
+from scenarios.tap.tap import TapTrial, tap_config
+from scenarios.trial.execution import make_guard
+from scenarios.trial.replay import replay_run
+from scenarios.trial.result import TapResult
 from scenarios.world import contact
 from scenarios.world.cell import Blow
 from tests.unit.scenarios.conftest import config

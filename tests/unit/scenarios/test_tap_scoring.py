@@ -3,10 +3,10 @@
 import msgspec
 import pytest
 
-from scenarios.result import Alarm
-from scenarios.tapping.scoring import Motion, TapFacts, TapOutcome, nominal_again_s, verdict
-from scenarios.tapping.settings import TapScoringSettings
-from scenarios.tapping.summary import count, sensitivity, summarise, verdict_again
+from scenarios.tap.scoring import Motion, TapFacts, TapOutcome, nominal_again_s, verdict
+from scenarios.tap.settings import TapScoringSettings
+from scenarios.tap.summary import count, sensitivity, summarise, verdict_again
+from scenarios.trial.result import Alarm
 from tests.unit.scenarios.test_tap import result_of
 
 WINDOWS = TapScoringSettings(moved_m=0.001, register_s=0.5, clear_s=1.0, stay_s=0.5)

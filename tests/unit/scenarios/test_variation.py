@@ -4,8 +4,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from scenarios.trial import make_cell
-from scenarios.variation import Trial, VariationSettings, draw
+from scenarios.rigs.variation import Trial, VariationSettings, draw
+from scenarios.rigs.world_of_seed import make_cell
 from tests.unit.scenarios.conftest import config
 
 MANY = 2000

@@ -4,10 +4,18 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import given
 
-from drivers.ur.emulator_compiler import WAITING, compile_program
-from drivers.ur.emulator_script import MAX_THREADS, PoseValue, Program
-from drivers.ur.emulator_syntax import Assign, Binary, Call, Function, Literal, Name, Sequence
-from drivers.ur.urscript import MAX_CHARS, ScriptError, depth_change, parse, tokens
+from drivers.ur.emulator.urscript.compile import WAITING, compile_program
+from drivers.ur.emulator.urscript.parse import MAX_CHARS, ScriptError, depth_change, parse, tokens
+from drivers.ur.emulator.urscript.run import MAX_THREADS, PoseValue, Program
+from drivers.ur.emulator.urscript.syntax import (
+    Assign,
+    Binary,
+    Call,
+    Function,
+    Literal,
+    Name,
+    Sequence,
+)
 
 
 class Robot:

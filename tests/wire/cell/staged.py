@@ -15,9 +15,9 @@ from grasp.cli.exits import code_of
 from grasp.commands import CloseFast, HoldFingers, MoveArm, MoveFingers, OpenFingers
 from grasp.loop import Tick
 from grasp.phases import Phase
-from scenarios import lift
-from scenarios.config import RunConfig, load_config
-from scenarios.rigs import Rig, open_rig
+from scenarios.lift import lift
+from scenarios.rigs.config import RunConfig, load_config
+from scenarios.rigs.rig import Rig, open_rig
 from scenarios.world.cell import Truth
 
 QUICK = (

@@ -32,7 +32,7 @@ def until(condition: Callable[[], bool]) -> None:
 
 def test_loading_it_imports_nothing_heavy(tmp_path: Path) -> None:
     code = (
-        "import scenarios.testing, sys\n"
+        "import scenarios.testing.plugin, sys\n"
         "heavy = {'numpy', 'numba', 'msgspec', 'usb', 'pymodbus', 'drivers', 'grasp', 'detector'}\n"
         "print(sorted(heavy & {name.partition('.')[0] for name in sys.modules}))\n"
     )
@@ -45,8 +45,8 @@ def test_example_of_the_documentation_runs_in_a_strangers_project(tmp_path: Path
     example = re.search(r"```python\n(.*?)```", text, re.DOTALL)
     assert example
     (tmp_path / "test_devices.py").write_text(example[1])
-    installed = any(e.value == "scenarios.testing" for e in entry_points(group="pytest11"))
-    load = () if installed else ("-p", "scenarios.testing")
+    installed = any(e.value == "scenarios.testing.plugin" for e in entry_points(group="pytest11"))
+    load = () if installed else ("-p", "scenarios.testing.plugin")
     plugin = (*load, "-p", "no:cacheprovider", "-W", "error")
     done = python("-m", "pytest", "-q", *plugin, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -56,7 +56,7 @@ def test_example_of_the_documentation_runs_in_a_strangers_project(tmp_path: Path
 def test_cell_breaks_by_name_at_once_and_later(emulated_cell) -> None:
     import usb.core
 
-    from drivers.takktile.emulated_bus import backend
+    from drivers.takktile.emulator.bus import backend
 
     bus = backend(emulated_cell.endpoints["tactile"]["url"])
 
@@ -85,7 +85,7 @@ def test_cell_breaks_by_name_at_once_and_later(emulated_cell) -> None:
     ids=lambda value: value["name"] if isinstance(value, dict) else "",
 )
 def test_cell_refuses_what_makes_no_sense(request_, complaint) -> None:
-    from scenarios.emulate import CellFaults
+    from scenarios.rigs.emulated_cell import CellFaults
 
     faults = CellFaults(None, None, None)  # type: ignore[arg-type]  # refused before it is used
     with pytest.raises(ValueError, match=complaint):
@@ -105,8 +105,8 @@ def test_fault_put_off_does_not_outlive_the_test(emulated_arm) -> None:
 
 def test_emergency_stop_of_the_cell(emulated_cell) -> None:
     from drivers.errors import GraspError
-    from drivers.ur.client import UrLink, UrSettings
     from drivers.ur.driver import ArmDriver, ArmSettings
+    from drivers.ur.link.client import UrLink, UrSettings
 
     with UrLink(UrSettings(host=emulated_cell.endpoints["arm"]["host"])) as link:
         driver = ArmDriver(link, ArmSettings())

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from drivers.robotiq.emulator import GripperEmulator
-from drivers.robotiq.model import GripperModel, HandSettings
+from drivers.robotiq.emulator.tcp import GripperEmulator
+from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from tests.wire.robotiq.rig import QUICK, Client, FastClock, Served, with_objects
 
 

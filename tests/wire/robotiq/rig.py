@@ -7,12 +7,12 @@ import numpy as np
 
 from drivers.errors import LinkLost
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator import GripperEmulator
-from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
-from drivers.robotiq.model import FingerLoads, GripperModel, HandSettings
+from drivers.robotiq.emulator.tcp import GripperEmulator
+from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.link.thread import ThreadedGripper
+from drivers.robotiq.link.timing import TimedTransport
+from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
 from drivers.robotiq.protocol import CALIBRATIONS
-from drivers.robotiq.thread import ThreadedGripper
-from drivers.robotiq.timing import TimedTransport
 
 QUICK = HandSettings(activation_s=0.1, mode_change_s=0.1)
 PATIENT_S = 20.0  # nothing here takes long; a loaded machine may

@@ -7,8 +7,8 @@ import pytest
 from drivers.errors import DeviceFault, LinkLost
 from drivers.interfaces import Detection
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator import Fault, Trouble
-from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.emulator.tcp import Fault, Trouble
+from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
 from drivers.robotiq.protocol import CALIBRATIONS
 from tests.wire.robotiq.rig import TIMEOUT_S, until
 

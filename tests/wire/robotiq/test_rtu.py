@@ -8,10 +8,10 @@ import serial
 
 from drivers.errors import LinkLost
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator import Fault, Trouble
-from drivers.robotiq.emulator_rtu import RtuEmulator, crc
-from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
-from drivers.robotiq.model import GripperModel, HandSettings
+from drivers.robotiq.emulator.rtu import RtuEmulator, crc
+from drivers.robotiq.emulator.tcp import Fault, Trouble
+from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from drivers.robotiq.protocol import CALIBRATIONS
 from tests.wire.robotiq.rig import QUICK, FastClock, until
 

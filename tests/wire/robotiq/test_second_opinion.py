@@ -10,8 +10,8 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.modbus import ModbusSettings, ModbusTransport
-from drivers.robotiq.model import GripperModel
+from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.model.gripper import GripperModel
 from drivers.robotiq.protocol import CALIBRATIONS
 from tests.wire.robotiq.rig import QUICK, TIMEOUT_S, FastClock, until
 

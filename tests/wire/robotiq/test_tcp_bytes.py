@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from drivers.robotiq.emulator import Fault, GripperEmulator, Trouble
-from drivers.robotiq.model import GripperModel, HandSettings
+from drivers.robotiq.emulator.tcp import Fault, GripperEmulator, Trouble
+from drivers.robotiq.model.gripper import GripperModel, HandSettings
 
 FROZEN = HandSettings()
 

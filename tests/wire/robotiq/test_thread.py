@@ -7,10 +7,10 @@ import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator import Fault, Trouble
-from drivers.robotiq.model import GripperModel, ModelTransport
+from drivers.robotiq.emulator.tcp import Fault, Trouble
+from drivers.robotiq.link.thread import ThreadedGripper
+from drivers.robotiq.model.gripper import GripperModel, ModelTransport
 from drivers.robotiq.protocol import CALIBRATIONS
-from drivers.robotiq.thread import ThreadedGripper
 from tests.wire.robotiq.rig import QUICK, until
 
 FAST = 0.11

@@ -10,7 +10,7 @@ import usb.core
 import usb.util
 
 from drivers.takktile import protocol
-from drivers.takktile.emulator import BoardServer
+from drivers.takktile.emulator.server import BoardServer
 from drivers.takktile.model import BoardModelSettings
 from tests.wire.takktile.conftest import MS, Bench, eventually
 

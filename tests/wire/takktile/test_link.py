@@ -11,10 +11,10 @@ import usb.core
 from drivers.errors import DeviceFault, LinkLost
 from drivers.takktile import usb_link
 from drivers.takktile.driver import TakkTileDriver
-from drivers.takktile.emulated_bus import EmulatedBus, backend
+from drivers.takktile.emulator.bus import EmulatedBus, backend
+from drivers.takktile.link.usb import UsbLink
 from drivers.takktile.protocol import Request
 from drivers.takktile.settings import TakkTileSettings
-from drivers.takktile.usb_link import UsbLink
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ import pytest
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.interfaces import TactileSensor
 from drivers.takktile.driver import TakkTileDriver
+from drivers.takktile.link.reader import TactileReader
 from drivers.takktile.model import Hung
-from drivers.takktile.reader import TactileReader
 from drivers.takktile.settings import TakkTileSettings
 from tests.wire.takktile.conftest import MS, PATIENCE_S, Bench, eventually
 

@@ -11,8 +11,8 @@ import time
 import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused, Stale
-from drivers.ur.client import UrLink, UrSettings
 from drivers.ur.driver import ArmDriver, ArmSettings
+from drivers.ur.link.client import UrLink, UrSettings
 from tests.wire.ur_client.conftest import ROOT
 
 # a slow watchdog: a busy machine must not end the program
@@ -251,7 +251,7 @@ def test_dead_parent_leaves_no_motion_and_no_process(emulate, host):
     emulator = emulate()
     script = f"""
 import time
-from drivers.ur.client import UrLink, UrSettings
+from drivers.ur.link.client import UrLink, UrSettings
 link = UrLink(UrSettings(host={host!r}, watchdog_hz=2.0, heartbeat_timeout_s=5.0))
 link.connect()
 x, y, z = link.read(time.monotonic_ns()).position_m

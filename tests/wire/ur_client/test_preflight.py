@@ -6,7 +6,7 @@ import time
 import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused
-from drivers.ur.preflight import judge_version, preflight, require
+from drivers.ur.link.preflight import judge_version, preflight, require
 from tests.wire.ur_client.scripted import DASHBOARD, RTDE, SCRIPT
 
 

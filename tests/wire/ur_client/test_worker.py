@@ -11,10 +11,10 @@ import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.ur import messages
-from drivers.ur.client import UrLink, UrSettings
-from drivers.ur.messages import Outcome, State
-from drivers.ur.supervisor import WorkerProcess
-from drivers.ur.worker import Channel, Commander, Robot
+from drivers.ur.link.client import UrLink, UrSettings
+from drivers.ur.link.messages import Outcome, State
+from drivers.ur.link.supervisor import WorkerProcess
+from drivers.ur.link.worker import Channel, Commander, Robot
 
 TARGET = (0.5, 0.1, 0.4, 3.1, 0.0, 0.0)
 SETUP = messages.Setup(
@@ -205,9 +205,8 @@ def child(body):
     """A child that runs ``body`` with its end of the socket as ``peer``."""
     start = f"import sys, time, msgspec; sys.path[:] = {sys.path!r}; import socket\n"
     peer = "peer = socket.socket(fileno=int(sys.argv[1]))\n"
-    names = (
-        "from drivers.ur.messages import *\nsend = lambda m: peer.send(msgspec.msgpack.encode(m))\n"
-    )
+    names = "from drivers.ur.link.messages import *\n"
+    names += "send = lambda m: peer.send(msgspec.msgpack.encode(m))\n"
     return (sys.executable, "-c", start + peer + names + body)
 
 

@@ -7,10 +7,10 @@ from contextlib import nullcontext
 
 import pytest
 
-from drivers.ur.emulator import UrEmulator
-from drivers.ur.emulator_controller import Controller, RuntimeState, SafetyMode
-from drivers.ur.emulator_motion import Motion
-from drivers.ur.emulator_settings import EmulatorSettings
+from drivers.ur.emulator.controller import Controller, RuntimeState, SafetyMode
+from drivers.ur.emulator.motion import Motion
+from drivers.ur.emulator.robot import UrEmulator
+from drivers.ur.emulator.settings import EmulatorSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 
 PERIOD_NS = 8_000_000

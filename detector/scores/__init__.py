@@ -1,0 +1,1 @@
+"""Scores of detectors: samples, events, intervals, sweeps and the paper's tables."""

@@ -1,0 +1,238 @@
+"""One sheet of figures for a detector and a decision rule on labelled recordings."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from detector.decision import RuleSettings, registered_events
+from detector.energy import EnergyDetector
+from detector.interface import SlipDetector
+from detector.recordings import Recording
+from detector.scores.events import EventSettings, Judgement, Quantiles, judge, pooled, quantiles
+from detector.scores.intervals import Interval, recording_intervals, stroke_intervals
+from detector.scores.metrics import (
+    Confusion,
+    EdgeBin,
+    Floats,
+    Labels,
+    accuracy_by_edge,
+    auc,
+    calibration_error,
+    confusion,
+    edge_distance_ms,
+)
+
+WARM_UP_SAMPLES = 100  # the paper's window: what comes earlier no detector has to know
+HAND_FINGERS = 3
+PRE_SLIDING_S = 0.3  # before the contact gives way the pad shears: hearing that is no false event
+SLIDE = "slide"  # false events on recordings of the paper's kind, beside the causes of the others
+
+LabelName = Literal["slip", "slip_true"]
+
+
+class Evaluation(msgspec.Struct, frozen=True):
+    """Figures of samples, of events (see `EventMetrics`) and of cost; None where undefined."""
+
+    detector: str
+    data: str
+    label: str
+    n_samples: int
+    accuracy: float
+    weighted_precision: float
+    weighted_f1: float
+    slip_f1: float
+    balanced_accuracy: float | None
+    auc: float | None
+    event_recall: float | None
+    event_precision: float | None
+    false_events_per_min: float | None  # of the recordings as they are
+    false_events_per_min_by_cause: dict[str, float]
+    false_events_per_min_hand: float | None  # as if every recording had three fingers
+    delay_ms: Quantiles | None
+    delay_mm: Quantiles | None  # needs the sliding speed
+    release_delay_ms: Quantiles | None
+    ece: float
+    compute_us: Quantiles | None  # one update of all fingers; needs a clock
+    intervals: dict[str, Interval]  # 95 %, over recordings, or over strokes and pauses of one
+    auc_interval: Interval | None
+    threshold: float  # on the probability, of `accuracy` and its kin
+    threshold_counts: float | None  # the same in counts, for the energy detector
+    by_edge_distance: tuple[EdgeBin, ...]
+    confusion: Confusion
+    recordings: int
+    true_events: int
+    missed_events: int
+    registered_events: int
+    false_events: int
+
+
+class Streamed(msgspec.Struct, frozen=True, eq=False):
+    """A recording and what a detector said of it, frame by frame."""
+
+    recording: Recording
+    probabilities: Floats  # (n, fingers)
+    spent_us: Floats  # (n,), or none
+    label: LabelName = "slip"
+
+    @property
+    def labels(self) -> Labels:
+        """(n,) by the chosen label; raises ValueError where the recording lacks it."""
+        found = self.recording.slip if self.label == "slip" else self.recording.slip_true
+        if found is None:
+            raise ValueError(f"{self.recording.source} has no {self.label}")
+        return found
+
+
+def stream(
+    detector: SlipDetector,
+    counts: NDArray[np.int16],
+    clock_ns: Callable[[], int] | None = None,
+) -> tuple[Floats, Floats]:
+    """Reset, then feed frames (n, fingers, 6) one by one.
+
+    Gives probabilities (n, fingers), and microseconds of each update (n,), none without a clock.
+    """
+    detector.reset()
+    probabilities, spent_us = [], []
+    for frame in counts:
+        before = clock_ns() if clock_ns else 0
+        probabilities.append(detector.update(frame))
+        if clock_ns:
+            spent_us.append((clock_ns() - before) * 1e-3)
+    return np.array(probabilities), np.array(spent_us)
+
+
+def stream_recordings(
+    make: Callable[[int], SlipDetector],
+    recordings: Iterable[Recording],
+    clock_ns: Callable[[], int] | None = None,
+    label: LabelName = "slip",
+) -> list[Streamed]:
+    """Stream every recording through the detector made for its number of fingers."""
+    made: dict[int, SlipDetector] = {}
+    found = []
+    for recording in recordings:
+        if recording.fingers not in made:
+            made[recording.fingers] = make(recording.fingers)
+        p, spent_us = stream(made[recording.fingers], recording.counts, clock_ns)
+        found.append(Streamed(recording, p, spent_us, label))
+    return found
+
+
+def judge_stream(
+    streamed: Streamed, rule: RuleSettings, events: EventSettings, first_sample: int
+) -> Judgement:
+    """The events that the rule makes of one recording."""
+    speed = streamed.recording.contact_speed_mps
+    return judge(
+        registered_events(streamed.probabilities, rule), streamed.labels, streamed.recording.t_s,
+        events, first_sample=first_sample,
+        speed_mps=None if speed is None else speed.astype(np.float64),
+    )  # fmt: skip
+
+
+def evaluate_streams(
+    detector: SlipDetector,
+    rule: RuleSettings,
+    streams: Sequence[Streamed],
+    data: str,
+    *,
+    first_sample: int = WARM_UP_SAMPLES,
+    events: EventSettings | None = None,
+) -> Evaluation:
+    """Score what was streamed, each recording from ``first_sample`` on.
+
+    A recording has one label for all fingers, so the finger that is surest speaks for a sample.
+    Samples are judged at the detector's own threshold, events at the rule's; by default an event
+    that hears the pad shear before `slip_true` is early, not false. Raises ValueError if nothing is
+    left to score.
+    """
+    if events is None:
+        shear = EventSettings(early_s=PRE_SLIDING_S)
+        events = shear if streams[0].label == "slip_true" else EventSettings()
+    for s in streams:
+        if not 0 <= first_sample < len(s.recording.t_s):
+            count = len(s.recording.t_s)
+            raise ValueError(f"no sample left: {count} in all, first {first_sample}")
+    judged = [judge_stream(s, rule, events, first_sample) for s in streams]
+    parts = [(s.probabilities.max(axis=1)[first_sample:], s.labels[first_sample:]) for s in streams]
+    p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
+    verdicts = p > detector.threshold
+    distances = [edge_distance_ms(s.recording.t_s, s.labels)[first_sample:] for s in streams]
+    cells = confusion(verdicts, labels)
+    intervals = (
+        stroke_intervals(p, labels, detector.threshold)
+        if len(streams) == 1
+        else recording_intervals(parts, judged, detector.threshold)
+    )
+    return Evaluation(
+        **msgspec.structs.asdict(pooled(judged)),
+        detector=detector.name,
+        data=data,
+        label=streams[0].label,
+        n_samples=cells.n,
+        accuracy=cells.accuracy,
+        weighted_precision=cells.weighted_precision,
+        weighted_f1=cells.weighted_f1,
+        slip_f1=cells.slip_f1,
+        balanced_accuracy=cells.balanced_accuracy,
+        auc=auc(p, labels),
+        false_events_per_min_by_cause=_by_cause(streams, judged),
+        false_events_per_min_hand=hand_rate(streams, judged),
+        ece=calibration_error(p, labels),
+        compute_us=quantiles(np.concatenate([s.spent_us for s in streams])),
+        intervals=intervals,
+        auc_interval=intervals.get("auc"),
+        threshold=detector.threshold,
+        threshold_counts=_threshold_counts(detector),
+        by_edge_distance=accuracy_by_edge(verdicts, labels, np.concatenate(distances)),
+        confusion=cells,
+        recordings=len(streams),
+    )
+
+
+def evaluate_recording(
+    detector: SlipDetector,
+    rule: RuleSettings,
+    recording: Recording,
+    *,
+    first_sample: int = WARM_UP_SAMPLES,
+    events: EventSettings | None = None,
+    clock_ns: Callable[[], int] | None = None,
+) -> Evaluation:
+    """Stream one recording through detector and rule and score it; see `evaluate_streams`."""
+    streamed = Streamed(recording, *stream(detector, recording.counts, clock_ns))
+    return evaluate_streams(
+        detector, rule, [streamed], recording.source, first_sample=first_sample, events=events
+    )
+
+
+def cause_of(recording: Recording) -> str:
+    """What shook the signal of a recording, `slide` for the paper's kind."""
+    return (recording.metadata.cause if recording.metadata else "") or SLIDE
+
+
+def hand_rate(streams: Sequence[Streamed], judged: Sequence[Judgement]) -> float | None:
+    """False events a minute of three fingers; a finger alone has a third of a hand's minutes."""
+    hand_s = sum(
+        j.static_s * s.recording.fingers / HAND_FINGERS
+        for s, j in zip(streams, judged, strict=True)
+    )
+    return sum(j.false for j in judged) / hand_s * 60.0 if hand_s > 0.0 else None
+
+
+def _by_cause(streams: Sequence[Streamed], judged: Sequence[Judgement]) -> dict[str, float]:
+    rates = {}
+    for cause in sorted({cause_of(s.recording) for s in streams}):
+        chosen = [j for s, j in zip(streams, judged, strict=True) if cause_of(s.recording) == cause]
+        rate = pooled(chosen).false_events_per_min
+        if rate is not None:
+            rates[cause] = rate
+    return rates
+
+
+def _threshold_counts(detector: SlipDetector) -> float | None:
+    return detector.settings.threshold_counts if isinstance(detector, EnergyDetector) else None

@@ -1,0 +1,191 @@
+"""Metrics of events: what a decision rule registered against the slips that really happened.
+
+What the controller acts upon is the beginning of a registered event. So a slip is caught if an
+event begins within it; an alarm that is still on from before catches nothing.
+"""
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from detector.scores.metrics import Floats, Labels
+
+Events = NDArray[np.intp]  # (m, 2): first sample, and the first one after
+
+
+class EventSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What counts as one slip, and what as caught."""
+
+    merge_gap_s: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="static gaps shorter than this do not end a slip, "
+                    "s; assumed, under half of the published recording's pauses")
+    ] = 0.1  # fmt: skip
+    early_s: Annotated[
+        float, Meta(ge=0.0, le=0.5, description="an event may begin this long before the label: "
+                    "sliding starts below the labelling speed, s; assumed")
+    ] = 0.02  # fmt: skip
+
+
+class Quantiles(msgspec.Struct, frozen=True):
+    """Values that occur, to a thousandth: the least with at least that share at or below it."""
+
+    p50: float
+    p90: float
+    p99: float
+
+
+class EventMetrics(msgspec.Struct, frozen=True):
+    """Events in a stretch of data; None where there is nothing to judge.
+
+    Delays count from the label's rise (``delay``) and fall (``release_delay``): negative is early.
+    A miss enters as a delay that lasts to the end of its slip, which is the least it can be.
+    """
+
+    true_events: int
+    missed_events: int
+    registered_events: int
+    false_events: int
+    event_recall: float | None
+    event_precision: float | None
+    false_events_per_min: float | None
+    delay_ms: Quantiles | None
+    delay_mm: Quantiles | None
+    release_delay_ms: Quantiles | None
+
+
+def quantiles(values: Floats) -> Quantiles | None:
+    """p50, p90 and p99; None of no values."""
+    if not len(values):
+        return None
+    found = np.quantile(values, [0.5, 0.9, 0.99], method="inverted_cdf")
+    return Quantiles(*np.round(found, 3).tolist())
+
+
+def true_events(slip: Labels, t_s: Floats, merge_gap_s: float) -> Events:
+    """Runs of slip (m, 2), those closer than the gap joined."""
+    edges = np.flatnonzero(np.diff(slip.astype(np.int8), prepend=0, append=0))
+    first, after = edges[::2], edges[1::2]
+    apart = t_s[first[1:]] - t_s[after[:-1]] >= merge_gap_s
+    return np.column_stack([
+        first[np.concatenate([[True], apart])[: len(first)]],
+        after[np.concatenate([apart, [True]])[: len(after)]],
+    ])  # fmt: skip
+
+
+class Judgement(msgspec.Struct, frozen=True, eq=False):
+    """What became of the slips of one stretch of data; several can be pooled."""
+
+    delays_ms: Floats  # of every slip, misses to its end
+    delays_mm: Floats | None
+    releases_ms: Floats  # of the slips that were caught
+    missed: int
+    good: int  # registered events that begin in a slip
+    false: int
+    static_s: float
+
+
+def judge(
+    registered: Events,
+    slip: Labels,
+    t_s: Floats,
+    settings: EventSettings,
+    *,
+    first_sample: int = 0,
+    speed_mps: Floats | None = None,
+) -> Judgement:
+    """Judge registered events (m, 2) against labels (n,) at times (n,).
+
+    Slips and false events count if they begin at ``first_sample`` or later. ``speed_mps`` (n,) is
+    the sliding speed; with it delays are given in mm slipped, too.
+    """
+    truth = true_events(slip, t_s, settings.merge_gap_s)
+    owner = _owners(registered, truth, t_s, settings.early_s)
+    scored = np.flatnonzero(truth[:, 0] >= first_sample)
+    first = [registered[owner == i][:1, 0] for i in scored]
+    answered = np.array([len(f) > 0 for f in first], np.bool_)
+    onset, end = truth[scored, 0], truth[scored, 1]
+    at = np.where(answered, [f[0] if len(f) else 0 for f in first], end).astype(np.intp)
+    released = np.array([registered[owner == i][-1, 1] for i in scored[answered]], np.intp)
+    return Judgement(
+        delays_ms=_time(t_s, at) * 1e3 - _time(t_s, onset) * 1e3,
+        delays_mm=None if speed_mps is None else _slipped_mm(speed_mps, t_s, onset, at),
+        releases_ms=(_time(t_s, released) - _time(t_s, end[answered])) * 1e3,
+        missed=int((~answered).sum()),
+        good=int(np.isin(owner, scored).sum()),
+        false=int(((owner < 0) & (registered[:, 0] >= first_sample)).sum()),
+        static_s=_static_s(truth, t_s, first_sample),
+    )
+
+
+def pooled(judgements: Sequence[Judgement]) -> EventMetrics:
+    """Metrics of several stretches of data as of one."""
+    delays = np.concatenate([j.delays_ms for j in judgements])
+    slipped = [j.delays_mm for j in judgements if j.delays_mm is not None]
+    releases = np.concatenate([j.releases_ms for j in judgements])
+    missed, good, false = (
+        sum(getattr(j, name) for j in judgements) for name in ("missed", "good", "false")
+    )
+    static_s = sum(j.static_s for j in judgements)
+    return EventMetrics(
+        true_events=len(delays),
+        missed_events=missed,
+        registered_events=good + false,
+        false_events=false,
+        event_recall=(len(delays) - missed) / len(delays) if len(delays) else None,
+        event_precision=good / (good + false) if good + false else None,
+        false_events_per_min=false / static_s * 60.0 if static_s > 0.0 else None,
+        delay_ms=quantiles(delays),
+        delay_mm=quantiles(np.concatenate(slipped)) if len(slipped) == len(judgements) else None,
+        release_delay_ms=quantiles(releases),
+    )
+
+
+def event_metrics(
+    registered: Events,
+    slip: Labels,
+    t_s: Floats,
+    settings: EventSettings,
+    *,
+    first_sample: int = 0,
+    speed_mps: Floats | None = None,
+) -> EventMetrics:
+    """Metrics of one stretch of data; see `judge`."""
+    return pooled([
+        judge(registered, slip, t_s, settings, first_sample=first_sample, speed_mps=speed_mps)
+    ])  # fmt: skip
+
+
+def _owners(registered: Events, truth: Events, t_s: Floats, early_s: float) -> NDArray[np.intp]:
+    """The slip (index into truth) in which each registered event begins, -1 if in none."""
+    start = registered[:, 0]
+    candidate = np.searchsorted(truth[:, 1], start, side="right")
+    onset_s = np.append(t_s[truth[:, 0]], np.inf)[candidate]
+    return np.where(t_s[start] >= onset_s - early_s, candidate, -1)
+
+
+def _time(t_s: Floats, samples: Events) -> Floats:
+    """Times of samples; the end of the data is as late as its last sample."""
+    times: Floats = t_s[np.minimum(samples, len(t_s) - 1)]
+    return times
+
+
+def _static_s(truth: Events, t_s: Floats, first_sample: int) -> float:
+    """How long, from the first sample on, there is no slip: every sample stands for one period."""
+    static = np.ones(len(t_s), np.bool_)
+    for first, after in truth:
+        static[first:after] = False
+    period_s = (t_s[-1] - t_s[0]) / (len(t_s) - 1)
+    return float(static[first_sample:].sum() * period_s)
+
+
+def _slipped_mm(speed_mps: Floats, t_s: Floats, onset: Events, at: Events) -> Floats:
+    """Distance slid between two samples each, a speed holding until the next one; early is 0."""
+    steps_mm = np.abs(speed_mps[:-1]) * np.diff(t_s) * 1e3
+    path_mm: Floats = np.concatenate([[0.0], np.cumsum(steps_mm)])
+    last = len(t_s) - 1
+    slipped = path_mm[np.minimum(at, last)] - path_mm[np.minimum(onset, last)]
+    return np.maximum(slipped, 0.0)

@@ -1,0 +1,1 @@
+"""The gripper model behind real wires, with framing of its own."""

@@ -1,0 +1,271 @@
+"""A thin thread that pumps the driver core in wall time, and the gripper that it makes of it."""
+
+import threading
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Final, Self
+
+import msgspec
+
+from drivers.errors import GraspError, LinkLost
+from drivers.interfaces import Applied, Counts3, Gripper, GripperState
+from drivers.robotiq.link.timing import Durations, Latency, TimedTransport
+
+_NS: Final = 1_000_000_000
+_JOIN_S: Final = 5.0
+_ERRORS_KEPT: Final = 8
+
+
+class ThreadStatistics(msgspec.Struct, frozen=True):
+    """What the thread has done so far."""
+
+    pumps: int
+    missed: int  # periods in which no pump began
+    woken: int  # pumps that a command brought forward
+    pump: Latency  # one pump of the core: a write if there is one, and a read
+    acknowledge: Latency  # from a verb to the reply to the write that carries it
+
+
+class ThreadedGripper:
+    """A ``Gripper`` whose core is pumped by a thread. ``pump`` of this one does no I/O.
+
+    Verbs set intent and wake the thread. They wait for an exchange in flight: with a gripper that
+    has just fallen silent that is one timeout, later the time that an attempt to connect takes.
+    """
+
+    def __init__(
+        self,
+        core: Gripper,
+        period_s: float,
+        *,
+        timed: TimedTransport | None = None,
+        write_interval_s: float = 0.01,
+        close: Callable[[], None] | None = None,
+        clock: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        """``timed`` is the core's transport, where acknowledgements shall be timed.
+
+        ``write_interval_s`` is that of the core: a command that it holds back is sent as soon as
+        it may be. ``close`` lets go of the connection after the last pump. ``clock`` gives
+        monotonic nanoseconds: that of ``timed``, and of whoever asks how old a state is.
+        """
+        self._core = core
+        self._timed = timed
+        self._close = close
+        self._clock = clock
+        self._period_ns = round(period_s * 1e9)
+        self._interval_ns = round(write_interval_s * 1e9)
+        self._lock = threading.Lock()  # guards the core
+        self._wake = threading.Event()
+        self._pumped = threading.Event()
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._state: GripperState | None = core.state
+        self._errors: list[GraspError] = []
+        self._bug: BaseException | None = None
+        self._lost = False
+        self._commanded_ns: int | None = None  # oldest verb whose write is not acknowledged
+        self._written_ns = 0  # time of the pump that wrote last
+        self._pumps = self._missed = self._woken = 0
+        self._pump_durations, self._acknowledge = Durations(), Durations()
+
+    # Life
+
+    def start(self, within_s: float = _JOIN_S) -> None:
+        """Start pumping; returns after the first exchange, answered or not."""
+        if self._thread is not None:
+            return
+        self._stopping.clear()
+        self._pumped.clear()
+        self._thread = threading.Thread(target=self._run, name="gripper", daemon=True)
+        self._thread.start()
+        self._pumped.wait(within_s)
+
+    def stop(self, within_s: float = _JOIN_S) -> None:
+        """End the thread; what was commanded and not yet sent stays unsent."""
+        thread = self._thread
+        if thread is None:
+            return
+        self._stopping.set()
+        self._wake.set()
+        thread.join(within_s)
+        if thread.is_alive():
+            raise LinkLost(
+                f"the gripper's thread did not end within {within_s:g} s",
+                "an exchange hangs: check the timeout of the link",
+            )
+        self._thread = None
+
+    def close(self, within_s: float = _JOIN_S) -> None:
+        """Stop, and let go of the connection."""
+        self.stop(within_s)
+        if self._close is not None:
+            self._close()
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # What is known
+
+    @property
+    def state(self) -> GripperState | None:
+        """Latest snapshot, without waiting for anything."""
+        return self._state
+
+    @property
+    def least_force_n(self) -> float:
+        """Calibrated static force of the smallest force setting, N."""
+        return self._core.least_force_n
+
+    @property
+    def m_per_count(self) -> float:
+        """Fingertip travel of one motor count, m."""
+        return self._core.m_per_count
+
+    @property
+    def acknowledgements_ns(self) -> tuple[int, ...]:
+        """Latest times from a verb to the reply to its write, oldest first."""
+        return self._acknowledge.latest_ns
+
+    @property
+    def statistics(self) -> ThreadStatistics:
+        """Counts and durations so far."""
+        return ThreadStatistics(
+            pumps=self._pumps,
+            missed=self._missed,
+            woken=self._woken,
+            pump=self._pump_durations.summary(),
+            acknowledge=self._acknowledge.summary(),
+        )
+
+    def pump(self, now_ns: int) -> None:
+        """Raise what the thread met since the last call, each error once; no I/O.
+
+        A link that stays lost is one error. A bug in the core ended the thread: it is raised by
+        every call.
+        """
+        if self._bug is not None:
+            raise self._bug
+        if self._errors:
+            raise self._errors.pop(0)
+
+    # Verbs
+
+    def activate(self) -> Applied:
+        return self._command(self._core.activate)
+
+    def open(self, speed_mps: float) -> Applied:
+        return self._command(lambda: self._core.open(speed_mps))
+
+    def move_to(self, targets_counts: Counts3, speed_mps: float, force_n: float) -> Applied:
+        return self._command(lambda: self._core.move_to(targets_counts, speed_mps, force_n))
+
+    def close_fast(
+        self,
+        force_cap_n: float,
+        closing: tuple[bool, bool, bool],
+        limits_counts: Counts3,
+        speed_mps: float,
+    ) -> Applied:
+        return self._command(
+            lambda: self._core.close_fast(force_cap_n, closing, limits_counts, speed_mps)
+        )
+
+    def regrasp(self, force_cap_n: float) -> Applied:
+        return self._command(lambda: self._core.regrasp(force_cap_n))
+
+    def hold(self) -> Applied:
+        return self._command(self._core.hold)
+
+    def clear_fault(self) -> Applied:
+        return self._command(self._core.clear_fault)
+
+    def _command(self, verb: Callable[[], Applied]) -> Applied:
+        called_ns = self._clock()
+        with self._lock:
+            answer = verb()
+            self._state = self._core.state  # no longer fresh
+            if self._commanded_ns is None:
+                self._commanded_ns = called_ns
+        self._wake.set()
+        return answer
+
+    # Thread
+
+    def _run(self) -> None:
+        try:
+            tick_ns = self._clock()
+            while not self._stopping.is_set():
+                woken = self._wait_until(min(tick_ns, self._held_back_until_ns()))
+                if self._stopping.is_set():
+                    return
+                now_ns = self._clock()
+                self._woken += woken
+                self._exchange(now_ns)
+                tick_ns = self._next_tick(tick_ns, now_ns)
+        except Exception as bug:
+            self._bug = bug
+            self._pumped.set()
+
+    def _wait_until(self, deadline_ns: int) -> bool:
+        """Sleep to an absolute deadline; True when a verb ended the sleep."""
+        left_ns = deadline_ns - self._clock()
+        woken = self._wake.wait(max(0, left_ns) / _NS)
+        self._wake.clear()
+        return woken
+
+    def _held_back_until_ns(self) -> int:
+        if self._commanded_ns is None:
+            return 1 << 62
+        return self._written_ns + self._interval_ns
+
+    def _next_tick(self, tick_ns: int, now_ns: int) -> int:
+        """The first tick after now: ticks that passed meanwhile are missed, not made up for."""
+        if now_ns < tick_ns:
+            return tick_ns
+        passed = (now_ns - tick_ns) // self._period_ns
+        self._missed += passed
+        return tick_ns + (passed + 1) * self._period_ns
+
+    def _exchange(self, now_ns: int) -> None:
+        with self._lock:
+            try:
+                self._core.pump(now_ns)
+                self._lost = False
+            except LinkLost as error:
+                self._note(error, again=self._lost)
+                self._lost = True
+            except GraspError as error:
+                self._note(error, again=False)
+                self._lost = False
+            self._state = self._core.state
+            self._settle(now_ns)
+        self._pumps += 1
+        self._pump_durations.add(self._clock() - now_ns)
+        self._pumped.set()
+
+    def _note(self, error: GraspError, *, again: bool) -> None:
+        if not again and len(self._errors) < _ERRORS_KEPT:
+            self._errors.append(error)
+
+    def _settle(self, now_ns: int) -> None:
+        """Whether the command that waits was acknowledged, has nothing to send, or still waits."""
+        timed, called_ns = self._timed, self._commanded_ns
+        acknowledged_ns = timed.acknowledged_ns if timed is not None else None
+        if acknowledged_ns is not None and acknowledged_ns >= now_ns:
+            self._written_ns = now_ns
+            if called_ns is not None:
+                self._acknowledge.add(acknowledged_ns - called_ns)
+        elif not self._lost and now_ns - self._written_ns < self._interval_ns:
+            return
+        self._commanded_ns = None

@@ -1,0 +1,1 @@
+"""What the gripper does, its time an argument: registers, fingers, motors."""

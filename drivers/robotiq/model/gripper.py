@@ -1,0 +1,357 @@
+"""What the gripper does, its time an argument: registers in, registers out, fingers that move.
+
+Rules follow the Robotiq 3-Finger manual (2014/2018): requests are taken up and status is sampled
+on refresh ticks and held between them; the motors follow a latency later; a finger that has met an
+object stays until it is told the opposite direction, a higher force, or rGTO is cleared and set.
+Fingers are ordered A, B, C; counts are motor counts, 0 open to 255 closed.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.robotiq.model.fingers import AT_TARGET, FREE, Axes, FingerLoads, Fingers, Motion
+from drivers.robotiq.model.hand import HandSettings
+from drivers.robotiq.model.motor import FINGERS, Scissor
+from drivers.robotiq.protocol import (
+    FULL_BYTE,
+    REGISTERS,
+    TCP,
+    AxisCommand,
+    AxisStatus,
+    CommandRegisters,
+    Link,
+    Registers,
+    StatusRegisters,
+    to_bytes,
+    to_registers,
+)
+
+__all__ = ["FREE", "FingerLoads", "GripperModel", "HandSettings", "ModelTransport"]
+
+_NEVER: Final = 1 << 62
+_SCISSOR_OF_MODE: Final = (137, 200, 23, 137)  # basic: manual p. 67; the rest from public drivers
+_SCISSOR_MODE: Final = 3
+
+
+class Stage(IntEnum):
+    """What the hand as a whole is busy with."""
+
+    BOOTING = 0
+    RESET = 1
+    ACTIVATING = 2
+    MODE_CHANGE = 3
+    READY = 4
+    RELEASING = 5
+    RELEASED = 6
+    FAULTED = 7
+
+
+_INITIALIZATION: Final = {Stage.ACTIVATING: 1, Stage.MODE_CHANGE: 2, Stage.READY: 3}
+_LEFT_BY_FAULT: Final = {0x0D: 1, 0x0E: 2}  # gIMC in which a major fault leaves the hand
+_STAGE_FAULT: Final = {Stage.BOOTING: 0x09, Stage.RELEASING: 0x0B, Stage.RELEASED: 0x0F}
+_DELAYED: Final = {Stage.RESET: 0x07, Stage.ACTIVATING: 0x05, Stage.MODE_CHANGE: 0x06}
+
+
+def _all_to(counts: int, speed: int) -> Axes:
+    """The hand's own motions run at the least force."""
+    axis = AxisCommand(counts, speed, 0)
+    return axis, axis, axis
+
+
+class GripperModel:
+    """The hand. ``advance`` moves it on, ``write`` and ``read`` exchange registers with it.
+
+    ``write`` and ``read`` first bring the hand to their time, under the loads last given.
+    """
+
+    def __init__(self, settings: HandSettings, now_ns: int, *, active: bool = False) -> None:
+        """Power up at ``now_ns``, open; ``active``: somebody has activated it before."""
+        self.settings = settings
+        self._fingers = Fingers(settings, now_ns)
+        self._period_ns = 1_000_000_000 // settings.refresh_hz
+        self._phase_ns = round(settings.tick_phase_s * 1e9)
+        self._latency_ns = round(settings.command_latency_s * 1e9)
+        self._now_ns = now_ns
+        self._pending: deque[Motion] = deque()
+        self._scissor = Scissor(_SCISSOR_OF_MODE[0], settings.scissor_speed_counts_ps)
+        self._command = CommandRegisters(activate=active)
+        self._written = self._taken_up = self._command.to_bytes()
+        self._mode = 0
+        self._targets = [settings.open_limit_counts] * FINGERS  # as last requested
+        self._going = False
+        self._injected = 0
+        self._stage = Stage.READY if active else Stage.RESET
+        self._stage_end_ns = _NEVER
+        if settings.boot_s > 0 and not active:
+            self._enter(Stage.BOOTING, now_ns, settings.boot_s)
+        self._sampled = self._status(now_ns).to_registers()
+        self._busy = False
+        self._next_tick_ns = 0
+        self._wake()
+
+    @property
+    def moving(self) -> bool:
+        """Whether some motor may move, or the status change, before anything new is written."""
+        return self._busy
+
+    @property
+    def ready(self) -> bool:
+        """True when activation is complete and nothing hinders motion (gIMC = 3)."""
+        return self._stage is Stage.READY
+
+    @property
+    def travel_m(self) -> NDArray[np.float64]:
+        """Fingertip travel from the mechanical opening stop, (3,) m."""
+        return self._fingers.travel_m
+
+    @property
+    def velocity_mps(self) -> NDArray[np.float64]:
+        """Fingertip velocity, closing positive, (3,) m/s."""
+        return self._fingers.velocity_mps
+
+    def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
+        """Set command registers; those not written keep their values.
+
+        Raises ValueError for registers that do not exist or values beyond 16 bits.
+        """
+        self.advance(now_ns)
+        last = first_register + len(registers)
+        if not registers or first_register < 0 or last > REGISTERS:
+            raise ValueError(f"command registers {first_register} to {last - 1} do not exist")
+        words = list(to_registers(self._written))
+        words[first_register:last] = registers
+        self._written = to_bytes(words)
+        if self._written != self._taken_up:
+            self._wake()
+
+    def read(self, now_ns: int) -> Registers:
+        """The eight status registers as sampled at the last refresh tick."""
+        self.advance(now_ns)
+        return self._sampled
+
+    def inject_fault(self, code: int) -> None:
+        """Show a fault from the next tick on; 0 takes it back.
+
+        0x0D, 0x0E and 0x0F stop the hand and end as on the real one, by clearing rACT alone.
+        """
+        code &= 0x0F
+        if self._stage is Stage.FAULTED and code not in _LEFT_BY_FAULT:
+            return
+        self._injected = code
+        if code == 0x0F:
+            self._halt(Stage.RELEASED)
+        elif code in _LEFT_BY_FAULT:
+            self._halt(Stage.FAULTED)
+        self._wake()
+
+    def advance(self, now_ns: int, loads: FingerLoads | None = None) -> None:
+        """Move the hand on to ``now_ns``. Loads speak of the travel at the start of this call.
+
+        Without ``loads`` those given last go on, as springs fixed in space.
+        """
+        if loads is not None:
+            self._fingers.load(loads)
+        if self._busy:
+            self._run_to(now_ns)
+        if now_ns > self._now_ns:
+            self._now_ns = now_ns
+
+    def _wake(self) -> None:
+        self._busy = True
+        if self._next_tick_ns <= self._now_ns:
+            ticks = (self._now_ns - self._phase_ns) // self._period_ns + 1
+            self._next_tick_ns = self._phase_ns + ticks * self._period_ns
+
+    def _run_to(self, now_ns: int) -> None:
+        while self._busy:
+            start_ns = self._pending[0].at_ns if self._pending else _NEVER
+            event_ns = min(self._next_tick_ns, start_ns, self._stage_end_ns)
+            self._fingers.integrate(min(event_ns, now_ns))
+            if event_ns > now_ns:
+                break
+            if event_ns == self._stage_end_ns:
+                self._end_stage(event_ns)
+            elif event_ns == start_ns:
+                self._fingers.execute(self._pending.popleft())
+            else:
+                self._tick(event_ns)
+
+    def _tick(self, now_ns: int) -> None:
+        self._next_tick_ns += self._period_ns
+        if self._written != self._taken_up and self._stage is not Stage.BOOTING:
+            self._taken_up = self._written
+            self._take_up(CommandRegisters.from_bytes(self._written), now_ns)
+        self._sampled = self._status(now_ns).to_registers()
+        self._busy = (
+            self._fingers.moving
+            or bool(self._pending)
+            or self._stage_end_ns != _NEVER
+            or not self._scissor.at_rest(now_ns)
+        )
+
+    def _enter(self, stage: Stage, now_ns: int, duration_s: float) -> None:
+        self._stage = stage
+        self._stage_end_ns = now_ns + round(duration_s * 1e9)
+
+    def _halt(self, stage: Stage) -> None:
+        self._stage, self._stage_end_ns = stage, _NEVER
+        self._pending.clear()
+        self._fingers.stop()
+
+    def _take_up(self, command: CommandRegisters, now_ns: int) -> None:
+        self._command = command
+        if not command.activate:
+            self._reset()
+        elif self._stage in (Stage.RELEASING, Stage.RELEASED, Stage.FAULTED):
+            pass  # only clearing rACT gets the hand out of these
+        elif command.auto_release:
+            self._release(now_ns)
+        elif self._stage is Stage.RESET:
+            self._activate(now_ns)
+        elif self._stage is Stage.READY:
+            self._obey(now_ns)
+
+    def _reset(self) -> None:
+        self._halt(Stage.RESET)
+        self._injected = 0
+        self._going = False
+        self._fingers.forget_detections()
+
+    def _activate(self, now_ns: int) -> None:
+        """Open and close to the mechanical stops, then open (manual p. 89)."""
+        duration_s = self.settings.activation_s
+        self._enter(Stage.ACTIVATING, now_ns, duration_s)
+        for third, counts in enumerate((0, FULL_BYTE, 0)):
+            at_ns = now_ns + round(third * duration_s / 3 * 1e9)
+            axes = _all_to(counts, FULL_BYTE)
+            self._pending.append(Motion(at_ns, axes, to_stops=third < 2))
+
+    def _change_mode(self, now_ns: int) -> None:
+        """Fingers open first, so that the scissor meets nothing."""
+        self._pending.clear()
+        self._pending.append(Motion(now_ns, _all_to(0, FULL_BYTE)))
+        self._mode = self._command.mode
+        self._going = False
+        self._scissor.go(_SCISSOR_OF_MODE[self._mode], now_ns)
+        self._enter(Stage.MODE_CHANGE, now_ns, self.settings.mode_change_s)
+
+    def _release(self, now_ns: int) -> None:
+        self._halt(Stage.RELEASING)
+        self._pending.append(Motion(now_ns, _all_to(0, 0), to_stops=True))
+        travel_m = float(self.travel_m.max())
+        duration_s = travel_m / self.settings.least_speed_mps + 4 * self.settings.speed_lag_s
+        self._enter(Stage.RELEASING, now_ns, duration_s)
+
+    def _end_stage(self, now_ns: int) -> None:
+        ended = self._stage
+        follows = {Stage.BOOTING: Stage.RESET, Stage.RELEASING: Stage.RELEASED}
+        self._halt(follows.get(ended, Stage.READY))
+        if self._stage is Stage.READY:
+            self._fingers.forget_detections()
+            self._obey(now_ns)  # what was asked meanwhile was delayed, not lost
+
+    def _obey(self, now_ns: int) -> None:
+        """Take up the request of the command registers of a hand that is ready."""
+        command = self._command
+        if command.mode != self._mode:
+            self._change_mode(now_ns)
+            return
+        if command.go_to and command.individual_scissor:
+            self._scissor.go(command.scissor.position, now_ns)
+        elif command.go_to and command.mode == _SCISSOR_MODE:
+            self._scissor.go(command.a.position, now_ns)
+        was_going, self._going = self._going, command.go_to
+        at_ns = now_ns + self._latency_ns
+        if command.go_to:
+            self._pending.append(self._request(at_ns, rises=not was_going))
+        elif was_going:
+            self._pending.append(Motion(at_ns, self._requested(), stop=True))
+
+    def _request(self, at_ns: int, *, rises: bool) -> Motion:
+        axes = self._requested()
+        a, b, c = (self._sets_going(i, axis, rises) for i, axis in enumerate(axes))
+        self._targets = [axis.position for axis in axes]
+        return Motion(at_ns, axes, (a, b, c), rises)
+
+    def _sets_going(self, i: int, axis: AxisCommand, rises: bool) -> bool:
+        """Whether a request starts finger ``i``; a new speed alone does not (manual p. 36)."""
+        asked = rises or axis.position != self._targets[i]
+        asked = asked or self._fingers.stronger_in_contact(i, axis.force)
+        goes = asked and self._fingers.free_to_go(i, axis, rises)
+        if goes:
+            self._fingers.expect(i)
+        return goes
+
+    def _requested(self) -> Axes:
+        command = self._command
+        if command.honours_fingers:
+            return command.a, command.b, command.c
+        if command.mode == _SCISSOR_MODE:  # its one position drives the scissor, the fingers stay
+            a, b, c = (AxisCommand(self._fingers.counts(i)) for i in range(FINGERS))
+            return a, b, c
+        return command.a, command.a, command.a
+
+    def _fault(self) -> int:
+        fault = self._injected or _STAGE_FAULT.get(self._stage, 0)
+        if not fault and self._command.go_to:
+            return _DELAYED.get(self._stage, 0)
+        return fault
+
+    def _status(self, now_ns: int) -> StatusRegisters:
+        command, stage = self._command, self._stage
+        going = stage is Stage.READY and command.go_to
+        a, b, c = self._finger_status()
+        initialization = _INITIALIZATION.get(stage, 0)
+        if stage is Stage.FAULTED:
+            initialization = _LEFT_BY_FAULT[self._injected]
+        return StatusRegisters(
+            active=stage not in (Stage.BOOTING, Stage.RESET),
+            mode=command.mode,
+            go_to=going,
+            initialization=initialization,
+            stopped=_stopped(a.detection, b.detection, c.detection) if going else 0,
+            fault=self._fault(),
+            a=a,
+            b=b,
+            c=c,
+            scissor=self._scissor_status(now_ns, going),
+        )
+
+    def _finger_status(self) -> tuple[AxisStatus, AxisStatus, AxisStatus]:
+        """In simple mode only finger A echoes (manual p. 68)."""
+        command, fingers = self._command, self._fingers
+        b, c = (command.b.position, command.c.position) if command.honours_fingers else (0, 0)
+        return fingers.status(0, command.a.position), fingers.status(1, b), fingers.status(2, c)
+
+    def _scissor_status(self, now_ns: int, going: bool) -> AxisStatus:
+        echo = self._command.scissor.position if self._command.individual_scissor else 0
+        rests = going and self._scissor.at_rest(now_ns)
+        return AxisStatus(echo, self._scissor.counts(now_ns), 0, AT_TARGET if rests else 0)
+
+
+def _stopped(*detections: int) -> int:
+    """gSTA: 0 some finger moves, 1 some stopped short, 2 all stopped short, 3 all at target."""
+    if 0 in detections:
+        return 0
+    short = sum(detection != AT_TARGET for detection in detections)
+    return (3, 1, 1, 2)[short]
+
+
+class ModelTransport:
+    """Registers of a model in this process, as a driver's transport."""
+
+    def __init__(self, model: GripperModel, link: Link = TCP) -> None:
+        self._model = model
+        self._link = link
+
+    def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
+        self._model.write(first_register - self._link.command_register, registers, now_ns)
+
+    def read(self, first_register: int, count: int, now_ns: int) -> Sequence[int]:
+        first = first_register - self._link.status_register
+        return self._model.read(now_ns)[first : first + count]

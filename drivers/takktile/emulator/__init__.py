@@ -1,0 +1,1 @@
+"""The board model behind USB transfers."""

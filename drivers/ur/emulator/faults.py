@@ -1,0 +1,104 @@
+"""The emulator's own control channel: faults on demand, one JSON object a line each way.
+
+This is no part of any UR interface. A request is ``{"do": verb, ...}``, the answer ``{"ok": true,
+...}`` or ``{"ok": false, "error": text}``. Verbs:
+
+- ``state``: position, modes, counters and the last messages
+- ``protective_stop``; ``emergency_stop`` with ``pressed`` (default true); ``kill_program``
+- ``remote_control`` with ``on``; ``claim`` with ``names`` (RTDE inputs taken by "somebody else"),
+  ``unclaim``
+- ``wrench`` with ``value``, six numbers, N and Nm
+- ``drop_link``: close every UR connection; ``freeze`` with ``seconds``: serve nothing meanwhile
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import msgspec
+
+from drivers.ur.emulator.controller import Controller
+from drivers.ur.emulator.rtde import RtdeServer
+
+_STRANGER = object()  # owner of the inputs that ``claim`` takes
+_MAX_FREEZE_S = 60.0
+_SHOWN_MESSAGES = 20
+
+
+class Links(Protocol):
+    """What faults may do to the connections."""
+
+    def drop_links(self) -> None: ...
+
+    def freeze(self, seconds: float) -> None: ...
+
+
+class Request(msgspec.Struct, forbid_unknown_fields=True):
+    """One line."""
+
+    do: str
+    pressed: bool = True
+    on: bool = True
+    names: list[str] = []
+    value: list[float] = []
+    seconds: float = 0.0
+
+
+class Faults:
+    """Carries out requests."""
+
+    def __init__(self, controller: Controller, rtde: RtdeServer, links: Links) -> None:
+        self._controller = controller
+        self._rtde = rtde
+        self._links = links
+        self._verbs: dict[str, Callable[[Request], None]] = {
+            "state": lambda request: None,
+            "protective_stop": lambda request: controller.protective_stop(),
+            "emergency_stop": lambda request: controller.emergency_stop(request.pressed),
+            "kill_program": lambda request: controller.stop_program("killed by request"),
+            "remote_control": self._remote_control,
+            "claim": lambda request: rtde.claim(request.names, _STRANGER),
+            "unclaim": lambda request: rtde.release(_STRANGER),
+            "wrench": self._wrench,
+            "drop_link": lambda request: links.drop_links(),
+            "freeze": self._freeze,
+        }
+
+    def answer(self, line: str) -> str:
+        try:
+            request = msgspec.json.decode(line, type=Request)
+            verb = self._verbs.get(request.do)
+            if verb is None:
+                raise ValueError(f"unknown verb {request.do!r}")
+            verb(request)
+            result = {"ok": True, **(self._state() if request.do == "state" else {})}
+        except (msgspec.DecodeError, UnicodeError, ValueError) as error:
+            result = {"ok": False, "error": str(error)}
+        return msgspec.json.encode(result).decode()
+
+    def _state(self) -> dict[str, Any]:
+        controller = self._controller
+        return {
+            "position_m": controller.motion.position,
+            "moving": controller.motion.moving,
+            "robot_mode": controller.robot_mode,
+            "safety_mode": controller.safety_mode,
+            "runtime_state": controller.runtime_state,
+            "cycles": controller.cycles,
+            "script_errors": controller.script_errors,
+            "ignored_packets": self._rtde.ignored_packets,
+            "messages": list(controller.messages)[-_SHOWN_MESSAGES:],
+        }
+
+    def _remote_control(self, request: Request) -> None:
+        self._controller.remote_control = request.on
+
+    def _wrench(self, request: Request) -> None:
+        if len(request.value) != 6 or not all(map(math.isfinite, request.value)):
+            raise ValueError("a wrench is six finite numbers")
+        self._controller.apply_wrench(tuple(request.value))
+
+    def _freeze(self, request: Request) -> None:
+        if not 0.0 <= request.seconds <= _MAX_FREEZE_S:
+            raise ValueError(f"seconds must be within 0 and {_MAX_FREEZE_S}")
+        self._links.freeze(request.seconds)

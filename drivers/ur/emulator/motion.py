@@ -1,0 +1,225 @@
+"""Joins the straight-line arm to URScript's motions and to the joints of a UR10.
+
+The arm model moves a point, the flange, and turns it about its own axis. Lines keep the present
+orientation: one that would turn the flange is refused. `speedl` may turn it about its axis, where
+that does not move the tool centre point.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+
+import numpy as np
+
+from drivers.interfaces import Vector3
+from drivers.ur import kinematics
+from drivers.ur.emulator.settings import EmulatorSettings
+from drivers.ur.emulator.urscript.parse import ScriptError
+from drivers.ur.emulator.urscript.run import Thread
+from drivers.ur.kinematics import Frame, Joints, Pose
+from drivers.ur.model import ArmModel
+
+_TURN_TOLERANCE_RAD = 0.01
+_AT_TARGET_M = 1e-6
+_ON_AXIS = 1e-6  # of the tool centre point, m; of a turn, rad/s
+_STEADY_NS = 500_000_000  # URScript manual: is_steady, standing still for 500 ms
+_STANDING: Joints = (0.0,) * kinematics.JOINTS
+
+
+class Motion:
+    """The arm as the controller sees it, renewed once per cycle by ``update``."""
+
+    def __init__(
+        self,
+        settings: EmulatorSettings,
+        arm: ArmModel,
+        lock: AbstractContextManager[object],
+        now_ns: int,
+    ) -> None:
+        self._arm = arm
+        self._lock = lock
+        self._period_s = settings.controller.period_ns * 1e-9
+        self._stop_mps2 = settings.stop_deceleration_mps2
+        self._start_rotation = kinematics.rotation(settings.tool_rotation_rad)
+        self._rotation = self._start_rotation
+        self._owner: Thread | None = None
+        self._target: Vector3 | None = None
+        self._speed: tuple[Vector3, float, float] | None = None
+        self._still_since_ns = now_ns
+        with lock:
+            self._still_at: Vector3 = arm.position(now_ns)
+        self._now_ns = now_ns
+        self.set_tcp(_STANDING)
+        start = kinematics.inverse(self._flange_at(self._still_at), kinematics.ELBOW_UP)
+        if start is None:
+            raise ValueError(f"no joint angles reach the start position {self._still_at}")
+        self.q: Joints = start
+        self.qd: Joints = _STANDING
+        self.update(now_ns)
+
+    def update(self, now_ns: int) -> bool:
+        """Sample the arm; False when the joints cannot follow its tool."""
+        with self._lock:
+            sample = self._arm.read(now_ns)
+        self._now_ns = now_ns
+        self.moving = sample.moving
+        self.position: Vector3 = sample.position_m
+        if self.position == self._still_at and not self.moving:
+            self.velocity: Vector3 = (0.0, 0.0, 0.0)
+            self.turning: Vector3 = (0.0, 0.0, 0.0)
+            self.qd = _STANDING
+            return True
+        self._still_at, self._still_since_ns = self.position, now_ns
+        self.velocity = sample.velocity_mps
+        if sample.angle_rad or sample.spin_radps:
+            turn = kinematics.rotation((0.0, 0.0, sample.angle_rad))
+            self._rotation = self._start_rotation @ turn
+        x, y, z = (sample.spin_radps * self._rotation[:, 2]).tolist()
+        self.turning = (x, y, z)
+        return self._follow()
+
+    def _follow(self) -> bool:
+        # where the joints get at their present speeds is nearly the answer
+        near = [
+            angle + speed * self._period_s for angle, speed in zip(self.q, self.qd, strict=True)
+        ]
+        q = kinematics.inverse(self.flange, near)
+        if q is None:
+            return False
+        self.q = q
+        twist = np.array((*self.velocity, *self.turning))
+        try:
+            self.qd = tuple(np.linalg.solve(kinematics.jacobian(q), twist).tolist())
+        except np.linalg.LinAlgError:
+            return False
+        return True
+
+    # state
+
+    def _flange_at(self, position: Sequence[float]) -> Frame:
+        frame = np.eye(4)
+        frame[:3, :3] = self._rotation
+        frame[:3, 3] = position
+        return frame
+
+    @property
+    def flange(self) -> Frame:
+        return self._flange_at(self.position)
+
+    @property
+    def tcp_pose(self) -> Pose:
+        return kinematics.pose(self.flange @ self._tcp)
+
+    @property
+    def tcp_speed(self) -> Pose:
+        return (*self.velocity, *self.turning)
+
+    @property
+    def steady(self) -> bool:
+        return not self.moving and self._now_ns - self._still_since_ns >= _STEADY_NS
+
+    @property
+    def arrived(self) -> bool:
+        """The last motion that was commanded has come to its end."""
+        if self.moving:
+            return False
+        return self._target is None or math.dist(self.position, self._target) <= _AT_TARGET_M
+
+    def set_tcp(self, offset: Sequence[float]) -> None:
+        """The tool centre point in the flange frame."""
+        self.tcp_offset: Pose = tuple(offset)
+        self._tcp = kinematics.frame(offset)
+        self._tcp_back = kinematics.inverted(self._tcp)
+
+    def set_payload(self, mass_kg: float) -> None:
+        with self._lock:
+            self._arm.set_payload(mass_kg)
+
+    def joints_for(self, pose: Sequence[float], near: Sequence[float] | None) -> Joints | None:
+        """Joint angles that bring the tool centre point to a pose."""
+        return kinematics.inverse(kinematics.frame(pose) @ self._tcp_back, near or self.q)
+
+    def pose_of(self, q: Sequence[float], offset: Sequence[float] | None) -> Pose:
+        tcp = self._tcp if offset is None else kinematics.frame(offset)
+        return kinematics.pose(kinematics.forward(q) @ tcp)
+
+    # commands
+
+    def take(self, thread: Thread) -> None:
+        """From here on this thread moves the arm; raises ScriptError while another one does."""
+        if self._owner is not None and self._owner is not thread:
+            raise ScriptError("Another thread is already controlling the robot")
+        self._owner = thread
+
+    def let_go(self, thread: Thread) -> None:
+        if self._owner is thread:
+            self._owner = None
+
+    def brake_if_unowned(self) -> None:
+        """A motion whose thread or program has ended is braked."""
+        if self._owner is None and (self._target is not None or self._speed is not None):
+            self.stop(self._stop_mps2)
+
+    def line(self, pose: Sequence[float], speed_mps: float, acceleration_mps2: float) -> None:
+        """Straight line of the tool centre point to a pose. Raises ScriptError."""
+        self._go(kinematics.frame(pose) @ self._tcp_back, speed_mps, acceleration_mps2)
+
+    def to_joints(self, q: Sequence[float], speed_radps: float, acceleration_radps2: float) -> None:
+        """To joint angles, on a straight line, in the time that the leading joint would take."""
+        target = kinematics.forward(q)
+        lead = max(abs(a - b) for a, b in zip(q, self.q, strict=True))
+        metres = math.dist(target[:3, 3], self.position)
+        ratio = metres / lead if lead and metres else 1.0
+        self._go(target, speed_radps * ratio, acceleration_radps2 * ratio)
+
+    def _go(self, flange: Frame, speed_mps: float, acceleration_mps2: float) -> None:
+        if speed_mps <= 0.0 or acceleration_mps2 <= 0.0:
+            raise ScriptError("speed and acceleration of a motion must be positive")
+        if kinematics.turn_between(flange, self.flange) > _TURN_TOLERANCE_RAD:
+            raise ScriptError("this emulator keeps the orientation of the tool")
+        x, y, z = flange[:3, 3].tolist()
+        if kinematics.inverse(self._flange_at((x, y, z)), self.q) is None:
+            raise ScriptError("target out of reach")
+        self._speed, self._target = None, (x, y, z)
+        self._command(lambda arm: arm.move_l((x, y, z), speed_mps, acceleration_mps2, self._now_ns))
+
+    def speed_line(self, velocity: Vector3, turning: Vector3, acceleration_mps2: float) -> None:
+        """Keep this velocity (m/s; rad/s, base frame) until told otherwise. Raises ScriptError."""
+        if acceleration_mps2 <= 0.0:
+            raise ScriptError("the acceleration of a motion must be positive")
+        spin = self._spin(turning)
+        if self._speed == (velocity, spin, acceleration_mps2):
+            return
+        self._command(lambda arm: arm.speed_l(velocity, spin, acceleration_mps2, self._now_ns))
+        self._target, self._speed = None, (velocity, spin, acceleration_mps2)
+
+    def _spin(self, turning: Vector3) -> float:
+        """About the flange's axis; the axis itself turns with the flange, so it stays the same."""
+        axis = self._rotation[:, 2]
+        spin = float(axis @ np.array(turning))
+        if math.dist(turning, (spin * axis).tolist()) > _TURN_TOLERANCE_RAD * abs(spin) + _ON_AXIS:
+            raise ScriptError("this emulator turns the tool about its own axis only")
+        if spin and max(map(abs, (*self.tcp_offset[:2], *self.tcp_offset[3:5]))) > _ON_AXIS:
+            raise ScriptError("this emulator turns a tool only whose centre point is on the axis")
+        return spin
+
+    def stop(self, deceleration_mps2: float) -> None:
+        self._target = self._speed = None
+        self._command(lambda arm: arm.stop_l(deceleration_mps2, self._now_ns))
+
+    def trip(self) -> None:
+        """Stop by safety; the arm refuses to move until ``release``."""
+        self._target = self._speed = None
+        self._command(lambda arm: arm.trip(self._now_ns))
+
+    def release(self) -> None:
+        self._command(lambda arm: arm.release())
+
+    @property
+    def tripped(self) -> bool:
+        with self._lock:
+            return self._arm.protective_stop
+
+    def _command(self, command: Callable[[ArmModel], object]) -> None:
+        with self._lock:
+            command(self._arm)

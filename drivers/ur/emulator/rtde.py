@@ -1,0 +1,138 @@
+"""RTDE as the controller serves it: one object per connection, bytes in, bytes out.
+
+After setup a connection gets data packets only; nothing is ever sent before the answer to a
+request, because clients read exactly one packet as that answer.
+"""
+
+import struct
+
+from drivers.ur.emulator.rtde_wire import (
+    IN_USE,
+    INPUT_TYPES,
+    NOT_FOUND,
+    PROTOCOL_VERSION,
+    PacketType,
+    Recipe,
+    Splitter,
+    Values,
+    packet,
+    split_names,
+)
+from drivers.ur.emulator.settings import Profile
+
+_MAX_RECIPES = 255
+_FREQUENCY = struct.Struct(">d")
+
+
+class RtdeServer:
+    """What all connections share: who may write which input, and what they have written."""
+
+    def __init__(self, profile: Profile) -> None:
+        self.profile = profile
+        self.claims: dict[str, object] = {}
+        self.ignored_packets = 0
+        self._written: dict[str, Values] = {}
+
+    def write(self, values: dict[str, Values]) -> None:
+        self._written.update(values)
+
+    def take_inputs(self) -> dict[str, Values]:
+        """Inputs written since the last call: the controller reads them once per cycle."""
+        written, self._written = self._written, {}
+        return written
+
+    def claim(self, names: list[str], owner: object) -> None:
+        """Give these inputs to somebody; another one's request is answered IN_USE."""
+        for name in names:
+            self.claims.setdefault(name, owner)
+
+    def release(self, owner: object) -> None:
+        self.claims = {name: one for name, one in self.claims.items() if one is not owner}
+
+
+class RtdeConnection:
+    """One client."""
+
+    def __init__(self, server: RtdeServer) -> None:
+        self._server = server
+        self._splitter = Splitter()
+        self._inputs: dict[int, Recipe] = {}
+        self._output: Recipe | None = None
+        self._every = 1  # cycles per data packet
+        self._started = False
+
+    @property
+    def broken(self) -> bool:
+        return self._splitter.broken
+
+    def close(self) -> None:
+        self._server.release(self)
+
+    def feed(self, data: bytes) -> bytes:
+        """Answers to the requests in these bytes."""
+        return b"".join(self._answer(kind, body) for kind, body in self._splitter.feed(data))
+
+    def sample(self, cycle: int, values: dict[str, Values]) -> bytes:
+        """The data packet of this cycle, or nothing."""
+        if not self._started or self._output is None or cycle % self._every:
+            return b""
+        return self._output.pack(values)
+
+    def _answer(self, kind: int, body: bytes) -> bytes:
+        match kind:
+            case PacketType.PROTOCOL_VERSION:
+                accepted = body == PROTOCOL_VERSION.to_bytes(2, "big")
+                return packet(PacketType.PROTOCOL_VERSION, bytes([accepted]))
+            case PacketType.CONTROLLER_VERSION:
+                version = struct.pack(">4I", *self._server.profile.version)
+                return packet(PacketType.CONTROLLER_VERSION, version)
+            case PacketType.OUTPUTS:
+                return packet(PacketType.OUTPUTS, self._set_up_outputs(body))
+            case PacketType.INPUTS:
+                return packet(PacketType.INPUTS, self._set_up_inputs(body))
+            case PacketType.START:
+                self._started = self._output is not None
+                return packet(PacketType.START, bytes([self._started]))
+            case PacketType.PAUSE:
+                self._started = False
+                return packet(PacketType.PAUSE, bytes([1]))
+            case PacketType.DATA:
+                self._take(body)
+            case _:
+                self._server.ignored_packets += 1
+        return b""
+
+    def _set_up_outputs(self, body: bytes) -> bytes:
+        rate = self._server.profile.rate_hz
+        wanted = _FREQUENCY.unpack_from(body)[0] if len(body) >= _FREQUENCY.size else 0.0
+        names = split_names(body[_FREQUENCY.size :])
+        known = self._server.profile.output_types
+        types = [known.get(name, NOT_FOUND) for name in names]
+        valid = 0.0 < wanted <= rate and names and NOT_FOUND not in types
+        self._output = Recipe(1, names, known) if valid else None
+        self._every = max(1, round(rate / wanted)) if valid else 1
+        return bytes([bool(valid)]) + ",".join(types).encode()
+
+    def _set_up_inputs(self, body: bytes) -> bytes:
+        names = split_names(body)
+        types = [self._input_type(name) for name in names]
+        valid = names and NOT_FOUND not in types and IN_USE not in types
+        number = len(self._inputs) + 1 if valid and len(self._inputs) < _MAX_RECIPES else 0
+        if number:
+            self._inputs[number] = Recipe(number, names, INPUT_TYPES)
+            self._server.claim(names, self)
+        return bytes([number]) + ",".join(types).encode()
+
+    def _input_type(self, name: str) -> str:
+        if name not in INPUT_TYPES:
+            return NOT_FOUND
+        free = self._server.claims.get(name, self) is self
+        return INPUT_TYPES[name] if free else IN_USE
+
+    def _take(self, body: bytes) -> None:
+        recipe = self._inputs.get(body[0]) if body else None
+        values = recipe.unpack(body) if recipe else None
+        if values is None:
+            self._server.ignored_packets += 1
+        else:
+            self._server.write(values)

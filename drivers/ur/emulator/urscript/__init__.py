@@ -1,0 +1,1 @@
+"""URScript: text to tokens and syntax tree, tree to closures over a whitelist, run in cycles."""

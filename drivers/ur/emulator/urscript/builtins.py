@@ -1,0 +1,343 @@
+"""Functions that an emulated URScript program may call; there are no others.
+
+Names, parameters and defaults: Universal Robots, "The URScript Programming Language". The first
+parameter is the calling thread; its ``robot`` is the emulated controller.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+
+from drivers.ur import kinematics
+from drivers.ur.emulator.urscript.compile import WAITING
+from drivers.ur.emulator.urscript.parse import ScriptError
+from drivers.ur.emulator.urscript.run import Builtin, PoseValue, Steps, Thread, Value, finite
+
+BUILTINS: dict[str, Builtin] = {}
+_MAX_SLEEP_S = 3600.0
+
+
+def _known(function: Builtin) -> Builtin:
+    BUILTINS[function.__name__] = function
+    return function
+
+
+def _waits(function: Builtin) -> Builtin:
+    """For generator functions: they wait for later cycles."""
+    setattr(function, WAITING, True)
+    return _known(function)
+
+
+def six(values: Value) -> tuple[float, ...]:
+    """Six finite numbers."""
+    if not isinstance(values, list) or len(values) != kinematics.JOINTS:
+        raise ScriptError("six numbers expected")
+    return tuple(finite(value) for value in values)
+
+
+def three(values: Value) -> tuple[float, ...]:
+    if not isinstance(values, list) or len(values) != 3:
+        raise ScriptError("three numbers expected")
+    return tuple(finite(value) for value in values)
+
+
+def _moving(thread: Thread, start: Callable[[], None]) -> Steps:
+    """A motion until its end; in whichever way the thread ends, the arm is free afterwards."""
+    motion = thread.robot.motion
+    motion.take(thread)
+    try:
+        start()
+        yield
+        while not motion.arrived:
+            yield
+    finally:
+        motion.let_go(thread)
+
+
+@_waits
+def movel(
+    thread: Thread, pose: Value, a: Value = 1.2, v: Value = 0.25, t: Value = 0, r: Value = 0
+) -> Steps:
+    """A blend radius is ignored: every line ends at rest."""
+    motion = thread.robot.motion
+    _no_duration(t)
+    target = six(pose)
+    if not isinstance(pose, PoseValue):
+        target = motion.pose_of(target, None)
+    yield from _moving(thread, lambda: motion.line(target, finite(v), finite(a)))
+
+
+@_waits
+def movej(
+    thread: Thread, q: Value, a: Value = 1.4, v: Value = 1.05, t: Value = 0, r: Value = 0
+) -> Steps:
+    """A straight line of the tool all the same."""
+    motion = thread.robot.motion
+    _no_duration(t)
+    target = six(q)
+    if isinstance(q, PoseValue):
+        target = _reached(motion.joints_for(target, None))
+    yield from _moving(thread, lambda: motion.to_joints(target, finite(v), finite(a)))
+
+
+def _no_duration(t: Value) -> None:
+    if finite(t) != 0.0:
+        raise ScriptError("a motion with a duration is not emulated")
+
+
+def _reached(q: Sequence[float] | None) -> tuple[float, ...]:
+    if q is None:
+        raise ScriptError("no inverse kinematics solution")
+    return tuple(q)
+
+
+@_waits
+def speedl(thread: Thread, xd: Value, a: Value = 1.2, t: Value = 0, aRot: Value = "a") -> Steps:
+    """For t seconds; without t until the speed is reached. The motion goes on afterwards."""
+    motion, period_s = thread.robot.motion, thread.robot.period_s
+    x, y, z, rx, ry, rz = six(xd)
+    motion.take(thread)
+    try:
+        motion.speed_line((x, y, z), (rx, ry, rz), finite(a))
+        for _ in range(max(1, round(min(finite(t), _MAX_SLEEP_S) / period_s))):
+            yield
+    finally:
+        motion.let_go(thread)
+
+
+@_waits
+def stopl(thread: Thread, a: Value, aRot: Value = "a") -> Steps:
+    motion, deceleration = thread.robot.motion, finite(a)
+    if deceleration <= 0.0:
+        raise ScriptError("a deceleration must be positive")
+    yield from _moving(thread, lambda: motion.stop(deceleration))
+
+
+@_waits
+def stopj(thread: Thread, a: Value) -> Steps:
+    """The tool brakes on its line, by the joints' figure taken as m/s2."""
+    yield from stopl(thread, a)
+
+
+@_waits
+def sync(thread: Thread) -> Steps:
+    yield
+
+
+@_waits
+def sleep(thread: Thread, t: Value) -> Steps:
+    for _ in range(max(1, round(min(finite(t), _MAX_SLEEP_S) / thread.robot.period_s))):
+        yield
+
+
+@_known
+def textmsg(thread: Thread, s1: Value, s2: Value = "") -> None:
+    thread.robot.log(f"{s1}{s2}")
+
+
+# registers
+
+
+@_known
+def read_input_integer_register(thread: Thread, address: Value) -> Value:
+    return thread.robot.registers.read("input", "int", address)
+
+
+@_known
+def read_input_float_register(thread: Thread, address: Value) -> Value:
+    return thread.robot.registers.read("input", "double", address)
+
+
+@_known
+def write_output_integer_register(thread: Thread, address: Value, value: Value) -> None:
+    if not isinstance(value, int):
+        raise ScriptError("an integer register holds integers")
+    thread.robot.registers.write("int", address, value)
+
+
+@_known
+def write_output_float_register(thread: Thread, address: Value, value: Value) -> None:
+    thread.robot.registers.write("double", address, finite(value))
+
+
+@_known
+def rtde_set_watchdog(
+    thread: Thread,
+    variable_name: Value,
+    min_frequency: Value,
+    action: Value = "pause",
+) -> None:
+    if action != "stop":
+        raise ScriptError("a watchdog with another action than stop is not emulated")
+    thread.robot.set_watchdog(str(variable_name), finite(min_frequency))
+
+
+# state
+
+
+@_known
+def is_steady(thread: Thread) -> bool:
+    return bool(thread.robot.motion.steady)
+
+
+@_known
+def get_actual_tcp_pose(thread: Thread) -> PoseValue:
+    return PoseValue(thread.robot.motion.tcp_pose)
+
+
+@_known
+def get_actual_tool_flange_pose(thread: Thread) -> PoseValue:
+    return PoseValue(kinematics.pose(thread.robot.motion.flange))
+
+
+@_known
+def get_target_tcp_speed(thread: Thread) -> list[float]:
+    return list(thread.robot.motion.tcp_speed)
+
+
+@_known
+def get_actual_joint_positions(thread: Thread) -> list[float]:
+    return list(thread.robot.motion.q)
+
+
+@_known
+def get_joint_torques(thread: Thread) -> list[float]:
+    return [0.0] * kinematics.JOINTS
+
+
+@_known
+def get_steptime(thread: Thread) -> float:
+    return float(thread.robot.period_s)
+
+
+@_known
+def set_tcp(thread: Thread, pose: Value) -> None:
+    thread.robot.motion.set_tcp(six(pose))
+
+
+@_known
+def get_tcp_offset(thread: Thread) -> PoseValue:
+    return PoseValue(thread.robot.motion.tcp_offset)
+
+
+@_known
+def set_payload(thread: Thread, m: Value, cog: Value = None) -> None:
+    thread.robot.set_payload(finite(m), (0.0, 0.0, 0.0) if cog is None else three(cog))
+
+
+@_known
+def set_target_payload(thread: Thread, m: Value, cog: Value, inertia: Value = None) -> None:
+    thread.robot.set_payload(finite(m), three(cog))
+
+
+@_known
+def get_target_payload(thread: Thread) -> float:
+    return float(thread.robot.payload_kg)
+
+
+@_known
+def get_target_payload_cog(thread: Thread) -> list[float]:
+    return list(thread.robot.payload_cog_m)
+
+
+@_known
+def get_target_payload_inertia(thread: Thread) -> list[float]:
+    return [0.0] * 6
+
+
+@_known
+def protective_stop(thread: Thread) -> None:
+    thread.robot.protective_stop()
+
+
+@_known
+def zero_ftsensor(thread: Thread) -> None:
+    thread.robot.zero_wrench()
+
+
+def _without_effect(thread: Thread, value: Value = None) -> None:
+    """For settings of what this emulator does not model."""
+
+
+for _name in ("force_mode_set_damping", "force_mode_set_gain_scaling", "set_gravity"):
+    BUILTINS[_name] = _without_effect
+
+
+# geometry
+
+
+@_known
+def get_inverse_kin(
+    thread: Thread,
+    x: Value,
+    qnear: Value = None,
+    maxPositionError: Value = 1e-10,
+    maxOrientationError: Value = 1e-10,
+) -> list[float]:
+    near = None if qnear is None else six(qnear)
+    return list(_reached(thread.robot.motion.joints_for(six(x), near)))
+
+
+@_known
+def get_inverse_kin_has_solution(
+    thread: Thread,
+    pose: Value,
+    qnear: Value = None,
+    maxPositionError: Value = 1e-10,
+    maxOrientationError: Value = 1e-10,
+) -> bool:
+    near = None if qnear is None else six(qnear)
+    return thread.robot.motion.joints_for(six(pose), near) is not None
+
+
+@_known
+def get_forward_kin(thread: Thread, q: Value = None, tcp: Value = None) -> PoseValue:
+    motion = thread.robot.motion
+    joints = motion.q if q is None else six(q)
+    return PoseValue(motion.pose_of(joints, None if tcp is None else six(tcp)))
+
+
+@_known
+def is_within_safety_limits(thread: Thread, pose: Value) -> bool:
+    """Reach is the only limit that is modelled."""
+    values = six(pose)
+    if isinstance(pose, PoseValue):
+        return thread.robot.motion.joints_for(values, None) is not None
+    return all(abs(angle) <= 2.0 * math.pi for angle in values)
+
+
+@_known
+def pose_trans(thread: Thread, p_from: Value, p_from_to: Value) -> PoseValue:
+    return PoseValue(
+        kinematics.pose(kinematics.frame(six(p_from)) @ kinematics.frame(six(p_from_to)))
+    )
+
+
+@_known
+def pose_sub(thread: Thread, p_to: Value, p_from: Value) -> PoseValue:
+    """Positions and rotations subtracted each for itself, in the base frame."""
+    to, start = kinematics.frame(six(p_to)), kinematics.frame(six(p_from))
+    turn = kinematics.rotation_vector(to[:3, :3] @ start[:3, :3].T)
+    return PoseValue([*(to[:3, 3] - start[:3, 3]).tolist(), *turn])
+
+
+@_known
+def norm(thread: Thread, a: Value) -> float:
+    values = a if isinstance(a, list) else [a]
+    return math.hypot(*(finite(value) for value in values))
+
+
+def _not_emulated(name: str) -> Builtin:
+    def refuse(thread: Thread, *values: Value, **named: Value) -> None:
+        raise ScriptError(f"{name} is not emulated")
+
+    return refuse
+
+
+_NOT_EMULATED = (
+    "direct_torque enable_external_ft_sensor end_force_mode end_freedrive_mode end_teach_mode "
+    "force_mode freedrive_mode ft_rtde_input_enable get_actual_joint_positions_history "
+    "get_coriolis_and_centrifugal_torques get_freedrive_status get_jacobian "
+    "get_jacobian_time_derivative get_mass_matrix get_target_joint_accelerations "
+    "get_target_waypoint movec movep servoc servoj speedj teach_mode tool_contact"
+)
+BUILTINS |= {name: _not_emulated(name) for name in _NOT_EMULATED.split()}

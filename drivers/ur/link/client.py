@@ -1,0 +1,309 @@
+"""The arm's link on the wire: ``ArmLink`` for the driver, carried out by ur_rtde in a worker.
+
+Nothing reconnects by itself and nothing is unlocked; ``UrLink.recover`` starts over when asked to.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Annotated, Self
+
+import msgspec
+from msgspec import Meta
+
+from drivers.errors import DeviceFault, LinkLost, Refused
+from drivers.interfaces import Vector3
+from drivers.ur import kinematics
+from drivers.ur.link import messages
+from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, Pose, State
+from drivers.ur.link.preflight import Report, preflight, require
+from drivers.ur.link.supervisor import RECOVER, SEE_PENDANT, WorkerProcess
+from drivers.ur.model import ArmSample
+
+_BEAT_NS = 10_000_000
+
+
+class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How to reach the controller, what hangs on the flange, and how long to wait."""
+
+    host: Annotated[str, Meta(min_length=1, description="address of the arm's controller")]
+    frequency_hz: Annotated[
+        float, Meta(ge=10.0, le=500.0, description="samples per s; UR RTDE guide: CB3 sends 125")
+    ] = 125.0
+    tcp_offset: Annotated[
+        Pose, Meta(description="m and rad, tool centre point from the flange; assumed")
+    ] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    cog_m: Annotated[
+        tuple[float, float, float],
+        Meta(description="m, centre of gravity of the payload from the flange; assumed"),
+    ] = (0.0, 0.0, 0.06)
+    watchdog_hz: Annotated[
+        float,
+        Meta(ge=1.0, le=50.0, description="kicks per s below which the controller stops"),
+    ] = 10.0
+    heartbeat_timeout_s: Annotated[
+        float,
+        Meta(ge=0.05, le=5.0, description="s without a read() after which motion is stopped"),
+    ] = 0.2
+    step_timeout_s: Annotated[
+        float, Meta(ge=0.1, le=30.0, description="s for each question before ur_rtde is started")
+    ] = 2.0
+    start_timeout_s: Annotated[
+        float, Meta(ge=1.0, le=60.0, description="s until the program runs on the controller")
+    ] = 15.0
+    command_timeout_s: Annotated[
+        float, Meta(ge=0.1, le=10.0, description="s until a command is taken")
+    ] = 2.0
+    link_timeout_s: Annotated[
+        float,
+        Meta(ge=0.1, le=2.0, description="s of silence that end the link; ur_rtde's own is 2.5"),
+    ] = 1.0
+    stop_margin_s: Annotated[
+        float, Meta(ge=0.05, le=5.0, description="s that a stop may take beyond braking; assumed")
+    ] = 0.5
+    standing_below_mps: Annotated[
+        float, Meta(gt=0.0, le=0.01, description="m/s that count as standing; assumed")
+    ] = 0.001
+    close_timeout_s: Annotated[
+        float, Meta(ge=0.1, le=30.0, description="s for the worker to end before it is killed")
+    ] = 4.0
+
+
+class UrLink:
+    """Implements ``drivers.ur.driver.ArmLink`` on a controller; ``connect`` before the first use.
+
+    ``read`` is also the heartbeat: a caller that stops reading while the arm moves stops it.
+    Verbs of motion return at once; if the controller does not carry them out, the next ``read``
+    raises. The tool keeps the orientation that it had when the link was connected, but for the
+    turn about its own axis that ``speed_l`` has given it.
+    """
+
+    def __init__(self, settings: UrSettings) -> None:
+        self._settings = settings
+        self._worker: WorkerProcess | None = None
+        self._payload_kg: float | None = None
+        self._trusted: State | None = None
+        self._rotation: Vector3 = (0.0, 0.0, 0.0)  # at the start
+        self._turned = False
+        self._beat_ns = 0
+        self._told: set[str] = set()  # troubles that were raised already and have not ended
+        self._stop_number: int | None = None
+        self._stop_due_ns = 0
+
+    def connect(self) -> Report:
+        """Pre-flight, then the worker; raises what ``require`` raises, LinkLost or DeviceFault."""
+        self.close()
+        s = self._settings
+        report = preflight(s.host, s.step_timeout_s)
+        require(report)
+        started = WorkerProcess(self._setup())
+        started.wait_ready(s.start_timeout_s)
+        self._worker, self._trusted = started, started.state
+        self._told.clear()
+        self._stop_number = None
+        self._turned = False
+        if self._trusted is not None:
+            self._rotation = self._trusted.pose[3:]
+        return report
+
+    def recover(self) -> Report:
+        """Give up the present worker, whatever it does, and start over. Unlocks nothing."""
+        if self._worker is not None:
+            self._worker.kill()
+            self._worker = None
+        return self.connect()
+
+    def close(self) -> None:
+        """Brake if need be, end the program on the controller and the worker."""
+        if self._worker is not None:
+            self._worker.close(self._settings.close_timeout_s)
+            self._worker = None
+
+    def __enter__(self) -> Self:
+        if self._worker is None:
+            self.connect()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def log(self) -> tuple[str, ...]:
+        """The last lines that ur_rtde printed."""
+        return tuple(self._worker.log) if self._worker is not None else ()
+
+    @property
+    def worker_pid(self) -> int | None:
+        return self._worker.pid if self._worker is not None else None
+
+    def state_age_ns(self, monotonic_ns: int) -> int | None:
+        """How long ago the latest sample reached this machine; monotonic_ns: time.monotonic_ns."""
+        state = self._worker.state if self._worker is not None else None
+        return None if state is None else monotonic_ns - state.received_ns
+
+    def move_l(
+        self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
+    ) -> bool:
+        """False in a safety stop; raises DeviceFault when no program runs on the controller."""
+        _, state = self._live()
+        rotation = state.pose[3:] if self._turned else self._rotation
+        return self._start(
+            lambda number: messages.Move(
+                number, (*target_m, *rotation), speed_mps, acceleration_mps2
+            ),
+            now_ns,
+        )
+
+    def speed_l(
+        self, velocity_mps: Vector3, spin_radps: float, acceleration_mps2: float, now_ns: int
+    ) -> bool:
+        """As ``move_l``; the controller keeps the velocity for as long as ``read`` is called."""
+        _, state = self._live()
+        self._turned = self._turned or spin_radps != 0.0
+        axis = kinematics.rotation(state.pose[3:])[:, 2]
+        wx, wy, wz = (spin_radps * axis).tolist()
+        return self._start(
+            lambda number: messages.Drive(number, (*velocity_mps, wx, wy, wz), acceleration_mps2),
+            now_ns,
+        )
+
+    def _start(self, motion: Callable[[int], messages.Move | messages.Drive], now_ns: int) -> bool:
+        process, state = self._live()
+        if state.stopped_by_safety:
+            return False
+        if not state.program_running:
+            raise _program_ended()
+        self._stop_number = None
+        self._beat_ns = now_ns
+        process.post(motion(process.next_number()), self._settings.command_timeout_s)
+        return True
+
+    def stop_l(self, deceleration_mps2: float, now_ns: int) -> None:
+        """``read`` confirms it by the speed, and raises DeviceFault when it does not come to 0."""
+        process, state = self._live()
+        number = process.next_number()
+        process.post(messages.Stop(number, deceleration_mps2), self._settings.command_timeout_s)
+        braking_s = math.hypot(*state.velocity_mps) / deceleration_mps2
+        self._stop_number, self._beat_ns = number, now_ns
+        self._stop_due_ns = now_ns + round((braking_s + self._settings.stop_margin_s) * 1e9)
+
+    def set_payload(self, mass_kg: float) -> None:
+        """Waits until the controller has taken it; set again with every connection."""
+        process, _ = self._live()
+        command = messages.SetPayload(process.next_number(), mass_kg, self._settings.cog_m)
+        outcome = process.call(command, self._settings.command_timeout_s)
+        if outcome is not Outcome.DONE:
+            raise Refused(f"the arm controller did not take the payload: {outcome}", SEE_PENDANT)
+        self._payload_kg = mass_kg
+
+    def read(self, now_ns: int) -> ArmSample:
+        """Latest sample; raises trouble once for each onset, a lost link every time.
+
+        Position and velocity are the last ones that can be trusted: without power on the motors a
+        controller reports a pose that the tool does not have.
+        """
+        process, state = self._live()
+        if now_ns - self._beat_ns >= _BEAT_NS:
+            self._beat_ns = now_ns
+            process.beat()
+        if state.robot_mode == ROBOT_RUNNING:
+            self._trusted = state
+        self._raise_trouble(process, state)
+        self._confirm_stop(process, state, now_ns)
+        trusted = self._trusted or state
+        powered = trusted is state
+        return ArmSample(
+            t_ns=round(state.timestamp_s * 1e9),
+            position_m=trusted.pose[:3],
+            velocity_mps=state.velocity_mps if powered else (0.0, 0.0, 0.0),
+            moving=powered and state.moving,
+            protective_stop=state.stopped_by_safety,
+            angle_rad=self._angle(trusted.pose[3:]),
+            spin_radps=_along_axis(trusted) if powered else 0.0,
+        )
+
+    def _angle(self, rotation: Vector3) -> float:
+        """Turn about the tool's axis since the link was connected."""
+        if not self._turned:
+            return 0.0
+        start, present = kinematics.rotation(self._rotation), kinematics.rotation(rotation)
+        return kinematics.rotation_vector(start.T @ present)[2]
+
+    def _live(self) -> tuple[WorkerProcess, State]:
+        process = self._worker
+        if process is None:
+            raise LinkLost("the arm link is not connected", "connect it first")
+        process.check()
+        state = process.state
+        if state is None:
+            raise LinkLost("the arm controller sent no sample yet", RECOVER)
+        return process, state
+
+    def _raise_trouble(self, process: WorkerProcess, state: State) -> None:
+        """The driver tells of protective stops itself, so those are left to it."""
+        failure = process.failure()
+        stopped = state.stopped_by_safety
+        if self._begins("stop", state.emergency_stop):
+            raise DeviceFault(
+                f"the arm is stopped by its safety system (bits {state.safety_bits:#x})",
+                "release the emergency stop or close the safeguard, power the robot on at the "
+                "teach pendant, then recover the arm link",
+            )
+        if self._begins("mode", state.robot_mode != ROBOT_RUNNING and not stopped):
+            raise DeviceFault(
+                f"the arm's motors are off (robot mode {state.robot_mode})",
+                "power the robot on at the teach pendant, then recover the arm link",
+            )
+        if self._begins("program", not state.program_running and not stopped):
+            raise _program_ended()
+        if failure is Outcome.NOT_TAKEN:
+            raise Refused("the arm controller did not take a command", SEE_PENDANT)
+
+    def _begins(self, trouble: str, present: bool) -> bool:
+        """True when it was not there at the last look."""
+        if not present:
+            self._told.discard(trouble)
+            return False
+        begins = trouble not in self._told
+        self._told.add(trouble)
+        return begins
+
+    def _confirm_stop(self, process: WorkerProcess, state: State, now_ns: int) -> None:
+        number = self._stop_number
+        if number is None:
+            return
+        if not state.moving and not process.awaits(number):
+            self._stop_number = None
+        elif now_ns > self._stop_due_ns:
+            self._stop_number = None
+            process.kill()  # no more kicks: the watchdog ends the program
+            raise DeviceFault(
+                "the arm did not stop when told to; its program is being ended",
+                f"press the emergency stop if it still moves; {RECOVER}",
+            )
+
+    def _setup(self) -> messages.Setup:
+        s = self._settings
+        return messages.Setup(
+            host=s.host,
+            frequency_hz=s.frequency_hz,
+            tcp_offset=s.tcp_offset,
+            payload_kg=self._payload_kg,
+            cog_m=s.cog_m,
+            watchdog_hz=s.watchdog_hz,
+            heartbeat_timeout_s=s.heartbeat_timeout_s,
+            link_timeout_s=s.link_timeout_s,
+            standing_below_mps=s.standing_below_mps,
+        )
+
+
+def _along_axis(state: State) -> float:
+    """Spin about the tool's own axis, rad/s."""
+    axis = kinematics.rotation(state.pose[3:])[:, 2]
+    return float(sum(a * w for a, w in zip(axis.tolist(), state.turning_radps, strict=True)))
+
+
+def _program_ended() -> DeviceFault:
+    return DeviceFault(
+        "the program on the arm controller has ended",
+        f"look at the log of the teach pendant; {RECOVER}",
+    )

@@ -1,0 +1,219 @@
+"""Supervision of the process that holds ur_rtde: started, heard and ended within deadlines."""
+
+import contextlib
+import os
+import selectors
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from typing import IO, NoReturn
+
+import msgspec
+
+from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
+from drivers.ur.link import messages
+from drivers.ur.link.messages import Outcome, State
+from drivers.ur.link.preflight import CONNECT_AGAIN
+
+RECOVER = "make sure that the arm may move, then recover the arm link or start the run again"
+SEE_PENDANT = "see the teach pendant for the cause, clear it there, then recover the arm link"
+_LOG_LINES = 200
+
+
+class WorkerProcess:
+    """One worker, from start to end; never restarted, another one takes its place."""
+
+    def __init__(self, setup: messages.Setup, command: tuple[str, ...] = ()) -> None:
+        self.state: State | None = None  # latest value
+        self.log: deque[str] = deque(maxlen=_LOG_LINES)  # what ur_rtde printed
+        self._failures: deque[Outcome] = deque(maxlen=16)
+        self._changed = threading.Condition()
+        self._ready = False
+        self._ended = ""  # why, once it has
+        self._due: dict[int, float] = {}  # commands without reply: monotonic deadline
+        self._outcomes: dict[int, Outcome] = {}  # of calls that wait for it
+        self._calls: set[int] = set()
+        self._number = 0
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket = ours
+        with theirs:
+            self._process = _spawn(theirs.fileno(), command)
+        self._thread = threading.Thread(target=self._listen, name="ur-worker", daemon=True)
+        self._thread.start()
+        self._send(setup)
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    @property
+    def running(self) -> bool:
+        return not self._ended
+
+    def wait_ready(self, timeout_s: float) -> None:
+        """Until states flow; kills the worker and raises LinkLost or Refused when they do not."""
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._ended or (self._ready and self.state), timeout=timeout_s
+            )
+            reason = self._ended
+            if self._ready and self.state and not reason:
+                return
+        self.kill()
+        reason = reason or f"ur_rtde did not start within {timeout_s:g} s"
+        raise _start_error(f"{reason}{self._last_words()}")
+
+    def post(self, command: messages.Command, timeout_s: float) -> None:
+        """Send without waiting; what goes wrong is told by ``failure`` and ``check``."""
+        with self._changed:
+            self._due[command.number] = time.monotonic() + timeout_s
+        self._send(command)
+
+    def call(self, command: messages.Command, timeout_s: float) -> Outcome:
+        """Send and wait for what became of it; raises LinkLost when there is no answer."""
+        self._calls.add(command.number)
+        self.post(command, timeout_s)
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._ended or command.number in self._outcomes, timeout=timeout_s
+            )
+        outcome = self._outcomes.pop(command.number, None)
+        if outcome is None:
+            self.check()
+            self._give_up()
+        return outcome
+
+    def next_number(self) -> int:
+        self._number += 1
+        return self._number
+
+    def beat(self) -> None:
+        self._send(messages.Beat())
+
+    def failure(self) -> Outcome | None:
+        """One command that failed since it was asked last."""
+        return self._failures.popleft() if self._failures else None
+
+    def awaits(self, number: int) -> bool:
+        return number in self._due
+
+    def check(self) -> None:
+        """Raise LinkLost when the worker has ended or owes a reply for too long (it is killed)."""
+        if self._ended:
+            raise LinkLost(f"link to the arm lost: {self._ended}", f"{CONNECT_AGAIN}; {RECOVER}")
+        with self._changed:
+            late = any(due < time.monotonic() for due in self._due.values())
+        if late:
+            self._give_up()
+
+    def _give_up(self) -> NoReturn:
+        self.kill()
+        raise LinkLost("the arm controller did not take a command in time", RECOVER)
+
+    def close(self, timeout_s: float) -> None:
+        """Let it brake and end its program; kill it when that takes too long."""
+        self._send(messages.Leave())
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout_s)
+        self.kill()
+
+    def kill(self) -> None:
+        """At once, without a word: the controller's watchdog then stops the arm."""
+        self._process.kill()
+        self._process.wait()
+        self._thread.join()
+        self._socket.close()
+
+    def _send(self, message: messages.Request) -> None:
+        """A worker that does not read or is gone shows by its silence, so nothing is raised."""
+        with contextlib.suppress(OSError):
+            self._socket.send(msgspec.msgpack.encode(message), socket.MSG_DONTWAIT)
+
+    def _listen(self) -> None:
+        """Thread: take in reports and what ur_rtde prints until both ends are closed."""
+        decoder = msgspec.msgpack.Decoder(messages.Report)
+        printed = self._process.stdout
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._socket, selectors.EVENT_READ)
+            if printed is not None:
+                selector.register(printed, selectors.EVENT_READ)
+            while selector.get_map():
+                for key, _ in selector.select():
+                    if key.fileobj is printed:
+                        alive = self._print(printed)
+                    else:
+                        alive = self._take(decoder)
+                    if not alive:
+                        selector.unregister(key.fileobj)
+        if printed is not None:
+            printed.close()
+
+    def _print(self, printed: IO[bytes]) -> bool:
+        data = os.read(printed.fileno(), 65536)
+        self.log.extend(data.decode("utf-8", "replace").splitlines())
+        return bool(data)
+
+    def _take(self, decoder: msgspec.msgpack.Decoder[messages.Report]) -> bool:
+        try:
+            data = self._socket.recv(messages.LONGEST_MESSAGE)
+            report = decoder.decode(data) if data else None
+        except ConnectionResetError:  # it ended with requests unread; what it sent still comes
+            return True
+        except (OSError, msgspec.DecodeError):
+            report = None
+        with self._changed:
+            if report is None:
+                self._ended = self._ended or "its worker process ended"
+            elif isinstance(report, State):
+                self.state = report
+            elif isinstance(report, messages.Reply):
+                self._settle(report)
+            elif isinstance(report, messages.Ready):
+                self._ready = True
+            else:
+                self._ended = report.reason
+            self._changed.notify_all()
+        return report is not None
+
+    def _settle(self, reply: messages.Reply) -> None:
+        self._due.pop(reply.number, None)
+        if reply.number in self._calls:
+            self._calls.discard(reply.number)
+            self._outcomes[reply.number] = reply.outcome
+        elif reply.outcome is not Outcome.DONE:
+            self._failures.append(reply.outcome)
+
+    def _last_words(self) -> str:
+        lines = [line for line in self.log if line.strip()]
+        return f" (ur_rtde: {lines[-1]})" if lines else ""
+
+
+def _spawn(descriptor: int, command: tuple[str, ...]) -> "subprocess.Popen[bytes]":
+    """A fresh interpreter with this one's search path, out of reach of the terminal's Ctrl-C."""
+    code = (
+        f"import sys; sys.path[:] = {sys.path!r}; from drivers.ur.link.worker import main; main()"
+    )
+    return subprocess.Popen(
+        [*(command or (sys.executable, "-c", code)), str(descriptor)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        pass_fds=(descriptor,),
+        start_new_session=True,
+    )
+
+
+def _start_error(reason: str) -> GraspError:
+    """By what ur_rtde says; pre-flight has ruled most of it out a moment before."""
+    if "No module named" in reason:
+        return Refused(f"ur_rtde is not installed: {reason}", "pip install 'ur-rtde>=1.6.3'")
+    if "in use" in reason:
+        return Refused(reason, "end other RTDE clients and URCaps, then try again")
+    if "remote control" in reason:
+        return Refused(reason, "switch the teach pendant to remote control")
+    if "start control script" in reason or "took no setting" in reason:
+        return DeviceFault(reason, SEE_PENDANT)
+    return LinkLost(reason, CONNECT_AGAIN)

@@ -1,0 +1,343 @@
+"""The process that holds ur_rtde, and what is said to it; run it by its client, not by hand.
+
+ur_rtde holds Python's global lock in its constructors, never gives up reconnecting and can take the
+interpreter down. So it lives in a process of its own, which ends when its link is lost and is then
+replaced, not repaired. Messages are msgpack, one per packet of a local socket.
+
+ur_rtde's calls share input registers with each other and with the watchdog, so one thread makes
+them all, one after the other; another one only reads. The controller's watchdog stops the program
+when it is not kicked: the main thread kicks it while the client is heard of, or nothing moves.
+"""
+
+import contextlib
+import importlib
+import math
+import os
+import select
+import socket
+import sys
+import threading
+import time
+from typing import Any
+
+import msgspec
+
+from drivers.ur.link.messages import (
+    LONGEST_MESSAGE,
+    PROGRAM_RUNNING,
+    Command,
+    Drive,
+    Failed,
+    Leave,
+    Move,
+    Outcome,
+    Ready,
+    Reply,
+    Report,
+    Request,
+    SetPayload,
+    Setup,
+    State,
+    Stop,
+)
+
+_RECIPE = [
+    "timestamp",
+    "actual_TCP_pose",
+    "actual_TCP_speed",
+    "target_TCP_speed",
+    "robot_mode",
+    "safety_status_bits",
+    "runtime_state",
+]
+_SETTLE_CYCLES = 4  # until a command shows in what the controller reports
+_STANDING_BELOW_RADPS = 0.005  # that count as standing
+_KICKS_PER_LIMIT = 4  # kicks in the time after which the watchdog would bite
+_LEAVE_S = 2.0  # for braking when the client is gone
+_BRAKE_AGAIN_S = 0.2  # a drive that moves on this long after it was told to end is told again
+
+
+class Channel:
+    """This process's end of the socket; sending never waits for a client that does not read."""
+
+    def __init__(self, peer: socket.socket) -> None:
+        self._socket = peer
+        self._decoder = msgspec.msgpack.Decoder[Request](Request)
+
+    def send(self, report: Report) -> None:
+        # full: the client sees a silent robot; closed: receive() says so
+        with contextlib.suppress(OSError):
+            self._socket.send(msgspec.msgpack.encode(report), socket.MSG_DONTWAIT)
+
+    def receive(self, timeout_s: float) -> Request | None:
+        """None when nothing came in time; raises EOFError when the client is gone."""
+        if not select.select([self._socket], [], [], max(0.0, timeout_s))[0]:
+            return None
+        data = self._socket.recv(LONGEST_MESSAGE)
+        if not data:
+            raise EOFError
+        request: Request = self._decoder.decode(data)
+        return request
+
+
+class Robot:
+    """The state side: reads and publishes; ends the process when the link is lost."""
+
+    def __init__(self, receive: Any, setup: Setup, channel: Channel) -> None:
+        self._receive = receive
+        self._setup = setup
+        self._channel = channel
+        self.publishing = False
+
+    @property
+    def period_s(self) -> float:
+        return 1.0 / self._setup.frequency_hz
+
+    def state(self) -> State:
+        """All fields of one sample: read again when the next one came in between."""
+        while True:
+            timestamp_s = self._receive.getTimestamp()
+            state = self._read(timestamp_s)
+            if self._receive.getTimestamp() == timestamp_s:
+                return state
+
+    def _read(self, timestamp_s: float) -> State:
+        receive = self._receive
+        x, y, z, *turning = receive.getActualTCPSpeed()
+        wanted = receive.getTargetTCPSpeed()
+        speed = max(math.hypot(x, y, z), math.hypot(*wanted[:3]))
+        turn = max(math.hypot(*turning), math.hypot(*wanted[3:]))
+        return State(
+            received_ns=time.monotonic_ns(),
+            timestamp_s=timestamp_s,
+            pose=tuple(receive.getActualTCPPose()),
+            velocity_mps=(x, y, z),
+            turning_radps=(turning[0], turning[1], turning[2]),
+            moving=speed > self._setup.standing_below_mps or turn > _STANDING_BELOW_RADPS,
+            robot_mode=receive.getRobotMode(),
+            safety_bits=receive.getSafetyStatusBits(),
+            program_running=receive.getRuntimeState() == PROGRAM_RUNNING,
+        )
+
+    def watch(self) -> None:
+        """Publish each new sample, for ever; never comes back."""
+        seen_s, seen_at = -1.0, time.monotonic()
+        while self._receive.isConnected():
+            timestamp_s = self._receive.getTimestamp()
+            if timestamp_s != seen_s:
+                seen_s, seen_at = timestamp_s, time.monotonic()
+                if self.publishing:
+                    self._channel.send(self.state())
+            elif time.monotonic() - seen_at > self._setup.link_timeout_s:
+                break
+            time.sleep(min(0.001, 0.25 * self.period_s))
+        self._channel.send(Failed("the arm controller sends no data any more"))
+        os._exit(3)  # no destructor: ur_rtde's would wait, and can crash
+
+    def outcome(self, taken: bool) -> Outcome:
+        """Why ur_rtde said False, by the controller's own bits, given a few cycles to show."""
+        if taken:
+            return Outcome.DONE
+        for _ in range(_SETTLE_CYCLES):
+            state = self.state()
+            if state.stopped_by_safety or not state.program_running:
+                break
+            time.sleep(self.period_s)
+        self._channel.send(state)
+        if state.emergency_stop:
+            return Outcome.EMERGENCY_STOP
+        if state.stopped_by_safety:
+            return Outcome.PROTECTIVE_STOP
+        return Outcome.NOT_TAKEN if state.program_running else Outcome.PROGRAM_ENDED
+
+
+class Commander:
+    """The command side: every call to ur_rtde's control interface is made here, by one thread.
+
+    Moves and stops are asynchronous ones only. ur_rtde's synchronous stop brakes joint by joint
+    when no asynchronous one came before, and a move started while a stop is under way ends the
+    program ("another thread is already controlling the robot"), so such a move waits here. A drive
+    is a thread of the program too, and only its own verb ends it; that verb blocks for as long as
+    the tool brakes, longer than the watchdog waits, so the drive is brought to rest first.
+    """
+
+    def __init__(self, control: Any, robot: Robot, setup: Setup, channel: Channel) -> None:
+        self._control = control
+        self._robot = robot
+        self._setup = setup
+        self._channel = channel
+        self._waiting: Move | Drive | None = None
+        self._driving = False
+        self._braking = False  # a drive is coming to rest
+        self._stopping = False  # since the last move
+        self._acceleration_mps2 = 1.2  # of the last move; UR manual: movel's default
+        self._deceleration_mps2 = self._acceleration_mps2  # of the last stop
+        self._commanded_at = -math.inf
+        self._heard_at = time.monotonic()
+        self._kicked_at = -math.inf
+
+    def prepare(self) -> bool:
+        """What ends with every program: tool, payload and watchdog; then the first kick."""
+        setup = self._setup
+        done = self._control.setTcp(list(setup.tcp_offset))
+        if setup.payload_kg is not None:
+            done = done and self._control.setPayload(setup.payload_kg, list(setup.cog_m))
+        return bool(
+            done and self._control.setWatchdog(setup.watchdog_hz) and self._control.kickWatchdog()
+        )
+
+    def serve(self) -> None:
+        """Until the client says so or is gone."""
+        while True:
+            self._go_on()
+            self._kick()
+            soon = self._waiting or self._braking
+            wait_s = self._robot.period_s if soon else self._kick_period_s
+            try:
+                request = self._channel.receive(wait_s)
+            except EOFError:
+                return
+            if isinstance(request, Leave):
+                return
+            if request is not None:
+                self._heard_at = time.monotonic()
+            if isinstance(request, Move | Drive | Stop | SetPayload):
+                self._channel.send(Reply(request.number, self._carry_out(request)))
+
+    def leave(self) -> None:
+        """Brake if need be, then end the program, so that nothing is left running."""
+        deadline = time.monotonic() + _LEAVE_S
+        if self._driving or self.busy:
+            self._stop(self._acceleration_mps2)
+        while self.busy and time.monotonic() < deadline:
+            self._control.kickWatchdog()
+            time.sleep(self._robot.period_s)
+        self._control.stopScript()
+
+    @property
+    def busy(self) -> bool:
+        """A move or a stop is under way, or was commanded so lately that it does not show yet."""
+        state = self._robot.state()
+        if state.moving or not state.program_running:  # a program that ended leaves its flags
+            return state.moving
+        settle_s = _SETTLE_CYCLES * self._robot.period_s
+        running = self._control.getAsyncOperationProgressEx().isAsyncOperationRunning()
+        return bool(running) or time.monotonic() - self._commanded_at < settle_s
+
+    def _carry_out(self, command: Command) -> Outcome:
+        if isinstance(command, SetPayload):
+            taken = self._control.setPayload(command.mass_kg, list(command.cog_m))
+            return self._robot.outcome(bool(taken))
+        if isinstance(command, Stop):
+            self._stop(command.deceleration_mps2)
+            return Outcome.DONE  # ur_rtde does not say; the speed will
+        self._acceleration_mps2 = command.acceleration_mps2
+        if self._driving and isinstance(command, Drive):
+            return self._start(command)
+        if not self._driving and not self.busy:
+            return self._start(command)
+        if self._waiting is None and not self._stopping:
+            self._stop(command.acceleration_mps2)
+        self._waiting = command
+        return Outcome.DONE
+
+    def _go_on(self) -> None:
+        """Send the motion that waits, as soon as the tool stands, if anyone still wants it."""
+        if self._braking and not self.busy:
+            self._end_drive()
+        elif self._braking and time.monotonic() - self._commanded_at > _BRAKE_AGAIN_S:
+            self._brake()
+        motion = self._waiting
+        if motion is None or self._braking or self.busy:
+            return
+        self._waiting = None
+        outcome = self._start(motion) if self._client_lives else Outcome.NOT_TAKEN
+        if outcome is not Outcome.DONE:
+            self._channel.send(Reply(motion.number, outcome))
+
+    def _start(self, motion: Move | Drive) -> Outcome:
+        self._stopping = False
+        if isinstance(motion, Drive):
+            self._driving, self._braking = True, False
+            taken = self._control.speedL(list(motion.velocity), motion.acceleration_mps2)
+        else:
+            taken = self._control.moveL(
+                list(motion.target), motion.speed_mps, motion.acceleration_mps2, asynchronous=True
+            )
+        self._commanded_at = time.monotonic()
+        return self._robot.outcome(bool(taken))
+
+    def _stop(self, deceleration_mps2: float) -> None:
+        self._waiting = None
+        self._stopping = True
+        if self._driving:  # stopL would end the program: the drive's thread holds the robot
+            self._braking = True
+            self._deceleration_mps2 = deceleration_mps2
+            self._brake()
+        else:
+            self._control.stopL(deceleration_mps2, asynchronous=True)
+            self._commanded_at = time.monotonic()
+
+    def _brake(self) -> None:
+        """Bring a drive to rest; said again while it moves, since a controller may miss a call."""
+        self._control.speedL([0.0] * 6, self._deceleration_mps2)
+        self._commanded_at = time.monotonic()
+
+    def _end_drive(self) -> None:
+        self._driving = self._braking = False
+        self._control.speedStop(self._acceleration_mps2)
+        self._commanded_at = time.monotonic()
+
+    @property
+    def _kick_period_s(self) -> float:
+        return 1.0 / (_KICKS_PER_LIMIT * self._setup.watchdog_hz)
+
+    def _kick(self) -> None:
+        now = time.monotonic()
+        if now - self._kicked_at < self._kick_period_s:
+            return
+        if self._client_lives or not self.busy:
+            self._kicked_at = now
+            self._control.kickWatchdog()
+
+    @property
+    def _client_lives(self) -> bool:
+        return time.monotonic() - self._heard_at <= self._setup.heartbeat_timeout_s
+
+
+def _start(setup: Setup, channel: Channel) -> Commander:
+    """Both interfaces of ur_rtde, the reading thread, and the program prepared."""
+    receive_module = importlib.import_module("rtde_receive")
+    control_class = importlib.import_module("rtde_control").RTDEControlInterface
+    receive = receive_module.RTDEReceiveInterface(setup.host, setup.frequency_hz, _RECIPE)
+    flags = control_class.FLAG_UPLOAD_SCRIPT | control_class.FLAG_NO_EXT_FT
+    control = control_class(setup.host, setup.frequency_hz, flags)
+    robot = Robot(receive, setup, channel)
+    threading.Thread(target=robot.watch, daemon=True).start()
+    commander = Commander(control, robot, setup, channel)
+    if not commander.prepare():
+        raise RuntimeError(f"the arm took no setting: {robot.outcome(False)}")
+    time.sleep(_SETTLE_CYCLES * robot.period_s)  # until poses are those of the tool just set
+    robot.publishing = True
+    return commander
+
+
+def main() -> None:
+    """Entry of the child process; its only argument is the socket's descriptor."""
+    channel = Channel(socket.socket(fileno=int(sys.argv[1])))
+    setup = channel.receive(timeout_s=10.0)
+    if not isinstance(setup, Setup):
+        os._exit(2)
+    try:
+        commander = _start(setup, channel)
+        channel.send(Ready())
+        commander.serve()
+        commander.leave()
+    except Exception as error:  # ur_rtde raises what its C++ threw
+        channel.send(Failed(str(error)))
+        os._exit(2)
+    os._exit(0)  # no destructor: ur_rtde's takes half a second
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,93 @@
+"""Everything that an acquisition can be told, one section a room, put together from layers."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from drivers.takktile.model import BoardModelSettings
+from drivers.takktile.settings import TakkTileSettings, UsbSettings
+from drivers.ur.driver import ArmSettings
+from drivers.ur.link.client import UrSettings
+from drivers.ur.model import ArmModelSettings
+from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
+from scenarios.acquire.press import PressControlSettings
+from scenarios.world.fingertip import FingertipSettings
+from scenarios.world.pressed import FixedSurface, PressSettings
+
+
+class SamplingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Pace of the samples and of the labels. Jitter and losses are simulated; hardware has its
+    own."""
+
+    period_s: Annotated[float, Meta(ge=0.005, le=0.1, description="paper: 100 Hz")] = 0.01
+    jitter_s: Annotated[
+        float, Meta(ge=0.0, le=0.002, description="deviation of a sample's time; the authors' "
+                    "clip: 0.7 ms of a period, which is the difference of two")
+    ] = 0.0005  # fmt: skip
+    lost_share: Annotated[
+        float, Meta(ge=0.0, le=0.5, description="of samples, repeated by the driver; clip: 1/400")
+    ] = 0.0025
+    slip_mps: Annotated[
+        float, Meta(ge=0.0, le=0.1, description="label bound; paper, section III-B: 3 mm/s")
+    ] = 0.003
+    slip_radps: Annotated[
+        float, Meta(ge=0.0, le=2.0, description="label bound; paper, section III-B: 0.2 rad/s")
+    ] = 0.2
+
+
+# The arm presses where a lift has its table, and follows strokes that accelerate themselves.
+ARM = {
+    "workspace_low_m": [-0.05, -0.05, -0.02],
+    "workspace_high_m": [0.05, 0.05, 0.05],
+    "max_acceleration_mps2": 4.0,
+}
+
+
+class AcquireConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Resolved settings of one acquisition."""
+
+    rig: str
+    surface: FixedSurface
+    finger: Annotated[
+        int, Meta(ge=0, le=2, description="which is pressed: A, B, C are 0, 1, 2")
+    ] = 0
+    control: PressControlSettings = PressControlSettings()
+    press: PressSettings = PressSettings()
+    sampling: SamplingSettings = SamplingSettings()
+    arm: ArmSettings = ArmSettings()  # as in ARM, by ``load_acquire_config``
+    tactile: TakkTileSettings = TakkTileSettings()
+    usb: UsbSettings = UsbSettings()
+    ur: UrSettings = UrSettings(host="192.168.1.10")  # assumed; a lab names its own
+    board: BoardModelSettings = BoardModelSettings()
+    arm_model: ArmModelSettings = ArmModelSettings()
+    fingertip: FingertipSettings = FingertipSettings()
+
+
+def load_acquire_config(
+    surface: str, rig: str, file: Path | None = None, assignments: Sequence[str] = ()
+) -> AcquireConfig:
+    """Class defaults <- ARM <- rig <- surface <- file (or $GRASP_CONFIG) <- assignments.
+
+    Of the rig's settings and of a file those of other scenarios are left out. Raises ConfigError
+    for an unknown name or the first setting that is not allowed.
+    """
+    layers = [
+        Layer("acquisition", {"arm": dict(ARM)}),
+        Layer("command line", {"rig": rig}),
+        _of_this_scenario(named_layer("rigs", rig)),
+        named_layer("surfaces", surface),
+    ]
+    chosen = file or (Path(os.environ["GRASP_CONFIG"]) if "GRASP_CONFIG" in os.environ else None)
+    if chosen is not None:
+        layers.append(_of_this_scenario(read_toml(chosen)))
+    layers.append(assignment_layer(assignments))
+    return load(AcquireConfig, layers)
+
+
+def _of_this_scenario(layer: Layer) -> Layer:
+    known = AcquireConfig.__struct_fields__
+    return Layer(layer.source, {key: table for key, table in layer.table.items() if key in known})

@@ -1,1 +1,0 @@
-"""The parts of a session that records labelled slip data: press, motion, rigs, world."""

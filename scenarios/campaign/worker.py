@@ -1,0 +1,172 @@
+"""Runs one trial of a campaign in a worker process and makes its row."""
+
+import tempfile
+import time
+import traceback
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from scenarios.campaign.spec import Trial
+from scenarios.lift import lift
+from scenarios.rigs.config import RunConfig
+from scenarios.tap import tap
+from scenarios.trial.result import FinishedRun, LiftResult, TapResult, versions
+
+AnyRun = FinishedRun[LiftResult] | FinishedRun[TapResult]
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True):
+    """One line of the campaign's table; docs/data-formats.md explains the columns."""
+
+    trial: int
+    scenario: str
+    object: str
+    profile: str
+    detector: str
+    swept: str
+    repetition: int
+    seed: int
+    status: str  # done, error
+    success: bool | None = None
+    outcome: str | None = None
+    detection_latency_ms: float | None = None
+    reaction_latency_ms: float | None = None
+    moved: bool | None = None  # a tap: what moved nothing is counted apart
+    direction: str | None = None
+    nominal_again_ms: float | None = None
+    slip_distance_m: float | None = None  # of a tap: the permanent displacement
+    peak_force_n: float | None = None
+    commanded_force_n: float | None = None
+    result: str | None = None
+    error: str | None = None
+    config_hash: str
+    versions: str | None = None
+    wall_s: float | None = None
+    cpu_s: float | None = None
+    timing: str | None = None
+    recording: str | None = None
+
+
+MACHINE_COLUMNS = ("versions", "wall_s", "cpu_s", "timing")  # the others repeat with the seed
+
+
+class Finished(msgspec.Struct, frozen=True):
+    """A row and, if it is to be kept, the bytes of its recording."""
+
+    row: Row
+    recording: bytes | None = None
+
+
+class NotReproducible(RuntimeError):
+    """The same settings and seed gave another verdict: a bug, never a finding."""
+
+
+def run_once(scenario: str, config: RunConfig, seed: int, runs: Path | None) -> AnyRun:
+    """One judged trial of a scenario."""
+    if scenario == tap.SCENARIO:
+        return tap.run(config, seed, runs)
+    return lift.run(config, seed, runs)
+
+
+def run_trial(trial: Trial) -> Finished:
+    """Never raises for what goes wrong in the trial: that is a row with its error."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    try:
+        finished = _run(trial)
+    except Exception:
+        finished = Finished(error_row(trial, traceback.format_exc()))
+    spent = {
+        "wall_s": round(time.perf_counter() - wall, 4),
+        "cpu_s": round(time.process_time() - cpu, 4),
+        "versions": _json(versions()),
+    }
+    return Finished(msgspec.structs.replace(finished.row, **spent), finished.recording)
+
+
+def error_row(trial: Trial, error: str) -> Row:
+    """The row of a trial that could not be judged."""
+    return Row(**_identity(trial), status="error", error=error)
+
+
+def _run(trial: Trial) -> Finished:
+    if trial.recordings == "all":
+        return _recorded(trial)
+    finished = Finished(_judged(trial, run_once(trial.scenario, trial.config, trial.seed, None)))
+    if trial.recordings == "none" or finished.row.success or finished.row.moved is False:
+        return finished
+    return _again(trial, finished.row)
+
+
+def _again(trial: Trial, row: Row) -> Finished:
+    """A failure, run once more with a recorder: cheaper than to record every success."""
+    again = _recorded(trial)
+    if (again.row.outcome, again.row.slip_distance_m) != (row.outcome, row.slip_distance_m):
+        raise NotReproducible(f"first {row.outcome}, then {again.row.outcome}")
+    return again
+
+
+def _recorded(trial: Trial) -> Finished:
+    with tempfile.TemporaryDirectory(prefix="grasp-campaign-") as folder:
+        finished = run_once(trial.scenario, trial.config, trial.seed, Path(folder))
+        row = _judged(trial, finished)
+        if finished.result is None or finished.result.recording is None:
+            raise OSError(finished.failure.message if finished.failure else "nothing was recorded")
+        return Finished(row, Path(finished.result.recording).read_bytes())
+
+
+def _judged(trial: Trial, finished: AnyRun) -> Row:
+    result = finished.result
+    if result is None:
+        raise RuntimeError(finished.failure.message if finished.failure else "no result")
+    table: dict[str, Any] = msgspec.to_builtins(result)
+    timing = table.pop("timing")
+    for column in ("recording", "versions"):
+        del table[column]
+    return Row(
+        **_identity(trial),
+        **_figures(result),
+        status="done",
+        success=result.success,
+        outcome=result.outcome,
+        detection_latency_ms=result.detection_latency_ms,
+        peak_force_n=max(result.peak_force_n.values()) if result.peak_force_n else None,
+        commanded_force_n=result.commanded_force_n,
+        result=_json(table),
+        error=finished.failure.message if finished.failure else None,
+        timing=_json(timing),
+    )
+
+
+def _figures(result: LiftResult | TapResult) -> dict[str, Any]:
+    """Columns that one of the scenarios has."""
+    if isinstance(result, LiftResult):
+        return {
+            "reaction_latency_ms": result.reaction_latency_ms,
+            "slip_distance_m": result.slip_distance_m,
+        }
+    return {
+        "moved": result.moved,
+        "direction": result.direction,
+        "nominal_again_ms": result.nominal_again_ms,
+        "slip_distance_m": result.displacement_m,
+    }
+
+
+def _identity(trial: Trial) -> dict[str, Any]:
+    return {
+        "trial": trial.number,
+        "scenario": trial.scenario,
+        "object": trial.config.object.name,
+        "profile": trial.config.profile,
+        "detector": trial.config.detector_name,
+        "swept": _json(trial.swept),
+        "repetition": trial.repetition,
+        "seed": trial.seed,
+        "config_hash": trial.config.digest(),
+    }
+
+
+def _json(value: Any) -> str:
+    return msgspec.json.encode(value).decode()

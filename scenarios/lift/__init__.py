@@ -1,0 +1,1 @@
+"""The object lift (paper, section V-C)."""

@@ -1,0 +1,139 @@
+"""Pictures of a run, drawn from its recording. Needs the extra `charts`."""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.interfaces import FINGER_NAMES
+from grasp.messages import CONTROL, PHASES, TRUTH
+from grasp.recording import RunRecording
+from scenarios.trial.replay import find_recording
+from scenarios.trial.run_folder import RUN_CHANNELS
+
+COLOURS = {"A": "#1f5f99", "B": "#c2571a", "C": "#3a7d44"}
+LOWERING_SHOWN_S = 0.3
+SHADES = {
+    "grasp": "#eef3f8", "lift": "#e0eaf4", "compensate": "#fde3c8", "hold": "#e3f1e3",
+    "lower": "#f3f3f3", "fault": "#f8d7d7",
+}  # fmt: skip
+
+
+class Series(msgspec.Struct, frozen=True):
+    """Time series of a run; t_s (n,), others (n,) or (n, 3)."""
+
+    t_s: NDArray[np.float64]
+    probabilities: NDArray[np.float64]
+    measured_n: NDArray[np.float64]
+    true_n: NDArray[np.float64] | None
+    slip_mm: NDArray[np.float64] | None
+    onset_s: float | None
+    phases: list[tuple[float, str]]
+
+
+def read_series(path: Path) -> Series:
+    """What the figure needs of a recording; raises BadRecordingFile when it is none."""
+    recording = RunRecording.open(find_recording(path), RUN_CHANNELS)
+    control = list(recording.of(CONTROL))
+    truth = [message for _, message in recording.of(TRUTH)]
+    return Series(
+        t_s=np.array([t for t, _ in control]) * 1e-9,
+        probabilities=np.array([m.probabilities for _, m in control]),
+        measured_n=np.array([m.measured_n for _, m in control]),
+        true_n=np.array([m.normal_n for m in truth]) if truth else None,
+        slip_mm=np.array([m.slip_distance_m for m in truth]) * 1e3 if truth else None,
+        onset_s=truth[-1].slip_onset_s if truth else None,
+        phases=[(t * 1e-9, m.phase) for t, m in recording.of(PHASES)],
+    )
+
+
+def draw_run(path: Path, out: Path, force_limit_n: float = 10.0) -> None:
+    """Force, slip probability and slip distance of a run over time, phases shaded, into ``out``."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    series = read_series(path)
+    plt.rcParams["svg.hashsalt"] = "grasp"  # the same run gives the same file
+    figure, (force, p, slip) = plt.subplots(
+        3, 1, sharex=True, figsize=(9, 6), height_ratios=(3, 2, 2), layout="constrained"
+    )
+    _draw_force(force, series, force_limit_n)
+    for i, name in enumerate(FINGER_NAMES):
+        p.plot(series.t_s, series.probabilities[:, i], color=COLOURS[name], lw=1)
+    p.axhline(0.5, color="black", lw=0.6, ls=":")
+    p.set_ylabel("slip probability")
+    if series.slip_mm is not None:
+        slip.plot(series.t_s, series.slip_mm, color="black", lw=1.2)
+        first, last = _shown(series)
+        visible = series.slip_mm[(series.t_s >= first) & (series.t_s <= last)]
+        slip.set_ylim(-1.0, 1.15 * max(2.0, float(visible.max())))
+    slip.set(ylabel="slip, mm (true)", xlabel="time, s")
+    for axes in (force, p, slip):
+        _shade(axes, series, named=axes is force)
+    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
+    plt.close(figure)
+
+
+def _draw_force(axes: Any, series: Series, limit_n: float) -> None:
+    for i, name in enumerate(FINGER_NAMES):
+        axes.plot(series.t_s, series.measured_n[:, i], color=COLOURS[name], lw=0.7, alpha=0.6)
+        if series.true_n is not None:
+            axes.plot(series.t_s, series.true_n[:, i], color=COLOURS[name], lw=1.4, label=f"{name}")
+    axes.axhline(limit_n, color="#b00020", lw=1, ls="--", label=f"limit {limit_n:g} N")
+    axes.set_ylabel("grip force, N\n(thin: felt, thick: true)")
+    axes.legend(loc="lower right", ncols=4, fontsize=8, frameon=False)
+
+
+def _shown(series: Series) -> tuple[float, float]:
+    begins = {name: t for t, name in series.phases}
+    end = begins.get("lower", float(series.t_s[-1]) - LOWERING_SHOWN_S)
+    return begins.get("grasp", float(series.t_s[0])), end + LOWERING_SHOWN_S
+
+
+def _shade(axes: Any, series: Series, named: bool) -> None:
+    """Phases as background, from the grasp until the object is set down."""
+    starts = [t for t, _ in series.phases] + [float(series.t_s[-1])]
+    axes.set_xlim(*_shown(series))
+    for (start, name), end in zip(series.phases, starts[1:], strict=True):
+        if name in SHADES:
+            axes.axvspan(start, end, color=SHADES[name], lw=0, zorder=0)
+            if named:
+                axes.annotate(
+                    name, (start, 1.0), xycoords=("data", "axes fraction"), xytext=(2, 2),
+                    textcoords="offset points", fontsize=8, rotation=20, annotation_clip=True,
+                )  # fmt: skip
+    if series.onset_s is not None:
+        axes.axvline(series.onset_s, color="#b00020", lw=0.8)
+
+
+def draw_clips(
+    out: Path,
+    clips: list[tuple[str, NDArray[np.float64], NDArray[np.int16], NDArray[np.bool_]]],
+) -> None:
+    """Counts of one fingertip over time, one clip under the other, slip shaded: each a title,
+    (n,) times, (n, 6) counts and (n,) labels."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    plt.rcParams["svg.hashsalt"] = "grasp"
+    figure, rows = plt.subplots(
+        len(clips), 1, sharex=True, sharey=True, squeeze=False, figsize=(9, 2.4 * len(clips)),
+        layout="constrained",
+    )  # fmt: skip
+    for axes, (title, t_s, counts, slip) in zip(rows[:, 0], clips, strict=True):
+        for i in range(counts.shape[1]):
+            axes.plot(t_s, counts[:, i], lw=1, label=f"taxel {i}")
+        axes.fill_between(
+            t_s, 0, 1, where=slip, transform=axes.get_xaxis_transform(), color="#eeeeee", zorder=0
+        )
+        axes.set(ylabel="counts over rest", title=title)
+    rows[0, 0].legend(ncols=6, fontsize=8, frameon=False)
+    rows[-1, 0].set(xlabel="time, s; shaded: labelled slip")
+    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
+    plt.close(figure)

@@ -1,0 +1,243 @@
+"""What `grasp doctor` looks at. Standard library at the top, so that it runs where packages are
+missing; every check returns its finding, none raises, and nothing moves.
+"""
+
+import importlib
+import os
+import platform
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+JITTER_S = 2.0
+PERIOD_NS = 10_000_000
+JITTER_WARN_MS = 5.0
+DISK_WARN_BYTES = 500_000_000
+REALTIME_PRIORITY = 20
+DISTRIBUTION = "grasp-controller"
+OWN_PACKAGES = ("grasp", "drivers", "detector", "scenarios")
+
+
+class Check(NamedTuple):
+    """One finding: status is ok, warn or fail; the remedy is empty when all is well."""
+
+    name: str
+    status: str
+    detail: str
+    remedy: str = ""
+
+
+def examine(rig: str | None, file: Path | None) -> list[Check]:
+    """All checks of this machine, then those of the rig's devices if one is named."""
+    checks = [_python(), *_packages(), *_shadows(), _configuration(rig, file)]
+    checks += [*_detectors(file), _usb(), *_devices(rig, file)]
+    return [*checks, _jitter(), _scheduling(), _disk()]
+
+
+def _python() -> Check:
+    detail = f"{platform.python_version()} on {platform.system()} {platform.machine()}"
+    if (3, 11) <= sys.version_info[:2] <= (3, 12):
+        return Check("python", "ok", detail)
+    return Check("python", "fail", detail, "use Python 3.11 or 3.12")
+
+
+def _packages() -> Iterator[Check]:
+    try:
+        wanted = [r for r in requires(DISTRIBUTION) or [] if "extra ==" not in r]
+    except PackageNotFoundError:
+        yield Check("packages", "warn", f"{DISTRIBUTION} is not installed", "run `make install`")
+        return
+    found, missing = [], []
+    for requirement in wanted:
+        name = requirement.split(";")[0].split("[")[0]
+        for sign in "<>=!~ ":
+            name = name.split(sign)[0]
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            missing.append(name)
+    yield Check("packages", "ok", ", ".join(found))
+    if missing:
+        yield Check("packages", "fail", "missing: " + ", ".join(missing), "run `make install`")
+
+
+def _shadows() -> Iterator[Check]:
+    """A lab's own folder called `drivers` must not stand in for ours."""
+    home = Path(__file__).parents[2]
+    for name in OWN_PACKAGES:
+        origin = importlib.import_module(name).__file__
+        if origin is None or Path(origin).parent.parent != home:
+            yield Check(
+                "own packages", "fail", f"{name} comes from {origin}",
+                "start `grasp` from another folder, or rename yours",
+            )  # fmt: skip
+
+
+def _guarded(name: str, look: Callable[[], Check]) -> Check:
+    """The finding, or a failure made of whatever error came instead."""
+    try:
+        return look()
+    except Exception as error:  # a doctor reports, whatever it meets
+        message = getattr(error, "message", None) or f"{type(error).__name__}: {error}"
+        return Check(name, "fail", message, getattr(error, "remedy", "see the message"))
+
+
+def _load(rig: str | None, file: Path | None, detector: str = "energy") -> Any:
+    from scenarios.rigs.config import load_config
+
+    return load_config("can", rig or "simulated", detector, file)
+
+
+def _configuration(rig: str | None, file: Path | None) -> Check:
+    def look() -> Check:
+        from grasp.settings import config_dir
+
+        config = _load(rig, file)
+        extra = file or os.environ.get("GRASP_CONFIG") or "no further file"
+        return Check("configuration", "ok", f"{config_dir()}, {extra}, hash {config.digest()}")
+
+    return _guarded("configuration", look)
+
+
+def _detectors(file: Path | None) -> Iterator[Check]:
+    def look(name: str) -> Check:
+        import numpy as np
+
+        detector = _load(None, file, name).make_detector(3)
+        frames = np.random.default_rng(0).integers(-200, 0, (200, 3, 6), dtype=np.int16)
+        start = time.perf_counter_ns()
+        for frame in frames:
+            detector.update(frame)
+        spent_us = (time.perf_counter_ns() - start) / len(frames) * 1e-3
+        return Check(f"detector {name}", "ok", f"loads; {spent_us:.0f} us an update")
+
+    try:
+        from detector.interface import DETECTORS
+    except ImportError as error:
+        yield Check("detectors", "fail", str(error), "run `make install`")
+        return
+    for name in DETECTORS:
+        yield _guarded(f"detector {name}", lambda n=name: look(n))  # type: ignore[misc]
+
+
+def _usb() -> Check:
+    """Is a fingertip board on the bus, and may this user open it? Reads sysfs alone."""
+    base = Path("/sys/bus/usb/devices")
+    if not base.is_dir():
+        return Check("usb", "warn", "no USB bus on this machine", "")
+    for entry in base.iterdir():
+        try:
+            ids = tuple((entry / name).read_text().strip() for name in ("idVendor", "idProduct"))
+            bus, number = (int((entry / name).read_text()) for name in ("busnum", "devnum"))
+        except (OSError, ValueError):
+            continue
+        if ids != ("59e3", "74c7"):
+            continue
+        node = f"/dev/bus/usb/{bus:03d}/{number:03d}"
+        if os.access(node, os.R_OK | os.W_OK):
+            return Check("usb", "ok", f"fingertip board at {node}")
+        return Check(
+            "usb", "fail", f"{node}: no permission", "install the rule of `grasp tactile udev`"
+        )
+    return Check("usb", "warn", "no fingertip board (59e3:74c7) on the bus", "plug it in")
+
+
+def _devices(rig: str | None, file: Path | None) -> list[Check]:
+    """Ask gripper and arm of a wired rig; the emulated one gets a cell of its own meanwhile."""
+    if rig in (None, "simulated"):
+        return []
+    try:
+        config = _load(rig, file)
+        if rig != "emulated":
+            return _ask_devices(config)
+        from scenarios.rigs.wired import at_endpoints, cell_process
+
+        with cell_process(config, 0) as cell:
+            return _ask_devices(at_endpoints(config, cell.endpoints))
+    except Exception as error:
+        message = getattr(error, "message", None) or f"{type(error).__name__}: {error}"
+        return [Check("devices", "fail", message, getattr(error, "remedy", "see the message"))]
+
+
+def _ask_devices(config: Any) -> list[Check]:
+    return [_guarded("gripper", lambda: _gripper(config)), *_arm(config)]
+
+
+def _gripper(config: Any) -> Check:
+    """Read the status registers once; write nothing."""
+    from drivers.robotiq.link.modbus import ModbusTransport
+    from drivers.robotiq.protocol import (
+        FAULTS,
+        REGISTERS,
+        RTU,
+        TCP,
+        StatusRegisters,
+    )
+
+    link = TCP if config.gripper.link == "tcp" else RTU
+    transport = ModbusTransport(config.modbus, config.gripper.link)
+    try:
+        words = transport.read(link.status_register, REGISTERS, time.monotonic_ns())
+    finally:
+        transport.close()
+    status = StatusRegisters.from_registers(words)
+    fault = FAULTS[status.fault]
+    state = "active" if status.ready else "not activated"
+    if fault.code:
+        return Check("gripper", "warn", f"answers, {state}; {fault.text}", fault.remedy)
+    return Check("gripper", "ok", f"answers, {state}, no fault")
+
+
+def _arm(config: Any) -> list[Check]:
+    from drivers.ur.link.preflight import preflight
+
+    report = preflight(config.ur.host, config.ur.step_timeout_s)
+    return [Check(f"arm {c.name}", c.status, c.detail, c.remedy) for c in report.checks]
+
+
+def _jitter() -> Check:
+    """How late a 100 Hz loop with absolute deadlines wakes on this machine now."""
+    late = []
+    deadline = time.monotonic_ns()
+    for _ in range(int(JITTER_S * 1e9 / PERIOD_NS)):
+        deadline += PERIOD_NS
+        time.sleep(max(0.0, (deadline - time.monotonic_ns()) * 1e-9))
+        late.append((time.monotonic_ns() - deadline) * 1e-6)
+    late.sort()
+    p50, p99, most = (late[min(len(late) - 1, int(q * len(late)))] for q in (0.5, 0.99, 1.0))
+    detail = f"100 Hz for {JITTER_S:g} s: late by p50 {p50:.2f}, p99 {p99:.2f}, max {most:.2f} ms"
+    if p99 < JITTER_WARN_MS:
+        return Check("loop jitter", "ok", detail)
+    return Check(
+        "loop jitter", "warn", detail, "stop other programs, or allow real-time scheduling"
+    )
+
+
+def _scheduling() -> Check:
+    """May this user ask for real-time scheduling? Tried in a child, so nothing changes here."""
+    pid = os.fork()
+    if pid == 0:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REALTIME_PRIORITY))
+        except OSError:
+            os._exit(1)
+        os._exit(0)
+    allowed = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
+    if allowed:
+        return Check("real-time scheduling", "ok", f"SCHED_FIFO {REALTIME_PRIORITY} allowed")
+    return Check(
+        "real-time scheduling", "warn", "SCHED_FIFO not allowed",
+        f"in /etc/security/limits.d: `@realtime - rtprio {REALTIME_PRIORITY}`, join that group",
+    )  # fmt: skip
+
+
+def _disk() -> Check:
+    free = shutil.disk_usage(".").free
+    detail = f"{free / 1e9:.1f} GB free here; a run takes about 0.3 MB"
+    if free > DISK_WARN_BYTES:
+        return Check("disk", "ok", detail)
+    return Check("disk", "warn", detail, "free space, or record elsewhere with --runs")

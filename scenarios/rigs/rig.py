@@ -1,0 +1,149 @@
+"""Opens a rig: the three devices, their clock, and, where there is a simulation, its truth."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import msgspec
+
+from drivers.errors import ConfigError, DeviceFault
+from drivers.robotiq.driver import RobotiqDriver
+from drivers.robotiq.model.gripper import ModelTransport
+from drivers.robotiq.protocol import CALIBRATIONS, GripperCalibration
+from drivers.takktile.driver import ModelLink, TakkTileDriver
+from drivers.ur.driver import ArmDriver
+from grasp.clock import Clock, PacedClock, VirtualClock, WallClock
+from grasp.loop import Devices
+from scenarios.rigs.config import RunConfig
+from scenarios.rigs.world_of_seed import make_cell
+from scenarios.world.cell import Blow, SimulatedCell, Truth
+
+POLL_NS = 100_000_000  # while waiting for activation
+ACTIVATION_TIMEOUT_S = 25.0
+
+
+class Stalls(msgspec.Struct, frozen=True):
+    """Times that the emulated world stood still over 50 ms: the cell's fault, not the loop's."""
+
+    count: int = 0
+    worst_ms: float = 0.0
+
+
+class Rig(msgspec.Struct, frozen=True):
+    """Devices that are connected, activated and have been read once."""
+
+    devices: Devices
+    clock: Clock
+    cell: SimulatedCell | None  # the world, where it is in this process
+    world: Callable[[], Truth] | None  # its truth, wherever it is; None on hardware
+    stalls: Callable[[], Stalls] | None = None  # of the process that emulates the world
+    # verb to the reply that acknowledges its write, ns, where a thread does the exchange
+    acknowledgements: Callable[[], Sequence[int]] | None = None
+    tap: Callable[[Blow], None] | None = None  # strikes the object; None where a person must
+    load: Callable[[RunConfig, int], None] | None = None  # another trial's object, put in place
+
+    def truth(self) -> Truth | None:
+        """The state of the world now; None on hardware."""
+        return None if self.world is None else self.world()
+
+
+def calibration(config: RunConfig) -> GripperCalibration:
+    """The gripper calibration that the configuration names."""
+    found = CALIBRATIONS.get(config.gripper.calibration)
+    if found is None:
+        known = ", ".join(CALIBRATIONS)
+        name = config.gripper.calibration
+        problem = f"unknown: {name}" if name else "must be chosen by hand on this rig"
+        raise ConfigError("gripper", "calibration", problem, known)
+    return found
+
+
+@contextmanager
+def open_rig(config: RunConfig, seed: int, paced: bool) -> Iterator[Rig]:
+    """The rig that the configuration names. Raises the drivers' errors; closes what it opened."""
+    if config.rig == "simulated":
+        yield _simulated(config, seed, paced)
+        return
+    wired = _emulated(config, seed) if config.rig == "emulated" else _hardware(config)
+    with wired as rig:
+        yield rig
+
+
+@contextmanager
+def _emulated(config: RunConfig, seed: int) -> Iterator[Rig]:
+    """Real drivers over real protocols to a cell in another process, in wall time."""
+    from scenarios.rigs.wired import (
+        acknowledgements,
+        at_endpoints,
+        cell_process,
+        wait_placed,
+        wired_devices,
+    )
+
+    with cell_process(config, seed) as cell:
+        clock = WallClock(cell.endpoints["start_ns"])
+        there = at_endpoints(config, cell.endpoints)
+        with wired_devices(there, calibration(config), clock) as devices:
+            connect(devices, clock)
+            devices.arm.set_payload(config.arm.payload_kg)
+            wait_placed(cell, clock)
+
+            def load(trial: RunConfig, seed: int) -> None:
+                cell.load(trial, seed)
+                wait_placed(cell, clock)
+
+            yield Rig(
+                devices, clock, None, cell.truth, cell.stalls, acknowledgements(devices),
+                cell.tap, load,
+            )  # fmt: skip
+
+
+@contextmanager
+def _hardware(config: RunConfig) -> Iterator[Rig]:
+    """The same drivers at the lab's own addresses; nothing is known but what the devices say."""
+    from scenarios.rigs.wired import acknowledgements, wired_devices
+
+    clock = WallClock(WallClock().now_ns)
+    with wired_devices(config, calibration(config), clock) as devices:
+        connect(devices, clock)
+        devices.arm.set_payload(config.arm.payload_kg)
+        yield Rig(devices, clock, None, None, None, acknowledgements(devices))
+
+
+def _simulated(config: RunConfig, seed: int, paced: bool) -> Rig:
+    """Real driver cores over the device models, in this process."""
+    cell = make_cell(config, seed)
+    tactile = TakkTileDriver(ModelLink(cell.board), config.tactile)
+    tactile.open(0)
+    devices = Devices(
+        gripper=RobotiqDriver(ModelTransport(cell.gripper), config.gripper, calibration(config)),
+        arm=ArmDriver(cell.arm, config.arm),
+        tactile=tactile,
+    )
+    fast = VirtualClock(cell.advance)
+    connect(devices, fast)
+    devices.arm.set_payload(config.arm.payload_kg)
+    cell.place_object()
+    clock = PacedClock(cell.advance, fast.now_ns) if paced else fast
+    return Rig(devices, clock, cell, cell.truth, tap=cell.tap)
+
+
+def connect(devices: Devices, clock: Clock) -> None:
+    """First exchange with each device, then activation of the gripper if it is not active yet.
+
+    Raises what the devices raise, and DeviceFault when activation takes far longer than usual.
+    """
+    now_ns = clock.now_ns
+    devices.arm.pump(now_ns)
+    devices.gripper.pump(now_ns)
+    devices.gripper.activate()
+    end_ns = now_ns + round(ACTIVATION_TIMEOUT_S * 1e9)
+    while (state := devices.gripper.state) is None or not state.active:
+        if clock.now_ns >= end_ns:
+            raise DeviceFault(
+                f"gripper not active {ACTIVATION_TIMEOUT_S:g} s after the request",
+                "look at its LED, clear what blocks the fingers, switch it off and on",
+            )
+        clock.sleep_until_ns(clock.now_ns + POLL_NS)
+        devices.gripper.pump(clock.now_ns)
+    devices.arm.pump(clock.now_ns)
+    devices.tactile.pump(clock.now_ns)

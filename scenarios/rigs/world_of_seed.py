@@ -1,0 +1,28 @@
+"""Makes the world of one trial: settings and seed in, a cell out."""
+
+import numpy as np
+
+from scenarios.rigs.config import RunConfig
+from scenarios.rigs.variation import draw
+from scenarios.world.cell import CellSettings, SimulatedCell
+
+
+def cell_settings(config: RunConfig, seed: int) -> tuple[CellSettings, np.random.Generator]:
+    """The world that a seed stands for, and the generator of its noise; equal on every rig."""
+    varied, world = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    trial = draw(config.variation, config.object, config.hand, varied)
+    settings = CellSettings(
+        body=trial.body,
+        contact=config.contact,
+        fingertip=config.fingertip,
+        hand=trial.hand,
+        board=config.board,
+        arm=config.arm_model,
+        finger_offset_m=trial.finger_offset_m,
+    )
+    return settings, world
+
+
+def make_cell(config: RunConfig, seed: int, start_ns: int = 0) -> SimulatedCell:
+    """A cell with that world."""
+    return SimulatedCell(*cell_settings(config, seed), start_ns)

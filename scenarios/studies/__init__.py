@@ -1,0 +1,1 @@
+"""Why: studies of physics, signal, reaction, detectors, Table IV. No run needs them."""

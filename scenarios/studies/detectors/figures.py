@@ -1,0 +1,82 @@
+"""The speed-accuracy chart of the detectors. Needs the extra `charts`."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from detector.scores.evaluation import Evaluation
+from detector.scores.sweep import Point, frontier
+
+PAPER_DELAY_MS = 134.0
+PAPER_FALSE_SHARE = 0.076  # of static samples; the rate of events that follows is in the docs
+PAPER_FALSE_PER_MIN = 100.0  # three fingers, two in a row, errors independent: one in 0.6 s
+HUMAN_MS, HUMAN_DEVIATION_MS = 74.0, 9.0  # Johansson and Westling 1987
+PAPER_ACCURACY, PAPER_COMPUTE_US = 0.913, 21_000.0
+LEAST_SHOWN_PER_MIN = 0.1  # fewer are drawn there: zero has no place on a logarithmic axis
+COLOURS = ("#1f5f99", "#c2571a", "#3a7d44", "#7a4fa3", "#b00020", "#777777", "#a8862b", "#21a0a0")
+
+
+class Curve(msgspec.Struct, frozen=True):
+    """One detector: its sheet and its frontier."""
+
+    sheet: Evaluation
+    points: list[Point]
+
+
+def curve(sheet: Evaluation, points: Sequence[Point]) -> Curve:
+    """The sheet with the best of the points."""
+    return Curve(sheet, frontier(points))
+
+
+def draw_detectors(curves: Mapping[str, Curve], out: Path) -> None:
+    """False events against delay, accuracy against compute, into ``out``; numbers beside it."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    plt.rcParams["svg.hashsalt"] = "grasp"
+    figure, (speed, cost) = plt.subplots(
+        1, 2, figsize=(12, 5), width_ratios=(3, 2), layout="constrained"
+    )
+    for (name, c), colour in zip(curves.items(), COLOURS, strict=False):
+        x = [max(p.false_per_min, LEAST_SHOWN_PER_MIN) for p in c.points]
+        speed.step(x, [p.delay_ms for p in c.points], color=colour, label=name, where="post")
+        if c.sheet.compute_us is not None:
+            cost.plot(c.sheet.compute_us.p50, 100 * c.sheet.accuracy, "o", color=colour)
+            at = (c.sheet.compute_us.p50, 100 * c.sheet.accuracy)
+            cost.annotate(name, at, xytext=(6, 3), textcoords="offset points", fontsize=8)
+    _frame_speed(speed)
+    _frame_cost(cost)
+    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
+    plt.close(figure)
+    out.with_suffix(".json").write_bytes(
+        msgspec.json.format(msgspec.json.encode(curves), indent=1) + b"\n"
+    )
+
+
+def _frame_speed(axes: Any) -> None:
+    axes.axhline(PAPER_DELAY_MS, color="black", lw=0.8, ls="--")
+    axes.plot(PAPER_FALSE_PER_MIN, PAPER_DELAY_MS, "*", color="black", ms=11)
+    axes.annotate("paper, real data: 134 ms", (PAPER_FALSE_PER_MIN, PAPER_DELAY_MS),
+                  xytext=(-4, 6), textcoords="offset points", fontsize=8, ha="right")  # fmt: skip
+    axes.axhspan(HUMAN_MS - HUMAN_DEVIATION_MS, HUMAN_MS + HUMAN_DEVIATION_MS, color="#f0d9c0")
+    axes.annotate("human grip reflex, 74 ± 9 ms", (LEAST_SHOWN_PER_MIN, HUMAN_MS),
+                  xytext=(4, -3), textcoords="offset points", fontsize=8)  # fmt: skip
+    axes.set(
+        xscale="log", xlabel="false events a minute, three fingers (left edge: 0.1 or fewer)",
+        ylabel="median delay from the rise of the label, ms (misses: to its end)",
+    )  # fmt: skip
+    axes.set_xlim(LEAST_SHOWN_PER_MIN, 300.0)
+    axes.set_ylim(-10.0, 300.0)
+    axes.legend(fontsize=8, frameon=False)
+
+
+def _frame_cost(axes: Any) -> None:
+    axes.axhline(100 * PAPER_ACCURACY, color="black", lw=0.8, ls="--")
+    axes.plot(PAPER_COMPUTE_US, 100 * PAPER_ACCURACY, "*", color="black", ms=11)
+    axes.annotate("paper, real data: 91.3 %, 21 ms", (PAPER_COMPUTE_US, 100 * PAPER_ACCURACY),
+                  xytext=(-4, 6), textcoords="offset points", fontsize=8, ha="right")  # fmt: skip
+    axes.set(xscale="log", xlabel="one update, µs (median)", ylabel="accuracy a sample, %")

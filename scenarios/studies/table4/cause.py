@@ -1,0 +1,83 @@
+"""Why an object is not caught as often as in the paper: geometry, reaction or detection.
+
+Each is moved through its whole range, the others as they are: what cannot reach the paper's
+interval even so is not the cause. Detection and reaction are moved on copies of the lift
+(``studies.reaction.copies``): the command to close comes earlier or later. On a copy nobody
+listens any more: a full run that fails where its copy holds has failed by an alarm, too early or
+without end.
+"""
+
+from collections.abc import Sequence
+
+import msgspec
+
+from scenarios.campaign.paper import TRIALS, paper_counts, wilson
+from scenarios.rigs.config import RunConfig
+from scenarios.studies.reaction.copies import answered, at_lift, find_onset, react
+
+REACTION_RANGE_S = (0.0, 0.25)  # decision delay and command path together; assumed
+DETECTION_FACTORS = (0.25, 4.0)  # of the detector's own delay
+
+
+class Range(msgspec.Struct, frozen=True):
+    """Success rates that one cause alone can give."""
+
+    cause: str
+    low: float
+    high: float
+    reaches: bool  # the paper's 95 % interval
+
+
+class Cause(msgspec.Struct, frozen=True):
+    """Of one object."""
+
+    object: str
+    paper: tuple[float, float]
+    rate: float  # of the full runs
+    ranges: list[Range]
+
+
+def explain(
+    config: RunConfig, seeds: Sequence[int], rate: float, geometry: tuple[float, float]
+) -> Cause:
+    """Move each cause alone. ``rate``: of the full runs; ``geometry``: over the calibration's
+    grid."""
+    name = config.object.name
+    counts = paper_counts("lift", name)
+    paper = wilson(sum(counts[:-1]), TRIALS)
+    rates: dict[str, list[bool]] = {}
+    for seed in seeds:
+        for key, success in _moved(config, seed).items():
+            rates.setdefault(key, []).append(success)
+    mean = {key: sum(got) / len(got) for key, got in rates.items()}
+    ranges = [
+        _range("geometry", geometry, paper),
+        _range("reaction", (mean["no reaction time"], mean["slow reaction"]), paper),
+        _range("detection: delay", (mean["quick detection"], mean["slow detection"]), paper),
+        _range("detection: alarms", (rate, mean["as it is"]), paper),
+    ]
+    return Cause(name, paper, rate, ranges)
+
+
+def _range(cause: str, rates: tuple[float, float], paper: tuple[float, float]) -> Range:
+    low, high = min(rates), max(rates)
+    return Range(cause, low, high, low <= paper[1] and high >= paper[0])
+
+
+def _moved(config: RunConfig, seed: int) -> dict[str, bool]:
+    begun = at_lift(config, seed)
+    onset_ns = find_onset(begun)
+    answer = answered(config, seed)
+    names = ("as it is", "no reaction time", "slow reaction", "quick detection", "slow detection")
+    if onset_ns is None or answer is None:
+        return dict.fromkeys(names, False)
+    sent_ns, command, registered_ns = answer
+    late_ns = max(0, registered_ns - onset_ns)
+    path_ns = round(config.hand.command_latency_s * 1e9) + sent_ns - registered_ns
+    shortest, longest = (round(s * 1e9) - path_ns for s in REACTION_RANGE_S)
+    quick, slow = (round(late_ns * (factor - 1)) for factor in DETECTION_FACTORS)
+    shifts = (0, shortest, longest, quick, slow)
+    return {
+        key: react(config, begun, sent_ns + shift, command).success
+        for key, shift in zip(names, shifts, strict=True)
+    }

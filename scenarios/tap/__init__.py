@@ -1,0 +1,1 @@
+"""The mallet tap (paper, section V-B)."""

@@ -1,0 +1,136 @@
+"""How hard the mallet strikes: searched as the paper's operator did, until the object moves.
+
+"Enough force to induce slip, but not to cause complete grasp failure" (paper, section V-B). The
+search bisects the impulse on the contact law alone, for the object as configured and held at the
+force cap, until the object moves ``tap.aim_m`` for good. A trial's own friction, mass and grip
+differ from that, and so does the hand's strength from blow to blow: what a trial's tap really moves
+is measured, not assumed.
+"""
+
+import math
+from functools import cache
+
+import msgspec
+import numpy as np
+
+from drivers.errors import ConfigError
+from scenarios.rigs.config import RunConfig
+from scenarios.tap.settings import TapSettings
+from scenarios.world import contact
+from scenarios.world.cell import DIRECTIONS, Blow
+from scenarios.world.contact import Floats
+from scenarios.world.contact_settings import ContactSettings
+from scenarios.world.objects import GraspObject
+
+MOST_NS = 2.0
+HALVINGS = 24
+SETTLE_S, AFTER_S = 0.6, 0.6
+
+
+class Swing(msgspec.Struct, frozen=True):
+    """One blow as the hand delivers it, and how much longer than needed it waits before."""
+
+    blow: Blow
+    wait_s: float
+
+    @property
+    def impulse_ns(self) -> float:
+        return self.blow.impulse_ns + self.blow.follow_ns
+
+
+def direction_of(settings: TapSettings, seed: int) -> str:
+    """Of the tap with that seed: ``alternate`` strikes the top with even seeds."""
+    if settings.direction != "alternate":
+        return settings.direction
+    return "top" if seed % 2 == 0 else "side"
+
+
+def swing(config: RunConfig, seed: int) -> Swing:
+    """The blow that a seed stands for. Raises ConfigError when no blow moves the object enough."""
+    tap = config.tap
+    direction = direction_of(tap, seed)
+    nominal_ns = tap.impulse_ns or search(config, "top" if direction == "closing" else direction)
+    rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2])
+    hand = 1 + tap.spread * float(np.clip(rng.standard_normal(), -2.5, 2.5))
+    delay, wait = rng.uniform(size=2).tolist()
+    impulse_ns = tap.strength * nominal_ns * max(hand, 0.0)
+    blow = _blow(tap, direction, impulse_ns, config.loop.period_s * delay)
+    return Swing(blow, tap.wait_s * wait)
+
+
+def mallet_speed_mps(config: RunConfig, impulse_ns: float) -> float:
+    """Speed at which the mallet met the object: J = (1 + e) m M / (m + M) v, object free."""
+    tap, body = config.tap, config.object
+    mass_kg = body.mass_kg + body.added_mass_kg
+    reduced_kg = tap.mallet_kg * mass_kg / (tap.mallet_kg + mass_kg)
+    return impulse_ns / ((1 + tap.restitution) * reduced_kg)
+
+
+def search(config: RunConfig, direction: str) -> float:
+    """Impulse, N s, that moves the configured object ``tap.aim_m`` in that direction.
+
+    Raises ConfigError when none below 2 N s does: the object is knocked out before.
+    """
+    # the strength of one blow is what is searched: what differs between trials plays no part
+    tap = msgspec.structs.replace(
+        config.tap, impulse_ns=0.0, direction="alternate", spread=0.0, strength=1.0
+    )
+    return _search(config.object, config.contact, config.controller.force_cap_n, tap, direction)
+
+
+@cache
+def _search(
+    body: GraspObject, hand: ContactSettings, grip_n: float, tap: TapSettings, direction: str
+) -> float:
+    p, held, travel = _held(body, hand, grip_n)
+    low, high = 0.0, MOST_NS
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        moved_m = _moved_m(p, held, travel, hand, _blow(tap, direction, middle, 0.0))
+        low, high = (middle, high) if moved_m < tap.aim_m else (low, middle)
+    reached_m = _moved_m(p, held, travel, hand, _blow(tap, direction, high, 0.0))
+    if not reached_m < 2 * tap.aim_m:
+        raise ConfigError(
+            "tap", "aim_m",
+            f"no blow on the {direction} moves {body.name} {tap.aim_m * 1e3:g} mm and leaves it "
+            "in the hand", "a smaller tap.aim_m, or tap.impulse_ns",
+        )  # fmt: skip
+    return high
+
+
+def _blow(tap: TapSettings, direction: str, impulse_ns: float, delay_s: float) -> Blow:
+    follow_ns = tap.follow_fraction * impulse_ns
+    return msgspec.convert(
+        {
+            "direction": direction, "impulse_ns": impulse_ns - follow_ns,
+            "duration_s": tap.duration_s, "follow_ns": follow_ns, "follow_s": tap.follow_s,
+            "delay_s": delay_s,
+        },
+        Blow,
+    )  # fmt: skip
+
+
+def _held(body: GraspObject, hand: ContactSettings, grip_n: float) -> tuple[Floats, Floats, Floats]:
+    """Parameters, settled state and finger travel of the object in the air at that grip force."""
+    p = contact.parameters(hand, body)
+    state = contact.initial_state()
+    state[contact.HEIGHT] = 1.0
+    pressed_m = grip_n / contact.finger_stiffness(hand, body)
+    width_m, _ = contact.width_and_slope(p, 0.0)
+    travel = hand.half_aperture_m - width_m + pressed_m * np.array([1.0, 0.5, 0.5])
+    contact.advance(p, state, 0.0, SETTLE_S, hand.step_s, 0.0, 0.0, 0.0, travel, travel)
+    return p, state, travel
+
+
+def _moved_m(p: Floats, held: Floats, travel: Floats, hand: ContactSettings, blow: Blow) -> float:
+    """Displacement for good, m; infinite if the object was lost."""
+    s = held.copy()
+    s[contact.TAP_DIRECTION] = DIRECTIONS[blow.direction]
+    s[[contact.TAP_START_S, contact.TAP_S, contact.TAP_NS]] = (
+        SETTLE_S, blow.duration_s, blow.impulse_ns,
+    )  # fmt: skip
+    s[[contact.FOLLOW_S, contact.FOLLOW_NS]] = blow.follow_s, blow.follow_ns
+    contact.advance(p, s, SETTLE_S, AFTER_S, hand.step_s, 0.0, 0.0, 0.0, travel, travel)
+    if s[contact.NORMAL] <= 0.0:
+        return math.inf
+    return math.hypot(s[contact.SLIP] - held[contact.SLIP], s[contact.ACROSS])

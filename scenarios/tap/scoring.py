@@ -1,0 +1,120 @@
+"""The verdict of a tap, from what moved and what the status said: the same on every rig.
+
+Success as in the paper (section V-B): slip was registered after the object moved upon being
+tapped, and the status returned to nominal after the object had stopped. The paper gives no times;
+the windows here are settings, and ``verdict`` can be asked again with others.
+"""
+
+from collections.abc import Sequence
+from enum import StrEnum
+
+import msgspec
+
+from scenarios.tap.settings import TapScoringSettings
+from scenarios.trial.result import Alarm
+
+
+class TapOutcome(StrEnum):
+    """How a tap can end; the first is the success, the next two are taps that moved nothing."""
+
+    REGISTERED = "registered"
+    UNMOVED_QUIET = "unmoved_quiet"
+    UNMOVED_REGISTERED = "unmoved_registered"
+    UNDETECTED = "undetected"
+    LATE = "late"
+    ALARM_STAYED = "alarm_stayed"
+    KNOCKED_OUT = "knocked_out"
+    NEVER_NOMINAL = "never_nominal"
+    OVER_FORCE = "over_force"
+    FAULT = "fault"
+
+
+UNMOVED = frozenset({TapOutcome.UNMOVED_QUIET, TapOutcome.UNMOVED_REGISTERED})
+UNSTRUCK = frozenset({TapOutcome.NEVER_NOMINAL, TapOutcome.FAULT})
+
+
+class Motion(msgspec.Struct, frozen=True, kw_only=True):
+    """What a blow did: seen by the world, or felt by the fingertips and read off the tape mark.
+
+    Times in seconds; ``from_s`` and ``until_s``: gross slip, None where there was none.
+    """
+
+    struck_s: float
+    from_s: float | None
+    until_s: float | None
+    displacement_m: float
+    held: bool = True
+    down_m: float | None = None
+    across_m: float | None = None
+
+
+class TapFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """What a verdict is drawn from. ``motion`` is None when no blow was struck."""
+
+    motion: Motion | None
+    alarms: Sequence[Alarm]
+    watched_until_s: float
+    own_peak_n: float | None  # before the blow: what the hand did by itself
+    force_bound_n: float
+    fault: str = ""
+
+
+def verdict(facts: TapFacts, settings: TapScoringSettings) -> TapOutcome:
+    """The first rule that applies, worst first."""
+    if facts.fault:
+        return TapOutcome.FAULT
+    if facts.own_peak_n is not None and facts.own_peak_n > facts.force_bound_n:
+        return TapOutcome.OVER_FORCE
+    motion = facts.motion
+    if motion is None:
+        return TapOutcome.NEVER_NOMINAL
+    if not motion.held:
+        return TapOutcome.KNOCKED_OUT
+    registered_s = registered_after(facts.alarms, motion.struck_s)
+    if motion.displacement_m < settings.moved_m:
+        quiet = registered_s is None
+        return TapOutcome.UNMOVED_QUIET if quiet else TapOutcome.UNMOVED_REGISTERED
+    if registered_s is None:
+        return TapOutcome.UNDETECTED
+    return _timely(facts, motion, registered_s, settings)
+
+
+def _timely(
+    facts: TapFacts, motion: Motion, registered_s: float, settings: TapScoringSettings
+) -> TapOutcome:
+    if registered_s > first_motion_s(motion) + settings.register_s:
+        return TapOutcome.LATE
+    end_s = last_motion_s(motion)
+    again_s = nominal_again_s(facts, end_s, settings.stay_s)
+    if again_s is None or again_s > end_s + settings.clear_s:
+        return TapOutcome.ALARM_STAYED
+    return TapOutcome.REGISTERED
+
+
+def first_motion_s(motion: Motion) -> float:
+    """First instant of gross slip; the blow itself where creep alone added up."""
+    return motion.struck_s if motion.from_s is None else motion.from_s
+
+
+def last_motion_s(motion: Motion) -> float:
+    return motion.struck_s if motion.until_s is None else motion.until_s
+
+
+def registered_after(alarms: Sequence[Alarm], t_s: float) -> float | None:
+    """First registration at or after that time."""
+    return next((alarm.on_s for alarm in alarms if alarm.on_s >= t_s), None)
+
+
+def nominal_again_s(facts: TapFacts, since_s: float, stay_s: float) -> float | None:
+    """First time from ``since_s`` on at which the status is nominal and stays so for ``stay_s``;
+    None if it was not watched long enough to tell, or never did."""
+    t_s = since_s
+    for alarm in facts.alarms:
+        if alarm.off_s is not None and alarm.off_s <= t_s:
+            continue
+        if alarm.on_s >= t_s + stay_s:
+            break
+        if alarm.off_s is None:
+            return None
+        t_s = alarm.off_s
+    return t_s if t_s + stay_s <= facts.watched_until_s else None

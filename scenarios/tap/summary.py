@@ -1,0 +1,98 @@
+"""A series of taps in figures: successes among those that moved the object, and the rest apart."""
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+import msgspec
+import numpy as np
+
+from scenarios.tap.scoring import UNMOVED, Motion, TapFacts, TapOutcome, verdict
+from scenarios.tap.settings import TapScoringSettings
+from scenarios.trial.result import Spread, TapResult
+
+
+class TapCount(msgspec.Struct, frozen=True):
+    """Taps of one direction, or of all. ``moved`` is what a success rate is out of."""
+
+    struck: int
+    moved: int
+    successes: int
+    unmoved: int
+    false_alarms: int  # registered although nothing moved
+
+
+class TapSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """Of one series."""
+
+    total: TapCount
+    by_direction: dict[str, TapCount]
+    outcomes: dict[str, int]
+    slip_duration_ms: Spread | None
+    detection_latency_ms: Spread | None
+    nominal_again_ms: Spread | None
+
+
+def summarise(results: Sequence[TapResult]) -> TapSummary:
+    """Figures of a series; a tap that was never struck counts in ``outcomes`` alone."""
+    directions = sorted({r.direction for r in results}, reverse=True)
+    return TapSummary(
+        total=count(results),
+        by_direction={d: count(r for r in results if r.direction == d) for d in directions},
+        outcomes=dict(Counter(r.outcome for r in results).most_common()),
+        slip_duration_ms=_spread(r.slip_duration_ms for r in results if r.moved),
+        detection_latency_ms=_spread(r.detection_latency_ms for r in results if r.moved),
+        nominal_again_ms=_spread(r.nominal_again_ms for r in results if r.moved),
+    )
+
+
+def count(results: Iterable[TapResult]) -> TapCount:
+    """Taps by what they did."""
+    struck = [r for r in results if r.moved is not None]
+    moved = [r for r in struck if r.moved]
+    return TapCount(
+        struck=len(struck),
+        moved=len(moved),
+        successes=sum(r.success for r in moved),
+        unmoved=len(struck) - len(moved),
+        false_alarms=sum(r.outcome == TapOutcome.UNMOVED_REGISTERED for r in struck),
+    )
+
+
+def verdict_again(result: TapResult, settings: TapScoringSettings) -> TapOutcome:
+    """The verdict of a finished tap under other windows, from what its result has kept.
+
+    Faults, excessive force and objects knocked out stay what they are.
+    """
+    if result.struck_s is None or result.outcome in (
+        TapOutcome.KNOCKED_OUT, TapOutcome.OVER_FORCE, TapOutcome.FAULT,
+    ):  # fmt: skip
+        return TapOutcome(result.outcome)
+    motion = Motion(
+        struck_s=result.struck_s, from_s=result.slip_onset_s, until_s=result.slip_end_s,
+        displacement_m=result.displacement_m or 0.0,
+    )  # fmt: skip
+    facts = TapFacts(
+        motion=motion, alarms=result.alarms, watched_until_s=result.watched_until_s or 0.0,
+        own_peak_n=None, force_bound_n=0.0,
+    )  # fmt: skip
+    return verdict(facts, settings)
+
+
+def sensitivity(
+    results: Sequence[TapResult], windows: Iterable[TapScoringSettings]
+) -> list[tuple[TapScoringSettings, int, int]]:
+    """(settings, successes, taps that moved) for each set of windows; nothing is run again."""
+    table = []
+    for settings in windows:
+        outcomes = [verdict_again(r, settings) for r in results if r.struck_s is not None]
+        moved = sum(o not in UNMOVED for o in outcomes)
+        table.append((settings, outcomes.count(TapOutcome.REGISTERED), moved))
+    return table
+
+
+def _spread(values: Iterable[float | None]) -> Spread | None:
+    known = [value for value in values if value is not None]
+    if not known:
+        return None
+    p50, p99, most = np.percentile(known, (50, 99, 100))
+    return Spread(round(float(p50), 1), round(float(p99), 1), round(float(most), 1))

@@ -1,0 +1,267 @@
+"""The mallet tap (paper, section V-B): hold at the force cap, be struck, feel the slip, calm down.
+
+Each tap is a trial of its own, a grasp from the table to being set down again, so that taps do not
+walk the object through the hand. Only detection is scored: the controller is told not to answer
+slip, and it could not, because a thumb that stands at the cap is latched at that force.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from drivers.errors import ConfigError
+from grasp.controller import GraspController
+from grasp.guard import ForceGuard
+from grasp.loop import ControlLoop, Tick
+from scenarios.lift.scoring import Trace
+from scenarios.rigs.config import RunConfig
+from scenarios.rigs.rig import Rig, Stalls, open_rig
+from scenarios.tap.mallet import direction_of, mallet_speed_mps, swing
+from scenarios.tap.scoring import (
+    UNMOVED,
+    UNSTRUCK,
+    Motion,
+    TapFacts,
+    TapOutcome,
+    first_motion_s,
+    last_motion_s,
+    nominal_again_s,
+    registered_after,
+    verdict,
+)
+from scenarios.tap.striking import Operator, PersonStrikes, TapSequence, WorldStrikes
+from scenarios.trial.execution import (
+    OnTick,
+    Watch,
+    acknowledged,
+    later_ms,
+    make_controller,
+    make_guard,
+    make_loop,
+    named,
+    recorded,
+    run_to_end,
+    stalls,
+)
+from scenarios.trial.result import FinishedRun, TapResult, phase_entries, timing_result, versions
+
+SCENARIO = "tap"
+DEADLINE_S = 180.0  # a phase other than hold has its own, shorter one
+OPERATOR_DEADLINE_S = 3600.0  # a person strikes, measures and types
+HOLD_S = 600.0  # the scenario asks when to set down
+
+
+class TapTrial(msgspec.Struct, frozen=True):
+    """One controller on one open rig, struck once, run to its end."""
+
+    controller: GraspController
+    loop: ControlLoop
+    trace: Trace
+    sequence: TapSequence
+    stalls: Stalls
+    acknowledged_ns: list[int]
+    real_time: bool | None
+    interrupted: bool
+
+
+def tap_config(config: RunConfig) -> RunConfig:
+    """The settings as a tap uses them: firm grip, no answer to slip, no added weights (the paper
+    added those for the lift), set down where it stood. Raises ConfigError when the status is not
+    watched for long enough to be judged."""
+    replace, scoring = msgspec.structs.replace, config.tap_scoring
+    least_s = max(scoring.register_s, scoring.clear_s + scoring.stay_s)
+    if config.tap.watch_s < least_s:
+        raise ConfigError(
+            "tap", "watch_s", f"{config.tap.watch_s:g} s is too short to judge a tap",
+            f">= {least_s:g} s, tap_scoring.clear_s + stay_s or register_s",
+        )  # fmt: skip
+    return replace(
+        config,
+        object=replace(config.object, added_mass_kg=0.0),
+        controller=replace(
+            config.controller, firm=True, reactions=False, keep=False, hold_s=HOLD_S,
+            retreat_m=0.0, lift_height_m=config.tap.height_m,
+        ),
+    )  # fmt: skip
+
+
+def run_trial(
+    config: RunConfig,
+    seed: int,
+    rig: Rig,
+    guard: ForceGuard,
+    watch: Watch,
+    operator: Operator | None = None,
+) -> TapTrial:
+    """One tap on an open rig, ``config`` from ``tap_config``. Where there is no world to deliver
+    it, an operator does; Ctrl-C stops the arm and keeps the grip."""
+    controller = make_controller(config)
+    trace = Trace()
+    blow = swing(config, seed)
+    if rig.tap is not None:
+        hand: WorldStrikes | PersonStrikes = WorldStrikes(rig.tap, blow, config.tap)
+    elif operator is not None:
+        hand = PersonStrikes(operator, direction_of(config.tap, seed), config)
+    else:
+        raise ConfigError("rig", "tap", "nobody is there to strike the object", "an operator")
+    sequence = TapSequence(config.tap, blow.wait_s, hand)
+
+    def take(tick: Tick) -> None:
+        truth = rig.truth()
+        trace.add(tick, truth)
+        sequence.take(tick, truth)
+        loop.set_down = sequence.over
+        watch(tick, truth, controller)
+
+    loop = make_loop(config, rig, controller, guard, take)
+    deadline_s = DEADLINE_S if operator is None else OPERATOR_DEADLINE_S
+    interrupted, granted = run_to_end(config, rig, loop, deadline_s)
+    return TapTrial(
+        controller, loop, trace, sequence, stalls(rig), list(acknowledged(rig, loop)), granted,
+        interrupted,
+    )  # fmt: skip
+
+
+def run(
+    config: RunConfig,
+    seed: int,
+    runs: Path | None,
+    paced: bool = False,
+    on_tick: OnTick = lambda tick: None,
+    operator: Operator | None = None,
+) -> FinishedRun[TapResult]:
+    """One judged tap on a rig of its own, as ``lift.run`` is one judged lift."""
+    return next(run_series(config, range(seed, seed + 1), runs, paced, on_tick, operator))
+
+
+def run_series(
+    config: RunConfig,
+    seeds: range,
+    runs: Path | None,
+    paced: bool = False,
+    on_tick: OnTick = lambda tick: None,
+    operator: Operator | None = None,
+) -> Iterator[FinishedRun[TapResult]]:
+    """One judged tap a seed, each re-seated and recorded in a folder of its own.
+
+    The simulated rig is opened anew for each, so that a tap depends on its own seed alone; a wired
+    one is opened once, and its world loads the next object. Ends after a tap that failed as a run.
+    """
+    config = tap_config(config)
+    guard = make_guard(config)
+    for seed in seeds[:1]:
+        swing(config, seed)  # a blow that cannot be found is told before anything moves
+    if config.rig == "simulated":
+        for seed in seeds:
+            with open_rig(config, seed, paced) as rig:
+                finished = _one(config, seed, rig, guard, runs, on_tick, operator)
+            yield finished
+            if finished.failure is not None:
+                return
+        return
+    with open_rig(config, seeds[0], paced) as rig:
+        for seed in seeds:
+            if seed != seeds[0] and rig.load is not None:
+                rig.load(config, seed)
+            _reseat(rig, operator)
+            finished = _one(config, seed, rig, guard, runs, on_tick, operator)
+            yield finished
+            if finished.failure is not None:
+                return
+
+
+def _reseat(rig: Rig, operator: Operator | None) -> None:
+    """Where a person strikes, a person puts the object back too, the devices being looked after."""
+    if operator is None or rig.tap is not None:
+        return
+    operator.say("Put the object on the table between the fingers, its mark at the pads: Enter")
+    while operator.poll() is None:
+        rig.clock.sleep_until_ns(rig.clock.now_ns + 50_000_000)
+        for device in (rig.devices.arm, rig.devices.gripper, rig.devices.tactile):
+            device.pump(rig.clock.now_ns)
+
+
+def _one(
+    config: RunConfig, seed: int, rig: Rig, guard: ForceGuard, runs: Path | None,
+    on_tick: OnTick, operator: Operator | None,
+) -> FinishedRun[TapResult]:  # fmt: skip
+    def attempt(watch: Watch) -> TapTrial:
+        return run_trial(config, seed, rig, guard, watch, operator)
+
+    def judged(trial: TapTrial, recording: Path | None) -> TapResult:
+        return judge(config, seed, trial, recording)
+
+    return recorded(config, SCENARIO, seed, runs, on_tick, attempt, judged)
+
+
+def facts_of(config: RunConfig, trial: TapTrial) -> TapFacts:
+    """What the verdict is drawn from."""
+    fault = trial.controller.fault_cause
+    if not trial.controller.finished and not trial.interrupted:
+        fault = fault or "the run did not end in time"
+    before = trial.sequence.before
+    return TapFacts(
+        motion=trial.sequence.motion,
+        alarms=trial.sequence.alarms,
+        watched_until_s=trial.sequence.watched_until_s,
+        own_peak_n=max(before.peak_n) if before is not None else None,
+        force_bound_n=config.guard.force_limit_n + config.guard.overshoot_n,
+        fault=fault,
+    )
+
+
+def judge(config: RunConfig, seed: int, trial: TapTrial, recording: Path | None) -> TapResult:
+    """Verdict and figures of a finished tap."""
+    facts = facts_of(config, trial)
+    outcome = verdict(facts, config.tap_scoring)
+    motion, before, end = facts.motion, trial.sequence.before, trial.trace.end
+    registered_s = registered_after(facts.alarms, motion.struck_s) if motion else None
+    again_s = (
+        nominal_again_s(facts, last_motion_s(motion), config.tap_scoring.stay_s) if motion else None
+    )
+    impulse_ns = trial.sequence.impulse_ns
+    return TapResult(
+        scenario=SCENARIO,
+        object=config.object.name,
+        rig=config.rig,
+        detector=config.detector_name,
+        seed=seed,
+        direction=direction_of(config.tap, seed),
+        success=outcome is TapOutcome.REGISTERED,
+        outcome=outcome.value,
+        moved=None if outcome in UNSTRUCK else outcome not in UNMOVED,
+        displacement_m=motion.displacement_m if motion else None,
+        down_m=motion.down_m if motion else None,
+        across_m=motion.across_m if motion else None,
+        impulse_ns=impulse_ns,
+        mallet_mps=mallet_speed_mps(config, impulse_ns) if impulse_ns is not None else None,
+        struck_s=motion.struck_s if motion else None,
+        slip_onset_s=motion.from_s if motion else None,
+        slip_end_s=motion.until_s if motion else None,
+        slip_duration_ms=later_ms(motion.from_s, motion.until_s) if motion else None,
+        slip_registered_s=registered_s,
+        detection_latency_ms=later_ms(first_motion_s(motion), registered_s) if motion else None,
+        nominal_again_s=again_s if registered_s is not None else None,
+        nominal_again_ms=_calm_ms(motion, registered_s, again_s),
+        alarms=list(facts.alarms),
+        watched_until_s=facts.watched_until_s if motion else None,
+        grip_force_n=named(before.normal_n) if before is not None else None,
+        peak_force_n=named(end.peak_n) if end is not None else None,
+        commanded_force_n=trial.trace.commanded_force_n,
+        phases=phase_entries(trial.controller.machine.log),
+        timing=timing_result(
+            trial.loop.timing, trial.acknowledged_ns, trial.real_time, trial.stalls
+        ),
+        recording=str(recording) if recording is not None else None,
+        versions=versions(),
+        config_hash=config.digest(),
+    )
+
+
+def _calm_ms(
+    motion: Motion | None, registered_s: float | None, again_s: float | None
+) -> float | None:
+    if motion is None or registered_s is None:
+        return None
+    return later_ms(last_motion_s(motion), again_s)

@@ -1,1 +1,0 @@
-"""The parts of the mallet tap: the blow, who delivers it, and how it is judged."""

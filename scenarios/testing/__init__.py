@@ -1,0 +1,1 @@
+"""The emulated devices as pytest fixtures, for any project."""

@@ -1,0 +1,160 @@
+"""One controller on an open rig, run to its end and recorded: what every scenario shares."""
+
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+import msgspec
+
+from detector.decision import make_rule
+from drivers.errors import ConfigError
+from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
+from grasp.clock import WallClock
+from grasp.controller import GraspController, GripPlan
+from grasp.guard import ForceGuard
+from grasp.loop import ControlLoop, Tick
+from grasp.realtime import real_time
+from grasp.slip import SlipMonitor
+from scenarios.rigs.config import RunConfig
+from scenarios.rigs.rig import Rig, Stalls, calibration
+from scenarios.trial.result import Failure, FinishedRun, LiftResult, TapResult
+from scenarios.trial.run_folder import CouldNotRecord, RunFolder
+from scenarios.world.cell import Truth
+
+FAULT = "fault"  # the outcome of every scenario that ended in a safe state
+
+OnTick = Callable[[Tick], None]
+Watch = Callable[[Tick, Truth | None, GraspController], None]
+Result = TypeVar("Result", LiftResult, TapResult)
+
+
+class Ended(Protocol):
+    """A trial of any scenario that has run to its end."""
+
+    @property
+    def controller(self) -> GraspController: ...
+
+    @property
+    def loop(self) -> ControlLoop: ...
+
+    @property
+    def interrupted(self) -> bool: ...
+
+
+TrialT = TypeVar("TrialT", bound=Ended)
+
+
+def make_guard(config: RunConfig) -> ForceGuard:
+    """The guard; raises ConfigError before any device is touched if the limit cannot be kept."""
+    known = calibration(config)
+    guard = ForceGuard(config.guard, known.least_force_n, known.m_per_count)
+    for key in ("grip_force_n", "force_cap_n"):
+        asked_n = getattr(config.controller, key)
+        if asked_n < known.least_force_n:
+            raise ConfigError(
+                "controller",
+                key,
+                f"{asked_n:g} N is less than the gripper can be set to",
+                f">= {known.least_force_n:g} N, the least force of calibration {known.name!r}",
+            )
+    return guard
+
+
+def make_controller(config: RunConfig) -> GraspController:
+    grip = config.object.grip_counts
+    margin = config.controller.preshape_margin_counts
+    a, b, c = (max(0, count - margin) for count in grip)
+    monitor = SlipMonitor(make_rule(config.rule, FINGERS), config.slip)
+    return GraspController(config.controller, GripPlan((a, b, c), grip), monitor)
+
+
+def make_loop(
+    config: RunConfig, rig: Rig, controller: GraspController, guard: ForceGuard, take: OnTick
+) -> ControlLoop:
+    """The control loop of one trial on an open rig."""
+    detector = config.make_detector(FINGERS)
+    return ControlLoop(rig.devices, rig.clock, detector, controller, guard, config.loop, take)
+
+
+def run_to_end(
+    config: RunConfig, rig: Rig, loop: ControlLoop, deadline_s: float
+) -> tuple[bool, bool | None]:
+    """Run until the controller has finished. Tells whether Ctrl-C stopped it, in a safe state, and
+    whether a real-time priority was granted (None in virtual time)."""
+    on_wall = isinstance(rig.clock, WallClock)
+    with real_time(config.realtime) if on_wall else nullcontext() as granted:
+        try:
+            loop.run(deadline_s)
+        except KeyboardInterrupt:
+            loop.interrupt()
+            return True, granted
+        except BaseException:  # a bug of ours must not leave the arm moving
+            loop.interrupt()
+            raise
+    return False, granted
+
+
+def stalls(rig: Rig) -> Stalls:
+    """How often the rig's cell stood still so far; none where there is no cell."""
+    return Stalls() if rig.stalls is None else rig.stalls()
+
+
+def acknowledged(rig: Rig, loop: ControlLoop) -> Sequence[int]:
+    """Times from a command to its acknowledgement, ns."""
+    if rig.acknowledgements is None:
+        return loop.timing.decision_to_ack_ns
+    return rig.acknowledgements()
+
+
+def recorded(
+    config: RunConfig, scenario: str, seed: int, runs: Path | None, on_tick: OnTick,
+    attempt: Callable[[Watch], TrialT], judge: Callable[[TrialT, Path | None], Result],
+) -> FinishedRun[Result]:  # fmt: skip
+    """Make the attempt, judge it, and leave a folder of its own in ``runs`` (None: no folder)."""
+    folder = RunFolder(runs, scenario, config, seed) if runs is not None else None
+
+    def watch(tick: Tick, truth: Truth | None, controller: GraspController) -> None:
+        if folder is not None:
+            folder.tick(tick, truth, controller)
+        on_tick(tick)
+
+    try:
+        trial = attempt(watch)
+        result = judge(trial, folder.recording if folder is not None else None)
+    except BaseException:
+        if folder is not None:
+            folder.abandon()
+        raise
+    failure = failure_of(trial, result.outcome)
+    if folder is not None:
+        try:
+            folder.finish(None if trial.interrupted else result)
+        except CouldNotRecord as error:
+            result = msgspec.structs.replace(result, recording=None)
+            failure = failure or Failure(error.kind, error.message, error.remedy)
+    return FinishedRun(result, failure)
+
+
+def failure_of(trial: Ended, outcome: str) -> Failure | None:
+    """Why the exit code is not the verdict's, if so."""
+    if trial.interrupted:
+        return Failure(
+            "interrupted",
+            f"stopped by hand in phase {trial.controller.phase}: the arm stands, the grip is kept",
+            "to let go, support the object and run `grasp release`",
+        )
+    if outcome != FAULT:
+        return None
+    if trial.loop.error is not None:
+        return Failure(trial.loop.error.kind, trial.loop.error.message, trial.loop.error.remedy)
+    cause = trial.controller.fault_cause or "the run did not end in time"
+    return Failure("safety_stop", cause, "see the phases of the result; then run `grasp release`")
+
+
+def later_ms(since_s: float | None, t_s: float | None) -> float | None:
+    return None if since_s is None or t_s is None else (t_s - since_s) * 1e3
+
+
+def named(values: Vector3) -> dict[str, float]:
+    return dict(zip(FINGER_NAMES, values, strict=True))

@@ -1,0 +1,202 @@
+"""What a trial leaves: its verdict with every figure that went into it."""
+
+import platform
+import subprocess
+from collections.abc import Sequence
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import msgspec
+import numpy as np
+
+from grasp.loop import Timing
+from grasp.phases import PhaseChange
+from scenarios.rigs.rig import Stalls
+
+
+class Spread(msgspec.Struct, frozen=True):
+    """Of a latency."""
+
+    p50: float
+    p99: float
+    max: float
+
+
+class TimingResult(msgspec.Struct, frozen=True):
+    """Measured on this machine; on the simulated rig the frame age is virtual time, and the
+    acknowledgement that of a call; on a wire it is the reply to the write."""
+
+    frame_to_decision_us: Spread | None
+    decision_to_ack_us: Spread | None
+    frame_age_ms: Spread | None
+    missed_periods: int
+    real_time: bool | None  # did the system grant a real-time priority; None in virtual time
+    cell_stalls: int  # times that the emulated cell, not the loop, stood still over 50 ms
+    worst_cell_stall_ms: float
+
+
+class PhaseEntry(msgspec.Struct, frozen=True):
+    """When a phase began, and why."""
+
+    phase: str
+    t_s: float
+    cause: str
+
+
+class Alarm(msgspec.Struct, frozen=True):
+    """A stretch of status REGISTERED; None: it was still so at the end."""
+
+    on_s: float
+    off_s: float | None
+
+
+class LiftResult(msgspec.Struct, frozen=True, kw_only=True):
+    """Verdict of one lift. Times in seconds on the rig's clock; None = did not happen, or cannot
+    be known without a simulation. Forces in newtons a finger; see docs for each outcome."""
+
+    scenario: str
+    object: str
+    rig: str
+    detector: str
+    seed: int
+    success: bool
+    outcome: str
+    slip_onset_s: float | None
+    first_detection_s: float | None
+    slip_registered_s: float | None
+    detection_latency_ms: float | None
+    reaction_latency_ms: float | None
+    slip_distance_m: float | None
+    peak_force_n: dict[str, float] | None
+    settled_force_n: dict[str, float] | None
+    commanded_force_n: float
+    phases: list[PhaseEntry]
+    timing: TimingResult
+    recording: str | None
+    versions: dict[str, str]
+    config_hash: str
+
+
+class TapResult(msgspec.Struct, frozen=True, kw_only=True):
+    """Verdict of one tap. Times in seconds on the rig's clock; None = did not happen, or cannot be
+    known without a simulation. Lengths in metres, relative to the fingertips, down and across the
+    closing axis; forces in newtons a finger. ``moved`` is False for a tap that moved nothing,
+    which is reported apart: it is no success, and a failure only if slip was registered."""
+
+    scenario: str
+    object: str
+    rig: str
+    detector: str
+    seed: int
+    direction: str
+    success: bool
+    outcome: str
+    moved: bool | None
+    displacement_m: float | None
+    down_m: float | None
+    across_m: float | None
+    impulse_ns: float | None
+    mallet_mps: float | None
+    struck_s: float | None
+    slip_onset_s: float | None
+    slip_end_s: float | None
+    slip_duration_ms: float | None
+    slip_registered_s: float | None
+    detection_latency_ms: float | None
+    nominal_again_s: float | None
+    nominal_again_ms: float | None
+    alarms: list[Alarm]
+    watched_until_s: float | None
+    grip_force_n: dict[str, float] | None
+    peak_force_n: dict[str, float] | None
+    commanded_force_n: float
+    phases: list[PhaseEntry]
+    timing: TimingResult
+    recording: str | None
+    versions: dict[str, str]
+    config_hash: str
+
+
+class Failure(msgspec.Struct, frozen=True):
+    """Why a run ended otherwise than by a verdict alone."""
+
+    kind: str
+    message: str
+    remedy: str
+
+
+Result = TypeVar("Result", LiftResult, TapResult)
+
+
+class FinishedRun(msgspec.Struct, Generic[Result], frozen=True):
+    """A result, a failure, or both: a fault on the way is judged and reported."""
+
+    result: Result | None
+    failure: Failure | None
+
+    def as_json(self) -> str:
+        return msgspec.json.encode(self.result).decode()
+
+    def as_dict(self) -> dict[str, Any]:
+        out: dict[str, Any] = msgspec.to_builtins(self.result)
+        return out
+
+
+def spread(samples_ns: Sequence[int], unit_ns: float) -> Spread | None:
+    """p50, p99 and maximum in the unit given; None without samples."""
+    if not samples_ns:
+        return None
+    p50, p99, most = np.percentile(samples_ns, (50, 99, 100)) / unit_ns
+    return Spread(round(float(p50), 3), round(float(p99), 3), round(float(most), 3))
+
+
+def timing_result(
+    timing: Timing, acknowledged_ns: Sequence[int], real_time: bool | None, stalls: Stalls
+) -> TimingResult:
+    return TimingResult(
+        frame_to_decision_us=spread(timing.frame_to_decision_ns, 1e3),
+        decision_to_ack_us=spread(acknowledged_ns, 1e3),
+        frame_age_ms=spread(timing.frame_age_ns, 1e6),
+        missed_periods=timing.missed_periods,
+        real_time=real_time,
+        cell_stalls=stalls.count,
+        worst_cell_stall_ms=round(stalls.worst_ms, 3),
+    )
+
+
+def phase_entries(log: Sequence[PhaseChange]) -> list[PhaseEntry]:
+    return [PhaseEntry(change.phase, change.t_ns * 1e-9, change.cause) for change in log]
+
+
+def seconds(t_ns: int | None) -> float | None:
+    return None if t_ns is None else t_ns * 1e-9
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Of this program and of what its figures depend on."""
+    try:
+        own = version("grasp-controller")
+    except PackageNotFoundError:
+        own = "not installed"
+    packages = {name: version(name) for name in ("numpy", "numba", "msgspec", "transitions")}
+    return {"grasp": own, "commit": _commit(), "python": platform.python_version(), **packages}
+
+
+def _commit() -> str:
+    """Commit of the checkout that runs, with a mark when it is changed; `unknown` if installed."""
+    command = ("git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*")
+    try:
+        done = subprocess.run(
+            command,
+            cwd=Path(__file__).parent,
+            capture_output=True,
+            text=True,
+            timeout=5,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+    return done.stdout.strip()

@@ -1,0 +1,109 @@
+"""The folder that a run leaves: `recording.mcap` and `result.json`, complete or not at all."""
+
+import shutil
+from datetime import datetime
+from pathlib import Path
+
+import msgspec
+
+from drivers.errors import GraspError
+from grasp.controller import GraspController
+from grasp.loop import Tick
+from grasp.messages import CHANNELS, PHASES, TRUTH, write_tick
+from grasp.recording import RunRecorder
+from scenarios.rigs.config import RunConfig
+from scenarios.trial.result import LiftResult, TapResult, versions
+from scenarios.world.cell import Truth
+
+RECORDING = "recording.mcap"
+RESULT = "result.json"
+RUN_CHANNELS: dict[str, type[msgspec.Struct]] = {**CHANNELS, TRUTH: Truth}
+
+
+class CouldNotRecord(GraspError):
+    """The run went on, but what it did could not be written: free the disk, run again."""
+
+    kind = "could_not_record"
+
+
+class RunFolder:
+    """Records one run. Nothing here raises while the loop runs; ``finish`` says how it went."""
+
+    def __init__(self, runs: Path, scenario: str, config: RunConfig, seed: int) -> None:
+        """Makes `runs/<stamp>-<scenario>-<object>/`; raises CouldNotRecord if it cannot."""
+        self.path = _new_folder(runs, f"{scenario}-{config.object.name}")
+        self._recorder = RunRecorder(self.path / RECORDING, RUN_CHANNELS, metadata(config, seed))
+        self._phases_written = 0
+        self._ticks = 0
+
+    @property
+    def recording(self) -> Path:
+        return self.path / RECORDING
+
+    def tick(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
+        """Write one tick, with the phase changes that it brought."""
+        self._ticks += 1
+        write = self._recorder.write
+        write_tick(write, tick)
+        for change in controller.machine.log[self._phases_written :]:
+            write(PHASES, change.t_ns, change)
+        self._phases_written = len(controller.machine.log)
+        if truth is not None:
+            write(TRUTH, tick.t_ns, truth)
+
+    def finish(self, result: LiftResult | TapResult | None) -> None:
+        """Close the recording, write the result; raises CouldNotRecord, leaving no folder."""
+        self._recorder.close()
+        failure: BaseException | None = self._recorder.failure
+        if failure is None and result is not None:
+            try:
+                (self.path / RESULT).write_bytes(_pretty(result))
+            except OSError as error:
+                failure = error
+        if failure is not None:
+            shutil.rmtree(self.path, ignore_errors=True)
+            raise could_not_record(self.path, failure)
+
+    def abandon(self) -> None:
+        """End without a result: what was recorded is kept, a folder without a tick is removed."""
+        self._recorder.close()
+        if self._ticks == 0 or self._recorder.failure is not None:
+            shutil.rmtree(self.path, ignore_errors=True)
+
+
+def metadata(config: RunConfig, seed: int) -> dict[str, str]:
+    """What is needed to run the same again: settings, seed, versions."""
+    return {
+        "config": msgspec.json.encode(config).decode(),
+        "config_hash": config.digest(),
+        "seed": str(seed),
+        **{f"version.{name}": text for name, text in versions().items()},
+    }
+
+
+def could_not_record(path: Path, cause: BaseException) -> CouldNotRecord:
+    text = getattr(cause, "strerror", None) or str(cause)
+    return CouldNotRecord(
+        f"{path}: the run could not be recorded: {text}",
+        "free disk space or choose another folder with --runs",
+    )
+
+
+def _pretty(result: LiftResult | TapResult) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n"
+
+
+def _new_folder(runs: Path, name: str) -> Path:
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
+    for attempt in range(1, 1000):
+        path = runs / (f"{stamp}-{name}" if attempt == 1 else f"{stamp}-{name}-{attempt}")
+        try:
+            path.mkdir(parents=True)
+        except FileExistsError:
+            if path.is_dir():
+                continue
+            raise could_not_record(path, NotADirectoryError(0, f"{runs} is not a folder")) from None
+        except OSError as error:
+            raise could_not_record(path, error) from None
+        return path
+    raise could_not_record(runs / stamp, FileExistsError("too many runs within a second"))
