@@ -94,7 +94,7 @@ test-train: install-train
 	$(BIN)/python -m pytest -m train
 
 test-cluster: install-cluster
-	$(BIN)/python -m pytest -m "slow or not slow" tests/wire/test_cluster.py
+	$(BIN)/python -m pytest -m "slow or not slow" tests/wire/scenarios/test_cluster.py
 
 bench: install-dev
 	$(BIN)/python -m pytest -m bench -s

@@ -1,0 +1,230 @@
+"""The driver core: what it knows of contact, freshness, closing and regrasping."""
+
+import msgspec
+
+from drivers.interfaces import Detection
+from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.model.gripper import HandSettings
+from drivers.robotiq.protocol import (
+    CALIBRATIONS,
+    StatusRegisters,
+)
+from tests.unit.drivers.robotiq.gripping import ALL, FAST, MS, RIGID, THUMB, gripped
+
+# Freshness
+
+
+def test_a_state_is_stale_from_the_verb_on_until_the_echo(rig) -> None:
+    made = rig()
+    made.driver.move_to((50, 50, 50), FAST, 10.0)
+    made.settle()
+    assert made.state.at_rest
+    made.driver.move_to((80, 80, 80), FAST, 10.0)
+    assert not made.state.fresh, "before it is even written"
+    made.driver.pump(made.now_ns + 1)
+    stale = made.state
+    assert not stale.fresh and not stale.at_rest
+    assert stale.fingers[0].detection is Detection.AT_TARGET, "of the motion before"
+    made.step()
+    assert made.state.fresh
+    assert made.state.fingers[0].requested_counts == 80
+    assert made.state.fingers[0].detection is Detection.MOVING
+
+
+def test_an_unchanged_position_waits_two_refreshes_because_no_echo_changes(rig) -> None:
+    made = rig()
+    made.driver.move_to((50, 50, 50), FAST, 10.0)
+    made.settle()
+    made.driver.move_to((50, 50, 50), FAST, 30.0)
+    fresh = []
+    for _ in range(4):
+        made.step()
+        fresh.append(made.state.fresh)
+    assert fresh == [False, False, True, True]
+
+
+def test_an_echo_of_the_command_before_last_proves_nothing(rig) -> None:
+    made = rig(hand=HandSettings(tick_phase_s=0.0))
+    made.driver.move_to((50, 50, 50), FAST, 10.0)
+    made.settle()
+    made.driver.move_to((80, 80, 80), FAST, 10.0)
+    made.step()
+    made.driver.move_to((50, 50, 50), FAST, 10.0)
+    made.driver.pump(made.now_ns + 1 * MS)
+    made.driver.move_to((80, 80, 80), FAST, 30.0)
+    made.step()
+    assert not made.state.fresh, "80 is echoed, but from the first request"
+
+
+def test_a_command_is_confirmed_by_the_echo_not_by_the_position(rig) -> None:
+    made = rig()
+    made.driver.open(FAST)
+    made.settle()
+    assert made.state.positions == (6, 6, 6), "the software limit, though 0 was asked"
+    assert made.state.at_rest
+
+
+def test_a_ready_hand_without_a_motion_command_is_at_rest(rig) -> None:
+    made = rig()
+    made.step(3)
+    assert made.state.at_rest
+
+
+def test_states_are_numbered_and_timed(rig) -> None:
+    made = rig()
+    before = made.state
+    made.step()
+    assert made.state.seq == before.seq + 1
+    assert made.state.t_ns == made.now_ns
+    assert made.state.age_ns(made.now_ns + 5) == 5
+
+
+# Closing, latch, regrasp
+
+
+def test_closing_the_thumb_alone_holds_the_others_where_they_are(rig, springs) -> None:
+    made = rig(springs=springs([RIGID] * 3, [0.074, 0.2, 0.2]))
+    made.driver.move_to((90, 95, 96), FAST, 10.0)
+    made.settle()
+    applied = made.driver.close_fast(10.0, THUMB, (255, 255, 255), FAST)
+    assert applied.targets_counts == (255, 95, 96)
+    made.settle()
+    assert made.state.positions[1:] == (95, 96)
+    assert made.state.fingers[0].detection is Detection.CONTACT_CLOSING
+    assert 9.9 < made.peak_n[0] < 14
+
+
+def test_a_second_close_at_equal_force_is_reported_as_ineffective(rig, springs) -> None:
+    made = gripped(rig, springs)
+    applied = made.driver.close_fast(10.0, ALL, (250, 250, 250), FAST)
+    assert not applied.effective
+    assert "latched" in applied.note
+    travel = made.model.travel_m
+    made.step(30)
+    assert (made.model.travel_m == travel).all(), "and indeed nothing moved"
+
+
+def test_hold_after_contact_keeps_the_grip_and_remembers_the_latch(rig, springs) -> None:
+    made = gripped(rig, springs)
+    travel = made.model.travel_m
+    made.driver.hold()
+    made.settle()
+    assert (made.model.travel_m == travel).all()
+    assert not made.driver.close_fast(10.0, ALL, (255, 255, 255), FAST).effective
+
+
+def test_a_close_at_higher_force_is_effective(rig, springs) -> None:
+    made = gripped(rig, springs)
+    before = made.peak_n.copy()
+    applied = made.driver.close_fast(30.0, ALL, (255, 255, 255), FAST)
+    assert applied.effective and applied.force_n <= 30.0
+    made.settle()
+    assert (made.peak_n > before + 10).all()
+
+
+def test_a_close_right_after_open_does_not_trust_the_stale_contact(rig, springs) -> None:
+    made = gripped(rig, springs)
+    made.driver.open(FAST)
+    assert made.driver.close_fast(10.0, ALL, (255, 255, 255), FAST).effective
+
+
+def test_a_grip_taken_over_has_unknown_force_and_counts_as_latched(rig, springs) -> None:
+    made = gripped(rig, springs)
+    other = RobotiqDriver(made.transport, DriverSettings(), CALIBRATIONS["paper"])
+    other.pump(made.now_ns)
+    assert not other.close_fast(20.0, ALL, (255, 255, 255), FAST).effective
+
+
+def test_a_limit_behind_a_finger_never_opens_it(rig) -> None:
+    made = rig()
+    made.driver.move_to((100, 100, 100), FAST, 10.0)
+    made.settle()
+    applied = made.driver.close_fast(10.0, ALL, (90, 50, 100), FAST)
+    assert applied.targets_counts == (100, 100, 100)
+    assert not applied.effective
+    made.step(20)
+    assert made.state.positions == (100, 100, 100)
+
+
+def test_a_target_already_reached_is_ineffective_even_at_the_software_limit(rig) -> None:
+    made = rig()
+    made.driver.open(FAST)
+    made.settle()
+    assert made.driver.open(FAST).note == "already there"
+    assert made.driver.move_to((60, 60, 60), FAST, 10.0).effective
+
+
+def test_hold_in_motion_stops_at_the_positions_read(rig) -> None:
+    made = rig()
+    made.driver.move_to((200, 200, 200), FAST, 10.0)
+    made.step(100)
+    positions = made.state.positions
+    assert made.driver.hold().targets_counts == positions
+    made.settle()
+    assert made.state.positions == positions
+
+
+def test_holding_a_finger_that_rests_beside_its_target_does_not_make_it_creep(rig) -> None:
+    made = rig()
+    made.driver.move_to((100, 100, 100), FAST, 10.0)
+    made.settle()
+    beside = list(made.model.read(made.now_ns))
+    status = StatusRegisters.from_registers(beside)
+    moved = msgspec.structs.replace(
+        status, b=msgspec.structs.replace(status.b, position=status.b.position + 1)
+    )
+    made.transport.garbage = [moved.to_registers()]
+    made.step()
+    assert made.state.positions == (100, 101, 100)
+    assert made.driver.hold().targets_counts == (100, 100, 100)
+
+
+def test_regrasp_clears_and_sets_rgto_and_pushes_again(rig, springs) -> None:
+    made = gripped(rig, springs)
+    made.springs.touch += 0.0015
+    slack = made.springs.force_n(made.model.travel_m)
+    start = len(made.written)
+    applied = made.driver.regrasp(10.0)
+    assert applied.effective
+    made.settle()
+    assert [command.go_to for command in made.written[start:]] == [False, True]
+    apart = made.written_ns[start + 1] - made.written_ns[start]
+    assert apart >= 20 * MS, "rGTO is down for two refreshes"
+    assert (made.springs.force_n(made.model.travel_m) > slack + 2).all()
+    assert made.driver.statistics.regrasps == 1
+
+
+def test_regrasps_are_rationed_in_time_and_number(rig, springs) -> None:
+    made = gripped(rig, springs, settings=DriverSettings(regrasp_budget=2))
+    assert made.driver.regrasp(10.0).effective
+    assert "under way" in made.driver.regrasp(10.0).note
+    made.settle()
+    early = made.driver.regrasp(10.0)
+    assert not early.effective and "rate limit" in early.note
+    made.step(60)
+    assert made.driver.regrasp(10.0).effective
+    made.step(100)
+    spent = made.driver.regrasp(10.0)
+    assert not spent.effective and "budget" in spent.note
+    assert made.driver.statistics.regrasps == 2
+
+
+def test_regrasp_does_nothing_where_nothing_is_latched(rig, springs) -> None:
+    made = rig()
+    assert not made.driver.regrasp(10.0).effective
+    made.driver.move_to((50, 50, 50), FAST, 10.0)
+    made.settle()
+    assert not made.driver.regrasp(10.0).effective
+    held = gripped(rig, springs)
+    held.driver.hold()
+    held.settle()
+    assert not held.driver.regrasp(10.0).effective, "it was told to stay"
+
+
+def test_a_verb_ends_a_regrasp_that_is_under_way(rig, springs) -> None:
+    made = gripped(rig, springs)
+    made.driver.regrasp(10.0)
+    made.step()
+    made.driver.open(FAST)
+    made.settle()
+    assert made.state.positions == (6, 6, 6)

@@ -1,0 +1,229 @@
+"""The driver core: faults, lost links, garbage, and the force cap under any verbs."""
+
+from contextlib import suppress
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.errors import DeviceFault, LinkLost, Refused
+from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.model.gripper import GripperModel, ModelTransport
+from drivers.robotiq.protocol import (
+    CALIBRATIONS,
+    CommandRegisters,
+)
+from tests.unit.drivers.robotiq.gripping import ALL, FAST, MS, QUICK
+
+# Faults, link, garbage
+
+
+def test_a_major_fault_is_raised_once_per_onset_and_told_in_the_state(rig) -> None:
+    made = rig()
+    for _ in range(2):
+        made.model.inject_fault(0x0F)
+        with pytest.raises(DeviceFault, match="release completed"):
+            made.step(3)
+        made.step(20)
+        assert "release completed" in made.state.fault_text
+        assert not made.state.active
+        made.driver.clear_fault()
+        made.step(10)
+
+
+def test_minor_faults_are_told_not_raised(rig) -> None:
+    made = rig()
+    made.model.inject_fault(0x0A)
+    made.step(5)
+    assert made.state.fault == 0x0A
+    assert "interference" in made.state.fault_text
+    assert made.state.active
+
+
+@pytest.mark.parametrize("reply", [(), (1, 2, 3), (0,) * 9, (70000,) * 8, (-1,) * 8])
+def test_garbage_is_counted_and_the_last_state_grows_old(rig, reply) -> None:
+    made = rig()
+    before = made.state
+    made.transport.garbage = [reply]
+    made.step()
+    assert made.driver.statistics.rejected == 1
+    assert made.state == before
+    made.step()
+    assert made.state.seq == before.seq + 1
+
+
+def lose_link(made, steps: int = 5) -> None:
+    made.transport.down = True
+    for _ in range(steps):
+        with pytest.raises(LinkLost):
+            made.step()
+
+
+def test_after_a_lost_link_the_motion_is_replaced_by_hold(rig) -> None:
+    made = rig()
+    made.driver.move_to((230, 230, 230), FAST, 10.0)
+    made.step(30)
+    lose_link(made)
+    made.transport.down = False
+    made.step()
+    assert made.driver.statistics.resynced == made.driver.statistics.reconnects == 1
+    assert made.driver.statistics.link_losses == 1
+    here = made.state.positions
+    made.step()
+    held = made.written[-1]
+    assert (held.a.position, held.b.position, held.c.position) == here
+    made.settle()
+    assert made.state.positions[0] < 230
+
+
+def test_a_command_whose_write_was_lost_is_not_sent_again(rig) -> None:
+    made = rig()
+    made.transport.write_lost = True
+    made.driver.move_to((230, 230, 230), FAST, 10.0)
+    with pytest.raises(LinkLost):
+        made.step()
+    made.transport.write_lost = made.transport.down = False
+    made.step(3)
+    assert [command.a.position for command in made.written].count(230) == 1
+    assert made.written[-1].a.position < 230
+
+
+def test_verbs_while_the_link_is_lost_neither_raise_nor_wait_to_be_sent(rig) -> None:
+    made = rig()
+    made.step(2)
+    lose_link(made)
+    for verb in (
+        lambda: made.driver.move_to((90, 90, 90), FAST, 10.0),
+        lambda: made.driver.open(FAST),
+        made.driver.hold,
+        made.driver.activate,
+        made.driver.clear_fault,
+        lambda: made.driver.regrasp(10.0),
+    ):
+        applied = verb()
+        assert not applied.effective and applied.note
+    made.transport.down = False
+    made.step(10)
+    assert made.frames == []
+
+
+def test_a_hand_that_lost_power_is_never_activated_without_a_verb(rig) -> None:
+    made = rig()
+    made.driver.move_to((90, 90, 90), FAST, 10.0)
+    made.step(20)
+    lose_link(made)
+    made.transport.replace(GripperModel(QUICK, made.now_ns))
+    made.transport.down = False
+    written = len(made.written)
+    made.step(100)
+    assert len(made.written) == written
+    assert not made.state.active
+    assert made.driver.activate().effective
+
+
+def test_a_reset_behind_the_drivers_back_drops_what_was_wanted(rig) -> None:
+    made = rig(hand=QUICK)
+    made.driver.move_to((90, 90, 90), FAST, 10.0)
+    made.settle()
+    for registers in (CommandRegisters(), CommandRegisters(activate=True)):
+        made.model.write(0, registers.to_registers(), made.now_ns)
+        made.step(40)
+    assert made.driver.statistics.resynced == 1
+    made.driver.move_to((90, 90, 90), FAST, 10.0)
+    made.settle()
+    assert made.state.positions == (90, 90, 90), "not taken for written already"
+
+
+# The cap
+
+CAPS = st.sampled_from([5.0, 10.0, 10.2, 14.0, 15.0, 33.0, 60.0, 100.0, float("nan")])
+COUNTS = st.tuples(*[st.integers(0, 255)] * 3)
+FLAGS = st.tuples(*[st.booleans()] * 3)
+VERBS = st.one_of(
+    st.tuples(st.just("open")),
+    st.tuples(st.just("hold")),
+    st.tuples(st.just("activate")),
+    st.tuples(st.just("clear_fault")),
+    st.tuples(st.just("move_to"), COUNTS, CAPS),
+    st.tuples(st.just("close_fast"), CAPS, FLAGS, COUNTS),
+    st.tuples(st.just("regrasp"), CAPS),
+    st.tuples(st.just("fault"), st.sampled_from([0, 0x0A, 0x0D, 0x0F])),
+    st.tuples(st.just("link"), st.booleans()),
+)
+
+
+def apply_verb(driver: RobotiqDriver, verb: tuple) -> float:
+    """Issue a verb; returns the cap that it sets, 0 for the least force, -1 when none is set."""
+    match verb:
+        case ("open",):
+            driver.open(FAST)
+        case ("move_to", targets, cap):
+            driver.move_to(targets, FAST, cap)
+            return cap
+        case ("close_fast", cap, closing, limits):
+            driver.close_fast(cap, closing, limits, FAST)
+            return cap
+        case ("regrasp", cap):
+            return cap if driver.regrasp(cap).effective else -1.0
+        case (name,):
+            return 0.0 if getattr(driver, name)().effective else -1.0
+    return 0.0
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.tuples(VERBS, st.integers(0, 12)), max_size=15))
+def test_no_sequence_of_verbs_ever_writes_a_force_above_the_cap(script) -> None:
+    paper = CALIBRATIONS["paper"]
+    hand = GripperModel(QUICK, 0, active=True)
+    transport = ModelTransport(hand)
+    down = False
+    caps = [0.0]
+
+    class Wire:
+        def write(self, first, registers, now_ns) -> None:
+            if down:
+                raise LinkLost("no answer", "check")
+            assert (first, len(registers)) == (0, 8)
+            command = CommandRegisters.from_registers(registers)
+            allowed = max(paper.least_force_n, caps[-1])
+            assert all(paper.force_n(axis.force) <= allowed for axis in command.axes)
+            transport.write(first, registers, now_ns)
+
+        def read(self, first, count, now_ns):
+            if down:
+                raise LinkLost("no answer", "check")
+            return transport.read(first, count, now_ns)
+
+    driver = RobotiqDriver(Wire(), DriverSettings(), paper)
+    now_ns = 0
+    driver.pump(now_ns)
+    for verb, pumps in script:
+        if verb[0] == "fault":
+            hand.inject_fault(verb[1])
+        elif verb[0] == "link":
+            down = verb[1]
+        else:
+            with suppress(Refused):
+                cap = apply_verb(driver, verb)
+                if cap >= 0:
+                    caps.append(cap)
+        for _ in range(pumps):
+            now_ns += 10 * MS
+            with suppress(LinkLost, DeviceFault):
+                driver.pump(now_ns)
+
+
+@pytest.mark.parametrize("cap", [10.0, 10.19, 10.2, 14.99, 59.99, 60.0, 1e6])
+def test_the_force_byte_around_each_boundary_is_within_the_cap(rig, cap) -> None:
+    made = rig()
+    applied = made.driver.close_fast(cap, ALL, (200, 200, 200), FAST)
+    made.step()
+    paper = CALIBRATIONS["paper"]
+    assert applied.force_n == paper.force_n(made.written[-1].a.force) <= cap
+
+
+def test_settings_that_would_wear_the_gripper_do_not_load() -> None:
+    for bad in ({"regrasp_interval_s": 0.1}, {"write_interval_s": 0.001}, {"link": "udp"}):
+        with pytest.raises(msgspec.ValidationError):
+            msgspec.convert(bad, DriverSettings)

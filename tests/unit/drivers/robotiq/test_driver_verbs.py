@@ -1,0 +1,278 @@
+"""The driver core: how it starts, and the bytes of each verb."""
+
+import pytest
+
+from drivers.errors import DeviceFault, Refused
+from drivers.interfaces import Gripper
+from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.model.gripper import GripperModel, HandSettings, ModelTransport
+from drivers.robotiq.protocol import (
+    CALIBRATIONS,
+    RTU,
+    AxisCommand,
+    CommandRegisters,
+)
+from tests.unit.drivers.robotiq.gripping import ALL, FAST, MS, QUICK, THUMB, gripped
+
+
+def test_the_driver_is_a_gripper(rig) -> None:
+    driver: Gripper = rig().driver
+    assert driver.least_force_n == 10.0
+    assert driver.m_per_count == 0.00077
+
+
+# Start and activation
+
+
+def test_there_is_no_state_and_no_verb_before_the_first_exchange() -> None:
+    model = GripperModel(QUICK, 0)
+    driver = RobotiqDriver(ModelTransport(model), DriverSettings(), CALIBRATIONS["paper"])
+    assert driver.state is None
+    for verb in (driver.activate, driver.hold, lambda: driver.open(FAST)):
+        with pytest.raises(Refused, match="no status"):
+            verb()
+
+
+def test_connecting_writes_nothing(rig) -> None:
+    made = rig(active=False)
+    made.step(20)
+    assert made.frames == []
+    assert made.driver.statistics.reads == 21
+
+
+def test_activation_resets_waits_sets_ract_and_polls(rig) -> None:
+    made = rig(hand=QUICK, active=False)
+    applied = made.driver.activate()
+    assert applied.effective
+    made.step(2)
+    assert not made.state.fresh
+    made.step(30)
+    assert made.frames == ["00" * 16, "01" + "00" * 15]
+    assert made.state.active and made.state.fresh and made.state.at_rest
+
+
+def test_an_active_hand_is_taken_over_without_a_byte(rig) -> None:
+    made = rig(active=True)
+    applied = made.driver.activate()
+    made.step(20)
+    assert (applied.effective, made.frames) == (False, [])
+    assert "already active" in applied.note
+
+
+def test_activation_begun_by_somebody_else_is_waited_for_not_started_over(rig) -> None:
+    made = rig(hand=HandSettings(activation_s=1.0), active=False)
+    made.model.write(0, CommandRegisters(activate=True).to_registers(), made.now_ns)
+    made.step(10)
+    made.driver.activate()
+    made.step(100)
+    assert made.frames == ["01" + "00" * 15]
+    assert made.state.active
+
+
+def test_activation_that_never_ends_is_a_device_fault_at_the_deadline(rig) -> None:
+    made = rig(
+        hand=HandSettings(activation_s=30.0),
+        active=False,
+        settings=DriverSettings(activation_timeout_s=2.0),
+    )
+    made.driver.activate()
+    with pytest.raises(DeviceFault, match="did not complete"):
+        made.step(300)
+    assert 2_000 * MS < made.now_ns < 2_100 * MS
+    made.step(10)
+
+
+def test_an_activation_fault_of_the_hand_is_raised_once_with_text_and_remedy(rig) -> None:
+    made = rig(active=False)
+    made.driver.activate()
+    made.step(20)
+    made.model.inject_fault(0x0D)
+    with pytest.raises(DeviceFault, match="activation fault") as raised:
+        made.step(5)
+    assert "clear the fault" in raised.value.remedy
+    made.step(50)
+    assert (made.state.fault, made.state.active) == (0x0D, False)
+
+
+def test_a_booting_hand_is_waited_for(rig) -> None:
+    made = rig(hand=HandSettings(activation_s=0.1, boot_s=1.0), active=False)
+    made.driver.activate()
+    made.step(50)
+    assert made.state.fault == 0x09
+    assert made.frames == ["00" * 16]
+    made.step(100)
+    assert made.state.active
+
+
+def test_activation_is_refused_while_the_fingers_hold_something(rig, springs) -> None:
+    made = gripped(rig, springs)
+    made.model.inject_fault(0x0A)
+    made.step(5)
+    with pytest.raises(Refused, match="drop"):
+        made.driver.activate()
+
+
+def test_clear_fault_resets_even_a_holding_hand_and_activation_follows(rig, springs) -> None:
+    made = gripped(rig, springs, hand=QUICK)
+    made.model.inject_fault(0x0E)
+    with pytest.raises(DeviceFault):
+        made.step(5)
+    with pytest.raises(Refused):
+        made.driver.close_fast(10.0, ALL, (255, 255, 255), FAST)
+    assert made.driver.clear_fault().effective
+    made.step(10)
+    assert (made.state.fault, made.state.active) == (0, False)
+    assert made.driver.activate().effective
+    made.step(40)
+    assert made.state.active
+
+
+def test_clear_fault_of_a_healthy_hand_does_not_reset_it(rig, springs) -> None:
+    made = gripped(rig, springs)
+    before = list(made.frames)
+    assert not made.driver.clear_fault().effective
+    made.step(10)
+    assert made.frames == before
+
+
+def test_motion_is_refused_until_active(rig) -> None:
+    made = rig(active=False)
+    for verb in (
+        lambda: made.driver.open(FAST),
+        lambda: made.driver.move_to((9, 9, 9), FAST, 10.0),
+        lambda: made.driver.close_fast(10.0, ALL, (255,) * 3, FAST),
+        lambda: made.driver.regrasp(10.0),
+    ):
+        with pytest.raises(Refused, match="not activated"):
+            verb()
+    made.driver.activate()
+    with pytest.raises(Refused, match="under way"):
+        made.driver.open(FAST)
+    assert not made.driver.activate().effective
+
+
+def test_hold_never_raises_once_connected(rig) -> None:
+    made = rig(active=False)
+    assert not made.driver.hold().effective
+    made.driver.activate()
+    assert not made.driver.hold().effective
+    made.step(2)
+    assert made.frames == ["00" * 16]
+
+
+# Bytes of the verbs
+
+
+def test_golden_bytes_of_every_motion_verb(rig) -> None:
+    made = rig()
+    made.driver.move_to((100, 90, 80), FAST, 10.0)
+    made.settle()
+    made.driver.close_fast(10.0, THUMB, (120, 0, 0), FAST)
+    made.settle()
+    made.driver.hold()
+    made.settle()
+    made.driver.open(0.022)
+    made.settle()
+    assert made.frames == [
+        "09040064ff005aff0050ff0000000000",
+        "09040078ff005aff0050ff0000000000",
+        "0904007800005a000050000000000000",
+        "09040000000000000000000000000000",
+    ]
+
+
+def test_applied_tells_what_the_bytes_say_after_rounding(rig) -> None:
+    made = rig()
+    applied = made.driver.move_to((100, 90, 80), 0.0500, 20.0)
+    assert applied.targets_counts == (100, 90, 80)
+    assert 19.8 < applied.force_n <= 20.0
+    assert 0.0496 < applied.speed_mps <= 0.0500
+    made.step()
+    assert made.written[-1].a == AxisCommand(100, 81, 51)
+    assert made.driver.open(0.001).speed_mps == 0.022, "the least speed is not zero"
+
+
+@pytest.mark.parametrize("targets", [(256, 0, 0), (0, -1, 0), (0, 0)])
+def test_targets_that_are_no_counts_are_refused(rig, targets) -> None:
+    with pytest.raises(Refused, match="not counts"):
+        rig().driver.move_to(targets, FAST, 10.0)
+
+
+@pytest.mark.parametrize("speed", [0.0, -1.0, float("nan")])
+def test_speeds_that_are_no_speed_are_refused(rig, speed) -> None:
+    with pytest.raises(Refused):
+        rig().driver.open(speed)
+
+
+def test_a_limit_below_the_least_force_is_refused_before_a_byte_is_written(rig) -> None:
+    made = rig(calibration="manual")
+    for verb in (
+        lambda: made.driver.close_fast(10.0, ALL, (255,) * 3, FAST),
+        lambda: made.driver.move_to((9, 9, 9), FAST, 10.0),
+        lambda: made.driver.regrasp(10.0),
+    ):
+        with pytest.raises(Refused, match="15 N"):
+            verb()
+    made.step(5)
+    assert made.frames == []
+
+
+def test_the_same_command_is_written_once(rig) -> None:
+    made = rig()
+    for _ in range(50):
+        made.driver.move_to((200, 200, 200), FAST, 10.0)
+        made.step()
+    assert made.driver.statistics.writes == 1
+
+
+def test_writes_keep_ten_milliseconds_apart_and_the_newest_command_wins(rig) -> None:
+    made = rig()
+    for count in range(20):
+        made.driver.move_to((100 + count,) * 3, FAST, 10.0)
+        made.advance(2)
+        made.driver.pump(made.now_ns)
+    gaps = [b - a for a, b in zip(made.written_ns, made.written_ns[1:], strict=False)]
+    assert min(gaps) >= 10 * MS
+    made.step(2)
+    assert made.written[-1].a.position == 119
+
+
+def test_the_mode_of_an_adopted_hand_is_kept(rig) -> None:
+    made = rig()
+    pinch = CommandRegisters(activate=True, mode=1)
+    made.model.write(0, pinch.to_registers(), made.now_ns)
+    made.step(400)
+    made.driver.move_to((50, 50, 50), FAST, 10.0)
+    made.step(20)
+    assert made.written[-1].mode == 1
+    assert made.state.active, "no mode change was provoked"
+
+
+def test_a_hand_in_scissor_mode_is_not_commanded(rig) -> None:
+    made = rig()
+    made.model.write(0, CommandRegisters(activate=True, mode=3).to_registers(), made.now_ns)
+    made.step(400)
+    with pytest.raises(Refused, match="scissor"):
+        made.driver.open(FAST)
+
+
+def test_fingers_left_by_a_simple_command_do_not_jump_when_taken_over(rig) -> None:
+    made = rig()
+    simple = CommandRegisters(activate=True, go_to=True, a=AxisCommand(120, 255, 0))
+    made.model.write(0, simple.to_registers(), made.now_ns)
+    made.step(300)
+    assert made.state.positions == (120, 120, 120)
+    made.driver.close_fast(10.0, THUMB, (140, 0, 0), FAST)
+    made.settle()
+    assert made.state.positions == (140, 120, 120)
+
+
+def test_over_rtu_the_registers_have_other_addresses() -> None:
+    model = GripperModel(QUICK, 0, active=True)
+    transport = ModelTransport(model, RTU)
+    driver = RobotiqDriver(transport, DriverSettings(link="rtu"), CALIBRATIONS["paper"])
+    driver.pump(0)
+    driver.move_to((50, 50, 50), FAST, 10.0)
+    for tick in range(1, 200):
+        driver.pump(tick * 10 * MS)
+    assert driver.state is not None and driver.state.positions == (50, 50, 50)

@@ -1,0 +1,395 @@
+"""The command as a user meets it: output, exit codes, errors with their remedy."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from grasp.cli import main
+
+HEAVY = {"numpy", "numba", "torch", "pydantic", "msgspec", "transitions", "mcap", "rich"}
+GRASP = [sys.executable, "-c", "import sys; from grasp.cli import main; sys.exit(main())"]
+
+
+def call(*words: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    """Run a command in this process; lifts on the simulated rig unless they say otherwise."""
+    if words[:2] in (("run", "lift"), ("run", "tap")) and not {"--rig", "--help"} & set(words):
+        words = (*words, "--rig", "simulated")
+    try:
+        code = main(list(words))
+    except SystemExit as left:
+        code = left.code if isinstance(left.code, int) else 2
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def run_json(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict[str, Any]]:
+    code, out, err = call(*words, "--json", capsys=capsys)
+    assert err == ""
+    assert out.count("\n") == 1
+    return code, json.loads(out)
+
+
+def test_help_imports_nothing_heavy() -> None:
+    script = (
+        "import sys\n"
+        "from grasp.cli import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit: pass\n"
+        f"print(sorted({HEAVY!r} & set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stderr.strip() == "[]"
+    assert "run" in done.stdout
+
+
+@pytest.mark.parametrize(
+    "verb",
+    ["run", "campaign", "grip-search", "replay", "runs", "chart", "detector", "config", "release"],
+)
+def test_every_verb_explains_itself(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = call(verb, "--help", capsys=capsys)
+    assert code == 0
+    assert "usage: grasp" in out
+
+
+def test_lift_succeeds_and_leaves_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = call("run", "lift", "--object", "can", "--runs", str(tmp_path), capsys=capsys)
+    assert code == 0
+    assert "SUCCESS: held within 6cm" in out
+    assert "REGISTERED" in out
+    folder = next(tmp_path.iterdir())
+    assert sorted(p.name for p in folder.iterdir()) == ["recording.mcap", "result.json"]
+    assert json.loads((folder / "result.json").read_text())["success"] is True
+
+
+def test_json_verdict_has_every_promised_field(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, result = run_json(capsys, "run", "lift", "--runs", str(tmp_path), "--seed", "2")
+    assert code == 0
+    assert list(result) == [
+        "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
+        "first_detection_s", "slip_registered_s", "detection_latency_ms", "reaction_latency_ms",
+        "slip_distance_m", "peak_force_n", "settled_force_n", "commanded_force_n", "phases",
+        "timing", "recording", "versions", "config_hash",
+    ]  # fmt: skip
+    assert result["seed"] == 2
+    assert set(result["peak_force_n"]) == {"A", "B", "C"}
+    assert set(result["phases"][0]) == {"phase", "t_s", "cause"}
+    timing = result["timing"]
+    for name in ("frame_to_decision_us", "decision_to_ack_us", "frame_age_ms"):
+        assert set(timing[name]) == {"p50", "p99", "max"}
+    assert timing["missed_periods"] == 0
+    assert Path(result["recording"]).is_file()
+
+
+def test_taps_are_shown_counted_and_left_as_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = call(
+        "run", "tap", "--taps", "2", "--runs", str(tmp_path), "--set",
+        "detector.threshold_counts=12", capsys=capsys,
+    )  # fmt: skip
+    assert code == 0
+    assert "all       2 of 2 taps that moved it (100 %)" in out
+    assert "REGISTERED" in out
+    folders = sorted(tmp_path.iterdir())
+    assert [sorted(p.name for p in f.iterdir()) for f in folders] == [
+        ["recording.mcap", "result.json"]
+    ] * 2
+    assert {json.loads((f / "result.json").read_text())["direction"] for f in folders} == {
+        "top", "side",
+    }  # fmt: skip
+    assert call("replay", str(folders[0]), "--check", capsys=capsys)[0] == 0
+    assert "registered" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
+    if find_spec("matplotlib"):
+        assert call("chart", "run", str(folders[1]), capsys=capsys)[0] == 0
+
+
+def test_json_of_a_series_has_every_tap_and_the_counts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, series = run_json(
+        capsys, "run", "tap", "--taps", "2", "--direction", "side", "--seed", "4", "--runs",
+        str(tmp_path), "--set", "tap.impulse_ns=0.02",
+    )  # fmt: skip
+    assert code == 1  # nothing moved: no success to speak of
+    assert list(series) == ["scenario", "object", "rig", "detector", "seed", "summary", "taps"]
+    assert series["summary"]["total"]["unmoved"] == 2
+    assert [t["seed"] for t in series["taps"]] == [4, 5]
+    assert {t["direction"] for t in series["taps"]} == {"side"}
+    assert list(series["taps"][0]) == [
+        "scenario", "object", "rig", "detector", "seed", "direction", "success", "outcome", "moved",
+        "displacement_m", "down_m", "across_m", "impulse_ns", "mallet_mps", "struck_s",
+        "slip_onset_s", "slip_end_s", "slip_duration_ms", "slip_registered_s",
+        "detection_latency_ms", "nominal_again_s", "nominal_again_ms", "alarms", "watched_until_s",
+        "grip_force_n", "peak_force_n", "commanded_force_n", "phases", "timing", "recording",
+        "versions", "config_hash",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["lift", "--taps", "3"], "--taps is no option of lift"),
+        (["lift", "--direction", "top"], "--direction is no option of lift"),
+        (["tap", "--keep"], "--keep is no option of tap"),
+        (["tap", "--taps", "0"], "a whole number"),
+        (["tap", "--direction", "up"], "top"),
+        (["tap", "--set", "tap.watch_s=1"], "too short to judge"),
+        (["tap", "--set", "tap.spread=3"], "<= 0.5"),
+        (["tap", "--set", "object.mass_kg=2.9"], "leaves it in the hand"),
+    ],
+)
+def test_options_that_do_not_fit_are_told_before_anything_moves(
+    words: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = call("run", *words, "--runs", str(tmp_path), capsys=capsys)
+    assert code == 2
+    assert says in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_failed_trial_exits_with_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, result = run_json(
+        capsys, "run", "lift", "--runs", str(tmp_path), "--set", "object.mass_kg=2.5"
+    )
+    assert code == 1
+    assert result["outcome"] == "cap_reached"
+
+
+def test_safety_stop_exits_with_4_and_reports_the_result_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, answer = run_json(
+        capsys, "run", "lift", "--runs", str(tmp_path), "--set", "object.grip_counts=[75,75,75]",
+        "--set", "controller.preshape_margin_counts=30",
+    )  # fmt: skip
+    assert code == answer["exit_code"] == 4
+    assert answer["error"]["kind"] == "safety_stop"
+    assert "latched" in answer["error"]["message"]
+    assert answer["result"]["outcome"] == "fault"
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--object", "cann"], "did you mean 'can'"),
+        (["--detector", "oracle"], "energy"),
+        (["--rig", "moon"], "simulated"),
+        (["--seed", "-1"], "no seed"),
+        (["--seed", "two"], "no seed"),
+        (["--set", "guard.force_limit_n=900"], "<= 60"),
+        (["--set", "guard.force_limit=9"], "force_limit_n"),
+        (["--set", "nonsense"], "section.key=value"),
+        (["--set", "gripper.calibration=manual"], "calibration"),
+        (["--set", "gripper.calibration=guess"], "paper, manual"),
+        (["--config", "/no/such/file.toml"], "no such file"),
+    ],
+)
+def test_bad_input_is_one_line_with_its_remedy_and_exit_code_2(
+    words: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, err = call("run", "lift", "--runs", str(tmp_path), *words, capsys=capsys)
+    assert code == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert says in err
+    assert list(tmp_path.iterdir()) == []
+    code, answer = run_json(capsys, "run", "lift", "--runs", str(tmp_path), *words)
+    assert code == answer["exit_code"] == 2
+    assert set(answer["error"]) == {"kind", "message", "remedy"}
+
+
+def test_folder_that_cannot_be_made_is_told_before_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    code, answer = run_json(capsys, "run", "lift", "--runs", str(tmp_path / "file"))
+    assert code == 5
+    assert answer["error"]["kind"] == "could_not_record"
+    assert "--runs" in answer["error"]["remedy"]
+
+
+def test_full_disk_does_not_stop_the_lift_and_leaves_nothing_half_written(tmp_path: Path) -> None:
+    def small_files() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))
+
+    done = subprocess.run(
+        [*GRASP, "run", "lift", "--rig", "simulated", "--runs", str(tmp_path / "runs")],
+        capture_output=True, text=True, preexec_fn=small_files, check=False,
+    )  # fmt: skip
+    assert done.returncode == 5
+    assert "SUCCESS: held within 6cm" in done.stdout
+    assert "could not be recorded" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert list((tmp_path / "runs").iterdir()) == []
+
+
+def test_ctrl_c_stops_the_arm_keeps_the_grip_and_says_how_to_release(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [*GRASP, "run", "lift", "--rig", "simulated", "--runs", str(tmp_path), "--pace", "real"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        for line in process.stdout:
+            if " lift " in line:
+                break
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "the grip is kept" in err
+    assert "grasp release" in err
+    assert "Traceback" not in err
+
+
+def test_replay_checks_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    call("run", "lift", "--runs", str(tmp_path), capsys=capsys)
+    folder = str(next(tmp_path.iterdir()))
+    code, out, _ = call("replay", folder, "--check", capsys=capsys)
+    assert code == 0
+    assert "as recorded" in out
+    code, answer = run_json(capsys, "replay", folder)
+    assert answer["same"] is True
+
+
+def test_replay_of_nothing_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("replay", capsys=capsys)[0] == 2
+    code, _, err = call("replay", "/no/such/run", capsys=capsys)
+    assert code == 2
+    assert "/no/such/run" in err
+
+
+def stroke_csv(path: Path) -> Path:
+    rows = ["t_s,p0,p1,p2,p3,p4,p5,slip"]
+    for k in range(400):
+        slip = 150 <= k < 210 or 300 <= k < 360
+        size = 30 if slip else 1
+        values = [str(-100 + (size if (k + i) % 2 else -size)) for i in range(6)]
+        rows.append(f"{k * 0.01:.2f},{','.join(values)},{int(slip)}")
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_fingertip_recording_shows_events_commands_and_score(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = stroke_csv(tmp_path / "strokes.csv")
+    code, out, _ = call("replay", "--tactile", str(path), capsys=capsys)
+    assert code == 0
+    assert "label: slip begins" in out
+    assert "registered at finger A" in out
+    assert "close A" in out
+    assert "2 of 2 caught" in out
+
+
+def test_detector_is_scored_on_a_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = stroke_csv(tmp_path / "strokes.csv")
+    code, scores = run_json(capsys, "detector", "evaluate", "energy", "--recording", str(path))
+    assert code == 0
+    for name in ("accuracy", "weighted_f1", "slip_f1", "balanced_accuracy", "auc", "event_recall",
+                 "event_precision", "false_events_per_min", "delay_ms", "release_delay_ms", "ece",
+                 "compute_us", "n_samples"):  # fmt: skip
+        assert name in scores
+    assert scores["n_samples"] == 300
+    assert scores["auc"] > 0.9
+
+
+def test_bad_recording_is_refused_with_line_and_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text("t_s,p0,p1,p2,p3,p4,p5,slip\n0.0,1,2,3,4,5,x,0\n")
+    code, _, err = call("detector", "evaluate", "energy", "--recording", str(path), capsys=capsys)
+    assert code == 2
+    assert "line 2" in err
+
+
+def test_threshold_is_tuned_on_lifts_that_do_not_slip(capsys: pytest.CaptureFixture[str]) -> None:
+    code, answer = run_json(capsys, "detector", "tune", "--lifts", "2", "--budget", "6")
+    assert code == 0
+    assert 1.0 < answer["threshold_counts"] < 6.0
+    assert answer["minutes"] > 0.5
+
+
+def test_runs_are_listed_with_their_verdicts(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "no runs" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
+    call("run", "lift", "--runs", str(tmp_path), capsys=capsys)
+    assert "held_within_6cm" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
+
+
+def test_settings_are_shown_with_what_is_allowed(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = call("config", "show", "guard", capsys=capsys)
+    assert code == 0
+    assert "force_limit_n = 10.0  # float" in out
+    code, table = run_json(capsys, "config", "show", "--set", "guard.tip_mass_kg=0.3")
+    assert table["guard"]["tip_mass_kg"] == 0.3
+    assert call("config", "show", "nothing", capsys=capsys)[0] == 2
+
+
+def test_release_opens_the_fingers(capsys: pytest.CaptureFixture[str]) -> None:
+    code, answer = run_json(capsys, "release")
+    assert code == 0
+    assert max(answer["positions_counts"]) < 10
+
+
+def test_picture_of_a_run_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    call("run", "lift", "--runs", str(tmp_path), capsys=capsys)
+    folder = next(tmp_path.iterdir())
+    code, out, _ = call("chart", "run", str(folder), capsys=capsys)
+    assert code == 0
+    assert (folder / "run.svg").read_text().startswith("<?xml")
+    assert str(folder / "run.svg") in out
+
+
+def test_keep_is_a_setting_of_the_controller(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _, result = run_json(capsys, "run", "lift", "--keep", "--runs", str(tmp_path))
+    assert result["phases"][-1]["phase"] == "hold"
+
+
+def test_command_works_from_any_folder(tmp_path: Path) -> None:
+    (tmp_path / "config").mkdir()
+    (tmp_path / "config" / "__init__.py").write_text("raise SystemExit('wrong config')")
+    checkout = Path(__file__).parents[4]
+    done = subprocess.run(
+        [*GRASP, "run", "lift", "--rig", "simulated", "--json"], cwd=tmp_path,
+        capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": str(checkout)}, check=True,
+    )  # fmt: skip
+    assert json.loads(done.stdout)["success"]
+
+
+def test_pacing_follows_the_wall_and_changes_no_result(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    start = time.monotonic()
+    _, paced = run_json(
+        capsys, "run", "lift", "--pace", "real", "--runs", str(tmp_path / "a"),
+        "--set", "controller.hold_s=0", "--set", "controller.lower_speed_mps=0.5",
+        "--set", "controller.lift_height_m=0.05", "--set", "arm.max_speed_mps=0.6",
+    )  # fmt: skip
+    assert time.monotonic() - start > paced["phases"][-1]["t_s"] - paced["phases"][0]["t_s"] - 0.1
+    _, fast = run_json(
+        capsys, "run", "lift", "--pace", "max", "--runs", str(tmp_path / "b"),
+        "--set", "controller.hold_s=0", "--set", "controller.lower_speed_mps=0.5",
+        "--set", "controller.lift_height_m=0.05", "--set", "arm.max_speed_mps=0.6",
+    )  # fmt: skip
+    assert Path(paced["recording"]).read_bytes() == Path(fast["recording"]).read_bytes()

@@ -1,0 +1,310 @@
+"""Campaigns: what a file stands for, what its rows hold, and what no accident may lose."""
+
+import json
+import os
+import sqlite3
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from drivers.errors import ConfigError
+from grasp.cli import main
+from scenarios.campaign.pool import Work
+from scenarios.campaign.run import Progress, run
+from scenarios.campaign.spec import CampaignSpec, Trial, combinations, read_spec, trials
+from scenarios.campaign.store import BadCampaignFile, CampaignStore
+from scenarios.campaign.worker import MACHINE_COLUMNS, Finished, Row, error_row, run_trial
+
+TWO_OBJECTS = CampaignSpec(name="two", objects=("can", "ball"), repetitions=2)
+
+
+def judged_at_once(trial: Trial) -> Finished:
+    """In place of a trial that takes its time."""
+    return Finished(msgspec.structs.replace(error_row(trial, ""), status="done", success=True))
+
+
+@pytest.fixture
+def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No workers, where they are not what is tested: they take seconds to start."""
+
+    def local(trials: Sequence[Trial], jobs: int, work: Work) -> Iterator[Finished]:
+        for trial in trials:
+            yield work(trial)
+
+    monkeypatch.setattr("scenarios.campaign.pool.local", local)
+
+
+def run_with(spec: CampaignSpec, out: Path, work: Work, **options: Any) -> Progress:
+    return run(spec, out, 2, work=work, **options)
+
+
+def stored(path: Path) -> list[Row]:
+    with CampaignStore.open(path) as store:
+        return store.rows()
+
+
+def repeatable(rows: list[Row]) -> list[dict[str, Any]]:
+    """Rows without the columns that the machine decides."""
+    tables = [msgspec.structs.asdict(row) for row in rows]
+    return [{k: v for k, v in row.items() if k not in MACHINE_COLUMNS} for row in tables]
+
+
+# The grid
+
+
+def test_every_combination_is_run_with_every_seed() -> None:
+    spec = CampaignSpec(
+        name="grid", objects=("can", "ball"), decision_rules=(1, 2), latencies_s=(0.0, 0.02, 0.1),
+        closing_speeds_mps=(0.05,), seeds=(0, 3), repetitions=2,
+    )  # fmt: skip
+    found = list(trials(spec, combinations(spec)))
+    assert len(found) == 2 * 2 * 3 * 1 * 2 * 2
+    assert [trial.number for trial in found] == list(range(len(found)))
+    assert {trial.seed for trial in found} == {0, 1, 30_000, 30_001}
+    assert {trial.config.rule.consecutive for trial in found} == {1, 2}
+    assert {trial.config.loop.decision_delay_s for trial in found} == {0.0, 0.02, 0.1}
+    assert {trial.config.controller.closing_speed_mps for trial in found} == {0.05}
+
+
+def test_every_combination_sees_the_same_seeds() -> None:
+    spec = CampaignSpec(
+        name="paired", objects=("can", "ball"), profiles=("default",), repetitions=3
+    )
+    seeds: dict[str, list[int]] = {}
+    for trial in trials(spec, combinations(spec)):
+        seeds.setdefault(trial.config.object.name, []).append(trial.seed)
+    assert seeds["can"] == seeds["ball"] == [0, 1, 2]
+
+
+def test_any_setting_can_be_swept_and_set() -> None:
+    spec = CampaignSpec(
+        name="sweep", objects=("can",), sweep={"controller.lift_speed_mps": (0.1, 0.2)},
+        settings=("scoring.near_m=0.05",),
+    )  # fmt: skip
+    configs = [place.config for place in combinations(spec)]
+    assert [config.controller.lift_speed_mps for config in configs] == [0.1, 0.2]
+    assert {config.scoring.near_m for config in configs} == {0.05}
+
+
+@pytest.mark.parametrize(
+    "wrong, named",
+    [
+        ('objects = ["cann"]', "can"),
+        ('objects = ["can"]\nprofiles = ["papr"]', "paper"),
+        ('objects = ["can"]\ndetectors = ["none"]', "energy"),
+        ('objects = ["can"]\nlatencies_s = [3.0]', "decision_delay_s"),
+        ('objects = ["can"]\nrepetition = 3', "repetitions"),
+        ('objects = ["can"]\nsettings = ["gripper.calibration=manual"]', "guard.force_limit_n"),
+    ],
+)
+def test_a_wrong_file_is_refused_before_anything_runs(
+    wrong: str, named: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "wrong.toml"
+    file.write_text(f'name = "wrong"\n{wrong}\n')
+    out = tmp_path / "out.sqlite"
+    with pytest.raises(ConfigError) as error:
+        run(read_spec(file), out, 1)
+    assert named in f"{error.value.message} {error.value.remedy}"
+    assert not out.exists()
+
+
+def test_the_packaged_campaigns_can_be_read() -> None:
+    for name, count in (("paper", 240), ("table4", 2400)):
+        spec = read_spec(Path(__file__).parents[4] / f"config/campaigns/{name}.toml")
+        size = len(spec.scenarios) * len(spec.objects) * len(spec.profiles) * spec.repetitions
+        assert size == count
+
+
+# One trial
+
+
+def test_a_failure_leaves_its_recording_and_a_success_none() -> None:
+    spec = CampaignSpec(name="kept", objects=("can",), repetitions=1)
+    (good,) = trials(spec, combinations(spec))
+    held = run_trial(good)
+    assert (held.row.status, held.row.success, held.recording) == ("done", True, None)
+    doomed = msgspec.structs.replace(spec, settings=("object.mass_kg=2.9",))
+    (bad,) = trials(doomed, combinations(doomed))
+    lost = run_trial(bad)
+    assert lost.row.success is False
+    assert lost.recording is not None
+    assert lost.recording.startswith(b"\x89MCAP")
+    assert lost.row.recording is None  # its place is known when it is stored
+
+
+def test_taps_alternate_their_direction_and_keep_what_was_measured() -> None:
+    spec = CampaignSpec(name="tap", scenarios=("tap",), objects=("box",), repetitions=2)
+    rows = [run_trial(trial).row for trial in trials(spec, combinations(spec))]
+    assert [row.direction for row in rows] == ["top", "side"]
+    assert all(row.moved is not None and row.slip_distance_m is not None for row in rows)
+
+
+def test_a_row_repeats_with_its_seed() -> None:
+    spec = CampaignSpec(name="same", objects=("foam",), repetitions=1)
+    (trial,) = trials(spec, combinations(spec))
+    first, second = run_trial(trial).row, run_trial(trial).row
+    assert repeatable([first]) == repeatable([second])
+    assert first.outcome == "held"
+    assert first.slip_distance_m is not None and first.cpu_s is not None
+
+
+def test_a_trial_that_crashes_is_a_row_with_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    def crash(*_: Any) -> None:
+        raise ZeroDivisionError("on purpose")
+
+    monkeypatch.setattr("scenarios.campaign.worker.run_once", crash)
+    spec = CampaignSpec(name="crash", objects=("can",), repetitions=1)
+    (trial,) = trials(spec, combinations(spec))
+    row = run_trial(trial).row
+    assert row.status == "error"
+    assert row.success is None
+    assert row.error is not None and "ZeroDivisionError: on purpose" in row.error
+
+
+# Accidents
+
+
+def test_a_worker_that_dies_costs_its_own_trial_alone(tmp_path: Path) -> None:
+    def work(trial: Trial) -> Finished:
+        if trial.number == 1:
+            os._exit(3)
+        return judged_at_once(trial)
+
+    done = run_with(TWO_OBJECTS, tmp_path / "a.sqlite", work)
+    rows = stored(tmp_path / "a.sqlite")
+    assert [row.status for row in rows] == ["done", "error", "done", "done"]
+    assert rows[1].error == "the worker process died"
+    assert (done.new, done.successes, done.errors) == (4, 3, 1)
+
+
+@pytest.mark.parametrize("crashing, code", [((), 0), ((2,), 1)])
+def test_exit_code_says_whether_every_trial_ran(
+    crashing: tuple[int, ...],
+    code: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def work(trial: Trial) -> Finished:
+        if trial.number in crashing:
+            raise RuntimeError("on purpose")
+        return judged_at_once(trial)
+
+    monkeypatch.setattr("scenarios.campaign.run.run", partial(run, work=work))
+    file = tmp_path / "two.toml"
+    file.write_text('name = "two"\nobjects = ["can", "ball"]\nrepetitions = 2\n')
+    words = ["campaign", "run", str(file), "--out", str(tmp_path / "a.sqlite"), "--json"]
+    assert main(words) == code
+    assert json.loads(capsys.readouterr().out)["errors"] == len(crashing)
+
+
+def test_resume_runs_what_is_missing_or_errored_and_nothing_else(tmp_path: Path) -> None:
+    def crash_two(trial: Trial) -> Finished:
+        if trial.number in (0, 3):
+            raise RuntimeError("on purpose")
+        return judged_at_once(trial)
+
+    out = tmp_path / "a.sqlite"
+    assert run_with(TWO_OBJECTS, out, crash_two).errors == 2
+    with sqlite3.connect(out) as db:
+        db.execute("DELETE FROM trials WHERE trial = 1")
+    db.close()
+    ran = tmp_path / "ran"
+    ran.mkdir()
+
+    def work(trial: Trial) -> Finished:
+        (ran / str(trial.number)).touch()
+        return judged_at_once(trial)
+
+    done = run_with(TWO_OBJECTS, out, work, resume=True)
+    assert sorted(path.name for path in ran.iterdir()) == ["0", "1", "3"]
+    assert (done.done, done.total, done.errors) == (4, 4, 0)
+    assert [row.status for row in stored(out)] == ["done"] * 4
+
+
+@pytest.mark.usefixtures("one_process")
+def test_an_existing_file_is_refused_without_resume(tmp_path: Path) -> None:
+    out = tmp_path / "a.sqlite"
+    run_with(TWO_OBJECTS, out, judged_at_once)
+    before = out.read_bytes()
+    with pytest.raises(ConfigError, match="exists already"):
+        run_with(TWO_OBJECTS, out, judged_at_once)
+    assert out.read_bytes() == before
+
+
+@pytest.mark.usefixtures("one_process")
+def test_a_campaign_killed_before_its_first_table_can_be_resumed(tmp_path: Path) -> None:
+    out = tmp_path / "a.sqlite"
+    out.touch()
+    done = run_with(TWO_OBJECTS, out, judged_at_once, resume=True)
+    assert (done.done, done.total) == (4, 4)
+
+
+def test_a_foreign_file_is_not_resumed_into(tmp_path: Path) -> None:
+    out = tmp_path / "a.sqlite"
+    with sqlite3.connect(out) as db:
+        db.execute("CREATE TABLE precious (x)")
+    db.close()
+    before = out.read_bytes()
+    with pytest.raises(BadCampaignFile, match="not a campaign"):
+        run_with(TWO_OBJECTS, out, judged_at_once, resume=True)
+    assert out.read_bytes() == before
+
+
+@pytest.mark.usefixtures("one_process")
+def test_another_campaign_cannot_be_resumed(tmp_path: Path) -> None:
+    out = tmp_path / "a.sqlite"
+    run_with(TWO_OBJECTS, out, judged_at_once)
+    other = msgspec.structs.replace(TWO_OBJECTS, repetitions=5)
+    with pytest.raises(ConfigError, match="another campaign"):
+        run_with(other, out, judged_at_once, resume=True)
+
+
+@pytest.mark.usefixtures("one_process")
+def test_settings_that_changed_underneath_are_noticed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "a.sqlite"
+    run_with(TWO_OBJECTS, out, judged_at_once)
+    changed = tmp_path / "lab.toml"
+    changed.write_text("[controller]\nlift_speed_mps = 0.12\n")
+    monkeypatch.setenv("GRASP_CONFIG", str(changed))
+    with pytest.raises(ConfigError, match="other settings"):
+        run_with(TWO_OBJECTS, out, judged_at_once, resume=True)
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no database at all, only text" * 50])
+def test_a_file_that_is_no_campaign_is_named(content: bytes | None, tmp_path: Path) -> None:
+    path = tmp_path / "a.sqlite"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(BadCampaignFile, match=r"a\.sqlite"):
+        CampaignStore.open(path)
+
+
+@pytest.mark.usefixtures("one_process")
+def test_recordings_lie_beside_the_file_under_their_trial(tmp_path: Path) -> None:
+    def work(trial: Trial) -> Finished:
+        return Finished(judged_at_once(trial).row, b"bytes" if trial.number == 2 else None)
+
+    run_with(TWO_OBJECTS, tmp_path / "a.sqlite", work)
+    paths = [row.recording for row in stored(tmp_path / "a.sqlite")]
+    assert paths == [None, None, "a.recordings/000002-lift-can.mcap", None]
+    assert (tmp_path / str(paths[2])).read_bytes() == b"bytes"
+
+
+@pytest.mark.usefixtures("one_process")
+def test_settings_of_every_row_are_in_the_file(tmp_path: Path) -> None:
+    run_with(TWO_OBJECTS, tmp_path / "a.sqlite", judged_at_once)
+    with sqlite3.connect(tmp_path / "a.sqlite") as db:
+        found = db.execute(
+            "SELECT count(*) FROM trials JOIN configs USING (config_hash) "
+            "WHERE json_extract(settings, '$.object.name') = object"
+        ).fetchone()
+    db.close()
+    assert found == (4,)

@@ -1,0 +1,101 @@
+"""The fit of the fingertip: strokes like a recording's, comparison, search, and what it writes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from detector.recordings import read_csv
+from scenarios.rigs.config import load_config
+from scenarios.studies.signal import calibrate, strokes
+from scenarios.studies.signal.calibrate import Search, Setup
+from scenarios.studies.signal.statistics import signal_statistics
+from scenarios.studies.signal.strokes import StrokeSettings
+from scenarios.world.fingertip import FingertipSettings
+
+FELT = Path(__file__).parents[6] / "shared" / "data" / "takktile_felt.csv"
+
+
+def test_strokes_go_there_and_back_and_last_as_long_as_asked() -> None:
+    s = StrokeSettings()
+    t, speed = strokes.stroke_speeds(s)
+    slip = np.abs(speed) > strokes.SLIP_MPS
+    starts = np.flatnonzero(slip[1:] & ~slip[:-1])
+    ends = np.flatnonzero(~slip[1:] & slip[:-1])
+    assert len(starts) == s.strokes
+    assert (t[ends] - t[starts]) == pytest.approx(s.stroke_s, abs=0.021)
+    assert (t[starts[1:]] - t[ends[:-1]]) == pytest.approx(s.pause_s, abs=0.021)
+    assert np.abs(speed).max() == pytest.approx(s.peak_mps, rel=0.01)
+    assert abs(speed.sum() * 0.01) < 1e-3  # metres from the start, after an even number
+
+
+def test_arm_holds_its_mean_force_and_the_surface_disturbs_it() -> None:
+    clips = strokes.simulate(FingertipSettings(), StrokeSettings(force_spread=0.0), 6, 1)
+    force = clips.force_n
+    assert force[:, ~clips.slip].mean() == pytest.approx(StrokeSettings().force_n, rel=0.15)
+    assert force[:, clips.slip].std() > 0.1
+    smooth = StrokeSettings(force_spread=0.0, texture_rms_mm=0.0)
+    level = strokes.simulate(FingertipSettings(tilt_rad=0.0), smooth, 6, 1)
+    assert level.force_n[:, 30:].std() < 0.3 * force[:, clips.slip].std()
+
+
+def test_equal_seeds_give_equal_clips() -> None:
+    first, again = (strokes.simulate(FingertipSettings(), StrokeSettings(), 2, 4) for _ in "ab")
+    assert (first.counts == again.counts).all()
+
+
+def test_setup_fits_its_own_figures() -> None:
+    own = calibrate.mean(calibrate.figures(Setup(), 6, 1))
+    assert calibrate.misfit(own, own) == 0.0
+    rows = calibrate.compare(own, [own])
+    assert rows and all(row.within_aim for row in rows)
+
+
+def test_error_is_one_at_the_aim() -> None:
+    by_name = {t.name: t for t in calibrate.TARGETS}
+    assert by_name["25 Hz slip"].error(10.0, 15.0) == pytest.approx(1.0)
+    assert by_name["correlation slip"].error(-0.1, 0.1) == pytest.approx(1.0)
+    assert by_name["AUC of the scalar"].error(0.91, 0.88) == pytest.approx(-1.0)
+
+
+def test_search_ends_nearer_to_the_recording_than_it_began() -> None:
+    hidden = Setup().changed({"fingertip.depth_mm": 5.0, "strokes.texture_rms_mm": 0.12})
+    real = calibrate.mean(calibrate.figures(hidden, 4, 7))
+    told = []
+    search = Search(
+        wide_rounds=3, wide_tries=8, wide_clips=3, close_rounds=1, close_tries=4, close_clips=4
+    )
+    found, values = calibrate.fit(real, Setup(), search, lambda *told_now: told.append(told_now))
+    middles = np.array([0.5 * np.log(p.low * p.high) for p in calibrate.PARAMETERS])
+    began = Setup().changed(calibrate.named(middles))
+    before, after = (
+        calibrate.misfit(real, calibrate.mean(calibrate.figures(s, 6, 7))) for s in (began, found)
+    )
+    assert after < 0.9 * before
+    assert told[-1][:2] == (28, 28)
+    assert len(values) == len(calibrate.PARAMETERS)
+
+
+def test_every_parameter_and_ablation_names_settings_that_exist() -> None:
+    for name, value, low, high in calibrate.parameter_values(Setup()):
+        assert low <= value <= high, name
+    for changes in calibrate.ABLATIONS.values():
+        assert Setup().changed(changes) != Setup()
+
+
+def test_fitted_values_are_a_settings_file(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(calibrate.as_toml({"fingertip.depth_mm": 5.5, "strokes.skew": 3.0}, "x.csv"))
+    config = load_config("can", "simulated", "energy", file)
+    assert config.fingertip.depth_mm == 5.5
+    assert "skew" in file.read_text()
+
+
+@pytest.mark.skipif(not FELT.exists(), reason="the authors' clip is not distributed")
+def test_built_in_fingertip_contrasts_slip_and_rest_like_the_authors_clip() -> None:
+    felt = read_csv(FELT)
+    real = signal_statistics(felt.t_s, felt.counts[:, 0], felt.slip)
+    assert real["AUC of the scalar"] == pytest.approx(0.906, abs=0.002)
+    simulated = calibrate.mean(calibrate.figures(Setup(), 48, calibrate.JUDGE_SEED))
+    assert simulated["AUC of the scalar"] == pytest.approx(real["AUC of the scalar"], abs=0.03)
+    assert calibrate.misfit(real, simulated) < 1.0

@@ -1,0 +1,121 @@
+"""Each rule of the tap's verdict, on facts made by hand."""
+
+import msgspec
+import pytest
+
+from scenarios.tap.scoring import Motion, TapFacts, TapOutcome, nominal_again_s, verdict
+from scenarios.tap.settings import TapScoringSettings
+from scenarios.tap.summary import count, sensitivity, summarise, verdict_again
+from scenarios.trial.result import Alarm
+from tests.unit.scenarios.tap.test_tap import result_of
+
+WINDOWS = TapScoringSettings(moved_m=0.001, register_s=0.5, clear_s=1.0, stay_s=0.5)
+MOVED = Motion(struck_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0.006)
+STUCK = Motion(struck_s=9.99, from_s=None, until_s=None, displacement_m=0.0004)
+
+
+def facts(
+    *alarms: tuple[float, float | None], motion: Motion | None = MOVED, **more: object
+) -> TapFacts:
+    plain: dict[str, object] = {
+        "motion": motion, "alarms": [Alarm(*a) for a in alarms], "watched_until_s": 13.0,
+        "own_peak_n": 10.5, "force_bound_n": 11.0,
+    }  # fmt: skip
+    return TapFacts(**{**plain, **more})  # type: ignore[arg-type]
+
+
+def test_registered_in_time_and_nominal_again_is_the_success() -> None:
+    assert verdict(facts((10.03, 10.16)), WINDOWS) is TapOutcome.REGISTERED
+
+
+@pytest.mark.parametrize(("at_s", "expected"), [(10.499, "registered"), (10.501, "late")])
+def test_slip_must_be_registered_within_the_window_from_first_motion(
+    at_s: float, expected: str
+) -> None:
+    assert verdict(facts((at_s, at_s + 0.1)), WINDOWS) == expected
+
+
+@pytest.mark.parametrize(("off_s", "expected"), [(11.01, "registered"), (11.03, "alarm_stayed")])
+def test_status_must_be_nominal_within_the_window_from_the_end_of_motion(
+    off_s: float, expected: str
+) -> None:
+    assert verdict(facts((10.03, off_s)), WINDOWS) == expected
+
+
+def test_alarm_that_never_ends_is_no_success() -> None:
+    assert verdict(facts((10.03, None)), WINDOWS) is TapOutcome.ALARM_STAYED
+
+
+@pytest.mark.parametrize(("again_s", "expected"), [(10.59, "alarm_stayed"), (10.61, "registered")])
+def test_status_must_stay_nominal_for_the_stated_time(again_s: float, expected: str) -> None:
+    # nominal at 10.1; the next alarm, which outlasts the window, comes 0.49 or 0.51 s later
+    assert verdict(facts((10.03, 10.1), (again_s, 11.5)), WINDOWS) == expected
+
+
+def test_status_that_flaps_counts_from_its_last_return() -> None:
+    flapping = facts((10.03, 10.1), (10.2, 10.3))
+    assert nominal_again_s(flapping, 10.02, 0.5) == 10.3
+    assert verdict(flapping, WINDOWS) is TapOutcome.REGISTERED
+
+
+def test_nothing_registered_is_undetected() -> None:
+    assert verdict(facts(), WINDOWS) is TapOutcome.UNDETECTED
+
+
+def test_alarm_before_the_blow_is_no_detection_of_it() -> None:
+    assert verdict(facts((8.0, 8.2)), WINDOWS) is TapOutcome.UNDETECTED
+
+
+def test_registration_between_blow_and_gross_slip_counts() -> None:
+    assert verdict(facts((9.995, 10.1)), WINDOWS) is TapOutcome.REGISTERED
+
+
+def test_tap_that_moves_less_than_a_millimetre_is_judged_apart() -> None:
+    assert verdict(facts(motion=STUCK), WINDOWS) is TapOutcome.UNMOVED_QUIET
+    assert verdict(facts((10.0, 10.2), motion=STUCK), WINDOWS) is TapOutcome.UNMOVED_REGISTERED
+    just = msgspec.structs.replace(STUCK, displacement_m=0.001)
+    assert verdict(facts(motion=just), WINDOWS) is TapOutcome.UNDETECTED
+
+
+def test_object_that_is_lost_was_knocked_out_whatever_was_registered() -> None:
+    lost = msgspec.structs.replace(MOVED, held=False)
+    assert verdict(facts((10.03, 10.1), motion=lost), WINDOWS) is TapOutcome.KNOCKED_OUT
+
+
+def test_status_that_never_was_nominal_left_nothing_to_strike() -> None:
+    assert verdict(facts((3.0, None), motion=None), WINDOWS) is TapOutcome.NEVER_NOMINAL
+
+
+def test_fault_and_own_excess_force_come_first() -> None:
+    assert verdict(facts((10.03, 10.1), fault="x"), WINDOWS) is TapOutcome.FAULT
+    assert verdict(facts((10.03, 10.1), own_peak_n=11.1), WINDOWS) is TapOutcome.OVER_FORCE
+
+
+def test_watch_that_ends_too_early_cannot_tell_that_it_stays_nominal() -> None:
+    assert nominal_again_s(facts((10.03, 10.1), watched_until_s=10.5), 10.02, 0.5) is None
+
+
+def test_verdict_under_other_windows_needs_no_second_run() -> None:
+    result = result_of("object.name=can", seed=0)
+    assert verdict_again(result, TapScoringSettings()) == result.outcome
+    assert verdict_again(result, TapScoringSettings(register_s=1e-3)) is TapOutcome.LATE
+    assert verdict_again(result, TapScoringSettings(clear_s=1e-3)) is TapOutcome.ALARM_STAYED
+    assert verdict_again(result, TapScoringSettings(moved_m=0.1)) is TapOutcome.UNMOVED_REGISTERED
+    rows = sensitivity([result], [TapScoringSettings(), TapScoringSettings(clear_s=1e-3)])
+    assert [(ok, moved) for _, ok, moved in rows] == [(1, 1), (0, 1)]
+
+
+def test_taps_that_moved_nothing_are_counted_apart() -> None:
+    good = result_of("object.name=can", seed=0)
+    stuck = msgspec.structs.replace(
+        good, moved=False, success=False, outcome="unmoved_registered", direction="side"
+    )
+    unstruck = msgspec.structs.replace(good, moved=None, success=False, outcome="never_nominal")
+    total = count([good, stuck, unstruck])
+    assert (total.struck, total.moved, total.successes, total.unmoved, total.false_alarms) == (
+        2, 1, 1, 1, 1,
+    )  # fmt: skip
+    summary = summarise([good, stuck, unstruck])
+    assert list(summary.by_direction) == ["top", "side"]
+    assert summary.by_direction["side"].moved == 0
+    assert summary.outcomes["never_nominal"] == 1

@@ -1,0 +1,250 @@
+"""The real driver against the emulator, over TCP."""
+
+import time
+
+import pytest
+
+from drivers.errors import DeviceFault, LinkLost
+from drivers.interfaces import Detection
+from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.emulator.tcp import Fault, Trouble
+from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.protocol import CALIBRATIONS
+from tests.wire.drivers.robotiq.rig import TIMEOUT_S, until
+
+FAST = 0.11
+ALL = (True, True, True)
+FAR = (200, 200, 200)
+LOST_AND_FOUND = [Trouble.DROP, Trouble.GARBLE, Trouble.DISCONNECT, Trouble.EXCEPTION]
+
+
+def force_bytes(written: bytes) -> set[int]:
+    return {written[5], written[8], written[11], written[14]}
+
+
+def test_activate(joined) -> None:
+    _, client = joined(active=False)
+    assert not client.state.active
+    client.driver.activate()
+    client.pump_until(lambda: client.state.active)
+
+
+def test_an_active_hand_is_taken_over_without_a_write(joined) -> None:
+    served, client = joined()
+    assert not client.driver.activate().effective
+    client.pump(5)
+    assert served.writes == []
+
+
+def test_move(joined) -> None:
+    _, client = joined()
+    client.driver.move_to((60, 70, 80), FAST, 10.0)
+    client.settle()
+    assert client.state.positions == (60, 70, 80)
+
+
+def test_close_until_contact_then_regrasp(joined) -> None:
+    served, client = joined(touch_m=0.03)
+    client.driver.close_fast(20.0, ALL, FAR, FAST)
+    client.settle()
+    assert [f.detection for f in client.state.fingers] == [Detection.CONTACT_CLOSING] * 3
+    assert not client.driver.close_fast(20.0, ALL, FAR, FAST).effective, "latched"
+    before = len(served.writes)
+    assert client.driver.regrasp(20.0).effective
+    client.settle()
+    client.pump(3)
+    going = [written[0] >> 3 & 1 for written in served.writes[before:]]
+    assert going[-2:] == [0, 1], "rGTO cleared, then set"
+
+
+def test_no_byte_on_the_wire_exceeds_the_force_of_its_verb(joined) -> None:
+    served, client = joined(touch_m=0.03)
+    driver, cap = client.driver, 18.0
+    driver.move_to((30, 30, 30), FAST, cap)
+    client.settle()
+    driver.close_fast(cap, (True, False, False), FAR, FAST)
+    client.settle()
+    driver.close_fast(cap, ALL, FAR, 0.05)
+    client.settle()
+    driver.regrasp(cap)
+    client.settle()
+    driver.hold()
+    client.settle()
+    driver.open(FAST)
+    client.settle()
+    most = CALIBRATIONS["paper"].byte_at_most(cap)
+    assert served.writes
+    assert all(len(written) == 16 for written in served.writes)
+    assert max(max(force_bytes(written)) for written in served.writes) == most
+
+
+@pytest.mark.parametrize("code", [0x0D, 0x0E, 0x0F])
+def test_a_major_fault_is_raised_once_and_cleared(joined, code: int) -> None:
+    served, client = joined()
+    served.emulator.hand.inject_fault(code)
+    with pytest.raises(DeviceFault, match=f"0x{code:02X}"):
+        client.pump_until(lambda: False)
+    client.pump(5)
+    client.driver.clear_fault()
+    client.pump_until(lambda: client.state.fault == 0)
+    client.driver.activate()
+    client.pump_until(lambda: client.state.active)
+
+
+# The link
+
+
+def test_a_lost_link_is_taken_up_again_without_moving_anything(joined) -> None:
+    served, client = joined()
+    client.driver.move_to((200, 200, 200), 0.022, 10.0)
+    client.pump_until(lambda: client.state.fresh and client.state.positions[0] > 12)
+    served.emulator.disconnect()
+    with pytest.raises(LinkLost):
+        client.pump_until(lambda: bool(client.errors) and raised(client.errors.pop()))
+    before = len(served.writes)
+    client.pump_until(lambda: client.driver.statistics.reconnects == 1)
+    client.settle()
+    held = served.writes[before:]
+    assert held, "the hand that was moving is told to stay"
+    assert {written[3] for written in held} != {200}, "nothing is sent again"
+    assert all(force_bytes(written) == {0} for written in held)
+    assert max(client.state.positions) < 200
+    assert client.transport.connections == 2
+
+
+def raised(error: Exception) -> bool:
+    raise error
+
+
+def test_a_hand_that_lost_power_is_not_activated_by_itself(joined) -> None:
+    served, client = joined()
+    client.driver.move_to((60, 60, 60), FAST, 10.0)
+    client.settle()
+    hand = served.emulator.hand
+    hand.write(0, [0] * 8)
+    until(lambda: not hand.read(0, 1)[0] & 0x0100)
+    served.emulator.disconnect()
+    before = len(served.writes)
+    client.pump_until(lambda: client.driver.statistics.reconnects == 1)
+    client.pump(5)
+    assert not client.state.active
+    assert served.writes[before:] == []
+
+
+@pytest.mark.parametrize("function", [4, 16])
+@pytest.mark.parametrize("trouble", LOST_AND_FOUND)
+def test_every_failure_is_a_lost_link_with_a_remedy(joined, trouble, function: int) -> None:
+    served, client = joined()
+    served.emulator.faults.add(Fault(trouble=trouble, function=function))
+    client.driver.move_to((60, 60, 60), FAST, 10.0)
+    with pytest.raises(LinkLost) as lost:
+        for _ in range(3):
+            client.pump()
+            time.sleep(0.01)
+    assert lost.value.remedy
+    assert client.driver.statistics.link_losses == 1
+    client.pump_until(lambda: client.driver.statistics.reconnects == 1)
+    assert client.driver.statistics.resynced == 1
+    client.driver.move_to((50, 50, 50), FAST, 10.0)
+    client.settle()
+    assert client.state.positions == (50, 50, 50)
+
+
+def test_an_exception_reply_says_so_and_keeps_the_connection(joined) -> None:
+    served, client = joined()
+    served.emulator.faults.add(Fault(trouble=Trouble.EXCEPTION, code=6))
+    with pytest.raises(LinkLost, match="exception 6 to function 4"):
+        client.pump()
+    client.pump()
+    assert client.transport.connections == 1
+
+
+def test_a_reply_in_pieces_is_a_reply(joined) -> None:
+    served, client = joined()
+    served.emulator.faults.add(Fault(trouble=Trouble.SPLIT, seconds=0.001))
+    client.pump()
+
+
+def test_a_late_reply_does_not_pass_for_the_next(joined) -> None:
+    served, client = joined()
+    served.emulator.faults.add(Fault(trouble=Trouble.DELAY, seconds=1.5 * TIMEOUT_S))
+    with pytest.raises(LinkLost, match="does not answer"):
+        client.transport.read(0, 1, 0)
+    assert len(client.transport.read(0, 8, 0)) == 8
+    time.sleep(TIMEOUT_S)
+    assert len(client.transport.read(0, 3, 0)) == 3
+    assert client.transport.connections == 1
+
+
+def test_a_connection_closed_between_requests_is_noticed_before_the_next(joined) -> None:
+    served, client = joined()
+    served.emulator.disconnect()
+    time.sleep(0.05)
+    before = len(served.frames)
+    client.driver.move_to((60, 60, 60), FAST, 10.0)
+    with pytest.raises(LinkLost, match="closed"):
+        client.pump()
+    assert len(served.frames) == before, "nothing went over a new connection unnoticed"
+
+
+def test_a_connection_that_the_library_gave_up_is_not_renewed_silently(joined) -> None:
+    served, client = joined()
+    client.transport.close()  # as pymodbus does by itself
+    before = len(served.frames)
+    with pytest.raises(LinkLost, match="closed"):
+        client.pump()
+    assert len(served.frames) == before
+    client.pump_until(lambda: client.driver.statistics.reconnects == 1)
+
+
+def test_a_dead_peer_costs_one_timeout_and_no_retries(serve, connect) -> None:
+    """With its defaults pymodbus waits 3 s and asks four times: 12 s for one read."""
+    served = serve()
+    timeout_s = 0.5
+    client = connect(served, timeout_s=timeout_s)
+    client.pump_until(lambda: client.state is not None)
+    served.emulator.faults.add(Fault(trouble=Trouble.DROP, times=1000))
+    before, start_s = served.emulator.requests, time.monotonic()
+    with pytest.raises(LinkLost):
+        client.pump()
+    took_s = time.monotonic() - start_s
+    assert served.emulator.requests == before + 1, "asked once"
+    assert 0.9 < took_s / timeout_s < 4
+
+
+def test_a_silent_connection_is_given_up_after_some_requests(joined) -> None:
+    served, client = joined()
+    served.emulator.faults.add(Fault(trouble=Trouble.DROP, times=3))
+    client.pump_until(lambda: client.driver.statistics.reconnects == 1)
+    assert client.transport.connections == 2
+
+
+def test_nobody_there() -> None:
+    settings = ModbusSettings(host="127.0.0.1", port=1, reconnect_s=0.5)
+    transport = ModbusTransport(settings)
+    driver = RobotiqDriver(transport, DriverSettings(), CALIBRATIONS["paper"])
+    for _ in range(3):
+        with pytest.raises(LinkLost, match=r"127\.0\.0\.1:1") as lost:
+            driver.pump(0)
+    assert "address" in lost.value.remedy
+
+
+def test_two_clients(joined, connect) -> None:
+    served, client = joined()
+    other = connect(served)
+    other.pump_until(lambda: other.state is not None)
+    client.driver.move_to((60, 60, 60), FAST, 10.0)
+    client.settle()
+    other.pump_until(lambda: other.state.positions == (60, 60, 60))
+    other.driver.move_to((40, 40, 40), FAST, 10.0)
+    other.settle()
+    client.pump_until(lambda: client.state.positions == (40, 40, 40))
+
+
+def test_the_hand_moves_on_while_nobody_asks(joined) -> None:
+    served, client = joined()
+    client.driver.move_to((60, 60, 60), FAST, 10.0)
+    client.pump()
+    until(lambda: not served.emulator.hand.model.moving)
+    client.pump()
+    assert client.state.positions == (60, 60, 60)

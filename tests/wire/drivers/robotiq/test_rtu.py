@@ -1,0 +1,203 @@
+"""The gripper on a serial line, over a pseudo-terminal: bytes first, then the driver."""
+
+import os
+import time
+
+import pytest
+import serial
+
+from drivers.errors import LinkLost
+from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.emulator.rtu import RtuEmulator, crc
+from drivers.robotiq.emulator.tcp import Fault, Trouble
+from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
+from drivers.robotiq.model.gripper import GripperModel, HandSettings
+from drivers.robotiq.protocol import CALIBRATIONS
+from tests.wire.drivers.robotiq.rig import QUICK, FastClock, until
+
+ACTIVATE = "09 10 03 e8 00 03 06 01 00 00 00 00 00 72 e1"
+ACTIVATED = "09 10 03 e8 00 03 01 30"
+POLL = "09 03 07 d0 00 01 85 cf"
+SILENCE_S = 0.3
+
+
+@pytest.fixture
+def now():
+    return [0]
+
+
+@pytest.fixture
+def emulator(now):
+    with RtuEmulator(GripperModel(HandSettings(), 0), clock=lambda: now[0]) as emulator:
+        yield emulator
+
+
+@pytest.fixture
+def line(emulator):
+    with serial.Serial(emulator.port, 115200, timeout=10) as line:
+        yield line
+
+
+def ask(line: serial.Serial, text: str, count: int) -> str:
+    line.write(bytes.fromhex(text))
+    return line.read(count).hex(" ")
+
+
+def silent(line: serial.Serial, text: str) -> bool:
+    line.timeout = SILENCE_S
+    silence = ask(line, text, 1) == ""
+    line.timeout = 10
+    return silence
+
+
+def framed(text: str) -> str:
+    data = bytes.fromhex(text)
+    return (data + crc(data)).hex(" ")
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        ACTIVATE,
+        ACTIVATED,
+        "09 10 03 e8 00 03 06 00 00 00 00 00 00 73 30",
+        POLL,
+        "09 03 02 11 00 55 d5",
+        "09 03 02 31 00 4c 15",
+        "09 10 03 e8 00 03 06 09 00 00 ff ff ff 42 29",
+    ],
+)
+def test_the_check_sums_of_the_manual(frame: str) -> None:
+    data = bytes.fromhex(frame)
+    assert crc(data[:-2]) == data[-2:]
+
+
+def test_the_activation_of_the_manual(line, now) -> None:
+    assert ask(line, ACTIVATE, 8) == ACTIVATED
+    now[0] = 2_500_000_000
+    assert ask(line, POLL, 7) == "09 03 02 11 00 55 d5"
+    now[0] = 7_000_000_000
+    assert ask(line, POLL, 7) == "09 03 02 31 00 4c 15"
+
+
+def test_one_register_and_write_with_read(line, now) -> None:
+    single = framed("09 06 03 e8 01 00")
+    assert ask(line, single, 8) == single
+    now[0] = 2_500_000_000
+    both = framed("09 17 07 d0 00 02 03 e9 00 01 02 00 11")
+    assert ask(line, both, 9) == framed("09 17 04 11 00 00 00")
+    now[0] = 2_600_000_000
+    assert ask(line, framed("09 03 07 d1 00 01"), 7) == framed("09 03 02 00 11"), "echo"
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        framed("02 03 07 d0 00 01"),  # another slave
+        framed("00 10 03 e8 00 01 02 01 00"),
+        "09 03 07 d0 00 01 85 ce",  # check sum
+        framed("09 04 07 d0 00 01"),  # a function of TCP
+        framed("09 03 00 00 00 01"),  # an address of TCP
+        framed("09 03 07 d0 00 09"),
+        framed("09 03 07 d0 00 00"),
+        framed("09 10 03 e8 00 02 02 01 00"),
+    ],
+)
+def test_errors_are_answered_by_silence(line, frame: str) -> None:
+    assert silent(line, frame)
+    assert ask(line, POLL, 7).startswith("09 03")
+
+
+def test_a_frame_that_is_never_finished_is_forgotten_after_a_silence(line) -> None:
+    assert silent(line, "09 10 03 e8 00 03 06 01")
+    assert ask(line, POLL, 7).startswith("09 03")
+
+
+def test_it_leaves_no_descriptor() -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    with RtuEmulator(HandSettings()):
+        pass
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+# The driver
+
+
+@pytest.fixture
+def quick():
+    clock = FastClock(5)
+    with RtuEmulator(GripperModel(QUICK, clock()), clock=clock) as emulator:
+        yield emulator
+
+
+@pytest.fixture
+def transport(quick):
+    settings = ModbusSettings(serial_port=quick.port, timeout_s=0.25, reconnect_s=0.02)
+    transport = ModbusTransport(settings, "rtu")
+    yield transport
+    transport.close()
+
+
+@pytest.fixture
+def driver(transport):
+    return RobotiqDriver(transport, DriverSettings(link="rtu"), CALIBRATIONS["paper"])
+
+
+def reach(driver: RobotiqDriver, true) -> None:
+    def once() -> bool:
+        driver.pump(time.monotonic_ns())
+        return true(driver.state)
+
+    until(once)
+
+
+def test_activate_and_move(driver) -> None:
+    driver.pump(time.monotonic_ns())
+    driver.activate()
+    reach(driver, lambda state: state.active and state.fresh)
+    driver.move_to((60, 70, 80), 0.11, 10.0)
+    reach(driver, lambda state: state.at_rest)
+    assert driver.state.positions == (60, 70, 80)
+
+
+@pytest.mark.parametrize("trouble", [Trouble.DROP, Trouble.GARBLE, Trouble.EXCEPTION])
+def test_what_is_not_answered_is_a_lost_link_once(quick, driver, trouble: Trouble) -> None:
+    driver.pump(time.monotonic_ns())
+    quick.faults.add(Fault(trouble=trouble))
+    with pytest.raises(LinkLost, match="does not answer"):
+        driver.pump(time.monotonic_ns())
+    until(lambda: answers(driver))
+
+
+def answers(driver: RobotiqDriver) -> bool:
+    try:
+        driver.pump(time.monotonic_ns())
+    except LinkLost:
+        return False
+    return True
+
+
+def test_a_late_reply_does_not_pass_for_the_next(quick, transport) -> None:
+    """The reply to a read of one register comes while nobody waits; then two are asked for."""
+    transport.read(2000, 8, 0)
+    quick.faults.add(Fault(trouble=Trouble.DELAY, seconds=0.5))
+    with pytest.raises(LinkLost):
+        transport.read(2000, 1, 0)
+    time.sleep(0.5)
+    until(lambda: quick.requests == 2)
+    assert len(transport.read(2000, 2, 10**9)) == 2
+
+
+def test_no_such_port() -> None:
+    transport = ModbusTransport(ModbusSettings(serial_port="/dev/no-such-port"), "rtu")
+    with pytest.raises(LinkLost, match="/dev/no-such-port") as lost:
+        transport.read(2000, 8, 0)
+    assert "serial port" in lost.value.remedy
+
+
+def test_a_port_that_is_pulled_out(quick, transport) -> None:
+    transport.read(2000, 8, 0)
+    quick.stop()
+    for now_ns in (0, 10**9):
+        with pytest.raises(LinkLost):
+            transport.read(2000, 8, now_ns)

@@ -1,0 +1,255 @@
+"""The core in a thread: paced, woken at once, the same bytes as in a loop, errors once."""
+
+import threading
+import time
+
+import pytest
+
+from drivers.errors import DeviceFault, LinkLost, Refused
+from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.emulator.tcp import Fault, Trouble
+from drivers.robotiq.link.thread import ThreadedGripper
+from drivers.robotiq.model.gripper import GripperModel, ModelTransport
+from drivers.robotiq.protocol import CALIBRATIONS
+from tests.wire.drivers.robotiq.rig import QUICK, until
+
+FAST = 0.11
+MS = 1_000_000
+
+
+class Sleeper:
+    """A core that counts its pumps and may take long, fail, or break."""
+
+    state = None
+    least_force_n = 10.0
+    m_per_count = 0.00077
+
+    def __init__(self) -> None:
+        self.pumped_ns: list[int] = []
+        self.raises: list[BaseException] = []
+        self.takes_s = 0.0
+
+    def pump(self, now_ns: int) -> None:
+        self.pumped_ns.append(now_ns)
+        time.sleep(self.takes_s)
+        if self.raises:
+            raise self.raises.pop(0)
+
+    def hold(self) -> None:
+        pass
+
+
+def done(state) -> bool:
+    """What was asked is over; a hand that is not active yet has nothing to come to rest from."""
+    return state.fresh and (state.at_rest or not state.active)
+
+
+def script(gripper, rest) -> None:
+    """Verbs, each given when the one before has come to its end."""
+    rest()
+    gripper.activate()
+    rest()
+    gripper.move_to((60, 70, 80), FAST, 12.0)
+    rest()
+    gripper.move_to((60, 70, 80), 0.05, 12.0)
+    rest()
+    gripper.close_fast(15.0, (True, False, True), (90, 90, 90), FAST)
+    rest()
+    gripper.hold()
+    rest()
+    gripper.open(FAST)
+    rest()
+
+
+def bytes_in_a_loop() -> list[bytes]:
+    """The driver pumped in virtual time, no wire."""
+    model = GripperModel(QUICK, 0)
+    written: list[bytes] = []
+
+    def log(now_ns: int, kind: str, registers) -> None:
+        if kind == "write":
+            written.append(b"".join(word.to_bytes(2, "big") for word in registers))
+
+    core = RobotiqDriver(ModelTransport(model), DriverSettings(), CALIBRATIONS["paper"], log)
+    now = [0]
+
+    def rest() -> None:
+        for _ in range(2000):
+            now[0] += 10 * MS
+            core.pump(now[0])
+            if done(core.state) and not model.moving:
+                return
+        raise AssertionError("the hand did not come to rest")
+
+    script(core, rest)
+    return written
+
+
+def test_the_same_bytes_in_a_thread_and_in_a_loop(serve, connect) -> None:
+    served = serve(active=False)
+    model = served.emulator.hand.model
+    with connect(served).threaded() as gripper:
+
+        def rest() -> None:
+            until(lambda: done(gripper.state) and not model.moving)
+            gripper.pump(0)
+
+        script(gripper, rest)
+    assert served.writes == bytes_in_a_loop()
+
+
+def test_a_verb_is_sent_at_once_not_at_the_next_tick(serve, connect) -> None:
+    served = serve()
+    with connect(served).threaded(period_s=600.0) as gripper:
+        gripper.move_to((60, 60, 60), FAST, 10.0)
+        assert not gripper.state.fresh, "from the verb on"
+        until(lambda: len(served.writes) == 1)
+        until(lambda: gripper.statistics.acknowledge.count == 1)
+        assert gripper.statistics.woken >= 1
+        seen = gripper.statistics.pump
+        assert sum(seen.histogram.values()) == seen.count >= 2
+        assert 0 < seen.p50_s <= seen.p99_s <= seen.most_s
+
+
+def test_the_transport_is_timed(serve, connect) -> None:
+    client = connect(serve())
+    client.pump(3)
+    assert client.timed.reads.summary().count == 3
+    assert client.timed.writes.summary().count == 0
+    assert client.timed.acknowledged_ns is None
+
+
+def test_a_verb_held_back_by_the_write_interval_is_sent_when_it_is_over(serve, connect) -> None:
+    served = serve()
+    with connect(served).threaded(period_s=600.0) as gripper:
+        for speed in (0.03, 0.05, 0.07):
+            gripper.move_to((60, 60, 60), speed, 10.0)
+            gripper.move_to((60, 60, 60), speed + 0.01, 10.0)
+        last = CALIBRATIONS["paper"].speed_byte_at_most(0.08)
+        until(lambda: served.writes[-1:] != [] and served.writes[-1][4] == last)
+        until(lambda: gripper.statistics.acknowledge.count >= 1)
+
+
+def test_an_unchanged_command_waits_for_no_acknowledgement(serve, connect) -> None:
+    served = serve()
+    with connect(served).threaded() as gripper:
+        gripper.activate()  # taken over as it is
+        before = gripper.statistics.pumps
+        until(lambda: gripper.statistics.pumps > before + 5)
+        assert gripper.statistics.acknowledge.count == 0
+    assert served.writes == []
+
+
+def test_a_refusal_comes_back_to_the_caller(serve, connect) -> None:
+    with connect(serve()).threaded() as gripper, pytest.raises(Refused):
+        gripper.move_to((60, 60, 60), FAST, 1.0)
+
+
+def test_a_lost_link_is_raised_once_and_found_again(serve, connect) -> None:
+    served = serve()
+    client = connect(served)
+    with client.threaded() as gripper:
+        served.emulator.faults.add(Fault(trouble=Trouble.DISCONNECT, times=5))
+        until(lambda: client.driver.statistics.link_losses == 1)
+        until(lambda: client.driver.statistics.reconnects == 1)
+        with pytest.raises(LinkLost):
+            until(lambda: gripper.pump(0))
+        gripper.pump(0)
+        seq = gripper.state.seq
+        until(lambda: gripper.state.seq > seq)
+
+
+def test_nobody_there_is_known_after_start(connect, serve) -> None:
+    served = serve()
+    served.emulator.stop()
+    with connect(served).threaded() as gripper:
+        assert gripper.state is None
+        with pytest.raises(LinkLost):
+            gripper.pump(0)
+        gripper.pump(0)
+
+
+def test_a_fault_is_raised_once(serve, connect) -> None:
+    served = serve()
+    with connect(served).threaded() as gripper:
+        served.emulator.hand.inject_fault(0x0D)
+        until(lambda: gripper.state.fault == 0x0D)
+        with pytest.raises(DeviceFault):
+            until(lambda: gripper.pump(0))
+        seq = gripper.state.seq
+        until(lambda: gripper.state.seq > seq + 3)
+        gripper.pump(0)
+
+
+def test_a_bug_in_the_core_ends_the_thread_and_is_raised_by_every_pump() -> None:
+    core = Sleeper()
+    core.raises = [ZeroDivisionError("a bug")]
+    with ThreadedGripper(core, 0.01) as gripper:
+        for _ in range(2):
+            with pytest.raises(ZeroDivisionError):
+                gripper.pump(0)
+    assert len(core.pumped_ns) == 1
+
+
+def test_two_errors_between_pumps_are_both_raised() -> None:
+    core = Sleeper()
+    core.raises = [DeviceFault("a", ""), LinkLost("b", ""), LinkLost("c", ""), DeviceFault("d", "")]
+    with ThreadedGripper(core, 0.001) as gripper:
+        until(lambda: len(core.pumped_ns) > 5)
+        for said in "abd":
+            with pytest.raises((DeviceFault, LinkLost), match=said):
+                gripper.pump(0)
+        gripper.pump(0)
+
+
+def test_periods_are_kept_to_a_grid_and_missed_ones_are_counted_not_made_up_for() -> None:
+    core = Sleeper()
+    period_ns = 20 * MS
+    with ThreadedGripper(core, period_ns * 1e-9) as gripper:
+        until(lambda: len(core.pumped_ns) >= 3)
+        core.takes_s = 0.13
+        until(lambda: gripper.statistics.missed >= 5)
+        core.takes_s = 0.0
+        after = len(core.pumped_ns)
+        until(lambda: len(core.pumped_ns) >= after + 5)
+    ticks = [(t - core.pumped_ns[0]) // period_ns for t in core.pumped_ns]
+    assert len(set(ticks)) == len(ticks), "one pump a period at most: no burst"
+    assert gripper.statistics.missed >= ticks[-1] - len(ticks)
+
+
+def test_the_state_is_read_without_waiting_for_an_exchange() -> None:
+    core = Sleeper()
+    core.takes_s = 0.5
+    gripper = ThreadedGripper(core, 0.01)
+    starter = threading.Thread(target=gripper.start)
+    starter.start()
+    until(lambda: len(core.pumped_ns) == 1)
+    assert gripper._lock.locked()
+    assert gripper.state is None
+    gripper.pump(0)
+    assert gripper._lock.locked(), "all that during one exchange"
+    starter.join()
+    gripper.close()
+
+
+def test_it_can_be_stopped_and_started_again(serve, connect) -> None:
+    client = connect(serve())
+    gripper = client.threaded()
+    for _ in range(2):
+        gripper.start()
+        gripper.start()
+        gripper.stop()
+        gripper.stop()
+    assert gripper.state is not None
+    gripper.close()
+    assert not client.transport._line.client.connected
+
+
+def test_a_thread_that_hangs_is_reported() -> None:
+    core = Sleeper()
+    core.takes_s = 0.5
+    gripper = ThreadedGripper(core, 0.01)
+    gripper.start(within_s=0.01)
+    with pytest.raises(LinkLost, match="did not end"):
+        gripper.stop(within_s=0.01)
+    gripper.stop()

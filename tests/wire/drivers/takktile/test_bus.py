@@ -1,0 +1,267 @@
+"""What other people's pyusb programs see: the emulated bus through pyusb's own interface."""
+
+import errno
+import socket
+import threading
+import time
+
+import pytest
+import usb.core
+import usb.util
+
+from drivers.takktile import protocol
+from drivers.takktile.emulator.server import BoardServer
+from drivers.takktile.model import BoardModelSettings
+from tests.wire.drivers.takktile.conftest import MS, Bench, eventually
+
+VENDOR_IN = 0xC0
+SCAN, TIMER, CALIBRATION = 0x5C, 0xC7, 0x6C
+
+
+def start(device, ticks: int = 375) -> None:
+    assert device.ctrl_transfer(VENDOR_IN, TIMER, ticks, 0xFF, 1, 1000)[0] == 1
+
+
+def test_descriptors_are_those_of_the_firmware(device):
+    assert (device.idVendor, device.idProduct) == (0x59E3, 0x74C7)
+    assert (device.bcdUSB, device.bcdDevice, device.bDeviceClass) == (0x0110, 0x0200, 0xFF)
+    assert device.bMaxPacketSize0 == 64
+    config = device.get_active_configuration()
+    assert (config.wTotalLength, config.bMaxPower) == (32, 250)
+    ends = [(e.bEndpointAddress, e.bmAttributes, e.wMaxPacketSize) for e in config[(0, 0)]]
+    assert ends == [(0x81, 2, 64), (0x02, 2, 32)]
+
+
+def test_strings_come_over_the_control_endpoint(device):
+    assert device.manufacturer == "The Biorobotics Lab"
+    assert device.product == "TakkTile"
+    assert len(device.serial_number) == 22
+    assert "wMaxPacketSize" in str(device)  # walks everything
+
+
+def test_raw_descriptor_requests_answer_what_the_parsed_ones_say(device):
+    assert len(device.ctrl_transfer(0x80, 6, 0x0200, 0, 255)) == 32
+    assert len(device.ctrl_transfer(0x80, 6, 0x0200, 0, 9)) == 9
+    assert list(device.ctrl_transfer(0x80, 0, 0, 0, 2)) == [0, 0]
+    with pytest.raises(usb.core.USBError) as caught:
+        device.ctrl_transfer(0x80, 6, 0x0305, 0, 255)
+    assert caught.value.errno == errno.EPIPE
+
+
+def test_a_program_may_set_the_configuration_that_is_set(device):
+    device.set_configuration()
+    assert not device.is_kernel_driver_active(0)
+    with pytest.raises(usb.core.USBError):
+        device.detach_kernel_driver(0)
+    usb.util.claim_interface(device, 0)
+    device.set_interface_altsetting(0, 0)
+    device.clear_halt(0x81)
+    device.reset()
+
+
+def test_versions_and_scan_of_the_main_line(device):
+    assert bytes(device.ctrl_transfer(VENDOR_IN, 0, 0, 0, 64)) == b"1.0\0"
+    assert list(device.ctrl_transfer(VENDOR_IN, SCAN, 0, 0, 64)) == [63, 63, 63, 0, 0, 0, 0, 0]
+    assert len(device.ctrl_transfer(VENDOR_IN, CALIBRATION, 0, 0, 8)) == 8
+
+
+def test_a_takkfast_board_answers_a_scan_with_forty_bytes():
+    cells = tuple(divmod(cell, 5) for cell in range(18))
+    bench = Bench(BoardModelSettings(cells=cells, takkfast=True))
+    with bench.server:
+        device = bench.find()
+        reply = bytes(device.ctrl_transfer(VENDOR_IN, SCAN, 0, 0, 64))
+        assert reply == b"\xff" * 18 + bytes(22)
+        start(device)
+        assert len(device.read(0x81, 512, 1000)) == 320
+        usb.util.dispose_resources(device)
+
+
+@pytest.mark.parametrize("request_", [(VENDOR_IN, 0x42), (VENDOR_IN, 0xBB), (0x40, TIMER)])
+def test_unknown_requests_stall(device, request_):
+    with pytest.raises(usb.core.USBError) as caught:
+        device.ctrl_transfer(*request_, 0, 0, 8)
+    assert caught.value.errno == errno.EPIPE
+    assert caught.value.backend_error_code == -9
+
+
+def test_a_started_board_streams_frames_of_72_bytes(bench, device):
+    start(device)
+    for _ in range(20):
+        frame = bytes(device.read(0x81, 512, 1000))
+        assert protocol.parse_frame(frame, 18)[0].tolist() == bench.codes.tolist()
+
+
+def test_a_board_that_was_not_started_times_out(device):
+    with pytest.raises(usb.core.USBTimeoutError) as caught:
+        device.read(0x81, 512, 30)
+    assert caught.value.errno == errno.ETIMEDOUT
+    assert caught.value.backend_error_code == -7
+
+
+def test_a_pending_read_gets_the_frame_of_a_start_from_another_thread(device):
+    got = []
+    reader = threading.Thread(target=lambda: got.append(device.read(0x81, 512, 15_000)))
+    reader.start()
+    start(device)
+    reader.join(20)
+    assert len(got[0]) == 72
+
+
+def test_a_read_without_time_out_ends_when_the_board_is_unplugged(bench, device):
+    errors = []
+
+    def read() -> None:
+        try:
+            device.read(0x81, 512, 0)
+        except usb.core.USBError as error:
+            errors.append(error.errno)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    time.sleep(0.05)
+    bench.spoil("unplug")
+    reader.join(20)
+    assert errors == [errno.ENODEV]
+
+
+def test_nothing_is_ever_taken_from_the_out_endpoint(device):
+    with pytest.raises(usb.core.USBTimeoutError):
+        device.write(0x02, b"hello", 30)
+
+
+def test_the_read_with_four_arguments_of_old_programs_is_a_type_error(device):
+    with pytest.raises(TypeError):
+        device.read(0x81, 720, 0, 100)
+
+
+def test_a_buffer_that_is_no_multiple_of_the_packet_can_overflow(device):
+    start(device)
+    assert len(device.read(0x81, 720, 1000)) == 72
+    with pytest.raises(usb.core.USBError) as caught:
+        device.read(0x81, 70, 1000)
+    assert caught.value.errno == errno.EOVERFLOW
+    assert len(device.read(0x81, 64, 1000)) == 64
+    assert len(device.read(0x81, 64, 1000)) == 8
+
+
+def test_a_stall_is_errno_32_and_passes(bench, device):
+    start(device)
+    bench.spoil("stall")
+    with pytest.raises(usb.core.USBError) as caught:
+        device.read(0x81, 512, 1000)
+    assert caught.value.errno == errno.EPIPE
+    device.clear_halt(0x81)
+    assert len(device.read(0x81, 512, 1000)) == 72
+
+
+def test_a_hung_board_times_out_on_both_endpoints(device):
+    start(device)
+    for _ in range(2):
+        with pytest.raises(usb.core.USBTimeoutError):  # a scan while sampling hangs it
+            device.ctrl_transfer(VENDOR_IN, SCAN, 0, 0, 64, 30)
+    with pytest.raises(usb.core.USBTimeoutError):
+        device.read(0x81, 512, 30)
+
+
+def test_after_a_replug_the_old_device_is_useless_and_a_new_one_is_found(bench, device):
+    start(device)
+    bench.spoil("unplug")
+    assert bench.find() is None
+    for _ in range(2):
+        with pytest.raises(usb.core.USBError) as caught:
+            device.read(0x81, 512, 1000)
+        assert caught.value.errno == errno.ENODEV
+        bench.spoil("replug")  # the stale handle stays stale
+    again = bench.find()
+    assert again.address != device.address
+    start(again)
+    assert len(again.read(0x81, 512, 1000)) == 72
+    usb.util.dispose_resources(again)
+
+
+def test_a_second_program_is_busy_until_the_first_gives_the_board_back(bench, device):
+    usb.util.claim_interface(device, 0)
+    second = bench.find()
+    for attempt in (
+        lambda: usb.util.claim_interface(second, 0),
+        lambda: second.read(0x81, 512, 30),
+        second.set_configuration,
+    ):
+        with pytest.raises(usb.core.USBError) as caught:
+            attempt()
+        assert caught.value.errno == errno.EBUSY
+    usb.util.dispose_resources(device)
+    usb.util.claim_interface(second, 0)
+    usb.util.dispose_resources(second)
+
+
+def test_a_program_that_dies_loses_its_claim(bench, device):
+    usb.util.claim_interface(device, 0)
+    device._ctx.handle._control._socket.shutdown(2)  # as when the process ends
+    second = bench.find()
+
+    def claimed() -> bool:
+        try:
+            usb.util.claim_interface(second, 0)
+        except usb.core.USBError:
+            return False
+        return True
+
+    eventually(claimed, "claim of the dead program given up")
+    usb.util.dispose_resources(second)
+
+
+def test_a_server_that_is_gone_is_a_board_that_is_gone():
+    bench = Bench()
+    with bench.server:
+        device = bench.find()
+        start(device)
+        bus = bench.bus
+    with pytest.raises(usb.core.USBError) as caught:
+        device.read(0x81, 512, 1000)
+    assert caught.value.errno == errno.ENODEV
+    assert usb.core.find(backend=bus) is None
+    usb.util.dispose_resources(device)
+
+
+def test_garbage_on_the_port_harms_nobody(bench):
+    port = int(bench.server.url.rpartition(":")[2])
+    for noise in (b"GET / HTTP/1.1\r\n\r\n", b"\0\0\0\4junk", b"\0\0"):
+        with socket.create_connection(("127.0.0.1", port)) as stranger:
+            stranger.sendall(noise)
+    assert bench.find() is not None
+
+
+def test_free_running_the_board_beats_100_hz(device):
+    start(device)
+    began = time.monotonic_ns()
+    intervals = [_interval(device) for _ in range(50)]
+    # 375 ticks of 8 us and 18 cells of 0.1 ms; a busy machine can only be slower
+    assert time.monotonic_ns() - began >= 50 * 4.8 * MS
+    assert min(intervals) < 10 * MS
+
+
+def _interval(device) -> int:
+    before = time.monotonic_ns()
+    assert len(device.read(0x81, 512, 1000)) == 72
+    return time.monotonic_ns() - before
+
+
+def test_the_board_lives_by_the_clock_of_its_cell():
+    bench = Bench()
+    now_ns = [0]
+    bench.server = BoardServer(bench.board, bench.lock, clock=lambda: now_ns[0])
+    with bench.server:
+        device = bench.find()
+        start(device)
+        got = []
+        reader = threading.Thread(target=lambda: got.append(device.read(0x81, 512, 1000)))
+        reader.start()
+        for now_ns[0] in range(0, 5 * MS, MS):
+            reader.join(0.02)
+            assert reader.is_alive()
+        now_ns[0] = 5 * MS
+        reader.join(20)
+        assert len(got[0]) == 72
+        usb.util.dispose_resources(device)

@@ -1,0 +1,87 @@
+"""`grasp tactile` through the command line's own entry."""
+
+import json
+
+import pytest
+
+from drivers.takktile.model import BoardModelSettings
+from grasp.cli import main
+from tests.wire.drivers.takktile.conftest import Bench
+
+
+def identify(bench: Bench, *options: str) -> int:
+    return main(["tactile", "identify", "--url", bench.server.url, *options])
+
+
+def press(bench: Bench, cell: int) -> None:
+    """As soon as the rest has been taken."""
+    bench.pressed, bench.pressed_after = cell, 60
+
+
+def test_udev_prints_the_rule_and_how_to_install_it(capsys):
+    assert main(["tactile", "udev"]) == 0
+    comment, rule = capsys.readouterr().out.splitlines()
+    assert comment.startswith("# install: ")
+    assert "/60-takktile.rules" in comment  # sorts before 73-seat-late.rules
+    assert rule == (
+        'SUBSYSTEM=="usb", ATTR{idVendor}=="59e3", ATTR{idProduct}=="74c7", '
+        'MODE="0660", TAG+="uaccess"'
+    )
+
+
+def test_identify_names_finger_taxel_and_cell(bench, capsys):
+    press(bench, 6 + 4)
+    assert identify(bench, "--seconds", "1") == 0
+    shown = capsys.readouterr()
+    assert "press one pad" in shown.err
+    assert shown.out.splitlines() == [
+        "finger B taxel 4 (row 1, column 4)",
+        "strongest: finger B taxel 4 (row 1, column 4), 150 counts below its rest",
+    ]
+    assert bench.board.ready_ns is None  # stopped
+
+
+def test_identify_answers_in_json(bench, capsys):
+    press(bench, 0)
+    assert identify(bench, "--seconds", "1", "--json") == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer == {
+        "presses": [{"row": 0, "column": 0, "fall_counts": 140, "finger": "A", "taxel": 0}],
+        "exit_code": 0,
+    }
+
+
+def test_identify_shows_cells_that_no_finger_has(capsys):
+    bench = Bench(BoardModelSettings(cells=((5, 1), (5, 2))))
+    press(bench, 1)
+    with bench.server:
+        assert identify(bench, "--seconds", "1") == 0
+    assert "no finger has this cell in `cells`: row 5, column 2" in capsys.readouterr().out
+
+
+def test_identify_says_when_no_pad_was_pressed(bench, capsys):
+    assert identify(bench, "--seconds", "0.1") == 1
+    assert "no pad was pressed" in capsys.readouterr().out
+
+
+def test_identify_without_a_board_refuses_with_a_remedy(bench, capsys):
+    bench.spoil("unplug")
+    assert identify(bench) == 3
+    assert "no TakkTile board" in capsys.readouterr().err
+    assert identify(bench, "--json") == 3
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert error["kind"] == "link_lost"
+    assert "plug it in" in error["remedy"]
+
+
+def test_identify_says_when_the_board_sends_nothing(bench, capsys, monkeypatch):
+    monkeypatch.setattr("drivers.takktile.identify._FIRST_FRAMES_S", 0.3)
+    bench.spoil("time_out", 1000)
+    assert identify(bench) == 3
+    assert "sends no frames" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("options", [["--url", "nowhere"], ["--seconds", "0"], ["--seconds", "x"]])
+def test_words_that_do_not_fit_are_usage_errors(options, capsys):
+    assert main(["tactile", "identify", *options]) == 2
+    assert "grasp:" in capsys.readouterr().err

@@ -1,0 +1,137 @@
+"""``UsbLink``: what libusb answers becomes an error that names its remedy."""
+
+import errno
+import os
+import time
+from types import SimpleNamespace
+
+import pytest
+import usb.core
+
+from drivers.errors import DeviceFault, LinkLost
+from drivers.takktile.driver import TakkTileDriver
+from drivers.takktile.emulator.bus import EmulatedBus, backend
+from drivers.takktile.link import usb as usb_link
+from drivers.takktile.link.usb import UsbLink
+from drivers.takktile.protocol import Request
+from drivers.takktile.settings import TakkTileSettings
+
+
+@pytest.fixture
+def link(bench):
+    made = bench.connect()
+    yield made
+    made.close()
+
+
+def start(link: UsbLink) -> None:
+    assert link.control(Request.TIMER, 375, 0xFF, 1, 0) == b"\x01"
+
+
+def test_the_polled_driver_runs_over_usb(bench, link):
+    driver = TakkTileDriver(link, TakkTileSettings())
+    driver.open(time.monotonic_ns())
+    driver.begin_rest()
+    for _ in range(60):
+        driver.pump(time.monotonic_ns())
+    assert driver.frame.raw.tolist() == bench.codes.reshape(3, 6).tolist()
+    driver.close(time.monotonic_ns())
+    assert link.bulk_read(512, 0) is None
+
+
+def test_a_transfer_says_when_it_completed(link):
+    start(link)
+    before = time.monotonic_ns()
+    transfer = link.bulk_read(512, before)
+    assert before < transfer.done_ns <= time.monotonic_ns()
+
+
+def test_a_time_out_of_the_bulk_endpoint_is_no_error(link):
+    assert link.bulk_read(512, 0) is None
+
+
+def test_a_stall_is_a_device_fault(bench, link):
+    with pytest.raises(DeviceFault, match="STALL"):
+        link.control(0x42, 0, 0, 8, 0)
+    start(link)
+    bench.spoil("stall")
+    with pytest.raises(DeviceFault, match="STALL"):
+        link.bulk_read(512, 0)
+    link.clear_halt()
+    assert len(link.bulk_read(512, 0).data) == 72
+
+
+def test_a_hung_board_must_be_replugged(link):
+    start(link)
+    with pytest.raises(DeviceFault, match="hangs") as caught:
+        link.control(Request.SCAN, 0, 0, 64, 0)
+    assert "unplug the board, plug it in" in caught.value.remedy
+
+
+def test_an_unplugged_board_is_a_lost_link_and_stays_one(bench, link):
+    start(link)
+    bench.spoil("unplug")
+    with pytest.raises(LinkLost, match="unplugged"):
+        link.bulk_read(512, 0)
+    bench.spoil("replug")
+    with pytest.raises(LinkLost, match="has been closed"):
+        link.bulk_read(512, 0)
+    again = bench.connect(link.serial)
+    start(again)
+    again.close()
+
+
+def test_a_board_may_be_asked_for_by_serial_number(bench, link):
+    serial = link.serial
+    link.close()
+    bench.connect(serial).close()
+    with pytest.raises(LinkLost, match=rf"serial number 42 .*there is {serial}"):
+        bench.connect("42")
+
+
+def test_no_board_is_a_lost_link(bench):
+    bench.spoil("unplug")
+    with pytest.raises(LinkLost, match=r"no TakkTile board \(59e3:74c7\)") as caught:
+        bench.connect()
+    assert "cable" in caught.value.remedy
+
+
+def test_a_board_in_use_names_the_other_program(bench, link):
+    with pytest.raises(LinkLost, match="another program uses the tactile board"):
+        bench.connect()
+
+
+def test_the_other_program_is_found_by_its_open_device_node(tmp_path):
+    for pid, name in ((str(os.getpid()), "me"), ("77", "roslaunch")):
+        (tmp_path / pid / "fd").mkdir(parents=True)
+        (tmp_path / pid / "comm").write_text(f"{name}\n")
+        (tmp_path / pid / "fd" / "5").symlink_to("/dev/bus/usb/003/011")
+    device = SimpleNamespace(bus=3, address=11)
+    assert usb_link._users_of(device, tmp_path) == "roslaunch (process 77)"
+    device.address = 12
+    assert usb_link._users_of(device, tmp_path) == "another program"
+
+
+def test_missing_permission_names_the_udev_rule(bench, monkeypatch):
+    def refuse(self, dev):
+        raise usb.core.USBError("Access denied", -3, errno.EACCES)
+
+    monkeypatch.setattr(EmulatedBus, "open_device", refuse)
+    with pytest.raises(LinkLost, match="may not open") as caught:
+        bench.connect()
+    assert "grasp tactile udev" in caught.value.remedy
+
+
+def test_a_machine_without_libusb_is_told_so(monkeypatch):
+    def nothing(**_):
+        raise usb.core.NoBackendError("No backend available")
+
+    monkeypatch.setattr(usb.core, "find", nothing)
+    with pytest.raises(LinkLost, match="libusb is not installed"):
+        UsbLink.find()
+
+
+@pytest.mark.parametrize("url", ["tcp://127.0.0.1", "127.0.0.1:5000", "http://127.0.0.1:80"])
+def test_an_address_that_is_none_is_refused(url):
+    with pytest.raises(ValueError, match="tcp://HOST:PORT"):
+        backend(url)

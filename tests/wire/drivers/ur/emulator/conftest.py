@@ -1,0 +1,84 @@
+"""An emulator process on an address of its own, and real clients in processes of their own.
+
+ur_rtde can hang or take its interpreter down with it, so no test loads it: each scenario of
+`clients.py` runs in a subprocess with a deadline.
+"""
+
+import importlib.util
+import itertools
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[5]
+CLIENTS = Path(__file__).with_name("clients.py")
+DEADLINE_S = 40.0
+_numbers = itertools.count(2)
+
+
+class Emulated:
+    """A running emulator: its address, its control channel, and clients to set upon it."""
+
+    def __init__(self, process: subprocess.Popen[str], host: str, fault_port: int) -> None:
+        self.process = process
+        self.host = host
+        self.fault_port = fault_port
+
+    def fault(self, **request):
+        address = (self.host, self.fault_port)
+        with socket.create_connection(address, timeout=10.0) as sock, sock.makefile("rw") as lines:
+            lines.write(json.dumps(request) + "\n")
+            lines.flush()
+            return json.loads(lines.readline())
+
+    def client(self, scenario: str) -> str:
+        """Run one scenario of clients.py; fails the test with all that it printed."""
+        if importlib.util.find_spec("rtde_control") is None:
+            pytest.skip("ur_rtde is not installed")
+        command = [sys.executable, str(CLIENTS), scenario, self.host, str(self.fault_port)]
+        try:
+            done = subprocess.run(
+                command, capture_output=True, text=True, timeout=DEADLINE_S, check=False
+            )
+        except subprocess.TimeoutExpired as error:
+            pytest.fail(f"{scenario} did not end: {error.stdout!r} {error.stderr!r}")
+        shown = f"{done.stdout}\n{done.stderr}\n{self.fault(do='state')}"
+        assert done.returncode == 0, shown
+        return shown
+
+
+def own_address() -> str:
+    """No two tests that run at the same time share one."""
+    pid = os.getpid()
+    return f"127.{20 + pid % 200}.{pid // 200 % 250}.{next(_numbers) % 250 + 2}"
+
+
+@pytest.fixture
+def emulate() -> Iterator[Callable[..., Emulated]]:
+    """Start emulators; all end with the test."""
+    running: list[subprocess.Popen[str]] = []
+
+    def start(*arguments: str) -> Emulated:
+        host = own_address()
+        command = [sys.executable, "-m", "drivers.ur.emulator", "--host", host, *arguments]
+        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+        running.append(process)
+        return Emulated(process, host, json.loads(process.stdout.readline())["fault_port"])
+
+    yield start
+    for process in running:
+        process.terminate()
+        process.wait(DEADLINE_S)
+        process.stdout.close()
+
+
+@pytest.fixture
+def emulator(emulate) -> Emulated:
+    """The default: UR10 of the CB3 series at 125 Hz, unlocked without the wait of five seconds."""
+    return emulate("--unlock-delay", "0")

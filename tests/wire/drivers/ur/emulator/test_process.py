@@ -1,0 +1,191 @@
+"""The emulator as a process, and its ports as bytes."""
+
+import itertools
+import json
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[5]
+WAIT_S = 15.0
+
+
+def packet(kind, body=b""):
+    return struct.pack(">HB", 3 + len(body), ord(kind)) + body
+
+
+class Rtde:
+    """Frames of its own, so that a mistake of the emulator's cannot cancel out."""
+
+    def __init__(self, host):
+        self.sock = socket.create_connection((host, 30004), timeout=10.0)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.sock.close()
+
+    def ask(self, kind, body=b""):
+        self.sock.sendall(packet(kind, body))
+        return self.read()
+
+    def read(self):
+        size, kind = struct.unpack(">HB", self.exactly(3))
+        return chr(kind), self.exactly(size - 3)
+
+    def exactly(self, count):
+        data = b""
+        while len(data) < count:
+            part = self.sock.recv(count - len(data))
+            assert part, "closed"
+            data += part
+        return data
+
+
+def ask_dashboard(host, line):
+    with socket.create_connection((host, 29999), timeout=10.0) as sock, sock.makefile("rw") as f:
+        assert f.readline() == "Connected: Universal Robots Dashboard Server\n"
+        f.write(line + "\n")
+        f.flush()
+        return f.readline().rstrip("\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_ends_on_signal(emulate, number):
+    emulator = emulate()
+    emulator.process.send_signal(number)
+    assert emulator.process.wait(WAIT_S) == 0
+
+
+def test_ends_even_while_frozen(emulate):
+    emulator = emulate()
+    emulator.fault(do="freeze", seconds=60.0)
+    emulator.process.send_signal(signal.SIGTERM)
+    assert emulator.process.wait(WAIT_S) == 0
+
+
+def test_ends_when_its_parent_dies(emulate):
+    """The orphan lets go of its address."""
+    host = emulate().host.rsplit(".", 1)[0] + ".254"
+    parent = (
+        "import subprocess, sys\n"
+        "command = [sys.executable, '-m', 'drivers.ur.emulator.robot', '--host', sys.argv[1]]\n"
+        "child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)\n"
+        "print(child.stdout.readline())\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", parent, host],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=WAIT_S,
+        check=True,
+    )
+    assert json.loads(done.stdout)["ready"]
+    deadline = time.monotonic() + WAIT_S
+    while True:
+        try:
+            socket.create_connection((host, 30004), timeout=1.0).close()
+        except ConnectionRefusedError:
+            break
+        assert time.monotonic() < deadline, "the orphan lives"
+        time.sleep(0.05)
+
+
+def test_versions_and_data_as_bytes(emulator):
+    with Rtde(emulator.host) as rtde:
+        assert rtde.ask("V", b"\x00\x02") == ("V", b"\x01")
+        assert rtde.ask("v") == ("v", struct.pack(">4I", 3, 15, 8, 106339))
+        recipe = struct.pack(">d", 62.5) + b"timestamp,robot_mode,payload_cog,"
+        assert rtde.ask("O", recipe) == ("O", b"\x01DOUBLE,INT32,VECTOR3D")
+        assert rtde.ask("S") == ("S", b"\x01")
+        stamps = []
+        for _ in range(5):
+            kind, body = rtde.read()
+            assert kind == "U" and len(body) == 1 + 8 + 4 + 24
+            number, stamp, mode = struct.unpack_from(">Bdi", body)
+            assert (number, mode) == (1, 7)
+            stamps.append(stamp)
+        assert [b - a for a, b in itertools.pairwise(stamps)] == pytest.approx([0.016] * 4)
+
+
+def test_refused_recipes(emulator):
+    with Rtde(emulator.host) as one, Rtde(emulator.host) as other:
+        assert one.ask("V", b"\x00\x01") == ("V", b"\x00")
+        assert one.ask("O", struct.pack(">d", 125.0) + b"timestamp,nonsense")[1] == (
+            b"\x00DOUBLE,NOT_FOUND"
+        )
+        assert one.ask("S") == ("S", b"\x00")
+        assert one.ask("I", b"input_int_register_0,")[1] == b"\x01INT32"
+        assert (
+            one.ask("I", b"input_int_register_0,input_double_register_1")[1] == b"\x02INT32,DOUBLE"
+        )
+        assert other.ask("I", b"input_int_register_0,bad")[1] == b"\x00IN_USE,NOT_FOUND"
+    with Rtde(emulator.host) as next_one:
+        deadline = time.monotonic() + WAIT_S
+        while next_one.ask("I", b"input_int_register_0")[1] != b"\x01INT32":
+            assert time.monotonic() < deadline, "claims outlive their connection"
+
+
+def test_garbage_is_counted_and_cut_off(emulator):
+    with Rtde(emulator.host) as rtde:
+        rtde.sock.sendall(packet("?", b"what") + packet("U", b"\x09") + packet("U"))
+        rtde.sock.sendall(b"\x00\x01\x00")
+        assert rtde.sock.recv(100) == b""
+    assert emulator.fault(do="state")["ignored_packets"] == 3
+
+
+@pytest.mark.parametrize(
+    "request_line", [{"do": "nonsense"}, {}, {"do": "wrench", "value": [1.0]}, {"do": 3}]
+)
+def test_control_channel_refuses_what_it_does_not_know(emulator, request_line):
+    assert not emulator.fault(**request_line)["ok"]
+
+
+def test_dashboard(emulator):
+    host = emulator.host
+    assert ask_dashboard(host, "PolyscopeVersion").startswith("URSoftware 3.15.8.106339")
+    assert ask_dashboard(host, "get serial number").isdigit()
+    assert ask_dashboard(host, "robotmode") == "Robotmode: RUNNING"
+    assert ask_dashboard(host, "safetystatus") == "Safetystatus: NORMAL"
+    assert ask_dashboard(host, "is in remote control").startswith("could not understand")
+    assert ask_dashboard(host, "stop") == "Stopped"
+    assert ask_dashboard(host, "rm -rf") == "could not understand: 'rm -rf'"
+
+
+def test_unlocking_takes_five_seconds(emulate):
+    emulator = emulate()
+    emulator.fault(do="protective_stop")
+    assert ask_dashboard(emulator.host, "unlock protective stop").startswith("Cannot unlock")
+    assert ask_dashboard(emulator.host, "safetymode") == "Safetymode: PROTECTIVE_STOP"
+
+
+def send_program(host, text):
+    with socket.create_connection((host, 30003), timeout=10.0) as sock:
+        sock.sendall(text.encode())
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("def f():\n  import_os()\nend\n", "import_os is not defined"),
+        ("def f():\n  while True:\n    x = 1\n  end\nend\n", "infinite loop without time"),
+        ("def f():\n  movel(p[9, 9, 9, 0, 0, 0])\nend\n", "keeps the orientation"),
+        ("def f():\n  $\nend\n", "unexpected character"),
+    ],
+)
+def test_bad_programs_end_and_leave_the_controller_alive(emulator, text, message):
+    send_program(emulator.host, text)
+    deadline = time.monotonic() + WAIT_S
+    while not (state := emulator.fault(do="state"))["script_errors"]:
+        assert time.monotonic() < deadline, state
+        time.sleep(0.01)
+    assert state["runtime_state"] == 1
+    assert any(message in line for line in state["messages"]), state

@@ -1,0 +1,92 @@
+"""Addresses of their own, an emulated controller in another process, and a link to it."""
+
+import itertools
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.wire.drivers.ur.link.scripted import ScriptedController
+
+ROOT = Path(__file__).parents[5]
+_NUMBERS = itertools.count(1)
+
+
+@pytest.fixture
+def host():
+    """A loopback address that no other test and no other run is likely to use."""
+    return f"127.{20 + os.getpid() % 200}.77.{next(_NUMBERS)}"
+
+
+@pytest.fixture
+def controller(host):
+    made = []
+
+    def make(**options):
+        made.append(ScriptedController(host, **options))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+class Emulator:
+    """The emulator's process, and its control channel."""
+
+    def __init__(self, host, profile):
+        command = [sys.executable, "-m", "drivers.ur.emulator"]
+        self.host = host
+        self.process = subprocess.Popen(
+            [*command, "--host", host, "--profile", profile], cwd=ROOT, stdout=subprocess.PIPE
+        )
+        self.ready = json.loads(self.process.stdout.readline())
+        self._socket = socket.create_connection((host, self.ready["fault_port"]), timeout=20)
+        self._lines = self._socket.makefile("rw")
+
+    def do(self, verb, **options):
+        self._lines.write(json.dumps({"do": verb, **options}) + "\n")
+        self._lines.flush()
+        answer = json.loads(self._lines.readline())
+        assert answer["ok"], answer
+        return answer
+
+    def state_when(self, condition, timeout_s=15.0):
+        deadline = time.monotonic() + timeout_s
+        while True:
+            state = self.do("state")
+            if condition(state):
+                return state
+            assert time.monotonic() < deadline, state
+            time.sleep(0.01)
+
+    def close(self):
+        self._lines.close()
+        self._socket.close()
+        self.process.terminate()
+        try:
+            self.process.wait(10)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self.process.stdout.close()
+
+
+@pytest.fixture
+def emulate(host):
+    pytest.importorskip("rtde_control")
+    pytest.importorskip("drivers.ur.emulator")
+    running = []
+
+    def make(profile="cb3"):
+        running.append(Emulator(host, profile))
+        return running[-1]
+
+    yield make
+    for emulator in running:
+        emulator.close()

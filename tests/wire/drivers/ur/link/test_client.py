@@ -1,0 +1,299 @@
+"""The arm's link by ur_rtde, against the emulated controller in another process."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from drivers.errors import DeviceFault, LinkLost, Refused, Stale
+from drivers.ur.driver import ArmDriver, ArmSettings
+from drivers.ur.link.client import UrLink, UrSettings
+from tests.wire.drivers.ur.link.conftest import ROOT
+
+# a slow watchdog: a busy machine must not end the program
+EASY = {"watchdog_hz": 2.0, "heartbeat_timeout_s": 1.0, "stop_margin_s": 5.0}
+LONG_S = 20.0
+PROGRAM_RUNNING = 2
+
+
+class Arm:
+    """Driver on a link, in wall time."""
+
+    def __init__(self, host, **settings):
+        self.link = UrLink(UrSettings(host=host, **(EASY | settings)))
+        self.link.connect()
+        self.driver = ArmDriver(self.link, ArmSettings(stale_after_s=0.3))
+        self.pump()
+        self.start_m = self.state.position_m
+
+    @property
+    def state(self):
+        return self.driver.state
+
+    def pump(self):
+        self.driver.pump(time.monotonic_ns())
+
+    def pump_until(self, condition, patient=True):
+        """Pump at about 100 Hz; ``patient``: a machine that is late is not a failure here."""
+        deadline = time.monotonic() + LONG_S
+        while not condition():
+            assert time.monotonic() < deadline, self.state
+            try:
+                self.pump()
+            except Stale:
+                if not patient:
+                    raise
+            time.sleep(0.01)
+
+    def rise(self, by_m, speed_mps=0.1):
+        x, y, z = self.start_m
+        self.driver.move_to((x, y, z + by_m), speed_mps, 1.0)
+
+    def risen_m(self):
+        return self.state.position_m[2] - self.start_m[2]
+
+    def rising(self):
+        return self.risen_m() > 0.01
+
+    def trouble(self, kind, match):
+        """Pump until it comes."""
+        with pytest.raises(kind, match=match) as caught:
+            self.pump_until(lambda: False)
+        assert caught.value.remedy
+        return caught.value
+
+
+@pytest.fixture
+def connect(host):
+    arms = []
+
+    def make(**settings):
+        arms.append(Arm(host, **settings))
+        return arms[-1]
+
+    yield make
+    for arm in arms:
+        arm.link.close()
+
+
+def at_end(emulator):
+    return emulator.state_when(lambda state: not state["moving"])
+
+
+@pytest.mark.parametrize("profile", ["cb3", "e-series"])
+def test_moves_and_comes_to_rest_at_the_target(emulate, connect, profile):
+    emulate(profile)
+    arm = connect()
+    arm.driver.set_payload(2.6)
+    arm.rise(0.05)
+    assert arm.state.moving
+    arm.pump_until(lambda: not arm.state.moving)
+    assert arm.risen_m() == pytest.approx(0.05, abs=1e-3)
+    assert math.dist(arm.state.position_m[:2], arm.start_m[:2]) < 1e-3
+
+
+def test_stop_on_the_way_is_confirmed(emulate, connect):
+    emulator = emulate()
+    arm = connect()
+    arm.rise(0.4)
+    arm.pump_until(arm.rising)
+    arm.driver.stop(1.0)
+    arm.pump_until(lambda: not arm.state.moving)
+    assert arm.risen_m() < 0.3
+    assert emulator.do("state")["runtime_state"] == PROGRAM_RUNNING
+    here = arm.state.position_m
+    arm.driver.move_to((*here[:2], here[2] + 0.02), 0.1, 1.0)  # and it moves again
+    arm.pump_until(lambda: not arm.state.moving)
+    assert arm.state.position_m[2] == pytest.approx(here[2] + 0.02, abs=1e-3)
+
+
+def test_move_right_after_a_stop_waits_for_it(emulate, connect):
+    emulator = emulate()
+    arm = connect()
+    arm.rise(0.4, 0.2)
+    arm.pump_until(arm.rising)
+    arm.driver.stop(0.2)  # takes a second
+    arm.rise(0.0)
+    arm.pump_until(lambda: not arm.state.moving)
+    assert arm.risen_m() == pytest.approx(0.0, abs=1e-3)
+    assert emulator.do("state")["script_errors"] in (0, [])
+
+
+def test_move_in_place_of_a_move_brakes_first(emulate, connect):
+    emulator = emulate()
+    arm = connect()
+    arm.rise(0.4)
+    arm.pump_until(arm.rising)
+    arm.rise(0.0)
+    arm.pump_until(lambda: not arm.state.moving)
+    assert arm.risen_m() == pytest.approx(0.0, abs=1e-3)
+    assert emulator.do("state")["runtime_state"] == PROGRAM_RUNNING
+
+
+def test_protective_stop_is_typed_and_recovered_on_request(emulate, connect):
+    emulator = emulate()
+    arm = connect()
+    arm.rise(0.4)
+    arm.pump_until(arm.rising)
+    emulator.do("protective_stop")
+    arm.trouble(DeviceFault, "protective stop")
+    with pytest.raises(Refused, match="protective stop"):
+        arm.rise(0.0)
+    with pytest.raises(DeviceFault, match="PROTECTIVE_STOP"):
+        arm.link.recover()
+    with pytest.raises(LinkLost, match="not connected"):
+        arm.pump()
+
+
+def test_emergency_stop_is_typed(emulate, connect):
+    emulator = emulate()
+    arm = connect()
+    arm.rise(0.4)
+    arm.pump_until(arm.rising)
+    emulator.do("emergency_stop")
+    error = arm.trouble(DeviceFault, "safety system")
+    assert "emergency stop" in error.remedy
+    arm.trouble(DeviceFault, "stop")  # the driver's own word for it, once
+    assert arm.state.stopped_by_safety
+    assert arm.risen_m() > 0.0  # a pose without power is not believed
+
+
+def test_killed_program_is_typed_and_recovered(emulate, connect):
+    emulator = emulate()
+    arm = connect()
+    arm.driver.set_payload(2.6)
+    emulator.do("kill_program")
+    error = arm.trouble(DeviceFault, "program on the arm controller has ended")
+    assert "recover" in error.remedy
+    arm.pump()  # once for each onset
+    with pytest.raises(DeviceFault, match="program"):
+        arm.rise(0.05)
+    arm.link.recover()
+    arm.rise(0.05)
+    arm.pump_until(lambda: not arm.state.moving)
+    assert arm.risen_m() == pytest.approx(0.05, abs=1e-3)
+
+
+def test_frozen_controller_is_stale_first_then_lost(emulate, connect):
+    emulator = emulate()
+    arm = connect()
+    emulator.do("freeze", seconds=3.0)
+    with pytest.raises(Stale):
+        arm.pump_until(lambda: False, patient=False)
+    arm.trouble(LinkLost, "sends no data")
+    with pytest.raises(LinkLost):
+        arm.rise(0.05)
+    emulator.state_when(lambda state: True)  # it thaws
+    arm.link.recover()
+    arm.pump_until(lambda: arm.state.position_m[2] == pytest.approx(arm.start_m[2], abs=1e-3))
+
+
+def test_dropped_link_is_lost_and_not_repaired_by_itself(emulate, connect):
+    emulator = emulate()
+    arm = connect()
+    emulator.do("drop_link")
+    arm.trouble(LinkLost, "link to the arm lost")
+    arm.link.recover()
+    arm.pump()
+
+
+def test_killed_worker_is_link_lost_and_the_watchdog_stops_the_arm(emulate, connect):
+    emulator = emulate()
+    arm = connect()
+    arm.rise(0.4)
+    arm.pump_until(arm.rising)
+    os.kill(arm.link.worker_pid, signal.SIGKILL)
+    arm.trouble(LinkLost, "worker process ended")
+    ended = emulator.state_when(lambda s: s["runtime_state"] != PROGRAM_RUNNING)
+    assert at_end(emulator)["position_m"][2] < arm.start_m[2] + 0.39, ended
+    arm.link.recover()
+    arm.driver.pump(time.monotonic_ns())
+    arm.rise(0.0)
+    arm.pump_until(lambda: not arm.state.moving)
+
+
+def test_silent_worker_is_given_up(emulate, connect):
+    emulate()
+    arm = connect(command_timeout_s=0.5)
+    pid = arm.link.worker_pid
+    os.kill(pid, signal.SIGSTOP)
+    arm.rise(0.4)
+    arm.trouble(LinkLost, "in time|lost")
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+def test_caller_that_reads_no_more_is_stopped_by_the_watchdog(emulate, connect):
+    emulator = emulate()
+    arm = connect(heartbeat_timeout_s=0.2)
+    arm.rise(0.4, 0.05)  # 8 s
+    arm.pump_until(arm.rising)
+    emulator.state_when(lambda state: state["runtime_state"] != PROGRAM_RUNNING)
+    assert at_end(emulator)["position_m"][2] < arm.start_m[2] + 0.35
+    arm.trouble(DeviceFault, "program")
+
+
+def test_standing_arm_needs_no_reading(emulate, connect):
+    emulate()
+    arm = connect(heartbeat_timeout_s=0.1)
+    time.sleep(1.5)  # three times what the watchdog allows
+    arm.pump()
+    arm.rise(0.02)
+    arm.pump_until(lambda: not arm.state.moving)
+
+
+def test_dead_parent_leaves_no_motion_and_no_process(emulate, host):
+    emulator = emulate()
+    script = f"""
+import time
+from drivers.ur.link.client import UrLink, UrSettings
+link = UrLink(UrSettings(host={host!r}, watchdog_hz=2.0, heartbeat_timeout_s=5.0))
+link.connect()
+x, y, z = link.read(time.monotonic_ns()).position_m
+link.move_l((x, y, z + 0.4), 0.05, 1.0, time.monotonic_ns())
+print(link.worker_pid, flush=True)
+while True:
+    link.read(time.monotonic_ns())
+    time.sleep(0.01)
+"""
+    parent = subprocess.Popen([sys.executable, "-c", script], cwd=ROOT, stdout=subprocess.PIPE)
+    with parent:
+        worker = int(parent.stdout.readline())
+        emulator.state_when(lambda state: state["moving"])
+        parent.kill()
+    state = emulator.state_when(
+        lambda s: not s["moving"] and s["runtime_state"] != PROGRAM_RUNNING, LONG_S
+    )
+    assert state["position_m"][2] < 0.3 + 0.35
+    deadline = time.monotonic() + LONG_S
+    while os.path.exists(f"/proc/{worker}"):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_close_ends_the_program_and_leaves_nothing(emulate, connect):
+    emulator = emulate()
+    before = threading.active_count()
+    arm = connect()
+    pid = arm.link.worker_pid
+    arm.rise(0.4)
+    arm.pump_until(arm.rising)
+    arm.link.close()
+    assert not os.path.exists(f"/proc/{pid}")
+    assert threading.active_count() == before
+    state = emulator.state_when(lambda s: s["runtime_state"] != PROGRAM_RUNNING)
+    assert not state["moving"] and state["position_m"][2] < arm.start_m[2] + 0.35
+
+
+def test_claimed_registers_are_refused_before_ur_rtde_is_started(emulate, host):
+    emulator = emulate()
+    emulator.do("claim", names=["input_int_register_0"])
+    link = UrLink(UrSettings(host=host, step_timeout_s=0.5))
+    with pytest.raises(Refused, match="in use"):
+        link.connect()
+    assert link.worker_pid is None

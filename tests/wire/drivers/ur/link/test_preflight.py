@@ -1,0 +1,172 @@
+"""Pre-flight against a scripted controller: every failure named, every step ends."""
+
+import struct
+import time
+
+import pytest
+
+from drivers.errors import DeviceFault, LinkLost, Refused
+from drivers.ur.link.preflight import judge_version, preflight, require
+from tests.wire.drivers.ur.link.scripted import DASHBOARD, RTDE, SCRIPT
+
+
+def failed(report):
+    return {check.name for check in report.failures}
+
+
+def test_a_fit_controller_passes(controller, host):
+    controller()
+    report = preflight(host)
+    require(report)
+    assert report.ok and not report.warnings
+    assert report.version == (5, 11, 1, 108318)
+
+
+def test_cb3_is_not_asked_for_remote_control(controller, host):
+    fake = controller(version=(3, 15, 8, 106339))
+    del fake.answers["is in remote control"]
+    require(preflight(host))
+    assert "is in remote control" not in fake.asked
+
+
+@pytest.mark.parametrize("port", [DASHBOARD, SCRIPT, RTDE])
+def test_closed_port_is_named(controller, host, port):
+    controller(ports={DASHBOARD, SCRIPT, RTDE} - {port})
+    report = preflight(host)
+    with pytest.raises(LinkLost, match=str(port)):
+        require(report)
+    assert len(report.failures) == 1
+
+
+@pytest.mark.parametrize("port", [DASHBOARD, RTDE])
+def test_silent_peer_ends_by_the_deadline(controller, host, port):
+    controller().speaks.discard(port)
+    start = time.monotonic()
+    with pytest.raises(LinkLost, match="no answer in time"):
+        require(preflight(host, step_timeout_s=0.3))
+    assert time.monotonic() - start < 15  # not for ever
+
+
+def test_peer_that_sends_a_byte_now_and_then_ends_too(controller, host):
+    fake = controller()
+    fake.banner = b"x" * 3000  # never a line
+    assert "dashboard" in failed(preflight(host, step_timeout_s=0.3))
+
+
+def test_unsolicited_messages_are_skipped(controller, host):
+    text = b"\x05hello\x03abc\x00"
+    controller().chatter = struct.pack(">Hc", 3 + len(text), b"M") + text
+    require(preflight(host))
+
+
+def test_garbage_on_the_rtde_port(controller, host):
+    controller().chatter = b"\x00\x01\x00"
+    with pytest.raises(LinkLost, match="no RTDE"):
+        require(preflight(host))
+
+
+@pytest.mark.parametrize(
+    ("version", "status"),
+    [
+        ((3, 2, 0, 0), "fail"),
+        ((3, 14, 0, 0), "warn"),
+        ((3, 15, 8, 1), "ok"),
+        ((5, 0, 0, 0), "fail"),
+        ((5, 3, 9, 9), "fail"),
+        ((5, 4, 0, 0), "warn"),
+        ((5, 5, 0, 0), "ok"),
+        ((5, 22, 9, 9), "ok"),
+        ((5, 23, 0, 0), "warn"),
+        ((10, 10, 0, 0), "warn"),
+    ],
+)
+def test_version_gate(version, status):
+    check = judge_version(version)
+    assert check.status == status
+    assert bool(check.remedy) == (status != "ok")
+
+
+def test_old_controller_is_refused(controller, host):
+    controller(version=(5, 2, 0, 61336))
+    with pytest.raises(Refused, match=r"5\.2\.0"):
+        require(preflight(host))
+
+
+def test_protocol_1_only_is_refused(controller, host):
+    controller().accepts_v2 = False
+    with pytest.raises(Refused, match="protocol"):
+        require(preflight(host))
+
+
+def test_remote_control_off(controller, host):
+    controller().answers["is in remote control"] = "false"
+    with pytest.raises(Refused, match="remote control") as caught:
+        require(preflight(host))
+    assert "Remote" in caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("command", "answer"),
+    [
+        ("robotmode", "Robotmode: POWER_OFF"),
+        ("safetystatus", "Safetystatus: PROTECTIVE_STOP"),
+        ("safetystatus", "Safetystatus: ROBOT_EMERGENCY_STOP"),
+    ],
+)
+def test_unfit_states(controller, host, command, answer):
+    controller().answers[command] = answer
+    with pytest.raises(DeviceFault, match=answer.split()[1]) as caught:
+        require(preflight(host))
+    assert caught.value.remedy
+
+
+def test_older_name_of_the_safety_command(controller, host):
+    fake = controller(version=(3, 5, 0, 0))
+    del fake.answers["safetystatus"]
+    fake.answers["safetymode"] = "Safetymode: NORMAL"
+    report = preflight(host)
+    assert report.ok and [check.name for check in report.warnings] == ["version"]
+
+
+def test_registers_in_use_name_the_fieldbus(controller, host):
+    controller().in_use = {f"input_double_register_{i}" for i in range(5)}
+    with pytest.raises(Refused, match=r"input_double_register_0.* and 2 more") as caught:
+        require(preflight(host, step_timeout_s=0.3))
+    assert "fieldbus" in caught.value.remedy and "URCaps" in caught.value.remedy
+
+
+def test_claims_of_a_client_that_has_just_gone_are_waited_for(controller, host):
+    fake = controller()
+    fake.in_use = {"input_int_register_0"}
+    ask, seen = fake._type, []
+
+    def freed_at_the_third_look(name):
+        seen.append(name)
+        if seen.count("input_int_register_0") == 3:
+            fake.in_use.clear()
+        return ask(name)
+
+    fake._type = freed_at_the_third_look
+    require(preflight(host, step_timeout_s=5.0))
+
+
+def test_unknown_registers(controller, host):
+    controller().unknown = {"input_double_register_17"}
+    with pytest.raises(Refused, match="input_double_register_17"):
+        require(preflight(host))
+
+
+def test_all_failures_are_told_at_once(controller, host):
+    fake = controller()
+    fake.answers |= {"is in remote control": "false", "safetystatus": "Safetystatus: VIOLATION"}
+    fake.in_use = {"input_int_register_3"}
+    report = preflight(host, step_timeout_s=0.3)
+    assert failed(report) == {"registers", "remote control", "safety mode"}
+    with pytest.raises(DeviceFault) as caught:
+        require(report)
+    assert all(check.detail in caught.value.message for check in report.failures)
+
+
+def test_address_that_ur_rtde_does_not_check():
+    report = preflight("127.0.0.1", step_timeout_s=0.3)
+    assert report.checks[0].status == "warn" and "remote control" in report.checks[0].detail

@@ -1,0 +1,275 @@
+"""The worker's command side with a recorded ur_rtde, and its supervision with scripted children."""
+
+import os
+import socket
+import sys
+import time
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+
+from drivers.errors import DeviceFault, LinkLost, Refused
+from drivers.ur.link import messages
+from drivers.ur.link.client import UrLink, UrSettings
+from drivers.ur.link.messages import Outcome, State
+from drivers.ur.link.supervisor import WorkerProcess
+from drivers.ur.link.worker import Channel, Commander, Robot
+
+TARGET = (0.5, 0.1, 0.4, 3.1, 0.0, 0.0)
+SETUP = messages.Setup(
+    host="127.0.0.2",
+    frequency_hz=125.0,
+    tcp_offset=(0.0,) * 6,
+    payload_kg=2.6,
+    cog_m=(0.0, 0.0, 0.05),
+    watchdog_hz=10.0,
+    heartbeat_timeout_s=0.2,
+    link_timeout_s=1.0,
+    standing_below_mps=0.001,
+)
+
+
+class Recorded:
+    """Both interfaces of ur_rtde: keeps the calls, answers as it is told."""
+
+    def __init__(self):
+        self.calls = []
+        self.takes = True
+        self.running_operation = False
+        self.speed_mps = 0.0
+        self.safety_bits = 1
+        self.runtime_state = 2
+
+    def __getattr__(self, name):
+        def call(*args, **options):
+            self.calls.append((name, *args, *options.items()))
+            return self.takes
+
+        return call
+
+    def getAsyncOperationProgressEx(self):
+        return SimpleNamespace(isAsyncOperationRunning=lambda: self.running_operation)
+
+    def getTimestamp(self):
+        return 1.0
+
+    def getActualTCPPose(self):
+        return list(TARGET)
+
+    def getActualTCPSpeed(self):
+        return [0.0, 0.0, self.speed_mps, 0.0, 0.0, 0.0]
+
+    getTargetTCPSpeed = getActualTCPSpeed
+
+    def getRobotMode(self):
+        return 7
+
+    def getSafetyStatusBits(self):
+        return self.safety_bits
+
+    def getRuntimeState(self):
+        return self.runtime_state
+
+    def names(self):
+        return [call[0] for call in self.calls if call[0] != "kickWatchdog"]
+
+
+@pytest.fixture
+def rtde():
+    return Recorded()
+
+
+@pytest.fixture
+def ours():
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    ours.settimeout(10)
+    with ours, theirs:
+        yield SimpleNamespace(socket=ours, channel=Channel(theirs))
+
+
+@pytest.fixture
+def commander(rtde, ours):
+    return Commander(rtde, Robot(rtde, SETUP, ours.channel), SETUP, ours.channel)
+
+
+def serve(commander, ours, *requests):
+    """Everything at once, then the client goes; returns the replies."""
+    for request in requests:
+        ours.socket.send(msgspec.msgpack.encode(request))
+    ours.socket.shutdown(socket.SHUT_WR)
+    commander.serve()
+    reports = []
+    ours.socket.setblocking(False)
+    while True:
+        try:
+            data = ours.socket.recv(messages.LONGEST_MESSAGE)
+        except BlockingIOError:
+            break
+        reports.append(msgspec.msgpack.decode(data, type=messages.Report))
+    return [report for report in reports if isinstance(report, messages.Reply)]
+
+
+def move(number=1, speed=0.1):
+    return messages.Move(number, TARGET, speed, 1.0)
+
+
+def test_tool_payload_and_watchdog_are_set_with_every_program(commander, rtde):
+    assert commander.prepare()
+    assert [call[0] for call in rtde.calls] == [
+        "setTcp", "setPayload", "setWatchdog", "kickWatchdog",
+    ]  # fmt: skip
+    assert rtde.calls[1] == ("setPayload", 2.6, [0.0, 0.0, 0.05])
+
+
+def test_setting_that_is_not_taken_is_no_start(commander, rtde):
+    rtde.takes = False
+    assert not commander.prepare()
+
+
+def test_moves_and_stops_are_asynchronous(commander, rtde, ours):
+    replies = serve(commander, ours, move(), messages.Stop(2, 0.7))
+    assert [reply.outcome for reply in replies] == [Outcome.DONE, Outcome.DONE]
+    assert rtde.names() == ["moveL", "stopL"]
+    assert all(("asynchronous", True) in call for call in rtde.calls if call[0] in rtde.names())
+
+
+def test_move_during_a_move_brakes_and_waits(commander, rtde, ours):
+    rtde.speed_mps = 0.1
+    serve(commander, ours, move())
+    assert rtde.names() == ["stopL"]
+    rtde.speed_mps = 0.0
+    rtde.running_operation = True
+    commander._commanded_at = 0.0
+    commander._go_on()
+    assert rtde.names() == ["stopL"]
+    rtde.running_operation = False
+    commander._go_on()
+    assert rtde.names() == ["stopL", "moveL"]
+
+
+def test_move_that_waits_is_dropped_when_the_client_is_heard_no_more(commander, rtde, ours):
+    rtde.speed_mps = 0.1
+    serve(commander, ours, move(7))
+    rtde.speed_mps = commander._commanded_at = commander._heard_at = 0.0
+    commander._go_on()
+    assert "moveL" not in rtde.names()
+
+
+def test_stop_forgets_the_move_that_waits(commander, rtde, ours):
+    rtde.speed_mps = 0.1
+    serve(commander, ours, move(1), messages.Stop(2, 1.0))
+    rtde.speed_mps = commander._commanded_at = 0.0
+    commander._go_on()
+    assert "moveL" not in rtde.names()
+
+
+@pytest.mark.parametrize(
+    ("bits", "runtime_state", "outcome"),
+    [
+        (1 << 2 | 1 << 10, 1, Outcome.PROTECTIVE_STOP),
+        (1 << 6 | 1 << 7 | 1 << 10, 1, Outcome.EMERGENCY_STOP),
+        (1, 1, Outcome.PROGRAM_ENDED),
+        (1, 2, Outcome.NOT_TAKEN),
+    ],
+)
+def test_false_is_told_by_the_bits(commander, rtde, ours, bits, runtime_state, outcome):
+    rtde.takes, rtde.safety_bits, rtde.runtime_state = False, bits, runtime_state
+    (reply,) = serve(commander, ours, move())
+    assert reply.outcome is outcome
+
+
+def test_watchdog_is_kicked_while_heard_or_standing_only(commander, rtde):
+    def kicks():
+        commander._kicked_at = 0.0
+        before = len(rtde.calls)
+        commander._kick()
+        return len(rtde.calls) > before
+
+    rtde.speed_mps = 0.1
+    assert kicks()
+    commander._heard_at = 0.0
+    assert not kicks()
+    rtde.speed_mps = 0.0
+    assert kicks()
+    rtde.running_operation = True
+    assert not kicks()
+
+
+def test_leaving_ends_the_program(commander, rtde):
+    commander.leave()
+    assert rtde.names() == ["stopScript"]
+
+
+def child(body):
+    """A child that runs ``body`` with its end of the socket as ``peer``."""
+    start = f"import sys, time, msgspec; sys.path[:] = {sys.path!r}; import socket\n"
+    peer = "peer = socket.socket(fileno=int(sys.argv[1]))\n"
+    names = "from drivers.ur.link.messages import *\n"
+    names += "send = lambda m: peer.send(msgspec.msgpack.encode(m))\n"
+    return (sys.executable, "-c", start + peer + names + body)
+
+
+def test_child_that_never_gets_ready_is_killed():
+    worker = WorkerProcess(SETUP, child("time.sleep(1000)"))
+    pid = worker.pid
+    with pytest.raises(LinkLost, match="did not start within"):
+        worker.wait_ready(0.3)
+    assert not os.path.exists(f"/proc/{pid}")
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("One of the RTDE input registers are already in use!", Refused),
+        ("ur_rtde: Please enable remote control on the robot!", Refused),
+        ("Failed to start control script, before timeout of 5 seconds", DeviceFault),
+        ("No module named 'rtde_receive'", Refused),
+        ("Could not connect to: 127.0.0.2 at 30004", LinkLost),
+    ],
+)
+def test_what_ur_rtde_says_at_its_start_is_typed(text, kind):
+    worker = WorkerProcess(SETUP, child(f"print('printed', flush=True); send(Failed({text!r}))"))
+    with pytest.raises(kind, match=r"RTDE|ur_rtde|script|connect|module") as caught:
+        worker.wait_ready(30.0)
+    assert caught.value.remedy
+
+
+def test_child_that_crashes_is_link_lost_with_its_last_words():
+    body = "import os; os.write(2, b'stack smashed'); os.kill(os.getpid(), 11)"
+    worker = WorkerProcess(SETUP, child(body))
+    with pytest.raises(LinkLost, match="worker process ended"):
+        worker.wait_ready(30.0)
+    assert list(worker.log) == ["stack smashed"]
+
+
+def test_child_that_answers_no_command_is_given_up():
+    state = State(1, 0.0, TARGET, (0.0, 0.0, 0.0), False, 7, 1, True)
+    fields = ", ".join(repr(getattr(state, name)) for name in state.__struct_fields__)
+    worker = WorkerProcess(SETUP, child(f"send(Ready()); send(State({fields})); time.sleep(1000)"))
+    worker.wait_ready(30.0)
+    assert worker.state == state
+    with pytest.raises(LinkLost, match="in time"):
+        worker.call(messages.SetPayload(worker.next_number(), 1.0, (0.0, 0.0, 0.0)), 0.2)
+    assert not worker.running
+
+
+def test_child_that_does_not_leave_is_killed():
+    worker = WorkerProcess(SETUP, child("time.sleep(1000)"))
+    start = time.monotonic()
+    worker.close(0.2)
+    assert time.monotonic() - start < 30
+
+
+def test_link_before_connecting():
+    link = UrLink(UrSettings(host="127.0.0.2"))
+    with pytest.raises(LinkLost, match="connect"):
+        link.read(0)
+    assert link.log == () and link.worker_pid is None and link.state_age_ns(0) is None
+    link.close()
+
+
+@pytest.mark.parametrize("bad", [{"watchdog_hz": 0.0}, {"link_timeout_s": 2.5}, {"hots": "x"}])
+def test_settings_are_bounded(bad):
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({"host": "127.0.0.2"} | bad, UrSettings)

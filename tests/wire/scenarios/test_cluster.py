@@ -1,0 +1,61 @@
+"""The same trials on a Dask cluster: a scheduler and two workers on this machine."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.wire.scenarios.campaigns import campaign_file, finished, rows, until
+
+pytest.importorskip("distributed")
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture
+def scheduler(tmp_path: Path) -> Iterator[str]:
+    """Address of a scheduler with two workers, each a process of its own."""
+    book = tmp_path / "scheduler.json"
+    file = ("--scheduler-file", str(book), "--no-dashboard")
+    processes = [dask("dask_scheduler", "--host", "127.0.0.1", "--port", "0", *file, at=tmp_path)]
+    try:
+        until(book.exists)
+        alone = ("--nworkers", "1", "--nthreads", "1", "--no-nanny")
+        processes += [
+            dask("dask_worker", *file, *alone, "--name", name, at=tmp_path)
+            for name in ("one", "two")
+        ]
+        yield json.loads(book.read_text())["address"]
+    finally:
+        for process in reversed(processes):
+            process.terminate()
+            process.wait(20)
+
+
+def dask(program: str, *words: str, at: Path) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-m", f"distributed.cli.{program}", *words], cwd=at,
+        env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+def test_rows_are_those_of_one_machine(scheduler: str, tmp_path: Path) -> None:
+    file = str(campaign_file(tmp_path, 3))
+    here, there = tmp_path / "here.sqlite", tmp_path / "there.sqlite"
+    assert finished(file, "--out", str(here), "--jobs", "1")[0] == 0
+    code, _, err = finished(file, "--out", str(there), "--cluster", scheduler)
+    assert code == 0, err
+    assert len(rows(there)) == 6
+    assert rows(there) == rows(here)
+
+
+def test_an_address_without_a_scheduler_is_named(tmp_path: Path) -> None:
+    file = str(campaign_file(tmp_path, 1))
+    nobody = "tcp://127.0.0.1:9"
+    code, _, err = finished(file, "--out", str(tmp_path / "a.sqlite"), "--cluster", nobody)
+    assert code == 3
+    assert nobody in err
+    assert "Traceback" not in err
