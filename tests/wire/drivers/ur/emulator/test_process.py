@@ -76,7 +76,7 @@ def test_ends_when_its_parent_dies(emulate):
     host = emulate().host.rsplit(".", 1)[0] + ".254"
     parent = (
         "import subprocess, sys\n"
-        "command = [sys.executable, '-m', 'drivers.ur.emulator.robot', '--host', sys.argv[1]]\n"
+        "command = [sys.executable, '-m', 'drivers.ur.emulator', '--host', sys.argv[1]]\n"
         "child = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)\n"
         "print(child.stdout.readline())\n"
     )
