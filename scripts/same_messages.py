@@ -26,7 +26,7 @@ OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
 ACQUISITION = ("acquire", "--surface", "sphere", "--direction", "45", "--seconds", "20")
 
 # What a recording says now, and what the same thing was called before: undone before comparing.
-RENAMED: tuple[tuple[bytes, bytes], ...] = ()
+RENAMED: tuple[tuple[bytes, bytes], ...] = ((b'"impulse_n_s":', b'"impulse_ns":'),)
 
 Key = tuple[str, int]  # channel and its n-th message, or a recording's array
 Contents = dict[Key, tuple[int, bytes]]  # log time in ns, bytes

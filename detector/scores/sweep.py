@@ -21,7 +21,7 @@ CONSECUTIVE = (1, 2, 3, 5)
 DRIFTS = (0.0, 2.0)
 
 
-class Point(msgspec.Struct, frozen=True):
+class SweepPoint(msgspec.Struct, frozen=True):
     """What one rule makes of a detector."""
 
     rule: RuleSettings
@@ -50,7 +50,7 @@ def _logistic(odds: float) -> float:
     return 1.0 / (1.0 + math.exp(-odds))
 
 
-def point(streams: Sequence[Streamed], rule: RuleSettings, first_sample: int) -> Point | None:
+def point(streams: Sequence[Streamed], rule: RuleSettings, first_sample: int) -> SweepPoint | None:
     """Score one rule; None for data without slip or without rest."""
     judged = [judge_stream(s, rule, EventSettings(), first_sample) for s in streams]
     delays: Floats = np.concatenate([j.delays_ms for j in judged])
@@ -58,7 +58,7 @@ def point(streams: Sequence[Streamed], rule: RuleSettings, first_sample: int) ->
     if rate is None or not len(delays):
         return None
     missed = sum(j.missed for j in judged)
-    return Point(
+    return SweepPoint(
         rule, rate, float(np.median(delays)), float(delays.mean()),
         float(np.quantile(delays, 0.9)), 1.0 - missed / len(delays),
     )  # fmt: skip
@@ -68,21 +68,21 @@ def sweep(
     streams: Sequence[Streamed],
     tried: Iterable[RuleSettings],
     first_sample: int = WARM_UP_SAMPLES,
-) -> list[Point]:
+) -> list[SweepPoint]:
     """A point for every rule."""
     found = (point(streams, rule, first_sample) for rule in tried)
     return [p for p in found if p is not None]
 
 
-def best(points: Iterable[Point], budget_per_min: float) -> Point | None:
+def best(points: Iterable[SweepPoint], budget_per_min: float) -> SweepPoint | None:
     """The quickest on average that keeps to the budget over three fingers; None if none does."""
     allowed = [p for p in points if p.false_per_min <= budget_per_min]
     return min(allowed, key=lambda p: (p.mean_delay_ms, p.false_per_min), default=None)
 
 
-def frontier(points: Iterable[Point]) -> list[Point]:
+def frontier(points: Iterable[SweepPoint]) -> list[SweepPoint]:
     """The points that no other beats in both respects, from few false events to many."""
-    kept: list[Point] = []
+    kept: list[SweepPoint] = []
     for p in sorted(points, key=lambda p: (p.false_per_min, p.delay_ms)):
         if not kept or p.delay_ms < kept[-1].delay_ms:
             kept.append(p)

@@ -19,14 +19,21 @@ from detector.recordings import Recording
 from detector.training.architecture import ARCHITECTURES
 from detector.training.augment import augment
 from detector.training.networks import build
-from detector.training.sequences import Batch, Fingers, Windows, crops, fingers_of, statistics
+from detector.training.sequences import (
+    Batch,
+    FingerSequences,
+    Windows,
+    crops,
+    fingers_of,
+    statistics,
+)
 from detector.training.settings import TrainSettings
 from detector.training.validation import Score, odds_of, score
 
 CHECKPOINT_S = 30.0
 
 
-class Progress(msgspec.Struct, frozen=True):
+class TrainingProgress(msgspec.Struct, frozen=True):
     """Where a training stands."""
 
     step: int
@@ -89,7 +96,7 @@ class Training:
         return self._spent_s / 60.0
 
     def run(
-        self, minutes: float, checkpoint: Path | None, tell: Callable[[Progress], None]
+        self, minutes: float, checkpoint: Path | None, tell: Callable[[TrainingProgress], None]
     ) -> None:
         """Train until the steps are made, the minutes are spent or validation stands still.
 
@@ -117,8 +124,10 @@ class Training:
                 self.save(checkpoint)
         self.network.load_state_dict(self._best_weights)
 
-    def _progress(self, loss: float, found: Score | None) -> Progress:
-        return Progress(self.step, self.settings.steps, loss, self.minutes, found, self.best)
+    def _progress(self, loss: float, found: Score | None) -> TrainingProgress:
+        return TrainingProgress(
+            self.step, self.settings.steps, loss, self.minutes, found, self.best
+        )
 
     def _learn(self) -> float:
         """One step; gives its loss."""
@@ -200,7 +209,7 @@ class Training:
 class _Batches:
     """The batch of a step: crops for streaming networks, windows epoch by epoch for the others."""
 
-    def __init__(self, settings: TrainSettings, fingers: Fingers) -> None:
+    def __init__(self, settings: TrainSettings, fingers: FingerSequences) -> None:
         self._settings, self._fingers = settings, fingers
         self._windows = None if settings.dense else Windows(fingers)
         self._epoch = -1

@@ -17,7 +17,7 @@ Balance = Literal["weights", "undersample"]
 LEAST_CHANGE_COUNTS = 0.5  # no scale is finer than the noise of a taxel at rest
 
 
-class Fingers(msgspec.Struct, frozen=True, eq=False):
+class FingerSequences(msgspec.Struct, frozen=True, eq=False):
     """Sequences of one finger each."""
 
     counts: list[Floats]  # (n, 6)
@@ -45,7 +45,7 @@ class Batch(msgspec.Struct, frozen=True, eq=False):
     weights: Floats  # (batch, time)
 
 
-def fingers_of(recordings: Sequence[Recording], label: LabelName) -> Fingers:
+def fingers_of(recordings: Sequence[Recording], label: LabelName) -> FingerSequences:
     """Every finger of every recording, under the recording's one label."""
     counts, labels = [], []
     for recording in recordings:
@@ -53,10 +53,10 @@ def fingers_of(recordings: Sequence[Recording], label: LabelName) -> Fingers:
         for finger in range(recording.fingers):
             counts.append(recording.counts[:, finger].astype(np.float32))
             labels.append(known)
-    return Fingers(counts, labels)
+    return FingerSequences(counts, labels)
 
 
-def statistics(fingers: Fingers, per_taxel: bool) -> Statistics:
+def statistics(fingers: FingerSequences, per_taxel: bool) -> Statistics:
     """Mean and deviation, of each taxel or of all alike; mean absolute change while static."""
     every = np.concatenate(fingers.counts).astype(np.float64)
     axis = 0 if per_taxel else None
@@ -82,7 +82,12 @@ def digest(recordings: Sequence[Recording]) -> str:
 
 
 def crops(
-    fingers: Fingers, rng: np.random.Generator, batch: int, crop: int, warm: int, fresh: float
+    fingers: FingerSequences,
+    rng: np.random.Generator,
+    batch: int,
+    crop: int,
+    warm: int,
+    fresh: float,
 ) -> Batch:
     """Stretches of ``warm + crop`` samples; the first ``warm`` are not learnt from.
 
@@ -107,7 +112,7 @@ def crops(
 class Windows:
     """All windows of a hundred samples, each with the label of its last one."""
 
-    def __init__(self, fingers: Fingers) -> None:
+    def __init__(self, fingers: FingerSequences) -> None:
         self._fingers = fingers
         ends = [np.arange(WINDOW - 1, len(c)) for c in fingers.counts]
         self._finger = np.repeat(np.arange(len(ends)), [len(e) for e in ends])

@@ -30,8 +30,8 @@ from drivers.robotiq.encoding import (
 from drivers.robotiq.exchange import (
     DriverSettings,
     Exchange,
+    ExchangeStatistics,
     RegisterTransport,
-    Statistics,
     WireLog,
 )
 from drivers.robotiq.protocol import (
@@ -44,7 +44,7 @@ from drivers.robotiq.protocol import (
     StatusRegisters,
 )
 
-__all__ = ["DriverSettings", "RegisterTransport", "RobotiqDriver", "Statistics"]
+__all__ = ["DriverSettings", "ExchangeStatistics", "RegisterTransport", "RobotiqDriver"]
 
 _RESET = CommandRegisters()
 _ACTIVATE = CommandRegisters(activate=True)
@@ -120,10 +120,10 @@ class RobotiqDriver:
         return self._calibration.m_per_count
 
     @property
-    def statistics(self) -> Statistics:
+    def statistics(self) -> ExchangeStatistics:
         """Counters so far."""
         exchange = self._exchange
-        return Statistics(
+        return ExchangeStatistics(
             writes=exchange.writes,
             reads=exchange.reads,
             rejected=exchange.rejected,

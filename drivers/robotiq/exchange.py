@@ -59,7 +59,7 @@ class DriverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = 20
 
 
-class Statistics(msgspec.Struct, frozen=True):
+class ExchangeStatistics(msgspec.Struct, frozen=True):
     """Counts since the driver was made."""
 
     writes: int = 0

@@ -30,15 +30,15 @@ _WORDS: Final = struct.Struct(">8H")
 Registers = tuple[int, ...]
 
 
-class Link(msgspec.Struct, frozen=True):
+class RegisterLink(msgspec.Struct, frozen=True):
     """First register of the command and status blocks on one kind of link (manual p. 59, 75)."""
 
     command_register: int
     status_register: int
 
 
-TCP: Final = Link(command_register=0x0000, status_register=0x0000)
-RTU: Final = Link(command_register=0x03E8, status_register=0x07D0)
+TCP: Final = RegisterLink(command_register=0x0000, status_register=0x0000)
+RTU: Final = RegisterLink(command_register=0x03E8, status_register=0x07D0)
 
 
 def to_registers(data: bytes) -> Registers:
@@ -231,7 +231,7 @@ class Severity(Enum):
     MAJOR = "major"  # motion has stopped; a reset is required
 
 
-class Fault(msgspec.Struct, frozen=True):
+class FaultCode(msgspec.Struct, frozen=True):
     """One fault code with what it means and what to do."""
 
     code: int
@@ -242,24 +242,26 @@ class Fault(msgspec.Struct, frozen=True):
 
 _RESET: Final = "clear the fault (this resets the hand: it lets go), then activate"
 _KNOWN: Final = (
-    Fault(0x00, Severity.NONE, "", ""),
-    Fault(0x05, Severity.PRIORITY, "action delayed: activation must complete first", "wait"),
-    Fault(0x06, Severity.PRIORITY, "action delayed: mode change must complete first", "wait"),
-    Fault(0x07, Severity.PRIORITY, "rACT must be set before any action", "activate"),
-    Fault(0x09, Severity.MINOR, "communication chip not ready, may be booting", "wait"),
-    Fault(0x0A, Severity.MINOR, "mode change: scissor interference, below 20 s", "free the hand"),
-    Fault(0x0B, Severity.MINOR, "automatic release in progress", "wait until it is open"),
-    Fault(0x0D, Severity.MAJOR, "activation fault: interference or other error", _RESET),
-    Fault(0x0E, Severity.MAJOR, "mode change: scissor interference, above 20 s", _RESET),
-    Fault(0x0F, Severity.MAJOR, "automatic release completed: activation required", _RESET),
+    FaultCode(0x00, Severity.NONE, "", ""),
+    FaultCode(0x05, Severity.PRIORITY, "action delayed: activation must complete first", "wait"),
+    FaultCode(0x06, Severity.PRIORITY, "action delayed: mode change must complete first", "wait"),
+    FaultCode(0x07, Severity.PRIORITY, "rACT must be set before any action", "activate"),
+    FaultCode(0x09, Severity.MINOR, "communication chip not ready, may be booting", "wait"),
+    FaultCode(
+        0x0A, Severity.MINOR, "mode change: scissor interference, below 20 s", "free the hand"
+    ),
+    FaultCode(0x0B, Severity.MINOR, "automatic release in progress", "wait until it is open"),
+    FaultCode(0x0D, Severity.MAJOR, "activation fault: interference or other error", _RESET),
+    FaultCode(0x0E, Severity.MAJOR, "mode change: scissor interference, above 20 s", _RESET),
+    FaultCode(0x0F, Severity.MAJOR, "automatic release completed: activation required", _RESET),
 )
 
 
-def _fault(code: int) -> Fault:
+def _fault(code: int) -> FaultCode:
     for known in _KNOWN:
         if known.code == code:
             return known
-    return Fault(code, Severity.MINOR, f"unknown fault 0x{code:02X}", "consult the manual")
+    return FaultCode(code, Severity.MINOR, f"unknown fault 0x{code:02X}", "consult the manual")
 
 
 FAULTS: Final = tuple(_fault(code) for code in range(16))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceFault, Refused
 from drivers.takktile import protocol
-from drivers.takktile.protocol import Layout, Request
+from drivers.takktile.protocol import Layout, UsbRequest
 
 Codes = NDArray[np.int16]
 
@@ -29,7 +29,7 @@ class Transfer(msgspec.Struct, frozen=True):
     done_ns: int
 
 
-class Link(Protocol):
+class BoardLink(Protocol):
     """The two USB transfers that the driver needs.
 
     They raise ``LinkLost`` when the board is unplugged and ``DeviceFault`` on STALL; a hung board
@@ -63,7 +63,7 @@ class Reading(msgspec.Struct, frozen=True):
 class Board:
     """A board that is opened, read and closed by one caller at a time."""
 
-    def __init__(self, link: Link, conversion_ms: float, conversion_delay_ns: int = 0) -> None:
+    def __init__(self, link: BoardLink, conversion_ms: float, conversion_delay_ns: int = 0) -> None:
         """``conversion_delay_ns``: from the end of a read to the middle of the conversion."""
         self._link = link
         self._ticks = protocol.timer_ticks(conversion_ms)
@@ -89,7 +89,7 @@ class Board:
         """
         self.close(now_ns)
         self._drain(now_ns)
-        reply = self._link.control(Request.SCAN, 0, 0, protocol.SCAN_BYTES, now_ns)
+        reply = self._link.control(UsbRequest.SCAN, 0, 0, protocol.SCAN_BYTES, now_ns)
         layout = protocol.parse_scan(reply)
         if layout is None:
             raise DeviceFault(
@@ -101,13 +101,13 @@ class Board:
 
     def start(self, now_ns: int) -> None:
         """Start sampling; what was in the pipe is lost."""
-        if self._link.control(Request.TIMER, self._ticks, _START, 1, now_ns) != b"\x01":
+        if self._link.control(UsbRequest.TIMER, self._ticks, _START, 1, now_ns) != b"\x01":
             raise DeviceFault("the tactile board did not start sampling", "replug it, open again")
         self._converted_ns = now_ns
 
     def stop(self, now_ns: int) -> None:
         """Stop sampling; ``start`` goes on."""
-        self._link.control(Request.TIMER, 0, 0, 1, now_ns)
+        self._link.control(UsbRequest.TIMER, 0, 0, 1, now_ns)
 
     def close(self, now_ns: int) -> None:
         """Stop sampling and forget the layout."""

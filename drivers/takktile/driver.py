@@ -9,8 +9,8 @@ import msgspec
 
 from drivers.errors import DeviceFault, LinkLost
 from drivers.interfaces import TactileFrame
-from drivers.takktile.board import Board, Codes, Link, Transfer
-from drivers.takktile.fingertips import Fingertips
+from drivers.takktile.board import Board, BoardLink, Codes, Transfer
+from drivers.takktile.fingertips import FrameAssembly
 from drivers.takktile.link import trouble
 from drivers.takktile.model import BoardModel, Hung, Stall, Unplugged
 from drivers.takktile.settings import TakkTileSettings
@@ -27,7 +27,7 @@ class TakkTileStatistics(msgspec.Struct, frozen=True):
 
 
 class ModelLink:
-    """A ``Link`` to a board model in this process."""
+    """A ``BoardLink`` to a board model in this process."""
 
     def __init__(self, model: BoardModel) -> None:
         self._model = model
@@ -47,11 +47,11 @@ class ModelLink:
 
 
 class TakkTileDriver:
-    """Fingertips on one board. Call ``open`` once, then ``pump`` every 10 ms."""
+    """FrameAssembly on one board. Call ``open`` once, then ``pump`` every 10 ms."""
 
-    def __init__(self, link: Link, settings: TakkTileSettings) -> None:
+    def __init__(self, link: BoardLink, settings: TakkTileSettings) -> None:
         self._board = Board(link, settings.conversion_ms)
-        self._fingertips = Fingertips(settings)
+        self._fingertips = FrameAssembly(settings)
 
     @property
     def frame(self) -> TactileFrame | None:

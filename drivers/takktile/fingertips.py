@@ -12,7 +12,7 @@ from drivers.takktile.protocol import Layout
 from drivers.takktile.settings import TakkTileSettings
 
 
-class Fingertips:
+class FrameAssembly:
     """Turns one reading a tick into the latest frame; a tick without one repeats the last."""
 
     def __init__(self, settings: TakkTileSettings) -> None:

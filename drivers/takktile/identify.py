@@ -9,7 +9,7 @@ import numpy as np
 from drivers.errors import DeviceFault
 from drivers.interfaces import FINGER_NAMES
 from drivers.takktile import protocol
-from drivers.takktile.board import Board, Codes, Link, Missed
+from drivers.takktile.board import Board, BoardLink, Codes, Missed
 from drivers.takktile.protocol import Cell, Layout
 from drivers.takktile.settings import TakkTileSettings
 
@@ -18,7 +18,7 @@ LEAST_FALL_COUNTS = 20  # about half a newton; an untouched taxel moves by one o
 _FIRST_FRAMES_S = 5.0
 
 
-class Press(msgspec.Struct, frozen=True):
+class TaxelPress(msgspec.Struct, frozen=True):
     """The cell whose code fell most below its rest; finger and taxel by ``settings.cells``."""
 
     row: int
@@ -29,12 +29,12 @@ class Press(msgspec.Struct, frozen=True):
 
 
 def watch(
-    link: Link,
+    link: BoardLink,
     settings: TakkTileSettings,
     seconds: float,
     on_rest: Callable[[], None],
     clock: Callable[[], int] = time.monotonic_ns,
-) -> Iterator[Press]:
+) -> Iterator[TaxelPress]:
     """Take the rest, call ``on_rest``, then yield each press that is stronger than the one before.
 
     Any live cell may answer, mapped or not. Ends after ``seconds``; stops the board in any case.
@@ -62,7 +62,7 @@ def watch(
                 strongest, last = LEAST_FALL_COUNTS - 1, None  # let go
             elif cell != last or fall > strongest:
                 strongest, last = fall, cell
-                yield Press(*cell, fall, *places.get(cell, (None, None)))
+                yield TaxelPress(*cell, fall, *places.get(cell, (None, None)))
     finally:
         board.close(clock())
 

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from drivers.takktile import protocol
-from drivers.takktile.protocol import Cell, Codes, Request
+from drivers.takktile.protocol import Cell, Codes, UsbRequest
 
 Sample = Callable[[int], tuple[Codes, Codes]]
 
@@ -103,14 +103,14 @@ class BoardModel:
         if self._hung:
             raise Hung
         match request:
-            case Request.STRING if index in (0, 1):
+            case UsbRequest.STRING if index in (0, 1):
                 strings = (self._settings.hardware_version, self._settings.firmware_version)
                 reply = strings[index].encode("ascii") + b"\0"
-            case Request.TIMER:
+            case UsbRequest.TIMER:
                 reply = self._configure_timer(value, index, now_ns)
-            case Request.SCAN:
+            case UsbRequest.SCAN:
                 reply = self._scan()
-            case Request.CALIBRATION:
+            case UsbRequest.CALIBRATION:
                 reply = self._calibration(row=index, column=value)
             case _:
                 raise Stall

@@ -39,7 +39,7 @@ Cell = tuple[int, int]  # (row, column)
 Codes = NDArray[np.int16]
 
 
-class Request(IntEnum):
+class UsbRequest(IntEnum):
     """Vendor requests (bRequest). 0xBB jumps to the boot loader and is therefore not listed."""
 
     STRING = 0x00  # wIndex 0: hardware version, 1: firmware version; NUL-terminated

@@ -8,7 +8,7 @@ from grasp.cli import exits
 from grasp.cli.options import add_jobs, whole
 
 if TYPE_CHECKING:
-    from scenarios.studies.table4.calibrate import Calibration, Profile, TradeOff
+    from scenarios.studies.table4.calibrate import Calibration, LikelihoodProfile, TradeOff
     from scenarios.studies.table4.cause import Cause
 
 
@@ -110,7 +110,7 @@ def _print(result: "Calibration", causes: "list[Cause]") -> None:
         _print_cause(cause)
 
 
-def _print_profile(profile: "Profile") -> None:
+def _print_profile(profile: "LikelihoodProfile") -> None:
     pairs = zip(profile.values, profile.log_likelihood, strict=True)
     shown = ", ".join(f"{value:g}: {score:.1f}" for value, score in pairs)
     border = "; best at the border of its range: not identified" if profile.at_border else ""

@@ -77,10 +77,10 @@ def strokes(args: argparse.Namespace) -> int:
     if find_spec("matplotlib") is None:
         return exits.report("usage", "a picture needs matplotlib", REMEDY, as_json=False)
     from scenarios.report.run_figure import draw_clips
-    from scenarios.studies.signal.calibrate import Setup
+    from scenarios.studies.signal.calibrate import FitSetup
     from scenarios.studies.signal.strokes import simulate
 
-    setup = Setup()
+    setup = FitSetup()
     clips = simulate(setup.fingertip, setup.strokes, 2, args.seed)
     draw_clips(args.out, [("simulated", clips.t_s, counts, clips.slip) for counts in clips.counts])
     print(args.out)
@@ -106,7 +106,7 @@ def calibrate(args: argparse.Namespace) -> int:
         args.out.touch()  # fails before the search rather than after it
     counts = recording.counts[:, 0]
     real = signal_statistics(recording.t_s, counts, recording.slip)
-    setup, fitted = (fitting.Setup(), {}) if args.check else _search(real, args)
+    setup, fitted = (fitting.FitSetup(), {}) if args.check else _search(real, args)
     of = fitting.figures(setup, args.clips, fitting.JUDGE_SEED)
     rows, misfit = fitting.compare(real, of), fitting.misfit(real, fitting.mean(of))
     without = _ablate(setup, args) if args.ablate else {}
@@ -132,7 +132,7 @@ def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict
     from rich.console import Console
     from rich.progress import Progress
 
-    from scenarios.studies.signal.calibrate import Search, Setup, fit
+    from scenarios.studies.signal.calibrate import FitSetup, Search, fit
 
     search = Search(seed=args.seed)
     if args.rounds is not None:
@@ -140,7 +140,7 @@ def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict
     with Progress(console=Console(stderr=True), transient=True, disable=args.json) as bar:
         task = bar.add_task("fitting", total=None)
         return fit(
-            real, Setup(), search,
+            real, FitSetup(), search,
             lambda done, total, best: bar.update(
                 task, completed=done, total=total, description=f"fitting, misfit {best:.2f}"
             ),

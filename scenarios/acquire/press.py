@@ -42,12 +42,16 @@ class PressControlSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
     approach_mps: Annotated[
         float, Meta(ge=0.001, le=0.05, description="downwards until touched; assumed")
     ] = 0.01
-    proportional_mps_n: Annotated[
+    proportional_mps_per_n: Annotated[
         float, Meta(ge=0.0, le=0.02, description="PID; default: 5 rad/s on 3.5 N/mm, clip 3-10")
     ] = 0.0015
-    integral_mps_ns: Annotated[float, Meta(ge=0.0, le=0.1, description="PID; assumed")] = 0.0008
-    derivative_m_n: Annotated[float, Meta(ge=0.0, le=0.001, description="PID; assumed")] = 0.00001
-    integral_limit_ns: Annotated[
+    integral_mps_per_n_s: Annotated[float, Meta(ge=0.0, le=0.1, description="PID; assumed")] = (
+        0.0008
+    )
+    derivative_m_per_n: Annotated[float, Meta(ge=0.0, le=0.001, description="PID; assumed")] = (
+        0.00001
+    )
+    integral_limit_n_s: Annotated[
         float, Meta(ge=0.0, le=20.0, description="of its windup; assumed")
     ] = 3.0
     press_mps: Annotated[
@@ -93,7 +97,7 @@ class PressControlSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
     ] = 4.0  # fmt: skip
 
 
-class Motion(msgspec.Struct, frozen=True):
+class StrokeMotion(msgspec.Struct, frozen=True):
     """Which way, and how fast at most; exactly one of the speeds is not 0."""
 
     direction: str
@@ -108,15 +112,15 @@ class Motion(msgspec.Struct, frozen=True):
         return "primary" if int(self.direction) % 90 == 0 else "oblique"
 
 
-def motion(direction: str, speed_mps: float, spin_radps: float) -> Motion:
+def motion(direction: str, speed_mps: float, spin_radps: float) -> StrokeMotion:
     """Raises ConfigError for a direction that is none."""
     if direction not in DIRECTIONS:
         raise ConfigError("--direction", direction, "no direction", ", ".join(DIRECTIONS))
     turns = direction in TURNS
-    return Motion(direction, 0.0 if turns else speed_mps, spin_radps if turns else 0.0)
+    return StrokeMotion(direction, 0.0 if turns else speed_mps, spin_radps if turns else 0.0)
 
 
-class Phase(StrEnum):
+class PressPhase(StrEnum):
     """Where a session stands."""
 
     APPROACH = "approach"
@@ -149,7 +153,7 @@ class Stroke(msgspec.Struct, frozen=True):
         return self.sign * max(0.0, min(self.peak, ramp))
 
 
-class Drive(msgspec.Struct, frozen=True):
+class PressCommand(msgspec.Struct, frozen=True):
     """What the arm is to do until the next sample: base frame."""
 
     velocity_mps: Vector3
@@ -160,14 +164,14 @@ class PressController:
     """One session: ``step`` once a sample. Without a motion it presses and never strokes."""
 
     def __init__(
-        self, settings: PressControlSettings, counts_per_newton: float, motion: Motion | None,
+        self, settings: PressControlSettings, counts_per_newton: float, motion: StrokeMotion | None,
         rng: np.random.Generator,
     ) -> None:  # fmt: skip
         self._settings = settings
         self.counts_per_newton = counts_per_newton
         self._motion = motion
         self._rng = rng
-        self.phase = Phase.APPROACH
+        self.phase = PressPhase.APPROACH
         self.target_n = settings.force_n
         self.zero_n = 0.0  # load at which the counts are zero
         self.force_n = 0.0
@@ -175,48 +179,48 @@ class PressController:
         self._phase_end_s = math.inf
         self._stroke: Stroke | None = None
         self._side = 1.0  # to which the next stroke leads, from where it touched
-        self._integral_ns = 0.0
+        self._integral_n_s = 0.0
         self._error_n = 0.0
         self._t_s: float | None = None
 
     def lift_off(self) -> None:
         """Break the contact, then press again."""
-        self.phase, self._stroke = Phase.OFF, None
+        self.phase, self._stroke = PressPhase.OFF, None
 
-    def step(self, t_s: float, counts: NDArray[np.int16], arm: ArmState) -> Drive:
+    def step(self, t_s: float, counts: NDArray[np.int16], arm: ArmState) -> PressCommand:
         """Counts (6,) of the pressed fingertip, raw minus rest, and the arm's state."""
         dt_s = t_s - self._t_s if self._t_s is not None else 0.0
         self._t_s = t_s
         self.force_n = max(0.0, self.zero_n - float(counts.sum()) / self.counts_per_newton)
         self._follow_script(t_s, arm)
-        if self.phase in (Phase.APPROACH, Phase.OFF):
-            up = 1.0 if self.phase is Phase.OFF else -1.0
-            return Drive((0.0, 0.0, up * self._settings.approach_mps), 0.0)
+        if self.phase in (PressPhase.APPROACH, PressPhase.OFF):
+            up = 1.0 if self.phase is PressPhase.OFF else -1.0
+            return PressCommand((0.0, 0.0, up * self._settings.approach_mps), 0.0)
         along = self._stroke.speed_at(t_s) if self._stroke is not None else 0.0
         press = self._press(dt_s, arm.position_m[2])
         if self._motion is None:
-            return Drive((0.0, 0.0, press), 0.0)
+            return PressCommand((0.0, 0.0, press), 0.0)
         if self._motion.direction in TURNS:
-            return Drive((0.0, 0.0, press), along * TURNS[self._motion.direction])
+            return PressCommand((0.0, 0.0, press), along * TURNS[self._motion.direction])
         u, v = _heading(self._motion, self._settings)
-        return Drive((along * u, along * v, press), 0.0)
+        return PressCommand((along * u, along * v, press), 0.0)
 
     def _follow_script(self, t_s: float, arm: ArmState) -> None:
         s = self._settings
-        if self.phase is Phase.APPROACH:
+        if self.phase is PressPhase.APPROACH:
             if self.force_n >= s.touch_n:
-                self.phase, self._phase_end_s = Phase.SETTLE, t_s + s.settle_s
-                self._touch_m, self._integral_ns = arm.position_m, 0.0
-        elif self.phase is Phase.OFF:
+                self.phase, self._phase_end_s = PressPhase.SETTLE, t_s + s.settle_s
+                self._touch_m, self._integral_n_s = arm.position_m, 0.0
+        elif self.phase is PressPhase.OFF:
             if self._touch_m is None or arm.position_m[2] > self._touch_m[2] + s.clear_m:
-                self.phase = Phase.APPROACH
+                self.phase = PressPhase.APPROACH
         elif self._motion is not None and t_s >= self._phase_end_s:
-            if self.phase is Phase.STROKE:
+            if self.phase is PressPhase.STROKE:
                 self._pause(t_s)
             else:
                 self._begin_stroke(t_s, arm, self._motion)
 
-    def _begin_stroke(self, t_s: float, arm: ArmState, motion: Motion) -> None:
+    def _begin_stroke(self, t_s: float, arm: ArmState, motion: StrokeMotion) -> None:
         """To the other side of where it touched, half of a stroke's length away."""
         s, turns = self._settings, motion.direction in TURNS
         scatter = 1.0 + s.stroke_scatter * float(np.clip(self._rng.standard_normal(), -2.0, 2.0))
@@ -226,9 +230,9 @@ class PressController:
         speed = motion.spin_radps if turns else motion.speed_mps
         acceleration = s.turn_radps2 if turns else s.acceleration_mps2
         self._stroke = Stroke(t_s, abs(way), speed, acceleration, math.copysign(1.0, way))
-        self.phase, self._phase_end_s = Phase.STROKE, t_s + self._stroke.duration_s
+        self.phase, self._phase_end_s = PressPhase.STROKE, t_s + self._stroke.duration_s
 
-    def _travelled(self, arm: ArmState, motion: Motion) -> float:
+    def _travelled(self, arm: ArmState, motion: StrokeMotion) -> float:
         """Along the session's direction from where it touched: metres, or radians of a turn."""
         if motion.direction in TURNS:
             return arm.angle_rad * TURNS[motion.direction]
@@ -240,7 +244,7 @@ class PressController:
         stroke_s = self._stroke.duration_s if self._stroke is not None else 0.0
         share = self._settings.pause_share * float(self._rng.uniform(0.4, 1.6))
         self._stroke = None
-        self.phase, self._phase_end_s = Phase.PAUSE, t_s + stroke_s * share
+        self.phase, self._phase_end_s = PressPhase.PAUSE, t_s + stroke_s * share
 
     def _press(self, dt_s: float, height_m: float) -> float:
         """Speed along z that brings the estimate to the target, m/s."""
@@ -248,18 +252,18 @@ class PressController:
         error = self.target_n - self.force_n
         change = (error - self._error_n) / dt_s if dt_s > 0.0 else 0.0
         self._error_n = error
-        limit = s.integral_limit_ns
-        self._integral_ns = min(max(self._integral_ns + error * dt_s, -limit), limit)
+        limit = s.integral_limit_n_s
+        self._integral_n_s = min(max(self._integral_n_s + error * dt_s, -limit), limit)
         down = (
-            s.proportional_mps_n * error + s.integral_mps_ns * self._integral_ns
-            + s.derivative_m_n * change
+            s.proportional_mps_per_n * error + s.integral_mps_per_n_s * self._integral_n_s
+            + s.derivative_m_per_n * change
         )  # fmt: skip
         down = min(max(down, -s.press_mps), s.press_mps)
         too_deep = self._touch_m is not None and height_m < self._touch_m[2] - s.depth_m
         return -min(down, 0.0) if too_deep else -down
 
 
-def _heading(motion: Motion, settings: PressControlSettings) -> tuple[float, float]:
+def _heading(motion: StrokeMotion, settings: PressControlSettings) -> tuple[float, float]:
     """Of a translation, in the base frame: the tool's y runs against the base's."""
     angle = math.radians(float(motion.direction) + settings.fingertip_x_deg)
     return math.cos(angle), -math.sin(angle)

@@ -17,7 +17,7 @@ from detector.recordings import MAX_MISSED, SUFFIX, Metadata, Recording, missed_
 from drivers.errors import GraspError, Stale
 from drivers.interfaces import ArmState, TactileFrame
 from scenarios.acquire.config import AcquireConfig, SamplingSettings
-from scenarios.acquire.press import Motion, Phase, PressController
+from scenarios.acquire.press import PressController, PressPhase, StrokeMotion
 from scenarios.acquire.rig import AcquireRig, open_acquire_rig
 from scenarios.acquire.world_of_seed import counts_per_newton
 from scenarios.trial.result import Failure, versions
@@ -31,18 +31,18 @@ STOP_MPS2 = 1.0
 LEAST_SAMPLES = 2  # of a recording
 
 
-class Tick(msgspec.Struct, frozen=True):
+class Sample(msgspec.Struct, frozen=True):
     """One sample of a session."""
 
     t_ns: int
-    phase: Phase
+    phase: PressPhase
     force_n: float  # estimated
     frame: TactileFrame
     arm: ArmState
     truth: PressedTruth | None
 
 
-OnTick = Callable[[Tick], None]
+OnTick = Callable[[Sample], None]
 Script = Callable[[float, PressController, PressedCell | None], None]
 
 
@@ -50,7 +50,7 @@ class Session:
     """One session on an open rig: ``run`` it, then ask for the ``ticks``."""
 
     def __init__(
-        self, config: AcquireConfig, motion: Motion | None, seed: int, rig: AcquireRig,
+        self, config: AcquireConfig, motion: StrokeMotion | None, seed: int, rig: AcquireRig,
         on_tick: OnTick = lambda tick: None, script: Script = lambda t_s, controller, cell: None,
     ) -> None:  # fmt: skip
         self._config = config
@@ -63,7 +63,7 @@ class Session:
             config.control, counts_per_newton(config, seed), motion, course
         )
         self._tick = 0
-        self.ticks: list[Tick] = []
+        self.ticks: list[Sample] = []
         self._start_ns = rig.clock.now_ns
         self._touched_ns: int | None = None
 
@@ -128,7 +128,7 @@ class Session:
             rig.cell.board.time_out(1)
         rig.clock.sleep_until_ns(due_ns + round(jitter * 1e9))
 
-    def _sample(self) -> Tick:
+    def _sample(self) -> Sample:
         """One exchange with each device and one decision."""
         self._wait()
         rig, controller = self._rig, self._controller
@@ -144,14 +144,14 @@ class Session:
         rig.arm.drive(drive.velocity_mps, drive.spin_radps, self._config.control.drive_mps2)
         self._check_approach(now_ns)
         truth = rig.truth() if rig.truth is not None else None
-        return Tick(now_ns, controller.phase, controller.force_n, frame, arm, truth)
+        return Sample(now_ns, controller.phase, controller.force_n, frame, arm, truth)
 
-    def _settled(self, tick: Tick) -> bool:
+    def _settled(self, tick: Sample) -> bool:
         settling_ns = tick.t_ns - (self._touched_ns if self._touched_ns is not None else tick.t_ns)
         return settling_ns > 0.5 * self._config.control.settle_s * 1e9
 
     def _check_approach(self, now_ns: int) -> None:
-        if self._controller.phase is not Phase.APPROACH:
+        if self._controller.phase is not PressPhase.APPROACH:
             if self._touched_ns is None:
                 self._touched_ns = now_ns
         elif now_ns - self._start_ns > (REST_TIMEOUT_S + APPROACH_TIMEOUT_S) * 1e9:
@@ -214,7 +214,7 @@ class FinishedAcquisition(msgspec.Struct, frozen=True):
 
 
 def run(
-    config: AcquireConfig, motion: Motion, seed: int, seconds: float, runs: Path, paced: bool,
+    config: AcquireConfig, motion: StrokeMotion, seed: int, seconds: float, runs: Path, paced: bool,
     on_tick: OnTick,
 ) -> FinishedAcquisition:  # fmt: skip
     """One session on the rig of the configuration; writes `runs/<stamp>-acquire-<surface>.npz`.
@@ -252,7 +252,7 @@ def run(
     return _finished(config, motion, seed, [t for p in parts for t in p], made, failure)
 
 
-def _without_gaps(ticks: list[Tick]) -> list[list[Tick]]:
+def _without_gaps(ticks: list[Sample]) -> list[list[Sample]]:
     """The session, cut where more samples in a row are missing than a recording may lack."""
     times = np.array([tick.t_ns * 1e-9 for tick in ticks])
     ends = np.flatnonzero(missed_samples(times) > MAX_MISSED) + 1
@@ -261,8 +261,8 @@ def _without_gaps(ticks: list[Tick]) -> list[list[Tick]]:
 
 
 def _finished(
-    config: AcquireConfig, motion: Motion, seed: int, ticks: list[Tick], made: list[Recording],
-    failure: Failure | None,
+    config: AcquireConfig, motion: StrokeMotion, seed: int, ticks: list[Sample],
+    made: list[Recording], failure: Failure | None,
 ) -> FinishedAcquisition:  # fmt: skip
     force = np.array([tick.force_n for tick in ticks])
     fastest = [np.hypot(*r.velocity_mps.T).max() for r in made if r.velocity_mps is not None]
@@ -277,7 +277,7 @@ def _finished(
 
 
 def recording(
-    ticks: list[Tick], config: AcquireConfig, metadata: Metadata, source: str
+    ticks: list[Sample], config: AcquireConfig, metadata: Metadata, source: str
 ) -> Recording:
     """Labelled frames of the pressed fingertip."""
     velocity = np.array([_on_fingertip(tick.arm, config) for tick in ticks])

@@ -12,10 +12,10 @@ from contextlib import contextmanager
 import msgspec
 
 from drivers.errors import GraspError, LinkLost
-from scenarios.campaign.spec import Trial
+from scenarios.campaign.spec import Task
 from scenarios.campaign.worker import Finished, error_row
 
-Work = Callable[[Trial], Finished]
+Work = Callable[[Task], Finished]
 AHEAD = 2  # trials handed out for every worker: none waits for the parent's disk
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 PARENT_POLL_S = 0.5
@@ -31,11 +31,11 @@ class NoCluster(GraspError):
 class _Outcome(msgspec.Struct, frozen=True):
     """What became of one trial that was handed out; neither: the worker died under it."""
 
-    trial: Trial
+    trial: Task
     finished: Finished | None = None
 
 
-def local(trials: Sequence[Trial], jobs: int, work: Work) -> Generator[Finished, None, None]:
+def local(trials: Sequence[Task], jobs: int, work: Work) -> Generator[Finished, None, None]:
     """Finished trials as they come, from so many worker processes of one thread each.
 
     A worker that dies takes its pool with it, and nobody knows which of the trials handed out was
@@ -43,7 +43,7 @@ def local(trials: Sequence[Trial], jobs: int, work: Work) -> Generator[Finished,
     """
     waiting = deque(trials)
     while waiting:
-        suspects: deque[Trial] = deque()
+        suspects: deque[Task] = deque()
         with _workers(jobs) as executor:
             for outcome in _drain(executor, waiting, AHEAD * jobs, work):
                 if outcome.finished is not None:
@@ -53,7 +53,7 @@ def local(trials: Sequence[Trial], jobs: int, work: Work) -> Generator[Finished,
         yield from _one_by_one(suspects, work)
 
 
-def _one_by_one(waiting: deque[Trial], work: Work) -> Iterator[Finished]:
+def _one_by_one(waiting: deque[Task], work: Work) -> Iterator[Finished]:
     while waiting:
         with _workers(1) as executor:
             for outcome in _drain(executor, waiting, 1, work):
@@ -61,9 +61,9 @@ def _one_by_one(waiting: deque[Trial], work: Work) -> Iterator[Finished]:
                 yield outcome.finished or died
 
 
-def _drain(executor: Executor, waiting: deque[Trial], ahead: int, work: Work) -> Iterator[_Outcome]:
+def _drain(executor: Executor, waiting: deque[Task], ahead: int, work: Work) -> Iterator[_Outcome]:
     """Feed the executor until nothing waits, or until it breaks; then what was out comes back."""
-    out: dict[Future[Finished], Trial] = {}
+    out: dict[Future[Finished], Task] = {}
     broken = False
     while (waiting and not broken) or out:
         while waiting and not broken and len(out) < ahead:
@@ -112,7 +112,7 @@ def _prepare() -> None:
     threading.Thread(target=watch, name="parent watch", daemon=True).start()
 
 
-def cluster(trials: Sequence[Trial], address: str, work: Work) -> Generator[Finished, None, None]:
+def cluster(trials: Sequence[Task], address: str, work: Work) -> Generator[Finished, None, None]:
     """Finished trials as they come from the workers of a Dask scheduler.
 
     The scheduler moves the trials of a lost worker to others; a trial that keeps killing workers

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from scenarios.campaign import pool
-from scenarios.campaign.spec import CampaignSpec, Trial, combinations, trials
+from scenarios.campaign.spec import CampaignSpec, Task, combinations, trials
 from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.worker import Finished, Row, run_trial
 
@@ -62,7 +62,7 @@ def run(
 
 
 def _finished(
-    todo: Sequence[Trial], jobs: int, address: str | None, work: pool.Work
+    todo: Sequence[Task], jobs: int, address: str | None, work: pool.Work
 ) -> Generator[Finished, None, None]:
     if address is not None and todo:
         return pool.cluster(todo, address, work)

@@ -62,7 +62,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = "failures"
 
 
-class Trial(msgspec.Struct, frozen=True):
+class Task(msgspec.Struct, frozen=True):
     """One trial of a campaign: everything that decides its outcome."""
 
     number: int  # place in the grid, from 0
@@ -127,13 +127,13 @@ def _literal(value: Any) -> str:
     return msgspec.json.encode(value).decode()
 
 
-def trials(spec: CampaignSpec, places: list[Combination]) -> Iterator[Trial]:
+def trials(spec: CampaignSpec, places: list[Combination]) -> Iterator[Task]:
     """All trials. Repetitions are outermost: a campaign that was cut short has seen every
     combination about equally often, on the same seeds."""
     numbers = itertools.count()
     for seed, repetition in itertools.product(spec.seeds, range(spec.repetitions)):
         for place in places:
-            yield Trial(
+            yield Task(
                 number=next(numbers),
                 scenario=place.scenario,
                 repetition=repetition,

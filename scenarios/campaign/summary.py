@@ -16,9 +16,9 @@ from scenarios.campaign.paper import (
     wilson,
 )
 from scenarios.campaign.worker import Row
-from scenarios.lift.scoring import Outcome
+from scenarios.lift.scoring import LiftOutcome
 
-NEAR, FAR = Outcome.HELD_WITHIN_6CM.value, Outcome.HELD_WITHIN_12CM.value
+NEAR, FAR = LiftOutcome.HELD_WITHIN_6CM.value, LiftOutcome.HELD_WITHIN_12CM.value
 
 
 class Quantiles(msgspec.Struct, frozen=True):

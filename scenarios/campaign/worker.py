@@ -8,7 +8,7 @@ from typing import Any
 
 import msgspec
 
-from scenarios.campaign.spec import Trial
+from scenarios.campaign.spec import Task
 from scenarios.lift import lift
 from scenarios.rigs.config import RunConfig
 from scenarios.tap import tap
@@ -70,7 +70,7 @@ def run_once(scenario: str, config: RunConfig, seed: int, runs: Path | None) -> 
     return lift.run(config, seed, runs)
 
 
-def run_trial(trial: Trial) -> Finished:
+def run_trial(trial: Task) -> Finished:
     """Never raises for what goes wrong in the trial: that is a row with its error."""
     wall, cpu = time.perf_counter(), time.process_time()
     try:
@@ -85,12 +85,12 @@ def run_trial(trial: Trial) -> Finished:
     return Finished(msgspec.structs.replace(finished.row, **spent), finished.recording)
 
 
-def error_row(trial: Trial, error: str) -> Row:
+def error_row(trial: Task, error: str) -> Row:
     """The row of a trial that could not be judged."""
     return Row(**_identity(trial), status="error", error=error)
 
 
-def _run(trial: Trial) -> Finished:
+def _run(trial: Task) -> Finished:
     if trial.recordings == "all":
         return _recorded(trial)
     finished = Finished(_judged(trial, run_once(trial.scenario, trial.config, trial.seed, None)))
@@ -99,7 +99,7 @@ def _run(trial: Trial) -> Finished:
     return _again(trial, finished.row)
 
 
-def _again(trial: Trial, row: Row) -> Finished:
+def _again(trial: Task, row: Row) -> Finished:
     """A failure, run once more with a recorder: cheaper than to record every success."""
     again = _recorded(trial)
     if (again.row.outcome, again.row.slip_distance_m) != (row.outcome, row.slip_distance_m):
@@ -107,7 +107,7 @@ def _again(trial: Trial, row: Row) -> Finished:
     return again
 
 
-def _recorded(trial: Trial) -> Finished:
+def _recorded(trial: Task) -> Finished:
     with tempfile.TemporaryDirectory(prefix="grasp-campaign-") as folder:
         finished = run_once(trial.scenario, trial.config, trial.seed, Path(folder))
         row = _judged(trial, finished)
@@ -116,7 +116,7 @@ def _recorded(trial: Trial) -> Finished:
         return Finished(row, Path(finished.result.recording).read_bytes())
 
 
-def _judged(trial: Trial, finished: AnyRun) -> Row:
+def _judged(trial: Task, finished: AnyRun) -> Row:
     result = finished.result
     if result is None:
         raise RuntimeError(finished.failure.message if finished.failure else "no result")
@@ -154,7 +154,7 @@ def _figures(result: LiftResult | TapResult) -> dict[str, Any]:
     }
 
 
-def _identity(trial: Trial) -> dict[str, Any]:
+def _identity(trial: Task) -> dict[str, Any]:
     return {
         "trial": trial.number,
         "scenario": trial.scenario,

@@ -38,7 +38,7 @@ SCENARIO = "lift"
 DEADLINE_S = 180.0  # of virtual or wall time; each phase has its own, shorter one
 
 
-class Trial(msgspec.Struct, frozen=True):
+class LiftTrial(msgspec.Struct, frozen=True):
     """One controller on one open rig, run to its end."""
 
     controller: GraspController
@@ -51,7 +51,7 @@ class Trial(msgspec.Struct, frozen=True):
     interrupted: bool
 
 
-def run_trial(config: RunConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> Trial:
+def run_trial(config: RunConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> LiftTrial:
     """Run a controller to its end on an open rig; Ctrl-C stops the arm and keeps the grip."""
     controller = make_controller(config)
     trace = Trace()
@@ -63,7 +63,7 @@ def run_trial(config: RunConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> T
 
     loop = make_loop(config, rig, controller, guard, take)
     interrupted, granted = run_to_end(config, rig, loop, DEADLINE_S)
-    return Trial(
+    return LiftTrial(
         controller, loop, trace, rig.truth(), stalls(rig), acknowledged(rig, loop), granted,
         interrupted,
     )  # fmt: skip
@@ -83,17 +83,17 @@ def run(
     """
     guard = make_guard(config)
 
-    def attempt(watch: Watch) -> Trial:
+    def attempt(watch: Watch) -> LiftTrial:
         with open_rig(config, seed, paced) as rig:
             return run_trial(config, rig, guard, watch)
 
-    def verdict(trial: Trial, recording: Path | None) -> LiftResult:
+    def verdict(trial: LiftTrial, recording: Path | None) -> LiftResult:
         return judge(config, seed, trial, recording)
 
     return recorded(config, SCENARIO, seed, runs, on_tick, attempt, verdict)
 
 
-def judge(config: RunConfig, seed: int, trial: Trial, recording: Path | None) -> LiftResult:
+def judge(config: RunConfig, seed: int, trial: LiftTrial, recording: Path | None) -> LiftResult:
     """Verdict and figures of a finished trial; runs the twin where only that can tell."""
     facts = _facts(config, seed, trial)
     verdict = outcome(facts, config.object, config.scoring)
@@ -125,7 +125,7 @@ def judge(config: RunConfig, seed: int, trial: Trial, recording: Path | None) ->
     )
 
 
-def _facts(config: RunConfig, seed: int, trial: Trial) -> LiftFacts:
+def _facts(config: RunConfig, seed: int, trial: LiftTrial) -> LiftFacts:
     trace, end = trial.trace, trial.trace.end
     guard = config.guard
     bound_n = guard.force_limit_n + guard.overshoot_n

@@ -16,7 +16,7 @@ from scenarios.world.cell import Truth
 from scenarios.world.objects import GraspObject
 
 
-class Outcome(StrEnum):
+class LiftOutcome(StrEnum):
     """How a lift can end; the first three are successes."""
 
     HELD_WITHIN_6CM = "held_within_6cm"
@@ -33,7 +33,7 @@ class Outcome(StrEnum):
     FAULT = "fault"
 
 
-SUCCESSES = frozenset({Outcome.HELD_WITHIN_6CM, Outcome.HELD_WITHIN_12CM, Outcome.HELD})
+SUCCESSES = frozenset({LiftOutcome.HELD_WITHIN_6CM, LiftOutcome.HELD_WITHIN_12CM, LiftOutcome.HELD})
 
 
 class ScoringSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -75,48 +75,50 @@ class LiftFacts(msgspec.Struct, frozen=True):
     fault: str
 
 
-def outcome(facts: LiftFacts, body: GraspObject, settings: ScoringSettings) -> Outcome:
+def outcome(facts: LiftFacts, body: GraspObject, settings: ScoringSettings) -> LiftOutcome:
     """The first rule that applies, worst first."""
     if facts.fault:
-        return Outcome.FAULT
+        return LiftOutcome.FAULT
     if facts.peak_force_n is not None and facts.peak_force_n > facts.force_bound_n:
-        return Outcome.OVER_FORCE
+        return LiftOutcome.OVER_FORCE
     if facts.registered_s is not None and false_start(facts, settings):
-        return Outcome.FALSE_START
+        return LiftOutcome.FALSE_START
     failed = _not_held(facts, settings)
     if failed is not None:
         return failed
     if facts.registered_s is None:
-        return Outcome.NEVER_SLIPPED if facts.onset_s is None else Outcome.UNDETECTED
+        return LiftOutcome.NEVER_SLIPPED if facts.onset_s is None else LiftOutcome.UNDETECTED
     return _held(facts.end, body, settings)
 
 
-def _not_held(facts: LiftFacts, settings: ScoringSettings) -> Outcome | None:
+def _not_held(facts: LiftFacts, settings: ScoringSettings) -> LiftOutcome | None:
     """How the object was lost, if it was; on hardware the fingers' own feeling is all there is."""
     end = facts.end
     if end is None:
         if facts.cap_reached:
-            return Outcome.CAP_REACHED
-        return Outcome.DROPPED if facts.felt_n < settings.felt_n else None
+            return LiftOutcome.CAP_REACHED
+        return LiftOutcome.DROPPED if facts.felt_n < settings.felt_n else None
     if not end.touched:
         expelled = facts.closing_at_loss and end.flank_slope < 0.0
-        return Outcome.EXPELLED if expelled else Outcome.DROPPED
+        return LiftOutcome.EXPELLED if expelled else LiftOutcome.DROPPED
     if facts.cap_reached:
-        return Outcome.CAP_REACHED
-    return None if _at_rest_in_the_air(end, settings) else Outcome.DROPPED
+        return LiftOutcome.CAP_REACHED
+    return None if _at_rest_in_the_air(end, settings) else LiftOutcome.DROPPED
 
 
 def _at_rest_in_the_air(end: Truth, settings: ScoringSettings) -> bool:
     return end.height_m >= settings.lifted_m and abs(end.slip_speed_mps) < settings.still_mps
 
 
-def _held(end: Truth | None, body: GraspObject, settings: ScoringSettings) -> Outcome:
+def _held(end: Truth | None, body: GraspObject, settings: ScoringSettings) -> LiftOutcome:
     if not body.long_body or end is None:
-        return Outcome.HELD
+        return LiftOutcome.HELD
     if end.slip_distance_m <= settings.near_m:
-        return Outcome.HELD_WITHIN_6CM
+        return LiftOutcome.HELD_WITHIN_6CM
     return (
-        Outcome.HELD_WITHIN_12CM if end.slip_distance_m <= settings.far_m else Outcome.BEYOND_12CM
+        LiftOutcome.HELD_WITHIN_12CM
+        if end.slip_distance_m <= settings.far_m
+        else LiftOutcome.BEYOND_12CM
     )
 
 

@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal, TypeVar
 import msgspec
 from msgspec import Meta
 
-from drivers.robotiq.emulator.tcp import Fault, GripperEmulator, Trouble
+from drivers.robotiq.emulator.tcp import GripperEmulator, Trouble, WireFault
 from drivers.takktile.emulator.server import BoardServer
 from drivers.ur.emulator.robot import UrEmulator
 from drivers.ur.emulator.settings import EmulatorSettings
@@ -110,14 +110,14 @@ class CellFaults:
 
     def _plan(self, trouble: Trouble) -> Strike:
         return lambda order: self._gripper.faults.add(
-            Fault(trouble=trouble, times=order.times, skip=order.skip, seconds=order.seconds)
+            WireFault(trouble=trouble, times=order.times, skip=order.skip, seconds=order.seconds)
         )
 
     def _disconnect(self, order: FaultOrder) -> None:
         """Once is a plug pulled and put back; more cuts whoever connects again."""
         self._gripper.disconnect()
         if order.times > 1:
-            self._gripper.faults.add(Fault(trouble=Trouble.DISCONNECT, times=order.times - 1))
+            self._gripper.faults.add(WireFault(trouble=Trouble.DISCONNECT, times=order.times - 1))
 
 
 class EmulatedCell:

@@ -47,7 +47,7 @@ class VariationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     ] = 0.01
 
 
-class Trial(msgspec.Struct, frozen=True):
+class Draw(msgspec.Struct, frozen=True):
     """One draw."""
 
     body: GraspObject
@@ -57,7 +57,7 @@ class Trial(msgspec.Struct, frozen=True):
 
 def draw(
     settings: VariationSettings, body: GraspObject, hand: HandSettings, rng: np.random.Generator
-) -> Trial:
+) -> Draw:
     """Object and hand of one trial. Draws the same numbers whatever the spreads are.
 
     Normal: friction, mass, start height and each finger's stop; uniform: latency, refresh phase and
@@ -84,4 +84,4 @@ def draw(
         tick_phase_s=phase / hand.refresh_hz,
         least_force_n=hand.least_force_n * (1 - settings.force_stop_fraction * weak),
     )
-    return Trial(varied_body, varied_hand, settings.finger_scatter_m * scatter)
+    return Draw(varied_body, varied_hand, settings.finger_scatter_m * scatter)

@@ -19,7 +19,7 @@ from drivers.interfaces import Counts3
 from grasp.settings import Layer, load
 from scenarios.lift.lift import twin_onset_s
 from scenarios.rigs.config import RunConfig
-from scenarios.rigs.variation import Trial, draw
+from scenarios.rigs.variation import Draw, draw
 from scenarios.world import contact
 from scenarios.world.contact import Floats
 
@@ -40,7 +40,7 @@ class GripCriteria(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     draws: Annotated[int, Meta(ge=1, le=10_000, description="trials that each is judged on")] = 200
 
 
-class Grip(msgspec.Struct, frozen=True, kw_only=True):
+class FoundGrip(msgspec.Struct, frozen=True, kw_only=True):
     """One triple of positions over all draws: forces in N, shares of draws from 0 to 1."""
 
     counts: Counts3
@@ -80,7 +80,7 @@ def lifts_that_slip(config: RunConfig, seeds: range) -> int:
     return sum(twin_onset_s(config, seed) is not None for seed in seeds)
 
 
-def search(config: RunConfig, criteria: GripCriteria, seed: int = 0) -> list[Grip]:
+def search(config: RunConfig, criteria: GripCriteria, seed: int = 0) -> list[FoundGrip]:
     """All triples near first contact, best first: fails in fewest draws, then middling force."""
     trials = _trials(config, criteria.draws, seed)
     grips = [judge(config, criteria, counts, trials) for counts in _candidates(config, criteria)]
@@ -95,7 +95,9 @@ def search(config: RunConfig, criteria: GripCriteria, seed: int = 0) -> list[Gri
     )
 
 
-def judge(config: RunConfig, criteria: GripCriteria, counts: Counts3, trials: list[Trial]) -> Grip:
+def judge(
+    config: RunConfig, criteria: GripCriteria, counts: Counts3, trials: list[Draw]
+) -> FoundGrip:
     """One triple on all trials."""
     pressed, carried = _forces(config, counts, trials)
     relaxed = pressed * (1 - config.contact.relaxation_fraction)
@@ -106,7 +108,7 @@ def judge(config: RunConfig, criteria: GripCriteria, counts: Counts3, trials: li
         "holds": carried > 1.0 - criteria.slip_margin,
     }
     thumb = relaxed[:, 0].min(), np.median(pressed[:, 0]), pressed[:, 0].max()
-    return Grip(
+    return FoundGrip(
         counts=counts,
         thumb_n=(float(thumb[0]), float(thumb[1]), float(thumb[2])),
         finger_n=float(relaxed[:, 1:].min()),
@@ -116,13 +118,13 @@ def judge(config: RunConfig, criteria: GripCriteria, counts: Counts3, trials: li
     )
 
 
-def present_grip(config: RunConfig, criteria: GripCriteria, seed: int = 0) -> Grip:
+def present_grip(config: RunConfig, criteria: GripCriteria, seed: int = 0) -> FoundGrip:
     """The object's own positions, judged the same way."""
     trials = _trials(config, criteria.draws, seed)
     return judge(config, criteria, config.object.grip_counts, trials)
 
 
-def _trials(config: RunConfig, draws: int, seed: int) -> list[Trial]:
+def _trials(config: RunConfig, draws: int, seed: int) -> list[Draw]:
     children = np.random.SeedSequence(seed).spawn(draws)
     return [
         draw(config.variation, config.object, config.hand, np.random.default_rng(child))
@@ -143,7 +145,7 @@ def _candidates(config: RunConfig, criteria: GripCriteria) -> Iterator[Counts3]:
 
 
 def _forces(
-    config: RunConfig, counts: Counts3, trials: list[Trial]
+    config: RunConfig, counts: Counts3, trials: list[Draw]
 ) -> tuple[Floats, NDArray[np.float64]]:
     """Normal forces (n, 3), N, at first, and the share (n,) of the weight that friction carries."""
     pressed = np.zeros((len(trials), contact.FINGERS))

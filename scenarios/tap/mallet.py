@@ -22,7 +22,7 @@ from scenarios.world.contact import Floats
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
 
-MOST_NS = 2.0
+MOST_N_S = 2.0
 HALVINGS = 24
 SETTLE_S, AFTER_S = 0.6, 0.6
 
@@ -34,8 +34,8 @@ class Swing(msgspec.Struct, frozen=True):
     wait_s: float
 
     @property
-    def impulse_ns(self) -> float:
-        return self.blow.impulse_ns + self.blow.follow_ns
+    def impulse_n_s(self) -> float:
+        return self.blow.impulse_n_s + self.blow.follow_n_s
 
 
 def direction_of(settings: TapSettings, seed: int) -> str:
@@ -49,21 +49,21 @@ def swing(config: RunConfig, seed: int) -> Swing:
     """The blow that a seed stands for. Raises ConfigError when no blow moves the object enough."""
     tap = config.tap
     direction = direction_of(tap, seed)
-    nominal_ns = tap.impulse_ns or search(config, "top" if direction == "closing" else direction)
+    nominal_n_s = tap.impulse_n_s or search(config, "top" if direction == "closing" else direction)
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2])
     hand = 1 + tap.spread * float(np.clip(rng.standard_normal(), -2.5, 2.5))
     delay, wait = rng.uniform(size=2).tolist()
-    impulse_ns = tap.strength * nominal_ns * max(hand, 0.0)
-    blow = _blow(tap, direction, impulse_ns, config.loop.period_s * delay)
+    impulse_n_s = tap.strength * nominal_n_s * max(hand, 0.0)
+    blow = _blow(tap, direction, impulse_n_s, config.loop.period_s * delay)
     return Swing(blow, tap.wait_s * wait)
 
 
-def mallet_speed_mps(config: RunConfig, impulse_ns: float) -> float:
+def mallet_speed_mps(config: RunConfig, impulse_n_s: float) -> float:
     """Speed at which the mallet met the object: J = (1 + e) m M / (m + M) v, object free."""
     tap, body = config.tap, config.object
     mass_kg = body.mass_kg + body.added_mass_kg
     reduced_kg = tap.mallet_kg * mass_kg / (tap.mallet_kg + mass_kg)
-    return impulse_ns / ((1 + tap.restitution) * reduced_kg)
+    return impulse_n_s / ((1 + tap.restitution) * reduced_kg)
 
 
 def search(config: RunConfig, direction: str) -> float:
@@ -73,7 +73,7 @@ def search(config: RunConfig, direction: str) -> float:
     """
     # the strength of one blow is what is searched: what differs between trials plays no part
     tap = msgspec.structs.replace(
-        config.tap, impulse_ns=0.0, direction="alternate", spread=0.0, strength=1.0
+        config.tap, impulse_n_s=0.0, direction="alternate", spread=0.0, strength=1.0
     )
     return _search(config.object, config.contact, config.controller.force_cap_n, tap, direction)
 
@@ -83,7 +83,7 @@ def _search(
     body: GraspObject, hand: ContactSettings, grip_n: float, tap: TapSettings, direction: str
 ) -> float:
     p, held, travel = _held(body, hand, grip_n)
-    low, high = 0.0, MOST_NS
+    low, high = 0.0, MOST_N_S
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         moved_m = _moved_m(p, held, travel, hand, _blow(tap, direction, middle, 0.0))
@@ -93,17 +93,17 @@ def _search(
         raise ConfigError(
             "tap", "aim_m",
             f"no blow on the {direction} moves {body.name} {tap.aim_m * 1e3:g} mm and leaves it "
-            "in the hand", "a smaller tap.aim_m, or tap.impulse_ns",
+            "in the hand", "a smaller tap.aim_m, or tap.impulse_n_s",
         )  # fmt: skip
     return high
 
 
-def _blow(tap: TapSettings, direction: str, impulse_ns: float, delay_s: float) -> Blow:
-    follow_ns = tap.follow_fraction * impulse_ns
+def _blow(tap: TapSettings, direction: str, impulse_n_s: float, delay_s: float) -> Blow:
+    follow_n_s = tap.follow_fraction * impulse_n_s
     return msgspec.convert(
         {
-            "direction": direction, "impulse_ns": impulse_ns - follow_ns,
-            "duration_s": tap.duration_s, "follow_ns": follow_ns, "follow_s": tap.follow_s,
+            "direction": direction, "impulse_n_s": impulse_n_s - follow_n_s,
+            "duration_s": tap.duration_s, "follow_n_s": follow_n_s, "follow_s": tap.follow_s,
             "delay_s": delay_s,
         },
         Blow,
@@ -126,10 +126,10 @@ def _moved_m(p: Floats, held: Floats, travel: Floats, hand: ContactSettings, blo
     """Displacement for good, m; infinite if the object was lost."""
     s = held.copy()
     s[contact.TAP_DIRECTION] = DIRECTIONS[blow.direction]
-    s[[contact.TAP_START_S, contact.TAP_S, contact.TAP_NS]] = (
-        SETTLE_S, blow.duration_s, blow.impulse_ns,
+    s[[contact.TAP_START_S, contact.TAP_S, contact.TAP_N_S]] = (
+        SETTLE_S, blow.duration_s, blow.impulse_n_s,
     )  # fmt: skip
-    s[[contact.FOLLOW_S, contact.FOLLOW_NS]] = blow.follow_s, blow.follow_ns
+    s[[contact.FOLLOW_S, contact.FOLLOW_N_S]] = blow.follow_s, blow.follow_n_s
     contact.advance(p, s, SETTLE_S, AFTER_S, hand.step_s, 0.0, 0.0, 0.0, travel, travel)
     if s[contact.NORMAL] <= 0.0:
         return math.inf

@@ -33,7 +33,7 @@ UNMOVED = frozenset({TapOutcome.UNMOVED_QUIET, TapOutcome.UNMOVED_REGISTERED})
 UNSTRUCK = frozenset({TapOutcome.NEVER_NOMINAL, TapOutcome.FAULT})
 
 
-class Motion(msgspec.Struct, frozen=True, kw_only=True):
+class ObjectMotion(msgspec.Struct, frozen=True, kw_only=True):
     """What a blow did: seen by the world, or felt by the fingertips and read off the tape mark.
 
     Times in seconds; ``from_s`` and ``until_s``: gross slip, None where there was none.
@@ -51,7 +51,7 @@ class Motion(msgspec.Struct, frozen=True, kw_only=True):
 class TapFacts(msgspec.Struct, frozen=True, kw_only=True):
     """What a verdict is drawn from. ``motion`` is None when no blow was struck."""
 
-    motion: Motion | None
+    motion: ObjectMotion | None
     alarms: Sequence[Alarm]
     watched_until_s: float
     own_peak_n: float | None  # before the blow: what the hand did by itself
@@ -80,7 +80,7 @@ def verdict(facts: TapFacts, settings: TapScoringSettings) -> TapOutcome:
 
 
 def _timely(
-    facts: TapFacts, motion: Motion, registered_s: float, settings: TapScoringSettings
+    facts: TapFacts, motion: ObjectMotion, registered_s: float, settings: TapScoringSettings
 ) -> TapOutcome:
     if registered_s > first_motion_s(motion) + settings.register_s:
         return TapOutcome.LATE
@@ -91,12 +91,12 @@ def _timely(
     return TapOutcome.REGISTERED
 
 
-def first_motion_s(motion: Motion) -> float:
+def first_motion_s(motion: ObjectMotion) -> float:
     """First instant of gross slip; the blow itself where creep alone added up."""
     return motion.struck_s if motion.from_s is None else motion.from_s
 
 
-def last_motion_s(motion: Motion) -> float:
+def last_motion_s(motion: ObjectMotion) -> float:
     return motion.struck_s if motion.until_s is None else motion.until_s
 
 

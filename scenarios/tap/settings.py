@@ -25,7 +25,7 @@ class TapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
             "move it, too weak to knock it out (paper, section V-B); assumed, 2-20 mm",
         ),
     ] = 0.007
-    impulse_ns: Annotated[
+    impulse_n_s: Annotated[
         float,
         Meta(
             ge=0.0,

@@ -10,7 +10,7 @@ from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios.rigs.config import RunConfig
 from scenarios.tap.mallet import Swing
-from scenarios.tap.scoring import Motion
+from scenarios.tap.scoring import ObjectMotion
 from scenarios.tap.settings import TapSettings
 from scenarios.trial.result import Alarm
 from scenarios.world.cell import Blow, Truth
@@ -34,8 +34,8 @@ class Operator(Protocol):
 class Striker(Protocol):
     """Delivers a blow and finds out what it moved."""
 
-    motion: Motion | None
-    impulse_ns: float | None
+    motion: ObjectMotion | None
+    impulse_n_s: float | None
 
     def before(self, tick: Tick) -> None:
         """A tick before the blow."""
@@ -52,8 +52,8 @@ class WorldStrikes:
     """The world delivers the blow and measures what it did."""
 
     def __init__(self, tap: Callable[[Blow], None], swing: Swing, settings: TapSettings) -> None:
-        self.motion: Motion | None = None
-        self.impulse_ns: float | None = swing.impulse_ns
+        self.motion: ObjectMotion | None = None
+        self.impulse_n_s: float | None = swing.impulse_n_s
         self._tap, self._swing, self._watch_s = tap, swing, settings.watch_s
         self._at_s = 0.0
         self._rest: Truth | None = None
@@ -75,7 +75,7 @@ class WorldStrikes:
         down_m = truth.slip_distance_m - rest.slip_distance_m
         across_m = truth.across_m - rest.across_m
         struck_s = self._at_s if truth.struck_s is None else truth.struck_s
-        self.motion = Motion(
+        self.motion = ObjectMotion(
             struck_s=struck_s, from_s=truth.moved_from_s, until_s=truth.moved_until_s,
             displacement_m=math.hypot(down_m, across_m), held=truth.touched,
             down_m=down_m, across_m=across_m,
@@ -91,8 +91,8 @@ class PersonStrikes:
     """
 
     def __init__(self, operator: Operator, direction: str, config: RunConfig) -> None:
-        self.motion: Motion | None = None
-        self.impulse_ns: float | None = None  # nobody knows
+        self.motion: ObjectMotion | None = None
+        self.impulse_n_s: float | None = None  # nobody knows
         self._operator, self._direction = operator, direction
         self._settings, self._period_s = config.tap, config.loop.period_s
         self._last: np.ndarray[tuple[int, ...], np.dtype[np.int16]] | None = None
@@ -150,7 +150,7 @@ class PersonStrikes:
             self._operator.say(f"{line.strip()!r} is no length: 0 to {MOST_MM:g} mm, or l for lost")
             return False
         struck_s = self._asked_s if self._felt_s is None else self._felt_s
-        self.motion = Motion(
+        self.motion = ObjectMotion(
             struck_s=struck_s, from_s=struck_s, until_s=struck_s + self._settings.motion_bound_s,
             displacement_m=moved_mm * 1e-3, held=not lost,
         )  # fmt: skip
@@ -172,13 +172,13 @@ class TapSequence:
         self._struck = False
 
     @property
-    def motion(self) -> Motion | None:
+    def motion(self) -> ObjectMotion | None:
         return self._striker.motion
 
     @property
-    def impulse_ns(self) -> float | None:
+    def impulse_n_s(self) -> float | None:
         """Of the blow, N s; None when nobody knows it or none was struck."""
-        return self._striker.impulse_ns if self._struck else None
+        return self._striker.impulse_n_s if self._struck else None
 
     def take(self, tick: Tick, truth: Truth | None) -> None:
         """Take one tick; truth is None on hardware."""

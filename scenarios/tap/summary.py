@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 import msgspec
 import numpy as np
 
-from scenarios.tap.scoring import UNMOVED, Motion, TapFacts, TapOutcome, verdict
+from scenarios.tap.scoring import UNMOVED, ObjectMotion, TapFacts, TapOutcome, verdict
 from scenarios.tap.settings import TapScoringSettings
 from scenarios.trial.result import Spread, TapResult
 
@@ -67,7 +67,7 @@ def verdict_again(result: TapResult, settings: TapScoringSettings) -> TapOutcome
         TapOutcome.KNOCKED_OUT, TapOutcome.OVER_FORCE, TapOutcome.FAULT,
     ):  # fmt: skip
         return TapOutcome(result.outcome)
-    motion = Motion(
+    motion = ObjectMotion(
         struck_s=result.struck_s, from_s=result.slip_onset_s, until_s=result.slip_end_s,
         displacement_m=result.displacement_m or 0.0,
     )  # fmt: skip

@@ -21,7 +21,7 @@ from scenarios.tap.mallet import direction_of, mallet_speed_mps, swing
 from scenarios.tap.scoring import (
     UNMOVED,
     UNSTRUCK,
-    Motion,
+    ObjectMotion,
     TapFacts,
     TapOutcome,
     first_motion_s,
@@ -220,7 +220,7 @@ def judge(config: RunConfig, seed: int, trial: TapTrial, recording: Path | None)
     again_s = (
         nominal_again_s(facts, last_motion_s(motion), config.tap_scoring.stay_s) if motion else None
     )
-    impulse_ns = trial.sequence.impulse_ns
+    impulse_n_s = trial.sequence.impulse_n_s
     return TapResult(
         scenario=SCENARIO,
         object=config.object.name,
@@ -234,8 +234,8 @@ def judge(config: RunConfig, seed: int, trial: TapTrial, recording: Path | None)
         displacement_m=motion.displacement_m if motion else None,
         down_m=motion.down_m if motion else None,
         across_m=motion.across_m if motion else None,
-        impulse_ns=impulse_ns,
-        mallet_mps=mallet_speed_mps(config, impulse_ns) if impulse_ns is not None else None,
+        impulse_n_s=impulse_n_s,
+        mallet_mps=mallet_speed_mps(config, impulse_n_s) if impulse_n_s is not None else None,
         struck_s=motion.struck_s if motion else None,
         slip_onset_s=motion.from_s if motion else None,
         slip_end_s=motion.until_s if motion else None,
@@ -260,7 +260,7 @@ def judge(config: RunConfig, seed: int, trial: TapTrial, recording: Path | None)
 
 
 def _calm_ms(
-    motion: Motion | None, registered_s: float | None, again_s: float | None
+    motion: ObjectMotion | None, registered_s: float | None, again_s: float | None
 ) -> float | None:
     if motion is None or registered_s is None:
         return None

@@ -76,14 +76,14 @@ class EmulatedGripper:
         self.host, self.port = emulator.address
 
     def fault(self, name: str, *, after_s: float = 0.0, **arguments: Any) -> None:
-        """Plan trouble for coming requests: a name of ``Trouble``, arguments of ``Fault``.
+        """Plan trouble for coming requests: a name of ``Trouble``, arguments of ``WireFault``.
 
         Raises ValueError for an unknown name, TypeError for an unknown argument.
         """
-        from drivers.robotiq.emulator.tcp import Fault, Trouble  # noqa: PLC0415
+        from drivers.robotiq.emulator.tcp import Trouble, WireFault  # noqa: PLC0415
 
         from_ns = time.monotonic_ns() + round(after_s * 1e9)
-        self.emulator.faults.add(Fault(trouble=Trouble(name), from_ns=from_ns, **arguments))
+        self.emulator.faults.add(WireFault(trouble=Trouble(name), from_ns=from_ns, **arguments))
 
 
 class EmulatedBoard:
@@ -189,7 +189,7 @@ def _some_address() -> str:
     return "127." + ".".join(str(random.randint(2, 254)) for _ in range(3))
 
 
-class EmulatedCell:
+class CellFixture:
     """Gripper, board and arm around one simulated object, in a process of their own."""
 
     def __init__(self, process: "CellProcess") -> None:
@@ -255,11 +255,11 @@ def emulated_cell_settings() -> tuple[str, ...]:
 
 
 @pytest.fixture
-def emulated_cell(emulated_cell_settings: tuple[str, ...]) -> Iterator[EmulatedCell]:
+def emulated_cell(emulated_cell_settings: tuple[str, ...]) -> Iterator[CellFixture]:
     """All three devices around one can, in one process, each on a real wire."""
     from scenarios.rigs.config import load_config  # noqa: PLC0415
     from scenarios.rigs.wired import cell_process  # noqa: PLC0415
 
     config = load_config("can", "emulated", "energy", None, emulated_cell_settings)
     with cell_process(config, seed=0) as process:
-        yield EmulatedCell(process)
+        yield CellFixture(process)

@@ -97,7 +97,7 @@ class TapResult(msgspec.Struct, frozen=True, kw_only=True):
     displacement_m: float | None
     down_m: float | None
     across_m: float | None
-    impulse_ns: float | None
+    impulse_n_s: float | None
     mallet_mps: float | None
     struck_s: float | None
     slip_onset_s: float | None

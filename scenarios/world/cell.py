@@ -50,10 +50,10 @@ class Blow(msgspec.Struct, frozen=True, kw_only=True):
     thumb. Struck ``delay_s`` from now.
     """
 
-    impulse_ns: Annotated[float, Meta(ge=0.0, le=5.0)]
+    impulse_n_s: Annotated[float, Meta(ge=0.0, le=5.0)]
     duration_s: Annotated[float, Meta(gt=0.0, le=0.2)]
     direction: Literal["top", "side", "closing"] = "top"
-    follow_ns: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.0
+    follow_n_s: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.0
     follow_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     delay_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
 
@@ -122,8 +122,8 @@ class SimulatedCell:
         s = self._state
         s[contact.TAP_DIRECTION] = DIRECTIONS[blow.direction]
         s[contact.TAP_START_S] = (self._now_ns - self._start_ns) * 1e-9 + blow.delay_s
-        s[contact.TAP_S], s[contact.TAP_NS] = blow.duration_s, blow.impulse_ns
-        s[contact.FOLLOW_S], s[contact.FOLLOW_NS] = blow.follow_s, blow.follow_ns
+        s[contact.TAP_S], s[contact.TAP_N_S] = blow.duration_s, blow.impulse_n_s
+        s[contact.FOLLOW_S], s[contact.FOLLOW_N_S] = blow.follow_s, blow.follow_n_s
         s[contact.MOVED_FROM_S] = s[contact.MOVED_UNTIL_S] = contact.NOT_YET
 
     def advance(self, now_ns: int) -> None:

@@ -37,8 +37,8 @@ Floats = NDArray[np.float64]
 HEIGHT, SPEED, SLIP, LATERAL, ONSET_S, SLIP_SPEED = 0, 1, 2, 3, 4, 5
 STRETCH, RELAXED, NORMAL, SHEAR, SLIDING, PEAK = 6, 9, 12, 15, 18, 21
 SLOPE, ONSET_FORCE, RISE_S, PRESENT = 24, 25, 26, 27
-TAP_START_S, TAP_S, TAP_NS = 28, 29, 30  # a half-sine pulse on the object
-TAP_DIRECTION, FOLLOW_S, FOLLOW_NS = 31, 32, 33  # and a longer one: the hand follows through
+TAP_START_S, TAP_S, TAP_N_S = 28, 29, 30  # a half-sine pulse on the object
+TAP_DIRECTION, FOLLOW_S, FOLLOW_N_S = 31, 32, 33  # and a longer one: the hand follows through
 MOVED_FROM_S, MOVED_UNTIL_S = 34, 35  # gross slip since the last blow: first and last instant
 ACROSS, ACROSS_SPEED, STRETCH_ACROSS = 36, 37, 38
 STATE_SIZE = STRETCH_ACROSS + FINGERS
@@ -320,21 +320,21 @@ def _potential(
 
 
 @njit(cache=True)
-def _half_sine(since_s: float, duration_s: float, impulse_ns: float) -> float:
+def _half_sine(since_s: float, duration_s: float, impulse_n_s: float) -> float:
     phase = since_s / duration_s if duration_s > 0.0 else -1.0
     if phase <= 0.0 or phase >= 1.0:
         return 0.0
-    force: float = 0.5 * math.pi * impulse_ns / duration_s * math.sin(math.pi * phase)
+    force: float = 0.5 * math.pi * impulse_n_s / duration_s * math.sin(math.pi * phase)
     return force
 
 
 @njit(cache=True)
 def tap_force(s: Floats, t_s: float) -> float:
-    """Force, N, of the mallet at time t_s: a half sine that carries TAP_NS in all, then a longer
-    one of FOLLOW_NS while the hand follows through."""
+    """Force, N, of the mallet at time t_s: a half sine that carries TAP_N_S in all, then a longer
+    one of FOLLOW_N_S while the hand follows through."""
     since = t_s - s[TAP_START_S]
-    return _half_sine(since, s[TAP_S], s[TAP_NS]) + _half_sine(
-        since - s[TAP_S], s[FOLLOW_S], s[FOLLOW_NS]
+    return _half_sine(since, s[TAP_S], s[TAP_N_S]) + _half_sine(
+        since - s[TAP_S], s[FOLLOW_S], s[FOLLOW_N_S]
     )
 
 

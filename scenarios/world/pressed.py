@@ -97,9 +97,9 @@ class PressedPad:
         self._knock = (math.inf, 1.0, 0.0)  # start, duration, impulse
         self.normal_n = 0.0
 
-    def knock(self, impulse_ns: float, duration_s: float) -> None:
+    def knock(self, impulse_n_s: float, duration_s: float) -> None:
         """Something strikes the table now: a half sine added to the load, sideways nothing."""
-        self._knock = (self._t_s, duration_s, impulse_ns)
+        self._knock = (self._t_s, duration_s, impulse_n_s)
 
     def advance(
         self, t_s: float, position_m: tuple[float, float, float], angle_rad: float, moving: bool
@@ -136,11 +136,11 @@ class PressedPad:
         )  # fmt: skip
 
     def _struck(self, t_s: float) -> float:
-        start_s, duration_s, impulse_ns = self._knock
+        start_s, duration_s, impulse_n_s = self._knock
         phase = (t_s - start_s) / duration_s
         if not 0.0 < phase < 1.0:
             return 0.0
-        return 0.5 * math.pi * impulse_ns / duration_s * math.sin(math.pi * phase)
+        return 0.5 * math.pi * impulse_n_s / duration_s * math.sin(math.pi * phase)
 
 
 def _touched(surface: FixedSurface) -> Surface:

@@ -15,7 +15,7 @@ from detector.recordings import write  # noqa: E402
 from detector.scores.evaluation import evaluate_streams, stream, stream_recordings  # noqa: E402
 from detector.training.augment import SYMMETRIES, augment  # noqa: E402
 from detector.training.export import export  # noqa: E402
-from detector.training.fit import BadCheckpoint, Progress, Training  # noqa: E402
+from detector.training.fit import BadCheckpoint, Training, TrainingProgress  # noqa: E402
 from detector.training.sequences import Windows, crops, digest, fingers_of  # noqa: E402
 from detector.training.settings import DEFAULTS, TrainSettings  # noqa: E402
 from detector.training.validation import calibration, likelihood, odds_of  # noqa: E402
@@ -35,7 +35,7 @@ def training(name: str = "tcn", **changes: object) -> Training:
     return Training(name, settings, TRAIN, VALIDATION, digest(TRAIN))
 
 
-def ignore(progress: Progress) -> None:
+def ignore(progress: TrainingProgress) -> None:
     """No one watches."""
 
 
@@ -59,7 +59,7 @@ def test_an_interrupted_training_ends_as_one_that_was_not(name: str, tmp_path: P
     whole = training(name)
     whole.run(5.0, None, ignore)
 
-    def interrupt(progress: Progress) -> None:
+    def interrupt(progress: TrainingProgress) -> None:
         if progress.step == 17:
             raise KeyboardInterrupt
 

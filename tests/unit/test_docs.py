@@ -5,7 +5,7 @@ from pathlib import Path
 
 from grasp.phases import mermaid
 from grasp.settings import names
-from scenarios.lift.scoring import Outcome
+from scenarios.lift.scoring import LiftOutcome
 from scenarios.rigs.config import load_config
 from scenarios.tap.scoring import TapOutcome
 
@@ -24,7 +24,7 @@ def test_state_diagram_is_the_one_of_the_table() -> None:
 
 def test_every_outcome_is_explained() -> None:
     text = read("docs/data-formats.md")
-    assert [o for o in Outcome if f"`{o.value}`" not in text] == []
+    assert [o for o in LiftOutcome if f"`{o.value}`" not in text] == []
 
 
 def test_every_outcome_of_a_tap_is_explained() -> None:

@@ -22,7 +22,7 @@ class Trouble(Enum):
     DEVICE_FAULT = "device_fault"  # the hand shows fault ``code`` from the next refresh on
 
 
-class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class WireFault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One planned trouble: whom it hits is the conjunction of its conditions."""
 
     trouble: Trouble
@@ -42,7 +42,7 @@ class Fault(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 
 class _Planned:
-    def __init__(self, fault: Fault) -> None:
+    def __init__(self, fault: WireFault) -> None:
         self.fault = fault
         self.skip = fault.skip
         self.left = fault.times
@@ -58,14 +58,14 @@ class _Planned:
         return True
 
 
-class Faults:
+class WireFaults:
     """The plan. Any thread may add to it; a request takes the first fault that hits it."""
 
     def __init__(self) -> None:
         self._planned: list[_Planned] = []
         self._lock = threading.Lock()
 
-    def add(self, fault: Fault) -> None:
+    def add(self, fault: WireFault) -> None:
         with self._lock:
             self._planned.append(_Planned(fault))
 
@@ -73,7 +73,7 @@ class Faults:
         with self._lock:
             self._planned.clear()
 
-    def take(self, function: int, now_ns: int) -> Fault | None:
+    def take(self, function: int, now_ns: int) -> WireFault | None:
         """The fault that hits a request, if any."""
         with self._lock:
             for planned in self._planned:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Final, Self
 
-from drivers.robotiq.emulator.faults import Fault, Faults, Trouble, damaged
+from drivers.robotiq.emulator.faults import Trouble, WireFault, WireFaults, damaged
 from drivers.robotiq.emulator.pdu import Guard, RtuGripper, Unanswerable
 from drivers.robotiq.emulator.tcp import OnFrame, hand_of
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
@@ -63,7 +63,7 @@ class RtuEmulator:
         on_frame: OnFrame | None = None,
     ) -> None:
         self.hand = hand_of(model, clock, lock, advance)
-        self.faults = Faults()
+        self.faults = WireFaults()
         self.port = ""
         self.requests = 0
         self._gripper = RtuGripper(self.hand)
@@ -138,7 +138,7 @@ class RtuEmulator:
         elif fault.trouble not in (Trouble.DISCONNECT, Trouble.EXCEPTION):
             self._hit(frame, fault)
 
-    def _hit(self, frame: bytes, fault: Fault) -> None:
+    def _hit(self, frame: bytes, fault: WireFault) -> None:
         """Troubles of a request that is carried out all the same; the line waits meanwhile."""
         if fault.trouble is Trouble.FREEZE:
             self._stopping.wait(fault.seconds)

@@ -14,12 +14,12 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Any, Final, Self
 
-from drivers.robotiq.emulator.faults import Fault, Faults, Trouble, damaged
+from drivers.robotiq.emulator.faults import Trouble, WireFault, WireFaults, damaged
 from drivers.robotiq.emulator.pdu import Guard, Hand, TcpGripper, Unanswerable
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from drivers.robotiq.protocol import AxisCommand, CommandRegisters
 
-__all__ = ["Fault", "Faults", "GripperEmulator", "Hand", "Trouble"]
+__all__ = ["GripperEmulator", "Hand", "Trouble", "WireFault", "WireFaults"]
 
 _HEADER: Final = 7  # transaction, protocol, length, unit
 _LONGEST: Final = 254  # unit and request
@@ -139,7 +139,7 @@ class GripperEmulator:
         on_frame: OnFrame | None = None,
     ) -> None:
         self.hand = hand_of(model, clock, lock, advance)
-        self.faults = Faults()
+        self.faults = WireFaults()
         self.address = (host, port)
         self.requests = 0
         self._gripper = TcpGripper(self.hand)
@@ -294,7 +294,7 @@ class GripperEmulator:
             self._hit(frame, fault, connection)
         return True
 
-    def _hit(self, frame: bytes, fault: Fault, connection: _Connection) -> None:
+    def _hit(self, frame: bytes, fault: WireFault, connection: _Connection) -> None:
         """Troubles of a request that is carried out all the same."""
         if fault.trouble is Trouble.DEVICE_FAULT:
             self.hand.inject_fault(fault.code)

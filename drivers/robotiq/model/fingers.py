@@ -32,7 +32,7 @@ class FingerLoads(msgspec.Struct, frozen=True):
 FREE: Final = FingerLoads(np.zeros(FINGERS), np.zeros(FINGERS))
 
 
-class Motion(msgspec.Struct, frozen=True):
+class FingerMotion(msgspec.Struct, frozen=True):
     """A request on its way to the motors. ``retrigger``: rGTO rose, so it clears latches."""
 
     at_ns: int
@@ -115,7 +115,7 @@ class Fingers:
             return axis.position > self.counts(i)
         return True
 
-    def execute(self, motion: Motion) -> None:
+    def execute(self, motion: FingerMotion) -> None:
         """Hand a request to the motors. Contact made since it was taken up latches it too."""
         if motion.stop:
             self.stop()

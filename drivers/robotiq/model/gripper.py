@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.robotiq.model.fingers import AT_TARGET, FREE, Axes, FingerLoads, Fingers, Motion
+from drivers.robotiq.model.fingers import AT_TARGET, FREE, Axes, FingerLoads, FingerMotion, Fingers
 from drivers.robotiq.model.hand import HandSettings
 from drivers.robotiq.model.motor import FINGERS, Scissor
 from drivers.robotiq.protocol import (
@@ -24,7 +24,7 @@ from drivers.robotiq.protocol import (
     AxisCommand,
     AxisStatus,
     CommandRegisters,
-    Link,
+    RegisterLink,
     Registers,
     StatusRegisters,
     to_bytes,
@@ -77,7 +77,7 @@ class GripperModel:
         self._phase_ns = round(settings.tick_phase_s * 1e9)
         self._latency_ns = round(settings.command_latency_s * 1e9)
         self._now_ns = now_ns
-        self._pending: deque[Motion] = deque()
+        self._pending: deque[FingerMotion] = deque()
         self._scissor = Scissor(_SCISSOR_OF_MODE[0], settings.scissor_speed_counts_ps)
         self._command = CommandRegisters(activate=active)
         self._written = self._taken_up = self._command.to_bytes()
@@ -229,12 +229,12 @@ class GripperModel:
         for third, counts in enumerate((0, FULL_BYTE, 0)):
             at_ns = now_ns + round(third * duration_s / 3 * 1e9)
             axes = _all_to(counts, FULL_BYTE)
-            self._pending.append(Motion(at_ns, axes, to_stops=third < 2))
+            self._pending.append(FingerMotion(at_ns, axes, to_stops=third < 2))
 
     def _change_mode(self, now_ns: int) -> None:
         """Fingers open first, so that the scissor meets nothing."""
         self._pending.clear()
-        self._pending.append(Motion(now_ns, _all_to(0, FULL_BYTE)))
+        self._pending.append(FingerMotion(now_ns, _all_to(0, FULL_BYTE)))
         self._mode = self._command.mode
         self._going = False
         self._scissor.go(_SCISSOR_OF_MODE[self._mode], now_ns)
@@ -242,7 +242,7 @@ class GripperModel:
 
     def _release(self, now_ns: int) -> None:
         self._halt(Stage.RELEASING)
-        self._pending.append(Motion(now_ns, _all_to(0, 0), to_stops=True))
+        self._pending.append(FingerMotion(now_ns, _all_to(0, 0), to_stops=True))
         travel_m = float(self.travel_m.max())
         duration_s = travel_m / self.settings.least_speed_mps + 4 * self.settings.speed_lag_s
         self._enter(Stage.RELEASING, now_ns, duration_s)
@@ -270,13 +270,13 @@ class GripperModel:
         if command.go_to:
             self._pending.append(self._request(at_ns, rises=not was_going))
         elif was_going:
-            self._pending.append(Motion(at_ns, self._requested(), stop=True))
+            self._pending.append(FingerMotion(at_ns, self._requested(), stop=True))
 
-    def _request(self, at_ns: int, *, rises: bool) -> Motion:
+    def _request(self, at_ns: int, *, rises: bool) -> FingerMotion:
         axes = self._requested()
         a, b, c = (self._sets_going(i, axis, rises) for i, axis in enumerate(axes))
         self._targets = [axis.position for axis in axes]
-        return Motion(at_ns, axes, (a, b, c), rises)
+        return FingerMotion(at_ns, axes, (a, b, c), rises)
 
     def _sets_going(self, i: int, axis: AxisCommand, rises: bool) -> bool:
         """Whether a request starts finger ``i``; a new speed alone does not (manual p. 36)."""
@@ -345,7 +345,7 @@ def _stopped(*detections: int) -> int:
 class ModelTransport:
     """Registers of a model in this process, as a driver's transport."""
 
-    def __init__(self, model: GripperModel, link: Link = TCP) -> None:
+    def __init__(self, model: GripperModel, link: RegisterLink = TCP) -> None:
         self._model = model
         self._link = link
 

@@ -18,7 +18,7 @@ import usb.backend
 import usb.core
 
 from drivers.takktile.emulator import hop
-from drivers.takktile.emulator.hop import Listed, Op, Reply, Request
+from drivers.takktile.emulator.hop import HopReply, HopRequest, Listed, Op
 
 _CONNECT_S = 5.0
 _GRACE_S = 5.0  # beyond a transfer's own time-out: then the server is gone
@@ -63,7 +63,7 @@ class _Connection:
             raise _usb_error(errno.ENODEV) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
-    def ask(self, request: Request) -> bytes:
+    def ask(self, request: HopRequest) -> bytes:
         """Data of the reply; a server that is gone is a device that is gone."""
         try:
             with self._lock:
@@ -71,7 +71,7 @@ class _Connection:
                 endless = request.op in (Op.BULK_READ, Op.BULK_WRITE) and not request.timeout_ms
                 self._socket.settimeout(None if endless else limit_s)
                 hop.send(self._socket, request)
-                reply = hop.receive(self._socket, Reply)
+                reply = hop.receive(self._socket, HopReply)
         except OSError as error:
             raise _usb_error(errno.ENODEV) from error
         if reply.errno:
@@ -90,7 +90,7 @@ class _Handle:
     def __init__(self, address: tuple[str, int], board: Listed) -> None:
         self._control = _Connection(address)
         try:
-            opened = self._control.ask(Request(Op.OPEN, index=board.plugs))
+            opened = self._control.ask(HopRequest(Op.OPEN, index=board.plugs))
             self._number = hop.decode(opened, int)
             self._bulk = _Connection(address)
         except BaseException:
@@ -99,11 +99,11 @@ class _Handle:
 
     def ask(self, op: Op, **fields: int) -> bytes:
         connection = self._bulk if op in (Op.BULK_READ, Op.BULK_WRITE) else self._control
-        return connection.ask(Request(op, self._number, **fields))
+        return connection.ask(HopRequest(op, self._number, **fields))
 
     def close(self) -> None:
         with contextlib.suppress(usb.core.USBError):  # it may be gone already
-            self._control.ask(Request(Op.CLOSE, self._number))
+            self._control.ask(HopRequest(Op.CLOSE, self._number))
         self._control.close()
         self._bulk.close()
 
@@ -126,7 +126,7 @@ class EmulatedBus(usb.backend.IBackend):  # type: ignore[misc] # pyusb has no ty
         except usb.core.USBError:
             return iter(())
         try:
-            return iter(hop.decode(connection.ask(Request(Op.LIST)), list[Listed]))
+            return iter(hop.decode(connection.ask(HopRequest(Op.LIST)), list[Listed]))
         finally:
             connection.close()
 

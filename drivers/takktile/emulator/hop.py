@@ -32,7 +32,7 @@ class Op(IntEnum):
     RESET = 11
 
 
-class Request(msgspec.Struct, frozen=True, array_like=True):
+class HopRequest(msgspec.Struct, frozen=True, array_like=True):
     """One operation; fields that it does not use are zero."""
 
     op: Op
@@ -45,7 +45,7 @@ class Request(msgspec.Struct, frozen=True, array_like=True):
     timeout_ms: int = 0  # 0: none
 
 
-class Reply(msgspec.Struct, frozen=True, array_like=True):
+class HopReply(msgspec.Struct, frozen=True, array_like=True):
     """``errno`` as a USB host would report it; 0 is success."""
 
     errno: int

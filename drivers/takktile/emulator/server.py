@@ -20,7 +20,7 @@ from typing import Any, Self
 from drivers.takktile import protocol
 from drivers.takktile.emulator import descriptors, hop
 from drivers.takktile.emulator.bus import backend
-from drivers.takktile.emulator.hop import Op, Reply, Request
+from drivers.takktile.emulator.hop import HopReply, HopRequest, Op
 from drivers.takktile.model import BoardModel, Hung, Stall, Unplugged
 
 __all__ = ["BoardServer", "backend"]
@@ -120,7 +120,7 @@ class BoardServer:
         opened: list[int] = []  # handles, which end with this connection
         try:
             while True:
-                request = hop.receive(connection, Request)
+                request = hop.receive(connection, HopRequest)
                 hop.send(connection, self._answer(request, connection, opened))
         except OSError:
             pass
@@ -130,26 +130,26 @@ class BoardServer:
                     self._forget(handle)
             connection.close()
 
-    def _answer(self, r: Request, connection: socket.socket, opened: list[int]) -> Reply:
+    def _answer(self, r: HopRequest, connection: socket.socket, opened: list[int]) -> HopReply:
         try:
             match r.op:
                 case Op.OPEN:
                     opened.append(self._open(r.index))
-                    return Reply(0, hop.encode(opened[-1]))
+                    return HopReply(0, hop.encode(opened[-1]))
                 case Op.CONTROL:
-                    return Reply(0, self._control(r, connection))
+                    return HopReply(0, self._control(r, connection))
                 case Op.BULK_READ:
-                    return Reply(0, self._bulk_read(r, connection))
+                    return HopReply(0, self._bulk_read(r, connection))
                 case Op.BULK_WRITE:
                     self._bulk_write(r, connection)
             with self._lock:
-                return Reply(0, self._manage(r))
+                return HopReply(0, self._manage(r))
         except _Failure as failure:
-            return Reply(failure.code)
+            return HopReply(failure.code)
         except Unplugged:
-            return Reply(errno.ENODEV)
+            return HopReply(errno.ENODEV)
         except Stall:
-            return Reply(errno.EPIPE)
+            return HopReply(errno.EPIPE)
 
     def _open(self, plugs: int) -> int:
         with self._lock:
@@ -159,7 +159,7 @@ class BoardServer:
             self._handles[handle] = plugs
             return handle
 
-    def _manage(self, r: Request) -> bytes:
+    def _manage(self, r: HopRequest) -> bytes:
         """What needs no transfer to the board."""
         if r.op is Op.LIST:
             return hop.encode(self._listed())
@@ -220,7 +220,7 @@ class BoardServer:
         if self._claimed():  # usbfs refuses it to the owner too
             raise _Failure(errno.EBUSY)
 
-    def _control(self, r: Request, connection: socket.socket) -> bytes:
+    def _control(self, r: HopRequest, connection: socket.socket) -> bytes:
         if r.request_type != protocol.REQUEST_TYPE:
             with self._lock:
                 self._reach(r.handle)
@@ -236,7 +236,7 @@ class BoardServer:
             self._time_out(r, connection)
             raise _Failure(errno.ETIMEDOUT) from None
 
-    def _bulk_read(self, r: Request, connection: socket.socket) -> bytes:
+    def _bulk_read(self, r: HopRequest, connection: socket.socket) -> bytes:
         """One pending read: blocks until the board has a frame or the time-out has passed."""
         if r.request_type != protocol.ENDPOINT_IN:
             raise _Failure(errno.ENOENT)
@@ -259,7 +259,7 @@ class BoardServer:
                 raise _Failure(errno.ETIMEDOUT)
             _wait(connection, next_ns - now_ns)
 
-    def _bulk_write(self, r: Request, connection: socket.socket) -> None:
+    def _bulk_write(self, r: HopRequest, connection: socket.socket) -> None:
         """The firmware never takes anything: the write is not acknowledged until it times out."""
         with self._lock:
             self._reach(r.handle)
@@ -267,7 +267,7 @@ class BoardServer:
         self._time_out(r, connection)
         raise _Failure(errno.ETIMEDOUT)
 
-    def _time_out(self, r: Request, connection: socket.socket) -> None:
+    def _time_out(self, r: HopRequest, connection: socket.socket) -> None:
         give_up_ns = self._give_up_ns(r)
         while True:
             with self._lock:
@@ -277,7 +277,7 @@ class BoardServer:
                 return
             _wait(connection, give_up_ns - now_ns)
 
-    def _give_up_ns(self, r: Request) -> int:
+    def _give_up_ns(self, r: HopRequest) -> int:
         with self._lock:
             return self._clock() + r.timeout_ms * 1_000_000 if r.timeout_ms else 1 << 62
 

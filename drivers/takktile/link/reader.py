@@ -1,4 +1,4 @@
-"""Fingertips read with a transfer always pending: the youngest samples that the board can give.
+"""FrameAssembly read with a transfer always pending: the youngest samples that the board can give.
 
 A poll every 10 ms gets frames 10 ms old, because the board converts after each read. A pending read
 drains each frame the moment it is ready, at about 200 Hz; every tick takes the newest.
@@ -13,7 +13,7 @@ import msgspec
 
 from drivers.interfaces import TactileFrame
 from drivers.takktile.board import Codes, Missed
-from drivers.takktile.fingertips import Fingertips
+from drivers.takktile.fingertips import FrameAssembly
 from drivers.takktile.link.receiver import Connect, Receiver
 from drivers.takktile.settings import TakkTileSettings
 
@@ -48,7 +48,7 @@ class TactileReader:
     ) -> None:
         self._clock = clock
         self._receiver = Receiver(connect, settings, clock)
-        self._fingertips = Fingertips(settings)
+        self._fingertips = FrameAssembly(settings)
         self._opens = 0
         self._decimated = 0
 

@@ -14,7 +14,7 @@ from typing import Protocol
 import msgspec
 
 from drivers.errors import DeviceFault, GraspError
-from drivers.takktile.board import Board, Link, Missed, Reading
+from drivers.takktile.board import Board, BoardLink, Missed, Reading
 from drivers.takktile.protocol import Layout
 from drivers.takktile.settings import TakkTileSettings
 
@@ -25,7 +25,7 @@ _LONGEST_PAUSE_S = 1.0
 _JOIN_S = 10.0  # several control requests to a hung board, each with its time-out
 
 
-class PendingLink(Link, Protocol):
+class PendingLink(BoardLink, Protocol):
     """A link whose ``bulk_read`` blocks until a frame comes; ``usb_link`` has one."""
 
     @property
@@ -39,7 +39,7 @@ class PendingLink(Link, Protocol):
 Connect = Callable[[str | None], PendingLink]  # by serial number; None: any board
 
 
-class Batch(msgspec.Struct, frozen=True):
+class Readings(msgspec.Struct, frozen=True):
     """What came since the batch before, oldest first, and how the link stands."""
 
     readings: list[Reading]
@@ -105,11 +105,11 @@ class Receiver:
             raise DeviceFault("a USB transfer of the tactile board does not end", "unplug it")
         self._thread = None
 
-    def take(self) -> Batch:
+    def take(self) -> Readings:
         with self._lock:
             readings = list(self._ring)
             self._ring.clear()
-            return Batch(readings, self._opens, self._error)
+            return Readings(readings, self._opens, self._error)
 
     def _run(self, board: Board) -> None:
         try:

@@ -8,7 +8,7 @@ arm off. States and bits: "RTDE Guide".
 from collections import deque
 from enum import IntEnum
 
-from drivers.ur.emulator.motion import Motion
+from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.rtde_wire import REGISTERS, Scalar, Values
 from drivers.ur.emulator.settings import EmulatorSettings
 from drivers.ur.emulator.urscript.builtins import BUILTINS
@@ -93,7 +93,7 @@ class Watchdog:
 class Controller:
     """One controller; ``step`` is one of its cycles."""
 
-    def __init__(self, settings: EmulatorSettings, motion: Motion, now_ns: int) -> None:
+    def __init__(self, settings: EmulatorSettings, motion: RobotMotion, now_ns: int) -> None:
         self.period_s = settings.controller.period_ns * 1e-9
         self.motion = motion
         self.registers = Registers()

@@ -33,7 +33,7 @@ class Links(Protocol):
     def freeze(self, seconds: float) -> None: ...
 
 
-class Request(msgspec.Struct, forbid_unknown_fields=True):
+class FaultRequest(msgspec.Struct, forbid_unknown_fields=True):
     """One line."""
 
     do: str
@@ -44,14 +44,14 @@ class Request(msgspec.Struct, forbid_unknown_fields=True):
     seconds: float = 0.0
 
 
-class Faults:
+class FaultChannel:
     """Carries out requests."""
 
     def __init__(self, controller: Controller, rtde: RtdeServer, links: Links) -> None:
         self._controller = controller
         self._rtde = rtde
         self._links = links
-        self._verbs: dict[str, Callable[[Request], None]] = {
+        self._verbs: dict[str, Callable[[FaultRequest], None]] = {
             "state": lambda request: None,
             "protective_stop": lambda request: controller.protective_stop(),
             "emergency_stop": lambda request: controller.emergency_stop(request.pressed),
@@ -66,7 +66,7 @@ class Faults:
 
     def answer(self, line: str) -> str:
         try:
-            request = msgspec.json.decode(line, type=Request)
+            request = msgspec.json.decode(line, type=FaultRequest)
             verb = self._verbs.get(request.do)
             if verb is None:
                 raise ValueError(f"unknown verb {request.do!r}")
@@ -90,15 +90,15 @@ class Faults:
             "messages": list(controller.messages)[-_SHOWN_MESSAGES:],
         }
 
-    def _remote_control(self, request: Request) -> None:
+    def _remote_control(self, request: FaultRequest) -> None:
         self._controller.remote_control = request.on
 
-    def _wrench(self, request: Request) -> None:
+    def _wrench(self, request: FaultRequest) -> None:
         if len(request.value) != 6 or not all(map(math.isfinite, request.value)):
             raise ValueError("a wrench is six finite numbers")
         self._controller.apply_wrench(tuple(request.value))
 
-    def _freeze(self, request: Request) -> None:
+    def _freeze(self, request: FaultRequest) -> None:
         if not 0.0 <= request.seconds <= _MAX_FREEZE_S:
             raise ValueError(f"seconds must be within 0 and {_MAX_FREEZE_S}")
         self._links.freeze(request.seconds)

@@ -26,7 +26,7 @@ _STEADY_NS = 500_000_000  # URScript manual: is_steady, standing still for 500 m
 _STANDING: Joints = (0.0,) * kinematics.JOINTS
 
 
-class Motion:
+class RobotMotion:
     """The arm as the controller sees it, renewed once per cycle by ``update``."""
 
     def __init__(

@@ -24,9 +24,9 @@ import msgspec
 
 from drivers.ur.emulator.controller import Controller
 from drivers.ur.emulator.dashboard import BANNER, Dashboard
-from drivers.ur.emulator.faults import Faults
+from drivers.ur.emulator.faults import FaultChannel
 from drivers.ur.emulator.fields import output_values
-from drivers.ur.emulator.motion import Motion
+from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer
 from drivers.ur.emulator.rtde_wire import PORT as RTDE_PORT
 from drivers.ur.emulator.settings import PROFILES, EmulatorSettings
@@ -60,7 +60,7 @@ class UrEmulator:
         self._start_ns = -(-time.monotonic_ns() // self._period_ns) * self._period_ns
         self._advance = advance
         self._frozen_until_ns = 0
-        motion = Motion(
+        motion = RobotMotion(
             settings,
             arm or _arm(settings, self._start_ns),
             lock or threading.Lock(),
@@ -69,7 +69,7 @@ class UrEmulator:
         self.controller = Controller(settings, motion, self._start_ns)
         self._rtde = RtdeServer(settings.controller)
         self._dashboard = Dashboard(settings, self.controller)
-        self._faults = Faults(self.controller, self._rtde, self)
+        self._faults = FaultChannel(self.controller, self._rtde, self)
         self._server = Server()
         try:
             self.fault_port = self._listen(settings)

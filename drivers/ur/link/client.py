@@ -15,7 +15,7 @@ from drivers.interfaces import Vector3
 from drivers.ur import kinematics
 from drivers.ur.link import messages
 from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, Pose, State
-from drivers.ur.link.preflight import Report, preflight, require
+from drivers.ur.link.preflight import PreflightReport, preflight, require
 from drivers.ur.link.supervisor import RECOVER, SEE_PENDANT, WorkerProcess
 from drivers.ur.model import ArmSample
 
@@ -89,7 +89,7 @@ class UrLink:
         self._stop_number: int | None = None
         self._stop_due_ns = 0
 
-    def connect(self) -> Report:
+    def connect(self) -> PreflightReport:
         """Pre-flight, then the worker; raises what ``require`` raises, LinkLost or DeviceFault."""
         self.close()
         s = self._settings
@@ -105,7 +105,7 @@ class UrLink:
             self._rotation = self._trusted.pose[3:]
         return report
 
-    def recover(self) -> Report:
+    def recover(self) -> PreflightReport:
         """Give up the present worker, whatever it does, and start over. Unlocks nothing."""
         if self._worker is not None:
             self._worker.kill()
@@ -162,11 +162,15 @@ class UrLink:
         axis = kinematics.rotation(state.pose[3:])[:, 2]
         wx, wy, wz = (spin_radps * axis).tolist()
         return self._start(
-            lambda number: messages.Drive(number, (*velocity_mps, wx, wy, wz), acceleration_mps2),
+            lambda number: messages.DriveArm(
+                number, (*velocity_mps, wx, wy, wz), acceleration_mps2
+            ),
             now_ns,
         )
 
-    def _start(self, motion: Callable[[int], messages.Move | messages.Drive], now_ns: int) -> bool:
+    def _start(
+        self, motion: Callable[[int], messages.Move | messages.DriveArm], now_ns: int
+    ) -> bool:
         process, state = self._live()
         if state.stopped_by_safety:
             return False

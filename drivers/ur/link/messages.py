@@ -53,7 +53,7 @@ class Move(Message, frozen=True):
     acceleration_mps2: float
 
 
-class Drive(Message, frozen=True):
+class DriveArm(Message, frozen=True):
     """Keep this velocity, m/s and rad/s in the base frame, until told otherwise."""
 
     number: int
@@ -84,7 +84,7 @@ class Leave(Message, frozen=True):
     """Brake, end the program, end the process."""
 
 
-Command = Move | Drive | Stop | SetPayload
+Command = Move | DriveArm | Stop | SetPayload
 Request = Setup | Command | Beat | Leave
 
 

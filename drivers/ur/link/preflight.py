@@ -33,7 +33,7 @@ _LONGEST_LINE = 1024
 _Result = TypeVar("_Result")
 
 
-class Check(msgspec.Struct, frozen=True):
+class PreflightCheck(msgspec.Struct, frozen=True):
     """One question and its answer; ``remedy`` is empty when there is nothing to do."""
 
     name: str
@@ -42,11 +42,11 @@ class Check(msgspec.Struct, frozen=True):
     remedy: str = ""
 
 
-class Report(msgspec.Struct, frozen=True):
+class PreflightReport(msgspec.Struct, frozen=True):
     """Everything that was asked; questions that hang on a failed one are left out."""
 
     host: str
-    checks: tuple[Check, ...]
+    checks: tuple[PreflightCheck, ...]
     version: Version | None = None
 
     @property
@@ -54,15 +54,15 @@ class Report(msgspec.Struct, frozen=True):
         return not self.failures
 
     @property
-    def failures(self) -> tuple[Check, ...]:
+    def failures(self) -> tuple[PreflightCheck, ...]:
         return tuple(check for check in self.checks if check.status == "fail")
 
     @property
-    def warnings(self) -> tuple[Check, ...]:
+    def warnings(self) -> tuple[PreflightCheck, ...]:
         return tuple(check for check in self.checks if check.status == "warn")
 
 
-def preflight(host: str, step_timeout_s: float = 2.0) -> Report:
+def preflight(host: str, step_timeout_s: float = 2.0) -> PreflightReport:
     """Ask everything; never raises on an unfit controller, and no step takes longer than told."""
     checks = [_address(host)]
     reachable = set()
@@ -80,10 +80,10 @@ def preflight(host: str, step_timeout_s: float = 2.0) -> Report:
         checks += found
     if DASHBOARD_PORT in reachable:
         checks += _ask_dashboard(host, version, step_timeout_s)
-    return Report(host, tuple(checks), version)
+    return PreflightReport(host, tuple(checks), version)
 
 
-def require(report: Report) -> None:
+def require(report: PreflightReport) -> None:
     """Raise for a report with failures: all of them in one message, by the gravest kind.
 
     LinkLost when something does not answer, DeviceFault when robot or safety state forbid motion,
@@ -109,17 +109,17 @@ _KINDS: dict[str, type[GraspError]] = {
 }
 
 
-def judge_version(version: Version) -> Check:
+def judge_version(version: Version) -> PreflightCheck:
     """Tested with 3.15 and 5.5 to 5.22; refused where the registers do not exist yet."""
     release, text = version[:2], ".".join(map(str, version))
     if release < (3, 4) or (4, 0) <= release < (5, 4):
         remedy = "update PolyScope to 3.15 (CB3) or to 5.5 or later (e-Series)"
-        return Check(
+        return PreflightCheck(
             "version", "fail", f"PolyScope {text} has no RTDE registers for ur_rtde", remedy
         )
     if release == (3, 15) or (5, 5) <= release <= (5, 22):
-        return Check("version", "ok", f"PolyScope {text}")
-    return Check(
+        return PreflightCheck("version", "ok", f"PolyScope {text}")
+    return PreflightCheck(
         "version",
         "warn",
         f"PolyScope {text} is untested",
@@ -127,10 +127,10 @@ def judge_version(version: Version) -> Check:
     )
 
 
-def _address(host: str) -> Check:
+def _address(host: str) -> PreflightCheck:
     if host not in _UNCHECKED_HOSTS:
-        return Check("address", "ok", host)
-    return Check(
+        return PreflightCheck("address", "ok", host)
+    return PreflightCheck(
         "address",
         "warn",
         f"at {host} ur_rtde does not check for remote control",
@@ -138,14 +138,14 @@ def _address(host: str) -> Check:
     )
 
 
-def _port(host: str, port: int, name: str, timeout_s: float) -> Check:
+def _port(host: str, port: int, name: str, timeout_s: float) -> PreflightCheck:
     what = f"{name} port {port}"
     try:
         socket.create_connection((host, port), timeout_s).close()
     except OSError as error:
         remedy = f"{CONNECT_AGAIN}; no firewall may stand before port {port}"
-        return Check(f"{name} port", "fail", f"{what}: {_reason(error)}", remedy)
-    return Check(f"{name} port", "ok", f"{what} open")
+        return PreflightCheck(f"{name} port", "fail", f"{what}: {_reason(error)}", remedy)
+    return PreflightCheck(f"{name} port", "ok", f"{what} open")
 
 
 def _reason(error: Exception) -> str:
@@ -204,18 +204,18 @@ def _receive(peer: socket.socket, count: int, deadline: float) -> bytes:
     return data
 
 
-def _ask_rtde(host: str, timeout_s: float) -> tuple[Version | None, list[Check]]:
+def _ask_rtde(host: str, timeout_s: float) -> tuple[Version | None, list[PreflightCheck]]:
     """Protocol, then version, then claims: each needs the one before."""
-    checks: list[Check] = []
+    checks: list[PreflightCheck] = []
     version = None
     try:
         with _Rtde(host, timeout_s) as rtde:
             (accepted,) = struct.unpack(">B", rtde.ask(b"V", struct.pack(">H", 2)))
             if accepted:
-                checks.append(Check("rtde protocol", "ok", "RTDE protocol version 2"))
+                checks.append(PreflightCheck("rtde protocol", "ok", "RTDE protocol version 2"))
             else:
                 detail, remedy = "RTDE protocol version 2 is refused", "update PolyScope"
-                return None, [Check("version", "fail", detail, remedy)]
+                return None, [PreflightCheck("version", "fail", detail, remedy)]
             numbers = struct.unpack(">4I", rtde.ask(b"v"))
             version = (numbers[0], numbers[1], numbers[2], numbers[3])
             checks.append(judge_version(version))
@@ -223,11 +223,11 @@ def _ask_rtde(host: str, timeout_s: float) -> tuple[Version | None, list[Check]]
                 checks.append(_claims(rtde, timeout_s))
     except (OSError, ValueError, struct.error) as error:
         detail = f"RTDE port {RTDE_PORT} answers no RTDE: {_reason(error)}"
-        checks.append(Check("rtde protocol", "fail", detail, CONNECT_AGAIN))
+        checks.append(PreflightCheck("rtde protocol", "fail", detail, CONNECT_AGAIN))
     return version, checks
 
 
-def _claims(rtde: _Rtde, timeout_s: float) -> Check:
+def _claims(rtde: _Rtde, timeout_s: float) -> PreflightCheck:
     """Ask for the registers; what is in use is asked for again while the step's time lasts."""
     deadline = time.monotonic() + timeout_s
     while True:
@@ -238,7 +238,7 @@ def _claims(rtde: _Rtde, timeout_s: float) -> Check:
             break
         time.sleep(_ASK_AGAIN_S)
     if taken:
-        return Check(
+        return PreflightCheck(
             "registers",
             "fail",
             f"RTDE input registers are in use by another client: {_shortened(taken)}",
@@ -248,8 +248,8 @@ def _claims(rtde: _Rtde, timeout_s: float) -> Check:
     missing = [name for name in _REGISTERS if answers.get(name, "NOT_FOUND") == "NOT_FOUND"]
     if missing:
         detail = f"the controller does not know {_shortened(missing)}"
-        return Check("registers", "fail", detail, "update PolyScope")
-    return Check("registers", "ok", f"{len(_REGISTERS)} RTDE input registers free")
+        return PreflightCheck("registers", "fail", detail, "update PolyScope")
+    return PreflightCheck("registers", "ok", f"{len(_REGISTERS)} RTDE input registers free")
 
 
 def _shortened(names: list[str]) -> str:
@@ -285,8 +285,8 @@ class _Dashboard:
         return self.line()
 
 
-def _ask_dashboard(host: str, version: Version | None, timeout_s: float) -> list[Check]:
-    checks: list[Check] = []
+def _ask_dashboard(host: str, version: Version | None, timeout_s: float) -> list[PreflightCheck]:
+    checks: list[PreflightCheck] = []
     try:
         with _Dashboard(host, timeout_s) as dashboard:
             checks.append(_banner(dashboard.line()))
@@ -296,20 +296,22 @@ def _ask_dashboard(host: str, version: Version | None, timeout_s: float) -> list
             checks.append(_first_known(dashboard.ask, ("safetystatus", "safetymode"), _safety))
     except (OSError, ValueError) as error:
         detail = f"dashboard server does not answer: {_reason(error)}"
-        checks.append(Check("dashboard", "fail", detail, CONNECT_AGAIN))
+        checks.append(PreflightCheck("dashboard", "fail", detail, CONNECT_AGAIN))
     return checks
 
 
-def _banner(line: str) -> Check:
+def _banner(line: str) -> PreflightCheck:
     if "Dashboard Server" in line:
-        return Check("dashboard", "ok", line)
-    return Check("dashboard", "fail", f"no dashboard server: it says {line!r}", CONNECT_AGAIN)
+        return PreflightCheck("dashboard", "ok", line)
+    return PreflightCheck(
+        "dashboard", "fail", f"no dashboard server: it says {line!r}", CONNECT_AGAIN
+    )
 
 
-def _remote(answer: str) -> Check:
+def _remote(answer: str) -> PreflightCheck:
     if answer.lower() == "true":
-        return Check("remote control", "ok", "remote control is on")
-    return Check(
+        return PreflightCheck("remote control", "ok", "remote control is on")
+    return PreflightCheck(
         "remote control",
         "fail",
         f"the robot is not in remote control ({answer})",
@@ -318,12 +320,12 @@ def _remote(answer: str) -> Check:
     )
 
 
-def _robot_mode(answer: str) -> Check:
+def _robot_mode(answer: str) -> PreflightCheck:
     mode = _value(answer)
     if mode == "RUNNING":
-        return Check("robot mode", "ok", "robot mode RUNNING")
+        return PreflightCheck("robot mode", "ok", "robot mode RUNNING")
     remedy = "power the robot on and release its brakes at the teach pendant"
-    return Check("robot mode", "fail", f"robot mode is {mode}, not RUNNING", remedy)
+    return PreflightCheck("robot mode", "fail", f"robot mode is {mode}, not RUNNING", remedy)
 
 
 _SAFETY_REMEDIES = {
@@ -334,13 +336,13 @@ _SAFETY_REMEDIES = {
 _EMERGENCY = "release the emergency stop, then power the robot on at the teach pendant"
 
 
-def _safety(answer: str) -> Check:
+def _safety(answer: str) -> PreflightCheck:
     mode = _value(answer)
     if mode == "NORMAL":
-        return Check("safety mode", "ok", "safety mode NORMAL")
+        return PreflightCheck("safety mode", "ok", "safety mode NORMAL")
     fallback = _EMERGENCY if "EMERGENCY" in mode else "see the teach pendant"
     remedy = _SAFETY_REMEDIES.get(mode, fallback)
-    return Check("safety mode", "fail", f"safety mode is {mode}, not NORMAL", remedy)
+    return PreflightCheck("safety mode", "fail", f"safety mode is {mode}, not NORMAL", remedy)
 
 
 def _value(answer: str) -> str:

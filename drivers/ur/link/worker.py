@@ -26,7 +26,7 @@ from drivers.ur.link.messages import (
     LONGEST_MESSAGE,
     PROGRAM_RUNNING,
     Command,
-    Drive,
+    DriveArm,
     Failed,
     Leave,
     Move,
@@ -166,7 +166,7 @@ class Commander:
         self._robot = robot
         self._setup = setup
         self._channel = channel
-        self._waiting: Move | Drive | None = None
+        self._waiting: Move | DriveArm | None = None
         self._driving = False
         self._braking = False  # a drive is coming to rest
         self._stopping = False  # since the last move
@@ -201,7 +201,7 @@ class Commander:
                 return
             if request is not None:
                 self._heard_at = time.monotonic()
-            if isinstance(request, Move | Drive | Stop | SetPayload):
+            if isinstance(request, Move | DriveArm | Stop | SetPayload):
                 self._channel.send(Reply(request.number, self._carry_out(request)))
 
     def leave(self) -> None:
@@ -232,7 +232,7 @@ class Commander:
             self._stop(command.deceleration_mps2)
             return Outcome.DONE  # ur_rtde does not say; the speed will
         self._acceleration_mps2 = command.acceleration_mps2
-        if self._driving and isinstance(command, Drive):
+        if self._driving and isinstance(command, DriveArm):
             return self._start(command)
         if not self._driving and not self.busy:
             return self._start(command)
@@ -255,9 +255,9 @@ class Commander:
         if outcome is not Outcome.DONE:
             self._channel.send(Reply(motion.number, outcome))
 
-    def _start(self, motion: Move | Drive) -> Outcome:
+    def _start(self, motion: Move | DriveArm) -> Outcome:
         self._stopping = False
-        if isinstance(motion, Drive):
+        if isinstance(motion, DriveArm):
             self._driving, self._braking = True, False
             taken = self._control.speedL(list(motion.velocity), motion.acceleration_mps2)
         else:

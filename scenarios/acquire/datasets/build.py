@@ -27,7 +27,7 @@ from grasp.settings import load, read_toml
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.datasets.confusers import FixedCause, GraspedCause, make_confuser
 from scenarios.acquire.datasets.draws import with_values
-from scenarios.acquire.press import TURNS, Motion, motion
+from scenarios.acquire.press import TURNS, StrokeMotion, motion
 from scenarios.acquire.rig import open_acquire_rig
 from scenarios.acquire.session import Session, recording
 from scenarios.trial.result import versions
@@ -84,7 +84,7 @@ class Job(msgspec.Struct, frozen=True):
 
     path: str  # in the data set's folder
     surface: str
-    motion: Motion | None  # None: no strokes
+    motion: StrokeMotion | None  # None: no strokes
     static: int
     slip: int  # of a cause, static and slip are not told apart
     metadata: Metadata

@@ -20,7 +20,7 @@ from grasp.phases import Phase
 from scenarios.acquire import session as acquire
 from scenarios.acquire.config import SamplingSettings, load_acquire_config
 from scenarios.acquire.datasets.draws import with_values
-from scenarios.acquire.press import Motion, PressController
+from scenarios.acquire.press import PressController, StrokeMotion
 from scenarios.acquire.rig import open_acquire_rig
 from scenarios.acquire.session import Script, Session
 from scenarios.lift.lift import run_trial
@@ -44,11 +44,11 @@ EAGER = 0.2  # counts of a detector that takes anything for slip: it makes the h
 LIGHT_KG = 0.03
 LEAST_SLIP_M = 0.0005
 FELT_SAMPLES = 8  # what a detector may take to be sure of a slip, however short
-BLOWS_NS = {"grasped_tap": (0.002, 0.02), "grasped_blow": (0.01, 0.3)}
+BLOWS_N_S = {"grasped_tap": (0.002, 0.02), "grasped_blow": (0.01, 0.3)}
 
 
 def make_confuser(
-    metadata: Metadata, samples: int, motion: Motion | None, source: str
+    metadata: Metadata, samples: int, motion: StrokeMotion | None, source: str
 ) -> Recording:
     """At most so many samples; a lift ends when it ends."""
     if metadata.cause in GRASPED:
@@ -56,7 +56,9 @@ def make_confuser(
     return _pressed(metadata, samples, motion, source)
 
 
-def _pressed(metadata: Metadata, samples: int, motion: Motion | None, source: str) -> Recording:
+def _pressed(
+    metadata: Metadata, samples: int, motion: StrokeMotion | None, source: str
+) -> Recording:
     values = dict(metadata.parameters)
     if metadata.cause == "lost_samples":
         values["tactile.stale_after_missed"] = 20  # so many in a row would end the session
@@ -109,7 +111,7 @@ def _grasped(metadata: Metadata, samples: int, source: str) -> Recording:
     seen: list[tuple[Tick, Truth]] = []
     rng = np.random.default_rng([metadata.seed, 3])
     with open_rig(config, metadata.seed, paced=False) as rig:
-        strength = BLOWS_NS.get(metadata.cause)
+        strength = BLOWS_N_S.get(metadata.cause)
         disturb = None if strength is None else _taps(rng, rig.tap, strength)
 
         def watch(tick: Tick, truth: Truth | None, controller: GraspController) -> None:
@@ -138,7 +140,7 @@ def lift_config(metadata: Metadata) -> RunConfig:
 
 
 def _taps(
-    rng: np.random.Generator, tap: Callable[[Blow], None] | None, impulse_ns: tuple[float, float]
+    rng: np.random.Generator, tap: Callable[[Blow], None] | None, impulse_n_s: tuple[float, float]
 ) -> Callable[[Tick], None]:
     """Blows on top and on the side while the object is lifted and held; weak ones are the most."""
     due_ns = 0
@@ -150,7 +152,7 @@ def _taps(
         due_ns = tick.t_ns + round(float(rng.uniform(0.3, 1.0)) * 1e9)
         if tap is not None:
             blow = Blow(
-                impulse_ns=float(np.exp(rng.uniform(*np.log(impulse_ns)))),
+                impulse_n_s=float(np.exp(rng.uniform(*np.log(impulse_n_s)))),
                 duration_s=float(rng.uniform(0.004, 0.015)),
                 direction="top" if rng.random() < 0.5 else "side",
             )

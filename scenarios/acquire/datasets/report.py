@@ -52,7 +52,7 @@ class Taxel(msgspec.Struct, frozen=True):
     most: int
 
 
-class Report(msgspec.Struct, frozen=True):
+class DatasetReport(msgspec.Struct, frozen=True):
     """A data set in figures."""
 
     recordings: int
@@ -69,7 +69,7 @@ class Report(msgspec.Struct, frozen=True):
     taxels: list[Taxel]
 
 
-def describe(recordings: Sequence[Recording]) -> Report:
+def describe(recordings: Sequence[Recording]) -> DatasetReport:
     """Figures of recordings that are not empty."""
     samples = sum(len(r.slip) for r in recordings)
     slip = sum(int(r.slip.sum()) for r in recordings)
@@ -77,7 +77,7 @@ def describe(recordings: Sequence[Recording]) -> Report:
     known = [(r, r.slip_true) for r in true if r.slip_true is not None]
     complete = len(known) == len(recordings)
     speeds = _speeds(recordings)
-    return Report(
+    return DatasetReport(
         recordings=len(recordings),
         samples=samples,
         static=samples - slip,

@@ -15,7 +15,7 @@ from detector.scores.evaluation import (
     evaluate_streams,
     stream_recordings,
 )
-from detector.scores.sweep import Point, best, rules, sweep
+from detector.scores.sweep import SweepPoint, best, rules, sweep
 from grasp.clock import stopwatch_ns
 from scenarios.rigs.config import RunConfig, load_config
 
@@ -34,7 +34,7 @@ class Contender(msgspec.Struct, frozen=True, eq=False):
         """The sheet at the detector's own threshold and rule."""
         return evaluate_streams(self.detector, self.config.rule, self.streams, self.data)
 
-    def points(self) -> list[Point]:
+    def points(self) -> list[SweepPoint]:
         """Every rule and threshold of the sweep."""
         return sweep(self.streams, rules(self.config.rule))
 
@@ -59,6 +59,6 @@ def contender(
     return Contender(config, config.make_detector(recordings[0].fingers), streams, data)
 
 
-def tune_rule(made: Contender, budget_per_min: float) -> Point | None:
+def tune_rule(made: Contender, budget_per_min: float) -> SweepPoint | None:
     """The quickest rule within the budget of false events a minute over three fingers."""
     return best(made.points(), budget_per_min)

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from detector.scores.evaluation import Evaluation
-from detector.scores.sweep import Point, frontier
+from detector.scores.sweep import SweepPoint, frontier
 
 PAPER_DELAY_MS = 134.0
 PAPER_FALSE_SHARE = 0.076  # of static samples; the rate of events that follows is in the docs
@@ -18,19 +18,19 @@ LEAST_SHOWN_PER_MIN = 0.1  # fewer are drawn there: zero has no place on a logar
 COLOURS = ("#1f5f99", "#c2571a", "#3a7d44", "#7a4fa3", "#b00020", "#777777", "#a8862b", "#21a0a0")
 
 
-class Curve(msgspec.Struct, frozen=True):
+class DetectorCurve(msgspec.Struct, frozen=True):
     """One detector: its sheet and its frontier."""
 
     sheet: Evaluation
-    points: list[Point]
+    points: list[SweepPoint]
 
 
-def curve(sheet: Evaluation, points: Sequence[Point]) -> Curve:
+def curve(sheet: Evaluation, points: Sequence[SweepPoint]) -> DetectorCurve:
     """The sheet with the best of the points."""
-    return Curve(sheet, frontier(points))
+    return DetectorCurve(sheet, frontier(points))
 
 
-def draw_detectors(curves: Mapping[str, Curve], out: Path) -> None:
+def draw_detectors(curves: Mapping[str, DetectorCurve], out: Path) -> None:
     """False events against delay, accuracy against compute, into ``out``; numbers beside it."""
     import matplotlib as mpl
 

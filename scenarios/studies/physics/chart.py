@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from scenarios.studies.physics import yardsticks
-from scenarios.studies.physics.yardsticks import Point, Runner
+from scenarios.studies.physics.yardsticks import CostPoint, Runner
 from scenarios.world.contact import Floats
 from scenarios.world.ladder import reference
 from scenarios.world.ladder.comparators import Method
@@ -32,14 +32,14 @@ COLOURS = {
 class PhysicsChart(msgspec.Struct, frozen=True):
     """All points of one run. note: what was left out, and why; empty if nothing was."""
 
-    points: list[Point]
+    points: list[CostPoint]
     note: str
 
 
 def compute(progress: Callable[[str, int, int], None] | None = None) -> PhysicsChart:
     """Run every method on every yardstick, one thread, times of this machine."""
     with_mujoco = find_spec("mujoco") is not None
-    points: list[Point] = []
+    points: list[CostPoint] = []
     scenes = (yardsticks.lift(), yardsticks.tap(), yardsticks.vibration())
     jobs = [(scene, *job) for scene in scenes for job in _jobs(scene, with_mujoco)]
     truth: dict[str, Floats] = {}
@@ -98,7 +98,9 @@ class Ratio(msgspec.Struct, frozen=True):
     ladder: str
 
 
-def ratios(points: list[Point], errors_mm: Iterable[float] = (1.0, 0.5, 0.2, 0.1)) -> list[Ratio]:
+def ratios(
+    points: list[CostPoint], errors_mm: Iterable[float] = (1.0, 0.5, 0.2, 0.1)
+) -> list[Ratio]:
     """Cost at equal error. A level counts only if halving its step keeps it as good: a lucky hit
     at one step is no accuracy. mujoco_us None: MuJoCo does not get there."""
     found = []
@@ -121,8 +123,8 @@ def ratios(points: list[Point], errors_mm: Iterable[float] = (1.0, 0.5, 0.2, 0.1
     return found
 
 
-def _cheapest(points: list[Point], prefix: str, error_mm: float) -> Point | None:
-    curves: dict[str, list[Point]] = {}
+def _cheapest(points: list[CostPoint], prefix: str, error_mm: float) -> CostPoint | None:
+    curves: dict[str, list[CostPoint]] = {}
     for p in points:
         if p.curve.startswith(prefix) and not p.curve.startswith("LuGre"):
             curves.setdefault(p.curve, []).append(p)
@@ -135,7 +137,7 @@ def _cheapest(points: list[Point], prefix: str, error_mm: float) -> Point | None
     return min(good, key=lambda p: p.cost_us, default=None)
 
 
-def _name(point: Point | None) -> str:
+def _name(point: CostPoint | None) -> str:
     if point is None:
         return "none"
     return point.curve + (f", {point.step_s * 1e3:g} ms" if point.step_s else "")
@@ -181,7 +183,7 @@ def draw(chart: PhysicsChart, out: Path) -> None:
     plt.close(figure)
 
 
-def _plot(axes: Any, curve: str, points: list[Point]) -> None:
+def _plot(axes: Any, curve: str, points: list[CostPoint]) -> None:
     shown = [p for p in points if np.isfinite(p.error_m)]
     colour = COLOURS[curve.split(maxsplit=1)[0]]
     dashed = "extrapolated" in curve or "RK4" in curve or curve.endswith(" 10")

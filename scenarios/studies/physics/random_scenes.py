@@ -29,7 +29,7 @@ def random_tap(rng: np.random.Generator) -> Scene:
     body = _weighing(body, load_n / GRAVITY_MPS2)
     offset = rng.choice([-1.0, 1.0]) * rng.uniform(0.005, 0.04) if off_centre else 0.0
     tap = TapPulse(
-        impulse_ns=rng.uniform(0.05, 0.3), duration_s=rng.uniform(2e-3, 16e-3),
+        impulse_n_s=rng.uniform(0.05, 0.3), duration_s=rng.uniform(2e-3, 16e-3),
         direction="side" if side else "top", offset_m=offset,
     )  # fmt: skip
     travel = squeeze(body, ELASTIC, 0.5 * force_n, 0.5 * force_n)

@@ -11,7 +11,7 @@ from scenarios.world.contact import Floats, finger_stiffness
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder import comparators, reference
 from scenarios.world.ladder.comparators import Method
-from scenarios.world.ladder.levels import Level, Outcome, simulate
+from scenarios.world.ladder.levels import Level, SceneOutcome, simulate
 from scenarios.world.ladder.scene import ArmRise, Closing, Grip, Scene, TapPulse, Vibration, squeeze
 from scenarios.world.objects import GraspObject
 
@@ -35,7 +35,7 @@ def lift(pads: ContactSettings = PADS, duration_s: float = 1.6) -> Scene:
 
 def tap() -> Scene:
     """A blow of 0.2 N s within 8 ms on the top, 20 mm beside the middle of a 10 N grip."""
-    blow = TapPulse(impulse_ns=0.2, duration_s=8e-3, offset_m=0.02)
+    blow = TapPulse(impulse_n_s=0.2, duration_s=8e-3, offset_m=0.02)
     return msgspec.structs.replace(
         vibration(), name="tap", tap=blow, vibration=None, duration_s=0.4
     )
@@ -50,7 +50,7 @@ def vibration() -> Scene:
     )  # fmt: skip
 
 
-class Point(msgspec.Struct, frozen=True):
+class CostPoint(msgspec.Struct, frozen=True):
     """One run: what it cost and how far off it was."""
 
     scene: str
@@ -63,7 +63,7 @@ class Point(msgspec.Struct, frozen=True):
 Runner = Callable[[Scene, float], Floats]
 
 
-def _mark(outcome: Outcome) -> Floats:
+def _mark(outcome: SceneOutcome) -> Floats:
     return np.array(outcome.mark_m)
 
 
@@ -101,7 +101,7 @@ def exact(scene: Scene) -> Floats:
 
 def measure(
     scene: Scene, curve: str, run: Runner, step_s: float, truth: Floats, repeats: int = 5
-) -> Point:
+) -> CostPoint:
     """Error and cost of one method at one step; the first run, which may compile, is not timed."""
     error = float(np.linalg.norm(run(scene, step_s) - truth))
     least = math.inf
@@ -109,4 +109,4 @@ def measure(
         start = time.thread_time()
         run(scene, step_s)
         least = min(least, time.thread_time() - start)
-    return Point(scene.name, curve, step_s, least * 1e6, error)
+    return CostPoint(scene.name, curve, step_s, least * 1e6, error)

@@ -3,7 +3,7 @@
 The full path (fingertips, detector, controller) runs up to the lift only. From there the world is
 copied for every reaction that is tried: contact law, hand and arm as they are, one command to
 close at the time asked for, nobody listening. So success and slip distance depend on the reaction
-alone. ``Check`` compares a copy with the full path, given the same command at the same time.
+alone. ``CopyCheck`` compares a copy with the full path, given the same command at the same time.
 """
 
 import copy
@@ -51,7 +51,7 @@ class GridPoint(msgspec.Struct, frozen=True):
     reaction: Reaction
 
 
-class Check(msgspec.Struct, frozen=True):
+class CopyCheck(msgspec.Struct, frozen=True):
     """The full path beside its copy, and what faster detectors would have made of it."""
 
     full: Reaction
@@ -67,7 +67,7 @@ class SeedStudy(msgspec.Struct, frozen=True):
     seed: int
     slipped: bool
     grid: list[GridPoint] = []
-    check: Check | None = None
+    check: CopyCheck | None = None
 
 
 class Grid(msgspec.Struct, frozen=True):
@@ -196,13 +196,13 @@ def _answer(config: RunConfig, seed: int) -> tuple[int, CloseFast, int, Truth] |
     return *sent[0], registered_ns, end
 
 
-def _check(config: RunConfig, seed: int, begun: Copy, factors: Sequence[float]) -> Check | None:
+def _check(config: RunConfig, seed: int, begun: Copy, factors: Sequence[float]) -> CopyCheck | None:
     answer = _answer(config, seed)
     if answer is None or answer[3].slip_onset_s is None:
         return None
     sent_ns, command, registered_ns, end = answer
     late_ns = registered_ns - round(answer[3].slip_onset_s * 1e9)
-    return Check(
+    return CopyCheck(
         full=_judged(end, config.object, config.scoring),
         reduced=react(config, begun, sent_ns, command),
         detection_latency_ms=late_ns * 1e-6,

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.campaign.summary import Quantiles
-from scenarios.studies.reaction.summary import Curve, ReactionSummary
+from scenarios.studies.reaction.summary import LatencyCurve, ReactionSummary
 
 COLOURS = {
     "ball": "#b5432a", "foam": "#d98e04", "football": "#7a5195",
@@ -57,7 +57,7 @@ def _draw_speed(axes: Any, summary: ReactionSummary, speed: float) -> None:
         _draw_marks(each, summary)
 
 
-def _draw_curve(success: Any, slip: Any, curve: Curve) -> None:
+def _draw_curve(success: Any, slip: Any, curve: LatencyCurve) -> None:
     colour = COLOURS.get(curve.object)
     t = [p.latency_ms for p in curve.points]
     success.plot(t, [p.success for p in curve.points], color=colour, marker=".", label=curve.object)

@@ -8,12 +8,12 @@ import msgspec
 
 from scenarios.campaign.paper import wilson
 from scenarios.campaign.summary import Quantiles, quantiles
-from scenarios.studies.reaction.copies import Check, Reaction, SeedStudy
+from scenarios.studies.reaction.copies import CopyCheck, Reaction, SeedStudy
 
 CLIFF = 0.3  # a fall of success by this much between neighbouring latencies is named
 
 
-class Point(msgspec.Struct, frozen=True):
+class LatencyPoint(msgspec.Struct, frozen=True):
     """One latency of a curve."""
 
     latency_ms: float
@@ -24,12 +24,12 @@ class Point(msgspec.Struct, frozen=True):
     rise_ms: Quantiles  # onset to the first rise of grip force, as it came out
 
 
-class Curve(msgspec.Struct, frozen=True):
+class LatencyCurve(msgspec.Struct, frozen=True):
     """One object at one closing speed."""
 
     object: str
     speed_mps: float
-    points: list[Point]
+    points: list[LatencyPoint]
     cliff: tuple[float, float, float, float] | None  # ms, success before; ms, success after
 
 
@@ -59,7 +59,7 @@ class ReactionSummary(msgspec.Struct, frozen=True):
     detector: str
     seeds: int
     never_slipped: dict[str, int]
-    curves: list[Curve]
+    curves: list[LatencyCurve]
     faster: list[Faster]
     detection_latency_ms: dict[str, Quantiles]
     reaction_latency_ms: dict[str, Quantiles]
@@ -87,7 +87,7 @@ def summarize(
     )
 
 
-def _curves(name: str, found: Iterable[SeedStudy]) -> list[Curve]:
+def _curves(name: str, found: Iterable[SeedStudy]) -> list[LatencyCurve]:
     cells: dict[float, dict[float, list[Reaction]]] = {}
     for each in found:
         if each.object == name:
@@ -97,13 +97,13 @@ def _curves(name: str, found: Iterable[SeedStudy]) -> list[Curve]:
     curves = []
     for speed, by_latency in sorted(cells.items()):
         points = [_point(latency, got) for latency, got in sorted(by_latency.items())]
-        curves.append(Curve(name, speed, points, _cliff(points)))
+        curves.append(LatencyCurve(name, speed, points, _cliff(points)))
     return curves
 
 
-def _point(latency_ms: float, got: Sequence[Reaction]) -> Point:
+def _point(latency_ms: float, got: Sequence[Reaction]) -> LatencyPoint:
     caught = sum(r.success for r in got)
-    return Point(
+    return LatencyPoint(
         latency_ms, len(got), caught / len(got), wilson(caught, len(got)), _slips_mm(got),
         quantiles([r.rise_ms for r in got]),
     )  # fmt: skip
@@ -113,7 +113,7 @@ def _slips_mm(got: Sequence[Reaction]) -> Quantiles:
     return quantiles([None if r.slip_distance_m is None else r.slip_distance_m * 1e3 for r in got])
 
 
-def _cliff(points: Sequence[Point]) -> tuple[float, float, float, float] | None:
+def _cliff(points: Sequence[LatencyPoint]) -> tuple[float, float, float, float] | None:
     """The steepest fall between neighbours, if it is one."""
     pairs = list(itertools.pairwise(points))
     if not pairs:
@@ -124,7 +124,7 @@ def _cliff(points: Sequence[Point]) -> tuple[float, float, float, float] | None:
     return a.latency_ms, a.success, b.latency_ms, b.success
 
 
-def _faster(name: str, checks: Sequence[Check]) -> list[Faster]:
+def _faster(name: str, checks: Sequence[CopyCheck]) -> list[Faster]:
     if not checks:
         return []
     by_factor = {1.0: [c.reduced for c in checks]}
@@ -136,7 +136,7 @@ def _faster(name: str, checks: Sequence[Check]) -> list[Faster]:
     ]
 
 
-def _agreement(checks: Sequence[Check]) -> Agreement | None:
+def _agreement(checks: Sequence[CopyCheck]) -> Agreement | None:
     if not checks:
         return None
     away = [

@@ -122,25 +122,25 @@ ABLATIONS: dict[str, dict[str, float]] = {
 }
 
 
-class Setup(msgspec.Struct, frozen=True):
+class FitSetup(msgspec.Struct, frozen=True):
     """A fingertip and the strokes that it is judged on, as the authors' driver recorded it."""
 
     fingertip: FingertipSettings = FingertipSettings(fold_above_512=True)
     strokes: StrokeSettings = StrokeSettings()
 
-    def changed(self, values: dict[str, float]) -> "Setup":
+    def changed(self, values: dict[str, float]) -> "FitSetup":
         """With settings named section.name replaced."""
         parts: dict[str, dict[str, float]] = {"fingertip": {}, "strokes": {}}
         for key, value in values.items():
             section, name = key.split(".")
             parts[section][name] = value
-        return Setup(
+        return FitSetup(
             msgspec.structs.replace(self.fingertip, **parts["fingertip"]),
             msgspec.structs.replace(self.strokes, **parts["strokes"]),
         )
 
 
-def figures(setup: Setup, clips: int, seed: int) -> list[Figures]:
+def figures(setup: FitSetup, clips: int, seed: int) -> list[Figures]:
     """Statistics of simulated clips, one by one; few at a time share an arm and its vibration."""
     out: list[Figures] = []
     for first in range(0, clips, BATCH):
@@ -191,10 +191,10 @@ class Search(msgspec.Struct, frozen=True, kw_only=True):
 
 def fit(
     real: Figures,
-    start: Setup,
+    start: FitSetup,
     search: Search,
     progress: Callable[[int, int, float], None] = lambda done, total, least: None,
-) -> tuple[Setup, dict[str, float]]:
+) -> tuple[FitSetup, dict[str, float]]:
     """Where the search has contracted to, as values by name and put into ``start``.
 
     All sets of a round are judged on the same clips, those of other rounds on others: no set wins
@@ -227,7 +227,7 @@ def named(logarithms: Floats) -> dict[str, float]:
     return {f"{p.section}.{p.name}": float(f"{value:.3g}") for p, value in pairs}
 
 
-class Row(msgspec.Struct, frozen=True):
+class FitRow(msgspec.Struct, frozen=True):
     """One statistic side by side; ``low`` and ``high``: 10th and 90th percentile over clips."""
 
     name: str
@@ -238,7 +238,7 @@ class Row(msgspec.Struct, frozen=True):
     within_aim: bool
 
 
-def compare(real: Figures, of: Sequence[Figures]) -> list[Row]:
+def compare(real: Figures, of: Sequence[Figures]) -> list[FitRow]:
     """Every target that the recording has."""
     average = mean(of)
     rows = []
@@ -249,12 +249,12 @@ def compare(real: Figures, of: Sequence[Figures]) -> list[Row]:
         spread = np.array([f[target.name] for f in of])
         low, high = (float(np.nanpercentile(spread, q)) for q in (10, 90))
         near = bool(abs(target.error(wanted, value)) <= 1.0)
-        rows.append(Row(target.name, wanted, value, low, high, near))
+        rows.append(FitRow(target.name, wanted, value, low, high, near))
     return rows
 
 
 def ablations(
-    setup: Setup, clips: int, progress: Callable[[int, int], None] = lambda done, total: None
+    setup: FitSetup, clips: int, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> dict[str, Figures]:
     """Mean figures with each ingredient left out, all else as it is."""
     out = {}
@@ -264,7 +264,7 @@ def ablations(
     return out
 
 
-def parameter_values(setup: Setup) -> list[tuple[str, float, float, float]]:
+def parameter_values(setup: FitSetup) -> list[tuple[str, float, float, float]]:
     """Name, value, and the bounds of the search, of every parameter of the fit."""
     return [
         (f"{p.section}.{p.name}", getattr(getattr(setup, p.section), p.name), p.low, p.high)
@@ -281,7 +281,7 @@ def as_toml(fitted: dict[str, float], recording: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def data_set_levels(setup: Setup, clips: int) -> TaxelStatistics:
+def data_set_levels(setup: FitSetup, clips: int) -> TaxelStatistics:
     """Levels a taxel over strokes of all kinds: forces and loads while zeroing as different as the
     ranges of their parameters, half of the clips zeroed without any load."""
     rng = np.random.default_rng(JUDGE_SEED)

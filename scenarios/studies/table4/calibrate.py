@@ -52,7 +52,7 @@ class Candidate(msgspec.Struct, frozen=True):
         return 1 - self.counts[-1] / max(1, sum(self.counts))
 
 
-class Profile(msgspec.Struct, frozen=True):
+class LikelihoodProfile(msgspec.Struct, frozen=True):
     """Likelihood of one setting, the others at their best for it; relative to the best of all."""
 
     setting: str
@@ -84,7 +84,7 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     best: list[Candidate]
     log_likelihood: float
     best_possible: float  # the paper's own frequencies
-    profiles: list[Profile]
+    profiles: list[LikelihoodProfile]
     trade_offs: list[TradeOff]
 
 
@@ -173,17 +173,21 @@ def _best_at(found: Sequence[Candidate], speed_mps: float) -> list[Candidate]:
     ]
 
 
-def _profile(setting: str, name: str, values: list[float], scores: list[float]) -> Profile:
+def _profile(
+    setting: str, name: str, values: list[float], scores: list[float]
+) -> LikelihoodProfile:
     top = max(scores)
     best = values[scores.index(top)]
     plausible = [v for v, score in zip(values, scores, strict=True) if top - score <= PLAUSIBLE]
     relative = [round(score - top, 3) for score in scores]
-    return Profile(
+    return LikelihoodProfile(
         setting, name, values, relative, best, plausible, best in (min(values), max(values))
     )
 
 
-def _scalar_profile(found: Sequence[Candidate], totals: dict[float, float], name: str) -> Profile:
+def _scalar_profile(
+    found: Sequence[Candidate], totals: dict[float, float], name: str
+) -> LikelihoodProfile:
     """The arm speed and the other objects' lengths at their best for each value."""
     setting, values = SCALARS[name]
     own = {(c.speed_mps, c.scalar): c.log_likelihood for c in found if c.object == name}

@@ -22,7 +22,7 @@ from scenarios.world.ladder.scene import Scene
 LANES = 64  # scenes a block: their state stays in the first-level cache
 # Rows of the parameter array (ROWS, scenes).
 (
-    R_MASS, R_MU_S, R_MU_K, R_K, R_C, R_TABLE, R_A, R_V, R_VIB, R_W, R_TAP, R_TAP_S, R_TAP_NS,
+    R_MASS, R_MU_S, R_MU_K, R_K, R_C, R_TABLE, R_A, R_V, R_VIB, R_W, R_TAP, R_TAP_S, R_TAP_N_S,
     R_TOP,
 ) = range(14)  # fmt: skip
 R_STRETCH, R_NORMAL = 14, 17
@@ -66,7 +66,7 @@ def pack(scenes: Sequence[Scene]) -> Batch:
     used = np.abs(ramps[:, 2:]).sum(axis=(1, 2)) > 0.0
     return Batch(
         p, np.ascontiguousarray(ramps[used]), scenes[0].duration_s,
-        bool(p[R_VIB].any()), bool(p[R_TAP_NS].any()),
+        bool(p[R_VIB].any()), bool(p[R_TAP_N_S].any()),
     )  # fmt: skip
 
 
@@ -164,7 +164,7 @@ def impulse(p: Any, t: float) -> Any:
     """Impulse of the tap until time t."""
     phase = (t - p[R_TAP]) / np.maximum(p[R_TAP_S], 1e-12)
     phase = np.minimum(np.maximum(phase, 0.0), 1.0)
-    return 0.5 * p[R_TAP_NS] * (1.0 - np.cos(math.pi * phase))
+    return 0.5 * p[R_TAP_N_S] * (1.0 - np.cos(math.pi * phase))
 
 
 def run_numpy(batch: Batch, step_s: float) -> Floats:

@@ -13,7 +13,7 @@ from numba import njit
 from scenarios.world.contact import GRAVITY_MPS2, Floats
 from scenarios.world.ladder import drive as tables
 from scenarios.world.ladder import rigid
-from scenarios.world.ladder.levels import Level, Outcome, outcome
+from scenarios.world.ladder.levels import Level, SceneOutcome, outcome
 from scenarios.world.ladder.scene import Scene
 
 STRIBECK_MPS = (
@@ -33,7 +33,7 @@ class Method(IntEnum):
     REGULAR_IMPLICIT = 4
 
 
-def run(scene: Scene, method: Method, step_s: float) -> Outcome:
+def run(scene: Scene, method: Method, step_s: float) -> SceneOutcome:
     """A scene along z by another law; NaN where the method diverges."""
     steps = max(1, math.ceil(scene.duration_s / step_s - 1e-9))
     half_s = np.linspace(0.0, scene.duration_s, 2 * steps + 1)
@@ -41,7 +41,7 @@ def run(scene: Scene, method: Method, step_s: float) -> Outcome:
     down = np.zeros(2 * steps + 1)
     if scene.tap is not None and scene.tap.direction == "top":
         phase = np.clip((half_s - scene.tap.at_s) / scene.tap.duration_s, 0.0, 1.0)
-        peak_n = 0.5 * math.pi * scene.tap.impulse_ns / scene.tap.duration_s
+        peak_n = 0.5 * math.pi * scene.tap.impulse_n_s / scene.tap.duration_s
         down = peak_n * np.sin(math.pi * phase)
     forces = rigid.grip_forces(scene)
     normal = np.array([np.interp(half_s, forces.t_s, f) for f in forces.force_n.T]).T.copy()

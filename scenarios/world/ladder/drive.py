@@ -56,7 +56,7 @@ def vibration_height(vibration: Vibration, t_s: Floats) -> Floats:
 def tap_impulse(tap: TapPulse, t_s: Floats) -> Floats:
     """Impulse delivered until t_s (n,), N s."""
     phase = np.clip((t_s - tap.at_s) / tap.duration_s, 0.0, 1.0)
-    impulse: Floats = 0.5 * tap.impulse_ns * (1.0 - np.cos(math.pi * phase))
+    impulse: Floats = 0.5 * tap.impulse_n_s * (1.0 - np.cos(math.pi * phase))
     return impulse
 
 

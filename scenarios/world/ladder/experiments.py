@@ -43,8 +43,10 @@ class SceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ] = 0.063
     arm_mps: Annotated[float, Meta(gt=0.0, le=1.0, description="assumed, 0.1-0.25")] = 0.1
     arm_mps2: Annotated[float, Meta(gt=0.0, le=5.0, description="assumed, 0.3-1.2")] = 0.5
-    top_impulse_ns: Annotated[float, Meta(gt=0.0, le=2.0, description="assumed, 0.08-0.45")] = 0.2
-    side_impulse_ns: Annotated[float, Meta(gt=0.0, le=2.0, description="assumed, 0.08-0.45")] = 0.12
+    top_impulse_n_s: Annotated[float, Meta(gt=0.0, le=2.0, description="assumed, 0.08-0.45")] = 0.2
+    side_impulse_n_s: Annotated[float, Meta(gt=0.0, le=2.0, description="assumed, 0.08-0.45")] = (
+        0.12
+    )
     blow_s: Annotated[float, Meta(gt=0.0, le=0.1, description="assumed, 2-16 ms")] = 8e-3
     top_offset_m: Annotated[
         float, Meta(ge=-0.1, le=0.1, description="of the blow, beside the grip; assumed, 0-40 mm")
@@ -83,7 +85,7 @@ def tap(world: World) -> Scene:
     """A blow on the top of a held object, beside the middle of the grip."""
     chosen = world.scene
     blow = TapPulse(
-        impulse_ns=chosen.top_impulse_ns, duration_s=chosen.blow_s, at_s=0.05,
+        impulse_n_s=chosen.top_impulse_n_s, duration_s=chosen.blow_s, at_s=0.05,
         offset_m=chosen.top_offset_m,
     )  # fmt: skip
     return _held("tap", world, 0.5, blow)
@@ -93,7 +95,7 @@ def side_tap(world: World) -> Scene:
     """A blow on the side of a held object, above the middle of the grip."""
     chosen = world.scene
     blow = TapPulse(
-        impulse_ns=chosen.side_impulse_ns, duration_s=chosen.blow_s, at_s=0.05,
+        impulse_n_s=chosen.side_impulse_n_s, duration_s=chosen.blow_s, at_s=0.05,
         offset_m=chosen.side_offset_m, direction="side",
     )  # fmt: skip
     return _held("side-tap", world, 0.5, blow)

@@ -26,7 +26,7 @@ class Level(IntEnum):
     BRUSH = 4
 
 
-class Outcome(msgspec.Struct, frozen=True):
+class SceneOutcome(msgspec.Struct, frozen=True):
     """Object at the end of a scene, relative to the hand. Levels below L2 leave y and turn at 0."""
 
     level: Level
@@ -53,7 +53,7 @@ class Outcome(msgspec.Struct, frozen=True):
 
 def simulate(
     scene: Scene, level: Level, step_s: float, brush_points: int = BRUSH_POINTS
-) -> Outcome:
+) -> SceneOutcome:
     """Run a scene at one level. L0 has no step; it raises ValueError where a term is beyond it."""
     if level is Level.RIGID:
         return _rigid(scene)
@@ -65,7 +65,7 @@ def admits_rigid(scene: Scene) -> bool:
     return scene.body.shape == "straight" and scene.contact.relaxation_fraction == 0.0
 
 
-def _rigid(scene: Scene) -> Outcome:
+def _rigid(scene: Scene) -> SceneOutcome:
     if not admits_rigid(scene):
         raise ValueError("L0 knows neither flanks nor relaxation; use L1")
     slip, u, forces = rigid.run(scene)
@@ -100,7 +100,7 @@ def compliant_parameters(scene: Scene) -> Floats:
     return np.concatenate((contact.parameters(scene.contact, scene.body), tail))
 
 
-def _compliant(scene: Scene, d: Drive, level: Level, brush_points: int) -> Outcome:
+def _compliant(scene: Scene, d: Drive, level: Level, brush_points: int) -> SceneOutcome:
     p, s = compliant_parameters(scene), np.zeros(compliant.STATE_SIZE)
     finger, places = elements(scene, level, brush_points)
     s[compliant.TRAVEL : compliant.TRAVEL + FINGERS] = scene.grip.travel_m
@@ -125,8 +125,8 @@ def _compliant(scene: Scene, d: Drive, level: Level, brush_points: int) -> Outco
 def outcome(
     scene: Scene, level: Level, step_s: float, pose: Floats, speed: Floats, normal: Floats,
     peak_n: float, stretch: Floats,
-) -> Outcome:  # fmt: skip
-    """Outcome of an object at ``pose`` (3,) with ``speed`` (3,), both relative to the hand."""
+) -> SceneOutcome:  # fmt: skip
+    """SceneOutcome of an object at ``pose`` (3,) with ``speed`` (3,), both relative to the hand."""
     y, z, turn = pose.tolist()
     arm_y = -scene.plane.centre_of_mass_y_m
     arm_z = scene.plane.mark_height_m - scene.plane.centre_of_mass_z_m
@@ -134,7 +134,7 @@ def outcome(
     mark = (y + cos * arm_y - sin * arm_z - arm_y, z + sin * arm_y + cos * arm_z - arm_z)
     v_y, v_z, v_turn = speed.tolist()
     n_a, n_b, n_c = normal.tolist()
-    return Outcome(
+    return SceneOutcome(
         level=level, step_s=step_s, y_m=y, z_m=z, turn_rad=turn, speed=(v_y, v_z, v_turn),
         normal_n=(n_a, n_b, n_c), peak_force_n=peak_n, mark_m=(float(mark[0]), float(mark[1])),
         stretch_m=stretch,

@@ -19,7 +19,7 @@ from scenarios.world.ladder.levels import (
     BRUSH_POINTS,
     SQUARE_SPIN,
     Level,
-    Outcome,
+    SceneOutcome,
     admits_rigid,
     simulate,
 )
@@ -126,7 +126,7 @@ def indicators(scene: Scene) -> Indicators:
     period_s = 2 * math.pi * math.sqrt(mass / (3 * scene.contact.shear_stiffness_npm))
     pulse = math.inf
     if scene.tap is not None:
-        peak_n = 0.5 * math.pi * scene.tap.impulse_ns / scene.tap.duration_s
+        peak_n = 0.5 * math.pi * scene.tap.impulse_n_s / scene.tap.duration_s
         loads.append(peak_n * tap_wrench(scene.tap))
         pulse = scene.tap.duration_s / period_s
     force = np.hypot(*np.sum(loads, axis=0)[:2])
@@ -188,7 +188,9 @@ def answer(
     return _extrapolate(coarse, simulate(scene, level, 0.5 * step_s, points), points, tolerance)
 
 
-def _extrapolate(coarse: Outcome, fine: Outcome, points: int, tolerance: Tolerance) -> Answer:
+def _extrapolate(
+    coarse: SceneOutcome, fine: SceneOutcome, points: int, tolerance: Tolerance
+) -> Answer:
     mark = 2 * np.array(fine.mark_m) - np.array(coarse.mark_m)
     bare = Answer(
         level=fine.level, points=points, step_s=fine.step_s,
@@ -198,7 +200,7 @@ def _extrapolate(coarse: Outcome, fine: Outcome, points: int, tolerance: Toleran
     return msgspec.structs.replace(bare, step_error=_gap(coarse, fine, tolerance))
 
 
-def _gap(a: Outcome | Answer, b: Outcome | Answer, tolerance: Tolerance) -> float:
+def _gap(a: SceneOutcome | Answer, b: SceneOutcome | Answer, tolerance: Tolerance) -> float:
     """Largest difference of what is asked, in tolerances."""
     gap = math.dist(a.mark_m, b.mark_m) / tolerance.slip_m
     if tolerance.rotation_rad is not None:

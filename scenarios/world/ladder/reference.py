@@ -16,7 +16,7 @@ from numba import njit
 from scenarios.world.contact import GRAVITY_MPS2, Floats
 from scenarios.world.ladder import rigid
 from scenarios.world.ladder.drive import tap_wrench
-from scenarios.world.ladder.levels import Level, Outcome, elements, outcome
+from scenarios.world.ladder.levels import Level, SceneOutcome, elements, outcome
 from scenarios.world.ladder.scene import Scene
 
 LEAST_STEP_S = 1e-9
@@ -61,7 +61,7 @@ def problem(scene: Scene, level: Level, brush_points: int = 6) -> Problem:
     wrench = np.zeros(3)
     if scene.tap is not None:
         m[[rigid.M_TAP, rigid.M_TAP_S]] = scene.tap.at_s, scene.tap.duration_s
-        m[rigid.M_TAP_NS] = scene.tap.impulse_ns
+        m[rigid.M_TAP_N_S] = scene.tap.impulse_n_s
         wrench = tap_wrench(scene.tap)
     plane, contact = scene.plane, scene.contact
     body = np.array([
@@ -87,7 +87,7 @@ def _imposed(m: Floats, t: float) -> tuple[float, float, float]:
     since, push = t - m[rigid.M_TAP], 0.0
     if 0.0 < since < m[rigid.M_TAP_S]:
         w = math.pi / m[rigid.M_TAP_S]
-        push = 0.5 * m[rigid.M_TAP_NS] * w * math.sin(w * since)
+        push = 0.5 * m[rigid.M_TAP_N_S] * w * math.sin(w * since)
     return z, v, push
 
 
@@ -207,13 +207,13 @@ def _integrate(
     return evaluations
 
 
-def adaptive(scene: Scene, level: Level, tolerance_m: float, brush_points: int = 6) -> Outcome:
+def adaptive(scene: Scene, level: Level, tolerance_m: float, brush_points: int = 6) -> SceneOutcome:
     """Reference of a scene at L1 to L4, local error held below tolerance_m a step."""
     rule = DORMAND_PRINCE, FIFTH, FOURTH, NODES
     return _run(problem(scene, level, brush_points), scene, level, tolerance_m, 0.0, rule)
 
 
-def explicit(scene: Scene, level: Level, step_s: float, order: int) -> Outcome:
+def explicit(scene: Scene, level: Level, step_s: float, order: int) -> SceneOutcome:
     """Explicit Euler (order 1) or classical Runge-Kutta (4) at a fixed step; NaN: diverged."""
     table, weights, nodes = EULER if order == 1 else RK4
     rule = table, weights, weights, nodes
@@ -223,7 +223,7 @@ def explicit(scene: Scene, level: Level, step_s: float, order: int) -> Outcome:
 def _run(
     q: Problem, scene: Scene, level: Level, tolerance_m: float, step_s: float,
     rule: tuple[Floats, Floats, Floats, Floats],
-) -> Outcome:  # fmt: skip
+) -> SceneOutcome:  # fmt: skip
     count = len(q.finger)
     x, flags = np.zeros(6 + 3 * count), np.zeros(count + 1)
     x[4] = _imposed(q.m, 0.0)[1]

@@ -19,7 +19,7 @@ TABLE, STICK, SLIDE = 0, 1, 2
 TIE_S = 1e-12
 # What moves hand and object besides friction: arm acceleration and speed, vibration acceleration
 # and angular frequency, tap start, duration and impulse (down), mass, both friction coefficients.
-(M_A, M_V, M_VIB, M_W, M_TAP, M_TAP_S, M_TAP_NS, M_MASS, M_MU_S, M_MU_K) = range(10)
+(M_A, M_V, M_VIB, M_W, M_TAP, M_TAP_S, M_TAP_N_S, M_MASS, M_MU_S, M_MU_K) = range(10)
 
 
 class GripForces(msgspec.Struct, frozen=True):
@@ -95,7 +95,7 @@ def motion(scene: Scene) -> Floats:
     if scene.vibration is not None:
         m[[M_VIB, M_W]] = scene.vibration.acceleration_mps2, scene.vibration.rate
     if scene.tap is not None and scene.tap.direction == "top":
-        m[[M_TAP, M_TAP_S, M_TAP_NS]] = scene.tap.at_s, scene.tap.duration_s, scene.tap.impulse_ns
+        m[[M_TAP, M_TAP_S, M_TAP_N_S]] = scene.tap.at_s, scene.tap.duration_s, scene.tap.impulse_n_s
     m[M_MASS] = scene.mass_kg
     m[M_MU_S], m[M_MU_K] = scene.body.friction_static, scene.body.friction_kinetic
     return m
@@ -123,14 +123,14 @@ def _hand(m: Floats, t: float) -> tuple[float, float, float]:
 def _tap(m: Floats, t: float) -> tuple[float, float, float]:
     """Twice integrated, integrated and instantaneous tap force since the scene began."""
     since = t - m[M_TAP]
-    if m[M_TAP_NS] == 0.0 or since <= 0.0:
+    if m[M_TAP_N_S] == 0.0 or since <= 0.0:
         return 0.0, 0.0, 0.0
     w = math.pi / m[M_TAP_S]
     if since >= m[M_TAP_S]:
-        return m[M_TAP_NS] * (since - 0.5 * m[M_TAP_S]), m[M_TAP_NS], 0.0
-    impulse = 0.5 * m[M_TAP_NS] * (1.0 - math.cos(w * since))
-    twice = 0.5 * m[M_TAP_NS] * (since - math.sin(w * since) / w)
-    return twice, impulse, 0.5 * m[M_TAP_NS] * w * math.sin(w * since)
+        return m[M_TAP_N_S] * (since - 0.5 * m[M_TAP_S]), m[M_TAP_N_S], 0.0
+    impulse = 0.5 * m[M_TAP_N_S] * (1.0 - math.cos(w * since))
+    twice = 0.5 * m[M_TAP_N_S] * (since - math.sin(w * since) / w)
+    return twice, impulse, 0.5 * m[M_TAP_N_S] * w * math.sin(w * since)
 
 
 @njit(cache=True)
@@ -266,7 +266,7 @@ def run(scene: Scene) -> tuple[float, float, GripForces]:
     grid_s = scene.duration_s
     if scene.vibration is not None:
         grid_s = 1.0 / (32 * scene.vibration.frequency_hz)
-    if m[M_TAP_NS] > 0.0:
+    if m[M_TAP_N_S] > 0.0:
         grid_s = min(grid_s, m[M_TAP_S] / 16)
     slip, u = solve(m, times, total, scene.on_table, grid_s)
     return slip, u, forces

@@ -65,7 +65,7 @@ class ArmRise(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 class TapPulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Half-sine blow of a mallet: on the top, downwards, or on the side, along y."""
 
-    impulse_ns: Annotated[float, Meta(ge=0.0, le=2.0, description="assumed, 0.08-0.45 N s")]
+    impulse_n_s: Annotated[float, Meta(ge=0.0, le=2.0, description="assumed, 0.08-0.45 N s")]
     duration_s: Annotated[float, Meta(gt=0.0, le=0.1, description="assumed, 2-16 ms")]
     at_s: Annotated[float, Meta(ge=0.0)] = 0.01
     direction: Literal["top", "side"] = "top"

@@ -9,7 +9,7 @@ import pytest
 from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios.lift import lift
-from scenarios.lift.lift import Trial
+from scenarios.lift.lift import LiftTrial
 from scenarios.rigs.config import RunConfig, load_config
 from scenarios.rigs.rig import Rig, open_rig
 from scenarios.trial.execution import make_guard
@@ -35,7 +35,7 @@ class Staged:
         self.ticks: list[Tick] = []
         self.done_at_ns: int | None = None
 
-    def run(self, when: Callable[[Tick], bool], act: Callable[[Rig], None]) -> Trial:
+    def run(self, when: Callable[[Tick], bool], act: Callable[[Rig], None]) -> LiftTrial:
         with open_rig(self.config, self.seed, paced=False) as rig:
             self.rig = rig
 
@@ -47,7 +47,7 @@ class Staged:
 
             return lift.run_trial(self.config, rig, make_guard(self.config), watch)
 
-    def result(self, trial: Trial) -> LiftResult:
+    def result(self, trial: LiftTrial) -> LiftResult:
         return lift.judge(self.config, self.seed, trial, None)
 
 

@@ -243,10 +243,10 @@ def test_control_channel_loads_another_scene_and_taps_its_object() -> None:
         assert not cell.truth().touched
         cell.control.ask("load", config=msgspec.to_builtins(ball), seed=3)
         assert cell.control.ask("truth")["placed"] is False
-        cell.control.ask("tap", impulse_ns=0.1, duration_s=0.008)
+        cell.control.ask("tap", impulse_n_s=0.1, duration_s=0.008)
         with pytest.raises(ValueError, match="load, place, tap, truth, fault"):
             cell.control.ask("dance")
-        with pytest.raises(ValueError, match="impulse_ns"):
+        with pytest.raises(ValueError, match="impulse_n_s"):
             cell.control.ask("tap")
         assert cell.truth().height_m == 0.0
 

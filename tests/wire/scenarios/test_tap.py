@@ -50,7 +50,7 @@ class Person:
         for line in self.process.stderr:
             self.prompts.append(line)
             if "Tap the object" in line:
-                self._world.ask("tap", impulse_ns=0.25, duration_s=0.008)
+                self._world.ask("tap", impulse_n_s=0.25, duration_s=0.008)
             self.process.stdin.write(f"{moved_mm}\n" if "tape mark moved" in line else "\n")
             self.process.stdin.flush()
             if "tape mark moved" in line:
@@ -85,7 +85,7 @@ def test_person_at_the_hardware_rig_strikes_measures_and_types(
     tap = series["taps"][0]
     assert tap["moved"] is moved
     assert tap["displacement_m"] == pytest.approx(float(typed) * 1e-3)
-    assert tap["impulse_ns"] is None and tap["down_m"] is None
+    assert tap["impulse_n_s"] is None and tap["down_m"] is None
     assert tap["outcome"] == ("registered" if moved else "unmoved_registered")
     assert process.returncode == (0 if moved else 1)
     assert len(person.prompts) == 3

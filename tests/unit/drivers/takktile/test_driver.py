@@ -7,7 +7,7 @@ import pytest
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.takktile.driver import ModelLink, TakkTileDriver
 from drivers.takktile.model import BoardModel, BoardModelSettings
-from drivers.takktile.protocol import Request
+from drivers.takktile.protocol import UsbRequest
 from drivers.takktile.settings import TakkTileSettings
 
 MS = 1_000_000
@@ -182,7 +182,7 @@ def test_codes_above_512_are_not_folded_back(bench):
 
 def test_a_board_left_running_is_stopped_before_it_is_scanned():
     bench = Bench()
-    bench.board.control(Request.TIMER, 100, 0xFF, 1, 0)
+    bench.board.control(UsbRequest.TIMER, 100, 0xFF, 1, 0)
     bench.now_ns = PERIOD_NS
     bench.driver.open(bench.now_ns)  # a scan while sampling would hang the board
     bench.pump(2)
@@ -317,7 +317,7 @@ def test_an_unplugged_board_is_a_lost_link_and_reopening_asks_for_a_new_rest(ben
 def test_a_hung_board_asks_to_be_replugged(bench):
     link = ModelLink(bench.board)
     with pytest.raises(LinkLost, match="hangs") as caught:
-        link.control(Request.SCAN, 0, 0, 64, bench.now_ns)
+        link.control(UsbRequest.SCAN, 0, 0, 64, bench.now_ns)
     assert "unplug" in caught.value.remedy
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from drivers.takktile import protocol
 from drivers.takktile.model import BoardModel, BoardModelSettings, Hung, Stall, Unplugged
-from drivers.takktile.protocol import Request
+from drivers.takktile.protocol import UsbRequest
 
 MS = 1_000_000
 READY_NS = 3 * MS + 18 * 100_000
@@ -33,7 +33,7 @@ def board(scene: Scene) -> BoardModel:
 
 
 def start(board: BoardModel, now_ns: int = 0) -> bytes:
-    return board.control(Request.TIMER, 375, 0xFF, 1, now_ns)
+    return board.control(UsbRequest.TIMER, 375, 0xFF, 1, now_ns)
 
 
 def read_codes(board: BoardModel, now_ns: int) -> list[int]:
@@ -47,7 +47,7 @@ def test_a_board_that_was_not_started_sends_nothing(board):
 
 def test_start_answers_one_and_stop_answers_zero_and_silences(board):
     assert start(board) == b"\x01"
-    assert board.control(Request.TIMER, 0, 0, 1, MS) == b"\x00"
+    assert board.control(UsbRequest.TIMER, 0, 0, 1, MS) == b"\x00"
     assert board.bulk_read(512, 100 * MS) is None
 
 
@@ -76,7 +76,7 @@ def test_a_split_frame_starts_no_conversion_until_its_last_byte_is_drained(board
 
 def test_a_dead_column_shrinks_the_frame_and_shows_in_the_scan(board):
     board.kill_column(2)
-    assert board.control(Request.SCAN, 0, 0, 64, 0) == bytes([0x3B] * 3 + [0] * 5)
+    assert board.control(UsbRequest.SCAN, 0, 0, 64, 0) == bytes([0x3B] * 3 + [0] * 5)
     start(board)
     assert len(board.bulk_read(512, 10 * MS)) == 60
 
@@ -115,7 +115,7 @@ def test_timeouts_keep_the_frame_waiting(board):
     assert set(read_codes(board, 30 * MS)) == {400}
 
 
-@pytest.mark.parametrize(("request_", "index"), [(0x42, 0), (Request.STRING, 2), (0xBB, 0)])
+@pytest.mark.parametrize(("request_", "index"), [(0x42, 0), (UsbRequest.STRING, 2), (0xBB, 0)])
 def test_unknown_requests_stall(board, request_, index):
     with pytest.raises(Stall):
         board.control(request_, 0, index, 64, 0)
@@ -129,19 +129,19 @@ def test_an_injected_stall_strikes_once(board):
 
 
 def test_version_strings_end_with_nul(board):
-    assert board.control(Request.STRING, 0, 0, 64, 0) == b"1.0\0"
-    assert board.control(Request.STRING, 0, 1, 3, 0) == b"mod"
+    assert board.control(UsbRequest.STRING, 0, 0, 64, 0) == b"1.0\0"
+    assert board.control(UsbRequest.STRING, 0, 1, 3, 0) == b"mod"
 
 
 def test_a_scan_while_sampling_hangs_the_firmware_until_it_is_replugged(board):
     start(board)
     with pytest.raises(Hung):
-        board.control(Request.SCAN, 0, 0, 64, MS)
+        board.control(UsbRequest.SCAN, 0, 0, 64, MS)
     with pytest.raises(Hung):
-        board.control(Request.TIMER, 0, 0, 1, MS)
+        board.control(UsbRequest.TIMER, 0, 0, 1, MS)
     assert board.bulk_read(512, 10 * MS) is None
     board.replug()
-    assert len(board.control(Request.SCAN, 0, 0, 64, 20 * MS)) == 8
+    assert len(board.control(UsbRequest.SCAN, 0, 0, 64, 20 * MS)) == 8
 
 
 def test_an_unplugged_board_is_not_there_and_comes_back_stopped(board):
@@ -155,7 +155,7 @@ def test_an_unplugged_board_is_not_there_and_comes_back_stopped(board):
 
 def test_calibration_of_column_five_is_that_of_the_next_row(board):
     def coefficients(row: int, column: int) -> bytes:
-        return board.control(Request.CALIBRATION, column, row, 8, 0)
+        return board.control(UsbRequest.CALIBRATION, column, row, 8, 0)
 
     assert coefficients(0, 0) == bytes.fromhex("3ECEB3F9C51733C8")
     assert coefficients(0, 4) != coefficients(1, 0)
@@ -166,7 +166,7 @@ def test_a_takkfast_board_sends_every_place_dead_or_alive(scene):
     cells = tuple(divmod(cell, 5) for cell in range(18))
     board = BoardModel(BoardModelSettings(cells=cells, takkfast=True), scene)
     board.kill_column(4)
-    assert len(board.control(Request.SCAN, 0, 0, 64, 0)) == 40
+    assert len(board.control(UsbRequest.SCAN, 0, 0, 64, 0)) == 40
     start(board)
     codes = read_codes(board, 10 * MS)
     assert len(codes) == 80

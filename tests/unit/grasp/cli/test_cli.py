@@ -122,7 +122,7 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
 ) -> None:
     code, series = run_json(
         capsys, "run", "tap", "--taps", "2", "--direction", "side", "--seed", "4", "--runs",
-        str(tmp_path), "--set", "tap.impulse_ns=0.02",
+        str(tmp_path), "--set", "tap.impulse_n_s=0.02",
     )  # fmt: skip
     assert code == 1  # nothing moved: no success to speak of
     assert list(series) == ["scenario", "object", "rig", "detector", "seed", "summary", "taps"]
@@ -131,7 +131,7 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
     assert {t["direction"] for t in series["taps"]} == {"side"}
     assert list(series["taps"][0]) == [
         "scenario", "object", "rig", "detector", "seed", "direction", "success", "outcome", "moved",
-        "displacement_m", "down_m", "across_m", "impulse_ns", "mallet_mps", "struck_s",
+        "displacement_m", "down_m", "across_m", "impulse_n_s", "mallet_mps", "struck_s",
         "slip_onset_s", "slip_end_s", "slip_duration_ms", "slip_registered_s",
         "detection_latency_ms", "nominal_again_s", "nominal_again_ms", "alarms", "watched_until_s",
         "grip_force_n", "peak_force_n", "commanded_force_n", "phases", "timing", "recording",

@@ -12,9 +12,9 @@ from detector.recordings import Metadata, Recording, read
 from drivers.errors import ConfigError, Refused, Stale
 from scenarios.acquire import session as acquire
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
-from scenarios.acquire.press import Phase, motion
+from scenarios.acquire.press import PressPhase, motion
 from scenarios.acquire.rig import AcquireRig, open_acquire_rig
-from scenarios.acquire.session import Session, Tick
+from scenarios.acquire.session import Sample, Session
 from scenarios.acquire.world_of_seed import counts_per_newton
 
 METADATA = Metadata(
@@ -111,7 +111,7 @@ def test_an_oblique_stroke_runs_along_its_direction() -> None:
 
 
 def test_the_finger_rests_before_it_touches_and_retreats_afterwards() -> None:
-    seen: list[Tick] = []
+    seen: list[Sample] = []
     settings = config()
     with open_acquire_rig(settings, 0, paced=False) as rig:
         made = Session(settings, motion("0", 0.05, 1.0), 0, rig, seen.append)
@@ -119,8 +119,8 @@ def test_the_finger_rests_before_it_touches_and_retreats_afterwards() -> None:
         rig.arm.pump(rig.clock.now_ns)
         assert rig.arm.state is not None
         assert rig.arm.state.position_m == pytest.approx(settings.arm_model.start_m)
-    assert seen[0].phase is Phase.APPROACH
-    assert all(tick.phase is not Phase.APPROACH for tick in made.ticks)
+    assert seen[0].phase is PressPhase.APPROACH
+    assert all(tick.phase is not PressPhase.APPROACH for tick in made.ticks)
 
 
 def test_jitter_and_lost_samples_are_those_of_the_settings() -> None:
@@ -169,7 +169,9 @@ def test_saturated_taxels_do_not_press_the_finger_ever_deeper() -> None:
     with open_acquire_rig(settings, 0, paced=False) as rig:
         made = Session(settings, motion("0", 0.05, 1.0), 0, rig)
         made.run(700, from_start=True)
-    pressed = [tick.arm.position_m[2] for tick in made.ticks if tick.phase is not Phase.APPROACH]
+    pressed = [
+        tick.arm.position_m[2] for tick in made.ticks if tick.phase is not PressPhase.APPROACH
+    ]
     assert min(pressed) > pressed[0] - 0.0025
 
 
@@ -207,9 +209,9 @@ def test_a_run_leaves_one_recording(tmp_path: Any) -> None:
 
 
 def test_ctrl_c_keeps_what_was_recorded(tmp_path: Any) -> None:
-    seen: list[Tick] = []
+    seen: list[Sample] = []
 
-    def stop_after_a_while(tick: Tick) -> None:
+    def stop_after_a_while(tick: Sample) -> None:
         seen.append(tick)
         if len(seen) == 500:
             raise KeyboardInterrupt
@@ -235,7 +237,7 @@ def test_fingertips_that_fall_silent_end_the_session_and_lose_nothing(
             rigs.append(rig)
             yield rig
 
-    def silence(tick: Tick) -> None:
+    def silence(tick: Sample) -> None:
         nonlocal ticks
         ticks += 1
         if ticks == 500:
@@ -263,7 +265,7 @@ def test_a_machine_that_stood_still_leaves_two_recordings_and_no_burst(
             clocks.append(rig.clock)
             yield rig
 
-    def stand_still(tick: Tick) -> None:
+    def stand_still(tick: Sample) -> None:
         nonlocal ticks
         ticks += 1
         if ticks == 500:

@@ -15,14 +15,14 @@ from drivers.errors import ConfigError
 from grasp.cli import main
 from scenarios.campaign.pool import Work
 from scenarios.campaign.run import Progress, run
-from scenarios.campaign.spec import CampaignSpec, Trial, combinations, read_spec, trials
+from scenarios.campaign.spec import CampaignSpec, Task, combinations, read_spec, trials
 from scenarios.campaign.store import BadCampaignFile, CampaignStore
 from scenarios.campaign.worker import MACHINE_COLUMNS, Finished, Row, error_row, run_trial
 
 TWO_OBJECTS = CampaignSpec(name="two", objects=("can", "ball"), repetitions=2)
 
 
-def judged_at_once(trial: Trial) -> Finished:
+def judged_at_once(trial: Task) -> Finished:
     """In place of a trial that takes its time."""
     return Finished(msgspec.structs.replace(error_row(trial, ""), status="done", success=True))
 
@@ -31,7 +31,7 @@ def judged_at_once(trial: Trial) -> Finished:
 def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """No workers, where they are not what is tested: they take seconds to start."""
 
-    def local(trials: Sequence[Trial], jobs: int, work: Work) -> Iterator[Finished]:
+    def local(trials: Sequence[Task], jobs: int, work: Work) -> Iterator[Finished]:
         for trial in trials:
             yield work(trial)
 
@@ -170,7 +170,7 @@ def test_a_trial_that_crashes_is_a_row_with_its_traceback(monkeypatch: pytest.Mo
 
 
 def test_a_worker_that_dies_costs_its_own_trial_alone(tmp_path: Path) -> None:
-    def work(trial: Trial) -> Finished:
+    def work(trial: Task) -> Finished:
         if trial.number == 1:
             os._exit(3)
         return judged_at_once(trial)
@@ -190,7 +190,7 @@ def test_exit_code_says_whether_every_trial_ran(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def work(trial: Trial) -> Finished:
+    def work(trial: Task) -> Finished:
         if trial.number in crashing:
             raise RuntimeError("on purpose")
         return judged_at_once(trial)
@@ -204,7 +204,7 @@ def test_exit_code_says_whether_every_trial_ran(
 
 
 def test_resume_runs_what_is_missing_or_errored_and_nothing_else(tmp_path: Path) -> None:
-    def crash_two(trial: Trial) -> Finished:
+    def crash_two(trial: Task) -> Finished:
         if trial.number in (0, 3):
             raise RuntimeError("on purpose")
         return judged_at_once(trial)
@@ -217,7 +217,7 @@ def test_resume_runs_what_is_missing_or_errored_and_nothing_else(tmp_path: Path)
     ran = tmp_path / "ran"
     ran.mkdir()
 
-    def work(trial: Trial) -> Finished:
+    def work(trial: Task) -> Finished:
         (ran / str(trial.number)).touch()
         return judged_at_once(trial)
 
@@ -289,7 +289,7 @@ def test_a_file_that_is_no_campaign_is_named(content: bytes | None, tmp_path: Pa
 
 @pytest.mark.usefixtures("one_process")
 def test_recordings_lie_beside_the_file_under_their_trial(tmp_path: Path) -> None:
-    def work(trial: Trial) -> Finished:
+    def work(trial: Task) -> Finished:
         return Finished(judged_at_once(trial).row, b"bytes" if trial.number == 2 else None)
 
     run_with(TWO_OBJECTS, tmp_path / "a.sqlite", work)

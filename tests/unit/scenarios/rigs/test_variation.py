@@ -4,14 +4,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from scenarios.rigs.variation import Trial, VariationSettings, draw
+from scenarios.rigs.variation import Draw, VariationSettings, draw
 from scenarios.rigs.world_of_seed import make_cell
 from tests.unit.scenarios.conftest import config
 
 MANY = 2000
 
 
-def drawn(settings: VariationSettings, n: int = MANY) -> list[Trial]:
+def drawn(settings: VariationSettings, n: int = MANY) -> list[Draw]:
     c = config()
     return [draw(settings, c.object, c.hand, np.random.default_rng(k)) for k in range(n)]
 

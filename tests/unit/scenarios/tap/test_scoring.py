@@ -3,19 +3,19 @@
 import msgspec
 import pytest
 
-from scenarios.tap.scoring import Motion, TapFacts, TapOutcome, nominal_again_s, verdict
+from scenarios.tap.scoring import ObjectMotion, TapFacts, TapOutcome, nominal_again_s, verdict
 from scenarios.tap.settings import TapScoringSettings
 from scenarios.tap.summary import count, sensitivity, summarise, verdict_again
 from scenarios.trial.result import Alarm
 from tests.unit.scenarios.tap.test_tap import result_of
 
 WINDOWS = TapScoringSettings(moved_m=0.001, register_s=0.5, clear_s=1.0, stay_s=0.5)
-MOVED = Motion(struck_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0.006)
-STUCK = Motion(struck_s=9.99, from_s=None, until_s=None, displacement_m=0.0004)
+MOVED = ObjectMotion(struck_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0.006)
+STUCK = ObjectMotion(struck_s=9.99, from_s=None, until_s=None, displacement_m=0.0004)
 
 
 def facts(
-    *alarms: tuple[float, float | None], motion: Motion | None = MOVED, **more: object
+    *alarms: tuple[float, float | None], motion: ObjectMotion | None = MOVED, **more: object
 ) -> TapFacts:
     plain: dict[str, object] = {
         "motion": motion, "alarms": [Alarm(*a) for a in alarms], "watched_until_s": 13.0,

@@ -23,7 +23,7 @@ from scenarios.world import contact
 from scenarios.world.cell import Blow
 from tests.unit.scenarios.conftest import config
 
-HELD = "tap.impulse_ns=0.02"  # well within the friction of the grip
+HELD = "tap.impulse_n_s=0.02"  # well within the friction of the grip
 # a threshold between resting noise and a blow, whatever the fingertip's latest figures are
 HEARS = "detector.threshold_counts=12"
 
@@ -117,17 +117,17 @@ def test_detector_that_is_never_quiet_leaves_nothing_to_strike() -> None:
     r = result_of("detector.threshold_counts=0.1", "tap.patience_s=1")
     assert r.outcome == "never_nominal"
     assert r.moved is None
-    assert r.impulse_ns is None
+    assert r.impulse_n_s is None
 
 
 def test_blow_much_too_hard_knocks_the_object_out() -> None:
-    r = result_of("tap.impulse_ns=1.9", "tap.direction=side")
+    r = result_of("tap.impulse_n_s=1.9", "tap.direction=side")
     assert r.outcome == "knocked_out"
     assert r.moved
 
 
 def test_blow_along_the_closing_axis_passes_the_limit_from_outside_unanswered() -> None:
-    staged = Staged("tap.direction=closing", "tap.impulse_ns=0.3", "tap.duration_s=0.02",
+    staged = Staged("tap.direction=closing", "tap.impulse_n_s=0.3", "tap.duration_s=0.02",
                     "tap.spread=0")  # fmt: skip
     trial = staged.run()
     motion, end = trial.sequence.motion, trial.trace.end
@@ -141,7 +141,7 @@ def test_blow_along_the_closing_axis_passes_the_limit_from_outside_unanswered() 
 
 
 def test_long_push_that_is_measured_well_above_the_limit_is_not_answered_either() -> None:
-    staged = Staged("tap.direction=closing", "tap.impulse_ns=1.5", "tap.duration_s=0.05",
+    staged = Staged("tap.direction=closing", "tap.impulse_n_s=1.5", "tap.duration_s=0.05",
                     "tap.follow_s=0.2", "tap.follow_fraction=0.5", "tap.spread=0")  # fmt: skip
     trial = staged.run()
     motion = trial.sequence.motion
@@ -158,13 +158,13 @@ def test_seed_chooses_direction_strength_and_moment() -> None:
     c = tap_config(config())
     assert [direction_of(c.tap, seed) for seed in range(4)] == ["top", "side", "top", "side"]
     swings = [swing(c, seed) for seed in range(0, 400, 2)]
-    strengths = np.array([s.impulse_ns for s in swings])
+    strengths = np.array([s.impulse_n_s for s in swings])
     nominal = mallet.search(c, "top")
     assert strengths.mean() == pytest.approx(nominal, rel=0.05)
     assert strengths.std() / nominal == pytest.approx(0.2, rel=0.2)
     assert {type(s.blow) for s in swings} == {Blow}
     half = swing(tap_config(config("tap.strength=0.5")), 8)
-    assert half.impulse_ns == pytest.approx(0.5 * swing(c, 8).impulse_ns)
+    assert half.impulse_n_s == pytest.approx(0.5 * swing(c, 8).impulse_n_s)
     assert swing(c, 8) == swing(c, 8) != swing(c, 10)
 
 
@@ -258,7 +258,7 @@ def test_person_strikes_and_types_what_the_tape_mark_says() -> None:
     r, person = by_hand(["7,5"])
     assert r.outcome == "registered"
     assert r.displacement_m == pytest.approx(0.0075)
-    assert r.impulse_ns is None and r.down_m is None and r.grip_force_n is None
+    assert r.impulse_n_s is None and r.down_m is None and r.grip_force_n is None
     assert "TOP" in person.asked[0]
     assert r.detection_latency_ms is not None and 0 <= r.detection_latency_ms < 100
 

@@ -47,9 +47,12 @@ def held(contact: ContactSettings = SOFT, thumb_n: float = 10.0, **fields: objec
 
 
 def tap(
-    offset_m: float = 0.0, direction: str = "top", impulse_ns: float = 0.2, duration_s: float = 8e-3
+    offset_m: float = 0.0,
+    direction: str = "top",
+    impulse_n_s: float = 0.2,
+    duration_s: float = 8e-3,
 ) -> TapPulse:
     return TapPulse(
-        impulse_ns=impulse_ns, duration_s=duration_s, offset_m=offset_m,
+        impulse_n_s=impulse_n_s, duration_s=duration_s, offset_m=offset_m,
         direction=direction,  # type: ignore[arg-type]
     )  # fmt: skip

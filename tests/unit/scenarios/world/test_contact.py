@@ -192,7 +192,7 @@ def test_tap_on_a_free_object_leaves_its_whole_impulse() -> None:
     p = contact.parameters(ContactSettings(), body())
     state = contact.initial_state()
     state[contact.HEIGHT] = 1.0
-    state[[contact.TAP_START_S, contact.TAP_S, contact.TAP_NS]] = 0.01, 0.008, 0.2
+    state[[contact.TAP_START_S, contact.TAP_S, contact.TAP_N_S]] = 0.01, 0.008, 0.2
     open_hand = travel(10, 10, 10)
     contact.advance(p, state, 0.0, 0.03, 5e-4, 0.0, 0.0, 0.0, open_hand, open_hand)
     expected = -contact.GRAVITY_MPS2 * 0.03 - 0.2 / 0.65
@@ -208,7 +208,7 @@ def test_tap_within_the_friction_of_the_grip_moves_nothing_for_good_and_a_hard_o
         grip = travel(59.2, 55, 55)
         contact.advance(p, state, 0.0, 0.3, 5e-4, 0.0, 0.0, 0.0, grip, grip)
         before = state[contact.SLIP]
-        state[[contact.TAP_START_S, contact.TAP_S, contact.TAP_NS]] = 0.3, 0.008, impulse
+        state[[contact.TAP_START_S, contact.TAP_S, contact.TAP_N_S]] = 0.3, 0.008, impulse
         contact.advance(p, state, 0.3, 0.5, 5e-4, 0.0, 0.0, 0.0, grip, grip)
         slips.append(state[contact.SLIP] - before)
     assert abs(slips[0]) < 1e-5

@@ -163,7 +163,7 @@ def test_weight_beside_the_grip_turns_the_object_while_it_slides() -> None:
 
 def test_patches_resist_turning_and_points_do_not() -> None:
     turns = [
-        abs(simulate(held(tap=tap(0.02, impulse_ns=0.4)), level, 5e-4).turn_rad)
+        abs(simulate(held(tap=tap(0.02, impulse_n_s=0.4)), level, 5e-4).turn_rad)
         for level in (Level.POINTS, Level.SPIN, Level.BRUSH)
     ]
     assert turns[0] > turns[2] > 0.0

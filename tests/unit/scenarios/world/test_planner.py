@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from tests.unit.scenarios.world.ladder_scenes import body, held, lift, tap
 
 from scenarios.studies.physics.planner_report import scenes_of, truth
 from scenarios.studies.physics.random_scenes import random_lift, random_tap
@@ -13,6 +12,7 @@ from scenarios.world.ladder.experiments import SCENES, World
 from scenarios.world.ladder.levels import Level, simulate
 from scenarios.world.ladder.planner import Tolerance, indicators, plan
 from scenarios.world.ladder.scene import Plane, Vibration
+from tests.unit.scenarios.world.ladder_scenes import body, held, lift, tap
 
 MM = Tolerance(slip_m=1e-3)
 
@@ -37,7 +37,7 @@ def test_levels_that_agree_because_both_omit_the_rotation_are_not_believed() -> 
 
 
 def test_a_tighter_tolerance_takes_a_fuller_level_and_a_smaller_step() -> None:
-    scene = held(tap=tap(0.03, impulse_ns=0.3))
+    scene = held(tap=tap(0.03, impulse_n_s=0.3))
     loose, tight = (plan(scene, Tolerance(slip_m=t)).answer for t in (5e-3, 2e-5))
     assert tight.level > loose.level
     assert tight.step_s < loose.step_s
@@ -45,7 +45,7 @@ def test_a_tighter_tolerance_takes_a_fuller_level_and_a_smaller_step() -> None:
 
 
 def test_tolerance_on_rotation_counts_too() -> None:
-    scene = held(tap=tap(0.02, impulse_ns=0.3))
+    scene = held(tap=tap(0.02, impulse_n_s=0.3))
     assert plan(scene, Tolerance(slip_m=0.1)).level is Level.POINTS
     assert plan(scene, Tolerance(slip_m=0.1, rotation_rad=1e-3)).level > Level.POINTS
 

@@ -27,12 +27,12 @@ def held(mass_kg: float = 0.35, **settings: float) -> tuple[Floats, Floats]:
 
 
 def struck(
-    p: Floats, state: Floats, direction: int, impulse_ns: float, step_s: float = 5e-4,
+    p: Floats, state: Floats, direction: int, impulse_n_s: float, step_s: float = 5e-4,
     seconds: float = 0.5,
 ) -> Floats:  # fmt: skip
     s = state.copy()
     s[contact.TAP_DIRECTION] = direction
-    s[[contact.TAP_START_S, contact.TAP_S, contact.TAP_NS]] = AT_S, 0.008, impulse_ns
+    s[[contact.TAP_START_S, contact.TAP_S, contact.TAP_N_S]] = AT_S, 0.008, impulse_n_s
     contact.advance(p, s, AT_S, seconds, step_s, 0.0, 0.0, 0.0, GRIP, GRIP)
     return s
 
@@ -83,7 +83,7 @@ def test_slide_across_ends_where_work_against_friction_has_used_up_the_blow() ->
     p, state = held(mass_kg=0.02, **hard)
     s = state.copy()
     s[contact.TAP_DIRECTION] = contact.SIDE
-    s[[contact.TAP_START_S, contact.TAP_S, contact.TAP_NS]] = AT_S, 1e-4, 0.03
+    s[[contact.TAP_START_S, contact.TAP_S, contact.TAP_N_S]] = AT_S, 1e-4, 0.03
     contact.advance(p, s, AT_S, 0.2, 1e-5, 0.0, 0.0, 0.0, GRIP, GRIP)
     total_n = s[contact.NORMAL : contact.NORMAL + 3].sum()
     expected = 0.03**2 / (2 * 0.02 * 0.7 * total_n)
@@ -94,7 +94,7 @@ def test_friction_of_a_finger_stays_within_its_circle() -> None:
     p, state = held()
     s = state.copy()
     s[contact.TAP_DIRECTION] = contact.SIDE
-    s[[contact.TAP_START_S, contact.TAP_S, contact.TAP_NS]] = AT_S, 0.008, 0.3
+    s[[contact.TAP_START_S, contact.TAP_S, contact.TAP_N_S]] = AT_S, 0.008, 0.3
     before = s[contact.ACROSS_SPEED]
     for k in range(200):
         contact.advance(p, s, AT_S + k * 1e-4, 1e-4, 1e-4, 0.0, 0.0, 0.0, GRIP, GRIP)
@@ -138,8 +138,8 @@ def test_follow_through_adds_its_impulse_after_the_pulse() -> None:
     p = contact.parameters(ContactSettings(), body())
     state = contact.initial_state()
     state[contact.HEIGHT] = 1.0
-    state[[contact.TAP_START_S, contact.TAP_S, contact.TAP_NS]] = 0.01, 0.008, 0.2
-    state[[contact.FOLLOW_S, contact.FOLLOW_NS]] = 0.03, 0.05
+    state[[contact.TAP_START_S, contact.TAP_S, contact.TAP_N_S]] = 0.01, 0.008, 0.2
+    state[[contact.FOLLOW_S, contact.FOLLOW_N_S]] = 0.03, 0.05
     open_hand = travel(10, 10, 10)
     contact.advance(p, state, 0.0, 0.06, 5e-4, 0.0, 0.0, 0.0, open_hand, open_hand)
     expected = -contact.GRAVITY_MPS2 * 0.06 - 0.25 / 0.65

@@ -13,7 +13,7 @@ from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.emulator.bus import EmulatedBus, backend
 from drivers.takktile.link import usb as usb_link
 from drivers.takktile.link.usb import UsbLink
-from drivers.takktile.protocol import Request
+from drivers.takktile.protocol import UsbRequest
 from drivers.takktile.settings import TakkTileSettings
 
 
@@ -25,7 +25,7 @@ def link(bench):
 
 
 def start(link: UsbLink) -> None:
-    assert link.control(Request.TIMER, 375, 0xFF, 1, 0) == b"\x01"
+    assert link.control(UsbRequest.TIMER, 375, 0xFF, 1, 0) == b"\x01"
 
 
 def test_the_polled_driver_runs_over_usb(bench, link):
@@ -64,7 +64,7 @@ def test_a_stall_is_a_device_fault(bench, link):
 def test_a_hung_board_must_be_replugged(link):
     start(link)
     with pytest.raises(DeviceFault, match="hangs") as caught:
-        link.control(Request.SCAN, 0, 0, 64, 0)
+        link.control(UsbRequest.SCAN, 0, 0, 64, 0)
     assert "unplug the board, plug it in" in caught.value.remedy
 
 

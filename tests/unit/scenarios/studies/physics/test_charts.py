@@ -10,12 +10,12 @@ import pytest
 from scenarios.studies.physics import chart as physics_chart
 from scenarios.studies.physics import mujoco_scene, stability, yardsticks
 from scenarios.studies.physics.chart import PhysicsChart, ratios
-from scenarios.studies.physics.yardsticks import Point, measure
+from scenarios.studies.physics.yardsticks import CostPoint, measure
 from scenarios.world.ladder.levels import Level
 
 
-def point(curve: str, step_s: float, cost_us: float, error_mm: float) -> Point:
-    return Point("lift", curve, step_s, cost_us, error_mm * 1e-3)
+def point(curve: str, step_s: float, cost_us: float, error_mm: float) -> CostPoint:
+    return CostPoint("lift", curve, step_s, cost_us, error_mm * 1e-3)
 
 
 def test_a_lucky_hit_at_one_step_is_no_accuracy() -> None:

@@ -8,7 +8,7 @@ import pytest
 from detector.recordings import read_csv
 from scenarios.rigs.config import load_config
 from scenarios.studies.signal import calibrate, strokes
-from scenarios.studies.signal.calibrate import Search, Setup
+from scenarios.studies.signal.calibrate import FitSetup, Search
 from scenarios.studies.signal.statistics import signal_statistics
 from scenarios.studies.signal.strokes import StrokeSettings
 from scenarios.world.fingertip import FingertipSettings
@@ -45,7 +45,7 @@ def test_equal_seeds_give_equal_clips() -> None:
 
 
 def test_setup_fits_its_own_figures() -> None:
-    own = calibrate.mean(calibrate.figures(Setup(), 6, 1))
+    own = calibrate.mean(calibrate.figures(FitSetup(), 6, 1))
     assert calibrate.misfit(own, own) == 0.0
     rows = calibrate.compare(own, [own])
     assert rows and all(row.within_aim for row in rows)
@@ -59,15 +59,15 @@ def test_error_is_one_at_the_aim() -> None:
 
 
 def test_search_ends_nearer_to_the_recording_than_it_began() -> None:
-    hidden = Setup().changed({"fingertip.depth_mm": 5.0, "strokes.texture_rms_mm": 0.12})
+    hidden = FitSetup().changed({"fingertip.depth_mm": 5.0, "strokes.texture_rms_mm": 0.12})
     real = calibrate.mean(calibrate.figures(hidden, 4, 7))
     told = []
     search = Search(
         wide_rounds=3, wide_tries=8, wide_clips=3, close_rounds=1, close_tries=4, close_clips=4
     )
-    found, values = calibrate.fit(real, Setup(), search, lambda *told_now: told.append(told_now))
+    found, values = calibrate.fit(real, FitSetup(), search, lambda *told_now: told.append(told_now))
     middles = np.array([0.5 * np.log(p.low * p.high) for p in calibrate.PARAMETERS])
-    began = Setup().changed(calibrate.named(middles))
+    began = FitSetup().changed(calibrate.named(middles))
     before, after = (
         calibrate.misfit(real, calibrate.mean(calibrate.figures(s, 6, 7))) for s in (began, found)
     )
@@ -77,10 +77,10 @@ def test_search_ends_nearer_to_the_recording_than_it_began() -> None:
 
 
 def test_every_parameter_and_ablation_names_settings_that_exist() -> None:
-    for name, value, low, high in calibrate.parameter_values(Setup()):
+    for name, value, low, high in calibrate.parameter_values(FitSetup()):
         assert low <= value <= high, name
     for changes in calibrate.ABLATIONS.values():
-        assert Setup().changed(changes) != Setup()
+        assert FitSetup().changed(changes) != FitSetup()
 
 
 def test_fitted_values_are_a_settings_file(tmp_path: Path) -> None:
@@ -96,6 +96,6 @@ def test_built_in_fingertip_contrasts_slip_and_rest_like_the_authors_clip() -> N
     felt = read_csv(FELT)
     real = signal_statistics(felt.t_s, felt.counts[:, 0], felt.slip)
     assert real["AUC of the scalar"] == pytest.approx(0.906, abs=0.002)
-    simulated = calibrate.mean(calibrate.figures(Setup(), 48, calibrate.JUDGE_SEED))
+    simulated = calibrate.mean(calibrate.figures(FitSetup(), 48, calibrate.JUDGE_SEED))
     assert simulated["AUC of the scalar"] == pytest.approx(real["AUC of the scalar"], abs=0.03)
     assert calibrate.misfit(real, simulated) < 1.0

@@ -8,7 +8,7 @@ from contextlib import nullcontext
 import pytest
 
 from drivers.ur.emulator.controller import Controller, RuntimeState, SafetyMode
-from drivers.ur.emulator.motion import Motion
+from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.robot import UrEmulator
 from drivers.ur.emulator.settings import EmulatorSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
@@ -23,7 +23,7 @@ class Bench:
     def __init__(self):
         settings = EmulatorSettings(host="127.0.0.2")
         self.arm = ArmModel(ArmModelSettings(command_latency_s=0.0), 0)
-        self.motion = Motion(settings, self.arm, nullcontext(), 0)
+        self.motion = RobotMotion(settings, self.arm, nullcontext(), 0)
         self.controller = Controller(settings, self.motion, 0)
         self.now_ns = 0
 
