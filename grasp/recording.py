@@ -25,6 +25,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from drivers.errors import GraspError
+from grasp.settings import renamed
 
 LIBRARY = "grasp-controller"  # fixed: the libraries' versions belong in the metadata
 METADATA_NAME = "run"
@@ -169,9 +170,19 @@ class RunRecording:
             return self._decoders[topic].decode(data)
         except msgspec.MsgspecError as error:
             raise BadRecordingFile(
-                f"{self.path}: a message on {topic} does not fit: {error}",
+                f"{self.path}: a message on {topic} does not fit: {_renamed(topic, data) or error}",
                 "read it with the version that recorded it (see the file's metadata)",
             ) from error
+
+
+def _renamed(topic: str, data: bytes) -> str:
+    """What of a message is called otherwise now; empty when it does not fit for another reason."""
+    try:
+        fields = msgspec.json.decode(data, type=dict[str, Any])
+    except msgspec.MsgspecError:
+        return ""
+    found = ((name, renamed(f"{topic}.{name}")) for name in fields)
+    return ", ".join(f"{name} is called {new.rsplit('.')[-1]} now" for name, new in found if new)
 
 
 def read_messages(path: Path) -> Iterator[tuple[str, int, bytes]]:

@@ -18,6 +18,18 @@ from drivers.errors import ConfigError
 T = TypeVar("T", bound=msgspec.Struct)
 Table = dict[str, Any]
 
+# Old dotted names of settings and sections, and of fields of recorded messages as `/topic.field`,
+# to the names they have now: whoever gives an old one is refused and told the new one.
+RENAMED = {
+    "tap.impulse_ns": "tap.impulse_n_s",
+    "control.proportional_mps_n": "control.proportional_mps_per_n",
+    "control.integral_mps_ns": "control.integral_mps_per_n_s",
+    "control.derivative_m_n": "control.derivative_m_per_n",
+    "control.integral_limit_ns": "control.integral_limit_n_s",
+    "scene.top_impulse_ns": "scene.top_impulse_n_s",
+    "scene.side_impulse_ns": "scene.side_impulse_n_s",
+}
+
 
 class Layer(msgspec.Struct, frozen=True):
     """Settings from one place; ``source`` names it in error messages."""
@@ -81,6 +93,15 @@ def _value(text: str) -> Any:
         return text
 
 
+def renamed(key: str) -> str | None:
+    """The present name of a setting by its old one, or by that of the section it stood in."""
+    parts = key.split(".")
+    for end in range(len(parts), 0, -1):
+        if new := RENAMED.get(".".join(parts[:end])):
+            return ".".join([new, *parts[end:]])
+    return None
+
+
 def load(cls: type[T], layers: Sequence[Layer]) -> T:
     """Merge the layers and convert; raises ConfigError for the first violation."""
     merged: Table = {}
@@ -116,6 +137,8 @@ def _explain(cls: type[msgspec.Struct], message: str, sources: dict[str, str]) -
         missing = "required" in problem
         hint = f" (did you mean {close[0]!r}?)" if close and not missing else ""
         text = "missing" if missing else f"unknown key{hint}"
+        if not missing and (new := renamed(key)):
+            text = f"is called {new} now"
         return ConfigError(_source(sources, key), key, text, ", ".join(known))
     return ConfigError(_source(sources, key), key, problem, allowed(cls, key))
 

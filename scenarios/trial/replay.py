@@ -6,6 +6,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from drivers.errors import ConfigError
 from drivers.interfaces import FINGERS, TAXELS, ArmState, GripperState
 from grasp.commands import GripperCommand, describe
 from grasp.messages import (
@@ -21,6 +22,7 @@ from grasp.messages import (
 )
 from grasp.phases import Phase
 from grasp.recording import BadRecordingFile, RunRecording
+from grasp.settings import Layer, load
 from scenarios.rigs.config import RunConfig
 from scenarios.trial.execution import make_controller, make_guard
 from scenarios.trial.run_folder import RECORDING, RUN_CHANNELS
@@ -74,8 +76,9 @@ def replay_run(path: Path) -> Replay:
 
 def _config(recording: RunRecording) -> RunConfig:
     try:
-        return msgspec.json.decode(recording.metadata["config"], type=RunConfig)
-    except (KeyError, msgspec.MsgspecError) as error:
+        table = msgspec.json.decode(recording.metadata["config"], type=dict[str, Any])
+        return load(RunConfig, [Layer("metadata", table)])
+    except (KeyError, msgspec.MsgspecError, ConfigError) as error:
         raise BadRecordingFile(
             f"{recording.path}: its settings do not fit this version: {error}",
             f"replay with grasp {recording.metadata.get('version.grasp', 'of its time')}",

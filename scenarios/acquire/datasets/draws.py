@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from drivers.errors import ConfigError
+from grasp.settings import renamed
 
 C = TypeVar("C", bound=msgspec.Struct)
 
@@ -16,7 +17,9 @@ def with_values(config: C, values: Mapping[str, Any]) -> C:
     for key, value in values.items():
         section, _, name = key.partition(".")
         if name not in tree.get(section, {}):
-            raise ConfigError("randomise", key, "no such setting", "section.key of a setting")
+            new = renamed(key)
+            problem = f"is called {new} now" if new else "no such setting"
+            raise ConfigError("randomise", key, problem, "section.key of a setting")
         tree[section][name] = value
     try:
         return msgspec.convert(tree, type(config))

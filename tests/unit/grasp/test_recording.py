@@ -26,6 +26,7 @@ from grasp.recording import (
     read_messages,
     viewer_schema,
 )
+from grasp.settings import RENAMED
 
 ROOT = Path(__file__).parents[3]
 
@@ -308,6 +309,16 @@ def test_a_message_of_another_version_is_refused_by_topic(tmp_path: Path) -> Non
     record(tmp_path / "run.mcap", 1)
     recording = RunRecording.open(tmp_path / "run.mcap", {"/event": Finger})
     with pytest.raises(BadRecordingFile, match="/event"):
+        list(recording)
+
+
+def test_a_message_with_an_old_name_is_refused_with_the_new_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(RENAMED, "/event.text", "/event.side")
+    record(tmp_path / "run.mcap", 1)
+    recording = RunRecording.open(tmp_path / "run.mcap", {"/event": Finger})
+    with pytest.raises(BadRecordingFile, match="text is called side now"):
         list(recording)
 
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from drivers.errors import ConfigError
@@ -53,6 +54,34 @@ def test_violation_names_source_key_and_what_is_allowed(
     assert caught.value.file == "--set"
     assert caught.value.key == key
     assert says in f"{caught.value.message} {caught.value.allowed}"
+
+
+def test_old_name_of_a_setting_is_refused_with_the_new_one(tmp_path: Path) -> None:
+    file = tmp_path / "lab.toml"
+    file.write_text("[tap]\nimpulse_ns = 0.2\n")
+    with pytest.raises(
+        ConfigError, match=r"tap.impulse_ns: is called tap.impulse_n_s now"
+    ) as caught:
+        lift(file=file)
+    assert caught.value.file == str(file)
+    with pytest.raises(ConfigError, match=r"--set: tap\.impulse_ns: is called tap.impulse_n_s now"):
+        lift("tap.impulse_ns=0.2")
+
+
+def test_old_section_is_refused_with_the_new_one_and_its_keys(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(settings.RENAMED, "grd", "guard")
+    with pytest.raises(ConfigError, match="grd: is called guard now"):
+        lift("grd.force_limit_n=9")
+    assert settings.renamed("grd.force_limit_n") == "guard.force_limit_n"
+
+
+def test_no_old_name_of_a_setting_is_one_in_use() -> None:
+    config = msgspec.to_builtins(lift())
+    for old in settings.RENAMED:
+        section, _, name = old.partition(".")
+        assert name not in config.get(section, {}), old
 
 
 @pytest.mark.parametrize("text", ["guard", "=3", "guard..x=1", "guard=1"])

@@ -86,14 +86,28 @@ def test_recording_of_a_killed_run_is_replayed_as_far_as_it_goes(
     assert replay.steps > 100
 
 
-def test_recording_made_with_unknown_settings_is_refused(recorded: Path, tmp_path: Path) -> None:
-    recording = RunRecording.open(recorded, RUN_CHANNELS)
-    out = tmp_path / "x.mcap"
-    metadata = {**recording.metadata, "config": '{"rig": "simulated", "novel": 1}'}
-    with RunRecorder(out, RUN_CHANNELS, metadata) as writer:
+def copy_with_settings(source: Path, out: Path, config: str) -> Path:
+    recording = RunRecording.open(source, RUN_CHANNELS)
+    with RunRecorder(out, RUN_CHANNELS, {**recording.metadata, "config": config}) as writer:
         for name, t_ns, message in recording:
             writer.write(name, t_ns, message)
+    return out
+
+
+def test_recording_made_with_unknown_settings_is_refused(recorded: Path, tmp_path: Path) -> None:
+    out = copy_with_settings(recorded, tmp_path / "x.mcap", '{"rig": "simulated", "novel": 1}')
     with pytest.raises(BadRecordingFile, match="do not fit this version"):
+        replay_run(out)
+
+
+def test_recording_with_the_old_name_of_a_setting_is_refused_with_the_new_one(
+    recorded: Path, tmp_path: Path
+) -> None:
+    settings = RunRecording.open(recorded, RUN_CHANNELS).metadata["config"]
+    old = settings.replace('"impulse_n_s"', '"impulse_ns"')
+    assert old != settings
+    out = copy_with_settings(recorded, tmp_path / "x.mcap", old)
+    with pytest.raises(BadRecordingFile, match=r"tap\.impulse_ns: is called tap.impulse_n_s now"):
         replay_run(out)
 
 
