@@ -15,9 +15,10 @@ from drivers.takktile.settings import TakkTileSettings
 from drivers.ur.driver import ArmDriver
 from drivers.ur.link.client import UrLink
 from grasp.clock import Clock, PacedClock, VirtualClock, WallClock
+from scenarios.acquire import emulated_cell
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.world_of_seed import pressed_cell
-from scenarios.rigs.wired import CellProcess
+from scenarios.rigs.cell_process import CellProcess
 from scenarios.world.pressed_cell import PressedCell, PressedTruth
 
 LOADED_STD = 200.0  # counts; anything that a pressed fingertip may do while it is zeroed
@@ -57,7 +58,7 @@ def _simulated(config: AcquireConfig, seed: int, paced: bool) -> AcquireRig:
 @contextmanager
 def _emulated(config: AcquireConfig, seed: int) -> Iterator[AcquireRig]:
     """Real drivers over real protocols to a cell in another process, in wall time."""
-    process = CellProcess(config, seed, "scenarios.acquire.emulated_cell")
+    process = CellProcess(config, seed, emulated_cell)
     try:
         replace, ends = msgspec.structs.replace, process.endpoints
         there = replace(

@@ -10,7 +10,8 @@ from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, Trace, false_start, outcome
 from scenarios.rigs.config import RunConfig
-from scenarios.rigs.rig import Rig, Stalls, open_rig
+from scenarios.rigs.opening import open_rig
+from scenarios.rigs.rig import Rig, Stalls
 from scenarios.trial.execution import (
     OnTick,
     Watch,

@@ -154,7 +154,7 @@ def _devices(rig: str | None, file: Path | None) -> list[Check]:
         config = _load(rig, file)
         if rig != "emulated":
             return _ask_devices(config)
-        from scenarios.rigs.wired import at_endpoints, cell_process
+        from scenarios.rigs.cell_process import at_endpoints, cell_process
 
         with cell_process(config, 0) as cell:
             return _ask_devices(at_endpoints(config, cell.endpoints))

@@ -3,7 +3,7 @@
 from drivers.errors import DeviceFault
 from drivers.interfaces import Counts3
 from scenarios.rigs.config import RunConfig
-from scenarios.rigs.rig import open_rig
+from scenarios.rigs.opening import open_rig
 
 TIMEOUT_S = 15.0
 POLL_NS = 50_000_000

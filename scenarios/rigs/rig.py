@@ -1,20 +1,14 @@
-"""Opens a rig: the three devices, their clock, and, where there is a simulation, its truth."""
+"""A rig: the three devices, their clock, and, where there is a simulation, its truth."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 
 import msgspec
 
 from drivers.errors import ConfigError, DeviceFault
-from drivers.robotiq.driver import RobotiqDriver
-from drivers.robotiq.model.gripper import ModelTransport
 from drivers.robotiq.protocol import CALIBRATIONS, GripperCalibration
-from drivers.takktile.driver import ModelLink, TakkTileDriver
-from drivers.ur.driver import ArmDriver
-from grasp.clock import Clock, PacedClock, VirtualClock, WallClock
+from grasp.clock import Clock
 from grasp.loop import Devices
 from scenarios.rigs.config import RunConfig
-from scenarios.rigs.world_of_seed import make_cell
 from scenarios.world.cell import Blow, SimulatedCell, Truth
 
 POLL_NS = 100_000_000  # while waiting for activation
@@ -55,76 +49,6 @@ def calibration(config: RunConfig) -> GripperCalibration:
         problem = f"unknown: {name}" if name else "must be chosen by hand on this rig"
         raise ConfigError("gripper", "calibration", problem, known)
     return found
-
-
-@contextmanager
-def open_rig(config: RunConfig, seed: int, paced: bool) -> Iterator[Rig]:
-    """The rig that the configuration names. Raises the drivers' errors; closes what it opened."""
-    if config.rig == "simulated":
-        yield _simulated(config, seed, paced)
-        return
-    wired = _emulated(config, seed) if config.rig == "emulated" else _hardware(config)
-    with wired as rig:
-        yield rig
-
-
-@contextmanager
-def _emulated(config: RunConfig, seed: int) -> Iterator[Rig]:
-    """Real drivers over real protocols to a cell in another process, in wall time."""
-    from scenarios.rigs.wired import (
-        acknowledgements,
-        at_endpoints,
-        cell_process,
-        wait_placed,
-        wired_devices,
-    )
-
-    with cell_process(config, seed) as cell:
-        clock = WallClock(cell.endpoints["start_ns"])
-        there = at_endpoints(config, cell.endpoints)
-        with wired_devices(there, calibration(config), clock) as devices:
-            connect(devices, clock)
-            devices.arm.set_payload(config.arm.payload_kg)
-            wait_placed(cell, clock)
-
-            def load(trial: RunConfig, seed: int) -> None:
-                cell.load(trial, seed)
-                wait_placed(cell, clock)
-
-            yield Rig(
-                devices, clock, None, cell.truth, cell.stalls, acknowledgements(devices),
-                cell.tap, load,
-            )  # fmt: skip
-
-
-@contextmanager
-def _hardware(config: RunConfig) -> Iterator[Rig]:
-    """The same drivers at the lab's own addresses; nothing is known but what the devices say."""
-    from scenarios.rigs.wired import acknowledgements, wired_devices
-
-    clock = WallClock(WallClock().now_ns)
-    with wired_devices(config, calibration(config), clock) as devices:
-        connect(devices, clock)
-        devices.arm.set_payload(config.arm.payload_kg)
-        yield Rig(devices, clock, None, None, None, acknowledgements(devices))
-
-
-def _simulated(config: RunConfig, seed: int, paced: bool) -> Rig:
-    """Real driver cores over the device models, in this process."""
-    cell = make_cell(config, seed)
-    tactile = TakkTileDriver(ModelLink(cell.board), config.tactile)
-    tactile.open(0)
-    devices = Devices(
-        gripper=RobotiqDriver(ModelTransport(cell.gripper), config.gripper, calibration(config)),
-        arm=ArmDriver(cell.arm, config.arm),
-        tactile=tactile,
-    )
-    fast = VirtualClock(cell.advance)
-    connect(devices, fast)
-    devices.arm.set_payload(config.arm.payload_kg)
-    cell.place_object()
-    clock = PacedClock(cell.advance, fast.now_ns) if paced else fast
-    return Rig(devices, clock, cell, cell.truth, tap=cell.tap)
 
 
 def connect(devices: Devices, clock: Clock) -> None:

@@ -16,7 +16,8 @@ from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
 from scenarios.lift.scoring import Trace
 from scenarios.rigs.config import RunConfig
-from scenarios.rigs.rig import Rig, Stalls, open_rig
+from scenarios.rigs.opening import open_rig
+from scenarios.rigs.rig import Rig, Stalls
 from scenarios.tap.mallet import direction_of, mallet_speed_mps, swing
 from scenarios.tap.scoring import (
     UNMOVED,

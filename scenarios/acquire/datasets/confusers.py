@@ -25,7 +25,7 @@ from scenarios.acquire.rig import open_acquire_rig
 from scenarios.acquire.session import Script, Session
 from scenarios.lift.lift import run_trial
 from scenarios.rigs.config import RunConfig, load_config
-from scenarios.rigs.rig import open_rig
+from scenarios.rigs.opening import open_rig
 from scenarios.trial.execution import make_guard
 from scenarios.world.cell import Blow, Truth
 from scenarios.world.pressed_cell import PressedCell

@@ -11,7 +11,7 @@ from grasp.controller import GraspController
 from grasp.loop import Tick
 from scenarios.lift.lift import run_trial
 from scenarios.rigs.config import RunConfig
-from scenarios.rigs.rig import open_rig
+from scenarios.rigs.opening import open_rig
 from scenarios.trial.execution import make_guard
 from scenarios.world.cell import Truth
 

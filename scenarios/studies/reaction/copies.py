@@ -22,7 +22,7 @@ from grasp.phases import Phase
 from scenarios.lift.lift import run_trial
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, ScoringSettings, outcome
 from scenarios.rigs.config import RunConfig
-from scenarios.rigs.rig import open_rig
+from scenarios.rigs.opening import open_rig
 from scenarios.rigs.world_of_seed import cell_settings
 from scenarios.trial.execution import make_controller, make_guard, make_loop
 from scenarios.world.cell import SimulatedCell, Truth

@@ -11,7 +11,8 @@ from grasp.phases import Phase
 from scenarios.lift import lift
 from scenarios.lift.lift import LiftTrial
 from scenarios.rigs.config import RunConfig, load_config
-from scenarios.rigs.rig import Rig, open_rig
+from scenarios.rigs.opening import open_rig
+from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import make_guard
 from scenarios.trial.result import LiftResult
 

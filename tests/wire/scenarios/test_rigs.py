@@ -15,9 +15,9 @@ import msgspec
 import pytest
 
 from scenarios.lift import lift
+from scenarios.rigs.cell_process import cell_process
 from scenarios.rigs.config import load_config
-from scenarios.rigs.rig import open_rig
-from scenarios.rigs.wired import cell_process
+from scenarios.rigs.opening import open_rig
 from tests.unit.scenarios.conftest import config
 
 ROOT = Path(__file__).parents[3]
@@ -166,7 +166,7 @@ def alive(pid: int) -> bool:
 def test_cell_ends_with_its_parent_even_when_that_is_killed() -> None:
     script = (
         "from scenarios.rigs.config import load_config\n"
-        "from scenarios.rigs.wired import CellProcess\n"
+        "from scenarios.rigs.cell_process import CellProcess\n"
         "import time\n"
         "cell = CellProcess(load_config('can', 'emulated', 'energy'), 0)\n"
         "print(cell.endpoints['pid'], flush=True)\n"

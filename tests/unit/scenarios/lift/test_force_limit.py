@@ -22,7 +22,7 @@ from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, 
 from grasp.guard import GuardSettings
 from grasp.loop import ControlLoop, Tick
 from grasp.phases import Phase
-from scenarios.rigs.rig import open_rig
+from scenarios.rigs.opening import open_rig
 from scenarios.trial.execution import make_controller, make_guard
 from tests.unit.scenarios.conftest import changed, config
 

@@ -213,7 +213,7 @@ def test_run_that_never_began_leaves_no_folder(
     def unplugged(*_: object) -> None:
         raise LinkLost("no board", "plug it in")
 
-    monkeypatch.setattr("scenarios.rigs.rig.connect", unplugged)
+    monkeypatch.setattr("scenarios.rigs.simulated.connect", unplugged)
     with pytest.raises(LinkLost):
         lift.run(config(), 0, tmp_path)
     assert list(tmp_path.iterdir()) == []

@@ -11,7 +11,8 @@ import pytest
 from drivers.errors import ConfigError
 from grasp.loop import Issued, Tick
 from grasp.phases import Phase
-from scenarios.rigs.rig import Rig, open_rig
+from scenarios.rigs.opening import open_rig
+from scenarios.rigs.rig import Rig
 from scenarios.tap import mallet, tap
 from scenarios.tap.mallet import direction_of, swing
 from scenarios.tap.scoring import TapOutcome

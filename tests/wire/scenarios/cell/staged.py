@@ -17,7 +17,8 @@ from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios.lift import lift
 from scenarios.rigs.config import RunConfig, load_config
-from scenarios.rigs.rig import Rig, open_rig
+from scenarios.rigs.opening import open_rig
+from scenarios.rigs.rig import Rig
 from scenarios.world.cell import Truth
 
 QUICK = (
