@@ -72,7 +72,7 @@ class Applied(msgspec.Struct, frozen=True):
     """What a gripper verb could really apply, after rounding to the device's own units.
 
     ``force_n`` is the calibrated static force of the force byte that goes to the gripper.
-    ``effective`` is False when the device will do nothing (latched contact, rate limit); ``note``
+    ``effective`` is False when the device will do nothing (latched contact); ``note``
     says why.
     """
 
@@ -119,11 +119,7 @@ class Gripper(Protocol):
         speed_mps: float,
     ) -> Applied: ...
 
-    def regrasp(self, force_cap_n: float) -> Applied: ...
-
     def hold(self) -> Applied: ...
-
-    def clear_fault(self) -> Applied: ...
 
 
 class TactileFrame(msgspec.Struct, frozen=True):

@@ -55,16 +55,11 @@ _NOT_ACTIVATED = "activation did not complete: verify that nothing interferes wi
 
 
 class _Step(Enum):
-    """Sequence of several writes that ``pump`` is going through."""
+    """Where ``pump`` is on the way to an active hand."""
 
     NONE = 0
-    RESETTING = 1  # rACT cleared, wait for gACT = 0
-    RESTARTING = 2  # the same, then activate
-    ACTIVATING = 3  # rACT set, wait for gIMC = 3
-    LETTING_GO = 4  # rGTO cleared, wait two refreshes, then set it again
-
-
-_FORCED = (_Step.RESETTING, _Step.RESTARTING, _Step.ACTIVATING)
+    RESTARTING = 1  # rACT cleared, wait for gACT = 0, then activate
+    ACTIVATING = 2  # rACT set, wait for gIMC = 3
 
 
 class RobotiqDriver:
@@ -81,7 +76,7 @@ class RobotiqDriver:
         calibration: GripperCalibration,
         log: WireLog | None = None,
     ) -> None:
-        self._settings = settings
+        self._activation_ns = round(settings.activation_timeout_s * 1e9)
         self._calibration = calibration
         self._exchange = Exchange(transport, settings, log)
         self._status: StatusRegisters | None = None
@@ -91,12 +86,8 @@ class RobotiqDriver:
         self._seq = 0
         self._step = _Step.NONE
         self._deadline_ns = 0
-        self._next: CommandRegisters | None = None  # to write after LETTING_GO
         self._grip_bytes = [FULL_BYTE] * FINGERS  # force of the grip; unknown counts as full
         self._raised = 0  # major fault that was raised already
-        self._regrasps = 0
-        self._regrasps_left = settings.regrasp_budget
-        self._regrasp_ns: int | None = None
         self._resynced = 0
 
     # What is known
@@ -130,7 +121,6 @@ class RobotiqDriver:
             link_losses=exchange.link_losses,
             reconnects=exchange.reconnects,
             resynced=self._resynced,
-            regrasps=self._regrasps,
         )
 
     @property
@@ -199,35 +189,28 @@ class RobotiqDriver:
         onset = major and fault.code != self._raised
         self._raised = fault.code if major else 0
         if onset:
-            if self._step not in (_Step.RESETTING, _Step.RESTARTING):
+            if self._step is not _Step.RESTARTING:
                 self._step = _Step.NONE
             raise DeviceFault(f"gripper fault 0x{fault.code:02X}: {fault.text}", fault.remedy)
-        if self._step in _FORCED and now_ns > self._deadline_ns:
+        if self._step is not _Step.NONE and now_ns > self._deadline_ns:
             self._step = _Step.NONE
             raise DeviceFault(_NOT_ACTIVATED + (fault.text and f" ({fault.text})"), "activate")
 
-    # Sequences
+    # Activation
 
-    def _begin(self, step: _Step, command: CommandRegisters, within_s: float) -> None:
+    def _begin(self, step: _Step, command: CommandRegisters) -> None:
         self._step = step
-        self._deadline_ns = self._now_ns + round(within_s * 1e9)
+        self._deadline_ns = self._now_ns + self._activation_ns
         self._exchange.want(command)
 
     def _proceed(self, status: StatusRegisters, now_ns: int) -> None:
         if not self._exchange.settled(now_ns):
             return
-        step = self._step
-        if step is _Step.LETTING_GO and (not status.go_to or now_ns > self._deadline_ns):
-            self._step = _Step.NONE
-            self._exchange.want(self._next)
-        elif step is _Step.RESTARTING and not status.active and not status.fault:
+        if self._step is _Step.RESTARTING and not status.active and not status.fault:
             self._step = _Step.ACTIVATING
             self._exchange.want(_ACTIVATE)
-        elif step is _Step.RESETTING and not status.active:
+        elif self._step is _Step.ACTIVATING and status.ready:
             self._step = _Step.NONE
-        elif step is _Step.ACTIVATING and status.ready:
-            self._step = _Step.NONE
-            self._regrasps_left = self._settings.regrasp_budget
 
     # Verbs
 
@@ -236,31 +219,21 @@ class RobotiqDriver:
         state = self._known()
         if self._exchange.lost:
             return self._nothing(_LOST)
-        if self._step in (_Step.RESTARTING, _Step.ACTIVATING):
+        if self._step is not _Step.NONE:
             return self._nothing("activation is under way")
         if state.active and not state.fault:
             return self._nothing("already active: taken over as it is")
         if Detection.CONTACT_CLOSING in (finger.detection for finger in state.fingers):
             raise Refused(
                 "activation would drop what the fingers hold",
-                "open first; clear_fault if it cannot",
+                "open first; switch the hand off and on if it cannot",
             )
-        status, timeout_s = self._status, self._settings.activation_timeout_s
+        status = self._status
         if status is not None and status.active and status.initialization == 1 and not state.fault:
-            self._begin(_Step.ACTIVATING, _ACTIVATE, timeout_s)  # begun by another master
+            self._begin(_Step.ACTIVATING, _ACTIVATE)  # begun by another master
         else:
-            self._begin(_Step.RESTARTING, _RESET, timeout_s)
+            self._begin(_Step.RESTARTING, _RESET)
         return self._of(_ACTIVATE)
-
-    def clear_fault(self) -> Applied:
-        """Reset the hand, even one that holds something; it has to be activated afterwards."""
-        fault = FAULTS[self._known().fault]
-        if self._exchange.lost:
-            return self._nothing(_LOST)
-        if fault.severity is not Severity.MAJOR:
-            return self._nothing(f"nothing to clear: {fault.text or 'no fault'}")
-        self._begin(_Step.RESETTING, _RESET, self._settings.activation_timeout_s)
-        return self._of(_RESET)
 
     def open(self, speed_mps: float) -> Applied:
         """Open all fingers to their software limits, at the least force."""
@@ -294,57 +267,11 @@ class RobotiqDriver:
     def hold(self) -> Applied:
         """Stay: every target becomes the position the finger has. Never refused once connected."""
         state = self._known()
-        if not state.active or self._exchange.lost or self._step in _FORCED:
+        if not state.active or self._exchange.lost or self._step is not _Step.NONE:
             return self._nothing("the hand does not obey motion commands: nothing was sent")
-        self._step = _Step.NONE
         command = self._image(held_targets(state.fingers, self._exchange.wanted), 0, (0, 0, 0))
         self._exchange.want(command)
         return self._of(command)
-
-    def regrasp(self, force_cap_n: float) -> Applied:
-        """Clear and set rGTO, so that fingers latched in contact push again.
-
-        Rationed: the manual (p. 51) warns that doing so often may cause major failure.
-        """
-        byte = self._calibration.byte_at_most(force_cap_n)
-        state = self._ready()
-        refusal = self._regrasp_refusal(state)
-        wanted = self._exchange.wanted
-        if refusal or wanted is None:
-            return self._nothing(refusal)
-        pushes = [finger.detection is Detection.CONTACT_CLOSING for finger in state.fingers]
-        again = self._image(
-            tuple(axis.position for axis in wanted.axes[:FINGERS]),
-            wanted.a.speed,
-            tuple(byte if push else 0 for push in pushes),
-        )
-        self._grip_bytes = [byte if p else g for p, g in zip(pushes, self._grip_bytes, strict=True)]
-        self._regrasps += 1
-        self._regrasps_left -= 1
-        self._regrasp_ns = self._now_ns
-        self._next = again
-        released = msgspec.structs.replace(again, go_to=False)
-        self._begin(_Step.LETTING_GO, released, self._settings.regrasp_interval_s)
-        return self._of(again)
-
-    def _regrasp_refusal(self, state: GripperState) -> str:
-        wanted = self._exchange.wanted
-        if self._exchange.lost:
-            return _LOST
-        if self._step is _Step.LETTING_GO:
-            return "a regrasp is under way"
-        if wanted is None or not any(
-            finger.detection is Detection.CONTACT_CLOSING and axis.position > finger.position_counts
-            for finger, axis in zip(state.fingers, wanted.axes, strict=False)
-        ):
-            return "no finger that was told to close is latched in contact"
-        if not self._regrasps_left:
-            return f"budget of {self._settings.regrasp_budget} regrasps is spent: activate anew"
-        if self._regrasp_ns is not None:
-            left = self._settings.regrasp_interval_s - (self._now_ns - self._regrasp_ns) * 1e-9
-            if left > 0:
-                return f"rate limit: {left:.2f} s left"
-        return ""
 
     # Images
 
@@ -360,7 +287,6 @@ class RobotiqDriver:
         for i, byte in enumerate(force_bytes):
             if not still[i]:
                 self._grip_bytes[i] = byte
-        self._step = _Step.NONE
         self._exchange.want(command)
         return self._of(command, "" if "" in still else "; ".join(sorted(set(still))))
 
@@ -387,8 +313,8 @@ class RobotiqDriver:
 
     def _ready(self) -> GripperState:
         state = self._known()
-        if self._step in _FORCED:
-            raise Refused("activation or reset is under way", "wait until the hand is active")
+        if self._step is not _Step.NONE:
+            raise Refused("activation is under way", "wait until the hand is active")
         if FAULTS[state.fault].severity is Severity.MAJOR:
             raise Refused(f"gripper fault: {state.fault_text}", FAULTS[state.fault].remedy)
         if not state.active:

@@ -48,15 +48,6 @@ class DriverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     activation_timeout_s: Annotated[
         float, _Meta(ge=1, le=120, description="activation must end within, s; assumed")
     ] = 20.0
-    regrasp_interval_s: Annotated[
-        float,
-        _Meta(
-            ge=0.5, le=60, description="least time between regrasps, s; assumed, see manual p. 51"
-        ),
-    ] = 0.5
-    regrasp_budget: Annotated[
-        int, _Meta(ge=0, le=1000, description="regrasps until the hand is activated anew; assumed")
-    ] = 20
 
 
 class ExchangeStatistics(msgspec.Struct, frozen=True):
@@ -68,7 +59,6 @@ class ExchangeStatistics(msgspec.Struct, frozen=True):
     link_losses: int = 0
     reconnects: int = 0
     resynced: int = 0  # a command was dropped because the device may have lost it
-    regrasps: int = 0
 
 
 class Exchange:

@@ -240,7 +240,7 @@ class FaultCode(msgspec.Struct, frozen=True):
     remedy: str
 
 
-_RESET: Final = "clear the fault (this resets the hand: it lets go), then activate"
+_RESET: Final = "activate the hand anew; one that holds something has to be switched off and on"
 _KNOWN: Final = (
     FaultCode(0x00, Severity.NONE, "", ""),
     FaultCode(0x05, Severity.PRIORITY, "action delayed: activation must complete first", "wait"),

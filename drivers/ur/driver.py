@@ -9,7 +9,6 @@ from msgspec import Meta
 
 from drivers.errors import DeviceFault, Refused, Stale
 from drivers.interfaces import ArmState, Vector3
-from drivers.ur.model import ArmSample
 
 _SLACK_M = 1e-9  # rounding, when a pose is computed from the start pose and a limit
 
@@ -58,6 +57,18 @@ class ArmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         float,
         Meta(gt=0.0, le=0.01, description="m from the target at which a move is over; assumed"),
     ] = 0.0005
+
+
+class ArmSample(msgspec.Struct, frozen=True):
+    """What the controller reports of one cycle; t_ns is its own timestamp."""
+
+    t_ns: int
+    position_m: Vector3
+    velocity_mps: Vector3
+    moving: bool
+    protective_stop: bool
+    angle_rad: float = 0.0  # turn of the tool about its own axis since the start
+    spin_radps: float = 0.0
 
 
 class ArmLink(Protocol):

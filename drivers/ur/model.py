@@ -15,23 +15,12 @@ import msgspec
 from msgspec import Meta
 
 from drivers.interfaces import Vector3
+from drivers.ur.driver import ArmSample
 
 _STANDING: Vector3 = (0.0, 0.0, 0.0)
 _STANDING_BELOW_MPS = 1e-8  # what rounding to whole nanoseconds leaves at the end of a line
 _SAME_LINE_M = 1e-6  # a target this close to the present line counts as lying on it
 _HISTORY = 32  # past segments kept: a few commands, hence far more than one control period
-
-
-class ArmSample(msgspec.Struct, frozen=True):
-    """What the controller reports of one cycle; t_ns is its own timestamp."""
-
-    t_ns: int
-    position_m: Vector3
-    velocity_mps: Vector3
-    moving: bool
-    protective_stop: bool
-    angle_rad: float = 0.0  # turn of the tool about its own axis since the start
-    spin_radps: float = 0.0
 
 
 class ArmModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

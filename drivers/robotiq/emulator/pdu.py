@@ -1,14 +1,14 @@
 """The emulated gripper behind its wire: requests in, replies out, framing left to others.
 
-Written against the manual and apart from the driver's codec, so that a mistake of one cannot hide
-in the other. Source: Robotiq 3-Finger manual, 2014 p. 59 and 75, 2018 p. 46; Modbus application
-protocol V1.1b3 for the layout of requests and for exception codes.
+This Modbus layer is written apart from the driver's, so that a mistake of one cannot hide in the
+other; what the registers mean is not known here. Source: Robotiq 3-Finger manual, 2014 p. 59 and
+75, 2018 p. 46; Modbus application protocol V1.1b3 for the layout of requests and exception codes.
 """
 
 import threading
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import Final, Protocol
+from typing import Final
 
 from drivers.robotiq.model.gripper import GripperModel
 
@@ -75,12 +75,6 @@ class Unanswerable(Exception):
     def __init__(self, code: int) -> None:
         super().__init__(f"exception {code}")
         self.code = code
-
-
-class Answers(Protocol):
-    """What one kind of gripper makes of a request without its frame; raises Unanswerable."""
-
-    def answer(self, request: bytes) -> bytes: ...
 
 
 def _word(data: bytes, at: int) -> int:

@@ -10,7 +10,6 @@ import threading
 import time
 import tty
 from collections.abc import Callable
-from types import TracebackType
 from typing import Final, Self
 
 from drivers.robotiq.emulator.faults import Trouble, WireFault, WireFaults, damaged
@@ -96,12 +95,7 @@ class RtuEmulator:
     def __enter__(self) -> Self:
         return self.start()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def _run(self) -> None:

@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
-from types import TracebackType
 from typing import Any, Final, Self
 
 from drivers.robotiq.emulator.faults import Trouble, WireFault, WireFaults, damaged
@@ -164,12 +163,7 @@ class GripperEmulator:
         self._keeper = asyncio.create_task(self._keep_up())
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *_: object) -> None:
         listener, keeper = self._listener, self._keeper
         self._listener = self._keeper = None
         if listener is None or keeper is None:
@@ -178,7 +172,7 @@ class GripperEmulator:
         listener.close()
         keeper.cancel()
         await asyncio.gather(keeper, *self._joining, return_exceptions=True)
-        for _ in range(_TURNS):
+        for _turn in range(_TURNS):
             self._abort_all()
             await asyncio.sleep(0)
 
@@ -239,12 +233,7 @@ class GripperEmulator:
     def __enter__(self) -> Self:
         return self.start()
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def disconnect(self) -> None:

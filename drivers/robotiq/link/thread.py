@@ -3,7 +3,6 @@
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Final, Self
 
 import msgspec
@@ -107,12 +106,7 @@ class ThreadedGripper:
         self.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # What is known
@@ -181,14 +175,8 @@ class ThreadedGripper:
             lambda: self._core.close_fast(force_cap_n, closing, limits_counts, speed_mps)
         )
 
-    def regrasp(self, force_cap_n: float) -> Applied:
-        return self._command(lambda: self._core.regrasp(force_cap_n))
-
     def hold(self) -> Applied:
         return self._command(self._core.hold)
-
-    def clear_fault(self) -> Applied:
-        return self._command(self._core.clear_fault)
 
     def _command(self, verb: Callable[[], Applied]) -> Applied:
         called_ns = self._clock()

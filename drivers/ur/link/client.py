@@ -1,6 +1,6 @@
 """The arm's link on the wire: ``ArmLink`` for the driver, carried out by ur_rtde in a worker.
 
-Nothing reconnects by itself and nothing is unlocked; ``UrLink.recover`` starts over when asked to.
+Nothing reconnects by itself and nothing is unlocked; ``UrLink.connect`` starts over when asked to.
 """
 
 import math
@@ -13,11 +13,11 @@ from msgspec import Meta
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.interfaces import Vector3
 from drivers.ur import kinematics
+from drivers.ur.driver import ArmSample
 from drivers.ur.link import messages
 from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, Pose, State
 from drivers.ur.link.preflight import PreflightReport, preflight, require
-from drivers.ur.link.supervisor import RECOVER, SEE_PENDANT, WorkerProcess
-from drivers.ur.model import ArmSample
+from drivers.ur.link.supervisor import SEE_PENDANT, START_AGAIN, WorkerProcess
 
 _BEAT_NS = 10_000_000
 
@@ -105,13 +105,6 @@ class UrLink:
             self._rotation = self._trusted.pose[3:]
         return report
 
-    def recover(self) -> PreflightReport:
-        """Give up the present worker, whatever it does, and start over. Unlocks nothing."""
-        if self._worker is not None:
-            self._worker.kill()
-            self._worker = None
-        return self.connect()
-
     def close(self) -> None:
         """Brake if need be, end the program on the controller and the worker."""
         if self._worker is not None:
@@ -130,15 +123,6 @@ class UrLink:
     def log(self) -> tuple[str, ...]:
         """The last lines that ur_rtde printed."""
         return tuple(self._worker.log) if self._worker is not None else ()
-
-    @property
-    def worker_pid(self) -> int | None:
-        return self._worker.pid if self._worker is not None else None
-
-    def state_age_ns(self, monotonic_ns: int) -> int | None:
-        """How long ago the latest sample reached this machine; monotonic_ns: time.monotonic_ns."""
-        state = self._worker.state if self._worker is not None else None
-        return None if state is None else monotonic_ns - state.received_ns
 
     def move_l(
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
@@ -239,7 +223,7 @@ class UrLink:
         process.check()
         state = process.state
         if state is None:
-            raise LinkLost("the arm controller sent no sample yet", RECOVER)
+            raise LinkLost("the arm controller sent no sample yet", START_AGAIN)
         return process, state
 
     def _raise_trouble(self, process: WorkerProcess, state: State) -> None:
@@ -282,7 +266,7 @@ class UrLink:
             process.kill()  # no more kicks: the watchdog ends the program
             raise DeviceFault(
                 "the arm did not stop when told to; its program is being ended",
-                f"press the emergency stop if it still moves; {RECOVER}",
+                f"press the emergency stop if it still moves; {START_AGAIN}",
             )
 
     def _setup(self) -> messages.Setup:
@@ -309,5 +293,5 @@ def _along_axis(state: State) -> float:
 def _program_ended() -> DeviceFault:
     return DeviceFault(
         "the program on the arm controller has ended",
-        f"look at the log of the teach pendant; {RECOVER}",
+        f"look at the log of the teach pendant; {START_AGAIN}",
     )

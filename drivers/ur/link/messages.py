@@ -106,9 +106,8 @@ class Reply(Message, frozen=True):
 
 
 class State(Message, frozen=True):
-    """One sample of the controller; received_ns is this machine's monotonic clock."""
+    """One sample of the controller."""
 
-    received_ns: int
     timestamp_s: float
     pose: Pose
     velocity_mps: Vector3

@@ -50,16 +50,8 @@ class PreflightReport(msgspec.Struct, frozen=True):
     version: Version | None = None
 
     @property
-    def ok(self) -> bool:
-        return not self.failures
-
-    @property
     def failures(self) -> tuple[PreflightCheck, ...]:
         return tuple(check for check in self.checks if check.status == "fail")
-
-    @property
-    def warnings(self) -> tuple[PreflightCheck, ...]:
-        return tuple(check for check in self.checks if check.status == "warn")
 
 
 def preflight(host: str, step_timeout_s: float = 2.0) -> PreflightReport:

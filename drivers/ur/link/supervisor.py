@@ -18,8 +18,8 @@ from drivers.ur.link import messages
 from drivers.ur.link.messages import Outcome, State
 from drivers.ur.link.preflight import CONNECT_AGAIN
 
-RECOVER = "make sure that the arm may move, then recover the arm link or start the run again"
-SEE_PENDANT = "see the teach pendant for the cause, clear it there, then recover the arm link"
+START_AGAIN = "make sure that the arm may move, then start the run again"
+SEE_PENDANT = "see the teach pendant for the cause, clear it there, then start the run again"
 _LOG_LINES = 200
 
 
@@ -44,10 +44,6 @@ class WorkerProcess:
         self._thread = threading.Thread(target=self._listen, name="ur-worker", daemon=True)
         self._thread.start()
         self._send(setup)
-
-    @property
-    def pid(self) -> int:
-        return self._process.pid
 
     @property
     def running(self) -> bool:
@@ -103,7 +99,8 @@ class WorkerProcess:
     def check(self) -> None:
         """Raise LinkLost when the worker has ended or owes a reply for too long (it is killed)."""
         if self._ended:
-            raise LinkLost(f"link to the arm lost: {self._ended}", f"{CONNECT_AGAIN}; {RECOVER}")
+            remedy = f"{CONNECT_AGAIN}; {START_AGAIN}"
+            raise LinkLost(f"link to the arm lost: {self._ended}", remedy)
         with self._changed:
             late = any(due < time.monotonic() for due in self._due.values())
         if late:
@@ -111,7 +108,7 @@ class WorkerProcess:
 
     def _give_up(self) -> NoReturn:
         self.kill()
-        raise LinkLost("the arm controller did not take a command in time", RECOVER)
+        raise LinkLost("the arm controller did not take a command in time", START_AGAIN)
 
     def close(self, timeout_s: float) -> None:
         """Let it brake and end its program; kill it when that takes too long."""

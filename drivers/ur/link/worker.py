@@ -108,7 +108,6 @@ class Robot:
         speed = max(math.hypot(x, y, z), math.hypot(*wanted[:3]))
         turn = max(math.hypot(*turning), math.hypot(*wanted[3:]))
         return State(
-            received_ns=time.monotonic_ns(),
             timestamp_s=timestamp_s,
             pose=tuple(receive.getActualTCPPose()),
             velocity_mps=(x, y, z),

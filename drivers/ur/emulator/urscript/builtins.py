@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Sequence
 
 from drivers.ur import kinematics
-from drivers.ur.emulator.urscript.compile import WAITING
 from drivers.ur.emulator.urscript.parse import ScriptError
 from drivers.ur.emulator.urscript.run import Builtin, PoseValue, Steps, Thread, Value, finite
 
@@ -17,14 +16,9 @@ _MAX_SLEEP_S = 3600.0
 
 
 def _known(function: Builtin) -> Builtin:
+    """A generator function is one that waits for later cycles."""
     BUILTINS[function.__name__] = function
     return function
-
-
-def _waits(function: Builtin) -> Builtin:
-    """For generator functions: they wait for later cycles."""
-    setattr(function, WAITING, True)
-    return _known(function)
 
 
 def six(values: Value) -> tuple[float, ...]:
@@ -53,7 +47,7 @@ def _moving(thread: Thread, start: Callable[[], None]) -> Steps:
         motion.let_go(thread)
 
 
-@_waits
+@_known
 def movel(
     thread: Thread, pose: Value, a: Value = 1.2, v: Value = 0.25, t: Value = 0, r: Value = 0
 ) -> Steps:
@@ -66,7 +60,7 @@ def movel(
     yield from _moving(thread, lambda: motion.line(target, finite(v), finite(a)))
 
 
-@_waits
+@_known
 def movej(
     thread: Thread, q: Value, a: Value = 1.4, v: Value = 1.05, t: Value = 0, r: Value = 0
 ) -> Steps:
@@ -90,7 +84,7 @@ def _reached(q: Sequence[float] | None) -> tuple[float, ...]:
     return tuple(q)
 
 
-@_waits
+@_known
 def speedl(thread: Thread, xd: Value, a: Value = 1.2, t: Value = 0, aRot: Value = "a") -> Steps:
     """For t seconds; without t until the speed is reached. The motion goes on afterwards."""
     motion, period_s = thread.robot.motion, thread.robot.period_s
@@ -104,7 +98,7 @@ def speedl(thread: Thread, xd: Value, a: Value = 1.2, t: Value = 0, aRot: Value 
         motion.let_go(thread)
 
 
-@_waits
+@_known
 def stopl(thread: Thread, a: Value, aRot: Value = "a") -> Steps:
     motion, deceleration = thread.robot.motion, finite(a)
     if deceleration <= 0.0:
@@ -112,18 +106,18 @@ def stopl(thread: Thread, a: Value, aRot: Value = "a") -> Steps:
     yield from _moving(thread, lambda: motion.stop(deceleration))
 
 
-@_waits
+@_known
 def stopj(thread: Thread, a: Value) -> Steps:
     """The tool brakes on its line, by the joints' figure taken as m/s2."""
     yield from stopl(thread, a)
 
 
-@_waits
+@_known
 def sync(thread: Thread) -> Steps:
     yield
 
 
-@_waits
+@_known
 def sleep(thread: Thread, t: Value) -> Steps:
     for _ in range(max(1, round(min(finite(t), _MAX_SLEEP_S) / thread.robot.period_s))):
         yield

@@ -1,6 +1,7 @@
-"""From the syntax tree of a URScript program to what `emulator_script` runs."""
+"""From the syntax tree of a URScript program to what `urscript.run` runs."""
 
 import functools
+import inspect
 from collections.abc import Mapping
 
 import drivers.ur.emulator.urscript.syntax as syntax
@@ -27,8 +28,6 @@ from drivers.ur.emulator.urscript.run import (
     negative,
     position_in,
 )
-
-WAITING = "waits"  # attribute of built-ins that are generator functions
 
 
 def compile_program(text: str, builtins: Mapping[str, Builtin]) -> Compiled:
@@ -250,7 +249,8 @@ class _Body:
             named = dict(zip(keys, values[count:], strict=True))
             return builtin(scope.thread, *values[:count], **named)
 
-        return _waiting(apply, arguments) if hasattr(builtin, WAITING) else lift(apply, arguments)
+        waits = inspect.isgeneratorfunction(builtin)
+        return _waiting(apply, arguments) if waits else lift(apply, arguments)
 
     def _user_call(self, function: UserFunction, call: syntax.Call, arguments: list[Code]) -> Code:
         if function.thread or call.named or len(arguments) != len(function.parameters):

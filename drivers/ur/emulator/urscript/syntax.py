@@ -1,4 +1,4 @@
-"""Syntax tree of URScript: what `urscript.parse` gives and `emulator_compiler` takes."""
+"""Syntax tree of URScript: what `urscript.parse` gives and `urscript.compile` takes."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""The driver core: what it knows of contact, freshness, closing and regrasping."""
+"""The driver core: what it knows of contact, freshness, closing."""
 
 import msgspec
 
@@ -79,7 +79,7 @@ def test_states_are_numbered_and_timed(rig) -> None:
     assert made.state.age_ns(made.now_ns + 5) == 5
 
 
-# Closing, latch, regrasp
+# Closing, latch
 
 
 def test_closing_the_thumb_alone_holds_the_others_where_they_are(rig, springs) -> None:
@@ -177,54 +177,3 @@ def test_holding_a_finger_that_rests_beside_its_target_does_not_make_it_creep(ri
     made.step()
     assert made.state.positions == (100, 101, 100)
     assert made.driver.hold().targets_counts == (100, 100, 100)
-
-
-def test_regrasp_clears_and_sets_rgto_and_pushes_again(rig, springs) -> None:
-    made = gripped(rig, springs)
-    made.springs.touch += 0.0015
-    slack = made.springs.force_n(made.model.travel_m)
-    start = len(made.written)
-    applied = made.driver.regrasp(10.0)
-    assert applied.effective
-    made.settle()
-    assert [command.go_to for command in made.written[start:]] == [False, True]
-    apart = made.written_ns[start + 1] - made.written_ns[start]
-    assert apart >= 20 * MS, "rGTO is down for two refreshes"
-    assert (made.springs.force_n(made.model.travel_m) > slack + 2).all()
-    assert made.driver.statistics.regrasps == 1
-
-
-def test_regrasps_are_rationed_in_time_and_number(rig, springs) -> None:
-    made = gripped(rig, springs, settings=DriverSettings(regrasp_budget=2))
-    assert made.driver.regrasp(10.0).effective
-    assert "under way" in made.driver.regrasp(10.0).note
-    made.settle()
-    early = made.driver.regrasp(10.0)
-    assert not early.effective and "rate limit" in early.note
-    made.step(60)
-    assert made.driver.regrasp(10.0).effective
-    made.step(100)
-    spent = made.driver.regrasp(10.0)
-    assert not spent.effective and "budget" in spent.note
-    assert made.driver.statistics.regrasps == 2
-
-
-def test_regrasp_does_nothing_where_nothing_is_latched(rig, springs) -> None:
-    made = rig()
-    assert not made.driver.regrasp(10.0).effective
-    made.driver.move_to((50, 50, 50), FAST, 10.0)
-    made.settle()
-    assert not made.driver.regrasp(10.0).effective
-    held = gripped(rig, springs)
-    held.driver.hold()
-    held.settle()
-    assert not held.driver.regrasp(10.0).effective, "it was told to stay"
-
-
-def test_a_verb_ends_a_regrasp_that_is_under_way(rig, springs) -> None:
-    made = gripped(rig, springs)
-    made.driver.regrasp(10.0)
-    made.step()
-    made.driver.open(FAST)
-    made.settle()
-    assert made.state.positions == (6, 6, 6)

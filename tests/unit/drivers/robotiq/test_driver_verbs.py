@@ -89,7 +89,7 @@ def test_an_activation_fault_of_the_hand_is_raised_once_with_text_and_remedy(rig
     made.model.inject_fault(0x0D)
     with pytest.raises(DeviceFault, match="activation fault") as raised:
         made.step(5)
-    assert "clear the fault" in raised.value.remedy
+    assert "activate the hand anew" in raised.value.remedy
     made.step(50)
     assert (made.state.fault, made.state.active) == (0x0D, False)
 
@@ -112,36 +112,12 @@ def test_activation_is_refused_while_the_fingers_hold_something(rig, springs) ->
         made.driver.activate()
 
 
-def test_clear_fault_resets_even_a_holding_hand_and_activation_follows(rig, springs) -> None:
-    made = gripped(rig, springs, hand=QUICK)
-    made.model.inject_fault(0x0E)
-    with pytest.raises(DeviceFault):
-        made.step(5)
-    with pytest.raises(Refused):
-        made.driver.close_fast(10.0, ALL, (255, 255, 255), FAST)
-    assert made.driver.clear_fault().effective
-    made.step(10)
-    assert (made.state.fault, made.state.active) == (0, False)
-    assert made.driver.activate().effective
-    made.step(40)
-    assert made.state.active
-
-
-def test_clear_fault_of_a_healthy_hand_does_not_reset_it(rig, springs) -> None:
-    made = gripped(rig, springs)
-    before = list(made.frames)
-    assert not made.driver.clear_fault().effective
-    made.step(10)
-    assert made.frames == before
-
-
 def test_motion_is_refused_until_active(rig) -> None:
     made = rig(active=False)
     for verb in (
         lambda: made.driver.open(FAST),
         lambda: made.driver.move_to((9, 9, 9), FAST, 10.0),
         lambda: made.driver.close_fast(10.0, ALL, (255,) * 3, FAST),
-        lambda: made.driver.regrasp(10.0),
     ):
         with pytest.raises(Refused, match="not activated"):
             verb()
@@ -209,7 +185,6 @@ def test_a_limit_below_the_least_force_is_refused_before_a_byte_is_written(rig) 
     for verb in (
         lambda: made.driver.close_fast(10.0, ALL, (255,) * 3, FAST),
         lambda: made.driver.move_to((9, 9, 9), FAST, 10.0),
-        lambda: made.driver.regrasp(10.0),
     ):
         with pytest.raises(Refused, match="15 N"):
             verb()

@@ -4,7 +4,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import given
 
-from drivers.ur.emulator.urscript.compile import WAITING, compile_program
+from drivers.ur.emulator.urscript.compile import compile_program
 from drivers.ur.emulator.urscript.parse import MAX_CHARS, ScriptError, depth_change, parse, tokens
 from drivers.ur.emulator.urscript.run import MAX_THREADS, PoseValue, Program
 from drivers.ur.emulator.urscript.syntax import (
@@ -38,8 +38,6 @@ def twice(thread, value, scale=1):
     return 2 * value * scale
 
 
-setattr(sync, WAITING, True)
-setattr(twice, WAITING, True)
 KNOWN = {"say": say, "sync": sync, "twice": twice}
 
 

@@ -4,7 +4,6 @@ The bytes are taken where they reach the device: each register image that the dr
 decoded here by its own few lines, not by the driver's code.
 """
 
-import contextlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,7 +14,7 @@ import pytest
 from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from drivers.errors import ConfigError, LinkLost, Refused
+from drivers.errors import ConfigError, LinkLost
 from drivers.robotiq.model.gripper import ModelTransport
 from drivers.robotiq.protocol import CALIBRATIONS
 from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
@@ -147,12 +146,6 @@ class GraspUnderStress(RuleBasedStateMachine):
     def controller_goes_mad(self, command: GripperCommand) -> None:
         now_ns = self.rig.clock.now_ns
         self.loop._queue.append((now_ns, now_ns, command))
-        self.loop.tick()
-
-    @rule()
-    def regrasp_is_tried(self) -> None:
-        with contextlib.suppress(Refused):
-            self.rig.devices.gripper.regrasp(LIMIT_N)
         self.loop.tick()
 
     @precondition(lambda self: not self.wire.cut)

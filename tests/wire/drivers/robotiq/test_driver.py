@@ -7,7 +7,7 @@ import pytest
 from drivers.errors import DeviceFault, LinkLost
 from drivers.interfaces import Detection
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator.tcp import Fault, Trouble
+from drivers.robotiq.emulator.tcp import Trouble, WireFault
 from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
 from drivers.robotiq.protocol import CALIBRATIONS
 from tests.wire.drivers.robotiq.rig import TIMEOUT_S, until
@@ -43,18 +43,12 @@ def test_move(joined) -> None:
     assert client.state.positions == (60, 70, 80)
 
 
-def test_close_until_contact_then_regrasp(joined) -> None:
-    served, client = joined(touch_m=0.03)
+def test_close_until_contact_latches(joined) -> None:
+    _, client = joined(touch_m=0.03)
     client.driver.close_fast(20.0, ALL, FAR, FAST)
     client.settle()
     assert [f.detection for f in client.state.fingers] == [Detection.CONTACT_CLOSING] * 3
     assert not client.driver.close_fast(20.0, ALL, FAR, FAST).effective, "latched"
-    before = len(served.writes)
-    assert client.driver.regrasp(20.0).effective
-    client.settle()
-    client.pump(3)
-    going = [written[0] >> 3 & 1 for written in served.writes[before:]]
-    assert going[-2:] == [0, 1], "rGTO cleared, then set"
 
 
 def test_no_byte_on_the_wire_exceeds_the_force_of_its_verb(joined) -> None:
@@ -65,8 +59,6 @@ def test_no_byte_on_the_wire_exceeds_the_force_of_its_verb(joined) -> None:
     driver.close_fast(cap, (True, False, False), FAR, FAST)
     client.settle()
     driver.close_fast(cap, ALL, FAR, 0.05)
-    client.settle()
-    driver.regrasp(cap)
     client.settle()
     driver.hold()
     client.settle()
@@ -79,16 +71,14 @@ def test_no_byte_on_the_wire_exceeds_the_force_of_its_verb(joined) -> None:
 
 
 @pytest.mark.parametrize("code", [0x0D, 0x0E, 0x0F])
-def test_a_major_fault_is_raised_once_and_cleared(joined, code: int) -> None:
+def test_a_major_fault_is_raised_once_and_ends_with_activation(joined, code: int) -> None:
     served, client = joined()
     served.emulator.hand.inject_fault(code)
     with pytest.raises(DeviceFault, match=f"0x{code:02X}"):
         client.pump_until(lambda: False)
     client.pump(5)
-    client.driver.clear_fault()
-    client.pump_until(lambda: client.state.fault == 0)
     client.driver.activate()
-    client.pump_until(lambda: client.state.active)
+    client.pump_until(lambda: client.state.active and client.state.fault == 0)
 
 
 # The link
@@ -135,7 +125,7 @@ def test_a_hand_that_lost_power_is_not_activated_by_itself(joined) -> None:
 @pytest.mark.parametrize("trouble", LOST_AND_FOUND)
 def test_every_failure_is_a_lost_link_with_a_remedy(joined, trouble, function: int) -> None:
     served, client = joined()
-    served.emulator.faults.add(Fault(trouble=trouble, function=function))
+    served.emulator.faults.add(WireFault(trouble=trouble, function=function))
     client.driver.move_to((60, 60, 60), FAST, 10.0)
     with pytest.raises(LinkLost) as lost:
         for _ in range(3):
@@ -152,7 +142,7 @@ def test_every_failure_is_a_lost_link_with_a_remedy(joined, trouble, function: i
 
 def test_an_exception_reply_says_so_and_keeps_the_connection(joined) -> None:
     served, client = joined()
-    served.emulator.faults.add(Fault(trouble=Trouble.EXCEPTION, code=6))
+    served.emulator.faults.add(WireFault(trouble=Trouble.EXCEPTION, code=6))
     with pytest.raises(LinkLost, match="exception 6 to function 4"):
         client.pump()
     client.pump()
@@ -161,13 +151,13 @@ def test_an_exception_reply_says_so_and_keeps_the_connection(joined) -> None:
 
 def test_a_reply_in_pieces_is_a_reply(joined) -> None:
     served, client = joined()
-    served.emulator.faults.add(Fault(trouble=Trouble.SPLIT, seconds=0.001))
+    served.emulator.faults.add(WireFault(trouble=Trouble.SPLIT, seconds=0.001))
     client.pump()
 
 
 def test_a_late_reply_does_not_pass_for_the_next(joined) -> None:
     served, client = joined()
-    served.emulator.faults.add(Fault(trouble=Trouble.DELAY, seconds=1.5 * TIMEOUT_S))
+    served.emulator.faults.add(WireFault(trouble=Trouble.DELAY, seconds=1.5 * TIMEOUT_S))
     with pytest.raises(LinkLost, match="does not answer"):
         client.transport.read(0, 1, 0)
     assert len(client.transport.read(0, 8, 0)) == 8
@@ -203,7 +193,7 @@ def test_a_dead_peer_costs_one_timeout_and_no_retries(serve, connect) -> None:
     timeout_s = 0.5
     client = connect(served, timeout_s=timeout_s)
     client.pump_until(lambda: client.state is not None)
-    served.emulator.faults.add(Fault(trouble=Trouble.DROP, times=1000))
+    served.emulator.faults.add(WireFault(trouble=Trouble.DROP, times=1000))
     before, start_s = served.emulator.requests, time.monotonic()
     with pytest.raises(LinkLost):
         client.pump()
@@ -214,7 +204,7 @@ def test_a_dead_peer_costs_one_timeout_and_no_retries(serve, connect) -> None:
 
 def test_a_silent_connection_is_given_up_after_some_requests(joined) -> None:
     served, client = joined()
-    served.emulator.faults.add(Fault(trouble=Trouble.DROP, times=3))
+    served.emulator.faults.add(WireFault(trouble=Trouble.DROP, times=3))
     client.pump_until(lambda: client.driver.statistics.reconnects == 1)
     assert client.transport.connections == 2
 

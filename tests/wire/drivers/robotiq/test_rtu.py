@@ -9,7 +9,7 @@ import serial
 from drivers.errors import LinkLost
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.emulator.rtu import RtuEmulator, crc
-from drivers.robotiq.emulator.tcp import Fault, Trouble
+from drivers.robotiq.emulator.tcp import Trouble, WireFault
 from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
 from drivers.robotiq.protocol import CALIBRATIONS
@@ -163,7 +163,7 @@ def test_activate_and_move(driver) -> None:
 @pytest.mark.parametrize("trouble", [Trouble.DROP, Trouble.GARBLE, Trouble.EXCEPTION])
 def test_what_is_not_answered_is_a_lost_link_once(quick, driver, trouble: Trouble) -> None:
     driver.pump(time.monotonic_ns())
-    quick.faults.add(Fault(trouble=trouble))
+    quick.faults.add(WireFault(trouble=trouble))
     with pytest.raises(LinkLost, match="does not answer"):
         driver.pump(time.monotonic_ns())
     until(lambda: answers(driver))
@@ -180,7 +180,7 @@ def answers(driver: RobotiqDriver) -> bool:
 def test_a_late_reply_does_not_pass_for_the_next(quick, transport) -> None:
     """The reply to a read of one register comes while nobody waits; then two are asked for."""
     transport.read(2000, 8, 0)
-    quick.faults.add(Fault(trouble=Trouble.DELAY, seconds=0.5))
+    quick.faults.add(WireFault(trouble=Trouble.DELAY, seconds=0.5))
     with pytest.raises(LinkLost):
         transport.read(2000, 1, 0)
     time.sleep(0.5)

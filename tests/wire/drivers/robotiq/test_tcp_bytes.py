@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from drivers.robotiq.emulator.tcp import Fault, GripperEmulator, Trouble
+from drivers.robotiq.emulator.tcp import GripperEmulator, Trouble, WireFault
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
 
 FROZEN = HandSettings()
@@ -187,7 +187,7 @@ def test_too_many_clients_are_turned_away(emulator, dial) -> None:
 
 
 def test_a_dropped_reply_is_carried_out(emulator, wire, now) -> None:
-    emulator.faults.add(Fault(trouble=Trouble.DROP, function=16))
+    emulator.faults.add(WireFault(trouble=Trouble.DROP, function=16))
     wire.send(ACTIVATE)
     assert wire.ask(POLL, 11).startswith("45 33"), "the next reply is that of the next request"
     now[0] = 2_500_000_000
@@ -195,24 +195,24 @@ def test_a_dropped_reply_is_carried_out(emulator, wire, now) -> None:
 
 
 def test_a_delayed_reply_comes_after_the_next(emulator, wire) -> None:
-    emulator.faults.add(Fault(trouble=Trouble.DELAY, seconds=0.2))
+    emulator.faults.add(WireFault(trouble=Trouble.DELAY, seconds=0.2))
     wire.send("00 01 00 00 00 06 02 04 00 00 00 01 00 02 00 00 00 06 02 04 00 00 00 01")
     assert [wire.receive(11)[:5], wire.receive(11)[:5]] == ["00 02", "00 01"]
 
 
 def test_a_garbled_reply(emulator, wire) -> None:
-    emulator.faults.add(Fault(trouble=Trouble.GARBLE))
+    emulator.faults.add(WireFault(trouble=Trouble.GARBLE))
     assert wire.ask(POLL, 11) == "ba cc ff ff ff fa fd fb fd ff ff"
     assert wire.ask(POLL, 11).startswith("45 33")
 
 
 def test_a_split_reply(emulator, wire) -> None:
-    emulator.faults.add(Fault(trouble=Trouble.SPLIT, seconds=0.001))
+    emulator.faults.add(WireFault(trouble=Trouble.SPLIT, seconds=0.001))
     assert wire.ask(POLL, 11) == "45 33 00 00 00 05 02 04 02 00 00"
 
 
 def test_a_disconnect_is_not_carried_out(emulator, wire, now, dial) -> None:
-    emulator.faults.add(Fault(trouble=Trouble.DISCONNECT, function=16))
+    emulator.faults.add(WireFault(trouble=Trouble.DISCONNECT, function=16))
     wire.send(ACTIVATE)
     assert wire.closed()
     now[0] = 2_500_000_000
@@ -221,14 +221,14 @@ def test_a_disconnect_is_not_carried_out(emulator, wire, now, dial) -> None:
 
 
 def test_an_exception_is_not_carried_out(emulator, wire, now) -> None:
-    emulator.faults.add(Fault(trouble=Trouble.EXCEPTION, function=16, code=4))
+    emulator.faults.add(WireFault(trouble=Trouble.EXCEPTION, function=16, code=4))
     assert wire.ask(ACTIVATE, 9) == "33 9a 00 00 00 03 02 90 04"
     now[0] = 2_500_000_000
     assert wire.ask(POLL, 11).endswith("00 00")
 
 
 def test_a_frozen_gripper_carries_out_late_and_in_order(emulator, wire, now) -> None:
-    emulator.faults.add(Fault(trouble=Trouble.FREEZE, seconds=0.3))
+    emulator.faults.add(WireFault(trouble=Trouble.FREEZE, seconds=0.3))
     wire.send(ACTIVATE + POLL)
     wire.socket.settimeout(0.05)
     with pytest.raises(TimeoutError):
@@ -239,21 +239,21 @@ def test_a_frozen_gripper_carries_out_late_and_in_order(emulator, wire, now) -> 
 
 
 def test_a_fault_of_the_hand(emulator, wire, now) -> None:
-    emulator.faults.add(Fault(trouble=Trouble.DEVICE_FAULT, code=0x0D))
+    emulator.faults.add(WireFault(trouble=Trouble.DEVICE_FAULT, code=0x0D))
     wire.ask(POLL, 11)
     now[0] = 2_500_000_000
     assert wire.ask("00 01 00 00 00 06 02 04 00 00 00 02", 13).split()[11] == "0d"
 
 
 def test_troubles_by_count_and_by_time(emulator, wire, now) -> None:
-    emulator.faults.add(Fault(trouble=Trouble.EXCEPTION, code=6, skip=2, times=2))
+    emulator.faults.add(WireFault(trouble=Trouble.EXCEPTION, code=6, skip=2, times=2))
     lengths = []
     for _ in range(6):
         wire.send(POLL)
         lengths.append(int(wire.receive(6)[-2:], 16))
         wire.receive(lengths[-1])
     assert lengths == [5, 5, 3, 3, 5, 5]
-    emulator.faults.add(Fault(trouble=Trouble.EXCEPTION, code=6, from_ns=50))
+    emulator.faults.add(WireFault(trouble=Trouble.EXCEPTION, code=6, from_ns=50))
     assert wire.ask(POLL, 11)
     now[0] = 50
     assert wire.ask(POLL, 9).endswith("84 06")

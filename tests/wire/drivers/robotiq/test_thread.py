@@ -7,7 +7,7 @@ import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
-from drivers.robotiq.emulator.tcp import Fault, Trouble
+from drivers.robotiq.emulator.tcp import Trouble, WireFault
 from drivers.robotiq.link.thread import ThreadedGripper
 from drivers.robotiq.model.gripper import GripperModel, ModelTransport
 from drivers.robotiq.protocol import CALIBRATIONS
@@ -149,7 +149,7 @@ def test_a_lost_link_is_raised_once_and_found_again(serve, connect) -> None:
     served = serve()
     client = connect(served)
     with client.threaded() as gripper:
-        served.emulator.faults.add(Fault(trouble=Trouble.DISCONNECT, times=5))
+        served.emulator.faults.add(WireFault(trouble=Trouble.DISCONNECT, times=5))
         until(lambda: client.driver.statistics.link_losses == 1)
         until(lambda: client.driver.statistics.reconnects == 1)
         with pytest.raises(LinkLost):

@@ -9,12 +9,19 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 
 from tests.wire.drivers.ur.link.scripted import ScriptedController
 
 ROOT = Path(__file__).parents[5]
 _NUMBERS = itertools.count(1)
+
+
+def workers(parent=None):
+    """Numbers of the processes that this one, or another, has started for a link."""
+    started = psutil.Process(parent).children()
+    return [each.pid for each in started if "drivers.ur.link" in " ".join(each.cmdline())]
 
 
 @pytest.fixture

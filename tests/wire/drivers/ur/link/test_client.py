@@ -13,7 +13,7 @@ import pytest
 from drivers.errors import DeviceFault, LinkLost, Refused, Stale
 from drivers.ur.driver import ArmDriver, ArmSettings
 from drivers.ur.link.client import UrLink, UrSettings
-from tests.wire.drivers.ur.link.conftest import ROOT
+from tests.wire.drivers.ur.link.conftest import ROOT, workers
 
 # a slow watchdog: a busy machine must not end the program
 EASY = {"watchdog_hz": 2.0, "heartbeat_timeout_s": 1.0, "stop_margin_s": 5.0}
@@ -135,7 +135,7 @@ def test_move_in_place_of_a_move_brakes_first(emulate, connect):
     assert emulator.do("state")["runtime_state"] == PROGRAM_RUNNING
 
 
-def test_protective_stop_is_typed_and_recovered_on_request(emulate, connect):
+def test_protective_stop_is_typed_and_another_connection_is_refused(emulate, connect):
     emulator = emulate()
     arm = connect()
     arm.rise(0.4)
@@ -145,7 +145,7 @@ def test_protective_stop_is_typed_and_recovered_on_request(emulate, connect):
     with pytest.raises(Refused, match="protective stop"):
         arm.rise(0.0)
     with pytest.raises(DeviceFault, match="PROTECTIVE_STOP"):
-        arm.link.recover()
+        arm.link.connect()
     with pytest.raises(LinkLost, match="not connected"):
         arm.pump()
 
@@ -163,17 +163,17 @@ def test_emergency_stop_is_typed(emulate, connect):
     assert arm.risen_m() > 0.0  # a pose without power is not believed
 
 
-def test_killed_program_is_typed_and_recovered(emulate, connect):
+def test_killed_program_is_typed_and_another_connection_starts_it(emulate, connect):
     emulator = emulate()
     arm = connect()
     arm.driver.set_payload(2.6)
     emulator.do("kill_program")
     error = arm.trouble(DeviceFault, "program on the arm controller has ended")
-    assert "recover" in error.remedy
+    assert "start the run again" in error.remedy
     arm.pump()  # once for each onset
     with pytest.raises(DeviceFault, match="program"):
         arm.rise(0.05)
-    arm.link.recover()
+    arm.link.connect()
     arm.rise(0.05)
     arm.pump_until(lambda: not arm.state.moving)
     assert arm.risen_m() == pytest.approx(0.05, abs=1e-3)
@@ -189,7 +189,7 @@ def test_frozen_controller_is_stale_first_then_lost(emulate, connect):
     with pytest.raises(LinkLost):
         arm.rise(0.05)
     emulator.state_when(lambda state: True)  # it thaws
-    arm.link.recover()
+    arm.link.connect()
     arm.pump_until(lambda: arm.state.position_m[2] == pytest.approx(arm.start_m[2], abs=1e-3))
 
 
@@ -198,7 +198,7 @@ def test_dropped_link_is_lost_and_not_repaired_by_itself(emulate, connect):
     arm = connect()
     emulator.do("drop_link")
     arm.trouble(LinkLost, "link to the arm lost")
-    arm.link.recover()
+    arm.link.connect()
     arm.pump()
 
 
@@ -207,11 +207,12 @@ def test_killed_worker_is_link_lost_and_the_watchdog_stops_the_arm(emulate, conn
     arm = connect()
     arm.rise(0.4)
     arm.pump_until(arm.rising)
-    os.kill(arm.link.worker_pid, signal.SIGKILL)
+    (pid,) = workers()
+    os.kill(pid, signal.SIGKILL)
     arm.trouble(LinkLost, "worker process ended")
     ended = emulator.state_when(lambda s: s["runtime_state"] != PROGRAM_RUNNING)
     assert at_end(emulator)["position_m"][2] < arm.start_m[2] + 0.39, ended
-    arm.link.recover()
+    arm.link.connect()
     arm.driver.pump(time.monotonic_ns())
     arm.rise(0.0)
     arm.pump_until(lambda: not arm.state.moving)
@@ -220,7 +221,7 @@ def test_killed_worker_is_link_lost_and_the_watchdog_stops_the_arm(emulate, conn
 def test_silent_worker_is_given_up(emulate, connect):
     emulate()
     arm = connect(command_timeout_s=0.5)
-    pid = arm.link.worker_pid
+    (pid,) = workers()
     os.kill(pid, signal.SIGSTOP)
     arm.rise(0.4)
     arm.trouble(LinkLost, "in time|lost")
@@ -256,14 +257,15 @@ link = UrLink(UrSettings(host={host!r}, watchdog_hz=2.0, heartbeat_timeout_s=5.0
 link.connect()
 x, y, z = link.read(time.monotonic_ns()).position_m
 link.move_l((x, y, z + 0.4), 0.05, 1.0, time.monotonic_ns())
-print(link.worker_pid, flush=True)
+print("moving", flush=True)
 while True:
     link.read(time.monotonic_ns())
     time.sleep(0.01)
 """
     parent = subprocess.Popen([sys.executable, "-c", script], cwd=ROOT, stdout=subprocess.PIPE)
     with parent:
-        worker = int(parent.stdout.readline())
+        parent.stdout.readline()
+        (worker,) = workers(parent.pid)
         emulator.state_when(lambda state: state["moving"])
         parent.kill()
     state = emulator.state_when(
@@ -280,7 +282,7 @@ def test_close_ends_the_program_and_leaves_nothing(emulate, connect):
     emulator = emulate()
     before = threading.active_count()
     arm = connect()
-    pid = arm.link.worker_pid
+    (pid,) = workers()
     arm.rise(0.4)
     arm.pump_until(arm.rising)
     arm.link.close()
@@ -296,4 +298,4 @@ def test_claimed_registers_are_refused_before_ur_rtde_is_started(emulate, host):
     link = UrLink(UrSettings(host=host, step_timeout_s=0.5))
     with pytest.raises(Refused, match="in use"):
         link.connect()
-    assert link.worker_pid is None
+    assert workers() == []
