@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from grasp.cli import campaign_calibrate, exits
-from grasp.cli.options import add_jobs, whole
+from grasp.cli.options import add_workers, whole, workers
 
 if TYPE_CHECKING:
     from scenarios.campaign.spec import CampaignSpec
@@ -43,12 +43,7 @@ def _add_run(actions: Any) -> None:
     run.add_argument(
         "campaign", metavar="FILE", help="campaign file, or the name of one of config/campaigns"
     )
-    add_jobs(run)
-    run.add_argument(
-        "--cluster", metavar="ADDRESS",
-        help="run on the workers of this Dask scheduler instead, e.g. tcp://10.0.0.1:8786 "
-        "(needs the extra `cluster`)",
-    )  # fmt: skip
+    add_workers(run)
     run.add_argument(
         "--out", type=Path, metavar="FILE",
         help="SQLite file to make (default: runs/campaigns/<name>.sqlite)",
@@ -103,7 +98,7 @@ def run_campaign(args: argparse.Namespace) -> int:
     out = args.out or default_path(spec)
     with View(spec.name, quiet=args.json) as view:
         try:
-            progress = run(spec, out, args.jobs, args.cluster, args.resume, view.show)
+            progress = run(spec, out, workers(args), args.resume, view.show)
         except KeyboardInterrupt:
             view.close()
             return exits.report("interrupted", view.kept(out), "go on with --resume", args.json)

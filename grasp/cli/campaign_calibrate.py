@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from grasp.cli import exits
-from grasp.cli.options import add_jobs, whole
+from grasp.cli.options import add_workers, whole, workers
 
 if TYPE_CHECKING:
     from scenarios.studies.table4.calibrate import Calibration, LikelihoodProfile, TradeOff
@@ -30,7 +30,7 @@ def add_parser(actions: Any) -> None:
         "--repetitions", type=whole(1, 100_000), default=20, metavar="N",
         help="lifts at each place of the grid (default: %(default)s; 60 places)",
     )  # fmt: skip
-    add_jobs(parser)
+    add_workers(parser)
     parser.add_argument(
         "--out", type=Path, default=Path("runs/calibration"), metavar="DIR",
         help="folder of the campaign files and of calibration.json (default: %(default)s)",
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     with View("calibrate", quiet=args.json) as view:
         try:
             result = calibrate(
-                args.detector, args.profile, args.repetitions, args.out, args.jobs, view.show
+                args.detector, args.profile, args.repetitions, args.out, workers(args), view.show
             )
         except KeyboardInterrupt:
             view.close()

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from grasp.cli import exits
-from grasp.cli.options import add_jobs, whole
+from grasp.cli.options import add_workers, whole, workers
 
 if TYPE_CHECKING:
     from scenarios.studies.reaction.summary import ReactionSummary
@@ -62,7 +62,7 @@ def _add_size(parser: argparse.ArgumentParser) -> None:
         "--check", type=whole(0, 100_000), default=10, metavar="N",
         help="of these, run in full as well (default: %(default)s)",
     )  # fmt: skip
-    add_jobs(parser)
+    add_workers(parser)
     parser.add_argument(
         "--out", type=Path, default=Path("reaction.svg"), metavar="FILE",
         help="picture to write, .svg, .png or .pdf; the figures go beside it as .json "
@@ -88,7 +88,7 @@ def draw(args: argparse.Namespace) -> int:
     total = args.seeds * len(configs)
     found = []
     seeds = range(FIRST_SEED, FIRST_SEED + args.seeds)
-    for each in studies(configs, seeds, args.check, grid, args.jobs):
+    for each in studies(configs, seeds, args.check, grid, workers(args)):
         found.append(each)
         if len(found) * 10 // total > (len(found) - 1) * 10 // total:
             print(f"{len(found)}/{total} lifts tried", file=sys.stderr)

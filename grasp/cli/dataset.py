@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import add_jobs
+from grasp.cli.options import add_workers, workers
 
 HELP = "build and describe data sets of labelled fingertip recordings"
 
@@ -31,7 +31,7 @@ def _add_build(actions: Any) -> None:
         "config", type=Path, metavar="FILE.toml", help="for example config/datasets/paper.toml"
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to fill")
-    add_jobs(parser)
+    add_workers(parser)
     parser.add_argument(
         "--share", type=_share, default=1.0, metavar="X",
         help="build so much of it, over 0 to 1, with the same distribution (default: %(default)s)",
@@ -79,7 +79,7 @@ def build(args: argparse.Namespace) -> int:
     config = datasets.reduced(datasets.load_dataset_config(args.config), args.share)
     jobs = datasets.plan(config)
     with _Bar(args.json) as bar:
-        made = datasets.build(jobs, config, args.out, args.jobs, bar.show)
+        made = datasets.build(jobs, config, args.out, workers(args), bar.show)
     samples = sum(job.samples for job in jobs)
     if args.json:
         print(json.dumps({"folder": str(args.out), "recordings": len(jobs), "made": made,

@@ -1,15 +1,16 @@
 """Runs what a campaign still lacks, and writes every trial as it finishes."""
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
 import msgspec
 
-from scenarios.campaign import pool
+from drivers.errors import GraspError
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, trials
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.worker import Finished, Row, run_trial
+from scenarios.campaign.worker import Finished, Row, error_row, run_trial
+from scenarios.rigs.workers import Outcome, Workers, outcomes
 
 CAMPAIGNS = Path("runs/campaigns")
 
@@ -25,6 +26,7 @@ class Progress(msgspec.Struct, frozen=True):
 
 
 OnProgress = Callable[[Progress], None]
+Work = Callable[[Task], Finished]
 
 
 def default_path(spec: CampaignSpec) -> Path:
@@ -34,11 +36,10 @@ def default_path(spec: CampaignSpec) -> Path:
 def run(
     spec: CampaignSpec,
     out: Path,
-    jobs: int,
-    address: str | None = None,
+    workers: Workers,
     resume: bool = False,
     on_progress: OnProgress = lambda progress: None,
-    work: pool.Work = run_trial,
+    work: Work = run_trial,
 ) -> Progress:
     """Run the trials that the file lacks; those that errored before are run again.
 
@@ -54,19 +55,21 @@ def run(
         progress = Progress(len(every), len(had), 0, 0, 0)
         on_progress(progress)
         # closed at once when something goes wrong here: the workers must not outlive it
-        with closing(_finished(todo, jobs, address, work)) as finished:
-            for each in finished:
-                progress = _counted(progress, store.add(each))
+        with closing(outcomes(work, todo, workers)) as found:
+            for outcome in found:
+                progress = _counted(progress, store.add(_finished(outcome)))
                 on_progress(progress)
     return progress
 
 
-def _finished(
-    todo: Sequence[Task], jobs: int, address: str | None, work: pool.Work
-) -> Generator[Finished, None, None]:
-    if address is not None and todo:
-        return pool.cluster(todo, address, work)
-    return pool.local(todo, max(1, min(jobs, len(todo))), work)
+def _finished(outcome: Outcome[Task, Finished]) -> Finished:
+    if outcome.result is not None:
+        return outcome.result
+    error = outcome.error
+    known = isinstance(error, GraspError)
+    return Finished(
+        error_row(outcome.task, str(error) if known else f"{type(error).__name__}: {error}")
+    )
 
 
 def _counted(before: Progress, row: Row) -> Progress:

@@ -1,4 +1,4 @@
-"""Data sets: which recordings, in what order of chance, and how they are made on every core.
+"""Data sets: which recordings, in what order of chance, and how they are made.
 
 A data set is a folder of recordings (``detector.recordings``) and ``dataset.json``, which says what
 it was built from. The plan is a pure function of its TOML file; each recording is one of its seed.
@@ -6,13 +6,8 @@ So a build that was ended goes on where it was, and two builds give the same fil
 """
 
 import hashlib
-import os
-import signal
-import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
-from contextlib import contextmanager
-from multiprocessing import get_context, parent_process
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -30,6 +25,7 @@ from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.press import TURNS, StrokeMotion, motion
 from scenarios.acquire.rig import open_acquire_rig
 from scenarios.acquire.session import Session, recording
+from scenarios.rigs.workers import Workers, results
 from scenarios.trial.result import versions
 
 DIRECTIONS = {
@@ -40,7 +36,6 @@ DIRECTIONS = {
 INDEX = "dataset.json"
 SPARE = (1.1, 1.3, 1.6, 2.0, 3.0)  # samples recorded for each one wanted, try after try
 SPARE_SAMPLES = 250
-THREAD_LIMITS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 SEEDS = 1_000_000  # seeds of one data set
 Range = tuple[float, float]
 
@@ -254,6 +249,10 @@ def part_of(whole: Recording, first: int, end: int) -> Recording:
     return msgspec.structs.replace(whole, **cut)
 
 
+def _made(job: Job) -> tuple[Job, Recording]:
+    return job, make(job)
+
+
 class _Index(msgspec.Struct, frozen=True):
     """What a folder was built from."""
 
@@ -263,7 +262,7 @@ class _Index(msgspec.Struct, frozen=True):
     dataset: Any
 
 
-def build(jobs: Sequence[Job], origin: Any, out: Path, workers: int, progress: Progress) -> int:
+def build(jobs: Sequence[Job], origin: Any, out: Path, workers: Workers, progress: Progress) -> int:
     """Make every recording that ``out`` lacks; gives how many those were.
 
     Raises CouldNotBuild when the folder holds another data set, OSError when it cannot be written.
@@ -274,9 +273,11 @@ def build(jobs: Sequence[Job], origin: Any, out: Path, workers: int, progress: P
     progress(done, len(jobs))
     for path in {(out / job.path).parent for job in missing}:
         path.mkdir(parents=True, exist_ok=True)
-    for _ in _results(missing, out, workers):
-        done += 1
-        progress(done, len(jobs))
+    with closing(results(_made, missing, workers)) as found:
+        for job, made in found:
+            write(out / job.path, made)
+            done += 1
+            progress(done, len(jobs))
     return len(missing)
 
 
@@ -301,60 +302,3 @@ def _claim(out: Path, jobs: Sequence[Job], origin: Any) -> None:
     partial = out / f".{INDEX}"
     partial.write_bytes(msgspec.json.format(msgspec.json.encode(index), indent=1) + b"\n")
     partial.replace(path)
-
-
-def _write(job: Job, out: Path) -> None:
-    write(out / job.path, make(job))
-
-
-def _results(jobs: Sequence[Job], out: Path, workers: int) -> Iterator[None]:
-    """One for each recording written, by so many processes of one thread each."""
-    if workers == 1:
-        for job in jobs:
-            _write(job, out)
-            yield
-        return
-    with (
-        _single_threaded(),
-        ProcessPoolExecutor(
-            workers, mp_context=get_context("spawn"), initializer=_end_with_parent
-        ) as pool,
-    ):
-        try:
-            waiting = {pool.submit(_write, job, out) for job in jobs}
-            while waiting:
-                finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in finished:
-                    future.result()
-                    yield
-        except BaseException:
-            pool.shutdown(wait=True, cancel_futures=True)
-            raise
-
-
-@contextmanager
-def _single_threaded() -> Iterator[None]:
-    """Children inherit it: one thread each, as there is a process for each core."""
-    before = {name: os.environ.get(name) for name in THREAD_LIMITS}
-    os.environ.update(dict.fromkeys(THREAD_LIMITS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-def _end_with_parent() -> None:
-    """A worker whose parent was killed would wait for work for ever; Ctrl-C is the parent's."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = parent_process()
-
-    def watch() -> None:
-        if parent is not None:
-            parent.join()
-            os._exit(1)
-
-    threading.Thread(target=watch, name="parent-watch", daemon=True).start()

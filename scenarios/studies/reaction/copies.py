@@ -23,6 +23,7 @@ from scenarios.lift.lift import run_trial
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, ScoringSettings, outcome
 from scenarios.rigs.config import RunConfig
 from scenarios.rigs.opening import open_rig
+from scenarios.rigs.workers import Workers, results
 from scenarios.rigs.world_of_seed import cell_settings
 from scenarios.trial.execution import make_controller, make_guard, make_loop
 from scenarios.world.cell import SimulatedCell, Truth
@@ -217,15 +218,24 @@ def _saved_ns(late_ns: int, factor: float) -> int:
     return round(max(0, late_ns) * (1 - 1 / factor))
 
 
-def studies(
-    configs: Sequence[RunConfig], seeds: Sequence[int], checked: int, grid: Grid, jobs: int
-) -> Iterator[SeedStudy]:
-    """All of them as they finish, on worker processes; the first ``checked`` seeds are checked."""
-    from joblib import Parallel, delayed
+class _Task(msgspec.Struct, frozen=True):
+    """One study to be made."""
 
-    work = (
-        delayed(study)(config, seed, grid, i < checked)
-        for i, seed in enumerate(seeds)
-        for config in configs
-    )
-    yield from Parallel(n_jobs=jobs, return_as="generator_unordered", pre_dispatch="4*n_jobs")(work)
+    config: RunConfig
+    seed: int
+    grid: Grid
+    check: bool
+
+
+def _study(task: _Task) -> SeedStudy:
+    return study(task.config, task.seed, task.grid, task.check)
+
+
+def studies(
+    configs: Sequence[RunConfig], seeds: Sequence[int], checked: int, grid: Grid, workers: Workers
+) -> Iterator[SeedStudy]:
+    """All of them as they finish; the first ``checked`` seeds are checked."""
+    tasks = [
+        _Task(config, seed, grid, i < checked) for i, seed in enumerate(seeds) for config in configs
+    ]
+    yield from results(_study, tasks, workers)

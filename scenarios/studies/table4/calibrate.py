@@ -25,6 +25,7 @@ from scenarios.campaign.spec import CampaignSpec
 from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.summary import class_counts
 from scenarios.campaign.worker import Row
+from scenarios.rigs.workers import Workers
 
 SPEED = "controller.lift_speed_mps"
 SPEEDS_MPS = (0.1, 0.15, 0.2, 0.25)  # assumed range of the paper's arm
@@ -115,7 +116,7 @@ def calibrate(
     profile: str,
     repetitions: int,
     folder: Path,
-    jobs: int,
+    workers: Workers,
     on_progress: OnProgress,
 ) -> Calibration:
     """Run what the folder's campaign files lack, then fit.
@@ -125,7 +126,7 @@ def calibrate(
     rows: list[Row] = []
     for spec in specs(detector, profile, repetitions):
         path = folder / f"{spec.name}.sqlite"
-        run(spec, path, jobs, resume=True, on_progress=on_progress)
+        run(spec, path, workers, resume=True, on_progress=on_progress)
         with CampaignStore.open(path) as store:
             rows += store.rows()
     return fit(rows, profile, repetitions)

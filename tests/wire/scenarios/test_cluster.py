@@ -7,12 +7,17 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import pytest
 
+from grasp.settings import config_dir
+from scenarios.acquire.datasets.build import build, load_dataset_config, plan
+from scenarios.rigs.workers import Workers
 from tests.wire.scenarios.campaigns import campaign_file, finished, rows, until
 
 pytest.importorskip("distributed")
 ROOT = Path(__file__).parents[3]
+PAPER = load_dataset_config(config_dir() / "datasets" / "paper.toml")
 
 
 @pytest.fixture
@@ -50,6 +55,16 @@ def test_rows_are_those_of_one_machine(scheduler: str, tmp_path: Path) -> None:
     assert code == 0, err
     assert len(rows(there)) == 6
     assert rows(there) == rows(here)
+
+
+def test_a_data_set_is_that_of_one_machine(scheduler: str, tmp_path: Path) -> None:
+    jobs = [msgspec.structs.replace(job, static=200, slip=200) for job in plan(PAPER)[:3]]
+    here, there = tmp_path / "here", tmp_path / "there"
+    for out, workers in ((here, Workers(0)), (there, Workers(1, scheduler))):
+        assert build(jobs, {}, out, workers, lambda done, total: None) == 3
+    made = sorted(path.relative_to(there) for path in there.glob("*/*.npz"))
+    assert len(made) == 3
+    assert all((there / path).read_bytes() == (here / path).read_bytes() for path in made)
 
 
 def test_an_address_without_a_scheduler_is_named(tmp_path: Path) -> None:

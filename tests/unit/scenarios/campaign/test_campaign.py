@@ -3,7 +3,6 @@
 import json
 import os
 import sqlite3
-from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,11 +12,11 @@ import pytest
 
 from drivers.errors import ConfigError
 from grasp.cli import main
-from scenarios.campaign.pool import Work
-from scenarios.campaign.run import Progress, run
+from scenarios.campaign.run import Progress, Work, run
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, read_spec, trials
 from scenarios.campaign.store import BadCampaignFile, CampaignStore
 from scenarios.campaign.worker import MACHINE_COLUMNS, Finished, Row, error_row, run_trial
+from scenarios.rigs.workers import Workers
 
 TWO_OBJECTS = CampaignSpec(name="two", objects=("can", "ball"), repetitions=2)
 
@@ -27,19 +26,13 @@ def judged_at_once(trial: Task) -> Finished:
     return Finished(msgspec.structs.replace(error_row(trial, ""), status="done", success=True))
 
 
-@pytest.fixture
-def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No workers, where they are not what is tested: they take seconds to start."""
-
-    def local(trials: Sequence[Task], jobs: int, work: Work) -> Iterator[Finished]:
-        for trial in trials:
-            yield work(trial)
-
-    monkeypatch.setattr("scenarios.campaign.pool.local", local)
-
-
 def run_with(spec: CampaignSpec, out: Path, work: Work, **options: Any) -> Progress:
-    return run(spec, out, 2, work=work, **options)
+    return run(spec, out, Workers(2), work=work, **options)
+
+
+def run_here(spec: CampaignSpec, out: Path, work: Work, **options: Any) -> Progress:
+    """No workers, where they are not what is tested: they take seconds to start."""
+    return run(spec, out, Workers(0), work=work, **options)
 
 
 def stored(path: Path) -> list[Row]:
@@ -108,7 +101,7 @@ def test_a_wrong_file_is_refused_before_anything_runs(
     file.write_text(f'name = "wrong"\n{wrong}\n')
     out = tmp_path / "out.sqlite"
     with pytest.raises(ConfigError) as error:
-        run(read_spec(file), out, 1)
+        run(read_spec(file), out, Workers(0))
     assert named in f"{error.value.message} {error.value.remedy}"
     assert not out.exists()
 
@@ -227,21 +220,19 @@ def test_resume_runs_what_is_missing_or_errored_and_nothing_else(tmp_path: Path)
     assert [row.status for row in stored(out)] == ["done"] * 4
 
 
-@pytest.mark.usefixtures("one_process")
 def test_an_existing_file_is_refused_without_resume(tmp_path: Path) -> None:
     out = tmp_path / "a.sqlite"
-    run_with(TWO_OBJECTS, out, judged_at_once)
+    run_here(TWO_OBJECTS, out, judged_at_once)
     before = out.read_bytes()
     with pytest.raises(ConfigError, match="exists already"):
-        run_with(TWO_OBJECTS, out, judged_at_once)
+        run_here(TWO_OBJECTS, out, judged_at_once)
     assert out.read_bytes() == before
 
 
-@pytest.mark.usefixtures("one_process")
 def test_a_campaign_killed_before_its_first_table_can_be_resumed(tmp_path: Path) -> None:
     out = tmp_path / "a.sqlite"
     out.touch()
-    done = run_with(TWO_OBJECTS, out, judged_at_once, resume=True)
+    done = run_here(TWO_OBJECTS, out, judged_at_once, resume=True)
     assert (done.done, done.total) == (4, 4)
 
 
@@ -256,26 +247,24 @@ def test_a_foreign_file_is_not_resumed_into(tmp_path: Path) -> None:
     assert out.read_bytes() == before
 
 
-@pytest.mark.usefixtures("one_process")
 def test_another_campaign_cannot_be_resumed(tmp_path: Path) -> None:
     out = tmp_path / "a.sqlite"
-    run_with(TWO_OBJECTS, out, judged_at_once)
+    run_here(TWO_OBJECTS, out, judged_at_once)
     other = msgspec.structs.replace(TWO_OBJECTS, repetitions=5)
     with pytest.raises(ConfigError, match="another campaign"):
-        run_with(other, out, judged_at_once, resume=True)
+        run_here(other, out, judged_at_once, resume=True)
 
 
-@pytest.mark.usefixtures("one_process")
 def test_settings_that_changed_underneath_are_noticed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "a.sqlite"
-    run_with(TWO_OBJECTS, out, judged_at_once)
+    run_here(TWO_OBJECTS, out, judged_at_once)
     changed = tmp_path / "lab.toml"
     changed.write_text("[controller]\nlift_speed_mps = 0.12\n")
     monkeypatch.setenv("GRASP_CONFIG", str(changed))
     with pytest.raises(ConfigError, match="other settings"):
-        run_with(TWO_OBJECTS, out, judged_at_once, resume=True)
+        run_here(TWO_OBJECTS, out, judged_at_once, resume=True)
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no database at all, only text" * 50])
@@ -287,20 +276,18 @@ def test_a_file_that_is_no_campaign_is_named(content: bytes | None, tmp_path: Pa
         CampaignStore.open(path)
 
 
-@pytest.mark.usefixtures("one_process")
 def test_recordings_lie_beside_the_file_under_their_trial(tmp_path: Path) -> None:
     def work(trial: Task) -> Finished:
         return Finished(judged_at_once(trial).row, b"bytes" if trial.number == 2 else None)
 
-    run_with(TWO_OBJECTS, tmp_path / "a.sqlite", work)
+    run_here(TWO_OBJECTS, tmp_path / "a.sqlite", work)
     paths = [row.recording for row in stored(tmp_path / "a.sqlite")]
     assert paths == [None, None, "a.recordings/000002-lift-can.mcap", None]
     assert (tmp_path / str(paths[2])).read_bytes() == b"bytes"
 
 
-@pytest.mark.usefixtures("one_process")
 def test_settings_of_every_row_are_in_the_file(tmp_path: Path) -> None:
-    run_with(TWO_OBJECTS, tmp_path / "a.sqlite", judged_at_once)
+    run_here(TWO_OBJECTS, tmp_path / "a.sqlite", judged_at_once)
     with sqlite3.connect(tmp_path / "a.sqlite") as db:
         found = db.execute(
             "SELECT count(*) FROM trials JOIN configs USING (config_hash) "

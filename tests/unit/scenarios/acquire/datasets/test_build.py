@@ -36,8 +36,10 @@ from scenarios.acquire.datasets.report import (
     SURFACES,
     describe,
 )
+from scenarios.rigs.workers import Workers
 
 PAPER = config_dir() / "datasets" / "paper.toml"
+HERE = Workers(0)
 
 
 def quiet(done: int, total: int) -> None:
@@ -128,10 +130,12 @@ def test_the_window_holds_exactly_so_many_samples_of_slip() -> None:
     assert window(slip, 4, 4) is None
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_build_makes_what_was_planned(tmp_path: Path, few: list[Job], workers: int) -> None:
+@pytest.mark.parametrize("processes", [0, 2])
+def test_a_build_makes_what_was_planned(tmp_path: Path, few: list[Job], processes: int) -> None:
     seen: list[tuple[int, int]] = []
-    made = build(few, {}, tmp_path / "set", workers, lambda done, total: seen.append((done, total)))
+    made = build(
+        few, {}, tmp_path / "set", Workers(processes), lambda *counted: seen.append(counted)
+    )
     assert made == 3
     assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
     for job in few:
@@ -157,22 +161,22 @@ def test_the_labels_shares_come_out_whatever_the_first_pauses(
 def test_a_second_build_makes_only_what_is_missing_and_makes_it_equal(
     tmp_path: Path, few: list[Job]
 ) -> None:
-    build(few, {}, tmp_path / "set", 1, quiet)
+    build(few, {}, tmp_path / "set", HERE, quiet)
     path = tmp_path / "set" / few[1].path
     before = path.read_bytes()
     path.unlink()
-    assert build(few, {}, tmp_path / "set", 1, quiet) == 1
+    assert build(few, {}, tmp_path / "set", HERE, quiet) == 1
     assert path.read_bytes() == before
 
 
 def test_a_folder_of_something_else_is_refused(tmp_path: Path, few: list[Job]) -> None:
-    build(few[:1], {}, tmp_path / "set", 1, quiet)
+    build(few[:1], {}, tmp_path / "set", HERE, quiet)
     with pytest.raises(CouldNotBuild, match="other settings"):
-        build(few, {}, tmp_path / "set", 1, quiet)
+        build(few, {}, tmp_path / "set", HERE, quiet)
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.txt").touch()
     with pytest.raises(CouldNotBuild, match="not empty"):
-        build(few, {}, tmp_path / "other", 1, quiet)
+        build(few, {}, tmp_path / "other", HERE, quiet)
 
 
 def test_a_build_that_was_killed_leaves_whole_files_only_and_goes_on(tmp_path: Path) -> None:
@@ -200,13 +204,13 @@ def test_a_build_that_was_killed_leaves_whole_files_only_and_goes_on(tmp_path: P
     index = json.loads((out / datasets.INDEX).read_text())
     assert index["recordings"] == len(every)
     again = tmp_path / "again"
-    build(nearly[:2], {}, again, 1, quiet)
+    build(nearly[:2], {}, again, HERE, quiet)
     for job in nearly[:2]:
         assert (again / job.path).read_bytes() == left[out / job.path]
 
 
 def test_a_report_counts_what_is_there(tmp_path: Path, few: list[Job]) -> None:
-    build(few, {}, tmp_path / "set", 1, quiet)
+    build(few, {}, tmp_path / "set", HERE, quiet)
     report = describe(read_dataset(tmp_path / "set"))
     assert report.recordings == 3
     assert report.samples == sum(job.samples for job in few)
@@ -221,7 +225,7 @@ def test_the_command_line_describes_and_draws(
     tmp_path: Path, few: list[Job], capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("matplotlib")
-    build(few, {}, tmp_path / "set", 1, quiet)
+    build(few, {}, tmp_path / "set", HERE, quiet)
     picture = tmp_path / "few.svg"
     folder = str(tmp_path / "set")
     assert main(["dataset", "describe", folder, "--pictures", str(picture)]) == 0

@@ -1,0 +1,177 @@
+"""Where work is done: worker processes of this machine, or a Dask cluster by its address.
+
+Results come as they finish, so their order is chance; what they are depends on the tasks alone.
+"""
+
+import os
+import signal
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import closing, contextmanager
+from typing import Generic, TypeVar, cast
+
+import msgspec
+
+from drivers.errors import GraspError, LinkLost
+
+T = TypeVar("T")
+R = TypeVar("R")
+AHEAD = 2  # tasks handed out for every worker: none waits for the parent's disk
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+PARENT_POLL_S = 0.5
+CONNECT_S = 10.0
+
+
+class NoCluster(GraspError):
+    """The extra `cluster` is not installed."""
+
+    kind = "usage"
+
+
+class Workers(msgspec.Struct, frozen=True):
+    """Who works."""
+
+    processes: int  # of one thread each; 0: no worker, this process does it
+    cluster: str | None = None  # address of a Dask scheduler, whose workers do it instead
+
+
+class Outcome(msgspec.Struct, Generic[T, R], frozen=True):
+    """What became of one task: a result, or an error."""
+
+    task: T
+    result: R | None = None
+    error: BaseException | None = None
+
+
+def results(
+    work: Callable[[T], R], tasks: Sequence[T], workers: Workers
+) -> Generator[R, None, None]:
+    """Results as they come; the first error of a task ends the others and is raised."""
+    with closing(outcomes(work, tasks, workers)) as found:
+        for outcome in found:
+            if outcome.error is not None:
+                raise outcome.error
+            yield cast(R, outcome.result)
+
+
+def outcomes(
+    work: Callable[[T], R], tasks: Sequence[T], workers: Workers
+) -> Generator[Outcome[T, R], None, None]:
+    """What became of every task; to close it, or Ctrl-C, ends all workers.
+
+    Raises NoCluster without the extra, LinkLost without a scheduler.
+    """
+    if not tasks:
+        return
+    if workers.cluster is not None:
+        yield from _cluster(work, tasks, workers.cluster)
+    elif workers.processes == 0:
+        yield from (_done(work, task) for task in tasks)
+    else:
+        yield from _processes(work, tasks, min(workers.processes, len(tasks)))
+
+
+def _done(work: Callable[[T], R], task: T) -> Outcome[T, R]:
+    try:
+        return Outcome(task, work(task))
+    except Exception as error:
+        return Outcome(task, error=error)
+
+
+def _processes(
+    work: Callable[[T], R], tasks: Sequence[T], processes: int
+) -> Iterator[Outcome[T, R]]:
+    """A worker that dies takes its pool with it, and nobody knows which of the tasks handed out
+    was to blame: they run once more one by one, and the one that dies again has the error."""
+    waiting = deque(tasks)
+    while waiting:
+        suspects: deque[T] = deque()
+        with _pool(processes) as executor:
+            for outcome in _drain(executor, waiting, AHEAD * processes, work):
+                if isinstance(outcome.error, BrokenExecutor):
+                    suspects.append(outcome.task)
+                else:
+                    yield outcome
+        yield from _one_by_one(suspects, work)
+
+
+def _one_by_one(waiting: deque[T], work: Callable[[T], R]) -> Iterator[Outcome[T, R]]:
+    died = GraspError("the worker process died", "fewer --jobs, if the memory did not suffice")
+    while waiting:
+        with _pool(1) as executor:
+            for outcome in _drain(executor, waiting, 1, work):
+                broken = isinstance(outcome.error, BrokenExecutor)
+                yield Outcome(outcome.task, error=died) if broken else outcome
+
+
+def _drain(
+    executor: Executor, waiting: deque[T], ahead: int, work: Callable[[T], R]
+) -> Iterator[Outcome[T, R]]:
+    """Feed the executor until nothing waits, or until it breaks; then what was out comes back."""
+    out: dict[Future[R], T] = {}
+    broken = False
+    while (waiting and not broken) or out:
+        while waiting and not broken and len(out) < ahead:
+            try:
+                out[executor.submit(work, waiting[0])] = waiting[0]
+                waiting.popleft()
+            except BrokenExecutor:
+                broken = True
+        for future in wait(out, return_when=FIRST_COMPLETED).done:
+            task = out.pop(future)
+            error = future.exception()
+            broken = broken or isinstance(error, BrokenExecutor)
+            yield (
+                Outcome(task, error=error) if error is not None else Outcome(task, future.result())
+            )
+
+
+@contextmanager
+def _pool(processes: int) -> Iterator[Executor]:
+    from joblib.externals.loky import ProcessPoolExecutor
+
+    executor = ProcessPoolExecutor(
+        max_workers=processes, initializer=_prepare, initargs=(os.getpid(),), env=ONE_THREAD
+    )
+    try:
+        yield executor
+    except BaseException:  # Ctrl-C among them: what is half done is of no use to anyone
+        executor.shutdown(wait=True, kill_workers=True)
+        raise
+    executor.shutdown(wait=True)
+
+
+def _prepare(parent: int) -> None:
+    """In each worker: the parent alone answers Ctrl-C, and nobody outlives the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(PARENT_POLL_S)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="parent watch", daemon=True).start()
+
+
+def _cluster(work: Callable[[T], R], tasks: Sequence[T], address: str) -> Iterator[Outcome[T, R]]:
+    """The scheduler moves the tasks of a lost worker to others; one that keeps killing workers
+    has the error."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise NoCluster("--cluster needs Dask", "pip install 'grasp-controller[cluster]'") from None
+    try:
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise LinkLost(
+            f"no Dask scheduler at {address}: {error}", "start one: dask scheduler, dask worker"
+        ) from None
+    with client:
+        threads = sum(client.nthreads().values())
+        if threads == 0:
+            raise LinkLost(f"the scheduler at {address} has no workers", "start one: dask worker")
+        executor = client.get_executor(pure=False)
+        yield from _drain(executor, deque(tasks), AHEAD * threads, work)

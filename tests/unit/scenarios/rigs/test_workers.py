@@ -1,0 +1,70 @@
+"""Workers: the same results from any number of them, and what a dying or failing task costs."""
+
+import os
+import signal
+from contextlib import closing
+
+import pytest
+
+from drivers.errors import GraspError
+from scenarios.rigs.workers import ONE_THREAD, Outcome, Workers, outcomes, results
+
+
+def squared(number: int) -> int:
+    return number * number
+
+
+def failing_on_three(number: int) -> int:
+    if number == 3:
+        raise ZeroDivisionError("on purpose")
+    return number
+
+
+@pytest.mark.parametrize("processes", [0, 1, 2])
+def test_results_are_the_same_from_any_number_of_workers(processes: int) -> None:
+    assert sorted(results(squared, range(5), Workers(processes))) == [0, 1, 4, 9, 16]
+
+
+def test_nothing_to_do_starts_nobody() -> None:
+    assert list(results(squared, [], Workers(2, cluster="tcp://127.0.0.1:9"))) == []
+
+
+@pytest.mark.parametrize("processes", [0, 2])
+def test_a_task_that_fails_costs_no_other(processes: int) -> None:
+    found = sorted(outcomes(failing_on_three, range(5), Workers(processes)), key=lambda o: o.task)
+    assert [o.result for o in found] == [0, 1, 2, None, 4]
+    assert isinstance(found[3].error, ZeroDivisionError)
+
+
+@pytest.mark.parametrize("processes", [0, 2])
+def test_the_first_error_is_raised_where_results_are_asked_for(processes: int) -> None:
+    with (
+        closing(results(failing_on_three, range(3, 99), Workers(processes))) as found,
+        pytest.raises(ZeroDivisionError, match="on purpose"),
+    ):
+        list(found)
+
+
+def test_a_task_that_kills_its_worker_is_the_only_one_lost() -> None:
+    def work(number: int) -> int:
+        if number == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return number
+
+    found: list[Outcome[int, int]] = list(outcomes(work, range(4), Workers(2)))
+    assert sorted(o.result for o in found if o.result is not None) == [0, 2, 3]
+    (died,) = [o.error for o in found if o.error is not None]
+    assert isinstance(died, GraspError) and died.message == "the worker process died"
+
+
+def test_workers_have_one_thread_and_leave_ctrl_c_to_their_parent() -> None:
+    def asked(_: int) -> tuple[bool, bool]:
+        limits = {name: os.environ.get(name) for name in ONE_THREAD}
+        return limits == ONE_THREAD, signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+    assert list(results(asked, [0], Workers(1))) == [(True, True)]
+
+
+def test_who_stops_listening_ends_the_workers() -> None:
+    with closing(results(squared, range(1000), Workers(2))) as found:
+        next(found)  # the leak fixture looks for whoever lives on
