@@ -8,7 +8,10 @@ stopwatch_ns = time.perf_counter_ns
 
 
 class Clock(Protocol):
-    """Monotonic time in integer nanoseconds."""
+    """Monotonic time in integer nanoseconds; ``virtual`` time stands still while we compute."""
+
+    @property
+    def virtual(self) -> bool: ...
 
     @property
     def now_ns(self) -> int: ...
@@ -18,6 +21,8 @@ class Clock(Protocol):
 
 class WallClock:
     """The machine's monotonic clock, counted from ``epoch_ns`` of it."""
+
+    virtual = False
 
     def __init__(self, epoch_ns: int = 0) -> None:
         self._epoch_ns = epoch_ns
@@ -34,6 +39,8 @@ class WallClock:
 
 class VirtualClock:
     """Time that passes only when somebody waits for it: waiting is what advances the world."""
+
+    virtual = True
 
     def __init__(self, advance_world: Callable[[int], None], start_ns: int = 0) -> None:
         self._advance_world = advance_world

@@ -30,7 +30,7 @@ from grasp.commands import (
     OpenFingers,
     StopArm,
 )
-from grasp.phases import AIRBORNE_PHASES, Phase, PhaseMachine, Trigger
+from grasp.phases import AIRBORNE_PHASES, CONTACT_PHASES, Phase, PhaseMachine, Trigger
 from grasp.slip import SlipMonitor, SlipStatus
 
 CLOSED_COUNTS: Counts3 = (255, 255, 255)
@@ -132,6 +132,7 @@ class Decision(msgspec.Struct, frozen=True):
     slip: SlipStatus
     commands: tuple[Command, ...]
     reset_detector: bool = False
+    anchor: bool = False  # the first grasp stands: the guard bounds travel from here
 
 
 class GraspController:
@@ -147,6 +148,7 @@ class GraspController:
         self.fault_cause = ""
         self._out: list[Command] = []
         self._reset_detector = False
+        self._anchor = False
         self._home: Vector3 | None = None
         self._entered_ns = 0
         self._quiet_since_ns: int | None = None  # fingers at rest (grasp) or arm at the top (hold)
@@ -173,14 +175,21 @@ class GraspController:
     def step(self, seen: Observation) -> Decision:
         """Take one observation; returns the commands that follow from it."""
         self._out = []
-        self._reset_detector = False
+        self._reset_detector = self._anchor = False
         slip = self.monitor.update(seen.t_ns, seen.probabilities)
         trouble = self._trouble(seen)
         if trouble and self.phase is not Phase.FAULT:
             self._fail(seen, trouble)
         else:
             self._handlers[self.phase](seen, slip)
-        return Decision(self.phase, self.monitor.status, tuple(self._out), self._reset_detector)
+        return Decision(
+            self.phase, self.monitor.status, tuple(self._out), self._reset_detector, self._anchor
+        )
+
+    def interrupted(self) -> tuple[Command, ...]:
+        """Safe state when a person stops the run: the arm stands, a grip is kept."""
+        stop = StopArm(self._settings.stop_deceleration_mps2)
+        return (stop,) if self.phase in CONTACT_PHASES else (stop, HoldFingers())
 
     def _trouble(self, seen: Observation) -> str:
         stale_ns = self._settings.stale_after_s * 1e9
@@ -273,6 +282,7 @@ class GraspController:
             self.monitor.arm()
         elif waited_ns >= 2 * half_ns:
             self._fire(Trigger.GRIPPED, seen, "fingers rest at their positions")
+            self._anchor = True
             self._move_arm(self._settings.lift_height_m, self._settings.lift_speed_mps)
 
     def _gripped(self, seen: Observation) -> bool:

@@ -1,17 +1,15 @@
-"""ControlLoop: sample, detect, step, guard, command, record; once a tactile sample.
+"""ControlLoop: sample, step, command, hand on; once a tactile sample.
 
-The loop owns the deadlines and the timing statistics; it knows devices by their interfaces alone.
+The loop owns the deadlines and the timing statistics; it knows devices by their interfaces alone,
+and of what a step concludes only which commands go where.
 """
 
 from collections import deque
 from collections.abc import Callable
-from functools import partial
-from typing import Annotated, Protocol
+from typing import Annotated
 
 import msgspec
-import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from drivers.errors import GraspError, LinkLost
 from drivers.interfaces import (
@@ -26,27 +24,20 @@ from drivers.interfaces import (
 )
 from grasp.clock import Clock, stopwatch_ns
 from grasp.commands import (
-    BeginRest,
     CloseFast,
     Command,
     GripperCommand,
-    HoldFingers,
     MoveArm,
     MoveFingers,
     OpenFingers,
     StopArm,
 )
-from grasp.controller import Decision, GraspController, Observation
-from grasp.guard import ForceGuard
-from grasp.phases import CONTACT_PHASES, Phase
+from grasp.controller import Decision, Observation
+from grasp.step import GraspStep, StepInput, StepResult
 
-
-class Detector(Protocol):
-    """See ``detector.interface``."""
-
-    def reset(self) -> None: ...
-
-    def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]: ...
+SOON_NS = 1_000_000  # a command due within this is waited for before anyone watches
+POLL_NS = 100_000
+SPARED_NS = 2_000_000  # of a period, for those who watch, though an acknowledgement is late
 
 
 class LoopSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -64,9 +55,6 @@ class LoopSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             "to decision with `energy`, quiet; the paper's inference takes 0.021 s",
         ),
     ] = 0.00002
-    stop_deceleration_mps2: Annotated[
-        float, Meta(ge=0.1, le=10.0, description="of the arm when a person interrupts")
-    ] = 1.0
 
 
 class Devices(msgspec.Struct, frozen=True):
@@ -102,25 +90,34 @@ class Tick(msgspec.Struct, frozen=True):
 
 
 class Timing:
-    """Latency samples of a run, in nanoseconds, and missed periods."""
+    """Latency samples of a run, in nanoseconds, and what went missing."""
 
     def __init__(self) -> None:
         self.frame_to_decision_ns: list[int] = []
-        self.decision_to_ack_ns: list[int] = []
+        self.gripper_commands_ns: list[tuple[int, int]] = []  # (decided, handed to the driver)
         self.frame_age_ns: list[int] = []
-        self.missed_periods = 0
+        self.missed_periods = 0  # that the loop slept through
+        self.repeated_frames = 0  # periods without a new frame
+
+
+class _Waiting(msgspec.Struct, frozen=True):
+    """A command that has been decided and not been sent yet."""
+
+    due_ns: int
+    step_ns: int  # time of the step that decided
+    decided_ns: int  # when that step was done
+    asked: Command
+    admitted: Command
 
 
 class ControlLoop:
-    """Runs one controller on one set of devices."""
+    """Runs one grasp step on one set of devices."""
 
     def __init__(
         self,
         devices: Devices,
         clock: Clock,
-        detector: Detector,
-        controller: GraspController,
-        guard: ForceGuard,
+        step: GraspStep,
         settings: LoopSettings,
         on_tick: Callable[[Tick], None] = lambda tick: None,
     ) -> None:
@@ -129,29 +126,55 @@ class ControlLoop:
         self.set_down = False  # whoever runs the experiment asks for it, once it is held
         self._devices = devices
         self._clock = clock
-        self._detector = detector
-        self._controller = controller
-        self._guard = guard
-        self._settings = settings
+        self._step = step
         self._on_tick = on_tick
         self._period_ns = round(settings.period_s * 1e9)
         self._delay_ns = round(settings.decision_delay_s * 1e9)
         self._next_ns = clock.now_ns
-        self._queue: deque[tuple[int, int, Command]] = deque()  # (due, decided, command)
+        self._queue: deque[_Waiting] = deque()
         self._issued: list[Issued] = []
-        self._measured_n: Vector3 = (0.0, 0.0, 0.0)
-        self._silent = np.zeros(3)
         self._trouble = ""
         self._gripper_lost = False
 
     def run(self, deadline_s: float) -> None:
         """Tick until the controller has finished; at the latest until deadline_s from now."""
         end_ns = self._clock.now_ns + round(deadline_s * 1e9)
-        while not self._controller.finished and self._clock.now_ns < end_ns:
+        while not self._step.controller.finished and self._clock.now_ns < end_ns:
             self.tick()
 
     def tick(self) -> Tick:
-        """One period: wait for the next sample, decide, queue what was decided."""
+        """One period: wait for the next sample, step, send what was decided, then hand on."""
+        now_ns = self._await_period()
+        self._pump(now_ns)
+        told = self._gather(now_ns)
+        start_ns = stopwatch_ns()
+        result = self._step.decide(told)
+        self.timing.frame_to_decision_ns.append(stopwatch_ns() - start_ns)
+        self._enqueue(now_ns, result)
+        self._send_before_anyone_watches()
+        tick = Tick(
+            now_ns, told.frame, told.gripper, told.arm, result.observation, result.decision,
+            result.measured_n, tuple(self._issued),
+        )  # fmt: skip
+        self._issued.clear()
+        self._on_tick(tick)
+        return tick
+
+    def submit(self, command: Command) -> None:
+        """Put a command of somebody else's on its way; the guard admits it as any other."""
+        now_ns = self._clock.now_ns
+        admitted = self._step.admit(command, self._gripper_state())
+        self._queue.append(_Waiting(now_ns, now_ns, now_ns, command, admitted))
+
+    def interrupt(self) -> None:
+        """A person wants it to stop: stop the arm, keep the grip, forget what was queued."""
+        self._queue.clear()
+        for command in self._step.controller.interrupted():
+            self.submit(command)
+        self._advance_to(self._clock.now_ns)
+
+    def _await_period(self) -> int:
+        """Sleep to the next deadline, sending on the way what comes due; gives the time then."""
         self._next_ns += self._period_ns
         self._advance_to(self._next_ns)
         now_ns = self._clock.now_ns
@@ -159,109 +182,105 @@ class ControlLoop:
         if late > 0:  # never catch up in a burst
             self.timing.missed_periods += int(late)
             self._next_ns += late * self._period_ns
-        self._pump(now_ns)
-        start_ns = stopwatch_ns()
-        observation, decision = self._decide(now_ns)
-        self.timing.frame_to_decision_ns.append(stopwatch_ns() - start_ns)
-        due_ns = now_ns + self._delay_ns
-        self._queue.extend((due_ns, now_ns, command) for command in decision.commands)
-        tick = Tick(
-            now_ns, self._devices.tactile.frame, observation.gripper, observation.arm, observation,
-            decision, self._measured_n, tuple(self._issued),
-        )  # fmt: skip
-        self._issued.clear()
-        self._on_tick(tick)
-        return tick
-
-    def interrupt(self) -> None:
-        """A person wants it to stop: stop the arm, keep the grip, forget what was queued."""
-        self._queue.clear()
-        now_ns = self._clock.now_ns
-        self._send(now_ns, now_ns, StopArm(self._settings.stop_deceleration_mps2))
-        if self._controller.phase not in CONTACT_PHASES:
-            self._send(now_ns, now_ns, HoldFingers())
+        return now_ns
 
     def _advance_to(self, t_ns: int) -> None:
-        """Wait, and send on the way what has come due."""
-        while self._queue and self._queue[0][0] <= t_ns:
-            due_ns, decided_ns, command = self._queue.popleft()
-            self._clock.sleep_until_ns(due_ns)
-            self._send(self._clock.now_ns, decided_ns, command)
+        """Wait, and send on the way what comes due."""
+        while self._queue and self._queue[0].due_ns <= t_ns:
+            waiting = self._queue.popleft()
+            self._clock.sleep_until_ns(waiting.due_ns)
+            self._send(waiting)
         self._clock.sleep_until_ns(t_ns)
 
     def _pump(self, now_ns: int) -> None:
-        for name in ("tactile", "gripper", "arm"):
-            self._guarded(name, partial(getattr(self._devices, name).pump, now_ns))
+        self._guarded(lambda: self._devices.tactile.pump(now_ns))
+        self._pump_gripper(now_ns)
+        self._guarded(lambda: self._devices.arm.pump(now_ns))
 
-    def _guarded(self, device: str, action: Callable[[], None]) -> None:
+    def _pump_gripper(self, now_ns: int) -> None:
+        error = self._guarded(lambda: self._devices.gripper.pump(now_ns))
+        if error is None:
+            self._gripper_lost = False
+        elif isinstance(error, LinkLost):
+            self._gripper_lost = True
+
+    def _guarded(self, action: Callable[[], None]) -> GraspError | None:
         """Do it; an expected error becomes trouble for the next step, never an exception here."""
         try:
             action()
-            if device == "gripper":
-                self._gripper_lost = False
         except GraspError as error:
-            self.error = self.error or error
-            self._trouble = self._trouble or f"{error.kind}: {error.message}"
-            if device == "gripper" and isinstance(error, LinkLost):
-                self._gripper_lost = True
+            self._note(error)
+            return error
+        return None
 
-    def _decide(self, now_ns: int) -> tuple[Observation, Decision]:
-        frame = self._devices.tactile.frame
-        probabilities = self._silent
-        if frame is not None:
-            if frame.stale:
-                self._detector.reset()
-            else:
-                probabilities = self._detector.update(frame.counts)
-            self.timing.frame_age_ns.append(now_ns - frame.sampled_ns)
-            self.timing.missed_periods += frame.missed > 0
-            sums = frame.counts.sum(axis=1).tolist()
-            self._measured_n = self._guard.measured_n((sums[0], sums[1], sums[2]))
-        gripper, arm = self._devices.gripper.state, self._devices.arm.state
-        assert gripper is not None and arm is not None  # noqa: S101  (a rig opens with both read)
-        observation = Observation(
+    def _note(self, error: GraspError) -> str:
+        self.error = self.error or error
+        text = f"{error.kind}: {error.message}"
+        self._trouble = self._trouble or text
+        return text
+
+    def _gripper_state(self) -> GripperState:
+        state = self._devices.gripper.state
+        assert state is not None  # noqa: S101  (a rig opens with it read)
+        return state
+
+    def _gather(self, now_ns: int) -> StepInput:
+        """What the devices say now. Trouble is told once."""
+        tactile, arm = self._devices.tactile, self._devices.arm.state
+        assert arm is not None  # noqa: S101  (a rig opens with it read)
+        if tactile.frame is not None:
+            self.timing.frame_age_ns.append(now_ns - tactile.frame.sampled_ns)
+            self.timing.repeated_frames += tactile.frame.missed > 0
+        trouble, self._trouble = self._trouble, ""
+        return StepInput(
             t_ns=now_ns,
-            probabilities=probabilities,
-            tactile_stale=frame is not None and frame.stale,
-            rest_taken=self._devices.tactile.rest_taken,
-            gripper=gripper,
+            frame=tactile.frame,
+            rest_taken=tactile.rest_taken,
+            gripper=self._gripper_state(),
             arm=arm,
             pending=bool(self._queue),
-            trouble=self._trouble,
+            trouble=trouble,
             gripper_lost=self._gripper_lost,
             set_down=self.set_down,
         )
-        self._trouble = ""
-        before = self._controller.phase
-        decision = self._controller.step(observation)
-        if decision.reset_detector:
-            self._detector.reset()
-        if before is Phase.GRASP and decision.phase is Phase.LIFT:
-            self._guard.anchor(gripper.positions, self._measured_n)
-        return observation, decision
 
-    def _send(self, now_ns: int, decided_ns: int, command: Command) -> None:
-        start_ns = stopwatch_ns()
-        admitted = command
+    def _enqueue(self, step_ns: int, result: StepResult) -> None:
+        decided_ns = self._clock.now_ns
+        due_ns = step_ns + self._delay_ns
+        self._queue.extend(
+            _Waiting(due_ns, step_ns, decided_ns, asked, admitted)
+            for asked, admitted in zip(result.decision.commands, result.admitted, strict=True)
+        )
+
+    def _send_before_anyone_watches(self) -> None:
+        """On a real clock what is decided goes out at once, and is acknowledged, before a recorder
+        or a picture takes the interpreter from the thread that writes to the gripper."""
+        if self._clock.virtual or not self._queue:
+            return
+        self._advance_to(self._clock.now_ns + SOON_NS)
+        end_ns = self._next_ns + self._period_ns - SPARED_NS
+        while not self._devices.gripper.acknowledged and self._clock.now_ns < end_ns:
+            self._clock.sleep_until_ns(self._clock.now_ns + POLL_NS)
+
+    def _send(self, waiting: _Waiting) -> None:
         applied: Applied | None = None
         refused = ""
+        sent_ns = self._clock.now_ns
         try:
-            if isinstance(command, GripperCommand):
-                state = self._devices.gripper.state
-                assert state is not None  # noqa: S101
-                admitted = self._guard.admit(command, state, self._measured_n)
-                applied = self._send_gripper(admitted)
-                self._guarded("gripper", lambda: self._devices.gripper.pump(now_ns))
-            else:
-                self._send_other(command)
+            applied = self._to_device(waiting.admitted)
         except GraspError as error:
-            self.error = self.error or error
-            refused = f"{error.kind}: {error.message}"
-            self._trouble = self._trouble or refused
-        self.timing.decision_to_ack_ns.append(stopwatch_ns() - start_ns)
-        self._issued.append(Issued(decided_ns, now_ns, command, admitted, applied, refused))
+            refused = self._note(error)
+        if isinstance(waiting.admitted, GripperCommand):
+            self.timing.gripper_commands_ns.append((waiting.decided_ns, sent_ns))
+        self._issued.append(
+            Issued(waiting.step_ns, sent_ns, waiting.asked, waiting.admitted, applied, refused)
+        )
 
-    def _send_other(self, command: BeginRest | MoveArm | StopArm) -> None:
+    def _to_device(self, command: Command) -> Applied | None:
+        if isinstance(command, GripperCommand):
+            applied = self._to_gripper(command)
+            self._pump_gripper(self._clock.now_ns)
+            return applied
         if isinstance(command, MoveArm):
             self._devices.arm.move_to(
                 command.position_m, command.speed_mps, command.acceleration_mps2
@@ -270,8 +289,9 @@ class ControlLoop:
             self._devices.arm.stop(command.deceleration_mps2)
         else:
             self._devices.tactile.begin_rest()
+        return None
 
-    def _send_gripper(self, command: GripperCommand) -> Applied:
+    def _to_gripper(self, command: GripperCommand) -> Applied:
         gripper = self._devices.gripper
         if isinstance(command, MoveFingers):
             return gripper.move_to(command.targets_counts, command.speed_mps, command.force_n)

@@ -9,13 +9,12 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
-from drivers.interfaces import FINGERS, TAXELS, Applied, ArmState, GripperState, Vector3
+from drivers.interfaces import FINGERS, Applied, ArmState, GripperState, TactileFrame, Vector3
 from grasp.commands import Command
-from grasp.controller import Observation
+from grasp.controller import Decision, Observation
 from grasp.loop import Issued, Tick
 from grasp.phases import PhaseChange
-
-SHAPE = (FINGERS, TAXELS)
+from grasp.step import StepInput
 
 
 class TactileMessage(msgspec.Struct, frozen=True):
@@ -77,31 +76,46 @@ Write = Callable[[str, int, msgspec.Struct], None]
 
 def write_tick(write: Write, tick: Tick) -> None:
     """All messages of one tick but the phase changes."""
-    t_ns, frame = tick.t_ns, tick.frame
+    t_ns = tick.t_ns
     for issued in tick.issued:
         write(COMMANDS, issued.sent_ns, command_message(issued))
-    if frame is not None:
-        write(
-            TACTILE,
-            t_ns,
-            TactileMessage(
-                frame.seq, frame.sampled_ns, frame.counts.ravel().tolist(),
-                frame.raw.ravel().tolist(), frame.temperature.ravel().tolist(),
-                frame.missed, frame.stale,
-            ),
-        )  # fmt: skip
+    if tick.frame is not None:
+        write(TACTILE, t_ns, tactile_message(tick.frame))
     write(GRIPPER, t_ns, tick.gripper)
     write(ARM, t_ns, tick.arm)
-    write(CONTROL, t_ns, control_message(tick))
+    write(CONTROL, t_ns, control_message(tick.observation, tick.decision, tick.measured_n))
 
 
-def control_message(tick: Tick) -> ControlMessage:
-    seen, slip = tick.observation, tick.decision.slip
+def tactile_message(frame: TactileFrame) -> TactileMessage:
+    return TactileMessage(
+        seq=frame.seq,
+        sampled_ns=frame.sampled_ns,
+        counts=frame.counts.ravel().tolist(),
+        raw=frame.raw.ravel().tolist(),
+        temperature=frame.temperature.ravel().tolist(),
+        missed=frame.missed,
+        stale=frame.stale,
+    )
+
+
+def control_message(seen: Observation, decision: Decision, measured_n: Vector3) -> ControlMessage:
+    slip = decision.slip
     return ControlMessage(
-        tick.decision.phase.value, seen.probabilities.tolist(), slip.armed, slip.masked,
-        slip.registered, slip.event, slip.finger, tick.measured_n, seen.rest_taken, seen.pending,
-        seen.trouble, seen.gripper_lost, list(tick.decision.commands), seen.set_down,
-    )  # fmt: skip
+        phase=decision.phase.value,
+        probabilities=seen.probabilities.tolist(),
+        armed=slip.armed,
+        masked=slip.masked,
+        registered=slip.registered,
+        event=slip.event,
+        finger=slip.finger,
+        measured_n=measured_n,
+        rest_taken=seen.rest_taken,
+        pending=seen.pending,
+        trouble=seen.trouble,
+        gripper_lost=seen.gripper_lost,
+        commands=list(decision.commands),
+        set_down=seen.set_down,
+    )
 
 
 def command_message(issued: Issued) -> CommandMessage:
@@ -110,19 +124,36 @@ def command_message(issued: Issued) -> CommandMessage:
     )
 
 
-def observation(
+def recorded_frame(t_ns: int, message: TactileMessage) -> TactileFrame:
+    """The frame of a recorded step; rest counts follow from raw and counts."""
+    counts, raw, temperature = (
+        np.array(values, np.int16).reshape(FINGERS, -1)
+        for values in (message.counts, message.raw, message.temperature)
+    )
+    return TactileFrame(
+        t_ns=t_ns,
+        sampled_ns=message.sampled_ns,
+        seq=message.seq,
+        counts=counts,
+        raw=raw,
+        rest=raw - counts,
+        temperature=temperature,
+        missed=message.missed,
+        stale=message.stale,
+    )
+
+
+def recorded_input(
     t_ns: int,
-    tactile: TactileMessage | None,
+    frame: TactileFrame | None,
     control: ControlMessage,
     gripper: GripperState,
     arm: ArmState,
-    probabilities: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-) -> Observation:
-    """The observation of a recorded step, with probabilities computed anew."""
-    return Observation(
+) -> StepInput:
+    """What a recorded step was told."""
+    return StepInput(
         t_ns=t_ns,
-        probabilities=probabilities,
-        tactile_stale=tactile is not None and tactile.stale,
+        frame=frame,
         rest_taken=control.rest_taken,
         gripper=gripper,
         arm=arm,

@@ -124,6 +124,11 @@ class RobotiqDriver:
         )
 
     @property
+    def acknowledged(self) -> bool:
+        """Whether the gripper has answered the write of everything that was asked for."""
+        return self._exchange.written
+
+    @property
     def _fresh(self) -> bool:
         return self._step is _Step.NONE and self._exchange.confirmed
 

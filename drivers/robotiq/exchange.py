@@ -97,6 +97,11 @@ class Exchange:
             self._written = self._request = None
 
     @property
+    def written(self) -> bool:
+        """All that is wanted was written."""
+        return self._image == self._written
+
+    @property
     def confirmed(self) -> bool:
         """All that is wanted was written, and the status speaks of it."""
         return self._proven and self._image == self._written and not self.lost

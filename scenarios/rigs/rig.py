@@ -30,8 +30,8 @@ class Rig(msgspec.Struct, frozen=True):
     cell: SimulatedCell | None  # the world, where it is in this process
     world: Callable[[], Truth] | None  # its truth, wherever it is; None on hardware
     stalls: Callable[[], Stalls] | None = None  # of the process that emulates the world
-    # verb to the reply that acknowledges its write, ns, where a thread does the exchange
-    acknowledgements: Callable[[], Sequence[int]] | None = None
+    # times of verbs and of the replies to their writes, ns, where a thread does the exchange
+    acknowledgements: Callable[[], Sequence[tuple[int, int]]] | None = None
     tap: Callable[[Blow], None] | None = None  # strikes the object; None where a person must
     load: Callable[[RunConfig, int], None] | None = None  # another trial's object, put in place
 

@@ -41,8 +41,8 @@ def wired_devices(
         yield Devices(gripper=gripper, arm=ArmDriver(link, config.arm), tactile=tactile)
 
 
-def acknowledgements(devices: Devices) -> Callable[[], Sequence[int]]:
-    """Latencies from verb to acknowledged write since now, ns."""
+def acknowledgements(devices: Devices) -> Callable[[], Sequence[tuple[int, int]]]:
+    """Pairs of times since now, ns: of a verb, and of the reply to its write."""
     gripper = devices.gripper
     assert isinstance(gripper, ThreadedGripper)  # noqa: S101
     before = len(gripper.acknowledgements_ns)

@@ -1,5 +1,6 @@
 """One controller on an open rig, run to its end and recorded: what every scenario shares."""
 
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -16,6 +17,7 @@ from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
 from grasp.realtime import real_time
 from grasp.slip import SlipMonitor
+from grasp.step import GraspStep
 from scenarios.rigs.config import RunConfig
 from scenarios.rigs.rig import Rig, Stalls, calibration
 from scenarios.trial.result import Failure, FinishedRun, LiftResult, TapResult
@@ -69,12 +71,20 @@ def make_controller(config: RunConfig) -> GraspController:
     return GraspController(config.controller, GripPlan((a, b, c), grip), monitor)
 
 
+def make_step(
+    config: RunConfig, controller: GraspController | None = None, guard: ForceGuard | None = None
+) -> GraspStep:
+    """What stands between a frame and the commands, as the configuration says."""
+    detector = config.make_detector(FINGERS)
+    return GraspStep(detector, controller or make_controller(config), guard or make_guard(config))
+
+
 def make_loop(
     config: RunConfig, rig: Rig, controller: GraspController, guard: ForceGuard, take: OnTick
 ) -> ControlLoop:
     """The control loop of one trial on an open rig."""
-    detector = config.make_detector(FINGERS)
-    return ControlLoop(rig.devices, rig.clock, detector, controller, guard, config.loop, take)
+    step = make_step(config, controller, guard)
+    return ControlLoop(rig.devices, rig.clock, step, config.loop, take)
 
 
 def run_to_end(
@@ -101,10 +111,14 @@ def stalls(rig: Rig) -> Stalls:
 
 
 def acknowledged(rig: Rig, loop: ControlLoop) -> Sequence[int]:
-    """Times from a command to its acknowledgement, ns."""
+    """Times from a decision to the reply to the write that carries it, ns; none where there is no
+    wire. A command that had nothing to write has no reply."""
     if rig.acknowledgements is None:
-        return loop.timing.decision_to_ack_ns
-    return rig.acknowledgements()
+        return ()
+    commands = loop.timing.gripper_commands_ns
+    sent = [sent_ns for _, sent_ns in commands]
+    at = ((bisect_right(sent, called) - 1, reply) for called, reply in rig.acknowledgements())
+    return [reply_ns - commands[i][0] for i, reply_ns in at if i >= 0]
 
 
 def recorded(

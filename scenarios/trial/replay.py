@@ -1,14 +1,13 @@
-"""Feeds what was recorded through the same detector, slip monitor, controller and guard."""
+"""Feeds what was recorded to the same grasp step, and compares all that it concludes."""
 
 from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from drivers.errors import ConfigError
-from drivers.interfaces import FINGERS, TAXELS, ArmState, GripperState
-from grasp.commands import GripperCommand, describe
+from drivers.interfaces import ArmState, GripperState, TactileFrame
+from grasp.commands import describe
 from grasp.messages import (
     ARM,
     COMMANDS,
@@ -17,26 +16,16 @@ from grasp.messages import (
     TACTILE,
     CommandMessage,
     ControlMessage,
-    TactileMessage,
-    observation,
+    control_message,
+    recorded_frame,
+    recorded_input,
 )
-from grasp.phases import Phase
 from grasp.recording import BadRecordingFile, RunRecording
 from grasp.settings import Layer, load
+from grasp.step import StepResult
 from scenarios.rigs.config import RunConfig
-from scenarios.trial.execution import make_controller, make_guard
+from scenarios.trial.execution import make_step
 from scenarios.trial.run_folder import RECORDING, RUN_CHANNELS
-
-COMPARED = (
-    "phase",
-    "probabilities",
-    "armed",
-    "masked",
-    "registered",
-    "event",
-    "finger",
-    "commands",
-)
 
 
 class Difference(msgspec.Struct, frozen=True):
@@ -92,78 +81,65 @@ class _Stepper:
         self.steps = 0
         self.events: list[tuple[float, str]] = []
         self.differences: list[Difference] = []
-        self._controller = make_controller(config)
-        self._guard = make_guard(config)
-        self._detector = config.make_detector(FINGERS)
-        self._tactile: TactileMessage | None = None
+        self._step = make_step(config)
+        self._frame: TactileFrame | None = None
         self._gripper: GripperState | None = None
         self._arm: ArmState | None = None
-        self._measured_n = (0.0, 0.0, 0.0)
+        self._replayed: dict[int, StepResult] = {}  # by time of the step
+        self._sent: list[tuple[int, CommandMessage]] = []  # not compared yet
 
     def take(self, topic: str, t_ns: int, message: Any) -> None:
         """Take one message, in the order recorded."""
         if topic == TACTILE:
-            self._tactile = message
+            self._frame = recorded_frame(t_ns, message)
         elif topic == GRIPPER:
             self._gripper = message
         elif topic == ARM:
             self._arm = message
         elif topic == COMMANDS:
-            self._check_command(t_ns, message)
+            self._sent.append((t_ns, message))
         elif topic == CONTROL:
-            self._step(t_ns, message)
+            self._replay(t_ns, message)
 
-    def _step(self, t_ns: int, recorded: ControlMessage) -> None:
-        assert self._gripper is not None and self._arm is not None  # noqa: S101
-        before = self._controller.phase
-        seen = observation(
-            t_ns, self._tactile, recorded, self._gripper, self._arm, self._probabilities()
-        )
-        decision = self._controller.step(seen)
-        if decision.reset_detector:
-            self._detector.reset()
-        if before is Phase.GRASP and decision.phase is Phase.LIFT:
-            self._guard.anchor(self._gripper.positions, self._measured_n)
-        slip = decision.slip
-        replayed = msgspec.structs.replace(
-            recorded, phase=decision.phase.value, probabilities=seen.probabilities.tolist(),
-            armed=slip.armed, masked=slip.masked, registered=slip.registered, event=slip.event,
-            finger=slip.finger, commands=list(decision.commands),
-        )  # fmt: skip
-        for name in COMPARED:
+    def _replay(self, t_ns: int, recorded: ControlMessage) -> None:
+        if self._gripper is None or self._arm is None:
+            return  # a recording that begins in the middle of a step
+        told = recorded_input(t_ns, self._frame, recorded, self._gripper, self._arm)
+        result = self._step.decide(told)
+        replayed = control_message(result.observation, result.decision, result.measured_n)
+        for name in msgspec.structs.asdict(recorded):
             self._compare(t_ns, name, getattr(recorded, name), getattr(replayed, name))
-        self._note(t_ns, before, recorded)
-        self._tactile = None  # a step without a frame has no message: rest is being taken anew
+        if result.decision.commands:
+            self._replayed[t_ns] = result
+        for sent_ns, message in self._sent:
+            self._check_command(sent_ns, message)
+        self._sent.clear()
+        self._note(t_ns, recorded)
+        self._frame = None  # a step without a frame has no message: rest is being taken anew
         self.steps += 1
 
-    def _probabilities(self) -> Any:
-        tactile = self._tactile
-        if tactile is None:
-            return np.zeros(FINGERS)
-        counts = np.array(tactile.counts, np.int16).reshape(FINGERS, TAXELS)
-        sums = counts.sum(axis=1).tolist()
-        self._measured_n = self._guard.measured_n((sums[0], sums[1], sums[2]))
-        if tactile.stale:
-            self._detector.reset()
-            return np.zeros(FINGERS)
-        return self._detector.update(counts)
-
-    def _check_command(self, t_ns: int, recorded: CommandMessage) -> None:
+    def _check_command(self, sent_ns: int, recorded: CommandMessage) -> None:
+        """Was this admitted as the step that decided it says, or as the guard says if none did?"""
+        decided = self._replayed.get(recorded.decided_ns)
         asked = recorded.asked
-        if self._gripper is None or not isinstance(asked, GripperCommand):
-            return
-        admitted = self._guard.admit(asked, self._gripper, self._measured_n)
-        self._compare(t_ns, "admitted command", recorded.admitted, admitted)
+        if decided is not None and asked in decided.decision.commands:
+            admitted = decided.admitted[decided.decision.commands.index(asked)]
+        else:
+            assert self._gripper is not None  # noqa: S101  (a step has been replayed)
+            admitted = self._step.admit(asked, self._gripper)
+        self._compare(sent_ns, "admitted command", recorded.admitted, admitted)
 
     def _compare(self, t_ns: int, what: str, recorded: Any, replayed: Any) -> None:
         if recorded != replayed:
             self.differences.append(Difference(t_ns * 1e-9, what, str(recorded), str(replayed)))
 
-    def _note(self, t_ns: int, before: Phase, recorded: ControlMessage) -> None:
+    def _note(self, t_ns: int, recorded: ControlMessage) -> None:
         t_s = t_ns * 1e-9
         if recorded.event:
             self.events.append((t_s, "slip registered"))
-        if self._controller.phase is not before:
-            change = self._controller.machine.log[-1]
-            self.events.append((t_s, f"phase {change.phase}: {change.cause}"))
+        self.events += [
+            (t_s, f"phase {change.phase}: {change.cause}")
+            for change in self._step.controller.machine.log
+            if change.t_ns == t_ns
+        ]
         self.events += [(t_s, f"  {describe(command)}") for command in recorded.commands]

@@ -1,9 +1,12 @@
-"""Feeds a recorded fingertip through detector, slip monitor and controller, as if it were lifting.
+"""Feeds a recorded fingertip to the grasp step, as if it were lifting.
 
 A recording cannot react: whatever is commanded, the signal goes on. Devices that simply obey stand
-in for gripper and arm, and a controller that has ended its lift is followed by a fresh one, so that
-every stroke of the recording gets its answer.
+in for gripper and arm, and a step that has ended its lift is followed by a fresh one, so that every
+stroke of the recording gets its answer.
 """
+
+import itertools
+from collections.abc import Sequence
 
 import msgspec
 import numpy as np
@@ -20,26 +23,25 @@ from drivers.interfaces import (
     Detection,
     FingerState,
     GripperState,
+    TactileFrame,
 )
 from grasp.commands import (
     BeginRest,
     CloseFast,
     Command,
-    GripperCommand,
     MoveArm,
     MoveFingers,
     OpenFingers,
     describe,
 )
-from grasp.controller import GraspController, Observation
-from grasp.phases import Phase
 from grasp.slip import SlipMonitor
+from grasp.step import StepInput
 from scenarios.rigs.config import RunConfig
-from scenarios.trial.execution import make_controller, make_guard
+from scenarios.trial.execution import make_step
 
 CLOSING_NS = 80_000_000  # how long a stand-in finger closes before it meets its object
 PERIOD_NS = 10_000_000
-_LIFTING = frozenset({Phase.LIFT, Phase.COMPENSATE, Phase.HOLD})
+Counts = NDArray[np.int16]  # (fingers, taxels)
 
 
 class SentCommand(msgspec.Struct, frozen=True):
@@ -67,7 +69,7 @@ class ObedientDevices:
         self._targets: Counts3 = (0, 0, 0)
         self._closes_until_ns = -1
         self._latched = False
-        self._lifting = False
+        self.lifting = False
 
     def obey(self, command: Command, now_ns: int) -> None:
         if isinstance(command, MoveFingers):
@@ -79,7 +81,7 @@ class ObedientDevices:
         elif isinstance(command, BeginRest):
             self.rest_taken = True
         elif isinstance(command, MoveArm):
-            self._lifting = True
+            self.lifting = True
 
     def gripper(self, now_ns: int) -> GripperState:
         detection = Detection.CONTACT_CLOSING if self._latched else Detection.AT_TARGET
@@ -89,38 +91,48 @@ class ObedientDevices:
         return GripperState(now_ns, 0, True, 0, "", True, (a, b, c))
 
     def arm(self, now_ns: int) -> ArmState:
-        return ArmState(now_ns, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), self._lifting)
+        return ArmState(now_ns, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), self.lifting)
 
 
 class _Lift:
-    """A controller in the middle of a lift, on stand-in devices."""
+    """A grasp step in the middle of a lift, on stand-in devices.
 
-    def __init__(self, config: RunConfig, now_ns: int) -> None:
-        self.controller: GraspController = make_controller(config)
-        self._guard = make_guard(config)
+    It begins some time before ``t_ns``, on the frames that came before, so that at ``t_ns`` the
+    arm has just been told to lift.
+    """
+
+    def __init__(self, config: RunConfig, earlier: Sequence[Counts], t_ns: int) -> None:
+        self._step = make_step(config)
         self._devices = ObedientDevices()
-        silent = np.zeros(FINGERS)
-        t_ns = now_ns - round(config.controller.settle_s * 2e9)
-        while self.controller.phase is not Phase.LIFT:
-            t_ns += PERIOD_NS
-            self.step(t_ns, silent)
+        self._seq = 0
+        times = itertools.count(t_ns - PERIOD_NS * len(earlier), PERIOD_NS)
+        for counts in earlier:
+            self.step(next(times), counts)
 
-    def step(self, t_ns: int, probabilities: NDArray[np.float64]) -> list[Command]:
-        gripper = self._devices.gripper(t_ns)
-        decision = self.controller.step(
-            Observation(
-                t_ns, probabilities, False, self._devices.rest_taken, gripper,
+    @property
+    def begun(self) -> bool:
+        """The arm has been told to lift."""
+        return self._devices.lifting
+
+    @property
+    def over(self) -> bool:
+        """The object is being set down, or all has ended."""
+        return self.begun and not self._step.controller.monitor.status.armed
+
+    def step(self, t_ns: int, counts: Counts) -> list[SentCommand]:
+        self._seq += 1
+        none = np.zeros_like(counts)
+        frame = TactileFrame(t_ns, t_ns, self._seq, counts, counts, none, none)
+        result = self._step.decide(
+            StepInput(
+                t_ns, frame, self._devices.rest_taken, self._devices.gripper(t_ns),
                 self._devices.arm(t_ns),
             )
         )  # fmt: skip
-        sent: list[Command] = []
-        for command in decision.commands:
-            admitted: Command = command
-            if isinstance(command, GripperCommand):
-                admitted = self._guard.admit(command, gripper, (0.0, 0.0, 0.0))
-            self._devices.obey(admitted, t_ns)
-            sent.append(admitted)
-        return sent
+        phase = result.decision.phase.value
+        for command in result.admitted:
+            self._devices.obey(command, t_ns)
+        return [SentCommand(t_ns * 1e-9, phase, c, describe(c)) for c in result.admitted]
 
 
 def replay_tactile(config: RunConfig, recording: Recording) -> TactileReplay:
@@ -128,22 +140,32 @@ def replay_tactile(config: RunConfig, recording: Recording) -> TactileReplay:
     detector = config.make_detector(FINGERS)
     monitor = SlipMonitor(make_rule(config.rule, FINGERS), config.slip)
     monitor.arm()
-    frame = np.zeros((FINGERS, TAXELS), np.int16)
+    frames = np.zeros((len(recording.t_s), FINGERS, TAXELS), np.int16)
+    frames[:, : recording.counts.shape[1]] = recording.counts
     commands: list[SentCommand] = []
     probabilities: list[list[float]] = []
+    lead = _steps_until_lift(config)
     lift: _Lift | None = None
-    for t_s, counts in zip(recording.t_s.tolist(), recording.counts, strict=True):
+    for k, t_s in enumerate(recording.t_s.tolist()):
         t_ns = round(t_s * 1e9)
-        frame[: len(counts)] = counts
-        p = detector.update(frame)
+        p = detector.update(frames[k])
         probabilities.append(p.tolist())
         monitor.update(t_ns, p)
-        ended = lift is None or lift.controller.phase not in _LIFTING
-        if ended and not monitor.status.registered:
-            lift = _Lift(config, t_ns - PERIOD_NS)
+        if (lift is None or lift.over) and not monitor.status.registered:
+            # the first frame stands in for what came before the recording
+            earlier = [frames[max(0, i)] for i in range(k - lead, k)]
+            lift = _Lift(config, earlier, t_ns)
         if lift is not None:
-            sent = lift.step(t_ns, p)
-            phase = lift.controller.phase.value
-            commands += [SentCommand(t_s, phase, c, describe(c)) for c in sent]
+            commands += lift.step(t_ns, frames[k])
     registered = [(t_ns * 1e-9, FINGER_NAMES[finger]) for t_ns, finger in monitor.events]
     return TactileReplay(registered, commands, probabilities)
+
+
+def _steps_until_lift(config: RunConfig) -> int:
+    """How many frames a grasp takes until its arm lifts."""
+    lift = _Lift(config, (), 0)
+    steps = 0
+    while not lift.begun:
+        lift.step(steps * PERIOD_NS, np.zeros((FINGERS, TAXELS), np.int16))
+        steps += 1
+    return steps

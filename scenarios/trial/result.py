@@ -25,13 +25,15 @@ class Spread(msgspec.Struct, frozen=True):
 
 
 class TimingResult(msgspec.Struct, frozen=True):
-    """Measured on this machine; on the simulated rig the frame age is virtual time, and the
-    acknowledgement that of a call; on a wire it is the reply to the write."""
+    """Measured on this machine. On the simulated rig the frame age is virtual time, and there is no
+    wire to acknowledge anything; on one, the time runs from the decision to the reply to the write
+    that carries it."""
 
     frame_to_decision_us: Spread | None
     decision_to_ack_us: Spread | None
     frame_age_ms: Spread | None
-    missed_periods: int
+    missed_periods: int  # that the loop slept through
+    repeated_frames: int  # periods without a new frame
     real_time: bool | None  # did the system grant a real-time priority; None in virtual time
     cell_stalls: int  # times that the emulated cell, not the loop, stood still over 50 ms
     worst_cell_stall_ms: float
@@ -160,6 +162,7 @@ def timing_result(
         decision_to_ack_us=spread(acknowledged_ns, 1e3),
         frame_age_ms=spread(timing.frame_age_ns, 1e6),
         missed_periods=timing.missed_periods,
+        repeated_frames=timing.repeated_frames,
         real_time=real_time,
         cell_stalls=stalls.count,
         worst_cell_stall_ms=round(stalls.worst_ms, 3),

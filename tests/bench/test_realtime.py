@@ -72,5 +72,6 @@ def test_lifts_with_and_without(programs: int) -> None:
                 f"{name:17} {show('decision', 'us', decided)}, "
                 f"{show('acknowledged', 'us', acknowledged)}, {show('frame age', 'ms', age)}, "
                 f"periods missed {sum(t.missed_periods for t in seen)}, "
+                f"frames repeated {sum(t.repeated_frames for t in seen)}, "
                 f"the cell's stalls {sum(t.cell_stalls for t in seen)}"
             )

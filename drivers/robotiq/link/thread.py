@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Final, Self
 
@@ -9,7 +10,7 @@ import msgspec
 
 from drivers.errors import GraspError, LinkLost
 from drivers.interfaces import Applied, Counts3, Gripper, GripperState
-from drivers.robotiq.link.timing import Durations, Latency, TimedTransport
+from drivers.robotiq.link.timing import KEPT, Durations, Latency, TimedTransport
 
 _NS: Final = 1_000_000_000
 _JOIN_S: Final = 5.0
@@ -68,6 +69,7 @@ class ThreadedGripper:
         self._written_ns = 0  # time of the pump that wrote last
         self._pumps = self._missed = self._woken = 0
         self._pump_durations, self._acknowledge = Durations(), Durations()
+        self._acknowledged: deque[tuple[int, int]] = deque(maxlen=KEPT)
 
     # Life
 
@@ -127,9 +129,14 @@ class ThreadedGripper:
         return self._core.m_per_count
 
     @property
-    def acknowledgements_ns(self) -> tuple[int, ...]:
-        """Latest times from a verb to the reply to its write, oldest first."""
-        return self._acknowledge.latest_ns
+    def acknowledged(self) -> bool:
+        """Whether the gripper has answered the write of everything that was asked for."""
+        return self._commanded_ns is None
+
+    @property
+    def acknowledgements_ns(self) -> tuple[tuple[int, int], ...]:
+        """Latest pairs of times, of a verb and of the reply to its write, oldest first."""
+        return tuple(self._acknowledged.copy())
 
     @property
     def statistics(self) -> ThreadStatistics:
@@ -254,6 +261,7 @@ class ThreadedGripper:
             self._written_ns = now_ns
             if called_ns is not None:
                 self._acknowledge.add(acknowledged_ns - called_ns)
+                self._acknowledged.append((called_ns, acknowledged_ns))
         elif not self._lost and now_ns - self._written_ns < self._interval_ns:
             return
         self._commanded_ns = None

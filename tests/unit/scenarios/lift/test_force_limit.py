@@ -21,6 +21,7 @@ from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, 
 from grasp.guard import GuardSettings
 from grasp.loop import ControlLoop, Tick
 from grasp.phases import Phase
+from grasp.step import GraspStep
 from scenarios.rigs.opening import open_rig
 from scenarios.trial.execution import make_controller, make_guard
 from tests.unit.scenarios.conftest import changed, config
@@ -98,7 +99,8 @@ class GraspUnderStress(RuleBasedStateMachine):
         self.controller = make_controller(self.config)
         self.last: Tick | None = None
         self.loop = ControlLoop(
-            rig.devices, rig.clock, self.detector, self.controller, make_guard(self.config),
+            rig.devices, rig.clock,
+            GraspStep(self.detector, self.controller, make_guard(self.config)),
             self.config.loop, self._remember,
         )  # fmt: skip
         if to_lift:
@@ -144,8 +146,7 @@ class GraspUnderStress(RuleBasedStateMachine):
         )
     )  # fmt: skip
     def controller_goes_mad(self, command: GripperCommand) -> None:
-        now_ns = self.rig.clock.now_ns
-        self.loop._queue.append((now_ns, now_ns, command))
+        self.loop.submit(command)
         self.loop.tick()
 
     @precondition(lambda self: not self.wire.cut)
@@ -168,8 +169,9 @@ class GraspUnderStress(RuleBasedStateMachine):
     def a_new_run_begins(self) -> None:
         self.controller = make_controller(self.config)
         self.loop = ControlLoop(
-            self.rig.devices, self.rig.clock, self.detector, self.controller,
-            make_guard(self.config), self.config.loop, self._remember,
+            self.rig.devices, self.rig.clock,
+            GraspStep(self.detector, self.controller, make_guard(self.config)),
+            self.config.loop, self._remember,
         )  # fmt: skip
         self.loop.tick()
 
@@ -209,13 +211,11 @@ def test_bytes_keep_any_limit_sampled_densely(limit_n: float) -> None:
             driver: Any = rig.devices.gripper
             wire = Wire(driver._exchange._transport)
             driver._exchange._transport = wire
-            loop = ControlLoop(
-                rig.devices, rig.clock, FixedDetector(), make_controller(base), make_guard(base),
-                base.loop,
-            )  # fmt: skip
+            step = GraspStep(FixedDetector(), make_controller(base), make_guard(base))
+            loop = ControlLoop(rig.devices, rig.clock, step, base.loop)
             loop.tick()
             command = CloseFast(max(asked_n, 10.0), (True, True, True), (255, 255, 255), 0.11)
-            loop._queue.append((rig.clock.now_ns, rig.clock.now_ns, command))
+            loop.submit(command)
             loop.tick()
             assert wire.images
             assert wire.highest_force_n() <= limit_n
