@@ -1,57 +1,100 @@
-"""Thread-free client of the TakkTile USB board: implements ``TactileSensor``.
+"""The fingertips, thread-free: implements ``TactileSensor`` on whatever link brings frames.
 
-The board is host-paced (see ``model``): the frame that a read brings was converted right after the
-previous read, so at 100 Hz every sample is 10 ms old, and says so in ``sampled_ns``. ``reader``
-keeps a read pending instead, in a thread, and gets younger samples.
+The board is host-paced: it converts after each read, so a poll every 10 ms would get frames 10 ms
+old. Every link therefore keeps a read pending, and ``pump`` takes the newest of what has come.
 """
+
+from types import TracebackType
+from typing import Protocol, Self
 
 import msgspec
 
-from drivers.errors import DeviceFault, LinkLost
 from drivers.interfaces import TactileFrame
-from drivers.takktile.board import Board, BoardLink, Codes, Transfer
+from drivers.takktile.board import Codes, Missed
 from drivers.takktile.fingertips import FrameAssembly
-from drivers.takktile.link import trouble
-from drivers.takktile.model import BoardModel, Hung, Stall, Unplugged
+from drivers.takktile.protocol import Layout
+from drivers.takktile.receiver import Readings, ReceiverCounts
 from drivers.takktile.settings import TakkTileSettings
 
 
-class TakkTileStatistics(msgspec.Struct, frozen=True):
-    """Reads since the driver was made, by outcome."""
+class FrameLink(Protocol):
+    """Brings frames of a board, by ``receiver``: ``link.thread`` in wall time, a model's link in
+    virtual time."""
 
-    frames: int
+    @property
+    def counts(self) -> ReceiverCounts: ...
+
+    @property
+    def converting_ns(self) -> int:
+        """What time the conversion tells of that now goes on."""
+        ...
+
+    def start(self) -> Layout:
+        """Find and open the board and begin to read; raises what stands against it."""
+        ...
+
+    def stop(self) -> None:
+        """Stop reading and stop the board; safe to call twice."""
+        ...
+
+    def take(self) -> Readings:
+        """What has come since the last time; never waits."""
+        ...
+
+
+class TakkTileStatistics(msgspec.Struct, frozen=True):
+    """Since the driver was made."""
+
+    frames: int  # used: at most one a tick
+    decimated: int  # good frames that a newer one of the same tick replaced
+    empty_ticks: int  # ticks without a new frame
+    implausible: int  # a padding bit was set
+    too_old: int  # converted longer ago than max_age_ms
     timeouts: int
     wrong_lengths: int
-    implausible: int  # a padding bit was set
-    too_old: int  # converted longer ago than max_age_ms: nobody had read for a while
-
-
-class ModelLink:
-    """A ``BoardLink`` to a board model in this process."""
-
-    def __init__(self, model: BoardModel) -> None:
-        self._model = model
-
-    def control(self, request: int, value: int, index: int, length: int, now_ns: int) -> bytes:
-        try:
-            return self._model.control(request, value, index, length, now_ns)
-        except (Stall, Unplugged, Hung) as error:
-            raise _explain(error) from error
-
-    def bulk_read(self, size: int, now_ns: int) -> Transfer | None:
-        try:
-            data = self._model.bulk_read(size, now_ns)
-        except (Stall, Unplugged) as error:
-            raise _explain(error) from error
-        return None if data is None else Transfer(data, now_ns)
+    overruns: int  # frames lost because nobody pumped
+    restarts: int  # recoveries by stopping and starting
+    reopens: int  # recoveries by opening again: the rest counts were lost
 
 
 class TakkTileDriver:
-    """FrameAssembly on one board. Call ``open`` once, then ``pump`` every 10 ms."""
+    """Fingertips on one board; ``start`` and ``stop``, or use it as a context manager.
 
-    def __init__(self, link: BoardLink, settings: TakkTileSettings) -> None:
-        self._board = Board(link, settings.conversion_ms)
+    Call ``pump`` every 10 ms.
+    """
+
+    def __init__(self, link: FrameLink, settings: TakkTileSettings) -> None:
+        self._link = link
         self._fingertips = FrameAssembly(settings)
+        self._opens = 0
+        self._decimated = 0
+
+    def start(self) -> Self:
+        """Open the board, check the map, begin to read; raises what stands against it."""
+        layout = self._link.start()
+        self._opens = self._link.take().opens
+        try:
+            self._fingertips.arrange(layout)
+        except BaseException:
+            self._link.stop()
+            raise
+        return self
+
+    def stop(self) -> None:
+        """Stop the board; safe to call twice."""
+        self._link.stop()
+        self._fingertips.forget_rest()
+
+    def __enter__(self) -> Self:
+        return self.start()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        tb: TracebackType | None,
+    ) -> None:
+        self.stop()
 
     @property
     def frame(self) -> TactileFrame | None:
@@ -68,35 +111,32 @@ class TakkTileDriver:
 
     @property
     def statistics(self) -> TakkTileStatistics:
-        return TakkTileStatistics(frames=self._fingertips.frames, **self._fingertips.missed)
-
-    def open(self, now_ns: int) -> None:
-        """Stop, drain, scan, check the map, start; forgets rest counts, also on re-opening."""
-        self._fingertips.forget_rest()
-        self._fingertips.arrange(self._board.open(now_ns))
-        self._board.start(now_ns)
-
-    def close(self, now_ns: int) -> None:
-        """Stop sampling; ``open`` starts it again."""
-        self._fingertips.forget_rest()
-        self._board.close(now_ns)
+        missed = self._fingertips.missed
+        return TakkTileStatistics(
+            frames=self._fingertips.frames,
+            decimated=self._decimated,
+            empty_ticks=missed[Missed.TIMEOUT.value],
+            implausible=missed[Missed.IMPLAUSIBLE.value],
+            too_old=missed[Missed.TOO_OLD.value],
+            **msgspec.structs.asdict(self._link.counts),
+        )
 
     def begin_rest(self) -> None:
-        self._fingertips.begin_rest(self._board.converted_ns)
+        # a sample whose conversion had begun before is not part of it
+        self._fingertips.begin_rest(self._link.converting_ns)
 
     def pump(self, now_ns: int) -> None:
-        """Read one sample; a missed one repeats the last frame.
+        """Take the newest sample; a tick without one repeats the last frame.
 
-        Raises ``LinkLost`` when the board is gone, ``DeviceFault`` when it stalls and ``Refused``
-        when the sample completes rest counts that cannot be right.
+        Raises ``LinkLost`` or ``DeviceFault`` for as long as the board is being brought back, and
+        ``Refused`` when the sample completes rest counts that cannot be right. After the board has
+        been opened again there is no frame until the rest has been taken again.
         """
-        self._fingertips.tick(self._board.read(now_ns), now_ns)
-
-
-def _explain(error: Stall | Unplugged | Hung) -> DeviceFault | LinkLost:
-    match error:
-        case Stall():
-            return trouble.stalled()
-        case Hung():
-            return LinkLost(trouble.HUNG, trouble.HUNG_REMEDY)
-    return trouble.unplugged()
+        batch = self._link.take()
+        if batch.opens != self._opens:
+            self._opens = batch.opens
+            self._fingertips.forget_rest()
+        self._decimated += max(0, len(batch.readings) - 1)
+        self._fingertips.tick(batch.readings[-1] if batch.readings else Missed.TIMEOUT, now_ns)
+        if batch.error is not None:
+            raise type(batch.error)(batch.error.message, batch.error.remedy)

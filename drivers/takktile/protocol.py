@@ -1,10 +1,9 @@
-"""Bytes of the TakkTile USB board, both directions; nothing here keeps state or does I/O.
+"""Bytes of the TakkTile USB board as a host sees them; nothing here keeps state or does I/O.
 
 Source: TakkTile-usb firmware (main.c, TakkI2C.c, Descriptors.c) and, for boards that answer a scan
 with 40 bytes, the takkfast firmware of takktile-boards; NXP AN3785 for the MPL115A2 conversion.
 """
 
-from collections.abc import Sequence
 from enum import IntEnum
 
 import msgspec
@@ -90,22 +89,6 @@ def parse_scan(reply: bytes) -> Layout | None:
     return None
 
 
-def encode_scan(alive: Sequence[Cell]) -> bytes:
-    """Scan reply of the main line: one byte a row, bit c set when column c is alive."""
-    rows = bytearray(ROWS)
-    for row, column in alive:
-        rows[row] |= 1 << column
-    return bytes(rows)
-
-
-def encode_chain_scan(alive: Sequence[Cell]) -> bytes:
-    """Scan reply of a takkfast board: 40 bytes, 0xFF for each live cell."""
-    cells = bytearray(CHAIN_CELLS)
-    for row, column in alive:
-        cells[row * CHAIN_COLUMNS + column] = 0xFF
-    return bytes(cells)
-
-
 def parse_frame(data: bytes, cells: int) -> tuple[Codes, Codes] | None:
     """Pressure and temperature codes, each (cells,) int16 in 0..1023, of one bulk frame.
 
@@ -119,13 +102,6 @@ def parse_frame(data: bytes, cells: int) -> tuple[Codes, Codes] | None:
         return None
     codes = (words >> 6).astype(np.int16)
     return codes[0::2], codes[1::2]
-
-
-def encode_frame(pressure: Codes, temperature: Codes) -> bytes:
-    """Bulk frame of (n,) pressure and temperature codes, saturated at the converter's range."""
-    words = np.stack((pressure, temperature), axis=1)
-    words = np.minimum(np.maximum(words, 0), CODE_MAX)
-    return (words.astype(np.uint16) << 6).astype(">u2").tobytes()
 
 
 def parse_calibration(reply: bytes) -> Coefficients | None:

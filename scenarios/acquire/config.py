@@ -8,7 +8,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from drivers.takktile.model import BoardModelSettings
+from drivers.takktile.model.board import BoardModelSettings
 from drivers.takktile.settings import TakkTileSettings, UsbSettings
 from drivers.ur.driver import ArmSettings
 from drivers.ur.link.client import UrSettings

@@ -7,10 +7,11 @@ from functools import partial
 import msgspec
 
 from drivers.interfaces import Arm, TactileSensor
-from drivers.takktile.driver import ModelLink, TakkTileDriver
+from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.emulator.bus import backend
-from drivers.takktile.link.reader import TactileReader
+from drivers.takktile.link.thread import ReadingThread
 from drivers.takktile.link.usb import UsbLink
+from drivers.takktile.model.link import ModelLink
 from drivers.takktile.settings import TakkTileSettings
 from drivers.ur.driver import ArmDriver
 from drivers.ur.link.client import UrLink
@@ -49,9 +50,10 @@ def open_acquire_rig(config: AcquireConfig, seed: int, paced: bool) -> Iterator[
 def _simulated(config: AcquireConfig, seed: int, paced: bool) -> AcquireRig:
     """Real driver cores over the device models, in this process."""
     cell = pressed_cell(config, seed)
-    tactile = TakkTileDriver(ModelLink(cell.board), _tactile_settings(config))
-    tactile.open(0)
-    clock = (PacedClock if paced else VirtualClock)(cell.advance)
+    settings = _tactile_settings(config)
+    fingertips = ModelLink(cell.board, settings, cell.advance)
+    tactile = TakkTileDriver(fingertips, settings).start()
+    clock = (PacedClock if paced else VirtualClock)(fingertips.advance)
     return AcquireRig(ArmDriver(cell.arm, config.arm), tactile, clock, cell, cell.truth)
 
 
@@ -94,7 +96,9 @@ def _wired(
     now: Callable[[], int] = lambda: clock.now_ns  # noqa: E731
     bus = backend(config.usb.url) if config.usb.url else None
     find = partial(UsbLink.find, backend=bus, clock=now)
-    with TactileReader(find, _tactile_settings(config), now) as tactile, UrLink(config.ur) as link:
+    settings = _tactile_settings(config)
+    fingertips = TakkTileDriver(ReadingThread(find, settings, now), settings)
+    with fingertips as tactile, UrLink(config.ur) as link:
         arm = ArmDriver(link, config.arm)
         arm.set_payload(config.arm.payload_kg)
         yield AcquireRig(arm, tactile, clock, None, truth)

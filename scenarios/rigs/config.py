@@ -15,7 +15,7 @@ from detector.psd import PsdFairSettings, PsdSettings
 from drivers.robotiq.driver import DriverSettings as GripperSettings
 from drivers.robotiq.link.modbus import ModbusSettings
 from drivers.robotiq.model.gripper import HandSettings
-from drivers.takktile.model import BoardModelSettings
+from drivers.takktile.model.board import BoardModelSettings
 from drivers.takktile.settings import TakkTileSettings, UsbSettings
 from drivers.ur.driver import ArmSettings
 from drivers.ur.link.client import UrSettings

@@ -9,8 +9,9 @@ from drivers.robotiq.link.modbus import ModbusTransport
 from drivers.robotiq.link.thread import ThreadedGripper
 from drivers.robotiq.link.timing import TimedTransport
 from drivers.robotiq.protocol import GripperCalibration
+from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.emulator.bus import backend
-from drivers.takktile.link.reader import TactileReader
+from drivers.takktile.link.thread import ReadingThread
 from drivers.takktile.link.usb import UsbLink
 from drivers.ur.driver import ArmDriver
 from drivers.ur.link.client import UrLink
@@ -35,7 +36,7 @@ def wired_devices(
             core, 1 / config.gripper.refresh_hz, timed=timed,
             write_interval_s=config.gripper.write_interval_s, close=modbus.close, clock=now,
         ) as gripper,
-        TactileReader(find, config.tactile, now) as tactile,
+        TakkTileDriver(ReadingThread(find, config.tactile, now), config.tactile) as tactile,
         UrLink(config.ur) as link,
     ):  # fmt: skip
         yield Devices(gripper=gripper, arm=ArmDriver(link, config.arm), tactile=tactile)

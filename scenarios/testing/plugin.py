@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from drivers.robotiq.emulator.tcp import GripperEmulator
     from drivers.takktile.emulator.bus import EmulatedBus
     from drivers.takktile.emulator.server import BoardServer
-    from drivers.takktile.model import BoardModel
+    from drivers.takktile.model.board import BoardModel
     from scenarios.rigs.cell_process import CellProcess
     from scenarios.world.cell import Truth
 
@@ -225,7 +225,7 @@ def emulated_board() -> Iterator[EmulatedBoard]:
     import numpy as np  # noqa: PLC0415
 
     from drivers.takktile.emulator.server import BoardServer  # noqa: PLC0415
-    from drivers.takktile.model import BoardModel, BoardModelSettings  # noqa: PLC0415
+    from drivers.takktile.model.board import BoardModel, BoardModelSettings  # noqa: PLC0415
 
     codes = np.full((3, 6), REST_CODE, np.int16)
     warm = np.full(codes.size, 500, np.int16)

@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from drivers.interfaces import Vector3
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
-from drivers.takktile.model import BoardModel, BoardModelSettings
+from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world import contact
 from scenarios.world.contact import Floats

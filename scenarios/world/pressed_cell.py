@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import TAXELS
-from drivers.takktile.model import BoardModel, BoardModelSettings
+from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world.fingertip import FingertipSettings
 from scenarios.world.pressed import FixedSurface, PressedPad, PressSettings

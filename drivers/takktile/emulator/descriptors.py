@@ -6,8 +6,10 @@ Source: TakkTile-usb firmware, Descriptors.c; USB 2.0 specification, chapter 9.
 import struct
 from enum import IntEnum
 
-from drivers.takktile.protocol import ENDPOINT_IN, PACKET_BYTES, PRODUCT_ID, VENDOR_ID
-
+VENDOR_ID, PRODUCT_ID = 0x59E3, 0x74C7
+VENDOR_REQUEST = 0xC0  # to the host, vendor, device: every request of the board, even a command
+PACKET_BYTES = 64  # full-speed bulk
+ENDPOINT_IN = 0x81
 ENDPOINT_OUT = 0x02  # declared, but the firmware never takes anything from it
 CONFIGURATION = 1
 SERIAL = "4A453034383114003F001F"  # of an emulated board: lot, wafer and coordinates, as hex digits

@@ -17,11 +17,10 @@ from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any, Self
 
-from drivers.takktile import protocol
 from drivers.takktile.emulator import descriptors, hop
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.emulator.hop import HopReply, HopRequest, Op
-from drivers.takktile.model import BoardModel, Hung, Stall, Unplugged
+from drivers.takktile.model.board import BoardModel, Hung, Stall, Unplugged
 
 __all__ = ["BoardServer", "backend"]
 
@@ -177,7 +176,7 @@ class BoardServer:
             case Op.SET_ALTSETTING if (r.index, r.value) != (0, 0):
                 raise _Failure(errno.ENOENT)
             case Op.CLEAR_HALT if r.request_type not in (
-                protocol.ENDPOINT_IN,
+                descriptors.ENDPOINT_IN,
                 descriptors.ENDPOINT_OUT,
             ):
                 raise _Failure(errno.ENOENT)
@@ -221,7 +220,7 @@ class BoardServer:
             raise _Failure(errno.EBUSY)
 
     def _control(self, r: HopRequest, connection: socket.socket) -> bytes:
-        if r.request_type != protocol.REQUEST_TYPE:
+        if r.request_type != descriptors.VENDOR_REQUEST:
             with self._lock:
                 self._reach(r.handle)
             reply = descriptors.answer(r.request_type, r.request, r.value, self._serial)
@@ -238,9 +237,9 @@ class BoardServer:
 
     def _bulk_read(self, r: HopRequest, connection: socket.socket) -> bytes:
         """One pending read: blocks until the board has a frame or the time-out has passed."""
-        if r.request_type != protocol.ENDPOINT_IN:
+        if r.request_type != descriptors.ENDPOINT_IN:
             raise _Failure(errno.ENOENT)
-        whole_packets = -(-r.size // protocol.PACKET_BYTES) * protocol.PACKET_BYTES
+        whole_packets = -(-r.size // descriptors.PACKET_BYTES) * descriptors.PACKET_BYTES
         give_up_ns = self._give_up_ns(r)
         while True:
             with self._lock:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.takktile import protocol
-from drivers.takktile.model import BoardModel, BoardModelSettings, Hung, Stall, Unplugged
+from drivers.takktile.model.board import BoardModel, BoardModelSettings, Hung, Stall, Unplugged
 from drivers.takktile.protocol import UsbRequest
 
 MS = 1_000_000

@@ -1,4 +1,4 @@
-"""Golden bytes of the TakkTile board, both directions."""
+"""Golden bytes of the TakkTile board: the firmware's codec, the driver's, and one on the other."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.takktile import protocol
+from drivers.takktile.model import codec
 
 CODES = st.lists(st.integers(0, 1023), min_size=1, max_size=48)
 
@@ -15,7 +16,7 @@ def codes(*values: int) -> np.ndarray:
 
 
 def test_a_frame_holds_msb_and_lsb_of_pressure_then_of_temperature():
-    frame = protocol.encode_frame(codes(410, 1023), codes(507, 0))
+    frame = codec.bulk_frame(codes(410, 1023), codes(507, 0))
     assert frame == bytes.fromhex("66807EC0 FFC00000")
     pressure, temperature = protocol.parse_frame(frame, 2)
     assert pressure.tolist() == [410, 1023]
@@ -24,9 +25,7 @@ def test_a_frame_holds_msb_and_lsb_of_pressure_then_of_temperature():
 
 @given(CODES)
 def test_every_code_survives_the_frame(values):
-    parsed = protocol.parse_frame(
-        protocol.encode_frame(codes(*values), codes(*values)), len(values)
-    )
+    parsed = protocol.parse_frame(codec.bulk_frame(codes(*values), codes(*values)), len(values))
     assert parsed is not None
     assert parsed[0].tolist() == parsed[1].tolist() == values
 
@@ -37,8 +36,23 @@ def test_codes_above_512_are_not_folded_back():
 
 
 def test_the_encoder_saturates_as_the_converter_does():
-    frame = protocol.encode_frame(codes(-5, 2000), codes(0, 0))
+    frame = codec.bulk_frame(codes(-5, 2000), codes(0, 0))
     assert protocol.parse_frame(frame, 2)[0].tolist() == [0, 1023]
+
+
+def test_a_chain_frame_has_a_place_for_every_cell_of_two_boards():
+    frame = codec.chain_frame([(0, 1), (7, 4)], codes(410, 1), codes(507, 2))
+    assert len(frame) == 320
+    assert frame[4:8] == bytes.fromhex("66807EC0")
+    assert frame[4 * 39 : 4 * 40] == bytes.fromhex("00400080")
+    assert not any(frame[:4] + frame[8 : 4 * 39] + frame[160:])
+
+
+def test_both_sides_name_the_same_requests_and_ticks():
+    assert [*protocol.UsbRequest] == [
+        codec.GET_STRING, codec.SCAN, codec.GET_CALIBRATION, codec.CONFIGURE_TIMER
+    ] == [0x00, 0x5C, 0x6C, 0xC7]  # fmt: skip
+    assert codec.ticks_ns(375) == 375 * protocol.TICK_NS == 3_000_000
 
 
 @given(st.binary(max_size=400))
@@ -61,7 +75,7 @@ def test_a_short_scan_has_one_byte_a_row_and_bit_c_for_column_c():
     assert layout.alive == (*((0, c) for c in range(6)), (2, 0), (2, 5))
     assert layout.places == tuple(range(8))
     assert layout.frame_bytes == 32
-    assert protocol.encode_scan(layout.alive) == bytes.fromhex("3F00210000000000")
+    assert codec.scan_reply(layout.alive) == bytes.fromhex("3F00210000000000")
 
 
 def test_a_long_scan_has_one_byte_a_cell_of_five_columns_and_frames_of_fixed_length():
@@ -71,7 +85,7 @@ def test_a_long_scan_has_one_byte_a_cell_of_five_columns_and_frames_of_fixed_len
     assert layout.alive == ((0, 0), (0, 4), (1, 0), (7, 4))
     assert layout.places == (0, 4, 5, 39)
     assert layout.frame_bytes == 320
-    assert protocol.encode_chain_scan(layout.alive) == reply
+    assert codec.chain_scan_reply(layout.alive) == reply
 
 
 @pytest.mark.parametrize("length", [0, 1, 7, 9, 39, 41, 64])

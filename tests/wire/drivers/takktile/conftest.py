@@ -12,7 +12,7 @@ import usb.core
 
 from drivers.takktile.emulator.server import BoardServer, backend
 from drivers.takktile.link.usb import UsbLink
-from drivers.takktile.model import BoardModel, BoardModelSettings
+from drivers.takktile.model.board import BoardModel, BoardModelSettings
 
 PATIENCE_S = 20.0  # for what must come at last, on a machine however busy
 MS = 1_000_000

@@ -11,7 +11,7 @@ import usb.util
 
 from drivers.takktile import protocol
 from drivers.takktile.emulator.server import BoardServer
-from drivers.takktile.model import BoardModelSettings
+from drivers.takktile.model.board import BoardModelSettings
 from tests.wire.drivers.takktile.conftest import MS, Bench, eventually
 
 VENDOR_IN = 0xC0

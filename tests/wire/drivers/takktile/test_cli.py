@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from drivers.takktile.model import BoardModelSettings
+from drivers.takktile.model.board import BoardModelSettings
 from grasp.cli import main
 from tests.wire.drivers.takktile.conftest import Bench
 

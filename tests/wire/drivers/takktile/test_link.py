@@ -9,12 +9,10 @@ import pytest
 import usb.core
 
 from drivers.errors import DeviceFault, LinkLost
-from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.emulator.bus import EmulatedBus, backend
 from drivers.takktile.link import usb as usb_link
 from drivers.takktile.link.usb import UsbLink
 from drivers.takktile.protocol import UsbRequest
-from drivers.takktile.settings import TakkTileSettings
 
 
 @pytest.fixture
@@ -26,17 +24,6 @@ def link(bench):
 
 def start(link: UsbLink) -> None:
     assert link.control(UsbRequest.TIMER, 375, 0xFF, 1, 0) == b"\x01"
-
-
-def test_the_polled_driver_runs_over_usb(bench, link):
-    driver = TakkTileDriver(link, TakkTileSettings())
-    driver.open(time.monotonic_ns())
-    driver.begin_rest()
-    for _ in range(60):
-        driver.pump(time.monotonic_ns())
-    assert driver.frame.raw.tolist() == bench.codes.reshape(3, 6).tolist()
-    driver.close(time.monotonic_ns())
-    assert link.bulk_read(512, 0) is None
 
 
 def test_a_transfer_says_when_it_completed(link):

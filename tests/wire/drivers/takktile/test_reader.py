@@ -1,7 +1,6 @@
 """The reader: a read always pending, young frames, and the way back after every fault."""
 
 import contextlib
-import statistics
 import time
 from collections.abc import Callable
 
@@ -10,8 +9,8 @@ import pytest
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.interfaces import TactileSensor
 from drivers.takktile.driver import TakkTileDriver
-from drivers.takktile.link.reader import TactileReader
-from drivers.takktile.model import Hung
+from drivers.takktile.link.thread import ReadingThread
+from drivers.takktile.model.board import Hung
 from drivers.takktile.settings import TakkTileSettings
 from tests.wire.drivers.takktile.conftest import MS, PATIENCE_S, Bench, eventually
 
@@ -19,9 +18,13 @@ from tests.wire.drivers.takktile.conftest import MS, PATIENCE_S, Bench, eventual
 SETTINGS = TakkTileSettings(max_age_ms=1000.0)
 
 
+def reader_on(bench: Bench, settings: TakkTileSettings = SETTINGS) -> TakkTileDriver:
+    return TakkTileDriver(ReadingThread(bench.connect, settings), settings)
+
+
 @pytest.fixture
 def reader(bench: Bench):
-    with TactileReader(bench.connect, SETTINGS) as made:
+    with reader_on(bench) as made:
         yield made
 
 
@@ -40,7 +43,7 @@ def take_rest(sensor: TactileSensor) -> None:
     pump_until(sensor, lambda: sensor.rest_taken, "rest")
 
 
-def failure(reader: TactileReader) -> LinkLost | DeviceFault:
+def failure(reader: TakkTileDriver) -> LinkLost | DeviceFault:
     """The error that pumping meets in the end."""
     deadline = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline:
@@ -52,42 +55,12 @@ def failure(reader: TactileReader) -> LinkLost | DeviceFault:
     raise AssertionError("nothing failed")
 
 
-def true_age_ms(frame) -> int:
-    """From the conversion, which the temperature code tells, to the tick."""
-    return (frame.t_ns // MS - int(frame.temperature[0, 0])) % 1024
-
-
 def test_frames_are_raw_minus_rest(bench, reader):
     take_rest(reader)
     assert not reader.frame.counts.any()
     bench.codes = bench.codes - 30
     pump_until(reader, lambda: reader.frame.counts.max() == -30, "press")
     assert reader.frame.raw.tolist() == bench.codes.reshape(3, 6).tolist()
-
-
-def test_a_pending_read_gives_younger_frames_than_a_poll(bench):
-    def ages(sensor: TactileSensor) -> tuple[float, float]:
-        take_rest(sensor)
-        true, told = [], []
-        for _ in range(60):
-            time.sleep(0.01)
-            sensor.pump(time.monotonic_ns())
-            if sensor.frame.missed == 0:
-                true.append(true_age_ms(sensor.frame))
-                told.append((sensor.frame.t_ns - sensor.frame.sampled_ns) / MS)
-        return statistics.median(true), statistics.median(told)
-
-    link = bench.connect()
-    polled = TakkTileDriver(link, SETTINGS)
-    polled.open(time.monotonic_ns())
-    polled_true, polled_told = ages(polled)
-    polled.close(time.monotonic_ns())
-    link.close()
-    with TactileReader(bench.connect, SETTINGS) as reader:
-        pending_true, pending_told = ages(reader)
-
-    assert pending_true < polled_true
-    assert pending_told < polled_told
 
 
 def test_surplus_frames_are_counted_apart_from_lost_ones(bench, reader):
@@ -120,7 +93,7 @@ def test_ticks_without_a_frame_repeat_the_last_until_stale(bench, reader):
 
 
 def test_a_sample_that_waited_too_long_is_missed(bench):
-    with TactileReader(bench.connect, TakkTileSettings()) as reader:
+    with reader_on(bench, TakkTileSettings()) as reader:
         eventually(lambda: reader.statistics.overruns > 0, "frames")
         reader.pump(time.monotonic_ns() + 200 * MS)
         assert reader.statistics.too_old == 1
@@ -227,7 +200,7 @@ def test_a_loaded_fingertip_is_refused_by_name(bench, reader):
 
 def test_stopping_stops_the_board_so_that_the_next_start_is_clean(bench):
     for _ in range(3):
-        with TactileReader(bench.connect, SETTINGS) as reader:
+        with reader_on(bench) as reader:
             pump_until(reader, lambda: reader.latest_raw is not None, "a frame")
         assert bench.board.ready_ns is None
         assert reader.statistics.wrong_lengths == 0
@@ -237,14 +210,14 @@ def test_a_board_that_a_crashed_program_left_running_is_taken_over(bench):
     link = bench.connect()
     link.control(0xC7, 100, 0xFF, 1, 0)
     link.close()
-    with TactileReader(bench.connect, SETTINGS) as reader:
+    with reader_on(bench) as reader:
         take_rest(reader)
         assert reader.statistics.wrong_lengths == 0
 
 
 def test_starting_without_a_board_fails_at_once_and_leaves_nothing(bench):
     bench.spoil("unplug")
-    reader = TactileReader(bench.connect, SETTINGS)
+    reader = reader_on(bench)
     with pytest.raises(LinkLost, match="no TakkTile board"):
         reader.start()
     reader.stop()
@@ -253,14 +226,14 @@ def test_starting_without_a_board_fails_at_once_and_leaves_nothing(bench):
 def test_a_map_that_names_a_dead_cell_is_refused_at_start(bench):
     bench.spoil("kill_column", 3)
     with pytest.raises(DeviceFault, match="finger A taxel 3"):
-        TactileReader(bench.connect, SETTINGS).start()
+        reader_on(bench).start()
     bench.connect().close()  # given back
 
 
 def test_a_server_that_ends_is_a_lost_link_and_stopping_still_works():
     bench = Bench()
     with bench.server:
-        reader = TactileReader(bench.connect, SETTINGS).start()
+        reader = reader_on(bench).start()
         take_rest(reader)
     assert isinstance(failure(reader), LinkLost)
     reader.stop()

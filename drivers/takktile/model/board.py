@@ -11,13 +11,14 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from drivers.takktile import protocol
-from drivers.takktile.protocol import Cell, Codes, UsbRequest
+from drivers.takktile.model import codec
+from drivers.takktile.model.codec import Cell, Codes
 
 Sample = Callable[[int], tuple[Codes, Codes]]
 
 # MPL115A2 coefficients of the datasheet's example; a0 is varied to tell the cells apart.
 _COEFFICIENTS = bytes.fromhex("3ECEB3F9C51733C8")
+_COLUMNS = 6
 _BUFFER_BYTES = 256  # the firmware indexes its calibration buffer by a byte
 
 
@@ -103,14 +104,14 @@ class BoardModel:
         if self._hung:
             raise Hung
         match request:
-            case UsbRequest.STRING if index in (0, 1):
+            case codec.GET_STRING if index in (0, 1):
                 strings = (self._settings.hardware_version, self._settings.firmware_version)
                 reply = strings[index].encode("ascii") + b"\0"
-            case UsbRequest.TIMER:
+            case codec.CONFIGURE_TIMER:
                 reply = self._configure_timer(value, index, now_ns)
-            case UsbRequest.SCAN:
+            case codec.SCAN:
                 reply = self._scan()
-            case UsbRequest.CALIBRATION:
+            case codec.GET_CALIBRATION:
                 reply = self._calibration(row=index, column=value)
             case _:
                 raise Stall
@@ -126,7 +127,7 @@ class BoardModel:
             return None
         if not self._pending:
             self._pending = self._spoil(self._frame())
-            size = protocol.PACKET_BYTES if self._split else size
+            size = codec.PACKET_BYTES if self._split else size
             self._split = False
         out, self._pending = self._pending[:size], self._pending[size:]
         if not self._pending:
@@ -202,8 +203,8 @@ class BoardModel:
 
     def _scan(self) -> bytes:
         self._use_bus()
-        encode = protocol.encode_chain_scan if self._settings.takkfast else protocol.encode_scan
-        return encode(self._alive())
+        reply = codec.chain_scan_reply if self._settings.takkfast else codec.scan_reply
+        return reply(self._alive())
 
     def _calibration(self, row: int, column: int) -> bytes:
         """Fill the firmware's buffer as it does, byte-wide index and all, and answer from it."""
@@ -211,7 +212,7 @@ class BoardModel:
         buffer = bytearray(_BUFFER_BYTES)
         for cell_row, cell_column in self._alive():
             at = (40 * cell_row + 8 * cell_column) % _BUFFER_BYTES
-            a0 = int.from_bytes(_COEFFICIENTS[:2]) + cell_row * protocol.COLUMNS + cell_column
+            a0 = int.from_bytes(_COEFFICIENTS[:2]) + cell_row * _COLUMNS + cell_column
             buffer[at : at + 8] = a0.to_bytes(2) + _COEFFICIENTS[2:]
         at = (40 * row + 8 * column) % _BUFFER_BYTES
         return bytes(buffer[at : at + 8])
@@ -230,19 +231,16 @@ class BoardModel:
             pressure[list(self._frozen)] = list(self._frozen.values())
         self._held = pressure, temperature
         reading_ns = self._read_ns * len(self._settings.cells)
-        self._ready_ns = now_ns + self._ticks * protocol.TICK_NS + reading_ns
+        self._ready_ns = now_ns + codec.ticks_ns(self._ticks) + reading_ns
 
     def _frame(self) -> bytes:
         pressure, temperature = self._held
         if self._dead:
             live = [i for i, cell in enumerate(self._settings.cells) if cell not in self._dead]
             pressure, temperature = pressure[live], temperature[live]
-        if not self._settings.takkfast:
-            return protocol.encode_frame(pressure, temperature)
-        places = [row * protocol.CHAIN_COLUMNS + column for row, column in self._alive()]
-        codes = np.zeros((2, protocol.CHAIN_FRAME_CELLS), np.int16)
-        codes[:, places] = pressure, temperature
-        return protocol.encode_frame(codes[0], codes[1])
+        if self._settings.takkfast:
+            return codec.chain_frame(self._alive(), pressure, temperature)
+        return codec.bulk_frame(pressure, temperature)
 
     def _spoil(self, frame: bytes) -> bytes:
         """Apply the faults of one frame and forget them."""
