@@ -16,6 +16,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from detector.decision import RuleSettings, event_starts
+from drivers.errors import UsageError
 
 TAXELS = 6
 SAMPLES_PER_MIN = 6000  # 100 Hz, the board's rate in the paper
@@ -115,12 +116,12 @@ def tune_threshold(
     ``static`` holds recordings (n, fingers, 6), each a stream of its own; an event on any of their
     fingers counts once. Thresholds are tried from high to low in steps of 2 %, up to the first that
     breaks the budget. Fewer minutes than 1 / budget allow no event at all, and say little. Raises
-    ValueError if there are no data or no threshold is high enough.
+    UsageError if there are no data or no threshold is high enough.
     """
     series = [energy_series(counts, settings.window) for counts in static]
     minutes = sum(len(energies) for energies in series) / SAMPLES_PER_MIN
     if minutes == 0.0:
-        raise ValueError("no static data to tune on")
+        raise UsageError("no static data to tune on", "give recordings at rest")
     odds = rule.threshold / (1.0 - rule.threshold)
     factor = odds ** (1.0 / settings.steepness)  # energy that the rule's threshold stands for
     steps = int(math.log(HIGHEST_THRESHOLD_COUNTS / LOWEST_THRESHOLD_COUNTS, TUNING_STEP))
@@ -132,5 +133,8 @@ def tune_threshold(
             break
         best = threshold
     if best is None:
-        raise ValueError(f"over the budget even at {HIGHEST_THRESHOLD_COUNTS:g} counts")
+        raise UsageError(
+            f"over the budget even at {HIGHEST_THRESHOLD_COUNTS:g} counts",
+            "allow more false events with --budget",
+        )
     return best

@@ -11,6 +11,7 @@ from detector.energy import EnergyDetector, EnergySettings
 from detector.network import NetworkSettings, load_network
 from detector.network_file import packaged_networks
 from detector.psd import PsdDetector, PsdFairDetector, PsdFairSettings, PsdSettings
+from drivers.errors import UsageError
 
 
 class SlipDetector(Protocol):
@@ -46,8 +47,8 @@ def load_detector(
     """Make the named detector, reset, for so many fingers.
 
     A name that is not packaged is taken for a network of one's own if ``weights`` says where it is.
-    Raises ValueError for an unknown name, msgspec.ValidationError for settings out of range,
-    BadWeights for a network whose file is damaged or foreign.
+    Raises UsageError for an unknown name, msgspec.ValidationError for settings out of range,
+    BadFile for a network whose file is damaged or foreign.
     """
     wanted: type[Any] = _FORMULAS[name][0] if name in _FORMULAS else NetworkSettings
     made: Any = settings
@@ -58,5 +59,5 @@ def load_detector(
     if name in _FORMULAS:
         return _FORMULAS[name][1](made, fingers)
     if name not in DETECTORS and not made.weights:
-        raise ValueError(f"unknown detector {name!r}; known: {', '.join(DETECTORS)}")
+        raise UsageError(f"unknown detector {name!r}", f"one of: {', '.join(DETECTORS)}")
     return load_network(name, made, fingers)

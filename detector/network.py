@@ -136,5 +136,5 @@ def run_network(loaded: LoadedNetwork, fingers: int) -> StreamingNetwork | Windo
 def load_network(
     name: str, settings: NetworkSettings, fingers: int
 ) -> StreamingNetwork | WindowedNetwork:
-    """Detector from its weights; raises BadWeights."""
+    """Detector from its weights; raises BadFile."""
     return run_network(read_network(weights_path(settings.weights or name)), fingers)

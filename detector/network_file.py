@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from drivers.errors import BadFile
+
 FORMAT = 1
 CARD_KEY = "grasp"
 TAXELS = 6
@@ -44,20 +46,6 @@ class NetworkCard(msgspec.Struct, frozen=True, kw_only=True):
     validation: dict[str, float]
 
 
-class BadWeights(ValueError):
-    """A file is no usable network: says which, what is wrong, and what to do."""
-
-    kind = "bad_weights"
-
-    def __init__(self, file: Path | str, problem: str) -> None:
-        super().__init__(str(file), problem)
-        self.message = f"{file}: {problem}"
-        self.remedy = "give a file that `grasp detector train` wrote with this version"
-
-    def __str__(self) -> str:
-        return f"{self.message}; {self.remedy}"
-
-
 class LoadedNetwork(msgspec.Struct, frozen=True):
     """A checked file: its card, an ONNX Runtime session, and the states' shapes a finger."""
 
@@ -77,7 +65,7 @@ def packaged_networks() -> tuple[str, ...]:
 
 
 def read_network(path: Path) -> LoadedNetwork:
-    """Load and check a weights file; raises BadWeights for anything that is not one of ours."""
+    """Load and check a weights file; raises BadFile for anything that is not one of ours."""
     session = _session(path)
     card = _card(path, session)
     inputs = {i.name: (i.type, tuple(i.shape)) for i in session.get_inputs()}
@@ -94,9 +82,9 @@ def _session(path: Path) -> Any:
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise BadWeights(path, f"cannot be read: {error.strerror or error}") from None
+        raise _bad(path, f"cannot be read: {error.strerror or error}") from None
     if len(content) > LARGEST_BYTES:
-        raise BadWeights(path, f"{len(content)} bytes are no network of this project")
+        raise _bad(path, f"{len(content)} bytes are no network of this project")
     ort.set_default_logger_severity(4)  # an exception says it already
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
@@ -104,19 +92,19 @@ def _session(path: Path) -> Any:
     try:  # from bytes: a graph that points to other files finds none
         return ort.InferenceSession(content, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime raises classes of its own for every kind of damage
-        raise BadWeights(path, f"no ONNX graph that can run ({type(error).__name__})") from None
+        raise _bad(path, f"no ONNX graph that can run ({type(error).__name__})") from None
 
 
 def _card(path: Path, session: Any) -> NetworkCard:
     text = session.get_modelmeta().custom_metadata_map.get(CARD_KEY)
     if text is None:
-        raise BadWeights(path, "an ONNX file without this project's card")
+        raise _bad(path, "an ONNX file without this project's card")
     try:
         card = msgspec.json.decode(text, type=NetworkCard)
     except (msgspec.DecodeError, msgspec.ValidationError) as error:
-        raise BadWeights(path, f"its card cannot be read: {error}") from None
+        raise _bad(path, f"its card cannot be read: {error}") from None
     if card.format != FORMAT:
-        raise BadWeights(path, f"format {card.format}, this version reads {FORMAT}")
+        raise _bad(path, f"format {card.format}, this version reads {FORMAT}")
     return card
 
 
@@ -130,14 +118,14 @@ def _check_ends(path: Path, card: NetworkCard, inputs: Ends, outputs: Ends) -> N
     if card.mode == "window":
         wanted = {"counts": ("fingers", card.window, TAXELS)}
         if card.window < 1:
-            raise BadWeights(path, f"a window of {card.window} samples")
+            raise _bad(path, f"a window of {card.window} samples")
     for name, shape in wanted.items():
         found = inputs.get(name)
         variable = found is not None and found[1][1:2] == ("samples",)
         if found != ("tensor(float)", shape) and not (variable and card.mode == "window"):
-            raise BadWeights(path, f"input {name!r} is {found}, not float {shape}")
+            raise _bad(path, f"input {name!r} is {found}, not float {shape}")
     if outputs.get("probability") != ("tensor(float)", ("fingers",)):
-        raise BadWeights(path, f"output is {outputs.get('probability')}, not float ('fingers',)")
+        raise _bad(path, f"output is {outputs.get('probability')}, not float ('fingers',)")
 
 
 def _check_states(
@@ -146,9 +134,13 @@ def _check_states(
     """Every state goes in and comes out with one shape, and there is nothing else."""
     known = {"counts", *(["previous"] if card.mode == "stream" else []), *states}
     if set(inputs) != known or bool(states) != (card.mode == "stream"):
-        raise BadWeights(path, f"inputs {sorted(inputs)} do not fit mode {card.mode!r}")
+        raise _bad(path, f"inputs {sorted(inputs)} do not fit mode {card.mode!r}")
     for name, shape in states.items():
         if outputs.get(f"next_{name}") != inputs[name]:
-            raise BadWeights(path, f"{name} goes in as {inputs[name]}, out otherwise")
+            raise _bad(path, f"{name} goes in as {inputs[name]}, out otherwise")
         if any(type(n) is not int or n < 1 for n in shape):
-            raise BadWeights(path, f"{name} has no fixed shape: {shape}")
+            raise _bad(path, f"{name} has no fixed shape: {shape}")
+
+
+def _bad(path: Path, problem: str) -> BadFile:
+    return BadFile(path, problem, "give a file that `grasp detector train` wrote with this version")

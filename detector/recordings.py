@@ -17,6 +17,8 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from drivers.errors import BadFile
+
 TAXELS = 6
 PERIOD_S = 0.01  # the board's sample period in the paper
 GAP_PERIODS = 1.5  # samples further apart than this have lost one between them
@@ -27,30 +29,6 @@ VERSION = 1
 SUFFIX = ".npz"
 COLUMNS = ("t_s", *(f"p{i}" for i in range(TAXELS)), "slip")
 OPTIONAL = "slip_true"
-
-
-class BadRecording(ValueError):
-    """A file is not a usable recording: says where, what is wrong, and what to do about it.
-
-    ``line`` counts from 1, the header; None where the file as a whole is meant.
-    """
-
-    kind = "bad_recording"
-
-    def __init__(self, file: str, line: int | None, problem: str, remedy: str) -> None:
-        super().__init__(file, line, problem, remedy)
-        self.file = file
-        self.line = line
-        self.problem = problem
-        self.remedy = remedy
-
-    @property
-    def message(self) -> str:
-        where = self.file if self.line is None else f"{self.file}, line {self.line}"
-        return f"{where}: {self.problem}"
-
-    def __str__(self) -> str:
-        return f"{self.message}; {self.remedy}"
 
 
 Split = Literal["train", "validation", "test"]
@@ -114,7 +92,7 @@ def missed_samples(t_s: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def read(path: Path | str) -> Recording:
-    """Read a recording, ``.npz`` or CSV by its suffix; raises BadRecording."""
+    """Read a recording, ``.npz`` or CSV by its suffix; raises BadFile."""
     path = Path(path)
     return _read_npz(path) if path.suffix == SUFFIX else read_csv(path)
 
@@ -122,11 +100,11 @@ def read(path: Path | str) -> Recording:
 def write(path: Path | str, recording: Recording) -> None:
     """Write ``.npz``, all of it or nothing; equal recordings give equal files.
 
-    Raises BadRecording for one that could not be read back, OSError for what the disk refuses.
+    Raises BadFile for one that could not be read back, OSError for what the disk refuses.
     """
     path = Path(path)
     if path.suffix != SUFFIX:
-        raise BadRecording(str(path), None, "wrong suffix", f"name the file *{SUFFIX}")
+        raise BadFile(path, "wrong suffix", f"name the file *{SUFFIX}")
     arrays = {name: getattr(recording, name) for name in _ARRAYS}
     arrays = {name: array for name, array in arrays.items() if array is not None}
     _check_arrays(arrays, str(path))
@@ -143,20 +121,20 @@ def write(path: Path | str, recording: Recording) -> None:
 def read_dataset(folder: Path | str, split: Split | None = None) -> list[Recording]:
     """All ``.npz`` recordings under a folder, sorted by path; with ``split`` those of it alone.
 
-    Raises BadRecording for the first file that is none, and when there is nothing to read.
+    Raises BadFile for the first file that is none, and when there is nothing to read.
     """
     folder = Path(folder)
     every = (read(path) for path in sorted(folder.rglob(f"[!.]*{SUFFIX}")))
     found = [r for r in every if split is None or _split(r) == split]
     if not found:
         what = f"no {split} recordings" if split else "no recordings"
-        raise BadRecording(str(folder), None, what, "name a folder made by `grasp dataset build`")
+        raise BadFile(folder, what, "name a folder made by `grasp dataset build`")
     return found
 
 
 def _split(recording: Recording) -> Split:
     if recording.metadata is None:
-        raise BadRecording(recording.source, None, "belongs to no split", "write it with metadata")
+        raise BadFile(recording.source, "belongs to no split", "write it with metadata")
     return recording.metadata.split
 
 
@@ -185,9 +163,7 @@ def _read_npz(path: Path) -> Recording:
     header = _header(stored.pop("header", None), source)
     unknown = sorted(stored.keys() - _ARRAYS.keys())
     if unknown:
-        raise BadRecording(
-            source, None, f"unknown arrays {', '.join(unknown)}", "see docs/data-formats.md"
-        )
+        raise BadFile(source, f"unknown arrays {', '.join(unknown)}", "see docs/data-formats.md")
     _check_arrays(stored, source)
     for array in stored.values():
         array.flags.writeable = False
@@ -197,15 +173,15 @@ def _read_npz(path: Path) -> Recording:
 
 def _stored(path: Path) -> dict[str, Any]:
     if not path.exists():
-        raise BadRecording(str(path), None, "no such file", "check the path")
+        raise BadFile(path, "no such file", "check the path")
     try:
         # opened here: numpy forgets to close what turns out to be no zip file
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, TypeError,
             AttributeError, NotImplementedError) as error:  # fmt: skip
-        raise BadRecording(
-            str(path), None, f"cannot be read: {str(error) or type(error).__name__}",
+        raise BadFile(
+            path, f"cannot be read: {str(error) or type(error).__name__}",
             "copy or build the file again",
         ) from None  # fmt: skip
 
@@ -213,27 +189,27 @@ def _stored(path: Path) -> dict[str, Any]:
 def _header(stored: NDArray[Any] | None, source: str) -> _Header:
     foreign = "give a file that `grasp` wrote, or a CSV file"
     if stored is None or stored.shape != () or stored.dtype.kind != "U":
-        raise BadRecording(source, None, "has no header: not a recording", foreign)
+        raise BadFile(source, "has no header: not a recording", foreign)
     try:
         version = msgspec.json.decode(str(stored), type=dict[str, Any]).get("version")
         if version != VERSION:
-            raise BadRecording(
-                source, None, f"format version {version}, this program reads {VERSION}",
+            raise BadFile(
+                source, f"format version {version}, this program reads {VERSION}",
                 "build it again with this version",
             )  # fmt: skip
         header = msgspec.json.decode(str(stored), type=_Header)
     except msgspec.DecodeError as error:
-        raise BadRecording(source, None, f"bad header: {error}", foreign) from None
+        raise BadFile(source, f"bad header: {error}", foreign) from None
     if header.format != FORMAT:
-        raise BadRecording(source, None, f"format is {header.format!r}", foreign)
+        raise BadFile(source, f"format is {header.format!r}", foreign)
     return header
 
 
 def _check_arrays(arrays: dict[str, Any], source: str) -> None:
-    """Raises BadRecording unless these are the arrays of a recording."""
+    """Raises BadFile unless these are the arrays of a recording."""
 
     def refuse(problem: str, remedy: str = "see docs/data-formats.md") -> None:
-        raise BadRecording(source, None, problem, remedy)
+        raise BadFile(source, problem, remedy)
 
     missing = [name for name, (_, _, needed) in _ARRAYS.items() if needed and name not in arrays]
     if missing:
@@ -257,14 +233,14 @@ def _check_arrays(arrays: dict[str, Any], source: str) -> None:
 
 
 def read_csv(path: Path | str) -> Recording:
-    """Read a recording of one fingertip; raises BadRecording at the first thing that is wrong."""
+    """Read a recording of one fingertip; raises BadFile at the first thing that is wrong."""
     source = str(path)
     lines = _lines(Path(path))
     columns = _columns(lines, source)
     numbered = [(i, line) for i, line in enumerate(lines[1:], start=2) if line.strip()]
     rows = [_row(line, columns, source, i) for i, line in numbered]
     if len(rows) < 2:
-        raise BadRecording(source, None, f"{len(rows)} samples", "at least 2 are needed")
+        raise BadFile(source, f"{len(rows)} samples", "at least 2 are needed")
     table = np.array(rows)
     _check_times(table[:, 0], [i for i, _ in numbered], source)
     slip_true = table[:, -1] == 1.0 if columns[-1] == OPTIONAL else None
@@ -282,27 +258,25 @@ def _lines(path: Path) -> list[str]:
     try:
         return path.read_text(encoding="utf-8-sig").splitlines()
     except FileNotFoundError:
-        raise BadRecording(str(path), None, "no such file", "check the path") from None
+        raise BadFile(path, "no such file", "check the path") from None
     except (OSError, UnicodeDecodeError) as error:
-        raise BadRecording(
-            str(path), None, f"cannot be read: {error}", "give a CSV file in UTF-8"
-        ) from None
+        raise BadFile(path, f"cannot be read: {error}", "give a CSV file in UTF-8") from None
 
 
 def _columns(lines: list[str], source: str) -> tuple[str, ...]:
     wanted = f"the first line must be {','.join(COLUMNS)}, with or without ,{OPTIONAL}"
     if not lines:
-        raise BadRecording(source, None, "empty", wanted)
+        raise BadFile(source, "empty", wanted)
     columns = tuple(word.strip() for word in lines[0].split(","))
     if columns not in (COLUMNS, (*COLUMNS, OPTIONAL)):
-        raise BadRecording(source, 1, f"columns are {','.join(columns)}", wanted)
+        raise BadFile(source, f"columns are {','.join(columns)}", wanted, 1)
     return columns
 
 
 def _row(line: str, columns: tuple[str, ...], source: str, number: int) -> list[float]:
     words = line.split(",")
     if len(words) != len(columns):
-        raise BadRecording(source, number, f"{len(words)} columns", f"there must be {len(columns)}")
+        raise BadFile(source, f"{len(words)} columns", f"there must be {len(columns)}", number)
     values = []
     for name, word in zip(columns, words, strict=True):
         try:
@@ -311,7 +285,7 @@ def _row(line: str, columns: tuple[str, ...], source: str, number: int) -> list[
             value = math.nan
         remedy = _objection(name, value)
         if remedy:
-            raise BadRecording(source, number, f"{name} is {word.strip()!r}", remedy)
+            raise BadFile(source, f"{name} is {word.strip()!r}", remedy, number)
         values.append(value)
     return values
 
@@ -333,17 +307,19 @@ def _check_times(t_s: NDArray[np.float64], lines: list[int] | None, source: str)
     """``lines``: where each sample stands in the file, if it has lines."""
     backwards = np.flatnonzero(np.diff(t_s) <= 0.0)
     if len(backwards):
-        raise BadRecording(
-            source, _line(lines, backwards[0] + 1), "time does not increase",
+        raise BadFile(
+            source, "time does not increase",
             "write samples in the order in which they came, each once",
+            _line(lines, backwards[0] + 1),
         )  # fmt: skip
     missed = missed_samples(t_s)
     stale = np.flatnonzero(missed > MAX_MISSED)
     if len(stale):
         problem = f"{missed[stale[0]]} samples are missing before this"
-        raise BadRecording(
-            source, _line(lines, stale[0] + 1), problem,
+        raise BadFile(
+            source, problem,
             f"at most {MAX_MISSED} in a row may be: cut the recording in two here",
+            _line(lines, stale[0] + 1),
         )  # fmt: skip
 
 

@@ -3,6 +3,8 @@
 Wire garbage is never raised: drivers count it and report it in their statistics.
 """
 
+from pathlib import Path
+
 
 class GraspError(Exception):
     """Base of every expected error: one line that says what happened, one that says what to do.
@@ -43,6 +45,38 @@ class Stale(GraspError):
     """Data are too old to act on: the state that they describe may be gone."""
 
     kind = "stale"
+
+
+class UsageError(GraspError):
+    """What was asked for does not fit together or is not installed: ask otherwise."""
+
+    kind = "usage"
+
+
+class CouldNotRecord(GraspError):
+    """A result could not be written: free the disk or choose another place, then run again."""
+
+    kind = "could_not_record"
+
+
+class BadFile(GraspError):
+    """A recording, data set, network, checkpoint or campaign cannot be used: give another file.
+
+    It is missing, damaged, of another kind or of another version. ``line`` counts from 1; None
+    where the file as a whole is meant.
+    """
+
+    kind = "bad_file"
+
+    def __init__(
+        self, file: Path | str, problem: str, remedy: str, line: int | None = None
+    ) -> None:
+        where = f"{file}" if line is None else f"{file}, line {line}"
+        super().__init__(f"{where}: {problem}", remedy)
+        self.args = (str(file), problem, remedy, line)
+        self.file = str(file)
+        self.problem = problem
+        self.line = line
 
 
 class ConfigError(GraspError):

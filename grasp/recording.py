@@ -24,23 +24,18 @@ from mcap.records import Channel, Footer, McapRecord, Message, Metadata
 from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
-from drivers.errors import GraspError
+from drivers.errors import BadFile
 from grasp.settings import renamed
 
 LIBRARY = "grasp-controller"  # fixed: the libraries' versions belong in the metadata
 METADATA_NAME = "run"
+FILE_WANTED = "give the path of a run's .mcap file"
 CHUNK_BYTES = 32 * 1024  # at most this much is lost to a kill: about half a second of a run
 
 _RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows
 
 Channels = Mapping[str, type[msgspec.Struct]]
 _Schema = dict[str, Any]
-
-
-class BadRecordingFile(GraspError, ValueError):
-    """A file is missing, no recording, damaged or made by another version."""
-
-    kind = "bad_recording"
 
 
 class RunRecorder:
@@ -169,8 +164,9 @@ class RunRecording:
         try:
             return self._decoders[topic].decode(data)
         except msgspec.MsgspecError as error:
-            raise BadRecordingFile(
-                f"{self.path}: a message on {topic} does not fit: {_renamed(topic, data) or error}",
+            raise BadFile(
+                self.path,
+                f"a message on {topic} does not fit: {_renamed(topic, data) or error}",
                 "read it with the version that recorded it (see the file's metadata)",
             ) from error
 
@@ -307,8 +303,8 @@ def _records(path: Path) -> Iterator[McapRecord]:
     except EndOfFile:
         return  # the writer was killed: there is no footer
     except Exception as error:  # the library names no base for what damage may raise
-        raise BadRecordingFile(
-            f"{path}: damaged recording: {error}", "record again, or restore the file from a copy"
+        raise BadFile(
+            path, f"damaged recording: {error}", "record again, or restore the file from a copy"
         ) from error
 
 
@@ -316,12 +312,11 @@ def _load(path: Path) -> bytes:
     try:
         data = path.read_bytes()
     except OSError as error:
-        problem = f"{path}: {error.strerror}"
-        raise BadRecordingFile(problem, "give the path of a run's .mcap file") from error
+        raise BadFile(path, str(error.strerror), FILE_WANTED) from error
     if data.startswith(MCAP0_MAGIC):
         return data
     problem = "is no MCAP recording" if data else "is empty: its writer never started"
-    raise BadRecordingFile(f"{path} {problem}", "give the path of a run's .mcap file")
+    raise BadFile(path, problem, FILE_WANTED)
 
 
 def _whole_records(data: bytes) -> int:

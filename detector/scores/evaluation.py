@@ -31,6 +31,7 @@ from detector.scores.metrics import (
     confusion,
     edge_distance_ms,
 )
+from drivers.errors import BadFile
 
 WARM_UP_SAMPLES = 100  # the paper's window: what comes earlier no detector has to know
 HAND_FINGERS = 3
@@ -86,10 +87,12 @@ class Streamed(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def labels(self) -> Labels:
-        """(n,) by the chosen label; raises ValueError where the recording lacks it."""
+        """(n,) by the chosen label; raises BadFile where the recording lacks it."""
         found = self.recording.slip if self.label == "slip" else self.recording.slip_true
         if found is None:
-            raise ValueError(f"{self.recording.source} has no {self.label}")
+            raise BadFile(
+                self.recording.source, f"has no {self.label}", "judge it by another label"
+            )
         return found
 
 

@@ -29,6 +29,7 @@ from detector.training.sequences import (
 )
 from detector.training.settings import TrainSettings
 from detector.training.validation import Score, odds_of, score
+from drivers.errors import BadFile
 
 CHECKPOINT_S = 30.0
 
@@ -44,15 +45,7 @@ class TrainingProgress(msgspec.Struct, frozen=True):
     best: Score | None
 
 
-class BadCheckpoint(ValueError):
-    """A checkpoint cannot be resumed from."""
-
-    kind = "usage"
-
-    def __init__(self, path: Path, problem: str) -> None:
-        super().__init__(str(path), problem)
-        self.message = f"{path}: {problem}"
-        self.remedy = "train anew without --resume"
+ANEW = "train anew without --resume"
 
 
 class Training:
@@ -182,18 +175,18 @@ class Training:
         partial.replace(path)
 
     def resume(self, path: Path) -> None:
-        """Go on where a checkpoint left off; raises BadCheckpoint.
+        """Go on where a checkpoint left off; raises BadFile.
 
         Only tensors and plain values are read (``weights_only``): no code in a file is ever run.
         """
         try:
             stored = torch.load(path, weights_only=True)
         except FileNotFoundError:
-            raise BadCheckpoint(path, "no such file") from None
+            raise BadFile(path, "no such file", ANEW) from None
         except Exception as error:  # torch raises whatever the damage led it to
-            raise BadCheckpoint(path, f"cannot be read ({type(error).__name__})") from None
+            raise BadFile(path, f"cannot be read ({type(error).__name__})", ANEW) from None
         if not isinstance(stored, dict) or stored.get("identity") != self._identity():
-            raise BadCheckpoint(path, "is of other settings, data or another network")
+            raise BadFile(path, "is of other settings, data or another network", ANEW)
         self.network.load_state_dict(stored["network"])
         self._optimiser.load_state_dict(stored["optimiser"])
         self._best_weights = stored["best_weights"]

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
+from drivers.errors import GraspError, UsageError
 from grasp.cli import (
     campaign,
     chart,
@@ -28,17 +29,6 @@ VERBS = (
     run, campaign, grip_search, replay, runs, chart, dataset, detector, tactile, world, config,
     doctor, emulate, release,
 )  # fmt: skip
-
-
-class UsageError(Exception):
-    """The words of a command do not fit together."""
-
-    kind = "usage"
-
-    def __init__(self, message: str, remedy: str) -> None:
-        super().__init__(message)
-        self.message = message
-        self.remedy = remedy
 
 
 class Parser(argparse.ArgumentParser):
@@ -85,20 +75,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return exits.SUCCESS
-    except Exception as error:
-        return _expected(error, as_json)
-
-
-def _expected(error: Exception, as_json: bool) -> int:
-    """Report an expected error; a bug keeps its traceback, unless JSON was asked for."""
-    kind = getattr(error, "kind", None)
-    if isinstance(kind, str):
-        message = getattr(error, "message", str(error))
-        return exits.report(kind, message, getattr(error, "remedy", ""), as_json)
-    if isinstance(error, OSError):
+    except GraspError as error:
+        return exits.report(error.kind, error.message, error.remedy, as_json)
+    except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         text = f"{where}{error.strerror or error}"
         return exits.report("could_not_record", text, "free the path or the disk", as_json)
+    except Exception as error:
+        return _bug(error, as_json)
+
+
+def _bug(error: Exception, as_json: bool) -> int:
+    """A bug keeps its traceback, unless JSON was asked for."""
     if as_json:
         text = f"{type(error).__name__}: {error}"
         return exits.report("internal", text, "a bug: run without --json and report it", True)

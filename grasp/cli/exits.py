@@ -15,8 +15,7 @@ INTERRUPTED = 130
 _CODE_OF_KIND = {
     "usage": USAGE,
     "config": USAGE,
-    "bad_recording": USAGE,
-    "bad_weights": USAGE,
+    "bad_file": USAGE,
     "link_lost": DEVICE,
     "device_fault": DEVICE,
     "refused": SAFETY_STOP,

@@ -4,14 +4,6 @@ import os
 import select
 import sys
 
-from drivers.errors import GraspError
-
-
-class OperatorLeft(GraspError):
-    """Nobody answers any more: start again from a terminal."""
-
-    kind = "interrupted"
-
 
 class TerminalOperator:
     """Asks on standard error and listens on standard input, neither of which ever blocks."""
@@ -26,13 +18,11 @@ class TerminalOperator:
         print(f">>> {text}", file=sys.stderr, flush=True)
 
     def poll(self) -> str | None:
-        """A line, once it is there. Raises OperatorLeft when the terminal has closed."""
+        """A line, once it is there. A terminal that closed counts as Ctrl-C: nobody is left."""
         ended = b"\n" not in self._typed and not self._read()
         if ended and b"\n" not in self._typed:
-            raise OperatorLeft(
-                "standard input has ended: the arm stands, the grip is kept",
-                "to let go, support the object and run `grasp release`",
-            )
+            print(">>> standard input has ended", file=sys.stderr, flush=True)
+            raise KeyboardInterrupt
         line, newline, rest = self._typed.partition(b"\n")
         if not newline:
             return None

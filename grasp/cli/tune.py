@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from drivers.errors import BadFile
 from grasp.cli import exits
 
 TUNING_OBJECTS = ("can", "box", "cardboard", "ball", "football", "foam")
@@ -130,15 +131,15 @@ def _tune_on_lifts(args: argparse.Namespace) -> tuple[float, float]:
 
 def _tune_on_recordings(args: argparse.Namespace) -> tuple[float, float]:
     from detector.energy import tune_threshold
-    from detector.recordings import BadRecording, read
+    from detector.recordings import read
     from scenarios.rigs.config import load_config
 
     config = load_config("can", "simulated", "energy", args.config, args.set)
     recordings = [read(path) for path in args.static]
     for recording in recordings:
         if recording.slip.any():
-            raise BadRecording(
-                recording.source, None, "holds samples labelled slip", "give recordings at rest"
+            raise BadFile(
+                recording.source, "holds samples labelled slip", "give recordings at rest"
             )
     threshold = tune_threshold(
         [r.counts for r in recordings], config.detector, config.rule, args.budget

@@ -43,7 +43,7 @@ def run(
 ) -> Progress:
     """Run the trials that the file lacks; those that errored before are run again.
 
-    Raises ConfigError before anything runs, CouldNotStore when a row cannot be written.
+    Raises ConfigError before anything runs, CouldNotRecord when a row cannot be written.
     KeyboardInterrupt passes through: every row that was reported is in the file.
     """
     places = combinations(spec)

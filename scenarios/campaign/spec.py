@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from drivers.errors import ConfigError
+from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
 from grasp.settings import load, read_toml
 from scenarios.rigs.config import RunConfig, load_config
@@ -115,7 +115,7 @@ def _check_detectors(configs: list[RunConfig]) -> None:
     for config in {config.detector_name: config for config in configs}.values():
         try:
             config.make_detector(FINGERS)
-        except (OSError, ValueError) as error:
+        except (OSError, GraspError) as error:
             raise ConfigError(
                 "campaign", f"detector {config.detector_name!r}", str(error),
                 "one that can be loaded; name it with detectors = [...]",

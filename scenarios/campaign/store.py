@@ -9,7 +9,7 @@ from typing import Any, Self, TextIO
 
 import msgspec
 
-from drivers.errors import ConfigError, GraspError
+from drivers.errors import BadFile, ConfigError, CouldNotRecord
 from scenarios.campaign.spec import CampaignSpec, Combination
 from scenarios.campaign.worker import Finished, Row
 
@@ -18,28 +18,16 @@ _TYPES = {int: "INTEGER", float: "REAL", bool: "INTEGER", str: "TEXT"}
 COLUMNS = Row.__struct_fields__
 
 
-class CouldNotStore(GraspError):
-    """A campaign cannot go on without its file: free the disk or the file, then resume."""
-
-    kind = "could_not_record"
-
-
-class BadCampaignFile(GraspError):
-    """The file is missing, no campaign, or was made by another version."""
-
-    kind = "bad_recording"
-
-
 @contextmanager
 def _stored(path: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.DatabaseError as error:
         if isinstance(error, sqlite3.OperationalError):
-            raise CouldNotStore(
+            raise CouldNotRecord(
                 f"{path}: {error}", "free the disk or the file, then go on with --resume"
             ) from None
-        raise BadCampaignFile(f"{path}: {error}", "name the file of a campaign") from None
+        raise BadFile(path, str(error), "name the file of a campaign") from None
 
 
 class CampaignStore:
@@ -58,7 +46,7 @@ class CampaignStore:
 
     @classmethod
     def create(cls, path: Path, spec: CampaignSpec, places: Sequence[Combination]) -> Self:
-        """A new file; raises ConfigError when there is one, CouldNotStore when it cannot be."""
+        """A new file; raises ConfigError when there is one, CouldNotRecord when it cannot be."""
         if path.exists():
             raise ConfigError(
                 str(path), "--out", "exists already", "a new file, or --resume to go on with it"
@@ -70,7 +58,7 @@ class CampaignStore:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise CouldNotStore(f"{path}: {error.strerror}", "choose another --out") from None
+            raise CouldNotRecord(f"{path}: {error.strerror}", "choose another --out") from None
         with _stored(path):
             store = cls(path)
             store._create(spec, places)
@@ -94,21 +82,19 @@ class CampaignStore:
 
     @classmethod
     def open(cls, path: Path) -> Self:
-        """A file that exists; raises BadCampaignFile when it is none of ours."""
+        """A file that exists; raises BadFile when it is none of ours."""
         if not path.is_file():
-            raise BadCampaignFile(f"{path}: no such file", "name the file of a campaign")
+            raise BadFile(path, "no such file", "name the file of a campaign")
         with _stored(path):
             store = cls(path)
             try:
                 if store._said("format") != FORMAT:
-                    raise BadCampaignFile(
-                        f"{path}: not of format {FORMAT!r}", "open it with the version that made it"
+                    raise BadFile(
+                        path, f"not of format {FORMAT!r}", "open it with the version that made it"
                     )
             except sqlite3.OperationalError:
                 store._db.close()
-                raise BadCampaignFile(
-                    f"{path}: not a campaign", "name the file of a campaign"
-                ) from None
+                raise BadFile(path, "not a campaign", "name the file of a campaign") from None
             return store
 
     @classmethod
@@ -160,7 +146,7 @@ class CampaignStore:
             folder.mkdir(exist_ok=True)
             (folder / name).write_bytes(finished.recording)
         except OSError as error:
-            raise CouldNotStore(
+            raise CouldNotRecord(
                 f"{folder}: {error.strerror}", "free the disk, then go on with --resume"
             ) from None
         return f"{folder.name}/{name}"

@@ -59,10 +59,6 @@ class Finished(msgspec.Struct, frozen=True):
     recording: bytes | None = None
 
 
-class NotReproducible(RuntimeError):
-    """The same settings and seed gave another verdict: a bug, never a finding."""
-
-
 def run_once(scenario: str, config: RunConfig, seed: int, runs: Path | None) -> AnyRun:
     """One judged trial of a scenario."""
     if scenario == tap.SCENARIO:
@@ -103,7 +99,7 @@ def _again(trial: Task, row: Row) -> Finished:
     """A failure, run once more with a recorder: cheaper than to record every success."""
     again = _recorded(trial)
     if (again.row.outcome, again.row.slip_distance_m) != (row.outcome, row.slip_distance_m):
-        raise NotReproducible(f"first {row.outcome}, then {again.row.outcome}")
+        raise RuntimeError(f"not reproducible: first {row.outcome}, then {again.row.outcome}")
     return again
 
 

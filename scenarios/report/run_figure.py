@@ -34,7 +34,7 @@ class Series(msgspec.Struct, frozen=True):
 
 
 def read_series(path: Path) -> Series:
-    """What the figure needs of a recording; raises BadRecordingFile when it is none."""
+    """What the figure needs of a recording; raises BadFile when it is none."""
     recording = RunRecording.open(find_recording(path), RUN_CHANNELS)
     control = list(recording.of(CONTROL))
     truth = [message for _, message in recording.of(TRUTH)]

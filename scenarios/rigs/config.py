@@ -78,7 +78,7 @@ class RunConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         return hashlib.sha256(msgspec.json.encode(self)).hexdigest()[:16]
 
     def make_detector(self, fingers: int) -> SlipDetector:
-        """The detector asked for; raises BadWeights for a network's damaged file."""
+        """The detector asked for; raises BadFile for a network's damaged file."""
         formulas: dict[str, DetectorSettings] = {
             "energy": self.detector, "psd": self.psd, "psd-fair": self.psd_fair,
         }  # fmt: skip

@@ -13,6 +13,8 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from drivers.errors import GraspError
+
 JITTER_S = 2.0
 PERIOD_NS = 10_000_000
 JITTER_WARN_MS = 5.0
@@ -81,9 +83,10 @@ def _guarded(name: str, look: Callable[[], Check]) -> Check:
     """The finding, or a failure made of whatever error came instead."""
     try:
         return look()
+    except GraspError as error:
+        return Check(name, "fail", error.message, error.remedy)
     except Exception as error:  # a doctor reports, whatever it meets
-        message = getattr(error, "message", None) or f"{type(error).__name__}: {error}"
-        return Check(name, "fail", message, getattr(error, "remedy", "see the message"))
+        return Check(name, "fail", f"{type(error).__name__}: {error}", "see the message")
 
 
 def _load(rig: str | None, file: Path | None, detector: str = "energy") -> Any:

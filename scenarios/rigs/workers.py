@@ -15,7 +15,7 @@ from typing import Generic, TypeVar, cast
 
 import msgspec
 
-from drivers.errors import GraspError, LinkLost
+from drivers.errors import GraspError, LinkLost, UsageError
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -23,12 +23,6 @@ AHEAD = 2  # tasks handed out for every worker: none waits for the parent's disk
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 PARENT_POLL_S = 0.5
 CONNECT_S = 10.0
-
-
-class NoCluster(GraspError):
-    """The extra `cluster` is not installed."""
-
-    kind = "usage"
 
 
 class Workers(msgspec.Struct, frozen=True):
@@ -62,7 +56,7 @@ def outcomes(
 ) -> Generator[Outcome[T, R], None, None]:
     """What became of every task; to close it, or Ctrl-C, ends all workers.
 
-    Raises NoCluster without the extra, LinkLost without a scheduler.
+    Raises UsageError without the extra, LinkLost without a scheduler.
     """
     if not tasks:
         return
@@ -162,7 +156,8 @@ def _cluster(work: Callable[[T], R], tasks: Sequence[T], address: str) -> Iterat
     try:
         from distributed import Client
     except ImportError:
-        raise NoCluster("--cluster needs Dask", "pip install 'grasp-controller[cluster]'") from None
+        remedy = "pip install 'grasp-controller[cluster]'"
+        raise UsageError("--cluster needs Dask", remedy) from None
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -9,7 +9,7 @@ from typing import Protocol, TypeVar
 import msgspec
 
 from detector.decision import make_rule
-from drivers.errors import ConfigError
+from drivers.errors import ConfigError, CouldNotRecord
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp.clock import WallClock
 from grasp.controller import GraspController, GripPlan
@@ -21,7 +21,7 @@ from grasp.step import GraspStep
 from scenarios.rigs.config import RunConfig
 from scenarios.rigs.rig import Rig, Stalls, calibration
 from scenarios.trial.result import Failure, FinishedRun, LiftResult, TapResult
-from scenarios.trial.run_folder import CouldNotRecord, RunFolder
+from scenarios.trial.run_folder import RunFolder
 from scenarios.world.cell import Truth
 
 FAULT = "fault"  # the outcome of every scenario that ended in a safe state

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from drivers.errors import ConfigError
+from drivers.errors import BadFile, ConfigError
 from drivers.interfaces import ArmState, GripperState, TactileFrame
 from grasp.commands import describe
 from grasp.messages import (
@@ -20,7 +20,7 @@ from grasp.messages import (
     recorded_frame,
     recorded_input,
 )
-from grasp.recording import BadRecordingFile, RunRecording
+from grasp.recording import RunRecording
 from grasp.settings import Layer, load
 from grasp.step import StepResult
 from scenarios.rigs.config import RunConfig
@@ -53,13 +53,13 @@ def find_recording(path: Path) -> Path:
 
 
 def replay_run(path: Path) -> Replay:
-    """Replay a run; raises BadRecordingFile when it is none, or was made with other settings."""
+    """Replay a run; raises BadFile when it is none, or was made with other settings."""
     recording = RunRecording.open(find_recording(path), RUN_CHANNELS)
     stepper = _Stepper(_config(recording))
     for topic, t_ns, message in recording:
         stepper.take(topic, t_ns, message)
     if stepper.steps == 0:
-        raise BadRecordingFile(f"{recording.path}: holds no control step", "record the run again")
+        raise BadFile(recording.path, "holds no control step", "record the run again")
     return Replay(str(path), stepper.steps, recording.complete, stepper.events, stepper.differences)
 
 
@@ -68,8 +68,9 @@ def _config(recording: RunRecording) -> RunConfig:
         table = msgspec.json.decode(recording.metadata["config"], type=dict[str, Any])
         return load(RunConfig, [Layer("metadata", table)])
     except (KeyError, msgspec.MsgspecError, ConfigError) as error:
-        raise BadRecordingFile(
-            f"{recording.path}: its settings do not fit this version: {error}",
+        raise BadFile(
+            recording.path,
+            f"its settings do not fit this version: {error}",
             f"replay with grasp {recording.metadata.get('version.grasp', 'of its time')}",
         ) from error
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from drivers.errors import GraspError
+from drivers.errors import CouldNotRecord
 from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.messages import CHANNELS, PHASES, TRUTH, write_tick
@@ -18,12 +18,6 @@ from scenarios.world.cell import Truth
 RECORDING = "recording.mcap"
 RESULT = "result.json"
 RUN_CHANNELS: dict[str, type[msgspec.Struct]] = {**CHANNELS, TRUTH: Truth}
-
-
-class CouldNotRecord(GraspError):
-    """The run went on, but what it did could not be written: free the disk, run again."""
-
-    kind = "could_not_record"
 
 
 class RunFolder:

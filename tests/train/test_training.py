@@ -15,10 +15,11 @@ from detector.recordings import write  # noqa: E402
 from detector.scores.evaluation import evaluate_streams, stream, stream_recordings  # noqa: E402
 from detector.training.augment import SYMMETRIES, augment  # noqa: E402
 from detector.training.export import export  # noqa: E402
-from detector.training.fit import BadCheckpoint, Training, TrainingProgress  # noqa: E402
+from detector.training.fit import Training, TrainingProgress  # noqa: E402
 from detector.training.sequences import Windows, crops, digest, fingers_of  # noqa: E402
 from detector.training.settings import DEFAULTS, TrainSettings  # noqa: E402
 from detector.training.validation import calibration, likelihood, odds_of  # noqa: E402
+from drivers.errors import BadFile  # noqa: E402
 from grasp.cli import main  # noqa: E402
 from tests.unit.detector.toys import toys  # noqa: E402
 
@@ -85,12 +86,12 @@ def test_another_seed_gives_another_network() -> None:
 def test_a_checkpoint_that_is_foreign_or_damaged_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "c"
     training().save(path)
-    with pytest.raises(BadCheckpoint, match="other settings"):
+    with pytest.raises(BadFile, match="other settings"):
         training(seed=3).resume(path)
     path.write_bytes(path.read_bytes()[:100])
-    with pytest.raises(BadCheckpoint, match="cannot be read"):
+    with pytest.raises(BadFile, match="cannot be read"):
         training().resume(path)
-    with pytest.raises(BadCheckpoint, match="no such file"):
+    with pytest.raises(BadFile, match="no such file"):
         training().resume(tmp_path / "none")
 
 
@@ -100,7 +101,7 @@ def test_a_checkpoint_that_would_run_code_is_refused(tmp_path: Path) -> None:
             return (Path.touch, (tmp_path / "ran",))
 
     torch.save({"identity": Evil()}, tmp_path / "c")
-    with pytest.raises(BadCheckpoint):
+    with pytest.raises(BadFile):
         training().resume(tmp_path / "c")
     assert not (tmp_path / "ran").exists()
 

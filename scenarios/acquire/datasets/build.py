@@ -17,7 +17,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from detector.recordings import PERIOD_S, SUFFIX, Metadata, Recording, Split, write
-from drivers.errors import ConfigError, GraspError
+from drivers.errors import ConfigError, UsageError
 from grasp.settings import load, read_toml
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.datasets.confusers import FixedCause, GraspedCause, make_confuser
@@ -87,12 +87,6 @@ class Job(msgspec.Struct, frozen=True):
     @property
     def samples(self) -> int:
         return self.static + self.slip
-
-
-class CouldNotBuild(GraspError):
-    """The folder holds something else."""
-
-    kind = "usage"
 
 
 Progress = Callable[[int, int], None]
@@ -265,7 +259,7 @@ class _Index(msgspec.Struct, frozen=True):
 def build(jobs: Sequence[Job], origin: Any, out: Path, workers: Workers, progress: Progress) -> int:
     """Make every recording that ``out`` lacks; gives how many those were.
 
-    Raises CouldNotBuild when the folder holds another data set, OSError when it cannot be written.
+    Raises UsageError when the folder holds another data set, OSError when it cannot be written.
     """
     _claim(out, jobs, origin)
     missing = [job for job in jobs if not (out / job.path).exists()]
@@ -290,14 +284,14 @@ def _claim(out: Path, jobs: Sequence[Job], origin: Any) -> None:
         except msgspec.DecodeError:
             found = None
         if found is None or found.digest != digest:
-            raise CouldNotBuild(
+            raise UsageError(
                 f"{out} holds a data set of other settings or of another version of the program",
                 "give another folder with --out, or remove this one",
             )
         return
     out.mkdir(parents=True, exist_ok=True)
     if any(out.iterdir()):
-        raise CouldNotBuild(f"{out} is not empty", "give a new folder with --out")
+        raise UsageError(f"{out} is not empty", "give a new folder with --out")
     index = _Index(digest, versions()["commit"], len(jobs), msgspec.to_builtins(origin))
     partial = out / f".{INDEX}"
     partial.write_bytes(msgspec.json.format(msgspec.json.encode(index), indent=1) + b"\n")

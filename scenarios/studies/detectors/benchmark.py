@@ -40,7 +40,7 @@ class Contender(msgspec.Struct, frozen=True, eq=False):
 
 
 def read_split(folders: Sequence[Path], split: Split | Literal["all"]) -> list[Recording]:
-    """Recordings of one split of several data sets; raises BadRecording for an empty one."""
+    """Recordings of one split of several data sets; raises BadFile for an empty one."""
     wanted = None if split == "all" else split
     return [r for folder in folders for r in read_dataset(folder, wanted)]
 

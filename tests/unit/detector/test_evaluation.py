@@ -36,6 +36,7 @@ from detector.scores.metrics import (
     confusion,
     edge_distance_ms,
 )
+from drivers.errors import BadFile
 
 JSON_FIELDS = {
     "detector", "data", "n_samples", "accuracy", "weighted_f1", "slip_f1", "balanced_accuracy",
@@ -371,7 +372,7 @@ def test_the_other_label_is_scored_on_demand_and_missed_where_it_is_not_there() 
         for p in [slip_true.astype(float)[:, None]]
     ]
     assert [e.accuracy for e in results] == [pytest.approx(180 / 200), 1.0]
-    with pytest.raises(ValueError, match="by hand has no slip_true"):
+    with pytest.raises(BadFile, match="by hand: has no slip_true"):
         Streamed(recording(slip), np.zeros((300, 1)), np.empty(0), "slip_true").labels  # noqa: B018
 
 

@@ -9,8 +9,9 @@ from onnx import TensorProto, helper
 
 from detector.interface import load_detector
 from detector.network import StreamingNetwork, WindowedNetwork, run_network
-from detector.network_file import CARD_KEY, BadWeights, read_network
+from detector.network_file import CARD_KEY, read_network
 from detector.scores.evaluation import stream
+from drivers.errors import BadFile
 from tests.unit.detector.networks import walk, write_network
 
 
@@ -122,14 +123,14 @@ def change(model: onnx.ModelProto, how: str) -> None:
 )  # fmt: skip
 def test_a_damaged_or_foreign_file_is_refused_with_its_name(tmp_path: Path, how: str) -> None:
     path = damaged(write_network(tmp_path, "tcn", "stream"), how)
-    with pytest.raises(BadWeights) as caught:
+    with pytest.raises(BadFile) as caught:
         read_network(path)
     assert str(path) in caught.value.message
     assert "grasp detector train" in caught.value.remedy
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadWeights, match="No such file"):
+    with pytest.raises(BadFile, match="No such file"):
         read_network(tmp_path / "none.onnx")
 
 
@@ -140,6 +141,6 @@ def test_someone_else_s_network_is_refused(tmp_path: Path) -> None:
     model.ir_version = 8
     path = tmp_path / "other.onnx"
     path.write_bytes(model.SerializeToString())
-    with pytest.raises(BadWeights, match="without this project's card"):
+    with pytest.raises(BadFile, match="without this project's card"):
         read_network(path)
     assert CARD_KEY == "grasp"

@@ -7,7 +7,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from detector.recordings import BadRecording, Metadata, Recording, read, read_dataset, write
+from detector.recordings import Metadata, Recording, read, read_dataset, write
+from drivers.errors import BadFile
 
 METADATA = Metadata(
     set="slide", split="train", surface="sphere", motion="oblique", speed_mps=0.075,
@@ -33,8 +34,8 @@ def recording(samples: int = 5, fingers: int = 1, **changes: Any) -> Recording:
     return msgspec.structs.replace(made, **changes)
 
 
-def refused(path: Path) -> BadRecording:
-    with pytest.raises(BadRecording) as caught:
+def refused(path: Path) -> BadFile:
+    with pytest.raises(BadFile) as caught:
         read(path)
     assert caught.value.file == str(path)
     assert caught.value.remedy
@@ -101,13 +102,13 @@ def test_a_data_set_is_read_sorted_whole_or_by_split(tmp_path: Path) -> None:
     names = [Path(r.source).relative_to(tmp_path).as_posix() for r in read_dataset(tmp_path)]
     assert names == ["a/1.npz", "b/2.npz", "c.npz"]
     assert len(read_dataset(tmp_path, "train")) == 2
-    with pytest.raises(BadRecording, match="no validation recordings"):
+    with pytest.raises(BadFile, match="no validation recordings"):
         read_dataset(tmp_path, "validation")
 
 
 def test_a_recording_without_metadata_belongs_to_no_split(tmp_path: Path) -> None:
     write(tmp_path / "a.npz", recording(metadata=None))
-    with pytest.raises(BadRecording, match="belongs to no split"):
+    with pytest.raises(BadFile, match="belongs to no split"):
         read_dataset(tmp_path, "train")
 
 
@@ -185,9 +186,9 @@ def test_wrong_arrays_are_refused(good: Path, changes: dict[str, Any], problem: 
 
 
 def test_what_could_not_be_read_back_is_not_written(tmp_path: Path) -> None:
-    with pytest.raises(BadRecording, match="slip is"):
+    with pytest.raises(BadFile, match="slip is"):
         write(tmp_path / "a.npz", recording(slip=np.zeros(4, np.bool_)))
-    with pytest.raises(BadRecording, match="suffix"):
+    with pytest.raises(BadFile, match="suffix"):
         write(tmp_path / "a.csv", recording())
     assert not list(tmp_path.iterdir())
 

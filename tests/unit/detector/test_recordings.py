@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from detector.recordings import BadRecording, Recording, read_csv
+from detector.recordings import Recording, read_csv
+from drivers.errors import BadFile
 
 HEADER = "t_s,p0,p1,p2,p3,p4,p5,slip"
 GOOD = (HEADER, "0.00,-6,52,-158,-125,-24,-1,0", "0.01,-5,52,-158,-125,-24,-1,1")
@@ -22,9 +23,9 @@ def row(t_s: float, first: object = 0, slip: object = 0) -> str:
     return f"{t_s},{first},0,0,0,0,0,{slip}"
 
 
-def refused(folder: Path, *lines: str) -> BadRecording:
+def refused(folder: Path, *lines: str) -> BadFile:
     path = write(folder, *lines)
-    with pytest.raises(BadRecording) as caught:
+    with pytest.raises(BadFile) as caught:
         read_csv(path)
     assert caught.value.file == str(path)
     assert caught.value.remedy
@@ -82,7 +83,7 @@ def test_a_gap_beyond_which_a_sensor_is_stale_is_refused(tmp_path: Path) -> None
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadRecording, match="no such file") as caught:
+    with pytest.raises(BadFile, match="no such file") as caught:
         read_csv(tmp_path / "none.csv")
     assert caught.value.line is None
 
@@ -91,14 +92,14 @@ def test_what_is_no_text_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "tip.csv"
     path.write_bytes(b"\xff\xfe\x00\x01")
     for bad in (path, tmp_path):
-        with pytest.raises(BadRecording, match="cannot be read"):
+        with pytest.raises(BadFile, match="cannot be read"):
             read_csv(bad)
 
 
 def test_an_empty_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "tip.csv"
     path.touch()
-    with pytest.raises(BadRecording, match="empty"):
+    with pytest.raises(BadFile, match="empty"):
         read_csv(path)
 
 
@@ -140,12 +141,13 @@ def test_times_that_do_not_increase_are_refused(tmp_path: Path, second: float) -
 
 @pytest.mark.parametrize("lines", [(), (row(0.0),)])
 def test_fewer_than_two_samples_are_refused(tmp_path: Path, lines: tuple[str, ...]) -> None:
-    assert "at least 2" in str(refused(tmp_path, HEADER, *lines))
+    assert "at least 2" in refused(tmp_path, HEADER, *lines).remedy
 
 
 def test_the_error_says_everything_in_one_line_and_survives_another_process() -> None:
-    error = BadRecording("tip.csv", 7, "p0 is 'x'", "it must be a finite number")
-    assert str(error) == "tip.csv, line 7: p0 is 'x'; it must be a finite number"
+    error = BadFile("tip.csv", "p0 is 'x'", "it must be a finite number", 7)
+    assert str(error) == "tip.csv, line 7: p0 is 'x'"
+    assert error.remedy == "it must be a finite number"
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
 
 

@@ -4,13 +4,26 @@ import pickle
 
 import pytest
 
-from drivers.errors import ConfigError, DeviceFault, GraspError, LinkLost, Refused, Stale
+from drivers.errors import (
+    BadFile,
+    ConfigError,
+    CouldNotRecord,
+    DeviceFault,
+    GraspError,
+    LinkLost,
+    Refused,
+    Stale,
+    UsageError,
+)
+
+PLAIN = (LinkLost, DeviceFault, Refused, Stale, UsageError, CouldNotRecord)
 
 
 @pytest.mark.parametrize(
     "error",
     [
-        *(kind("what happened", "what to do") for kind in (LinkLost, DeviceFault, Refused, Stale)),
+        *(kind("what happened", "what to do") for kind in PLAIN),
+        BadFile("file.csv", "has no column p5", "another file", 1),
         ConfigError("file.toml", "section.key", "too high", "0 to 1"),
     ],
 )

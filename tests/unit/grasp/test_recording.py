@@ -17,15 +17,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import GraspError
+from drivers.errors import BadFile
 from drivers.interfaces import ArmState, GripperState
-from grasp.recording import (
-    BadRecordingFile,
-    RunRecorder,
-    RunRecording,
-    read_messages,
-    viewer_schema,
-)
+from grasp.recording import RunRecorder, RunRecording, read_messages, viewer_schema
 from grasp.settings import RENAMED
 
 ROOT = Path(__file__).parents[3]
@@ -282,7 +276,7 @@ def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[len(data) // 3] ^= 0xFF
     path.write_bytes(data)
-    with pytest.raises(BadRecordingFile, match="damaged"):
+    with pytest.raises(BadFile, match="damaged"):
         RunRecording.open(path, CHANNELS)
 
 
@@ -293,22 +287,20 @@ def test_what_is_no_recording_is_refused_with_a_remedy(
     path = tmp_path / "run.mcap"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(BadRecordingFile, match=r"run\.mcap") as caught:
+    with pytest.raises(BadFile, match=r"run\.mcap") as caught:
         RunRecording.open(path, CHANNELS)
-    assert isinstance(caught.value, ValueError)
-    assert isinstance(caught.value, GraspError)
     assert ".mcap" in caught.value.remedy
 
 
 def test_a_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadRecordingFile):
+    with pytest.raises(BadFile):
         read_messages(tmp_path)
 
 
 def test_a_message_of_another_version_is_refused_by_topic(tmp_path: Path) -> None:
     record(tmp_path / "run.mcap", 1)
     recording = RunRecording.open(tmp_path / "run.mcap", {"/event": Finger})
-    with pytest.raises(BadRecordingFile, match="/event"):
+    with pytest.raises(BadFile, match="/event"):
         list(recording)
 
 
@@ -318,7 +310,7 @@ def test_a_message_with_an_old_name_is_refused_with_the_new_one(
     monkeypatch.setitem(RENAMED, "/event.text", "/event.side")
     record(tmp_path / "run.mcap", 1)
     recording = RunRecording.open(tmp_path / "run.mcap", {"/event": Finger})
-    with pytest.raises(BadRecordingFile, match="text is called side now"):
+    with pytest.raises(BadFile, match="text is called side now"):
         list(recording)
 
 

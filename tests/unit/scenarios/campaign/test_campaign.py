@@ -10,11 +10,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from drivers.errors import ConfigError
+from drivers.errors import BadFile, ConfigError
 from grasp.cli import main
 from scenarios.campaign.run import Progress, Work, run
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, read_spec, trials
-from scenarios.campaign.store import BadCampaignFile, CampaignStore
+from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.worker import MACHINE_COLUMNS, Finished, Row, error_row, run_trial
 from scenarios.rigs.workers import Workers
 
@@ -242,7 +242,7 @@ def test_a_foreign_file_is_not_resumed_into(tmp_path: Path) -> None:
         db.execute("CREATE TABLE precious (x)")
     db.close()
     before = out.read_bytes()
-    with pytest.raises(BadCampaignFile, match="not a campaign"):
+    with pytest.raises(BadFile, match="not a campaign"):
         run_with(TWO_OBJECTS, out, judged_at_once, resume=True)
     assert out.read_bytes() == before
 
@@ -272,7 +272,7 @@ def test_a_file_that_is_no_campaign_is_named(content: bytes | None, tmp_path: Pa
     path = tmp_path / "a.sqlite"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(BadCampaignFile, match=r"a\.sqlite"):
+    with pytest.raises(BadFile, match=r"a\.sqlite"):
         CampaignStore.open(path)
 
 

@@ -5,8 +5,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from detector.network_file import BadWeights
-from drivers.errors import ConfigError
+from drivers.errors import BadFile, ConfigError
 from grasp.settings import named_layer, names
 from scenarios.campaign.spec import CampaignSpec, combinations
 from scenarios.lift import lift
@@ -64,7 +63,7 @@ def test_a_detector_without_its_weights_is_refused_before_anything_runs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def missing(*_: Any) -> None:
-        raise BadWeights("detector/weights/tcn-paper.onnx", "no such file")
+        raise BadFile("detector/weights/tcn-paper.onnx", "no such file", "another one")
 
     monkeypatch.setattr(RunConfig, "make_detector", missing)
     spec = CampaignSpec(name="x", objects=("can",), detectors=("energy",))

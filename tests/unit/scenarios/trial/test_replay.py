@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from detector.recordings import Recording
+from drivers.errors import BadFile
 from grasp.commands import CloseFast
 from grasp.messages import CONTROL
-from grasp.recording import BadRecordingFile, RunRecorder, RunRecording
+from grasp.recording import RunRecorder, RunRecording
 from scenarios.lift import lift
 from scenarios.report.run_figure import read_series
 from scenarios.trial.replay import replay_run
@@ -96,7 +97,7 @@ def copy_with_settings(source: Path, out: Path, config: str) -> Path:
 
 def test_recording_made_with_unknown_settings_is_refused(recorded: Path, tmp_path: Path) -> None:
     out = copy_with_settings(recorded, tmp_path / "x.mcap", '{"rig": "simulated", "novel": 1}')
-    with pytest.raises(BadRecordingFile, match="do not fit this version"):
+    with pytest.raises(BadFile, match="do not fit this version"):
         replay_run(out)
 
 
@@ -107,7 +108,7 @@ def test_recording_with_the_old_name_of_a_setting_is_refused_with_the_new_one(
     old = settings.replace('"impulse_n_s"', '"impulse_ns"')
     assert old != settings
     out = copy_with_settings(recorded, tmp_path / "x.mcap", old)
-    with pytest.raises(BadRecordingFile, match=r"tap\.impulse_ns: is called tap.impulse_n_s now"):
+    with pytest.raises(BadFile, match=r"tap\.impulse_ns: is called tap.impulse_n_s now"):
         replay_run(out)
 
 

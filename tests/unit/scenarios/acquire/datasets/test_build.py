@@ -14,20 +14,12 @@ import numpy as np
 import pytest
 
 from detector.recordings import read, read_dataset
-from drivers.errors import ConfigError
+from drivers.errors import ConfigError, UsageError
 from grasp.cli import main
 from grasp.settings import config_dir
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.datasets import build as datasets
-from scenarios.acquire.datasets.build import (
-    CouldNotBuild,
-    DatasetConfig,
-    Job,
-    apportion,
-    build,
-    plan,
-    window,
-)
+from scenarios.acquire.datasets.build import DatasetConfig, Job, apportion, build, plan, window
 from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.datasets.report import (
     PAPER_SLIP,
@@ -171,11 +163,11 @@ def test_a_second_build_makes_only_what_is_missing_and_makes_it_equal(
 
 def test_a_folder_of_something_else_is_refused(tmp_path: Path, few: list[Job]) -> None:
     build(few[:1], {}, tmp_path / "set", HERE, quiet)
-    with pytest.raises(CouldNotBuild, match="other settings"):
+    with pytest.raises(UsageError, match="other settings"):
         build(few, {}, tmp_path / "set", HERE, quiet)
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.txt").touch()
-    with pytest.raises(CouldNotBuild, match="not empty"):
+    with pytest.raises(UsageError, match="not empty"):
         build(few, {}, tmp_path / "other", HERE, quiet)
 
 
