@@ -9,6 +9,7 @@ import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
+from types import NoneType
 from typing import Any, TypeVar, get_args, get_type_hints
 
 import msgspec
@@ -151,9 +152,11 @@ def _source(sources: dict[str, str], key: str) -> str:
 
 
 def _type_at(cls: type, key: str) -> type:
-    """The struct class that the dotted key leads to."""
+    """The struct class that the dotted key leads to, where it may be left out too."""
     for part in filter(None, key.split(".")):
-        cls = get_type_hints(cls).get(part, cls)
+        hint = get_type_hints(cls).get(part, cls)
+        structs = (arg for arg in get_args(hint) if isinstance(arg, type) and arg is not NoneType)
+        cls = next(structs, hint)
     return cls
 
 

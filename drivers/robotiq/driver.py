@@ -19,6 +19,7 @@ from drivers.interfaces import (
     FingerState,
     GripperState,
 )
+from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.encoding import (
     applied,
     checked_counts,
@@ -39,7 +40,6 @@ from drivers.robotiq.protocol import (
     FULL_BYTE,
     AxisCommand,
     CommandRegisters,
-    GripperCalibration,
     Severity,
     StatusRegisters,
 )

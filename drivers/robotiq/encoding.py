@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 from drivers.errors import Refused
 from drivers.interfaces import FINGERS, Applied, Counts3, Detection, FingerState
+from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.protocol import (
     FULL_BYTE,
     AxisCommand,
     AxisStatus,
     CommandRegisters,
-    GripperCalibration,
     StatusRegisters,
 )
 

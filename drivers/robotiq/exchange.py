@@ -33,8 +33,8 @@ class DriverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
     calibration: Annotated[
         str,
-        _Meta(description="what a byte is worth in newtons: `paper` (10-60 N), `manual` (15-60 N)"),
-    ] = "paper"
+        _Meta(description="what a byte is worth: a name in config/calibrations, or a .toml file"),
+    ] = ""
     link: Annotated[
         Literal["tcp", "rtu"],
         _Meta(description="register addresses of this link; manual p. 59, 75"),

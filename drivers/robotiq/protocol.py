@@ -1,4 +1,4 @@
-"""Registers of the Robotiq 3-Finger gripper: bytes, units, fault texts. No I/O, no time.
+"""Registers of the Robotiq 3-Finger gripper: bytes and fault texts. No I/O, no time.
 
 Source: Robotiq 3-Finger instruction manual, 2008-2014 edition (register map p. 39-57, worked
 frames p. 67-74, register order p. 89) and 2008-2018 edition. Eight 16-bit registers go each way;
@@ -9,16 +9,11 @@ The one place where decoding fails is a wrong shape: ``from_bytes`` and ``from_r
 """
 
 import struct
-from bisect import bisect_right
 from collections.abc import Sequence
 from enum import Enum
-from functools import cache
-from math import isfinite
-from typing import Annotated, Final, Self
+from typing import Final, Self
 
 import msgspec
-
-from drivers.errors import Refused
 
 REGISTERS: Final = 8
 BYTES: Final = 2 * REGISTERS
@@ -265,87 +260,3 @@ def _fault(code: int) -> FaultCode:
 
 
 FAULTS: Final = tuple(_fault(code) for code in range(16))
-
-
-class GripperCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a byte is worth in newtons and metres. Newtons exist through this alone.
-
-    The hand has no force sensor: force is set through motor current (manual p. 47), so the map
-    from byte to newtons is a calibration and has a name.
-    """
-
-    name: str
-    least_force_n: Annotated[
-        float, msgspec.Meta(ge=1, le=30, description="static force of byte 0, N")
-    ]
-    most_force_n: Annotated[
-        float, msgspec.Meta(ge=15, le=80, description="static force of byte 255, N; manual p. 47")
-    ] = 60.0
-    force_exponent: Annotated[
-        float,
-        msgspec.Meta(ge=0.3, le=3, description="curve of byte to force, 1 = linear; assumed"),
-    ] = 1.0
-    least_speed_mps: Annotated[
-        float, msgspec.Meta(ge=0.001, le=0.1, description="speed of byte 0, m/s; manual 22 mm/s")
-    ] = 0.022
-    speed_step_mps: Annotated[
-        float,
-        msgspec.Meta(ge=1e-5, le=1e-3, description="speed of a count, m/s; 88 mm/s over 255"),
-    ] = 0.000345
-    m_per_count: Annotated[
-        float,
-        msgspec.Meta(
-            ge=0.0003, le=0.0012, description="fingertip travel of a count, m; Franchi TR711"
-        ),
-    ] = 0.00077
-    m_per_count_uncertainty: Annotated[
-        float,
-        msgspec.Meta(
-            ge=0, le=0.001, description="m; published figures spread from 0.47 to 0.77 mm"
-        ),
-    ] = 0.0003
-
-    def __post_init__(self) -> None:
-        if self.most_force_n <= self.least_force_n:
-            raise ValueError("most_force_n must exceed least_force_n")
-
-    def force_n(self, byte: int) -> float:
-        """Calibrated static force of a force byte, N."""
-        return _forces(self)[byte]
-
-    def byte_at_most(self, force_n: float) -> int:
-        """Largest force byte whose calibrated force does not exceed ``force_n``."""
-        if not isfinite(force_n) or force_n < self.least_force_n:
-            raise Refused(
-                f"the '{self.name}' calibration cannot stay below {force_n:g} N: "
-                f"its least force is {self.least_force_n:g} N",
-                "raise the force limit, or choose another gripper calibration",
-            )
-        return bisect_right(_forces(self), force_n) - 1
-
-    def speed_mps(self, byte: int) -> float:
-        """Fingertip speed of a speed byte, m/s."""
-        return self.least_speed_mps + self.speed_step_mps * byte
-
-    def speed_byte_at_most(self, speed_mps: float) -> int:
-        """Largest speed byte not faster than ``speed_mps``; byte 0 where even that is faster."""
-        if not isfinite(speed_mps) or speed_mps <= 0:
-            raise Refused(f"speed {speed_mps} m/s is not a speed", "ask for more than 0 m/s")
-        # The tolerance keeps a speed that came from a byte at that byte.
-        steps = (speed_mps - self.least_speed_mps) / self.speed_step_mps + 1e-6
-        return max(0, min(FULL_BYTE, int(steps)))
-
-
-@cache
-def _forces(calibration: GripperCalibration) -> tuple[float, ...]:
-    least, most = calibration.least_force_n, calibration.most_force_n
-    exponent = calibration.force_exponent
-    return tuple(least + (most - least) * (byte / FULL_BYTE) ** exponent for byte in range(256))
-
-
-# "paper": Grover et al. 2022 call 10 N the least force that can be programmed.
-# "manual": p. 47, 15 to 60 N. The two disagree, so a lab has to choose.
-CALIBRATIONS: Final = {
-    "paper": GripperCalibration(name="paper", least_force_n=10.0),
-    "manual": GripperCalibration(name="manual", least_force_n=15.0),
-}

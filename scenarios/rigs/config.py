@@ -12,6 +12,7 @@ from detector.energy import EnergySettings
 from detector.interface import DetectorSettings, SlipDetector, load_detector
 from detector.network import NetworkSettings
 from detector.psd import PsdFairSettings, PsdSettings
+from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import DriverSettings as GripperSettings
 from drivers.robotiq.link.modbus import ModbusSettings
 from drivers.robotiq.model.gripper import HandSettings
@@ -27,6 +28,7 @@ from grasp.realtime import RealTimeSettings
 from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
 from grasp.slip import SlipSettings
 from scenarios.lift.scoring import ScoringSettings
+from scenarios.rigs.calibration import calibration_layers
 from scenarios.rigs.variation import VariationSettings
 from scenarios.tap.settings import TapScoringSettings, TapSettings
 from scenarios.world.contact_settings import ContactSettings
@@ -58,6 +60,7 @@ class RunConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     loop: LoopSettings = LoopSettings()
     realtime: RealTimeSettings = RealTimeSettings()
     gripper: GripperSettings = GripperSettings()
+    calibration: GripperCalibration | None = None  # from the file that gripper.calibration names
     arm: ArmSettings = ArmSettings()
     tactile: TakkTileSettings = TakkTileSettings()
     modbus: ModbusSettings = ModbusSettings()
@@ -112,4 +115,4 @@ def load_config(
     if chosen is not None:
         layers.append(read_toml(chosen))
     layers.append(assignment_layer(assignments))
-    return load(RunConfig, layers)
+    return load(RunConfig, [*calibration_layers(layers), *layers])

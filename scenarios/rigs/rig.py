@@ -5,9 +5,10 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from drivers.errors import ConfigError, DeviceFault
-from drivers.robotiq.protocol import CALIBRATIONS, GripperCalibration
+from drivers.robotiq.calibration import GripperCalibration
 from grasp.clock import Clock
 from grasp.loop import Devices
+from scenarios.rigs.calibration import choices
 from scenarios.rigs.config import RunConfig
 from scenarios.world.cell import Blow, SimulatedCell, Truth
 
@@ -41,14 +42,10 @@ class Rig(msgspec.Struct, frozen=True):
 
 
 def calibration(config: RunConfig) -> GripperCalibration:
-    """The gripper calibration that the configuration names."""
-    found = CALIBRATIONS.get(config.gripper.calibration)
-    if found is None:
-        known = ", ".join(CALIBRATIONS)
-        name = config.gripper.calibration
-        problem = f"unknown: {name}" if name else "must be chosen by hand on this rig"
-        raise ConfigError("gripper", "calibration", problem, known)
-    return found
+    """What a byte is worth on this rig's hand; raises ConfigError where nobody has chosen."""
+    if config.calibration is None:
+        raise ConfigError("gripper", "calibration", "must be chosen by hand on this rig", choices())
+    return config.calibration
 
 
 def connect(devices: Devices, clock: Clock) -> None:

@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 
+from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.link.modbus import ModbusTransport
 from drivers.robotiq.link.thread import ThreadedGripper
 from drivers.robotiq.link.timing import TimedTransport
-from drivers.robotiq.protocol import GripperCalibration
 from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.link.thread import ReadingThread

@@ -14,8 +14,8 @@ from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
 from drivers.robotiq.link.thread import ThreadedGripper
 from drivers.robotiq.link.timing import TimedTransport
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
-from drivers.robotiq.protocol import CALIBRATIONS
 from grasp.realtime import RealTimeSettings, real_time
+from tests.calibrations import PAPER
 
 WRITES = 6000  # a minute
 FRAME_S = 0.01
@@ -58,7 +58,7 @@ def through_the_driver(
     transport = ModbusTransport(ModbusSettings(host=address[0], port=address[1], timeout_s=1.0))
     timed = TimedTransport(transport, time.monotonic_ns)
     settings = DriverSettings(write_interval_s=interval_s)
-    core = RobotiqDriver(timed, settings, CALIBRATIONS["paper"])
+    core = RobotiqDriver(timed, settings, PAPER)
     made = ThreadedGripper(
         core, period_s, timed=timed, write_interval_s=interval_s, close=transport.close
     )

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from drivers.errors import LinkLost
+from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings, ModelTransport
-from drivers.robotiq.protocol import CALIBRATIONS, CommandRegisters, GripperCalibration
+from drivers.robotiq.protocol import CommandRegisters
+from tests.calibrations import MANUAL, PAPER
 
 MS = 1_000_000
 
@@ -124,7 +126,7 @@ def rig():
     ) -> Rig:
         return Rig(
             hand or HandSettings(),
-            CALIBRATIONS[calibration],
+            {"paper": PAPER, "manual": MANUAL}[calibration],
             active=active,
             settings=settings,
             springs=springs,

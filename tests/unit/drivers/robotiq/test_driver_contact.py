@@ -6,9 +6,9 @@ from drivers.interfaces import Detection
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import HandSettings
 from drivers.robotiq.protocol import (
-    CALIBRATIONS,
     StatusRegisters,
 )
+from tests.calibrations import PAPER
 from tests.unit.drivers.robotiq.gripping import ALL, FAST, MS, RIGID, THUMB, gripped
 
 # Freshness
@@ -130,7 +130,7 @@ def test_a_close_right_after_open_does_not_trust_the_stale_contact(rig, springs)
 
 def test_a_grip_taken_over_has_unknown_force_and_counts_as_latched(rig, springs) -> None:
     made = gripped(rig, springs)
-    other = RobotiqDriver(made.transport, DriverSettings(), CALIBRATIONS["paper"])
+    other = RobotiqDriver(made.transport, DriverSettings(), PAPER)
     other.pump(made.now_ns)
     assert not other.close_fast(20.0, ALL, (255, 255, 255), FAST).effective
 

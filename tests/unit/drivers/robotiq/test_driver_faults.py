@@ -11,9 +11,9 @@ from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import GripperModel, ModelTransport
 from drivers.robotiq.protocol import (
-    CALIBRATIONS,
     CommandRegisters,
 )
+from tests.calibrations import PAPER
 from tests.unit.drivers.robotiq.gripping import ALL, FAST, MS, QUICK
 
 # Faults, link, garbage
@@ -168,7 +168,7 @@ def apply_verb(driver: RobotiqDriver, verb: tuple) -> float:
 @settings(deadline=None, max_examples=40)
 @given(st.lists(st.tuples(VERBS, st.integers(0, 12)), max_size=15))
 def test_no_sequence_of_verbs_ever_writes_a_force_above_the_cap(script) -> None:
-    paper = CALIBRATIONS["paper"]
+    paper = PAPER
     hand = GripperModel(QUICK, 0, active=True)
     transport = ModelTransport(hand)
     down = False
@@ -213,7 +213,7 @@ def test_the_force_byte_around_each_boundary_is_within_the_cap(rig, cap) -> None
     made = rig()
     applied = made.driver.close_fast(cap, ALL, (200, 200, 200), FAST)
     made.step()
-    paper = CALIBRATIONS["paper"]
+    paper = PAPER
     assert applied.force_n == paper.force_n(made.written[-1].a.force) <= cap
 
 

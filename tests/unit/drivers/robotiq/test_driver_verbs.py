@@ -7,11 +7,11 @@ from drivers.interfaces import Gripper
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import GripperModel, HandSettings, ModelTransport
 from drivers.robotiq.protocol import (
-    CALIBRATIONS,
     RTU,
     AxisCommand,
     CommandRegisters,
 )
+from tests.calibrations import PAPER
 from tests.unit.drivers.robotiq.gripping import ALL, FAST, MS, QUICK, THUMB, gripped
 
 
@@ -26,7 +26,7 @@ def test_the_driver_is_a_gripper(rig) -> None:
 
 def test_there_is_no_state_and_no_verb_before_the_first_exchange() -> None:
     model = GripperModel(QUICK, 0)
-    driver = RobotiqDriver(ModelTransport(model), DriverSettings(), CALIBRATIONS["paper"])
+    driver = RobotiqDriver(ModelTransport(model), DriverSettings(), PAPER)
     assert driver.state is None
     for verb in (driver.activate, driver.hold, lambda: driver.open(FAST)):
         with pytest.raises(Refused, match="no status"):
@@ -245,7 +245,7 @@ def test_fingers_left_by_a_simple_command_do_not_jump_when_taken_over(rig) -> No
 def test_over_rtu_the_registers_have_other_addresses() -> None:
     model = GripperModel(QUICK, 0, active=True)
     transport = ModelTransport(model, RTU)
-    driver = RobotiqDriver(transport, DriverSettings(link="rtu"), CALIBRATIONS["paper"])
+    driver = RobotiqDriver(transport, DriverSettings(link="rtu"), PAPER)
     driver.pump(0)
     driver.move_to((50, 50, 50), FAST, 10.0)
     for tick in range(1, 200):

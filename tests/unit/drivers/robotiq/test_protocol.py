@@ -1,20 +1,16 @@
 """Bytes of the registers, against the worked frames of the Robotiq manual (2014, p. 67-74)."""
 
-import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.errors import Refused
 from drivers.robotiq.protocol import (
-    CALIBRATIONS,
     FAULTS,
     RTU,
     TCP,
     AxisCommand,
     AxisStatus,
     CommandRegisters,
-    GripperCalibration,
     Severity,
     StatusRegisters,
     to_bytes,
@@ -224,63 +220,3 @@ def test_every_fault_has_a_rank_and_a_text() -> None:
     assert [c for c, r in ranks.items() if r is Severity.MAJOR] == [0x0D, 0x0E, 0x0F]
     assert all(FAULTS[code].text and FAULTS[code].remedy for code in range(1, 16))
     assert FAULTS[0].severity is Severity.NONE
-
-
-calibrations = st.builds(
-    GripperCalibration,
-    name=st.just("any"),
-    least_force_n=st.floats(1, 14),
-    most_force_n=st.floats(15, 80),
-    force_exponent=st.floats(0.3, 3),
-)
-
-
-@given(calibrations, st.floats(0.5, 100))
-def test_byte_at_most_is_the_largest_byte_within_the_force(
-    calibration: GripperCalibration, cap: float
-) -> None:
-    if cap < calibration.least_force_n:
-        with pytest.raises(Refused):
-            calibration.byte_at_most(cap)
-        return
-    chosen = calibration.byte_at_most(cap)
-    assert calibration.force_n(chosen) <= cap
-    assert chosen == 255 or calibration.force_n(chosen + 1) > cap
-
-
-def test_ten_newtons_are_byte_zero_of_the_paper_and_impossible_for_the_manual() -> None:
-    assert CALIBRATIONS["paper"].byte_at_most(10.0) == 0
-    with pytest.raises(Refused) as refusal:
-        CALIBRATIONS["manual"].byte_at_most(10.0)
-    assert "15 N" in refusal.value.message
-    assert "limit" in refusal.value.remedy
-
-
-@pytest.mark.parametrize("force", [float("nan"), float("inf"), -1.0, 0.0])
-def test_a_force_that_is_none_is_refused(force: float) -> None:
-    with pytest.raises(Refused):
-        CALIBRATIONS["paper"].byte_at_most(force)
-
-
-@given(byte)
-def test_a_speed_made_from_a_byte_gives_that_byte_back(value: int) -> None:
-    paper = CALIBRATIONS["paper"]
-    assert paper.speed_byte_at_most(paper.speed_mps(value)) == value
-
-
-def test_speed_bytes_span_22_to_110_mm_per_second() -> None:
-    paper = CALIBRATIONS["paper"]
-    assert paper.speed_mps(0) == 0.022
-    assert paper.speed_mps(255) == pytest.approx(0.110, abs=1e-4)
-    assert paper.speed_byte_at_most(1.0) == 255
-    assert paper.speed_byte_at_most(0.001) == 0
-    with pytest.raises(Refused):
-        paper.speed_byte_at_most(0.0)
-
-
-def test_a_calibration_with_a_misspelt_or_wild_setting_does_not_load() -> None:
-    good = {"name": "lab", "least_force_n": 12.0}
-    assert msgspec.convert(good, GripperCalibration).least_force_n == 12.0
-    for bad in ({**good, "leest": 1}, {**good, "most_force_n": 500.0}, {"name": "lab"}):
-        with pytest.raises(msgspec.ValidationError):
-            msgspec.convert(bad, GripperCalibration)

@@ -195,7 +195,7 @@ def test_safety_stop_exits_with_4_and_reports_the_result_too(
         (["--set", "guard.force_limit=9"], "force_limit_n"),
         (["--set", "nonsense"], "section.key=value"),
         (["--set", "gripper.calibration=manual"], "calibration"),
-        (["--set", "gripper.calibration=guess"], "paper, manual"),
+        (["--set", "gripper.calibration=guess"], "manual, paper"),
         (["--config", "/no/such/file.toml"], "no such file"),
     ],
 )

@@ -16,13 +16,13 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from drivers.errors import ConfigError, LinkLost
 from drivers.robotiq.model.gripper import ModelTransport
-from drivers.robotiq.protocol import CALIBRATIONS
 from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
 from grasp.guard import GuardSettings
 from grasp.loop import ControlLoop, Tick
 from grasp.phases import Phase
 from grasp.step import GraspStep
 from scenarios.rigs.opening import open_rig
+from scenarios.rigs.rig import calibration
 from scenarios.trial.execution import make_controller, make_guard
 from tests.unit.scenarios.conftest import changed, config
 
@@ -232,4 +232,4 @@ def test_limit_just_below_the_least_force_is_refused_before_anything_moves() -> 
     with pytest.raises(ConfigError):
         make_guard(changed(config(), "guard", force_limit_n=9.999))
     assert msgspec.structs.asdict(GuardSettings())["force_limit_n"] == LIMIT_N
-    assert CALIBRATIONS["paper"].force_n(0) == LIMIT_N
+    assert calibration(config()).force_n(0) == LIMIT_N

@@ -12,7 +12,7 @@ from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
 from drivers.robotiq.link.thread import ThreadedGripper
 from drivers.robotiq.link.timing import TimedTransport
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
-from drivers.robotiq.protocol import CALIBRATIONS
+from tests.calibrations import PAPER
 
 QUICK = HandSettings(activation_s=0.1, mode_change_s=0.1)
 PATIENT_S = 20.0  # nothing here takes long; a loaded machine may
@@ -55,7 +55,7 @@ class Client:
         where = {"host": host, "port": port, "timeout_s": TIMEOUT_S, "reconnect_s": 0.02}
         self.transport = ModbusTransport(ModbusSettings(**{**where, **settings}))
         self.timed = TimedTransport(self.transport, time.monotonic_ns)
-        self.driver = RobotiqDriver(self.timed, DriverSettings(), CALIBRATIONS["paper"])
+        self.driver = RobotiqDriver(self.timed, DriverSettings(), PAPER)
         self.errors: list[Exception] = []
 
     @property

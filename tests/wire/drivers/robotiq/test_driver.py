@@ -9,7 +9,7 @@ from drivers.interfaces import Detection
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.emulator.tcp import Trouble, WireFault
 from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
-from drivers.robotiq.protocol import CALIBRATIONS
+from tests.calibrations import PAPER
 from tests.wire.drivers.robotiq.rig import TIMEOUT_S, until
 
 FAST = 0.11
@@ -64,7 +64,7 @@ def test_no_byte_on_the_wire_exceeds_the_force_of_its_verb(joined) -> None:
     client.settle()
     driver.open(FAST)
     client.settle()
-    most = CALIBRATIONS["paper"].byte_at_most(cap)
+    most = PAPER.byte_at_most(cap)
     assert served.writes
     assert all(len(written) == 16 for written in served.writes)
     assert max(max(force_bytes(written)) for written in served.writes) == most
@@ -212,7 +212,7 @@ def test_a_silent_connection_is_given_up_after_some_requests(joined) -> None:
 def test_nobody_there() -> None:
     settings = ModbusSettings(host="127.0.0.1", port=1, reconnect_s=0.5)
     transport = ModbusTransport(settings)
-    driver = RobotiqDriver(transport, DriverSettings(), CALIBRATIONS["paper"])
+    driver = RobotiqDriver(transport, DriverSettings(), PAPER)
     for _ in range(3):
         with pytest.raises(LinkLost, match=r"127\.0\.0\.1:1") as lost:
             driver.pump(0)

@@ -12,7 +12,7 @@ from drivers.robotiq.emulator.rtu import RtuEmulator, crc
 from drivers.robotiq.emulator.tcp import Trouble, WireFault
 from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
-from drivers.robotiq.protocol import CALIBRATIONS
+from tests.calibrations import PAPER
 from tests.wire.drivers.robotiq.rig import QUICK, FastClock, until
 
 ACTIVATE = "09 10 03 e8 00 03 06 01 00 00 00 00 00 72 e1"
@@ -140,7 +140,7 @@ def transport(quick):
 
 @pytest.fixture
 def driver(transport):
-    return RobotiqDriver(transport, DriverSettings(link="rtu"), CALIBRATIONS["paper"])
+    return RobotiqDriver(transport, DriverSettings(link="rtu"), PAPER)
 
 
 def reach(driver: RobotiqDriver, true) -> None:

@@ -12,7 +12,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
 from drivers.robotiq.model.gripper import GripperModel
-from drivers.robotiq.protocol import CALIBRATIONS
+from tests.calibrations import PAPER
 from tests.wire.drivers.robotiq.rig import QUICK, TIMEOUT_S, FastClock, until
 
 
@@ -60,7 +60,7 @@ def port():
 
 def test_activate_and_move(port: int) -> None:
     transport = ModbusTransport(ModbusSettings(host="127.0.0.1", port=port, timeout_s=TIMEOUT_S))
-    driver = RobotiqDriver(transport, DriverSettings(), CALIBRATIONS["paper"])
+    driver = RobotiqDriver(transport, DriverSettings(), PAPER)
 
     def reach(true) -> None:
         def once() -> bool:

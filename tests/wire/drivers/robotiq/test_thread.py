@@ -10,7 +10,7 @@ from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.emulator.tcp import Trouble, WireFault
 from drivers.robotiq.link.thread import ThreadedGripper
 from drivers.robotiq.model.gripper import GripperModel, ModelTransport
-from drivers.robotiq.protocol import CALIBRATIONS
+from tests.calibrations import PAPER
 from tests.wire.drivers.robotiq.rig import QUICK, until
 
 FAST = 0.11
@@ -70,7 +70,7 @@ def bytes_in_a_loop() -> list[bytes]:
         if kind == "write":
             written.append(b"".join(word.to_bytes(2, "big") for word in registers))
 
-    core = RobotiqDriver(ModelTransport(model), DriverSettings(), CALIBRATIONS["paper"], log)
+    core = RobotiqDriver(ModelTransport(model), DriverSettings(), PAPER, log)
     now = [0]
 
     def rest() -> None:
@@ -125,7 +125,7 @@ def test_a_verb_held_back_by_the_write_interval_is_sent_when_it_is_over(serve, c
         for speed in (0.03, 0.05, 0.07):
             gripper.move_to((60, 60, 60), speed, 10.0)
             gripper.move_to((60, 60, 60), speed + 0.01, 10.0)
-        last = CALIBRATIONS["paper"].speed_byte_at_most(0.08)
+        last = PAPER.speed_byte_at_most(0.08)
         until(lambda: served.writes[-1:] != [] and served.writes[-1][4] == last)
         until(lambda: gripper.statistics.acknowledge.count >= 1)
 

@@ -1,0 +1,84 @@
+"""What a byte of the gripper is worth: newtons, metres a second, metres.
+
+The hand has no force sensor: force is set through motor current (manual p. 47). Newtons exist
+through a calibration alone, which belongs to one hand, comes from a file and has a name.
+"""
+
+from bisect import bisect_right
+from functools import cache
+from math import isfinite
+from typing import Annotated
+
+import msgspec
+
+from drivers.errors import Refused
+from drivers.robotiq.protocol import FULL_BYTE
+
+
+class GripperCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a byte and a count of one hand are worth. "manual": Robotiq 3-Finger manual, 2014."""
+
+    name: str
+    source: Annotated[
+        str, msgspec.Meta(min_length=1, description="how these figures were come by, and when")
+    ]
+    least_force_n: Annotated[
+        float, msgspec.Meta(ge=1, le=30, description="static force of byte 0, N")
+    ]
+    most_force_n: Annotated[
+        float, msgspec.Meta(ge=15, le=80, description="static force of byte 255, N; manual p. 47")
+    ] = 60.0
+    force_exponent: Annotated[
+        float,
+        msgspec.Meta(ge=0.3, le=3, description="curve of byte to force, 1 = linear; assumed"),
+    ] = 1.0
+    least_speed_mps: Annotated[
+        float, msgspec.Meta(ge=0.001, le=0.1, description="speed of byte 0, m/s; manual 22 mm/s")
+    ] = 0.022
+    speed_step_mps: Annotated[
+        float,
+        msgspec.Meta(ge=1e-5, le=1e-3, description="speed of a count, m/s; 88 mm/s over 255"),
+    ] = 0.000345
+    m_per_count: Annotated[
+        float,
+        msgspec.Meta(
+            ge=0.0003, le=0.0012, description="travel of a count, m; TR711; others down to 0.47 mm"
+        ),
+    ] = 0.00077
+
+    def __post_init__(self) -> None:
+        if self.most_force_n <= self.least_force_n:
+            raise ValueError("most_force_n must exceed least_force_n")
+
+    def force_n(self, byte: int) -> float:
+        """Calibrated static force of a force byte, N."""
+        return _forces(self)[byte]
+
+    def byte_at_most(self, force_n: float) -> int:
+        """Largest force byte whose calibrated force does not exceed ``force_n``."""
+        if not isfinite(force_n) or force_n < self.least_force_n:
+            raise Refused(
+                f"the '{self.name}' calibration ({self.source}) cannot stay below {force_n:g} N: "
+                f"its least force is {self.least_force_n:g} N",
+                "raise the force limit, or choose another gripper calibration",
+            )
+        return bisect_right(_forces(self), force_n) - 1
+
+    def speed_mps(self, byte: int) -> float:
+        """Fingertip speed of a speed byte, m/s."""
+        return self.least_speed_mps + self.speed_step_mps * byte
+
+    def speed_byte_at_most(self, speed_mps: float) -> int:
+        """Largest speed byte not faster than ``speed_mps``; byte 0 where even that is faster."""
+        if not isfinite(speed_mps) or speed_mps <= 0:
+            raise Refused(f"speed {speed_mps} m/s is not a speed", "ask for more than 0 m/s")
+        # The tolerance keeps a speed that came from a byte at that byte.
+        steps = (speed_mps - self.least_speed_mps) / self.speed_step_mps + 1e-6
+        return max(0, min(FULL_BYTE, int(steps)))
+
+
+@cache
+def _forces(calibration: GripperCalibration) -> tuple[float, ...]:
+    least, most = calibration.least_force_n, calibration.most_force_n
+    exponent = calibration.force_exponent
+    return tuple(least + (most - least) * (byte / FULL_BYTE) ** exponent for byte in range(256))
