@@ -1,7 +1,6 @@
 """What a person sees of a run: a live panel or plain lines, then the verdict."""
 
 import sys
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from drivers.interfaces import FINGER_NAMES
@@ -39,12 +38,7 @@ class Display:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        tb: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def setting_up(self, rig: str) -> None:

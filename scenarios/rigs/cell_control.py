@@ -8,7 +8,6 @@ import socket
 import socketserver
 import threading
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any, Self
 
 from drivers.errors import LinkLost
@@ -49,12 +48,7 @@ class ControlServer:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        tb: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._server.shutdown()
         self._server.server_close()
         self._thread.join(TIMEOUT_S)
