@@ -12,12 +12,10 @@ from detector.energy import EnergyDetector
 from detector.interface import SlipDetector
 from detector.recordings import Recording
 from detector.scores.events import (
-    DelayQuantiles,
     EventSettings,
     Judgement,
     judge,
     pooled,
-    quantiles,
 )
 from detector.scores.intervals import Interval, recording_intervals, stroke_intervals
 from detector.scores.metrics import (
@@ -31,6 +29,7 @@ from detector.scores.metrics import (
     confusion,
     edge_distance_ms,
 )
+from detector.scores.quantiles import Quantiles, quantiles
 from drivers.errors import BadFile
 
 WARM_UP_SAMPLES = 100  # the paper's window: what comes earlier no detector has to know
@@ -59,11 +58,11 @@ class Evaluation(msgspec.Struct, frozen=True):
     false_events_per_min: float | None  # of the recordings as they are
     false_events_per_min_by_cause: dict[str, float]
     false_events_per_min_hand: float | None  # as if every recording had three fingers
-    delay_ms: DelayQuantiles | None
-    delay_mm: DelayQuantiles | None  # needs the sliding speed
-    release_delay_ms: DelayQuantiles | None
+    delay_ms: Quantiles | None
+    delay_mm: Quantiles | None  # needs the sliding speed
+    release_delay_ms: Quantiles | None
     ece: float
-    compute_us: DelayQuantiles | None  # one update of all fingers; needs a clock
+    compute_us: Quantiles | None  # one update of all fingers; needs a clock
     intervals: dict[str, Interval]  # 95 %, over recordings, or over strokes and pauses of one
     auc_interval: Interval | None
     threshold: float  # on the probability, of `accuracy` and its kin

@@ -13,6 +13,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from detector.scores.metrics import Floats, Labels
+from detector.scores.quantiles import Quantiles, quantiles
 
 Events = NDArray[np.intp]  # (m, 2): first sample, and the first one after
 
@@ -30,14 +31,6 @@ class EventSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ] = 0.02  # fmt: skip
 
 
-class DelayQuantiles(msgspec.Struct, frozen=True):
-    """Values that occur, to a thousandth: the least with at least that share at or below it."""
-
-    p50: float
-    p90: float
-    p99: float
-
-
 class EventMetrics(msgspec.Struct, frozen=True):
     """Events in a stretch of data; None where there is nothing to judge.
 
@@ -52,17 +45,9 @@ class EventMetrics(msgspec.Struct, frozen=True):
     event_recall: float | None
     event_precision: float | None
     false_events_per_min: float | None
-    delay_ms: DelayQuantiles | None
-    delay_mm: DelayQuantiles | None
-    release_delay_ms: DelayQuantiles | None
-
-
-def quantiles(values: Floats) -> DelayQuantiles | None:
-    """p50, p90 and p99; None of no values."""
-    if not len(values):
-        return None
-    found = np.quantile(values, [0.5, 0.9, 0.99], method="inverted_cdf")
-    return DelayQuantiles(*np.round(found, 3).tolist())
+    delay_ms: Quantiles | None
+    delay_mm: Quantiles | None
+    release_delay_ms: Quantiles | None
 
 
 def true_events(slip: Labels, t_s: Floats, merge_gap_s: float) -> Events:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from detector.scores.events import Judgement
 from detector.scores.metrics import Floats, Labels, Ranking
+from detector.scores.quantiles import quantile
 
 Interval = tuple[float, float]
-SHARE = (0.025, 0.975)
+LOW, HIGH = 0.025, 0.975
 RESAMPLES_OF_A_SET, RESAMPLES_OF_A_RECORDING = 300, 1000
 
 
@@ -59,7 +60,7 @@ def recording_intervals(
         found["event_recall"] = _interval([1 - missed[d].sum() / slips[d].sum() for d in drawn])
     if slips.any():
         delays = [np.concatenate([judged[i].delays_ms for i in d]) for d in drawn]
-        found["delay_ms_p50"] = _interval([float(np.median(d)) for d in delays if len(d)])
+        found["delay_ms_p50"] = _interval([quantile(np.sort(d), 0.5) for d in delays if len(d)])
     return found
 
 
@@ -89,5 +90,5 @@ def _of_samples(
 
 
 def _interval(values: Sequence[float]) -> Interval:
-    low, high = np.quantile(np.array(values), SHARE)
-    return float(low), float(high)
+    ordered = sorted(values)
+    return quantile(ordered, LOW), quantile(ordered, HIGH)

@@ -14,6 +14,7 @@ from detector.decision import RuleSettings
 from detector.scores.evaluation import WARM_UP_SAMPLES, Streamed, hand_rate, judge_stream
 from detector.scores.events import EventSettings
 from detector.scores.metrics import Floats
+from detector.scores.quantiles import quantile
 
 LOG_ODDS = np.linspace(-3.0, 9.0, 17)  # thresholds tried
 LIMITS = np.geomspace(0.5, 100.0, 14)  # of summed log-odds
@@ -58,9 +59,10 @@ def point(streams: Sequence[Streamed], rule: RuleSettings, first_sample: int) ->
     if rate is None or not len(delays):
         return None
     missed = sum(j.missed for j in judged)
+    ordered = np.sort(delays)
     return SweepPoint(
-        rule, rate, float(np.median(delays)), float(delays.mean()),
-        float(np.quantile(delays, 0.9)), 1.0 - missed / len(delays),
+        rule, rate, quantile(ordered, 0.5), float(delays.mean()), quantile(ordered, 0.9),
+        1.0 - missed / len(delays),
     )  # fmt: skip
 
 

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, Self
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
+    from detector.scores.quantiles import Quantiles
     from scenarios.campaign.run import Progress
-    from scenarios.campaign.summary import Cell, Quantiles, Summary, Variant
+    from scenarios.campaign.summary import Cell, Summary, Variant
 
 LINES = 10  # where there is no terminal: a line for each tenth of the campaign
 TITLES = {"lift": "object lift", "tap": "mallet tap"}
@@ -182,9 +183,8 @@ def _times(variants: "list[Variant]") -> Any:
     return table
 
 
-def _three(values: "Quantiles") -> str:
-    parts = ("inf" if v is None else f"{v:.0f}" for v in (values.p10, values.p50, values.p90))
-    return " / ".join(parts) if values.trials else "-"
+def _three(q: "Quantiles | None") -> str:
+    return "-" if q is None else f"{q.p10:.0f} / {q.p50:.0f} / {q.p90:.0f}"
 
 
 def _print_likelihood(console: Any, variant: "Variant") -> None:

@@ -1,6 +1,7 @@
 """`grasp chart reaction`: what a millisecond of reaction latency is worth."""
 
 import argparse
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -117,7 +118,7 @@ def _print(summary: "ReactionSummary") -> None:
         print("no cliff: no success rate falls by 30 points between neighbouring latencies")
     for each in summary.faster:
         slip = each.slip_mm.p50
-        slipped = "lost" if slip is None else f"{slip:.1f} mm"
+        slipped = "lost" if math.isinf(slip) else f"{slip:.1f} mm"
         print(f"{each.object:<12}{summary.detector} x{each.factor:g}: {each.success:4.0%} held, "
               f"median slip {slipped}, n {each.trials}")  # fmt: skip
     if summary.agreement is not None:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import msgspec
 
+from detector.scores.quantiles import Quantiles, quantiles
 from scenarios.campaign.paper import (
     LONG,
     TABLE_IV,
@@ -21,20 +22,9 @@ from scenarios.lift.scoring import LiftOutcome
 NEAR, FAR = LiftOutcome.HELD_WITHIN_6CM.value, LiftOutcome.HELD_WITHIN_12CM.value
 
 
-class Quantiles(msgspec.Struct, frozen=True):
-    """Of all trials in which the object slipped: what did not come, or was lost, is infinity.
-
-    None is infinity: that share of the trials did not get there.
-    """
-
-    p10: float | None
-    p50: float | None
-    p90: float | None
-    trials: int
-
-
 class Cell(msgspec.Struct, frozen=True, kw_only=True):
-    """One object in one variant."""
+    """One object in one variant. Quantiles are of all trials in which the object slipped: what did
+    not come, or was lost, is infinity; None where none slipped."""
 
     object: str
     trials: int  # of taps: those that moved the object
@@ -44,10 +34,10 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     within_6cm: int | None  # a long object's lifts
     within_12cm: int | None
     outcomes: dict[str, int]
-    detection_latency_ms: Quantiles
-    reaction_latency_ms: Quantiles
-    nominal_again_ms: Quantiles  # after the end of motion; taps
-    slip_distance_mm: Quantiles
+    detection_latency_ms: Quantiles | None
+    reaction_latency_ms: Quantiles | None
+    nominal_again_ms: Quantiles | None  # after the end of motion; taps
+    slip_distance_mm: Quantiles | None
     p_value: float | None  # of the paper's counts under this model; None: the paper has none
 
     @property
@@ -164,19 +154,6 @@ def _slip_mm(scenario: str, row: Row) -> float | None:
     if row.slip_distance_m is None or (scenario == "lift" and not row.success):
         return None
     return row.slip_distance_m * 1e3
-
-
-def quantiles(values: Sequence[float | None]) -> Quantiles:
-    """10, 50 and 90 %, by nearest rank, None counting as infinity."""
-    ordered = sorted(math.inf if value is None else value for value in values)
-
-    def at(part: float) -> float | None:
-        if not ordered:
-            return None
-        value = ordered[min(len(ordered) - 1, math.ceil(part * len(ordered)) - 1)]
-        return None if math.isinf(value) else round(value, 3)
-
-    return Quantiles(at(0.1), at(0.5), at(0.9), len(ordered))
 
 
 def paper_rate(scenario: str, name: str) -> float | None:

@@ -4,11 +4,11 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 import msgspec
-import numpy as np
 
+from detector.scores.quantiles import Quantiles, quantiles
 from scenarios.tap.scoring import UNMOVED, ObjectMotion, TapFacts, TapOutcome, verdict
 from scenarios.tap.settings import TapScoringSettings
-from scenarios.trial.result import Spread, TapResult
+from scenarios.trial.result import TapResult
 
 
 class TapCount(msgspec.Struct, frozen=True):
@@ -27,9 +27,9 @@ class TapSummary(msgspec.Struct, frozen=True, kw_only=True):
     total: TapCount
     by_direction: dict[str, TapCount]
     outcomes: dict[str, int]
-    slip_duration_ms: Spread | None
-    detection_latency_ms: Spread | None
-    nominal_again_ms: Spread | None
+    slip_duration_ms: Quantiles | None
+    detection_latency_ms: Quantiles | None
+    nominal_again_ms: Quantiles | None
 
 
 def summarise(results: Sequence[TapResult]) -> TapSummary:
@@ -39,9 +39,9 @@ def summarise(results: Sequence[TapResult]) -> TapSummary:
         total=count(results),
         by_direction={d: count(r for r in results if r.direction == d) for d in directions},
         outcomes=dict(Counter(r.outcome for r in results).most_common()),
-        slip_duration_ms=_spread(r.slip_duration_ms for r in results if r.moved),
-        detection_latency_ms=_spread(r.detection_latency_ms for r in results if r.moved),
-        nominal_again_ms=_spread(r.nominal_again_ms for r in results if r.moved),
+        slip_duration_ms=_quantiles(r.slip_duration_ms for r in results if r.moved),
+        detection_latency_ms=_quantiles(r.detection_latency_ms for r in results if r.moved),
+        nominal_again_ms=_quantiles(r.nominal_again_ms for r in results if r.moved),
     )
 
 
@@ -90,9 +90,6 @@ def sensitivity(
     return table
 
 
-def _spread(values: Iterable[float | None]) -> Spread | None:
-    known = [value for value in values if value is not None]
-    if not known:
-        return None
-    p50, p99, most = np.percentile(known, (50, 99, 100))
-    return Spread(round(float(p50), 1), round(float(p99), 1), round(float(most), 1))
+def _quantiles(values: Iterable[float | None]) -> Quantiles | None:
+    """Of those that came."""
+    return quantiles(value for value in values if value is not None)

@@ -9,19 +9,11 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import msgspec
-import numpy as np
 
+from detector.scores.quantiles import Quantiles, quantiles
 from grasp.loop import Timing
 from grasp.phases import PhaseChange
 from scenarios.rigs.rig import Stalls
-
-
-class Spread(msgspec.Struct, frozen=True):
-    """Of a latency."""
-
-    p50: float
-    p99: float
-    max: float
 
 
 class TimingResult(msgspec.Struct, frozen=True):
@@ -29,9 +21,9 @@ class TimingResult(msgspec.Struct, frozen=True):
     wire to acknowledge anything; on one, the time runs from the decision to the reply to the write
     that carries it."""
 
-    frame_to_decision_us: Spread | None
-    decision_to_ack_us: Spread | None
-    frame_age_ms: Spread | None
+    frame_to_decision_us: Quantiles | None
+    decision_to_ack_us: Quantiles | None
+    frame_age_ms: Quantiles | None
     missed_periods: int  # that the loop slept through
     repeated_frames: int  # periods without a new frame
     real_time: bool | None  # did the system grant a real-time priority; None in virtual time
@@ -146,21 +138,17 @@ class FinishedRun(msgspec.Struct, Generic[Result], frozen=True):
         return out
 
 
-def spread(samples_ns: Sequence[int], unit_ns: float) -> Spread | None:
-    """p50, p99 and maximum in the unit given; None without samples."""
-    if not samples_ns:
-        return None
-    p50, p99, most = np.percentile(samples_ns, (50, 99, 100)) / unit_ns
-    return Spread(round(float(p50), 3), round(float(p99), 3), round(float(most), 3))
+def _quantiles(samples_ns: Sequence[int], unit_ns: float) -> Quantiles | None:
+    return quantiles(sample / unit_ns for sample in samples_ns)
 
 
 def timing_result(
     timing: Timing, acknowledged_ns: Sequence[int], real_time: bool | None, stalls: Stalls
 ) -> TimingResult:
     return TimingResult(
-        frame_to_decision_us=spread(timing.frame_to_decision_ns, 1e3),
-        decision_to_ack_us=spread(acknowledged_ns, 1e3),
-        frame_age_ms=spread(timing.frame_age_ns, 1e6),
+        frame_to_decision_us=_quantiles(timing.frame_to_decision_ns, 1e3),
+        decision_to_ack_us=_quantiles(acknowledged_ns, 1e3),
+        frame_age_ms=_quantiles(timing.frame_age_ns, 1e6),
         missed_periods=timing.missed_periods,
         repeated_frames=timing.repeated_frames,
         real_time=real_time,

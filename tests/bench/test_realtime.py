@@ -10,9 +10,10 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from detector.scores.quantiles import Quantiles
 from scenarios.lift import lift
 from scenarios.rigs.config import load_config
-from scenarios.trial.result import Spread, TimingResult
+from scenarios.trial.result import TimingResult
 
 SEEDS = range(4)
 QUICK = ("hand.activation_s=0.5", "controller.hold_s=0.3", "controller.lift_height_m=0.1")
@@ -52,7 +53,7 @@ def timings(assignments: tuple[str, ...]) -> list[TimingResult]:
     return [run.result.timing for run in results if run.result is not None]
 
 
-def show(label: str, unit: str, spreads: list[Spread]) -> str:
+def show(label: str, unit: str, spreads: list[Quantiles]) -> str:
     p50, p99 = (np.median([getattr(s, name) for s in spreads]) for name in ("p50", "p99"))
     return f"{label} {p50:.2f} / {p99:.2f} / {max(s.max for s in spreads):.2f} {unit}"
 

@@ -10,7 +10,7 @@ import msgspec
 
 from drivers.errors import GraspError, LinkLost
 from drivers.interfaces import Applied, Counts3, Gripper, GripperState
-from drivers.robotiq.link.timing import KEPT, Durations, Latency, TimedTransport
+from drivers.robotiq.link.timing import KEPT, Durations, TimedTransport
 
 _NS: Final = 1_000_000_000
 _JOIN_S: Final = 5.0
@@ -23,8 +23,7 @@ class ThreadStatistics(msgspec.Struct, frozen=True):
     pumps: int
     missed: int  # periods in which no pump began
     woken: int  # pumps that a command brought forward
-    pump: Latency  # one pump of the core: a write if there is one, and a read
-    acknowledge: Latency  # from a verb to the reply to the write that carries it
+    pumps_ns: tuple[int, ...]  # latest: a write if there is one, and a read
 
 
 class ThreadedGripper:
@@ -145,8 +144,7 @@ class ThreadedGripper:
             pumps=self._pumps,
             missed=self._missed,
             woken=self._woken,
-            pump=self._pump_durations.summary(),
-            acknowledge=self._acknowledge.summary(),
+            pumps_ns=self._pump_durations.latest_ns,
         )
 
     def pump(self, now_ns: int) -> None:

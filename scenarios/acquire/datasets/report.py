@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from detector.recordings import Recording
+from detector.scores.quantiles import quantile
 from drivers.interfaces import TAXELS
 
 SURFACES = ("planar", "sphere", "cylinder-y", "cylinder-x")
@@ -76,7 +77,7 @@ def describe(recordings: Sequence[Recording]) -> DatasetReport:
     true = [r for r in recordings if r.slip_true is not None]
     known = [(r, r.slip_true) for r in true if r.slip_true is not None]
     complete = len(known) == len(recordings)
-    speeds = _speeds(recordings)
+    speeds = np.sort(_speeds(recordings))
     return DatasetReport(
         recordings=len(recordings),
         samples=samples,
@@ -90,8 +91,8 @@ def describe(recordings: Sequence[Recording]) -> DatasetReport:
         causes=_counted(
             (r.metadata.cause, r) for r in recordings if r.metadata and r.metadata.cause
         ),
-        speed_p50_mps=float(np.percentile(speeds, 50)) if len(speeds) else None,
-        speed_p99_mps=float(np.percentile(speeds, 99)) if len(speeds) else None,
+        speed_p50_mps=quantile(speeds, 0.5) if len(speeds) else None,
+        speed_p99_mps=quantile(speeds, 0.99) if len(speeds) else None,
         table=_table(recordings, samples),
         taxels=_taxels(recordings),
     )

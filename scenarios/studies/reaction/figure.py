@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from scenarios.campaign.summary import Quantiles
+from detector.scores.quantiles import Quantiles
 from scenarios.studies.reaction.summary import LatencyCurve, ReactionSummary
 
 COLOURS = {
@@ -67,15 +67,16 @@ def _draw_curve(success: Any, slip: Any, curve: LatencyCurve) -> None:
     slip.plot(t, [_mm(p.slip_mm.p50) for p in curve.points], color=colour, marker=".")
 
 
-def _mm(value: float | None) -> float:
-    return 2 * SLIP_TOP_MM if value is None else value
+def _mm(value: float) -> float:
+    return min(value, 2 * SLIP_TOP_MM)
 
 
 def _draw_marks(axes: Any, summary: ReactionSummary) -> None:
     axes.axvspan(HUMAN_MS - HUMAN_SPREAD_MS, HUMAN_MS + HUMAN_SPREAD_MS, color="#00000018", lw=0)
     axes.axvline(HUMAN_MS, color="black", lw=0.6, ls=":", label="human reflex, 74 ± 9 ms")
     axes.axvline(PAPER_MS, color="#b00020", lw=0.9, ls="--", label="paper, to the decision: 134 ms")
-    ours = [q.p50 for q in summary.reaction_latency_ms.values() if q.p50 is not None]
+    found = [q.p50 for q in summary.reaction_latency_ms.values() if q is not None]
+    ours = [p50 for p50 in found if math.isfinite(p50)]
     if ours:
         label = f"{summary.detector}, this hand: {min(ours):.0f}-{max(ours):.0f} ms"
         axes.axvspan(min(ours), max(ours), color="#1f5f9922", lw=0, label=label)

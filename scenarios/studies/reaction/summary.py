@@ -1,13 +1,12 @@
 """Curves of the reaction study: success and slip distance, cliffs, the check, faster detectors."""
 
 import itertools
-import statistics
 from collections.abc import Iterable, Sequence
 
 import msgspec
 
+from detector.scores.quantiles import Quantiles, quantile, quantiles
 from scenarios.campaign.paper import wilson
-from scenarios.campaign.summary import Quantiles, quantiles
 from scenarios.studies.reaction.copies import CopyCheck, Reaction, SeedStudy
 
 CLIFF = 0.3  # a fall of success by this much between neighbouring latencies is named
@@ -21,7 +20,7 @@ class LatencyPoint(msgspec.Struct, frozen=True):
     success: float
     interval: tuple[float, float]
     slip_mm: Quantiles  # a lost object counts as infinity
-    rise_ms: Quantiles  # onset to the first rise of grip force, as it came out
+    rise_ms: Quantiles | None  # onset to the first rise of grip force, as it came out
 
 
 class LatencyCurve(msgspec.Struct, frozen=True):
@@ -61,8 +60,8 @@ class ReactionSummary(msgspec.Struct, frozen=True):
     never_slipped: dict[str, int]
     curves: list[LatencyCurve]
     faster: list[Faster]
-    detection_latency_ms: dict[str, Quantiles]
-    reaction_latency_ms: dict[str, Quantiles]
+    detection_latency_ms: dict[str, Quantiles | None]
+    reaction_latency_ms: dict[str, Quantiles | None]
     agreement: Agreement | None
 
 
@@ -110,7 +109,10 @@ def _point(latency_ms: float, got: Sequence[Reaction]) -> LatencyPoint:
 
 
 def _slips_mm(got: Sequence[Reaction]) -> Quantiles:
-    return quantiles([None if r.slip_distance_m is None else r.slip_distance_m * 1e3 for r in got])
+    found = quantiles(None if r.slip_distance_m is None else r.slip_distance_m * 1e3 for r in got)
+    if found is None:
+        raise ValueError("quantiles of no reaction")
+    return found
 
 
 def _cliff(points: Sequence[LatencyPoint]) -> tuple[float, float, float, float] | None:
@@ -139,14 +141,14 @@ def _faster(name: str, checks: Sequence[CopyCheck]) -> list[Faster]:
 def _agreement(checks: Sequence[CopyCheck]) -> Agreement | None:
     if not checks:
         return None
-    away = [
+    away = sorted(
         abs(c.full.slip_distance_m - c.reduced.slip_distance_m) * 1e3
         for c in checks
         if c.full.slip_distance_m is not None and c.reduced.slip_distance_m is not None
-    ]
+    )
     return Agreement(
         trials=len(checks),
         same_verdict=sum(c.full.success == c.reduced.success for c in checks),
-        median_difference_mm=statistics.median(away) if away else 0.0,
+        median_difference_mm=quantile(away, 0.5) if away else 0.0,
         largest_difference_mm=max(away, default=0.0),
     )

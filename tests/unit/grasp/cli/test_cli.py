@@ -90,7 +90,7 @@ def test_json_verdict_has_every_promised_field(
     timing = result["timing"]
     assert timing["decision_to_ack_us"] is None  # there is no wire in virtual time
     for name in ("frame_to_decision_us", "frame_age_ms"):
-        assert set(timing[name]) == {"p50", "p99", "max"}
+        assert {"count", "p50", "p99", "max"} <= set(timing[name])
     assert timing["missed_periods"] == timing["repeated_frames"] == 0
     assert Path(result["recording"]).is_file()
 

@@ -104,18 +104,17 @@ def test_a_verb_is_sent_at_once_not_at_the_next_tick(serve, connect) -> None:
         gripper.move_to((60, 60, 60), FAST, 10.0)
         assert not gripper.state.fresh, "from the verb on"
         until(lambda: len(served.writes) == 1)
-        until(lambda: gripper.statistics.acknowledge.count == 1)
+        until(lambda: len(gripper.acknowledgements_ns) == 1)
         assert gripper.statistics.woken >= 1
-        seen = gripper.statistics.pump
-        assert sum(seen.histogram.values()) == seen.count >= 2
-        assert 0 < seen.p50_s <= seen.p99_s <= seen.most_s
+        assert len(gripper.statistics.pumps_ns) >= 2
+        assert min(gripper.statistics.pumps_ns) > 0
 
 
 def test_the_transport_is_timed(serve, connect) -> None:
     client = connect(serve())
     client.pump(3)
-    assert client.timed.reads.summary().count == 3
-    assert client.timed.writes.summary().count == 0
+    assert len(client.timed.reads.latest_ns) == 3
+    assert not client.timed.writes.latest_ns
     assert client.timed.acknowledged_ns is None
 
 
@@ -127,7 +126,7 @@ def test_a_verb_held_back_by_the_write_interval_is_sent_when_it_is_over(serve, c
             gripper.move_to((60, 60, 60), speed + 0.01, 10.0)
         last = PAPER.speed_byte_at_most(0.08)
         until(lambda: served.writes[-1:] != [] and served.writes[-1][4] == last)
-        until(lambda: gripper.statistics.acknowledge.count >= 1)
+        until(lambda: gripper.acknowledgements_ns)
 
 
 def test_an_unchanged_command_waits_for_no_acknowledgement(serve, connect) -> None:
@@ -136,7 +135,7 @@ def test_an_unchanged_command_waits_for_no_acknowledgement(serve, connect) -> No
         gripper.activate()  # taken over as it is
         before = gripper.statistics.pumps
         until(lambda: gripper.statistics.pumps > before + 5)
-        assert gripper.statistics.acknowledge.count == 0
+        assert not gripper.acknowledgements_ns
     assert served.writes == []
 
 

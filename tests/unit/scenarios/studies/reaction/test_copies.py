@@ -1,5 +1,7 @@
 """Reactions tried on copies of a lift: they agree with the full path, and later is worse."""
 
+import math
+
 import pytest
 
 from grasp.commands import CloseFast
@@ -83,4 +85,4 @@ def test_curves_name_their_cliff_and_count_a_loss_as_infinite() -> None:
     summary = summarize("default", "energy", ["ball"], [SeedStudy("ball", 0, True, grid)])
     (curve,) = summary.curves
     assert curve.cliff == (50.0, 1.0, 100.0, 0.0)
-    assert [p.slip_mm.p50 for p in curve.points] == [10.0, None]
+    assert [p.slip_mm.p50 for p in curve.points] == [10.0, math.inf]
