@@ -23,6 +23,7 @@ Table = dict[str, Any]
 # to the names they have now: whoever gives an old one is refused and told the new one.
 RENAMED = {
     "tap.impulse_ns": "tap.impulse_n_s",
+    "detector": "energy",
     "control.proportional_mps_n": "control.proportional_mps_per_n",
     "control.integral_mps_ns": "control.integral_mps_per_n_s",
     "control.derivative_m_n": "control.derivative_m_per_n",

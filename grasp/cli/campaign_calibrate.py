@@ -69,9 +69,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _causes(result: "Calibration", args: argparse.Namespace) -> "list[Cause]":
     """For the objects that even the best values do not explain."""
+    from scenarios.campaign.settings import load_config
     from scenarios.campaign.spec import SEEDS_APART
     from scenarios.campaign.store import CampaignStore
-    from scenarios.rigs.config import load_config
     from scenarios.studies.table4.calibrate import SEED, assignments, candidates, spread_of
     from scenarios.studies.table4.cause import explain
 
@@ -89,7 +89,9 @@ def _causes(result: "Calibration", args: argparse.Namespace) -> "list[Cause]":
             config = load_config(
                 each.object, "simulated", result.detector, None, own, result.profile
             )
-            causes.append(explain(config, seeds, each.rate, spread_of(found, each.object)))
+            causes.append(
+                explain(config.for_lift(), seeds, each.rate, spread_of(found, each.object))
+            )
     return causes
 
 

@@ -29,7 +29,7 @@ def add_parser(charts: Any) -> None:
 
 def draw(args: argparse.Namespace) -> int:
     from grasp.cli.chart_physics import matplotlib_is_missing
-    from scenarios.rigs.config import load_config
+    from scenarios.campaign.settings import load_config
     from scenarios.studies.reaction.hunting import POLICIES, default_loop, hunt, hunting_map
     from scenarios.studies.reaction.hunting_figure import draw_hunting
 

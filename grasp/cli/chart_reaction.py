@@ -75,7 +75,7 @@ def draw(args: argparse.Namespace) -> int:
     import msgspec
 
     from grasp.cli.chart_physics import matplotlib_is_missing
-    from scenarios.rigs.config import load_config
+    from scenarios.campaign.settings import load_config
     from scenarios.studies.reaction.copies import Grid, studies
     from scenarios.studies.reaction.figure import draw_reaction
     from scenarios.studies.reaction.summary import summarize
@@ -83,7 +83,8 @@ def draw(args: argparse.Namespace) -> int:
     if matplotlib_is_missing():
         return exits.USAGE
     configs = [
-        load_config(name, "simulated", args.detector, profile=args.profile) for name in args.objects
+        load_config(name, "simulated", args.detector, profile=args.profile).for_lift()
+        for name in args.objects
     ]
     grid = Grid(args.latencies, args.speeds)
     total = args.seeds * len(configs)

@@ -30,7 +30,12 @@ def add_parser(verbs: Any) -> None:
 def doctor(args: argparse.Namespace) -> int:
     from scenarios.rigs.doctor import examine
 
-    checks = examine(args.rig, args.config)
+    def load(rig: str, detector: str) -> Any:
+        from scenarios.campaign.settings import load_config
+
+        return load_config("can", rig, detector, args.config)
+
+    checks = examine(args.rig, args.config, load)
     failed = [c for c in checks if c.status == "fail"]
     code = exits.DEVICE if failed else exits.SUCCESS
     if args.json:

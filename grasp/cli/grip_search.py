@@ -44,7 +44,7 @@ def add_parser(verbs: Any) -> None:
 def search(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.rigs.config import load_config
+    from scenarios.campaign.settings import load_config
     from scenarios.studies.grip_search import (
         criteria,
         lifts_that_slip,
@@ -53,7 +53,8 @@ def search(args: argparse.Namespace) -> int:
         with_counts,
     )
 
-    config = load_config(args.object, args.rig, args.detector, args.config, args.set)
+    whole = load_config(args.object, args.rig, args.detector, args.config, args.set)
+    config = whole.for_lift()
     wanted = criteria(args.least, args.most, args.draws)
     grips = search(config, wanted, args.seed)
     best = grips[0]

@@ -36,10 +36,11 @@ def add_parser(verbs: Any) -> None:
 def release(args: argparse.Namespace) -> int:
     import json
 
-    from scenarios.rigs.config import load_config
+    from scenarios.campaign.settings import load_config
     from scenarios.rigs.release import release_gripper
 
-    positions = release_gripper(load_config("can", args.rig, "energy", args.config))
+    config = load_config("can", args.rig, "energy", args.config)
+    positions = release_gripper(config, config.controller.approach_speed_mps)
     if args.json:
         print(json.dumps({"rig": args.rig, "positions_counts": positions}))
     else:

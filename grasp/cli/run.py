@@ -163,7 +163,7 @@ def _seed(text: str) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    from scenarios.rigs.config import load_config
+    from scenarios.campaign.settings import load_config
     from scenarios.trial.execution import make_guard
 
     strange = _strange_option(args)
@@ -182,7 +182,9 @@ def run(args: argparse.Namespace) -> int:
     if (refused := _unconfirmed(config.rig, args)) is not None:
         return refused
     make_guard(config)  # a limit that cannot be kept is refused before anything is shown
-    return _lift(args, config) if args.scenario == "lift" else _tap(args, config)
+    if args.scenario == "lift":
+        return _lift(args, config.for_lift())
+    return _tap(args, config.for_tap())
 
 
 def _strange_option(args: argparse.Namespace) -> str:

@@ -115,11 +115,12 @@ def _tune_on_lifts(args: argparse.Namespace) -> tuple[float, float]:
     from rich.console import Console
     from rich.progress import Progress
 
-    from scenarios.rigs.config import load_config
+    from scenarios.campaign.settings import load_config
     from scenarios.studies.detectors.tune import tune as tune_on_lifts
 
     configs = [
-        load_config(name, "simulated", "energy", args.config, args.set) for name in TUNING_OBJECTS
+        load_config(name, "simulated", "energy", args.config, args.set).for_lift()
+        for name in TUNING_OBJECTS
     ]
     with Progress(console=Console(stderr=True), transient=True, disable=args.json) as bar:
         task = bar.add_task("static lifts", total=None)
@@ -132,7 +133,7 @@ def _tune_on_lifts(args: argparse.Namespace) -> tuple[float, float]:
 def _tune_on_recordings(args: argparse.Namespace) -> tuple[float, float]:
     from detector.energy import tune_threshold
     from detector.recordings import read
-    from scenarios.rigs.config import load_config
+    from scenarios.campaign.settings import load_config
 
     config = load_config("can", "simulated", "energy", args.config, args.set)
     recordings = [read(path) for path in args.static]
@@ -142,6 +143,6 @@ def _tune_on_recordings(args: argparse.Namespace) -> tuple[float, float]:
                 recording.source, "holds samples labelled slip", "give recordings at rest"
             )
     threshold = tune_threshold(
-        [r.counts for r in recordings], config.detector, config.rule, args.budget
+        [r.counts for r in recordings], config.energy, config.rule, args.budget
     )
     return threshold, sum(len(r.t_s) for r in recordings) * config.loop.period_s / 60

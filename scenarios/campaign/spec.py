@@ -1,7 +1,7 @@
 """What a campaign file says, and the trials that it stands for."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,8 +11,11 @@ from msgspec import Meta
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
 from grasp.settings import load, read_toml
-from scenarios.rigs.config import RunConfig, load_config
+from scenarios.campaign.settings import load_config
+from scenarios.lift.config import LiftConfig
 from scenarios.tap import tap
+from scenarios.tap.config import TapConfig
+from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
 
 SEEDS_APART = 10_000  # so the seeds of two campaigns with different `seeds` never meet
@@ -70,7 +73,7 @@ class Task(msgspec.Struct, frozen=True):
     repetition: int
     seed: int
     swept: dict[str, Any]  # settings that differ between the combinations
-    config: RunConfig
+    config: LiftConfig | TapConfig
     recordings: str
 
 
@@ -79,7 +82,7 @@ class Combination(msgspec.Struct, frozen=True):
 
     scenario: str
     swept: dict[str, Any]
-    config: RunConfig
+    config: LiftConfig | TapConfig
 
 
 def read_spec(path: Path) -> CampaignSpec:
@@ -101,16 +104,17 @@ def combinations(spec: CampaignSpec) -> list[Combination]:
     ):
         swept = dict(zip(axes, values, strict=True))
         words = [*spec.settings, *(f"{key}={_literal(value)}" for key, value in swept.items())]
-        config = load_config(name, "simulated", detector, None, words, profile)
-        make_guard(config)
-        if scenario == tap.SCENARIO:
+        whole = load_config(name, "simulated", detector, None, words, profile)
+        make_guard(whole)
+        config = whole.for_tap() if scenario == tap.SCENARIO else whole.for_lift()
+        if isinstance(config, TapConfig):
             tap.tap_config(config)
         found.append(Combination(scenario, swept, config))
     _check_detectors([each.config for each in found])
     return found
 
 
-def _check_detectors(configs: list[RunConfig]) -> None:
+def _check_detectors(configs: Sequence[TrialConfig]) -> None:
     """Load each detector once: weights that are missing are found before anything runs."""
     for config in {config.detector_name: config for config in configs}.values():
         try:

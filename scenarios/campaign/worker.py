@@ -10,8 +10,9 @@ import msgspec
 
 from scenarios.campaign.spec import Task
 from scenarios.lift import lift
-from scenarios.rigs.config import RunConfig
+from scenarios.lift.config import LiftConfig
 from scenarios.tap import tap
+from scenarios.tap.config import TapConfig
 from scenarios.trial.result import FinishedRun, LiftResult, TapResult, versions
 
 AnyRun = FinishedRun[LiftResult] | FinishedRun[TapResult]
@@ -59,9 +60,9 @@ class Finished(msgspec.Struct, frozen=True):
     recording: bytes | None = None
 
 
-def run_once(scenario: str, config: RunConfig, seed: int, runs: Path | None) -> AnyRun:
-    """One judged trial of a scenario."""
-    if scenario == tap.SCENARIO:
+def run_once(config: LiftConfig | TapConfig, seed: int, runs: Path | None) -> AnyRun:
+    """One judged trial of the scenario that the settings are of."""
+    if isinstance(config, TapConfig):
         return tap.run(config, seed, runs)
     return lift.run(config, seed, runs)
 
@@ -89,7 +90,7 @@ def error_row(trial: Task, error: str) -> Row:
 def _run(trial: Task) -> Finished:
     if trial.recordings == "all":
         return _recorded(trial)
-    finished = Finished(_judged(trial, run_once(trial.scenario, trial.config, trial.seed, None)))
+    finished = Finished(_judged(trial, run_once(trial.config, trial.seed, None)))
     if trial.recordings == "none" or finished.row.success or finished.row.moved is False:
         return finished
     return _again(trial, finished.row)
@@ -105,7 +106,7 @@ def _again(trial: Task, row: Row) -> Finished:
 
 def _recorded(trial: Task) -> Finished:
     with tempfile.TemporaryDirectory(prefix="grasp-campaign-") as folder:
-        finished = run_once(trial.scenario, trial.config, trial.seed, Path(folder))
+        finished = run_once(trial.config, trial.seed, Path(folder))
         row = _judged(trial, finished)
         if finished.result is None or finished.result.recording is None:
             raise OSError(finished.failure.message if finished.failure else "nothing was recorded")

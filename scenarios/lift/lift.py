@@ -8,8 +8,8 @@ import msgspec
 from grasp.controller import GraspController
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
+from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, Trace, false_start, outcome
-from scenarios.rigs.config import RunConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig, Stalls
 from scenarios.trial.execution import (
@@ -52,7 +52,7 @@ class LiftTrial(msgspec.Struct, frozen=True):
     interrupted: bool
 
 
-def run_trial(config: RunConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> LiftTrial:
+def run_trial(config: LiftConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> LiftTrial:
     """Run a controller to its end on an open rig; Ctrl-C stops the arm and keeps the grip."""
     controller = make_controller(config)
     trace = Trace()
@@ -71,7 +71,7 @@ def run_trial(config: RunConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> L
 
 
 def run(
-    config: RunConfig,
+    config: LiftConfig,
     seed: int,
     runs: Path | None,
     paced: bool = False,
@@ -94,7 +94,7 @@ def run(
     return recorded(config, SCENARIO, seed, runs, on_tick, attempt, verdict)
 
 
-def judge(config: RunConfig, seed: int, trial: LiftTrial, recording: Path | None) -> LiftResult:
+def judge(config: LiftConfig, seed: int, trial: LiftTrial, recording: Path | None) -> LiftResult:
     """Verdict and figures of a finished trial; runs the twin where only that can tell."""
     facts = _facts(config, seed, trial)
     verdict = outcome(facts, config.object, config.scoring)
@@ -126,7 +126,7 @@ def judge(config: RunConfig, seed: int, trial: LiftTrial, recording: Path | None
     )
 
 
-def _facts(config: RunConfig, seed: int, trial: LiftTrial) -> LiftFacts:
+def _facts(config: LiftConfig, seed: int, trial: LiftTrial) -> LiftFacts:
     trace, end = trial.trace, trial.trace.end
     guard = config.guard
     bound_n = guard.force_limit_n + guard.overshoot_n
@@ -156,7 +156,7 @@ def _facts(config: RunConfig, seed: int, trial: LiftTrial) -> LiftFacts:
     return facts
 
 
-def twin_onset_s(config: RunConfig, seed: int) -> float | None:
+def twin_onset_s(config: LiftConfig, seed: int) -> float | None:
     """When gross slip sets in if nobody reacts: the same trial, simulated, with reactions off."""
     controller = msgspec.structs.replace(config.controller, reactions=False, keep=True)
     twin = msgspec.structs.replace(config, rig="simulated", controller=controller)

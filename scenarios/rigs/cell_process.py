@@ -16,7 +16,7 @@ from drivers.errors import LinkLost
 from grasp.clock import WallClock
 from scenarios.rigs import emulated_cell
 from scenarios.rigs.cell_control import ControlClient
-from scenarios.rigs.config import RunConfig
+from scenarios.rigs.config import GraspRigConfig, part
 from scenarios.rigs.rig import Stalls
 from scenarios.world.cell import Blow, Truth
 
@@ -65,9 +65,11 @@ class CellProcess:
         """Strike the object."""
         self.control.ask("tap", **msgspec.to_builtins(blow))
 
-    def load(self, config: RunConfig, seed: int) -> None:
+    def load(self, config: GraspRigConfig, seed: int) -> None:
         """Another trial's object; it is put in place as soon as the hand is open."""
-        self.control.ask("load", config=msgspec.to_builtins(config), seed=seed)
+        self.control.ask(
+            "load", config=msgspec.to_builtins(part(config, GraspRigConfig)), seed=seed
+        )
 
     def stalls(self) -> Stalls:
         """How often, and how long at worst, the cell stood still."""
@@ -89,8 +91,8 @@ class CellProcess:
 
 
 @contextmanager
-def cell_process(config: RunConfig, seed: int) -> Iterator[CellProcess]:
-    cell = CellProcess(config, seed)
+def cell_process(config: GraspRigConfig, seed: int) -> Iterator[CellProcess]:
+    cell = CellProcess(part(config, GraspRigConfig), seed)
     try:
         yield cell
     finally:
@@ -106,7 +108,7 @@ def wait_placed(cell: CellProcess, clock: WallClock) -> None:
         clock.sleep_until_ns(clock.now_ns + POLL_NS)
 
 
-def at_endpoints(config: RunConfig, endpoints: dict[str, Any]) -> RunConfig:
+def at_endpoints(config: GraspRigConfig, endpoints: dict[str, Any]) -> GraspRigConfig:
     """The configuration with the addresses of a cell in place of the lab's."""
     replace = msgspec.structs.replace
     gripper = endpoints["gripper"]

@@ -24,6 +24,10 @@ DISTRIBUTION = "grasp-controller"
 OWN_PACKAGES = ("grasp", "drivers", "detector", "scenarios")
 
 
+# a rig's name and a detector's in, the settings of a trial out; raises ConfigError
+Load = Callable[[str, str], Any]
+
+
 class Check(NamedTuple):
     """One finding: status is ok, warn or fail; the remedy is empty when all is well."""
 
@@ -33,10 +37,10 @@ class Check(NamedTuple):
     remedy: str = ""
 
 
-def examine(rig: str | None, file: Path | None) -> list[Check]:
+def examine(rig: str | None, file: Path | None, load: Load) -> list[Check]:
     """All checks of this machine, then those of the rig's devices if one is named."""
-    checks = [_python(), *_packages(), *_shadows(), _configuration(rig, file)]
-    checks += [*_detectors(file), _usb(), *_devices(rig, file)]
+    checks = [_python(), *_packages(), *_shadows(), _configuration(rig, file, load)]
+    checks += [*_detectors(load), _usb(), *_devices(rig, load)]
     return [*checks, _jitter(), _scheduling(), _disk()]
 
 
@@ -90,27 +94,27 @@ def _guarded(name: str, look: Callable[[], Check]) -> Check:
 
 
 def _load(rig: str | None, file: Path | None, detector: str = "energy") -> Any:
-    from scenarios.rigs.config import load_config
+    from scenarios.campaign.settings import load_config
 
     return load_config("can", rig or "simulated", detector, file)
 
 
-def _configuration(rig: str | None, file: Path | None) -> Check:
+def _configuration(rig: str | None, file: Path | None, load: Load) -> Check:
     def look() -> Check:
         from grasp.settings import config_dir
 
-        config = _load(rig, file)
+        config = load(rig or "simulated", "energy")
         extra = file or os.environ.get("GRASP_CONFIG") or "no further file"
         return Check("configuration", "ok", f"{config_dir()}, {extra}, hash {config.digest()}")
 
     return _guarded("configuration", look)
 
 
-def _detectors(file: Path | None) -> Iterator[Check]:
+def _detectors(load: Load) -> Iterator[Check]:
     def look(name: str) -> Check:
         import numpy as np
 
-        detector = _load(None, file, name).make_detector(3)
+        detector = load("simulated", name).make_detector(3)
         frames = np.random.default_rng(0).integers(-200, 0, (200, 3, 6), dtype=np.int16)
         start = time.perf_counter_ns()
         for frame in frames:
@@ -149,12 +153,12 @@ def _usb() -> Check:
     return Check("usb", "warn", "no fingertip board (59e3:74c7) on the bus", "plug it in")
 
 
-def _devices(rig: str | None, file: Path | None) -> list[Check]:
+def _devices(rig: str | None, load: Load) -> list[Check]:
     """Ask gripper and arm of a wired rig; the emulated one gets a cell of its own meanwhile."""
-    if rig in (None, "simulated"):
+    if rig is None or rig == "simulated":
         return []
     try:
-        config = _load(rig, file)
+        config = load(rig, "energy")
         if rig != "emulated":
             return _ask_devices(config)
         from scenarios.rigs.cell_process import at_endpoints, cell_process

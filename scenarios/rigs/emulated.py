@@ -5,13 +5,13 @@ from contextlib import contextmanager
 
 from grasp.clock import WallClock
 from scenarios.rigs.cell_process import at_endpoints, cell_process, wait_placed
-from scenarios.rigs.config import RunConfig
+from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.rig import Rig, calibration, connect
 from scenarios.rigs.wired import acknowledgements, wired_devices
 
 
 @contextmanager
-def emulated(config: RunConfig, seed: int) -> Iterator[Rig]:
+def emulated(config: GraspRigConfig, seed: int) -> Iterator[Rig]:
     """With the object in place; closes what it opened."""
     with cell_process(config, seed) as cell:
         clock = WallClock(cell.endpoints["start_ns"])
@@ -21,7 +21,7 @@ def emulated(config: RunConfig, seed: int) -> Iterator[Rig]:
             devices.arm.set_payload(config.arm.payload_kg)
             wait_placed(cell, clock)
 
-            def load(trial: RunConfig, seed: int) -> None:
+            def load(trial: GraspRigConfig, seed: int) -> None:
                 cell.load(trial, seed)
                 wait_placed(cell, clock)
 

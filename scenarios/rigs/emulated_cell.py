@@ -27,7 +27,7 @@ from drivers.takktile.emulator.server import BoardServer
 from drivers.ur.emulator.robot import UrEmulator
 from drivers.ur.emulator.settings import EmulatorSettings
 from scenarios.rigs.cell_control import ControlServer
-from scenarios.rigs.config import RunConfig
+from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.world_of_seed import cell_settings, make_cell
 from scenarios.world.cell import Blow, SimulatedCell
 
@@ -123,7 +123,7 @@ class CellFaults:
 class EmulatedCell:
     """One world behind three real wires and a control channel."""
 
-    def __init__(self, config: RunConfig, seed: int, host: str, gripper_port: int = 0) -> None:
+    def __init__(self, config: GraspRigConfig, seed: int, host: str, gripper_port: int = 0) -> None:
         """Raises OSError when the address is taken."""
         self.host = host
         self._lock = threading.RLock()
@@ -221,7 +221,7 @@ class EmulatedCell:
                 return {"truth": truth, "placed": self._placed, "stalls": self._stalls,
                         "worst_stall_ms": self._worst_stall_ns * 1e-6}  # fmt: skip
             if verb == "load":
-                config = msgspec.convert(request["config"], RunConfig)
+                config = msgspec.convert(request["config"], GraspRigConfig)
                 self.cell.load(*cell_settings(config, int(request["seed"])))
                 self._placed = False
                 return {}
@@ -237,7 +237,7 @@ class EmulatedCell:
 
 @contextmanager
 def open_cell(
-    config: RunConfig, seed: int, host: str | None, gripper_port: int
+    config: GraspRigConfig, seed: int, host: str | None, gripper_port: int
 ) -> Iterator[EmulatedCell]:
     """A cell on the address given, or on a free one of its own, chosen by binding."""
     cell = _bind(config, seed, host, gripper_port)
@@ -247,7 +247,7 @@ def open_cell(
         cell.close()
 
 
-def _bind(config: RunConfig, seed: int, host: str | None, gripper_port: int) -> EmulatedCell:
+def _bind(config: GraspRigConfig, seed: int, host: str | None, gripper_port: int) -> EmulatedCell:
     if host is not None:
         return EmulatedCell(config, seed, host, gripper_port)
     return at_free_address(lambda address: EmulatedCell(config, seed, address, gripper_port))
@@ -266,7 +266,7 @@ def at_free_address(make: Callable[[str], T]) -> T:
 
 
 def serve(
-    config: RunConfig,
+    config: GraspRigConfig,
     seed: int,
     host: str | None,
     gripper_port: int,
@@ -302,7 +302,7 @@ def read_order(ended: threading.Event) -> dict[str, Any]:
 def main() -> None:
     ended = end_on_signals()
     order = read_order(ended)
-    config = msgspec.convert(order["config"], RunConfig)
+    config = msgspec.convert(order["config"], GraspRigConfig)
     serve(config, order["seed"], order.get("host"), order.get("gripper_port", 0), ended)
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from scenarios.rigs.config import RunConfig
+from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.emulated import emulated
 from scenarios.rigs.hardware import hardware
 from scenarios.rigs.rig import Rig
@@ -11,7 +11,7 @@ from scenarios.rigs.simulated import simulated
 
 
 @contextmanager
-def open_rig(config: RunConfig, seed: int, paced: bool) -> Iterator[Rig]:
+def open_rig(config: GraspRigConfig, seed: int, paced: bool) -> Iterator[Rig]:
     """The rig that the configuration names. Raises the drivers' errors; closes what it opened."""
     if config.rig == "simulated":
         yield simulated(config, seed, paced)

@@ -9,7 +9,7 @@ from drivers.robotiq.calibration import GripperCalibration
 from grasp.clock import Clock
 from grasp.loop import Devices
 from scenarios.rigs.calibration import choices
-from scenarios.rigs.config import RunConfig
+from scenarios.rigs.config import GraspRigConfig
 from scenarios.world.cell import Blow, SimulatedCell, Truth
 
 POLL_NS = 100_000_000  # while waiting for activation
@@ -34,14 +34,16 @@ class Rig(msgspec.Struct, frozen=True):
     # times of verbs and of the replies to their writes, ns, where a thread does the exchange
     acknowledgements: Callable[[], Sequence[tuple[int, int]]] | None = None
     tap: Callable[[Blow], None] | None = None  # strikes the object; None where a person must
-    load: Callable[[RunConfig, int], None] | None = None  # another trial's object, put in place
+    load: Callable[[GraspRigConfig, int], None] | None = (
+        None  # another trial's object, put in place
+    )
 
     def truth(self) -> Truth | None:
         """The state of the world now; None on hardware."""
         return None if self.world is None else self.world()
 
 
-def calibration(config: RunConfig) -> GripperCalibration:
+def calibration(config: GraspRigConfig) -> GripperCalibration:
     """What a byte is worth on this rig's hand; raises ConfigError where nobody has chosen."""
     if config.calibration is None:
         raise ConfigError("gripper", "calibration", "must be chosen by hand on this rig", choices())

@@ -7,12 +7,12 @@ from drivers.takktile.model.link import ModelLink
 from drivers.ur.driver import ArmDriver
 from grasp.clock import PacedClock, VirtualClock
 from grasp.loop import Devices
-from scenarios.rigs.config import RunConfig
+from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.rig import Rig, calibration, connect
 from scenarios.rigs.world_of_seed import make_cell
 
 
-def simulated(config: RunConfig, seed: int, paced: bool) -> Rig:
+def simulated(config: GraspRigConfig, seed: int, paced: bool) -> Rig:
     """In virtual time; ``paced`` at the wall's pace."""
     cell = make_cell(config, seed)
     fingertips = ModelLink(cell.board, config.tactile, cell.advance)

@@ -17,12 +17,12 @@ from drivers.ur.driver import ArmDriver
 from drivers.ur.link.client import UrLink
 from grasp.clock import WallClock
 from grasp.loop import Devices
-from scenarios.rigs.config import RunConfig
+from scenarios.rigs.config import GraspRigConfig
 
 
 @contextmanager
 def wired_devices(
-    config: RunConfig, calibration: GripperCalibration, clock: WallClock
+    config: GraspRigConfig, calibration: GripperCalibration, clock: WallClock
 ) -> Iterator[Devices]:
     """Drivers on real wires, at the addresses of the configuration. Raises what opening raises."""
     now: Callable[[], int] = lambda: clock.now_ns  # noqa: E731

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from scenarios.rigs.config import RunConfig
+from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.variation import draw
 from scenarios.world.cell import CellSettings, SimulatedCell
 
 
-def cell_settings(config: RunConfig, seed: int) -> tuple[CellSettings, np.random.Generator]:
+def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.random.Generator]:
     """The world that a seed stands for, and the generator of its noise; equal on every rig."""
     varied, world = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
     trial = draw(config.variation, config.object, config.hand, varied)
@@ -23,6 +23,6 @@ def cell_settings(config: RunConfig, seed: int) -> tuple[CellSettings, np.random
     return settings, world
 
 
-def make_cell(config: RunConfig, seed: int, start_ns: int = 0) -> SimulatedCell:
+def make_cell(config: GraspRigConfig, seed: int, start_ns: int = 0) -> SimulatedCell:
     """A cell with that world."""
     return SimulatedCell(*cell_settings(config, seed), start_ns)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import Counts3
 from grasp.settings import Layer, load
+from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import twin_onset_s
-from scenarios.rigs.config import RunConfig
 from scenarios.rigs.variation import Draw, draw
 from scenarios.world import contact
 from scenarios.world.contact import Floats
@@ -69,18 +69,18 @@ def criteria(
     return load(GripCriteria, [Layer("grip-search", given)])
 
 
-def with_counts(config: RunConfig, counts: Counts3) -> RunConfig:
+def with_counts(config: LiftConfig, counts: Counts3) -> LiftConfig:
     """The configuration with these positions for its object."""
     body = msgspec.structs.replace(config.object, grip_counts=counts)
     return msgspec.structs.replace(config, object=body)
 
 
-def lifts_that_slip(config: RunConfig, seeds: range) -> int:
+def lifts_that_slip(config: LiftConfig, seeds: range) -> int:
     """How many simulated lifts slip when nobody reacts."""
     return sum(twin_onset_s(config, seed) is not None for seed in seeds)
 
 
-def search(config: RunConfig, criteria: GripCriteria, seed: int = 0) -> list[FoundGrip]:
+def search(config: LiftConfig, criteria: GripCriteria, seed: int = 0) -> list[FoundGrip]:
     """All triples near first contact, best first: fails in fewest draws, then middling force."""
     trials = _trials(config, criteria.draws, seed)
     grips = [judge(config, criteria, counts, trials) for counts in _candidates(config, criteria)]
@@ -96,7 +96,7 @@ def search(config: RunConfig, criteria: GripCriteria, seed: int = 0) -> list[Fou
 
 
 def judge(
-    config: RunConfig, criteria: GripCriteria, counts: Counts3, trials: list[Draw]
+    config: LiftConfig, criteria: GripCriteria, counts: Counts3, trials: list[Draw]
 ) -> FoundGrip:
     """One triple on all trials."""
     pressed, carried = _forces(config, counts, trials)
@@ -118,13 +118,13 @@ def judge(
     )
 
 
-def present_grip(config: RunConfig, criteria: GripCriteria, seed: int = 0) -> FoundGrip:
+def present_grip(config: LiftConfig, criteria: GripCriteria, seed: int = 0) -> FoundGrip:
     """The object's own positions, judged the same way."""
     trials = _trials(config, criteria.draws, seed)
     return judge(config, criteria, config.object.grip_counts, trials)
 
 
-def _trials(config: RunConfig, draws: int, seed: int) -> list[Draw]:
+def _trials(config: LiftConfig, draws: int, seed: int) -> list[Draw]:
     children = np.random.SeedSequence(seed).spawn(draws)
     return [
         draw(config.variation, config.object, config.hand, np.random.default_rng(child))
@@ -132,7 +132,7 @@ def _trials(config: RunConfig, draws: int, seed: int) -> list[Draw]:
     ]
 
 
-def _candidates(config: RunConfig, criteria: GripCriteria) -> Iterator[Counts3]:
+def _candidates(config: LiftConfig, criteria: GripCriteria) -> Iterator[Counts3]:
     """Triples around first contact. B and C are alike, and the object is free along the closing
     axis, so only one order of the two and triples about its middle are tried."""
     p = contact.parameters(config.contact, config.object)
@@ -145,7 +145,7 @@ def _candidates(config: RunConfig, criteria: GripCriteria) -> Iterator[Counts3]:
 
 
 def _forces(
-    config: RunConfig, counts: Counts3, trials: list[Draw]
+    config: LiftConfig, counts: Counts3, trials: list[Draw]
 ) -> tuple[Floats, NDArray[np.float64]]:
     """Normal forces (n, 3), N, at first, and the share (n,) of the weight that friction carries."""
     pressed = np.zeros((len(trials), contact.FINGERS))

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from drivers.errors import ConfigError
-from scenarios.rigs.config import RunConfig
+from scenarios.tap.config import TapConfig
 from scenarios.tap.settings import TapSettings
 from scenarios.world import contact
 from scenarios.world.cell import DIRECTIONS, Blow
@@ -45,7 +45,7 @@ def direction_of(settings: TapSettings, seed: int) -> str:
     return "top" if seed % 2 == 0 else "side"
 
 
-def swing(config: RunConfig, seed: int) -> Swing:
+def swing(config: TapConfig, seed: int) -> Swing:
     """The blow that a seed stands for. Raises ConfigError when no blow moves the object enough."""
     tap = config.tap
     direction = direction_of(tap, seed)
@@ -58,7 +58,7 @@ def swing(config: RunConfig, seed: int) -> Swing:
     return Swing(blow, tap.wait_s * wait)
 
 
-def mallet_speed_mps(config: RunConfig, impulse_n_s: float) -> float:
+def mallet_speed_mps(config: TapConfig, impulse_n_s: float) -> float:
     """Speed at which the mallet met the object: J = (1 + e) m M / (m + M) v, object free."""
     tap, body = config.tap, config.object
     mass_kg = body.mass_kg + body.added_mass_kg
@@ -66,7 +66,7 @@ def mallet_speed_mps(config: RunConfig, impulse_n_s: float) -> float:
     return impulse_n_s / ((1 + tap.restitution) * reduced_kg)
 
 
-def search(config: RunConfig, direction: str) -> float:
+def search(config: TapConfig, direction: str) -> float:
     """Impulse, N s, that moves the configured object ``tap.aim_m`` in that direction.
 
     Raises ConfigError when none below 2 N s does: the object is knocked out before.

@@ -8,7 +8,7 @@ import numpy as np
 
 from grasp.loop import Tick
 from grasp.phases import Phase
-from scenarios.rigs.config import RunConfig
+from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import Swing
 from scenarios.tap.scoring import ObjectMotion
 from scenarios.tap.settings import TapSettings
@@ -90,7 +90,7 @@ class PersonStrikes:
     When motion ended is not known; an upper bound is assumed.
     """
 
-    def __init__(self, operator: Operator, direction: str, config: RunConfig) -> None:
+    def __init__(self, operator: Operator, direction: str, config: TapConfig) -> None:
         self.motion: ObjectMotion | None = None
         self.impulse_n_s: float | None = None  # nobody knows
         self._operator, self._direction = operator, direction

@@ -15,9 +15,9 @@ from grasp.controller import GraspController
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
 from scenarios.lift.scoring import Trace
-from scenarios.rigs.config import RunConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig, Stalls
+from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import direction_of, mallet_speed_mps, swing
 from scenarios.tap.scoring import (
     UNMOVED,
@@ -66,7 +66,7 @@ class TapTrial(msgspec.Struct, frozen=True):
     interrupted: bool
 
 
-def tap_config(config: RunConfig) -> RunConfig:
+def tap_config(config: TapConfig) -> TapConfig:
     """The settings as a tap uses them: firm grip, no answer to slip, no added weights (the paper
     added those for the lift), set down where it stood. Raises ConfigError when the status is not
     watched for long enough to be judged."""
@@ -88,7 +88,7 @@ def tap_config(config: RunConfig) -> RunConfig:
 
 
 def run_trial(
-    config: RunConfig,
+    config: TapConfig,
     seed: int,
     rig: Rig,
     guard: ForceGuard,
@@ -125,7 +125,7 @@ def run_trial(
 
 
 def run(
-    config: RunConfig,
+    config: TapConfig,
     seed: int,
     runs: Path | None,
     paced: bool = False,
@@ -137,7 +137,7 @@ def run(
 
 
 def run_series(
-    config: RunConfig,
+    config: TapConfig,
     seeds: range,
     runs: Path | None,
     paced: bool = False,
@@ -184,7 +184,7 @@ def _reseat(rig: Rig, operator: Operator | None) -> None:
 
 
 def _one(
-    config: RunConfig, seed: int, rig: Rig, guard: ForceGuard, runs: Path | None,
+    config: TapConfig, seed: int, rig: Rig, guard: ForceGuard, runs: Path | None,
     on_tick: OnTick, operator: Operator | None,
 ) -> FinishedRun[TapResult]:  # fmt: skip
     def attempt(watch: Watch) -> TapTrial:
@@ -196,7 +196,7 @@ def _one(
     return recorded(config, SCENARIO, seed, runs, on_tick, attempt, judged)
 
 
-def facts_of(config: RunConfig, trial: TapTrial) -> TapFacts:
+def facts_of(config: TapConfig, trial: TapTrial) -> TapFacts:
     """What the verdict is drawn from."""
     fault = trial.controller.fault_cause
     if not trial.controller.finished and not trial.interrupted:
@@ -212,7 +212,7 @@ def facts_of(config: RunConfig, trial: TapTrial) -> TapFacts:
     )
 
 
-def judge(config: RunConfig, seed: int, trial: TapTrial, recording: Path | None) -> TapResult:
+def judge(config: TapConfig, seed: int, trial: TapTrial, recording: Path | None) -> TapResult:
     """Verdict and figures of a finished tap."""
     facts = facts_of(config, trial)
     outcome = verdict(facts, config.tap_scoring)

@@ -18,8 +18,8 @@ from grasp.loop import ControlLoop, Tick
 from grasp.realtime import real_time
 from grasp.slip import SlipMonitor
 from grasp.step import GraspStep
-from scenarios.rigs.config import RunConfig
 from scenarios.rigs.rig import Rig, Stalls, calibration
+from scenarios.trial.config import TrialConfig
 from scenarios.trial.result import Failure, FinishedRun, LiftResult, TapResult
 from scenarios.trial.run_folder import RunFolder
 from scenarios.world.cell import Truth
@@ -47,7 +47,7 @@ class Ended(Protocol):
 TrialT = TypeVar("TrialT", bound=Ended)
 
 
-def make_guard(config: RunConfig) -> ForceGuard:
+def make_guard(config: TrialConfig) -> ForceGuard:
     """The guard; raises ConfigError before any device is touched if the limit cannot be kept."""
     known = calibration(config)
     guard = ForceGuard(config.guard, known.least_force_n, known.m_per_count)
@@ -63,7 +63,7 @@ def make_guard(config: RunConfig) -> ForceGuard:
     return guard
 
 
-def make_controller(config: RunConfig) -> GraspController:
+def make_controller(config: TrialConfig) -> GraspController:
     grip = config.object.grip_counts
     margin = config.controller.preshape_margin_counts
     a, b, c = (max(0, count - margin) for count in grip)
@@ -72,7 +72,7 @@ def make_controller(config: RunConfig) -> GraspController:
 
 
 def make_step(
-    config: RunConfig, controller: GraspController | None = None, guard: ForceGuard | None = None
+    config: TrialConfig, controller: GraspController | None = None, guard: ForceGuard | None = None
 ) -> GraspStep:
     """What stands between a frame and the commands, as the configuration says."""
     detector = config.make_detector(FINGERS)
@@ -80,7 +80,7 @@ def make_step(
 
 
 def make_loop(
-    config: RunConfig, rig: Rig, controller: GraspController, guard: ForceGuard, take: OnTick
+    config: TrialConfig, rig: Rig, controller: GraspController, guard: ForceGuard, take: OnTick
 ) -> ControlLoop:
     """The control loop of one trial on an open rig."""
     step = make_step(config, controller, guard)
@@ -88,7 +88,7 @@ def make_loop(
 
 
 def run_to_end(
-    config: RunConfig, rig: Rig, loop: ControlLoop, deadline_s: float
+    config: TrialConfig, rig: Rig, loop: ControlLoop, deadline_s: float
 ) -> tuple[bool, bool | None]:
     """Run until the controller has finished. Tells whether Ctrl-C stopped it, in a safe state, and
     whether a real-time priority was granted (None in virtual time)."""
@@ -122,7 +122,7 @@ def acknowledged(rig: Rig, loop: ControlLoop) -> Sequence[int]:
 
 
 def recorded(
-    config: RunConfig, scenario: str, seed: int, runs: Path | None, on_tick: OnTick,
+    config: TrialConfig, scenario: str, seed: int, runs: Path | None, on_tick: OnTick,
     attempt: Callable[[Watch], TrialT], judge: Callable[[TrialT, Path | None], Result],
 ) -> FinishedRun[Result]:  # fmt: skip
     """Make the attempt, judge it, and leave a folder of its own in ``runs`` (None: no folder)."""

@@ -21,9 +21,9 @@ from grasp.messages import (
     recorded_input,
 )
 from grasp.recording import RunRecording
-from grasp.settings import Layer, load
+from grasp.settings import Layer, load, renamed
 from grasp.step import StepResult
-from scenarios.rigs.config import RunConfig
+from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_step
 from scenarios.trial.run_folder import RECORDING, RUN_CHANNELS
 
@@ -63,10 +63,12 @@ def replay_run(path: Path) -> Replay:
     return Replay(str(path), stepper.steps, recording.complete, stepper.events, stepper.differences)
 
 
-def _config(recording: RunRecording) -> RunConfig:
+def _config(recording: RunRecording) -> TrialConfig:
+    """The settings of rig and control; those of the scenario play no part in a replay."""
     try:
         table = msgspec.json.decode(recording.metadata["config"], type=dict[str, Any])
-        return load(RunConfig, [Layer("metadata", table)])
+        known = {k: v for k, v in table.items() if k in TrialConfig.__struct_fields__ or renamed(k)}
+        return load(TrialConfig, [Layer("metadata", known)])
     except (KeyError, msgspec.MsgspecError, ConfigError) as error:
         raise BadFile(
             recording.path,
@@ -78,7 +80,7 @@ def _config(recording: RunRecording) -> RunConfig:
 class _Stepper:
     """Collects the messages of a step and replays it when its control message comes."""
 
-    def __init__(self, config: RunConfig) -> None:
+    def __init__(self, config: TrialConfig) -> None:
         self.steps = 0
         self.events: list[tuple[float, str]] = []
         self.differences: list[Difference] = []

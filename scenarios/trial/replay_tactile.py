@@ -36,7 +36,7 @@ from grasp.commands import (
 )
 from grasp.slip import SlipMonitor
 from grasp.step import StepInput
-from scenarios.rigs.config import RunConfig
+from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_step
 
 CLOSING_NS = 80_000_000  # how long a stand-in finger closes before it meets its object
@@ -101,7 +101,7 @@ class _Lift:
     arm has just been told to lift.
     """
 
-    def __init__(self, config: RunConfig, earlier: Sequence[Counts], t_ns: int) -> None:
+    def __init__(self, config: TrialConfig, earlier: Sequence[Counts], t_ns: int) -> None:
         self._step = make_step(config)
         self._devices = ObedientDevices()
         self._seq = 0
@@ -135,7 +135,7 @@ class _Lift:
         return [SentCommand(t_ns * 1e-9, phase, c, describe(c)) for c in result.admitted]
 
 
-def replay_tactile(config: RunConfig, recording: Recording) -> TactileReplay:
+def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
     """Replay a recording of one to three fingers; missing fingers stay at rest."""
     detector = config.make_detector(FINGERS)
     monitor = SlipMonitor(make_rule(config.rule, FINGERS), config.slip)
@@ -161,7 +161,7 @@ def replay_tactile(config: RunConfig, recording: Recording) -> TactileReplay:
     return TactileReplay(registered, commands, probabilities)
 
 
-def _steps_until_lift(config: RunConfig) -> int:
+def _steps_until_lift(config: TrialConfig) -> int:
     """How many frames a grasp takes until its arm lifts."""
     lift = _Lift(config, (), 0)
     steps = 0

@@ -11,7 +11,7 @@ from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.messages import CHANNELS, PHASES, TRUTH, write_tick
 from grasp.recording import RunRecorder
-from scenarios.rigs.config import RunConfig
+from scenarios.trial.config import TrialConfig
 from scenarios.trial.result import LiftResult, TapResult, versions
 from scenarios.world.cell import Truth
 
@@ -23,7 +23,7 @@ RUN_CHANNELS: dict[str, type[msgspec.Struct]] = {**CHANNELS, TRUTH: Truth}
 class RunFolder:
     """Records one run. Nothing here raises while the loop runs; ``finish`` says how it went."""
 
-    def __init__(self, runs: Path, scenario: str, config: RunConfig, seed: int) -> None:
+    def __init__(self, runs: Path, scenario: str, config: TrialConfig, seed: int) -> None:
         """Makes `runs/<stamp>-<scenario>-<object>/`; raises CouldNotRecord if it cannot."""
         self.path = _new_folder(runs, f"{scenario}-{config.object.name}")
         self._recorder = RunRecorder(self.path / RECORDING, RUN_CHANNELS, metadata(config, seed))
@@ -65,7 +65,7 @@ class RunFolder:
             shutil.rmtree(self.path, ignore_errors=True)
 
 
-def metadata(config: RunConfig, seed: int) -> dict[str, str]:
+def metadata(config: TrialConfig, seed: int) -> dict[str, str]:
     """What is needed to run the same again: settings, seed, versions."""
     return {
         "config": msgspec.json.encode(config).decode(),

@@ -11,8 +11,8 @@ from itertools import product
 import numpy as np
 import pytest
 
+from scenarios.campaign.settings import load_config
 from scenarios.lift import lift
-from scenarios.rigs.config import load_config
 from scenarios.trial.result import LiftResult
 
 SEEDS = range(int(os.environ.get("LIFTS", "40")))
@@ -23,7 +23,7 @@ MASKS_S = (0.14, 0.0)
 
 def judged(object_name: str, detector: str, mask_s: float, seed: int) -> LiftResult:
     mask = f"slip.mask_after_closing_s={mask_s}"
-    config = load_config(object_name, "simulated", detector, None, [mask])
+    config = load_config(object_name, "simulated", detector, None, [mask]).for_lift()
     result = lift.run(config, seed, None).result
     assert result is not None
     return result

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from detector.scores.quantiles import Quantiles
+from scenarios.campaign.settings import load_config
 from scenarios.lift import lift
-from scenarios.rigs.config import load_config
 from scenarios.trial.result import TimingResult
 
 SEEDS = range(4)
@@ -47,7 +47,11 @@ def busy_programs(count: int) -> Iterator[None]:
 
 def timings(assignments: tuple[str, ...]) -> list[TimingResult]:
     results = [
-        lift.run(load_config("can", "emulated", "energy", None, QUICK + assignments), seed, None)
+        lift.run(
+            load_config("can", "emulated", "energy", None, QUICK + assignments).for_lift(),
+            seed,
+            None,
+        )
         for seed in SEEDS
     ]
     return [run.result.timing for run in results if run.result is not None]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from scenarios.campaign.settings import load_config
 from scenarios.lift import lift
-from scenarios.rigs.config import load_config
 
 SEEDS = range(25)
 OBJECTS = ("box", "can")
@@ -19,7 +19,9 @@ def test_wired_lifts_are_those_of_virtual_time_but_for_their_latency() -> None:
     for name in OBJECTS:
         for seed in SEEDS:
             wired, virtual = (
-                lift.run(load_config(name, rig, "energy", None, QUICK), seed, None).result
+                lift.run(
+                    load_config(name, rig, "energy", None, QUICK).for_lift(), seed, None
+                ).result
                 for rig in ("emulated", "simulated")
             )
             assert wired is not None and virtual is not None

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from scenarios.rigs.config import load_config
+from scenarios.campaign.settings import load_config
 from scenarios.tap import tap
 from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.settings import TapScoringSettings
@@ -28,7 +28,7 @@ WINDOWS = {
 
 
 def taps(name: str, detector: str, number: int, *assignments: str) -> Iterator[TapResult]:
-    config = load_config(name, "simulated", detector, None, assignments)
+    config = load_config(name, "simulated", detector, None, assignments).for_tap()
     for finished in tap.run_series(config, range(number), None):
         assert finished.result is not None
         yield finished.result

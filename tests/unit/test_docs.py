@@ -5,8 +5,8 @@ from pathlib import Path
 
 from grasp.phases import mermaid
 from grasp.settings import names
+from scenarios.campaign.settings import load_config
 from scenarios.lift.scoring import LiftOutcome
-from scenarios.rigs.config import load_config
 from scenarios.tap.scoring import TapOutcome
 
 ROOT = Path(__file__).parents[2]

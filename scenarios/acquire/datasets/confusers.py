@@ -17,15 +17,17 @@ from detector.recordings import PERIOD_S, Metadata, Recording
 from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.phases import Phase
+from grasp.settings import load
 from scenarios.acquire import session as acquire
 from scenarios.acquire.config import SamplingSettings, load_acquire_config
 from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.press import PressController, StrokeMotion
 from scenarios.acquire.rig import open_acquire_rig
 from scenarios.acquire.session import Script, Session
+from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import run_trial
-from scenarios.rigs.config import RunConfig, load_config
 from scenarios.rigs.opening import open_rig
+from scenarios.trial.config import trial_layers
 from scenarios.trial.execution import make_guard
 from scenarios.world.cell import Blow, Truth
 from scenarios.world.pressed_cell import PressedCell
@@ -124,13 +126,13 @@ def _grasped(metadata: Metadata, samples: int, source: str) -> Recording:
     return _of_lift(seen[-samples:], config, metadata, source)
 
 
-def lift_config(metadata: Metadata) -> RunConfig:
+def lift_config(metadata: Metadata) -> LiftConfig:
     """A lift of something so light that it is held; for `grasped_slip` as heavy as it is told to
     be, for `grasped_blow` of its own weight and as firmly as in the tap. An eager detector where
     the hand is to tighten, else one that never speaks."""
-    config = load_config(metadata.surface, "simulated", "energy")
+    config = load(LiftConfig, trial_layers(metadata.surface, "simulated", "energy"))
     tightens = metadata.cause == "grasped_closing_and_tightening"
-    fixed: dict[str, float] = {"detector.threshold_counts": EAGER if tightens else 500.0}
+    fixed: dict[str, float] = {"energy.threshold_counts": EAGER if tightens else 500.0}
     if metadata.cause == "grasped_blow":
         fixed |= {"object.added_mass_kg": 0.0, "controller.hold_s": 4.0}
         fixed |= {"controller.firm": True, "controller.reactions": False}
@@ -162,7 +164,7 @@ def _taps(
 
 
 def _of_lift(
-    seen: list[tuple[Tick, Truth]], config: RunConfig, metadata: Metadata, source: str
+    seen: list[tuple[Tick, Truth]], config: LiftConfig, metadata: Metadata, source: str
 ) -> Recording:
     ticks = [tick for tick, _ in seen]
     t_s = np.array([(tick.t_ns - ticks[0].t_ns) * 1e-9 for tick in ticks])

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from detector.energy import tune_threshold
 from grasp.controller import GraspController
 from grasp.loop import Tick
+from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import run_trial
-from scenarios.rigs.config import RunConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.trial.execution import make_guard
 from scenarios.world.cell import Truth
@@ -19,7 +19,7 @@ LIGHT_KG = 0.03  # so light that no grasp of any object here lets it slip
 FIRST_SEED = 1_000_000  # tuning seeds are kept apart from those of trials
 
 
-def static_lift(config: RunConfig, seed: int) -> NDArray[np.int16]:
+def static_lift(config: LiftConfig, seed: int) -> NDArray[np.int16]:
     """Counts (n, fingers, 6) of one lift while the detector is armed and nothing slips.
 
     Raises ValueError when it slipped all the same.
@@ -41,7 +41,7 @@ def static_lift(config: RunConfig, seed: int) -> NDArray[np.int16]:
 
 
 def tune(
-    configs: list[RunConfig],
+    configs: list[LiftConfig],
     lifts: int,
     false_events_per_min: float,
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -52,7 +52,5 @@ def tune(
         for k in range(lifts):
             recordings.append(static_lift(config, FIRST_SEED + k))
             progress(len(recordings), lifts * len(configs))
-    threshold = tune_threshold(
-        recordings, configs[0].detector, configs[0].rule, false_events_per_min
-    )
+    threshold = tune_threshold(recordings, configs[0].energy, configs[0].rule, false_events_per_min)
     return threshold, sum(map(len, recordings)) * configs[0].loop.period_s / 60

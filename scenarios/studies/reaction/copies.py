@@ -19,9 +19,9 @@ from grasp.controller import CLOSED_COUNTS, GraspController
 from grasp.guard import THUMB_ALONE
 from grasp.loop import Tick
 from grasp.phases import Phase
+from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import run_trial
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, ScoringSettings, outcome
-from scenarios.rigs.config import RunConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.workers import Workers, results
 from scenarios.rigs.world_of_seed import cell_settings
@@ -79,7 +79,7 @@ class Grid(msgspec.Struct, frozen=True):
     detector_factors: Sequence[float] = (2.0, 4.0)
 
 
-def study(config: RunConfig, seed: int, grid: Grid, check: bool) -> SeedStudy:
+def study(config: LiftConfig, seed: int, grid: Grid, check: bool) -> SeedStudy:
     """Everything of one object and seed. Raises RuntimeError when the lift never begins."""
     begun = at_lift(config, seed)
     onset_ns = find_onset(begun)
@@ -97,13 +97,13 @@ def study(config: RunConfig, seed: int, grid: Grid, check: bool) -> SeedStudy:
     return SeedStudy(config.object.name, seed, True, points, checked)
 
 
-def _command_path_ns(config: RunConfig, seed: int) -> int:
+def _command_path_ns(config: LiftConfig, seed: int) -> int:
     """Verb to motion in this trial's hand: half a refresh period on average, then its latency."""
     hand = cell_settings(config, seed)[0].hand
     return round((0.5 / hand.refresh_hz + hand.command_latency_s) * 1e9)
 
 
-def at_lift(config: RunConfig, seed: int) -> Copy:
+def at_lift(config: LiftConfig, seed: int) -> Copy:
     """World and gripper driver of a trial at the instant at which its arm begins to rise."""
     controller_settings = msgspec.structs.replace(config.controller, reactions=False, keep=True)
     unanswered = msgspec.structs.replace(config, controller=controller_settings)
@@ -129,7 +129,7 @@ def find_onset(begun: Copy) -> int | None:
     return None
 
 
-def react(config: RunConfig, begun: Copy, at_ns: int, command: CloseFast) -> Reaction:
+def react(config: LiftConfig, begun: Copy, at_ns: int, command: CloseFast) -> Reaction:
     """The lift with that command given at that time and judged at the top."""
     cell, gripper = copy.deepcopy(begun)
     start_ns = cell.truth().t_ns
@@ -154,7 +154,7 @@ def _busy(cell: SimulatedCell) -> bool:
     return cell.gripper.moving
 
 
-def _lift_s(config: RunConfig) -> float:
+def _lift_s(config: LiftConfig) -> float:
     c = config.controller
     ramp_s = c.lift_speed_mps / c.lift_acceleration_mps2
     return c.lift_height_m / c.lift_speed_mps + ramp_s + SETTLE_S
@@ -174,13 +174,13 @@ def _judged(end: Truth, body: GraspObject, scoring: ScoringSettings) -> Reaction
     return Reaction(success, end.slip_distance_m if success else None, rise_ms)
 
 
-def answered(config: RunConfig, seed: int) -> tuple[int, CloseFast, int] | None:
+def answered(config: LiftConfig, seed: int) -> tuple[int, CloseFast, int] | None:
     """When the full path gave its command to close, the command, and when slip was registered."""
     answer = _answer(config, seed)
     return None if answer is None else answer[:3]
 
 
-def _answer(config: RunConfig, seed: int) -> tuple[int, CloseFast, int, Truth] | None:
+def _answer(config: LiftConfig, seed: int) -> tuple[int, CloseFast, int, Truth] | None:
     """None where the full path never answered, or nothing had slipped by its end."""
     sent: list[tuple[int, CloseFast]] = []
 
@@ -197,7 +197,9 @@ def _answer(config: RunConfig, seed: int) -> tuple[int, CloseFast, int, Truth] |
     return *sent[0], registered_ns, end
 
 
-def _check(config: RunConfig, seed: int, begun: Copy, factors: Sequence[float]) -> CopyCheck | None:
+def _check(
+    config: LiftConfig, seed: int, begun: Copy, factors: Sequence[float]
+) -> CopyCheck | None:
     answer = _answer(config, seed)
     if answer is None or answer[3].slip_onset_s is None:
         return None
@@ -221,7 +223,7 @@ def _saved_ns(late_ns: int, factor: float) -> int:
 class _Task(msgspec.Struct, frozen=True):
     """One study to be made."""
 
-    config: RunConfig
+    config: LiftConfig
     seed: int
     grid: Grid
     check: bool
@@ -232,7 +234,7 @@ def _study(task: _Task) -> SeedStudy:
 
 
 def studies(
-    configs: Sequence[RunConfig], seeds: Sequence[int], checked: int, grid: Grid, workers: Workers
+    configs: Sequence[LiftConfig], seeds: Sequence[int], checked: int, grid: Grid, workers: Workers
 ) -> Iterator[SeedStudy]:
     """All of them as they finish; the first ``checked`` seeds are checked."""
     tasks = [

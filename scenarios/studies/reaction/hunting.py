@@ -19,7 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from drivers.robotiq.model.gripper import HandSettings
-from scenarios.rigs.config import RunConfig
+from scenarios.trial.config import TrialConfig
 
 RATCHET, LOOSENING, REGRASP = range(3)
 POLICIES = ("own transients", "loosening", "regrasp")
@@ -121,7 +121,7 @@ def _hunt(
     return compensations, force
 
 
-def default_loop(config: RunConfig, closing_s: float, transient_s: float) -> HuntingSettings:
+def default_loop(config: TrialConfig, closing_s: float, transient_s: float) -> HuntingSettings:
     """The reduced loop of a configuration whose fingers close for so long.
 
     Commands are masked from one closing to ``mask_after_closing_s`` after its end, and the cap is

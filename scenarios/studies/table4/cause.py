@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import msgspec
 
 from scenarios.campaign.paper import TRIALS, paper_counts, wilson
-from scenarios.rigs.config import RunConfig
+from scenarios.lift.config import LiftConfig
 from scenarios.studies.reaction.copies import answered, at_lift, find_onset, react
 
 REACTION_RANGE_S = (0.0, 0.25)  # decision delay and command path together; assumed
@@ -38,7 +38,7 @@ class Cause(msgspec.Struct, frozen=True):
 
 
 def explain(
-    config: RunConfig, seeds: Sequence[int], rate: float, geometry: tuple[float, float]
+    config: LiftConfig, seeds: Sequence[int], rate: float, geometry: tuple[float, float]
 ) -> Cause:
     """Move each cause alone. ``rate``: of the full runs; ``geometry``: over the calibration's
     grid."""
@@ -64,7 +64,7 @@ def _range(cause: str, rates: tuple[float, float], paper: tuple[float, float]) -
     return Range(cause, low, high, low <= paper[1] and high >= paper[0])
 
 
-def _moved(config: RunConfig, seed: int) -> dict[str, bool]:
+def _moved(config: LiftConfig, seed: int) -> dict[str, bool]:
     begun = at_lift(config, seed)
     onset_ns = find_onset(begun)
     answer = answered(config, seed)

@@ -8,17 +8,18 @@ import pytest
 
 from grasp.loop import Tick
 from grasp.phases import Phase
+from scenarios.campaign.settings import load_config
 from scenarios.lift import lift
+from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import LiftTrial
-from scenarios.rigs.config import RunConfig, load_config
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import make_guard
 from scenarios.trial.result import LiftResult
 
 
-def config(*assignments: str, object_name: str = "can") -> RunConfig:
-    return load_config(object_name, "simulated", "energy", None, assignments)
+def config(*assignments: str, object_name: str = "can") -> LiftConfig:
+    return load_config(object_name, "simulated", "energy", None, assignments).for_lift()
 
 
 def judged(*assignments: str, seed: int = 0, object_name: str = "can") -> LiftResult:
@@ -69,6 +70,6 @@ def plain_lift() -> LiftResult:
     return judged()
 
 
-def changed(config: RunConfig, section: str, **values: Any) -> RunConfig:
+def changed(config: LiftConfig, section: str, **values: Any) -> LiftConfig:
     part = msgspec.structs.replace(getattr(config, section), **values)
     return msgspec.structs.replace(config, **{section: part})

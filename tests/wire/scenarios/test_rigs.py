@@ -14,9 +14,9 @@ from typing import Any
 import msgspec
 import pytest
 
+from scenarios.campaign.settings import load_config
 from scenarios.lift import lift
 from scenarios.rigs.cell_process import cell_process
-from scenarios.rigs.config import load_config
 from scenarios.rigs.opening import open_rig
 from tests.unit.scenarios.conftest import config
 
@@ -165,10 +165,12 @@ def alive(pid: int) -> bool:
 
 def test_cell_ends_with_its_parent_even_when_that_is_killed() -> None:
     script = (
-        "from scenarios.rigs.config import load_config\n"
+        "from scenarios.campaign.settings import load_config\n"
         "from scenarios.rigs.cell_process import CellProcess\n"
+        "from scenarios.rigs.config import GraspRigConfig, part\n"
         "import time\n"
-        "cell = CellProcess(load_config('can', 'emulated', 'energy'), 0)\n"
+        "config = load_config('can', 'emulated', 'energy')\n"
+        "cell = CellProcess(part(config, GraspRigConfig), 0)\n"
         "print(cell.endpoints['pid'], flush=True)\n"
         "time.sleep(60)\n"
     )

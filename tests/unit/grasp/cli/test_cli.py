@@ -100,7 +100,7 @@ def test_taps_are_shown_counted_and_left_as_runs(
 ) -> None:
     code, out, _ = call(
         "run", "tap", "--taps", "2", "--runs", str(tmp_path), "--set",
-        "detector.threshold_counts=12", capsys=capsys,
+        "energy.threshold_counts=12", capsys=capsys,
     )  # fmt: skip
     assert code == 0
     assert "all       2 of 2 taps that moved it (100 %)" in out

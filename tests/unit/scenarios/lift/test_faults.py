@@ -83,7 +83,7 @@ def _check_hand(
 
 
 def test_object_that_was_slipping_is_caught_by_the_safe_state() -> None:
-    staged = Staged("detector.threshold_counts=400")  # nobody listens, the can slips
+    staged = Staged("energy.threshold_counts=400")  # nobody listens, the can slips
     staged.run(in_phase(Phase.LIFT, 60), silence_fingertips)
     truth = staged.rig.truth()
     assert truth is not None

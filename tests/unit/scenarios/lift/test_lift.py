@@ -47,7 +47,7 @@ def test_without_reactions_the_same_can_never_leaves_the_table() -> None:
 
 
 def test_deaf_detector_drops_the_can() -> None:
-    r = judged("detector.threshold_counts=400")
+    r = judged("energy.threshold_counts=400")
     assert r.slip_registered_s is None
     assert r.outcome == "dropped"
 
@@ -55,7 +55,7 @@ def test_deaf_detector_drops_the_can() -> None:
 def test_slip_that_ends_by_itself_unheard_is_undetected() -> None:
     # A grip that just breaks at the arm's jerk but carries the weight at constant speed.
     r = judged(
-        "detector.threshold_counts=400", "object.mass_kg=0.24",
+        "energy.threshold_counts=400", "object.mass_kg=0.24",
         "object.added_mass_kg=0", "object.friction_kinetic=0.79",
         "arm.max_acceleration_mps2=5", "controller.lift_acceleration_mps2=5",
         "controller.lift_speed_mps=0.25",
@@ -71,13 +71,13 @@ def test_grasp_that_is_strong_enough_never_slips_and_is_no_success() -> None:
 
 
 def test_detector_that_cries_at_once_is_a_false_start() -> None:
-    r = judged("detector.threshold_counts=0.3")
+    r = judged("energy.threshold_counts=0.3")
     assert r.outcome == "false_start"
     assert r.slip_registered_s is not None
 
 
 def test_registration_just_before_gross_slip_counts_as_detected_by_the_twin() -> None:
-    r = judged("scoring.early_s=1.0", "detector.threshold_counts=0.3", "controller.settle_s=0.3")
+    r = judged("scoring.early_s=1.0", "energy.threshold_counts=0.3", "controller.settle_s=0.3")
     assert r.outcome != "false_start"
 
 

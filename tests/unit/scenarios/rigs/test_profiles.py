@@ -7,14 +7,16 @@ import pytest
 
 from drivers.errors import BadFile, ConfigError
 from grasp.settings import named_layer, names
+from scenarios.campaign.settings import load_config
 from scenarios.campaign.spec import CampaignSpec, combinations
 from scenarios.lift import lift
-from scenarios.rigs.config import RunConfig, load_config
+from scenarios.lift.config import LiftConfig
+from scenarios.trial.config import TrialConfig
 from tests.unit.scenarios.conftest import config
 
 
-def paper(*assignments: str) -> RunConfig:
-    return load_config("can", "simulated", "energy", None, assignments, "paper")
+def paper(*assignments: str) -> LiftConfig:
+    return load_config("can", "simulated", "energy", None, assignments, "paper").for_lift()
 
 
 def test_every_profile_names_its_detector() -> None:
@@ -23,8 +25,10 @@ def test_every_profile_names_its_detector() -> None:
 
 
 def test_the_default_profile_changes_no_setting() -> None:
-    plain = RunConfig(rig="simulated", detector_name="energy", object=config().object)
-    same = msgspec.structs.replace(config(), gripper=plain.gripper, detector=plain.detector)
+    plain = LiftConfig(rig="simulated", detector_name="energy", object=config().object)
+    same = msgspec.structs.replace(
+        config(), gripper=plain.gripper, calibration=None, energy=plain.energy
+    )
     assert same == plain
 
 
@@ -65,7 +69,7 @@ def test_a_detector_without_its_weights_is_refused_before_anything_runs(
     def missing(*_: Any) -> None:
         raise BadFile("detector/weights/tcn-paper.onnx", "no such file", "another one")
 
-    monkeypatch.setattr(RunConfig, "make_detector", missing)
+    monkeypatch.setattr(TrialConfig, "make_detector", missing)
     spec = CampaignSpec(name="x", objects=("can",), detectors=("energy",))
     with pytest.raises(ConfigError, match=r"tcn-paper\.onnx"):
         combinations(spec)

@@ -11,9 +11,11 @@ import pytest
 from drivers.errors import ConfigError
 from grasp.loop import Issued, Tick
 from grasp.phases import Phase
+from scenarios.campaign.settings import load_config
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
 from scenarios.tap import mallet, tap
+from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import direction_of, swing
 from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.tap import TapTrial, tap_config
@@ -22,11 +24,16 @@ from scenarios.trial.replay import replay_run
 from scenarios.trial.result import TapResult
 from scenarios.world import contact
 from scenarios.world.cell import Blow
-from tests.unit.scenarios.conftest import config
 
 HELD = "tap.impulse_n_s=0.02"  # well within the friction of the grip
 # a threshold between resting noise and a blow, whatever the fingertip's latest figures are
-HEARS = "detector.threshold_counts=12"
+
+
+def config(*assignments: str, object_name: str = "can") -> TapConfig:
+    return load_config(object_name, "simulated", "energy", None, assignments).for_tap()
+
+
+HEARS = "energy.threshold_counts=12"
 
 
 @cache
@@ -107,15 +114,15 @@ def test_tap_within_the_friction_of_the_grip_is_reported_apart() -> None:
     assert r.moved is False
     assert not r.success
     assert r.outcome in ("unmoved_quiet", "unmoved_registered")
-    assert result_of(HELD, "detector.threshold_counts=400").outcome == "unmoved_quiet"
+    assert result_of(HELD, "energy.threshold_counts=400").outcome == "unmoved_quiet"
 
 
 def test_deaf_detector_does_not_detect() -> None:
-    assert result_of("detector.threshold_counts=400").outcome == "undetected"
+    assert result_of("energy.threshold_counts=400").outcome == "undetected"
 
 
 def test_detector_that_is_never_quiet_leaves_nothing_to_strike() -> None:
-    r = result_of("detector.threshold_counts=0.1", "tap.patience_s=1")
+    r = result_of("energy.threshold_counts=0.1", "tap.patience_s=1")
     assert r.outcome == "never_nominal"
     assert r.moved is None
     assert r.impulse_n_s is None

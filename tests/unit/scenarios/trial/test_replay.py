@@ -105,11 +105,21 @@ def test_recording_with_the_old_name_of_a_setting_is_refused_with_the_new_one(
     recorded: Path, tmp_path: Path
 ) -> None:
     settings = RunRecording.open(recorded, RUN_CHANNELS).metadata["config"]
-    old = settings.replace('"impulse_n_s"', '"impulse_ns"')
+    old = settings.replace('"energy":{', '"detector":{')
     assert old != settings
     out = copy_with_settings(recorded, tmp_path / "x.mcap", old)
-    with pytest.raises(BadFile, match=r"tap\.impulse_ns: is called tap.impulse_n_s now"):
+    with pytest.raises(BadFile, match="detector: is called energy now"):
         replay_run(out)
+
+
+def test_sections_of_other_scenarios_do_not_matter_to_a_replay(
+    recorded: Path, tmp_path: Path
+) -> None:
+    settings = RunRecording.open(recorded, RUN_CHANNELS).metadata["config"]
+    assert '"tap"' not in settings
+    more = settings.replace('"scoring":{', '"juggling":{"balls":3},"scoring":{"novel":1,')
+    assert more != settings
+    assert replay_run(copy_with_settings(recorded, tmp_path / "x.mcap", more)).steps > 0
 
 
 def fingertip_strokes() -> Recording:

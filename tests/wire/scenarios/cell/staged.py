@@ -15,8 +15,9 @@ from grasp.cli.exits import code_of
 from grasp.commands import CloseFast, HoldFingers, MoveArm, MoveFingers, OpenFingers
 from grasp.loop import Tick
 from grasp.phases import Phase
+from scenarios.campaign.settings import load_config
 from scenarios.lift import lift
-from scenarios.rigs.config import RunConfig, load_config
+from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
 from scenarios.world.cell import Truth
@@ -140,7 +141,7 @@ class Staged:
         self.fault = FAULTS[fault]
         self.phase = phase
         self.row = Row(fault=fault, phase=phase.value)
-        self.config: RunConfig = load_config("can", "emulated", "energy", None, QUICK)
+        self.config = load_config("can", "emulated", "energy", None, QUICK).for_lift()
         self._rig: Rig | None = None
         self.struck = False
         self._last = Phase.IDLE
@@ -164,7 +165,7 @@ class Staged:
         return self.row
 
     @contextmanager
-    def _open(self, config: RunConfig, seed: int, paced: bool) -> Iterator[Rig]:
+    def _open(self, config: LiftConfig, seed: int, paced: bool) -> Iterator[Rig]:
         with open_rig(config, seed, paced) as rig:
             first = self._rig is None  # a twin run is none of ours
             if first:

@@ -1,0 +1,39 @@
+"""The union of what lift and tap can be told: what a file or a command line may say of either."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from grasp.settings import load
+from scenarios.lift.config import LiftConfig
+from scenarios.lift.scoring import ScoringSettings
+from scenarios.rigs.config import part
+from scenarios.tap.config import TapConfig
+from scenarios.tap.settings import TapScoringSettings, TapSettings
+from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig, trial_layers
+
+
+class RunConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Resolved settings of a lift or a tap."""
+
+    scoring: ScoringSettings = ScoringSettings()
+    tap: TapSettings = TapSettings()
+    tap_scoring: TapScoringSettings = TapScoringSettings()
+
+    def for_lift(self) -> LiftConfig:
+        return part(self, LiftConfig)
+
+    def for_tap(self) -> TapConfig:
+        return part(self, TapConfig)
+
+
+def load_config(
+    object_name: str,
+    rig: str,
+    detector: str | None = None,
+    file: Path | None = None,
+    assignments: Sequence[str] = (),
+    profile: str = DEFAULT_PROFILE,
+) -> RunConfig:
+    """From the layers of ``trial_layers``. Raises ConfigError for an unknown name or the first
+    setting that is not allowed."""
+    return load(RunConfig, trial_layers(object_name, rig, detector, file, assignments, profile))

@@ -1,0 +1,106 @@
+"""What a trial can be told whatever it tries: the rig, and what controls it. From layers."""
+
+import hashlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from detector.decision import RuleSettings
+from detector.energy import EnergySettings
+from detector.interface import DetectorSettings, SlipDetector, load_detector
+from detector.network import NetworkSettings
+from detector.psd import PsdFairSettings, PsdSettings
+from grasp.controller import ControllerSettings
+from grasp.guard import GuardSettings
+from grasp.loop import LoopSettings
+from grasp.realtime import RealTimeSettings
+from grasp.settings import Layer, assignment_layer, named_layer, read_toml
+from grasp.slip import SlipSettings
+from scenarios.rigs.calibration import calibration_layers
+from scenarios.rigs.config import GraspRigConfig
+
+DEFAULT_PROFILE = "default"
+FORMULAS = {"energy": "energy", "psd": "psd", "psd-fair": "psd_fair"}  # and their sections
+NETWORK = "network"  # the section of every other detector
+
+# What no result depends on: where devices are, names of settings that are resolved here, and how
+# the machine is asked to be quick.
+UNHASHED = ("profile", "usb", "realtime")
+ADDRESSES = {"modbus": ("host", "port", "unit", "serial_port", "slave"), "ur": ("host",)}
+
+
+class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Rig and control of one trial; ``rig``, ``profile`` and ``detector_name`` are names.
+
+    Of the sections `energy`, `psd`, `psd_fair` and `network`, the one counts that the detector
+    asked for takes.
+    """
+
+    profile: str = DEFAULT_PROFILE
+    detector_name: str
+    controller: ControllerSettings = ControllerSettings()
+    guard: GuardSettings = GuardSettings()
+    slip: SlipSettings = SlipSettings()
+    rule: RuleSettings = RuleSettings()
+    energy: EnergySettings = EnergySettings()
+    psd: PsdSettings = PsdSettings()
+    psd_fair: PsdFairSettings = PsdFairSettings()
+    network: NetworkSettings = NetworkSettings()
+    loop: LoopSettings = LoopSettings()
+    realtime: RealTimeSettings = RealTimeSettings()
+
+    @property
+    def detector_section(self) -> str:
+        """Of the settings that the detector asked for takes."""
+        return FORMULAS.get(self.detector_name, NETWORK)
+
+    def make_detector(self, fingers: int) -> SlipDetector:
+        """The detector asked for; raises BadFile for a network's damaged file."""
+        settings: DetectorSettings = getattr(self, self.detector_section)
+        return load_detector(self.detector_name, settings, fingers)
+
+    def digest(self) -> str:
+        """Hash of all that a result depends on: equal digests and seeds mean equal runs."""
+        return hashlib.sha256(msgspec.json.encode(self._hashed())).hexdigest()[:16]
+
+    def _hashed(self) -> dict[str, Any]:
+        others = {*FORMULAS.values(), NETWORK} - {self.detector_section}
+        table = msgspec.to_builtins(self)
+        for section in (*UNHASHED, *others):
+            del table[section]
+        for section, keys in ADDRESSES.items():
+            for key in keys:
+                del table[section][key]
+        return dict(sorted(table.items()))
+
+
+def trial_layers(
+    object_name: str,
+    rig: str,
+    detector: str | None = None,
+    file: Path | None = None,
+    assignments: Sequence[str] = (),
+    profile: str = DEFAULT_PROFILE,
+) -> list[Layer]:
+    """Class defaults <- rig <- profile <- object <- detector <- file (or $GRASP_CONFIG) <-
+    assignments. Without a name of its own, the detector is the profile's.
+
+    Raises ConfigError for an unknown name.
+    """
+    whole = named_layer("profiles", profile)
+    detector = detector or str(whole.table["detector_name"])
+    layers = [
+        named_layer("rigs", rig),
+        whole,
+        named_layer("objects", object_name),
+        Layer("command line", {"rig": rig, "profile": profile, "detector_name": detector}),
+        named_layer("detectors", detector),
+    ]
+    chosen = file or (Path(os.environ["GRASP_CONFIG"]) if "GRASP_CONFIG" in os.environ else None)
+    if chosen is not None:
+        layers.append(read_toml(chosen))
+    layers.append(assignment_layer(assignments))
+    return [*calibration_layers(layers), *layers]

@@ -1,0 +1,82 @@
+"""What the hash of a trial's settings covers: all that can change a result, nothing else."""
+
+import msgspec
+import pytest
+
+from scenarios.campaign.settings import RunConfig, load_config
+from scenarios.trial.config import TrialConfig
+
+COVERED = {
+    "rig", "detector_name", "object", "arm", "tactile", "board", "arm_model", "fingertip",
+    "gripper", "calibration", "hand", "contact", "variation", "controller", "guard", "slip", "rule",
+    "energy", "loop", "scoring", "tap", "tap_scoring",
+}  # fmt: skip
+WITHOUT_ADDRESSES = {"modbus": "timeout_s", "ur": "tcp_offset"}  # and a key that is covered
+LEFT_OUT = {"profile", "usb", "realtime", "psd", "psd_fair", "network"}  # `energy` is asked for
+
+
+def whole() -> RunConfig:
+    return load_config("can", "simulated", "energy")
+
+
+def with_other(config: RunConfig, section: str, key: str) -> RunConfig:
+    """With another value of a key, by default the section's last, or of a name."""
+    replace = msgspec.structs.replace
+    part = getattr(config, section)
+    if isinstance(part, str):
+        return replace(config, **{section: "psd" if section == "detector_name" else "other"})
+    key = key or part.__struct_fields__[-1]
+    value = getattr(part, key)  # what a setting is said to be is not checked here
+    other = f"{value}!" if isinstance(value, str | tuple | None) else value * 2 + 1
+    return replace(config, **{section: replace(part, **{key: other})})
+
+
+def digests(section: str, key: str = "") -> set[str]:
+    """Of the packaged settings and of those with another value, for lift and tap."""
+    plain = whole()
+    other = with_other(plain, section, key)
+    return {c.digest() for c in (plain.for_lift(), other.for_lift())} | {
+        c.digest() for c in (plain.for_tap(), other.for_tap())
+    }
+
+
+def test_every_section_is_either_covered_or_left_out() -> None:
+    assert set(RunConfig.__struct_fields__) == COVERED | set(WITHOUT_ADDRESSES) | LEFT_OUT
+
+
+@pytest.mark.parametrize("section", sorted(COVERED - {"scoring", "tap", "tap_scoring"}))
+def test_what_can_change_a_result_changes_the_hash(section: str) -> None:
+    assert len(digests(section)) == 4
+
+
+@pytest.mark.parametrize("section", sorted(LEFT_OUT - {"usb"}))
+def test_what_cannot_change_a_result_leaves_the_hash(section: str) -> None:
+    assert len(digests(section)) == 2
+
+
+@pytest.mark.parametrize(
+    "key", ["modbus.host", "modbus.port", "modbus.unit", "modbus.serial_port", "modbus.slave",
+            "usb.serial", "usb.url", "ur.host"],
+)  # fmt: skip
+def test_no_address_is_covered(key: str) -> None:
+    assert len(digests(*key.split("."))) == 2
+
+
+@pytest.mark.parametrize(("section", "key"), WITHOUT_ADDRESSES.items())
+def test_how_a_wire_is_used_is_covered(section: str, key: str) -> None:
+    assert len(digests(section, key)) == 4
+
+
+@pytest.mark.parametrize("section", ["scoring", "tap", "tap_scoring"])
+def test_a_scenario_s_settings_change_its_own_hash_alone(section: str) -> None:
+    assert len(digests(section)) == 3
+
+
+def test_the_hash_covers_the_detector_that_is_asked_for_and_no_other() -> None:
+    psd = load_config("can", "simulated", "psd")
+    assert with_other(psd, "energy", "").digest() == psd.digest()
+    assert with_other(psd, "psd", "").digest() != psd.digest()
+
+
+def test_every_hashed_name_is_a_section_of_a_trial() -> None:
+    assert set(WITHOUT_ADDRESSES) | LEFT_OUT < set(TrialConfig.__struct_fields__)
