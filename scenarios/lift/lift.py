@@ -9,7 +9,7 @@ from grasp.controller import GraspController
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
 from scenarios.lift.config import LiftConfig
-from scenarios.lift.scoring import SUCCESSES, LiftFacts, Trace, false_start, outcome
+from scenarios.lift.scoring import SUCCESSES, LiftFacts, false_start, outcome
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig, Stalls
 from scenarios.trial.execution import (
@@ -33,6 +33,7 @@ from scenarios.trial.result import (
     timing_result,
     versions,
 )
+from scenarios.trial.trace import Trace
 from scenarios.world.cell import Truth
 
 SCENARIO = "lift"
@@ -142,7 +143,7 @@ def _facts(config: LiftConfig, seed: int, trial: LiftTrial) -> LiftFacts:
     facts = LiftFacts(
         end=end,
         felt_n=trace.felt_n,
-        closing_at_loss=trace.closing_at_loss,
+        had_compensated=trace.had_compensated,
         registered_s=seconds(trace.registered_ns),
         onset_s=end.slip_onset_s if end is not None else None,
         twin_onset_s=None,

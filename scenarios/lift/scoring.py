@@ -10,8 +10,6 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from grasp.loop import Tick
-from grasp.phases import AIRBORNE_PHASES, Phase
 from scenarios.world.cell import Truth
 from scenarios.world.objects import GraspObject
 
@@ -65,7 +63,7 @@ class LiftFacts(msgspec.Struct, frozen=True):
 
     end: Truth | None
     felt_n: float  # highest measured force at that instant: all that hardware knows of holding
-    closing_at_loss: bool
+    had_compensated: bool
     registered_s: float | None
     onset_s: float | None
     twin_onset_s: float | None
@@ -99,7 +97,7 @@ def _not_held(facts: LiftFacts, settings: ScoringSettings) -> LiftOutcome | None
             return LiftOutcome.CAP_REACHED
         return LiftOutcome.DROPPED if facts.felt_n < settings.felt_n else None
     if not end.touched:
-        expelled = facts.closing_at_loss and end.flank_slope < 0.0
+        expelled = facts.had_compensated and end.flank_slope < 0.0
         return LiftOutcome.EXPELLED if expelled else LiftOutcome.DROPPED
     if facts.cap_reached:
         return LiftOutcome.CAP_REACHED
@@ -131,41 +129,3 @@ def false_start(facts: LiftFacts, settings: ScoringSettings) -> bool:
     latest = facts.registered_s + settings.early_s
     onsets = (facts.onset_s, facts.twin_onset_s)
     return not any(onset is not None and onset <= latest for onset in onsets)
-
-
-class Trace:
-    """Keeps, tick by tick, the little that a verdict needs."""
-
-    def __init__(self) -> None:
-        self.end: Truth | None = None
-        self.lift_began_ns: int | None = None
-        self.registered_ns: int | None = None
-        self.first_detection_ns: int | None = None
-        self.closing_at_loss = False
-        self.commanded_force_n = 0.0
-        self.peak_measured_n = 0.0
-        self.felt_n = 0.0
-        self._closing = False
-        self._was_touched = False
-
-    def add(self, tick: Tick, truth: Truth | None) -> None:
-        """Take one tick; truth is None on hardware."""
-        phase = tick.decision.phase
-        if phase is Phase.LIFT and self.lift_began_ns is None:
-            self.lift_began_ns = tick.t_ns
-        if tick.decision.slip.event and self.registered_ns is None:
-            self.registered_ns = tick.t_ns
-        for issued in tick.issued:
-            if issued.applied is not None:
-                self.commanded_force_n = max(self.commanded_force_n, issued.applied.force_n)
-        self.peak_measured_n = max(self.peak_measured_n, *tick.measured_n)
-        self._closing = self._closing or phase is Phase.COMPENSATE
-        if phase in AIRBORNE_PHASES and phase is not Phase.LOWER:
-            self.felt_n = max(tick.measured_n)
-        if truth is None or phase not in AIRBORNE_PHASES:
-            return
-        if self._was_touched and not truth.touched:
-            self.closing_at_loss = self._closing
-        self._was_touched = truth.touched
-        if phase is not Phase.LOWER:
-            self.end = truth

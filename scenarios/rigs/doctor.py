@@ -93,12 +93,6 @@ def _guarded(name: str, look: Callable[[], Check]) -> Check:
         return Check(name, "fail", f"{type(error).__name__}: {error}", "see the message")
 
 
-def _load(rig: str | None, file: Path | None, detector: str = "energy") -> Any:
-    from scenarios.campaign.settings import load_config
-
-    return load_config("can", rig or "simulated", detector, file)
-
-
 def _configuration(rig: str | None, file: Path | None, load: Load) -> Check:
     def look() -> Check:
         from grasp.settings import config_dir

@@ -14,7 +14,6 @@ from drivers.errors import ConfigError
 from grasp.controller import GraspController
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
-from scenarios.lift.scoring import Trace
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig, Stalls
 from scenarios.tap.config import TapConfig
@@ -46,6 +45,7 @@ from scenarios.trial.execution import (
     stalls,
 )
 from scenarios.trial.result import FinishedRun, TapResult, phase_entries, timing_result, versions
+from scenarios.trial.trace import Trace
 
 SCENARIO = "tap"
 DEADLINE_S = 180.0  # a phase other than hold has its own, shorter one

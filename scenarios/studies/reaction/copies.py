@@ -163,7 +163,7 @@ def _lift_s(config: LiftConfig) -> float:
 def _judged(end: Truth, body: GraspObject, scoring: ScoringSettings) -> Reaction:
     """By the lift's own rules, the answer taken as given: no detector, no limit of force."""
     facts = LiftFacts(
-        end=end, felt_n=0.0, closing_at_loss=True, registered_s=end.slip_onset_s or 0.0,
+        end=end, felt_n=0.0, had_compensated=True, registered_s=end.slip_onset_s or 0.0,
         onset_s=end.slip_onset_s or 0.0, twin_onset_s=None, peak_force_n=None,
         force_bound_n=math.inf, cap_reached=False, fault="",
     )  # fmt: skip

@@ -1,0 +1,39 @@
+"""What a verdict is drawn from, kept tick by tick: by lift and tap alike."""
+
+from grasp.loop import Tick
+from grasp.phases import AIRBORNE_PHASES, Phase
+from scenarios.world.cell import Truth
+
+
+class Trace:
+    """Keeps, tick by tick, the little that a verdict needs."""
+
+    def __init__(self) -> None:
+        self.end: Truth | None = None
+        self.registered_ns: int | None = None
+        self.had_compensated = False  # when the object was lost
+        self.commanded_force_n = 0.0
+        self.peak_measured_n = 0.0
+        self.felt_n = 0.0
+        self._compensated = False
+        self._was_touched = False
+
+    def add(self, tick: Tick, truth: Truth | None) -> None:
+        """Take one tick; truth is None on hardware."""
+        phase = tick.decision.phase
+        if tick.decision.slip.event and self.registered_ns is None:
+            self.registered_ns = tick.t_ns
+        for issued in tick.issued:
+            if issued.applied is not None:
+                self.commanded_force_n = max(self.commanded_force_n, issued.applied.force_n)
+        self.peak_measured_n = max(self.peak_measured_n, *tick.measured_n)
+        self._compensated = self._compensated or phase is Phase.COMPENSATE
+        if phase in AIRBORNE_PHASES and phase is not Phase.LOWER:
+            self.felt_n = max(tick.measured_n)
+        if truth is None or phase not in AIRBORNE_PHASES:
+            return
+        if self._was_touched and not truth.touched:
+            self.had_compensated = self._compensated
+        self._was_touched = truth.touched
+        if phase is not Phase.LOWER:
+            self.end = truth
