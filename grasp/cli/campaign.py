@@ -5,11 +5,13 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from grasp.cli import campaign_calibrate, exits
+from grasp.cli import exits
 from grasp.cli.options import add_workers, whole, workers
 
 if TYPE_CHECKING:
     from scenarios.campaign.spec import CampaignSpec
+    from scenarios.studies.table4.calibrate import Calibration, LikelihoodProfile, TradeOff
+    from scenarios.studies.table4.cause import Cause
 
 MOST_REPETITIONS = 10_000
 HELP = "run a grid of trials in parallel; sum it up as the paper's Table IV"
@@ -19,7 +21,7 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("campaign", help=HELP, description=HELP)
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     _add_run(actions)
-    campaign_calibrate.add_parser(actions)
+    _add_calibrate(actions)
     summary = actions.add_parser("summary", help="rates with intervals, latencies, slip distances")
     summary.add_argument("file", type=Path, metavar="FILE", help="SQLite file of a campaign")
     summary.add_argument("--json", action="store_true", help="one JSON object")
@@ -140,3 +142,134 @@ def write_csv(args: argparse.Namespace) -> int:
             with args.out.open("w", newline="", encoding="utf-8") as file:
                 store.write_csv(file)
     return exits.SUCCESS
+
+
+def _add_calibrate(actions: Any) -> None:
+    parser = actions.add_parser(
+        "calibrate",
+        help="fit arm speed and one length a short object to the paper's lift column",
+        description="Runs lifts over a grid of arm speeds and of one length for each of ball, foam "
+        "and football; gives the most likely values for the paper's lift column, how well it tells "
+        "them, which trade off, and for what is not reproduced the cause. The tap column is never "
+        "used. May be interrupted and run again.",
+    )
+    parser.add_argument(
+        "--profile", default="paper", metavar="NAME",
+        help="one of config/profiles (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument("--detector", metavar="NAME", help="default: the profile's")
+    parser.add_argument(
+        "--repetitions", type=whole(1, 100_000), default=20, metavar="N",
+        help="lifts at each place of the grid (default: %(default)s; 60 places)",
+    )  # fmt: skip
+    add_workers(parser)
+    parser.add_argument(
+        "--out", type=Path, default=Path("runs/calibration"), metavar="DIR",
+        help="folder of the campaign files and of calibration.json (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.set_defaults(handler=calibrate_lengths)
+
+
+def calibrate_lengths(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from grasp.cli.campaign_view import View
+    from scenarios.studies.table4.calibrate import calibrate
+
+    with View("calibrate", quiet=args.json) as view:
+        try:
+            result = calibrate(
+                args.detector, args.profile, args.repetitions, args.out, workers(args), view.show
+            )
+        except KeyboardInterrupt:
+            view.close()
+            return exits.report(
+                "interrupted", view.kept(args.out), "run the same command again", args.json
+            )
+    causes = _causes(result, args)
+    table = {"calibration": result, "causes": causes}
+    text = msgspec.json.encode(table)
+    (args.out / "calibration.json").write_bytes(msgspec.json.format(text, indent=1) + b"\n")
+    if args.json:
+        print(text.decode())
+    else:
+        _print_calibration(result, causes)
+        print(args.out / "calibration.json")
+    return exits.SUCCESS
+
+
+def _causes(result: "Calibration", args: argparse.Namespace) -> "list[Cause]":
+    """For the objects that even the best values do not explain."""
+    from scenarios.campaign.settings import load_config
+    from scenarios.campaign.spec import SEEDS_APART
+    from scenarios.campaign.store import CampaignStore
+    from scenarios.studies.table4.calibrate import SEED, assignments, candidates, spread_of
+    from scenarios.studies.table4.cause import explain
+
+    rows = []
+    for path in sorted(args.out.glob("calibrate-*.sqlite")):
+        with CampaignStore.open(path) as store:
+            rows += store.rows()
+    found = candidates(rows)
+    words = assignments(result)
+    seeds = range(SEED * SEEDS_APART, SEED * SEEDS_APART + args.repetitions)
+    causes = []
+    for each in result.best:
+        if each.p_value < 0.05:
+            own = [text for name, text in words if name in ("", each.object)]
+            config = load_config(
+                each.object, "simulated", result.detector, None, own, result.profile
+            )
+            causes.append(
+                explain(config.for_lift(), seeds, each.rate, spread_of(found, each.object))
+            )
+    return causes
+
+
+def _print_calibration(result: "Calibration", causes: "list[Cause]") -> None:
+    print(f"lift column, profile {result.profile}, detector {result.detector}, "
+          f"{result.repetitions} lifts a place; arm speed {result.speed_mps:g} m/s")  # fmt: skip
+    for each in result.best:
+        length = "" if each.scalar is None else f"  length {each.scalar * 1e3:g} mm"
+        counts = "+".join(map(str, each.counts))
+        print(f"  {each.object:<10} {each.rate:4.0%} ({counts})  p {each.p_value:.2g}{length}")
+    away = result.best_possible - result.log_likelihood
+    print(f"joint log-likelihood {result.log_likelihood:.1f}, {away:.1f} below the best possible")
+    for profile in result.profiles:
+        _print_profile(profile)
+    for trade in result.trade_offs:
+        _print_trade_off(trade)
+    for cause in causes:
+        _print_cause(cause)
+
+
+def _print_profile(profile: "LikelihoodProfile") -> None:
+    pairs = zip(profile.values, profile.log_likelihood, strict=True)
+    shown = ", ".join(f"{value:g}: {score:.1f}" for value, score in pairs)
+    border = "; best at the border of its range: not identified" if profile.at_border else ""
+    flat = "; flat: not identified" if len(profile.plausible) == len(profile.values) else ""
+    print(f"profile of {profile.object} {profile.setting}: {shown}{flat or border}")
+
+
+def _print_trade_off(trade: "TradeOff") -> None:
+    from scenarios.studies.table4.calibrate import trades
+
+    pair = f"arm speed and {trade.object} {trade.setting}"
+    if trade.everything:
+        print(f"{pair}: every pair explains the object about as well: neither is identified by it")
+    elif trades(trade):
+        shown = ", ".join(f"{v:g} m/s with {x * 1e3:g} mm" for v, x in trade.pairs)
+        print(f"{pair} trade off: {shown}")
+    else:
+        print(f"{pair} do not trade off")
+
+
+def _print_cause(cause: "Cause") -> None:
+    low, high = cause.paper
+    print(
+        f"{cause.object}: {cause.rate:.0%} instead of {low:.0%}-{high:.0%}. Alone, over its range:"
+    )
+    for each in cause.ranges:
+        verdict = "could be the cause" if each.reaches else "cannot be the cause"
+        print(f"  {each.cause:<18} gives {each.low:.0%} to {each.high:.0%}: {verdict}")

@@ -4,6 +4,7 @@ import argparse
 import json
 from typing import Any
 
+from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.run import add_trial_options
 
@@ -32,9 +33,7 @@ def run(args: argparse.Namespace) -> int:
     table = msgspec.to_builtins(config)
     sections = [name for name, value in table.items() if isinstance(value, dict)]
     if args.section is not None and args.section not in sections:
-        return exits.report(
-            "usage", f"no section {args.section!r}", f"one of: {', '.join(sections)}", args.json
-        )
+        raise UsageError(f"no section {args.section!r}", f"one of: {', '.join(sections)}")
     shown = sections if args.section is None else [args.section]
     if args.json:
         print(json.dumps({name: table[name] for name in shown}))

@@ -2,12 +2,11 @@
 
 import argparse
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import add_workers, workers
+from grasp.cli.options import add_workers, decimal, need, workers
 
 HELP = "build and describe data sets of labelled fingertip recordings"
 
@@ -33,8 +32,8 @@ def _add_build(actions: Any) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to fill")
     add_workers(parser)
     parser.add_argument(
-        "--share", type=_share, default=1.0, metavar="X",
-        help="build so much of it, over 0 to 1, with the same distribution (default: %(default)s)",
+        "--share", type=decimal(1e-4, 1), default=1.0, metavar="X",
+        help="build so much of it, at most 1, with the same distribution (default: %(default)s)",
     )  # fmt: skip
     _add_json(parser)
     parser.set_defaults(handler=build)
@@ -59,16 +58,6 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, nothing else"
     )
-
-
-def _share(text: str) -> float:
-    try:
-        share = float(text)
-    except ValueError:
-        share = 0.0
-    if not 0.0 < share <= 1.0:
-        raise argparse.ArgumentTypeError(f"{text!r} is no share: over 0, to 1")
-    return share
 
 
 def build(args: argparse.Namespace) -> int:
@@ -126,9 +115,8 @@ def describe(args: argparse.Namespace) -> int:
     from detector.recordings import read_dataset
     from scenarios.acquire.datasets import report as dataset_report
 
-    if args.pictures is not None and find_spec("matplotlib") is None:
-        remedy = "pip install 'grasp-controller[charts]'"
-        return exits.report("usage", "pictures need matplotlib", remedy, args.json)
+    if args.pictures is not None:
+        need("charts", "matplotlib")
     recordings = read_dataset(args.folder, args.split)
     report = dataset_report.describe(recordings)
     if args.pictures is not None:

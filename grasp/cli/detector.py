@@ -5,17 +5,20 @@ import json
 from pathlib import Path
 from typing import Any
 
-from grasp.cli import exits, train, tune
+from drivers.errors import BadFile, UsageError
+from grasp.cli import exits, train
+from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
 
 HELP = "score, tune and train slip detectors"
 TABLE2 = ("psd", "freq-cnn-paper", "tcn-paper", "energy", "psd-fair", "freq-cnn", "gru", "tcn")
+TUNING_OBJECTS = ("can", "box", "cardboard", "ball", "football", "foam")
 
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("detector", help=HELP, description=HELP)
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     _add_evaluate(actions)
-    tune.add_parser(actions)
+    _add_tune(actions)
     _add_table2(actions)
     _add_card(actions)
     train.add_parser(actions)
@@ -48,8 +51,40 @@ def _add_evaluate(actions: Any) -> None:
         help="slip: by the fingertip's speed, as in the paper; slip_true: the contact itself "
         "slides (default: %(default)s)",
     )  # fmt: skip
-    tune.add_common(parser)
+    add_settings(parser)
+    _add_json(parser)
     parser.set_defaults(handler=evaluate)
+
+
+def _add_tune(actions: Any) -> None:
+    text = "find the quickest decision within a budget of false events"
+    parser = actions.add_parser(
+        "tune",
+        help=text,
+        description=text + ". With --data: kind, threshold and length of the decision rule of any "
+        "detector, on the split `validation`. Without: the least threshold of `energy`, on "
+        "simulated lifts in which nothing slips (all objects), or on recordings of your own in "
+        "which nothing slips.",
+    )
+    parser.add_argument("detector", nargs="?", default="energy", metavar="NAME")
+    parser.add_argument(
+        "--budget", type=decimal(0, 6000), default=1.0, metavar="N",
+        help="false events a minute, three fingers together (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--data", type=Path, nargs="+", metavar="DIR", help="folders made by `grasp dataset build`"
+    )
+    parser.add_argument(
+        "--lifts", type=whole(1, 100_000), default=60, metavar="N",
+        help="simulated lifts an object (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--static", type=Path, nargs="+", metavar="PATH.csv",
+        help="tune on these recordings instead; samples labelled slip are an error",
+    )  # fmt: skip
+    add_settings(parser)
+    _add_json(parser)
+    parser.set_defaults(handler=tune)
 
 
 def _add_table2(actions: Any) -> None:
@@ -72,6 +107,13 @@ def _add_card(actions: Any) -> None:
     parser.add_argument("network", metavar="NAME|FILE.onnx", help="packaged name, or a file")
     parser.add_argument("--json", action="store_true", help="one JSON object")
     parser.set_defaults(handler=card)
+
+
+def _add_json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--json", action="store_true",
+        help="JSON on standard output, one object a detector, nothing else",
+    )  # fmt: skip
 
 
 def card(args: argparse.Namespace) -> int:
@@ -109,7 +151,7 @@ def _sheets(args: argparse.Namespace) -> Any:
     else:
         recordings = read_split(args.data, args.split)
         data = f"{' '.join(folder.name for folder in args.data)}, {args.split}"
-    for name in tune.shown(args.detector, "streaming", hidden=args.json):
+    for name in one_by_one(args.detector, "streaming", hidden=args.json):
         yield contender(name, recordings, data, args.label, args.config, args.set).evaluation()
 
 
@@ -120,7 +162,7 @@ def table2(args: argparse.Namespace) -> int:
     recordings = read_split(args.data, "test")
     made = [
         contender(name, recordings, "test")
-        for name in tune.shown(args.detector, "streaming", hidden=False)
+        for name in one_by_one(args.detector, "streaming", hidden=False)
     ]
     print(methods_table([m.evaluation() for m in made]))
     for m in made:
@@ -174,3 +216,73 @@ def _quantiles(q: Any, unit: str, digits: int = 0) -> str:
     if q is None:
         return "-"
     return f"p50 {q.p50:.{digits}f} p90 {q.p90:.{digits}f} p99 {q.p99:.{digits}f} {unit}"
+
+
+def tune(args: argparse.Namespace) -> int:
+    if args.data:
+        return _tune_rule(args)
+    if args.detector != "energy":
+        remedy = "give --data, folders made by `grasp dataset build`"
+        raise UsageError(f"{args.detector} is tuned on data sets", remedy)
+    threshold, minutes = _tune_on_recordings(args) if args.static else _tune_on_lifts(args)
+    if args.json:
+        print(json.dumps({"threshold_counts": threshold, "minutes": minutes}))
+    else:
+        print(f"threshold_counts = {threshold:.3g}  # {args.budget:g} false events a minute, "
+              f"tuned on {minutes:.1f} minutes")  # fmt: skip
+    return exits.SUCCESS
+
+
+def _tune_rule(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from scenarios.studies.detectors.benchmark import contender, read_split, tune_rule
+
+    recordings = read_split(args.data, "validation")
+    (name,) = [args.detector]
+    for _ in one_by_one([name], "tuning", hidden=args.json):
+        made = contender(name, recordings, "validation", "slip", args.config, args.set)
+        chosen = tune_rule(made, args.budget)
+    if chosen is None:
+        remedy = "allow more false events with --budget"
+        text = f"no rule keeps {name} within {args.budget:g} false events a minute"
+        raise UsageError(text, remedy)
+    if args.json:
+        print(msgspec.json.encode(chosen).decode())
+        return exits.SUCCESS
+    print(f"# {chosen.false_per_min:.2f} false events a minute, delay {chosen.delay_ms:.0f} ms "
+          f"median, {chosen.mean_delay_ms:.0f} mean, recall {chosen.recall:.3f}, on the split "
+          f"validation\n[rule]")  # fmt: skip
+    for key, value in msgspec.to_builtins(chosen.rule).items():
+        print(f"{key} = {json.dumps(value if isinstance(value, str) else round(value, 4))}")
+    return exits.SUCCESS
+
+
+def _tune_on_lifts(args: argparse.Namespace) -> tuple[float, float]:
+    from scenarios.campaign.settings import load_config
+    from scenarios.studies.detectors.tune import tune as tune_on_lifts
+
+    configs = [
+        load_config(name, "simulated", "energy", args.config, args.set).for_lift()
+        for name in TUNING_OBJECTS
+    ]
+    with progress("static lifts", hidden=args.json) as show:
+        return tune_on_lifts(configs, args.lifts, args.budget, show)
+
+
+def _tune_on_recordings(args: argparse.Namespace) -> tuple[float, float]:
+    from detector.energy import tune_threshold
+    from detector.recordings import read
+    from scenarios.campaign.settings import load_config
+
+    config = load_config("can", "simulated", "energy", args.config, args.set)
+    recordings = [read(path) for path in args.static]
+    for recording in recordings:
+        if recording.slip.any():
+            raise BadFile(
+                recording.source, "holds samples labelled slip", "give recordings at rest"
+            )
+    threshold = tune_threshold(
+        [r.counts for r in recordings], config.energy, config.rule, args.budget
+    )
+    return threshold, sum(len(r.t_s) for r in recordings) * config.loop.period_s / 60

@@ -1,10 +1,11 @@
 """`grasp emulate`: the emulated cell for other people's clients."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
+from drivers.errors import LinkLost, UsageError
 from grasp.cli import exits
+from grasp.cli.options import add_settings, seed, whole
 
 HELP = "run the emulated cell: gripper on Modbus TCP, fingertips over USB transfers, arm on RTDE"
 
@@ -22,13 +23,12 @@ def add_parser(verbs: Any) -> None:
         "ur_rtde skips a check)",
     )  # fmt: skip
     parser.add_argument(
-        "--gripper-port", type=int, default=0, metavar="PORT",
+        "--gripper-port", type=whole(0, 65_535), default=0, metavar="PORT",
         help="Modbus TCP port (default: a free one; 502 needs privileges)",
     )  # fmt: skip
     parser.add_argument("--object", default="can", metavar="NAME", help="one of config/objects")
-    parser.add_argument("--seed", type=int, default=0, metavar="N")
-    parser.add_argument("--config", type=Path, metavar="FILE")
-    parser.add_argument("--set", action="append", default=[], metavar="SECTION.KEY=VALUE")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N")
+    add_settings(parser)
     parser.set_defaults(handler=emulate)
 
 
@@ -37,16 +37,14 @@ def emulate(args: argparse.Namespace) -> int:
     from scenarios.rigs.emulated_cell import end_on_signals, serve
 
     if args.host == "127.0.0.1":
-        return exits.report(
-            "usage", "127.0.0.1 is not for a cell: ur_rtde skips a check there",
-            "choose another loopback address, e.g. 127.0.0.2", as_json=False,
-        )  # fmt: skip
+        problem = "127.0.0.1 is not for a cell: ur_rtde skips a check there"
+        raise UsageError(problem, "choose another loopback address, e.g. 127.0.0.2")
     config = load_config(args.object, "emulated", "energy", args.config, args.set)
     try:
         serve(config, args.seed, args.host, args.gripper_port, end_on_signals())
     except OSError as error:
-        return exits.report(
-            "link_lost", f"cannot listen on {args.host or 'loopback'}: {error.strerror}",
-            "end the other cell, or choose another --host", as_json=False,
-        )  # fmt: skip
+        raise LinkLost(
+            f"cannot listen on {args.host or 'loopback'}: {error.strerror}",
+            "end the other cell, or choose another --host",
+        ) from None
     return exits.SUCCESS

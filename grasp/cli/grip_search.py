@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
+from grasp.cli.options import decimal, whole
 from grasp.cli.run import add_trial_options
 
 HELP = "find finger positions that hold an object too weakly to lift it"
@@ -15,20 +16,27 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("grip-search", help=HELP, description=HELP)
     add_trial_options(parser, rig="simulated")
     parser.add_argument(
-        "--least", type=float, metavar="N", help="at the thumb, relaxed (default: 0.5)"
+        "--least", type=decimal(0, 10), metavar="N", help="at the thumb, relaxed (default: 0.5)"
     )
     parser.add_argument(
-        "--most", type=float, metavar="N", help="at the thumb, at first (default: 3)"
+        "--most", type=decimal(0, 10), metavar="N", help="at the thumb, at first (default: 3)"
     )
     parser.add_argument(
-        "--draws", type=int, metavar="N", help="trials that each is judged on (default: 200)"
+        "--draws",
+        type=whole(1, 10_000),
+        metavar="N",
+        help="trials that each is judged on (default: 200)",
     )
     parser.add_argument(
-        "--shown", type=int, default=8, metavar="N", help="rows of the table (default: %(default)s)"
+        "--shown",
+        type=whole(0, 10_000),
+        default=8,
+        metavar="N",
+        help="rows of the table (default: %(default)s)",
     )
     parser.add_argument(
         "--verify",
-        type=int,
+        type=whole(0, 10_000),
         default=5,
         metavar="N",
         help="simulated lifts without reaction of the best, each of which must slip "
@@ -58,7 +66,7 @@ def search(args: argparse.Namespace) -> int:
     wanted = criteria(args.least, args.most, args.draws)
     grips = search(config, wanted, args.seed)
     best = grips[0]
-    slipped = lifts_that_slip(with_counts(config, best.counts), range(max(args.verify, 0)))
+    slipped = lifts_that_slip(with_counts(config, best.counts), range(args.verify))
     found = best.meets(wanted) and slipped == args.verify
     if args.json:
         out = {

@@ -1,9 +1,15 @@
 """Options that several verbs share."""
 
 import argparse
+import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from drivers.errors import UsageError
 
 if TYPE_CHECKING:
     from scenarios.rigs.workers import Workers
@@ -20,6 +26,65 @@ def whole(least: int, most: int) -> Callable[[str], int]:
         return int(text)
 
     return number
+
+
+def decimal(least: float, most: float) -> Callable[[str], float]:
+    """Reads a number within bounds."""
+
+    def number(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(f"{text!r}: a number, {least:g} to {most:g}")
+        return value
+
+    return number
+
+
+seed = whole(0, 2**63 - 1)
+
+
+def need(extra: str, *packages: str) -> None:
+    """Raises UsageError, with the remedy, where packages of an extra are not installed."""
+    missing = [name for name in packages if find_spec(name) is None]
+    if missing:
+        remedy = f"pip install 'grasp-controller[{extra}]'"
+        raise UsageError(f"this needs {' and '.join(missing)}", remedy)
+
+
+@contextmanager
+def progress(doing: str, hidden: bool = False) -> "Iterator[Callable[..., None]]":
+    """A moving bar on standard error; yields what takes done, total and what is done now."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True, disable=hidden) as bar:
+        task = bar.add_task(doing, total=None)
+        yield lambda done, total, text=doing: bar.update(
+            task, completed=done, total=total, description=text
+        )
+
+
+def one_by_one(names: Sequence[str], doing: str, hidden: bool) -> Iterator[str]:
+    """The names one by one, with a moving bar while each is worked on."""
+    with progress(doing, hidden) as show:
+        for number, name in enumerate(names):
+            show(number, len(names), f"{doing} {name}")
+            yield name
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """`--config FILE`, `--set SECTION.KEY=VALUE`."""
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE",
+        help="TOML over the packaged settings (default: $GRASP_CONFIG)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
+        help="one setting; may be repeated; `grasp config show` lists them",
+    )  # fmt: skip
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:

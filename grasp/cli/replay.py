@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.detector import scores_text
 
@@ -49,7 +50,7 @@ def add_parser(verbs: Any) -> None:
 
 def replay(args: argparse.Namespace) -> int:
     if (args.run is None) == (args.tactile is None):
-        return exits.report("usage", "give either a RUN or --tactile PATH.csv", "", args.json)
+        raise UsageError("give either a RUN or --tactile PATH.csv", "not both, not neither")
     return _run(args) if args.tactile is None else _tactile(args)
 
 

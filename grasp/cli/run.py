@@ -6,8 +6,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from drivers.errors import UsageError
 from grasp.cli import exits
-from grasp.cli.options import whole
+from grasp.cli.options import add_settings, decimal, seed, whole
 
 HELP = "run a scenario"
 TAPS = 20  # paper, section V-B
@@ -95,24 +96,12 @@ def add_trial_options(parser: argparse.ArgumentParser, rig: str) -> None:
     )
     parser.add_argument(
         "--seed",
-        type=_seed,
+        type=seed,
         default=0,
         metavar="N",
         help="of everything random, 0 or more (default: %(default)s)",
     )
-    parser.add_argument(
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="TOML over the packaged settings (default: $GRASP_CONFIG)",
-    )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="SECTION.KEY=VALUE",
-        help="one setting; may be repeated; `grasp config show` lists them",
-    )
+    add_settings(parser)
 
 
 def add_acquire_options(parser: argparse.ArgumentParser) -> None:
@@ -125,52 +114,25 @@ def add_acquire_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--speed",
-        type=_speed,
+        type=decimal(0.004, 0.2),
         metavar="MPS",
         help="acquire: commanded speed of a stroke, m/s; a rotation turns at 1 rad/s "
         f"(default: {SPEED_MPS})",
     )
     parser.add_argument(
         "--seconds",
-        type=_seconds,
+        type=decimal(1, 3600),
         metavar="S",
         help=f"acquire: length of the recording (default: {SECONDS:g})",
     )
-
-
-def _speed(text: str) -> float:
-    return _number(text, 0.004, 0.2, "a speed in m/s")
-
-
-def _seconds(text: str) -> float:
-    return _number(text, 1.0, 3600.0, "seconds")
-
-
-def _number(text: str, low: float, high: float, what: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not low <= value <= high:
-        raise argparse.ArgumentTypeError(f"{text!r} is not {what}: {low:g} to {high:g}")
-    return value
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal() or int(text) >= 2**63:
-        raise argparse.ArgumentTypeError(f"{text!r} is no seed: a whole number, 0 to 2^63 - 1")
-    return int(text)
 
 
 def run(args: argparse.Namespace) -> int:
     from scenarios.campaign.settings import load_config
     from scenarios.trial.execution import make_guard
 
-    strange = _strange_option(args)
-    if strange:
-        return exits.report(
-            "usage", f"{strange} is no option of {args.scenario}", "leave it out", args.json
-        )
+    if strange := _strange_option(args):
+        raise UsageError(f"{strange} is no option of {args.scenario}", "leave it out")
     if args.scenario == "acquire":
         return _acquire(args)
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
@@ -179,8 +141,7 @@ def run(args: argparse.Namespace) -> int:
     config = load_config(
         args.object, args.rig, args.detector, args.config, assignments, args.profile
     )
-    if (refused := _unconfirmed(config.rig, args)) is not None:
-        return refused
+    _check_confirmed(config.rig, args)
     make_guard(config)  # a limit that cannot be kept is refused before anything is shown
     if args.scenario == "lift":
         return _lift(args, config.for_lift())
@@ -209,8 +170,7 @@ def _acquire(args: argparse.Namespace) -> int:
 
     config = load_acquire_config(args.surface or "planar", args.rig, args.config, args.set)
     course = motion(args.direction or "0", args.speed or SPEED_MPS, acquire.TURN_RADPS)
-    if (refused := _unconfirmed(config.rig, args)) is not None:
-        return refused
+    _check_confirmed(config.rig, args)
     with AcquireDisplay(quiet=args.json) as display:
         display.setting_up(args.rig)
         finished = acquire.run(
@@ -228,12 +188,11 @@ def _acquire(args: argparse.Namespace) -> int:
     return exits.report(failure.kind, failure.message, failure.remedy, args.json, **extra)
 
 
-def _unconfirmed(rig: str, args: argparse.Namespace) -> int | None:
-    """Exit code of a run that would move real devices without a word; None if it may go on."""
-    if rig != "hardware" or args.confirm_motion:
-        return None
-    remedy = "clear the cell, have the emergency stop at hand, then add --confirm-motion"
-    return exits.report("usage", "the hardware rig moves real devices", remedy, args.json)
+def _check_confirmed(rig: str, args: argparse.Namespace) -> None:
+    """Raises UsageError for a run that would move real devices without a word."""
+    if rig == "hardware" and not args.confirm_motion:
+        remedy = "clear the cell, have the emergency stop at hand, then add --confirm-motion"
+        raise UsageError("the hardware rig moves real devices", remedy)
 
 
 def _lift(args: argparse.Namespace, config: Any) -> int:

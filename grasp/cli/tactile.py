@@ -2,11 +2,11 @@
 
 import argparse
 import json
-import math
 import sys
 from typing import Any
 
 from grasp.cli import exits
+from grasp.cli.options import decimal
 
 HELP = "set up the fingertips: USB permissions, which taxel is where"
 
@@ -25,7 +25,7 @@ def add_parser(verbs: Any) -> None:
     which.add_argument("--serial", help="the board with this serial number (default: the first)")
     which.add_argument(
         "--seconds",
-        type=_positive,
+        type=decimal(0.01, 86_400),
         default=10.0,
         metavar="N",
         help="watch for N seconds (default: %(default)g)",
@@ -102,10 +102,3 @@ def _conclude(presses: list[Any], as_json: bool) -> int:
     else:
         print("no pad was pressed")
     return code
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not (value > 0 and math.isfinite(value)):
-        raise ValueError
-    return value

@@ -2,11 +2,11 @@
 
 import argparse
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
+from grasp.cli.options import decimal, need, seed, whole
 
 NETWORKS = ("tcn", "gru", "tcn-paper", "freq-cnn", "freq-cnn-paper")
 NO_LIMIT_MINUTES = 1e9
@@ -29,10 +29,10 @@ def add_parser(actions: Any) -> None:
         "--out", type=Path, metavar="FILE.onnx",
         help="weights to write (default: NAME.onnx here); log and checkpoint lie beside it",
     )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="(default: %(default)s)")
-    parser.add_argument("--steps", type=int, metavar="N", help="optimiser steps")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="(default: %(default)s)")
+    parser.add_argument("--steps", type=whole(1, 10**9), metavar="N", help="optimiser steps")
     parser.add_argument(
-        "--minutes", type=float, default=NO_LIMIT_MINUTES, metavar="M",
+        "--minutes", type=decimal(0, NO_LIMIT_MINUTES), default=NO_LIMIT_MINUTES, metavar="M",
         help="processor minutes after which it ends with what it has (default: no limit)",
     )  # fmt: skip
     parser.add_argument(
@@ -59,9 +59,7 @@ def add_parser(actions: Any) -> None:
 
 
 def train(args: argparse.Namespace) -> int:
-    if find_spec("torch") is None or find_spec("onnx") is None:
-        remedy = "make install-train, or pip install 'grasp-controller[train]'"
-        return exits.report("usage", "training needs torch and onnx", remedy, args.json)
+    need("train", "torch", "onnx")
     import msgspec
 
     from detector.training.export import export

@@ -1,15 +1,26 @@
 """`grasp world`: how true the simulated world is, and what its parameters are."""
 
 import argparse
-from importlib.util import find_spec
+import json
+import math
+import re
 from pathlib import Path
 from typing import Any
 
-from grasp.cli import exits, world_plan
-from grasp.cli.options import whole
+from drivers.errors import BadFile
+from grasp.cli import exits
+from grasp.cli.options import need, progress, seed, whole
 
 HELP = "fit and judge the simulated world, choose its physics"
-REMEDY = "pip install 'grasp-controller[charts]'"
+SCENES = ("lift", "tap", "side-tap", "hold")
+MOST_QUANTITY = 1000.0  # m, rad or N
+UNITS = {"": 1.0, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "rad": 1.0,
+         "deg": math.pi / 180, "N": 1.0, "mN": 1e-3}  # fmt: skip
+SHOWN_OF_ABLATIONS = {
+    "AUC of the scalar": "AUC", "increment rms static": "static", "increment rms slip": "slip",
+    "increment ratio": "ratio", "correlation static": "corr st", "correlation slip": "corr sl",
+    "25 Hz slip": "25 Hz", "highest excursion": "highest", "creep after a stop per s": "creep",
+}  # fmt: skip
 
 
 def add_parser(verbs: Any) -> None:
@@ -17,7 +28,7 @@ def add_parser(verbs: Any) -> None:
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     _add_calibrate(actions)
     _add_strokes(actions)
-    world_plan.add_parser(actions)
+    _add_plan(actions)
 
 
 def _add_calibrate(actions: Any) -> None:
@@ -39,8 +50,7 @@ def _add_calibrate(actions: Any) -> None:
     )
     parser.add_argument(
         "--rounds",
-        type=int,
-        default=None,
+        type=whole(1, 1000),
         metavar="N",
         help="of the closer half of the search (default: 8)",
     )
@@ -49,7 +59,7 @@ def _add_calibrate(actions: Any) -> None:
         help="another search; how far two differ is what the recording does not tell",
     )  # fmt: skip
     parser.add_argument(
-        "--clips", type=int, default=48, metavar="N",
+        "--clips", type=whole(2, 100_000), default=48, metavar="N",
         help="simulated clips that the result is judged on (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
@@ -69,13 +79,12 @@ def _add_strokes(actions: Any) -> None:
     text = "draw what the simulated fingertip reads while it is slid there and back"
     parser = actions.add_parser("strokes", help=text, description=text)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=".svg or .png")
-    parser.add_argument("--seed", type=int, default=0, metavar="N")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N")
     parser.set_defaults(handler=strokes)
 
 
 def strokes(args: argparse.Namespace) -> int:
-    if find_spec("matplotlib") is None:
-        return exits.report("usage", "a picture needs matplotlib", REMEDY, as_json=False)
+    need("charts", "matplotlib")
     from scenarios.report.run_figure import draw_clips
     from scenarios.studies.signal.calibrate import FitSetup
     from scenarios.studies.signal.strokes import simulate
@@ -94,14 +103,12 @@ def calibrate(args: argparse.Namespace) -> int:
     from scenarios.studies.signal import calibrate as fitting
     from scenarios.studies.signal.statistics import signal_statistics
 
-    if args.figure and find_spec("matplotlib") is None:
-        return exits.report("usage", "--figure needs matplotlib", REMEDY, args.json)
+    if args.figure:
+        need("charts", "matplotlib")
     recording = read(args.recording)
     if recording.fingers != 1 or recording.slip.all() or not recording.slip.any():
         remedy = "give strokes with pauses between them, labelled"
-        return exits.report(
-            "usage", f"{args.recording}: not one fingertip in slip and at rest", remedy, args.json
-        )
+        raise BadFile(args.recording, "not one fingertip in slip and at rest", remedy)
     if args.out:
         args.out.touch()  # fails before the search rather than after it
     counts = recording.counts[:, 0]
@@ -129,36 +136,24 @@ def calibrate(args: argparse.Namespace) -> int:
 
 def _search(real: dict[str, float], args: argparse.Namespace) -> tuple[Any, dict[str, float]]:
     import msgspec
-    from rich.console import Console
-    from rich.progress import Progress
 
     from scenarios.studies.signal.calibrate import FitSetup, Search, fit
 
     search = Search(seed=args.seed)
     if args.rounds is not None:
         search = msgspec.structs.replace(search, close_rounds=args.rounds)
-    with Progress(console=Console(stderr=True), transient=True, disable=args.json) as bar:
-        task = bar.add_task("fitting", total=None)
+    with progress("fitting", hidden=args.json) as show:
         return fit(
             real, FitSetup(), search,
-            lambda done, total, best: bar.update(
-                task, completed=done, total=total, description=f"fitting, misfit {best:.2f}"
-            ),
+            lambda done, total, best: show(done, total, f"fitting, misfit {best:.2f}"),
         )  # fmt: skip
 
 
 def _ablate(setup: Any, args: argparse.Namespace) -> dict[str, dict[str, float]]:
-    from rich.console import Console
-    from rich.progress import Progress
-
     from scenarios.studies.signal.calibrate import ablations
 
-    with Progress(console=Console(stderr=True), transient=True, disable=args.json) as bar:
-        task = bar.add_task("leaving out", total=None)
-        return ablations(
-            setup, args.clips,
-            lambda done, total: bar.update(task, completed=done, total=total),
-        )  # fmt: skip
+    with progress("leaving out", hidden=args.json) as show:
+        return ablations(setup, args.clips, show)
 
 
 def _draw(out: Path, setup: Any, recording: Any) -> None:
@@ -214,8 +209,65 @@ def _print_levels(levels: Any) -> None:
         print(f"{name:10}{cells[0]} | {cells[1]}")
 
 
-SHOWN_OF_ABLATIONS = {
-    "AUC of the scalar": "AUC", "increment rms static": "static", "increment rms slip": "slip",
-    "increment ratio": "ratio", "correlation static": "corr st", "correlation slip": "corr sl",
-    "25 Hz slip": "25 Hz", "highest excursion": "highest", "creep after a stop per s": "creep",
-}  # fmt: skip
+def _add_plan(actions: Any) -> None:
+    about = "choose the cheapest contact model and step that answer within a tolerance, and say why"
+    parser = actions.add_parser("plan", help=about, description=about)
+    parser.add_argument("scene", metavar="SCENARIO", choices=SCENES, help=", ".join(SCENES))
+    parser.add_argument("--object", default="can", metavar="NAME", help="default: %(default)s")
+    parser.add_argument(
+        "--tolerance", type=quantity("m", "um", "mm", "cm"), default=1e-3, metavar="LENGTH",
+        help="on the slip distance read at the tape mark, such as 1mm (default)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--rotation", type=quantity("rad", "deg"), metavar="ANGLE",
+        help="tolerance on the rotation in the hand, such as 2deg (default: not asked)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--force", type=quantity("N", "mN"), metavar="FORCE",
+        help="tolerance on the peak force of a finger, such as 0.1N (default: not asked)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
+        help="override a setting of object, contact or scene, such as scene.aside_m=0.01",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="the plan as one JSON object")
+    parser.set_defaults(handler=show_plan)
+
+
+def quantity(*units: str) -> Any:
+    """Reads a number above zero with one of these units, or bare in the first."""
+
+    def length(text: str) -> float:
+        match = re.fullmatch(r"\s*([-+0-9.eE]+?)\s*([a-zA-Z]*)\s*", text)
+        try:
+            if match is None or (match[2] and match[2] not in units):
+                raise ValueError
+            value = float(match[1]) * UNITS[match[2]]
+            if not 0.0 < value <= MOST_QUANTITY:
+                raise ValueError
+        except ValueError:
+            given = f"not a number above zero with one of the units {', '.join(units)}: {text!r}"
+            raise argparse.ArgumentTypeError(given) from None
+        return value
+
+    return length
+
+
+def show_plan(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from grasp.settings import assignment_layer, load, named_layer
+    from scenarios.world.ladder.experiments import SCENES as BUILD
+    from scenarios.world.ladder.experiments import World
+    from scenarios.world.ladder.planner import Tolerance, plan
+
+    world = load(World, [named_layer("objects", args.object), assignment_layer(args.set)])
+    tolerance = Tolerance(
+        slip_m=args.tolerance, rotation_rad=args.rotation, peak_force_n=args.force
+    )
+    found = plan(BUILD[args.scene](world), tolerance)
+    if args.json:
+        print(json.dumps({**msgspec.to_builtins(found), "explanation": found.lines()}))
+    else:
+        print("\n".join(found.lines()))
+    return exits.SUCCESS

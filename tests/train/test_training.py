@@ -20,7 +20,7 @@ from detector.training.sequences import Windows, crops, digest, fingers_of  # no
 from detector.training.settings import DEFAULTS, TrainSettings  # noqa: E402
 from detector.training.validation import calibration, likelihood, odds_of  # noqa: E402
 from drivers.errors import BadFile  # noqa: E402
-from grasp.cli import main  # noqa: E402
+from grasp.cli.main import main  # noqa: E402
 from tests.unit.detector.toys import toys  # noqa: E402
 
 pytestmark = pytest.mark.train

@@ -12,7 +12,7 @@ from typing import Any
 
 from scenarios.campaign.worker import MACHINE_COLUMNS
 
-GRASP = [sys.executable, "-c", "import sys; from grasp.cli import main; sys.exit(main())"]
+GRASP = [sys.executable, "-c", "import sys; from grasp.cli.main import main; sys.exit(main())"]
 PATIENCE_S = 100.0
 
 

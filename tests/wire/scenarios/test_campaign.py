@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from grasp.cli import main
+from grasp.cli.main import main
 from tests.wire.scenarios.campaigns import (
     PATIENCE_S,
     campaign_file,

@@ -21,7 +21,7 @@ from scenarios.rigs.opening import open_rig
 from tests.unit.scenarios.conftest import config
 
 ROOT = Path(__file__).parents[3]
-GRASP = [sys.executable, "-c", "import sys; from grasp.cli import main; sys.exit(main())"]
+GRASP = [sys.executable, "-c", "import sys; from grasp.cli.main import main; sys.exit(main())"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 QUICK = (
     "hand.activation_s=0.5", "controller.hold_s=0.3", "controller.lift_height_m=0.08",

@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from grasp.cli import main
+from grasp.cli.main import main
 
 HEAVY = {"numpy", "numba", "torch", "pydantic", "msgspec", "transitions", "mcap", "rich"}
-GRASP = [sys.executable, "-c", "import sys; from grasp.cli import main; sys.exit(main())"]
+GRASP = [sys.executable, "-c", "import sys; from grasp.cli.main import main; sys.exit(main())"]
 
 
 def call(*words: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
@@ -41,7 +41,7 @@ def run_json(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict
 def test_help_imports_nothing_heavy() -> None:
     script = (
         "import sys\n"
-        "from grasp.cli import main\n"
+        "from grasp.cli.main import main\n"
         "try: main(['--help'])\n"
         "except SystemExit: pass\n"
         f"print(sorted({HEAVY!r} & set(sys.modules)), file=sys.stderr)"
@@ -189,8 +189,8 @@ def test_safety_stop_exits_with_4_and_reports_the_result_too(
         (["--object", "cann"], "did you mean 'can'"),
         (["--detector", "oracle"], "energy"),
         (["--rig", "moon"], "simulated"),
-        (["--seed", "-1"], "no seed"),
-        (["--seed", "two"], "no seed"),
+        (["--seed", "-1"], "a whole number"),
+        (["--seed", "two"], "a whole number"),
         (["--set", "guard.force_limit_n=900"], "<= 60"),
         (["--set", "guard.force_limit=9"], "force_limit_n"),
         (["--set", "nonsense"], "section.key=value"),

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from detector.recordings import write
-from grasp.cli import main
+from grasp.cli.main import main
 from tests.unit.detector.networks import write_network
 from tests.unit.detector.toys import toys
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from grasp.cli import main
+from grasp.cli.main import main
 
 
 def test_reaction_chart_leaves_a_picture_and_its_figures(
@@ -25,7 +25,7 @@ def test_reaction_chart_leaves_a_picture_and_its_figures(
 def test_hunting_chart_names_the_default(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("grasp.cli.chart_hunting.STEP_MS", 100)
+    monkeypatch.setattr("grasp.cli.chart.STEP_MS", 100)
     out = tmp_path / "hunting.svg"
     assert main(["chart", "hunting", "--out", str(out)]) == 0
     assert "1 compensation\n" in capsys.readouterr().out

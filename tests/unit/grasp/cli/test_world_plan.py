@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from grasp.cli import exits, main
+from grasp.cli import exits
+from grasp.cli.main import main
 
 
 def test_plan_explains_its_choice_in_a_few_lines(capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ import msgspec
 import pytest
 
 from drivers.errors import BadFile, ConfigError
-from grasp.cli import main
+from grasp.cli.main import main
 from scenarios.campaign.run import Progress, Work, run
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, read_spec, trials
 from scenarios.campaign.store import CampaignStore

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from drivers.takktile.model.board import BoardModelSettings
-from grasp.cli import main
+from grasp.cli.main import main
 from tests.wire.drivers.takktile.conftest import Bench
 
 

@@ -15,7 +15,7 @@ import pytest
 
 from detector.recordings import read, read_dataset
 from drivers.errors import ConfigError, UsageError
-from grasp.cli import main
+from grasp.cli.main import main
 from grasp.settings import config_dir
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.datasets import build as datasets
@@ -173,7 +173,7 @@ def test_a_folder_of_something_else_is_refused(tmp_path: Path, few: list[Job]) -
 
 def test_a_build_that_was_killed_leaves_whole_files_only_and_goes_on(tmp_path: Path) -> None:
     out = tmp_path / "set"
-    command = [sys.executable, "-c", "from grasp.cli import main; raise SystemExit(main())",
+    command = [sys.executable, "-c", "from grasp.cli.main import main; raise SystemExit(main())",
                "dataset", "build", str(PAPER), "--share", "0.02", "--jobs", "2",
                "--out", str(out)]  # fmt: skip
     home = Path(datasets.__file__).parents[3]

@@ -1,0 +1,96 @@
+"""The `grasp` command. Heavy imports live inside the verbs, so that `--help` answers at once."""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from drivers.errors import GraspError, UsageError
+from grasp.cli import (
+    campaign,
+    chart,
+    config,
+    dataset,
+    detector,
+    doctor,
+    emulate,
+    exits,
+    grip_search,
+    release,
+    replay,
+    run,
+    runs,
+    tactile,
+    world,
+)
+
+VERBS = (
+    run, campaign, grip_search, replay, runs, chart, dataset, detector, tactile, world, config,
+    doctor, emulate, release,
+)  # fmt: skip
+
+
+class Parser(argparse.ArgumentParser):
+    """Raises usage errors, so that they are reported as every other error is."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(message, f"see `{self.prog} --help`")
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The whole command line; builds no device and imports nothing heavy."""
+    parser = Parser(
+        prog="grasp",
+        description="Closed-loop grasp controller: feels slip with barometric fingertips and "
+        "closes a Robotiq 3-Finger gripper as fast as it can within a force limit.",
+        epilog="Exit codes: 0 success, 1 trial failed, 2 usage or configuration, 3 device, "
+        "4 safety stop, 5 could not record or internal error, 130 interrupted.",
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
+    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    for verb in VERBS:
+        verb.add_parser(verbs)
+    return parser
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("grasp-controller")
+    except PackageNotFoundError:
+        return "unknown (not installed)"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns its exit code. Expected errors become one line, no traceback."""
+    words = sys.argv[1:] if argv is None else argv
+    as_json = "--json" in words
+    try:
+        args = build_parser().parse_args(words)
+        return int(args.handler(args))
+    except KeyboardInterrupt:
+        return exits.report("interrupted", "interrupted", "", as_json)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return exits.SUCCESS
+    except GraspError as error:
+        return exits.report(error.kind, error.message, error.remedy, as_json)
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        text = f"{where}{error.strerror or error}"
+        return exits.report("could_not_record", text, "free the path or the disk", as_json)
+    except Exception as error:
+        return _bug(error, as_json)
+
+
+def _bug(error: Exception, as_json: bool) -> int:
+    """A bug keeps its traceback, unless JSON was asked for."""
+    if as_json:
+        text = f"{type(error).__name__}: {error}"
+        return exits.report("internal", text, "a bug: run without --json and report it", True)
+    import traceback
+
+    traceback.print_exc()
+    return exits.INTERNAL

@@ -1,0 +1,60 @@
+"""The words of the command line: no number gets past the parser unchecked."""
+
+import argparse
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import UsageError
+from grasp.cli.main import build_parser, main
+from grasp.cli.options import decimal, need, whole
+
+
+def options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Action]]:
+    """Every argument of every verb, with the words that lead to it."""
+    for action in parser._actions:  # argparse has no public way to walk
+        if isinstance(action, argparse._SubParsersAction):
+            for verb in dict.fromkeys(action.choices.values()):
+                yield from options(verb)
+        elif action.type not in (None, str, Path):
+            yield f"{parser.prog} {'/'.join(action.option_strings) or action.dest}", action
+
+
+NUMBERS = dict(options(build_parser()))
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_every_number_of_the_command_line_has_bounds(name: str) -> None:
+    read = NUMBERS[name].type
+    assert callable(read)
+    for text in ("-1", "nan", "1e400", "inf", "9" * 30, "much", ""):
+        with pytest.raises((argparse.ArgumentTypeError, ValueError)):
+            read(text)
+
+
+def test_numbers_are_found_in_every_group_of_verbs() -> None:
+    verbs = {name.split()[1] for name in NUMBERS}
+    assert {"run", "campaign", "chart", "detector", "world", "emulate", "grip-search"} <= verbs
+
+
+def test_a_number_out_of_bounds_is_a_usage_error_that_names_them(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = ["world", "calibrate", "--recording", "x.csv", "--clips"]
+    assert main([*words, "-1"]) == 2
+    assert "2 to 100000" in capsys.readouterr().err
+    assert main(["grip-search", "--least", "11"]) == 2
+    assert "0 to 10" in capsys.readouterr().err
+
+
+def test_bounds_belong_to_what_is_allowed() -> None:
+    assert (whole(2, 5)("2"), whole(2, 5)("5")) == (2, 5)
+    assert (decimal(0.5, 2)("0.5"), decimal(0.5, 2)("2")) == (0.5, 2.0)
+
+
+def test_a_package_that_is_not_installed_is_refused_with_its_extra() -> None:
+    need("charts", "numpy")
+    with pytest.raises(UsageError, match="no_such_package") as caught:
+        need("charts", "no_such_package")
+    assert "grasp-controller[charts]" in caught.value.remedy
