@@ -1,6 +1,8 @@
 """The simulated rig: real driver cores over the device models, in this process."""
 
-from drivers.robotiq.driver import RobotiqDriver
+from collections.abc import Callable
+
+from drivers.robotiq.driver import RegisterTransport, RobotiqDriver
 from drivers.robotiq.model.gripper import ModelTransport
 from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.model.link import ModelLink
@@ -11,13 +13,19 @@ from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.rig import Rig, calibration, connect
 from scenarios.rigs.world_of_seed import make_cell
 
+Wrap = Callable[[RegisterTransport], RegisterTransport]
 
-def simulated(config: GraspRigConfig, seed: int, paced: bool) -> Rig:
-    """In virtual time; ``paced`` at the wall's pace."""
+
+def simulated(
+    config: GraspRigConfig, seed: int, paced: bool, wrap: Wrap = lambda transport: transport
+) -> Rig:
+    """In virtual time; ``paced`` at the wall's pace. ``wrap`` sees every register of the gripper's
+    wire, both ways."""
     cell = make_cell(config, seed)
+    wire = wrap(ModelTransport(cell.gripper))
     fingertips = ModelLink(cell.board, config.tactile, cell.advance)
     devices = Devices(
-        gripper=RobotiqDriver(ModelTransport(cell.gripper), config.gripper, calibration(config)),
+        gripper=RobotiqDriver(wire, config.gripper, calibration(config)),
         arm=ArmDriver(cell.arm, config.arm),
         tactile=TakkTileDriver(fingertips, config.tactile).start(),
     )

@@ -18,6 +18,7 @@ import socket
 import sys
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -160,7 +161,15 @@ class Commander:
     the tool brakes, longer than the watchdog waits, so the drive is brought to rest first.
     """
 
-    def __init__(self, control: Any, robot: Robot, setup: Setup, channel: Channel) -> None:
+    def __init__(
+        self,
+        control: Any,
+        robot: Robot,
+        setup: Setup,
+        channel: Channel,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._clock = clock  # s
         self._control = control
         self._robot = robot
         self._setup = setup
@@ -172,7 +181,7 @@ class Commander:
         self._acceleration_mps2 = 1.2  # of the last move; UR manual: movel's default
         self._deceleration_mps2 = self._acceleration_mps2  # of the last stop
         self._commanded_at = -math.inf
-        self._heard_at = time.monotonic()
+        self._heard_at = self._clock()
         self._kicked_at = -math.inf
 
     def prepare(self) -> bool:
@@ -188,8 +197,7 @@ class Commander:
     def serve(self) -> None:
         """Until the client says so or is gone."""
         while True:
-            self._go_on()
-            self._kick()
+            self.turn()
             soon = self._waiting or self._braking
             wait_s = self._robot.period_s if soon else self._kick_period_s
             try:
@@ -199,16 +207,21 @@ class Commander:
             if isinstance(request, Leave):
                 return
             if request is not None:
-                self._heard_at = time.monotonic()
+                self._heard_at = self._clock()
             if isinstance(request, Move | DriveArm | Stop | SetPayload):
                 self._channel.send(Reply(request.number, self._carry_out(request)))
 
+    def turn(self) -> None:
+        """What is due without a request: the motion that waits, and the watchdog."""
+        self._go_on()
+        self._kick()
+
     def leave(self) -> None:
         """Brake if need be, then end the program, so that nothing is left running."""
-        deadline = time.monotonic() + _LEAVE_S
+        deadline = self._clock() + _LEAVE_S
         if self._driving or self.busy:
             self._stop(self._acceleration_mps2)
-        while self.busy and time.monotonic() < deadline:
+        while self.busy and self._clock() < deadline:
             self._control.kickWatchdog()
             time.sleep(self._robot.period_s)
         self._control.stopScript()
@@ -221,7 +234,7 @@ class Commander:
             return state.moving
         settle_s = _SETTLE_CYCLES * self._robot.period_s
         running = self._control.getAsyncOperationProgressEx().isAsyncOperationRunning()
-        return bool(running) or time.monotonic() - self._commanded_at < settle_s
+        return bool(running) or self._clock() - self._commanded_at < settle_s
 
     def _carry_out(self, command: Command) -> Outcome:
         if isinstance(command, SetPayload):
@@ -244,7 +257,7 @@ class Commander:
         """Send the motion that waits, as soon as the tool stands, if anyone still wants it."""
         if self._braking and not self.busy:
             self._end_drive()
-        elif self._braking and time.monotonic() - self._commanded_at > _BRAKE_AGAIN_S:
+        elif self._braking and self._clock() - self._commanded_at > _BRAKE_AGAIN_S:
             self._brake()
         motion = self._waiting
         if motion is None or self._braking or self.busy:
@@ -263,7 +276,7 @@ class Commander:
             taken = self._control.moveL(
                 list(motion.target), motion.speed_mps, motion.acceleration_mps2, asynchronous=True
             )
-        self._commanded_at = time.monotonic()
+        self._commanded_at = self._clock()
         return self._robot.outcome(bool(taken))
 
     def _stop(self, deceleration_mps2: float) -> None:
@@ -275,24 +288,24 @@ class Commander:
             self._brake()
         else:
             self._control.stopL(deceleration_mps2, asynchronous=True)
-            self._commanded_at = time.monotonic()
+            self._commanded_at = self._clock()
 
     def _brake(self) -> None:
         """Bring a drive to rest; said again while it moves, since a controller may miss a call."""
         self._control.speedL([0.0] * 6, self._deceleration_mps2)
-        self._commanded_at = time.monotonic()
+        self._commanded_at = self._clock()
 
     def _end_drive(self) -> None:
         self._driving = self._braking = False
         self._control.speedStop(self._acceleration_mps2)
-        self._commanded_at = time.monotonic()
+        self._commanded_at = self._clock()
 
     @property
     def _kick_period_s(self) -> float:
         return 1.0 / (_KICKS_PER_LIMIT * self._setup.watchdog_hz)
 
     def _kick(self) -> None:
-        now = time.monotonic()
+        now = self._clock()
         if now - self._kicked_at < self._kick_period_s:
             return
         if self._client_lives or not self.busy:
@@ -301,7 +314,7 @@ class Commander:
 
     @property
     def _client_lives(self) -> bool:
-        return time.monotonic() - self._heard_at <= self._setup.heartbeat_timeout_s
+        return self._clock() - self._heard_at <= self._setup.heartbeat_timeout_s
 
 
 def _start(setup: Setup, channel: Channel) -> Commander:

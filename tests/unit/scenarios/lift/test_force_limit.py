@@ -15,14 +15,15 @@ from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from drivers.errors import ConfigError, LinkLost
-from drivers.robotiq.model.gripper import ModelTransport
+from drivers.robotiq.driver import RegisterTransport
 from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
 from grasp.guard import GuardSettings
 from grasp.loop import ControlLoop, Tick
 from grasp.phases import Phase
 from grasp.step import GraspStep
-from scenarios.rigs.opening import open_rig
-from scenarios.rigs.rig import calibration
+from scenarios.rigs.config import GraspRigConfig
+from scenarios.rigs.rig import Rig, calibration
+from scenarios.rigs.simulated import simulated
 from scenarios.trial.execution import make_controller, make_guard
 from tests.unit.scenarios.conftest import changed, config
 
@@ -39,7 +40,7 @@ def paper_force_n(byte: int) -> float:
 class Wire:
     """Sees every register image that reaches the gripper."""
 
-    def __init__(self, transport: ModelTransport) -> None:
+    def __init__(self, transport: RegisterTransport) -> None:
         self._inner = transport
         self.images: list[bytes] = []
         self.cut = False
@@ -59,6 +60,17 @@ class Wire:
     def highest_force_n(self) -> float:
         return max((paper_force_n(image[i]) for image in self.images for i in FORCE_BYTES
                     if i < len(image)), default=0.0)  # fmt: skip
+
+
+def watched(config: GraspRigConfig, seed: int) -> tuple[Rig, Wire]:
+    """The simulated rig, and the gripper's wire on it."""
+    wires: list[Wire] = []
+
+    def wrap(transport: RegisterTransport) -> Wire:
+        wires.append(Wire(transport))
+        return wires[0]
+
+    return simulated(config, seed, paced=False, wrap=wrap), wires[0]
 
 
 class FixedDetector:
@@ -89,12 +101,8 @@ class GraspUnderStress(RuleBasedStateMachine):
         base = config("hand.activation_s=0.5")
         base = changed(base, "guard", cap_mode=mode, travel_bound=bound)
         self.config = changed(base, "controller", grip_force_n=asked_n, force_cap_n=asked_n)
-        self.context = open_rig(self.config, seed, paced=False)
-        rig = self.context.__enter__()
-        driver: Any = rig.devices.gripper
-        self.wire = Wire(driver._exchange._transport)
-        driver._exchange._transport = self.wire
-        self.rig = rig
+        self.rig, self.wire = watched(self.config, seed)
+        rig = self.rig
         self.detector = FixedDetector()
         self.controller = make_controller(self.config)
         self.last: Tick | None = None
@@ -180,10 +188,6 @@ class GraspUnderStress(RuleBasedStateMachine):
         if hasattr(self, "wire"):
             assert self.wire.highest_force_n() <= self.limit_n
 
-    def teardown(self) -> None:
-        if hasattr(self, "context"):
-            self.context.__exit__(None, None, None)
-
 
 TestForceLimit = GraspUnderStress.TestCase
 TestForceLimit.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
@@ -200,25 +204,21 @@ def test_the_stress_would_find_a_guard_that_lets_forces_through(
     machine.time_passes(5)
     with pytest.raises(AssertionError):
         machine.no_force_byte_is_above_the_limit()
-    machine.teardown()
 
 
 @pytest.mark.parametrize("limit_n", [10.0, 10.1, 10.19, 10.2, 10.3, 12.5, 59.9, 60.0])
 def test_bytes_keep_any_limit_sampled_densely(limit_n: float) -> None:
     for asked_n in (limit_n - 0.2, limit_n - 1e-9, limit_n, limit_n + 1e-9, limit_n + 0.2, 200.0):
         base = changed(config("hand.activation_s=0.5"), "guard", force_limit_n=limit_n)
-        with open_rig(base, 0, paced=False) as rig:
-            driver: Any = rig.devices.gripper
-            wire = Wire(driver._exchange._transport)
-            driver._exchange._transport = wire
-            step = GraspStep(FixedDetector(), make_controller(base), make_guard(base))
-            loop = ControlLoop(rig.devices, rig.clock, step, base.loop)
-            loop.tick()
-            command = CloseFast(max(asked_n, 10.0), (True, True, True), (255, 255, 255), 0.11)
-            loop.submit(command)
-            loop.tick()
-            assert wire.images
-            assert wire.highest_force_n() <= limit_n
+        rig, wire = watched(base, 0)
+        step = GraspStep(FixedDetector(), make_controller(base), make_guard(base))
+        loop = ControlLoop(rig.devices, rig.clock, step, base.loop)
+        loop.tick()
+        wire.images.clear()
+        loop.submit(CloseFast(max(asked_n, 10.0), (True, True, True), (255, 255, 255), 0.11))
+        loop.tick()
+        assert wire.images
+        assert wire.highest_force_n() <= limit_n
 
 
 @pytest.mark.parametrize("key", ["grip_force_n", "force_cap_n"])

@@ -81,10 +81,10 @@ class ScriptedController:
         elif kind == b"v":
             answer = struct.pack(">4I", *self.version)
         else:
-            answer = b"\x01" + ",".join(map(self._type, body.decode().split(","))).encode()
+            answer = b"\x01" + ",".join(map(self.type_of, body.decode().split(","))).encode()
         return self.chatter + struct.pack(">Hc", 3 + len(answer), kind) + answer
 
-    def _type(self, name):
+    def type_of(self, name):
         if name in self.in_use:
             return "IN_USE"
         if name in self.unknown:

@@ -139,7 +139,7 @@ def test_registers_in_use_name_the_fieldbus(controller, host):
 def test_claims_of_a_client_that_has_just_gone_are_waited_for(controller, host):
     fake = controller()
     fake.in_use = {"input_int_register_0"}
-    ask, seen = fake._type, []
+    ask, seen = fake.type_of, []
 
     def freed_at_the_third_look(name):
         seen.append(name)
@@ -147,7 +147,7 @@ def test_claims_of_a_client_that_has_just_gone_are_waited_for(controller, host):
             fake.in_use.clear()
         return ask(name)
 
-    fake._type = freed_at_the_third_look
+    fake.type_of = freed_at_the_third_look
     require(preflight(host, step_timeout_s=5.0))
 
 

@@ -31,6 +31,10 @@ SETUP = messages.Setup(
 )
 
 
+SETTLED_S = 0.05  # after which a command shows: more than four cycles
+SILENT_S = 1.0  # far more than the heartbeat
+
+
 class Recorded:
     """Both interfaces of ur_rtde: keeps the calls, answers as it is told."""
 
@@ -89,9 +93,23 @@ def ours():
         yield SimpleNamespace(socket=ours, channel=Channel(theirs))
 
 
+class Later:
+    """The monotonic clock, which a test can put forward."""
+
+    ahead_s = 0.0
+
+    def __call__(self):
+        return time.monotonic() + self.ahead_s
+
+
 @pytest.fixture
-def commander(rtde, ours):
-    return Commander(rtde, Robot(rtde, SETUP, ours.channel), SETUP, ours.channel)
+def later():
+    return Later()
+
+
+@pytest.fixture
+def commander(rtde, ours, later):
+    return Commander(rtde, Robot(rtde, SETUP, ours.channel), SETUP, ours.channel, later)
 
 
 def serve(commander, ours, *requests):
@@ -135,33 +153,33 @@ def test_moves_and_stops_are_asynchronous(commander, rtde, ours):
     assert all(("asynchronous", True) in call for call in rtde.calls if call[0] in rtde.names())
 
 
-def test_move_during_a_move_brakes_and_waits(commander, rtde, ours):
+def test_move_during_a_move_brakes_and_waits(commander, rtde, ours, later):
     rtde.speed_mps = 0.1
     serve(commander, ours, move())
     assert rtde.names() == ["stopL"]
     rtde.speed_mps = 0.0
     rtde.running_operation = True
-    commander._commanded_at = 0.0
-    commander._go_on()
+    later.ahead_s = SETTLED_S
+    commander.turn()
     assert rtde.names() == ["stopL"]
     rtde.running_operation = False
-    commander._go_on()
+    commander.turn()
     assert rtde.names() == ["stopL", "moveL"]
 
 
-def test_move_that_waits_is_dropped_when_the_client_is_heard_no_more(commander, rtde, ours):
+def test_move_that_waits_is_dropped_when_the_client_is_heard_no_more(commander, rtde, ours, later):
     rtde.speed_mps = 0.1
     serve(commander, ours, move(7))
-    rtde.speed_mps = commander._commanded_at = commander._heard_at = 0.0
-    commander._go_on()
+    rtde.speed_mps, later.ahead_s = 0.0, SILENT_S
+    commander.turn()
     assert "moveL" not in rtde.names()
 
 
-def test_stop_forgets_the_move_that_waits(commander, rtde, ours):
+def test_stop_forgets_the_move_that_waits(commander, rtde, ours, later):
     rtde.speed_mps = 0.1
     serve(commander, ours, move(1), messages.Stop(2, 1.0))
-    rtde.speed_mps = commander._commanded_at = 0.0
-    commander._go_on()
+    rtde.speed_mps, later.ahead_s = 0.0, SETTLED_S
+    commander.turn()
     assert "moveL" not in rtde.names()
 
 
@@ -180,16 +198,16 @@ def test_false_is_told_by_the_bits(commander, rtde, ours, bits, runtime_state, o
     assert reply.outcome is outcome
 
 
-def test_watchdog_is_kicked_while_heard_or_standing_only(commander, rtde):
+def test_watchdog_is_kicked_while_heard_or_standing_only(commander, rtde, later):
     def kicks():
-        commander._kicked_at = 0.0
+        later.ahead_s += SETTLED_S
         before = len(rtde.calls)
-        commander._kick()
+        commander.turn()
         return len(rtde.calls) > before
 
     rtde.speed_mps = 0.1
     assert kicks()
-    commander._heard_at = 0.0
+    later.ahead_s = SILENT_S
     assert not kicks()
     rtde.speed_mps = 0.0
     assert kicks()
