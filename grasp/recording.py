@@ -181,11 +181,6 @@ def _renamed(topic: str, data: bytes) -> str:
     return ", ".join(f"{name} is called {new.rsplit('.')[-1]} now" for name, new in found if new)
 
 
-def read_messages(path: Path) -> Iterator[tuple[str, int, bytes]]:
-    """Topic, time in ns and JSON of every message, in the order written."""
-    return iter(_read(path).messages)
-
-
 def viewer_schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
     """JSON Schema of a message as MCAP viewers read it: nested objects, no references.
 

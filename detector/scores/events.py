@@ -129,21 +129,6 @@ def pooled(judgements: Sequence[Judgement]) -> EventMetrics:
     )
 
 
-def event_metrics(
-    registered: Events,
-    slip: Labels,
-    t_s: Floats,
-    settings: EventSettings,
-    *,
-    first_sample: int = 0,
-    speed_mps: Floats | None = None,
-) -> EventMetrics:
-    """Metrics of one stretch of data; see `judge`."""
-    return pooled([
-        judge(registered, slip, t_s, settings, first_sample=first_sample, speed_mps=speed_mps)
-    ])  # fmt: skip
-
-
 def _owners(registered: Events, truth: Events, t_s: Floats, early_s: float) -> NDArray[np.intp]:
     """The slip (index into truth) in which each registered event begins, -1 if in none."""
     start = registered[:, 0]

@@ -18,12 +18,10 @@ READ_BYTES = 512  # multiple of the packet size, so that no packet can overflow 
 
 REQUEST_TYPE = 0xC0  # IN | vendor | device: every request, even a command, is a read
 SCAN_BYTES = 64  # ask for more than either firmware line answers (8 or 40)
-CALIBRATION_BYTES = 8
 
 ROWS = 8
 COLUMNS = 6
 CELL_BYTES = 4
-CODE_MAX = 1023  # 10-bit converter
 
 CHAIN_COLUMNS = 5  # takkfast: cell = 5 * row + column
 CHAIN_CELLS = 40
@@ -63,15 +61,6 @@ class Layout(msgspec.Struct, frozen=True):
         return self.frame_cells * CELL_BYTES
 
 
-class Coefficients(msgspec.Struct, frozen=True):
-    """Factory calibration of one MPL115A2 (AN3785): a0 [code], b1, b2 [-], c12 [1/code]."""
-
-    a0: float
-    b1: float
-    b2: float
-    c12: float
-
-
 def timer_ticks(conversion_ms: float) -> int:
     """Ticks of 8 us for wValue of the timer request, rounded up: never less than asked for."""
     return min(MAX_TICKS, -int(-conversion_ms * 1e6 // TICK_NS))
@@ -102,22 +91,3 @@ def parse_frame(data: bytes, cells: int) -> tuple[Codes, Codes] | None:
         return None
     codes = (words >> 6).astype(np.int16)
     return codes[0::2], codes[1::2]
-
-
-def parse_calibration(reply: bytes) -> Coefficients | None:
-    """Coefficients of one cell: a0, b1, b2, c12 as signed 16-bit words, MSB first (AN3785).
-
-    The firmware's buffer is indexed by a byte, 40 * row + 8 * column, so that column 5 holds the
-    next row's column 0 and rows from 6 on wrap onto row 0: trust neither.
-    """
-    if len(reply) != CALIBRATION_BYTES:
-        return None
-    a0, b1, b2, c12 = (int(word) for word in np.frombuffer(reply, ">i2"))
-    return Coefficients(a0 / 2**3, b1 / 2**13, b2 / 2**14, (c12 >> 2) / 2**22)
-
-
-def pressure_kpa(coefficients: Coefficients, pressure: float, temperature: float) -> float:
-    """Absolute pressure in kPa of one cell's codes (AN3785), for diagnostics only."""
-    k = coefficients
-    compensated = k.a0 + (k.b1 + k.c12 * temperature) * pressure + k.b2 * temperature
-    return compensated * (115.0 - 50.0) / CODE_MAX + 50.0

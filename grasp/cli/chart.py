@@ -180,7 +180,7 @@ def draw_hunting_map(args: argparse.Namespace) -> int:
               f"{m.compensations.max():3d} compensations{bounded}, {clean:4.0%} clean")  # fmt: skip
     latency_ms, refractory_ms = default.latency_s * 1e3, default.refractory_s * 1e3
     print(f"default: latency {latency_ms:.0f} ms, refractory time {refractory_ms:.0f} ms: "
-          f"{hunt(default).compensations} compensation")  # fmt: skip
+          f"{hunt(default)} compensation")  # fmt: skip
     print(args.out)
     return exits.SUCCESS
 

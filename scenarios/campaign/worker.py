@@ -50,9 +50,6 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     recording: str | None = None
 
 
-MACHINE_COLUMNS = ("versions", "wall_s", "cpu_s", "timing")  # the others repeat with the seed
-
-
 class Finished(msgspec.Struct, frozen=True):
     """A row and, if it is to be kept, the bytes of its recording."""
 

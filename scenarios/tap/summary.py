@@ -6,8 +6,7 @@ from collections.abc import Iterable, Sequence
 import msgspec
 
 from detector.scores.quantiles import Quantiles, quantiles
-from scenarios.tap.scoring import UNMOVED, ObjectMotion, TapFacts, TapOutcome, verdict
-from scenarios.tap.settings import TapScoringSettings
+from scenarios.tap.scoring import TapOutcome
 from scenarios.trial.result import TapResult
 
 
@@ -56,38 +55,6 @@ def count(results: Iterable[TapResult]) -> TapCount:
         unmoved=len(struck) - len(moved),
         false_alarms=sum(r.outcome == TapOutcome.UNMOVED_REGISTERED for r in struck),
     )
-
-
-def verdict_again(result: TapResult, settings: TapScoringSettings) -> TapOutcome:
-    """The verdict of a finished tap under other windows, from what its result has kept.
-
-    Faults, excessive force and objects knocked out stay what they are.
-    """
-    if result.struck_s is None or result.outcome in (
-        TapOutcome.KNOCKED_OUT, TapOutcome.OVER_FORCE, TapOutcome.FAULT,
-    ):  # fmt: skip
-        return TapOutcome(result.outcome)
-    motion = ObjectMotion(
-        struck_s=result.struck_s, from_s=result.slip_onset_s, until_s=result.slip_end_s,
-        displacement_m=result.displacement_m or 0.0,
-    )  # fmt: skip
-    facts = TapFacts(
-        motion=motion, alarms=result.alarms, watched_until_s=result.watched_until_s or 0.0,
-        own_peak_n=None, force_bound_n=0.0,
-    )  # fmt: skip
-    return verdict(facts, settings)
-
-
-def sensitivity(
-    results: Sequence[TapResult], windows: Iterable[TapScoringSettings]
-) -> list[tuple[TapScoringSettings, int, int]]:
-    """(settings, successes, taps that moved) for each set of windows; nothing is run again."""
-    table = []
-    for settings in windows:
-        outcomes = [verdict_again(r, settings) for r in results if r.struck_s is not None]
-        moved = sum(o not in UNMOVED for o in outcomes)
-        table.append((settings, outcomes.count(TapOutcome.REGISTERED), moved))
-    return table
 
 
 def _quantiles(values: Iterable[float | None]) -> Quantiles | None:

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
-Flags = NDArray[np.uint8]
 
 # Layout of the parameter vector, one for all pads,
 (
@@ -31,7 +30,6 @@ Flags = NDArray[np.uint8]
 PARAMETERS = 17
 # of the surface of each pad,
 CURVATURE_X, CURVATURE_Y, MU_STATIC, MU_KINETIC, FIELD_STEP = range(5)
-SURFACE = 5
 # and of the state of each pad.
 POSE_X, POSE_Y, POSE_TURN, APPROACH, SLIP_X, SLIP_Y, SPIN, SHARE, STIFFNESS = range(9)
 STATE = 9

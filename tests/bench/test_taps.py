@@ -11,8 +11,9 @@ from scenarios.campaign.settings import load_config
 from scenarios.tap import tap
 from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.settings import TapScoringSettings
-from scenarios.tap.summary import count, sensitivity
+from scenarios.tap.summary import count
 from scenarios.trial.result import TapResult
+from tests.unit.scenarios.tap.windows import sensitivity
 
 OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
 DETECTORS = os.environ.get("DETECTORS", "energy,tcn-paper,tcn,gru").split(",")

@@ -1,6 +1,6 @@
 """Detectors compared on data sets: streamed once, then scored, tuned, tabled and charted."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -18,8 +18,6 @@ from detector.scores.evaluation import (
 from detector.scores.sweep import SweepPoint, best, rules, sweep
 from grasp.clock import stopwatch_ns
 from scenarios.campaign.settings import RunConfig, load_config
-
-Tell = Callable[[str], None]
 
 
 class Contender(msgspec.Struct, frozen=True, eq=False):

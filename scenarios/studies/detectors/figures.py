@@ -10,8 +10,7 @@ from detector.scores.evaluation import Evaluation
 from detector.scores.sweep import SweepPoint, frontier
 
 PAPER_DELAY_MS = 134.0
-PAPER_FALSE_SHARE = 0.076  # of static samples; the rate of events that follows is in the docs
-PAPER_FALSE_PER_MIN = 100.0  # three fingers, two in a row, errors independent: one in 0.6 s
+PAPER_FALSE_PER_MIN = 100.0  # 7.6 % of static samples, three fingers, two in a row, independent
 HUMAN_MS, HUMAN_DEVIATION_MS = 74.0, 9.0  # Johansson and Westling 1987
 PAPER_ACCURACY, PAPER_COMPUTE_US = 0.913, 21_000.0
 LEAST_SHOWN_PER_MIN = 0.1  # fewer are drawn there: zero has no place on a logarithmic axis

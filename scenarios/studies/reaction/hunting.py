@@ -53,13 +53,6 @@ class HuntingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     horizon_s: Annotated[float, Meta(gt=0, le=60)] = 6.0
 
 
-class Hunt(msgspec.Struct, frozen=True):
-    """What a reduced loop did."""
-
-    compensations: int  # transitions from hold to compensate; 1 is what a slip deserves
-    final_force_n: float
-
-
 def bound(settings: HuntingSettings) -> int:
     """Most compensations that a hand which only tightens can make: the steps from first force to
     cap, and one in which nothing moves any more."""
@@ -67,14 +60,14 @@ def bound(settings: HuntingSettings) -> int:
     return math.ceil((s.cap_n - s.first_force_n) / s.step_n) + 1
 
 
-def hunt(settings: HuntingSettings) -> Hunt:
-    """Run the reduced loop."""
+def hunt(settings: HuntingSettings) -> int:
+    """Compensations of the reduced loop, transitions from hold to compensate: one is what a slip
+    deserves."""
     s = settings
-    compensations, force = _hunt(
+    return int(_hunt(
         s.latency_s, s.refractory_s, s.hold_s, s.step_n, s.detector_s, s.transient_s,
         s.loosening_nps, s.regrasp, s.first_force_n, s.needed_force_n, s.cap_n, s.horizon_s,
-    )  # fmt: skip
-    return Hunt(int(compensations), float(force))
+    ))  # fmt: skip
 
 
 _STEP_S = 0.005
@@ -85,7 +78,7 @@ _REGRASP_S = 0.05
 def _hunt(
     latency: float, refractory: float, hold: float, step: float, detector: float, transient: float,
     loosening: float, regrasp: bool, first: float, needed: float, cap: float, horizon: float,
-) -> tuple[int, float]:  # fmt: skip
+) -> int:  # fmt: skip
     steps = round(horizon / _STEP_S)
     delay = round(detector / _STEP_S)
     slipping = np.zeros(steps + 1, dtype=np.bool_)
@@ -118,7 +111,7 @@ def _hunt(
             compensating = False
         if not compensating and loosening > 0.0 and compensations > 0:
             force = max(0.0, force - loosening * _STEP_S)
-    return compensations, force
+    return compensations
 
 
 def default_loop(config: TrialConfig, closing_s: float, transient_s: float) -> HuntingSettings:
@@ -167,7 +160,7 @@ def hunting_map(
         ]
         for latency in latencies_s
     ]  # fmt: skip
-    counts = np.array([[hunt(loop).compensations for loop in row] for row in loops])
+    counts = np.array([[hunt(loop) for loop in row] for row in loops])
     most = bound(loops[0][0]) if policy == RATCHET else None
     return HuntingMap(
         POLICIES[policy], step_n, hold_s, list(latencies_s), list(refractories_s), counts, most

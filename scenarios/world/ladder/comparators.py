@@ -54,8 +54,7 @@ def run(scene: Scene, method: Method, step_s: float) -> SceneOutcome:
     pose = np.array([0.0, z - _hand_height(scene), 0.0])
     speed = np.array([0.0, v - hand[-1], 0.0])
     peak = float(normal.max())
-    shown = np.zeros((3, 3))
-    return outcome(scene, Level.SLIDER, step_s, pose, speed, normal[-1], peak, shown)
+    return outcome(scene, Level.SLIDER, step_s, pose, speed, normal[-1], peak)
 
 
 def _hand_speed(scene: Scene, t_s: Floats) -> Floats:

@@ -38,7 +38,6 @@ class SceneOutcome(msgspec.Struct, frozen=True):
     normal_n: tuple[float, float, float]
     peak_force_n: float  # largest normal force of any finger at any time
     mark_m: tuple[float, float]  # displacement of the tape mark, y and z
-    stretch_m: Floats  # (elements, 3), shear of the pads
 
     @property
     def slip_m(self) -> float:
@@ -73,9 +72,8 @@ def _rigid(scene: Scene) -> SceneOutcome:
     end = [np.interp(scene.duration_s, forces.t_s, n) for n in forces.force_n.T]
     normal = np.zeros(FINGERS) if lost else np.array(end)
     peak = float(forces.force_n.max())
-    stretch = np.zeros((FINGERS, 3))
     pose, speed = np.array([0.0, -slip, 0.0]), np.array([0.0, -u, 0.0])
-    return outcome(scene, Level.RIGID, 0.0, pose, speed, normal, peak, stretch)
+    return outcome(scene, Level.RIGID, 0.0, pose, speed, normal, peak)
 
 
 def elements(scene: Scene, level: Level, brush_points: int) -> tuple[Floats, Floats]:
@@ -119,12 +117,12 @@ def _compliant(scene: Scene, d: Drive, level: Level, brush_points: int) -> Scene
     speed = s[compliant.SPEED : compliant.SPEED + 3].copy()
     pose[1] -= s[compliant.HAND]
     speed[1] -= d.hand_mps[-1]
-    return outcome(scene, level, d.step_s, pose, speed, normal, float(s[compliant.PEAK]), stretch)
+    return outcome(scene, level, d.step_s, pose, speed, normal, float(s[compliant.PEAK]))
 
 
 def outcome(
     scene: Scene, level: Level, step_s: float, pose: Floats, speed: Floats, normal: Floats,
-    peak_n: float, stretch: Floats,
+    peak_n: float,
 ) -> SceneOutcome:  # fmt: skip
     """SceneOutcome of an object at ``pose`` (3,) with ``speed`` (3,), both relative to the hand."""
     y, z, turn = pose.tolist()
@@ -137,5 +135,4 @@ def outcome(
     return SceneOutcome(
         level=level, step_s=step_s, y_m=y, z_m=z, turn_rad=turn, speed=(v_y, v_z, v_turn),
         normal_n=(n_a, n_b, n_c), peak_force_n=peak_n, mark_m=(float(mark[0]), float(mark[1])),
-        stretch_m=stretch,
     )  # fmt: skip

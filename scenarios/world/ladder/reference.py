@@ -237,4 +237,4 @@ def _run(
     hand_z, hand_v, _ = _imposed(q.m, scene.duration_s)
     pose, speed = x[:3] - [0.0, hand_z, 0.0], x[3:6] - [0.0, hand_v, 0.0]
     peak = float(q.normal.max())
-    return outcome(scene, level, step_s, pose, speed, q.normal[-1], peak, stretch)
+    return outcome(scene, level, step_s, pose, speed, q.normal[-1], peak)

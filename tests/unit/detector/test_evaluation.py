@@ -23,8 +23,9 @@ from detector.scores.evaluation import (
 from detector.scores.events import (
     EventMetrics,
     EventSettings,
-    event_metrics,
+    pooled,
 )
+from detector.scores.events import judge as judged
 from detector.scores.events import true_events as slips
 from detector.scores.intervals import stroke_intervals
 from detector.scores.metrics import (
@@ -64,7 +65,7 @@ def times(n: int) -> NDArray[np.float64]:
 def judge(slip: NDArray[np.bool_], events: list[list[int]], **more: object) -> EventMetrics:
     settings = more.pop("settings", EventSettings(merge_gap_s=0.1, early_s=0.02))
     registered = np.array(events, np.intp).reshape(-1, 2)
-    return event_metrics(registered, slip, times(len(slip)), settings, **more)  # type: ignore[arg-type]
+    return pooled([judged(registered, slip, times(len(slip)), settings, **more)])  # type: ignore[arg-type]
 
 
 class Scripted:

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import BadFile
 from drivers.interfaces import ArmState, GripperState
-from grasp.recording import RunRecorder, RunRecording, read_messages, viewer_schema
+from grasp.recording import RunRecorder, RunRecording, viewer_schema
 from grasp.settings import RENAMED
 
 ROOT = Path(__file__).parents[3]
@@ -116,7 +116,7 @@ def test_numpy_numbers_are_numbers(tmp_path: Path) -> None:
     with RunRecorder(path, {"/finger": Finger}, {}) as recorder:
         recorder.write("/finger", 0, Finger(np.float64(1.5), np.int16(1)))  # type: ignore[arg-type]
     assert recorder.failure is None
-    assert list(read_messages(path)) == [("/finger", 0, b'{"force_n":1.5,"side":1}')]
+    assert list(RunRecording.open(path, {"/finger": Finger})) == [("/finger", 0, Finger(1.5, 1))]
 
 
 def test_an_empty_run_is_a_recording(tmp_path: Path) -> None:
@@ -294,7 +294,7 @@ def test_what_is_no_recording_is_refused_with_a_remedy(
 
 def test_a_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadFile):
-        read_messages(tmp_path)
+        RunRecording.open(tmp_path, {})
 
 
 def test_a_message_of_another_version_is_refused_by_topic(tmp_path: Path) -> None:

@@ -10,10 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from scenarios.campaign.worker import MACHINE_COLUMNS
-
 GRASP = [sys.executable, "-c", "import sys; from grasp.cli.main import main; sys.exit(main())"]
 PATIENCE_S = 100.0
+MACHINE_COLUMNS = ("versions", "wall_s", "cpu_s", "timing")  # the others repeat with the seed
 
 
 def campaign_file(folder: Path, repetitions: int) -> Path:

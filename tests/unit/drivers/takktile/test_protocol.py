@@ -99,22 +99,3 @@ def test_a_scan_of_any_other_length_gives_none(length):
 )
 def test_timer_ticks_last_eight_microseconds_and_never_fall_short(conversion_ms, ticks):
     assert protocol.timer_ticks(conversion_ms) == ticks
-
-
-def test_the_datasheet_vector_converts_to_96_587_kpa():
-    coefficients = protocol.parse_calibration(bytes.fromhex("3ECEB3F9C51733C8"))
-    assert coefficients.a0 == 2009.75
-    assert coefficients.b1 == pytest.approx(-2.37585, abs=1e-5)
-    assert coefficients.b2 == pytest.approx(-0.92047, abs=1e-5)
-    assert coefficients.c12 == pytest.approx(0.000790, abs=1e-6)
-    assert protocol.pressure_kpa(coefficients, 410, 507) == pytest.approx(96.587, abs=1e-3)
-
-
-def test_pressing_lowers_the_code():
-    coefficients = protocol.parse_calibration(bytes.fromhex("3ECEB3F9C51733C8"))
-    pressed, rest = (protocol.pressure_kpa(coefficients, code, 507) for code in (300, 410))
-    assert pressed > rest
-
-
-def test_a_calibration_of_wrong_length_gives_none():
-    assert protocol.parse_calibration(b"\x3e\xce") is None

@@ -15,8 +15,9 @@ from grasp.cli.main import main
 from scenarios.campaign.run import Progress, Work, run
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, read_spec, trials
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.worker import MACHINE_COLUMNS, Finished, Row, error_row, run_trial
+from scenarios.campaign.worker import Finished, Row, error_row, run_trial
 from scenarios.rigs.workers import Workers
+from tests.wire.scenarios.campaigns import MACHINE_COLUMNS
 
 TWO_OBJECTS = CampaignSpec(name="two", objects=("can", "ball"), repetitions=2)
 

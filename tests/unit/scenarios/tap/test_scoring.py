@@ -5,9 +5,10 @@ import pytest
 
 from scenarios.tap.scoring import ObjectMotion, TapFacts, TapOutcome, nominal_again_s, verdict
 from scenarios.tap.settings import TapScoringSettings
-from scenarios.tap.summary import count, sensitivity, summarise, verdict_again
+from scenarios.tap.summary import count, summarise
 from scenarios.trial.result import Alarm
 from tests.unit.scenarios.tap.test_tap import result_of
+from tests.unit.scenarios.tap.windows import sensitivity, verdict_again
 
 WINDOWS = TapScoringSettings(moved_m=0.001, register_s=0.5, clear_s=1.0, stay_s=0.5)
 MOVED = ObjectMotion(struck_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0.006)
