@@ -26,7 +26,8 @@ CLUSTER := .venv/.installed-cluster
 PYTHON ?= python3.12 python3.11 python3
 OBJECT ?= can
 
-.PHONY: install install-dev install-train install-cluster lift test test-slow test-train test-cluster bench check lock clean
+.PHONY: install install-dev install-train install-cluster lift test test-slow test-train test-cluster bench check check-style check-types check-imports \
+        lock clean
 
 install: $(BASE)
 install-dev: $(DEV)
@@ -79,13 +80,19 @@ lift: install
 
 # lint-imports' cache keeps old answers when a module is new; without it takes no longer
 check: install-dev
+	@$(MAKE) --no-print-directory --jobs --output-sync check-style check-types check-imports
+check-style:
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+check-types:
 	$(BIN)/mypy
+check-imports:
 	$(BIN)/lint-imports --no-logo --no-cache
 
+# First what computes, a worker a core; then, with nothing else to do, what waits for real time.
 test: check
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal --ignore tests/wire
+	$(BIN)/python -m pytest -n 3 --dist loadgroup tests/wire
 
 test-slow: install-dev
 	$(BIN)/python -m pytest -m slow
@@ -112,4 +119,4 @@ lock:
 
 clean:
 	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
-	find grasp drivers detector scenarios tests -name __pycache__ -type d -prune -exec rm -rf {} +
+	find grasp drivers detector scenarios scripts tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -2,6 +2,9 @@
 
 Real clients talk to real servers here, with real timeouts. When the system lets no process run for
 longer than those, a failure says nothing about either. Every other failure counts at once.
+
+Workers of pytest-xdist share the waiting. Whole cells keep step with real time, so those run
+one after another, whatever the number of workers.
 """
 
 import time
@@ -14,15 +17,20 @@ from tests.wire.stillness import StallMeter
 AGAIN = 3  # times at most
 CALM_S, PATIENCE_S = 2.0, 20.0
 TIMEOUT_S = 420  # of all attempts together
+ONE_AT_A_TIME = ("cell/", "test_acquire.py", "test_rigs.py", "test_tap.py")  # of wire/scenarios
 
 _meter: StallMeter | None = None
-_repeated: list[str] = []
+AGAIN_SAID = "run again"  # of a report's properties: those reach the summary from any process
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    shared_out = config.pluginmanager.hasplugin("xdist")
     for item in items:
-        if "tests/wire/" in item.path.as_posix() and item.get_closest_marker("timeout") is None:
+        _, here, path = item.path.as_posix().partition("tests/wire/")
+        if here and item.get_closest_marker("timeout") is None:
             item.add_marker(pytest.mark.timeout(TIMEOUT_S))
+        if shared_out and path.removeprefix("scenarios/").startswith(ONE_AT_A_TIME):
+            item.add_marker(pytest.mark.xdist_group("cell"))
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -36,7 +44,7 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
         stall_s = meter.worst_since_s(start_s)
         if not left or not stall_s or not any(report.failed for report in reports):
             break
-        _repeated.append(f"{item.nodeid}: everything stood still for {stall_s * 1e3:.0f} ms")
+        item.user_properties.append((AGAIN_SAID, f"{stall_s * 1e3:.0f} ms"))
         _forget(item)
         meter.wait_for_calm(CALM_S, PATIENCE_S)
     for report in reports:
@@ -60,7 +68,16 @@ def _forget(item: pytest.Item) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    if _repeated:
-        terminalreporter.section("run again")
-        for line in _repeated:
+    """Also of tests that ran in a worker of pytest-xdist: a report carries what is said here."""
+    found = {
+        f"{report.nodeid}: everything stood still for {value}"
+        for reports in terminalreporter.stats.values()
+        for report in reports
+        if isinstance(report, pytest.TestReport)
+        for name, value in report.user_properties
+        if name == AGAIN_SAID
+    }
+    if found:
+        terminalreporter.section(AGAIN_SAID)
+        for line in sorted(found):
             terminalreporter.write_line(line)
