@@ -30,7 +30,14 @@ from grasp.commands import (
     OpenFingers,
     StopArm,
 )
-from grasp.phases import AIRBORNE_PHASES, CONTACT_PHASES, Phase, PhaseMachine, Trigger
+from grasp.phases import (
+    AIRBORNE_PHASES,
+    CONTACT_PHASES,
+    OPEN_PHASES,
+    Phase,
+    PhaseMachine,
+    Trigger,
+)
 from grasp.slip import SlipMonitor, SlipStatus
 
 CLOSED_COUNTS: Counts3 = (255, 255, 255)
@@ -38,10 +45,12 @@ ALL_FINGERS = (True, True, True)
 
 
 class GripPlan(msgspec.Struct, frozen=True):
-    """Predetermined finger positions of one object, motor counts A, B, C (paper, section V-B)."""
+    """Predetermined finger positions of one object, motor counts A, B, C (paper, section V-B), and
+    the force to close with."""
 
     preshape_counts: Counts3  # just short of the object
     grip_counts: Counts3  # in contact, with too little force
+    force_cap_n: float  # to close with when slip is registered: the guard's limit (paper: 10 N)
 
 
 class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -62,12 +71,12 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     closing_speed_mps: Annotated[
         float, Meta(ge=0.022, le=0.11, description="asked for when slip is registered")
     ] = 0.11
-    force_cap_n: Annotated[
-        float, Meta(gt=0.0, le=60.0, description="asked for when slip is registered (paper: 10 N)")
-    ] = 10.0
-    settle_s: Annotated[
-        float, Meta(ge=0.05, le=10.0, description="between the fingers' rest and the lift")
-    ] = 0.6
+    relax_s: Annotated[
+        float, Meta(ge=0.02, le=5.0, description="the pads relax, from the fingers' rest on")
+    ] = 0.3
+    listen_s: Annotated[
+        float, Meta(ge=0.02, le=5.0, description="the detector listens before the arm lifts")
+    ] = 0.3
     lift_height_m: Annotated[float, Meta(ge=0.01, le=1.0, description="assumed, 0.1-0.3")] = 0.2
     lift_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="assumed, 0.1-0.25")] = 0.1
     lift_acceleration_mps2: Annotated[
@@ -77,6 +86,9 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     retreat_m: Annotated[
         float, Meta(ge=0.0, le=0.5, description="upwards, after the fingers have opened")
     ] = 0.05
+    at_height_m: Annotated[
+        float, Meta(ge=1e-4, le=0.01, description="the arm counts as there within this")
+    ] = 0.001
     stop_deceleration_mps2: Annotated[
         float, Meta(ge=0.1, le=10.0, description="of the arm, in every safe state")
     ] = 1.0
@@ -92,6 +104,9 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     phase_timeout_s: Annotated[
         float, Meta(ge=1.0, le=600.0, description="a phase other than idle and hold may last")
     ] = 30.0
+    safe_state_s: Annotated[
+        float, Meta(ge=0.1, le=10.0, description="a run goes on so long after a fault")
+    ] = 0.5
     keep: Annotated[bool, Meta(description="keep holding at the top instead of setting down")] = (
         False
     )
@@ -133,10 +148,15 @@ class Decision(msgspec.Struct, frozen=True):
     commands: tuple[Command, ...]
     reset_detector: bool = False
     anchor: bool = False  # the first grasp stands: the guard bounds travel from here
+    finished: bool = False  # nothing more will follow
 
 
 class GraspController:
-    """Grasps, lifts, answers slip, holds, sets down. Feed ``step`` once a tactile sample."""
+    """Grasps, lifts, answers slip, holds, sets down. Feed ``step`` once a tactile sample.
+
+    Where it stands is the phase and when that began. Beside it there are only the arm's home, the
+    last rise of force (compensate) and when the arm was at the top (hold).
+    """
 
     def __init__(self, settings: ControllerSettings, plan: GripPlan, monitor: SlipMonitor) -> None:
         self._settings = settings
@@ -149,22 +169,23 @@ class GraspController:
         self._out: list[Command] = []
         self._reset_detector = False
         self._anchor = False
-        self._home: Vector3 | None = None
+        self._home: Vector3 = (0.0, 0.0, 0.0)  # of the arm when the run began: set by `_idle`
         self._entered_ns = 0
-        self._quiet_since_ns: int | None = None  # fingers at rest (grasp) or arm at the top (hold)
         self._last_rise_ns = 0
-        self._resting = False
-        self._retreating = False
-        self._squeezing = False
-        self._handlers: dict[Phase, Callable[[Observation, SlipStatus], None]] = {
+        self._at_top_ns: int | None = None
+        self._handlers: dict[Phase, Callable[[Observation], None]] = {
             Phase.IDLE: self._idle,
             Phase.APPROACH: self._approach,
+            Phase.REST: self._rest,
             Phase.GRASP: self._grasp,
+            Phase.SQUEEZE: self._squeeze,
+            Phase.SETTLE: self._settle,
             Phase.LIFT: self._lift,
             Phase.COMPENSATE: self._compensate,
             Phase.HOLD: self._hold,
             Phase.LOWER: self._lower,
             Phase.RELEASE: self._release,
+            Phase.RETREAT: self._retreat,
             Phase.FAULT: self._fault,
         }
 
@@ -176,14 +197,19 @@ class GraspController:
         """Take one observation; returns the commands that follow from it."""
         self._out = []
         self._reset_detector = self._anchor = False
-        slip = self.monitor.update(seen.t_ns, seen.probabilities)
+        self.monitor.update(seen.t_ns, seen.probabilities)
         trouble = self._trouble(seen)
         if trouble and self.phase is not Phase.FAULT:
             self._fail(seen, trouble)
         else:
-            self._handlers[self.phase](seen, slip)
+            self._handlers[self.phase](seen)
         return Decision(
-            self.phase, self.monitor.status, tuple(self._out), self._reset_detector, self._anchor
+            phase=self.phase,
+            slip=self.monitor.status,
+            commands=tuple(self._out),
+            reset_detector=self._reset_detector,
+            anchor=self._anchor,
+            finished=self.finished,
         )
 
     def interrupted(self) -> tuple[Command, ...]:
@@ -195,7 +221,7 @@ class GraspController:
         stale_ns = self._settings.stale_after_s * 1e9
         if seen.trouble:
             return seen.trouble
-        if seen.tactile_stale and self.phase not in (Phase.IDLE, Phase.RELEASE):
+        if seen.tactile_stale and self.phase not in OPEN_PHASES:
             return "stale: no fresh fingertip sample"
         if seen.gripper.age_ns(seen.t_ns) > stale_ns:
             return "stale: gripper status too old"
@@ -207,32 +233,40 @@ class GraspController:
             return "arm stopped by its safety system"
         timeout_s = self._settings.phase_timeout_s
         timed = self.phase not in (Phase.IDLE, Phase.HOLD)
-        if timed and seen.t_ns - self._entered_ns > timeout_s * 1e9:
+        if timed and self._lasted(seen, timeout_s):
             return f"phase {self.phase} lasted longer than {timeout_s:g} s"
         return ""
 
     def _fire(self, trigger: Trigger, seen: Observation, cause: str) -> None:
         self.machine.fire(trigger, seen.t_ns, cause)
         self._entered_ns = seen.t_ns
-        self._quiet_since_ns = None
+
+    def _lasted(self, seen: Observation, duration_s: float) -> bool:
+        """Whether the present phase has lasted this long."""
+        return seen.t_ns - self._entered_ns >= duration_s * 1e9
 
     def _at_rest(self, seen: Observation) -> bool:
         return not seen.pending and seen.gripper.at_rest
 
     def _arm_at(self, seen: Observation, height_m: float) -> bool:
-        """True when the arm stands within 1 mm of that height over its start."""
-        assert self._home is not None  # noqa: S101  (set by the first step)
-        away = abs(seen.arm.position_m[2] - self._home[2] - height_m)
-        return not seen.pending and not seen.arm.moving and away < 1e-3
+        """True when the arm stands at that height over its home."""
+        away_m = abs(seen.arm.position_m[2] - self._home[2] - height_m)
+        return not seen.pending and not seen.arm.moving and away_m < self._settings.at_height_m
 
     def _move_arm(self, height_m: float, speed_mps: float) -> None:
-        assert self._home is not None  # noqa: S101
         x, y, z = self._home
         self._out.append(
             MoveArm((x, y, z + height_m), speed_mps, self._settings.lift_acceleration_mps2)
         )
 
-    def _idle(self, seen: Observation, slip: SlipStatus) -> None:
+    def _move_fingers(self, targets: Counts3, speed_mps: float) -> None:
+        self._out.append(MoveFingers(targets, speed_mps, self._settings.grip_force_n))
+
+    def _close_to_cap(self) -> None:
+        speed_mps = self._settings.closing_speed_mps
+        self._out.append(CloseFast(self._plan.force_cap_n, ALL_FINGERS, CLOSED_COUNTS, speed_mps))
+
+    def _idle(self, seen: Observation) -> None:
         if self.finished:
             return
         if any(f.detection is Detection.CONTACT_CLOSING for f in seen.gripper.fingers):
@@ -240,58 +274,51 @@ class GraspController:
             return
         self._home = seen.arm.position_m
         self._fire(Trigger.START, seen, "run started")
-        self._out.append(
-            MoveFingers(
-                self._plan.preshape_counts,
-                self._settings.approach_speed_mps,
-                self._settings.grip_force_n,
-            )
-        )
+        self._move_fingers(self._plan.preshape_counts, self._settings.approach_speed_mps)
 
-    def _approach(self, seen: Observation, slip: SlipStatus) -> None:
-        if not self._at_rest(seen):
-            return
-        if not self._resting:
-            self._resting = True
+    def _approach(self, seen: Observation) -> None:
+        if self._at_rest(seen):
+            self._fire(Trigger.SHAPED, seen, "fingers short of the object")
             self._out.append(BeginRest())
-        elif seen.rest_taken:
-            self._fire(Trigger.SHAPED, seen, "rest counts taken, fingers short of the object")
-            self._out.append(
-                MoveFingers(
-                    self._plan.grip_counts,
-                    self._settings.grip_speed_mps,
-                    self._settings.grip_force_n,
-                )
-            )
 
-    def _grasp(self, seen: Observation, slip: SlipStatus) -> None:
-        if not self._at_rest(seen) or not self._gripped(seen):
+    def _rest(self, seen: Observation) -> None:
+        if self._at_rest(seen) and seen.rest_taken:
+            self._fire(Trigger.RESTED, seen, "rest counts taken")
+            self._move_fingers(self._plan.grip_counts, self._settings.grip_speed_mps)
+
+    def _grasp(self, seen: Observation) -> None:
+        if not self._at_rest(seen) or not self._positioned(seen):
             return
-        if self._settings.firm and not self._squeezing:
-            self._squeezing = True
+        if self._settings.firm:
+            self._fire(Trigger.POSITIONED, seen, "fingers rest at their positions")
             self._close_to_cap()
-            return
-        if self._quiet_since_ns is None:
-            self._quiet_since_ns = seen.t_ns
-            self._reset_detector = True
-            return
-        waited_ns = seen.t_ns - self._quiet_since_ns
-        half_ns = self._settings.settle_s * 0.5e9
-        if waited_ns >= half_ns and not slip.armed:
-            self._reset_detector = True
-            self.monitor.arm()
-        elif waited_ns >= 2 * half_ns:
-            self._fire(Trigger.GRIPPED, seen, "fingers rest at their positions")
-            self._anchor = True
-            self._move_arm(self._settings.lift_height_m, self._settings.lift_speed_mps)
+        else:
+            self._gripped(seen, "fingers rest at their positions")
 
-    def _gripped(self, seen: Observation) -> bool:
-        """False, and a fault, when the fingers at rest did not end as they should."""
-        if self._squeezing:
-            met = seen.gripper.fingers[0].detection is Detection.CONTACT_CLOSING
-            if not met:
-                self._fail(seen, "the thumb closed as far as it goes and met nothing")
-            return met
+    def _squeeze(self, seen: Observation) -> None:
+        if self._at_rest(seen) and self._stopped_on_contact(seen):
+            self._gripped(seen, "the thumb stopped at the force cap")
+
+    def _gripped(self, seen: Observation, cause: str) -> None:
+        self._fire(Trigger.GRIPPED, seen, cause)
+        self._reset_detector = True
+
+    def _settle(self, seen: Observation) -> None:
+        s = self._settings
+        good = self._stopped_on_contact if s.firm else self._positioned
+        if not self._at_rest(seen) or not good(seen):
+            return
+        if not self.monitor.status.armed:
+            if self._lasted(seen, s.relax_s):
+                self._reset_detector = True
+                self.monitor.arm()
+        elif self._lasted(seen, s.relax_s + s.listen_s):
+            self._fire(Trigger.SETTLED, seen, "pads relaxed, detector listening")
+            self._anchor = True
+            self._move_arm(s.lift_height_m, s.lift_speed_mps)
+
+    def _positioned(self, seen: Observation) -> bool:
+        """False, and a fault, when a finger at rest did not end by position."""
         for name, finger in zip(FINGER_NAMES, seen.gripper.fingers, strict=True):
             if finger.detection is not Detection.AT_TARGET:
                 self._fail(
@@ -302,73 +329,79 @@ class GraspController:
                 return False
         return True
 
-    def _close_to_cap(self) -> None:
-        s = self._settings
-        self._out.append(CloseFast(s.force_cap_n, ALL_FINGERS, CLOSED_COUNTS, s.closing_speed_mps))
+    def _stopped_on_contact(self, seen: Observation) -> bool:
+        """False, and a fault, when the thumb at rest did not end on the object."""
+        if seen.gripper.fingers[0].detection is Detection.CONTACT_CLOSING:
+            return True
+        self._fail(seen, "the thumb closed as far as it goes and met nothing")
+        return False
 
-    def _lift(self, seen: Observation, slip: SlipStatus) -> None:
-        if slip.registered and self._settings.reactions:
-            self._answer_slip(seen, slip)
-        elif self._arm_at(seen, self._settings.lift_height_m):
-            self._fire(Trigger.LIFTED, seen, "arm at the top")
+    def _lift(self, seen: Observation) -> None:
+        if self._answers_slip(seen):
+            return
+        if self._arm_at(seen, self._settings.lift_height_m):
+            self._reach_top(Trigger.LIFTED, seen, "arm at the top")
 
-    def _answer_slip(self, seen: Observation, slip: SlipStatus) -> None:
+    def _answers_slip(self, seen: Observation) -> bool:
+        slip = self.monitor.status
+        if not (slip.registered and self._settings.reactions):
+            return False
         self._fire(
             Trigger.SLIP_REGISTERED, seen, f"slip registered at finger {FINGER_NAMES[slip.finger]}"
         )
         self._last_rise_ns = seen.t_ns
         self._close_to_cap()
+        return True
 
-    def _compensate(self, seen: Observation, slip: SlipStatus) -> None:
-        s = self._settings
+    def _reach_top(self, trigger: Trigger, seen: Observation, cause: str) -> None:
+        self._fire(trigger, seen, cause)
+        self._at_top_ns = None
+
+    def _compensate(self, seen: Observation) -> None:
+        slip = self.monitor.status
         if not self._at_rest(seen):
             self._last_rise_ns = seen.t_ns
             self.monitor.closing(seen.t_ns)
         elif slip.masked:
             return
         elif not slip.registered:
-            self._fire(Trigger.SLIP_STOPPED, seen, "slip has stopped")
-        elif seen.t_ns - self._last_rise_ns >= s.cap_patience_s * 1e9:
+            self._reach_top(Trigger.SLIP_STOPPED, seen, "slip has stopped")
+        elif seen.t_ns - self._last_rise_ns >= self._settings.cap_patience_s * 1e9:
             self.cap_reached = True
             self._fire(Trigger.CAP_REACHED, seen, "slip goes on and the force can rise no more")
             self._set_down()
 
-    def _hold(self, seen: Observation, slip: SlipStatus) -> None:
+    def _hold(self, seen: Observation) -> None:
         s = self._settings
-        if slip.registered and s.reactions:
-            self._answer_slip(seen, slip)
+        if self._answers_slip(seen) or not self._arm_at(seen, s.lift_height_m):
             return
-        if not self._arm_at(seen, s.lift_height_m):
-            return
-        if self._quiet_since_ns is None:
-            self._quiet_since_ns = seen.t_ns
-        elif seen.set_down or seen.t_ns - self._quiet_since_ns >= s.hold_s * 1e9:
+        if self._at_top_ns is None:
+            self._at_top_ns = seen.t_ns
+        elif seen.set_down or seen.t_ns - self._at_top_ns >= s.hold_s * 1e9:
             if s.keep:
                 self.finished = True
                 return
-            self._fire(
-                Trigger.FINISHED, seen, "asked to set down" if seen.set_down else "held long enough"
-            )
+            cause = "asked to set down" if seen.set_down else "held long enough"
+            self._fire(Trigger.FINISHED, seen, cause)
             self._set_down()
 
     def _set_down(self) -> None:
         self.monitor.disarm()
         self._move_arm(0.0, self._settings.lower_speed_mps)
 
-    def _lower(self, seen: Observation, slip: SlipStatus) -> None:
+    def _lower(self, seen: Observation) -> None:
         if self._arm_at(seen, 0.0):
             self._fire(Trigger.LANDED, seen, "arm where the lift began")
             self._out.append(OpenFingers(self._settings.approach_speed_mps))
 
-    def _release(self, seen: Observation, slip: SlipStatus) -> None:
-        s = self._settings
-        if not self._at_rest(seen):
-            return
-        if not self._retreating:
-            self._retreating = True
-            self._move_arm(s.retreat_m, s.lower_speed_mps)
-        elif self._arm_at(seen, s.retreat_m):
-            self._fire(Trigger.RETREATED, seen, "fingers open, arm clear")
+    def _release(self, seen: Observation) -> None:
+        if self._at_rest(seen):
+            self._fire(Trigger.OPENED, seen, "fingers open")
+            self._move_arm(self._settings.retreat_m, self._settings.lower_speed_mps)
+
+    def _retreat(self, seen: Observation) -> None:
+        if self._at_rest(seen) and self._arm_at(seen, self._settings.retreat_m):
+            self._fire(Trigger.RETREATED, seen, "arm clear")
             self.finished = True
 
     def _fail(self, seen: Observation, cause: str) -> None:
@@ -376,8 +409,7 @@ class GraspController:
         before = self.phase
         self.fault_cause = cause
         self._fire(Trigger.FAIL, seen, cause)
-        s = self._settings
-        self._out.append(StopArm(s.stop_deceleration_mps2))
+        self._out.append(StopArm(self._settings.stop_deceleration_mps2))
         if seen.gripper_lost:
             return
         if before in AIRBORNE_PHASES:  # the object may be off the table: do not let it fall
@@ -385,5 +417,5 @@ class GraspController:
         elif before is not Phase.IDLE:
             self._out.append(HoldFingers())
 
-    def _fault(self, seen: Observation, slip: SlipStatus) -> None:
-        self.finished = seen.t_ns - self._entered_ns > 0.5e9
+    def _fault(self, seen: Observation) -> None:
+        self.finished = self._lasted(seen, self._settings.safe_state_s)

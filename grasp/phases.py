@@ -14,13 +14,17 @@ class Phase(StrEnum):
     """Where a run stands."""
 
     IDLE = "idle"
-    APPROACH = "approach"
-    GRASP = "grasp"
+    APPROACH = "approach"  # fingers on their way to just short of the object
+    REST = "rest"  # there, unloaded: rest counts are taken
+    GRASP = "grasp"  # fingers on their way to their positions on the object
+    SQUEEZE = "squeeze"  # a firm grip: the thumb closes until it stops at the force cap
+    SETTLE = "settle"  # the grip stands; the pads relax, then the detector listens
     LIFT = "lift"
     COMPENSATE = "compensate"
     HOLD = "hold"
     LOWER = "lower"
-    RELEASE = "release"
+    RELEASE = "release"  # fingers on their way open
+    RETREAT = "retreat"  # the arm on its way clear of the object
     FAULT = "fault"
 
 
@@ -28,34 +32,43 @@ class Trigger(StrEnum):
     """What makes the phase change."""
 
     START = "start"  # a run begins
-    SHAPED = "shaped"  # rest counts taken, fingers just short of the object
-    GRIPPED = "gripped"  # all fingers rest at their predetermined positions
+    SHAPED = "shaped"  # fingers just short of the object
+    RESTED = "rested"  # rest counts taken
+    POSITIONED = "positioned"  # fingers at their positions, and a firm grip is wanted
+    GRIPPED = "gripped"  # the grip is what it shall be
+    SETTLED = "settled"  # pads relaxed, detector listening
     SLIP_REGISTERED = "slip_registered"
     SLIP_STOPPED = "slip_stopped"
     LIFTED = "lifted"  # the arm is at the top and nothing slips
     CAP_REACHED = "cap_reached"  # slip goes on although the force cannot rise any more
     FINISHED = "finished"  # held long enough: set it down
     LANDED = "landed"
+    OPENED = "opened"
     RETREATED = "retreated"
     FAIL = "fail"
 
 
 TRANSITIONS: tuple[tuple[Trigger, tuple[Phase, ...], Phase], ...] = (
     (Trigger.START, (Phase.IDLE,), Phase.APPROACH),
-    (Trigger.SHAPED, (Phase.APPROACH,), Phase.GRASP),
-    (Trigger.GRIPPED, (Phase.GRASP,), Phase.LIFT),
+    (Trigger.SHAPED, (Phase.APPROACH,), Phase.REST),
+    (Trigger.RESTED, (Phase.REST,), Phase.GRASP),
+    (Trigger.POSITIONED, (Phase.GRASP,), Phase.SQUEEZE),
+    (Trigger.GRIPPED, (Phase.GRASP, Phase.SQUEEZE), Phase.SETTLE),
+    (Trigger.SETTLED, (Phase.SETTLE,), Phase.LIFT),
     (Trigger.SLIP_REGISTERED, (Phase.LIFT, Phase.HOLD), Phase.COMPENSATE),
     (Trigger.SLIP_STOPPED, (Phase.COMPENSATE,), Phase.HOLD),
     (Trigger.LIFTED, (Phase.LIFT,), Phase.HOLD),
     (Trigger.CAP_REACHED, (Phase.COMPENSATE,), Phase.LOWER),
     (Trigger.FINISHED, (Phase.HOLD,), Phase.LOWER),
     (Trigger.LANDED, (Phase.LOWER,), Phase.RELEASE),
-    (Trigger.RETREATED, (Phase.RELEASE,), Phase.IDLE),
+    (Trigger.OPENED, (Phase.RELEASE,), Phase.RETREAT),
+    (Trigger.RETREATED, (Phase.RETREAT,), Phase.IDLE),
     (Trigger.FAIL, tuple(p for p in Phase if p is not Phase.FAULT), Phase.FAULT),
 )
 
-CONTACT_PHASES = frozenset({Phase.GRASP, Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.LOWER})
 AIRBORNE_PHASES = frozenset({Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.LOWER})
+CONTACT_PHASES = AIRBORNE_PHASES | {Phase.GRASP, Phase.SQUEEZE, Phase.SETTLE}
+OPEN_PHASES = frozenset({Phase.IDLE, Phase.RELEASE, Phase.RETREAT})  # nobody has to feel anything
 
 
 class PhaseChange(msgspec.Struct, frozen=True):

@@ -22,6 +22,9 @@ Table = dict[str, Any]
 # Old dotted names of settings and sections, and of fields of recorded messages as `/topic.field`,
 # to the names they have now: whoever gives an old one is refused and told the new one.
 RENAMED = {
+    "controller.force_cap_n": "guard.force_limit_n",
+    "controller.settle_s": "controller.relax_s + controller.listen_s",
+    "loop.stop_deceleration_mps2": "controller.stop_deceleration_mps2",
     "tap.impulse_ns": "tap.impulse_n_s",
     "detector": "energy",
     "control.proportional_mps_n": "control.proportional_mps_per_n",

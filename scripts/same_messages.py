@@ -26,7 +26,14 @@ OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
 ACQUISITION = ("acquire", "--surface", "sphere", "--direction", "45", "--seconds", "20")
 
 # What a recording says now, and what the same thing was called before: undone before comparing.
-RENAMED: tuple[tuple[bytes, bytes], ...] = ((b'"impulse_n_s":', b'"impulse_ns":'),)
+RENAMED: tuple[tuple[bytes, bytes], ...] = (
+    (b'"impulse_n_s":', b'"impulse_ns":'),
+    # phases that were parts of others
+    (b'"phase":"rest"', b'"phase":"approach"'),
+    (b'"phase":"squeeze"', b'"phase":"grasp"'),
+    (b'"phase":"settle"', b'"phase":"grasp"'),
+    (b'"phase":"retreat"', b'"phase":"release"'),
+)
 
 Key = tuple[str, int]  # channel and its n-th message, or a recording's array
 Contents = dict[Key, tuple[int, bytes]]  # log time in ns, bytes

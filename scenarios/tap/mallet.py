@@ -75,7 +75,7 @@ def search(config: TapConfig, direction: str) -> float:
     tap = msgspec.structs.replace(
         config.tap, impulse_n_s=0.0, direction="alternate", spread=0.0, strength=1.0
     )
-    return _search(config.object, config.contact, config.controller.force_cap_n, tap, direction)
+    return _search(config.object, config.contact, config.guard.force_limit_n, tap, direction)
 
 
 @cache

@@ -51,24 +51,28 @@ def make_guard(config: TrialConfig) -> ForceGuard:
     """The guard; raises ConfigError before any device is touched if the limit cannot be kept."""
     known = calibration(config)
     guard = ForceGuard(config.guard, known.least_force_n, known.m_per_count)
-    for key in ("grip_force_n", "force_cap_n"):
-        asked_n = getattr(config.controller, key)
-        if asked_n < known.least_force_n:
-            raise ConfigError(
-                "controller",
-                key,
-                f"{asked_n:g} N is less than the gripper can be set to",
-                f">= {known.least_force_n:g} N, the least force of calibration {known.name!r}",
-            )
+    asked_n = config.controller.grip_force_n
+    if asked_n < known.least_force_n:
+        raise ConfigError(
+            "controller",
+            "grip_force_n",
+            f"{asked_n:g} N is less than the gripper can be set to",
+            f">= {known.least_force_n:g} N, the least force of calibration {known.name!r}",
+        )
     return guard
 
 
-def make_controller(config: TrialConfig) -> GraspController:
+def grip_plan(config: TrialConfig) -> GripPlan:
+    """Where the fingers wait, where they grasp, and the limit that they may close to."""
     grip = config.object.grip_counts
     margin = config.controller.preshape_margin_counts
     a, b, c = (max(0, count - margin) for count in grip)
+    return GripPlan((a, b, c), grip, config.guard.force_limit_n)
+
+
+def make_controller(config: TrialConfig) -> GraspController:
     monitor = SlipMonitor(make_rule(config.rule, FINGERS), config.slip)
-    return GraspController(config.controller, GripPlan((a, b, c), grip), monitor)
+    return GraspController(config.controller, grip_plan(config), monitor)
 
 
 def make_step(

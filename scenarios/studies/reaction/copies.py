@@ -91,7 +91,7 @@ def study(config: LiftConfig, seed: int, grid: Grid, check: bool) -> SeedStudy:
     for latency_ms in grid.latencies_ms:
         at_ns = onset_ns + round(latency_ms * 1e6) - path_ns
         for speed in grid.speeds_mps:
-            command = CloseFast(config.controller.force_cap_n, closing, CLOSED_COUNTS, speed)
+            command = CloseFast(config.guard.force_limit_n, closing, CLOSED_COUNTS, speed)
             points.append(GridPoint(latency_ms, speed, react(config, begun, at_ns, command)))
     checked = _check(config, seed, begun, grid.detector_factors) if check else None
     return SeedStudy(config.object.name, seed, True, points, checked)

@@ -126,9 +126,9 @@ def default_loop(config: TrialConfig, closing_s: float, transient_s: float) -> H
         latency_s=latency_s,
         refractory_s=latency_s + closing_s + config.slip.mask_after_closing_s,
         hold_s=config.rule.release * config.loop.period_s,
-        step_n=config.controller.force_cap_n,
+        step_n=config.guard.force_limit_n,
         transient_s=transient_s,
-        cap_n=config.controller.force_cap_n,
+        cap_n=config.guard.force_limit_n,
     )
 
 

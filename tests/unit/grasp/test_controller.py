@@ -33,7 +33,7 @@ class Driver:
     def __init__(self, **settings: object) -> None:
         merged = msgspec.structs.replace(ControllerSettings(), **settings)
         monitor = SlipMonitor(ConsecutiveRule(RuleSettings(), 3), SlipSettings())
-        plan = GripPlan((40, 40, 40), (55, 55, 55))
+        plan = GripPlan((40, 40, 40), (55, 55, 55), 10.0)
         self.controller = GraspController(merged, plan, monitor)
         self.t_ns = 0
         self.height_m = 0.0
@@ -109,6 +109,52 @@ def test_detector_is_reset_and_armed_only_once_the_fingers_rest() -> None:
     resets = [d.step().reset_detector for _ in range(40)]
     assert resets.count(True) == 2  # at rest, and again when listening begins
     assert d.controller.monitor.status.armed
+
+
+def test_firm_grip_squeezes_to_the_cap_and_settles_once_the_thumb_stopped_on_the_object() -> None:
+    d = Driver(firm=True)
+    d.until(Phase.SQUEEZE)
+    assert d.commands[-1] == CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)
+    d.step(gripper=gripper(d.t_ns + TICK, detections=MOVING))
+    assert d.controller.phase is Phase.SQUEEZE
+    for _ in range(70):
+        d.step(gripper=gripper(d.t_ns + TICK, detections=LATCHED))
+    phases = [c.phase for c in d.controller.machine.log]
+    assert phases == ["approach", "rest", "grasp", "squeeze", "settle", "lift"]
+
+
+def test_thumb_that_meets_nothing_in_the_squeeze_is_a_fault_and_nothing_is_lifted() -> None:
+    d = Driver(firm=True)
+    d.until(Phase.SQUEEZE)
+    d.commands.clear()
+    d.step()
+    assert d.controller.phase is Phase.FAULT
+    assert "met nothing" in d.controller.fault_cause
+    assert d.commands == [StopArm(1.0), HoldFingers()]
+
+
+@pytest.mark.parametrize("phase", [Phase.REST, Phase.GRASP, Phase.SQUEEZE, Phase.SETTLE])
+def test_fault_before_the_lift_keeps_the_fingers_where_they_are(phase: Phase) -> None:
+    d = Driver(firm=phase is Phase.SQUEEZE)
+    d.until(phase)
+    d.commands.clear()
+    d.step(trouble="link_lost: cable")
+    assert d.commands == [StopArm(1.0), HoldFingers()]
+
+
+def test_guard_is_anchored_when_the_arm_begins_to_rise_and_at_no_other_time() -> None:
+    d = Driver()
+    decisions = [d.step() for _ in range(90)]
+    assert [x.phase for x in decisions if x.anchor] == [Phase.LIFT]
+
+
+@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.SETTLE, Phase.LIFT])
+def test_person_who_interrupts_stops_the_arm_and_never_opens_a_grip(phase: Phase) -> None:
+    d = Driver(stop_deceleration_mps2=2.0)
+    d.until(phase)
+    commands = d.controller.interrupted()
+    assert commands[0] == StopArm(2.0)
+    assert list(commands[1:]) == ([HoldFingers()] if phase is Phase.APPROACH else [])
 
 
 def test_lift_is_relative_to_where_the_arm_stood() -> None:
@@ -258,7 +304,9 @@ def test_phase_that_lasts_too_long_is_a_fault() -> None:
 def test_every_transition_is_logged_with_time_and_cause() -> None:
     d = Driver().slip()
     log = d.controller.machine.log
-    assert [c.phase for c in log] == ["approach", "grasp", "lift", "compensate"]
+    assert [c.phase for c in log] == [
+        "approach", "rest", "grasp", "settle", "lift", "compensate",
+    ]  # fmt: skip
     assert all(c.cause for c in log)
     assert log[-1].t_ns == d.t_ns
 

@@ -25,7 +25,7 @@ GRASP = [sys.executable, "-c", "import sys; from grasp.cli.main import main; sys
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 QUICK = (
     "hand.activation_s=0.5", "controller.hold_s=0.3", "controller.lift_height_m=0.08",
-    "controller.lower_speed_mps=0.2", "controller.settle_s=0.4",
+    "controller.lower_speed_mps=0.2", "controller.relax_s=0.2", "controller.listen_s=0.2",
 )  # fmt: skip
 TRUTH_FIELDS = ("slip_onset_s", "slip_distance_m", "peak_force_n", "settled_force_n")
 
@@ -106,7 +106,7 @@ def test_hardware_rig_pointed_at_a_cell_gives_the_verdict_without_the_truth(tmp_
     assert result["success"] is True
     assert result["outcome"] == "held"
     assert all(result[name] is None for name in TRUTH_FIELDS)
-    assert [p["phase"] for p in result["phases"]][2:5] == ["lift", "compensate", "hold"]
+    assert [p["phase"] for p in result["phases"]][4:7] == ["lift", "compensate", "hold"]
 
 
 def test_hardware_needs_a_confirmation_on_every_run() -> None:

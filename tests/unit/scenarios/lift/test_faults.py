@@ -48,7 +48,7 @@ def sent_after(staged: Staged) -> list[object]:
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda f: f.__name__)
-@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.GRASP, *CONTACT])
+@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.REST, Phase.GRASP, Phase.SETTLE, *CONTACT])
 def test_every_fault_in_every_phase_ends_in_its_safe_state(phase: Phase, fault: object) -> None:
     staged = Staged()
     trial = staged.run(in_phase(phase, 5), fault)  # type: ignore[arg-type]
@@ -144,4 +144,4 @@ def test_loaded_fingertip_is_refused_before_the_grasp() -> None:
     trial = staged.run(lambda tick: False, lambda rig: None)
     assert trial.controller.phase is Phase.FAULT
     assert "taxel" in trial.controller.fault_cause
-    assert [c.phase for c in trial.controller.machine.log] == ["approach", "fault"]
+    assert [c.phase for c in trial.controller.machine.log] == ["approach", "rest", "fault"]

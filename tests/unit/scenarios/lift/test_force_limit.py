@@ -14,17 +14,21 @@ import pytest
 from hypothesis import settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from detector.decision import make_rule
 from drivers.errors import ConfigError, LinkLost
 from drivers.robotiq.driver import RegisterTransport
 from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers, OpenFingers
+from grasp.controller import GraspController
 from grasp.guard import GuardSettings
 from grasp.loop import ControlLoop, Tick
 from grasp.phases import Phase
+from grasp.slip import SlipMonitor
 from grasp.step import GraspStep
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.rig import Rig, calibration
 from scenarios.rigs.simulated import simulated
-from scenarios.trial.execution import make_controller, make_guard
+from scenarios.trial.config import TrialConfig
+from scenarios.trial.execution import grip_plan, make_controller, make_guard
 from tests.unit.scenarios.conftest import changed, config
 
 FORCE_BYTES = (5, 8, 11)
@@ -85,6 +89,13 @@ class FixedDetector:
         return np.array([self.p, 0.0, 0.0])
 
 
+def greedy(config: TrialConfig, asked_n: float) -> GraspController:
+    """A controller that asks for this force, whatever the limit is."""
+    plan = msgspec.structs.replace(grip_plan(config), force_cap_n=asked_n)
+    monitor = SlipMonitor(make_rule(config.rule, 3), config.slip)
+    return GraspController(config.controller, plan, monitor)
+
+
 class GraspUnderStress(RuleBasedStateMachine):
     """A lift on the simulated rig, steered by hypothesis; one rule an event."""
 
@@ -100,11 +111,12 @@ class GraspUnderStress(RuleBasedStateMachine):
     def start(self, asked_n: float, mode: str, bound: bool, seed: int, to_lift: bool) -> None:
         base = config("hand.activation_s=0.5")
         base = changed(base, "guard", cap_mode=mode, travel_bound=bound)
-        self.config = changed(base, "controller", grip_force_n=asked_n, force_cap_n=asked_n)
+        self.config = changed(base, "controller", grip_force_n=asked_n)
+        self.asked_n = asked_n
         self.rig, self.wire = watched(self.config, seed)
         rig = self.rig
         self.detector = FixedDetector()
-        self.controller = make_controller(self.config)
+        self.controller = greedy(self.config, self.asked_n)
         self.last: Tick | None = None
         self.loop = ControlLoop(
             rig.devices, rig.clock,
@@ -175,7 +187,7 @@ class GraspUnderStress(RuleBasedStateMachine):
     @precondition(lambda self: self.controller.finished)
     @rule()
     def a_new_run_begins(self) -> None:
-        self.controller = make_controller(self.config)
+        self.controller = greedy(self.config, self.asked_n)
         self.loop = ControlLoop(
             self.rig.devices, self.rig.clock,
             GraspStep(self.detector, self.controller, make_guard(self.config)),
@@ -221,11 +233,10 @@ def test_bytes_keep_any_limit_sampled_densely(limit_n: float) -> None:
         assert wire.highest_force_n() <= limit_n
 
 
-@pytest.mark.parametrize("key", ["grip_force_n", "force_cap_n"])
-def test_force_that_the_calibration_cannot_set_is_refused_before_anything_moves(key: str) -> None:
+def test_force_that_the_calibration_cannot_set_is_refused_before_anything_moves() -> None:
     with pytest.raises(ConfigError) as caught:
-        make_guard(changed(config(), "controller", **{key: 9.99}))
-    assert caught.value.key == key
+        make_guard(changed(config(), "controller", grip_force_n=9.99))
+    assert caught.value.key == "grip_force_n"
 
 
 def test_limit_just_below_the_least_force_is_refused_before_anything_moves() -> None:

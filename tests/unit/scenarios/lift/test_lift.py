@@ -17,7 +17,8 @@ def test_weak_grasp_on_the_can_is_felt_and_saved(plain_lift: LiftResult) -> None
     assert r.success
     assert r.outcome == "held_within_6cm"
     assert [p.phase for p in r.phases] == [
-        "approach", "grasp", "lift", "compensate", "hold", "lower", "release", "idle",
+        "approach", "rest", "grasp", "settle", "lift", "compensate", "hold", "lower", "release",
+        "retreat", "idle",
     ]  # fmt: skip
     assert r.slip_onset_s is not None
     assert r.first_detection_s is not None
@@ -77,7 +78,12 @@ def test_detector_that_cries_at_once_is_a_false_start() -> None:
 
 
 def test_registration_just_before_gross_slip_counts_as_detected_by_the_twin() -> None:
-    r = judged("scoring.early_s=1.0", "energy.threshold_counts=0.3", "controller.settle_s=0.3")
+    r = judged(
+        "scoring.early_s=1.0",
+        "energy.threshold_counts=0.3",
+        "controller.relax_s=0.15",
+        "controller.listen_s=0.15",
+    )
     assert r.outcome != "false_start"
 
 
@@ -126,7 +132,7 @@ def test_finger_that_stops_on_contact_in_the_grasp_is_a_fault_before_the_lift() 
     )
     assert finished.result is not None
     assert finished.result.outcome == "fault"
-    assert [p.phase for p in finished.result.phases] == ["approach", "grasp", "fault"]
+    assert [p.phase for p in finished.result.phases] == ["approach", "rest", "grasp", "fault"]
     assert finished.failure is not None
     assert finished.failure.kind == "safety_stop"
 

@@ -6,9 +6,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from detector.network import StreamingNetwork
 from detector.recordings import Recording
 from drivers.errors import BadFile
 from grasp.commands import CloseFast
+from grasp.controller import ControllerSettings
+from grasp.guard import THUMB_ALONE
 from grasp.messages import CONTROL
 from grasp.recording import RunRecorder, RunRecording
 from scenarios.lift import lift
@@ -52,6 +55,42 @@ def test_replay_of_a_run_does_what_the_run_did(recorded: Path) -> None:
 
 def test_folder_and_file_are_both_accepted(recorded: Path) -> None:
     assert replay_run(recorded).steps == replay_run(recorded.parent).steps
+
+
+@pytest.fixture(scope="module")
+def bounded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A lift that closes by position too, so that the anchor matters; its detector has a memory."""
+    settings = config("guard.travel_bound=true")
+    settings = msgspec.structs.replace(settings, detector_name="gru")
+    result = lift.run(settings, 0, tmp_path_factory.mktemp("bounded")).result
+    assert result is not None and result.recording is not None
+    return Path(result.recording)
+
+
+def only_at_first(self: StreamingNetwork) -> None:
+    if not hasattr(self, "_turn"):
+        RESET(self)
+
+
+RESET = StreamingNetwork.reset
+INSIDE = {
+    "the detector is reset no more": ("detector.network.StreamingNetwork.reset", only_at_first),
+    "the guard is never anchored": ("grasp.guard.ForceGuard.anchor", lambda self, *a: None),
+    "the guard lets all through": ("grasp.guard.ForceGuard.admit", lambda self, c, *a: c),
+    "own closing is not masked": ("grasp.slip.SlipMonitor.closing", lambda self, t_ns: None),
+    "force is not measured": ("grasp.guard.ForceGuard.measured_n", lambda self, c: (0.0, 0.0, 0.0)),
+    "the monitor is never armed": ("grasp.slip.SlipMonitor.arm", lambda self: None),
+}
+
+
+@pytest.mark.parametrize("what", INSIDE)
+def test_one_thing_changed_inside_the_step_is_seen_by_the_check(
+    what: str, bounded: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert replay_run(bounded).differences == []
+    name, changed = INSIDE[what]
+    monkeypatch.setattr(name, changed)
+    assert replay_run(bounded).differences
 
 
 def test_tampered_probability_is_found(recorded: Path, tmp_path: Path) -> None:
@@ -143,10 +182,11 @@ def test_every_stroke_of_a_fingertip_recording_is_answered_once_by_closing() -> 
 
 
 def test_guard_limits_what_a_fingertip_recording_would_have_sent() -> None:
-    replay = replay_tactile(config("controller.force_cap_n=60"), fingertip_strokes())
+    replay = replay_tactile(config(), fingertip_strokes())
     closings = [c.command for c in replay.commands if isinstance(c.command, CloseFast)]
     assert closings
-    assert all(c.force_cap_n == 10.0 for c in closings)
+    assert all(c.force_cap_n == 10.0 and c.closing == THUMB_ALONE for c in closings)
+    assert all(c.speed_mps < ControllerSettings().closing_speed_mps for c in closings)
 
 
 def test_figure_reads_forces_probabilities_and_phases(recorded: Path) -> None:
@@ -155,4 +195,6 @@ def test_figure_reads_forces_probabilities_and_phases(recorded: Path) -> None:
     assert series.true_n is not None
     assert series.true_n.max() > 10.0
     assert series.onset_s is not None
-    assert [name for _, name in series.phases][:3] == ["approach", "grasp", "lift"]
+    assert [name for _, name in series.phases][:5] == [
+        "approach", "rest", "grasp", "settle", "lift",
+    ]  # fmt: skip

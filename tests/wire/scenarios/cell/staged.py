@@ -26,7 +26,8 @@ QUICK = (
     "hand.activation_s=0.5",
     "controller.hold_s=0.3",
     "controller.lift_height_m=0.06",
-    "controller.settle_s=0.3",
+    "controller.relax_s=0.15",
+    "controller.listen_s=0.15",
     "controller.lower_speed_mps=0.2",
     # patience with a busy machine, on which a lift must not fail by itself
     "controller.stale_after_s=0.3",
