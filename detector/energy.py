@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from detector.decision import RuleSettings, event_starts
 from drivers.errors import UsageError
+from drivers.interfaces import TAXELS
 
-TAXELS = 6
 SAMPLES_PER_MIN = 6000  # 100 Hz, the board's rate in the paper
 LOWEST_THRESHOLD_COUNTS, HIGHEST_THRESHOLD_COUNTS = 0.1, 500.0
 TUNING_STEP = 1.02

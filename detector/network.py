@@ -12,7 +12,8 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from detector.network_file import TAXELS, LoadedNetwork, read_network, weights_path
+from detector.network_file import LoadedNetwork, read_network, weights_path
+from drivers.interfaces import TAXELS
 
 Float32s = NDArray[np.float32]
 

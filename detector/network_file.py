@@ -11,10 +11,10 @@ import msgspec
 from msgspec import Meta
 
 from drivers.errors import BadFile
+from drivers.interfaces import TAXELS
 
 FORMAT = 1
 CARD_KEY = "grasp"
-TAXELS = 6
 LARGEST_BYTES = 4_000_000  # ours are a tenth of a megabyte
 WEIGHTS = Path(__file__).parent / "weights"
 

@@ -13,7 +13,8 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-TAXELS = 6
+from drivers.interfaces import TAXELS
+
 PAPER_WINDOW = 100
 PerTaxel = tuple[float, float, float, float, float, float]
 

@@ -18,9 +18,8 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from drivers.errors import BadFile
+from drivers.interfaces import PERIOD_S, TAXELS
 
-TAXELS = 6
-PERIOD_S = 0.01  # the board's sample period in the paper
 GAP_PERIODS = 1.5  # samples further apart than this have lost one between them
 MAX_MISSED = 5  # in a row; beyond that the sensor counts as stale and detectors are reset
 COUNTS_LIMIT = 1023  # difference of two 10-bit codes

@@ -13,6 +13,7 @@ from msgspec import Meta
 
 from drivers.errors import GraspError, LinkLost
 from drivers.interfaces import (
+    PERIOD_S,
     Applied,
     Arm,
     ArmState,
@@ -45,7 +46,7 @@ class LoopSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     period_s: Annotated[
         float, Meta(ge=0.002, le=0.1, description="one tactile sample (paper: 100 Hz)")
-    ] = 0.01
+    ] = PERIOD_S
     decision_delay_s: Annotated[
         float,
         Meta(

@@ -11,6 +11,7 @@ import msgspec
 from msgspec import Meta
 
 THREADS = Path("/proc/self/task")
+PRIORITY = 20  # over ordinary programs, under the kernel's own interrupt threads
 
 
 class RealTimeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -20,7 +21,7 @@ class RealTimeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         int,
         Meta(ge=0, le=90, description="SCHED_FIFO priority of this program's threads while it "
              "runs, 0 to leave them alone; not granted: the run goes on without, and says so"),
-    ] = 20  # fmt: skip
+    ] = PRIORITY  # fmt: skip
     collect_garbage: Annotated[
         bool,
         Meta(description="let Python's cycle collector interrupt a run; otherwise it runs before"),

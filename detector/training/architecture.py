@@ -4,7 +4,6 @@ from typing import Literal
 
 import msgspec
 
-TAXELS = 6
 WINDOW = 100  # samples: one second, the paper's
 NORM_EPS = 1e-3  # of the authors' layer norms
 # columns of rows of taxels: 0 1 2 in the lower row, 5 4 3 in the upper

@@ -13,8 +13,9 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from detector.network_file import CARD_KEY, TAXELS, Mode, NetworkCard
+from detector.network_file import CARD_KEY, Mode, NetworkCard
 from detector.training.architecture import GRID, NORM_EPS, WINDOW, Architecture
+from drivers.interfaces import TAXELS
 
 OPSET, IR_VERSION = 17, 8
 BATCH_NORM_EPS = 1e-5

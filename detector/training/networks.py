@@ -8,7 +8,8 @@ second method (after Meier et al. 2016), as published and with its reshape mende
 import torch
 from torch import Tensor, nn
 
-from detector.training.architecture import GRID, NORM_EPS, TAXELS, WINDOW, Architecture, Inputs
+from detector.training.architecture import GRID, NORM_EPS, WINDOW, Architecture, Inputs
+from drivers.interfaces import TAXELS
 
 DROPOUT = 0.2
 

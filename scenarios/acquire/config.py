@@ -8,6 +8,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from drivers.interfaces import PERIOD_S
 from drivers.takktile.model.board import BoardModelSettings
 from drivers.takktile.settings import TakkTileSettings, UsbSettings
 from drivers.ur.driver import ArmSettings
@@ -15,6 +16,7 @@ from drivers.ur.link.client import UrSettings
 from drivers.ur.model import ArmModelSettings
 from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
 from scenarios.acquire.press import PressControlSettings
+from scenarios.world.contact_settings import GROSS_SLIP_MPS
 from scenarios.world.fingertip import FingertipSettings
 from scenarios.world.pressed import FixedSurface, PressSettings
 
@@ -23,7 +25,7 @@ class SamplingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """Pace of the samples and of the labels. Jitter and losses are simulated; hardware has its
     own."""
 
-    period_s: Annotated[float, Meta(ge=0.005, le=0.1, description="paper: 100 Hz")] = 0.01
+    period_s: Annotated[float, Meta(ge=0.005, le=0.1, description="paper: 100 Hz")] = PERIOD_S
     jitter_s: Annotated[
         float, Meta(ge=0.0, le=0.002, description="deviation of a sample's time; the authors' "
                     "clip: 0.7 ms of a period, which is the difference of two")
@@ -33,7 +35,7 @@ class SamplingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     ] = 0.0025
     slip_mps: Annotated[
         float, Meta(ge=0.0, le=0.1, description="label bound; paper, section III-B: 3 mm/s")
-    ] = 0.003
+    ] = GROSS_SLIP_MPS
     slip_radps: Annotated[
         float, Meta(ge=0.0, le=2.0, description="label bound; paper, section III-B: 0.2 rad/s")
     ] = 0.2

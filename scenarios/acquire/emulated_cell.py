@@ -15,6 +15,7 @@ from typing import Any, Self
 
 import msgspec
 
+from drivers.interfaces import PERIOD_NS
 from drivers.takktile.emulator.server import BoardServer
 from drivers.ur.emulator.robot import UrEmulator
 from drivers.ur.emulator.settings import EmulatorSettings
@@ -81,7 +82,7 @@ def main() -> None:
     order = read_order(ended)
     config = msgspec.convert(order["config"], AcquireConfig)
     warm = pressed_cell(config, 0)  # compiles the world, which takes seconds the first time
-    warm.advance(10_000_000)
+    warm.advance(PERIOD_NS)
     warm.pad.tips.codes()
     with at_free_address(lambda host: EmulatedPressedCell(config, order["seed"], host)) as cell:
         print(json.dumps({"ready": True, "pid": os.getpid(), **cell.endpoints}), flush=True)

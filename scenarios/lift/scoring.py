@@ -11,6 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from scenarios.world.cell import Truth
+from scenarios.world.contact_settings import GROSS_SLIP_MPS
 from scenarios.world.objects import GraspObject
 
 
@@ -45,7 +46,7 @@ class ScoringSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     ] = 0.05
     still_mps: Annotated[
         float, Meta(gt=0, le=1, description="a held object slips slower; paper's bound of slip")
-    ] = 0.003
+    ] = GROSS_SLIP_MPS
     felt_n: Annotated[
         float, Meta(gt=0, le=10, description="without a simulation: less than this is not held")
     ] = 0.5

@@ -16,10 +16,8 @@ from typing import Any, NamedTuple
 from drivers.errors import GraspError
 
 JITTER_S = 2.0
-PERIOD_NS = 10_000_000
 JITTER_WARN_MS = 5.0
 DISK_WARN_BYTES = 500_000_000
-REALTIME_PRIORITY = 20
 DISTRIBUTION = "grasp-controller"
 OWN_PACKAGES = ("grasp", "drivers", "detector", "scenarios")
 
@@ -40,8 +38,9 @@ class Check(NamedTuple):
 def examine(rig: str | None, file: Path | None, load: Load) -> list[Check]:
     """All checks of this machine, then those of the rig's devices if one is named."""
     checks = [_python(), *_packages(), *_shadows(), _configuration(rig, file, load)]
-    checks += [*_detectors(load), _usb(), *_devices(rig, load)]
-    return [*checks, _jitter(), _scheduling(), _disk()]
+    checks += [*_detectors(load), _guarded("usb", _usb), *_devices(rig, load)]
+    checks += [_guarded("loop jitter", _jitter), _guarded("real-time scheduling", _scheduling)]
+    return [*checks, _disk()]
 
 
 def _python() -> Check:
@@ -127,16 +126,19 @@ def _detectors(load: Load) -> Iterator[Check]:
 
 def _usb() -> Check:
     """Is a fingertip board on the bus, and may this user open it? Reads sysfs alone."""
+    from drivers.takktile.protocol import PRODUCT_ID, VENDOR_ID
+
+    board = f"{VENDOR_ID:04x}:{PRODUCT_ID:04x}"
     base = Path("/sys/bus/usb/devices")
     if not base.is_dir():
         return Check("usb", "warn", "no USB bus on this machine", "")
     for entry in base.iterdir():
         try:
-            ids = tuple((entry / name).read_text().strip() for name in ("idVendor", "idProduct"))
+            ids = ":".join((entry / name).read_text().strip() for name in ("idVendor", "idProduct"))
             bus, number = (int((entry / name).read_text()) for name in ("busnum", "devnum"))
         except (OSError, ValueError):
             continue
-        if ids != ("59e3", "74c7"):
+        if ids != board:
             continue
         node = f"/dev/bus/usb/{bus:03d}/{number:03d}"
         if os.access(node, os.R_OK | os.W_OK):
@@ -144,7 +146,7 @@ def _usb() -> Check:
         return Check(
             "usb", "fail", f"{node}: no permission", "install the rule of `grasp tactile udev`"
         )
-    return Check("usb", "warn", "no fingertip board (59e3:74c7) on the bus", "plug it in")
+    return Check("usb", "warn", f"no fingertip board ({board}) on the bus", "plug it in")
 
 
 def _devices(rig: str | None, load: Load) -> list[Check]:
@@ -203,6 +205,7 @@ def _arm(config: Any) -> list[Check]:
 def _jitter() -> Check:
     """How late a 100 Hz loop with absolute deadlines wakes on this machine now."""
     from detector.scores.quantiles import quantile
+    from drivers.interfaces import PERIOD_NS
 
     late = []
     deadline = time.monotonic_ns()
@@ -222,19 +225,21 @@ def _jitter() -> Check:
 
 def _scheduling() -> Check:
     """May this user ask for real-time scheduling? Tried in a child, so nothing changes here."""
+    from grasp.realtime import PRIORITY
+
     pid = os.fork()
     if pid == 0:
         try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REALTIME_PRIORITY))
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
         except OSError:
             os._exit(1)
         os._exit(0)
     allowed = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
     if allowed:
-        return Check("real-time scheduling", "ok", f"SCHED_FIFO {REALTIME_PRIORITY} allowed")
+        return Check("real-time scheduling", "ok", f"SCHED_FIFO {PRIORITY} allowed")
     return Check(
         "real-time scheduling", "warn", "SCHED_FIFO not allowed",
-        f"in /etc/security/limits.d: `@realtime - rtprio {REALTIME_PRIORITY}`, join that group",
+        f"in /etc/security/limits.d: `@realtime - rtprio {PRIORITY}`, join that group",
     )  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from detector.recordings import Recording
 from drivers.interfaces import (
     FINGER_NAMES,
     FINGERS,
+    PERIOD_NS,
     TAXELS,
     ArmState,
     Counts3,
@@ -40,7 +41,6 @@ from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_step
 
 CLOSING_NS = 80_000_000  # how long a stand-in finger closes before it meets its object
-PERIOD_NS = 10_000_000
 Counts = NDArray[np.int16]  # (fingers, taxels)
 
 

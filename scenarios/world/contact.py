@@ -24,12 +24,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from scenarios.world.contact_settings import ContactSettings
+from scenarios.world.contact_settings import GROSS_SLIP_MPS, ContactSettings
 from scenarios.world.objects import GraspObject
 
 GRAVITY_MPS2 = 9.81
 FINGERS = 3
-GROSS_SLIP_MPS = 0.003  # paper, section III-B: the bound of the label `slip`
 Floats = NDArray[np.float64]
 
 

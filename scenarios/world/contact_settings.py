@@ -5,6 +5,8 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+GROSS_SLIP_MPS = 0.003  # paper, section III-B: the bound of the label `slip`
+
 
 class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Compliances of hand and pads."""

@@ -6,13 +6,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.interfaces import TAXELS
+from drivers.interfaces import FINGERS, TAXELS
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world.fingertip import FingertipSettings
 from scenarios.world.pressed import FixedSurface, PressedPad, PressSettings
 
-FINGERS = 3
 STROKE_MPS, STROKE_RADPS = (
     0.001,
     0.02,

@@ -16,8 +16,9 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from detector.recordings import PERIOD_S, SUFFIX, Metadata, Recording, Split, write
+from detector.recordings import SUFFIX, Metadata, Recording, Split, write
 from drivers.errors import ConfigError, UsageError
+from drivers.interfaces import PERIOD_S
 from grasp.settings import load, read_toml
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.datasets.confusers import FixedCause, GraspedCause, make_confuser

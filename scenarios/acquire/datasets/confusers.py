@@ -13,7 +13,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.recordings import PERIOD_S, Metadata, Recording
+from detector.recordings import Metadata, Recording
+from drivers.interfaces import PERIOD_S
 from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.phases import Phase

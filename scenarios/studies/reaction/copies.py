@@ -13,7 +13,7 @@ from typing import cast
 
 import msgspec
 
-from drivers.interfaces import Gripper
+from drivers.interfaces import PERIOD_NS, Gripper
 from grasp.commands import CloseFast
 from grasp.controller import CLOSED_COUNTS, GraspController
 from grasp.guard import THUMB_ALONE
@@ -29,7 +29,6 @@ from scenarios.trial.execution import make_controller, make_guard, make_loop
 from scenarios.world.cell import SimulatedCell, Truth
 from scenarios.world.objects import GraspObject
 
-TICK_NS = 10_000_000
 SEARCH_S = 3.0  # gross slip that has not set in by then never does: the arm is at the top
 SETTLE_S = 0.5  # at the top, before it is judged
 ALL = (True, True, True)
@@ -121,8 +120,8 @@ def find_onset(begun: Copy) -> int | None:
     """Time of gross slip if nobody answers, ns; None if there is none."""
     cell, _ = copy.deepcopy(begun)
     start_ns = cell.truth().t_ns
-    for tick in range(1, round(SEARCH_S * 1e9) // TICK_NS):
-        cell.advance(start_ns + tick * TICK_NS)
+    for tick in range(1, round(SEARCH_S * 1e9) // PERIOD_NS):
+        cell.advance(start_ns + tick * PERIOD_NS)
         onset_s = cell.truth().slip_onset_s
         if onset_s is not None:
             return round(onset_s * 1e9)
@@ -142,7 +141,7 @@ def react(config: LiftConfig, begun: Copy, at_ns: int, command: CloseFast) -> Re
     resting = 0
     while resting < 3:  # two reads may still show the state before the command
         gripper.pump(now_ns)
-        now_ns += TICK_NS
+        now_ns += PERIOD_NS
         cell.advance(now_ns)
         state = gripper.state
         resting = resting + 1 if state is not None and state.at_rest and not _busy(cell) else 0

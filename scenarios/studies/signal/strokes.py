@@ -9,10 +9,10 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from drivers.interfaces import PERIOD_S
+from scenarios.world.contact_settings import GROSS_SLIP_MPS
 from scenarios.world.fingertip import Fingertips, FingertipSettings, Surface
 
-PERIOD_S = 0.01
-SLIP_MPS = 0.003  # paper, section III-B
 ZEROING = 20  # samples
 SETTLED = 50  # samples at rest before the first one that counts
 Floats = NDArray[np.float64]
@@ -77,7 +77,7 @@ def stroke_speeds(settings: StrokeSettings) -> tuple[Floats, Floats]:
     part = np.linspace(0.0, 1.0, 501)
     bell = part**2 * (1 - part) ** s.skew
     bell /= bell.max()
-    whole_s = s.stroke_s / (bell * s.peak_mps > SLIP_MPS).mean()
+    whole_s = s.stroke_s / (bell * s.peak_mps > GROSS_SLIP_MPS).mean()
     period_s = max(s.stroke_s + s.pause_s, whole_s + PERIOD_S)
     n = round((s.pause_s + s.strokes * period_s + s.rest_s) / PERIOD_S)
     t = np.arange(n) * PERIOD_S
@@ -145,7 +145,7 @@ def simulate(
         if k >= SETTLED:
             counts[:, k - SETTLED] = tips.codes()[0] - zero
             force[:, k - SETTLED] = press.load_n
-    return Clips(t, np.abs(speed) > SLIP_MPS, counts, force)
+    return Clips(t, np.abs(speed) > GROSS_SLIP_MPS, counts, force)
 
 
 def _zero(tips: Fingertips, load_n: Floats, still: Floats, middle: Floats) -> NDArray[np.int16]:

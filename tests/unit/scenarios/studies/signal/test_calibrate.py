@@ -11,6 +11,7 @@ from scenarios.studies.signal import calibrate, strokes
 from scenarios.studies.signal.calibrate import FitSetup, Search
 from scenarios.studies.signal.statistics import signal_statistics
 from scenarios.studies.signal.strokes import StrokeSettings
+from scenarios.world.contact_settings import GROSS_SLIP_MPS
 from scenarios.world.fingertip import FingertipSettings
 
 FELT = Path(__file__).parents[6] / "shared" / "data" / "takktile_felt.csv"
@@ -19,7 +20,7 @@ FELT = Path(__file__).parents[6] / "shared" / "data" / "takktile_felt.csv"
 def test_strokes_go_there_and_back_and_last_as_long_as_asked() -> None:
     s = StrokeSettings()
     t, speed = strokes.stroke_speeds(s)
-    slip = np.abs(speed) > strokes.SLIP_MPS
+    slip = np.abs(speed) > GROSS_SLIP_MPS
     starts = np.flatnonzero(slip[1:] & ~slip[:-1])
     ends = np.flatnonzero(~slip[1:] & slip[:-1])
     assert len(starts) == s.strokes
