@@ -68,12 +68,12 @@ def test_wheel_says_what_it_needs(wheel: zipfile.ZipFile) -> None:
     assert len(base) == len(PROJECT["dependencies"])
 
 
-def test_sdist_holds_tests_and_lock_files(built: Path) -> None:
+def test_sdist_holds_tests_scripts_and_lock_files(built: Path) -> None:
     (path,) = built.glob("*.tar.gz")
     with tarfile.open(path) as sdist:
         names = {name.split("/", 1)[1] for name in sdist.getnames()}
     assert {"Makefile", "LICENSE", "README.md", "requirements/base.txt"} <= names
-    assert "tests/unit/test_packaging.py" in names
+    assert {"tests/unit/test_packaging.py", "scripts/figures.py"} <= names
 
 
 def test_importing_grasp_imports_nothing() -> None:

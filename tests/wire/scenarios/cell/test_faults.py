@@ -1,5 +1,6 @@
 """Faults on real wires, at every phase of a lift: each ends in the safe state, nothing hangs."""
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -31,11 +32,19 @@ Exit codes: 3 device, 4 safety stop.
 """
 
 
+ENTRY = (
+    '<!-- figure: id=faults command="pytest -m slow tests/wire/scenarios/cell/test_faults.py" '
+    "detector=gru commit={} code=@trial,scenarios/lift tables={} -->"
+)
+
+
 def document(rows: list[Row]) -> str:
     """The table, a section a fault."""
     parts = [HEAD.rstrip()]
     for name, fault in FAULTS.items():
         parts.append(f"\n## {fault.title[0].upper()}{fault.title[1:]}\n")
+        if len(parts) == 2:  # one entry for all (scripts/figures.py)
+            parts.append(ENTRY.format(_commit(), len(FAULTS)))
         parts.append("| phase | outcome | kind | exit | arm | hand | object | peak, N | message |")
         parts.append("|---|---|---|---|---|---|---|---|---|")
         parts += [_line(row) for row in rows if row.fault == name]
@@ -46,6 +55,11 @@ def _line(row: Row) -> str:
     cells = [row.phase, row.outcome, row.kind, str(row.code), row.arm, row.hand, row.object]
     mark = " **" + "; ".join(row.problems) + "**" if row.problems else ""
     return f"| {' | '.join(cells)} | {row.peak_n:.1f} | {_anonymous(row.message)}{mark} |"
+
+
+def _commit() -> str:
+    command = ("git", "rev-parse", "--short=7", "HEAD")
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
 def _anonymous(message: str) -> str:
