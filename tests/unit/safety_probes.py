@@ -1,0 +1,394 @@
+"""What shows where a setting of safety or verdict takes effect: small pieces of the real thing."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from drivers.errors import Refused, Stale
+from drivers.takktile.settings import TakkTileSettings
+from drivers.ur.driver import ArmDriver, ArmSample, ArmSettings
+from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
+from grasp.guard import ForceGuard, GuardSettings
+from grasp.loop import Tick
+from grasp.phases import Phase
+from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
+from scenarios.rigs.opening import open_rig
+from scenarios.tap.scoring import ObjectMotion, TapFacts, TapOutcome, verdict
+from scenarios.tap.settings import TapScoringSettings
+from scenarios.trial.execution import grip_plan
+from scenarios.trial.result import Alarm
+from scenarios.world.cell import Truth
+from tests.unit.drivers.takktile.test_driver import Bench
+from tests.unit.grasp.builders import arm, gripper
+from tests.unit.grasp.test_controller import TICK, Driver
+from tests.unit.scenarios.conftest import Staged, config
+
+MS = 1_000_000
+ZERO = (0.0, 0.0, 0.0)
+
+
+# Arm: a link that stands where it is told to and writes down what it is sent
+
+
+class StandingArm:
+    def __init__(self) -> None:
+        self.sample = ArmSample(0, ZERO, ZERO, moving=False, protective_stop=False)
+        self.stopped = False
+
+    def move_l(self, *_: object) -> bool:
+        return True
+
+    def speed_l(self, *_: object) -> bool:
+        return True
+
+    def stop_l(self, *_: object) -> None:
+        self.stopped = True
+
+    def set_payload(self, mass_kg: float) -> None: ...
+
+    def read(self, now_ns: int) -> ArmSample:
+        return self.sample
+
+
+def arm_driver(**settings: Any) -> tuple[ArmDriver, StandingArm]:
+    link = StandingArm()
+    wide = {"workspace_low_m": (-1.0,) * 3, "workspace_high_m": (1.0,) * 3, "max_jump_m": 1.0}
+    driver = ArmDriver(link, ArmSettings(**{**wide, **settings}))
+    driver.pump(0)
+    return driver, link
+
+
+def taken(act: Callable[[], object]) -> bool:
+    try:
+        act()
+    except Refused:
+        return False
+    return True
+
+
+def moves(to: tuple[float, float, float], speed: float = 0.1, ramp: float = 0.5, **s: Any) -> bool:
+    return taken(lambda: arm_driver(**s)[0].move_to(to, speed, ramp))
+
+
+def moves_along_any(x: float, **settings: Any) -> bool:
+    """The same verdict on all three axes."""
+    verdicts = {
+        moves((x if axis == 0 else 0.0, x if axis == 1 else 0.0, x if axis == 2 else 0.0),
+              **settings)
+        for axis in range(3)
+    }  # fmt: skip
+    assert len(verdicts) == 1
+    return verdicts.pop()
+
+
+def turns(spin_radps: float, **settings: Any) -> bool:
+    return taken(lambda: arm_driver(**settings)[0].drive(ZERO, spin_radps, 1.0))
+
+
+def turns_as_far_as(x: float, v: float) -> bool:
+    """A spin whose worst end, timed out and braked at 1 rad/s2, is x."""
+    return turns(math.sqrt(0.01 + 2 * x) - 0.1, max_turn_rad=v, max_spin_radps=3.0)
+
+
+def drives_on(v: float, after_s: float) -> bool:
+    driver, link = arm_driver(drive_timeout_s=v)
+    driver.drive((0.1, 0.0, 0.0), 0.0, 1.0)
+    link.sample = msgspec.structs.replace(link.sample, t_ns=1)
+    driver.pump(round(after_s * 1e9))
+    return not link.stopped
+
+
+def trusted(v: float, age_s: float) -> bool:
+    driver, _ = arm_driver(stale_after_s=v)
+    try:
+        driver.pump(round(age_s * 1e9))
+    except Stale:
+        return False
+    return True
+
+
+def arrived(v: float, away_m: float) -> bool:
+    driver, link = arm_driver(arrived_within_m=v)
+    driver.move_to((0.0, 0.0, 0.1), 0.1, 0.5)
+    link.sample = msgspec.structs.replace(link.sample, t_ns=1, position_m=(0.0, 0.0, 0.1 - away_m))
+    driver.pump(MS)
+    return not driver.state.moving
+
+
+def told_payload_kg(v: float) -> float:
+    told: list[float] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ArmDriver, "set_payload", lambda _, mass_kg: told.append(mass_kg))
+        with open_rig(config(f"arm.payload_kg={v}"), 0, paced=False):
+            return told[0]
+
+
+# Fingertips
+
+
+def rest_taken(codes: int | None = None, noise: int = 0, **settings: Any) -> bool:
+    bench = Bench(TakkTileSettings(**settings))
+    if codes is not None:
+        bench.codes = np.full(18, codes, np.int16)
+    bench.noise = np.full(18, noise, np.int16)
+    return taken(bench.take_rest)
+
+
+def missed_until_stale(v: int) -> int:
+    bench = Bench(TakkTileSettings(stale_after_missed=v)).take_rest()
+    bench.board.time_out(50)
+    while not bench.frame.stale:
+        bench.pump()
+    return bench.frame.missed
+
+
+def still_new(v: float, age_ms: float) -> bool:
+    bench = Bench(TakkTileSettings(max_age_ms=v)).take_rest()
+    bench.now_ns += round(age_ms * MS) - 10 * MS
+    bench.pump()
+    return bench.frame.missed == 0
+
+
+def samples_of_rest(v: int) -> int:
+    bench = Bench(TakkTileSettings(rest_samples=v))
+    bench.driver.start()
+    bench.driver.begin_rest()
+    pumps = 0
+    while bench.driver.frame is None:
+        bench.pump()
+        pumps += 1
+    return pumps - 1  # the first was converted before
+
+
+REFERENCE = ((450,) * 6,) * 3
+
+
+# Guard
+
+
+def guard(**settings: Any) -> ForceGuard:
+    return ForceGuard(GuardSettings(**settings), least_force_n=1.0, m_per_count=0.001)
+
+
+def admitted(measured_n: float = 0.0, **settings: Any) -> CloseFast | None:
+    """What becomes of a close that asks for everything; None: the fingers hold."""
+    close = CloseFast(60.0, (True,) * 3, (255,) * 3, 100.0)
+    answer = guard(**settings).admit(close, gripper(), (measured_n, 0.0, 0.0))
+    return answer if isinstance(answer, CloseFast) else None
+
+
+def overshoot_n(**settings: Any) -> float:
+    """By which a close at the admitted speed passes the limit, at 2500 N/m and 0.1 kg."""
+    close = admitted(**settings)
+    assert close is not None
+    return close.speed_mps * math.sqrt(2500.0 * 0.1)
+
+
+# Controller
+
+
+def lifted(**settings: Any) -> Driver:
+    """A lift without slip: set down, fingers opened, arm retreating."""
+    d = Driver(**settings)
+    d.until(Phase.LIFT)
+    d.height_m = settings.get("lift_height_m", 0.2)
+    d.until(Phase.LOWER)
+    d.height_m = 0.0
+    d.until(Phase.RETREAT)
+    return d
+
+
+def fingers_moved(number: int, **settings: Any) -> MoveFingers:
+    """The first move shapes the hand, the second grasps."""
+    d = Driver(**settings)
+    d.until(Phase.GRASP)
+    return [c for c in d.commands if isinstance(c, MoveFingers)][number]
+
+
+def arm_moved(number: int, **settings: Any) -> MoveArm:
+    """Up, down, clear."""
+    return [c for c in lifted(**settings).commands if isinstance(c, MoveArm)][number]
+
+
+def risen_m(number: int, **settings: Any) -> float:
+    return arm_moved(number, **settings).position_m[2] - arm().position_m[2]
+
+
+def closed(**settings: Any) -> CloseFast:
+    (close,) = [c for c in Driver(**settings).slip().commands if isinstance(c, CloseFast)]
+    return close
+
+
+def held_s(**settings: Any) -> float:
+    d = Driver(**settings)
+    d.until(Phase.LIFT)
+    d.height_m = 0.2
+    d.until(Phase.HOLD)
+    began_ns = d.t_ns
+    d.until(Phase.LOWER)
+    return (d.t_ns - began_ns) * 1e-9
+
+
+def stopped_at_mps2(v: float) -> float:
+    """Of the arm, when a person stops the run and when a fault does."""
+    d = Driver(stop_deceleration_mps2=v).lift()
+    by_hand = d.controller.interrupted()
+    d.climb(trouble="unplugged")
+    (found,) = {c.deceleration_mps2 for c in (*by_hand, *d.commands) if isinstance(c, StopArm)}
+    return found
+
+
+def listened_s(**settings: Any) -> tuple[float, float]:
+    """From the fingers' rest to listening, and on to the lift."""
+    d = Driver(**settings)
+    d.until(Phase.SETTLE)
+    began_ns = d.t_ns
+    while not d.controller.monitor.status.armed:
+        d.step()
+    armed_ns = d.t_ns
+    d.until(Phase.LIFT)
+    return (armed_ns - began_ns) * 1e-9, (d.t_ns - armed_ns) * 1e-9
+
+
+def patience_s(v: float) -> float:
+    """How long slip goes on at a hand that rests before the object is set down."""
+    d = Driver(cap_patience_s=v).slip()
+    began_ns = d.t_ns
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb(0.9)
+    assert d.controller.cap_reached
+    return (d.t_ns - began_ns) * 1e-9
+
+
+def state_trusted(v: float, age_s: float, of: str) -> bool:
+    d = Driver(stale_after_s=v)
+    d.until(Phase.GRASP)
+    then_ns = d.t_ns + TICK - round(age_s * 1e9)
+    d.step(**{of: gripper(then_ns) if of == "gripper" else arm(then_ns)})
+    return d.controller.phase is not Phase.FAULT
+
+
+def both_trusted(v: float, age_s: float) -> bool:
+    trusted = {state_trusted(v, age_s, of) for of in ("gripper", "arm")}
+    assert len(trusted) == 1
+    return trusted.pop()
+
+
+def seconds_to_fault(v: float) -> float:
+    d = Driver(phase_timeout_s=v)
+    d.until(Phase.LIFT)
+    began_ns = d.t_ns
+    while d.controller.phase is Phase.LIFT:
+        d.climb()
+    return (d.t_ns - began_ns) * 1e-9
+
+
+def seconds_after_fault(v: float) -> float:
+    d = Driver(safe_state_s=v)
+    d.until(Phase.LIFT)
+    d.climb(trouble="unplugged")
+    began_ns = d.t_ns
+    while not d.controller.finished:
+        d.step()
+    return (d.t_ns - began_ns) * 1e-9
+
+
+def at_the_top(v: float, away_m: float) -> bool:
+    d = Driver(at_height_m=v)
+    d.until(Phase.LIFT)
+    d.height_m = 0.2 - away_m
+    return d.step().phase is Phase.HOLD
+
+
+def kept(keep: bool) -> bool:
+    d = Driver(keep=keep, hold_s=0.0)
+    d.until(Phase.LIFT)
+    d.height_m = 0.2
+    for _ in range(5):
+        d.step()
+    return d.controller.finished and d.controller.phase is Phase.HOLD
+
+
+def squeezed(firm: bool) -> bool:
+    d = Driver(firm=firm)
+    d.until(Phase.GRASP)
+    return d.step().phase is Phase.SQUEEZE
+
+
+def reacts(reactions: bool) -> bool:
+    d = Driver(reactions=reactions).lift()
+    for _ in range(2):
+        d.climb(0.9)
+    return d.controller.phase is Phase.COMPENSATE
+
+
+def margin_counts(v: int) -> int:
+    plan = grip_plan(config(f"controller.preshape_margin_counts={v}"))
+    (margin,) = {g - p for g, p in zip(plan.grip_counts, plan.preshape_counts, strict=True)}
+    return margin
+
+
+# Loop
+
+
+def first_ticks(*assignments: str) -> list[Tick]:
+    """Of a lift that is interrupted."""
+
+    def interrupt(_: object) -> None:
+        raise KeyboardInterrupt
+
+    staged = Staged(*assignments)
+    staged.run(lambda _: len(staged.ticks) > 20, interrupt)
+    return staged.ticks
+
+
+def period_s(v: float) -> float:
+    first, second = first_ticks(f"loop.period_s={v}")[10:12]
+    return (second.t_ns - first.t_ns) * 1e-9
+
+
+def delay_s(v: float) -> float:
+    """From the decision to the sending of the first command."""
+    issued = [i for tick in first_ticks(f"loop.decision_delay_s={v}") for i in tick.issued]
+    return (issued[0].sent_ns - issued[0].decided_ns) * 1e-9
+
+
+# Verdicts
+
+
+HELD = Truth(
+    t_ns=0, height_m=0.2, speed_mps=0.0, slip_distance_m=0.02, slip_speed_mps=0.0,
+    normal_n=(10.0, 5.0, 5.0), shear_n=ZERO, peak_n=(10.0, 5.0, 5.0), slip_onset_s=1.0,
+    force_rise_s=1.1, flank_slope=0.0,
+)  # fmt: skip
+FACTS = LiftFacts(
+    end=HELD, felt_n=5.0, had_compensated=True, registered_s=1.1, onset_s=1.0, twin_onset_s=1.0,
+    peak_force_n=10.0, force_bound_n=11.0, cap_reached=False, fault="",
+)  # fmt: skip
+
+
+def lift_verdict(
+    settings: dict[str, float], end: dict[str, float] | None, **facts: Any
+) -> LiftOutcome:
+    """Of a long object that was held, but for what is named; ``end`` None: no simulation."""
+    truth = None if end is None else msgspec.structs.replace(HELD, **end)
+    changed = msgspec.structs.replace(FACTS, end=truth, **facts)
+    body = msgspec.structs.replace(config().object, long_body=True)
+    return outcome(changed, body, ScoringSettings(**settings))
+
+
+MOVED = ObjectMotion(struck_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0.006)
+
+
+def tap_verdict(
+    settings: dict[str, float], alarms: list[Alarm], moved_m: float = 0.006
+) -> TapOutcome:
+    motion = msgspec.structs.replace(MOVED, displacement_m=moved_m)
+    facts = TapFacts(
+        motion=motion, alarms=alarms, watched_until_s=30.0, own_peak_n=10.5, force_bound_n=11.0
+    )
+    return verdict(facts, TapScoringSettings(**settings))

@@ -1,0 +1,192 @@
+"""Every setting of safety and verdict takes effect where its name says, at its value.
+
+A setting is moved, and the place where behaviour changes must move with it. One that is wired to
+the wrong limit, or to none, leaves that place where it was.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.takktile.settings import TakkTileSettings
+from drivers.ur.driver import ArmSettings
+from grasp.controller import ControllerSettings
+from grasp.guard import GuardSettings
+from grasp.loop import LoopSettings
+from scenarios.lift.scoring import LiftOutcome, ScoringSettings
+from scenarios.tap.scoring import TapOutcome
+from scenarios.tap.settings import TapScoringSettings
+from scenarios.trial.result import Alarm
+from tests.unit import safety_probes as probe
+
+CLASSES = (
+    ArmSettings, ControllerSettings, GuardSettings, LoopSettings, ScoringSettings,
+    TakkTileSettings, TapScoringSettings,
+)  # fmt: skip
+SUCCESSES = (LiftOutcome.HELD, LiftOutcome.HELD_WITHIN_6CM, LiftOutcome.HELD_WITHIN_12CM)
+REGISTERED = Alarm(10.03, 10.1)
+QUIET = (TapOutcome.UNMOVED_QUIET, TapOutcome.UNMOVED_REGISTERED)
+
+# setting, two values of it, what is let pass with such a value, and how far beyond it is not
+MOST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
+    ("ArmSettings.max_speed_mps", (0.1, 0.3),
+     lambda v, x: probe.moves((0, 0, 0.1), speed=x, max_speed_mps=v), 1e-6),
+    ("ArmSettings.max_acceleration_mps2", (0.3, 2.0),
+     lambda v, x: probe.moves((0, 0, 0.1), ramp=x, max_acceleration_mps2=v), 1e-6),
+    ("ArmSettings.workspace_high_m", (0.1, 0.4),
+     lambda v, x: probe.moves_along_any(x, workspace_high_m=(v, v, v)), 1e-3),
+    ("ArmSettings.max_spin_radps", (0.5, 1.0),
+     lambda v, x: probe.turns(x, max_spin_radps=v, max_turn_rad=6.0), 1e-6),
+    ("ArmSettings.max_turn_rad", (0.2, 0.4), lambda v, x: probe.turns_as_far_as(x, v), 1e-6),
+    ("ArmSettings.drive_timeout_s", (0.1, 0.3), probe.drives_on, 1e-3),
+    ("ArmSettings.max_jump_m", (0.1, 0.3),
+     lambda v, x: probe.moves((0, 0, x), max_jump_m=v), 1e-6),
+    ("ArmSettings.max_payload_kg", (2.0, 5.0),
+     lambda v, x: probe.taken(lambda: probe.arm_driver(max_payload_kg=v)[0].set_payload(x)), 1e-3),
+    ("ArmSettings.stale_after_s", (0.05, 0.2), probe.trusted, 1e-3),
+    ("ArmSettings.arrived_within_m", (0.0005, 0.002), probe.arrived, 1e-5),
+    ("TakkTileSettings.max_age_ms", (50.0, 100.0), probe.still_new, 1.0),
+    ("TakkTileSettings.rest_max_std_counts", (1.5, 4.5),
+     lambda v, x: probe.rest_taken(450, round(x), rest_max_std_counts=v), 0.5),
+    ("TakkTileSettings.rest_max_counts", (460, 500),
+     lambda v, x: probe.rest_taken(x, rest_max_counts=v), 1),
+    ("TakkTileSettings.rest_reference_tolerance_counts", (10, 30),
+     lambda v, x: probe.rest_taken(450 + x, rest_reference=((450,) * 6,) * 3,
+                                   rest_reference_tolerance_counts=v), 1),
+    ("GuardSettings.measured_margin_n", (2.0, 5.0),
+     lambda v, x: probe.admitted(10.0 + x, measured_margin_n=v) is not None, 0.01),
+    ("ControllerSettings.stale_after_s", (0.1, 0.3), probe.both_trusted, 1e-3),
+    ("ControllerSettings.at_height_m", (0.001, 0.005), probe.at_the_top, 1e-5),
+    ("ScoringSettings.near_m", (0.03, 0.09),
+     lambda v, x: probe.lift_verdict({"near_m": v}, {"slip_distance_m": x})
+     is LiftOutcome.HELD_WITHIN_6CM, 1e-6),
+    ("ScoringSettings.far_m", (0.1, 0.2),
+     lambda v, x: probe.lift_verdict({"far_m": v}, {"slip_distance_m": x})
+     is LiftOutcome.HELD_WITHIN_12CM, 1e-6),
+    ("ScoringSettings.early_s", (0.02, 0.2),
+     lambda v, x: probe.lift_verdict({"early_s": v}, {}, registered_s=1.0 - x) in SUCCESSES, 1e-6),
+    ("ScoringSettings.still_mps", (0.001, 0.01),
+     lambda v, x: probe.lift_verdict({"still_mps": v}, {"slip_speed_mps": x}) in SUCCESSES, 1e-6),
+    ("TapScoringSettings.register_s", (0.2, 0.8),
+     lambda v, x: probe.tap_verdict({"register_s": v}, [Alarm(10.0 + x, 10.0 + x + 0.01)])
+     is TapOutcome.REGISTERED, 1e-6),
+    ("TapScoringSettings.clear_s", (0.5, 2.0),
+     lambda v, x: probe.tap_verdict({"clear_s": v}, [Alarm(10.03, 10.02 + x)])
+     is TapOutcome.REGISTERED, 1e-6),
+]  # fmt: skip
+LEAST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
+    ("ArmSettings.workspace_low_m", (-0.3, -0.1),
+     lambda v, x: probe.moves_along_any(x, workspace_low_m=(v, v, v)), 1e-3),
+    ("TakkTileSettings.rest_min_counts", (410, 430),
+     lambda v, x: probe.rest_taken(x, rest_min_counts=v), 1),
+    ("ScoringSettings.felt_n", (0.5, 2.0),
+     lambda v, x: probe.lift_verdict({"felt_n": v}, None, felt_n=x) in SUCCESSES, 1e-6),
+    ("ScoringSettings.lifted_m", (0.005, 0.05),
+     lambda v, x: probe.lift_verdict({"lifted_m": v}, {"height_m": x}) in SUCCESSES, 1e-6),
+    ("TapScoringSettings.moved_m", (0.001, 0.01),
+     lambda v, x: probe.tap_verdict({"moved_m": v}, [REGISTERED], x) not in QUIET, 1e-6),
+    ("TapScoringSettings.stay_s", (0.3, 0.7),
+     lambda v, x: probe.tap_verdict({"stay_s": v}, [REGISTERED, Alarm(10.1 + x, 20.0)])
+     is TapOutcome.REGISTERED, 1e-6),
+]  # fmt: skip
+
+# setting, two values of it, and what of the behaviour must equal it, within a tolerance
+SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
+    ("ArmSettings.payload_kg", (1.0, 3.0), probe.told_payload_kg, 0.0),
+    ("TakkTileSettings.stale_after_missed", (3, 7), probe.missed_until_stale, 0),
+    ("TakkTileSettings.rest_samples", (50, 80), probe.samples_of_rest, 0),
+    ("GuardSettings.force_limit_n", (8.0, 20.0),
+     lambda v: probe.admitted(force_limit_n=v).force_cap_n, 0.0),
+    ("GuardSettings.cap_mode", ("every_finger", "each_motor"),
+     lambda v: {1: "every_finger", 3: "each_motor"}[sum(probe.admitted(cap_mode=v).closing)], 0),
+    ("GuardSettings.overshoot_n", (0.5, 2.0), lambda v: probe.overshoot_n(overshoot_n=v), 1e-9),
+    ("GuardSettings.contact_stiffness_npm", (1000.0, 9000.0),
+     lambda v: 2500.0 / probe.overshoot_n(contact_stiffness_npm=v) ** 2, 1e-6),
+    ("GuardSettings.tip_mass_kg", (0.05, 0.4),
+     lambda v: 0.1 / probe.overshoot_n(tip_mass_kg=v) ** 2, 1e-9),
+    ("GuardSettings.travel_bound", (False, True),
+     lambda v: probe.admitted(travel_bound=v) is None, 0),
+    ("GuardSettings.counts_per_newton", (100.0, 300.0),
+     lambda v: 600.0 / probe.guard(counts_per_newton=v).measured_n((-600.0, 0.0, 0.0))[0], 1e-9),
+    ("ControllerSettings.preshape_margin_counts", (10, 20), probe.margin_counts, 0),
+    ("ControllerSettings.approach_speed_mps", (0.05, 0.1),
+     lambda v: probe.fingers_moved(0, approach_speed_mps=v).speed_mps, 0.0),
+    ("ControllerSettings.grip_speed_mps", (0.03, 0.1),
+     lambda v: probe.fingers_moved(1, grip_speed_mps=v).speed_mps, 0.0),
+    ("ControllerSettings.grip_force_n", (5.0, 15.0),
+     lambda v: probe.fingers_moved(1, grip_force_n=v).force_n, 0.0),
+    ("ControllerSettings.closing_speed_mps", (0.03, 0.1),
+     lambda v: probe.closed(closing_speed_mps=v).speed_mps, 0.0),
+    ("ControllerSettings.relax_s", (0.1, 0.6), lambda v: probe.listened_s(relax_s=v)[0], 0.011),
+    ("ControllerSettings.listen_s", (0.1, 0.6), lambda v: probe.listened_s(listen_s=v)[1], 0.011),
+    ("ControllerSettings.lift_height_m", (0.1, 0.3),
+     lambda v: probe.risen_m(0, lift_height_m=v), 1e-9),
+    ("ControllerSettings.lift_speed_mps", (0.07, 0.2),
+     lambda v: probe.arm_moved(0, lift_speed_mps=v).speed_mps, 0.0),
+    ("ControllerSettings.lift_acceleration_mps2", (0.3, 2.0),
+     lambda v: probe.arm_moved(0, lift_acceleration_mps2=v).acceleration_mps2, 0.0),
+    ("ControllerSettings.lower_speed_mps", (0.03, 0.2),
+     lambda v: probe.arm_moved(1, lower_speed_mps=v).speed_mps, 0.0),
+    ("ControllerSettings.retreat_m", (0.02, 0.1), lambda v: probe.risen_m(2, retreat_m=v), 1e-9),
+    ("ControllerSettings.stop_deceleration_mps2", (0.5, 3.0), probe.stopped_at_mps2, 0.0),
+    ("ControllerSettings.hold_s", (0.5, 2.0), lambda v: probe.held_s(hold_s=v), 0.021),
+    ("ControllerSettings.cap_patience_s", (0.2, 0.6), probe.patience_s, 0.011),
+    ("ControllerSettings.phase_timeout_s", (1.0, 3.0), probe.seconds_to_fault, 0.011),
+    ("ControllerSettings.safe_state_s", (0.2, 1.0), probe.seconds_after_fault, 0.011),
+    ("ControllerSettings.keep", (False, True), probe.kept, 0),
+    ("ControllerSettings.firm", (False, True), probe.squeezed, 0),
+    ("ControllerSettings.reactions", (False, True), probe.reacts, 0),
+    ("LoopSettings.period_s", (0.01, 0.02), probe.period_s, 1e-9),
+    ("LoopSettings.decision_delay_s", (0.0, 0.003), probe.delay_s, 1e-9),
+]  # fmt: skip
+
+# setting to the test that would notice
+ELSEWHERE = {
+    "TakkTileSettings.cells": "drivers/takktile/test_driver.py",
+    "TakkTileSettings.conversion_ms": "drivers/takktile/test_protocol.py",
+    "TakkTileSettings.rest_reference": "drivers/takktile/test_driver.py",
+}
+
+
+def rows(table: list[Any]) -> list[Any]:
+    return [pytest.param(*row, id=row[0]) for row in table]
+
+
+@pytest.mark.parametrize(("name", "values", "passes", "beyond"), rows(MOST))
+def test_what_may_be_at_most_passes_up_to_the_setting_and_not_beyond(
+    name: str, values: tuple[Any, Any], passes: Callable[[Any, Any], bool], beyond: float
+) -> None:
+    for value in values:
+        assert passes(value, value - beyond)
+        assert not passes(value, value + beyond)
+
+
+@pytest.mark.parametrize(("name", "values", "passes", "beyond"), rows(LEAST))
+def test_what_must_be_at_least_passes_down_to_the_setting_and_not_below(
+    name: str, values: tuple[Any, Any], passes: Callable[[Any, Any], bool], beyond: float
+) -> None:
+    for value in values:
+        assert passes(value, value + beyond)
+        assert not passes(value, value - beyond)
+
+
+@pytest.mark.parametrize(("name", "values", "seen", "within"), rows(SEEN))
+def test_what_is_seen_equals_the_setting(
+    name: str, values: tuple[Any, Any], seen: Callable[[Any], Any], within: float
+) -> None:
+    for value in values:
+        assert seen(value) == (pytest.approx(value, abs=within) if within else value)
+
+
+def test_every_setting_of_safety_and_verdict_is_named_here() -> None:
+    named = [row[0] for row in (*MOST, *LEAST, *SEEN)] + list(ELSEWHERE)
+    declared = {f"{cls.__name__}.{field}" for cls in CLASSES for field in cls.__struct_fields__}
+    assert len(named) == len(set(named))
+    assert set(named) == declared
+
+
+def test_what_is_tested_elsewhere_is_named_there() -> None:
+    for name, path in ELSEWHERE.items():
+        assert name.rpartition(".")[2] in (Path(__file__).parent / path).read_text()

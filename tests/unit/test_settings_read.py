@@ -1,0 +1,69 @@
+"""No setting is declared that nothing reads."""
+
+import ast
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from detector.training.settings import TrainSettings
+from drivers.ur.emulator.settings import EmulatorSettings
+from scenarios.acquire.config import AcquireConfig
+from scenarios.acquire.datasets.build import DatasetConfig
+from scenarios.campaign.settings import RunConfig
+from scenarios.campaign.spec import CampaignSpec
+from scenarios.studies.grip_search import GripCriteria
+from scenarios.world.ladder.experiments import World
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("grasp", "drivers", "detector", "scenarios")
+FILES = (
+    RunConfig, AcquireConfig, CampaignSpec, DatasetConfig, GripCriteria, World, TrainSettings,
+    EmulatorSettings,
+)  # fmt: skip
+
+
+def structs(hint: object) -> Iterator[type[msgspec.Struct]]:
+    """The struct classes in a type, and in the fields of those."""
+    if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
+        yield hint
+        for field in typing.get_type_hints(hint).values():
+            yield from structs(field)
+    for part in typing.get_args(hint):
+        yield from structs(part)
+
+
+class Said(typing.NamedTuple):
+    """What the product's code says: attributes it reads, texts that stand alone."""
+
+    attributes: set[str]
+    texts: set[str]
+
+
+@pytest.fixture(scope="module")
+def said() -> Said:
+    found = Said(set(), set())
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load):
+                    found.attributes.add(node.attr)
+                elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                    found.texts.add(node.value)
+    return found
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_every_setting_is_read(file: type[msgspec.Struct], said: Said) -> None:
+    for section in dict.fromkeys(structs(file)):
+        left = set(section.__struct_fields__) - said.attributes
+        if section is file:  # its sections are looked up by name too
+            left -= said.texts
+        assert not left, f"nothing reads {section.__name__}.{', '.join(sorted(left))}"
+
+
+def test_a_setting_that_nothing_reads_would_be_found(said: Said) -> None:
+    assert "force_limit_n" in said.attributes
+    assert "force_limit_of_nothing_n" not in said.attributes | said.texts
