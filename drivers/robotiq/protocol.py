@@ -104,29 +104,6 @@ class CommandRegisters(msgspec.Struct, frozen=True, kw_only=True):
     def to_registers(self) -> Registers:
         return to_registers(self.to_bytes())
 
-    @classmethod
-    def from_bytes(cls, data: bytes) -> Self:
-        if len(data) != BYTES:
-            raise ValueError(f"{len(data)} bytes, need {BYTES}")
-        action, options = data[0], data[1]
-        a, b, c, scissor = (AxisCommand(*data[at : at + 3]) for at in (3, 6, 9, 12))
-        return cls(
-            activate=bool(action & 1),
-            mode=action >> 1 & 3,
-            go_to=bool(action & 8),
-            auto_release=bool(action & 16),
-            individual_fingers=bool(options & 4),
-            individual_scissor=bool(options & 8),
-            a=a,
-            b=b,
-            c=c,
-            scissor=scissor,
-        )
-
-    @classmethod
-    def from_registers(cls, registers: Sequence[int]) -> Self:
-        return cls.from_bytes(to_bytes(registers))
-
 
 class AxisStatus(msgspec.Struct, frozen=True):
     """Report of one axis: gPR echo, gPO position, gCU current (10 mA a count), gDT detection."""
@@ -135,12 +112,6 @@ class AxisStatus(msgspec.Struct, frozen=True):
     position: int = 0
     current: int = 0
     detection: int = 0
-
-    def __post_init__(self) -> None:
-        _need("echo", self.echo, FULL_BYTE)
-        _need("position", self.position, FULL_BYTE)
-        _need("current", self.current, FULL_BYTE)
-        _need("detection", self.detection, 3)
 
     @property
     def current_ma(self) -> int:
@@ -161,12 +132,6 @@ class StatusRegisters(msgspec.Struct, frozen=True, kw_only=True):
     c: AxisStatus = AxisStatus()
     scissor: AxisStatus = AxisStatus()
 
-    def __post_init__(self) -> None:
-        _need("mode", self.mode, 3)
-        _need("initialization", self.initialization, 3)
-        _need("stopped", self.stopped, 3)
-        _need("fault", self.fault, 15)
-
     @property
     def axes(self) -> tuple[AxisStatus, AxisStatus, AxisStatus, AxisStatus]:
         return self.a, self.b, self.c, self.scissor
@@ -179,16 +144,6 @@ class StatusRegisters(msgspec.Struct, frozen=True, kw_only=True):
     def ready(self) -> bool:
         """Activated, and no activation or mode change is under way (byte 0 & 0x31 = 0x31)."""
         return self.active and self.initialization == 3
-
-    def to_bytes(self) -> bytes:
-        state = self.active | self.mode << 1 | self.go_to << 3
-        state |= self.initialization << 4 | self.stopped << 6
-        detections = sum(axis.detection << 2 * i for i, axis in enumerate(self.axes))
-        axes = (value for axis in self.axes for value in (axis.echo, axis.position, axis.current))
-        return bytes((state, detections, self.fault, *axes, 0))
-
-    def to_registers(self) -> Registers:
-        return to_registers(self.to_bytes())
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Self:

@@ -47,6 +47,8 @@ VIOLATIONS = [
     ("no-driver-imports-a-model", "drivers.takktile.protocol", "drivers.takktile.emulator.server"),
     ("no-driver-imports-a-model", "drivers.ur.model", "drivers.ur.emulator.motion"),
     ("no-driver-imports-a-model", "drivers.planted.driver", "drivers.planted.model"),
+    ("model-has-its-own-codec", "drivers.robotiq.model.gripper", "drivers.robotiq.protocol"),
+    ("model-has-its-own-codec", "drivers.takktile.model.codec", "drivers.takktile.protocol"),
     ("motor-internal", "scenarios.planted", "drivers.robotiq.model.motor"),
     ("devices-by-interface", "grasp.controller", "drivers.robotiq.protocol"),
     ("devices-by-interface", "grasp.guard", "drivers.robotiq.driver"),

@@ -16,7 +16,6 @@ from typing import Any, Final, Self
 from drivers.robotiq.emulator.faults import Trouble, WireFault, WireFaults, damaged
 from drivers.robotiq.emulator.pdu import Guard, Hand, TcpGripper, Unanswerable
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
-from drivers.robotiq.protocol import AxisCommand, CommandRegisters
 
 __all__ = ["GripperEmulator", "Hand", "Trouble", "WireFault", "WireFaults"]
 
@@ -34,8 +33,7 @@ OnFrame = Callable[[bytes], None]
 def compile_motors() -> None:
     """Have the compiled motor functions ready before a client waits for a reply."""
     model = GripperModel(HandSettings(command_latency_s=0.0), 0, active=True)
-    move = CommandRegisters(activate=True, go_to=True, a=AxisCommand(9, 0, 0))
-    model.write(0, move.to_registers(), 0)
+    model.write(0, (0x0900, 9), 0)  # activated, go to: all fingers to count 9
     model.advance(100_000_000)
 
 

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from drivers.robotiq.model import motor
 from drivers.robotiq.model.hand import HandSettings
 from drivers.robotiq.model.motor import FINGERS, SUBSTEP_NS
-from drivers.robotiq.protocol import MA_PER_CURRENT_COUNT, AxisCommand, AxisStatus
+from drivers.robotiq.model.registers import MA_PER_COUNT, AxisReport, Request
 
 OPENING, CLOSING, AT_TARGET = 1, 2, 3  # gDT
 
-Axes = tuple[AxisCommand, AxisCommand, AxisCommand]
+Axes = tuple[Request, Request, Request]
 
 
 class FingerLoads(msgspec.Struct, frozen=True):
@@ -104,7 +104,7 @@ class Fingers:
     def stronger_in_contact(self, i: int, force: int) -> bool:
         return self._whole[motor.DETECTION, i] in (OPENING, CLOSING) and force > self._forces[i]
 
-    def free_to_go(self, i: int, axis: AxisCommand, retrigger: bool) -> bool:
+    def free_to_go(self, i: int, axis: Request, retrigger: bool) -> bool:
         """The contact latch: opposite direction, higher force or a new rGTO only (manual p. 51)."""
         detection = self._whole[motor.DETECTION, i]
         if retrigger or axis.force > self._forces[i]:
@@ -154,11 +154,11 @@ class Fingers:
         counts = float(self._real[motor.TRAVEL, i]) / self._settings.m_per_count
         return min(max(floor(counts + 0.5) + self._settings.offset_counts[i], 0), 255)
 
-    def status(self, i: int, echo: int) -> AxisStatus:
+    def report(self, i: int, echo: int) -> AxisReport:
         detection = int(self._whole[motor.DETECTION, i])
         if self._settings.misses_contact and detection in (OPENING, CLOSING):
             detection = AT_TARGET
-        return AxisStatus(echo, self.counts(i), self._current(i), detection)
+        return AxisReport(echo, self.counts(i), self._current(i), detection)
 
     def _current(self, i: int) -> int:
         if not self._whole[motor.DIRECTION, i]:
@@ -167,4 +167,4 @@ class Fingers:
         slow, fast = s.running_current_ma
         speed, drive = abs(float(real[motor.VELOCITY, i])), abs(float(real[motor.DRIVE, i]))
         current = slow + (fast - slow) * speed / s.speed_mps(255) + s.current_ma_per_n * drive
-        return min(round(current / MA_PER_CURRENT_COUNT), 255)
+        return min(round(current / MA_PER_COUNT), 255)

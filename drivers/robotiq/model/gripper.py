@@ -9,7 +9,7 @@ Fingers are ordered A, B, C; counts are motor counts, 0 open to 255 closed.
 from collections import deque
 from collections.abc import Sequence
 from enum import IntEnum
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +17,17 @@ from numpy.typing import NDArray
 from drivers.robotiq.model.fingers import AT_TARGET, FREE, Axes, FingerLoads, FingerMotion, Fingers
 from drivers.robotiq.model.hand import HandSettings
 from drivers.robotiq.model.motor import FINGERS, Scissor
-from drivers.robotiq.protocol import (
-    FULL_BYTE,
-    REGISTERS,
-    TCP,
-    AxisCommand,
-    AxisStatus,
-    CommandRegisters,
-    RegisterLink,
-    Registers,
-    StatusRegisters,
-    to_bytes,
-    to_registers,
+from drivers.robotiq.model.registers import (
+    FULL,
+    WORDS,
+    AxisReport,
+    Command,
+    Report,
+    Request,
+    Words,
+    decode,
+    encode,
+    written,
 )
 
 __all__ = ["FREE", "FingerLoads", "GripperModel", "HandSettings", "ModelTransport"]
@@ -36,6 +35,7 @@ __all__ = ["FREE", "FingerLoads", "GripperModel", "HandSettings", "ModelTranspor
 _NEVER: Final = 1 << 62
 _SCISSOR_OF_MODE: Final = (137, 200, 23, 137)  # basic: manual p. 67; the rest from public drivers
 _SCISSOR_MODE: Final = 3
+_FIRST_REGISTERS: Final = {"tcp": (0, 0), "rtu": (1000, 2000)}  # command, status; p. 59, 75
 
 
 class Stage(IntEnum):
@@ -59,7 +59,7 @@ _DELAYED: Final = {Stage.RESET: 0x07, Stage.ACTIVATING: 0x05, Stage.MODE_CHANGE:
 
 def _all_to(counts: int, speed: int) -> Axes:
     """The hand's own motions run at the least force."""
-    axis = AxisCommand(counts, speed, 0)
+    axis = Request(counts, speed, 0)
     return axis, axis, axis
 
 
@@ -79,8 +79,8 @@ class GripperModel:
         self._now_ns = now_ns
         self._pending: deque[FingerMotion] = deque()
         self._scissor = Scissor(_SCISSOR_OF_MODE[0], settings.scissor_speed_counts_ps)
-        self._command = CommandRegisters(activate=active)
-        self._written = self._taken_up = self._command.to_bytes()
+        self._written = self._taken_up = ((active << 8), *(WORDS - 1) * (0,))
+        self._command = decode(self._written)
         self._mode = 0
         self._targets = [settings.open_limit_counts] * FINGERS  # as last requested
         self._going = False
@@ -89,7 +89,7 @@ class GripperModel:
         self._stage_end_ns = _NEVER
         if settings.boot_s > 0 and not active:
             self._enter(Stage.BOOTING, now_ns, settings.boot_s)
-        self._sampled = self._status(now_ns).to_registers()
+        self._sampled = encode(self._report(now_ns))
         self._busy = False
         self._next_tick_ns = 0
         self._wake()
@@ -120,16 +120,11 @@ class GripperModel:
         Raises ValueError for registers that do not exist or values beyond 16 bits.
         """
         self.advance(now_ns)
-        last = first_register + len(registers)
-        if not registers or first_register < 0 or last > REGISTERS:
-            raise ValueError(f"command registers {first_register} to {last - 1} do not exist")
-        words = list(to_registers(self._written))
-        words[first_register:last] = registers
-        self._written = to_bytes(words)
+        self._written = written(self._written, first_register, registers)
         if self._written != self._taken_up:
             self._wake()
 
-    def read(self, now_ns: int) -> Registers:
+    def read(self, now_ns: int) -> Words:
         """The eight status registers as sampled at the last refresh tick."""
         self.advance(now_ns)
         return self._sampled
@@ -185,8 +180,8 @@ class GripperModel:
         self._next_tick_ns += self._period_ns
         if self._written != self._taken_up and self._stage is not Stage.BOOTING:
             self._taken_up = self._written
-            self._take_up(CommandRegisters.from_bytes(self._written), now_ns)
-        self._sampled = self._status(now_ns).to_registers()
+            self._take_up(decode(self._written), now_ns)
+        self._sampled = encode(self._report(now_ns))
         self._busy = (
             self._fingers.moving
             or bool(self._pending)
@@ -203,7 +198,7 @@ class GripperModel:
         self._pending.clear()
         self._fingers.stop()
 
-    def _take_up(self, command: CommandRegisters, now_ns: int) -> None:
+    def _take_up(self, command: Command, now_ns: int) -> None:
         self._command = command
         if not command.activate:
             self._reset()
@@ -226,15 +221,15 @@ class GripperModel:
         """Open and close to the mechanical stops, then open (manual p. 89)."""
         duration_s = self.settings.activation_s
         self._enter(Stage.ACTIVATING, now_ns, duration_s)
-        for third, counts in enumerate((0, FULL_BYTE, 0)):
+        for third, counts in enumerate((0, FULL, 0)):
             at_ns = now_ns + round(third * duration_s / 3 * 1e9)
-            axes = _all_to(counts, FULL_BYTE)
+            axes = _all_to(counts, FULL)
             self._pending.append(FingerMotion(at_ns, axes, to_stops=third < 2))
 
     def _change_mode(self, now_ns: int) -> None:
         """Fingers open first, so that the scissor meets nothing."""
         self._pending.clear()
-        self._pending.append(FingerMotion(now_ns, _all_to(0, FULL_BYTE)))
+        self._pending.append(FingerMotion(now_ns, _all_to(0, FULL)))
         self._mode = self._command.mode
         self._going = False
         self._scissor.go(_SCISSOR_OF_MODE[self._mode], now_ns)
@@ -264,7 +259,7 @@ class GripperModel:
         if command.go_to and command.individual_scissor:
             self._scissor.go(command.scissor.position, now_ns)
         elif command.go_to and command.mode == _SCISSOR_MODE:
-            self._scissor.go(command.a.position, now_ns)
+            self._scissor.go(command.fingers[0].position, now_ns)
         was_going, self._going = self._going, command.go_to
         at_ns = now_ns + self._latency_ns
         if command.go_to:
@@ -278,7 +273,7 @@ class GripperModel:
         self._targets = [axis.position for axis in axes]
         return FingerMotion(at_ns, axes, (a, b, c), rises)
 
-    def _sets_going(self, i: int, axis: AxisCommand, rises: bool) -> bool:
+    def _sets_going(self, i: int, axis: Request, rises: bool) -> bool:
         """Whether a request starts finger ``i``; a new speed alone does not (manual p. 36)."""
         asked = rises or axis.position != self._targets[i]
         asked = asked or self._fingers.stronger_in_contact(i, axis.force)
@@ -289,12 +284,20 @@ class GripperModel:
 
     def _requested(self) -> Axes:
         command = self._command
-        if command.honours_fingers:
-            return command.a, command.b, command.c
+        if self._one_by_one:
+            return command.fingers
         if command.mode == _SCISSOR_MODE:  # its one position drives the scissor, the fingers stay
-            a, b, c = (AxisCommand(self._fingers.counts(i)) for i in range(FINGERS))
+            a, b, c = (Request(self._fingers.counts(i)) for i in range(FINGERS))
             return a, b, c
-        return command.a, command.a, command.a
+        return (command.fingers[0],) * 3
+
+    @property
+    def _one_by_one(self) -> bool:
+        """Individual fingers are not obeyed in scissor mode without individual scissor."""
+        command = self._command
+        return command.individual_fingers and (
+            command.mode != _SCISSOR_MODE or command.individual_scissor
+        )
 
     def _fault(self) -> int:
         fault = self._injected or _STAGE_FAULT.get(self._stage, 0)
@@ -302,36 +305,35 @@ class GripperModel:
             return _DELAYED.get(self._stage, 0)
         return fault
 
-    def _status(self, now_ns: int) -> StatusRegisters:
+    def _report(self, now_ns: int) -> Report:
         command, stage = self._command, self._stage
         going = stage is Stage.READY and command.go_to
-        a, b, c = self._finger_status()
+        a, b, c = self._finger_reports()
         initialization = _INITIALIZATION.get(stage, 0)
         if stage is Stage.FAULTED:
             initialization = _LEFT_BY_FAULT[self._injected]
-        return StatusRegisters(
+        return Report(
             active=stage not in (Stage.BOOTING, Stage.RESET),
             mode=command.mode,
-            go_to=going,
+            going=going,
             initialization=initialization,
             stopped=_stopped(a.detection, b.detection, c.detection) if going else 0,
             fault=self._fault(),
-            a=a,
-            b=b,
-            c=c,
-            scissor=self._scissor_status(now_ns, going),
+            axes=(a, b, c, self._scissor_report(now_ns, going)),
         )
 
-    def _finger_status(self) -> tuple[AxisStatus, AxisStatus, AxisStatus]:
+    def _finger_reports(self) -> tuple[AxisReport, AxisReport, AxisReport]:
         """In simple mode only finger A echoes (manual p. 68)."""
-        command, fingers = self._command, self._fingers
-        b, c = (command.b.position, command.c.position) if command.honours_fingers else (0, 0)
-        return fingers.status(0, command.a.position), fingers.status(1, b), fingers.status(2, c)
+        a, b, c = (request.position for request in self._command.fingers)
+        if not self._one_by_one:
+            b = c = 0
+        fingers = self._fingers
+        return fingers.report(0, a), fingers.report(1, b), fingers.report(2, c)
 
-    def _scissor_status(self, now_ns: int, going: bool) -> AxisStatus:
+    def _scissor_report(self, now_ns: int, going: bool) -> AxisReport:
         echo = self._command.scissor.position if self._command.individual_scissor else 0
         rests = going and self._scissor.at_rest(now_ns)
-        return AxisStatus(echo, self._scissor.counts(now_ns), 0, AT_TARGET if rests else 0)
+        return AxisReport(echo, self._scissor.counts(now_ns), 0, AT_TARGET if rests else 0)
 
 
 def _stopped(*detections: int) -> int:
@@ -345,13 +347,13 @@ def _stopped(*detections: int) -> int:
 class ModelTransport:
     """Registers of a model in this process, as a driver's transport."""
 
-    def __init__(self, model: GripperModel, link: RegisterLink = TCP) -> None:
+    def __init__(self, model: GripperModel, link: Literal["tcp", "rtu"] = "tcp") -> None:
         self._model = model
-        self._link = link
+        self._command, self._status = _FIRST_REGISTERS[link]
 
     def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
-        self._model.write(first_register - self._link.command_register, registers, now_ns)
+        self._model.write(first_register - self._command, registers, now_ns)
 
     def read(self, first_register: int, count: int, now_ns: int) -> Sequence[int]:
-        first = first_register - self._link.status_register
+        first = first_register - self._status
         return self._model.read(now_ns)[first : first + count]

@@ -9,7 +9,8 @@ from drivers.errors import LinkLost
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings, ModelTransport
-from drivers.robotiq.protocol import CommandRegisters
+from drivers.robotiq.model.registers import Command, decode
+from drivers.robotiq.protocol import to_bytes
 from tests.calibrations import MANUAL, PAPER
 
 MS = 1_000_000
@@ -71,7 +72,8 @@ class Rig:
     ) -> None:
         self.model = GripperModel(hand, 0, active=active)
         self.transport = Transport(self.model)
-        self.written: list[CommandRegisters] = []
+        self.written: list[Command] = []
+        self.frames: list[str] = []  # the same, as hex
         self.written_ns: list[int] = []
         self.driver = RobotiqDriver(
             self.transport, settings or DriverSettings(), calibration, log=self._log
@@ -83,13 +85,9 @@ class Rig:
 
     def _log(self, now_ns: int, kind: str, registers: Sequence[int]) -> None:
         if kind == "write":
-            self.written.append(CommandRegisters.from_registers(registers))
+            self.written.append(decode(registers))
+            self.frames.append(to_bytes(registers).hex())
             self.written_ns.append(now_ns)
-
-    @property
-    def frames(self) -> list[str]:
-        """Everything written, as hex."""
-        return [command.to_bytes().hex() for command in self.written]
 
     @property
     def state(self):

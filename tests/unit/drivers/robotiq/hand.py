@@ -3,7 +3,7 @@
 import numpy as np
 
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
-from drivers.robotiq.protocol import AxisCommand, CommandRegisters, StatusRegisters
+from drivers.robotiq.protocol import AxisCommand, CommandRegisters, StatusRegisters, to_bytes
 
 MS = 1_000_000
 
@@ -57,6 +57,14 @@ class Hand:
             self.model.advance(self.now_ns, FingerLoads(force, self.stiffness, self.outside))
             self.peak_n = np.maximum(self.peak_n, self.force_n())
         return self.status()
+
+    def frame(self) -> str:
+        """The status as it goes out, in hex."""
+        return to_bytes(self.model.read(self.now_ns)).hex()
+
+    def frame_after(self, ms: int) -> str:
+        self.run(ms)
+        return self.frame()
 
     def status(self) -> StatusRegisters:
         return StatusRegisters.from_registers(self.model.read(self.now_ns))

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import GripperModel, ModelTransport
+from drivers.robotiq.model.registers import decode
 from drivers.robotiq.protocol import (
     CommandRegisters,
 )
@@ -72,7 +73,7 @@ def test_after_a_lost_link_the_motion_is_replaced_by_hold(rig) -> None:
     here = made.state.positions
     made.step()
     held = made.written[-1]
-    assert (held.a.position, held.b.position, held.c.position) == here
+    assert tuple(finger.position for finger in held.fingers) == here
     made.settle()
     assert made.state.positions[0] < 230
 
@@ -85,8 +86,8 @@ def test_a_command_whose_write_was_lost_is_not_sent_again(rig) -> None:
         made.step()
     made.transport.write_lost = made.transport.down = False
     made.step(3)
-    assert [command.a.position for command in made.written].count(230) == 1
-    assert made.written[-1].a.position < 230
+    assert [command.fingers[0].position for command in made.written].count(230) == 1
+    assert made.written[-1].fingers[0].position < 230
 
 
 def test_verbs_while_the_link_is_lost_neither_raise_nor_wait_to_be_sent(rig) -> None:
@@ -179,9 +180,11 @@ def test_no_sequence_of_verbs_ever_writes_a_force_above_the_cap(script) -> None:
             if down:
                 raise LinkLost("no answer", "check")
             assert (first, len(registers)) == (0, 8)
-            command = CommandRegisters.from_registers(registers)
+            command = decode(registers)
             allowed = max(paper.least_force_n, caps[-1])
-            assert all(paper.force_n(axis.force) <= allowed for axis in command.axes)
+            assert all(
+                paper.force_n(axis.force) <= allowed for axis in (*command.fingers, command.scissor)
+            )
             transport.write(first, registers, now_ns)
 
         def read(self, first, count, now_ns):
@@ -214,7 +217,7 @@ def test_the_force_byte_around_each_boundary_is_within_the_cap(rig, cap) -> None
     applied = made.driver.close_fast(cap, ALL, (200, 200, 200), FAST)
     made.step()
     paper = PAPER
-    assert applied.force_n == paper.force_n(made.written[-1].a.force) <= cap
+    assert applied.force_n == paper.force_n(made.written[-1].fingers[0].force) <= cap
 
 
 def test_settings_that_would_wear_the_gripper_do_not_load() -> None:

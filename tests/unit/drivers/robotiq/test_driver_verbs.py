@@ -6,8 +6,8 @@ from drivers.errors import DeviceFault, Refused
 from drivers.interfaces import Gripper
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import GripperModel, HandSettings, ModelTransport
+from drivers.robotiq.model.registers import Request
 from drivers.robotiq.protocol import (
-    RTU,
     AxisCommand,
     CommandRegisters,
 )
@@ -164,7 +164,7 @@ def test_applied_tells_what_the_bytes_say_after_rounding(rig) -> None:
     assert 19.8 < applied.force_n <= 20.0
     assert 0.0496 < applied.speed_mps <= 0.0500
     made.step()
-    assert made.written[-1].a == AxisCommand(100, 81, 51)
+    assert made.written[-1].fingers[0] == Request(100, 81, 51)
     assert made.driver.open(0.001).speed_mps == 0.022, "the least speed is not zero"
 
 
@@ -209,7 +209,7 @@ def test_writes_keep_ten_milliseconds_apart_and_the_newest_command_wins(rig) -> 
     gaps = [b - a for a, b in zip(made.written_ns, made.written_ns[1:], strict=False)]
     assert min(gaps) >= 10 * MS
     made.step(2)
-    assert made.written[-1].a.position == 119
+    assert made.written[-1].fingers[0].position == 119
 
 
 def test_the_mode_of_an_adopted_hand_is_kept(rig) -> None:
@@ -244,7 +244,7 @@ def test_fingers_left_by_a_simple_command_do_not_jump_when_taken_over(rig) -> No
 
 def test_over_rtu_the_registers_have_other_addresses() -> None:
     model = GripperModel(QUICK, 0, active=True)
-    transport = ModelTransport(model, RTU)
+    transport = ModelTransport(model, "rtu")
     driver = RobotiqDriver(transport, DriverSettings(link="rtu"), PAPER)
     driver.pump(0)
     driver.move_to((50, 50, 50), FAST, 10.0)

@@ -1,0 +1,120 @@
+"""Registers as the hand sees them: requests decoded, status encoded. No I/O, no time.
+
+Written from the register map of the Robotiq 3-Finger manual (2014, p. 39-57) and apart from the
+driver's codec: a byte that one of the two misplaces does not come back right. Eight words of
+16 bits go each way; byte 2n is the high half of word n, byte 2n + 1 its low half.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+import msgspec
+
+WORDS: Final = 8
+FULL: Final = 255
+MA_PER_COUNT: Final = 10  # of gCU; manual p. 67: 0x0F is 150 mA
+
+Words = tuple[int, ...]
+
+# First byte of a block of three: fingers A, B, C, then the scissor.
+_BLOCKS: Final = (3, 6, 9, 12)
+
+
+class Request(msgspec.Struct, frozen=True):
+    """What one axis was told (rPR, rSP, rFR)."""
+
+    position: int = 0
+    speed: int = 0
+    force: int = 0
+
+
+class Command(msgspec.Struct, frozen=True):
+    """The eight command words, decoded."""
+
+    activate: bool  # rACT
+    mode: int  # rMOD
+    go_to: bool  # rGTO
+    auto_release: bool  # rATR
+    individual_fingers: bool  # rICF
+    individual_scissor: bool  # rICS
+    fingers: tuple[Request, Request, Request]
+    scissor: Request
+
+
+class AxisReport(msgspec.Struct, frozen=True):
+    """What one axis tells (gPR, gPO, gCU, gDT)."""
+
+    echo: int
+    position: int
+    current: int
+    detection: int
+
+
+class Report(msgspec.Struct, frozen=True):
+    """The eight status words, before they are encoded."""
+
+    active: bool  # gACT
+    mode: int  # gMOD
+    going: bool  # gGTO
+    initialization: int  # gIMC
+    stopped: int  # gSTA
+    fault: int  # gFLT
+    axes: tuple[AxisReport, AxisReport, AxisReport, AxisReport]
+
+
+def decode(words: Sequence[int]) -> Command:
+    """Eight command words. Reserved bits are not looked at."""
+    action, options = words[0] >> 8, words[0] & 0xFF
+    a, b, c, scissor = (Request(*(_byte(words, at + i) for i in range(3))) for at in _BLOCKS)
+    return Command(
+        activate=_bit(action, 0),
+        mode=(action & 0b0000_0110) >> 1,
+        go_to=_bit(action, 3),
+        auto_release=_bit(action, 4),
+        individual_fingers=_bit(options, 2),
+        individual_scissor=_bit(options, 3),
+        fingers=(a, b, c),
+        scissor=scissor,
+    )
+
+
+def encode(report: Report) -> Words:
+    """Eight status words."""
+    status = (
+        (report.stopped << 6)
+        + (report.initialization << 4)
+        + (report.going << 3)
+        + (report.mode << 1)
+        + report.active
+    )
+    a, b, c, s = report.axes
+    detections = (s.detection << 6) + (c.detection << 4) + (b.detection << 2) + a.detection
+    return (
+        (status << 8) + detections,
+        (report.fault << 8) + a.echo,
+        (a.position << 8) + a.current,
+        (b.echo << 8) + b.position,
+        (b.current << 8) + c.echo,
+        (c.position << 8) + c.current,
+        (s.echo << 8) + s.position,
+        s.current << 8,
+    )
+
+
+def written(words: Words, first: int, values: Sequence[int]) -> Words:
+    """Command words with some of them overwritten; raises ValueError for what cannot be."""
+    last = first + len(values)
+    if not values or first < 0 or last > WORDS:
+        raise ValueError(f"command registers {first} to {last - 1} do not exist")
+    if not all(value in range(1 << 16) for value in values):
+        raise ValueError(f"not registers of 16 bits: {list(values)}")
+    return (*words[:first], *values, *words[last:])
+
+
+def _byte(words: Sequence[int], n: int) -> int:
+    word = words[n // 2]
+    return word & 0xFF if n % 2 else word >> 8
+
+
+def _bit(byte: int, n: int) -> bool:
+    return bool(byte & 1 << n)

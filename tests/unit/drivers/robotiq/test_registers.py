@@ -1,0 +1,195 @@
+"""Bytes of the registers, by hand, against the driver's codec and against the model's own.
+
+Worked frames: Robotiq 3-Finger manual, 2014, p. 67-74; layout: its register map, p. 39-57.
+"""
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import Refused
+from drivers.interfaces import Detection
+from drivers.robotiq.model import registers as model
+from drivers.robotiq.protocol import AxisCommand, CommandRegisters, StatusRegisters, to_registers
+
+# gACT, gMOD, gGTO, gIMC, gSTA, gFLT; gPR, gPO, gCU, gDT of A, B, C and scissor
+STATUS = {
+    "moving after close": (
+        "39C0 00FF 080F 0008 1000 080F 0089 0000",
+        (1, 0, 1, 3, 0, 0),
+        ((255, 8, 15, 0), (0, 8, 16, 0), (0, 8, 15, 0), (0, 137, 0, 3)),
+    ),
+    "grip done": (
+        "B9EA 00FF BC00 00C1 0000 BD00 0089 0000",
+        (1, 0, 1, 3, 2, 0),
+        ((255, 188, 0, 2), (0, 193, 0, 2), (0, 189, 0, 2), (0, 137, 0, 3)),
+    ),
+    "opening": (
+        "39C0 0000 B80B 00BD 0E00 BA0B 0089 0000",
+        (1, 0, 1, 3, 0, 0),
+        ((0, 184, 11, 0), (0, 189, 14, 0), (0, 186, 11, 0), (0, 137, 0, 3)),
+    ),
+    "open done": (
+        "F9FF 0000 0700 0006 0000 0600 0089 0000",
+        (1, 0, 1, 3, 3, 0),
+        ((0, 7, 0, 3), (0, 6, 0, 3), (0, 6, 0, 3), (0, 137, 0, 3)),
+    ),
+    "activating": ("1100" + 14 * "00", (1, 0, 0, 1, 0, 0), 4 * ((0, 0, 0, 0),)),
+    "ready": ("3100" + 14 * "00", (1, 0, 0, 3, 0, 0), 4 * ((0, 0, 0, 0),)),
+    # no frame of the manual: every byte another value, by its register map
+    "all different": (
+        "65 E4 0D 10 11 12 13 14 15 16 17 18 19 1A 1B 00",
+        (1, 2, 0, 2, 1, 13),
+        ((16, 17, 18, 0), (19, 20, 21, 1), (22, 23, 24, 2), (25, 26, 27, 3)),
+    ),
+}
+# rACT, rMOD, rGTO, rATR, rICF, rICS; rPR, rSP, rFR of A, B, C and scissor
+NONE = 4 * ((0, 0, 0),)
+COMMANDS = {
+    "reset": (32 * "0", (0, 0, 0, 0, 0, 0), NONE),
+    "activate": ("01" + 30 * "0", (1, 0, 0, 0, 0, 0), NONE),
+    "close": ("090000FFFFFF" + 20 * "0", (1, 0, 1, 0, 0, 0), ((255, 255, 255), *NONE[1:])),
+    "mode": ("06" + 30 * "0", (0, 3, 0, 0, 0, 0), NONE),
+    "release": ("10" + 30 * "0", (0, 0, 0, 1, 0, 0), NONE),
+    "individual fingers": ("0004" + 28 * "0", (0, 0, 0, 0, 1, 0), NONE),
+    "individual scissor": ("0008" + 28 * "0", (0, 0, 0, 0, 0, 1), NONE),
+    "all different": (
+        "0D 0C 00 10 11 12 13 14 15 16 17 18 19 1A 1B 00",
+        (1, 2, 1, 0, 1, 1),
+        ((16, 17, 18), (19, 20, 21), (22, 23, 24), (25, 26, 27)),
+    ),
+}
+byte, flag, two_bits = st.integers(0, 255), st.booleans(), st.integers(0, 3)
+
+
+def words(text: str) -> tuple[int, ...]:
+    data = bytes.fromhex(text)
+    return tuple(256 * high + low for high, low in zip(data[::2], data[1::2], strict=True))
+
+
+@pytest.mark.parametrize("name", STATUS)
+def test_the_driver_reads_a_status_frame(name: str) -> None:
+    frame, head, axes = STATUS[name]
+    read = StatusRegisters.from_registers(words(frame))
+    assert msgspec.structs.astuple(read)[:6] == head
+    assert tuple(map(msgspec.structs.astuple, read.axes)) == axes
+
+
+@pytest.mark.parametrize("name", STATUS)
+def test_the_model_makes_a_status_frame(name: str) -> None:
+    frame, head, axes = STATUS[name]
+    a, b, c, scissor = (model.AxisReport(*axis) for axis in axes)
+    assert model.encode(model.Report(*head, (a, b, c, scissor))) == words(frame)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_driver_makes_a_command_frame(name: str) -> None:
+    frame, head, axes = COMMANDS[name]
+    names = CommandRegisters.__struct_fields__[:6]
+    a, b, c, scissor = (AxisCommand(*axis) for axis in axes)
+    made = CommandRegisters(**dict(zip(names, head, strict=True)), a=a, b=b, c=c, scissor=scissor)
+    assert made.to_registers() == words(frame)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_model_reads_a_command_frame(name: str) -> None:
+    frame, head, axes = COMMANDS[name]
+    read = model.decode(words(frame))
+    assert msgspec.structs.astuple(read)[:6] == head
+    assert tuple(map(msgspec.structs.astuple, (*read.fingers, read.scissor))) == axes
+
+
+@given(
+    st.builds(
+        model.Report, flag, two_bits, flag, two_bits, two_bits, st.integers(0, 15),
+        st.tuples(*[st.builds(model.AxisReport, byte, byte, byte, two_bits)] * 4),
+    )
+)  # fmt: skip
+def test_any_status_of_the_model_is_read_as_it_was_meant(report: model.Report) -> None:
+    read = StatusRegisters.from_registers(model.encode(report))
+    assert msgspec.structs.astuple(read)[:6] == msgspec.structs.astuple(report)[:6]
+    assert [msgspec.structs.astuple(axis) for axis in read.axes] == [
+        msgspec.structs.astuple(axis) for axis in report.axes
+    ]
+
+
+axis_commands = st.builds(AxisCommand, byte, byte, byte)
+
+
+@given(
+    st.builds(
+        CommandRegisters,
+        activate=flag, mode=two_bits, go_to=flag, auto_release=flag, individual_fingers=flag,
+        individual_scissor=flag, a=axis_commands, b=axis_commands, c=axis_commands,
+        scissor=axis_commands,
+    )
+)  # fmt: skip
+def test_any_command_of_the_driver_is_understood_by_the_model(command: CommandRegisters) -> None:
+    read = model.decode(command.to_registers())
+    assert msgspec.structs.astuple(read)[:6] == msgspec.structs.astuple(command)[:6]
+    assert [msgspec.structs.astuple(axis) for axis in (*read.fingers, read.scissor)] == [
+        msgspec.structs.astuple(axis) for axis in command.axes
+    ]
+
+
+def swapped(registers: tuple[int, ...], one: int, other: int) -> tuple[int, ...]:
+    """Two bytes of a frame in each other's place."""
+    data = bytearray(b"".join(word.to_bytes(2, "big") for word in registers))
+    data[one], data[other] = data[other], data[one]
+    return to_registers(bytes(data))
+
+
+def moves_as_told(rig) -> bool:
+    """End to end: the driver tells the modelled hand, and reads what became of it.
+
+    Finger A is sent past its software limit, so that no two bytes of it tell the same.
+    """
+    made = rig()
+    try:
+        made.driver.move_to((255, 80, 100), 0.09, 14.0)
+    except Refused:
+        return False
+    made.step(300)
+    told = [(f.requested_counts, f.position_counts, f.detection) for f in made.state.fingers]
+    there = Detection.AT_TARGET
+    return made.state.fresh and told == [(255, 240, there), (80, 80, there), (100, 100, there)]
+
+
+def test_a_hand_moves_as_it_is_told(rig) -> None:
+    assert moves_as_told(rig)
+
+
+@pytest.mark.parametrize(("one", "other"), [(0, 1), (3, 4), (3, 5), (3, 6), (6, 9)])
+def test_a_swap_in_the_drivers_command_is_noticed(rig, monkeypatch, one: int, other: int) -> None:
+    right = CommandRegisters.to_registers
+    monkeypatch.setattr(
+        CommandRegisters, "to_registers", lambda self: swapped(right(self), one, other)
+    )
+    assert not moves_as_told(rig)
+
+
+@pytest.mark.parametrize(("one", "other"), [(0, 1), (3, 4), (4, 5), (4, 7), (6, 9)])
+def test_a_swap_in_the_drivers_status_is_noticed(rig, monkeypatch, one: int, other: int) -> None:
+    right = StatusRegisters.from_registers
+    monkeypatch.setattr(
+        StatusRegisters, "from_registers", lambda registers: right(swapped(registers, one, other))
+    )
+    assert not moves_as_told(rig)
+
+
+@pytest.mark.parametrize(("one", "other"), [(0, 1), (3, 4), (4, 5), (4, 7), (6, 9)])
+def test_a_swap_in_the_models_status_is_noticed(rig, monkeypatch, one: int, other: int) -> None:
+    right = model.encode
+    monkeypatch.setattr(
+        "drivers.robotiq.model.gripper.encode", lambda report: swapped(right(report), one, other)
+    )
+    assert not moves_as_told(rig)
+
+
+@pytest.mark.parametrize("values", [(), (0,) * 9, (-1,), (65536,), ("x",)])
+def test_registers_that_do_not_exist_or_do_not_fit_are_not_written(values) -> None:
+    with pytest.raises(ValueError, match="register"):
+        model.written(8 * (0,), 0, values)
+    with pytest.raises(ValueError, match="do not exist"):
+        model.written(8 * (0,), 7, (0, 0))
