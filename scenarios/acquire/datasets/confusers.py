@@ -43,11 +43,27 @@ GraspedCause = Literal[
 ]  # fmt: skip
 GRASPED: tuple[str, ...] = get_args(GraspedCause)
 SETTLED_S = 4.0  # of a session: rest, approach and settling are over before the first disturbance
-EAGER = 0.2  # counts of a detector that takes anything for slip: it makes the hand tighten
-LIGHT_KG = 0.03
+EAGER_COUNTS = 0.2  # threshold of a detector that hears slip in anything: the hand tightens
+SILENT_COUNTS = 500.0  # of one that never speaks
+LIGHT_KG = 0.03  # so light that every grip holds it
 LEAST_SLIP_M = 0.0005
 FELT_SAMPLES = 8  # what a detector may take to be sure of a slip, however short
-BLOWS_N_S = {"grasped_tap": (0.002, 0.02), "grasped_blow": (0.01, 0.3)}
+MOST_LOST = 20  # samples in a row that do not end a session in which samples are lost
+
+# Drawn evenly between these bounds; all assumed.
+PAUSES_S = {  # from one act to the next
+    "contact_made_and_broken": (2.0, 4.0),
+    "force_steps": (0.4, 1.5),
+    "tap": (0.4, 1.5),
+    "arm_vibration": (0.5, 2.0),
+}
+STEPS_N = (1.5, 9.0)  # forces that are pressed with
+KNOCKS_N_S = (0.005, 0.06)  # on a pressed pad
+BLOWS_N_S = {"grasped_tap": (0.002, 0.02), "grasped_blow": (0.01, 0.3)}  # evenly in the logarithm
+BLOW_PAUSES_S = (0.3, 1.0)
+BLOW_LASTS_S = (0.004, 0.015)  # knocks too
+TOP_SHARE = 0.5  # of the blows; the others come from the side
+HOLDS_S, HOLDS_STRUCK_S = 1.5, 4.0  # at the top, and there under blows that may move the object
 
 
 def make_confuser(
@@ -64,7 +80,7 @@ def _pressed(
 ) -> Recording:
     values = dict(metadata.parameters)
     if metadata.cause == "lost_samples":
-        values["tactile.stale_after_missed"] = 20  # so many in a row would end the session
+        values["tactile.stale_after_missed"] = MOST_LOST
     config = with_values(load_acquire_config(metadata.surface, "simulated"), values)
     rng = np.random.default_rng([metadata.seed, 3])
     script = _script(metadata.cause, rng)
@@ -81,29 +97,29 @@ def _script(cause: str, rng: np.random.Generator) -> Script:
         controller.lift_off()
 
     def step_force(controller: PressController, cell: PressedCell) -> None:
-        controller.target_n = float(rng.uniform(1.5, 9.0))
+        controller.target_n = float(rng.uniform(*STEPS_N))
 
     def knock(controller: PressController, cell: PressedCell) -> None:
-        cell.pad.knock(float(rng.uniform(0.005, 0.06)), float(rng.uniform(0.004, 0.015)))
+        cell.pad.knock(float(rng.uniform(*KNOCKS_N_S)), float(rng.uniform(*BLOW_LASTS_S)))
 
     def shake(controller: PressController, cell: PressedCell) -> None:
         cell.shaken = not cell.shaken
 
     acts = {
-        "contact_made_and_broken": (lift_off, 2.0, 4.0),
-        "force_steps": (step_force, 0.4, 1.5),
-        "tap": (knock, 0.4, 1.5),
-        "arm_vibration": (shake, 0.5, 2.0),
+        "contact_made_and_broken": lift_off,
+        "force_steps": step_force,
+        "tap": knock,
+        "arm_vibration": shake,
     }
     if cause not in acts:
         return lambda t_s, controller, cell: None
-    act, shortest_s, longest_s = acts[cause]
+    act, pauses_s = acts[cause], PAUSES_S[cause]
     due_s = SETTLED_S
 
     def script(t_s: float, controller: PressController, cell: PressedCell | None) -> None:
         nonlocal due_s
         if t_s >= due_s and cell is not None:
-            due_s = t_s + float(rng.uniform(shortest_s, longest_s))
+            due_s = t_s + float(rng.uniform(*pauses_s))
             act(controller, cell)
 
     return script
@@ -133,12 +149,14 @@ def lift_config(metadata: Metadata) -> LiftConfig:
     the hand is to tighten, else one that never speaks."""
     config = load(LiftConfig, trial_layers(metadata.surface, "simulated", "energy"))
     tightens = metadata.cause == "grasped_closing_and_tightening"
-    fixed: dict[str, float] = {"energy.threshold_counts": EAGER if tightens else 500.0}
+    threshold = EAGER_COUNTS if tightens else SILENT_COUNTS
+    fixed: dict[str, float] = {"energy.threshold_counts": threshold}
     if metadata.cause == "grasped_blow":
-        fixed |= {"object.added_mass_kg": 0.0, "controller.hold_s": 4.0}
+        fixed |= {"object.added_mass_kg": 0.0, "controller.hold_s": HOLDS_STRUCK_S}
         fixed |= {"controller.firm": True, "controller.reactions": False}
     elif metadata.cause != "grasped_slip":
-        fixed |= {"object.mass_kg": LIGHT_KG, "object.added_mass_kg": 0.0, "controller.hold_s": 1.5}
+        fixed |= {"object.mass_kg": LIGHT_KG, "object.added_mass_kg": 0.0}
+        fixed |= {"controller.hold_s": HOLDS_S}
     return with_values(config, fixed | metadata.parameters)
 
 
@@ -152,12 +170,12 @@ def _taps(
         nonlocal due_ns
         if tick.decision.phase not in (Phase.LIFT, Phase.HOLD) or tick.t_ns < due_ns:
             return
-        due_ns = tick.t_ns + round(float(rng.uniform(0.3, 1.0)) * 1e9)
+        due_ns = tick.t_ns + round(float(rng.uniform(*BLOW_PAUSES_S)) * 1e9)
         if tap is not None:
             blow = Blow(
                 impulse_n_s=float(np.exp(rng.uniform(*np.log(impulse_n_s)))),
-                duration_s=float(rng.uniform(0.004, 0.015)),
-                direction="top" if rng.random() < 0.5 else "side",
+                duration_s=float(rng.uniform(*BLOW_LASTS_S)),
+                direction="top" if rng.random() < TOP_SHARE else "side",
             )
             tap(blow)
 
