@@ -77,7 +77,7 @@ def read_network(path: Path) -> LoadedNetwork:
 
 
 def _session(path: Path) -> Any:
-    import onnxruntime as ort  # noqa: PLC0415 (the scalar runs without it, and starts sooner)
+    import onnxruntime as ort  # noqa: PLC0415 (`energy` runs without it, and starts sooner)
 
     try:
         content = path.read_bytes()

@@ -231,7 +231,7 @@ def _print_calibration(result: "Calibration", causes: "list[Cause]") -> None:
     print(f"lift column, profile {result.profile}, detector {result.detector}, "
           f"{result.repetitions} lifts a place; arm speed {result.speed_mps:g} m/s")  # fmt: skip
     for each in result.best:
-        length = "" if each.scalar is None else f"  length {each.scalar * 1e3:g} mm"
+        length = "" if each.length_m is None else f"  length {each.length_m * 1e3:g} mm"
         counts = "+".join(map(str, each.counts))
         print(f"  {each.object:<10} {each.rate:4.0%} ({counts})  p {each.p_value:.2g}{length}")
     away = result.best_possible - result.log_likelihood

@@ -17,7 +17,7 @@ MOST_QUANTITY = 1000.0  # m, rad or N
 UNITS = {"": 1.0, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "rad": 1.0,
          "deg": math.pi / 180, "N": 1.0, "mN": 1e-3}  # fmt: skip
 SHOWN_OF_ABLATIONS = {
-    "AUC of the scalar": "AUC", "increment rms static": "static", "increment rms slip": "slip",
+    "AUC of energy": "AUC", "increment rms static": "static", "increment rms slip": "slip",
     "increment ratio": "ratio", "correlation static": "corr st", "correlation slip": "corr sl",
     "25 Hz slip": "25 Hz", "highest excursion": "highest", "creep after a stop per s": "creep",
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Tunes the scalar's threshold for a budget of false alarms, on lifts in which nothing slips."""
+"""Tunes the threshold of `energy` for a budget of false alarms, on lifts in which nothing slips."""
 
 from collections.abc import Callable
 

@@ -62,7 +62,7 @@ def _targets() -> tuple[Target, ...]:
         ("increment ratio", "increments", "factor", SCALE_FACTOR),
         ("correlation static", "correlations", "difference", CORRELATION),
         ("correlation slip", "correlations", "difference", CORRELATION),
-        ("AUC of the scalar", "contrast", "difference", CONTRAST),
+        ("AUC of energy", "contrast", "difference", CONTRAST),
     ]
     for state in ("static", "slip"):
         for figure in ("rms", "median", "p95"):

@@ -14,7 +14,7 @@ from detector.energy import energy_series
 from detector.scores.metrics import auc, edge_distance_ms
 
 LOADED, IDLE = 3, 1
-ENERGY_WINDOW = 10  # samples: the scalar is the mean absolute change over 100 ms
+ENERGY_WINDOW = 10  # samples: energy is the mean absolute change over 100 ms
 FFT_SAMPLES = 21  # the authors' own window for vibration energy
 FFT_HZ = tuple(range(5, 55, 5))  # its bins at 100 Hz, by their rounded names
 PLATEAU_COUNTS, PLATEAU_SAMPLES = -380, 3
@@ -145,11 +145,11 @@ def _correlation(changes: Floats) -> float:
 
 
 def _contrast(t_s: Floats, counts: NDArray[np.int16], slip: Bools) -> dict[str, float]:
-    """AUC of the scalar for slip against static, overall and by distance to the label's edge."""
+    """AUC of energy for slip against static, overall and by distance to the label's edge."""
     energy = energy_series(counts[:, None, :], ENERGY_WINDOW)[ENERGY_WINDOW:, 0]
     labels = slip[ENERGY_WINDOW:]
     away = edge_distance_ms(t_s, slip)[ENERGY_WINDOW:]
-    out = {"AUC of the scalar": _auc(energy, labels)}
+    out = {"AUC of energy": _auc(energy, labels)}
     for low, high in EDGE_BINS_MS:
         chosen = (away >= low) & (away < high)
         name = f"AUC {low:g}-{high:g} ms" if np.isfinite(high) else f"AUC over {low:g} ms"

@@ -29,7 +29,7 @@ from scenarios.rigs.workers import Workers
 
 SPEED = "controller.lift_speed_mps"
 SPEEDS_MPS = (0.1, 0.15, 0.2, 0.25)  # assumed range of the paper's arm
-SCALARS: dict[str, tuple[str, tuple[float, ...]]] = {
+LENGTHS_M: dict[str, tuple[str, tuple[float, ...]]] = {
     "ball": ("object.grip_height_m", (-0.012, -0.008, -0.004, 0.0)),
     "foam": ("object.body_above_grip_m", (0.03, 0.038, 0.046, 0.054)),
     "football": ("object.half_height_m", (0.05, 0.065, 0.08, 0.12)),
@@ -43,7 +43,7 @@ class Candidate(msgspec.Struct, frozen=True):
 
     object: str
     speed_mps: float
-    scalar: float | None
+    length_m: float | None
     counts: tuple[int, ...]  # by the classes of the paper's cell
     log_likelihood: float  # of the paper's counts
     p_value: float
@@ -101,12 +101,12 @@ def specs(detector: str | None, profile: str, repetitions: int) -> list[Campaign
             sweep={key: tuple(values) for key, values in sweep.items()}, recordings="none",
         )  # fmt: skip
 
-    long = tuple(name for name in TABLE_IV if name not in SCALARS)
+    long = tuple(name for name in TABLE_IV if name not in LENGTHS_M)
     return [
         spec("long", long, {SPEED: SPEEDS_MPS}),
         *(
             spec(name, (name,), {SPEED: SPEEDS_MPS, key: values})
-            for name, (key, values) in SCALARS.items()
+            for name, (key, values) in LENGTHS_M.items()
         ),
     ]
 
@@ -139,12 +139,12 @@ def fit(rows: Sequence[Row], profile: str, repetitions: int) -> Calibration:
     speed = max(totals, key=lambda s: totals[s])
     best = _best_at(found, speed)
     profiles = [_profile(SPEED, "", list(totals), list(totals.values()))]
-    profiles += [_scalar_profile(found, totals, name) for name in SCALARS]
+    profiles += [_length_profile(found, totals, name) for name in LENGTHS_M]
     return Calibration(
         detector=rows[0].detector, profile=profile, repetitions=repetitions, speed_mps=speed,
         best=best, log_likelihood=totals[speed],
         best_possible=sum(log_multinomial(paper_counts("lift", name)) for name in TABLE_IV),
-        profiles=profiles, trade_offs=[_trade_off(found, name) for name in SCALARS],
+        profiles=profiles, trade_offs=[_trade_off(found, name) for name in LENGTHS_M],
     )  # fmt: skip
 
 
@@ -159,9 +159,9 @@ def candidates(rows: Sequence[Row]) -> list[Candidate]:
 def _candidate(name: str, swept: str, rows: Sequence[Row]) -> Candidate:
     values: dict[str, float] = msgspec.json.decode(swept)
     counts, paper = class_counts("lift", name, rows), paper_counts("lift", name)
-    scalar = values[SCALARS[name][0]] if name in SCALARS else None
+    length_m = values[LENGTHS_M[name][0]] if name in LENGTHS_M else None
     return Candidate(
-        name, values[SPEED], scalar, counts, log_predictive(paper, counts), p_value(paper, counts)
+        name, values[SPEED], length_m, counts, log_predictive(paper, counts), p_value(paper, counts)
     )
 
 
@@ -186,12 +186,12 @@ def _profile(
     )
 
 
-def _scalar_profile(
+def _length_profile(
     found: Sequence[Candidate], totals: dict[float, float], name: str
 ) -> LikelihoodProfile:
     """The arm speed and the other objects' lengths at their best for each value."""
-    setting, values = SCALARS[name]
-    own = {(c.speed_mps, c.scalar): c.log_likelihood for c in found if c.object == name}
+    setting, values = LENGTHS_M[name]
+    own = {(c.speed_mps, c.length_m): c.log_likelihood for c in found if c.object == name}
     best_own = {s: max(own[s, v] for v in values) for s in totals}
     scores = [max(totals[s] - best_own[s] + own[s, v] for s in totals) for v in values]
     return _profile(setting, name, list(values), scores)
@@ -201,11 +201,11 @@ def _trade_off(found: Sequence[Candidate], name: str) -> TradeOff:
     own = [c for c in found if c.object == name]
     top = max(c.log_likelihood for c in own)
     pairs = [
-        (c.speed_mps, c.scalar)
-        for c in sorted(own, key=lambda c: (c.speed_mps, c.scalar or 0.0))
-        if top - c.log_likelihood <= PLAUSIBLE and c.scalar is not None
+        (c.speed_mps, c.length_m)
+        for c in sorted(own, key=lambda c: (c.speed_mps, c.length_m or 0.0))
+        if top - c.log_likelihood <= PLAUSIBLE and c.length_m is not None
     ]
-    return TradeOff(name, SCALARS[name][0], pairs, len(pairs) == len(own))
+    return TradeOff(name, LENGTHS_M[name][0], pairs, len(pairs) == len(own))
 
 
 def trades(trade_off: TradeOff) -> bool:
@@ -223,8 +223,8 @@ def spread_of(found: Sequence[Candidate], name: str) -> tuple[float, float]:
 def assignments(result: Calibration) -> list[tuple[str, str]]:
     """(object or empty, section.key=value) of everything that was calibrated."""
     lengths = [
-        (c.object, f"{SCALARS[c.object][0]}={c.scalar:g}")
+        (c.object, f"{LENGTHS_M[c.object][0]}={c.length_m:g}")
         for c in result.best
-        if c.scalar is not None
+        if c.length_m is not None
     ]
     return list(itertools.chain([("", f"{SPEED}={result.speed_mps:g}")], lengths))

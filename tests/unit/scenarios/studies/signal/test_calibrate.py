@@ -56,7 +56,7 @@ def test_error_is_one_at_the_aim() -> None:
     by_name = {t.name: t for t in calibrate.TARGETS}
     assert by_name["25 Hz slip"].error(10.0, 15.0) == pytest.approx(1.0)
     assert by_name["correlation slip"].error(-0.1, 0.1) == pytest.approx(1.0)
-    assert by_name["AUC of the scalar"].error(0.91, 0.88) == pytest.approx(-1.0)
+    assert by_name["AUC of energy"].error(0.91, 0.88) == pytest.approx(-1.0)
 
 
 def test_search_ends_nearer_to_the_recording_than_it_began() -> None:
@@ -96,7 +96,7 @@ def test_fitted_values_are_a_settings_file(tmp_path: Path) -> None:
 def test_built_in_fingertip_contrasts_slip_and_rest_like_the_authors_clip() -> None:
     felt = read_csv(FELT)
     real = signal_statistics(felt.t_s, felt.counts[:, 0], felt.slip)
-    assert real["AUC of the scalar"] == pytest.approx(0.906, abs=0.002)
+    assert real["AUC of energy"] == pytest.approx(0.906, abs=0.002)
     simulated = calibrate.mean(calibrate.figures(FitSetup(), 48, calibrate.JUDGE_SEED))
-    assert simulated["AUC of the scalar"] == pytest.approx(real["AUC of the scalar"], abs=0.03)
+    assert simulated["AUC of energy"] == pytest.approx(real["AUC of energy"], abs=0.03)
     assert calibrate.misfit(real, simulated) < 1.0

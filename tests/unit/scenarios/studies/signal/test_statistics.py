@@ -21,7 +21,7 @@ def noise(scale: float, seed: int = 0) -> NDArray[np.float64]:
 
 def test_loud_strokes_between_quiet_pauses_are_told_apart_but_for_the_edges() -> None:
     out = figures(noise(1.0) + noise(30.0, 1) * SLIP[:, None])
-    assert out["AUC of the scalar"] > 0.93
+    assert out["AUC of energy"] > 0.93
     assert out["AUC over 200 ms"] == 1.0
     assert out["AUC 0-50 ms"] < out["AUC over 200 ms"]
     assert out["increment ratio"] > 10
@@ -29,7 +29,7 @@ def test_loud_strokes_between_quiet_pauses_are_told_apart_but_for_the_edges() ->
 
 def test_signal_that_ignores_the_label_has_no_contrast() -> None:
     out = figures(noise(5.0))
-    assert out["AUC of the scalar"] == pytest.approx(0.5, abs=0.2)
+    assert out["AUC of energy"] == pytest.approx(0.5, abs=0.2)
     assert out["increment ratio"] == pytest.approx(1.0, abs=0.2)
 
 
@@ -67,7 +67,7 @@ def test_idle_noise_is_that_of_the_quietest_taxel() -> None:
 
 def test_recording_without_slip_has_no_contrast_and_no_figures_of_slip() -> None:
     out = figures(noise(5.0), np.zeros(N, bool))
-    assert np.isnan(out["AUC of the scalar"])
+    assert np.isnan(out["AUC of energy"])
     assert np.isnan(out["5 Hz slip"])
     assert np.isfinite(out["5 Hz static"])
 

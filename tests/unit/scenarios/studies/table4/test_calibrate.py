@@ -9,7 +9,7 @@ from scenarios.campaign.paper import LONG, TRIALS
 from scenarios.campaign.spec import combinations
 from scenarios.campaign.worker import Row
 from scenarios.studies.table4.calibrate import (
-    SCALARS,
+    LENGTHS_M,
     SEED,
     SPEED,
     SPEEDS_MPS,
@@ -31,7 +31,7 @@ def rows_of(rates: Rates) -> list[Row]:
     """Twenty lifts at each place of the grids, so many near and far as the function says."""
     rows: list[Row] = []
     for name in TABLE_IV:
-        key, values = SCALARS.get(name, ("", (None,)))
+        key, values = LENGTHS_M.get(name, ("", (None,)))
         for speed in SPEEDS_MPS:
             for value in values:
                 swept = {SPEED: speed} | ({key: value} if value is not None else {})
@@ -62,7 +62,7 @@ def as_in_the_paper_at_the_true_place(
 def test_the_place_that_gives_the_papers_figures_is_found() -> None:
     found = fit(rows_of(as_in_the_paper_at_the_true_place), "paper", TRIALS)
     assert found.speed_mps == TRUE_MPS
-    assert {c.object: c.scalar for c in found.best if c.scalar is not None} == TRUE_M
+    assert {c.object: c.length_m for c in found.best if c.length_m is not None} == TRUE_M
     assert found.best_possible - found.log_likelihood < 6
     assert ("ball", "object.grip_height_m=-0.008") in assignments(found)
     speed = next(p for p in found.profiles if p.setting == SPEED)
@@ -77,7 +77,7 @@ def test_what_changes_nothing_is_called_flat() -> None:
 
 def test_a_pair_that_stands_in_for_one_another_trades_off() -> None:
     def product(name: str, speed: float, value: float | None) -> tuple[int, int]:
-        same = value is not None and SCALARS[name][1].index(value) == SPEEDS_MPS.index(speed)
+        same = value is not None and LENGTHS_M[name][1].index(value) == SPEEDS_MPS.index(speed)
         return (TABLE_IV[name].near if same else 1, 0)
 
     found = fit(rows_of(product), "paper", TRIALS)
@@ -111,8 +111,8 @@ def test_a_ball_is_lost_by_slow_detection_or_reaction() -> None:
     assert not ranges["geometry"].reaches
 
 
-@pytest.mark.parametrize("name", list(SCALARS))
+@pytest.mark.parametrize("name", list(LENGTHS_M))
 def test_every_length_that_is_tried_is_allowed(name: str) -> None:
-    key, values = SCALARS[name]
+    key, values = LENGTHS_M[name]
     for value in values:
         config(f"{key}={value}", object_name=name)
