@@ -201,7 +201,7 @@ def calibrate_lengths(args: argparse.Namespace) -> int:
 
 def _causes(result: "Calibration", args: argparse.Namespace) -> "list[Cause]":
     """For the objects that even the best values do not explain."""
-    from scenarios.campaign.settings import load_config
+    from scenarios.campaign.config import load_config
     from scenarios.campaign.spec import SEEDS_APART
     from scenarios.campaign.store import CampaignStore
     from scenarios.studies.table4.calibrate import SEED, assignments, candidates, spread_of

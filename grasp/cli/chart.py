@@ -158,7 +158,7 @@ def _add_hunting(charts: Any) -> None:
 
 
 def draw_hunting_map(args: argparse.Namespace) -> int:
-    from scenarios.campaign.settings import load_config
+    from scenarios.campaign.config import load_config
     from scenarios.studies.reaction.hunting import POLICIES, default_loop, hunt, hunting_map
     from scenarios.studies.reaction.hunting_figure import draw_hunting
 
@@ -241,7 +241,7 @@ def _add_reaction_size(parser: argparse.ArgumentParser) -> None:
 def draw_reactions(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.campaign.settings import load_config
+    from scenarios.campaign.config import load_config
     from scenarios.studies.reaction.copies import Grid, studies
     from scenarios.studies.reaction.figure import draw_reaction
     from scenarios.studies.reaction.summary import summarize

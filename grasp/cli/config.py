@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     import msgspec
 
     from grasp.settings import allowed
-    from scenarios.campaign.settings import load_config
+    from scenarios.campaign.config import load_config
 
     config = load_config(args.object, args.rig, args.detector, args.config, args.set, args.profile)
     table = msgspec.to_builtins(config)

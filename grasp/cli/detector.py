@@ -259,7 +259,7 @@ def _tune_rule(args: argparse.Namespace) -> int:
 
 
 def _tune_on_lifts(args: argparse.Namespace) -> tuple[float, float]:
-    from scenarios.campaign.settings import load_config
+    from scenarios.campaign.config import load_config
     from scenarios.studies.detectors.tune import tune as tune_on_lifts
 
     configs = [
@@ -273,7 +273,7 @@ def _tune_on_lifts(args: argparse.Namespace) -> tuple[float, float]:
 def _tune_on_recordings(args: argparse.Namespace) -> tuple[float, float]:
     from detector.energy import tune_threshold
     from detector.recordings import read
-    from scenarios.campaign.settings import load_config
+    from scenarios.campaign.config import load_config
 
     config = load_config("can", "simulated", "energy", args.config, args.set)
     recordings = [read(path) for path in args.static]

@@ -31,7 +31,7 @@ def doctor(args: argparse.Namespace) -> int:
     from scenarios.rigs.doctor import examine
 
     def load(rig: str, detector: str) -> Any:
-        from scenarios.campaign.settings import load_config
+        from scenarios.campaign.config import load_config
 
         return load_config("can", rig, detector, args.config)
 

@@ -33,7 +33,7 @@ def add_parser(verbs: Any) -> None:
 
 
 def emulate(args: argparse.Namespace) -> int:
-    from scenarios.campaign.settings import load_config
+    from scenarios.campaign.config import load_config
     from scenarios.rigs.emulated_cell import end_on_signals, serve
 
     if args.host == "127.0.0.1":

@@ -52,7 +52,7 @@ def add_parser(verbs: Any) -> None:
 def search(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.campaign.settings import load_config
+    from scenarios.campaign.config import load_config
     from scenarios.studies.grip_search import (
         criteria,
         lifts_that_slip,

@@ -36,7 +36,7 @@ def add_parser(verbs: Any) -> None:
 def release(args: argparse.Namespace) -> int:
     import json
 
-    from scenarios.campaign.settings import load_config
+    from scenarios.campaign.config import load_config
     from scenarios.rigs.release import release_gripper
 
     config = load_config("can", args.rig, "energy", args.config)

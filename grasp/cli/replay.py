@@ -81,7 +81,7 @@ def _tactile(args: argparse.Namespace) -> int:
     from detector.recordings import read_csv
     from detector.scores.evaluation import evaluate_recording
     from grasp.clock import stopwatch_ns
-    from scenarios.campaign.settings import load_config
+    from scenarios.campaign.config import load_config
     from scenarios.trial.replay_tactile import replay_tactile
 
     config = load_config("can", "simulated", args.detector, None, args.set)

@@ -128,7 +128,7 @@ def add_acquire_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from scenarios.campaign.settings import load_config
+    from scenarios.campaign.config import load_config
     from scenarios.trial.execution import make_guard
 
     if strange := _strange_option(args):

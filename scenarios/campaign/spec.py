@@ -11,7 +11,7 @@ from msgspec import Meta
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
 from grasp.settings import load, read_toml
-from scenarios.campaign.settings import load_config
+from scenarios.campaign.config import load_config
 from scenarios.lift.config import LiftConfig
 from scenarios.tap import tap
 from scenarios.tap.config import TapConfig

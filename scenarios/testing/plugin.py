@@ -257,7 +257,7 @@ def emulated_cell_settings() -> tuple[str, ...]:
 @pytest.fixture
 def emulated_cell(emulated_cell_settings: tuple[str, ...]) -> Iterator[CellFixture]:
     """All three devices around one can, in one process, each on a real wire."""
-    from scenarios.campaign.settings import load_config  # noqa: PLC0415
+    from scenarios.campaign.config import load_config  # noqa: PLC0415
     from scenarios.rigs.cell_process import cell_process  # noqa: PLC0415
 
     config = load_config("can", "emulated", "energy", None, emulated_cell_settings)

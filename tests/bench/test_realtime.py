@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from detector.scores.quantiles import Quantiles
-from scenarios.campaign.settings import load_config
+from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.trial.result import TimingResult
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from scenarios.campaign.settings import load_config
+from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 
 SEEDS = range(25)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from scenarios.campaign.settings import load_config
+from scenarios.campaign.config import load_config
 from scenarios.tap import tap
 from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.settings import TapScoringSettings

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from grasp.phases import mermaid
 from grasp.settings import names
-from scenarios.campaign.settings import load_config
+from scenarios.campaign.config import load_config
 from scenarios.lift.scoring import LiftOutcome
 from scenarios.tap.scoring import TapOutcome
 

@@ -12,7 +12,7 @@ from detector.training.settings import TrainSettings
 from drivers.ur.emulator.settings import EmulatorSettings
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.datasets.build import DatasetConfig
-from scenarios.campaign.settings import RunConfig
+from scenarios.campaign.config import RunConfig
 from scenarios.campaign.spec import CampaignSpec
 from scenarios.studies.grip_search import GripCriteria
 from scenarios.world.ladder.experiments import World

@@ -17,7 +17,7 @@ from detector.scores.evaluation import (
 )
 from detector.scores.sweep import SweepPoint, best, rules, sweep
 from grasp.clock import stopwatch_ns
-from scenarios.campaign.settings import RunConfig, load_config
+from scenarios.campaign.config import RunConfig, load_config
 
 
 class Contender(msgspec.Struct, frozen=True, eq=False):

@@ -8,7 +8,7 @@ import pytest
 from drivers.errors import ConfigError
 from grasp import settings
 from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
-from scenarios.campaign.settings import RunConfig, load_config
+from scenarios.campaign.config import RunConfig, load_config
 
 
 def lift(*assignments: str, file: Path | None = None) -> RunConfig:

@@ -8,7 +8,7 @@ import pytest
 
 from grasp.loop import Tick
 from grasp.phases import Phase
-from scenarios.campaign.settings import load_config
+from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import LiftTrial

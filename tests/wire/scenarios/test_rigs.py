@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from scenarios.campaign.settings import load_config
+from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.rigs.cell_process import cell_process
 from scenarios.rigs.opening import open_rig
@@ -165,7 +165,7 @@ def alive(pid: int) -> bool:
 
 def test_cell_ends_with_its_parent_even_when_that_is_killed() -> None:
     script = (
-        "from scenarios.campaign.settings import load_config\n"
+        "from scenarios.campaign.config import load_config\n"
         "from scenarios.rigs.cell_process import CellProcess\n"
         "from scenarios.rigs.config import GraspRigConfig, part\n"
         "import time\n"

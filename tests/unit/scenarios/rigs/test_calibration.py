@@ -6,7 +6,7 @@ import pytest
 
 from drivers.errors import ConfigError
 from grasp.settings import names
-from scenarios.campaign.settings import RunConfig, load_config
+from scenarios.campaign.config import RunConfig, load_config
 from scenarios.rigs.rig import calibration
 from scenarios.trial.execution import make_guard
 

@@ -7,7 +7,7 @@ import pytest
 
 from drivers.errors import BadFile, ConfigError
 from grasp.settings import named_layer, names
-from scenarios.campaign.settings import load_config
+from scenarios.campaign.config import load_config
 from scenarios.campaign.spec import CampaignSpec, combinations
 from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig

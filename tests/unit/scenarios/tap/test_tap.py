@@ -11,7 +11,7 @@ import pytest
 from drivers.errors import ConfigError
 from grasp.loop import Issued, Tick
 from grasp.phases import Phase
-from scenarios.campaign.settings import load_config
+from scenarios.campaign.config import load_config
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
 from scenarios.tap import mallet, tap

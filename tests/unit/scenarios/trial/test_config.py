@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from scenarios.campaign.settings import RunConfig, load_config
+from scenarios.campaign.config import RunConfig, load_config
 from scenarios.trial.config import TrialConfig
 
 COVERED = {

@@ -15,7 +15,7 @@ from grasp.cli.exits import code_of
 from grasp.commands import CloseFast, HoldFingers, MoveArm, MoveFingers, OpenFingers
 from grasp.loop import Tick
 from grasp.phases import Phase
-from scenarios.campaign.settings import load_config
+from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig

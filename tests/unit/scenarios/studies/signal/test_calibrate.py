@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from detector.recordings import read_csv
-from scenarios.campaign.settings import load_config
+from scenarios.campaign.config import load_config
 from scenarios.studies.signal import calibrate, strokes
 from scenarios.studies.signal.calibrate import FitSetup, Search
 from scenarios.studies.signal.statistics import signal_statistics
