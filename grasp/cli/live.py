@@ -1,23 +1,15 @@
-"""What a person sees of a run: a live panel or plain lines, then the verdict."""
+"""What a person sees of a run: a picture that follows it, then the verdict."""
 
 import sys
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
-from drivers.interfaces import FINGER_NAMES
+from grasp.cli import view
 from grasp.loop import Tick
 from grasp.phases import Phase
-
-if TYPE_CHECKING:
-    from rich.status import Status
+from grasp.watch import Onlooker
 
 REFRESH_TICKS = 6
 STATUS_TICKS = 50
-BAR_CELLS = 30
-FORCE_FULL_N = 12.0
-_STYLE = {
-    Phase.COMPENSATE: "bold yellow", Phase.HOLD: "bold green", Phase.FAULT: "bold red",
-}  # fmt: skip
-
 
 _SETTING_UP = {
     "simulated": "the first time, the world is compiled",
@@ -27,13 +19,27 @@ _SETTING_UP = {
 
 
 class Display:
-    """Follows runs tick by tick. ``quiet`` shows nothing; ``plain`` draws no panel, so that a
-    person can type; ``brief`` leaves plain lines to registrations."""
+    """Follows runs tick by tick. In wall time another process draws; in virtual time this one.
 
-    def __init__(self, quiet: bool, plain: bool = False, brief: bool = False) -> None:
-        self._view: _Live | _Lines | None = None
-        if not quiet:
-            self._view = _Live() if sys.stdout.isatty() and not plain else _Lines(brief)
+    ``quiet`` shows nothing; ``plain`` draws no panel, so that a person can type; ``brief`` leaves
+    plain lines to registrations.
+    """
+
+    def __init__(self, rig: str, quiet: bool, plain: bool = False, brief: bool = False) -> None:
+        self._rig = rig
+        self._panel = sys.stdout.isatty() and not plain
+        self._brief = brief and not self._panel
+        self._phase: Phase | None = None
+        self._ticks = 0
+        self._there: Onlooker | None = None
+        self._here: view.View | None = None
+        if quiet:
+            return
+        if rig == "simulated":
+            self._here = view.make(self._panel)
+        else:
+            self._there = Onlooker(view)
+            self._there.tell(view.Begin(self._panel))
 
     def __enter__(self) -> Self:
         return self
@@ -41,197 +47,53 @@ class Display:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def setting_up(self, rig: str) -> None:
+    def setting_up(self) -> None:
         """Say that the rig is being opened, which may take a while."""
-        if self._view is not None:
-            self._view.waiting(f"setting up the {rig} rig: {_SETTING_UP[rig]}")
+        self._tell(view.Busy(f"setting up the {self._rig} rig: {_SETTING_UP[self._rig]}"))
 
     def tick(self, tick: Tick) -> None:
-        """Show one tick. A screen that is gone must not stop a run: nothing more is shown then."""
-        if self._view is None:
-            return
-        try:
-            self._view.tick(tick)
-        except OSError:
-            self._view = None
+        """Show one tick, if it is time or something happened."""
+        changed = tick.decision.phase is not self._phase
+        news = tick.decision.slip.event or (changed and not self._brief)
+        every = REFRESH_TICKS if self._panel else STATUS_TICKS
+        due = self._ticks % every == 0 and not self._brief
+        self._phase = tick.decision.phase
+        self._ticks += 1
+        if news or due:
+            self._show(view.glimpse(tick, news))
+
+    def sample(self, sample: Any) -> None:
+        """Show one sample of ``scenarios.acquire.session``."""
+        self._ticks += 1
+        if self._ticks % (REFRESH_TICKS if self._panel else 2 * STATUS_TICKS) == 0:
+            self._show(view.Busy(view.sample_line(sample)))
 
     def note(self, text: str) -> None:
         """A line between two runs."""
-        if self._view is not None:
-            self._view.note(text)
+        self._tell(view.Note(text))
+
+    def _show(self, message: view.Message) -> None:
+        """During a run. A screen that is gone must not stop it: nothing more is shown then."""
+        if self._there is not None:
+            self._there.show(message)
+        elif self._here is not None:
+            try:
+                self._here.take(message)
+            except OSError:
+                self._here = None
+
+    def _tell(self, message: view.Message) -> None:
+        if self._there is not None:
+            self._there.tell(message)
+        else:
+            self._show(message)
 
     def close(self) -> None:
         """Leave the last state on the screen; safe to call twice."""
-        if self._view is not None:
-            self._view.close()
-
-
-class AcquireDisplay:
-    """Follows an acquisition: a line a phase in a pipe, one that is renewed in a terminal."""
-
-    def __init__(self, quiet: bool) -> None:
-        self._quiet = quiet
-        self._status: Status | None = None
-        self._ticks = 0
-
-    def __enter__(self) -> Self:
-        if not self._quiet and sys.stdout.isatty():
-            from rich.console import Console
-
-            self._status = Console().status("")
-            self._status.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._status is not None:
-            self._status.stop()
-
-    def setting_up(self, rig: str) -> None:
-        self._show(f"setting up the {rig} rig")
-
-    def tick(self, tick: Any) -> None:
-        """Show one tick of ``scenarios.acquire.session``."""
-        self._ticks += 1
-        every = REFRESH_TICKS if self._status is not None else 2 * STATUS_TICKS
-        if self._ticks % every == 0:
-            x, y, _ = tick.arm.velocity_mps
-            self._show(
-                f"{tick.t_ns * 1e-9:7.2f} s  {tick.phase:<9} {tick.force_n:5.1f} N  "
-                f"{1e3 * (x * x + y * y) ** 0.5:5.1f} mm/s  {tick.arm.spin_radps:+5.2f} rad/s"
-            )
-
-    def _show(self, text: str) -> None:
-        if self._status is not None:
-            self._status.update(text)
-        elif not self._quiet:
-            print(text, flush=True)
-
-
-def status_text(tick: Tick) -> str:
-    """nominal / REGISTERED, as the paper's monitor showed it."""
-    slip = tick.decision.slip
-    if not slip.armed:
-        return "-"
-    text = "REGISTERED" if slip.registered else "nominal"
-    return f"{text} (masked)" if slip.masked else text
-
-
-class _Lines:
-    """One line a phase change, a registration, and every half second; or registrations alone."""
-
-    def __init__(self, brief: bool) -> None:
-        self._brief = brief
-        self._phase: Phase | None = None
-        self._ticks = 0
-
-    def waiting(self, text: str) -> None:
-        print(text, flush=True)
-
-    def note(self, text: str) -> None:
-        print(text, flush=True)
-
-    def tick(self, tick: Tick) -> None:
-        changed = tick.decision.phase is not self._phase
-        self._phase = tick.decision.phase
-        due = changed or self._ticks % STATUS_TICKS == 0
-        if tick.decision.slip.event or (due and not self._brief):
-            print(_line(tick))
-        self._ticks += 1
-
-    def close(self) -> None:
-        sys.stdout.flush()
-
-
-def _line(tick: Tick) -> str:
-    fingers = "  ".join(
-        f"{name} {force:5.1f} N p {p:4.2f}"
-        for name, force, p in zip(
-            FINGER_NAMES, tick.measured_n, tick.observation.probabilities.tolist(), strict=True
-        )
-    )
-    return (
-        f"{tick.t_ns * 1e-9:7.2f} s  {tick.decision.phase:<10}  {fingers}  slip {status_text(tick)}"
-    )
-
-
-class _Live:
-    """A panel that is redrawn in place, with the phase log beneath it."""
-
-    def __init__(self) -> None:
-        from rich.console import Console
-        from rich.live import Live
-
-        self._live = Live(console=Console(), auto_refresh=False)
-        self._waiting: Status | None = None
-        self._ticks = 0
-        self._phase: Phase | None = None
-        self._last: Tick | None = None
-
-    def waiting(self, text: str) -> None:
-        """A line that moves until the first tick comes."""
-        self._waiting = self._live.console.status(text)
-        self._waiting.start()
-
-    def note(self, text: str) -> None:
-        self._live.console.print(text, highlight=False)
-
-    def _stop_waiting(self) -> None:
-        if self._waiting is not None:
-            self._waiting.stop()
-            self._waiting = None
-
-    def tick(self, tick: Tick) -> None:
-        self._stop_waiting()
-        self._live.start()  # with the first tick; does nothing afterwards
-        if tick.decision.phase is not self._phase or tick.decision.slip.event:
-            self._phase = tick.decision.phase
-            self._live.console.print(_line(tick), highlight=False)
-        self._last = tick
-        if self._ticks % REFRESH_TICKS == 0:
-            self._live.update(panel(tick), refresh=True)
-        self._ticks += 1
-
-    def close(self) -> None:
-        self._stop_waiting()
-        if self._live.is_started:
-            if self._last is not None:
-                self._live.update(panel(self._last), refresh=True)
-            self._live.stop()
-
-
-def panel(tick: Tick) -> Any:
-    """The live picture: phase, slip status, and a bar of force and of probability a finger."""
-    from rich.panel import Panel
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table.grid(padding=(0, 2))
-    rows = zip(
-        FINGER_NAMES, tick.measured_n, tick.observation.probabilities.tolist(),
-        tick.gripper.fingers, strict=True,
-    )  # fmt: skip
-    for name, force_n, p, finger in rows:
-        table.add_row(
-            f"finger {name}",
-            Text(_bar(force_n / FORCE_FULL_N), style="cyan"),
-            f"{force_n:5.1f} N",
-            Text(_bar(p), style="red" if p > 0.5 else "blue"),
-            f"p {p:4.2f}",
-            f"{finger.position_counts:3d} counts",
-        )
-    phase = tick.decision.phase
-    title = Text.assemble(
-        (f" {phase} ", _STYLE.get(phase, "bold")),
-        f"  t {tick.t_ns * 1e-9:6.2f} s   arm {tick.arm.position_m[2]:6.3f} m   slip: ",
-        (status_text(tick), "bold red" if tick.decision.slip.registered else "green"),
-        " ",
-    )
-    return Panel(table, title=title, title_align="left", expand=False)
-
-
-def _bar(part: float) -> str:
-    filled = round(min(max(part, 0.0), 1.0) * BAR_CELLS)
-    return "█" * filled + "·" * (BAR_CELLS - filled)
+        if self._there is not None:
+            self._there.close()
+        if self._here is not None:
+            self._here.close()
 
 
 def print_verdict(result: Any) -> None:

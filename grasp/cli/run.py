@@ -163,7 +163,7 @@ def _paced(args: argparse.Namespace) -> bool:
 
 
 def _acquire(args: argparse.Namespace) -> int:
-    from grasp.cli.live import AcquireDisplay
+    from grasp.cli.live import Display
     from scenarios.acquire import session as acquire
     from scenarios.acquire.config import load_acquire_config
     from scenarios.acquire.press import motion
@@ -171,11 +171,11 @@ def _acquire(args: argparse.Namespace) -> int:
     config = load_acquire_config(args.surface or "planar", args.rig, args.config, args.set)
     course = motion(args.direction or "0", args.speed or SPEED_MPS, acquire.TURN_RADPS)
     _check_confirmed(config.rig, args)
-    with AcquireDisplay(quiet=args.json) as display:
-        display.setting_up(args.rig)
+    with Display(args.rig, quiet=args.json) as display:
+        display.setting_up()
         finished = acquire.run(
             config, course, args.seed, args.seconds or SECONDS, args.runs, _paced(args),
-            display.tick,
+            display.sample,
         )  # fmt: skip
     failure = finished.failure
     if not args.json:
@@ -199,8 +199,8 @@ def _lift(args: argparse.Namespace, config: Any) -> int:
     from grasp.cli.live import Display
     from scenarios.lift import lift
 
-    with Display(quiet=args.json) as display:
-        display.setting_up(args.rig)
+    with Display(args.rig, quiet=args.json) as display:
+        display.setting_up()
         finished = lift.run(config, args.seed, args.runs, paced=_paced(args), on_tick=display.tick)
         display.close()
     return _report(finished, args)
@@ -215,8 +215,9 @@ def _tap(args: argparse.Namespace, config: Any) -> int:
     seeds = range(args.seed, args.seed + (args.taps or TAPS))
     results: list[Any] = []
     failure = None
-    with Display(quiet=args.json, plain=operator is not None, brief=True) as display:
-        display.setting_up(args.rig)
+    plain = operator is not None
+    with Display(args.rig, quiet=args.json, plain=plain, brief=True) as display:
+        display.setting_up()
         for finished in tap.run_series(
             config, seeds, args.runs, _paced(args), display.tick, operator
         ):

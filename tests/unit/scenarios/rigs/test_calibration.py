@@ -34,7 +34,7 @@ def test_a_file_of_ones_own_is_chosen_by_path_and_reaches_the_guard(tmp_path: Pa
     file = tmp_path / "hand3.toml"
     file.write_text(LAB)
     config = resolved(f"gripper.calibration={file}", "guard.force_limit_n=9.6",
-                      "controller.grip_force_n=9.6", "controller.force_cap_n=9.6")  # fmt: skip
+                      "controller.grip_force_n=9.6", "guard.force_limit_n=9.6")  # fmt: skip
     own = calibration(config)
     assert (own.name, own.least_force_n, own.m_per_count) == ("hand3", 9.5, 0.0006)
     make_guard(config)

@@ -1,0 +1,220 @@
+"""What is drawn of a run: plain lines, or a panel in a terminal.
+
+In wall time this is a process of its own (``python -m grasp.cli.view``, begun by ``grasp.watch``),
+which reads one JSON message a line until its input ends.
+"""
+
+import sys
+from typing import TYPE_CHECKING, Any, Protocol
+
+import msgspec
+
+from drivers.interfaces import FINGER_NAMES, Counts3, Vector3
+from grasp.loop import Tick
+from grasp.phases import Phase
+from grasp.watch import ignore_ctrl_c
+
+if TYPE_CHECKING:
+    from rich.status import Status
+
+BAR_CELLS = 30
+FORCE_FULL_N = 12.0
+_STYLE: dict[str, str] = {
+    Phase.COMPENSATE: "bold yellow", Phase.HOLD: "bold green", Phase.FAULT: "bold red",
+}  # fmt: skip
+
+
+class Begin(msgspec.Struct, frozen=True, tag=True):
+    """The first message: what kind of picture is wanted."""
+
+    panel: bool
+
+
+class Busy(msgspec.Struct, frozen=True, tag=True):
+    """One line that stands until something else is shown."""
+
+    text: str
+
+
+class Note(msgspec.Struct, frozen=True, tag=True):
+    """A line that stays."""
+
+    text: str
+
+
+class Glimpse(msgspec.Struct, frozen=True, tag=True):
+    """What is shown of one tick; ``news``: a phase began or slip was registered."""
+
+    t_s: float
+    phase: str
+    slip: str
+    registered: bool
+    news: bool
+    measured_n: Vector3
+    probabilities: list[float]
+    positions: Counts3
+    arm_m: float
+
+
+Message = Begin | Busy | Note | Glimpse
+
+
+def glimpse(tick: Tick, news: bool) -> Glimpse:
+    return Glimpse(
+        t_s=tick.t_ns * 1e-9,
+        phase=tick.decision.phase.value,
+        slip=status_text(tick),
+        registered=tick.decision.slip.registered,
+        news=news,
+        measured_n=tick.measured_n,
+        probabilities=tick.observation.probabilities.tolist(),
+        positions=tick.gripper.positions,
+        arm_m=tick.arm.position_m[2],
+    )
+
+
+def status_text(tick: Tick) -> str:
+    """nominal / REGISTERED, as the paper's monitor showed it."""
+    slip = tick.decision.slip
+    if not slip.armed:
+        return "-"
+    text = "REGISTERED" if slip.registered else "nominal"
+    return f"{text} (masked)" if slip.masked else text
+
+
+def sample_line(sample: Any) -> str:
+    """One sample of an acquisition."""
+    x, y, _ = sample.arm.velocity_mps
+    return (
+        f"{sample.t_ns * 1e-9:7.2f} s  {sample.phase:<9} {sample.force_n:5.1f} N  "
+        f"{1e3 * (x * x + y * y) ** 0.5:5.1f} mm/s  {sample.arm.spin_radps:+5.2f} rad/s"
+    )
+
+
+class View(Protocol):
+    """Shows messages as they come."""
+
+    def take(self, message: Message) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def make(panel: bool) -> View:
+    return Panel() if panel else Lines()
+
+
+class Lines:
+    """One line a message."""
+
+    def take(self, message: Message) -> None:
+        if isinstance(message, Glimpse):
+            print(_line(message), flush=True)
+        elif isinstance(message, Busy | Note):
+            print(message.text, flush=True)
+
+    def close(self) -> None:
+        sys.stdout.flush()
+
+
+class Panel:
+    """A panel that is redrawn in place, with the log of phases and registrations above it."""
+
+    def __init__(self) -> None:
+        from rich.console import Console
+        from rich.live import Live
+
+        self._live = Live(console=Console(), auto_refresh=False)
+        self._busy: Status | None = None
+        self._last: Glimpse | None = None
+
+    def take(self, message: Message) -> None:
+        if isinstance(message, Busy):
+            self._wait(message.text)
+        elif isinstance(message, Note):
+            self._live.console.print(message.text, highlight=False)
+        elif isinstance(message, Glimpse):
+            self._draw(message)
+
+    def _wait(self, text: str) -> None:
+        if self._busy is None:
+            self._busy = self._live.console.status(text)
+            self._busy.start()
+        else:
+            self._busy.update(text)
+
+    def _draw(self, seen: Glimpse) -> None:
+        self._stop_waiting()
+        self._live.start()  # with the first one; does nothing afterwards
+        if seen.news:
+            self._live.console.print(_line(seen), highlight=False)
+        self._last = seen
+        self._live.update(panel(seen), refresh=True)
+
+    def _stop_waiting(self) -> None:
+        if self._busy is not None:
+            self._busy.stop()
+            self._busy = None
+
+    def close(self) -> None:
+        self._stop_waiting()
+        if self._live.is_started:
+            if self._last is not None:
+                self._live.update(panel(self._last), refresh=True)
+            self._live.stop()
+
+
+def _line(seen: Glimpse) -> str:
+    fingers = "  ".join(
+        f"{name} {force:5.1f} N p {p:4.2f}"
+        for name, force, p in zip(FINGER_NAMES, seen.measured_n, seen.probabilities, strict=True)
+    )
+    return f"{seen.t_s:7.2f} s  {seen.phase:<10}  {fingers}  slip {seen.slip}"
+
+
+def panel(seen: Glimpse) -> Any:
+    """The live picture: phase, slip status, and a bar of force and of probability a finger."""
+    from rich.panel import Panel as Frame
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2))
+    rows = zip(FINGER_NAMES, seen.measured_n, seen.probabilities, seen.positions, strict=True)
+    for name, force_n, p, position in rows:
+        table.add_row(
+            f"finger {name}",
+            Text(_bar(force_n / FORCE_FULL_N), style="cyan"),
+            f"{force_n:5.1f} N",
+            Text(_bar(p), style="red" if p > 0.5 else "blue"),
+            f"p {p:4.2f}",
+            f"{position:3d} counts",
+        )
+    title = Text.assemble(
+        (f" {seen.phase} ", _STYLE.get(seen.phase, "bold")),
+        f"  t {seen.t_s:6.2f} s   arm {seen.arm_m:6.3f} m   slip: ",
+        (seen.slip, "bold red" if seen.registered else "green"),
+        " ",
+    )
+    return Frame(table, title=title, title_align="left", expand=False)
+
+
+def _bar(part: float) -> str:
+    filled = round(min(max(part, 0.0), 1.0) * BAR_CELLS)
+    return "█" * filled + "·" * (BAR_CELLS - filled)
+
+
+def main() -> None:
+    """Draw what comes on standard input until it ends."""
+    ignore_ctrl_c()
+    decode = msgspec.json.Decoder(Message).decode
+    first = decode(sys.stdin.buffer.readline() or b'{"type":"Begin","panel":false}')
+    shown = make(isinstance(first, Begin) and first.panel)
+    try:
+        for line in sys.stdin.buffer:
+            shown.take(decode(line))
+        shown.close()
+    except OSError:  # the screen is gone
+        return
+
+
+if __name__ == "__main__":
+    main()
