@@ -19,8 +19,9 @@ from hypothesis import strategies as st
 
 from drivers.errors import BadFile
 from drivers.interfaces import ArmState, GripperState
-from grasp.recording import RunRecorder, RunRecording, viewer_schema
+from grasp.recording import RunRecorder, RunRecording
 from grasp.settings import RENAMED
+from grasp.viewer_schema import viewer_schema
 
 ROOT = Path(__file__).parents[3]
 
