@@ -9,7 +9,14 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    wait,
+)
 from contextlib import closing, contextmanager
 from typing import Generic, TypeVar, cast
 
@@ -56,7 +63,7 @@ def outcomes(
 ) -> Generator[Outcome[T, R], None, None]:
     """What became of every task; to close it, or Ctrl-C, ends all workers.
 
-    Raises UsageError without the extra, LinkLost without a scheduler.
+    Raises UsageError without the extra, LinkLost without a scheduler or when it goes.
     """
     if not tasks:
         return
@@ -169,4 +176,9 @@ def _cluster(work: Callable[[T], R], tasks: Sequence[T], address: str) -> Iterat
         if threads == 0:
             raise LinkLost(f"the scheduler at {address} has no workers", "start one: dask worker")
         executor = client.get_executor(pure=False)
-        yield from _drain(executor, deque(tasks), AHEAD * threads, work)
+        try:
+            yield from _drain(executor, deque(tasks), AHEAD * threads, work)
+        except CancelledError:
+            raise LinkLost(
+                f"the Dask scheduler at {address} is gone", "start it again, then go on"
+            ) from None
