@@ -44,6 +44,15 @@ def test_every_object_is_named_in_the_readme() -> None:
 
 
 def test_links_between_documents_lead_somewhere() -> None:
-    for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
+    for page in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")):
         for target in re.findall(r"\]\((?!https?:)([^)#]+)\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_files_that_the_guides_name_are_there() -> None:
+    rooms = "grasp|drivers|detector|scenarios|config|tests|docs|scripts|requirements"
+    for guide in ("CONTRIBUTING.md", "docs/architecture.md"):
+        named = re.findall(rf"`((?:{rooms})/[\w./-]+)`", read(guide))
+        named = [name for name in named if "NAME" not in name]
+        assert len(named) > 10
+        assert [name for name in named if not (ROOT / name).exists()] == [], guide
