@@ -133,10 +133,6 @@ class StatusRegisters(msgspec.Struct, frozen=True, kw_only=True):
     scissor: AxisStatus = AxisStatus()
 
     @property
-    def axes(self) -> tuple[AxisStatus, AxisStatus, AxisStatus, AxisStatus]:
-        return self.a, self.b, self.c, self.scissor
-
-    @property
     def fingers(self) -> tuple[AxisStatus, AxisStatus, AxisStatus]:
         return self.a, self.b, self.c
 

@@ -10,7 +10,6 @@ from enum import IntEnum
 PORT = 30004
 PROTOCOL_VERSION = 2
 HEADER = struct.Struct(">HB")
-MAX_PACKET = 0xFFFF
 
 NOT_FOUND = "NOT_FOUND"
 IN_USE = "IN_USE"

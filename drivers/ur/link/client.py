@@ -119,11 +119,6 @@ class UrLink:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @property
-    def log(self) -> tuple[str, ...]:
-        """The last lines that ur_rtde printed."""
-        return tuple(self._worker.log) if self._worker is not None else ()
-
     def move_l(
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
     ) -> bool:

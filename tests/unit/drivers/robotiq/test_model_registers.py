@@ -108,7 +108,7 @@ def test_in_simple_mode_only_finger_a_echoes_and_the_scissor_rests_at_137() -> N
     hand = Hand()
     hand.write(command(120))
     status = hand.rest()
-    assert [axis.echo for axis in status.axes] == [120, 0, 0, 0]
+    assert [axis.echo for axis in (*status.fingers, status.scissor)] == [120, 0, 0, 0]
     assert [axis.position for axis in status.fingers] == [120] * 3
     assert (status.scissor.position, status.scissor.detection) == (137, 3)
 
