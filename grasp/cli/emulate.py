@@ -34,14 +34,14 @@ def add_parser(verbs: Any) -> None:
 
 def emulate(args: argparse.Namespace) -> int:
     from scenarios.campaign.config import load_config
-    from scenarios.rigs.emulated_cell import end_on_signals, serve
+    from scenarios.rigs.emulated_cell import CellOrder, end_on_signals, serve
 
     if args.host == "127.0.0.1":
         problem = "127.0.0.1 is not for a cell: ur_rtde skips a check there"
         raise UsageError(problem, "choose another loopback address, e.g. 127.0.0.2")
     config = load_config(args.object, "emulated", "energy", args.config, args.set)
     try:
-        serve(config, args.seed, args.host, args.gripper_port, end_on_signals())
+        serve(CellOrder.of(config, args.seed), args.host, args.gripper_port, end_on_signals())
     except OSError as error:
         raise LinkLost(
             f"cannot listen on {args.host or 'loopback'}: {error.strerror}",

@@ -9,16 +9,10 @@ import msgspec
 from msgspec import Meta
 
 from drivers.interfaces import PERIOD_S
-from drivers.takktile.model.board import BoardModelSettings
-from drivers.takktile.settings import TakkTileSettings, UsbSettings
-from drivers.ur.driver import ArmSettings
-from drivers.ur.link.client import UrSettings
-from drivers.ur.model import ArmModelSettings
 from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
 from scenarios.acquire.press import PressControlSettings
+from scenarios.rigs.config import PressRigConfig
 from scenarios.world.contact_settings import GROSS_SLIP_MPS
-from scenarios.world.fingertip import FingertipSettings
-from scenarios.world.pressed import FixedSurface, PressSettings
 
 
 class SamplingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -49,24 +43,11 @@ ARM = {
 }
 
 
-class AcquireConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Resolved settings of one acquisition."""
+class AcquireConfig(PressRigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Resolved settings of one acquisition; the arm's as in ARM, by ``load_acquire_config``."""
 
-    rig: str
-    surface: FixedSurface
-    finger: Annotated[
-        int, Meta(ge=0, le=2, description="which is pressed: A, B, C are 0, 1, 2")
-    ] = 0
     control: PressControlSettings = PressControlSettings()
-    press: PressSettings = PressSettings()
     sampling: SamplingSettings = SamplingSettings()
-    arm: ArmSettings = ArmSettings()  # as in ARM, by ``load_acquire_config``
-    tactile: TakkTileSettings = TakkTileSettings()
-    usb: UsbSettings = UsbSettings()
-    ur: UrSettings = UrSettings(host="192.168.1.10")  # assumed; a lab names its own
-    board: BoardModelSettings = BoardModelSettings()
-    arm_model: ArmModelSettings = ArmModelSettings()
-    fingertip: FingertipSettings = FingertipSettings()
 
 
 def load_acquire_config(

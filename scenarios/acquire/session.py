@@ -17,9 +17,10 @@ from detector.recordings import MAX_MISSED, SUFFIX, Metadata, Recording, missed_
 from drivers.errors import GraspError, Stale
 from drivers.interfaces import ArmState, TactileFrame
 from scenarios.acquire.config import AcquireConfig, SamplingSettings
+from scenarios.acquire.force_calibration import counts_per_newton
 from scenarios.acquire.press import PressController, PressPhase, StrokeMotion
-from scenarios.acquire.rig import AcquireRig, open_acquire_rig
-from scenarios.acquire.world_of_seed import counts_per_newton
+from scenarios.acquire.rig import open_acquire_rig
+from scenarios.rigs.rig import PressRig
 from scenarios.trial.result import Failure, versions
 from scenarios.world.pressed_cell import PressedCell, PressedTruth
 
@@ -50,7 +51,7 @@ class Session:
     """One session on an open rig: ``run`` it, then ask for the ``ticks``."""
 
     def __init__(
-        self, config: AcquireConfig, motion: StrokeMotion | None, seed: int, rig: AcquireRig,
+        self, config: AcquireConfig, motion: StrokeMotion | None, seed: int, rig: PressRig,
         on_tick: OnTick = lambda tick: None, script: Script = lambda t_s, controller, cell: None,
     ) -> None:  # fmt: skip
         self._config = config
@@ -143,7 +144,7 @@ class Session:
         drive = controller.step(t_s, frame.counts[self._config.finger], arm)
         rig.arm.drive(drive.velocity_mps, drive.spin_radps, self._config.control.drive_mps2)
         self._check_approach(now_ns)
-        truth = rig.truth() if rig.truth is not None else None
+        truth = rig.truth()
         return Sample(now_ns, controller.phase, controller.force_n, frame, arm, truth)
 
     def _settled(self, tick: Sample) -> bool:

@@ -11,7 +11,7 @@ from grasp.loop import ControlLoop, Tick
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, false_start, outcome
 from scenarios.rigs.opening import open_rig
-from scenarios.rigs.rig import Rig, Stalls
+from scenarios.rigs.rig import GraspRig, Stalls
 from scenarios.trial.execution import (
     OnTick,
     Watch,
@@ -53,7 +53,7 @@ class LiftTrial(msgspec.Struct, frozen=True):
     interrupted: bool
 
 
-def run_trial(config: LiftConfig, rig: Rig, guard: ForceGuard, watch: Watch) -> LiftTrial:
+def run_trial(config: LiftConfig, rig: GraspRig, guard: ForceGuard, watch: Watch) -> LiftTrial:
     """Run a controller to its end on an open rig; Ctrl-C stops the arm and keeps the grip."""
     controller = make_controller(config)
     trace = Trace()

@@ -7,8 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -16,25 +15,27 @@ from drivers.errors import LinkLost
 from grasp.clock import WallClock
 from scenarios.rigs import emulated_cell
 from scenarios.rigs.cell_control import ControlClient
-from scenarios.rigs.config import GraspRigConfig, part
+from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, RigConfig
+from scenarios.rigs.emulated_cell import CellOrder
 from scenarios.rigs.rig import Stalls
 from scenarios.world.cell import Blow, Truth
+from scenarios.world.pressed_cell import PressedTruth
 
 READY_S = 60.0  # compiling the world on a first run included
 POLL_NS = 100_000_000
 END_S = 10.0
+ConfigT = TypeVar("ConfigT", bound=RigConfig)
 
 
 class CellProcess:
     """The child, its endpoints, and its control channel. Ends when this process does."""
 
-    def __init__(
-        self, config: msgspec.Struct, seed: int, program: ModuleType = emulated_cell
-    ) -> None:
+    def __init__(self, config: AnyRigConfig, seed: int) -> None:
+        self._truth = Truth if isinstance(config, GraspRigConfig) else PressedTruth
         # -P: a folder called `drivers` where the user happens to stand must not shadow ours
         home = str(Path(__file__).parents[2])
         self._child = subprocess.Popen(
-            [sys.executable, "-P", "-m", program.__name__],
+            [sys.executable, "-P", "-m", emulated_cell.__name__],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
             env={**os.environ, "PYTHONPATH": home},
         )  # fmt: skip
@@ -42,8 +43,8 @@ class CellProcess:
         self._open.callback(self._end)
         try:
             assert self._child.stdin is not None and self._child.stdout is not None  # noqa: S101
-            order = {"config": msgspec.to_builtins(config), "seed": seed}
-            self._child.stdin.write(json.dumps(order) + "\n")
+            order = CellOrder.of(config, seed)
+            self._child.stdin.write(msgspec.json.encode(order).decode() + "\n")
             self._child.stdin.flush()
             line = self._child.stdout.readline()
             if not line:
@@ -57,9 +58,9 @@ class CellProcess:
             self.close()
             raise
 
-    def truth(self) -> Truth:
-        """The state of the world now."""
-        return msgspec.convert(self.control.ask("truth")["truth"], Truth)
+    def truth(self) -> Any:
+        """The state of the world now: Truth of a grasp, PressedTruth of a pressed fingertip."""
+        return msgspec.convert(self.control.ask("truth")["truth"], self._truth)
 
     def tap(self, blow: Blow) -> None:
         """Strike the object."""
@@ -67,9 +68,7 @@ class CellProcess:
 
     def load(self, config: GraspRigConfig, seed: int) -> None:
         """Another trial's object; it is put in place as soon as the hand is open."""
-        self.control.ask(
-            "load", config=msgspec.to_builtins(part(config, GraspRigConfig)), seed=seed
-        )
+        self.control.ask("load", **msgspec.to_builtins(CellOrder.of(config, seed)))
 
     def stalls(self) -> Stalls:
         """How often, and how long at worst, the cell stood still."""
@@ -91,8 +90,8 @@ class CellProcess:
 
 
 @contextmanager
-def cell_process(config: GraspRigConfig, seed: int) -> Iterator[CellProcess]:
-    cell = CellProcess(part(config, GraspRigConfig), seed)
+def cell_process(config: AnyRigConfig, seed: int) -> Iterator[CellProcess]:
+    cell = CellProcess(config, seed)
     try:
         yield cell
     finally:
@@ -108,13 +107,15 @@ def wait_placed(cell: CellProcess, clock: WallClock) -> None:
         clock.sleep_until_ns(clock.now_ns + POLL_NS)
 
 
-def at_endpoints(config: GraspRigConfig, endpoints: dict[str, Any]) -> GraspRigConfig:
+def at_endpoints(config: ConfigT, endpoints: dict[str, Any]) -> ConfigT:
     """The configuration with the addresses of a cell in place of the lab's."""
     replace = msgspec.structs.replace
-    gripper = endpoints["gripper"]
-    return replace(
+    config = replace(
         config,
-        modbus=replace(config.modbus, host=gripper["host"], port=gripper["port"]),
         usb=replace(config.usb, url=endpoints["tactile"]["url"]),
         ur=replace(config.ur, host=endpoints["arm"]["host"]),
     )
+    if isinstance(config, GraspRigConfig):
+        at = endpoints["gripper"]
+        return replace(config, modbus=replace(config.modbus, host=at["host"], port=at["port"]))
+    return config

@@ -1,8 +1,9 @@
 """What a rig and the world on it can be told; the rooms above add what they do with it."""
 
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import msgspec
+from msgspec import Meta
 
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import DriverSettings as GripperSettings
@@ -17,6 +18,7 @@ from scenarios.rigs.variation import VariationSettings
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.fingertip import FingertipSettings
 from scenarios.world.objects import GraspObject
+from scenarios.world.pressed import FixedSurface, PressSettings
 
 ConfigT = TypeVar("ConfigT", bound=msgspec.Struct)
 
@@ -44,6 +46,19 @@ class GraspRigConfig(RigConfig, frozen=True, forbid_unknown_fields=True, kw_only
     hand: HandSettings = HandSettings()
     contact: ContactSettings = ContactSettings()
     variation: VariationSettings = VariationSettings()
+
+
+class PressRigConfig(RigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Without a hand: one fingertip points down on a fixed surface."""
+
+    surface: FixedSurface
+    finger: Annotated[
+        int, Meta(ge=0, le=2, description="which is pressed: A, B, C are 0, 1, 2")
+    ] = 0
+    press: PressSettings = PressSettings()
+
+
+AnyRigConfig = GraspRigConfig | PressRigConfig
 
 
 def part(config: msgspec.Struct, cls: type[ConfigT]) -> ConfigT:

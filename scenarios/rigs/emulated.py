@@ -2,30 +2,37 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
+
+import msgspec
 
 from grasp.clock import WallClock
-from scenarios.rigs.cell_process import at_endpoints, cell_process, wait_placed
-from scenarios.rigs.config import GraspRigConfig
-from scenarios.rigs.rig import Rig, calibration, connect
+from scenarios.rigs.cell_process import CellProcess, at_endpoints, cell_process, wait_placed
+from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
+from scenarios.rigs.rig import GraspRig, Rig, connect
 from scenarios.rigs.wired import acknowledgements, wired_devices
 
 
 @contextmanager
-def emulated(config: GraspRigConfig, seed: int) -> Iterator[Rig]:
+def emulated(config: AnyRigConfig, seed: int) -> Iterator[Rig[Any, Any]]:
     """With the object in place; closes what it opened."""
     with cell_process(config, seed) as cell:
         clock = WallClock(cell.endpoints["start_ns"])
         there = at_endpoints(config, cell.endpoints)
-        with wired_devices(there, calibration(config), clock) as devices:
-            connect(devices, clock)
-            devices.arm.set_payload(config.arm.payload_kg)
+        with wired_devices(there, clock) as (arm, tactile, gripper):
+            connect(arm, tactile, gripper, clock)
+            arm.set_payload(config.arm.payload_kg)
             wait_placed(cell, clock)
-
-            def load(trial: GraspRigConfig, seed: int) -> None:
-                cell.load(trial, seed)
-                wait_placed(cell, clock)
-
-            yield Rig(
-                devices, clock, None, cell.truth, cell.stalls, acknowledgements(devices),
-                cell.tap, load,
+            rig: Rig[Any, Any] = Rig(
+                arm, tactile, gripper, clock, None, cell.truth, cell.stalls,
+                acknowledgements(gripper),
             )  # fmt: skip
+            yield rig if gripper is None else _with_object(rig, cell, clock)
+
+
+def _with_object(rig: GraspRig, cell: CellProcess, clock: WallClock) -> GraspRig:
+    def load(trial: GraspRigConfig, seed: int) -> None:
+        cell.load(trial, seed)
+        wait_placed(cell, clock)
+
+    return msgspec.structs.replace(rig, tap=cell.tap, load=load)

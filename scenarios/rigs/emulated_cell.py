@@ -1,6 +1,6 @@
-"""The emulated cell: one process, one world, three emulated devices on one loopback address.
+"""The emulated cell: one process, one world, its emulated devices on one loopback address.
 
-    python -m scenarios.rigs.emulated_cell   reads {"config": ..., "seed": ...}, a line of stdin
+    python -m scenarios.rigs.emulated_cell   reads a CellOrder, a line of JSON on stdin
 
 prints one line of JSON with its endpoints when it is ready, and ends on SIGTERM, SIGINT, or when
 its standard input closes: a cell ends with its parent. Everything advances to "now" on the
@@ -14,141 +14,85 @@ import signal
 import sys
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Annotated, Any, Literal, TypeVar
+from functools import partial
+from typing import Any, Self, TypeVar
 
 import msgspec
-from msgspec import Meta
 
-from drivers.robotiq.emulator.tcp import GripperEmulator, Trouble, WireFault
+from drivers.robotiq.emulator.tcp import GripperEmulator
 from drivers.takktile.emulator.server import BoardServer
 from drivers.ur.emulator.robot import UrEmulator
 from drivers.ur.emulator.settings import EmulatorSettings
 from scenarios.rigs.cell_control import ControlServer
-from scenarios.rigs.config import GraspRigConfig
-from scenarios.rigs.world_of_seed import cell_settings, make_cell
+from scenarios.rigs.cell_faults import CellFaults
+from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig, part
+from scenarios.rigs.world_of_seed import any_cell, cell_settings
 from scenarios.world.cell import Blow, SimulatedCell
 
 STALL_NS = 50_000_000
 ADDRESS_TRIES = 50
 T = TypeVar("T")
+Request = dict[str, Any]
 OPEN_M = 0.02  # fingertip travel of a hand that has room for an object
 
 
-class FaultOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One ``fault`` request: what goes wrong, when, and how much of it."""
+class CellOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a cell is to be: a hand around an object, or one fingertip on a surface."""
 
-    verb: Literal["fault"]
-    name: str
-    after_s: Annotated[float, Meta(ge=0.0, le=600.0)] = 0.0  # from now on
-    times: Annotated[int, Meta(ge=1)] = 1  # requests or reads that are hit
-    skip: Annotated[int, Meta(ge=0)] = 0  # requests that are spared first
-    seconds: Annotated[float, Meta(ge=0.0, le=60.0)] = 0.1  # of a delay or a freeze
-    code: Annotated[int, Meta(ge=1, le=15)] = 0x0E  # gripper fault; its default needs a reset
-    pressed: bool = True  # emergency button
+    seed: int
+    grasp: GraspRigConfig | None = None
+    press: PressRigConfig | None = None
 
+    @classmethod
+    def of(cls, config: AnyRigConfig, seed: int) -> Self:
+        """From settings that may say more than a cell needs."""
+        if isinstance(config, GraspRigConfig):
+            return cls(seed=seed, grasp=part(config, GraspRigConfig))
+        return cls(seed=seed, press=part(config, PressRigConfig))
 
-Strike = Callable[[FaultOrder], object]
-
-
-class CellFaults:
-    """Everything that can go wrong in a cell, by name; struck at once or at a later time."""
-
-    def __init__(self, cell: SimulatedCell, gripper: GripperEmulator, arm: UrEmulator) -> None:
-        self._gripper = gripper
-        self._table: dict[str, tuple[set[str], Strike]] = {
-            "gripper_drop": ({"times", "skip"}, self._plan(Trouble.DROP)),
-            "gripper_delay": ({"times", "skip", "seconds"}, self._plan(Trouble.DELAY)),
-            "gripper_garble": ({"times", "skip"}, self._plan(Trouble.GARBLE)),
-            "gripper_freeze": ({"seconds", "skip"}, self._plan(Trouble.FREEZE)),
-            "gripper_disconnect": ({"times"}, self._disconnect),
-            "gripper_fault": ({"code"}, lambda order: cell.gripper.inject_fault(order.code)),
-            "unplug": (set(), lambda order: cell.board.unplug()),
-            "replug": (set(), lambda order: cell.board.replug()),
-            "usb_timeout": ({"times"}, lambda order: cell.board.time_out(order.times)),
-        }
-        self._arm_table: dict[str, tuple[set[str], Strike]] = {
-            "protective_stop": (set(), lambda order: arm.controller.protective_stop()),
-            "emergency_stop": (
-                {"pressed"}, lambda order: arm.controller.emergency_stop(order.pressed)
-            ),
-            "arm_disconnect": (set(), lambda order: arm.drop_links()),
-            "arm_freeze": ({"seconds"}, lambda order: arm.freeze(order.seconds)),
-        }  # fmt: skip
-        self._waiting: list[tuple[int, FaultOrder]] = []
-        self._for_arm: deque[FaultOrder] = deque()
-
-    def order(self, request: dict[str, Any], now_ns: int) -> None:
-        """Take a request. Raises ValueError for an unknown name or an argument out of place."""
-        order = msgspec.convert(request, FaultOrder)
-        table = self._table | self._arm_table
-        if order.name not in table:
-            raise ValueError(f"unknown fault {order.name!r}: one of {', '.join(table)}")
-        strange = request.keys() - table[order.name][0] - {"verb", "name", "after_s"}
-        if strange:
-            raise ValueError(f"fault {order.name!r} takes no {', '.join(sorted(strange))}")
-        self._waiting.append((now_ns + round(order.after_s * 1e9), order))
-        self.strike(now_ns)
-
-    def strike(self, now_ns: int) -> None:
-        """Let happen what is due; the caller holds the cell's lock."""
-        due = [order for t_ns, order in self._waiting if t_ns <= now_ns]
-        self._waiting = [waiting for waiting in self._waiting if waiting[0] > now_ns]
-        for order in due:
-            if order.name in self._arm_table:
-                self._for_arm.append(order)
-            else:
-                self._table[order.name][1](order)
-
-    def strike_arm(self) -> None:
-        """What is due at the arm, whose controller and connections belong to its own thread."""
-        while self._for_arm:
-            order = self._for_arm.popleft()
-            self._arm_table[order.name][1](order)
-
-    def _plan(self, trouble: Trouble) -> Strike:
-        return lambda order: self._gripper.faults.add(
-            WireFault(trouble=trouble, times=order.times, skip=order.skip, seconds=order.seconds)
-        )
-
-    def _disconnect(self, order: FaultOrder) -> None:
-        """Once is a plug pulled and put back; more cuts whoever connects again."""
-        self._gripper.disconnect()
-        if order.times > 1:
-            self._gripper.faults.add(WireFault(trouble=Trouble.DISCONNECT, times=order.times - 1))
+    @property
+    def config(self) -> AnyRigConfig:
+        """Raises ValueError when there is none."""
+        config = self.grasp or self.press
+        if config is None:
+            raise ValueError("an order of neither a grasp nor a press")
+        return config
 
 
 class EmulatedCell:
-    """One world behind three real wires and a control channel."""
+    """One world behind real wires and a control channel."""
 
-    def __init__(self, config: GraspRigConfig, seed: int, host: str, gripper_port: int = 0) -> None:
+    def __init__(self, order: CellOrder, host: str, gripper_port: int = 0) -> None:
         """Raises OSError when the address is taken."""
         self.host = host
         self._lock = threading.RLock()
-        self._placed = False
         self._stalls = 0
         self._worst_stall_ns = 0
         self._start_ns = self._last_ns = time.monotonic_ns()
-        self.cell = make_cell(config, seed, self._last_ns)
-        self._stack = ExitStack()
+        self.cell = any_cell(order.config, order.seed, self._last_ns)
+        self._hand = self.cell if isinstance(self.cell, SimulatedCell) else None
+        self._placed = self._hand is None  # a surface stands where it stands
+        of_a_grasp = {} if self._hand is None else self._verbs_of_a_grasp(self._hand)
+        self._verbs = {**of_a_grasp, "truth": self._truth, "fault": self._fault}
+        arm = EmulatorSettings(host=host, start_m=order.config.arm_model.start_m)
         with ExitStack() as stack:
             self.arm = stack.enter_context(
-                UrEmulator(
-                    EmulatorSettings(host=host, start_m=config.arm_model.start_m),
-                    self.cell.arm, self._lock, self._arm_cycle,
-                )
-            )  # fmt: skip
-            self.gripper = stack.enter_context(
-                GripperEmulator(
-                    self.cell.gripper, host, gripper_port, lock=self._lock, advance=self.advance
-                )
+                UrEmulator(arm, self.cell.arm, self._lock, self._arm_cycle)
             )
+            self.gripper = None
+            if self._hand is not None:
+                self.gripper = stack.enter_context(
+                    GripperEmulator(
+                        self._hand.gripper, host, gripper_port, lock=self._lock,
+                        advance=self.advance,
+                    )
+                )  # fmt: skip
             self.board = stack.enter_context(
                 BoardServer(self.cell.board, self._lock, host, clock=self._advanced)
             )
-            self.faults = CellFaults(self.cell, self.gripper, self.arm)
+            self.faults = CellFaults(self.cell.board, self.arm, self.gripper)
             self.control = stack.enter_context(ControlServer(host, self.obey))
             self._stack = stack.pop_all()
 
@@ -169,11 +113,12 @@ class EmulatedCell:
 
     def _place(self) -> None:
         """Put the object between the fingers once the hand is active, as a person would."""
-        hand = self.cell.gripper
-        is_open = hand.ready and not hand.moving and hand.travel_m.max() < OPEN_M
-        if is_open and not self._placed:
+        if self._placed or self._hand is None:
+            return
+        hand = self._hand.gripper
+        if hand.ready and not hand.moving and hand.travel_m.max() < OPEN_M:
             self._placed = True
-            self.cell.place_object()
+            self._hand.place_object()
 
     def _arm_cycle(self, now_ns: int) -> None:
         self.advance(now_ns)
@@ -192,11 +137,14 @@ class EmulatedCell:
 
     def endpoints(self) -> dict[str, Any]:
         """Where clients find everything."""
-        host, port = self.gripper.address
+        gripper = {}
+        if self.gripper is not None:
+            host, port = self.gripper.address
+            gripper = {"gripper": {"host": host, "port": port, "unit": 2}}
         return {
             "host": self.host,
             "start_ns": self._start_ns,
-            "gripper": {"host": host, "port": port, "unit": 2},
+            **gripper,
             "tactile": {"url": self.board.url},
             "arm": {
                 "host": self.host,
@@ -210,47 +158,52 @@ class EmulatedCell:
 
     def obey(self, request: dict[str, Any]) -> dict[str, Any]:
         """One request of the control channel; an unknown one is answered with an error."""
-        verb = request.get("verb")
+        verb = str(request.pop("verb", ""))
+        obey = self._verbs.get(verb)
+        if obey is None:
+            return {"error": f"unknown verb {verb!r}: one of {', '.join(self._verbs)}"}
         with self._lock:
             self.advance(time.monotonic_ns())
-            if verb == "place":
-                self.cell.place_object()
-                return {}
-            if verb == "truth":
-                truth = msgspec.to_builtins(self.cell.truth())
-                return {"truth": truth, "placed": self._placed, "stalls": self._stalls,
-                        "worst_stall_ms": self._worst_stall_ns * 1e-6}  # fmt: skip
-            if verb == "load":
-                config = msgspec.convert(request["config"], GraspRigConfig)
-                self.cell.load(*cell_settings(config, int(request["seed"])))
-                self._placed = False
-                return {}
-            if verb == "tap":
-                blow = {key: value for key, value in request.items() if key != "verb"}
-                self.cell.tap(msgspec.convert(blow, Blow))
-                return {}
-            if verb == "fault":
-                self.faults.order(request, time.monotonic_ns())
-                return {}
-        return {"error": f"unknown verb {verb!r}: one of load, place, tap, truth, fault"}
+            return obey(request)
+
+    def _truth(self, request: Request) -> Request:
+        truth = msgspec.to_builtins(self.cell.truth())
+        return {"truth": truth, "placed": self._placed, "stalls": self._stalls,
+                "worst_stall_ms": self._worst_stall_ns * 1e-6}  # fmt: skip
+
+    def _verbs_of_a_grasp(self, cell: SimulatedCell) -> dict[str, Callable[[Request], Request]]:
+        def load(request: Request) -> Request:
+            order = msgspec.convert(request, CellOrder)
+            if order.grasp is None:
+                raise ValueError("this cell has a hand: it takes a grasp")
+            cell.load(*cell_settings(order.grasp, order.seed))
+            self._placed = False
+            return {}
+
+        def place(request: Request) -> Request:
+            cell.place_object()
+            return {}
+
+        def tap(request: Request) -> Request:
+            cell.tap(msgspec.convert(request, Blow))
+            return {}
+
+        return {"load": load, "place": place, "tap": tap}
+
+    def _fault(self, request: Request) -> Request:
+        self.faults.order(request, time.monotonic_ns())
+        return {}
 
 
 @contextmanager
-def open_cell(
-    config: GraspRigConfig, seed: int, host: str | None, gripper_port: int
-) -> Iterator[EmulatedCell]:
+def open_cell(order: CellOrder, host: str | None, gripper_port: int) -> Iterator[EmulatedCell]:
     """A cell on the address given, or on a free one of its own, chosen by binding."""
-    cell = _bind(config, seed, host, gripper_port)
+    make = partial(EmulatedCell, order, gripper_port=gripper_port)
+    cell = at_free_address(make) if host is None else make(host)
     try:
         yield cell
     finally:
         cell.close()
-
-
-def _bind(config: GraspRigConfig, seed: int, host: str | None, gripper_port: int) -> EmulatedCell:
-    if host is not None:
-        return EmulatedCell(config, seed, host, gripper_port)
-    return at_free_address(lambda address: EmulatedCell(config, seed, address, gripper_port))
 
 
 def at_free_address(make: Callable[[str], T]) -> T:
@@ -265,16 +218,10 @@ def at_free_address(make: Callable[[str], T]) -> T:
     raise OSError(f"no free loopback address in {ADDRESS_TRIES} tries")
 
 
-def serve(
-    config: GraspRigConfig,
-    seed: int,
-    host: str | None,
-    gripper_port: int,
-    ended: threading.Event,
-) -> None:
+def serve(order: CellOrder, host: str | None, gripper_port: int, ended: threading.Event) -> None:
     """Open a cell, say where it is, and serve until ``ended`` is set."""
-    make_cell(config, seed).compile()
-    with open_cell(config, seed, host, gripper_port) as cell:
+    any_cell(order.config, order.seed).compile()
+    with open_cell(order, host, gripper_port) as cell:
         print(json.dumps({"ready": True, "pid": os.getpid(), **cell.endpoints()}), flush=True)
         cell.run(ended.is_set)
 
@@ -287,9 +234,9 @@ def end_on_signals() -> threading.Event:
     return ended
 
 
-def read_order(ended: threading.Event) -> dict[str, Any]:
+def read_order(ended: threading.Event) -> CellOrder:
     """The first line of standard input; ``ended`` is set when the input closes: the parent died."""
-    order: dict[str, Any] = json.loads(sys.stdin.readline())
+    order = msgspec.json.decode(sys.stdin.readline(), type=CellOrder)
 
     def watch() -> None:
         sys.stdin.read()  # returns when the parent has closed its end, however it died
@@ -301,9 +248,7 @@ def read_order(ended: threading.Event) -> dict[str, Any]:
 
 def main() -> None:
     ended = end_on_signals()
-    order = read_order(ended)
-    config = msgspec.convert(order["config"], GraspRigConfig)
-    serve(config, order["seed"], order.get("host"), order.get("gripper_port", 0), ended)
+    serve(read_order(ended), None, 0, ended)
 
 
 if __name__ == "__main__":

@@ -1,19 +1,25 @@
 """A rig: the three devices, their clock, and, where there is a simulation, its truth."""
 
 from collections.abc import Callable, Sequence
+from typing import Generic, TypeVar
 
 import msgspec
 
 from drivers.errors import ConfigError, DeviceFault
+from drivers.interfaces import Arm, Gripper, TactileSensor
 from drivers.robotiq.calibration import GripperCalibration
 from grasp.clock import Clock
 from grasp.loop import Devices
 from scenarios.rigs.calibration import choices
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.world.cell import Blow, SimulatedCell, Truth
+from scenarios.world.pressed_cell import PressedCell, PressedTruth
 
 POLL_NS = 100_000_000  # while waiting for activation
 ACTIVATION_TIMEOUT_S = 25.0
+
+CellT = TypeVar("CellT", SimulatedCell, PressedCell)
+TruthT = TypeVar("TruthT", Truth, PressedTruth)
 
 
 class Stalls(msgspec.Struct, frozen=True):
@@ -23,24 +29,36 @@ class Stalls(msgspec.Struct, frozen=True):
     worst_ms: float = 0.0
 
 
-class Rig(msgspec.Struct, frozen=True):
+class Rig(msgspec.Struct, Generic[CellT, TruthT], frozen=True):
     """Devices that are connected, activated and have been read once."""
 
-    devices: Devices
+    arm: Arm
+    tactile: TactileSensor
+    gripper: Gripper | None  # None: the hand stays as it is
     clock: Clock
-    cell: SimulatedCell | None  # the world, where it is in this process
-    world: Callable[[], Truth] | None  # its truth, wherever it is; None on hardware
+    cell: CellT | None  # the world, where it is in this process
+    world: Callable[[], TruthT] | None  # its truth, wherever it is; None on hardware
     stalls: Callable[[], Stalls] | None = None  # of the process that emulates the world
     # times of verbs and of the replies to their writes, ns, where a thread does the exchange
     acknowledgements: Callable[[], Sequence[tuple[int, int]]] | None = None
     tap: Callable[[Blow], None] | None = None  # strikes the object; None where a person must
-    load: Callable[[GraspRigConfig, int], None] | None = (
-        None  # another trial's object, put in place
-    )
+    # puts another trial's object in place
+    load: Callable[[GraspRigConfig, int], None] | None = None
 
-    def truth(self) -> Truth | None:
+    @property
+    def devices(self) -> Devices:
+        """All three; raises TypeError on a rig without a hand."""
+        if self.gripper is None:
+            raise TypeError("this rig has no gripper")
+        return Devices(gripper=self.gripper, arm=self.arm, tactile=self.tactile)
+
+    def truth(self) -> TruthT | None:
         """The state of the world now; None on hardware."""
         return None if self.world is None else self.world()
+
+
+GraspRig = Rig[SimulatedCell, Truth]
+PressRig = Rig[PressedCell, PressedTruth]
 
 
 def calibration(config: GraspRigConfig) -> GripperCalibration:
@@ -50,23 +68,28 @@ def calibration(config: GraspRigConfig) -> GripperCalibration:
     return config.calibration
 
 
-def connect(devices: Devices, clock: Clock) -> None:
-    """First exchange with each device, then activation of the gripper if it is not active yet.
+def connect(arm: Arm, tactile: TactileSensor, gripper: Gripper | None, clock: Clock) -> None:
+    """First exchange with each device; a gripper that is not active yet is activated.
 
     Raises what the devices raise, and DeviceFault when activation takes far longer than usual.
     """
+    arm.pump(clock.now_ns)
+    if gripper is not None:
+        _activate(gripper, clock)
+    arm.pump(clock.now_ns)
+    tactile.pump(clock.now_ns)
+
+
+def _activate(gripper: Gripper, clock: Clock) -> None:
     now_ns = clock.now_ns
-    devices.arm.pump(now_ns)
-    devices.gripper.pump(now_ns)
-    devices.gripper.activate()
+    gripper.pump(now_ns)
+    gripper.activate()
     end_ns = now_ns + round(ACTIVATION_TIMEOUT_S * 1e9)
-    while (state := devices.gripper.state) is None or not state.active:
+    while (state := gripper.state) is None or not state.active:
         if clock.now_ns >= end_ns:
             raise DeviceFault(
                 f"gripper not active {ACTIVATION_TIMEOUT_S:g} s after the request",
                 "look at its LED, clear what blocks the fingers, switch it off and on",
             )
         clock.sleep_until_ns(clock.now_ns + POLL_NS)
-        devices.gripper.pump(clock.now_ns)
-    devices.arm.pump(clock.now_ns)
-    devices.tactile.pump(clock.now_ns)
+        gripper.pump(clock.now_ns)

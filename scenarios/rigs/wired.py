@@ -1,10 +1,9 @@
 """Real drivers on real wires, at the addresses of the configuration."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 
-from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.link.modbus import ModbusTransport
 from drivers.robotiq.link.thread import ThreadedGripper
@@ -16,35 +15,43 @@ from drivers.takktile.link.usb import UsbLink
 from drivers.ur.driver import ArmDriver
 from drivers.ur.link.client import UrLink
 from grasp.clock import WallClock
-from grasp.loop import Devices
-from scenarios.rigs.config import GraspRigConfig
+from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
+from scenarios.rigs.rig import calibration
 
 
 @contextmanager
 def wired_devices(
-    config: GraspRigConfig, calibration: GripperCalibration, clock: WallClock
-) -> Iterator[Devices]:
+    config: AnyRigConfig, clock: WallClock
+) -> Iterator[tuple[ArmDriver, TakkTileDriver, ThreadedGripper | None]]:
     """Drivers on real wires, at the addresses of the configuration. Raises what opening raises."""
     now: Callable[[], int] = lambda: clock.now_ns  # noqa: E731
-    modbus = ModbusTransport(config.modbus, config.gripper.link)
-    timed = TimedTransport(modbus, now)
-    core = RobotiqDriver(timed, config.gripper, calibration)
     bus = backend(config.usb.url) if config.usb.url else None
     find = partial(UsbLink.find, backend=bus, clock=now)
-    with (
-        ThreadedGripper(
-            core, 1 / config.gripper.refresh_hz, timed=timed,
-            write_interval_s=config.gripper.write_interval_s, close=modbus.close, clock=now,
-        ) as gripper,
-        TakkTileDriver(ReadingThread(find, config.tactile, now), config.tactile) as tactile,
-        UrLink(config.ur) as link,
-    ):  # fmt: skip
-        yield Devices(gripper=gripper, arm=ArmDriver(link, config.arm), tactile=tactile)
+    with ExitStack() as stack:
+        gripper = None
+        if isinstance(config, GraspRigConfig):
+            gripper = stack.enter_context(_wired_gripper(config, now))
+        reading = ReadingThread(find, config.tactile, now)
+        tactile = stack.enter_context(TakkTileDriver(reading, config.tactile))
+        link = stack.enter_context(UrLink(config.ur))
+        yield ArmDriver(link, config.arm), tactile, gripper
 
 
-def acknowledgements(devices: Devices) -> Callable[[], Sequence[tuple[int, int]]]:
+def _wired_gripper(config: GraspRigConfig, now: Callable[[], int]) -> ThreadedGripper:
+    modbus = ModbusTransport(config.modbus, config.gripper.link)
+    timed = TimedTransport(modbus, now)
+    return ThreadedGripper(
+        RobotiqDriver(timed, config.gripper, calibration(config)), 1 / config.gripper.refresh_hz,
+        timed=timed, write_interval_s=config.gripper.write_interval_s, close=modbus.close,
+        clock=now,
+    )  # fmt: skip
+
+
+def acknowledgements(
+    gripper: ThreadedGripper | None,
+) -> Callable[[], Sequence[tuple[int, int]]] | None:
     """Pairs of times since now, ns: of a verb, and of the reply to its write."""
-    gripper = devices.gripper
-    assert isinstance(gripper, ThreadedGripper)  # noqa: S101
+    if gripper is None:
+        return None
     before = len(gripper.acknowledgements_ns)
     return lambda: gripper.acknowledgements_ns[before:]

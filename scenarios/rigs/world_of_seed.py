@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from scenarios.rigs.config import GraspRigConfig
+from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.variation import draw
 from scenarios.world.cell import CellSettings, SimulatedCell
+from scenarios.world.pressed_cell import PressedCell, PressedCellSettings
 
 
 def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.random.Generator]:
@@ -26,3 +27,19 @@ def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.r
 def make_cell(config: GraspRigConfig, seed: int, start_ns: int = 0) -> SimulatedCell:
     """A cell with that world."""
     return SimulatedCell(*cell_settings(config, seed), start_ns)
+
+
+def any_cell(config: AnyRigConfig, seed: int, start_ns: int = 0) -> SimulatedCell | PressedCell:
+    """The cell that the settings are of."""
+    if isinstance(config, GraspRigConfig):
+        return make_cell(config, seed, start_ns)
+    return make_pressed_cell(config, seed, start_ns)
+
+
+def make_pressed_cell(config: PressRigConfig, seed: int, start_ns: int = 0) -> PressedCell:
+    """The pressed fingertip that a seed stands for; equal on every rig."""
+    settings = PressedCellSettings(
+        surface=config.surface, press=config.press, fingertip=config.fingertip,
+        board=config.board, arm=config.arm_model, finger=config.finger,
+    )  # fmt: skip
+    return PressedCell(settings, np.random.default_rng([seed, 0]), start_ns)

@@ -15,7 +15,7 @@ from grasp.controller import GraspController
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
 from scenarios.rigs.opening import open_rig
-from scenarios.rigs.rig import Rig, Stalls
+from scenarios.rigs.rig import GraspRig, Stalls
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import direction_of, mallet_speed_mps, swing
 from scenarios.tap.scoring import (
@@ -90,7 +90,7 @@ def tap_config(config: TapConfig) -> TapConfig:
 def run_trial(
     config: TapConfig,
     seed: int,
-    rig: Rig,
+    rig: GraspRig,
     guard: ForceGuard,
     watch: Watch,
     operator: Operator | None = None,
@@ -172,7 +172,7 @@ def run_series(
                 return
 
 
-def _reseat(rig: Rig, operator: Operator | None) -> None:
+def _reseat(rig: GraspRig, operator: Operator | None) -> None:
     """Where a person strikes, a person puts the object back too, the devices being looked after."""
     if operator is None or rig.tap is not None:
         return
@@ -184,7 +184,7 @@ def _reseat(rig: Rig, operator: Operator | None) -> None:
 
 
 def _one(
-    config: TapConfig, seed: int, rig: Rig, guard: ForceGuard, runs: Path | None,
+    config: TapConfig, seed: int, rig: GraspRig, guard: ForceGuard, runs: Path | None,
     on_tick: OnTick, operator: Operator | None,
 ) -> FinishedRun[TapResult]:  # fmt: skip
     def attempt(watch: Watch) -> TapTrial:

@@ -198,14 +198,15 @@ class CellFixture:
 
     def truth(self) -> "Truth":
         """What only a simulation knows: forces, slip, height of the object."""
-        return self._process.truth()
+        truth: Truth = self._process.truth()
+        return truth
 
     def place(self) -> None:
         """Put the object between the fingers again."""
         self._process.control.ask("place")
 
     def fault(self, name: str, **arguments: Any) -> None:
-        """A fault of ``rigs.emulated_cell.CellFaults``; raises ValueError when it is refused."""
+        """A fault of ``rigs.cell_faults.CellFaults``; raises ValueError when it is refused."""
         self._process.control.ask("fault", name=name, **arguments)
 
 

@@ -18,7 +18,7 @@ from grasp.loop import ControlLoop, Tick
 from grasp.realtime import real_time
 from grasp.slip import SlipMonitor
 from grasp.step import GraspStep
-from scenarios.rigs.rig import Rig, Stalls, calibration
+from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.result import Failure, FinishedRun, LiftResult, TapResult
 from scenarios.trial.run_folder import RunFolder
@@ -84,7 +84,7 @@ def make_step(
 
 
 def make_loop(
-    config: TrialConfig, rig: Rig, controller: GraspController, guard: ForceGuard, take: OnTick
+    config: TrialConfig, rig: GraspRig, controller: GraspController, guard: ForceGuard, take: OnTick
 ) -> ControlLoop:
     """The control loop of one trial on an open rig."""
     step = make_step(config, controller, guard)
@@ -92,7 +92,7 @@ def make_loop(
 
 
 def run_to_end(
-    config: TrialConfig, rig: Rig, loop: ControlLoop, deadline_s: float
+    config: TrialConfig, rig: GraspRig, loop: ControlLoop, deadline_s: float
 ) -> tuple[bool, bool | None]:
     """Run until the controller has finished. Tells whether Ctrl-C stopped it, in a safe state, and
     whether a real-time priority was granted (None in virtual time)."""
@@ -109,12 +109,12 @@ def run_to_end(
     return False, granted
 
 
-def stalls(rig: Rig) -> Stalls:
+def stalls(rig: GraspRig) -> Stalls:
     """How often the rig's cell stood still so far; none where there is no cell."""
     return Stalls() if rig.stalls is None else rig.stalls()
 
 
-def acknowledged(rig: Rig, loop: ControlLoop) -> Sequence[int]:
+def acknowledged(rig: GraspRig, loop: ControlLoop) -> Sequence[int]:
     """Times from a decision to the reply to the write that carries it, ns; none where there is no
     wire. A command that had nothing to write has no reply."""
     if rig.acknowledgements is None:

@@ -75,6 +75,10 @@ class PressedCell:
         codes[self._finger] = pressure[0]
         return codes.ravel(), np.broadcast_to(temperature, (FINGERS, TAXELS)).ravel()
 
+    def compile(self) -> None:
+        """Run every compiled function once, as ``SimulatedCell.compile``."""
+        self._sample(self._now_ns + 10_000_000)
+
     def truth(self) -> PressedTruth:
         """The state of the contact at the time that it was last advanced to."""
         tips = self.pad.tips

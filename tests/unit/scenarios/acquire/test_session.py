@@ -12,10 +12,11 @@ from detector.recordings import Metadata, Recording, read
 from drivers.errors import ConfigError, Refused, Stale
 from scenarios.acquire import session as acquire
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
+from scenarios.acquire.force_calibration import counts_per_newton
 from scenarios.acquire.press import PressPhase, motion
-from scenarios.acquire.rig import AcquireRig, open_acquire_rig
+from scenarios.acquire.rig import open_acquire_rig
 from scenarios.acquire.session import Sample, Session
-from scenarios.acquire.world_of_seed import counts_per_newton
+from scenarios.rigs.rig import PressRig
 
 METADATA = Metadata(
     set="slide", split="train", surface="planar", motion="primary", speed_mps=0.05,
@@ -232,7 +233,7 @@ def test_fingertips_that_fall_silent_end_the_session_and_lose_nothing(
     ticks = 0
 
     @contextmanager
-    def remembered(*given: Any) -> Iterator[AcquireRig]:
+    def remembered(*given: Any) -> Iterator[PressRig]:
         with open_acquire_rig(*given) as rig:
             rigs.append(rig)
             yield rig
@@ -260,7 +261,7 @@ def test_a_machine_that_stood_still_leaves_two_recordings_and_no_burst(
     ticks = 0
 
     @contextmanager
-    def remembered(*given: Any) -> Iterator[AcquireRig]:
+    def remembered(*given: Any) -> Iterator[PressRig]:
         with open_acquire_rig(*given) as rig:
             clocks.append(rig.clock)
             yield rig

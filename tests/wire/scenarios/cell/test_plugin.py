@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -85,11 +86,11 @@ def test_cell_breaks_by_name_at_once_and_later(emulated_cell) -> None:
     ids=lambda value: value["name"] if isinstance(value, dict) else "",
 )
 def test_cell_refuses_what_makes_no_sense(request_, complaint) -> None:
-    from scenarios.rigs.emulated_cell import CellFaults
+    from scenarios.rigs.cell_faults import CellFaults
 
-    faults = CellFaults(None, None, None)  # type: ignore[arg-type]  # refused before it is used
+    faults = CellFaults(Mock(), Mock(), Mock())  # refused before it is used
     with pytest.raises(ValueError, match=complaint):
-        faults.order({"verb": "fault", **request_}, 0)
+        faults.order(request_, 0)
 
 
 def test_unknown_faults_are_refused(emulated_gripper, emulated_board, emulated_arm) -> None:

@@ -1,20 +1,11 @@
-"""Makes the world of one acquisition from settings and a seed; calibrates its fingertip."""
+"""What a newton is worth in counts of the pressed fingertip."""
 
 import msgspec
 import numpy as np
 
 from drivers.errors import ConfigError
 from scenarios.acquire.config import AcquireConfig
-from scenarios.world.pressed_cell import PressedCell, PressedCellSettings
-
-
-def pressed_cell(config: AcquireConfig, seed: int, start_ns: int = 0) -> PressedCell:
-    """The world that a seed stands for; equal on every rig."""
-    settings = PressedCellSettings(
-        surface=config.surface, press=config.press, fingertip=config.fingertip,
-        board=config.board, arm=config.arm_model, finger=config.finger,
-    )  # fmt: skip
-    return PressedCell(settings, np.random.default_rng([seed, 0]), start_ns)
+from scenarios.rigs.world_of_seed import make_pressed_cell
 
 
 def counts_per_newton(config: AcquireConfig, seed: int) -> float:
@@ -36,7 +27,7 @@ def pressed_gain(config: AcquireConfig, seed: int) -> float:
     still = msgspec.structs.replace(
         config.fingertip, wander_mm=0.0, vibration_mm=0.0, sway_mm=0.0, noise_counts=0.0
     )
-    cell = pressed_cell(msgspec.structs.replace(config, fingertip=still), seed)
+    cell = make_pressed_cell(msgspec.structs.replace(config, fingertip=still), seed)
     tips, load_n = cell.pad.tips, config.control.force_n
     nothing = np.zeros((1, 2))
     for i in range(100):
