@@ -26,7 +26,7 @@ CLUSTER := .venv/.installed-cluster
 PYTHON ?= python3.12 python3.11 python3
 OBJECT ?= can
 
-.PHONY: install install-dev install-train install-cluster lift test test-slow test-train test-cluster bench check check-style check-types check-imports \
+.PHONY: install install-dev install-train install-cluster lift test test-unit test-wire test-slow test-train test-cluster bench check check-style check-types check-imports \
         lock clean
 
 install: $(BASE)
@@ -91,7 +91,10 @@ check-imports:
 
 # First what computes, a worker a core; then, with nothing else to do, what waits for real time.
 test: check
+	@$(MAKE) --no-print-directory --jobs=1 --keep-going test-unit test-wire
+test-unit: install-dev
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal --ignore tests/wire
+test-wire: install-dev
 	$(BIN)/python -m pytest -n 3 --dist loadgroup tests/wire
 
 test-slow: install-dev

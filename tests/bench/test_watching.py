@@ -25,7 +25,7 @@ from grasp.recording import RunRecorder
 from grasp.slip import DISARMED
 from grasp.step import GraspStep
 from grasp.watch import Onlooker
-from scenarios.campaign.settings import load_config
+from scenarios.campaign.config import load_config
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import make_guard
