@@ -11,9 +11,11 @@ import msgspec
 from scenarios.campaign.spec import Task
 from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
+from scenarios.lift.result import LiftResult
 from scenarios.tap import tap
 from scenarios.tap.config import TapConfig
-from scenarios.trial.result import FinishedRun, LiftResult, TapResult, versions
+from scenarios.tap.result import TapResult
+from scenarios.trial.result import FinishedRun, versions
 
 AnyRun = FinishedRun[LiftResult] | FinishedRun[TapResult]
 

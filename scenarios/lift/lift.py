@@ -1,74 +1,18 @@
 """The object lift (paper, section V-C): grasp with too little force, lift, feel the slip, hold."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
-from grasp.controller import GraspController
-from grasp.guard import ForceGuard
-from grasp.loop import ControlLoop, Tick
 from scenarios.lift.config import LiftConfig
+from scenarios.lift.result import LiftResult
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, false_start, outcome
 from scenarios.rigs.opening import open_rig
-from scenarios.rigs.rig import GraspRig, Stalls
-from scenarios.trial.execution import (
-    OnTick,
-    Watch,
-    acknowledged,
-    later_ms,
-    make_controller,
-    make_guard,
-    make_loop,
-    named,
-    recorded,
-    run_to_end,
-    stalls,
-)
-from scenarios.trial.result import (
-    FinishedRun,
-    LiftResult,
-    phase_entries,
-    seconds,
-    timing_result,
-    versions,
-)
-from scenarios.trial.trace import Trace
-from scenarios.world.cell import Truth
+from scenarios.trial.execution import FinishedTrial, OnTick, make_guard, run_trial
+from scenarios.trial.result import FinishedRun, later_ms, named, seconds
+from scenarios.trial.run_folder import Record
 
 SCENARIO = "lift"
-DEADLINE_S = 180.0  # of virtual or wall time; each phase has its own, shorter one
-
-
-class LiftTrial(msgspec.Struct, frozen=True):
-    """One controller on one open rig, run to its end."""
-
-    controller: GraspController
-    loop: ControlLoop
-    trace: Trace
-    final: Truth | None
-    stalls: Stalls
-    acknowledged_ns: Sequence[int]
-    real_time: bool | None  # was a real-time priority granted; None in virtual time
-    interrupted: bool
-
-
-def run_trial(config: LiftConfig, rig: GraspRig, guard: ForceGuard, watch: Watch) -> LiftTrial:
-    """Run a controller to its end on an open rig; Ctrl-C stops the arm and keeps the grip."""
-    controller = make_controller(config)
-    trace = Trace()
-
-    def take(tick: Tick) -> None:
-        truth = rig.truth()
-        trace.add(tick, truth)
-        watch(tick, truth, controller)
-
-    loop = make_loop(config, rig, controller, guard, take)
-    interrupted, granted = run_to_end(config, rig, loop, DEADLINE_S)
-    return LiftTrial(
-        controller, loop, trace, rig.truth(), stalls(rig), acknowledged(rig, loop), granted,
-        interrupted,
-    )  # fmt: skip
 
 
 def run(
@@ -84,28 +28,19 @@ def run(
     begins; an error while running ends in the safe state and is reported in the result.
     """
     guard = make_guard(config)
-
-    def attempt(watch: Watch) -> LiftTrial:
+    with Record(config, SCENARIO, seed, runs, on_tick) as record:
         with open_rig(config, seed, paced) as rig:
-            return run_trial(config, rig, guard, watch)
-
-    def verdict(trial: LiftTrial, recording: Path | None) -> LiftResult:
-        return judge(config, seed, trial, recording)
-
-    return recorded(config, SCENARIO, seed, runs, on_tick, attempt, verdict)
+            trial = run_trial(config, rig, guard, record.tick)
+        return record.finish(trial, judge(config, seed, trial, record.path))
 
 
-def judge(config: LiftConfig, seed: int, trial: LiftTrial, recording: Path | None) -> LiftResult:
+def judge(config: LiftConfig, seed: int, trial: FinishedTrial, recording: str | None) -> LiftResult:
     """Verdict and figures of a finished trial; runs the twin where only that can tell."""
     facts = _facts(config, seed, trial)
     verdict = outcome(facts, config.object, config.scoring)
-    trace, end = trial.trace, trial.trace.end
+    end = trial.trace.end
     return LiftResult(
-        scenario=SCENARIO,
-        object=config.object.name,
-        rig=config.rig,
-        detector=config.detector_name,
-        seed=seed,
+        **trial.figures(config, SCENARIO, seed),
         success=verdict in SUCCESSES,
         outcome=verdict.value,
         slip_onset_s=facts.onset_s,
@@ -114,20 +49,12 @@ def judge(config: LiftConfig, seed: int, trial: LiftTrial, recording: Path | Non
         detection_latency_ms=later_ms(facts.onset_s, facts.registered_s),
         reaction_latency_ms=later_ms(facts.onset_s, end.force_rise_s if end else None),
         slip_distance_m=end.slip_distance_m if end else None,
-        peak_force_n=named(end.peak_n) if end else None,
         settled_force_n=named(end.normal_n) if end else None,
-        commanded_force_n=trace.commanded_force_n,
-        phases=phase_entries(trial.controller.machine.log),
-        timing=timing_result(
-            trial.loop.timing, trial.acknowledged_ns, trial.real_time, trial.stalls
-        ),
-        recording=str(recording) if recording is not None else None,
-        versions=versions(),
-        config_hash=config.digest(),
+        recording=recording,
     )
 
 
-def _facts(config: LiftConfig, seed: int, trial: LiftTrial) -> LiftFacts:
+def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
     trace, end = trial.trace, trial.trace.end
     guard = config.guard
     bound_n = guard.force_limit_n + guard.overshoot_n
@@ -137,9 +64,6 @@ def _facts(config: LiftConfig, seed: int, trial: LiftTrial) -> LiftFacts:
         measured = trace.peak_measured_n
         peak_n = measured if trial.final is None else None
         bound_n += guard.measured_margin_n
-    fault = trial.controller.fault_cause
-    if not trial.controller.finished and not trial.interrupted:
-        fault = fault or "the run did not end in time"
     facts = LiftFacts(
         end=end,
         felt_n=trace.felt_n,
@@ -150,9 +74,9 @@ def _facts(config: LiftConfig, seed: int, trial: LiftTrial) -> LiftFacts:
         peak_force_n=peak_n,
         force_bound_n=bound_n,
         cap_reached=trial.controller.cap_reached,
-        fault=fault,
+        fault=trial.fault,
     )
-    if not fault and trial.final is not None and false_start(facts, config.scoring):
+    if not trial.fault and trial.final is not None and false_start(facts, config.scoring):
         return msgspec.structs.replace(facts, twin_onset_s=twin_onset_s(config, seed))
     return facts
 

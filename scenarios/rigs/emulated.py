@@ -24,7 +24,7 @@ def emulated(config: AnyRigConfig, seed: int) -> Iterator[Rig[Any, Any]]:
             arm.set_payload(config.arm.payload_kg)
             wait_placed(cell, clock)
             rig: Rig[Any, Any] = Rig(
-                arm, tactile, gripper, clock, None, cell.truth, cell.stalls,
+                arm, tactile, gripper, clock, True, None, cell.truth, cell.stalls,
                 acknowledgements(gripper),
             )  # fmt: skip
             yield rig if gripper is None else _with_object(rig, cell, clock)

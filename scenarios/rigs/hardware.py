@@ -17,4 +17,7 @@ def hardware(config: AnyRigConfig) -> Iterator[Rig[Any, Any]]:
     with wired_devices(config, clock) as (arm, tactile, gripper):
         connect(arm, tactile, gripper, clock)
         arm.set_payload(config.arm.payload_kg)
-        yield Rig(arm, tactile, gripper, clock, None, None, None, acknowledgements(gripper))
+        yield Rig(
+            arm, tactile, gripper, clock, True, None, None,
+            acknowledgements=acknowledgements(gripper),
+        )  # fmt: skip

@@ -17,6 +17,7 @@ from scenarios.world.pressed_cell import PressedCell, PressedTruth
 
 POLL_NS = 100_000_000  # while waiting for activation
 ACTIVATION_TIMEOUT_S = 25.0
+IDLE_NS = 50_000_000
 
 CellT = TypeVar("CellT", SimulatedCell, PressedCell)
 TruthT = TypeVar("TruthT", Truth, PressedTruth)
@@ -36,11 +37,12 @@ class Rig(msgspec.Struct, Generic[CellT, TruthT], frozen=True):
     tactile: TactileSensor
     gripper: Gripper | None  # None: the hand stays as it is
     clock: Clock
+    on_wall: bool  # its time is the wall's, whatever is computed meanwhile
     cell: CellT | None  # the world, where it is in this process
     world: Callable[[], TruthT] | None  # its truth, wherever it is; None on hardware
-    stalls: Callable[[], Stalls] | None = None  # of the process that emulates the world
+    stalls: Callable[[], Stalls] = Stalls  # of the process that emulates the world, if one does
     # times of verbs and of the replies to their writes, ns, where a thread does the exchange
-    acknowledgements: Callable[[], Sequence[tuple[int, int]]] | None = None
+    acknowledgements: Callable[[], Sequence[tuple[int, int]]] = tuple
     tap: Callable[[Blow], None] | None = None  # strikes the object; None where a person must
     # puts another trial's object in place
     load: Callable[[GraspRigConfig, int], None] | None = None
@@ -51,6 +53,13 @@ class Rig(msgspec.Struct, Generic[CellT, TruthT], frozen=True):
         if self.gripper is None:
             raise TypeError("this rig has no gripper")
         return Devices(gripper=self.gripper, arm=self.arm, tactile=self.tactile)
+
+    def idle(self) -> None:
+        """Let a moment pass in which nothing is asked of the devices but how they are."""
+        self.clock.sleep_until_ns(self.clock.now_ns + IDLE_NS)
+        for device in (self.arm, self.gripper, self.tactile):
+            if device is not None:
+                device.pump(self.clock.now_ns)
 
     def truth(self) -> TruthT | None:
         """The state of the world now; None on hardware."""

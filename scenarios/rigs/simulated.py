@@ -36,7 +36,7 @@ def simulated(
         cell.place_object()
         tap = cell.tap
     clock = PacedClock(fingertips.advance, fast.now_ns) if paced else fast
-    return Rig(arm, tactile, gripper, clock, cell, cell.truth, tap=tap)
+    return Rig(arm, tactile, gripper, clock, False, cell, cell.truth, tap=tap)
 
 
 def _gripper(

@@ -47,11 +47,9 @@ def _wired_gripper(config: GraspRigConfig, now: Callable[[], int]) -> ThreadedGr
     )  # fmt: skip
 
 
-def acknowledgements(
-    gripper: ThreadedGripper | None,
-) -> Callable[[], Sequence[tuple[int, int]]] | None:
+def acknowledgements(gripper: ThreadedGripper | None) -> Callable[[], Sequence[tuple[int, int]]]:
     """Pairs of times since now, ns: of a verb, and of the reply to its write."""
     if gripper is None:
-        return None
+        return tuple
     before = len(gripper.acknowledgements_ns)
     return lambda: gripper.acknowledgements_ns[before:]

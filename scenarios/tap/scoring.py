@@ -10,8 +10,8 @@ from enum import StrEnum
 
 import msgspec
 
+from scenarios.tap.result import Alarm
 from scenarios.tap.settings import TapScoringSettings
-from scenarios.trial.result import Alarm
 
 
 class TapOutcome(StrEnum):

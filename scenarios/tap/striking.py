@@ -10,9 +10,9 @@ from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import Swing
+from scenarios.tap.result import Alarm
 from scenarios.tap.scoring import ObjectMotion
 from scenarios.tap.settings import TapSettings
-from scenarios.trial.result import Alarm
 from scenarios.world.cell import Blow, Truth
 
 SIDES = {

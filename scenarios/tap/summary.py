@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 import msgspec
 
 from detector.scores.quantiles import Quantiles, quantiles
+from scenarios.tap.result import TapResult
 from scenarios.tap.scoring import TapOutcome
-from scenarios.trial.result import TapResult
 
 
 class TapCount(msgspec.Struct, frozen=True):

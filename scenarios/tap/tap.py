@@ -11,13 +11,13 @@ from pathlib import Path
 import msgspec
 
 from drivers.errors import ConfigError
-from grasp.controller import GraspController
 from grasp.guard import ForceGuard
-from grasp.loop import ControlLoop, Tick
+from grasp.loop import Tick
 from scenarios.rigs.opening import open_rig
-from scenarios.rigs.rig import GraspRig, Stalls
+from scenarios.rigs.rig import GraspRig
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import direction_of, mallet_speed_mps, swing
+from scenarios.tap.result import TapResult
 from scenarios.tap.scoring import (
     UNMOVED,
     UNSTRUCK,
@@ -31,39 +31,21 @@ from scenarios.tap.scoring import (
     verdict,
 )
 from scenarios.tap.striking import Operator, PersonStrikes, TapSequence, WorldStrikes
-from scenarios.trial.execution import (
-    OnTick,
-    Watch,
-    acknowledged,
-    later_ms,
-    make_controller,
-    make_guard,
-    make_loop,
-    named,
-    recorded,
-    run_to_end,
-    stalls,
-)
-from scenarios.trial.result import FinishedRun, TapResult, phase_entries, timing_result, versions
-from scenarios.trial.trace import Trace
+from scenarios.trial import execution
+from scenarios.trial.execution import FinishedTrial, OnTick, Watch, make_guard
+from scenarios.trial.result import FinishedRun, later_ms, named
+from scenarios.trial.run_folder import Record
+from scenarios.world.cell import Truth
 
 SCENARIO = "tap"
-DEADLINE_S = 180.0  # a phase other than hold has its own, shorter one
 OPERATOR_DEADLINE_S = 3600.0  # a person strikes, measures and types
 HOLD_S = 600.0  # the scenario asks when to set down
 
 
-class TapTrial(msgspec.Struct, frozen=True):
-    """One controller on one open rig, struck once, run to its end."""
+class TapTrial(FinishedTrial, frozen=True):
+    """A trial in which the object was struck once, if all went well."""
 
-    controller: GraspController
-    loop: ControlLoop
-    trace: Trace
     sequence: TapSequence
-    stalls: Stalls
-    acknowledged_ns: list[int]
-    real_time: bool | None
-    interrupted: bool
 
 
 def tap_config(config: TapConfig) -> TapConfig:
@@ -97,8 +79,6 @@ def run_trial(
 ) -> TapTrial:
     """One tap on an open rig, ``config`` from ``tap_config``. Where there is no world to deliver
     it, an operator does; Ctrl-C stops the arm and keeps the grip."""
-    controller = make_controller(config)
-    trace = Trace()
     blow = swing(config, seed)
     if rig.tap is not None:
         hand: WorldStrikes | PersonStrikes = WorldStrikes(rig.tap, blow, config.tap)
@@ -108,20 +88,13 @@ def run_trial(
         raise ConfigError("rig", "tap", "nobody is there to strike the object", "an operator")
     sequence = TapSequence(config.tap, blow.wait_s, hand)
 
-    def take(tick: Tick) -> None:
-        truth = rig.truth()
-        trace.add(tick, truth)
+    def follow(tick: Tick, truth: Truth | None) -> bool:
         sequence.take(tick, truth)
-        loop.set_down = sequence.over
-        watch(tick, truth, controller)
+        return sequence.over
 
-    loop = make_loop(config, rig, controller, guard, take)
-    deadline_s = DEADLINE_S if operator is None else OPERATOR_DEADLINE_S
-    interrupted, granted = run_to_end(config, rig, loop, deadline_s)
-    return TapTrial(
-        controller, loop, trace, sequence, stalls(rig), list(acknowledged(rig, loop)), granted,
-        interrupted,
-    )  # fmt: skip
+    deadline_s = execution.DEADLINE_S if operator is None else OPERATOR_DEADLINE_S
+    trial = execution.run_trial(config, rig, guard, watch, follow, deadline_s)
+    return TapTrial(**msgspec.structs.asdict(trial), sequence=sequence)
 
 
 def run(
@@ -178,29 +151,20 @@ def _reseat(rig: GraspRig, operator: Operator | None) -> None:
         return
     operator.say("Put the object on the table between the fingers, its mark at the pads: Enter")
     while operator.poll() is None:
-        rig.clock.sleep_until_ns(rig.clock.now_ns + 50_000_000)
-        for device in (rig.devices.arm, rig.devices.gripper, rig.devices.tactile):
-            device.pump(rig.clock.now_ns)
+        rig.idle()
 
 
 def _one(
     config: TapConfig, seed: int, rig: GraspRig, guard: ForceGuard, runs: Path | None,
     on_tick: OnTick, operator: Operator | None,
 ) -> FinishedRun[TapResult]:  # fmt: skip
-    def attempt(watch: Watch) -> TapTrial:
-        return run_trial(config, seed, rig, guard, watch, operator)
-
-    def judged(trial: TapTrial, recording: Path | None) -> TapResult:
-        return judge(config, seed, trial, recording)
-
-    return recorded(config, SCENARIO, seed, runs, on_tick, attempt, judged)
+    with Record(config, SCENARIO, seed, runs, on_tick) as record:
+        trial = run_trial(config, seed, rig, guard, record.tick, operator)
+        return record.finish(trial, judge(config, seed, trial, record.path))
 
 
 def facts_of(config: TapConfig, trial: TapTrial) -> TapFacts:
     """What the verdict is drawn from."""
-    fault = trial.controller.fault_cause
-    if not trial.controller.finished and not trial.interrupted:
-        fault = fault or "the run did not end in time"
     before = trial.sequence.before
     return TapFacts(
         motion=trial.sequence.motion,
@@ -208,26 +172,22 @@ def facts_of(config: TapConfig, trial: TapTrial) -> TapFacts:
         watched_until_s=trial.sequence.watched_until_s,
         own_peak_n=max(before.peak_n) if before is not None else None,
         force_bound_n=config.guard.force_limit_n + config.guard.overshoot_n,
-        fault=fault,
+        fault=trial.fault,
     )
 
 
-def judge(config: TapConfig, seed: int, trial: TapTrial, recording: Path | None) -> TapResult:
+def judge(config: TapConfig, seed: int, trial: TapTrial, recording: str | None) -> TapResult:
     """Verdict and figures of a finished tap."""
     facts = facts_of(config, trial)
     outcome = verdict(facts, config.tap_scoring)
-    motion, before, end = facts.motion, trial.sequence.before, trial.trace.end
+    motion, before = facts.motion, trial.sequence.before
     registered_s = registered_after(facts.alarms, motion.struck_s) if motion else None
     again_s = (
         nominal_again_s(facts, last_motion_s(motion), config.tap_scoring.stay_s) if motion else None
     )
     impulse_n_s = trial.sequence.impulse_n_s
     return TapResult(
-        scenario=SCENARIO,
-        object=config.object.name,
-        rig=config.rig,
-        detector=config.detector_name,
-        seed=seed,
+        **trial.figures(config, SCENARIO, seed),
         direction=direction_of(config.tap, seed),
         success=outcome is TapOutcome.REGISTERED,
         outcome=outcome.value,
@@ -248,15 +208,7 @@ def judge(config: TapConfig, seed: int, trial: TapTrial, recording: Path | None)
         alarms=list(facts.alarms),
         watched_until_s=facts.watched_until_s if motion else None,
         grip_force_n=named(before.normal_n) if before is not None else None,
-        peak_force_n=named(end.peak_n) if end is not None else None,
-        commanded_force_n=trial.trace.commanded_force_n,
-        phases=phase_entries(trial.controller.machine.log),
-        timing=timing_result(
-            trial.loop.timing, trial.acknowledged_ns, trial.real_time, trial.stalls
-        ),
-        recording=str(recording) if recording is not None else None,
-        versions=versions(),
-        config_hash=config.digest(),
+        recording=recording,
     )
 
 

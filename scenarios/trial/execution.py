@@ -3,15 +3,13 @@
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Any
 
 import msgspec
 
 from detector.decision import make_rule
-from drivers.errors import ConfigError, CouldNotRecord
-from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
-from grasp.clock import WallClock
+from drivers.errors import ConfigError
+from drivers.interfaces import FINGERS
 from grasp.controller import GraspController, GripPlan
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
@@ -20,31 +18,17 @@ from grasp.slip import SlipMonitor
 from grasp.step import GraspStep
 from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.result import Failure, FinishedRun, LiftResult, TapResult
-from scenarios.trial.run_folder import RunFolder
+from scenarios.trial.result import Failure, named, phase_entries, timing_result, versions
+from scenarios.trial.trace import Trace
 from scenarios.world.cell import Truth
 
+DEADLINE_S = 180.0  # of virtual or wall time; each phase has its own, shorter one
 FAULT = "fault"  # the outcome of every scenario that ended in a safe state
 
 OnTick = Callable[[Tick], None]
 Watch = Callable[[Tick, Truth | None, GraspController], None]
-Result = TypeVar("Result", LiftResult, TapResult)
-
-
-class Ended(Protocol):
-    """A trial of any scenario that has run to its end."""
-
-    @property
-    def controller(self) -> GraspController: ...
-
-    @property
-    def loop(self) -> ControlLoop: ...
-
-    @property
-    def interrupted(self) -> bool: ...
-
-
-TrialT = TypeVar("TrialT", bound=Ended)
+# the scenario's own part of a tick; True: the object is to be set down
+Follow = Callable[[Tick, Truth | None], bool]
 
 
 def make_guard(config: TrialConfig) -> ForceGuard:
@@ -91,13 +75,89 @@ def make_loop(
     return ControlLoop(rig.devices, rig.clock, step, config.loop, take)
 
 
-def run_to_end(
+class FinishedTrial(msgspec.Struct, frozen=True):
+    """One controller on one open rig, run to its end."""
+
+    controller: GraspController
+    loop: ControlLoop
+    trace: Trace
+    final: Truth | None
+    stalls: Stalls
+    acknowledged_ns: Sequence[int]
+    real_time: bool | None  # was a real-time priority granted; None in virtual time
+    interrupted: bool  # by Ctrl-C
+
+    @property
+    def fault(self) -> str:
+        """Why it ended in the safe state or not at all; empty if it did neither."""
+        late = not self.controller.finished and not self.interrupted
+        return self.controller.fault_cause or ("the run did not end in time" if late else "")
+
+    def failure(self, outcome: str) -> Failure | None:
+        """Why the exit code is not the verdict's, if so."""
+        if self.interrupted:
+            return Failure(
+                "interrupted",
+                f"stopped by hand in phase {self.controller.phase}: the arm stands, "
+                "the grip is kept",
+                "to let go, support the object and run `grasp release`",
+            )
+        if outcome != FAULT:
+            return None
+        if (error := self.loop.error) is not None:
+            return Failure(error.kind, error.message, error.remedy)
+        cause = self.controller.fault_cause or "the run did not end in time"
+        return Failure(
+            "safety_stop", cause, "see the phases of the result; then run `grasp release`"
+        )
+
+    def figures(self, config: TrialConfig, scenario: str, seed: int) -> dict[str, Any]:
+        """What every result says alike, by the fields of ``TrialResult``."""
+        return {
+            "scenario": scenario,
+            "object": config.object.name,
+            "rig": config.rig,
+            "detector": config.detector_name,
+            "seed": seed,
+            "peak_force_n": named(self.trace.end.peak_n) if self.trace.end is not None else None,
+            "commanded_force_n": self.trace.commanded_force_n,
+            "phases": phase_entries(self.controller.machine.log),
+            "timing": timing_result(
+                self.loop.timing, self.acknowledged_ns, self.real_time, self.stalls
+            ),
+            "versions": versions(),
+            "config_hash": config.digest(),
+        }
+
+
+def run_trial(
+    config: TrialConfig, rig: GraspRig, guard: ForceGuard, watch: Watch,
+    follow: Follow = lambda tick, truth: False, deadline_s: float = DEADLINE_S,
+) -> FinishedTrial:  # fmt: skip
+    """Run a controller to its end on an open rig; Ctrl-C stops the arm and keeps the grip."""
+    controller = make_controller(config)
+    trace = Trace()
+
+    def take(tick: Tick) -> None:
+        truth = rig.truth()
+        trace.add(tick, truth)
+        loop.set_down = follow(tick, truth)
+        watch(tick, truth, controller)
+
+    loop = make_loop(config, rig, controller, guard, take)
+    interrupted, granted = _run_to_end(config, rig, loop, deadline_s)
+    return FinishedTrial(
+        controller, loop, trace, rig.truth(), rig.stalls(), acknowledged(rig, loop), granted,
+        interrupted,
+    )  # fmt: skip
+
+
+def _run_to_end(
     config: TrialConfig, rig: GraspRig, loop: ControlLoop, deadline_s: float
 ) -> tuple[bool, bool | None]:
     """Run until the controller has finished. Tells whether Ctrl-C stopped it, in a safe state, and
     whether a real-time priority was granted (None in virtual time)."""
-    on_wall = isinstance(rig.clock, WallClock)
-    with real_time(config.realtime) if on_wall else nullcontext() as granted:
+    with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
         try:
             loop.run(deadline_s)
         except KeyboardInterrupt:
@@ -109,70 +169,10 @@ def run_to_end(
     return False, granted
 
 
-def stalls(rig: GraspRig) -> Stalls:
-    """How often the rig's cell stood still so far; none where there is no cell."""
-    return Stalls() if rig.stalls is None else rig.stalls()
-
-
 def acknowledged(rig: GraspRig, loop: ControlLoop) -> Sequence[int]:
     """Times from a decision to the reply to the write that carries it, ns; none where there is no
     wire. A command that had nothing to write has no reply."""
-    if rig.acknowledgements is None:
-        return ()
     commands = loop.timing.gripper_commands_ns
     sent = [sent_ns for _, sent_ns in commands]
     at = ((bisect_right(sent, called) - 1, reply) for called, reply in rig.acknowledgements())
     return [reply_ns - commands[i][0] for i, reply_ns in at if i >= 0]
-
-
-def recorded(
-    config: TrialConfig, scenario: str, seed: int, runs: Path | None, on_tick: OnTick,
-    attempt: Callable[[Watch], TrialT], judge: Callable[[TrialT, Path | None], Result],
-) -> FinishedRun[Result]:  # fmt: skip
-    """Make the attempt, judge it, and leave a folder of its own in ``runs`` (None: no folder)."""
-    folder = RunFolder(runs, scenario, config, seed) if runs is not None else None
-
-    def watch(tick: Tick, truth: Truth | None, controller: GraspController) -> None:
-        if folder is not None:
-            folder.tick(tick, truth, controller)
-        on_tick(tick)
-
-    try:
-        trial = attempt(watch)
-        result = judge(trial, folder.recording if folder is not None else None)
-    except BaseException:
-        if folder is not None:
-            folder.abandon()
-        raise
-    failure = failure_of(trial, result.outcome)
-    if folder is not None:
-        try:
-            folder.finish(None if trial.interrupted else result)
-        except CouldNotRecord as error:
-            result = msgspec.structs.replace(result, recording=None)
-            failure = failure or Failure(error.kind, error.message, error.remedy)
-    return FinishedRun(result, failure)
-
-
-def failure_of(trial: Ended, outcome: str) -> Failure | None:
-    """Why the exit code is not the verdict's, if so."""
-    if trial.interrupted:
-        return Failure(
-            "interrupted",
-            f"stopped by hand in phase {trial.controller.phase}: the arm stands, the grip is kept",
-            "to let go, support the object and run `grasp release`",
-        )
-    if outcome != FAULT:
-        return None
-    if trial.loop.error is not None:
-        return Failure(trial.loop.error.kind, trial.loop.error.message, trial.loop.error.remedy)
-    cause = trial.controller.fault_cause or "the run did not end in time"
-    return Failure("safety_stop", cause, "see the phases of the result; then run `grasp release`")
-
-
-def later_ms(since_s: float | None, t_s: float | None) -> float | None:
-    return None if since_s is None or t_s is None else (t_s - since_s) * 1e3
-
-
-def named(values: Vector3) -> dict[str, float]:
-    return dict(zip(FINGER_NAMES, values, strict=True))

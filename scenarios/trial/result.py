@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 import msgspec
 
 from detector.scores.quantiles import Quantiles, quantiles
+from drivers.interfaces import FINGER_NAMES, Vector3
 from grasp.loop import Timing
 from grasp.phases import PhaseChange
 from scenarios.rigs.rig import Stalls
@@ -39,16 +40,9 @@ class PhaseEntry(msgspec.Struct, frozen=True):
     cause: str
 
 
-class Alarm(msgspec.Struct, frozen=True):
-    """A stretch of status REGISTERED; None: it was still so at the end."""
-
-    on_s: float
-    off_s: float | None
-
-
-class LiftResult(msgspec.Struct, frozen=True, kw_only=True):
-    """Verdict of one lift. Times in seconds on the rig's clock; None = did not happen, or cannot
-    be known without a simulation. Forces in newtons a finger; see docs for each outcome."""
+class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
+    """Verdict of one trial, whatever it tried. Times in seconds on the rig's clock; None = did not
+    happen, or cannot be known without a simulation. Forces in newtons a finger."""
 
     scenario: str
     object: str
@@ -58,52 +52,8 @@ class LiftResult(msgspec.Struct, frozen=True, kw_only=True):
     success: bool
     outcome: str
     slip_onset_s: float | None
-    first_detection_s: float | None
     slip_registered_s: float | None
     detection_latency_ms: float | None
-    reaction_latency_ms: float | None
-    slip_distance_m: float | None
-    peak_force_n: dict[str, float] | None
-    settled_force_n: dict[str, float] | None
-    commanded_force_n: float
-    phases: list[PhaseEntry]
-    timing: TimingResult
-    recording: str | None
-    versions: dict[str, str]
-    config_hash: str
-
-
-class TapResult(msgspec.Struct, frozen=True, kw_only=True):
-    """Verdict of one tap. Times in seconds on the rig's clock; None = did not happen, or cannot be
-    known without a simulation. Lengths in metres, relative to the fingertips, down and across the
-    closing axis; forces in newtons a finger. ``moved`` is False for a tap that moved nothing,
-    which is reported apart: it is no success, and a failure only if slip was registered."""
-
-    scenario: str
-    object: str
-    rig: str
-    detector: str
-    seed: int
-    direction: str
-    success: bool
-    outcome: str
-    moved: bool | None
-    displacement_m: float | None
-    down_m: float | None
-    across_m: float | None
-    impulse_n_s: float | None
-    mallet_mps: float | None
-    struck_s: float | None
-    slip_onset_s: float | None
-    slip_end_s: float | None
-    slip_duration_ms: float | None
-    slip_registered_s: float | None
-    detection_latency_ms: float | None
-    nominal_again_s: float | None
-    nominal_again_ms: float | None
-    alarms: list[Alarm]
-    watched_until_s: float | None
-    grip_force_n: dict[str, float] | None
     peak_force_n: dict[str, float] | None
     commanded_force_n: float
     phases: list[PhaseEntry]
@@ -121,13 +71,13 @@ class Failure(msgspec.Struct, frozen=True):
     remedy: str
 
 
-Result = TypeVar("Result", LiftResult, TapResult)
+ResultT = TypeVar("ResultT", bound=TrialResult)
 
 
-class FinishedRun(msgspec.Struct, Generic[Result], frozen=True):
+class FinishedRun(msgspec.Struct, Generic[ResultT], frozen=True):
     """A result, a failure, or both: a fault on the way is judged and reported."""
 
-    result: Result | None
+    result: ResultT | None
     failure: Failure | None
 
     def as_json(self) -> str:
@@ -163,6 +113,16 @@ def phase_entries(log: Sequence[PhaseChange]) -> list[PhaseEntry]:
 
 def seconds(t_ns: int | None) -> float | None:
     return None if t_ns is None else t_ns * 1e-9
+
+
+def later_ms(since_s: float | None, t_s: float | None) -> float | None:
+    """From one instant to another; None if either never was."""
+    return None if since_s is None or t_s is None else (t_s - since_s) * 1e3
+
+
+def named(values: Vector3) -> dict[str, float]:
+    """By the fingers' names."""
+    return dict(zip(FINGER_NAMES, values, strict=True))
 
 
 @cache

@@ -3,6 +3,7 @@
 import shutil
 from datetime import datetime
 from pathlib import Path
+from typing import Self
 
 import msgspec
 
@@ -12,7 +13,8 @@ from grasp.loop import Tick
 from grasp.messages import CHANNELS, PHASES, TRUTH, write_tick
 from grasp.recording import RunRecorder
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.result import LiftResult, TapResult, versions
+from scenarios.trial.execution import FinishedTrial, OnTick
+from scenarios.trial.result import Failure, FinishedRun, ResultT, TrialResult, versions
 from scenarios.world.cell import Truth
 
 RECORDING = "recording.mcap"
@@ -45,7 +47,7 @@ class RunFolder:
         if truth is not None:
             write(TRUTH, tick.t_ns, truth)
 
-    def finish(self, result: LiftResult | TapResult | None) -> None:
+    def finish(self, result: TrialResult | None) -> None:
         """Close the recording, write the result; raises CouldNotRecord, leaving no folder."""
         self._recorder.close()
         failure: BaseException | None = self._recorder.failure
@@ -63,6 +65,53 @@ class RunFolder:
         self._recorder.close()
         if self._ticks == 0 or self._recorder.failure is not None:
             shutil.rmtree(self.path, ignore_errors=True)
+
+
+class Record:
+    """What one run leaves: a folder of its own in ``runs``, or nothing where that is None.
+
+        with Record(config, "lift", seed, runs, on_tick) as record:
+            trial = run_trial(config, rig, guard, record.tick)
+            return record.finish(trial, judge(config, seed, trial, record.path))
+
+    Left by an exception it keeps what there is, without a result.
+    """
+
+    def __init__(
+        self, config: TrialConfig, scenario: str, seed: int, runs: Path | None, on_tick: OnTick
+    ) -> None:
+        """Raises CouldNotRecord if there can be no folder."""
+        self._folder = None if runs is None else RunFolder(runs, scenario, config, seed)
+        self._on_tick = on_tick
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None and self._folder is not None:
+            self._folder.abandon()
+
+    @property
+    def path(self) -> str | None:
+        """Of the recording."""
+        return None if self._folder is None else str(self._folder.recording)
+
+    def tick(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
+        """Write one tick, then let anyone watch."""
+        if self._folder is not None:
+            self._folder.tick(tick, truth, controller)
+        self._on_tick(tick)
+
+    def finish(self, trial: FinishedTrial, result: ResultT) -> FinishedRun[ResultT]:
+        """Write the result, but not that of a trial that was interrupted."""
+        failure = trial.failure(result.outcome)
+        if self._folder is not None:
+            try:
+                self._folder.finish(None if trial.interrupted else result)
+            except CouldNotRecord as error:
+                result = msgspec.structs.replace(result, recording=None)
+                failure = failure or Failure(error.kind, error.message, error.remedy)
+        return FinishedRun(result, failure)
 
 
 def metadata(config: TrialConfig, seed: int) -> dict[str, str]:
@@ -83,7 +132,7 @@ def could_not_record(path: Path, cause: BaseException) -> CouldNotRecord:
     )
 
 
-def _pretty(result: LiftResult | TapResult) -> bytes:
+def _pretty(result: TrialResult) -> bytes:
     return msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n"
 
 

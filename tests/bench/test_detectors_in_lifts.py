@@ -13,7 +13,7 @@ import pytest
 
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
-from scenarios.trial.result import LiftResult
+from scenarios.lift.result import LiftResult
 
 SEEDS = range(int(os.environ.get("LIFTS", "40")))
 OBJECTS = os.environ.get("OBJECTS", "can").split(",")

@@ -9,10 +9,10 @@ import pytest
 
 from scenarios.campaign.config import load_config
 from scenarios.tap import tap
+from scenarios.tap.result import TapResult
 from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.settings import TapScoringSettings
 from scenarios.tap.summary import count
-from scenarios.trial.result import TapResult
 from tests.unit.scenarios.tap.windows import sensitivity
 
 OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")

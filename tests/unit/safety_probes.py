@@ -17,10 +17,10 @@ from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
 from scenarios.rigs.opening import open_rig
+from scenarios.tap.result import Alarm
 from scenarios.tap.scoring import ObjectMotion, TapFacts, TapOutcome, verdict
 from scenarios.tap.settings import TapScoringSettings
 from scenarios.trial.execution import grip_plan
-from scenarios.trial.result import Alarm
 from scenarios.world.cell import Truth
 from tests.unit.drivers.takktile.test_driver import Bench
 from tests.unit.grasp.builders import arm, gripper

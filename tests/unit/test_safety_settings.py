@@ -16,9 +16,9 @@ from grasp.controller import ControllerSettings
 from grasp.guard import GuardSettings
 from grasp.loop import LoopSettings
 from scenarios.lift.scoring import LiftOutcome, ScoringSettings
+from scenarios.tap.result import Alarm
 from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.settings import TapScoringSettings
-from scenarios.trial.result import Alarm
 from tests.unit import safety_probes as probe
 
 CLASSES = (

@@ -26,10 +26,9 @@ from scenarios.acquire.press import PressController, StrokeMotion
 from scenarios.acquire.rig import open_acquire_rig
 from scenarios.acquire.session import Script, Session
 from scenarios.lift.config import LiftConfig
-from scenarios.lift.lift import run_trial
 from scenarios.rigs.opening import open_rig
 from scenarios.trial.config import trial_layers
-from scenarios.trial.execution import make_guard
+from scenarios.trial.execution import make_guard, run_trial
 from scenarios.world.cell import Blow, Truth
 from scenarios.world.pressed_cell import PressedCell
 

@@ -10,9 +10,8 @@ from detector.energy import tune_threshold
 from grasp.controller import GraspController
 from grasp.loop import Tick
 from scenarios.lift.config import LiftConfig
-from scenarios.lift.lift import run_trial
 from scenarios.rigs.opening import open_rig
-from scenarios.trial.execution import make_guard
+from scenarios.trial.execution import make_guard, run_trial
 from scenarios.world.cell import Truth
 
 LIGHT_KG = 0.03  # so light that no grasp of any object here lets it slip

@@ -20,12 +20,11 @@ from grasp.guard import THUMB_ALONE
 from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios.lift.config import LiftConfig
-from scenarios.lift.lift import run_trial
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, ScoringSettings, outcome
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.workers import Workers, results
 from scenarios.rigs.world_of_seed import cell_settings
-from scenarios.trial.execution import make_controller, make_guard, make_loop
+from scenarios.trial.execution import make_controller, make_guard, make_loop, run_trial
 from scenarios.world.cell import SimulatedCell, Truth
 from scenarios.world.objects import GraspObject
 

@@ -11,11 +11,10 @@ from grasp.phases import Phase
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
-from scenarios.lift.lift import LiftTrial
+from scenarios.lift.result import LiftResult
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
-from scenarios.trial.execution import make_guard
-from scenarios.trial.result import LiftResult
+from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
 
 
 def config(*assignments: str, object_name: str = "can") -> LiftConfig:
@@ -37,7 +36,7 @@ class Staged:
         self.ticks: list[Tick] = []
         self.done_at_ns: int | None = None
 
-    def run(self, when: Callable[[Tick], bool], act: Callable[[Rig], None]) -> LiftTrial:
+    def run(self, when: Callable[[Tick], bool], act: Callable[[Rig], None]) -> FinishedTrial:
         with open_rig(self.config, self.seed, paced=False) as rig:
             self.rig = rig
 
@@ -47,9 +46,9 @@ class Staged:
                     self.done_at_ns = tick.t_ns
                     act(rig)
 
-            return lift.run_trial(self.config, rig, make_guard(self.config), watch)
+            return run_trial(self.config, rig, make_guard(self.config), watch)
 
-    def result(self, trial: LiftTrial) -> LiftResult:
+    def result(self, trial: FinishedTrial) -> LiftResult:
         return lift.judge(self.config, self.seed, trial, None)
 
 

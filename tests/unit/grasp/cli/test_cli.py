@@ -80,9 +80,9 @@ def test_json_verdict_has_every_promised_field(
     assert code == 0
     assert list(result) == [
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
-        "first_detection_s", "slip_registered_s", "detection_latency_ms", "reaction_latency_ms",
-        "slip_distance_m", "peak_force_n", "settled_force_n", "commanded_force_n", "phases",
-        "timing", "recording", "versions", "config_hash",
+        "slip_registered_s", "detection_latency_ms", "peak_force_n", "commanded_force_n", "phases",
+        "timing", "recording", "versions", "config_hash", "first_detection_s",
+        "reaction_latency_ms", "slip_distance_m", "settled_force_n",
     ]  # fmt: skip
     assert result["seed"] == 2
     assert set(result["peak_force_n"]) == {"A", "B", "C"}
@@ -131,12 +131,12 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
     assert [t["seed"] for t in series["taps"]] == [4, 5]
     assert {t["direction"] for t in series["taps"]} == {"side"}
     assert list(series["taps"][0]) == [
-        "scenario", "object", "rig", "detector", "seed", "direction", "success", "outcome", "moved",
+        "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
+        "slip_registered_s", "detection_latency_ms", "peak_force_n", "commanded_force_n", "phases",
+        "timing", "recording", "versions", "config_hash", "direction", "moved",
         "displacement_m", "down_m", "across_m", "impulse_n_s", "mallet_mps", "struck_s",
-        "slip_onset_s", "slip_end_s", "slip_duration_ms", "slip_registered_s",
-        "detection_latency_ms", "nominal_again_s", "nominal_again_ms", "alarms", "watched_until_s",
-        "grip_force_n", "peak_force_n", "commanded_force_n", "phases", "timing", "recording",
-        "versions", "config_hash",
+        "slip_end_s", "slip_duration_ms", "nominal_again_s", "nominal_again_ms", "alarms",
+        "watched_until_s", "grip_force_n",
     ]  # fmt: skip
 
 

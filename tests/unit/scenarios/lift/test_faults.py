@@ -5,8 +5,8 @@ import pytest
 from drivers.errors import LinkLost
 from grasp.commands import CloseFast, HoldFingers, MoveArm, StopArm
 from grasp.phases import Phase
-from scenarios.lift.lift import LiftTrial
 from scenarios.rigs.rig import Rig
+from scenarios.trial.execution import FinishedTrial
 from tests.unit.scenarios.conftest import Staged, in_phase
 
 CONTACT = [Phase.LIFT, Phase.COMPENSATE, Phase.HOLD]
@@ -64,7 +64,7 @@ def test_every_fault_in_every_phase_ends_in_its_safe_state(phase: Phase, fault: 
 
 
 def _check_hand(
-    phase: Phase, fault: object, commands: list[object], trial: LiftTrial, staged: Staged
+    phase: Phase, fault: object, commands: list[object], trial: FinishedTrial, staged: Staged
 ) -> None:
     if fault is cut_gripper:
         assert not any(isinstance(c, CloseFast | HoldFingers) for c in commands)

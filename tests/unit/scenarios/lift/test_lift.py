@@ -7,8 +7,8 @@ import pytest
 from drivers.errors import LinkLost
 from grasp.loop import Tick
 from scenarios.lift import lift
+from scenarios.lift.result import LiftResult
 from scenarios.trial.replay import replay_run
-from scenarios.trial.result import LiftResult
 from tests.unit.scenarios.conftest import Staged, config, judged
 
 

@@ -3,10 +3,10 @@
 import msgspec
 import pytest
 
+from scenarios.tap.result import Alarm
 from scenarios.tap.scoring import ObjectMotion, TapFacts, TapOutcome, nominal_again_s, verdict
 from scenarios.tap.settings import TapScoringSettings
 from scenarios.tap.summary import count, summarise
-from scenarios.trial.result import Alarm
 from tests.unit.scenarios.tap.test_tap import result_of
 from tests.unit.scenarios.tap.windows import sensitivity, verdict_again
 

@@ -17,11 +17,11 @@ from scenarios.rigs.rig import Rig
 from scenarios.tap import mallet, tap
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import direction_of, swing
+from scenarios.tap.result import TapResult
 from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.tap import TapTrial, tap_config
 from scenarios.trial.execution import make_guard
 from scenarios.trial.replay import replay_run
-from scenarios.trial.result import TapResult
 from scenarios.world import contact
 from scenarios.world.cell import Blow
 

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable, Sequence
 
+from scenarios.tap.result import TapResult
 from scenarios.tap.scoring import UNMOVED, ObjectMotion, TapFacts, TapOutcome, verdict
 from scenarios.tap.settings import TapScoringSettings
-from scenarios.trial.result import TapResult
 
 
 def verdict_again(result: TapResult, settings: TapScoringSettings) -> TapOutcome:

@@ -1,0 +1,12 @@
+"""What a lift leaves."""
+
+from scenarios.trial.result import TrialResult
+
+
+class LiftResult(TrialResult, frozen=True, kw_only=True):
+    """Verdict of one lift; docs/data-formats.md explains each outcome."""
+
+    first_detection_s: float | None
+    reaction_latency_ms: float | None
+    slip_distance_m: float | None
+    settled_force_n: dict[str, float] | None
