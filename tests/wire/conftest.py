@@ -18,6 +18,7 @@ AGAIN = 3  # times at most
 CALM_S, PATIENCE_S = 2.0, 20.0
 TIMEOUT_S = 420  # of all attempts together
 ONE_AT_A_TIME = ("cell/", "test_acquire.py", "test_rigs.py", "test_tap.py")  # of wire/scenarios
+COMPUTES = "test_cell_has_compiled_its_world_before_it_answers"  # for most of its time
 
 _meter: StallMeter | None = None
 AGAIN_SAID = "run again"  # of a report's properties: those reach the summary from any process
@@ -29,7 +30,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         _, here, path = item.path.as_posix().partition("tests/wire/")
         if here and item.get_closest_marker("timeout") is None:
             item.add_marker(pytest.mark.timeout(TIMEOUT_S))
-        if shared_out and path.removeprefix("scenarios/").startswith(ONE_AT_A_TIME):
+        cell = path.removeprefix("scenarios/").startswith(ONE_AT_A_TIME)
+        if shared_out and cell and item.name != COMPUTES:
             item.add_marker(pytest.mark.xdist_group("cell"))
 
 
