@@ -5,6 +5,14 @@ Wire garbage is never raised: drivers count it and report it in their statistics
 
 from pathlib import Path
 
+MOST_SHOWN = 400  # characters of what somebody else wrote, in a message of ours
+
+
+def one_line(text: object) -> str:
+    """Foreign text fit for one line of a terminal: escaped where it cannot be printed, and cut."""
+    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in str(text)[: MOST_SHOWN + 1])
+    return shown if len(shown) <= MOST_SHOWN else f"{shown[:MOST_SHOWN]}..."
+
 
 class GraspError(Exception):
     """Base of every expected error: one line that says what happened, one that says what to do.
@@ -52,6 +60,10 @@ class UsageError(GraspError):
 
     kind = "usage"
 
+    def __init__(self, message: str, remedy: str) -> None:
+        super().__init__(one_line(message), remedy)
+        self.args = (message, remedy)
+
 
 class CouldNotRecord(GraspError):
     """A result could not be written: free the disk or choose another place, then run again."""
@@ -72,7 +84,7 @@ class BadFile(GraspError):
         self, file: Path | str, problem: str, remedy: str, line: int | None = None
     ) -> None:
         where = f"{file}" if line is None else f"{file}, line {line}"
-        super().__init__(f"{where}: {problem}", remedy)
+        super().__init__(f"{one_line(where)}: {one_line(problem)}", remedy)
         self.args = (str(file), problem, remedy, line)
         self.file = str(file)
         self.problem = problem
@@ -85,7 +97,8 @@ class ConfigError(GraspError):
     kind = "config"
 
     def __init__(self, file: str, key: str, problem: str, allowed: str) -> None:
-        super().__init__(f"{file}: {key}: {problem}", f"allowed: {allowed}")
+        said = f"{one_line(file)}: {one_line(key)}: {one_line(problem)}"
+        super().__init__(said, f"allowed: {allowed}")
         self.args = (file, key, problem, allowed)
         self.file = file
         self.key = key

@@ -5,9 +5,10 @@ allowed there.
 """
 
 import difflib
+import math
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import NoneType
 from typing import Any, TypeVar, get_args, get_type_hints
@@ -36,6 +37,13 @@ RENAMED = {
 }
 
 
+MOST_BYTES = 1_000_000  # of a file; ours are a few thousand
+MOST_DEEP = 16  # tables and lists in one another; ours are three
+
+# What is chosen by an option of its own: with each comes a file of settings, or more
+CHOSEN = {"rig": "--rig", "profile": "--profile", "detector_name": "--detector"}
+
+
 class Layer(msgspec.Struct, frozen=True):
     """Settings from one place; ``source`` names it in error messages."""
 
@@ -55,13 +63,56 @@ def names(kind: str) -> list[str]:
 
 
 def read_toml(path: Path) -> Layer:
-    """One file as a layer; raises ConfigError when it is missing or malformed."""
+    """One file as a layer; raises ConfigError when it is missing, malformed or no settings."""
     try:
-        return Layer(str(path), tomllib.loads(path.read_text(encoding="utf-8")))
+        with path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES:
+            raise ValueError(f"more than {MOST_BYTES} bytes")
+        table = tomllib.loads(content.decode("utf-8"))
     except FileNotFoundError:
         raise ConfigError(str(path), "-", "no such file", "the path of a TOML file") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except RecursionError:
+        raise ConfigError(str(path), "-", "is nested too deeply", f"{MOST_DEEP} levels") from None
+    except (OSError, ValueError) as error:
         raise ConfigError(str(path), "-", f"cannot be read: {error}", "valid TOML, UTF-8") from None
+    return checked(Layer(str(path), table))
+
+
+def checked(layer: Layer) -> Layer:
+    """The layer, if a setting can have such values at all; else ConfigError."""
+
+    def refuse(key: str, problem: str, allowed: str) -> None:
+        raise ConfigError(layer.source, key or "-", problem, allowed)
+
+    waiting: list[tuple[str, int, Any]] = [("", 0, layer.table)]
+    while waiting:  # not by recursion: that is what too deep a file would break
+        key, depth, value = waiting.pop()
+        if depth > MOST_DEEP:
+            refuse(key, "is nested too deeply", f"{MOST_DEEP} levels")
+        if isinstance(value, dict):
+            for name, inner in value.items():
+                if not name.isprintable():
+                    refuse(f"{key}.{name}".lstrip("."), "holds control characters", "plain names")
+                waiting.append((f"{key}.{name}".lstrip("."), depth + 1, inner))
+        elif isinstance(value, list):
+            waiting += [(key, depth + 1, inner) for inner in value]
+        elif isinstance(value, str):
+            if not all(c.isprintable() or c in "\n\t" for c in value):
+                refuse(key, "holds control characters", "text that can be printed")
+        elif isinstance(value, int) and value.bit_length() > 63:
+            refuse(key, "a whole number too large for any setting", "less than 2^63")
+        elif isinstance(value, float) and math.isinf(value):
+            refuse(key, "is infinite", "a finite number")
+    return layer
+
+
+def not_chosen(layer: Layer, options: Mapping[str, str] = CHOSEN) -> Layer:
+    """The layer, if it says nothing that only an option of its own may choose."""
+    for key, option in options.items():
+        if key in layer.table:
+            raise ConfigError(layer.source, key, "is no setting", f"choose it with {option}")
+    return layer
 
 
 def named_layer(kind: str, name: str) -> Layer:
@@ -82,20 +133,26 @@ def assignment_layer(assignments: Sequence[str]) -> Layer:
         parts = key.strip().split(".")
         if not equals or not all(parts):
             raise ConfigError("--set", text, "not an assignment", "section.key=value")
+        if len(parts) > MOST_DEEP:
+            raise ConfigError("--set", key, "is nested too deeply", f"{MOST_DEEP} levels")
         node = table
         for part in parts[:-1]:
             node = node.setdefault(part, {})
             if not isinstance(node, dict):
                 raise ConfigError("--set", key, "is both a value and a section", "one of them")
-        node[parts[-1]] = _value(value.strip())
-    return Layer("--set", table)
+        node[parts[-1]] = _value(key, value.strip())
+    return checked(Layer("--set", table))
 
 
-def _value(text: str) -> Any:
+def _value(key: str, text: str) -> Any:
     try:
         return tomllib.loads(f"v = {text}")["v"]
     except tomllib.TOMLDecodeError:
         return text
+    except RecursionError:
+        raise ConfigError("--set", key, "is nested too deeply", f"{MOST_DEEP} levels") from None
+    except ValueError as error:  # a whole number of thousands of digits
+        raise ConfigError("--set", key, str(error), "a value of TOML, or text") from None
 
 
 def renamed(key: str) -> str | None:
@@ -171,8 +228,9 @@ def allowed(cls: type, key: str) -> str:
     annotation = hints.get(name, "?")
     base, *metas = get_args(annotation) or (annotation,)
     meta = next((m for m in metas if isinstance(m, msgspec.Meta)), None)
-    plain = base.__name__ if isinstance(base, type) and not get_args(base) else str(base)
-    text = plain.replace("typing.", "")
+    plain = get_type_hints(_type_at(cls, owner_key)).get(name, base)
+    said = plain.__name__ if isinstance(plain, type) and not get_args(plain) else str(plain)
+    text = said.replace("typing.", "")
     if meta is None:
         return str(annotation).replace("typing.", "") if get_args(annotation) else text
     bounds = [

@@ -75,7 +75,7 @@ def _spec(args: argparse.Namespace) -> "CampaignSpec":
     from scenarios.campaign.spec import read_spec
 
     changes = {
-        "detectors": (args.detector,) if args.detector else None,
+        "detectors": (args.detector,) if args.detector is not None else None,
         "repetitions": args.repetitions,
     }
     wanted = {key: value for key, value in changes.items() if value is not None}

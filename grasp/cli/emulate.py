@@ -1,6 +1,7 @@
 """`grasp emulate`: the emulated cell for other people's clients."""
 
 import argparse
+from ipaddress import ip_address
 from typing import Any
 
 from drivers.errors import LinkLost, UsageError
@@ -36,9 +37,8 @@ def emulate(args: argparse.Namespace) -> int:
     from scenarios.campaign.config import load_config
     from scenarios.rigs.emulated_cell import CellOrder, end_on_signals, serve
 
-    if args.host == "127.0.0.1":
-        problem = "127.0.0.1 is not for a cell: ur_rtde skips a check there"
-        raise UsageError(problem, "choose another loopback address, e.g. 127.0.0.2")
+    if args.host is not None:
+        _check_host(args.host)
     config = load_config(args.object, "emulated", "energy", args.config, args.set)
     try:
         serve(CellOrder.of(config, args.seed), args.host, args.gripper_port, end_on_signals())
@@ -48,3 +48,15 @@ def emulate(args: argparse.Namespace) -> int:
             "end the other cell, or choose another --host",
         ) from None
     return exits.SUCCESS
+
+
+def _check_host(host: str) -> None:
+    another = "choose another loopback address, e.g. 127.0.0.2"
+    if host == "127.0.0.1":
+        raise UsageError("127.0.0.1 is not for a cell: ur_rtde skips a check there", another)
+    try:
+        here = ip_address(host).is_loopback
+    except ValueError:
+        here = False
+    if not here:
+        raise UsageError(f"{host!r} is no loopback address", another)

@@ -61,7 +61,7 @@ def search(args: argparse.Namespace) -> int:
         with_counts,
     )
 
-    whole = load_config(args.object, args.rig, args.detector, args.config, args.set)
+    whole = load_config(args.object, args.rig, args.detector, args.config, args.set, args.profile)
     config = whole.for_lift()
     wanted = criteria(args.least, args.most, args.draws)
     grips = search(config, wanted, args.seed)

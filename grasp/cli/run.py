@@ -136,7 +136,7 @@ def run(args: argparse.Namespace) -> int:
     if args.scenario == "acquire":
         return _acquire(args)
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
-    if args.direction:
+    if args.direction is not None:
         assignments.append(f"tap.direction={args.direction}")
     config = load_config(
         args.object, args.rig, args.detector, args.config, assignments, args.profile
@@ -153,7 +153,7 @@ def _strange_option(args: argparse.Namespace) -> str:
     own = {"lift": ("keep",), "tap": ("taps", "direction"),
            "acquire": ("direction", "surface", "speed", "seconds")}  # fmt: skip
     for option in ("keep", "taps", "direction", "surface", "speed", "seconds"):
-        if getattr(args, option) and option not in own[args.scenario]:
+        if getattr(args, option) not in (None, False) and option not in own[args.scenario]:
             return f"--{option}"
     return ""
 
@@ -168,8 +168,14 @@ def _acquire(args: argparse.Namespace) -> int:
     from scenarios.acquire.config import load_acquire_config
     from scenarios.acquire.press import motion
 
-    config = load_acquire_config(args.surface or "planar", args.rig, args.config, args.set)
-    course = motion(args.direction or "0", args.speed or SPEED_MPS, acquire.TURN_RADPS)
+    config = load_acquire_config(
+        "planar" if args.surface is None else args.surface, args.rig, args.config, args.set
+    )
+    course = motion(
+        "0" if args.direction is None else args.direction,
+        args.speed or SPEED_MPS,
+        acquire.TURN_RADPS,
+    )
     _check_confirmed(config.rig, args)
     with Display(args.rig, quiet=args.json) as display:
         display.setting_up()

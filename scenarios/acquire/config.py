@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Meta
 
 from drivers.interfaces import PERIOD_S
-from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
+from grasp.settings import Layer, assignment_layer, load, named_layer, not_chosen, read_toml
 from scenarios.acquire.press import PressControlSettings
 from scenarios.rigs.config import PressRigConfig
 from scenarios.world.contact_settings import GROSS_SLIP_MPS
@@ -66,8 +66,8 @@ def load_acquire_config(
     ]
     chosen = file or (Path(os.environ["GRASP_CONFIG"]) if "GRASP_CONFIG" in os.environ else None)
     if chosen is not None:
-        layers.append(_of_this_scenario(read_toml(chosen)))
-    layers.append(assignment_layer(assignments))
+        layers.append(_of_this_scenario(not_chosen(read_toml(chosen))))
+    layers.append(not_chosen(assignment_layer(assignments)))
     return load(AcquireConfig, layers)
 
 

@@ -39,6 +39,10 @@ class GripCriteria(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = 0.99
     draws: Annotated[int, Meta(ge=1, le=10_000, description="trials that each is judged on")] = 200
 
+    def __post_init__(self) -> None:
+        if self.least_n >= self.most_n:
+            raise ValueError(f"least_n {self.least_n:g} is not below most_n {self.most_n:g}")
+
 
 class FoundGrip(msgspec.Struct, frozen=True, kw_only=True):
     """One triple of positions over all draws: forces in N, shares of draws from 0 to 1."""

@@ -17,7 +17,7 @@ from grasp.controller import ControllerSettings
 from grasp.guard import GuardSettings
 from grasp.loop import LoopSettings
 from grasp.realtime import RealTimeSettings
-from grasp.settings import Layer, assignment_layer, named_layer, read_toml
+from grasp.settings import Layer, assignment_layer, named_layer, not_chosen, read_toml
 from grasp.slip import SlipSettings
 from scenarios.rigs.calibration import calibration_layers
 from scenarios.rigs.config import GraspRigConfig
@@ -88,10 +88,11 @@ def trial_layers(
     """Class defaults <- rig <- profile <- object <- detector <- file (or $GRASP_CONFIG) <-
     assignments. Without a name of its own, the detector is the profile's.
 
-    Raises ConfigError for an unknown name.
+    Raises ConfigError for an unknown name, and where a file or an assignment says one.
     """
     whole = named_layer("profiles", profile)
-    detector = detector or str(whole.table["detector_name"])
+    if detector is None:
+        detector = str(whole.table["detector_name"])
     layers = [
         named_layer("rigs", rig),
         whole,
@@ -101,6 +102,6 @@ def trial_layers(
     ]
     chosen = file or (Path(os.environ["GRASP_CONFIG"]) if "GRASP_CONFIG" in os.environ else None)
     if chosen is not None:
-        layers.append(read_toml(chosen))
-    layers.append(assignment_layer(assignments))
+        layers.append(not_chosen(read_toml(chosen)))
+    layers.append(not_chosen(assignment_layer(assignments)))
     return [*calibration_layers(layers), *layers]

@@ -10,15 +10,26 @@ import msgspec
 from msgspec import Meta
 
 
+# A name that becomes a path or part of one: no folder, no ``..``, nothing hidden or unprintable
+Name = Annotated[
+    str,
+    Meta(
+        pattern=r"\A(?!.*\.\.)[A-Za-z0-9][A-Za-z0-9._-]*\Z", max_length=80,
+        description="at most 80 letters, digits, . _ -, a letter or digit first, no two dots",
+    ),
+]  # fmt: skip
+Counts = Annotated[int, Meta(ge=0, le=255)]  # of a finger's motor
+
+
 class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One object of the experiments (paper, section V and figure 6). All figures are assumed."""
 
-    name: str
+    name: Name
     description: str = ""
     long_body: bool = False  # judged by the 6 and 12 cm marks (paper, table IV)
     grip_counts: Annotated[
-        tuple[int, int, int],
-        Meta(description="motor counts A, B, C of the first, too weak grasp; assumed"),
+        tuple[Counts, Counts, Counts],
+        Meta(description="motor counts A, B, C of the first, too weak grasp; 0-255, assumed"),
     ]
     mass_kg: Annotated[float, Meta(gt=0.0, le=3.0, description="of the object alone; assumed")]
     added_mass_kg: Annotated[

@@ -18,6 +18,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from scenarios.world.fingertip import Fingertips, FingertipSettings, Surface
+from scenarios.world.objects import Name
 
 Floats = NDArray[np.float64]
 STEP_S = 0.015  # motion between two board samples, jitter included, is taken as straight
@@ -27,7 +28,7 @@ KNOCK_STEP_S = 0.001
 class FixedSurface(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What is pressed on. A radius of 0 is straight along that axis of the fingertip."""
 
-    name: str
+    name: Name
     description: str = ""
     radius_x_m: Annotated[float, Meta(ge=0.0, le=1.0, description="along the fingertip's x")] = 0.0
     radius_y_m: Annotated[float, Meta(ge=0.0, le=1.0, description="along its y")] = 0.0

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 import msgspec
 
 _Meta = msgspec.Meta
+_Offset = Annotated[int, _Meta(ge=-5, le=5)]
 
 
 class HandSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -46,7 +47,7 @@ class HandSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         int, _Meta(ge=200, le=255, description="software limit of closing; Franchi TR711")
     ] = 240
     offset_counts: Annotated[
-        tuple[int, int, int],
+        tuple[_Offset, _Offset, _Offset],
         _Meta(description="zero of each finger's encoder, counts, -5 to 5; manual p. 74 shows 1"),
     ] = (0, 0, 0)
 
