@@ -9,7 +9,6 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-
 # A name that becomes a path or part of one: no folder, no ``..``, nothing hidden or unprintable
 Name = Annotated[
     str,

@@ -97,7 +97,8 @@ def specs(detector: str | None, profile: str, repetitions: int) -> list[Campaign
     ) -> CampaignSpec:
         return CampaignSpec(
             name=f"calibrate-{name}", objects=objects, profiles=(profile,),
-            detectors=(detector,) if detector is not None else (), seeds=(SEED,), repetitions=repetitions,
+            detectors=() if detector is None else (detector,), seeds=(SEED,),
+            repetitions=repetitions,
             sweep={key: tuple(values) for key, values in sweep.items()}, recordings="none",
         )  # fmt: skip
 

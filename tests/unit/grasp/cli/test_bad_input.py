@@ -1,4 +1,4 @@
-"""Whatever is given to a verb that makes no sense: one line, a remedy, exit code 2, no traceback."""
+"""Whatever makes no sense to a verb: one line, a remedy, exit code 2, no traceback."""
 
 import json
 from pathlib import Path
