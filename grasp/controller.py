@@ -126,6 +126,7 @@ class Observation(msgspec.Struct, frozen=True):
     ``pending``: a command of an earlier step has not reached its device yet. ``trouble``: one line
     of what went wrong in device exchanges since the last step, empty when all is well.
     ``set_down``: whoever runs the experiment has what they want; a held object may be set down.
+    ``stop``: the run shall end now, and why; empty while it may go on.
     """
 
     t_ns: int
@@ -138,6 +139,7 @@ class Observation(msgspec.Struct, frozen=True):
     trouble: str = ""
     gripper_lost: bool = False
     set_down: bool = False
+    stop: str = ""
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -201,6 +203,8 @@ class GraspController:
         trouble = self._trouble(seen)
         if trouble and self.phase is not Phase.FAULT:
             self._fail(seen, trouble)
+        elif seen.stop and self.phase is not Phase.FAULT:
+            self._stop(seen)
         else:
             self._handlers[self.phase](seen)
         return Decision(
@@ -213,9 +217,10 @@ class GraspController:
         )
 
     def interrupted(self) -> tuple[Command, ...]:
-        """Safe state when a person stops the run: the arm stands, a grip is kept."""
+        """Safe state of a run that is stopped from outside: the arm stands, a grip is kept."""
         stop = StopArm(self._settings.stop_deceleration_mps2)
-        return (stop,) if self.phase in CONTACT_PHASES else (stop, HoldFingers())
+        free = self.phase not in CONTACT_PHASES and self.phase is not Phase.IDLE
+        return (stop, HoldFingers()) if free else (stop,)
 
     def _trouble(self, seen: Observation) -> str:
         stale_ns = self._settings.stale_after_s * 1e9
@@ -416,6 +421,12 @@ class GraspController:
             self._close_to_cap()
         elif before is not Phase.IDLE:
             self._out.append(HoldFingers())
+
+    def _stop(self, seen: Observation) -> None:
+        """As told: a safe state in which a grip is kept as it is."""
+        self._out += self.interrupted()
+        self.fault_cause = seen.stop
+        self._fire(Trigger.FAIL, seen, seen.stop)
 
     def _fault(self, seen: Observation) -> None:
         self.finished = self._lasted(seen, self._settings.safe_state_s)

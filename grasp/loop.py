@@ -23,6 +23,7 @@ from drivers.interfaces import (
     TactileSensor,
     Vector3,
 )
+from grasp import interruption
 from grasp.clock import Clock, stopwatch_ns
 from grasp.commands import (
     CloseFast,
@@ -34,10 +35,12 @@ from grasp.commands import (
     StopArm,
 )
 from grasp.controller import Decision, Observation
+from grasp.phases import Phase
 from grasp.step import GraspStep, StepInput, StepResult
 
 SOON_NS = 1_000_000  # a command due within this is waited for before anyone watches
 POLL_NS = 100_000
+STOP_S = 20.0  # at most, until a run that was stopped has reached its safe state
 SPARED_NS = 2_000_000  # of a period, for those who watch, though an acknowledgement is late
 
 
@@ -135,13 +138,21 @@ class ControlLoop:
         self._queue: deque[_Waiting] = deque()
         self._issued: list[Issued] = []
         self._trouble = ""
+        self._stop = ""
         self._gripper_lost = False
 
     def run(self, deadline_s: float) -> None:
-        """Tick until the controller has finished; at the latest until deadline_s from now."""
+        """Tick until the controller has finished; at the latest until deadline_s from now.
+
+        Raises Interruption between two ticks when a signal has come.
+        """
         end_ns = self._clock.now_ns + round(deadline_s * 1e9)
-        while not self._step.controller.finished and self._clock.now_ns < end_ns:
-            self.tick()
+        with interruption.watched():
+            while not self._step.controller.finished and self._clock.now_ns < end_ns:
+                interruption.check()
+                self.tick()
+        if not self._step.controller.finished:
+            self.stop("the run did not end in time")
 
     def tick(self) -> Tick:
         """One period: wait for the next sample, step, send what was decided, then hand on."""
@@ -167,8 +178,24 @@ class ControlLoop:
         admitted = self._step.admit(command, self._gripper_state())
         self._queue.append(_Waiting(now_ns, now_ns, now_ns, command, admitted))
 
-    def interrupt(self) -> None:
-        """A person wants it to stop: stop the arm, keep the grip, forget what was queued."""
+    def stop(self, cause: str) -> bool:
+        """The run shall end now: forget what was queued, and tick until the safe state is reached
+        in which a grip is kept. No signal cuts this short.
+
+        False when there was nothing to stop: it had finished, or a fault's safe state goes before.
+        """
+        controller = self._step.controller
+        stopped = not controller.finished and controller.phase is not Phase.FAULT
+        if stopped:
+            self._queue.clear()
+        self._stop = cause
+        end_ns = self._clock.now_ns + round(STOP_S * 1e9)
+        while not controller.finished and self._clock.now_ns < end_ns:
+            self.tick()
+        return stopped and controller.fault_cause == cause
+
+    def abort(self) -> None:
+        """A bug of ours: stop the arm and keep the grip without asking for another step."""
         self._queue.clear()
         for command in self._step.controller.interrupted():
             self.submit(command)
@@ -243,6 +270,7 @@ class ControlLoop:
             trouble=trouble,
             gripper_lost=self._gripper_lost,
             set_down=self.set_down,
+            stop=self._stop,
         )
 
     def _enqueue(self, step_ns: int, result: StepResult) -> None:

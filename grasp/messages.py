@@ -46,6 +46,7 @@ class ControlMessage(msgspec.Struct, frozen=True):
     gripper_lost: bool
     commands: list[Command]
     set_down: bool = False
+    stop: str = ""
 
 
 class CommandMessage(msgspec.Struct, frozen=True):
@@ -115,6 +116,7 @@ def control_message(seen: Observation, decision: Decision, measured_n: Vector3) 
         gripper_lost=seen.gripper_lost,
         commands=list(decision.commands),
         set_down=seen.set_down,
+        stop=seen.stop,
     )
 
 
@@ -161,4 +163,5 @@ def recorded_input(
         trouble=control.trouble,
         gripper_lost=control.gripper_lost,
         set_down=control.set_down,
+        stop=control.stop,
     )

@@ -28,7 +28,7 @@ class Detector(Protocol):
 class StepInput(msgspec.Struct, frozen=True):
     """Everything that one step is told; ``frame`` is None until the fingertips have sent one.
 
-    ``pending``, ``trouble``, ``gripper_lost`` and ``set_down`` as in ``controller.Observation``.
+    ``pending``, ``trouble``, ``gripper_lost``, ``set_down``, ``stop``: as in ``Observation``.
     """
 
     t_ns: int
@@ -40,6 +40,7 @@ class StepInput(msgspec.Struct, frozen=True):
     trouble: str = ""
     gripper_lost: bool = False
     set_down: bool = False
+    stop: str = ""
 
 
 class StepResult(msgspec.Struct, frozen=True):
@@ -89,6 +90,7 @@ class GraspStep:
             trouble=told.trouble,
             gripper_lost=told.gripper_lost,
             set_down=told.set_down,
+            stop=told.stop,
         )
 
     def _listen(self, frame: TactileFrame | None) -> NDArray[np.float64]:

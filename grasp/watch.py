@@ -87,6 +87,7 @@ class Onlooker:
             self._child.wait()
 
 
-def ignore_ctrl_c() -> None:
-    """For an onlooker: Ctrl-C is the run's affair; an onlooker ends when its input does."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def leave_signals_to_the_run() -> None:
+    """For an onlooker: it ends when its input does."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)

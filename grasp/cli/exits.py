@@ -1,8 +1,12 @@
 """Exit codes, and how an error becomes one line (or one JSON object) and a code."""
 
+import contextlib
 import json
+import os
 import sys
 from typing import Any
+
+from grasp import interruption
 
 SUCCESS = 0
 TRIAL_FAILED = 1
@@ -10,7 +14,8 @@ USAGE = 2
 DEVICE = 3
 SAFETY_STOP = 4
 INTERNAL = 5
-INTERRUPTED = 130
+INTERRUPTED = 130  # by Ctrl-C; other signals by their own number
+SIGNALLED = 128
 
 _CODE_OF_KIND = {
     "usage": USAGE,
@@ -35,9 +40,20 @@ def code_of(kind: str) -> int:
 def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) -> int:
     """Say what went wrong and what to do; returns the exit code."""
     code = code_of(kind)
-    if as_json:
-        error = {"kind": kind, "message": message, "remedy": remedy}
-        print(json.dumps({"error": error, "exit_code": code, **extra}))
-    else:
-        print(f"grasp: {message}" + (f" ({remedy})" if remedy else ""), file=sys.stderr)
+    if code == INTERRUPTED:
+        code = SIGNALLED + interruption.number()
+    with contextlib.suppress(OSError):  # a terminal that was closed: nobody reads it
+        if as_json:
+            error = {"kind": kind, "message": message, "remedy": remedy}
+            print(json.dumps({"error": error, "exit_code": code, **extra}), flush=True)
+        else:
+            print(f"grasp: {message}" + (f" ({remedy})" if remedy else ""), file=sys.stderr)
     return code
+
+
+def nobody_reads() -> int:
+    """Standard output is gone: say no more; 0, or the code of the signal that ended the run."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        os.dup2(nowhere, stream.fileno())
+    return SIGNALLED + interruption.number() if interruption.asked() else SUCCESS

@@ -98,7 +98,7 @@ class Display:
 
 def print_verdict(result: Any) -> None:
     """The short verdict of a trial and where its recording is."""
-    word = "SUCCESS" if result.success else "FAILED"
+    word = {True: "SUCCESS", False: "FAILED", None: "NOT JUDGED"}[result.success]
     print(f"\n{word}: {result.outcome.replace('_', ' ')}  ({result.object}, seed {result.seed})")
     for text in _facts(result):
         print(f"  {text}")

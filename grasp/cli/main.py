@@ -1,12 +1,12 @@
 """The `grasp` command. Heavy imports live inside the verbs, so that `--help` answers at once."""
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
 from drivers.errors import GraspError, UsageError
+from grasp import interruption
 from grasp.cli import (
     campaign,
     chart,
@@ -66,18 +66,26 @@ def _version() -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code. Expected errors become one line, no traceback."""
     words = sys.argv[1:] if argv is None else argv
-    as_json = "--json" in words
+    with interruption.taken():
+        return _run(words, "--json" in words)
+
+
+def _run(words: Sequence[str], as_json: bool) -> int:
     try:
         args = build_parser().parse_args(words)
-        return int(args.handler(args))
+        code = int(args.handler(args))
+        sys.stdout.flush()
+        return code
     except KeyboardInterrupt:
-        return exits.report("interrupted", "interrupted", "", as_json)
+        with interruption.sealed():
+            return exits.report("interrupted", "interrupted", "", as_json)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return exits.SUCCESS
+        return exits.nobody_reads()
     except GraspError as error:
         return exits.report(error.kind, error.message, error.remedy, as_json)
     except OSError as error:
+        if interruption.asked():
+            return exits.nobody_reads()
         where = f"{error.filename}: " if error.filename else ""
         text = f"{where}{error.strerror or error}"
         return exits.report("could_not_record", text, "free the path or the disk", as_json)

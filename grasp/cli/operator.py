@@ -1,5 +1,6 @@
 """The person at a terminal who strikes objects and reads tape marks; asking never blocks."""
 
+import contextlib
 import os
 import select
 import sys
@@ -10,18 +11,23 @@ class TerminalOperator:
 
     def __init__(self) -> None:
         self._typed = b""
+        self._gone = False
 
     def say(self, text: str) -> None:
         """Ask; what was typed before the question is no answer to it."""
         self._read()
         self._typed = b""
-        print(f">>> {text}", file=sys.stderr, flush=True)
+        self._print(text)
 
     def poll(self) -> str | None:
-        """A line, once it is there. A terminal that closed counts as Ctrl-C: nobody is left."""
+        """A line, once it is there. A terminal that closed counts as Ctrl-C, once: nobody is
+        left."""
+        if self._gone:
+            return None
         ended = b"\n" not in self._typed and not self._read()
         if ended and b"\n" not in self._typed:
-            print(">>> standard input has ended", file=sys.stderr, flush=True)
+            self._gone = True
+            self._print("standard input has ended")
             raise KeyboardInterrupt
         line, newline, rest = self._typed.partition(b"\n")
         if not newline:
@@ -29,10 +35,17 @@ class TerminalOperator:
         self._typed = rest
         return line.decode(errors="replace")
 
+    def _print(self, text: str) -> None:
+        with contextlib.suppress(OSError):  # the terminal was closed
+            print(f">>> {text}", file=sys.stderr, flush=True)
+
     def _read(self) -> bool:
         """Take what is there; False at the end of the input."""
         while select.select([sys.stdin], [], [], 0)[0]:
-            some = os.read(sys.stdin.fileno(), 4096)
+            try:
+                some = os.read(sys.stdin.fileno(), 4096)
+            except OSError:  # the terminal was closed
+                return False
             if not some:
                 return False
             self._typed += some

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import UsageError
+from grasp import interruption
 from grasp.cli import exits
 from grasp.cli.options import add_settings, decimal, seed, whole
 
@@ -216,6 +217,7 @@ def _tap(args: argparse.Namespace, config: Any) -> int:
     from grasp.cli.live import Display, tap_line
     from grasp.cli.operator import TerminalOperator
     from scenarios.tap import tap
+    from scenarios.trial.result import Failure
 
     operator = TerminalOperator() if config.rig == "hardware" else None
     seeds = range(args.seed, args.seed + (args.taps or TAPS))
@@ -224,15 +226,15 @@ def _tap(args: argparse.Namespace, config: Any) -> int:
     plain = operator is not None
     with Display(args.rig, quiet=args.json, plain=plain, brief=True) as display:
         display.setting_up()
-        for finished in tap.run_series(
-            config, seeds, args.runs, _paced(args), display.tick, operator
-        ):
-            failure = finished.failure
-            if finished.result is not None:
-                results.append(finished.result)
-                display.note(tap_line(finished.result))
-            if failure is not None:
-                break
+        series = tap.run_series(config, seeds, args.runs, _paced(args), display.tick, operator)
+        try:
+            for finished in series:
+                failure = finished.failure
+                if finished.result is not None:
+                    results.append(finished.result)
+                    display.note(tap_line(finished.result))
+        except KeyboardInterrupt as stop:
+            failure = Failure("interrupted", f"{interruption.cause(stop)} between two taps", "")
         display.close()
     return _report_taps(results, failure, args)
 

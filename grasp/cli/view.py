@@ -12,7 +12,7 @@ import msgspec
 from drivers.interfaces import FINGER_NAMES, Counts3, Vector3
 from grasp.loop import Tick
 from grasp.phases import Phase
-from grasp.watch import ignore_ctrl_c
+from grasp.watch import leave_signals_to_the_run
 
 if TYPE_CHECKING:
     from rich.status import Status
@@ -204,7 +204,7 @@ def _bar(part: float) -> str:
 
 def main() -> None:
     """Draw what comes on standard input until it ends."""
-    ignore_ctrl_c()
+    leave_signals_to_the_run()
     decode = msgspec.json.Decoder(Message).decode
     first = decode(sys.stdin.buffer.readline() or b'{"type":"Begin","panel":false}')
     shown = make(isinstance(first, Begin) and first.panel)

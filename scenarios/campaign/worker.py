@@ -15,6 +15,7 @@ from scenarios.lift.result import LiftResult
 from scenarios.tap import tap
 from scenarios.tap.config import TapConfig
 from scenarios.tap.result import TapResult
+from scenarios.trial.execution import INTERRUPTED
 from scenarios.trial.result import FinishedRun, versions
 
 AnyRun = FinishedRun[LiftResult] | FinishedRun[TapResult]
@@ -60,10 +61,15 @@ class Finished(msgspec.Struct, frozen=True):
 
 
 def run_once(config: LiftConfig | TapConfig, seed: int, runs: Path | None) -> AnyRun:
-    """One judged trial of the scenario that the settings are of."""
+    """One judged trial of the scenario that the settings are of; KeyboardInterrupt passes."""
+    finished: AnyRun
     if isinstance(config, TapConfig):
-        return tap.run(config, seed, runs)
-    return lift.run(config, seed, runs)
+        finished = tap.run(config, seed, runs)
+    else:
+        finished = lift.run(config, seed, runs)
+    if finished.result is not None and finished.result.outcome == INTERRUPTED:
+        raise KeyboardInterrupt
+    return finished
 
 
 def run_trial(trial: Task) -> Finished:

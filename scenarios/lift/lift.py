@@ -6,7 +6,7 @@ import msgspec
 
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.result import LiftResult
-from scenarios.lift.scoring import SUCCESSES, LiftFacts, false_start, outcome
+from scenarios.lift.scoring import SUCCESSES, LiftFacts, LiftOutcome, false_start, outcome
 from scenarios.rigs.opening import open_rig
 from scenarios.trial.execution import FinishedTrial, OnTick, make_guard, run_trial
 from scenarios.trial.result import FinishedRun, later_ms, named, seconds
@@ -38,10 +38,12 @@ def judge(config: LiftConfig, seed: int, trial: FinishedTrial, recording: str | 
     """Verdict and figures of a finished trial; runs the twin where only that can tell."""
     facts = _facts(config, seed, trial)
     verdict = outcome(facts, config.object, config.scoring)
+    if trial.interrupted:
+        verdict = LiftOutcome.INTERRUPTED
     end = trial.trace.end
     return LiftResult(
         **trial.figures(config, SCENARIO, seed),
-        success=verdict in SUCCESSES,
+        success=None if trial.interrupted else verdict in SUCCESSES,
         outcome=verdict.value,
         slip_onset_s=facts.onset_s,
         first_detection_s=seconds(trial.controller.monitor.first_detection_ns),
@@ -76,7 +78,8 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
         cap_reached=trial.controller.cap_reached,
         fault=trial.fault,
     )
-    if not trial.fault and trial.final is not None and false_start(facts, config.scoring):
+    judged = not trial.fault and not trial.interrupted
+    if judged and trial.final is not None and false_start(facts, config.scoring):
         return msgspec.structs.replace(facts, twin_onset_s=twin_onset_s(config, seed))
     return facts
 

@@ -16,7 +16,7 @@ from scenarios.world.objects import GraspObject
 
 
 class LiftOutcome(StrEnum):
-    """How a lift can end; the first three are successes."""
+    """How a lift can end; the first three are successes, the last one is not judged."""
 
     HELD_WITHIN_6CM = "held_within_6cm"
     HELD_WITHIN_12CM = "held_within_12cm"
@@ -30,6 +30,7 @@ class LiftOutcome(StrEnum):
     CAP_REACHED = "cap_reached"
     OVER_FORCE = "over_force"
     FAULT = "fault"
+    INTERRUPTED = "interrupted"  # not judged
 
 
 SUCCESSES = frozenset({LiftOutcome.HELD_WITHIN_6CM, LiftOutcome.HELD_WITHIN_12CM, LiftOutcome.HELD})

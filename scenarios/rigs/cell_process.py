@@ -37,6 +37,7 @@ class CellProcess:
         self._child = subprocess.Popen(
             [sys.executable, "-P", "-m", emulated_cell.__name__],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+            start_new_session=True,  # a terminal's Ctrl-C and hang-up are the run's affair
             env={**os.environ, "PYTHONPATH": home},
         )  # fmt: skip
         self._open = ExitStack()

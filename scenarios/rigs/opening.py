@@ -1,9 +1,10 @@
 """Opens the rig that a configuration names: with a hand around an object, or one finger alone."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
+from grasp import interruption
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.emulated import emulated
 from scenarios.rigs.hardware import hardware
@@ -28,8 +29,12 @@ def open_press_rig(config: PressRigConfig, seed: int, paced: bool) -> Iterator[P
 
 @contextmanager
 def _open(config: AnyRigConfig, seed: int, paced: bool) -> Iterator[Rig[Any, Any]]:
-    if config.rig == "simulated":
-        yield simulated(config, seed, paced)
-        return
-    with emulated(config, seed) if config.rig == "emulated" else hardware(config) as rig:
+    with ExitStack() as stack:
+        with interruption.allowed():  # opening may take half a minute
+            if config.rig == "simulated":
+                rig: Rig[Any, Any] = simulated(config, seed, paced)
+            elif config.rig == "emulated":
+                rig = stack.enter_context(emulated(config, seed))
+            else:
+                rig = stack.enter_context(hardware(config))
         yield rig

@@ -146,8 +146,9 @@ def _pool(processes: int) -> Iterator[Executor]:
 
 
 def _prepare(parent: int) -> None:
-    """In each worker: the parent alone answers Ctrl-C, and nobody outlives the parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """In each worker: Ctrl-C and a hang-up are for the parent alone, and nobody outlives it."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
 
     def watch() -> None:
         while os.getppid() == parent:

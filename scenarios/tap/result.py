@@ -15,7 +15,8 @@ class Alarm(msgspec.Struct, frozen=True):
 class TapResult(TrialResult, frozen=True, kw_only=True):
     """Verdict of one tap. Lengths in metres, relative to the fingertips, down and across the
     closing axis. ``moved`` is False for a tap that moved nothing, which is reported apart: it is
-    no success, and a failure only if slip was registered."""
+    no success, and a failure only if slip was registered. It is None for a tap that never was
+    struck, or not to its end."""
 
     direction: str
     moved: bool | None

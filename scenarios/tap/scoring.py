@@ -15,7 +15,8 @@ from scenarios.tap.settings import TapScoringSettings
 
 
 class TapOutcome(StrEnum):
-    """How a tap can end; the first is the success, the next two are taps that moved nothing."""
+    """How a tap can end; the first is the success, the next two are taps that moved nothing, the
+    last is not judged."""
 
     REGISTERED = "registered"
     UNMOVED_QUIET = "unmoved_quiet"
@@ -27,10 +28,11 @@ class TapOutcome(StrEnum):
     NEVER_NOMINAL = "never_nominal"
     OVER_FORCE = "over_force"
     FAULT = "fault"
+    INTERRUPTED = "interrupted"  # not judged
 
 
 UNMOVED = frozenset({TapOutcome.UNMOVED_QUIET, TapOutcome.UNMOVED_REGISTERED})
-UNSTRUCK = frozenset({TapOutcome.NEVER_NOMINAL, TapOutcome.FAULT})
+UNSTRUCK = frozenset({TapOutcome.NEVER_NOMINAL, TapOutcome.FAULT, TapOutcome.INTERRUPTED})
 
 
 class ObjectMotion(msgspec.Struct, frozen=True, kw_only=True):

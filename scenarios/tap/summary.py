@@ -51,7 +51,7 @@ def count(results: Iterable[TapResult]) -> TapCount:
     return TapCount(
         struck=len(struck),
         moved=len(moved),
-        successes=sum(r.success for r in moved),
+        successes=sum(bool(r.success) for r in moved),
         unmoved=len(struck) - len(moved),
         false_alarms=sum(r.outcome == TapOutcome.UNMOVED_REGISTERED for r in struck),
     )

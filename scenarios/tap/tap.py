@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 
 from drivers.errors import ConfigError
+from grasp import interruption
 from grasp.guard import ForceGuard
 from grasp.loop import Tick
 from scenarios.rigs.opening import open_rig
@@ -120,12 +121,21 @@ def run_series(
     """One judged tap a seed, each re-seated and recorded in a folder of its own.
 
     The simulated rig is opened anew for each, so that a tap depends on its own seed alone; a wired
-    one is opened once, and its world loads the next object. Ends after a tap that failed as a run.
+    one is opened once, and its world loads the next object. Ends after a tap that failed as a run;
+    raises KeyboardInterrupt when it is stopped between two taps.
     """
     config = tap_config(config)
     guard = make_guard(config)
     for seed in seeds[:1]:
         swing(config, seed)  # a blow that cannot be found is told before anything moves
+    with interruption.held():
+        yield from _series(config, seeds, runs, paced, on_tick, operator, guard)
+
+
+def _series(
+    config: TapConfig, seeds: range, runs: Path | None, paced: bool, on_tick: OnTick,
+    operator: Operator | None, guard: ForceGuard,
+) -> Iterator[FinishedRun[TapResult]]:  # fmt: skip
     if config.rig == "simulated":
         for seed in seeds:
             with open_rig(config, seed, paced) as rig:
@@ -136,6 +146,7 @@ def run_series(
         return
     with open_rig(config, seeds[0], paced) as rig:
         for seed in seeds:
+            interruption.check()
             if seed != seeds[0] and rig.load is not None:
                 rig.load(config, seed)
             _reseat(rig, operator)
@@ -151,6 +162,7 @@ def _reseat(rig: GraspRig, operator: Operator | None) -> None:
         return
     operator.say("Put the object on the table between the fingers, its mark at the pads: Enter")
     while operator.poll() is None:
+        interruption.check()
         rig.idle()
 
 
@@ -179,7 +191,7 @@ def facts_of(config: TapConfig, trial: TapTrial) -> TapFacts:
 def judge(config: TapConfig, seed: int, trial: TapTrial, recording: str | None) -> TapResult:
     """Verdict and figures of a finished tap."""
     facts = facts_of(config, trial)
-    outcome = verdict(facts, config.tap_scoring)
+    outcome = TapOutcome.INTERRUPTED if trial.interrupted else verdict(facts, config.tap_scoring)
     motion, before = facts.motion, trial.sequence.before
     registered_s = registered_after(facts.alarms, motion.struck_s) if motion else None
     again_s = (
@@ -189,7 +201,7 @@ def judge(config: TapConfig, seed: int, trial: TapTrial, recording: str | None) 
     return TapResult(
         **trial.figures(config, SCENARIO, seed),
         direction=direction_of(config.tap, seed),
-        success=outcome is TapOutcome.REGISTERED,
+        success=None if trial.interrupted else outcome is TapOutcome.REGISTERED,
         outcome=outcome.value,
         moved=None if outcome in UNSTRUCK else outcome not in UNMOVED,
         displacement_m=motion.displacement_m if motion else None,

@@ -10,6 +10,7 @@ import msgspec
 from detector.decision import make_rule
 from drivers.errors import ConfigError
 from drivers.interfaces import FINGERS
+from grasp import interruption
 from grasp.controller import GraspController, GripPlan
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
@@ -24,6 +25,7 @@ from scenarios.world.cell import Truth
 
 DEADLINE_S = 180.0  # of virtual or wall time; each phase has its own, shorter one
 FAULT = "fault"  # the outcome of every scenario that ended in a safe state
+INTERRUPTED = "interrupted"  # and of one that was stopped from outside: it is not judged
 
 OnTick = Callable[[Tick], None]
 Watch = Callable[[Tick, Truth | None, GraspController], None]
@@ -85,13 +87,12 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     stalls: Stalls
     acknowledged_ns: Sequence[int]
     real_time: bool | None  # was a real-time priority granted; None in virtual time
-    interrupted: bool  # by Ctrl-C
+    interrupted: bool  # by Ctrl-C or a signal
 
     @property
     def fault(self) -> str:
-        """Why it ended in the safe state or not at all; empty if it did neither."""
-        late = not self.controller.finished and not self.interrupted
-        return self.controller.fault_cause or ("the run did not end in time" if late else "")
+        """Why it ended in the safe state; empty if it did not, or was told to."""
+        return "" if self.interrupted else self.controller.fault_cause
 
     def failure(self, outcome: str) -> Failure | None:
         """Why the exit code is not the verdict's, if so."""
@@ -146,6 +147,7 @@ def run_trial(
 
     loop = make_loop(config, rig, controller, guard, take)
     interrupted, granted = _run_to_end(config, rig, loop, deadline_s)
+    interruption.seal()  # what is left is closing, judging and writing
     return FinishedTrial(
         controller, loop, trace, rig.truth(), rig.stalls(), acknowledged(rig, loop), granted,
         interrupted,
@@ -155,18 +157,22 @@ def run_trial(
 def _run_to_end(
     config: TrialConfig, rig: GraspRig, loop: ControlLoop, deadline_s: float
 ) -> tuple[bool, bool | None]:
-    """Run until the controller has finished. Tells whether Ctrl-C stopped it, in a safe state, and
+    """Run until the controller has finished. Tells whether it was interrupted, in a safe state, and
     whether a real-time priority was granted (None in virtual time)."""
     with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
         try:
-            loop.run(deadline_s)
-        except KeyboardInterrupt:
-            loop.interrupt()
-            return True, granted
+            return _stopped(loop, deadline_s), granted
         except BaseException:  # a bug of ours must not leave the arm moving
-            loop.interrupt()
+            loop.abort()
             raise
-    return False, granted
+
+
+def _stopped(loop: ControlLoop, deadline_s: float) -> bool:
+    try:
+        loop.run(deadline_s)
+    except KeyboardInterrupt as stop:
+        return loop.stop(interruption.cause(stop))
+    return False
 
 
 def acknowledged(rig: GraspRig, loop: ControlLoop) -> Sequence[int]:

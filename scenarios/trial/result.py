@@ -42,14 +42,15 @@ class PhaseEntry(msgspec.Struct, frozen=True):
 
 class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     """Verdict of one trial, whatever it tried. Times in seconds on the rig's clock; None = did not
-    happen, or cannot be known without a simulation. Forces in newtons a finger."""
+    happen, or cannot be known without a simulation. Forces in newtons a finger. ``success`` is
+    None where it was interrupted: then it is not judged."""
 
     scenario: str
     object: str
     rig: str
     detector: str
     seed: int
-    success: bool
+    success: bool | None
     outcome: str
     slip_onset_s: float | None
     slip_registered_s: float | None

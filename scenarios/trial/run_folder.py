@@ -1,13 +1,16 @@
 """The folder that a run leaves: `recording.mcap` and `result.json`, complete or not at all."""
 
 import shutil
+from contextlib import ExitStack
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Self
 
 import msgspec
 
 from drivers.errors import CouldNotRecord
+from grasp import interruption
 from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.messages import CHANNELS, PHASES, TRUTH, write_tick
@@ -47,11 +50,11 @@ class RunFolder:
         if truth is not None:
             write(TRUTH, tick.t_ns, truth)
 
-    def finish(self, result: TrialResult | None) -> None:
+    def finish(self, result: TrialResult) -> None:
         """Close the recording, write the result; raises CouldNotRecord, leaving no folder."""
         self._recorder.close()
         failure: BaseException | None = self._recorder.failure
-        if failure is None and result is not None:
+        if failure is None:
             try:
                 (self.path / RESULT).write_bytes(_pretty(result))
             except OSError as error:
@@ -74,20 +77,30 @@ class Record:
             trial = run_trial(config, rig, guard, record.tick)
             return record.finish(trial, judge(config, seed, trial, record.path))
 
-    Left by an exception it keeps what there is, without a result.
+    Left by an exception it keeps what there is, without a result. A signal never cuts it in two.
     """
 
     def __init__(
         self, config: TrialConfig, scenario: str, seed: int, runs: Path | None, on_tick: OnTick
     ) -> None:
-        """Raises CouldNotRecord if there can be no folder."""
-        self._folder = None if runs is None else RunFolder(runs, scenario, config, seed)
+        self._folder: RunFolder | None = None
+        self._begin = None if runs is None else partial(RunFolder, runs, scenario, config, seed)
         self._on_tick = on_tick
+        self._uncut = ExitStack()
 
     def __enter__(self) -> Self:
+        """Raises CouldNotRecord if there can be no folder."""
+        with ExitStack() as uncut:
+            uncut.enter_context(interruption.held())
+            self._folder = self._begin() if self._begin is not None else None
+            self._uncut = uncut.pop_all()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        with self._uncut:
+            self._left(kind)
+
+    def _left(self, kind: type[BaseException] | None) -> None:
         if kind is not None and self._folder is not None:
             self._folder.abandon()
 
@@ -103,11 +116,11 @@ class Record:
         self._on_tick(tick)
 
     def finish(self, trial: FinishedTrial, result: ResultT) -> FinishedRun[ResultT]:
-        """Write the result, but not that of a trial that was interrupted."""
+        """Close the recording and write the result."""
         failure = trial.failure(result.outcome)
         if self._folder is not None:
             try:
-                self._folder.finish(None if trial.interrupted else result)
+                self._folder.finish(result)
             except CouldNotRecord as error:
                 result = msgspec.structs.replace(result, recording=None)
                 failure = failure or Failure(error.kind, error.message, error.remedy)

@@ -91,7 +91,7 @@ def test_watched_and_unwatched_commands(tmp_path: Path) -> None:
         began = len(rig.acknowledgements())
         for _ in range(BLOCK * BLOCKS):
             loop.tick()
-        loop.interrupt()
+        loop.abort()
         replies = rig.acknowledgements()[began:]
         watchers.onlooker.close()
         watchers.recorder.close()

@@ -152,7 +152,10 @@ def test_guard_is_anchored_when_the_arm_begins_to_rise_and_at_no_other_time() ->
 def test_person_who_interrupts_stops_the_arm_and_never_opens_a_grip(phase: Phase) -> None:
     d = Driver(stop_deceleration_mps2=2.0)
     d.until(phase)
-    commands = d.controller.interrupted()
+    decision = d.step(stop="stopped by hand")
+    assert decision.phase is Phase.FAULT
+    assert d.controller.fault_cause == "stopped by hand"
+    commands = decision.commands
     assert commands[0] == StopArm(2.0)
     assert list(commands[1:]) == ([HoldFingers()] if phase is Phase.APPROACH else [])
 

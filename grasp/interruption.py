@@ -1,0 +1,162 @@
+"""SIGINT, SIGTERM and SIGHUP, taken where nothing is left half done.
+
+The command line takes them (``taken``); without that they mean what they mean in Python. They
+become an ``Interruption``, a KeyboardInterrupt: at once as a rule, and inside ``held`` only where
+``check`` is called, so that no step, no recording and no closing of a device is cut in two. State
+is a process's, as signals are; in other threads than the main one nothing here does anything.
+"""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from enum import Enum, auto
+from types import FrameType
+from typing import Any, NoReturn
+
+from grasp.clock import stopwatch_ns
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+STUCK_NS = 1_000_000_000  # what has not looked for so long stands still: a second signal cuts in
+
+_WORDS = {
+    signal.SIGINT: "stopped by hand",
+    signal.SIGTERM: "told to end (SIGTERM)",
+    signal.SIGHUP: "the terminal was closed (SIGHUP)",
+}
+
+
+class Interruption(KeyboardInterrupt):
+    """A signal asked for the end."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+class _Mode(Enum):
+    RAISE = auto()  # at once
+    HOLD = auto()  # at the next look
+    WATCH = auto()  # as HOLD, but a second one cuts in where nobody has looked for long
+    ALLOW = auto()  # at once, but only the first one: what it unwinds is not cut again
+    SEAL = auto()  # not any more
+
+
+class _Taker:
+    """Takes the signals of a process."""
+
+    def __init__(self) -> None:
+        self.mode = _Mode.RAISE
+        self.asked: int | None = None  # by the first signal
+        self.raised = False
+        self._asked_ns = 0
+
+    def take(self, number: int, _: FrameType | None) -> None:
+        if self.asked is None:
+            self.asked, self._asked_ns = number, stopwatch_ns()
+        stuck = stopwatch_ns() - self._asked_ns > STUCK_NS
+        again = not self.raised
+        if self.mode is _Mode.RAISE or (again and self.mode is _Mode.ALLOW):
+            self.end()
+        if again and stuck and self.mode is _Mode.WATCH:
+            self.end()
+
+    def look(self) -> None:
+        if self.asked is not None and not self.raised and self.mode is not _Mode.SEAL:
+            self.end()
+
+    def end(self) -> NoReturn:
+        self.raised = True
+        assert self.asked is not None  # noqa: S101
+        raise Interruption(self.asked)
+
+
+_taker: _Taker | None = None
+
+
+@contextmanager
+def taken() -> Iterator[None]:
+    """Take the signals, but those that whoever started us had ignored; give them back after."""
+    global _taker  # noqa: PLW0603  (signals are the process's)
+    if threading.current_thread() is not threading.main_thread() or _taker is not None:
+        yield
+        return
+    before: dict[int, Any] = {}
+    _taker = _Taker()
+    try:
+        for number in map(int, SIGNALS):
+            if signal.getsignal(number) not in (signal.SIG_IGN, None):
+                before[number] = signal.signal(number, _taker.take)
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        _taker = None
+
+
+def held() -> AbstractContextManager[None]:
+    """Within, a signal waits for the next ``check``."""
+    return _in(_Mode.HOLD)
+
+
+def watched() -> AbstractContextManager[None]:
+    """As ``held``, for a loop that checks often: where it stands still a second signal cuts in."""
+    return _in(_Mode.WATCH)
+
+
+def allowed() -> AbstractContextManager[None]:
+    """Inside ``held``: a long wait that a signal may cut short, and none cuts what that unwinds."""
+    return _in(_Mode.ALLOW)
+
+
+def sealed() -> AbstractContextManager[None]:
+    """It is too late: a signal waits for a ``check`` after this, whatever is done within."""
+    return _in(_Mode.SEAL)
+
+
+def seal() -> None:
+    """As ``sealed``, until the end of the ``held`` that surrounds this; nothing without one."""
+    taker = _here()
+    if taker is not None and taker.mode is _Mode.HOLD:
+        taker.mode = _Mode.SEAL
+
+
+def check() -> None:
+    """Raises Interruption, once, when a signal has come."""
+    taker = _here()
+    if taker is not None:
+        taker.look()
+
+
+@contextmanager
+def _in(mode: _Mode) -> Iterator[None]:
+    taker = _here()
+    if taker is None or taker.mode is _Mode.SEAL:
+        yield
+        return
+    before, taker.mode = taker.mode, mode
+    try:
+        if mode is _Mode.ALLOW:
+            taker.look()
+        yield
+    finally:
+        taker.mode = before
+
+
+def asked() -> bool:
+    """Whether a signal has come."""
+    return _taker is not None and _taker.asked is not None
+
+
+def number() -> int:
+    """The signal that came first; SIGINT where none was taken."""
+    return signal.SIGINT if _taker is None or _taker.asked is None else _taker.asked
+
+
+def cause(stop: KeyboardInterrupt) -> str:
+    """In a person's words."""
+    return _WORDS[signal.Signals(stop.number if isinstance(stop, Interruption) else signal.SIGINT)]
+
+
+def _here() -> _Taker | None:
+    return _taker if threading.current_thread() is threading.main_thread() else None

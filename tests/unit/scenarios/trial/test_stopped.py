@@ -1,0 +1,136 @@
+"""A run that a signal ends: safe state, closed recording, a result that is no verdict."""
+
+import json
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import LinkLost
+from grasp import interruption
+from grasp.commands import CloseFast, StopArm
+from grasp.controller import GraspController, Observation
+from grasp.loop import Tick
+from grasp.phases import Phase
+from scenarios.campaign.config import load_config
+from scenarios.lift import lift
+from scenarios.lift.result import LiftResult
+from scenarios.tap import tap
+from scenarios.tap.config import TapConfig
+from scenarios.tap.summary import summarise
+from scenarios.trial.replay import replay_run
+from scenarios.trial.result import FinishedRun
+from tests.unit.scenarios.conftest import config, in_phase
+
+QUICK = ("controller.hold_s=0.3", "controller.lift_height_m=0.08", "hand.activation_s=0.5")
+PHASES = [p for p in Phase if p not in (Phase.IDLE, Phase.SQUEEZE, Phase.FAULT)]
+
+
+def signal_in(phase: Phase, *numbers: signal.Signals) -> Callable[[Tick], None]:
+    """Raises the signals, one a tick, from some ticks into a phase on."""
+    due = list(numbers)
+    met = in_phase(phase, 3 if phase is not Phase.REST else 0)
+    ticks: list[Tick] = []
+
+    def on_tick(tick: Tick) -> None:
+        ticks.append(tick)
+        if due and (len(due) < len(numbers) or met(tick)):
+            signal.raise_signal(due.pop(0))
+
+    on_tick.ticks = ticks  # type: ignore[attr-defined]
+    return on_tick
+
+
+def stopped_lift(
+    runs: Path | None, phase: Phase, *numbers: signal.Signals
+) -> tuple[FinishedRun[LiftResult], list[Tick]]:
+    on_tick = signal_in(phase, *numbers)
+    with interruption.taken():
+        finished = lift.run(config(*QUICK), 0, runs, on_tick=on_tick)
+    return finished, on_tick.ticks  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("phase", PHASES)
+def test_signal_in_any_phase_ends_the_run_without_a_verdict(phase: Phase, tmp_path: Path) -> None:
+    finished, ticks = stopped_lift(tmp_path, phase, signal.SIGTERM)
+    result = finished.result
+    assert result is not None and finished.failure is not None
+    assert finished.failure.kind == "interrupted"
+    assert (result.outcome, result.success) == ("interrupted", None)
+    assert [p.phase for p in result.phases][-2:] == [phase, "fault"]
+    assert "SIGTERM" in result.phases[-1].cause
+    assert not ticks[-1].arm.moving
+    stops = [i for t in ticks for i in t.issued if isinstance(i.admitted, StopArm)]
+    assert stops
+    (folder,) = tmp_path.iterdir()
+    assert json.loads((folder / "result.json").read_text())["outcome"] == "interrupted"
+    replay = replay_run(folder)
+    assert replay.complete and not replay.differences
+
+
+@pytest.mark.parametrize("phase", [Phase.COMPENSATE, Phase.LOWER])
+def test_grip_is_kept_as_it_is(phase: Phase) -> None:
+    _, ticks = stopped_lift(None, phase, signal.SIGHUP)
+    in_fault = [t for t in ticks if t.decision.phase is Phase.FAULT]
+    assert not any(isinstance(c, CloseFast) for t in in_fault for c in t.decision.commands)
+    before, after = in_fault[0].gripper.positions, ticks[-1].gripper.positions
+    assert all(b >= a for a, b in zip(before, after, strict=True))
+
+
+def test_further_signals_leave_nothing_half_done(tmp_path: Path) -> None:
+    many = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGINT] * 20
+    finished, ticks = stopped_lift(tmp_path, Phase.LIFT, *many)
+    assert finished.result is not None
+    assert finished.result.outcome == "interrupted"
+    assert not ticks[-1].arm.moving
+    (folder,) = tmp_path.iterdir()
+    assert replay_run(folder).complete
+
+
+def test_fault_before_a_signal_stays_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(self: GraspController, seen: Observation) -> str:
+        return "link_lost: unplugged" if self.phase is Phase.LIFT else ""
+
+    monkeypatch.setattr(GraspController, "_trouble", fail)
+    finished, _ = stopped_lift(None, Phase.FAULT, signal.SIGTERM)
+    assert finished.result is not None
+    assert (finished.result.outcome, finished.result.success) == ("fault", False)
+
+
+def test_signal_while_a_rig_opens_leaves_no_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slow(*_: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+        raise LinkLost("never reached", "")
+
+    monkeypatch.setattr("scenarios.rigs.simulated.connect", slow)
+    with interruption.taken(), pytest.raises(interruption.Interruption):
+        lift.run(config(*QUICK), 0, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_signal_between_two_taps_ends_the_series_and_keeps_the_first() -> None:
+    done = []
+    with interruption.taken(), pytest.raises(KeyboardInterrupt):
+        for finished in tap.run_series(tap_config(), range(3), None):
+            done.append(finished.result)
+            signal.raise_signal(signal.SIGTERM)
+    assert [r.outcome for r in done if r is not None] != ["interrupted"]
+    assert len(done) == 1
+
+
+def tap_config() -> TapConfig:
+    return load_config("can", "simulated", "energy", None, QUICK).for_tap()
+
+
+def test_interrupted_tap_is_in_no_rate() -> None:
+    with interruption.taken():
+        (ended,) = tap.run_series(
+            tap_config(), range(2), None, on_tick=signal_in(Phase.HOLD, signal.SIGTERM)
+        )
+    assert ended.result is not None
+    assert (ended.result.success, ended.result.moved) == (None, None)
+    total = summarise([ended.result]).total
+    assert (total.struck, total.moved, total.successes) == (0, 0, 0)
