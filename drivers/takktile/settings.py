@@ -102,7 +102,7 @@ class UsbSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Which board to open."""
 
     serial: Annotated[
-        str, msgspec.Meta(description="serial number of the board; empty: the first one found")
+        str, msgspec.Meta(description="serial number of the board; any: the first one found")
     ] = ""
     url: Annotated[
         str, msgspec.Meta(description="tcp://HOST:PORT of an emulated board; empty: the USB bus")

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 from drivers.errors import UsageError
 
 if TYPE_CHECKING:
+    from scenarios.rigs.config import AnyRigConfig
+    from scenarios.rigs.permission import MotionPermit
     from scenarios.rigs.workers import Workers
 
 MOST_JOBS = 256
@@ -85,6 +87,23 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
         "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
         help="one setting; may be repeated; `grasp config show` lists them",
     )  # fmt: skip
+
+
+def add_confirmation(parser: argparse.ArgumentParser) -> None:
+    """`--confirm-motion`, of the verbs that may move real devices."""
+    parser.add_argument(
+        "--confirm-motion", action="store_true",
+        help="needed on the hardware rig, every time: the cell is clear and somebody watches",
+    )  # fmt: skip
+
+
+def motion_permit(config: "AnyRigConfig", args: argparse.Namespace) -> "MotionPermit | None":
+    """Leave to move real devices, by what `add_settings` and `add_confirmation` read; None where
+    the rig has none. For verbs made for a lab alone."""
+    from scenarios.rigs.own_settings import own_file
+    from scenarios.rigs.permission import permit
+
+    return permit(config, args.confirm_motion, own_file(args.config), args.set)
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:

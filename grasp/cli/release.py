@@ -1,10 +1,10 @@
 """`grasp release`: open the fingers of a rig that was left holding something."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
+from grasp.cli.options import add_confirmation, add_settings, motion_permit
 
 HELP = "open the fingers of a gripper that was left closed"
 
@@ -13,20 +13,20 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser(
         "release",
         help=HELP,
-        description=HELP + ". Support the object first: it falls when the fingers open.",
+        description=HELP + ". Support the object first: it falls when the fingers open. Needs the "
+        "gripper alone: how arm and fingertips are is told, and does not matter.",
     )
     parser.add_argument(
-        "--rig",
-        default="simulated",
-        metavar="NAME",
-        help="one of config/rigs (default: %(default)s)",
-    )
+        "--rig", required=True, metavar="NAME",
+        help="hardware; or emulated or simulated, which open a hand of their own",
+    )  # fmt: skip
     parser.add_argument(
-        "--config",
-        type=Path,
-        metavar="FILE",
-        help="TOML over the packaged settings (default: $GRASP_CONFIG)",
-    )
+        "--activate", action="store_true",
+        help="activate a hand that is not active, which opens and closes it fully: it must be "
+        "empty, or what it holds supported",
+    )  # fmt: skip
+    add_confirmation(parser)
+    add_settings(parser)
     parser.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, nothing else"
     )
@@ -37,12 +37,21 @@ def release(args: argparse.Namespace) -> int:
     import json
 
     from scenarios.campaign.config import load_config
-    from scenarios.rigs.release import release_gripper
+    from scenarios.rigs.permission import HARDWARE, gripper_address
+    from scenarios.rigs.release import other_devices, release_gripper
 
-    config = load_config("can", args.rig, "energy", args.config)
-    positions = release_gripper(config, config.controller.approach_speed_mps)
+    config = load_config("can", args.rig, "energy", args.config, args.set)
+    permit = motion_permit(config, args)
+    positions = release_gripper(config, config.controller.approach_speed_mps, permit, args.activate)
+    real = args.rig == HARDWARE
+    which = f"gripper at {gripper_address(config)}" if real else "gripper of a cell of its own"
+    if not args.json:
+        print(f"released on rig {args.rig}: {which}, fingers open at {positions} counts")
+    others = other_devices(config) if real else {}
     if args.json:
-        print(json.dumps({"rig": args.rig, "positions_counts": positions}))
+        told = {"rig": args.rig, "gripper": which, "positions_counts": positions, **others}
+        print(json.dumps(told))
     else:
-        print(f"released: fingers open at {positions} counts")
+        for device, state in others.items():
+            print(f"  {device}: {state}")
     return exits.SUCCESS

@@ -9,7 +9,7 @@ from typing import Any
 from drivers.errors import UsageError
 from grasp import interruption
 from grasp.cli import exits
-from grasp.cli.options import add_settings, decimal, seed, whole
+from grasp.cli.options import add_confirmation, add_settings, decimal, motion_permit, seed, whole
 
 HELP = "run a scenario"
 TAPS = 20  # paper, section V-B
@@ -60,11 +60,7 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, nothing else"
     )
-    parser.add_argument(
-        "--confirm-motion",
-        action="store_true",
-        help="needed on the hardware rig, on every run: the cell is clear and somebody watches",
-    )
+    add_confirmation(parser)
     parser.set_defaults(handler=run)
 
 
@@ -142,11 +138,19 @@ def run(args: argparse.Namespace) -> int:
     config = load_config(
         args.object, args.rig, args.detector, args.config, assignments, args.profile
     )
-    _check_confirmed(config.rig, args)
+    permit = _permit(config, args)
     make_guard(config)  # a limit that cannot be kept is refused before anything is shown
     if args.scenario == "lift":
-        return _lift(args, config.for_lift())
-    return _tap(args, config.for_tap())
+        return _lift(args, config.for_lift(), permit)
+    return _tap(args, config.for_tap(), permit)
+
+
+def _permit(config: Any, args: argparse.Namespace) -> Any:
+    """Leave to move what the rig has, once it is known which devices are meant."""
+    from scenarios.rigs.permission import check_devices
+
+    check_devices(config)
+    return motion_permit(config, args)
 
 
 def _strange_option(args: argparse.Namespace) -> str:
@@ -177,12 +181,12 @@ def _acquire(args: argparse.Namespace) -> int:
         args.speed or SPEED_MPS,
         acquire.TURN_RADPS,
     )
-    _check_confirmed(config.rig, args)
+    permit = _permit(config, args)
     with Display(args.rig, quiet=args.json) as display:
         display.setting_up()
         finished = acquire.run(
             config, course, args.seed, args.seconds or SECONDS, args.runs, _paced(args),
-            display.sample,
+            display.sample, permit,
         )  # fmt: skip
     failure = finished.failure
     if not args.json:
@@ -195,25 +199,18 @@ def _acquire(args: argparse.Namespace) -> int:
     return exits.report(failure.kind, failure.message, failure.remedy, args.json, **extra)
 
 
-def _check_confirmed(rig: str, args: argparse.Namespace) -> None:
-    """Raises UsageError for a run that would move real devices without a word."""
-    if rig == "hardware" and not args.confirm_motion:
-        remedy = "clear the cell, have the emergency stop at hand, then add --confirm-motion"
-        raise UsageError("the hardware rig moves real devices", remedy)
-
-
-def _lift(args: argparse.Namespace, config: Any) -> int:
+def _lift(args: argparse.Namespace, config: Any, permit: Any) -> int:
     from grasp.cli.live import Display
     from scenarios.lift import lift
 
     with Display(args.rig, quiet=args.json) as display:
         display.setting_up()
-        finished = lift.run(config, args.seed, args.runs, paced=_paced(args), on_tick=display.tick)
+        finished = lift.run(config, args.seed, args.runs, _paced(args), display.tick, permit)
         display.close()
     return _report(finished, args)
 
 
-def _tap(args: argparse.Namespace, config: Any) -> int:
+def _tap(args: argparse.Namespace, config: Any, permit: Any) -> int:
     from grasp.cli.live import Display, tap_line
     from grasp.cli.operator import TerminalOperator
     from scenarios.tap import tap
@@ -226,7 +223,9 @@ def _tap(args: argparse.Namespace, config: Any) -> int:
     plain = operator is not None
     with Display(args.rig, quiet=args.json, plain=plain, brief=True) as display:
         display.setting_up()
-        series = tap.run_series(config, seeds, args.runs, _paced(args), display.tick, operator)
+        series = tap.run_series(
+            config, seeds, args.runs, _paced(args), display.tick, operator, permit
+        )
         try:
             for finished in series:
                 failure = finished.failure

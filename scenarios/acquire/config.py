@@ -1,6 +1,5 @@
 """Everything that an acquisition can be told, one section a room, put together from layers."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -9,9 +8,10 @@ import msgspec
 from msgspec import Meta
 
 from drivers.interfaces import PERIOD_S
-from grasp.settings import Layer, assignment_layer, load, named_layer, not_chosen, read_toml
+from grasp.settings import Layer, load, named_layer, not_chosen
 from scenarios.acquire.press import PressControlSettings
 from scenarios.rigs.config import PressRigConfig
+from scenarios.rigs.own_settings import own_layers
 from scenarios.world.contact_settings import GROSS_SLIP_MPS
 
 
@@ -60,14 +60,11 @@ def load_acquire_config(
     """
     layers = [
         Layer("acquisition", {"arm": dict(ARM)}),
-        Layer("command line", {"rig": rig}),
-        _of_this_scenario(named_layer("rigs", rig)),
-        named_layer("surfaces", surface),
+        _of_this_scenario(not_chosen(named_layer("rigs", rig))),
+        not_chosen(named_layer("surfaces", surface)),
     ]
-    chosen = file or (Path(os.environ["GRASP_CONFIG"]) if "GRASP_CONFIG" in os.environ else None)
-    if chosen is not None:
-        layers.append(_of_this_scenario(not_chosen(read_toml(chosen))))
-    layers.append(not_chosen(assignment_layer(assignments)))
+    *files, assigned = own_layers(file, assignments)
+    layers += [*map(_of_this_scenario, files), assigned, Layer("command line", {"rig": rig})]
     return load(AcquireConfig, layers)
 
 

@@ -7,18 +7,21 @@ import msgspec
 
 from scenarios.acquire.config import AcquireConfig
 from scenarios.rigs.opening import open_press_rig
+from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import PressRig
 
 LOADED_STD = 200.0  # counts; anything that a pressed fingertip may do while it is zeroed
 
 
 @contextmanager
-def open_acquire_rig(config: AcquireConfig, seed: int, paced: bool) -> Iterator[PressRig]:
+def open_acquire_rig(
+    config: AcquireConfig, seed: int, paced: bool, permit: MotionPermit | None = None
+) -> Iterator[PressRig]:
     """As ``open_press_rig``. A rest under load is what the driver otherwise refuses: low, and
     unsteady as the force."""
     replace = msgspec.structs.replace
     if config.control.residual_n > 0.0:
         tolerant = replace(config.tactile, rest_min_counts=0, rest_max_std_counts=LOADED_STD)
         config = replace(config, tactile=tolerant)
-    with open_press_rig(config, seed, paced) as rig:
+    with open_press_rig(config, seed, paced, permit) as rig:
         yield rig

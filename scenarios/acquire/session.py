@@ -20,6 +20,7 @@ from scenarios.acquire.config import AcquireConfig, SamplingSettings
 from scenarios.acquire.force_calibration import counts_per_newton
 from scenarios.acquire.press import PressController, PressPhase, StrokeMotion
 from scenarios.acquire.rig import open_acquire_rig
+from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import PressRig
 from scenarios.trial.result import Failure, versions
 from scenarios.world.pressed_cell import PressedCell, PressedTruth
@@ -216,7 +217,7 @@ class FinishedAcquisition(msgspec.Struct, frozen=True):
 
 def run(
     config: AcquireConfig, motion: StrokeMotion, seed: int, seconds: float, runs: Path, paced: bool,
-    on_tick: OnTick,
+    on_tick: OnTick, permit: MotionPermit | None = None,
 ) -> FinishedAcquisition:  # fmt: skip
     """One session on the rig of the configuration; writes `runs/<stamp>-acquire-<surface>.npz`.
 
@@ -228,7 +229,7 @@ def run(
     """
     runs.mkdir(parents=True, exist_ok=True)
     failure = None
-    with open_acquire_rig(config, seed, paced) as rig:
+    with open_acquire_rig(config, seed, paced, permit) as rig:
         session = Session(config, motion, seed, rig, on_tick)
         try:
             session.run(round(seconds / config.sampling.period_s))

@@ -8,6 +8,7 @@ from scenarios.lift.config import LiftConfig
 from scenarios.lift.result import LiftResult
 from scenarios.lift.scoring import SUCCESSES, LiftFacts, LiftOutcome, false_start, outcome
 from scenarios.rigs.opening import open_rig
+from scenarios.rigs.permission import MotionPermit
 from scenarios.trial.execution import FinishedTrial, OnTick, make_guard, run_trial
 from scenarios.trial.result import FinishedRun, later_ms, named, seconds
 from scenarios.trial.run_folder import Record
@@ -21,6 +22,7 @@ def run(
     runs: Path | None,
     paced: bool = False,
     on_tick: OnTick = lambda tick: None,
+    permit: MotionPermit | None = None,
 ) -> FinishedRun[LiftResult]:
     """One judged lift. With ``runs`` it leaves a folder of its own there; None records nothing.
 
@@ -29,7 +31,7 @@ def run(
     """
     guard = make_guard(config)
     with Record(config, SCENARIO, seed, runs, on_tick) as record:
-        with open_rig(config, seed, paced) as rig:
+        with open_rig(config, seed, paced, permit) as rig:
             trial = run_trial(config, rig, guard, record.tick)
         return record.finish(trial, judge(config, seed, trial, record.path))
 

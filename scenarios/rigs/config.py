@@ -30,7 +30,7 @@ class RigConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     arm: ArmSettings = ArmSettings()
     tactile: TakkTileSettings = TakkTileSettings()
     usb: UsbSettings = UsbSettings()
-    ur: UrSettings = UrSettings(host="192.168.1.10")  # assumed; a lab names its own
+    ur: UrSettings = UrSettings()
     board: BoardModelSettings = BoardModelSettings()
     arm_model: ArmModelSettings = ArmModelSettings()
     fingertip: FingertipSettings = FingertipSettings()

@@ -142,7 +142,9 @@ def _usb() -> Check:
             continue
         node = f"/dev/bus/usb/{bus:03d}/{number:03d}"
         if os.access(node, os.R_OK | os.W_OK):
-            return Check("usb", "ok", f"fingertip board at {node}")
+            serial = entry / "serial"
+            known = serial.read_text().strip() if serial.is_file() else "none"
+            return Check("usb", "ok", f"fingertip board at {node}, serial number: {known}")
         return Check(
             "usb", "fail", f"{node}: no permission", "install the rule of `grasp tactile udev`"
         )
@@ -167,7 +169,7 @@ def _devices(rig: str | None, load: Load) -> list[Check]:
 
 
 def _ask_devices(config: Any) -> list[Check]:
-    return [_guarded("gripper", lambda: _gripper(config)), *_arm(config)]
+    return [_guarded("gripper", lambda: _gripper(config)), *arm_checks(config)]
 
 
 def _gripper(config: Any) -> Check:
@@ -180,7 +182,9 @@ def _gripper(config: Any) -> Check:
         TCP,
         StatusRegisters,
     )
+    from scenarios.rigs.permission import gripper_address
 
+    gripper_address(config)  # raises where nobody has said which
     link = TCP if config.gripper.link == "tcp" else RTU
     transport = ModbusTransport(config.modbus, config.gripper.link)
     try:
@@ -195,10 +199,15 @@ def _gripper(config: Any) -> Check:
     return Check("gripper", "ok", f"answers, {state}, no fault")
 
 
-def _arm(config: Any) -> list[Check]:
+def arm_checks(config: Any) -> list[Check]:
+    """Ask the arm's controller how it is; moves nothing, raises nothing."""
     from drivers.ur.link.preflight import preflight
+    from scenarios.rigs.permission import arm_address
 
-    report = preflight(config.ur.host, config.ur.step_timeout_s)
+    try:
+        report = preflight(arm_address(config), config.ur.step_timeout_s)
+    except GraspError as error:
+        return [Check("arm", "fail", error.message, error.remedy)]
     return [Check(f"arm {c.name}", c.status, c.detail, c.remedy) for c in report.checks]
 
 

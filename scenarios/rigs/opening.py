@@ -4,37 +4,47 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
+from drivers.errors import ConfigError
 from grasp import interruption
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.emulated import emulated
 from scenarios.rigs.hardware import hardware
+from scenarios.rigs.permission import HARDWARE, MotionPermit
 from scenarios.rigs.rig import GraspRig, PressRig, Rig
 from scenarios.rigs.simulated import simulated
 
 
 @contextmanager
-def open_rig(config: GraspRigConfig, seed: int, paced: bool) -> Iterator[GraspRig]:
-    """The hand is active and open, an object in place. Raises the drivers' errors; closes what it
-    opened."""
-    with _open(config, seed, paced) as rig:
+def open_rig(
+    config: GraspRigConfig, seed: int, paced: bool, permit: MotionPermit | None = None
+) -> Iterator[GraspRig]:
+    """The hand is active and open, an object in place. Raises the drivers' errors, and what
+    ``hardware`` raises without a permit; closes what it opened."""
+    with _open(config, seed, paced, permit) as rig:
         yield rig
 
 
 @contextmanager
-def open_press_rig(config: PressRigConfig, seed: int, paced: bool) -> Iterator[PressRig]:
+def open_press_rig(
+    config: PressRigConfig, seed: int, paced: bool, permit: MotionPermit | None = None
+) -> Iterator[PressRig]:
     """Without a gripper: the hand stays as it is, one finger pointing down. As ``open_rig``."""
-    with _open(config, seed, paced) as rig:
+    with _open(config, seed, paced, permit) as rig:
         yield rig
 
 
 @contextmanager
-def _open(config: AnyRigConfig, seed: int, paced: bool) -> Iterator[Rig[Any, Any]]:
+def _open(
+    config: AnyRigConfig, seed: int, paced: bool, permit: MotionPermit | None
+) -> Iterator[Rig[Any, Any]]:
     with ExitStack() as stack:
         with interruption.allowed():  # opening may take half a minute
             if config.rig == "simulated":
                 rig: Rig[Any, Any] = simulated(config, seed, paced)
             elif config.rig == "emulated":
                 rig = stack.enter_context(emulated(config, seed))
+            elif config.rig == HARDWARE:
+                rig = stack.enter_context(hardware(config, permit))
             else:
-                rig = stack.enter_context(hardware(config))
+                raise ConfigError("rig", config.rig, "unknown", "simulated, emulated, hardware")
         yield rig

@@ -1,30 +1,91 @@
-"""Opens a gripper that was left holding something: no arm motion, no reset."""
+"""Opens a gripper that was left holding something: no arm motion, no reset.
 
-from drivers.errors import DeviceFault
-from drivers.interfaces import Counts3
+On real devices it needs the gripper's link alone: an arm in protective stop or fingertips that were
+unplugged are why a hand was left closed, and must not keep it so.
+"""
+
+import time
+from contextlib import suppress
+
+from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
+from drivers.interfaces import Counts3, Gripper
+from grasp.clock import Clock, WallClock
+from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
+from scenarios.rigs.doctor import arm_checks
 from scenarios.rigs.opening import open_rig
+from scenarios.rigs.permission import HARDWARE, MotionPermit, board_address, require
+from scenarios.rigs.rig import activate, calibration
+from scenarios.rigs.wired import board_finder, wired_gripper
 
 TIMEOUT_S = 15.0
 POLL_NS = 50_000_000
 
 
-def release_gripper(config: GraspRigConfig, speed_mps: float) -> Counts3:
+def release_gripper(
+    config: GraspRigConfig, speed_mps: float, permit: MotionPermit | None, activating: bool
+) -> Counts3:
     """Open all fingers and wait until they rest; returns where they stand.
 
-    Raises the drivers' errors of opening the rig, and DeviceFault when the fingers do not open.
+    Raises Refused for a hand that is not active, unless it is to be activated, and for one that
+    another process drives; the driver's errors; DeviceFault when the fingers do not open.
     """
-    with open_rig(config, seed=0, paced=False) as rig:
-        gripper, clock = rig.devices.gripper, rig.clock
-        gripper.open(speed_mps)
-        end_ns = clock.now_ns + round(TIMEOUT_S * 1e9)
-        while clock.now_ns < end_ns:
-            gripper.pump(clock.now_ns)
-            clock.sleep_until_ns(clock.now_ns + POLL_NS)
-            gripper.pump(clock.now_ns)
-            state = gripper.state
-            if state is not None and state.at_rest:
-                return state.positions
+    if config.rig != HARDWARE:
+        with open_rig(config, seed=0, paced=False) as rig:
+            return _opened(rig.devices.gripper, rig.clock, speed_mps)
+    permit = require(permit)
+    calibration(config)
+    clock = WallClock(WallClock().now_ns)
+    with driving(gripper_of(config)), wired_gripper(config, lambda: clock.now_ns) as gripper:
+        _make_ready(gripper, clock, permit, activating)
+        return _opened(gripper, clock, speed_mps)
+
+
+def other_devices(config: GraspRigConfig) -> dict[str, str]:
+    """How the arm and the fingertips of real devices are, in words; moves and raises nothing."""
+    told = [check for check in arm_checks(config) if check.status != "ok"]
+    arm = "; ".join(check.detail for check in told) or "answers, ready"
+    return {"arm": arm, "fingertips": _fingertips(config)}
+
+
+def _fingertips(config: GraspRigConfig) -> str:
+    try:
+        board_address(config)
+        board = board_finder(config, time.monotonic_ns)(None)
+        board.close()
+    except (GraspError, ValueError) as error:
+        return str(error)
+    return f"board {board.serial} is there"
+
+
+def _make_ready(gripper: Gripper, clock: Clock, permit: MotionPermit, activating: bool) -> None:
+    with suppress(DeviceFault):  # a fault is told below, or cleared by the activation
+        gripper.pump(clock.now_ns)
+    state = gripper.state
+    if state is None:
+        raise LinkLost("the gripper does not answer", "check its power, cable and address")
+    if state.active:
+        return
+    if not activating:
+        why = f" ({state.fault_text})" if state.fault else ""
+        raise Refused(
+            f"the hand is not active{why}: nothing was moved",
+            "activation opens and closes it fully: empty the hand or support what it holds, then "
+            f"run `{permit.release} --activate`",
+        )
+    activate(gripper, clock)
+
+
+def _opened(gripper: Gripper, clock: Clock, speed_mps: float) -> Counts3:
+    gripper.open(speed_mps)
+    end_ns = clock.now_ns + round(TIMEOUT_S * 1e9)
+    while clock.now_ns < end_ns:
+        gripper.pump(clock.now_ns)
+        clock.sleep_until_ns(clock.now_ns + POLL_NS)
+        gripper.pump(clock.now_ns)
+        state = gripper.state
+        if state is not None and state.at_rest:
+            return state.positions
     raise DeviceFault(
         "the fingers did not open", "free them by hand, then switch the gripper off and on"
     )

@@ -84,12 +84,13 @@ def connect(arm: Arm, tactile: TactileSensor, gripper: Gripper | None, clock: Cl
     """
     arm.pump(clock.now_ns)
     if gripper is not None:
-        _activate(gripper, clock)
+        activate(gripper, clock)
     arm.pump(clock.now_ns)
     tactile.pump(clock.now_ns)
 
 
-def _activate(gripper: Gripper, clock: Clock) -> None:
+def activate(gripper: Gripper, clock: Clock) -> None:
+    """Make the hand ready, unless it is; raises DeviceFault when that does not end."""
     now_ns = clock.now_ns
     gripper.pump(now_ns)
     gripper.activate()

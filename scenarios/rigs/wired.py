@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import partial
 
 from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.link.modbus import ModbusTransport
@@ -18,6 +17,8 @@ from grasp.clock import WallClock
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
 from scenarios.rigs.rig import calibration
 
+ANY_BOARD = "any"  # of `usb.serial`
+
 
 @contextmanager
 def wired_devices(
@@ -25,19 +26,26 @@ def wired_devices(
 ) -> Iterator[tuple[ArmDriver, TakkTileDriver, ThreadedGripper | None]]:
     """Drivers on real wires, at the addresses of the configuration. Raises what opening raises."""
     now: Callable[[], int] = lambda: clock.now_ns  # noqa: E731
-    bus = backend(config.usb.url) if config.usb.url else None
-    find = partial(UsbLink.find, backend=bus, clock=now)
     with ExitStack() as stack:
         gripper = None
         if isinstance(config, GraspRigConfig):
-            gripper = stack.enter_context(_wired_gripper(config, now))
-        reading = ReadingThread(find, config.tactile, now)
+            gripper = stack.enter_context(wired_gripper(config, now))
+        reading = ReadingThread(board_finder(config, now), config.tactile, now)
         tactile = stack.enter_context(TakkTileDriver(reading, config.tactile))
         link = stack.enter_context(UrLink(config.ur))
         yield ArmDriver(link, config.arm), tactile, gripper
 
 
-def _wired_gripper(config: GraspRigConfig, now: Callable[[], int]) -> ThreadedGripper:
+def board_finder(config: AnyRigConfig, now: Callable[[], int]) -> Callable[[str | None], UsbLink]:
+    """Finds the fingertip board: that with the serial number asked for, else the one that the
+    settings name, else any."""
+    bus = backend(config.usb.url) if config.usb.url else None
+    named = "" if config.usb.serial == ANY_BOARD else config.usb.serial
+    return lambda serial: UsbLink.find(serial or named or None, backend=bus, clock=now)
+
+
+def wired_gripper(config: GraspRigConfig, now: Callable[[], int]) -> ThreadedGripper:
+    """The gripper on its wire; enter it to start the exchange."""
     modbus = ModbusTransport(config.modbus, config.gripper.link)
     timed = TimedTransport(modbus, now)
     return ThreadedGripper(

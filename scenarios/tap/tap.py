@@ -15,6 +15,7 @@ from grasp import interruption
 from grasp.guard import ForceGuard
 from grasp.loop import Tick
 from scenarios.rigs.opening import open_rig
+from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import GraspRig
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import direction_of, mallet_speed_mps, swing
@@ -105,9 +106,10 @@ def run(
     paced: bool = False,
     on_tick: OnTick = lambda tick: None,
     operator: Operator | None = None,
+    permit: MotionPermit | None = None,
 ) -> FinishedRun[TapResult]:
     """One judged tap on a rig of its own, as ``lift.run`` is one judged lift."""
-    return next(run_series(config, range(seed, seed + 1), runs, paced, on_tick, operator))
+    return next(run_series(config, range(seed, seed + 1), runs, paced, on_tick, operator, permit))
 
 
 def run_series(
@@ -117,6 +119,7 @@ def run_series(
     paced: bool = False,
     on_tick: OnTick = lambda tick: None,
     operator: Operator | None = None,
+    permit: MotionPermit | None = None,
 ) -> Iterator[FinishedRun[TapResult]]:
     """One judged tap a seed, each re-seated and recorded in a folder of its own.
 
@@ -129,12 +132,12 @@ def run_series(
     for seed in seeds[:1]:
         swing(config, seed)  # a blow that cannot be found is told before anything moves
     with interruption.held():
-        yield from _series(config, seeds, runs, paced, on_tick, operator, guard)
+        yield from _series(config, seeds, runs, paced, on_tick, operator, permit, guard)
 
 
 def _series(
     config: TapConfig, seeds: range, runs: Path | None, paced: bool, on_tick: OnTick,
-    operator: Operator | None, guard: ForceGuard,
+    operator: Operator | None, permit: MotionPermit | None, guard: ForceGuard,
 ) -> Iterator[FinishedRun[TapResult]]:  # fmt: skip
     if config.rig == "simulated":
         for seed in seeds:
@@ -144,7 +147,7 @@ def _series(
             if finished.failure is not None:
                 return
         return
-    with open_rig(config, seeds[0], paced) as rig:
+    with open_rig(config, seeds[0], paced, permit) as rig:
         for seed in seeds:
             interruption.check()
             if seed != seeds[0] and rig.load is not None:

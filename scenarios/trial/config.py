@@ -1,7 +1,6 @@
 """What a trial can be told whatever it tries: the rig, and what controls it. From layers."""
 
 import hashlib
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,10 +16,11 @@ from grasp.controller import ControllerSettings
 from grasp.guard import GuardSettings
 from grasp.loop import LoopSettings
 from grasp.realtime import RealTimeSettings
-from grasp.settings import Layer, assignment_layer, named_layer, not_chosen, read_toml
+from grasp.settings import CHOSEN, Layer, named_layer, not_chosen
 from grasp.slip import SlipSettings
 from scenarios.rigs.calibration import calibration_layers
 from scenarios.rigs.config import GraspRigConfig
+from scenarios.rigs.own_settings import own_layers
 
 DEFAULT_PROFILE = "default"
 FORMULAS = {"energy": "energy", "psd": "psd", "psd-fair": "psd_fair"}  # and their sections
@@ -94,14 +94,11 @@ def trial_layers(
     if detector is None:
         detector = str(whole.table["detector_name"])
     layers = [
-        named_layer("rigs", rig),
-        whole,
-        named_layer("objects", object_name),
+        not_chosen(named_layer("rigs", rig)),
+        not_chosen(whole, {key: CHOSEN[key] for key in ("rig", "profile")}),
+        not_chosen(named_layer("objects", object_name)),
+        not_chosen(named_layer("detectors", detector)),
+        *own_layers(file, assignments),
         Layer("command line", {"rig": rig, "profile": profile, "detector_name": detector}),
-        named_layer("detectors", detector),
     ]
-    chosen = file or (Path(os.environ["GRASP_CONFIG"]) if "GRASP_CONFIG" in os.environ else None)
-    if chosen is not None:
-        layers.append(not_chosen(read_toml(chosen)))
-    layers.append(not_chosen(assignment_layer(assignments)))
     return [*calibration_layers(layers), *layers]

@@ -37,13 +37,14 @@ class ModbusSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """Where the gripper is. "manual": Robotiq 3-Finger manual, 2014 or 2018."""
 
     host: Annotated[
-        str, _Meta(min_length=1, description="address on the network; manual p. 75, as shipped")
-    ] = "192.168.1.11"
+        str,
+        _Meta(description="address on the network, 192.168.1.11 as shipped; empty: not said"),
+    ] = ""
     port: Annotated[int, _Meta(ge=1, le=65535, description="TCP port; manual p. 75")] = 502
     unit: Annotated[int, _Meta(ge=0, le=255, description="unit number over TCP; manual p. 75")] = 2
     serial_port: Annotated[
-        str, _Meta(min_length=1, description="device of the serial line, for RTU")
-    ] = "/dev/ttyUSB0"
+        str, _Meta(description="device of the serial line, for RTU; empty: not said")
+    ] = ""
     slave: Annotated[
         int, _Meta(ge=1, le=247, description="slave number over RTU; manual p. 59")
     ] = 9

@@ -25,7 +25,7 @@ _BEAT_NS = 10_000_000
 class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How to reach the controller, what hangs on the flange, and how long to wait."""
 
-    host: Annotated[str, Meta(min_length=1, description="address of the arm's controller")]
+    host: Annotated[str, Meta(description="address of the arm's controller; empty: not said")] = ""
     frequency_hz: Annotated[
         float, Meta(ge=10.0, le=500.0, description="samples per s; UR RTDE guide: CB3 sends 125")
     ] = 125.0

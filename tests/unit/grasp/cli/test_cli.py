@@ -345,7 +345,7 @@ def test_settings_are_shown_with_what_is_allowed(capsys: pytest.CaptureFixture[s
 
 
 def test_release_opens_the_fingers(capsys: pytest.CaptureFixture[str]) -> None:
-    code, answer = run_json(capsys, "release")
+    code, answer = run_json(capsys, "release", "--rig", "simulated")
     assert code == 0
     assert max(answer["positions_counts"]) < 10
 

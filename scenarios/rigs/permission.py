@@ -1,0 +1,108 @@
+"""Who may open the rig `hardware`: a verb made for a lab, told so on its command line.
+
+`grasp run` and `grasp release` alone ask for a permit and hand it down; without one nothing that
+moves real devices can be opened, whatever settings say.
+"""
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+
+from drivers.errors import ConfigError, UsageError
+from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
+from scenarios.rigs.rig import calibration
+
+HARDWARE = "hardware"
+# sections that say which devices are meant: a command that opens the hand must repeat them
+DEVICE_SECTIONS = ("gripper", "calibration", "modbus", "usb", "ur")
+
+
+class MotionPermit(msgspec.Struct, frozen=True):
+    """Leave to move real devices, with the way out: the whole command that opens their hand."""
+
+    release: str
+
+    @property
+    def let_go(self) -> str:
+        """What to do about a hand that was left closed."""
+        return f"to let go, support the object and run `{self.release}`"
+
+
+def permit(
+    config: AnyRigConfig, confirmed: bool, file: Path | None, assignments: Sequence[str]
+) -> MotionPermit | None:
+    """For the rig of a verb's settings; None where there is no real device to move.
+
+    ``file`` and ``assignments`` are what the command line said. Raises UsageError without a
+    confirmation.
+    """
+    if config.rig != HARDWARE:
+        return None
+    if not confirmed:
+        remedy = "clear the cell, have the emergency stop at hand, then add --confirm-motion"
+        raise UsageError("the hardware rig moves real devices", remedy)
+    return MotionPermit(release_command(config.rig, file, assignments))
+
+
+def require(permit: MotionPermit | None) -> MotionPermit:
+    """The permit; raises UsageError for whoever would move real devices without one."""
+    if not isinstance(permit, MotionPermit):
+        remedy = "only `grasp run` and `grasp release` do, with --confirm-motion"
+        raise UsageError("this may not open the rig hardware", remedy)
+    return permit
+
+
+def release_command(rig: str, file: Path | None, assignments: Sequence[str]) -> str:
+    """What to type to open the hand of a rig: rig, file and settings included."""
+    words = ["grasp", "release", "--rig", rig]
+    words += ["--confirm-motion"] if rig == HARDWARE else []
+    words += [] if file is None else ["--config", str(file)]
+    for text in assignments:
+        if text.strip().split(".")[0] in DEVICE_SECTIONS:
+            words += ["--set", text]
+    return shlex.join(words)
+
+
+def check_devices(config: AnyRigConfig) -> None:
+    """Raises ConfigError where an address or the calibration of real devices was left out: they
+    have no default."""
+    if config.rig != HARDWARE:
+        return
+    arm_address(config)
+    board_address(config)
+    if isinstance(config, GraspRigConfig):
+        gripper_address(config)
+        calibration(config)
+
+
+def gripper_address(config: GraspRigConfig) -> str:
+    """Where the gripper is; raises ConfigError where nobody has said it."""
+    if config.gripper.link == "rtu":
+        return _given("modbus.serial_port", config.modbus.serial_port, "/dev/ttyUSB0, or another")
+    host = _given("modbus.host", config.modbus.host, "the gripper's address, as 192.168.1.11")
+    return f"{host}:{config.modbus.port}"
+
+
+def arm_address(config: AnyRigConfig) -> str:
+    """Where the arm's controller is; raises ConfigError where nobody has said it."""
+    return _given("ur.host", config.ur.host, "the address of the arm's controller")
+
+
+def board_address(config: AnyRigConfig) -> str:
+    """Which fingertip board; raises ConfigError where nobody has said it."""
+    return config.usb.url or _given(
+        "usb.serial", config.usb.serial,
+        "the board's serial number, which `grasp doctor` shows, or any for the first one found",
+    )  # fmt: skip
+
+
+def _given(key: str, value: str, allowed: str) -> str:
+    if not value:
+        section, _, name = key.partition(".")
+        raise ConfigError(
+            section, name, "real devices have no default: say which one is meant",
+            f"{allowed}; in a file for --config, or --set {key}=...",
+        )  # fmt: skip
+    return value
