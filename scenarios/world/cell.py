@@ -58,7 +58,15 @@ class Blow(msgspec.Struct, frozen=True, kw_only=True):
     delay_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
 
 
-DIRECTIONS = {"top": contact.TOP, "side": contact.SIDE, "closing": contact.CLOSING}
+_DIRECTIONS = {"top": contact.TOP, "side": contact.SIDE, "closing": contact.CLOSING}
+
+
+def strike(state: Floats, blow: Blow, start_s: float) -> None:
+    """The blow, from start_s on."""
+    contact.strike(
+        state, _DIRECTIONS[blow.direction], start_s, (blow.duration_s, blow.impulse_n_s),
+        (blow.follow_s, blow.follow_n_s),
+    )  # fmt: skip
 
 
 class Truth(msgspec.Struct, frozen=True):
@@ -119,12 +127,8 @@ class SimulatedCell:
 
     def tap(self, blow: Blow) -> None:
         """Strike the object. What an earlier blow moved is forgotten."""
-        s = self._state
-        s[contact.TAP_DIRECTION] = DIRECTIONS[blow.direction]
-        s[contact.TAP_START_S] = (self._now_ns - self._start_ns) * 1e-9 + blow.delay_s
-        s[contact.TAP_S], s[contact.TAP_N_S] = blow.duration_s, blow.impulse_n_s
-        s[contact.FOLLOW_S], s[contact.FOLLOW_N_S] = blow.follow_s, blow.follow_n_s
-        s[contact.MOVED_FROM_S] = s[contact.MOVED_UNTIL_S] = contact.NOT_YET
+        start_s = (self._now_ns - self._start_ns) * 1e-9 + blow.delay_s
+        strike(self._state, blow, start_s)
 
     def advance(self, now_ns: int) -> None:
         """Advance everything to now_ns."""
