@@ -5,6 +5,8 @@ gripper model and contact law exchange forces, every millisecond, with finer ste
 """
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Annotated, Literal
 
 import msgspec
@@ -99,7 +101,7 @@ class SimulatedCell:
     def __init__(self, settings: CellSettings, rng: np.random.Generator, start_ns: int = 0) -> None:
         self.gripper = GripperModel(settings.hand, start_ns)
         self.arm = ArmModel(settings.arm, start_ns)
-        self.board = BoardModel(settings.board, self._sample)
+        self.board = BoardModel(settings.board, self._latch)
         self._start_ns = self._now_ns = start_ns
         self._stiffness = np.zeros(contact.FINGERS)
         self._arm_height_m, self._arm_rise_mps = self.arm.position(start_ns)[2], 0.0
@@ -119,6 +121,7 @@ class SimulatedCell:
         self._state = contact.initial_state(present=False)
         self._step_s = settings.contact.step_s
         self._offset_m = settings.finger_offset_m
+        self._travel_m = self.gripper.travel_m + self._offset_m
 
     def place_object(self) -> None:
         """Put the object on the table between the fingers, which must be open: an activation
@@ -142,27 +145,31 @@ class SimulatedCell:
         """True when moving fingers could reach the object by then, or touch it now."""
         s = self._state
         reach_m = CLOSING_MPS * (until_ns - self._now_ns) * 1e-9
-        travel = self.gripper.travel_m + self._offset_m
-        return s[contact.NORMAL] > 0.0 or contact.clearance(self._parameters, s, travel) <= reach_m
+        clearance_m = contact.clearance(self._parameters, s, self._travel_m)
+        return s[contact.NORMAL] > 0.0 or clearance_m <= reach_m
 
     def _advance_to(self, end_ns: int) -> None:
         t0, t1 = self._now_ns, end_ns
         s = self._state
-        before = self.gripper.travel_m + self._offset_m
+        before = self._travel_m
         normal = s[contact.NORMAL : contact.NORMAL + contact.FINGERS]
         contact.normal_stiffness(self._parameters, normal, self._stiffness)
         self.gripper.advance(t1, FingerLoads(normal, self._stiffness))
+        self._travel_m = self.gripper.travel_m + self._offset_m
         height, rise_mps = self.arm.position(t1)[2], self.arm.velocity(t1)[2]
         contact.advance(
             self._parameters, s, (t0 - self._start_ns) * 1e-9, (t1 - t0) * 1e-9, self._step_s,
             height - self._arm_height_m, self._arm_rise_mps, rise_mps,
-            before, self.gripper.travel_m + self._offset_m,
+            before, self._travel_m,
         )  # fmt: skip
         self._arm_height_m, self._arm_rise_mps = height, rise_mps
         self._now_ns = end_ns
 
-    def _sample(self, t_ns: int) -> tuple[Codes, Codes]:
-        s = self._state
+    def _latch(self, t_ns: int) -> Callable[[], tuple[Codes, Codes]]:
+        """What the pads are about to feel now; not all of it will be asked for."""
+        return partial(self._sample, t_ns, self._state.copy(), self._arm_rise_mps != 0.0)
+
+    def _sample(self, t_ns: int, s: Floats, arm_moves: bool) -> tuple[Codes, Codes]:
         centre = contact.centre_on_pad(self._parameters, s[contact.SLIP])
         # the object lags behind the rising fingers
         motion = s[contact.ACROSS] * self._across - s[contact.SLIP] * self._up
@@ -172,7 +179,7 @@ class SimulatedCell:
             motion * 1e3,
             self._turn,
             centre * self._up * 1e3,
-            self._arm_rise_mps != 0.0,
+            arm_moves,
         )
         pressure, temperature = self.fingertips.codes()
         return pressure.ravel(), temperature.ravel()
@@ -182,7 +189,7 @@ class SimulatedCell:
         must have passed before a device has to answer."""
         self._near(self._now_ns + EXCHANGE_NS)
         self._advance_to(self._now_ns + EXCHANGE_NS)
-        self._sample(self._now_ns)
+        self._latch(self._now_ns)()
 
     def truth(self) -> Truth:
         """The state of the world at the time that it was last advanced to."""
