@@ -5,6 +5,7 @@ allowed there.
 """
 
 import difflib
+import os
 import re
 import tomllib
 from collections.abc import Sequence
@@ -63,6 +64,13 @@ def read_toml(path: Path) -> Layer:
         raise ConfigError(str(path), "-", "no such file", "the path of a TOML file") from None
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(str(path), "-", f"cannot be read: {error}", "valid TOML, UTF-8") from None
+
+
+def own_layers(file: Path | None) -> list[Layer]:
+    """A file of one's own: the one given, or that of $GRASP_CONFIG, or none."""
+    named = os.environ.get("GRASP_CONFIG")
+    chosen = file or (Path(named) if named is not None else None)
+    return [] if chosen is None else [read_toml(chosen)]
 
 
 def named_layer(kind: str, name: str) -> Layer:

@@ -1,6 +1,5 @@
 """Everything that an acquisition can be told, one section a room, put together from layers."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -9,7 +8,7 @@ import msgspec
 from msgspec import Meta
 
 from drivers.interfaces import PERIOD_S
-from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
+from grasp.settings import Layer, assignment_layer, load, named_layer, own_layers
 from scenarios.acquire.press import PressControlSettings
 from scenarios.rigs.config import PressRigConfig
 from scenarios.world.contact_settings import GROSS_SLIP_MPS
@@ -63,11 +62,9 @@ def load_acquire_config(
         Layer("command line", {"rig": rig}),
         _of_this_scenario(named_layer("rigs", rig)),
         named_layer("surfaces", surface),
+        *map(_of_this_scenario, own_layers(file)),
+        assignment_layer(assignments),
     ]
-    chosen = file or (Path(os.environ["GRASP_CONFIG"]) if "GRASP_CONFIG" in os.environ else None)
-    if chosen is not None:
-        layers.append(_of_this_scenario(read_toml(chosen)))
-    layers.append(assignment_layer(assignments))
     return load(AcquireConfig, layers)
 
 

@@ -1,7 +1,6 @@
 """What a trial can be told whatever it tries: the rig, and what controls it. From layers."""
 
 import hashlib
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from grasp.controller import ControllerSettings
 from grasp.guard import GuardSettings
 from grasp.loop import LoopSettings
 from grasp.realtime import RealTimeSettings
-from grasp.settings import Layer, assignment_layer, named_layer, read_toml
+from grasp.settings import Layer, assignment_layer, named_layer, own_layers
 from grasp.slip import SlipSettings
 from scenarios.rigs.calibration import calibration_layers
 from scenarios.rigs.config import GraspRigConfig
@@ -98,9 +97,7 @@ def trial_layers(
         named_layer("objects", object_name),
         Layer("command line", {"rig": rig, "profile": profile, "detector_name": detector}),
         named_layer("detectors", detector),
+        *own_layers(file),
+        assignment_layer(assignments),
     ]
-    chosen = file or (Path(os.environ["GRASP_CONFIG"]) if "GRASP_CONFIG" in os.environ else None)
-    if chosen is not None:
-        layers.append(read_toml(chosen))
-    layers.append(assignment_layer(assignments))
     return [*calibration_layers(layers), *layers]
