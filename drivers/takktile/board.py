@@ -1,7 +1,7 @@
 """One TakkTile board behind a link: opening, starting, and reading frames whole.
 
-Shared by polled and always-pending reading. The board is host-paced (see ``model``): the frame
-that a read brings was converted right after the previous read completed.
+The board is host-paced: it converts after each read, so that the frame which a read brings was
+converted right after the read before it completed.
 """
 
 from enum import Enum

@@ -5,7 +5,6 @@ from typing import Any
 
 from drivers.robotiq.driver import RegisterTransport, RobotiqDriver
 from drivers.robotiq.model.gripper import ModelTransport
-from drivers.takktile.board import READ_TIMEOUT_MS
 from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.model.link import ModelLink
 from drivers.ur.driver import ArmDriver
@@ -18,10 +17,6 @@ from scenarios.world.pressed_cell import PressedCell
 
 Wrap = Callable[[RegisterTransport], RegisterTransport]
 
-# An acquisition loses samples one by one, each by a read that gives up after the next sample is due
-# and before the one after; elsewhere a read that fails costs what it does on USB.
-LOST_SAMPLE_MS = 15
-
 
 def simulated(
     config: AnyRigConfig, seed: int, paced: bool, wrap: Wrap = lambda transport: transport
@@ -29,8 +24,7 @@ def simulated(
     """In virtual time; ``paced`` at the wall's pace. ``wrap`` sees every register of the gripper's
     wire, both ways."""
     cell = any_cell(config, seed)
-    timeout_ms = LOST_SAMPLE_MS if isinstance(cell, PressedCell) else READ_TIMEOUT_MS
-    fingertips = ModelLink(cell.board, config.tactile, cell.advance, timeout_ms)
+    fingertips = ModelLink(cell.board, config.tactile, cell.advance)
     tactile = TakkTileDriver(fingertips, config.tactile).start()
     arm = ArmDriver(cell.arm, config.arm)
     gripper = _gripper(config, cell, wrap)

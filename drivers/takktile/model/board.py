@@ -79,6 +79,7 @@ class BoardModel:
         self._split = False
         self._flip: tuple[int, int] | None = None
         self._stall = False
+        self._ready_ns = 0
         self._pending = b""  # of a frame, what the host has not drained yet
         self._plugs = 0
         self._power_up()
@@ -164,8 +165,12 @@ class BoardModel:
         self._frozen[cell] = int(self._codes()[0][cell])
 
     def time_out(self, reads: int) -> None:
-        """So many more bulk reads bring nothing."""
-        self._timeouts += reads
+        """The next bulk reads bring nothing."""
+        self._timeouts = reads
+
+    def silence(self, until_ns: int) -> None:
+        """No frame comes up to then and at that instant; what is ready waits."""
+        self._ready_ns = max(self._ready_ns, until_ns + 1)
 
     def shorten_frame(self, lost_bytes: int) -> None:
         """The next frame lacks its last bytes."""

@@ -11,6 +11,7 @@ from drivers.takktile.receiver import Readings, Receiver, ReceiverCounts
 from drivers.takktile.settings import TakkTileSettings
 
 _NEVER = 1 << 62
+_TIMEOUT_NS = READ_TIMEOUT_MS * 1_000_000
 
 
 class ModelUsb:
@@ -63,14 +64,12 @@ class ModelLink:
         model: BoardModel,
         settings: TakkTileSettings,
         advance_world: Callable[[int], None] = lambda now_ns: None,
-        read_timeout_ms: int = READ_TIMEOUT_MS,
     ) -> None:
         self._model = model
         self._receiver = Receiver(
             lambda serial: ModelUsb(model), settings.conversion_ms, lambda: self._now_ns
         )
         self._advance_world = advance_world
-        self._timeout_ns = read_timeout_ms * 1_000_000
         self._now_ns = 0
         self._asked_ns = _NEVER  # since when the read has been pending
         self._lost = False  # no board: from then on it is to be opened again
@@ -110,7 +109,7 @@ class ModelLink:
             return self._asked_ns
         ready_ns = self._model.ready_ns
         if ready_ns is None:
-            return self._asked_ns + self._timeout_ns
+            return self._asked_ns + _TIMEOUT_NS
         return ready_ns if ready_ns > self._asked_ns else self._asked_ns
 
     def _pass_over(self, done_ns: int) -> None:

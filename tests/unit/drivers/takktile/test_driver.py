@@ -406,3 +406,14 @@ def test_a_mistake_in_one_codec_is_noticed_at_the_other_end(monkeypatch, mistake
     bench.pump(3)
     raw = bench.driver.latest_raw
     assert raw is None or raw.ravel().tolist() != bench.codes.tolist()
+
+
+def test_a_silent_board_loses_the_samples_of_that_time_and_no_more(bench):
+    for _ in range(3):
+        bench.board.silence(bench.now_ns + PERIOD_NS)
+        bench.pump()
+    assert bench.frame.missed == 3
+    bench.pump()
+    assert bench.frame.missed == 0
+    assert bench.now_ns - bench.frame.sampled_ns < PERIOD_NS
+    assert bench.driver.statistics.timeouts == bench.driver.statistics.restarts == 0
