@@ -1,4 +1,5 @@
-# make install   what a run needs, into .venv        make test       checks and tests
+# make install   what a run needs, into .venv        make test       checks and tests, of which
+# make check     style, types, imports               make test-unit  what computes, make test-wire what waits
 # make lift      one lift of a can, simulated        make test-slow  the slow tests
 # make bench     measurements                        make test-train the tests that need torch
 # make lock      renew requirements/*.txt (with uv)  make test-cluster the test that needs Dask
@@ -26,8 +27,8 @@ CLUSTER := .venv/.installed-cluster
 PYTHON ?= python3.12 python3.11 python3
 OBJECT ?= can
 
-.PHONY: install install-dev install-train install-cluster lift test test-unit test-wire test-slow test-train test-cluster bench check check-style check-types check-imports \
-        lock clean
+.PHONY: install install-dev install-train install-cluster lift test test-unit test-wire test-slow \
+        test-train test-cluster bench check check-style check-types check-imports lock clean
 
 install: $(BASE)
 install-dev: $(DEV)
@@ -95,7 +96,9 @@ test: check
 test-unit: install-dev
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal --ignore tests/wire
 test-wire: install-dev
-	$(BIN)/python -m pytest -n 3 --dist loadgroup tests/wire
+	$(BIN)/python -m pytest -n 3 --dist loadgroup tests/wire || { \
+	  (($$? == 1)) && echo "what failed with others beside it counts if it fails alone" && \
+	  $(BIN)/python -m pytest --last-failed --last-failed-no-failures none tests/wire; }
 
 test-slow: install-dev
 	$(BIN)/python -m pytest -m slow

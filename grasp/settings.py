@@ -28,6 +28,7 @@ RENAMED = {
     "loop.stop_deceleration_mps2": "controller.stop_deceleration_mps2",
     "tap.impulse_ns": "tap.impulse_n_s",
     "detector": "energy",
+    "decision_rules": "decision_samples",
     "control.proportional_mps_n": "control.proportional_mps_per_n",
     "control.integral_mps_ns": "control.integral_mps_per_n_s",
     "control.derivative_m_n": "control.derivative_m_per_n",

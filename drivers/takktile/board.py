@@ -1,7 +1,7 @@
 """One TakkTile board behind a link: opening, starting, and reading frames whole.
 
-Shared by polled and always-pending reading. The board is host-paced (see ``model``): the frame
-that a read brings was converted right after the previous read completed.
+The board is host-paced: it converts after each read, so that the frame which a read brings was
+converted right after the read before it completed.
 """
 
 from enum import Enum
@@ -17,6 +17,7 @@ from drivers.takktile.protocol import Layout, UsbRequest
 
 Codes = NDArray[np.int16]
 
+READ_TIMEOUT_MS = 100  # a board that samples answers within 10 ms
 _DRAIN_READS = 8  # more than a stopped board can still have in its pipe
 _RESYNC_READS = 4  # the longest frame is five packets
 _START = 0xFF
@@ -63,11 +64,11 @@ class Reading(msgspec.Struct, frozen=True):
 class Board:
     """A board that is opened, read and closed by one caller at a time."""
 
-    def __init__(self, link: BoardLink, conversion_ms: float, conversion_delay_ns: int = 0) -> None:
-        """``conversion_delay_ns``: from the end of a read to the middle of the conversion."""
+    def __init__(self, link: BoardLink, conversion_ms: float) -> None:
         self._link = link
         self._ticks = protocol.timer_ticks(conversion_ms)
-        self._delay_ns = conversion_delay_ns
+        # a code tells the pressure at about the middle of its conversion
+        self._delay_ns = round(conversion_ms * 1e6 / 2)
         self._layout: Layout | None = None  # None until the board has been opened
         self._converted_ns = 0
 
@@ -77,9 +78,9 @@ class Board:
         return self._layout
 
     @property
-    def converted_ns(self) -> int:
-        """When the latest read completed, which started the conversion of the next frame."""
-        return self._converted_ns
+    def converting_ns(self) -> int:
+        """What time the conversion tells of that now goes on; the latest read started it."""
+        return self._converted_ns + self._delay_ns
 
     def open(self, now_ns: int) -> Layout:
         """Stop, drain and scan; ``start`` comes next.
@@ -127,6 +128,10 @@ class Board:
             self._resync(transfer, now_ns)
             return Missed.WRONG_LENGTH
         return Reading(transfer.data, sampled_ns + self._delay_ns, transfer.done_ns)
+
+    def pass_over(self, done_ns: int) -> None:
+        """A frame was read then that nobody needs: it only started the next conversion."""
+        self._converted_ns = done_ns
 
     def _resync(self, part: Transfer | None, now_ns: int) -> None:
         """Read away the rest of a frame cut off between packets, up to its short packet.

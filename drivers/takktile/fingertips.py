@@ -98,7 +98,7 @@ class FrameAssembly:
         if codes is None:
             return Missed.IMPLAUSIBLE
         pressure, temperature = codes
-        return pressure[self._order], temperature[self._order]
+        return pressure.take(self._order), temperature.take(self._order)
 
     def _miss(self, cause: Missed, now_ns: int) -> None:
         self._missed[cause] += 1

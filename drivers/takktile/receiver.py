@@ -59,13 +59,9 @@ class ReceiverCounts(msgspec.Struct, frozen=True):
 class Receiver:
     """One caller opens, receives and closes; ``take`` and the properties are anybody's."""
 
-    def __init__(
-        self, connect: Connect, conversion_ms: float, delay_ns: int, clock: Callable[[], int]
-    ) -> None:
-        """``delay_ns``: from the end of a read to what the next frame's codes tell of."""
+    def __init__(self, connect: Connect, conversion_ms: float, clock: Callable[[], int]) -> None:
         self._connect = connect
         self._conversion_ms = conversion_ms
-        self._delay_ns = delay_ns
         self._clock = clock
         self._usb: UsbBoard | None = None
         self._board: Board | None = None  # None while there is none
@@ -89,7 +85,7 @@ class Receiver:
     def converting_ns(self) -> int:
         """What time the conversion tells of that now goes on; 0 while there is no board."""
         board = self._board
-        return 0 if board is None else board.converted_ns + self._delay_ns
+        return 0 if board is None else board.converting_ns
 
     def take(self) -> Readings:
         with self._lock:
@@ -101,7 +97,7 @@ class Receiver:
         """Find the board, check that it is as it was, start it; raises what stands against it."""
         self._usb = self._connect(self._serial)
         try:
-            board = Board(self._usb, self._conversion_ms, self._delay_ns)
+            board = Board(self._usb, self._conversion_ms)
             layout = board.open(self._clock())
             self._check_same(layout)
             board.start(self._clock())
@@ -138,6 +134,11 @@ class Receiver:
             pause_ns = self._pause_ns
             self._pause_ns = min(2 * pause_ns, _LONGEST_PAUSE_NS)
             return pause_ns
+
+    def pass_over(self, done_ns: int) -> None:
+        """A frame was read then that a newer one follows before anybody could take it."""
+        if self._board is not None:
+            self._board.pass_over(done_ns)
 
     def report(self, error: GraspError) -> None:
         """Whoever takes will hear of it, until the board has been opened again."""

@@ -126,9 +126,10 @@ class Session:
             rig.clock.sleep_until_ns(due_ns)
             return
         jitter = float(np.clip(self._pace.standard_normal(), -4.0, 4.0)) * sampling.jitter_s
+        wake_ns = due_ns + round(jitter * 1e9)
         if self._pace.random() < sampling.lost_share:
-            rig.cell.board.time_out(1)
-        rig.clock.sleep_until_ns(due_ns + round(jitter * 1e9))
+            rig.cell.board.silence(wake_ns)
+        rig.clock.sleep_until_ns(wake_ns)
 
     def _sample(self) -> Sample:
         """One exchange with each device and one decision."""

@@ -22,7 +22,7 @@ SEEDS_APART = 10_000  # so the seeds of two campaigns with different `seeds` nev
 
 # axes with a name of their own, and the setting that each of them sets
 AXES = {
-    "decision_rules": "rule.consecutive",
+    "decision_samples": "rule.consecutive",
     "latencies_s": "loop.decision_delay_s",
     "closing_speeds_mps": "controller.closing_speed_mps",
 }
@@ -38,7 +38,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         "default",
     )
     detectors: Annotated[tuple[str, ...], Meta(description="of config/detectors")] = ()
-    decision_rules: Annotated[
+    decision_samples: Annotated[
         tuple[int, ...], Meta(description="consecutive detections that register slip")
     ] = ()
     latencies_s: Annotated[

@@ -10,6 +10,7 @@ from typing import Any, Self, TextIO
 import msgspec
 
 from drivers.errors import BadFile, ConfigError, CouldNotRecord
+from grasp.settings import Layer, load
 from scenarios.campaign.spec import CampaignSpec, Combination
 from scenarios.campaign.worker import Finished, Row
 
@@ -119,7 +120,12 @@ class CampaignStore:
 
     @property
     def spec(self) -> CampaignSpec:
-        return msgspec.json.decode(self._said("spec"), type=CampaignSpec)
+        """Raises BadFile for one of another version."""
+        try:
+            table = msgspec.json.decode(self._said("spec"), type=dict[str, Any])
+            return load(CampaignSpec, [Layer("spec", table)])
+        except ConfigError as error:
+            raise BadFile(self.path, str(error), "open it with the version that made it") from None
 
     def finished(self) -> set[int]:
         """Numbers of the trials that ran; those that errored are not among them."""

@@ -17,7 +17,7 @@ from drivers.errors import ConfigError
 from scenarios.tap.config import TapConfig
 from scenarios.tap.settings import TapSettings
 from scenarios.world import contact
-from scenarios.world.cell import DIRECTIONS, Blow
+from scenarios.world.cell import Blow, strike
 from scenarios.world.contact import Floats
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
@@ -125,11 +125,7 @@ def _held(body: GraspObject, hand: ContactSettings, grip_n: float) -> tuple[Floa
 def _moved_m(p: Floats, held: Floats, travel: Floats, hand: ContactSettings, blow: Blow) -> float:
     """Displacement for good, m; infinite if the object was lost."""
     s = held.copy()
-    s[contact.TAP_DIRECTION] = DIRECTIONS[blow.direction]
-    s[[contact.TAP_START_S, contact.TAP_S, contact.TAP_N_S]] = (
-        SETTLE_S, blow.duration_s, blow.impulse_n_s,
-    )  # fmt: skip
-    s[[contact.FOLLOW_S, contact.FOLLOW_N_S]] = blow.follow_s, blow.follow_n_s
+    strike(s, blow, SETTLE_S)
     contact.advance(p, s, SETTLE_S, AFTER_S, hand.step_s, 0.0, 0.0, 0.0, travel, travel)
     if s[contact.NORMAL] <= 0.0:
         return math.inf

@@ -231,7 +231,7 @@ def emulated_board() -> Iterator[EmulatedBoard]:
     codes = np.full((3, 6), REST_CODE, np.int16)
     warm = np.full(codes.size, 500, np.int16)
     lock = threading.Lock()
-    model = BoardModel(BoardModelSettings(), lambda t_ns: (codes.ravel().copy(), warm))
+    model = BoardModel(BoardModelSettings(), lambda t_ns: lambda: (codes.ravel().copy(), warm))
     with ExitStack() as stack:
         server = stack.enter_context(BoardServer(model, lock, _some_address()))
         board = EmulatedBoard(server, model, lock, codes)

@@ -5,6 +5,8 @@ gripper model and contact law exchange forces, every millisecond, with finer ste
 """
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Annotated, Literal
 
 import msgspec
@@ -58,7 +60,15 @@ class Blow(msgspec.Struct, frozen=True, kw_only=True):
     delay_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
 
 
-DIRECTIONS = {"top": contact.TOP, "side": contact.SIDE, "closing": contact.CLOSING}
+_DIRECTIONS = {"top": contact.TOP, "side": contact.SIDE, "closing": contact.CLOSING}
+
+
+def strike(state: Floats, blow: Blow, start_s: float) -> None:
+    """The blow, from start_s on."""
+    contact.strike(
+        state, _DIRECTIONS[blow.direction], start_s, (blow.duration_s, blow.impulse_n_s),
+        (blow.follow_s, blow.follow_n_s),
+    )  # fmt: skip
 
 
 class Truth(msgspec.Struct, frozen=True):
@@ -91,7 +101,7 @@ class SimulatedCell:
     def __init__(self, settings: CellSettings, rng: np.random.Generator, start_ns: int = 0) -> None:
         self.gripper = GripperModel(settings.hand, start_ns)
         self.arm = ArmModel(settings.arm, start_ns)
-        self.board = BoardModel(settings.board, self._sample)
+        self.board = BoardModel(settings.board, self._latch)
         self._start_ns = self._now_ns = start_ns
         self._stiffness = np.zeros(contact.FINGERS)
         self._arm_height_m, self._arm_rise_mps = self.arm.position(start_ns)[2], 0.0
@@ -111,6 +121,7 @@ class SimulatedCell:
         self._state = contact.initial_state(present=False)
         self._step_s = settings.contact.step_s
         self._offset_m = settings.finger_offset_m
+        self._travel_m = self.gripper.travel_m + self._offset_m
 
     def place_object(self) -> None:
         """Put the object on the table between the fingers, which must be open: an activation
@@ -119,12 +130,8 @@ class SimulatedCell:
 
     def tap(self, blow: Blow) -> None:
         """Strike the object. What an earlier blow moved is forgotten."""
-        s = self._state
-        s[contact.TAP_DIRECTION] = DIRECTIONS[blow.direction]
-        s[contact.TAP_START_S] = (self._now_ns - self._start_ns) * 1e-9 + blow.delay_s
-        s[contact.TAP_S], s[contact.TAP_N_S] = blow.duration_s, blow.impulse_n_s
-        s[contact.FOLLOW_S], s[contact.FOLLOW_N_S] = blow.follow_s, blow.follow_n_s
-        s[contact.MOVED_FROM_S] = s[contact.MOVED_UNTIL_S] = contact.NOT_YET
+        start_s = (self._now_ns - self._start_ns) * 1e-9 + blow.delay_s
+        strike(self._state, blow, start_s)
 
     def advance(self, now_ns: int) -> None:
         """Advance everything to now_ns."""
@@ -138,27 +145,31 @@ class SimulatedCell:
         """True when moving fingers could reach the object by then, or touch it now."""
         s = self._state
         reach_m = CLOSING_MPS * (until_ns - self._now_ns) * 1e-9
-        travel = self.gripper.travel_m + self._offset_m
-        return s[contact.NORMAL] > 0.0 or contact.clearance(self._parameters, s, travel) <= reach_m
+        clearance_m = contact.clearance(self._parameters, s, self._travel_m)
+        return s[contact.NORMAL] > 0.0 or clearance_m <= reach_m
 
     def _advance_to(self, end_ns: int) -> None:
         t0, t1 = self._now_ns, end_ns
         s = self._state
-        before = self.gripper.travel_m + self._offset_m
+        before = self._travel_m
         normal = s[contact.NORMAL : contact.NORMAL + contact.FINGERS]
         contact.normal_stiffness(self._parameters, normal, self._stiffness)
         self.gripper.advance(t1, FingerLoads(normal, self._stiffness))
+        self._travel_m = self.gripper.travel_m + self._offset_m
         height, rise_mps = self.arm.position(t1)[2], self.arm.velocity(t1)[2]
         contact.advance(
             self._parameters, s, (t0 - self._start_ns) * 1e-9, (t1 - t0) * 1e-9, self._step_s,
             height - self._arm_height_m, self._arm_rise_mps, rise_mps,
-            before, self.gripper.travel_m + self._offset_m,
+            before, self._travel_m,
         )  # fmt: skip
         self._arm_height_m, self._arm_rise_mps = height, rise_mps
         self._now_ns = end_ns
 
-    def _sample(self, t_ns: int) -> tuple[Codes, Codes]:
-        s = self._state
+    def _latch(self, t_ns: int) -> Callable[[], tuple[Codes, Codes]]:
+        """What the pads are about to feel now; not all of it will be asked for."""
+        return partial(self._sample, t_ns, self._state.copy(), self._arm_rise_mps != 0.0)
+
+    def _sample(self, t_ns: int, s: Floats, arm_moves: bool) -> tuple[Codes, Codes]:
         centre = contact.centre_on_pad(self._parameters, s[contact.SLIP])
         # the object lags behind the rising fingers
         motion = s[contact.ACROSS] * self._across - s[contact.SLIP] * self._up
@@ -168,7 +179,7 @@ class SimulatedCell:
             motion * 1e3,
             self._turn,
             centre * self._up * 1e3,
-            self._arm_rise_mps != 0.0,
+            arm_moves,
         )
         pressure, temperature = self.fingertips.codes()
         return pressure.ravel(), temperature.ravel()
@@ -178,7 +189,7 @@ class SimulatedCell:
         must have passed before a device has to answer."""
         self._near(self._now_ns + EXCHANGE_NS)
         self._advance_to(self._now_ns + EXCHANGE_NS)
-        self._sample(self._now_ns)
+        self._latch(self._now_ns)()
 
     def truth(self) -> Truth:
         """The state of the world at the time that it was last advanced to."""

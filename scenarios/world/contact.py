@@ -24,7 +24,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from scenarios.world.contact_settings import GROSS_SLIP_MPS, ContactSettings
+from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
 
 GRAVITY_MPS2 = 9.81
@@ -43,13 +43,13 @@ ACROSS, ACROSS_SPEED, STRETCH_ACROSS = 36, 37, 38
 STATE_SIZE = STRETCH_ACROSS + FINGERS
 TOP, SIDE, CLOSING = 0, 1, 2  # a blow downwards; across; along the closing axis, onto the thumb
 BLOW_STEP_S, BLOW_LASTS_S = 1e-4, 0.3  # a blow and what it sets off is stepped more finely
-RISE_N = 0.2  # a grip force counts as increased by this much (a few wander deviations)
 # and of the parameter vector.
 (
     P_MASS, P_MU_S, P_MU_K, P_K_SHEAR, P_C_SHEAR, P_RELAX, P_TAU, P_APERTURE, P_PAD_HALF,
     P_SHAPE, P_HALF_WIDTH, P_HALF_HEIGHT, P_GRIP_HEIGHT, P_BODY_TOP, P_STIFFNESS,
 ) = range(15)  # fmt: skip
-PARAMETER_SIZE = P_STIFFNESS + FINGERS
+P_GROSS_SLIP, P_FORCE_RISE = P_STIFFNESS + FINGERS, P_STIFFNESS + FINGERS + 1
+PARAMETER_SIZE = P_FORCE_RISE + 1
 NOT_YET = -1.0
 
 
@@ -64,7 +64,7 @@ def finger_stiffness(contact: ContactSettings, body: GraspObject) -> float:
 
 
 def parameters(contact: ContactSettings, body: GraspObject) -> Floats:
-    """Parameter vector (18,) of the compiled step."""
+    """Parameter vector (20,) of the compiled step."""
     out = np.empty(PARAMETER_SIZE)
     out[:P_STIFFNESS] = (
         body.mass_kg + body.added_mass_kg, body.friction_static, body.friction_kinetic,
@@ -74,7 +74,8 @@ def parameters(contact: ContactSettings, body: GraspObject) -> Floats:
         0.0 if body.shape == "straight" else 1.0,
         body.half_width_m, body.half_height_m, body.grip_height_m, body.body_above_grip_m,
     )  # fmt: skip
-    out[P_STIFFNESS:] = finger_stiffness(contact, body)
+    out[P_STIFFNESS:P_GROSS_SLIP] = finger_stiffness(contact, body)
+    out[P_GROSS_SLIP:] = contact.gross_slip_mps, contact.force_rise_n
     return out
 
 
@@ -87,6 +88,18 @@ def initial_state(present: bool = True) -> Floats:
     state[MOVED_FROM_S] = NOT_YET
     state[MOVED_UNTIL_S] = NOT_YET
     return state
+
+
+def strike(
+    state: Floats, direction: int, start_s: float, pulse: tuple[float, float],
+    follow: tuple[float, float],
+) -> None:  # fmt: skip
+    """A blow from start_s on: a pulse and what follows through, (s, N s) each. What an earlier blow
+    moved is forgotten."""
+    state[TAP_DIRECTION], state[TAP_START_S] = direction, start_s
+    state[TAP_S], state[TAP_N_S] = pulse
+    state[FOLLOW_S], state[FOLLOW_N_S] = follow
+    state[MOVED_FROM_S] = state[MOVED_UNTIL_S] = NOT_YET
 
 
 @njit(cache=True)
@@ -425,15 +438,15 @@ def _settle(
 
 
 @njit(cache=True)
-def _note(s: Floats, t_s: float) -> None:
+def _note(p: Floats, s: Floats, t_s: float) -> None:
     """Write down when gross slip set in, when the force rose after it, and what a blow moved."""
-    gross = abs(s[SLIP_SPEED]) > GROSS_SLIP_MPS
+    gross = abs(s[SLIP_SPEED]) > p[P_GROSS_SLIP]
     if s[ONSET_S] == NOT_YET and gross:
         s[ONSET_S] = t_s
         s[ONSET_FORCE] = s[NORMAL]
     elif s[ONSET_S] != NOT_YET and s[RISE_S] == NOT_YET:
         s[ONSET_FORCE] = min(s[ONSET_FORCE], s[NORMAL])
-        if s[NORMAL] > s[ONSET_FORCE] + RISE_N:
+        if s[NORMAL] > s[ONSET_FORCE] + p[P_FORCE_RISE]:
             s[RISE_S] = t_s
     if gross and s[TAP_S] > 0.0 and t_s >= s[TAP_START_S]:
         s[MOVED_FROM_S] = t_s if s[MOVED_FROM_S] == NOT_YET else s[MOVED_FROM_S]
@@ -464,4 +477,4 @@ def advance(
         for i in range(FINGERS):
             travel[i] = travel0[i] + (travel1[i] - travel0[i]) * end
         _step(p, s, t_s + (j + 1) * h, h, mean + (v1 - v0) * (middle - 0.5), travel, n)
-        _note(s, t_s + (j + 1) * h)
+        _note(p, s, t_s + (j + 1) * h)

@@ -42,4 +42,15 @@ class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     relaxation_time_s: Annotated[
         float, Meta(ge=0.01, le=5.0, description="of that fraction; real clip 0.1-0.3 s")
     ] = 0.2
+    gross_slip_mps: Annotated[
+        float, Meta(gt=0.0, le=1.0, description="truth: faster is gross slip; paper: 3 mm/s")
+    ] = GROSS_SLIP_MPS
+    force_rise_n: Annotated[
+        float,
+        Meta(
+            gt=0.0,
+            le=10.0,
+            description="truth: a grip force has increased by this much; a few wander deviations",
+        ),
+    ] = 0.2
     step_s: Annotated[float, Meta(ge=1e-5, le=0.05, description="largest integration step")] = 5e-4

@@ -1,6 +1,7 @@
 """The cell of the acquisition: an arm, a board, and one fingertip pressed on a fixed surface."""
 
 import math
+from collections.abc import Callable
 
 import msgspec
 import numpy as np
@@ -68,12 +69,13 @@ class PressedCell:
         strokes = math.hypot(x, y) > STROKE_MPS or abs(arm.spin(t)) > STROKE_RADPS
         self.pad.advance(t * 1e-9, arm.position(t), arm.angle(t), strokes or self.shaken)
 
-    def _sample(self, t_ns: int) -> tuple[Codes, Codes]:
+    def _sample(self, t_ns: int) -> Callable[[], tuple[Codes, Codes]]:
         self.advance(t_ns)
         pressure, temperature = self.pad.tips.codes()
         codes = self._rest.copy()
         codes[self._finger] = pressure[0]
-        return codes.ravel(), np.broadcast_to(temperature, (FINGERS, TAXELS)).ravel()
+        felt = codes.ravel(), np.broadcast_to(temperature, (FINGERS, TAXELS)).ravel()
+        return lambda: felt
 
     def compile(self) -> None:
         """Run every compiled function once, as ``SimulatedCell.compile``."""

@@ -28,9 +28,7 @@ class ReadingThread:
         settings: TakkTileSettings,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        # a code tells the pressure at about the middle of its conversion
-        delay_ns = round(settings.conversion_ms * 1e6 / 2)
-        self._receiver = Receiver(connect, settings.conversion_ms, delay_ns, clock)
+        self._receiver = Receiver(connect, settings.conversion_ms, clock)
         self._thread: threading.Thread | None = None
         self._stopping = threading.Event()
 

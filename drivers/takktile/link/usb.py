@@ -17,10 +17,9 @@ import usb.util
 
 from drivers.errors import DeviceFault, GraspError, LinkLost
 from drivers.takktile import protocol
-from drivers.takktile.board import Transfer
+from drivers.takktile.board import READ_TIMEOUT_MS, Transfer
 from drivers.takktile.link import trouble
 
-READ_TIMEOUT_MS = 100  # a board that samples answers within 10 ms
 CONTROL_TIMEOUT_MS = 1000  # a scan takes 5 ms; a hung firmware never answers
 _INTERFACE = 0
 _GONE = (errno.ENODEV, errno.EIO, errno.ENOENT, errno.ESHUTDOWN)

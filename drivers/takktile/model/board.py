@@ -14,11 +14,13 @@ import numpy as np
 from drivers.takktile.model import codec
 from drivers.takktile.model.codec import Cell, Codes
 
-Sample = Callable[[int], tuple[Codes, Codes]]
+Latched = Callable[[], tuple[Codes, Codes]]
+Sample = Callable[[int], Latched]
 
 # MPL115A2 coefficients of the datasheet's example; a0 is varied to tell the cells apart.
 _COEFFICIENTS = bytes.fromhex("3ECEB3F9C51733C8")
 _COLUMNS = 6
+_FOR_EVER_NS = 1 << 62
 _BUFFER_BYTES = 256  # the firmware indexes its calibration buffer by a byte
 
 
@@ -60,9 +62,10 @@ class BoardModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 class BoardModel:
     """One board.
 
-    ``sample(t_ns)`` gives the pressure and temperature codes of the cells fitted, two (n,) int16
-    arrays in the order of ``settings.cells``. It is called when a conversion starts, and its
-    result is held until the host has drained it.
+    ``sample(t_ns)`` is called when a conversion starts. What it returns gives what the cells felt
+    then: pressure and temperature codes of those fitted, two (n,) int16 arrays in the order of
+    ``settings.cells``. That is asked for at most once, before the next conversion starts, and
+    never for a frame that nobody looks at.
     """
 
     def __init__(self, settings: BoardModelSettings, sample: Sample) -> None:
@@ -76,6 +79,7 @@ class BoardModel:
         self._split = False
         self._flip: tuple[int, int] | None = None
         self._stall = False
+        self._ready_ns = 0
         self._pending = b""  # of a frame, what the host has not drained yet
         self._plugs = 0
         self._power_up()
@@ -97,6 +101,21 @@ class BoardModel:
         if self._timeouts or self._hung or not self._started:
             return None
         return self._ready_ns
+
+    @property
+    def free_period_ns(self) -> int:
+        """From frame to frame when each is drained at once; for ever while a fault is due."""
+        if not self._started or not self._plugged or self._hung or self._pending:
+            return _FOR_EVER_NS
+        if self._stall or self._timeouts or self._split or self._lost_bytes:
+            return _FOR_EVER_NS
+        if self._flip is not None or self._dead:
+            return _FOR_EVER_NS
+        return self._period_ns
+
+    def drain(self, now_ns: int) -> None:
+        """A frame that is ready is read and thrown away."""
+        self._start_conversion(now_ns)
 
     def control(self, request: int, value: int, index: int, length: int, now_ns: int) -> bytes:
         """Reply to a vendor request, cut to ``length``; ``Stall`` when the request is unknown."""
@@ -143,11 +162,15 @@ class BoardModel:
     def freeze_cell(self, row: int, column: int) -> None:
         """The cell repeats its present pressure code for ever."""
         cell = self._settings.cells.index((row, column))
-        self._frozen[cell] = int(self._held[0][cell])
+        self._frozen[cell] = int(self._codes()[0][cell])
 
     def time_out(self, reads: int) -> None:
         """The next bulk reads bring nothing."""
         self._timeouts = reads
+
+    def silence(self, until_ns: int) -> None:
+        """No frame comes up to then and at that instant; what is ready waits."""
+        self._ready_ns = max(self._ready_ns, until_ns + 1)
 
     def shorten_frame(self, lost_bytes: int) -> None:
         """The next frame lacks its last bytes."""
@@ -177,11 +200,11 @@ class BoardModel:
         self._plugs += 1
         self._hung = False
         self._started = False
-        self._ticks = 120  # the firmware's default
+        self._period_ns = _FOR_EVER_NS  # until it is started
         self._ready_ns = 0
         self._pending = b""
         blank = np.zeros(len(self._settings.cells), np.int16)
-        self._held: tuple[Codes, Codes] = (blank, blank)
+        self._held: tuple[Codes, Codes] | None = (blank, blank)
 
     def _reach(self) -> None:
         if not self._plugged:
@@ -197,7 +220,8 @@ class BoardModel:
         self._pending = b""  # the firmware resets the IN pipe
         self._started = index != 0
         if self._started:
-            self._ticks = ticks
+            reading_ns = self._read_ns * len(self._settings.cells)
+            self._period_ns = codec.ticks_ns(ticks) + reading_ns
             self._start_conversion(now_ns)
         return bytes([self._started])
 
@@ -225,16 +249,21 @@ class BoardModel:
             raise Hung
 
     def _start_conversion(self, now_ns: int) -> None:
-        pressure, temperature = self._sample(now_ns)
-        if self._frozen:
-            pressure = pressure.copy()
-            pressure[list(self._frozen)] = list(self._frozen.values())
-        self._held = pressure, temperature
-        reading_ns = self._read_ns * len(self._settings.cells)
-        self._ready_ns = now_ns + codec.ticks_ns(self._ticks) + reading_ns
+        self._latched, self._held = self._sample(now_ns), None
+        self._ready_ns = now_ns + self._period_ns
+
+    def _codes(self) -> tuple[Codes, Codes]:
+        """Of the conversion at hand."""
+        if self._held is None:
+            pressure, temperature = self._latched()
+            if self._frozen:
+                pressure = pressure.copy()
+                pressure[list(self._frozen)] = list(self._frozen.values())
+            self._held = pressure, temperature
+        return self._held
 
     def _frame(self) -> bytes:
-        pressure, temperature = self._held
+        pressure, temperature = self._codes()
         if self._dead:
             live = [i for i, cell in enumerate(self._settings.cells) if cell not in self._dead]
             pressure, temperature = pressure[live], temperature[live]

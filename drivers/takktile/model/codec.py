@@ -40,11 +40,11 @@ def chain_scan_reply(alive: Sequence[Cell]) -> bytes:
 
 def bulk_frame(pressure: Codes, temperature: Codes) -> bytes:
     """Four bytes a cell, pressure before temperature; (n,) codes beyond the converter saturate."""
-    words = np.empty((len(pressure), 2), ">u2")
-    words[:, 0] = pressure.clip(0, CONVERTER_MAX)
-    words[:, 1] = temperature.clip(0, CONVERTER_MAX)
+    codes = np.empty((len(pressure), 2), np.int16)
+    codes[:, 0], codes[:, 1] = pressure, temperature
+    words = np.minimum(np.maximum(codes, 0), CONVERTER_MAX).view(np.uint16)
     words *= _WORD_STEP
-    return words.tobytes()
+    return words.astype(">u2").tobytes()
 
 
 def chain_frame(alive: Sequence[Cell], pressure: Codes, temperature: Codes) -> bytes:

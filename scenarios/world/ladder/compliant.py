@@ -22,8 +22,8 @@ from scenarios.world.contact import FINGERS, GRAVITY_MPS2, Floats
 POSE, SPEED, HAND, LATERAL, NORMAL, RELAXED, TRAVEL, PEAK = 0, 3, 6, 7, 8, 11, 14, 17
 STATE_SIZE = 18
 # Parameters: those of contact.parameters, then these.
-(P_INERTIA, P_COM_Y, P_COM_Z) = range(17, 20)
-PARAMETER_SIZE = 20
+(P_INERTIA, P_COM_Y, P_COM_Z) = range(19, 22)
+PARAMETER_SIZE = 22
 # Elements, one row each: place on the pads, y and z, spin radius, share of its finger's force.
 E_Y, E_Z, E_SPIN, E_SHARE = range(4)
 NEWTON_LIMIT = 60

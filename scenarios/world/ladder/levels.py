@@ -93,7 +93,7 @@ def elements(scene: Scene, level: Level, brush_points: int) -> tuple[Floats, Flo
 
 
 def compliant_parameters(scene: Scene) -> Floats:
-    """Parameter vector (20,) of levels L1 to L4."""
+    """Parameter vector (22,) of levels L1 to L4."""
     tail = scene.plane.inertia_kgm2, scene.plane.centre_of_mass_y_m, scene.plane.centre_of_mass_z_m
     return np.concatenate((contact.parameters(scene.contact, scene.body), tail))
 

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from drivers.errors import DeviceFault, LinkLost, Refused
+from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
 from drivers.takktile import protocol
 from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.model import codec
@@ -17,6 +17,8 @@ from drivers.takktile.settings import TakkTileSettings
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
+SLOW = TakkTileSettings(conversion_ms=7.0)  # not two frames a tick
+SLOW_FRAME_NS = 8_800_000
 
 
 class Bench:
@@ -29,15 +31,18 @@ class Bench:
     ) -> None:
         self.codes = np.arange(440, 458, dtype=np.int16)  # board order
         self.noise = np.zeros(18, np.int16)
+        self.tell_time = False  # temperature codes: tenths of a millisecond, modulo 1024
         self.now_ns = 0
         self.board = BoardModel(board or BoardModelSettings(), self._sample)
         settings = settings or TakkTileSettings()
         self.link = ModelLink(self.board, settings)
         self.driver = TakkTileDriver(self.link, settings)
 
-    def _sample(self, t_ns: int) -> tuple[np.ndarray, np.ndarray]:
+    def _sample(self, t_ns: int):
         sign = 1 if t_ns // PERIOD_NS % 2 else -1
-        return self.codes + sign * self.noise, np.full(18, 500, np.int16)
+        temperature = t_ns // 100_000 % 1024 if self.tell_time else 500
+        felt = self.codes + sign * self.noise, np.full(18, temperature, np.int16)
+        return lambda: felt
 
     def pump(self, times: int = 1) -> None:
         for _ in range(times):
@@ -50,6 +55,15 @@ class Bench:
         self.driver.begin_rest()
         self.pump(51)
         return self
+
+    def failure(self, pumps: int) -> GraspError:
+        """What the last of so many pumps raises."""
+        for _ in range(pumps - 1):
+            with contextlib.suppress(LinkLost, DeviceFault):
+                self.pump()
+        with pytest.raises(GraspError) as caught:
+            self.pump()
+        return caught.value
 
     @property
     def frame(self):
@@ -80,47 +94,40 @@ def test_frames_cannot_be_changed_by_whoever_reads_them(bench):
             array[0, 0] = 1
 
 
-def test_a_frame_says_that_it_was_converted_at_the_previous_read(bench):
-    bench.codes = bench.codes - 30  # pressed just after the last read
-    bench.pump()
-    assert bench.frame.t_ns == bench.now_ns
-    assert bench.frame.sampled_ns == bench.now_ns - PERIOD_NS
-    assert bench.frame.counts[0, 0] == 0
-    bench.pump()
-    assert bench.frame.counts[0, 0] == -30
+def test_a_frame_is_the_newest_that_a_pending_read_has_brought_and_says_how_old_it_is():
+    """208 frames a second: converted 4.8 to 9.6 ms before the tick, told by mid-conversion."""
+    bench = Bench()
+    bench.tell_time = True
+    bench.take_rest()
+    ages = []
+    for _ in range(200):
+        bench.pump()
+        started_ns = bench.frame.sampled_ns - 1_500_000
+        assert bench.frame.temperature[0, 0] == started_ns // 100_000 % 1024
+        ages.append((bench.now_ns - bench.frame.sampled_ns) / MS)
+    assert 3.3 <= min(ages) <= max(ages) <= 8.1
+    assert np.median(ages) == pytest.approx(5.7, abs=0.3)
 
 
-def test_after_timeouts_a_frame_is_as_old_as_the_last_read_that_brought_one(bench):
-    drained_ns = bench.now_ns
-    bench.board.time_out(2)
-    bench.pump(3)
-    assert bench.frame.missed == 0
-    assert bench.frame.sampled_ns == drained_ns
-
-
-def test_after_a_broken_frame_the_next_one_was_converted_when_the_broken_one_was_read(bench):
-    bench.board.shorten_frame(4)
-    bench.pump()
-    broken_ns = bench.now_ns
-    bench.pump()
-    assert bench.frame.sampled_ns == broken_ns
-
-
-def test_a_frame_that_nobody_read_for_long_is_counted_as_missed_not_taken_for_new(bench):
+def test_after_a_pause_without_pumping_the_newest_frame_counts_and_not_the_oldest(bench):
     bench.codes = bench.codes - 30
     bench.now_ns += 500 * MS
     bench.pump()
+    assert bench.now_ns - bench.frame.sampled_ns < PERIOD_NS
+    assert bench.frame.counts[0, 0] == -30
+
+
+def test_a_frame_that_waited_long_to_be_taken_is_missed_not_taken_for_new(bench):
+    bench.link.advance(bench.now_ns + PERIOD_NS)
+    bench.driver.pump(bench.now_ns + 200 * MS)
     assert bench.frame.missed == 1
     assert bench.driver.statistics.too_old == 1
-    bench.pump()
-    assert bench.frame.missed == 0
-    assert bench.frame.counts[0, 0] == -30
 
 
 def test_a_missed_sample_repeats_the_last_frame_and_counts_up_until_stale(bench):
     before = bench.frame
-    bench.board.time_out(5)
-    for missed in range(1, 6):
+    bench.board.time_out(1)
+    for missed in range(1, 9):
         bench.pump()
         frame = bench.frame
         assert frame.missed == missed
@@ -129,24 +136,42 @@ def test_a_missed_sample_repeats_the_last_frame_and_counts_up_until_stale(bench)
         assert frame.sampled_ns == before.sampled_ns
         assert frame.seq == before.seq + missed
         assert frame.counts is before.counts
-    assert bench.driver.statistics.timeouts == 5
-
-
-def test_a_good_sample_ends_staleness(bench):
-    bench.board.time_out(7)
-    bench.pump(9)
+    bench.pump(3)
+    assert bench.driver.statistics.timeouts == 1
+    assert bench.driver.statistics.empty_ticks >= 8
     assert bench.frame.missed == 0
     assert not bench.frame.stale
 
 
-def test_a_shrunken_frame_never_shifts_taxels(bench):
+def test_three_timeouts_restart_the_board_and_keep_the_rest(bench):
+    bench.board.time_out(3)
+    bench.pump(32)
+    assert bench.driver.statistics.restarts == 1
+    assert bench.driver.rest_taken
+    assert bench.frame.missed == 0
+
+
+def test_nine_timeouts_open_the_board_again_and_drop_the_rest(bench):
+    bench.board.time_out(9)
+    for _ in range(110):
+        with contextlib.suppress(DeviceFault):
+            bench.pump()
+    assert bench.driver.statistics.restarts == 2
+    assert bench.driver.statistics.reopens == 1
+    assert not bench.driver.rest_taken
+    assert bench.frame is None
+    assert bench.driver.latest_raw is not None
+
+
+def test_a_shrunken_frame_never_shifts_taxels_and_is_named_in_the_end(bench):
     before = bench.frame.counts
     bench.board.kill_column(2)
     bench.codes = bench.codes - 100
-    bench.pump(6)
+    with pytest.raises(DeviceFault, match="no whole frames"):
+        bench.pump(6)
     assert bench.frame.counts is before
-    assert bench.frame.stale
-    assert bench.driver.statistics.wrong_lengths == 6
+    assert "other cells alive: row 0 column 2, row 1 column 2" in bench.failure(20).message
+    assert bench.driver.statistics.wrong_lengths == 9
 
 
 def test_an_all_zero_cell_stays_in_its_place(bench):
@@ -156,25 +181,27 @@ def test_an_all_zero_cell_stays_in_its_place(bench):
     assert bench.frame.raw[1, 2] == 448
 
 
-def test_a_frame_cut_between_packets_costs_one_sample_and_not_two(bench):
-    bench.board.split_frame()
-    bench.pump()
-    assert bench.frame.missed == 1
+@pytest.mark.parametrize(("fault", "args"), [("split_frame", ()), ("shorten_frame", (4,))])
+def test_a_frame_that_is_not_whole_is_dropped_and_the_next_one_read_in_step(bench, fault, args):
+    getattr(bench.board, fault)(*args)
     bench.pump()
     assert bench.frame.missed == 0
     assert bench.frame.raw.tolist() == np.arange(440, 458).reshape(3, 6).tolist()
     assert bench.driver.statistics.wrong_lengths == 1
 
 
-def test_a_short_frame_is_dropped_and_the_next_one_read_whole(bench):
+def test_after_a_broken_frame_the_next_one_was_converted_when_the_broken_one_was_read():
+    bench = Bench(SLOW).take_rest()
     bench.board.shorten_frame(4)
-    bench.pump()
-    assert bench.frame.missed == 1
-    bench.pump()
+    last_ns = bench.frame.sampled_ns
+    bench.pump(2)
     assert bench.frame.missed == 0
+    assert (bench.frame.sampled_ns - last_ns) % SLOW_FRAME_NS == 0
 
 
-def test_a_flipped_padding_bit_drops_the_frame(bench):
+def test_a_flipped_padding_bit_drops_the_frame():
+    bench = Bench(SLOW).take_rest()
+    bench.pump()
     bench.board.flip_bit(byte=1, bit=2)
     bench.pump()
     assert bench.frame.missed == 1
@@ -227,7 +254,7 @@ def test_there_is_no_frame_before_the_rest_but_raw_codes():
     bench.board.time_out(1)
     bench.pump()
     assert bench.driver.latest_raw is None
-    bench.pump()
+    bench.pump(11)
     assert bench.frame is None
     assert not bench.driver.rest_taken
     assert bench.driver.latest_raw[2, 5] == 457
@@ -237,10 +264,10 @@ def test_missed_samples_do_not_count_towards_the_rest():
     bench = Bench()
     bench.driver.start()
     bench.driver.begin_rest()
-    bench.board.time_out(2)
-    bench.pump(52)
+    bench.board.time_out(1)
+    bench.pump(50)
     assert not bench.driver.rest_taken
-    bench.pump()
+    bench.pump(12)
     assert bench.driver.rest_taken
     assert bench.frame.missed == 0
 
@@ -379,3 +406,14 @@ def test_a_mistake_in_one_codec_is_noticed_at_the_other_end(monkeypatch, mistake
     bench.pump(3)
     raw = bench.driver.latest_raw
     assert raw is None or raw.ravel().tolist() != bench.codes.tolist()
+
+
+def test_a_silent_board_loses_the_samples_of_that_time_and_no_more(bench):
+    for _ in range(3):
+        bench.board.silence(bench.now_ns + PERIOD_NS)
+        bench.pump()
+    assert bench.frame.missed == 3
+    bench.pump()
+    assert bench.frame.missed == 0
+    assert bench.now_ns - bench.frame.sampled_ns < PERIOD_NS
+    assert bench.driver.statistics.timeouts == bench.driver.statistics.restarts == 0

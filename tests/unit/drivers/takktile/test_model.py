@@ -17,9 +17,9 @@ class Scene:
     def __init__(self) -> None:
         self.calls: list[int] = []
 
-    def __call__(self, t_ns: int) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, t_ns: int):
         self.calls.append(t_ns)
-        return np.full(18, 400 + t_ns // MS, np.int16), np.full(18, 500, np.int16)
+        return lambda: (np.full(18, 400 + t_ns // MS, np.int16), np.full(18, 500, np.int16))
 
 
 @pytest.fixture
@@ -83,7 +83,9 @@ def test_a_dead_column_shrinks_the_frame_and_shows_in_the_scan(board):
 
 def test_sixteen_cells_make_a_frame_of_whole_packets(scene):
     cells = tuple((row, column) for row in range(4) for column in range(4))
-    board = BoardModel(BoardModelSettings(cells=cells), lambda t: tuple(c[:16] for c in scene(t)))
+    board = BoardModel(
+        BoardModelSettings(cells=cells), lambda t: lambda: tuple(c[:16] for c in scene(t)())
+    )
     start(board)
     assert len(board.bulk_read(512, 10 * MS)) == 64
 

@@ -52,7 +52,7 @@ def repeatable(rows: list[Row]) -> list[dict[str, Any]]:
 
 def test_every_combination_is_run_with_every_seed() -> None:
     spec = CampaignSpec(
-        name="grid", objects=("can", "ball"), decision_rules=(1, 2), latencies_s=(0.0, 0.02, 0.1),
+        name="grid", objects=("can", "ball"), decision_samples=(1, 2), latencies_s=(0.0, 0.02, 0.1),
         closing_speeds_mps=(0.05,), seeds=(0, 3), repetitions=2,
     )  # fmt: skip
     found = list(trials(spec, combinations(spec)))
@@ -275,6 +275,21 @@ def test_a_file_that_is_no_campaign_is_named(content: bytes | None, tmp_path: Pa
         path.write_bytes(content)
     with pytest.raises(BadFile, match=r"a\.sqlite"):
         CampaignStore.open(path)
+
+
+def test_a_campaign_with_an_old_name_in_it_is_refused_with_the_new_one(tmp_path: Path) -> None:
+    out = tmp_path / "a.sqlite"
+    spec = CampaignSpec(name="old", objects=("can",), decision_samples=(2,), repetitions=1)
+    run_here(spec, out, judged_at_once)
+    with sqlite3.connect(out) as db:
+        old = "replace(value, 'decision_samples', 'decision_rules')"
+        db.execute(f"UPDATE campaign SET value = {old} WHERE key = 'spec'")
+    db.close()
+    with (
+        CampaignStore.open(out) as store,
+        pytest.raises(BadFile, match="decision_rules: is called decision_samples now"),
+    ):
+        _ = store.spec
 
 
 def test_recordings_lie_beside_the_file_under_their_trial(tmp_path: Path) -> None:
