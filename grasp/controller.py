@@ -127,6 +127,8 @@ class Observation(msgspec.Struct, frozen=True):
     of what went wrong in device exchanges since the last step, empty when all is well.
     ``set_down``: whoever runs the experiment has what they want; a held object may be set down.
     ``stop``: the run shall end now, and why; empty while it may go on.
+    ``doubt``: what a device says that cannot be believed; empty when all can. ``late_ns`` and
+    ``took_ns`` as in ``step.StepInput``, for the recording.
     """
 
     t_ns: int
@@ -140,6 +142,9 @@ class Observation(msgspec.Struct, frozen=True):
     gripper_lost: bool = False
     set_down: bool = False
     stop: str = ""
+    late_ns: int = 0
+    took_ns: int = 0
+    doubt: str = ""
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -224,8 +229,8 @@ class GraspController:
 
     def _trouble(self, seen: Observation) -> str:
         stale_ns = self._settings.stale_after_s * 1e9
-        if seen.trouble:
-            return seen.trouble
+        if seen.trouble or seen.doubt:
+            return seen.trouble or seen.doubt
         if seen.tactile_stale and self.phase not in OPEN_PHASES:
             return "stale: no fresh fingertip sample"
         if seen.gripper.age_ns(seen.t_ns) > stale_ns:

@@ -140,6 +140,7 @@ class ControlLoop:
         self._trouble = ""
         self._stop = ""
         self._gripper_lost = False
+        self._late_ns = self._took_ns = 0
 
     def run(self, deadline_s: float) -> None:
         """Tick until the controller has finished; at the latest until deadline_s from now.
@@ -159,9 +160,10 @@ class ControlLoop:
         now_ns = self._await_period()
         self._pump(now_ns)
         told = self._gather(now_ns)
-        start_ns = stopwatch_ns()
+        start_ns, began_ns = stopwatch_ns(), self._clock.now_ns
         result = self._step.decide(told)
         self.timing.frame_to_decision_ns.append(stopwatch_ns() - start_ns)
+        self._took_ns = self._clock.now_ns - began_ns  # 0 in virtual time, so that runs are equal
         self._enqueue(now_ns, result)
         self._send_before_anyone_watches()
         tick = Tick(
@@ -206,7 +208,8 @@ class ControlLoop:
         self._next_ns += self._period_ns
         self._advance_to(self._next_ns)
         now_ns = self._clock.now_ns
-        late = (now_ns - self._next_ns) // self._period_ns
+        self._late_ns = now_ns - self._next_ns
+        late = self._late_ns // self._period_ns
         if late > 0:  # never catch up in a burst
             self.timing.missed_periods += int(late)
             self._next_ns += late * self._period_ns
@@ -271,6 +274,8 @@ class ControlLoop:
             gripper_lost=self._gripper_lost,
             set_down=self.set_down,
             stop=self._stop,
+            late_ns=self._late_ns,
+            took_ns=self._took_ns,
         )
 
     def _enqueue(self, step_ns: int, result: StepResult) -> None:

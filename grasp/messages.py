@@ -47,6 +47,9 @@ class ControlMessage(msgspec.Struct, frozen=True):
     commands: list[Command]
     set_down: bool = False
     stop: str = ""
+    late_ns: int = 0
+    took_ns: int = 0
+    doubt: str = ""
 
 
 class CommandMessage(msgspec.Struct, frozen=True):
@@ -117,6 +120,9 @@ def control_message(seen: Observation, decision: Decision, measured_n: Vector3) 
         commands=list(decision.commands),
         set_down=seen.set_down,
         stop=seen.stop,
+        late_ns=seen.late_ns,
+        took_ns=seen.took_ns,
+        doubt=seen.doubt,
     )
 
 
@@ -164,4 +170,6 @@ def recorded_input(
         gripper_lost=control.gripper_lost,
         set_down=control.set_down,
         stop=control.stop,
+        late_ns=control.late_ns,
+        took_ns=control.took_ns,
     )

@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from drivers.interfaces import FINGERS, ArmState, GripperState, TactileFrame, Vector3
 from grasp.commands import Command, GripperCommand
 from grasp.controller import Decision, GraspController, Observation
+from grasp.doubt import Doubts, DoubtSettings, wrong_probabilities
 from grasp.guard import ForceGuard
+from grasp.phases import OPEN_PHASES
 
 
 class Detector(Protocol):
@@ -29,6 +31,8 @@ class StepInput(msgspec.Struct, frozen=True):
     """Everything that one step is told; ``frame`` is None until the fingertips have sent one.
 
     ``pending``, ``trouble``, ``gripper_lost``, ``set_down``, ``stop``: as in ``Observation``.
+    ``late_ns``: how much later than it should this step began; ``took_ns``: how long the one before
+    took. Both are 0 in virtual time, which stands still while we compute.
     """
 
     t_ns: int
@@ -41,6 +45,8 @@ class StepInput(msgspec.Struct, frozen=True):
     gripper_lost: bool = False
     set_down: bool = False
     stop: str = ""
+    late_ns: int = 0
+    took_ns: int = 0
 
 
 class StepResult(msgspec.Struct, frozen=True):
@@ -55,10 +61,17 @@ class StepResult(msgspec.Struct, frozen=True):
 class GraspStep:
     """From what the devices say to the commands that may go to them."""
 
-    def __init__(self, detector: Detector, controller: GraspController, guard: ForceGuard) -> None:
+    def __init__(
+        self,
+        detector: Detector,
+        controller: GraspController,
+        guard: ForceGuard,
+        doubts: Doubts | None = None,
+    ) -> None:
         self.controller = controller
         self._detector = detector
         self._guard = guard
+        self._doubts = doubts or Doubts(DoubtSettings())
         self._measured_n: Vector3 = (0.0, 0.0, 0.0)
 
     def decide(self, told: StepInput) -> StepResult:
@@ -70,6 +83,7 @@ class GraspStep:
         if decision.anchor:
             self._guard.anchor(told.gripper.positions, self._measured_n)
         admitted = tuple(self.admit(command, told.gripper) for command in decision.commands)
+        self._doubts.sent(admitted, told.arm)
         return StepResult(observation, decision, self._measured_n, admitted)
 
     def admit(self, command: Command, gripper: GripperState) -> Command:
@@ -79,9 +93,16 @@ class GraspStep:
         return command
 
     def _observe(self, told: StepInput) -> Observation:
+        phase = self.controller.phase
+        doubt = self._doubts.of(
+            phase, told.frame, told.gripper, told.arm, told.pending, told.late_ns, told.took_ns
+        )
+        probabilities, deaf = self._listen(told.frame)
+        if phase in OPEN_PHASES:  # nobody has to feel anything
+            deaf = ""
         return Observation(
             t_ns=told.t_ns,
-            probabilities=self._listen(told.frame),
+            probabilities=probabilities,
             tactile_stale=told.frame is not None and told.frame.stale,
             rest_taken=told.rest_taken,
             gripper=told.gripper,
@@ -91,15 +112,29 @@ class GraspStep:
             gripper_lost=told.gripper_lost,
             set_down=told.set_down,
             stop=told.stop,
+            late_ns=told.late_ns,
+            took_ns=told.took_ns,
+            doubt=doubt or deaf,
         )
 
-    def _listen(self, frame: TactileFrame | None) -> NDArray[np.float64]:
-        """Probability of slip at each finger; a stale frame is no sample, and forgets the past."""
+    def _listen(self, frame: TactileFrame | None) -> tuple[NDArray[np.float64], str]:
+        """Probability of slip at each finger, and why there is none. A stale frame is no sample,
+        and forgets the past; codes at the end of their range are no force."""
         if frame is None:
-            return np.zeros(FINGERS)
-        a, b, c = frame.counts.sum(axis=1).tolist()
-        self._measured_n = self._guard.measured_n((a, b, c))
+            return np.zeros(FINGERS), ""
+        if self._doubts.believes_force:
+            a, b, c = frame.counts.sum(axis=1).tolist()
+            self._measured_n = self._guard.measured_n((a, b, c))
         if frame.stale:
             self._detector.reset()
-            return np.zeros(FINGERS)
-        return self._detector.update(frame.counts)
+            return np.zeros(FINGERS), ""
+        return self._ask(frame.counts)
+
+    def _ask(self, counts: NDArray[np.int16]) -> tuple[NDArray[np.float64], str]:
+        """The detector's answer, or what is wrong with it: no bug of a detector may end a run."""
+        try:
+            answer = self._detector.update(counts)
+        except Exception as bug:
+            return np.zeros(FINGERS), f"detector_failed: {type(bug).__name__}: {bug}"
+        wrong = wrong_probabilities(answer)
+        return (np.zeros(FINGERS), wrong) if wrong else (answer, "")

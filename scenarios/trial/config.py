@@ -13,6 +13,7 @@ from detector.interface import DetectorSettings, SlipDetector, load_detector
 from detector.network import NetworkSettings
 from detector.psd import PsdFairSettings, PsdSettings
 from grasp.controller import ControllerSettings
+from grasp.doubt import DoubtSettings
 from grasp.guard import GuardSettings
 from grasp.loop import LoopSettings
 from grasp.realtime import RealTimeSettings
@@ -43,6 +44,7 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     detector_name: str
     controller: ControllerSettings = ControllerSettings()
     guard: GuardSettings = GuardSettings()
+    doubt: DoubtSettings = DoubtSettings()
     slip: SlipSettings = SlipSettings()
     rule: RuleSettings = RuleSettings()
     energy: EnergySettings = EnergySettings()

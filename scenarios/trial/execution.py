@@ -12,6 +12,7 @@ from drivers.errors import ConfigError
 from drivers.interfaces import FINGERS
 from grasp import interruption
 from grasp.controller import GraspController, GripPlan
+from grasp.doubt import Doubts
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
 from grasp.realtime import real_time
@@ -62,11 +63,19 @@ def make_controller(config: TrialConfig) -> GraspController:
 
 
 def make_step(
-    config: TrialConfig, controller: GraspController | None = None, guard: ForceGuard | None = None
+    config: TrialConfig,
+    controller: GraspController | None = None,
+    guard: ForceGuard | None = None,
+    doubts: Doubts | None = None,
 ) -> GraspStep:
     """What stands between a frame and the commands, as the configuration says."""
     detector = config.make_detector(FINGERS)
-    return GraspStep(detector, controller or make_controller(config), guard or make_guard(config))
+    return GraspStep(
+        detector,
+        controller or make_controller(config),
+        guard or make_guard(config),
+        doubts or Doubts(config.doubt),
+    )
 
 
 def make_loop(

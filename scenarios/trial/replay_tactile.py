@@ -35,6 +35,7 @@ from grasp.commands import (
     OpenFingers,
     describe,
 )
+from grasp.doubt import Doubts
 from grasp.slip import SlipMonitor
 from grasp.step import StepInput
 from scenarios.trial.config import TrialConfig
@@ -94,6 +95,13 @@ class ObedientDevices:
         return ArmState(now_ns, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), self.lifting)
 
 
+class _Undoubted(Doubts):
+    """Stand-ins are believed: missing fingers read nothing, and the arm stays where it is."""
+
+    def of(self, *_: object) -> str:
+        return ""
+
+
 class _Lift:
     """A grasp step in the middle of a lift, on stand-in devices.
 
@@ -102,7 +110,7 @@ class _Lift:
     """
 
     def __init__(self, config: TrialConfig, earlier: Sequence[Counts], t_ns: int) -> None:
-        self._step = make_step(config)
+        self._step = make_step(config, doubts=_Undoubted(config.doubt))
         self._devices = ObedientDevices()
         self._seq = 0
         times = itertools.count(t_ns - PERIOD_NS * len(earlier), PERIOD_NS)

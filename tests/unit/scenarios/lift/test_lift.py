@@ -96,7 +96,9 @@ def test_object_too_heavy_for_the_limit_reports_the_cap_and_is_lowered() -> None
 
 
 def test_short_body_slips_out_of_a_slow_hand() -> None:
-    r = judged("object.body_above_grip_m=0.01", "hand.command_latency_s=0.15")
+    r = judged(
+        "object.body_above_grip_m=0.01", "hand.command_latency_s=0.15", "controller.keep=true"
+    )
     assert r.outcome == "dropped"
 
 
@@ -104,7 +106,8 @@ def test_ball_held_above_its_equator_is_expelled_by_closing() -> None:
     r = judged(
         "object.grip_height_m=0.008", "object.friction_static=0.3", "object.friction_kinetic=0.25",
         "object.mass_kg=0.15",
-        "object.added_mass_kg=0", "hand.command_latency_s=0.06", object_name="ball",
+        "object.added_mass_kg=0", "hand.command_latency_s=0.06", "controller.keep=true",
+        object_name="ball",
     )  # fmt: skip
     assert r.outcome == "expelled"
 

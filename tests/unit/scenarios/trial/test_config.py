@@ -8,7 +8,7 @@ from scenarios.trial.config import TrialConfig
 
 COVERED = {
     "rig", "detector_name", "object", "arm", "tactile", "board", "arm_model", "fingertip",
-    "gripper", "calibration", "hand", "contact", "variation", "controller", "guard", "slip", "rule",
+    "gripper", "calibration", "hand", "contact", "variation", "controller", "doubt", "guard", "slip", "rule",
     "energy", "loop", "scoring", "tap", "tap_scoring",
 }  # fmt: skip
 WITHOUT_ADDRESSES = {"modbus": "timeout_s", "ur": "tcp_offset"}  # and a key that is covered

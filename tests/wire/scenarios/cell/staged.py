@@ -32,6 +32,10 @@ QUICK = (
     # patience with a busy machine, on which a lift must not fail by itself
     "controller.stale_after_s=0.3",
     "arm.stale_after_s=0.25",
+    "doubt.detector_s=1.0",
+    "doubt.standstill_s=1.0",
+    "doubt.echo_s=1.0",
+    "doubt.arm_frozen_s=0.3",
     "tactile.max_age_ms=200",
     "tactile.stale_after_missed=20",
     "modbus.timeout_s=0.3",
