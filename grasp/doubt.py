@@ -69,7 +69,7 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     stands_s: Annotated[
         float, Meta(ge=0.05, le=10.0, description="a finger that reports motion may keep its "
                     "count; measured: latency, first count at least speed, stall to contact")
-    ] = 0.2  # fmt: skip
+    ] = 0.3  # fmt: skip
     target_counts: Annotated[
         int, Meta(ge=1, le=100, description="a finger 'at target' may be off it; a zero is off by "
                   "up to 5, manual p. 74")
