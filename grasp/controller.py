@@ -280,7 +280,7 @@ class GraspController:
         if self.finished:
             return
         if any(f.detection is Detection.CONTACT_CLOSING for f in seen.gripper.fingers):
-            self._fail(seen, "the gripper already holds something: run `grasp release` first")
+            self._fail(seen, "the gripper already holds something")
             return
         self._home = seen.arm.position_m
         self._fire(Trigger.START, seen, "run started")

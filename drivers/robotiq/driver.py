@@ -219,8 +219,9 @@ class RobotiqDriver:
 
     # Verbs
 
-    def activate(self) -> Applied:
-        """Make the hand ready. One that is ready and without fault is taken over as it is."""
+    def activate(self, dropping: bool = False) -> Applied:
+        """Make the hand ready. One that is ready and without fault is taken over as it is; one that
+        holds something is left alone, unless it may drop that."""
         state = self._known()
         if self._exchange.lost:
             return self._nothing(_LOST)
@@ -228,7 +229,8 @@ class RobotiqDriver:
             return self._nothing("activation is under way")
         if state.active and not state.fault:
             return self._nothing("already active: taken over as it is")
-        if Detection.CONTACT_CLOSING in (finger.detection for finger in state.fingers):
+        holding = Detection.CONTACT_CLOSING in (finger.detection for finger in state.fingers)
+        if holding and not dropping:
             raise Refused(
                 "activation would drop what the fingers hold",
                 "open first; switch the hand off and on if it cannot",

@@ -146,11 +146,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _permit(config: Any, args: argparse.Namespace) -> Any:
-    """Leave to move what the rig has, once it is known which devices are meant."""
+    """Leave to move what the rig has, if it is known which devices are meant."""
     from scenarios.rigs.permission import check_devices
 
+    leave = motion_permit(config, args)
     check_devices(config)
-    return motion_permit(config, args)
+    return leave
 
 
 def _strange_option(args: argparse.Namespace) -> str:

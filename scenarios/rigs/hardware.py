@@ -19,7 +19,7 @@ def hardware(config: AnyRigConfig, permit: MotionPermit | None) -> Iterator[Rig[
     Raises UsageError without a permit, ConfigError where a device has no address, Refused where
     another process drives one.
     """
-    require(permit)
+    way_out = require(permit).let_go
     check_devices(config)
     clock = WallClock(WallClock().now_ns)
     with (
@@ -30,5 +30,5 @@ def hardware(config: AnyRigConfig, permit: MotionPermit | None) -> Iterator[Rig[
         arm.set_payload(config.arm.payload_kg)
         yield Rig(
             arm, tactile, gripper, clock, True, None, None,
-            acknowledgements=acknowledgements(gripper),
+            acknowledgements=acknowledgements(gripper), way_out=way_out,
         )  # fmt: skip

@@ -70,11 +70,11 @@ def check_devices(config: AnyRigConfig) -> None:
     have no default."""
     if config.rig != HARDWARE:
         return
+    if isinstance(config, GraspRigConfig):
+        calibration(config)
+        gripper_address(config)
     arm_address(config)
     board_address(config)
-    if isinstance(config, GraspRigConfig):
-        gripper_address(config)
-        calibration(config)
 
 
 def gripper_address(config: GraspRigConfig) -> str:

@@ -73,7 +73,7 @@ def _make_ready(gripper: Gripper, clock: Clock, permit: MotionPermit, activating
             "activation opens and closes it fully: empty the hand or support what it holds, then "
             f"run `{permit.release} --activate`",
         )
-    activate(gripper, clock)
+    activate(gripper, clock, dropping=True)  # it was said that what it holds is supported
 
 
 def _opened(gripper: Gripper, clock: Clock, speed_mps: float) -> Counts3:

@@ -44,6 +44,7 @@ class Rig(msgspec.Struct, Generic[CellT, TruthT], frozen=True):
     # times of verbs and of the replies to their writes, ns, where a thread does the exchange
     acknowledgements: Callable[[], Sequence[tuple[int, int]]] = tuple
     tap: Callable[[Blow], None] | None = None  # strikes the object; None where a person must
+    way_out: str = ""  # what to do about a hand that is left closed; empty: its cell ends too
     # puts another trial's object in place
     load: Callable[[GraspRigConfig, int], None] | None = None
 
@@ -89,11 +90,12 @@ def connect(arm: Arm, tactile: TactileSensor, gripper: Gripper | None, clock: Cl
     tactile.pump(clock.now_ns)
 
 
-def activate(gripper: Gripper, clock: Clock) -> None:
-    """Make the hand ready, unless it is; raises DeviceFault when that does not end."""
+def activate(gripper: Gripper, clock: Clock, dropping: bool = False) -> None:
+    """Make the hand ready, unless it is; raises DeviceFault when that does not end, Refused where
+    it would drop something and may not."""
     now_ns = clock.now_ns
     gripper.pump(now_ns)
-    gripper.activate()
+    gripper.activate(dropping)
     end_ns = now_ns + round(ACTIVATION_TIMEOUT_S * 1e9)
     while (state := gripper.state) is None or not state.active:
         if clock.now_ns >= end_ns:

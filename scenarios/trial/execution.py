@@ -97,6 +97,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     acknowledged_ns: Sequence[int]
     real_time: bool | None  # was a real-time priority granted; None in virtual time
     interrupted: bool  # by Ctrl-C or a signal
+    way_out: str  # what to do about a hand that was left closed; empty where its cell has ended
 
     @property
     def fault(self) -> str:
@@ -110,16 +111,17 @@ class FinishedTrial(msgspec.Struct, frozen=True):
                 "interrupted",
                 f"stopped by hand in phase {self.controller.phase}: the arm stands, "
                 "the grip is kept",
-                "to let go, support the object and run `grasp release`",
+                self.way_out,
             )
         if outcome != FAULT:
             return None
         if (error := self.loop.error) is not None:
-            return Failure(error.kind, error.message, error.remedy)
+            return Failure(error.kind, error.message, self._advised(error.remedy))
         cause = self.controller.fault_cause or "the run did not end in time"
-        return Failure(
-            "safety_stop", cause, "see the phases of the result; then run `grasp release`"
-        )
+        return Failure("safety_stop", cause, self._advised("see the phases of the result"))
+
+    def _advised(self, remedy: str) -> str:
+        return "; ".join(text for text in (remedy, self.way_out) if text)
 
     def figures(self, config: TrialConfig, scenario: str, seed: int) -> dict[str, Any]:
         """What every result says alike, by the fields of ``TrialResult``."""
@@ -159,7 +161,7 @@ def run_trial(
     interruption.seal()  # what is left is closing, judging and writing
     return FinishedTrial(
         controller, loop, trace, rig.truth(), rig.stalls(), acknowledged(rig, loop), granted,
-        interrupted,
+        interrupted, rig.way_out,
     )  # fmt: skip
 
 

@@ -160,8 +160,8 @@ class ThreadedGripper:
 
     # Verbs
 
-    def activate(self) -> Applied:
-        return self._command(self._core.activate)
+    def activate(self, dropping: bool = False) -> Applied:
+        return self._command(lambda: self._core.activate(dropping))
 
     def open(self, speed_mps: float) -> Applied:
         return self._command(lambda: self._core.open(speed_mps))

@@ -110,6 +110,7 @@ def test_activation_is_refused_while_the_fingers_hold_something(rig, springs) ->
     made.step(5)
     with pytest.raises(Refused, match="drop"):
         made.driver.activate()
+    assert made.driver.activate(dropping=True).effective
 
 
 def test_motion_is_refused_until_active(rig) -> None:

@@ -1,0 +1,125 @@
+"""One process drives a device at a time; whoever died drives nothing."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import Refused
+from scenarios.campaign.config import load_config
+from scenarios.rigs.cell_lock import devices_of, driving, gripper_of, lock_path
+
+ROOT = Path(__file__).parents[4]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
+HOLD = (
+    "import sys, time\n"
+    "from scenarios.rigs.cell_lock import driving\n"
+    "with driving(*sys.argv[1:]):\n"
+    "    print('driving', flush=True)\n"
+    "    time.sleep(60)\n"
+)
+# each takes the device a hundred times; inside it makes a file that must not be there yet
+CONTEND = (
+    "import os, sys, time\n"
+    "from drivers.errors import Refused\n"
+    "from scenarios.rigs.cell_lock import driving\n"
+    "taken = 0\n"
+    "while taken < 100:\n"
+    "    try:\n"
+    "        with driving(sys.argv[1]):\n"
+    "            os.close(os.open(sys.argv[2], os.O_CREAT | os.O_EXCL))\n"
+    "            os.unlink(sys.argv[2])\n"
+    "            taken += 1\n"
+    "    except Refused:\n"
+    "        time.sleep(0.0005)\n"
+)
+
+
+@pytest.fixture
+def device(tmp_path: Path) -> str:
+    """One that no other test drives."""
+    return f"gripper at {tmp_path.name}-{os.getpid()}:502"
+
+
+@contextmanager
+def another(*devices: str) -> Iterator["subprocess.Popen[str]"]:
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLD, *devices], env=ENVIRONMENT, stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        try:
+            assert process.stdout.readline() == "driving\n"
+            yield process
+        finally:
+            process.kill()
+
+
+def test_live_holder_is_named_with_how_to_end_it(device: str) -> None:
+    with another(device) as process, pytest.raises(Refused) as told, driving(device):
+        pass
+    assert device in told.value.message
+    assert f"process {process.pid} since " in told.value.message
+    assert device in told.value.message.partition(": ")[2]  # its command line
+    assert f"kill -INT {process.pid}" in told.value.remedy
+
+
+def test_holder_that_was_killed_drives_nothing(device: str) -> None:
+    with another(device) as process:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert lock_path(device).exists()
+        with driving(device):
+            assert json.loads(lock_path(device).read_text())["pid"] == os.getpid()
+
+
+@pytest.mark.parametrize("left", [b"", b'{"pid": 1, "command": "init", "since": "now"}', b"\xff{"])
+def test_file_that_was_left_means_nothing(device: str, left: bytes) -> None:
+    lock_path(device).write_bytes(left)
+    with driving(device):
+        pass
+    assert not lock_path(device).exists()
+
+
+def test_holder_that_has_not_said_its_name_yet_is_refused_all_the_same(device: str) -> None:
+    with another(device):
+        lock_path(device).write_bytes(b"\xff")
+        with pytest.raises(Refused, match="another process"), driving(device):
+            pass
+
+
+def test_same_process_drives_a_device_once(device: str) -> None:
+    with driving(device), pytest.raises(Refused, match=str(os.getpid())), driving(device):
+        pass
+
+
+def test_what_was_taken_before_the_one_that_is_refused_is_let_go(device: str) -> None:
+    arm = device.replace("gripper", "arm")
+    with another(arm):
+        with pytest.raises(Refused, match="arm"), driving(device, arm):
+            pass
+        with driving(device):
+            pass
+
+
+def test_processes_that_contend_never_drive_at_once(device: str, tmp_path: Path) -> None:
+    words = [sys.executable, "-c", CONTEND, device, str(tmp_path / "inside")]
+    many = [subprocess.Popen(words, env=ENVIRONMENT) for _ in range(4)]
+    assert [process.wait(60) for process in many] == [0, 0, 0, 0]
+
+
+def test_one_device_has_one_lock_by_whichever_name_it_is_called() -> None:
+    def config(*words: str) -> list[str]:
+        return devices_of(load_config("can", "hardware", "energy", None, words))
+
+    by_name = config("modbus.host=localhost", "ur.host=localhost")
+    by_number = config("modbus.host=127.0.0.1", "ur.host=127.0.0.1")
+    assert by_name == by_number == ["gripper at 127.0.0.1:502", "arm at 127.0.0.1"]
+    line = load_config("can", "hardware", "energy", None, ("gripper.link=rtu",
+                       "modbus.serial_port=/dev/../dev/null"))  # fmt: skip
+    assert gripper_of(line) == "gripper at /dev/null"
