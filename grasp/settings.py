@@ -203,6 +203,8 @@ def _explain(cls: type[msgspec.Struct], message: str, sources: dict[str, str]) -
         if not missing and (new := renamed(key)):
             text = f"is called {new} now"
         return ConfigError(_source(sources, key), key, text, ", ".join(known))
+    if not key:  # settings that do not go together
+        return ConfigError(next(iter(sources.values()), "-"), "-", problem, "what goes together")
     return ConfigError(_source(sources, key), key, problem, allowed(cls, key))
 
 

@@ -1,6 +1,7 @@
 """What a campaign file says, and the trials that it stands for."""
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -17,7 +18,9 @@ from scenarios.tap import tap
 from scenarios.tap.config import TapConfig
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
+from scenarios.world.objects import Name
 
+MOST_TRIALS = 1_000_000
 SEEDS_APART = 10_000  # so the seeds of two campaigns with different `seeds` never meet
 
 # axes with a name of their own, and the setting that each of them sets
@@ -31,7 +34,7 @@ AXES = {
 class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A grid: every combination of what is listed, each so many times. Empty: as the profile."""
 
-    name: Annotated[str, Meta(pattern="^[A-Za-z0-9._-]+$", description="letters, digits, . _ -")]
+    name: Name
     scenarios: Annotated[tuple[Literal["lift", "tap"], ...], Meta(min_length=1)] = ("lift",)
     objects: Annotated[tuple[str, ...], Meta(min_length=1, description="of config/objects")]
     profiles: Annotated[tuple[str, ...], Meta(min_length=1, description="of config/profiles")] = (
@@ -93,9 +96,11 @@ def read_spec(path: Path) -> CampaignSpec:
 def combinations(spec: CampaignSpec) -> list[Combination]:
     """Every combination once, checked as far as can be without running it.
 
-    Raises ConfigError for an unknown name, a setting out of range, a force limit that the
-    gripper cannot keep, or a detector that cannot be loaded.
+    Raises ConfigError for an axis that is empty or says something twice, an unknown name, a
+    setting out of range, a force limit that the gripper cannot keep, or a detector that cannot be
+    loaded.
     """
+    _check_axes(spec)
     axes = {key: getattr(spec, axis) for axis, key in AXES.items() if getattr(spec, axis)}
     axes |= spec.sweep
     found = []
@@ -112,6 +117,29 @@ def combinations(spec: CampaignSpec) -> list[Combination]:
         found.append(Combination(scenario, swept, config))
     _check_detectors([each.config for each in found])
     return found
+
+
+def _check_axes(spec: CampaignSpec) -> None:
+    """Nothing is run twice and counted twice, and a sweep sweeps."""
+    named = ("scenarios", "objects", "profiles", "detectors", *AXES, "seeds")
+    swept = {f"sweep.{key}": values for key, values in spec.sweep.items()}
+    for axis, values in ({name: getattr(spec, name) for name in named} | swept).items():
+        for i, value in enumerate(values):
+            if value in values[:i]:
+                raise ConfigError("campaign", axis, f"{value!r} twice", "each value once")
+    for key, values in spec.sweep.items():
+        if not values:
+            raise ConfigError("campaign", f"sweep.{key}", "is empty", "one value or more")
+        for axis, other in AXES.items():
+            if key == other and getattr(spec, axis):
+                raise ConfigError(
+                    "campaign", f"sweep.{key}", f"is what {axis} sweeps", "one of them"
+                )
+    places = math.prod(
+        len(values) or 1 for values in (*(getattr(spec, name) for name in named), *swept.values())
+    )
+    if places * spec.repetitions > MOST_TRIALS:
+        raise ConfigError("campaign", "-", "is too large", f"{MOST_TRIALS} trials")
 
 
 def _check_detectors(configs: Sequence[TrialConfig]) -> None:

@@ -1,9 +1,14 @@
-"""The SQLite file of a campaign: one row a trial, on the disk before the next one is asked for."""
+"""The SQLite file of a campaign: one row a trial, on the disk before the next one is asked for.
+
+It has one writer at a time, and a checksum a row: what was changed is not counted.
+"""
 
 import csv
+import hashlib
+import math
 import sqlite3
 from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self, TextIO
 
@@ -11,188 +16,300 @@ import msgspec
 
 from drivers.errors import BadFile, ConfigError, CouldNotRecord
 from grasp.settings import Layer, load
+from scenarios.campaign.lock import writing
 from scenarios.campaign.spec import CampaignSpec, Combination
 from scenarios.campaign.worker import Finished, Row
 
-FORMAT = "grasp-campaign 1"
+FORMAT = "grasp-campaign 2"
 _TYPES = {int: "INTEGER", float: "REAL", bool: "INTEGER", str: "TEXT"}
 COLUMNS = Row.__struct_fields__
+FOREIGN = "name the file of a campaign"
+DAMAGED = "restore it from a copy, or run the campaign again into another --out"
+MOST_NAMED = 10
 
 
 @contextmanager
-def _stored(path: Path) -> Iterator[None]:
+def _written(path: Path) -> Iterator[None]:
     try:
         yield
-    except sqlite3.DatabaseError as error:
-        if isinstance(error, sqlite3.OperationalError):
-            raise CouldNotRecord(
-                f"{path}: {error}", "free the disk or the file, then go on with --resume"
-            ) from None
-        raise BadFile(path, str(error), "name the file of a campaign") from None
+    except sqlite3.Error as error:
+        raise CouldNotRecord(
+            f"{path}: {error}", "free the disk or the file, then go on with --resume"
+        ) from None
+
+
+@contextmanager
+def _read(path: Path) -> Iterator[None]:
+    """Whatever damage makes SQLite, the text or the values raise becomes BadFile."""
+    try:
+        yield
+    except (sqlite3.Error, msgspec.MsgspecError, ValueError, OverflowError, RecursionError) as e:
+        raise BadFile(path, f"cannot be read: {e}", DAMAGED) from None
 
 
 class CampaignStore:
     """One campaign on disk. Rows are committed one by one: a kill loses none that was written."""
 
-    def __init__(self, path: Path) -> None:
+    spec: CampaignSpec  # what it was begun with
+
+    def __init__(self, path: Path, database: str) -> None:
         self.path = path
+        self._held = ExitStack()
         # a writer waits for a reader, such as `grasp campaign summary`, this long
-        self._db = sqlite3.connect(path, isolation_level=None, timeout=30.0)
+        self._db = sqlite3.connect(database, uri=True, isolation_level=None, timeout=30.0)
+        self._held.callback(self._db.close)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._db.close()
+        self._held.close()
 
     @classmethod
     def create(cls, path: Path, spec: CampaignSpec, places: Sequence[Combination]) -> Self:
-        """A new file; raises ConfigError when there is one, CouldNotRecord when it cannot be."""
-        if path.exists():
-            raise ConfigError(
-                str(path), "--out", "exists already", "a new file, or --resume to go on with it"
-            )
-        return cls._begun(path, spec, places)
-
-    @classmethod
-    def _begun(cls, path: Path, spec: CampaignSpec, places: Sequence[Combination]) -> Self:
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise CouldNotRecord(f"{path}: {error.strerror}", "choose another --out") from None
-        with _stored(path):
-            store = cls(path)
-            store._create(spec, places)
-        return store
-
-    def _create(self, spec: CampaignSpec, places: Sequence[Combination]) -> None:
-        self._db.execute("PRAGMA journal_mode=WAL")
-        self._db.execute("BEGIN")
-        self._db.execute("CREATE TABLE campaign (key TEXT PRIMARY KEY, value TEXT)")
-        self._db.execute("CREATE TABLE configs (config_hash TEXT PRIMARY KEY, settings TEXT)")
-        self._db.execute(f"CREATE TABLE trials ({_declarations()})")
-        self._db.executemany(
-            "INSERT INTO campaign VALUES (?, ?)",
-            (("format", FORMAT), ("spec", msgspec.json.encode(spec).decode())),
-        )
-        self._db.executemany(
-            "INSERT OR IGNORE INTO configs VALUES (?, ?)",
-            ((p.config.digest(), msgspec.json.encode(p.config).decode()) for p in places),
-        )
-        self._db.execute("COMMIT")
-
-    @classmethod
-    def open(cls, path: Path) -> Self:
-        """A file that exists; raises BadFile when it is none of ours."""
-        if not path.is_file():
-            raise BadFile(path, "no such file", "name the file of a campaign")
-        with _stored(path):
-            store = cls(path)
-            try:
-                if store._said("format") != FORMAT:
-                    raise BadFile(
-                        path, f"not of format {FORMAT!r}", "open it with the version that made it"
-                    )
-            except sqlite3.OperationalError:
-                store._db.close()
-                raise BadFile(path, "not a campaign", "name the file of a campaign") from None
-            return store
+        """A new file; raises ConfigError when there is one or somebody makes one, CouldNotRecord
+        when it cannot be."""
+        with _claimed(path) as lock:
+            if path.exists():
+                raise ConfigError(
+                    str(path), "--out", "exists already", "a new file, or --resume to go on with it"
+                )
+            return cls._begun(path, spec, places)._keeping(lock)
 
     @classmethod
     def resume(cls, path: Path, spec: CampaignSpec, places: Sequence[Combination]) -> Self:
         """The file, if it is of this campaign, else ConfigError; a new one if there is none, or
-        one that was killed before it held anything."""
-        if not path.exists() or _blank(path):
-            return cls._begun(path, spec, places)
-        store = cls.open(path)
-        known = {row[0] for row in store._db.execute("SELECT config_hash FROM configs")}
-        if store.spec != spec or known != {p.config.digest() for p in places}:
-            store._db.close()
-            raise ConfigError(
-                str(path), "--resume", "was begun with another campaign or other settings",
-                "the same campaign file and settings, or another --out",
-            )  # fmt: skip
+        one that was killed before it held anything. Raises BadFile for a damaged one."""
+        with _claimed(path) as lock:
+            if not path.exists() or _blank(path):
+                return cls._begun(path, spec, places)._keeping(lock)
+            store = cls._opened(path, "rw")
+            store.rows()  # damage is found before anything is written
+            if store.spec != spec or store._hashes() != {p.config.digest() for p in places}:
+                store._held.close()
+                raise ConfigError(
+                    str(path), "--resume", "was begun with another campaign or other settings",
+                    "the same campaign file and settings, or another --out",
+                )  # fmt: skip
+            return store._keeping(lock)
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """A file that exists, to read it; raises BadFile when it is none of ours or damaged."""
+        return cls._opened(path, "ro")
+
+    @classmethod
+    def _begun(cls, path: Path, spec: CampaignSpec, places: Sequence[Combination]) -> Self:
+        store = None
+        try:
+            with _written(path):
+                store = cls(path, _database(path, "rwc"))
+                store._create(spec, places)
+                store.spec = spec
+        except CouldNotRecord:
+            if store is not None:
+                store._held.close()
+            for part in ("", "-wal", "-shm"):
+                path.with_name(path.name + part).unlink(missing_ok=True)
+            raise
         return store
 
-    def _said(self, key: str) -> str:
-        row = self._db.execute("SELECT value FROM campaign WHERE key = ?", (key,)).fetchone()
-        return str(row[0]) if row else ""
+    @classmethod
+    def _opened(cls, path: Path, mode: str) -> Self:
+        if not path.is_file():
+            raise BadFile(path, "no such file", FOREIGN)
+        with _read(path):
+            store = cls(path, _database(path, mode))
+            try:
+                store._check()
+                store.spec = store._begun_with()
+            except BaseException:
+                store._held.close()
+                raise
+        return store
 
-    @property
-    def spec(self) -> CampaignSpec:
+    def _keeping(self, lock: ExitStack) -> Self:
+        """Write ahead, so that others may read; when the file is closed, let the lock go."""
+        self._held.push(lock.pop_all())
+        self._held.callback(self._db.close)  # before that; twice is once
+        self._held.callback(self._settle)
+        with _written(self.path):
+            self._db.execute("PRAGMA journal_mode=WAL")
+        return self
+
+    def _settle(self) -> None:
+        """One file again, to be read where nothing can be written; not while others read it."""
+        with suppress(sqlite3.Error):
+            self._db.execute("PRAGMA busy_timeout=0")
+            self._db.execute("PRAGMA wal_checkpoint")
+            self._db.execute("PRAGMA journal_mode=DELETE")
+
+    def _create(self, spec: CampaignSpec, places: Sequence[Combination]) -> None:
+        self._db.execute("BEGIN")
+        self._db.execute("CREATE TABLE campaign (key TEXT PRIMARY KEY, value TEXT, checksum TEXT)")
+        self._db.execute(
+            "CREATE TABLE configs (config_hash TEXT PRIMARY KEY, settings TEXT, checksum TEXT)"
+        )
+        self._db.execute(f"CREATE TABLE trials ({_declarations()}, checksum TEXT)")
+        self._insert("campaign", "format", FORMAT)
+        self._insert("campaign", "spec", msgspec.json.encode(spec).decode())
+        for place in {p.config.digest(): p for p in places}.values():
+            settings = msgspec.json.encode(place.config).decode()
+            self._insert("configs", place.config.digest(), settings)
+        self._db.execute("COMMIT")
+
+    def _insert(self, table: str, *values: Any) -> None:
+        whole = (*values, checksum(table, values))
+        marks = ", ".join("?" * len(whole))
+        self._db.execute(f"INSERT OR REPLACE INTO {table} VALUES ({marks})", whole)
+
+    def _check(self) -> None:
+        """Raises BadFile unless this is a campaign of this format, whole as a database."""
+        tables = {row[0] for row in self._db.execute("SELECT name FROM sqlite_master")}
+        if not {"campaign", "configs", "trials"} <= tables:
+            raise BadFile(self.path, "not a campaign", FOREIGN)
+        found = self._db.execute("SELECT value FROM campaign WHERE key = 'format'").fetchone()
+        if found is None or found[0] != FORMAT:
+            said = "none" if found is None else found[0]
+            raise BadFile(
+                self.path, f"format {said!r}, this version reads {FORMAT!r}",
+                "open it with the version that made it, or run the campaign again",
+            )  # fmt: skip
+        (sound,) = self._db.execute("PRAGMA quick_check(1)").fetchone()
+        if sound != "ok":
+            raise BadFile(self.path, f"damaged: {sound}", DAMAGED)
+
+    def _table(self, table: str, columns: Sequence[str]) -> list[tuple[Any, ...]]:
+        """All rows in the order of the first column; raises BadFile if any was changed."""
+        names = ", ".join((*columns, "checksum"))
+        with _read(self.path):
+            found = self._db.execute(f"SELECT {names} FROM {table} ORDER BY 1").fetchall()
+            changed = [ascii(row[0]) for row in found if row[-1] != checksum(table, row[:-1])]
+        if changed:
+            more = f" and {len(changed) - MOST_NAMED} more" if len(changed) > MOST_NAMED else ""
+            problem = f"{table}: changed since written: {', '.join(changed[:MOST_NAMED])}{more}"
+            raise BadFile(self.path, problem, DAMAGED)
+        return [row[:-1] for row in found]
+
+    def _begun_with(self) -> CampaignSpec:
         """Raises BadFile for one of another version."""
+        said = dict(self._table("campaign", ("key", "value")))
         try:
-            table = msgspec.json.decode(self._said("spec"), type=dict[str, Any])
+            with _read(self.path):
+                table = msgspec.json.decode(str(said.get("spec", "")), type=dict[str, Any])
             return load(CampaignSpec, [Layer("spec", table)])
         except ConfigError as error:
             raise BadFile(self.path, str(error), "open it with the version that made it") from None
 
+    def _hashes(self) -> set[str]:
+        return {digest for digest, _ in self._table("configs", ("config_hash", "settings"))}
+
     def finished(self) -> set[int]:
         """Numbers of the trials that ran; those that errored are not among them."""
-        found = self._db.execute("SELECT trial FROM trials WHERE status = 'done'")
-        return {int(number) for (number,) in found}
+        return {row.trial for row in self.rows() if row.status == "done"}
 
     def add(self, finished: Finished) -> Row:
-        """Write the recording, then the row; both are on disk when this returns."""
-        row = finished.row
-        with _stored(self.path):
-            if finished.recording is not None:
-                row = msgspec.structs.replace(row, recording=self._keep(finished))
-            marks = ", ".join("?" * len(COLUMNS))
-            self._db.execute(f"INSERT OR REPLACE INTO trials VALUES ({marks})", _values(row))
+        """Write the recording, then the row; both are on disk when this returns.
+
+        Raises CouldNotRecord, and leaves neither then.
+        """
+        row, kept = finished.row, None
+        if finished.recording is not None:
+            kept = self._keep(row, finished.recording)
+            row = msgspec.structs.replace(row, recording=f"{kept.parent.name}/{kept.name}")
+        try:
+            with _written(self.path):
+                self._insert("trials", *_values(row))
+        except CouldNotRecord:
+            if kept is not None:
+                kept.unlink(missing_ok=True)
+            raise
         return row
 
-    def _keep(self, finished: Finished) -> str:
-        """Path of the recording, relative to the file's folder."""
-        assert finished.recording is not None  # noqa: S101
-        row = finished.row
-        name = f"{row.trial:06d}-{row.scenario}-{row.object}.mcap"
+    def _keep(self, row: Row, recording: bytes) -> Path:
+        """The recording's file, beside the campaign's; whole or not at all."""
         folder = self.path.with_suffix(".recordings")
+        path = folder / f"{row.trial:06d}-{row.scenario}-{row.object}.mcap"
+        partial = path.with_name(f".{path.name}")
         try:
             folder.mkdir(exist_ok=True)
-            (folder / name).write_bytes(finished.recording)
+            try:
+                partial.write_bytes(recording)
+                partial.replace(path)
+            finally:
+                partial.unlink(missing_ok=True)
         except OSError as error:
             raise CouldNotRecord(
                 f"{folder}: {error.strerror}", "free the disk, then go on with --resume"
             ) from None
-        return f"{folder.name}/{name}"
+        return path
 
     def rows(self) -> list[Row]:
-        """All rows by trial number."""
-        names = ", ".join(COLUMNS)
-        with _stored(self.path):
-            found = self._db.execute(f"SELECT {names} FROM trials ORDER BY trial").fetchall()
-        return [
-            msgspec.convert(dict(zip(COLUMNS, values, strict=True)), Row, strict=False)
-            for values in found
-        ]
+        """All rows by trial number; raises BadFile for a row that was changed, naming it."""
+        found = self._table("trials", COLUMNS)
+        with _read(self.path):
+            return [
+                msgspec.convert(dict(zip(COLUMNS, values, strict=True)), Row, strict=False)
+                for values in found
+            ]
 
     def write_csv(self, out: TextIO) -> None:
         """All rows as CSV, without the nested columns `result` and `timing`."""
         shown = [name for name in COLUMNS if name not in ("result", "timing")]
+        rows = self.rows()
         writer = csv.DictWriter(out, shown, extrasaction="ignore")
         writer.writeheader()
-        for row in self.rows():
-            writer.writerow(msgspec.structs.asdict(row))
+        writer.writerows(msgspec.structs.asdict(row) for row in rows)
+
+
+def checksum(table: str, values: Sequence[Any]) -> str:
+    """Of a row as SQLite gives it back."""
+    return hashlib.blake2b(ascii((table, *values)).encode(), digest_size=8).hexdigest()
+
+
+@contextmanager
+def _claimed(path: Path) -> Iterator[ExitStack]:
+    """The folder made and the file locked, until the stack is closed or here, on an error."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CouldNotRecord(f"{path}: {error.strerror}", "choose another --out") from None
+    with ExitStack() as lock:
+        lock.enter_context(writing(path))
+        yield lock
+
+
+def _database(path: Path, mode: str) -> str:
+    return f"{path.absolute().as_uri()}?mode={mode}"
 
 
 def _blank(path: Path) -> bool:
     """True for a database without any table, and for an empty file."""
-    with _stored(path), closing(sqlite3.connect(path)) as db:
+    with _read(path), closing(sqlite3.connect(_database(path, "rw"), uri=True)) as db:
         return bool(db.execute("SELECT count(*) FROM sqlite_master").fetchone()[0] == 0)
 
 
 def _declarations() -> str:
     first, *others = Row.__struct_fields__
-    kinds = {field.name: field.type for field in msgspec.structs.fields(Row)}
-    columns = [f"{name} {_sql_type(kinds[name])}" for name in others]
+    columns = [f"{name} {_TYPES[_KINDS[name]]}" for name in others]
     return ", ".join([f"{first} INTEGER PRIMARY KEY", *columns])
 
 
-def _sql_type(kind: Any) -> str:
-    plain = next((t for t in getattr(kind, "__args__", (kind,)) if t is not type(None)), str)
-    return _TYPES[plain]
+def _kind(kind: Any) -> type:
+    return next((t for t in getattr(kind, "__args__", (kind,)) if t is not type(None)), str)
+
+
+_KINDS = {field.name: _kind(field.type) for field in msgspec.structs.fields(Row)}
 
 
 def _values(row: Row) -> tuple[Any, ...]:
-    return tuple(getattr(row, name) for name in COLUMNS)
+    """The row as SQLite will give it back."""
+    return tuple(_plain(getattr(row, name), _KINDS[name]) for name in COLUMNS)
+
+
+def _plain(value: Any, kind: type) -> Any:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return None
+    if kind is str:
+        return value.encode(errors="replace").decode()
+    return float(value) + 0.0 if kind is float else int(value)  # there is no -0.0

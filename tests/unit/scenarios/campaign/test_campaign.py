@@ -14,7 +14,7 @@ from drivers.errors import BadFile, ConfigError
 from grasp.cli.main import main
 from scenarios.campaign.run import Progress, Work, run
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, read_spec, trials
-from scenarios.campaign.store import CampaignStore
+from scenarios.campaign.store import CampaignStore, checksum
 from scenarios.campaign.worker import Finished, Row, error_row, run_trial
 from scenarios.rigs.workers import Workers
 from tests.wire.scenarios.campaigns import MACHINE_COLUMNS
@@ -282,14 +282,13 @@ def test_a_campaign_with_an_old_name_in_it_is_refused_with_the_new_one(tmp_path:
     spec = CampaignSpec(name="old", objects=("can",), decision_samples=(2,), repetitions=1)
     run_here(spec, out, judged_at_once)
     with sqlite3.connect(out) as db:
-        old = "replace(value, 'decision_samples', 'decision_rules')"
-        db.execute(f"UPDATE campaign SET value = {old} WHERE key = 'spec'")
+        (text,) = db.execute("SELECT value FROM campaign WHERE key = 'spec'").fetchone()
+        old = text.replace("decision_samples", "decision_rules")
+        row = (old, checksum("campaign", ("spec", old)))
+        db.execute("UPDATE campaign SET value = ?, checksum = ? WHERE key = 'spec'", row)
     db.close()
-    with (
-        CampaignStore.open(out) as store,
-        pytest.raises(BadFile, match="decision_rules: is called decision_samples now"),
-    ):
-        _ = store.spec
+    with pytest.raises(BadFile, match="decision_rules: is called decision_samples now"):
+        CampaignStore.open(out)
 
 
 def test_recordings_lie_beside_the_file_under_their_trial(tmp_path: Path) -> None:

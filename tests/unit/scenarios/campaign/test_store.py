@@ -1,0 +1,343 @@
+"""A campaign's file: one writer, a checksum a row, and what damage or a full disk may leave."""
+
+import errno
+import fcntl
+import os
+import random
+import shutil
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable
+from contextlib import closing, suppress
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from drivers.errors import BadFile, ConfigError, CouldNotRecord
+from grasp.cli.main import main
+from scenarios.campaign import store
+from scenarios.campaign.lock import writing
+from scenarios.campaign.run import run
+from scenarios.campaign.spec import CampaignSpec, Task, combinations, read_spec, trials
+from scenarios.campaign.store import CampaignStore
+from scenarios.campaign.worker import Finished, error_row
+from scenarios.rigs.workers import Workers
+
+SPEC = CampaignSpec(name="two", objects=("can", "ball"), repetitions=3)
+HOLDER = """
+import sys, time
+from pathlib import Path
+from scenarios.campaign.lock import writing
+with writing(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(60)
+"""
+
+
+def judged(trial: Task) -> Finished:
+    """In place of a trial that takes its time; awkward values among its figures."""
+    row = msgspec.structs.replace(
+        error_row(trial, "Grüße \ud800 \x00 \n"), status="done", success=trial.number % 2 == 0,
+        slip_distance_m=float("inf"), reaction_latency_ms=float("nan"), wall_s=1,
+        peak_force_n=10.1 + trial.number, detection_latency_ms=-0.0,
+    )  # fmt: skip
+    return Finished(row, b"recorded" * 100)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign that nothing happened to."""
+    out = tmp_path_factory.mktemp("whole") / "a.sqlite"
+    run(SPEC, out, Workers(0), work=judged)
+    return out
+
+
+@pytest.fixture
+def copy(whole: Path, tmp_path: Path) -> Path:
+    return shutil.copy(whole, tmp_path / "a.sqlite")
+
+
+def change(path: Path, statement: str) -> None:
+    with closing(sqlite3.connect(path)) as db:
+        db.execute(statement)
+        db.commit()
+
+
+def everything(path: Path) -> object:
+    with CampaignStore.open(path) as opened:
+        return opened.spec, opened.rows(), opened.finished()
+
+
+# One writer
+
+
+def test_a_second_writer_is_refused_with_the_name_of_the_first(tmp_path: Path) -> None:
+    out = tmp_path / "a.sqlite"
+    places = combinations(SPEC)
+    with CampaignStore.create(out, SPEC, places):
+        for begin in (CampaignStore.create, CampaignStore.resume):
+            with pytest.raises(ConfigError, match=rf"written by process {os.getpid()}: ") as caught:
+                begin(out, SPEC, places)
+            assert caught.value.key == "--out"
+        assert everything(out)  # to read it is another matter
+    with CampaignStore.resume(out, SPEC, places):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["a.sqlite"]
+
+
+def test_a_dead_writer_holds_nothing(tmp_path: Path) -> None:
+    out = tmp_path / "a.sqlite"
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(out)], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None and process.stdout.readline() == "held\n"
+        with pytest.raises(ConfigError, match=f"process {process.pid}: "), writing(out):
+            pass
+        process.kill()
+        process.wait()
+    with writing(out):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_lock_whose_holder_has_not_yet_said_its_name_holds_too(tmp_path: Path) -> None:
+    with (tmp_path / "a.sqlite.lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        with pytest.raises(ConfigError, match="another process"), writing(tmp_path / "a.sqlite"):
+            pass
+
+
+def test_a_lock_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+    (tmp_path / "a.sqlite.lock").mkdir()
+    with pytest.raises(CouldNotRecord, match=r"a\.sqlite\.lock"):
+        CampaignStore.create(tmp_path / "a.sqlite", SPEC, combinations(SPEC))
+
+
+# A checksum a row
+
+
+def test_what_was_written_is_read_whatever_the_values(whole: Path) -> None:
+    with CampaignStore.open(whole) as opened:
+        rows = opened.rows()
+    assert [row.trial for row in rows] == list(range(6))
+    assert rows[0].slip_distance_m == float("inf") and rows[0].reaction_latency_ms is None
+    assert rows[0].error is not None and rows[0].error.startswith("Grüße ?")
+
+
+@pytest.mark.parametrize(
+    ("statement", "named"),
+    [
+        ("UPDATE trials SET success = 1 WHERE trial IN (1, 3)", r"trials: .*: 1, 3"),
+        ("UPDATE trials SET outcome = 'held' WHERE trial = 4", r"trials: .*: 4"),
+        ("UPDATE trials SET trial = 17 WHERE trial = 5", r"trials: .*: 17"),
+        ("UPDATE trials SET peak_force_n = peak_force_n + 1e-12", r"0, 1, 2, 3, 4, 5"),
+        ("UPDATE trials SET checksum = NULL WHERE trial = 2", r"trials: .*: 2"),
+        ("UPDATE trials SET checksum = (SELECT checksum FROM trials WHERE trial = 1)", r"0, 2, 3"),
+        ("UPDATE campaign SET value = replace(value, 'can', 'box')", "campaign: .*'spec'"),
+    ],
+)
+def test_a_changed_row_is_named_and_not_counted(
+    statement: str, named: str, copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change(copy, statement)
+    with pytest.raises(BadFile, match=named):
+        everything(copy)
+    before = copy.read_bytes()
+    with pytest.raises(BadFile, match=named):
+        run(SPEC, copy, Workers(0), resume=True, work=judged)
+    assert copy.read_bytes() == before
+    for verb in ("summary", "export"):
+        assert main(["campaign", verb, str(copy)]) == 2
+        out, err = capsys.readouterr()
+        assert out == "" and "another --out" in err
+
+
+def test_settings_that_were_changed_are_noticed_on_resume(copy: Path) -> None:
+    change(copy, "UPDATE configs SET settings = replace(settings, '10.0', '11.0')")
+    with pytest.raises(BadFile, match="configs: changed"):
+        run(SPEC, copy, Workers(0), resume=True, work=judged)
+
+
+def test_a_file_without_checksums_is_refused_with_what_to_do(copy: Path) -> None:
+    change(copy, "UPDATE campaign SET value = 'grasp-campaign 1' WHERE key = 'format'")
+    with pytest.raises(BadFile, match="grasp-campaign 1") as caught:
+        everything(copy)
+    assert "run the campaign again" in caught.value.remedy
+
+
+def test_to_read_a_campaign_changes_nothing(copy: Path) -> None:
+    before = copy.read_bytes()
+    everything(copy)
+    assert copy.read_bytes() == before
+    assert [path.name for path in copy.parent.iterdir()] == ["a.sqlite"]
+
+
+# Damage
+
+
+def damage(content: bytes, rng: random.Random) -> bytes:
+    """A few bits, a run of bytes, a page of zeros, two pages exchanged, or a file cut short."""
+    data = bytearray(content)
+    kind = rng.choice(("bits", "bytes", "zeros", "exchange", "cut", "text"))
+    at = rng.randrange(len(data))
+    if kind == "bits":
+        for _ in range(rng.choice((1, 3, 30))):
+            data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+    elif kind == "bytes":
+        size = rng.choice((1, 16, 400))
+        data[at : at + size] = rng.randbytes(len(data[at : at + size]))
+    elif kind == "zeros":
+        page = at // 4096 * 4096
+        data[page : page + 4096] = bytes(len(data[page : page + 4096]))
+    elif kind == "exchange":
+        a, b = (rng.randrange(len(data) // 4096) * 4096 for _ in range(2))
+        data[a : a + 4096], data[b : b + 4096] = data[b : b + 4096], data[a : a + 4096]
+    elif kind == "cut":
+        del data[at:]
+    else:
+        at = max(data.find(b"can", at), data.find(b"can"))
+        data[at : at + 3] = rng.choice((b"\xff\xfe\xfd", b"\0\0\0", b"cat"))
+    return bytes(data)
+
+
+def tells_or_is_whole(path: Path, content: bytes, wanted: object) -> None:
+    path.write_bytes(content)
+    try:
+        found = everything(path)
+    except BadFile as error:
+        assert path.name in error.message and "\n" not in error.message
+        return
+    assert found == wanted  # the damage was where nothing is
+
+
+def test_150_damaged_files_are_refused_or_read_whole(whole: Path, tmp_path: Path) -> None:
+    rng, content, wanted = random.Random(20_26), whole.read_bytes(), everything(whole)
+    for _ in range(150):
+        tells_or_is_whole(tmp_path / "a.sqlite", damage(content, rng), wanted)
+
+
+def test_damaged_files_are_refused_by_every_verb_in_one_line(
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng, content = random.Random(3), whole.read_bytes()
+    out = tmp_path / "a.sqlite"
+    for _ in range(20):
+        out.write_bytes(damage(content, rng))
+        code = main(["campaign", "summary", str(out), "--json"])
+        said = capsys.readouterr()
+        assert (code, said.err, said.out.count("\n")) in ((0, "", 1), (2, "", 1))
+        with suppress(BadFile, ConfigError):
+            run(SPEC, out, Workers(0), resume=True, work=judged)
+        shutil.rmtree(tmp_path / "a.recordings", ignore_errors=True)
+
+
+# A disk that is full, or may not be written
+
+
+def full(*_: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def after_half(path: Path, content: bytes) -> int:
+    with path.open("wb") as file:
+        file.write(content[: len(content) // 2])
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def files(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.rglob("*") if path.is_file())
+
+
+@pytest.mark.parametrize("method", ["write_bytes", "replace"])
+def test_a_recording_that_the_disk_refuses_leaves_neither_file_nor_row(
+    method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "a.sqlite"
+    failing: Callable[..., object] = after_half if method == "write_bytes" else full
+    with monkeypatch.context() as patch:
+        patch.setattr(store.Path, method, failing)
+        with pytest.raises(CouldNotRecord, match="No space left"):
+            run(SPEC, out, Workers(0), work=judged)
+    assert files(tmp_path) == ["a.sqlite"]
+    with CampaignStore.open(out) as opened:
+        assert opened.rows() == []
+    assert run(SPEC, out, Workers(0), resume=True, work=judged).done == 6
+
+
+def test_a_row_that_the_disk_refuses_takes_its_recording_along(tmp_path: Path) -> None:
+    out = tmp_path / "a.sqlite"
+    places = combinations(SPEC)
+    with CampaignStore.create(out, SPEC, places) as opened:
+        (pages,) = opened._db.execute("PRAGMA page_count").fetchone()
+        opened._db.execute(f"PRAGMA max_page_count = {pages}")
+        with pytest.raises(CouldNotRecord, match="full"):
+            for trial in trials(SPEC, places):
+                finished = judged(trial)
+                row = msgspec.structs.replace(finished.row, result="x" * 9_000)
+                opened.add(msgspec.structs.replace(finished, row=row))
+    kept = everything(out)
+    assert isinstance(kept, tuple)
+    recordings = [name for name in files(tmp_path) if not name.startswith("a.sqlite")]
+    assert recordings == [Path(row.recording).name for row in kept[1]]
+
+
+def test_a_file_that_the_disk_refuses_at_once_is_gone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        raise sqlite3.OperationalError("database or disk is full")
+
+    monkeypatch.setattr(CampaignStore, "_create", refused)
+    with pytest.raises(CouldNotRecord, match="full"):
+        CampaignStore.create(tmp_path / "a.sqlite", SPEC, combinations(SPEC))
+    assert list(tmp_path.iterdir()) == []
+
+
+# What a campaign file may say
+
+
+@pytest.mark.parametrize(
+    ("says", "named"),
+    [
+        ('objects = ["can", "ball", "can"]', "'can' twice"),
+        ('objects = ["can"]\nseeds = [1, 2, 1]', "1 twice"),
+        ('objects = ["can"]\nscenarios = ["lift", "lift"]', "'lift' twice"),
+        ('objects = ["can"]\nprofiles = ["paper", "paper"]', "'paper' twice"),
+        ('objects = ["can"]\ndetectors = ["psd", "psd"]', "'psd' twice"),
+        ('objects = ["can"]\ndetectors = [""]', "unknown"),
+        ('objects = ["can"]\nlatencies_s = [0.0, 0]', "twice"),
+        ('objects = ["can"]\n[sweep]\n"controller.lift_speed_mps" = [0.1, 0.10]', "0.1 twice"),
+        ('objects = ["can"]\n[sweep]\n"controller.lift_speed_mps" = []', "is empty"),
+        ('objects = ["can"]\nlatencies_s = [0.0]\n[sweep]\n"loop.decision_delay_s" = [0.1]',
+         "is what latencies_s sweeps"),
+        ('objects = ["can"]\n[sweep]\n"profile" = ["zzz"]', "--profile"),
+        ('objects = ["can"]\n[sweep]\n"rig" = ["hardware"]', "--rig"),
+        ('objects = ["can"]\nsettings = ["rig=hardware"]', "--rig"),
+        ('objects = ["can"]\nsettings = ["detector_name=zzz"]', "--detector"),
+        ('objects = ["can"]\nsettings = ["object.name=../x"]', "object.name"),
+        ('objects = [""]', "unknown"),
+        ('objects = []', ">= 1"),
+        ('objects = ["../objects/can"]', "unknown"),
+        (f'objects = ["can"]\nlatencies_s = [{", ".join(f"{i}e-6" for i in range(60_000))}]',
+         "too large"),
+    ],
+)  # fmt: skip
+def test_a_campaign_that_counts_twice_or_sweeps_nothing_is_refused(
+    says: str, named: str, tmp_path: Path
+) -> None:
+    file, out = tmp_path / "c.toml", tmp_path / "a.sqlite"
+    file.write_text(f'name = "c"\n{says}\n')
+    with pytest.raises(ConfigError) as caught:
+        run(read_spec(file), out, Workers(0), work=judged)
+    assert named in f"{caught.value.message} {caught.value.remedy}"
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "..", "a..b", ".a", "c\\n", "a b", "a" * 200, "-x"])
+def test_a_campaign_s_name_is_part_of_a_path(name: str, tmp_path: Path) -> None:
+    file = tmp_path / "c.toml"
+    file.write_text(f'name = "{name}"\nobjects = ["can"]\n')
+    with pytest.raises(ConfigError, match="name"):
+        read_spec(file)
