@@ -126,7 +126,7 @@ class ControlLoop:
         on_tick: Callable[[Tick], None] = lambda tick: None,
     ) -> None:
         self.timing = Timing()
-        self.error: GraspError | None = None  # first device error of the run
+        self.errors: dict[str, GraspError] = {}  # the first of each device, in their order
         self.set_down = False  # whoever runs the experiment asks for it, once it is held
         self._devices = devices
         self._clock = clock
@@ -224,28 +224,29 @@ class ControlLoop:
         self._clock.sleep_until_ns(t_ns)
 
     def _pump(self, now_ns: int) -> None:
-        self._guarded(lambda: self._devices.tactile.pump(now_ns))
+        self._guarded("tactile board", lambda: self._devices.tactile.pump(now_ns))
         self._pump_gripper(now_ns)
-        self._guarded(lambda: self._devices.arm.pump(now_ns))
+        self._guarded("arm", lambda: self._devices.arm.pump(now_ns))
 
     def _pump_gripper(self, now_ns: int) -> None:
-        error = self._guarded(lambda: self._devices.gripper.pump(now_ns))
+        error = self._guarded("gripper", lambda: self._devices.gripper.pump(now_ns))
         if error is None:
             self._gripper_lost = False
         elif isinstance(error, LinkLost):
             self._gripper_lost = True
 
-    def _guarded(self, action: Callable[[], None]) -> GraspError | None:
+    def _guarded(self, device: str, action: Callable[[], None]) -> GraspError | None:
         """Do it; an expected error becomes trouble for the next step, never an exception here."""
         try:
             action()
         except GraspError as error:
-            self._note(error)
+            self.note(device, error)
             return error
         return None
 
-    def _note(self, error: GraspError) -> str:
-        self.error = self.error or error
+    def note(self, device: str, error: GraspError) -> str:
+        """Tell the next step of trouble with a device; returns it in a line."""
+        self.errors.setdefault(device, error)
         text = f"{error.kind}: {error.message}"
         self._trouble = self._trouble or text
         return text
@@ -303,7 +304,7 @@ class ControlLoop:
         try:
             applied = self._to_device(waiting.admitted)
         except GraspError as error:
-            refused = self._note(error)
+            refused = self.note(_addressee(waiting.admitted), error)
         if isinstance(waiting.admitted, GripperCommand):
             self.timing.gripper_commands_ns.append((waiting.decided_ns, sent_ns))
         self._issued.append(
@@ -336,3 +337,9 @@ class ControlLoop:
         if isinstance(command, OpenFingers):
             return gripper.open(command.speed_mps)
         return gripper.hold()
+
+
+def _addressee(command: Command) -> str:
+    if isinstance(command, GripperCommand):
+        return "gripper"
+    return "arm" if isinstance(command, MoveArm | StopArm) else "tactile board"

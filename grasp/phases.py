@@ -100,6 +100,11 @@ class PhaseMachine:
         self._machine.add_model(self._model)
         self.phase = Phase.IDLE
 
+    @property
+    def before(self) -> Phase:
+        """The phase before the present one."""
+        return Phase(self.log[-2].phase) if len(self.log) > 1 else Phase.IDLE
+
     def fire(self, trigger: Trigger, t_ns: int, cause: str) -> None:
         """Make the transition; raises transitions.MachineError where the table has no such way."""
         self._machine.events[trigger.value].trigger(self._model, t_ns=t_ns, cause=cause)

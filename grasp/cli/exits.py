@@ -37,6 +37,28 @@ def code_of(kind: str) -> int:
     return _CODE_OF_KIND.get(kind, INTERNAL)
 
 
+def report_failure(failure: Any, as_json: bool, **extra: Any) -> int:
+    """As ``report`` for a run that had begun: what happened, how arm and hand were left, and how to
+    go on; a line each."""
+    end = failure.end
+    if end is None:
+        return report(failure.kind, failure.message, failure.remedy, as_json, **extra)
+    if as_json:
+        left = {"arm": end.arm, "hand": end.hand, "advice": end.advice}
+        return report(failure.kind, failure.message, failure.remedy, True, end=left, **extra)
+    code = report(failure.kind, failure.message, failure.remedy, False)
+    for line in (f"{end.arm}; {end.hand}", end.advice):
+        say(line)
+    return code
+
+
+def say(line: str) -> None:
+    """A further line of an error; an empty one is none."""
+    if line:
+        with contextlib.suppress(OSError):
+            print(f"       {line}", file=sys.stderr)
+
+
 def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) -> int:
     """Say what went wrong and what to do; returns the exit code."""
     code = code_of(kind)

@@ -197,7 +197,7 @@ def _acquire(args: argparse.Namespace) -> int:
     if failure is None:
         return exits.SUCCESS
     extra = {"result": json.loads(finished.as_json())} if args.json else {}
-    return exits.report(failure.kind, failure.message, failure.remedy, args.json, **extra)
+    return exits.report_failure(failure, args.json, **extra)
 
 
 def _lift(args: argparse.Namespace, config: Any, permit: Any) -> int:
@@ -256,7 +256,7 @@ def _report_taps(results: list[Any], failure: Any, args: argparse.Namespace) -> 
         print_taps(summary)
     if failure is not None:
         extra = {"result": series} if args.json else {}
-        return exits.report(failure.kind, failure.message, failure.remedy, args.json, **extra)
+        return exits.report_failure(failure, args.json, **extra)
     if args.json:
         print(json.dumps(series))
     total = summary.total
@@ -272,7 +272,7 @@ def _report(finished: Any, args: argparse.Namespace) -> int:
         extra = {"result": finished.as_dict()} if args.json and finished.result else {}
         if finished.result is not None and not args.json:
             print_verdict(finished.result)
-        return exits.report(failure.kind, failure.message, failure.remedy, args.json, **extra)
+        return exits.report_failure(failure, args.json, **extra)
     if args.json:
         print(finished.as_json())
     else:

@@ -23,7 +23,7 @@ from scenarios.world.pressed_cell import PressedTruth
 
 READY_S = 60.0  # compiling the world on a first run included
 POLL_NS = 100_000_000
-END_S = 10.0
+END_S = 3.0
 ConfigT = TypeVar("ConfigT", bound=RigConfig)
 
 

@@ -1,8 +1,10 @@
 """Real drivers on real wires, at the addresses of the configuration."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from typing import TypeVar
 
+from drivers.errors import GraspError
 from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.link.modbus import ModbusTransport
 from drivers.robotiq.link.thread import ThreadedGripper
@@ -17,6 +19,7 @@ from grasp.clock import WallClock
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
 from scenarios.rigs.rig import calibration
 
+DeviceT = TypeVar("DeviceT")
 ANY_BOARD = "any"  # of `usb.serial`
 
 
@@ -29,11 +32,22 @@ def wired_devices(
     with ExitStack() as stack:
         gripper = None
         if isinstance(config, GraspRigConfig):
-            gripper = stack.enter_context(wired_gripper(config, now))
+            gripper = stack.enter_context(_letting_go(wired_gripper(config, now)))
         reading = ReadingThread(board_finder(config, now), config.tactile, now)
-        tactile = stack.enter_context(TakkTileDriver(reading, config.tactile))
+        tactile = stack.enter_context(_letting_go(TakkTileDriver(reading, config.tactile)))
         link = stack.enter_context(UrLink(config.ur))
         yield ArmDriver(link, config.arm), tactile, gripper
+
+
+@contextmanager
+def _letting_go(device: AbstractContextManager[DeviceT]) -> Iterator[DeviceT]:
+    """A device that does not let go in time costs no result: whoever opens it next is told."""
+    entered = device.__enter__()
+    try:
+        yield entered
+    finally:
+        with suppress(GraspError):
+            device.__exit__(None, None, None)
 
 
 def board_finder(config: AnyRigConfig, now: Callable[[], int]) -> Callable[[str | None], UsbLink]:

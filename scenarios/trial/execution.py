@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from detector.decision import make_rule
-from drivers.errors import ConfigError
+from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
 from grasp import interruption
 from grasp.controller import GraspController, GripPlan
@@ -20,11 +20,13 @@ from grasp.slip import SlipMonitor
 from grasp.step import GraspStep
 from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
+from scenarios.trial.ending import End, end_of, happened
 from scenarios.trial.result import Failure, named, phase_entries, timing_result, versions
 from scenarios.trial.trace import Trace
 from scenarios.world.cell import Truth
 
 DEADLINE_S = 180.0  # of virtual or wall time; each phase has its own, shorter one
+WORLD = "world"  # beside the devices: the process that emulates them
 FAULT = "fault"  # the outcome of every scenario that ended in a safe state
 INTERRUPTED = "interrupted"  # and of one that was stopped from outside: it is not judged
 
@@ -104,24 +106,26 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         """Why it ended in the safe state; empty if it did not, or was told to."""
         return "" if self.interrupted else self.controller.fault_cause
 
-    def failure(self, outcome: str) -> Failure | None:
-        """Why the exit code is not the verdict's, if so."""
-        if self.interrupted:
-            return Failure(
-                "interrupted",
-                f"stopped by hand in phase {self.controller.phase}: the arm stands, "
-                "the grip is kept",
-                self.way_out,
-            )
-        if outcome != FAULT:
+    def end(self, config: TrialConfig) -> End | None:
+        """How arm and hand were left, where it ended in the safe state."""
+        if not self.controller.fault_cause:
             return None
-        if (error := self.loop.error) is not None:
-            return Failure(error.kind, error.message, self._advised(error.remedy))
-        cause = self.controller.fault_cause or "the run did not end in time"
-        return Failure("safety_stop", cause, self._advised("see the phases of the result"))
+        old_s, trace = config.controller.stale_after_s, self.trace
+        return end_of(trace.last, trace.hand, self.loop.errors, old_s, self.way_out)
 
-    def _advised(self, remedy: str) -> str:
-        return "; ".join(text for text in (remedy, self.way_out) if text)
+    def failure(self, config: TrialConfig, outcome: str) -> Failure | None:
+        """Why the exit code is not the verdict's, if so."""
+        if not self.interrupted and outcome != FAULT:
+            return None
+        cause, errors, end = self.controller.fault_cause, self.loop.errors, self.end(config)
+        if self.interrupted:
+            cause = f"{cause} in phase {self.controller.machine.before}"
+        message = happened(cause, self.trace.last, errors, config.controller.stale_after_s)
+        if self.interrupted:
+            return Failure("interrupted", message, "", end)
+        for error in errors.values():
+            return Failure(error.kind, message, error.remedy, end)
+        return Failure("safety_stop", message, "see the phases of the result", end)
 
     def figures(self, config: TrialConfig, scenario: str, seed: int) -> dict[str, Any]:
         """What every result says alike, by the fields of ``TrialResult``."""
@@ -139,6 +143,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             ),
             "versions": versions(),
             "config_hash": config.digest(),
+            "end": self.end(config),
         }
 
 
@@ -150,8 +155,18 @@ def run_trial(
     controller = make_controller(config)
     trace = Trace()
 
+    def look() -> Truth | None:
+        """The world's truth; one that is gone is trouble like a device's, and asked no more."""
+        if WORLD in loop.errors:
+            return None
+        try:
+            return rig.truth()
+        except GraspError as error:
+            loop.note(WORLD, error)
+            return None
+
     def take(tick: Tick) -> None:
-        truth = rig.truth()
+        truth = look()
         trace.add(tick, truth)
         loop.set_down = follow(tick, truth)
         watch(tick, truth, controller)
@@ -160,8 +175,8 @@ def run_trial(
     interrupted, granted = _run_to_end(config, rig, loop, deadline_s)
     interruption.seal()  # what is left is closing, judging and writing
     return FinishedTrial(
-        controller, loop, trace, rig.truth(), rig.stalls(), acknowledged(rig, loop), granted,
-        interrupted, rig.way_out,
+        controller, loop, trace, look(), Stalls() if WORLD in loop.errors else rig.stalls(),
+        acknowledged(rig, loop), granted, interrupted, rig.way_out,
     )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from drivers.interfaces import FINGER_NAMES, Vector3
 from grasp.loop import Timing
 from grasp.phases import PhaseChange
 from scenarios.rigs.rig import Stalls
+from scenarios.trial.ending import End
 
 
 class TimingResult(msgspec.Struct, frozen=True):
@@ -62,6 +63,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     recording: str | None
     versions: dict[str, str]
     config_hash: str
+    end: End | None = None  # where it ended in a safe state
 
 
 class Failure(msgspec.Struct, frozen=True):
@@ -70,6 +72,7 @@ class Failure(msgspec.Struct, frozen=True):
     kind: str
     message: str
     remedy: str
+    end: End | None = None  # how arm and hand were left, once a run had begun
 
 
 ResultT = TypeVar("ResultT", bound=TrialResult)

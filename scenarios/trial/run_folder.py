@@ -85,6 +85,7 @@ class Record:
     ) -> None:
         self._folder: RunFolder | None = None
         self._begin = None if runs is None else partial(RunFolder, runs, scenario, config, seed)
+        self._config = config
         self._on_tick = on_tick
         self._uncut = ExitStack()
 
@@ -117,7 +118,7 @@ class Record:
 
     def finish(self, trial: FinishedTrial, result: ResultT) -> FinishedRun[ResultT]:
         """Close the recording and write the result."""
-        failure = trial.failure(result.outcome)
+        failure = trial.failure(self._config, result.outcome)
         if self._folder is not None:
             try:
                 self._folder.finish(result)

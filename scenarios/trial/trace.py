@@ -1,6 +1,6 @@
 """What a verdict is drawn from, kept tick by tick: by lift and tap alike."""
 
-from grasp.loop import Tick
+from grasp.loop import Issued, Tick
 from grasp.phases import AIRBORNE_PHASES, Phase
 from scenarios.world.cell import Truth
 
@@ -9,6 +9,8 @@ class Trace:
     """Keeps, tick by tick, the little that a verdict needs."""
 
     def __init__(self) -> None:
+        self.last: Tick | None = None
+        self.hand: Issued | None = None  # the last command that the gripper took
         self.end: Truth | None = None
         self.registered_ns: int | None = None
         self.had_compensated = False  # when the object was lost
@@ -20,11 +22,13 @@ class Trace:
 
     def add(self, tick: Tick, truth: Truth | None) -> None:
         """Take one tick; truth is None on hardware."""
+        self.last = tick
         phase = tick.decision.phase
         if tick.decision.slip.event and self.registered_ns is None:
             self.registered_ns = tick.t_ns
         for issued in tick.issued:
             if issued.applied is not None:
+                self.hand = issued
                 self.commanded_force_n = max(self.commanded_force_n, issued.applied.force_n)
         self.peak_measured_n = max(self.peak_measured_n, *tick.measured_n)
         self._compensated = self._compensated or phase is Phase.COMPENSATE

@@ -21,7 +21,7 @@ from drivers.takktile.emulator import hop
 from drivers.takktile.emulator.hop import HopReply, HopRequest, Listed, Op
 
 _CONNECT_S = 5.0
-_GRACE_S = 5.0  # beyond a transfer's own time-out: then the server is gone
+_GRACE_S = 1.0  # beyond a transfer's own time-out: then the server is gone
 _FULL_SPEED = 2  # libusb_speed
 _LIBUSB_CODE = {
     errno.EIO: -1,
@@ -73,6 +73,7 @@ class _Connection:
                 hop.send(self._socket, request)
                 reply = hop.receive(self._socket, HopReply)
         except OSError as error:
+            self.close()
             raise _usb_error(errno.ENODEV) from error
         if reply.errno:
             raise _usb_error(reply.errno)
@@ -99,7 +100,13 @@ class _Handle:
 
     def ask(self, op: Op, **fields: int) -> bytes:
         connection = self._bulk if op in (Op.BULK_READ, Op.BULK_WRITE) else self._control
-        return connection.ask(HopRequest(op, self._number, **fields))
+        try:
+            return connection.ask(HopRequest(op, self._number, **fields))
+        except usb.core.USBError as error:
+            if error.errno == errno.ENODEV:  # what is gone is asked nothing more, nor waited for
+                self._control.close()
+                self._bulk.close()
+            raise
 
     def close(self) -> None:
         with contextlib.suppress(usb.core.USBError):  # it may be gone already
@@ -127,6 +134,8 @@ class EmulatedBus(usb.backend.IBackend):  # type: ignore[misc] # pyusb has no ty
             return iter(())
         try:
             return iter(hop.decode(connection.ask(HopRequest(Op.LIST)), list[Listed]))
+        except usb.core.USBError:  # it listens, and says nothing
+            return iter(())
         finally:
             connection.close()
 

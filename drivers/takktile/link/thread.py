@@ -12,7 +12,7 @@ from drivers.takktile.protocol import Layout
 from drivers.takktile.receiver import Connect, Readings, Receiver, ReceiverCounts
 from drivers.takktile.settings import TakkTileSettings
 
-_JOIN_S = 10.0  # several control requests to a hung board, each with its time-out
+_JOIN_S = 4.0  # some control requests to a hung board, each with its time-out
 
 
 class ReadingThread:

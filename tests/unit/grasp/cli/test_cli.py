@@ -81,7 +81,7 @@ def test_json_verdict_has_every_promised_field(
     assert list(result) == [
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
         "slip_registered_s", "detection_latency_ms", "peak_force_n", "commanded_force_n", "phases",
-        "timing", "recording", "versions", "config_hash", "first_detection_s",
+        "timing", "recording", "versions", "config_hash", "end", "first_detection_s",
         "reaction_latency_ms", "slip_distance_m", "settled_force_n",
     ]  # fmt: skip
     assert result["seed"] == 2
@@ -133,7 +133,7 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
     assert list(series["taps"][0]) == [
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
         "slip_registered_s", "detection_latency_ms", "peak_force_n", "commanded_force_n", "phases",
-        "timing", "recording", "versions", "config_hash", "direction", "moved",
+        "timing", "recording", "versions", "config_hash", "end", "direction", "moved",
         "displacement_m", "down_m", "across_m", "impulse_n_s", "mallet_mps", "struck_s",
         "slip_end_s", "slip_duration_ms", "nominal_again_s", "nominal_again_ms", "alarms",
         "watched_until_s", "grip_force_n",
@@ -239,7 +239,7 @@ def test_full_disk_does_not_stop_the_lift_and_leaves_nothing_half_written(tmp_pa
     assert list((tmp_path / "runs").iterdir()) == []
 
 
-def test_ctrl_c_stops_the_arm_and_keeps_the_grip(tmp_path: Path) -> None:
+def test_ctrl_c_stops_the_arm_keeps_the_grip_and_says_how_both_were_left(tmp_path: Path) -> None:
     with subprocess.Popen(
         [*GRASP, "run", "lift", "--rig", "simulated", "--runs", str(tmp_path), "--pace", "real"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -251,8 +251,9 @@ def test_ctrl_c_stops_the_arm_and_keeps_the_grip(tmp_path: Path) -> None:
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=30)
     assert process.returncode == 130
-    assert "the grip is kept" in err
-    assert "grasp release" not in err  # the simulated cell has ended, its hand with it
+    happened, left = err.splitlines()
+    assert happened == "grasp: stopped by hand in phase lift"
+    assert left.strip().startswith("the arm stands; the hand is closed as it was, ")
     assert "Traceback" not in err
 
 

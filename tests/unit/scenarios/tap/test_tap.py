@@ -313,7 +313,9 @@ def test_interrupted_tap_stops_the_arm_keeps_the_grip_and_ends_the_series(tmp_pa
     ended = list(tap.run_series(config(), range(3), tmp_path, on_tick=press_ctrl_c))
     assert ended[0].failure is not None
     assert ended[0].failure.kind == "interrupted"
-    assert "grip is kept" in ended[0].failure.message
+    assert ended[0].failure.message == "stopped by hand in phase hold"
+    assert ended[0].failure.end is not None
+    assert ended[0].failure.end.hand.startswith("the hand is closed to the limit")
     assert len(ended) == 1
 
 

@@ -1,0 +1,119 @@
+"""How arm and hand were left by a run that ended in a safe state, in a person's words.
+
+Told from what was heard last and from nothing else: what cannot be known is said to be unknown.
+"""
+
+import math
+from collections.abc import Mapping
+
+import msgspec
+
+from drivers.errors import GraspError
+from drivers.interfaces import FINGER_NAMES, Detection
+from grasp.commands import CloseFast
+from grasp.loop import Issued, Tick
+
+OPEN_COUNTS = 20  # a hand told to open rests at about 6; nothing is held so wide
+NOUNS = {"tactile board": "fingertip", "gripper": "gripper", "arm": "arm"}  # in a cause
+FELT_N = 0.5  # measured at the most loaded finger: less is no grip
+
+
+class End(msgspec.Struct, frozen=True):
+    """Where arm and hand are, and how to go on; ``advice`` is empty where the cell ends too."""
+
+    arm: str
+    hand: str
+    advice: str
+
+
+def happened(cause: str, tick: Tick | None, errors: Mapping[str, GraspError], old_s: float) -> str:
+    """What went wrong, with every device that is gone: first those that said so, then the
+    silent."""
+    parts = list(dict.fromkeys(error.message for error in errors.values()))
+    if not any(part in cause for part in parts):
+        parts.insert(0, cause)
+    told = {name for name, noun in NOUNS.items() if noun in cause} | errors.keys()
+    if tick is not None:
+        parts += [f"the {name} is silent" for name in silent(tick, old_s) if name not in told]
+    return "; ".join(parts)
+
+
+def silent(tick: Tick, old_s: float) -> list[str]:
+    """Devices that have not been heard for so long, or send nothing of use."""
+    ages = {"gripper": tick.gripper.age_ns(tick.t_ns), "arm": tick.arm.age_ns(tick.t_ns)}
+    quiet = [name for name, age_ns in ages.items() if age_ns > old_s * 1e9]
+    stale = tick.frame is not None and tick.frame.stale
+    return [*quiet, "tactile board"] if stale else quiet
+
+
+def end_of(
+    tick: Tick | None, hand: Issued | None, errors: Mapping[str, GraspError], old_s: float,
+    way_out: str,
+) -> End:  # fmt: skip
+    """By the last tick and the last command that reached the hand; None: there was none. What was
+    heard longer ago than ``old_s`` is old; ``way_out``: what to do about a closed hand."""
+    if tick is None:
+        return End("the arm was told nothing", "the hand was told nothing", "")
+    deaf = set(silent(tick, old_s))
+    felt = _felt(tick, "tactile board" in deaf or "tactile board" in errors)
+    advice = "start the run again" if way_out and is_open(tick) else way_out
+    return End(_arm(tick, "arm" in deaf), _hand(tick, hand, felt, "gripper" in deaf), advice)
+
+
+def _arm(tick: Tick, deaf: bool) -> str:
+    speed_mps = math.hypot(*tick.arm.velocity_mps)
+    moves = f"moving at {speed_mps:.2f} m/s"
+    if deaf:
+        return f"the arm {f'was still {moves}' if tick.arm.moving else 'stood'} when last heard"
+    if tick.arm.stopped_by_safety:
+        return "the arm is stopped by its own safety system"
+    return f"the arm is still {moves}" if tick.arm.moving else "the arm stands"
+
+
+def _felt(tick: Tick, deaf: bool) -> str:
+    """Force at the most loaded finger."""
+    if deaf or tick.frame is None:
+        return "its force is not measured"
+    most_n = max(tick.measured_n)
+    return f"{most_n:.1f} N measured at finger {FINGER_NAMES[tick.measured_n.index(most_n)]}"
+
+
+def _hand(tick: Tick, asked: Issued | None, felt: str, deaf: bool) -> str:
+    gripper = tick.gripper
+    state = _stands(tick, asked, felt)
+    if deaf:
+        alone = "the hand cannot be told anything and holds by itself"
+        return f"{alone}: when last heard it was {state}"
+    if gripper.fault:
+        alone = f"the hand refuses every motion ({gripper.fault_text}) and holds by itself"
+        return f"{alone}: it is {state}"
+    if not gripper.active:
+        return f"the hand is not activated and holds by itself: it is {state}"
+    return f"the hand is {state}"
+
+
+def _stands(tick: Tick, asked: Issued | None, felt: str) -> str:
+    if any(f.detection is Detection.MOVING for f in tick.gripper.fingers):
+        return f"still moving, {felt}"
+    if is_open(tick):
+        return "open"
+    if not _grips(tick):
+        return f"partly closed, at {tick.gripper.positions} counts, and feels nothing"
+    fresh = tick.gripper.fresh  # the status speaks of the last command
+    if fresh and asked is not None and isinstance(asked.admitted, CloseFast):
+        return f"closed to the limit of {asked.admitted.force_cap_n:g} N, {felt}"
+    return f"closed as it was, {felt}"
+
+
+def is_open(tick: Tick) -> bool:
+    """Whether all fingers rest open."""
+    resting = all(f.detection is not Detection.MOVING for f in tick.gripper.fingers)
+    return resting and max(tick.gripper.positions) <= OPEN_COUNTS and not _touches(tick)
+
+
+def _grips(tick: Tick) -> bool:
+    return _touches(tick) or max(tick.measured_n) >= FELT_N
+
+
+def _touches(tick: Tick) -> bool:
+    return any(f.detection is Detection.CONTACT_CLOSING for f in tick.gripper.fingers)

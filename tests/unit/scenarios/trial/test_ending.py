@@ -1,0 +1,110 @@
+"""What a run says of arm and hand when it ended in a safe state: what was heard last, no more."""
+
+from collections.abc import Callable
+
+from drivers.errors import LinkLost
+from grasp.phases import Phase
+from scenarios.rigs.rig import Rig
+from scenarios.trial.ending import End, end_of
+from scenarios.trial.execution import FinishedTrial
+from tests.unit.scenarios.conftest import Staged, in_phase
+from tests.unit.scenarios.lift.test_faults import (
+    cut_gripper,
+    fault_gripper,
+    silence_fingertips,
+    trip_arm,
+)
+
+QUICK = ("controller.lift_height_m=0.08", "hand.activation_s=0.5")
+
+
+def interrupt(rig: Rig) -> None:
+    raise KeyboardInterrupt
+
+
+def cut_arm(rig: Rig) -> None:
+    def lost(*_: object) -> None:
+        raise LinkLost("link to the arm lost: it said nothing", "connect it again")
+
+    rig.devices.arm.pump = lost  # type: ignore[method-assign]
+
+
+def cut_everything(rig: Rig) -> None:
+    cut_gripper(rig)
+    cut_arm(rig)
+    silence_fingertips(rig)
+
+
+def ended(phase: Phase, act: Callable[[Rig], None]) -> tuple[FinishedTrial, Staged, End]:
+    staged = Staged(*QUICK)
+    trial = staged.run(in_phase(phase, 5), act)
+    end = trial.end(staged.config)
+    assert end is not None
+    return trial, staged, end
+
+
+def test_run_that_ends_as_planned_says_nothing_of_an_end() -> None:
+    staged = Staged(*QUICK)
+    trial = staged.run(lambda _: False, interrupt)
+    assert trial.end(staged.config) is None
+    assert staged.result(trial).end is None
+
+
+def test_interrupted_hand_is_closed_as_it_was_and_the_arm_stands() -> None:
+    trial, staged, end = ended(Phase.LIFT, interrupt)
+    assert end.arm == "the arm stands"
+    assert end.hand.startswith("the hand is closed")
+    assert "N measured at finger" in end.hand
+    failure = trial.failure(staged.config, "interrupted")
+    assert failure is not None
+    assert failure.message == "stopped by hand in phase lift"
+    assert staged.result(trial).end == end == failure.end
+
+
+def test_hand_that_has_opened_is_not_said_to_keep_a_grip() -> None:
+    _, _, end = ended(Phase.RETREAT, interrupt)
+    assert end.hand == "the hand is open"
+    assert end.advice == ""
+
+
+def test_fault_in_the_air_leaves_the_hand_closed_to_the_limit() -> None:
+    _, _, end = ended(Phase.HOLD, trip_arm)
+    assert end.arm == "the arm is stopped by its own safety system"
+    assert end.hand.startswith("the hand is closed to the limit of 10 N, ")
+
+
+def test_every_device_that_is_gone_is_named() -> None:
+    trial, staged, end = ended(Phase.LIFT, cut_everything)
+    failure = trial.failure(staged.config, "fault")
+    assert failure is not None
+    for word in ("gripper: no answer", "link to the arm lost", "the tactile board"):
+        assert word in failure.message
+    assert "\n" not in failure.message
+    assert end.arm.startswith("the arm was still moving at 0.")
+    assert end.arm.endswith("when last heard")
+    assert end.hand.startswith("the hand cannot be told anything and holds by itself")
+    assert end.hand.endswith("its force is not measured")
+
+
+def test_gripper_that_reports_a_fault_refuses_every_motion() -> None:
+    _, _, end = ended(Phase.HOLD, fault_gripper)
+    assert end.hand.startswith("the hand refuses every motion (")
+
+
+def test_hand_between_open_and_the_object_feels_nothing() -> None:
+    _, _, end = ended(Phase.REST, interrupt)
+    assert "partly closed" in end.hand and end.hand.endswith("feels nothing")
+
+
+def test_advice_is_for_hardware_alone_where_the_hand_outlives_the_run() -> None:
+    trial, staged, end = ended(Phase.HOLD, interrupt)
+    assert end.advice == ""
+    told = end_of(trial.trace.last, trial.trace.hand, {}, 0.1, "type this")
+    assert told.advice == "type this"
+    opened, _, _ = ended(Phase.RETREAT, interrupt)
+    told = end_of(opened.trace.last, opened.trace.hand, {}, 0.1, "type this")
+    assert told.advice == "start the run again"
+
+
+def test_run_that_never_ticked_has_told_nobody_anything() -> None:
+    assert end_of(None, None, {}, 0.1, "").arm == "the arm was told nothing"
