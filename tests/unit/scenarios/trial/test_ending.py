@@ -97,7 +97,7 @@ def test_hand_between_open_and_the_object_feels_nothing() -> None:
 
 
 def test_advice_is_for_hardware_alone_where_the_hand_outlives_the_run() -> None:
-    trial, staged, end = ended(Phase.HOLD, interrupt)
+    trial, _, end = ended(Phase.HOLD, interrupt)
     assert end.advice == ""
     told = end_of(trial.trace.last, trial.trace.hand, {}, 0.1, "type this")
     assert told.advice == "type this"
