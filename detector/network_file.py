@@ -4,18 +4,24 @@ The card lies in the file's own metadata as JSON. Nothing in a file is ever unpi
 but the graph, by ONNX Runtime, and only after the card and the shapes have been checked.
 """
 
+import math
+import os
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
+from detector.onnx_wire import names_other_files
 from drivers.errors import BadFile
-from drivers.interfaces import TAXELS
+from drivers.interfaces import FINGERS, TAXELS
 
 FORMAT = 1
 CARD_KEY = "grasp"
 LARGEST_BYTES = 4_000_000  # ours are a tenth of a megabyte
+MOST_SAMPLES = 10_000  # of a window; ours have a hundred
+MOST_STATE = 1_000_000  # numbers of a state a finger; ours have a thousand
 WEIGHTS = Path(__file__).parent / "weights"
 
 Mode = Literal["stream", "window"]
@@ -27,7 +33,8 @@ class NetworkCard(msgspec.Struct, frozen=True, kw_only=True):
     format: int
     name: str
     mode: Mode  # a frame and a state at a time, or a whole window
-    window: int  # samples that a `window` graph takes; for `stream` its memory, 0: unbounded
+    # samples that a `window` graph takes; for `stream` its memory, 0: unbounded
+    window: Annotated[int, Meta(ge=0, le=MOST_SAMPLES)]
     threshold: Annotated[float, Meta(gt=0.0, lt=1.0)]  # probability above which a sample is slip
     parameters: int
     mean_counts: tuple[float, ...]
@@ -65,8 +72,51 @@ def packaged_networks() -> tuple[str, ...]:
 
 
 def read_network(path: Path) -> LoadedNetwork:
-    """Load and check a weights file; raises BadFile for anything that is not one of ours."""
-    session = _session(path)
+    """Load, check and try a weights file; raises BadFile for anything that is not one of ours."""
+    content = _content(path)
+    try:
+        if names_other_files(content):
+            raise _bad(path, "takes data from other files, which is not allowed")
+        loaded = _loaded(path, _session(content))
+        _try(path, loaded)
+    except BadFile:
+        raise
+    except Exception as error:  # onnxruntime raises classes of its own for every kind of damage
+        raise _bad(
+            path, f"damaged, or no ONNX graph that can run ({type(error).__name__})"
+        ) from None
+    return loaded
+
+
+def _content(path: Path) -> bytes:
+    """No more of the file than a network may have."""
+    try:
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            content = b"" if size > LARGEST_BYTES else file.read(LARGEST_BYTES + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise _bad(path, f"cannot be read: {reason}") from None
+    if max(size, len(content)) > LARGEST_BYTES:
+        raise _bad(path, f"more than {LARGEST_BYTES} bytes: no network of this project")
+    return content
+
+
+def _session(content: bytes) -> Any:
+    import onnxruntime as ort  # noqa: PLC0415 (`energy` runs without it, and starts sooner)
+
+    ort.set_default_logger_severity(4)  # an exception says it already
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
+    options.add_session_config_entry("session.load_model_format", "ONNX")
+    # without the fallback to other providers, which it announces on standard output
+    return ort.InferenceSession(
+        content, options, providers=["CPUExecutionProvider"], enable_fallback=0
+    )
+
+
+def _loaded(path: Path, session: Any) -> LoadedNetwork:
     card = _card(path, session)
     inputs = {i.name: (i.type, tuple(i.shape)) for i in session.get_inputs()}
     outputs = {o.name: (o.type, tuple(o.shape)) for o in session.get_outputs()}
@@ -76,23 +126,20 @@ def read_network(path: Path) -> LoadedNetwork:
     return LoadedNetwork(card, session, states)
 
 
-def _session(path: Path) -> Any:
-    import onnxruntime as ort  # noqa: PLC0415 (`energy` runs without it, and starts sooner)
-
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise _bad(path, f"cannot be read: {error.strerror or error}") from None
-    if len(content) > LARGEST_BYTES:
-        raise _bad(path, f"{len(content)} bytes are no network of this project")
-    ort.set_default_logger_severity(4)  # an exception says it already
-    options = ort.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.execution_mode = ort.ExecutionMode.ORT_SEQUENTIAL
-    try:  # from bytes: a graph that points to other files finds none
-        return ort.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-    except Exception as error:  # onnxruntime raises classes of its own for every kind of damage
-        raise _bad(path, f"no ONNX graph that can run ({type(error).__name__})") from None
+def _try(path: Path, loaded: LoadedNetwork) -> None:
+    """A graph that cannot run, or gives no probability, is found here and not in a lift."""
+    shapes = {"counts": (FINGERS, TAXELS), "previous": (FINGERS, TAXELS)}
+    if loaded.card.mode == "window":
+        shapes = {"counts": (FINGERS, loaded.card.window, TAXELS)}
+    shapes |= {name: (FINGERS, *shape) for name, shape in loaded.states.items()}
+    fed = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
+    names = ["probability", *(f"next_{name}" for name in loaded.states)]
+    p, *states = loaded.session.run(names, fed)
+    if p.shape != (FINGERS,) or not ((p >= 0.0) & (p <= 1.0)).all():
+        raise _bad(path, f"gives {p}, not a probability a finger")
+    for name, state in zip(loaded.states, states, strict=True):
+        if state.shape != fed[name].shape or not np.isfinite(state).all():
+            raise _bad(path, f"{name} does not come out as it went in")
 
 
 def _card(path: Path, session: Any) -> NetworkCard:
@@ -140,6 +187,8 @@ def _check_states(
             raise _bad(path, f"{name} goes in as {inputs[name]}, out otherwise")
         if any(type(n) is not int or n < 1 for n in shape):
             raise _bad(path, f"{name} has no fixed shape: {shape}")
+        if math.prod(shape) > MOST_STATE:
+            raise _bad(path, f"{name} is too large: {shape}")
 
 
 def _bad(path: Path, problem: str) -> BadFile:

@@ -1,5 +1,6 @@
 """Networks at run time: a stream is the window, a reset forgets, a bad file is refused."""
 
+import random
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,9 @@ from onnx import TensorProto, helper
 
 from detector.interface import load_detector
 from detector.network import StreamingNetwork, WindowedNetwork, run_network
-from detector.network_file import CARD_KEY, read_network
+from detector.network_file import CARD_KEY, Mode, read_network
 from detector.scores.evaluation import stream
-from drivers.errors import BadFile
+from drivers.errors import BadFile, UsageError
 from tests.unit.detector.networks import walk, write_network
 
 
@@ -127,6 +128,130 @@ def test_a_damaged_or_foreign_file_is_refused_with_its_name(tmp_path: Path, how:
         read_network(path)
     assert str(path) in caught.value.message
     assert "grasp detector train" in caught.value.remedy
+
+
+def outside(model: onnx.ModelProto, where: str, location: str) -> None:
+    """Take one tensor out of the file."""
+    tensor = model.graph.initializer[0]
+    if where == "attribute":
+        node = model.graph.node.add(op_type="Constant", output=["unused"])
+        node.attribute.append(helper.make_attribute("value", tensor))
+        tensor = node.attribute[0].t
+    elif where == "subgraph":
+        graph = helper.make_graph([], "g", [], [], [tensor])
+        node = model.graph.node.add(op_type="If", input=["counts"], output=["unused"])
+        node.attribute.append(helper.make_attribute("then_branch", graph))
+        tensor = node.attribute[0].g.initializer[0]
+    elif where == "sparse":
+        tensor = model.graph.sparse_initializer.add().values
+    tensor.ClearField("raw_data")
+    tensor.ClearField("float_data")
+    tensor.data_location = TensorProto.EXTERNAL
+    for key, value in (("location", location), ("offset", "0")):
+        tensor.external_data.add(key=key, value=value)
+
+
+@pytest.mark.parametrize("where", ["initializer", "attribute", "subgraph", "sparse"])
+@pytest.mark.parametrize("location", ["w.bin", "./w.bin", "a/w.bin", "/tmp/w.bin", "../w.bin"])
+def test_a_graph_that_points_to_other_files_is_refused_before_it_is_run(
+    where: str, location: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_network(tmp_path, "tcn", "stream")
+    model = onnx.load(path)
+    outside(model, where, location)
+    path.write_bytes(model.SerializeToString())
+    (tmp_path / "a").mkdir()
+    for name in ("w.bin", "a/w.bin"):
+        (tmp_path / name).write_bytes(bytes(100_000))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("onnxruntime.InferenceSession", None)  # nobody may ask for it
+    with pytest.raises(BadFile, match="other files"):
+        read_network(path)
+
+
+def test_nothing_is_loaded_from_the_current_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_network(tmp_path, "tcn", "stream").rename(tmp_path / "mine.onnx")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError, match="unknown detector"):
+        load_detector("mine", {}, 3)
+    with pytest.raises(BadFile, match="mine"):
+        load_detector("tcn", {"weights": "mine"}, 3)  # a packaged name, as it does not end in .onnx
+
+
+def test_a_file_is_not_read_beyond_the_largest_network(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "huge.onnx"
+    with path.open("wb") as file:
+        file.truncate(10**12)  # a hole: nothing of it is on the disk
+    with pytest.raises(BadFile, match="more than 4000000 bytes"):
+        read_network(path)
+    link = tmp_path / "zero.onnx"
+    link.symlink_to("/dev/zero")
+    with pytest.raises(BadFile, match="more than 4000000 bytes"):
+        read_network(link)
+
+
+def harmed(content: bytes, rng: random.Random) -> bytes:
+    """Some bits, a run of bytes, a part left out, put in, or exchanged, or a broken card."""
+    data = bytearray(content)
+    at, size = rng.randrange(len(data)), rng.choice((1, 8, 200))
+    kind = rng.choice(("bits", "bytes", "left out", "put in", "cut", "card", "card", "ends"))
+    if kind == "bits":
+        for _ in range(rng.choice((1, 4, 40))):
+            data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+    elif kind == "bytes":
+        data[at : at + size] = rng.randbytes(size)
+    elif kind == "left out":
+        del data[at : at + size]
+    elif kind == "put in":
+        data[at:at] = rng.randbytes(size)
+    elif kind == "cut":
+        del data[at:]
+    elif kind == "card":
+        card = data.rfind(b'{"format"')
+        at = rng.randrange(card, len(data))
+        data[at] = rng.choice((0xFF, 0xC3, 0x00, 0x0A, 0x1B, rng.randrange(256)))
+    else:  # names and shapes of what goes in and out stand beside the card
+        for _ in range(3):
+            data[rng.randrange(len(data) - 3_000, len(data))] = rng.randrange(256)
+    return bytes(data)
+
+
+@pytest.mark.parametrize(
+    ("name", "mode", "seed", "count"),
+    [
+        ("tcn", "stream", 1, 25),
+        ("gru", "stream", 2, 25),
+        ("tcn", "window", 3, 10),
+        *(
+            pytest.param(name, mode, seed, 100, marks=pytest.mark.slow)
+            for name, mode, seed in (
+                ("tcn", "stream", 4), ("gru", "stream", 5), ("tcn", "window", 6),
+            )
+        ),
+    ],
+)  # fmt: skip
+def test_every_damaged_file_is_one_line_or_a_network_that_runs(
+    name: str, mode: Mode, seed: int, count: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = write_network(tmp_path, name, mode)
+    content, rng = path.read_bytes(), random.Random(seed)
+    refused = 0
+    for _ in range(count):
+        path.write_bytes(harmed(content, rng))
+        try:
+            detector = run_network(read_network(path), 3)
+        except BadFile as error:
+            refused += 1
+            assert error.message.startswith(str(path)) and error.message.isprintable()
+            continue
+        p = detector.update(walk(2)[0])
+        assert p.shape == (3,)
+    assert refused > count // 4
+    assert capfd.readouterr() == ("", "")
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
