@@ -128,9 +128,12 @@ def _loaded(path: Path, session: Any) -> LoadedNetwork:
 
 def _try(path: Path, loaded: LoadedNetwork) -> None:
     """A graph that cannot run, or gives no probability, is found here and not in a lift."""
-    shapes = {"counts": (FINGERS, TAXELS), "previous": (FINGERS, TAXELS)}
+    shapes: dict[str, tuple[int, ...]] = {
+        "counts": (FINGERS, TAXELS),
+        "previous": (FINGERS, TAXELS),
+    }
     if loaded.card.mode == "window":
-        shapes = {"counts": (FINGERS, loaded.card.window, TAXELS)}
+        shapes: dict[str, tuple[int, ...]] = {"counts": (FINGERS, loaded.card.window, TAXELS)}
     shapes |= {name: (FINGERS, *shape) for name, shape in loaded.states.items()}
     fed = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
     names = ["probability", *(f"next_{name}" for name in loaded.states)]

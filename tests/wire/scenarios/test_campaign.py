@@ -1,6 +1,9 @@
 """Campaigns under a user's hands: killed, interrupted, resumed, on one job or two."""
 
 import json
+import random
+import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -58,6 +61,24 @@ def test_kill_9_loses_no_row_and_resume_runs_the_rest(whole: Path, tmp_path: Pat
     code, _, err = finished(*words, "--resume")
     assert code == 0, err
     assert rows(out) == rows(whole)
+
+
+@pytest.mark.parametrize(
+    "seed",
+    [*range(3), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 23))],
+)
+def test_no_process_outlives_its_parent_whenever_that_is_killed(seed: int, tmp_path: Path) -> None:
+    delay_s = random.Random(seed).uniform(0.0, 3.0)  # after the first worker's birth
+    killed_by = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP)[seed % 3]
+    process = started(
+        str(campaign_file(tmp_path, 1000)), "--out", str(tmp_path / "a.sqlite"), "--jobs", "2"
+    )
+    until(lambda: len(workers_of(process.pid)) > 0)
+    time.sleep(delay_s)
+    process.send_signal(killed_by)
+    process.communicate(timeout=PATIENCE_S)  # until nobody has its output open
+    assert process.returncode != 0
+    until(lambda: not workers_of(process.pid))
 
 
 def test_ctrl_c_keeps_the_rows_and_ends_all_workers(whole: Path, tmp_path: Path) -> None:
