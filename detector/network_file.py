@@ -82,9 +82,8 @@ def read_network(path: Path) -> LoadedNetwork:
     except BadFile:
         raise
     except Exception as error:  # onnxruntime raises classes of its own for every kind of damage
-        raise _bad(
-            path, f"damaged, or no ONNX graph that can run ({type(error).__name__})"
-        ) from None
+        problem = f"damaged, or no ONNX graph that can run ({type(error).__name__})"
+        raise _bad(path, problem) from None
     return loaded
 
 
@@ -128,12 +127,10 @@ def _loaded(path: Path, session: Any) -> LoadedNetwork:
 
 def _try(path: Path, loaded: LoadedNetwork) -> None:
     """A graph that cannot run, or gives no probability, is found here and not in a lift."""
-    shapes: dict[str, tuple[int, ...]] = {
-        "counts": (FINGERS, TAXELS),
-        "previous": (FINGERS, TAXELS),
-    }
+    frame = (FINGERS, TAXELS)
+    shapes: dict[str, tuple[int, ...]] = {"counts": frame, "previous": frame}
     if loaded.card.mode == "window":
-        shapes: dict[str, tuple[int, ...]] = {"counts": (FINGERS, loaded.card.window, TAXELS)}
+        shapes = {"counts": (FINGERS, loaded.card.window, TAXELS)}
     shapes |= {name: (FINGERS, *shape) for name, shape in loaded.states.items()}
     fed = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
     names = ["probability", *(f"next_{name}" for name in loaded.states)]
