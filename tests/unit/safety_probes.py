@@ -147,10 +147,16 @@ def missed_until_stale(v: int) -> int:
 
 
 def still_new(v: float, age_ms: float) -> bool:
-    bench = Bench(TakkTileSettings(max_age_ms=v)).take_rest()
-    bench.now_ns += round(age_ms * MS) - 10 * MS
-    bench.pump()
-    return bench.frame.missed == 0
+    """Whether a sample that was converted so long ago is taken."""
+
+    def bench() -> Bench:
+        return Bench(TakkTileSettings(max_age_ms=v)).take_rest()
+
+    usual, late = bench(), bench()
+    usual.pump()
+    late.link.advance(usual.now_ns)  # the same sample has come
+    late.driver.pump(usual.frame.sampled_ns + round(age_ms * MS))
+    return late.frame.missed == 0
 
 
 def samples_of_rest(v: int) -> int:
@@ -161,7 +167,7 @@ def samples_of_rest(v: int) -> int:
     while bench.driver.frame is None:
         bench.pump()
         pumps += 1
-    return pumps - 1  # the first was converted before
+    return pumps
 
 
 REFERENCE = ((450,) * 6,) * 3
