@@ -121,7 +121,7 @@ class CusumRule:
         """Take (fingers,) probabilities; tell which fingers (fingers,) register slip now."""
         evidence = log_odds(probabilities) - self.settings.drift
         self._sums = np.maximum(self._sums + evidence, 0.0)
-        self._quiet = 0 if probabilities.max() > self.threshold else self._quiet + 1
+        self._quiet = 0 if (probabilities > self.threshold).any() else self._quiet + 1
         if self._quiet >= self.settings.release:
             self._sums[:] = 0.0
             self.registered = False
@@ -155,7 +155,8 @@ class FusedRule:
         """Take (fingers,) probabilities; tell which fingers (fingers,) register slip now."""
         registering = np.zeros(len(probabilities), np.bool_)
         fused = mean_probability(probabilities[None])[0]
-        registering[probabilities.argmax()] = self._rule.update(fused)[0]
+        surest = np.nan_to_num(probabilities, nan=-1.0).argmax()
+        registering[surest] = self._rule.update(fused)[0]
         return registering
 
 
@@ -175,7 +176,8 @@ def _one_rule(settings: RuleSettings, fingers: int) -> ConsecutiveRule | CusumRu
 def log_odds(probabilities: NDArray[np.float64]) -> NDArray[np.float64]:
     """Log-odds, limited to what a detector can be believed."""
     # np.clip takes three times as long for a handful of numbers
-    p = np.minimum(np.maximum(probabilities, LEAST_PROBABILITY), 1.0 - LEAST_PROBABILITY)
+    told = np.where(np.isnan(probabilities), 0.5, probabilities)  # no number tells nothing
+    p = np.minimum(np.maximum(told, LEAST_PROBABILITY), 1.0 - LEAST_PROBABILITY)
     odds: NDArray[np.float64] = np.log(p / (1.0 - p))
     return odds
 

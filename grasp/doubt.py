@@ -199,8 +199,16 @@ class FingertipDoubt:
         still = [not any(finger) for finger in moved.tolist()]
         self._repeats = _counted(self._repeats, still)
         self._all_repeats = self._all_repeats + 1 if all(still) else 0
-        self._jumped = int(moved.min()) >= self._settings.jump_counts
+        self._jumped = self._leapt(before, raw, moved)
         self.believable = self.believable and not self._jumped
+
+    def _leapt(
+        self, before: NDArray[np.int16], raw: NDArray[np.int16], moved: NDArray[np.int16]
+    ) -> bool:
+        """All at once. A taxel at the end of its range cannot tell; most must be able to."""
+        free = ~(at_rail(before) | at_rail(raw))
+        enough = 2 * int(free.sum()) > free.size
+        return enough and int(moved[free].min()) >= self._settings.jump_counts
 
     def _wrong(self) -> str:
         s = self._settings
@@ -281,7 +289,8 @@ class ArmDoubt:
     def __init__(self, settings: DoubtSettings) -> None:
         self._settings = settings
         self._before: ArmState | None = None
-        self._target_m: Vector3 = NOWHERE  # where it stood at first, until it is told otherwise
+        self._start_m: Vector3 = NOWHERE  # of the line that it was told to move along
+        self._target_m: Vector3 = NOWHERE  # its end; where it stood at first until it is told
         self._told = False
         self._spare_s = self._spare_m = 0.0  # what braking and turning round take
         self._least_m = 0.0  # nearest to the target so far
@@ -296,7 +305,7 @@ class ArmDoubt:
         s, ramp = self._settings, command.acceleration_mps2
         speed = math.hypot(*arm.velocity_mps)
         self._told, self._started = True, False
-        self._target_m = command.position_m
+        self._start_m, self._target_m = arm.position_m, command.position_m
         self._spare_s = 2.0 * math.sqrt(2.0 * s.arm_moved_m / ramp)
         self._spare_m = speed**2 / (2.0 * ramp) + speed * s.arm_start_s
         self._least_m = math.dist(arm.position_m, command.position_m)
@@ -308,7 +317,8 @@ class ArmDoubt:
             return "arm_position_nan: position or speed of the arm is not a number"
         before, self._before = self._before, arm
         if before is None:
-            self._target_m, self._anchor = arm.position_m, (arm.t_ns, arm.position_m)
+            self._start_m = self._target_m = arm.position_m
+            self._anchor = (arm.t_ns, arm.position_m)
             return ""
         if pending and not self._started:
             self._anchor = (arm.t_ns, arm.position_m)
@@ -324,7 +334,8 @@ class ArmDoubt:
     def _strayed(self, arm: ArmState) -> str:
         away_m = math.dist(arm.position_m, self._target_m)
         self._least_m = min(self._least_m, away_m)
-        beyond_m = away_m - self._least_m - self._spare_m
+        aside_m = _off_line(arm.position_m, self._start_m, self._target_m)
+        beyond_m = max(aside_m, away_m - self._least_m) - self._spare_m
         if beyond_m > self._settings.arm_astray_m:
             return f"arm_wrong_way: {beyond_m * 1e3:.0f} mm away from where it was told to be"
         return ""
@@ -341,6 +352,16 @@ class ArmDoubt:
         if still_s > limit_s:
             return f"arm_frozen: {still_s:.2f} s at one place while told to move"
         return ""
+
+
+def _off_line(at_m: Vector3, start_m: Vector3, end_m: Vector3) -> float:
+    """Distance from the straight line between two points, its ends included."""
+    way = [b - a for a, b in zip(start_m, end_m, strict=True)]
+    gone = [b - a for a, b in zip(start_m, at_m, strict=True)]
+    square = sum(x * x for x in way)
+    share = sum(x * y for x, y in zip(way, gone, strict=True)) / square if square else 0.0
+    share = min(max(share, 0.0), 1.0)
+    return math.dist(gone, [share * x for x in way])
 
 
 def whole_rails(raw: NDArray[np.int16]) -> list[bool]:

@@ -77,6 +77,7 @@ class RobotiqDriver:
         log: WireLog | None = None,
     ) -> None:
         self._activation_ns = round(settings.activation_timeout_s * 1e9)
+        self._old_ns = round(settings.status_old_s * 1e9)
         self._calibration = calibration
         self._exchange = Exchange(transport, settings, log)
         self._status: StatusRegisters | None = None
@@ -84,6 +85,7 @@ class RobotiqDriver:
         self._state: GripperState | None = None
         self._now_ns = 0
         self._seq = 0
+        self._changed_ns = 0  # when the status last differed from the one before
         self._step = _Step.NONE
         self._deadline_ns = 0
         self._grip_bytes = [FULL_BYTE] * FINGERS  # force of the grip; unknown counts as full
@@ -174,6 +176,7 @@ class RobotiqDriver:
 
     def _publish(self, status: StatusRegisters, now_ns: int, changed: bool) -> None:
         if changed or self._fingers is None:
+            self._changed_ns = now_ns
             a, b, c = (finger_state(axis, status) for axis in status.fingers)
             self._fingers = (a, b, c)
         self._seq += 1
@@ -272,13 +275,25 @@ class RobotiqDriver:
         return self._move(targets, speed_mps, tuple(byte if closes else 0 for closes in closing))
 
     def hold(self) -> Applied:
-        """Stay: every target becomes the position the finger has. Never refused once connected."""
+        """Stay: every target becomes the position the finger has. Never refused once connected.
+
+        Where the reported positions may be those of some time ago the fingers are stopped instead
+        (rGTO cleared), for a target that has been passed would move them back.
+        """
         state = self._known()
         if not state.active or self._exchange.lost or self._step is not _Step.NONE:
             return self._nothing("the hand does not obey motion commands: nothing was sent")
         command = self._image(held_targets(state.fingers, self._exchange.wanted), 0, (0, 0, 0))
+        if not self._tells_positions(state):
+            command = msgspec.structs.replace(command, go_to=False)
         self._exchange.want(command)
         return self._of(command)
+
+    def _tells_positions(self, state: GripperState) -> bool:
+        """Whether the fingers are where the status says: it speaks of the last command, and has
+        changed lately if a finger moves."""
+        moving = any(finger.detection is Detection.MOVING for finger in state.fingers)
+        return state.fresh and not (moving and self._now_ns - self._changed_ns > self._old_ns)
 
     # Images
 

@@ -48,6 +48,15 @@ class DriverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     activation_timeout_s: Annotated[
         float, _Meta(ge=1, le=120, description="activation must end within, s; assumed")
     ] = 20.0
+    status_old_s: Annotated[
+        float,
+        _Meta(
+            ge=0.02,
+            le=5.0,
+            description="a status that stands still, though a finger moves, does "
+            "not tell its position any more, s; assumed: a count takes 0.035 s at least speed",
+        ),
+    ] = 0.1
 
 
 class ExchangeStatistics(msgspec.Struct, frozen=True):

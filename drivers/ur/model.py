@@ -9,6 +9,7 @@ nothing before it.
 
 import math
 from bisect import bisect_right
+from collections.abc import Callable
 from typing import Annotated
 
 import msgspec
@@ -101,6 +102,8 @@ class ArmModel:
         self._turns: list[Turn] = [Turn(now_ns, 0.0, 0.0, 0.0)]
         self.payload_kg = 0.0
         self.protective_stop = False
+        self.contrary = False  # a fault: moves away from where it is told to go
+        self._lie: Callable[[ArmSample], ArmSample] = _truth
 
     def move_l(
         self, target_m: Vector3, speed_mps: float, acceleration_mps2: float, now_ns: int
@@ -110,6 +113,8 @@ class ArmModel:
             return False
         effect_ns = self._effect_ns(now_ns)
         at_m, direction, speed = self._present(effect_ns)
+        if self.contrary:
+            target_m = _mirrored(target_m, at_m)
         chain: list[Segment] = []
         start_ns = effect_ns
         if speed and not _can_go_on(at_m, direction, target_m, speed**2, acceleration_mps2):
@@ -149,6 +154,10 @@ class ArmModel:
         self.protective_stop = True
         self.stop_l(self._protective_mps2, now_ns)
 
+    def misreport(self, lie: Callable[[ArmSample], ArmSample]) -> None:
+        """A fault: from now on a sample is what ``lie`` makes of it."""
+        self._lie = lie
+
     def release(self) -> None:
         """End the protective stop, as the teach pendant does; the arm stays where it stands."""
         self.protective_stop = False
@@ -175,10 +184,11 @@ class ArmModel:
     def read(self, now_ns: int) -> ArmSample:
         """The controller's sample of its last cycle."""
         t_ns = now_ns // self._period_ns * self._period_ns
-        return ArmSample(
+        sample = ArmSample(
             t_ns, self.position(t_ns), self.velocity(t_ns), self.moving(t_ns),
             self.protective_stop, self.angle(t_ns), self.spin(t_ns),
         )  # fmt: skip
+        return self._lie(sample)
 
     def _effect_ns(self, now_ns: int) -> int:
         return -(-(now_ns + self._latency_ns) // self._period_ns) * self._period_ns
@@ -222,6 +232,16 @@ class ArmModel:
 def _ahead(origin: Vector3, direction: Vector3, distance: float) -> Vector3:
     (x, y, z), (dx, dy, dz) = origin, direction
     return x + distance * dx, y + distance * dy, z + distance * dz
+
+
+def _truth(sample: ArmSample) -> ArmSample:
+    return sample
+
+
+def _mirrored(target_m: Vector3, at_m: Vector3) -> Vector3:
+    """As far away on the other side."""
+    (x, y, z), (a, b, c) = target_m, at_m
+    return 2 * a - x, 2 * b - y, 2 * c - z
 
 
 def _rest(start_ns: int, at_m: Vector3) -> Segment:

@@ -7,7 +7,7 @@ Fingers are ordered A, B, C; counts are motor counts, 0 open to 255 closed.
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from typing import Final, Literal
 
@@ -36,6 +36,9 @@ _NEVER: Final = 1 << 62
 _SCISSOR_OF_MODE: Final = (137, 200, 23, 137)  # basic: manual p. 67; the rest from public drivers
 _SCISSOR_MODE: Final = 3
 _FIRST_REGISTERS: Final = {"tcp": (0, 0), "rtu": (1000, 2000)}  # command, status; p. 59, 75
+
+
+Lie = Callable[[Words], Words]
 
 
 class Stage(IntEnum):
@@ -85,6 +88,9 @@ class GripperModel:
         self._targets = [settings.open_limit_counts] * FINGERS  # as last requested
         self._going = False
         self._injected = 0
+        self._jammed = False
+        self._lie: Lie = _truth
+        self.swallows = False  # a fault: what is written changes nothing
         self._stage = Stage.READY if active else Stage.RESET
         self._stage_end_ns = _NEVER
         if settings.boot_s > 0 and not active:
@@ -120,6 +126,8 @@ class GripperModel:
         Raises ValueError for registers that do not exist or values beyond 16 bits.
         """
         self.advance(now_ns)
+        if self.swallows:
+            return
         self._written = written(self._written, first_register, registers)
         if self._written != self._taken_up:
             self._wake()
@@ -127,7 +135,7 @@ class GripperModel:
     def read(self, now_ns: int) -> Words:
         """The eight status registers as sampled at the last refresh tick."""
         self.advance(now_ns)
-        return self._sampled
+        return self._lie(self._sampled)
 
     def inject_fault(self, code: int) -> None:
         """Show a fault from the next tick on; 0 takes it back.
@@ -142,6 +150,24 @@ class GripperModel:
             self._halt(Stage.RELEASED)
         elif code in _LEFT_BY_FAULT:
             self._halt(Stage.FAULTED)
+        self._wake()
+
+    def misreport(self, lie: Lie) -> None:
+        """A fault: from now on the status is what ``lie`` makes of it."""
+        self._lie = lie
+
+    def jam(self) -> None:
+        """A fault: the motors stand, whatever they are told."""
+        self._jammed = True
+        self._fingers.stop()
+
+    def power_cycle(self) -> None:
+        """Off and on again: the fingers stay where they are, the hand is not active any more."""
+        self._halt(Stage.RESET)
+        self._written = self._taken_up = (0,) * WORDS
+        self._command = decode(self._written)
+        self._going = False
+        self._fingers.forget_detections()
         self._wake()
 
     def advance(self, now_ns: int, loads: FingerLoads | None = None) -> None:
@@ -172,7 +198,7 @@ class GripperModel:
             if event_ns == self._stage_end_ns:
                 self._end_stage(event_ns)
             elif event_ns == start_ns:
-                self._fingers.execute(self._pending.popleft())
+                self._execute(self._pending.popleft())
             else:
                 self._tick(event_ns)
 
@@ -188,6 +214,10 @@ class GripperModel:
             or self._stage_end_ns != _NEVER
             or not self._scissor.at_rest(now_ns)
         )
+
+    def _execute(self, motion: FingerMotion) -> None:
+        if not self._jammed:
+            self._fingers.execute(motion)
 
     def _enter(self, stage: Stage, now_ns: int, duration_s: float) -> None:
         self._stage = stage
@@ -342,6 +372,10 @@ def _stopped(*detections: int) -> int:
         return 0
     short = sum(detection != AT_TARGET for detection in detections)
     return (3, 1, 1, 2)[short]
+
+
+def _truth(words: Words) -> Words:
+    return words
 
 
 class ModelTransport:

@@ -16,6 +16,7 @@ from drivers.takktile.model.codec import Cell, Codes
 
 Latched = Callable[[], tuple[Codes, Codes]]
 Sample = Callable[[int], Latched]
+Lie = Callable[[Codes], Codes]
 
 # MPL115A2 coefficients of the datasheet's example; a0 is varied to tell the cells apart.
 _COEFFICIENTS = bytes.fromhex("3ECEB3F9C51733C8")
@@ -74,6 +75,7 @@ class BoardModel:
         self._read_ns = round(settings.cell_read_us * 1e3)
         self._dead: set[Cell] = set()
         self._frozen: dict[int, int] = {}  # cell index -> code
+        self._lie: Lie = _truth
         self._timeouts = 0
         self._lost_bytes = 0
         self._split = False
@@ -163,6 +165,11 @@ class BoardModel:
         """The cell repeats its present pressure code for ever."""
         cell = self._settings.cells.index((row, column))
         self._frozen[cell] = int(self._codes()[0][cell])
+
+    def misreport(self, lie: Lie) -> None:
+        """From the next conversion on the pressure codes of all cells are what ``lie`` makes of
+        them."""
+        self._lie = lie
 
     def time_out(self, reads: int) -> None:
         """The next bulk reads bring nothing."""
@@ -259,7 +266,7 @@ class BoardModel:
             if self._frozen:
                 pressure = pressure.copy()
                 pressure[list(self._frozen)] = list(self._frozen.values())
-            self._held = pressure, temperature
+            self._held = self._lie(pressure), temperature
         return self._held
 
     def _frame(self) -> bytes:
@@ -279,3 +286,7 @@ class BoardModel:
             (byte, bit), self._flip = self._flip, None
             frame = frame[:byte] + bytes([frame[byte] ^ 1 << bit]) + frame[byte + 1 :]
         return frame
+
+
+def _truth(codes: Codes) -> Codes:
+    return codes

@@ -178,3 +178,25 @@ def test_events_of_a_whole_stream_are_those_of_the_rule_sample_by_sample(
     edges = np.flatnonzero(np.diff([False, *registered, False]))
     expected = edges.reshape(-1, 2)
     assert registered_events(p, settings).tolist() == expected.tolist()
+
+
+@pytest.mark.parametrize("kind", ["consecutive", "cusum"])
+@pytest.mark.parametrize("fusion", ["any", "mean"])
+@pytest.mark.parametrize("never", [np.nan, 0.5])
+def test_a_finger_that_says_no_number_does_not_make_the_others_deaf(
+    kind: str, fusion: str, never: float
+) -> None:
+    made = make_rule(RuleSettings(kind=kind, fusion=fusion), 3)  # type: ignore[arg-type]
+    heard = [made.update(np.array([never, 0.99, 0.9])) for _ in range(10)]
+    assert made.registered
+    assert heard[-1].tolist()[1]
+    assert not heard[-1][0]
+    quiet = [made.update(np.array([never, 0.01, 0.01])) for _ in range(10)]
+    assert not quiet[-1].any()
+    assert not made.registered
+    stream = np.array([[never, 0.99, 0.9]] * 10)
+    assert len(registered_events(stream, made.settings if fusion == "any" else _mean(kind))) == 1
+
+
+def _mean(kind: str) -> RuleSettings:
+    return RuleSettings(kind=kind, fusion="mean")  # type: ignore[arg-type]

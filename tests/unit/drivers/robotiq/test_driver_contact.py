@@ -1,5 +1,7 @@
 """The driver core: what it knows of contact, freshness, closing."""
 
+import pytest
+
 from drivers.interfaces import Detection
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import HandSettings
@@ -169,3 +171,29 @@ def test_holding_a_finger_that_rests_beside_its_target_does_not_make_it_creep(ri
     made.step()
     assert made.state.positions == (100, 101, 100)
     assert made.driver.hold().targets_counts == (100, 100, 100)
+
+
+@pytest.mark.parametrize("since", ["before the motion", "in the motion"])
+def test_hold_on_a_status_that_stands_still_stops_the_fingers_and_moves_none_back(
+    rig, since: str
+) -> None:
+    made = rig()
+    if since == "before the motion":
+        _freeze_status(made)
+    made.driver.move_to((200, 200, 200), FAST, 10.0)
+    made.step(100)
+    if since == "in the motion":
+        _freeze_status(made)
+    made.step(200)
+    before = made.model.travel_m
+    made.driver.hold()
+    made.step(100)
+    stopped = made.model.travel_m
+    made.step(1000)
+    assert (stopped >= before).all()
+    assert (made.model.travel_m == stopped).all()
+
+
+def _freeze_status(made) -> None:
+    kept = made.model.read(made.now_ns)
+    made.model.misreport(lambda words: kept)

@@ -1,0 +1,168 @@
+"""What can be wrong with the devices of a simulated rig, each a function of the rig."""
+
+from collections.abc import Callable
+
+import msgspec
+import numpy as np
+import pytest
+
+from detector.energy import EnergyDetector
+from scenarios.rigs.rig import Rig
+from scenarios.world.cell import SimulatedCell
+
+Act = Callable[[Rig], None]
+FINGER = slice(0, 6)  # of the 18 codes: finger A
+
+
+def cell(rig: Rig) -> SimulatedCell:
+    assert isinstance(rig.cell, SimulatedCell)
+    return rig.cell
+
+
+# Fingertips
+
+
+def freeze_fingertips(rig: Rig) -> None:
+    _keep(rig, slice(None))
+
+
+def freeze_thumb(rig: Rig) -> None:
+    _keep(rig, FINGER)
+
+
+def _keep(rig: Rig, cells: slice) -> None:
+    """The next codes of these cells are repeated for ever."""
+    kept: list[np.ndarray] = []
+
+    def lie(codes: np.ndarray) -> np.ndarray:
+        kept.append(codes[cells].copy()) if not kept else None
+        out = codes.copy()
+        out[cells] = kept[0]
+        return out
+
+    cell(rig).board.misreport(lie)
+
+
+def fingertips_read(code: int, cells: slice = slice(None)) -> Act:
+    def act(rig: Rig) -> None:
+        def lie(codes: np.ndarray) -> np.ndarray:
+            out = codes.copy()
+            out[cells] = code
+            return out
+
+        cell(rig).board.misreport(lie)
+
+    act.__name__ = f"fingertips_read_{code}"
+    return act
+
+
+def shift_fingertips(rig: Rig) -> None:
+    cell(rig).board.misreport(lambda codes: np.clip(codes - 60, 0, 1023))
+
+
+def stick_one_taxel_at_the_rail(rig: Rig) -> None:
+    fingertips_read(0, slice(2, 3))(rig)
+
+
+def replug_fingertips(rig: Rig) -> None:
+    """Between two pumps: the link opens the board again, and nobody hears of an error."""
+    cell(rig).board.unplug()
+    cell(rig).board.replug()
+    rig.tactile._link.start()  # type: ignore[attr-defined]
+
+
+# Detector: every one that is made from now on, and the one that runs
+
+
+def answering(patch: pytest.MonkeyPatch, answer: object) -> Act:
+    return lambda rig: patch.setattr(EnergyDetector, "update", lambda self, counts: answer)
+
+
+def raising(patch: pytest.MonkeyPatch) -> Act:
+    def update(self: object, counts: object) -> None:
+        raise MemoryError("no room for a window")
+
+    return lambda rig: patch.setattr(EnergyDetector, "update", update)
+
+
+def taking(patch: pytest.MonkeyPatch, seconds: float) -> Act:
+    def act(rig: Rig) -> None:
+        quick = EnergyDetector.update
+
+        def update(self: EnergyDetector, counts: np.ndarray) -> np.ndarray:
+            rig.clock.sleep_until_ns(rig.clock.now_ns + round(seconds * 1e9))
+            return quick(self, counts)
+
+        patch.setattr(EnergyDetector, "update", update)
+
+    return act
+
+
+# Gripper
+
+
+def swallow_writes(rig: Rig) -> None:
+    cell(rig).gripper.swallows = True
+
+
+def freeze_gripper_status(rig: Rig) -> None:
+    gripper = cell(rig).gripper
+    kept = gripper.read(rig.clock.now_ns)
+    gripper.misreport(lambda words: kept)
+
+
+def jam_gripper(rig: Rig) -> None:
+    cell(rig).gripper.jam()
+
+
+def power_cycle_gripper(rig: Rig) -> None:
+    cell(rig).gripper.power_cycle()
+
+
+def let_thumb_leap(rig: Rig) -> None:
+    cell(rig).gripper.misreport(lambda w: (*w[:2], (w[2] + (90 << 8)) & 0xFFFF, *w[3:]))
+
+
+# Arm
+
+
+def lose_arm_position(rig: Rig) -> None:
+    nan = (float("nan"),) * 3
+    cell(rig).arm.misreport(lambda sample: msgspec.structs.replace(sample, position_m=nan))
+
+
+def freeze_arm_values(rig: Rig) -> None:
+    arm = cell(rig).arm
+    kept = arm.read(rig.clock.now_ns)
+    arm.misreport(lambda sample: msgspec.structs.replace(kept, t_ns=sample.t_ns))
+
+
+def turn_arm_round(rig: Rig) -> None:
+    """It makes the opposite of the moves that it is told from now on."""
+    cell(rig).arm.contrary = True
+
+
+def push_arm(rig: Rig) -> None:
+    """It goes where nobody told it to."""
+    arm, now_ns = cell(rig).arm, rig.clock.now_ns
+    x, y, z = arm.position(now_ns)
+    arm.move_l((x + 0.1, y, z), 0.1, 0.5, now_ns)
+
+
+def let_arm_leap(rig: Rig) -> None:
+    def lie(sample: msgspec.Struct) -> msgspec.Struct:
+        x, y, z = sample.position_m
+        return msgspec.structs.replace(sample, position_m=(x, y, z + 0.05))
+
+    cell(rig).arm.misreport(lie)
+
+
+# Loop
+
+
+def stand_still(seconds: float) -> Act:
+    def act(rig: Rig) -> None:
+        rig.clock.sleep_until_ns(rig.clock.now_ns + round(seconds * 1e9))
+
+    act.__name__ = f"stand_still_{seconds:g}_s"
+    return act

@@ -1,0 +1,165 @@
+"""What devices say and cannot be: a fault with a name, soon, and the safe state of the phase."""
+
+import numpy as np
+import pytest
+
+from grasp.commands import MoveArm, StopArm
+from grasp.phases import AIRBORNE_PHASES, Phase
+from scenarios.trial.execution import FinishedTrial
+from tests.unit.scenarios.conftest import Staged, in_phase
+from tests.unit.scenarios.lift import device_faults as fault
+
+P = Phase
+HELD = (P.LIFT, P.COMPENSATE, P.HOLD, P.LOWER)
+ALL = (P.APPROACH, P.GRASP, *HELD)
+
+# what is done, in which phases, the name of the fault, and how many steps later it is there at
+# the latest, from when it could be seen: the first frame, or the first command that is ignored
+CASES = [
+    (fault.freeze_fingertips, (P.GRASP, *HELD), "fingertips_frozen", 13),
+    (fault.freeze_thumb, (P.GRASP, P.LIFT, P.HOLD, P.LOWER), "fingertip_dead", 53),
+    (fault.fingertips_read(0), (P.GRASP, *HELD), "fingertips_at_rail", 6),
+    (fault.fingertips_read(1023), (P.GRASP, *HELD), "fingertips_at_rail", 6),
+    (fault.fingertips_read(0, fault.FINGER), (P.GRASP, *HELD), "fingertips_at_rail", 6),
+    (fault.shift_fingertips, (P.GRASP, *HELD), "fingertips_jump", 4),
+    (fault.replug_fingertips, (P.GRASP, *HELD), "fingertips_absent", 4),
+    (fault.freeze_gripper_status, (P.APPROACH, P.GRASP), "gripper_stands", 32),
+    (fault.jam_gripper, (P.APPROACH, P.GRASP), "gripper_stands", 32),
+    (fault.power_cycle_gripper, ALL, "gripper_inactive", 4),
+    (fault.let_thumb_leap, ALL, "gripper_impossible", 3),
+    (fault.lose_arm_position, ALL, "arm_position_nan", 2),
+    (fault.freeze_arm_values, (P.LIFT, P.COMPENSATE, P.LOWER), "arm_frozen", 14),
+    (fault.push_arm, (P.APPROACH, P.GRASP), "arm_wrong_way", 16),
+    (fault.push_arm, (P.LIFT, P.HOLD), "arm_wrong_way", 40),  # it brakes before it turns
+    (fault.let_arm_leap, ALL, "arm_jump", 2),
+    (fault.stand_still(0.3), ALL, "loop_stood_still", 1),
+    (fault.stand_still(3.0), ALL, "loop_stood_still", 1),
+]
+
+
+def told(staged: Staged) -> list[object]:
+    assert staged.done_at_ns is not None
+    return [c.admitted for t in staged.ticks for c in t.issued if c.decided_ns >= staged.done_at_ns]
+
+
+def fault_at(staged: Staged) -> int:
+    """Index of the step that began the safe state."""
+    return next(i for i, t in enumerate(staged.ticks) if t.decision.phase is P.FAULT)
+
+
+def in_safe_state(staged: Staged, trial: FinishedTrial, name: str) -> None:
+    """The name stands first in the cause; the arm stands, nothing is squeezed, nothing falls."""
+    assert trial.controller.phase is P.FAULT
+    assert trial.controller.fault_cause.startswith(f"{name}: "), trial.controller.fault_cause
+    commands = told(staged)
+    assert any(isinstance(c, StopArm) for c in commands)
+    after = [
+        c.admitted for t in staged.ticks[fault_at(staged) :] for c in t.issued
+        if c.decided_ns >= staged.ticks[fault_at(staged)].t_ns
+    ]  # fmt: skip
+    assert not any(isinstance(c, MoveArm) for c in after)
+    rig = staged.rig
+    assert fault.cell(rig).arm.velocity(rig.clock.now_ns) == (0.0, 0.0, 0.0)
+    truth = rig.truth()
+    assert truth is not None
+    assert max(truth.peak_n) < 11.0
+
+
+CASE_IDS = [
+    pytest.param(act, phase, name, steps, id=f"{act.__name__}-{phase.value}")
+    for act, phases, name, steps in CASES
+    for phase in phases
+]
+
+
+@pytest.mark.parametrize(("act", "phase", "name", "steps"), CASE_IDS)
+def test_what_cannot_be_is_a_named_fault_soon_and_the_safe_state_follows(
+    act: fault.Act, phase: Phase, name: str, steps: int
+) -> None:
+    staged = Staged()
+    trial = staged.run(in_phase(phase, 5), act)
+    in_safe_state(staged, trial, name)
+    done = next(i for i, t in enumerate(staged.ticks) if t.t_ns == staged.done_at_ns)
+    assert fault_at(staged) - done <= steps
+    before = staged.ticks[fault_at(staged) - 1].decision.phase
+    truth = staged.rig.truth()
+    assert truth is not None
+    lost = act.__name__ == "stand_still_3_s" and phase in (P.LIFT, P.COMPENSATE)  # meanwhile
+    if before in AIRBORNE_PHASES and not name.startswith("gripper") and not lost:
+        assert truth.normal_n[0] > 8.0  # closed to the limit, not left at 2.4 N
+    if before in (P.GRASP, P.APPROACH):
+        assert max(truth.normal_n) < 4.0  # stays as it is
+
+
+DETECTORS = {
+    "nan": np.full(3, np.nan),
+    "nan_of_one_finger": np.array([np.nan, 0.0, 0.0]),
+    "infinity": np.array([0.0, np.inf, 0.0]),
+    "beyond_one": np.array([0.0, 1.5, 0.0]),
+    "wrong_shape": np.zeros((3, 1)),
+    "one_number": 0.5,
+    "nothing": None,
+}
+
+
+@pytest.mark.parametrize("phase", [P.GRASP, P.LIFT, P.COMPENSATE, P.HOLD])
+@pytest.mark.parametrize("answer", DETECTORS)
+def test_a_detector_that_answers_nonsense_is_a_fault_and_the_hand_closes_to_the_limit_in_the_air(
+    answer: str, phase: Phase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    staged = Staged()
+    trial = staged.run(in_phase(phase, 5), fault.answering(monkeypatch, DETECTORS[answer]))
+    in_safe_state(staged, trial, "detector_failed")
+    truth = staged.rig.truth()
+    assert truth is not None
+    assert (truth.normal_n[0] > 8.0) == (phase in AIRBORNE_PHASES)
+
+
+def test_a_detector_that_raises_is_a_fault_and_the_hand_closes_to_the_limit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    staged = Staged()
+    trial = staged.run(in_phase(P.LIFT, 5), fault.raising(monkeypatch))
+    in_safe_state(staged, trial, "detector_failed")
+    assert "MemoryError" in trial.controller.fault_cause
+    truth = staged.rig.truth()
+    assert truth is not None and truth.normal_n[0] > 8.0
+
+
+def test_a_detector_that_takes_too_long_is_a_fault_in_the_step_after(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    staged = Staged()
+    trial = staged.run(in_phase(P.LIFT, 5), fault.taking(monkeypatch, 0.12))
+    in_safe_state(staged, trial, "detector_late")
+
+
+@pytest.mark.parametrize(
+    ("phase", "act"),
+    [(P.APPROACH, fault.swallow_writes), (P.LIFT, fault.swallow_writes),
+     (P.HOLD, fault.swallow_writes), (P.LIFT, fault.freeze_gripper_status),
+     (P.HOLD, fault.freeze_gripper_status)],
+)  # fmt: skip
+def test_a_gripper_that_does_not_answer_a_command_is_a_fault_within_its_deadline(
+    phase: Phase, act: fault.Act
+) -> None:
+    staged = Staged()
+    trial = staged.run(in_phase(phase, 5), act)
+    in_safe_state(staged, trial, "gripper_silent")
+    first = next(
+        t.t_ns for t in staged.ticks if not t.gripper.fresh and t.t_ns > (staged.done_at_ns or 0)
+    )
+    assert staged.ticks[fault_at(staged)].t_ns - first <= 0.25e9
+
+
+def test_an_arm_that_moves_against_its_command_is_stopped_after_millimetres() -> None:
+    staged = Staged()
+    trial = staged.run(in_phase(P.SETTLE, 5), fault.turn_arm_round)
+    in_safe_state(staged, trial, "arm_wrong_way")
+    assert abs(staged.ticks[-1].arm.position_m[2] - staged.ticks[0].arm.position_m[2]) < 0.02
+
+
+def test_one_taxel_at_the_rail_is_no_fault() -> None:
+    staged = Staged()
+    staged.run(in_phase(P.LIFT, 5), fault.stick_one_taxel_at_the_rail)
+    assert not any(t.observation.doubt for t in staged.ticks)
