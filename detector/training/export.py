@@ -50,8 +50,11 @@ def export(training: Training, validation: list[Recording], path: Path, commit: 
     )  # fmt: skip
     weights = {k: v.numpy() for k, v in training.network.state_dict().items()}
     partial = path.with_name(f".{path.name}")
-    partial.write_bytes(make_model(training.arch, mode, weights, card))
-    partial.replace(path)
+    try:
+        partial.write_bytes(make_model(training.arch, mode, weights, card))
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
     return card
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from grasp.cli import exits
 from grasp.cli.options import add_workers, whole, workers
+from grasp.files import write_whole
 
 if TYPE_CHECKING:
     from scenarios.campaign.spec import CampaignSpec
@@ -131,6 +132,7 @@ def _print_summary(path: Path, as_json: bool) -> None:
 
 
 def write_csv(args: argparse.Namespace) -> int:
+    import io
     import sys
 
     from scenarios.campaign.store import CampaignStore
@@ -139,8 +141,9 @@ def write_csv(args: argparse.Namespace) -> int:
         if args.out is None:
             store.write_csv(sys.stdout)
         else:
-            with args.out.open("w", newline="", encoding="utf-8") as file:
-                store.write_csv(file)
+            text = io.StringIO(newline="")
+            store.write_csv(text)
+            write_whole(args.out, text.getvalue().encode())
     return exits.SUCCESS
 
 
@@ -190,7 +193,7 @@ def calibrate_lengths(args: argparse.Namespace) -> int:
     causes = _causes(result, args)
     table = {"calibration": result, "causes": causes}
     text = msgspec.json.encode(table)
-    (args.out / "calibration.json").write_bytes(msgspec.json.format(text, indent=1) + b"\n")
+    write_whole(args.out / "calibration.json", msgspec.json.format(text, indent=1) + b"\n")
     if args.json:
         print(text.decode())
     else:

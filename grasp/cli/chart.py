@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from grasp.cli import exits
 from grasp.cli.options import add_workers, decimal, need, one_by_one, progress, whole, workers
+from grasp.files import write_whole
 
 if TYPE_CHECKING:
     from scenarios.studies.reaction.summary import ReactionSummary
@@ -140,7 +141,7 @@ def draw_stability(args: argparse.Namespace) -> int:
 def _write_numbers(out: Path, numbers: Any) -> None:
     import msgspec
 
-    out.with_suffix(".json").write_bytes(msgspec.json.encode(numbers) + b"\n")
+    write_whole(out.with_suffix(".json"), msgspec.json.encode(numbers) + b"\n")
 
 
 def _add_hunting(charts: Any) -> None:
@@ -262,7 +263,7 @@ def draw_reactions(args: argparse.Namespace) -> int:
     summary = summarize(args.profile, configs[0].detector_name, args.objects, found)
     draw_reaction(summary, args.out)
     text = msgspec.json.format(msgspec.json.encode(summary), indent=1)
-    args.out.with_suffix(".json").write_bytes(text + b"\n")
+    write_whole(args.out.with_suffix(".json"), text + b"\n")
     _print_reactions(summary)
     print(args.out)
     return exits.SUCCESS

@@ -8,6 +8,7 @@ from typing import Any
 from grasp.cli import exits
 from grasp.cli.options import decimal, whole
 from grasp.cli.run import add_trial_options
+from grasp.files import write_whole
 
 HELP = "find finger positions that hold an object too weakly to lift it"
 
@@ -80,7 +81,8 @@ def search(args: argparse.Namespace) -> int:
         _print(args, present_grip(config, wanted, args.seed), grips[: args.shown], slipped)
     if args.write is not None:
         counts = ", ".join(map(str, best.counts))
-        args.write.write_text(f"# grasp grip-search\n[object]\ngrip_counts = [{counts}]\n")
+        text = f"# grasp grip-search\n[object]\ngrip_counts = [{counts}]\n"
+        write_whole(args.write, text.encode())
     return exits.SUCCESS if found else exits.TRIAL_FAILED
 
 

@@ -10,6 +10,7 @@ from typing import Any
 from drivers.errors import BadFile
 from grasp.cli import exits
 from grasp.cli.options import need, progress, seed, whole
+from grasp.files import write_whole
 
 HELP = "fit and judge the simulated world, choose its physics"
 SCENES = ("lift", "tap", "side-tap", "hold")
@@ -118,7 +119,7 @@ def calibrate(args: argparse.Namespace) -> int:
     rows, misfit = fitting.compare(real, of), fitting.misfit(real, fitting.mean(of))
     without = _ablate(setup, args) if args.ablate else {}
     if args.out:
-        args.out.write_text(fitting.as_toml(fitted, args.recording.name), encoding="utf-8")
+        write_whole(args.out, fitting.as_toml(fitted, args.recording.name).encode())
     if args.figure:
         _draw(args.figure, setup, recording)
     if args.json:

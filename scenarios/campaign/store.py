@@ -15,6 +15,7 @@ from typing import Any, Self, TextIO
 import msgspec
 
 from drivers.errors import BadFile, ConfigError, CouldNotRecord
+from grasp.files import write_whole
 from grasp.settings import Layer, load
 from scenarios.campaign.lock import writing
 from scenarios.campaign.spec import CampaignSpec, Combination
@@ -230,14 +231,9 @@ class CampaignStore:
         """The recording's file, beside the campaign's; whole or not at all."""
         folder = self.path.with_suffix(".recordings")
         path = folder / f"{row.trial:06d}-{row.scenario}-{row.object}.mcap"
-        partial = path.with_name(f".{path.name}")
         try:
             folder.mkdir(exist_ok=True)
-            try:
-                partial.write_bytes(recording)
-                partial.replace(path)
-            finally:
-                partial.unlink(missing_ok=True)
+            write_whole(path, recording)
         except OSError as error:
             raise CouldNotRecord(
                 f"{folder}: {error.strerror}", "free the disk, then go on with --resume"

@@ -19,15 +19,17 @@ from numpy.typing import NDArray
 from detector.recordings import SUFFIX, Metadata, Recording, Split, write
 from drivers.errors import ConfigError, UsageError
 from drivers.interfaces import PERIOD_S
-from grasp.settings import load, read_toml
+from grasp.files import write_whole
+from grasp.settings import load, named_layer, read_toml
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
-from scenarios.acquire.datasets.confusers import FixedCause, GraspedCause, make_confuser
+from scenarios.acquire.datasets.confusers import GRASPED, FixedCause, GraspedCause, make_confuser
 from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.press import TURNS, StrokeMotion, motion
 from scenarios.acquire.rig import open_acquire_rig
 from scenarios.acquire.session import Session, recording
 from scenarios.rigs.workers import Workers, results
 from scenarios.trial.result import versions
+from scenarios.world.objects import Name
 
 DIRECTIONS = {
     "primary": ("0", "90", "180", "270"),
@@ -46,14 +48,14 @@ class DatasetRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
     motion: Literal["primary", "oblique", "rotation"]
     speed: Annotated[float, Meta(gt=0.0, le=2.0)]
-    percent: dict[str, Annotated[float, Meta(ge=0.0, le=100.0)]]
+    percent: dict[Name, Annotated[float, Meta(ge=0.0, le=100.0)]]
 
 
 class CauseRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Recordings in which something shakes the fingertip; see ``confusers``."""
 
     cause: FixedCause | GraspedCause
-    on: Annotated[list[str], Meta(min_length=1)]  # surfaces, or objects of a grasp
+    on: Annotated[list[Name], Meta(min_length=1)]  # surfaces, or objects of a grasp
     recordings: Annotated[int, Meta(ge=3, le=10_000)]
     seconds: Annotated[float, Meta(ge=1.0, le=600.0)]
     strokes: bool = False
@@ -63,7 +65,7 @@ class CauseRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A data set's TOML file: rows of Table I, or causes, or both."""
 
-    name: str
+    name: Name
     seed: Annotated[int, Meta(ge=0, lt=2**31)]
     static_samples: Annotated[int, Meta(ge=0)] = 0
     slip_samples: Annotated[int, Meta(ge=0)] = 0
@@ -94,8 +96,17 @@ Progress = Callable[[int, int], None]
 
 
 def load_dataset_config(path: Path) -> DatasetConfig:
-    """Raises ConfigError for a file that is missing or not allowed."""
-    return load(DatasetConfig, [read_toml(path)])
+    """Raises ConfigError for a file that is missing or not allowed, or names what is unknown."""
+    config = load(DatasetConfig, [read_toml(path)])
+    for row in config.rows:
+        for surface in row.percent:
+            named_layer("surfaces", surface)
+    for cause in config.causes:
+        for name in cause.on:
+            named_layer("objects" if cause.cause in GRASPED else "surfaces", name)
+    if not config.causes and not any(sum(row.percent.values()) for row in config.rows):
+        raise ConfigError(str(path), "rows", "there is nothing to record", "percent above 0")
+    return config
 
 
 def reduced(config: DatasetConfig, share: float) -> DatasetConfig:
@@ -282,7 +293,7 @@ def _claim(out: Path, jobs: Sequence[Job], origin: Any) -> None:
     if path.exists():
         try:
             found = msgspec.json.decode(path.read_bytes(), type=_Index)
-        except msgspec.DecodeError:
+        except (msgspec.DecodeError, RecursionError):
             found = None
         if found is None or found.digest != digest:
             raise UsageError(
@@ -294,6 +305,4 @@ def _claim(out: Path, jobs: Sequence[Job], origin: Any) -> None:
     if any(out.iterdir()):
         raise UsageError(f"{out} is not empty", "give a new folder with --out")
     index = _Index(digest, versions()["commit"], len(jobs), msgspec.to_builtins(origin))
-    partial = out / f".{INDEX}"
-    partial.write_bytes(msgspec.json.format(msgspec.json.encode(index), indent=1) + b"\n")
-    partial.replace(path)
+    write_whole(path, msgspec.json.format(msgspec.json.encode(index), indent=1) + b"\n")

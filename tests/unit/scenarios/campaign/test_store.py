@@ -17,7 +17,6 @@ import pytest
 
 from drivers.errors import BadFile, ConfigError, CouldNotRecord
 from grasp.cli.main import main
-from scenarios.campaign import store
 from scenarios.campaign.lock import writing
 from scenarios.campaign.run import run
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, read_spec, trials
@@ -257,7 +256,7 @@ def test_a_recording_that_the_disk_refuses_leaves_neither_file_nor_row(
     out = tmp_path / "a.sqlite"
     failing: Callable[..., object] = after_half if method == "write_bytes" else full
     with monkeypatch.context() as patch:
-        patch.setattr(store.Path, method, failing)
+        patch.setattr(Path, method, failing)
         with pytest.raises(CouldNotRecord, match="No space left"):
             run(SPEC, out, Workers(0), work=judged)
     assert files(tmp_path) == ["a.sqlite"]
@@ -293,6 +292,26 @@ def test_a_file_that_the_disk_refuses_at_once_is_gone(
     with pytest.raises(CouldNotRecord, match="full"):
         CampaignStore.create(tmp_path / "a.sqlite", SPEC, combinations(SPEC))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("out", ["/proc/nobody/a.sqlite", "/sys/a.sqlite"])
+def test_a_folder_that_may_not_be_written_is_told_before_anything_runs(out: str) -> None:
+    with pytest.raises(CouldNotRecord, match=r"a\.sqlite"):
+        run(SPEC, Path(out), Workers(0), work=judged)
+
+
+def test_an_export_that_the_disk_refuses_leaves_what_was_there(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "a.csv"
+    out.write_text("before")
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", after_half)
+        assert main(["campaign", "export", str(whole), "--out", str(out)]) == 5
+    assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
+    assert out.read_text() == "before"
+    assert main(["campaign", "export", str(whole), "--out", str(out)]) == 0
+    assert len(out.read_text()) > 100
 
 
 # What a campaign file may say

@@ -1,5 +1,6 @@
 """Data sets: the plan of the paper's, equal builds, and builds that were ended go on."""
 
+import errno
 import json
 import os
 import signal
@@ -233,3 +234,72 @@ def test_an_empty_folder_and_a_wrong_share_are_usage_errors(
     assert main(["dataset", "describe", str(tmp_path)]) == 2
     assert main(["dataset", "build", str(PAPER), "--out", str(tmp_path), "--share", "2"]) == 2
     assert "share" in capsys.readouterr().err
+
+
+def test_a_full_disk_leaves_nothing_half_written_and_the_build_goes_on(
+    tmp_path: Path, few: list[Job], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "set"
+
+    def half(file: object, **_: object) -> None:
+        file.write(b"half")  # type: ignore[attr-defined]
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(np, "savez_compressed", half)
+        with pytest.raises(OSError, match="No space"):
+            build(few[:1], {}, out, HERE, quiet)
+    assert [path.name for path in out.rglob("*") if path.is_file()] == [datasets.INDEX]
+
+    assert build(few[:1], {}, out, HERE, quiet) == 1
+
+
+def test_a_full_disk_at_the_first_file_leaves_an_empty_folder(
+    tmp_path: Path, few: list[Job], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def half(path: Path, content: bytes) -> int:
+        with path.open("wb") as file:
+            file.write(content[:10])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    out = tmp_path / "set"
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", half)
+        with pytest.raises(OSError, match="No space"):
+            build(few[:1], {}, out, HERE, quiet)
+    assert list(out.iterdir()) == []
+    assert build(few[:1], {}, out, HERE, quiet) == 1
+
+
+@pytest.mark.parametrize(
+    ("says", "named"),
+    [
+        ('[[rows]]\nmotion = "primary"\nspeed = 0.1\npercent = {"../../x" = 100}', "rows"),
+        ('[[rows]]\nmotion = "primary"\nspeed = 0.1\npercent = {moon = 100}', "moon"),
+        ('[[rows]]\nmotion = "primary"\nspeed = 0.1\npercent = {planar = 0}', "nothing to record"),
+        ('[[causes]]\ncause = "tap"\non = ["a/b"]\nrecordings = 3\nseconds = 1', "causes"),
+        ('[[causes]]\ncause = "tap"\non = ["can"]\nrecordings = 3\nseconds = 1', "can"),
+        ('[[causes]]\ncause = "grasped_tap"\non = ["sphere"]\nrecordings = 3\nseconds = 1', "can"),
+        ("", "nothing to record"),
+    ],
+)  # fmt: skip
+def test_a_set_of_what_is_unknown_is_refused_before_a_folder_is_made(
+    says: str, named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = tmp_path / "set.toml", tmp_path / "out"
+    file.write_text(f'name = "x"\nseed = 1\nslip_samples = 500\n{says}\n')
+    assert main(["dataset", "build", str(file), "--out", str(out)]) == 2
+    err = capsys.readouterr().err
+    assert named in err and err.count("\n") == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("out", ["/proc/nobody/set", "/sys/set"])
+def test_a_folder_that_may_not_be_written_is_told_in_one_line(
+    out: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["dataset", "build", str(PAPER), "--share", "0.001", "--out", out]
+    assert main(words) == 5
+    err = capsys.readouterr().err
+    assert "/proc/nobody" in err or "/sys/set" in err
+    assert err.count("\n") == 1
