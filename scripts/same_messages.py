@@ -59,9 +59,8 @@ def main() -> int:
 def _runs(objects: list[str], seeds: list[int]) -> Iterator[tuple[str, ...]]:
     for scenario in ("lift", "tap"):
         for name in objects:
-            more = ("--taps", "1") if scenario == "tap" else ()
             for seed in seeds:
-                yield (scenario, "--object", name, "--seed", str(seed), *more)
+                yield (scenario, "--object", name, "--seed", str(seed))
     yield (*ACQUISITION, "--seed", "0")
 
 
@@ -86,7 +85,7 @@ def _record(tree: Path, run: tuple[str, ...], folder: Path) -> Contents:
     start = f"import sys; from {_entry(tree)} import main; sys.exit(main())"
     command = (
         sys.executable, "-P", "-c", start,
-        "run", *run, "--rig", "simulated", "--runs", str(folder), "--json",
+        "run", *run, *_once(tree, run[0]), "--rig", "simulated", "--runs", str(folder), "--json",
     )  # fmt: skip
     where = {**os.environ, "PYTHONPATH": str(tree)}
     done = subprocess.run(command, env=where, capture_output=True, text=True, check=False)
@@ -103,6 +102,13 @@ def _record(tree: Path, run: tuple[str, ...], folder: Path) -> Contents:
     verdict = json.loads(done.stdout)
     contents["outcome", 0] = 0, str(verdict.get("outcome", verdict.get("samples"))).encode()
     return contents
+
+
+def _once(tree: Path, scenario: str) -> tuple[str, ...]:
+    """One tap, in the words of a tree's own command line."""
+    if scenario != "tap":
+        return ()
+    return ("--trials" if (tree / "grasp/cli/trials.py").is_file() else "--taps", "1")
 
 
 def _entry(tree: Path) -> str:

@@ -123,6 +123,20 @@ def _facts(result: Any) -> list[str]:
     return facts
 
 
+def trial_line(result: Any) -> str:
+    """One lift or tap of several in a line."""
+    return tap_line(result) if result.scenario == "tap" else _lift_line(result)
+
+
+def _lift_line(result: Any) -> str:
+    parts = [f"lift {result.seed:<4} {result.outcome.replace('_', ' '):<18}"]
+    if result.slip_distance_m is not None:
+        parts.append(f"slipped {result.slip_distance_m * 1e3:5.1f} mm")
+    if result.detection_latency_ms is not None:
+        parts.append(f"registered after {result.detection_latency_ms:.0f} ms")
+    return "  ".join(parts)
+
+
 def tap_line(result: Any) -> str:
     """One tap in a line."""
     parts = [f"tap {result.seed:<4} {result.direction:<7}  {result.outcome.replace('_', ' '):<18}"]

@@ -2,17 +2,15 @@
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 from drivers.errors import UsageError
-from grasp import interruption
 from grasp.cli import exits
-from grasp.cli.options import add_confirmation, add_settings, decimal, motion_permit, seed, whole
+from grasp.cli.options import add_confirmation, add_settings, decimal, motion_permit, seed
+from grasp.cli.trials import add_series_options, paced, run_trials
 
 HELP = "run a scenario"
-TAPS = 20  # paper, section V-B
 SPEED_MPS, SECONDS = 0.05, 20.0  # of an acquisition
 
 
@@ -38,12 +36,7 @@ def add_parser(verbs: Any) -> None:
         action="store_true",
         help="lift: keep holding the object instead of setting it down",
     )
-    parser.add_argument(
-        "--taps",
-        type=whole(1, 10_000),
-        metavar="N",
-        help=f"tap: so many trials, with seeds from --seed on (default: {TAPS})",
-    )
+    add_series_options(parser)
     parser.add_argument(
         "--direction",
         metavar="DIR",
@@ -128,6 +121,8 @@ def run(args: argparse.Namespace) -> int:
     from scenarios.campaign.config import load_config
     from scenarios.trial.execution import make_guard
 
+    if args.taps is not None:
+        raise UsageError("--taps is called --trials now", f"--trials {args.taps}")
     if strange := _strange_option(args):
         raise UsageError(f"{strange} is no option of {args.scenario}", "leave it out")
     if args.scenario == "acquire":
@@ -140,9 +135,8 @@ def run(args: argparse.Namespace) -> int:
     )
     permit = _permit(config, args)
     make_guard(config)  # a limit that cannot be kept is refused before anything is shown
-    if args.scenario == "lift":
-        return _lift(args, config.for_lift(), permit)
-    return _tap(args, config.for_tap(), permit)
+    scenario = config.for_lift() if args.scenario == "lift" else config.for_tap()
+    return run_trials(args, scenario, permit)
 
 
 def _permit(config: Any, args: argparse.Namespace) -> Any:
@@ -156,16 +150,13 @@ def _permit(config: Any, args: argparse.Namespace) -> Any:
 
 def _strange_option(args: argparse.Namespace) -> str:
     """An option of another scenario, if one was given."""
-    own = {"lift": ("keep",), "tap": ("taps", "direction"),
+    series = ("trials", "out", "resume")
+    own = {"lift": ("keep", *series), "tap": ("direction", *series),
            "acquire": ("direction", "surface", "speed", "seconds")}  # fmt: skip
-    for option in ("keep", "taps", "direction", "surface", "speed", "seconds"):
+    for option in ("keep", *series, "direction", "surface", "speed", "seconds"):
         if getattr(args, option) not in (None, False) and option not in own[args.scenario]:
             return f"--{option}"
     return ""
-
-
-def _paced(args: argparse.Namespace) -> bool:
-    return args.pace == "real" or (args.pace is None and sys.stdout.isatty() and not args.json)
 
 
 def _acquire(args: argparse.Namespace) -> int:
@@ -186,7 +177,7 @@ def _acquire(args: argparse.Namespace) -> int:
     with Display(args.rig, quiet=args.json) as display:
         display.setting_up()
         finished = acquire.run(
-            config, course, args.seed, args.seconds or SECONDS, args.runs, _paced(args),
+            config, course, args.seed, args.seconds or SECONDS, args.runs, paced(args),
             display.sample, permit,
         )  # fmt: skip
     failure = finished.failure
@@ -198,83 +189,3 @@ def _acquire(args: argparse.Namespace) -> int:
         return exits.SUCCESS
     extra = {"result": json.loads(finished.as_json())} if args.json else {}
     return exits.report_failure(failure, args.json, **extra)
-
-
-def _lift(args: argparse.Namespace, config: Any, permit: Any) -> int:
-    from grasp.cli.live import Display
-    from scenarios.lift import lift
-
-    with Display(args.rig, quiet=args.json) as display:
-        display.setting_up()
-        finished = lift.run(config, args.seed, args.runs, _paced(args), display.tick, permit)
-        display.close()
-    return _report(finished, args)
-
-
-def _tap(args: argparse.Namespace, config: Any, permit: Any) -> int:
-    from grasp.cli.live import Display, tap_line
-    from grasp.cli.operator import TerminalOperator
-    from scenarios.tap import tap
-    from scenarios.trial.result import Failure
-
-    operator = TerminalOperator() if config.rig == "hardware" else None
-    seeds = range(args.seed, args.seed + (args.taps or TAPS))
-    results: list[Any] = []
-    failure = None
-    plain = operator is not None
-    with Display(args.rig, quiet=args.json, plain=plain, brief=True) as display:
-        display.setting_up()
-        series = tap.run_series(
-            config, seeds, args.runs, _paced(args), display.tick, operator, permit
-        )
-        try:
-            for finished in series:
-                failure = finished.failure
-                if finished.result is not None:
-                    results.append(finished.result)
-                    display.note(tap_line(finished.result))
-        except KeyboardInterrupt as stop:
-            failure = Failure("interrupted", f"{interruption.cause(stop)} between two taps", "")
-        display.close()
-    return _report_taps(results, failure, args)
-
-
-def _report_taps(results: list[Any], failure: Any, args: argparse.Namespace) -> int:
-    """The series; 0 if taps moved the object and none of all was judged wrongly, else 1."""
-    import msgspec
-
-    from grasp.cli.live import print_taps
-    from scenarios.tap.summary import summarise
-
-    summary = summarise(results)
-    series = {
-        "scenario": "tap", "object": args.object, "rig": args.rig, "detector": args.detector,
-        "seed": args.seed, "summary": msgspec.to_builtins(summary),
-        "taps": msgspec.to_builtins(results),
-    }  # fmt: skip
-    if not args.json:
-        print_taps(summary)
-    if failure is not None:
-        extra = {"result": series} if args.json else {}
-        return exits.report_failure(failure, args.json, **extra)
-    if args.json:
-        print(json.dumps(series))
-    total = summary.total
-    right = total.moved > 0 and total.successes == total.moved and total.false_alarms == 0
-    return exits.SUCCESS if right and total.struck == len(results) else exits.TRIAL_FAILED
-
-
-def _report(finished: Any, args: argparse.Namespace) -> int:
-    from grasp.cli.live import print_verdict
-
-    failure = finished.failure
-    if failure is not None:
-        extra = {"result": finished.as_dict()} if args.json and finished.result else {}
-        if finished.result is not None and not args.json:
-            print_verdict(finished.result)
-        return exits.report_failure(failure, args.json, **extra)
-    if args.json:
-        print(finished.as_json())
-    else:
-        print_verdict(finished.result)
-    return exits.SUCCESS if finished.result.success else exits.TRIAL_FAILED

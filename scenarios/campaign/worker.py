@@ -79,12 +79,17 @@ def run_trial(trial: Task) -> Finished:
         finished = _run(trial)
     except Exception:
         finished = Finished(error_row(trial, traceback.format_exc()))
-    spent = {
+    row = msgspec.structs.replace(finished.row, **spent(wall, cpu))
+    return Finished(row, finished.recording)
+
+
+def spent(wall: float, cpu: float) -> dict[str, Any]:
+    """What a row says of its machine: time since then, s, and what ran there."""
+    return {
         "wall_s": round(time.perf_counter() - wall, 4),
         "cpu_s": round(time.process_time() - cpu, 4),
         "versions": _json(versions()),
     }
-    return Finished(msgspec.structs.replace(finished.row, **spent), finished.recording)
 
 
 def error_row(trial: Task, error: str) -> Row:
@@ -95,7 +100,7 @@ def error_row(trial: Task, error: str) -> Row:
 def _run(trial: Task) -> Finished:
     if trial.recordings == "all":
         return _recorded(trial)
-    finished = Finished(_judged(trial, run_once(trial.config, trial.seed, None)))
+    finished = Finished(judged(trial, run_once(trial.config, trial.seed, None)))
     if trial.recordings == "none" or finished.row.success or finished.row.moved is False:
         return finished
     return _again(trial, finished.row)
@@ -112,13 +117,14 @@ def _again(trial: Task, row: Row) -> Finished:
 def _recorded(trial: Task) -> Finished:
     with tempfile.TemporaryDirectory(prefix="grasp-campaign-") as folder:
         finished = run_once(trial.config, trial.seed, Path(folder))
-        row = _judged(trial, finished)
+        row = judged(trial, finished)
         if finished.result is None or finished.result.recording is None:
             raise OSError(finished.failure.message if finished.failure else "nothing was recorded")
         return Finished(row, Path(finished.result.recording).read_bytes())
 
 
-def _judged(trial: Task, finished: AnyRun) -> Row:
+def judged(trial: Task, finished: AnyRun) -> Row:
+    """The row of a trial that was judged, whatever its verdict."""
     result = finished.result
     if result is None:
         raise RuntimeError(finished.failure.message if finished.failure else "no result")

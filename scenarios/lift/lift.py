@@ -1,19 +1,42 @@
 """The object lift (paper, section V-C): grasp with too little force, lift, feel the slip, hold."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
+from grasp.guard import ForceGuard
+from grasp.loop import Tick
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.result import LiftResult
-from scenarios.lift.scoring import SUCCESSES, LiftFacts, LiftOutcome, false_start, outcome
+from scenarios.lift.scoring import (
+    SUCCESSES,
+    LiftFacts,
+    LiftOutcome,
+    false_start,
+    outcome,
+    slip_distance_m,
+)
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import MotionPermit
-from scenarios.trial.execution import FinishedTrial, OnTick, make_guard, run_trial
+from scenarios.rigs.rig import GraspRig
+from scenarios.trial import person, series
+from scenarios.trial.execution import FinishedTrial, OnTick, Watch, make_guard, run_trial
+from scenarios.trial.person import Operator, SlipReading, TapeMark
 from scenarios.trial.result import FinishedRun, later_ms, named, seconds
 from scenarios.trial.run_folder import Record
+from scenarios.trial.series import Series
+from scenarios.world.cell import Truth
 
 SCENARIO = "lift"
+
+
+def held_for(config: LiftConfig, operator: Operator | None) -> LiftConfig:
+    """The settings as a lift uses them: with a person, held until the slip has been read."""
+    if operator is None:
+        return config
+    controller = msgspec.structs.replace(config.controller, hold_s=person.HOLD_S)
+    return msgspec.structs.replace(config, controller=controller)
 
 
 def run(
@@ -22,6 +45,7 @@ def run(
     runs: Path | None,
     paced: bool = False,
     on_tick: OnTick = lambda tick: None,
+    operator: Operator | None = None,
     permit: MotionPermit | None = None,
 ) -> FinishedRun[LiftResult]:
     """One judged lift. With ``runs`` it leaves a folder of its own there; None records nothing.
@@ -29,16 +53,51 @@ def run(
     Raises ConfigError, CouldNotRecord and the drivers' errors for what goes wrong before the run
     begins; an error while running ends in the safe state and is reported in the result.
     """
+    return next(run_series(config, (seed,), runs, paced, on_tick, operator, permit))
+
+
+def run_series(
+    config: LiftConfig,
+    seeds: Sequence[int],
+    runs: Path | None,
+    paced: bool = False,
+    on_tick: OnTick = lambda tick: None,
+    operator: Operator | None = None,
+    permit: MotionPermit | None = None,
+) -> Series[LiftResult]:
+    """One judged lift a seed, as ``scenarios.trial.series`` runs them."""
     guard = make_guard(config)
-    with Record(config, SCENARIO, seed, runs, on_tick) as record:
-        with open_rig(config, seed, paced, permit) as rig:
-            trial = run_trial(config, rig, guard, record.tick)
-        return record.finish(trial, judge(config, seed, trial, record.path))
+    held = held_for(config, operator)
+
+    def attempt(seed: int, rig: GraspRig) -> FinishedRun[LiftResult]:
+        reading = None if operator is None else SlipReading(operator, config.controller.hold_s)
+        with Record(held, SCENARIO, seed, runs, on_tick) as record:
+            trial = _run_trial(held, rig, guard, record.tick, reading)
+            mark = None if reading is None else reading.mark
+            return record.finish(trial, judge(held, seed, trial, record.path, mark))
+
+    return series.run_series(held, seeds, paced, operator, permit, attempt)
 
 
-def judge(config: LiftConfig, seed: int, trial: FinishedTrial, recording: str | None) -> LiftResult:
-    """Verdict and figures of a finished trial; runs the twin where only that can tell."""
-    facts = _facts(config, seed, trial)
+def _run_trial(
+    config: LiftConfig, rig: GraspRig, guard: ForceGuard, watch: Watch, reading: SlipReading | None
+) -> FinishedTrial:
+    if reading is None:
+        return run_trial(config, rig, guard, watch)
+
+    def follow(tick: Tick, truth: Truth | None) -> bool:
+        return reading.take(tick)
+
+    return run_trial(config, rig, guard, watch, follow, person.DEADLINE_S)
+
+
+def judge(
+    config: LiftConfig, seed: int, trial: FinishedTrial, recording: str | None,
+    mark: TapeMark | None = None,
+) -> LiftResult:  # fmt: skip
+    """Verdict and figures of a finished trial; runs the twin where only that can tell. ``mark``:
+    what a person read, where no world knows."""
+    facts = msgspec.structs.replace(_facts(config, seed, trial), mark=mark)
     verdict = outcome(facts, config.object, config.scoring)
     if trial.interrupted:
         verdict = LiftOutcome.INTERRUPTED
@@ -52,7 +111,7 @@ def judge(config: LiftConfig, seed: int, trial: FinishedTrial, recording: str | 
         slip_registered_s=facts.registered_s,
         detection_latency_ms=later_ms(facts.onset_s, facts.registered_s),
         reaction_latency_ms=later_ms(facts.onset_s, end.force_rise_s if end else None),
-        slip_distance_m=end.slip_distance_m if end else None,
+        slip_distance_m=slip_distance_m(facts),
         settled_force_n=named(end.normal_n) if end else None,
         recording=recording,
     )
@@ -62,10 +121,11 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
     trace, end = trial.trace, trial.trace.end
     guard = config.guard
     bound_n = guard.force_limit_n + guard.overshoot_n
-    if trial.final is not None:  # from first contact to the last, setting down included
-        peak_n = max(trial.final.peak_n)
+    if end is not None:
+        peak_n: float | None = max(end.peak_n)
     else:
-        peak_n = trace.peak_measured_n
+        measured = trace.peak_measured_n
+        peak_n = measured if trial.final is None else None
         bound_n += guard.measured_margin_n
     facts = LiftFacts(
         end=end,
@@ -77,7 +137,6 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
         peak_force_n=peak_n,
         force_bound_n=bound_n,
         cap_reached=trial.controller.cap_reached,
-        alarm_stayed=trial.controller.alarm_stayed,
         fault=trial.fault,
     )
     judged = not trial.fault and not trial.interrupted

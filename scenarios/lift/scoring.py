@@ -10,6 +10,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from scenarios.trial.person import TapeMark
 from scenarios.world.cell import Truth
 from scenarios.world.contact_settings import GROSS_SLIP_MPS
 from scenarios.world.objects import GraspObject
@@ -28,7 +29,6 @@ class LiftOutcome(StrEnum):
     UNDETECTED = "undetected"
     FALSE_START = "false_start"
     CAP_REACHED = "cap_reached"
-    ALARM_STAYED = "alarm_stayed"
     OVER_FORCE = "over_force"
     FAULT = "fault"
     INTERRUPTED = "interrupted"  # not judged
@@ -61,6 +61,7 @@ class LiftFacts(msgspec.Struct, frozen=True):
     """What a verdict is drawn from; times in seconds since the run began.
 
     ``end``: truth at the last instant in the air (before setting down), None without simulation.
+    ``mark``: what a person read at the top, None where nobody was asked.
     ``twin_onset_s``: onset of gross slip in the twin run, None where it never slipped.
     """
 
@@ -72,9 +73,9 @@ class LiftFacts(msgspec.Struct, frozen=True):
     twin_onset_s: float | None
     peak_force_n: float | None
     force_bound_n: float
-    cap_reached: bool  # set down because slip was still registered at the force cap
-    alarm_stayed: bool  # slip was still registered when the hold had lasted long enough
+    cap_reached: bool
     fault: str
+    mark: TapeMark | None = None
 
 
 def outcome(facts: LiftFacts, body: GraspObject, settings: ScoringSettings) -> LiftOutcome:
@@ -89,40 +90,45 @@ def outcome(facts: LiftFacts, body: GraspObject, settings: ScoringSettings) -> L
     if failed is not None:
         return failed
     if facts.registered_s is None:
-        return LiftOutcome.NEVER_SLIPPED if facts.onset_s is None else LiftOutcome.UNDETECTED
-    return _held(facts.end, body, settings)
+        slipped = facts.onset_s is not None or (facts.mark is not None and facts.mark.moved_m > 0.0)
+        return LiftOutcome.UNDETECTED if slipped else LiftOutcome.NEVER_SLIPPED
+    return _held(slip_distance_m(facts), body, settings)
+
+
+def slip_distance_m(facts: LiftFacts) -> float | None:
+    """Between first and final grasp: as the world knows it, or as a person read it."""
+    if facts.end is not None:
+        return facts.end.slip_distance_m
+    return facts.mark.moved_m if facts.mark is not None and facts.mark.held else None
 
 
 def _not_held(facts: LiftFacts, settings: ScoringSettings) -> LiftOutcome | None:
     """How the object was lost, if it was; on hardware the fingers' own feeling is all there is."""
     end = facts.end
     if end is None:
+        if facts.mark is not None and not facts.mark.held:
+            return LiftOutcome.DROPPED
         if facts.cap_reached:
             return LiftOutcome.CAP_REACHED
         return LiftOutcome.DROPPED if facts.felt_n < settings.felt_n else None
     if not end.touched:
         expelled = facts.had_compensated and end.flank_slope < 0.0
         return LiftOutcome.EXPELLED if expelled else LiftOutcome.DROPPED
-    if _at_rest_in_the_air(end, settings):
-        alarm = facts.cap_reached or facts.alarm_stayed
-        return LiftOutcome.ALARM_STAYED if alarm else None
-    return LiftOutcome.CAP_REACHED if facts.cap_reached else LiftOutcome.DROPPED
+    if facts.cap_reached:
+        return LiftOutcome.CAP_REACHED
+    return None if _at_rest_in_the_air(end, settings) else LiftOutcome.DROPPED
 
 
 def _at_rest_in_the_air(end: Truth, settings: ScoringSettings) -> bool:
     return end.height_m >= settings.lifted_m and abs(end.slip_speed_mps) < settings.still_mps
 
 
-def _held(end: Truth | None, body: GraspObject, settings: ScoringSettings) -> LiftOutcome:
-    if not body.long_body or end is None:
+def _held(slip_m: float | None, body: GraspObject, settings: ScoringSettings) -> LiftOutcome:
+    if not body.long_body or slip_m is None:
         return LiftOutcome.HELD
-    if end.slip_distance_m <= settings.near_m:
+    if slip_m <= settings.near_m:
         return LiftOutcome.HELD_WITHIN_6CM
-    return (
-        LiftOutcome.HELD_WITHIN_12CM
-        if end.slip_distance_m <= settings.far_m
-        else LiftOutcome.BEYOND_12CM
-    )
+    return LiftOutcome.HELD_WITHIN_12CM if slip_m <= settings.far_m else LiftOutcome.BEYOND_12CM
 
 
 def false_start(facts: LiftFacts, settings: ScoringSettings) -> bool:

@@ -13,6 +13,7 @@ from scenarios.tap.mallet import Swing
 from scenarios.tap.result import Alarm
 from scenarios.tap.scoring import ObjectMotion
 from scenarios.tap.settings import TapSettings
+from scenarios.trial.person import Operator, read_mark
 from scenarios.world.cell import Blow, Truth
 
 SIDES = {
@@ -20,15 +21,6 @@ SIDES = {
     "side": "on the SIDE, across the closing axis",
     "closing": "ALONG the closing axis, onto the thumb",
 }
-MOST_MM = 500.0
-
-
-class Operator(Protocol):
-    """A person at the rig. ``poll`` gives a line that was typed, None if there is none yet."""
-
-    def say(self, text: str) -> None: ...
-
-    def poll(self) -> str | None: ...
 
 
 class Striker(Protocol):
@@ -140,19 +132,13 @@ class PersonStrikes:
             self._felt_s = t_s - self._period_s
 
     def _measured(self, line: str) -> bool:
-        """Take what was typed; asks again when it is no length."""
-        lost = line.strip().lower() in ("l", "lost")
-        try:
-            moved_mm = 0.0 if lost else float(line.strip().replace(",", "."))
-        except ValueError:
-            moved_mm = math.nan
-        if not 0.0 <= moved_mm <= MOST_MM:
-            self._operator.say(f"{line.strip()!r} is no length: 0 to {MOST_MM:g} mm, or l for lost")
+        mark = read_mark(self._operator, line)
+        if mark is None:
             return False
         struck_s = self._asked_s if self._felt_s is None else self._felt_s
         self.motion = ObjectMotion(
             struck_s=struck_s, from_s=struck_s, until_s=struck_s + self._settings.motion_bound_s,
-            displacement_m=moved_mm * 1e-3, held=not lost,
+            displacement_m=mark.moved_m, held=mark.held,
         )  # fmt: skip
         return True
 

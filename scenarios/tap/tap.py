@@ -5,16 +5,14 @@ walk the object through the hand. Only detection is scored: the controller is to
 slip, and it could not, because a thumb that stands at the cap is latched at that force.
 """
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
 from drivers.errors import ConfigError
-from grasp import interruption
 from grasp.guard import ForceGuard
 from grasp.loop import Tick
-from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import GraspRig
 from scenarios.tap.config import TapConfig
@@ -32,16 +30,16 @@ from scenarios.tap.scoring import (
     registered_after,
     verdict,
 )
-from scenarios.tap.striking import Operator, PersonStrikes, TapSequence, WorldStrikes
-from scenarios.trial import execution
+from scenarios.tap.striking import PersonStrikes, TapSequence, WorldStrikes
+from scenarios.trial import execution, person, series
 from scenarios.trial.execution import FinishedTrial, OnTick, Watch, make_guard
+from scenarios.trial.person import Operator
 from scenarios.trial.result import FinishedRun, later_ms, named
 from scenarios.trial.run_folder import Record
+from scenarios.trial.series import Series
 from scenarios.world.cell import Truth
 
 SCENARIO = "tap"
-OPERATOR_DEADLINE_S = 3600.0  # a person strikes, measures and types
-HOLD_S = 600.0  # the scenario asks when to set down
 
 
 class TapTrial(FinishedTrial, frozen=True):
@@ -65,7 +63,7 @@ def tap_config(config: TapConfig) -> TapConfig:
         config,
         object=replace(config.object, added_mass_kg=0.0),
         controller=replace(
-            config.controller, firm=True, reactions=False, keep=False, hold_s=HOLD_S,
+            config.controller, firm=True, reactions=False, keep=False, hold_s=person.HOLD_S,
             retreat_m=0.0, lift_height_m=config.tap.height_m,
         ),
     )  # fmt: skip
@@ -94,7 +92,7 @@ def run_trial(
         sequence.take(tick, truth)
         return sequence.over
 
-    deadline_s = execution.DEADLINE_S if operator is None else OPERATOR_DEADLINE_S
+    deadline_s = execution.DEADLINE_S if operator is None else person.DEADLINE_S
     trial = execution.run_trial(config, rig, guard, watch, follow, deadline_s)
     return TapTrial(**msgspec.structs.asdict(trial), sequence=sequence)
 
@@ -114,68 +112,26 @@ def run(
 
 def run_series(
     config: TapConfig,
-    seeds: range,
+    seeds: Sequence[int],
     runs: Path | None,
     paced: bool = False,
     on_tick: OnTick = lambda tick: None,
     operator: Operator | None = None,
     permit: MotionPermit | None = None,
-) -> Iterator[FinishedRun[TapResult]]:
-    """One judged tap a seed, each re-seated and recorded in a folder of its own.
-
-    The simulated rig is opened anew for each, so that a tap depends on its own seed alone; a wired
-    one is opened once, and its world loads the next object. Ends after a tap that failed as a run;
-    raises KeyboardInterrupt when it is stopped between two taps.
-    """
+) -> Series[TapResult]:
+    """One judged tap a seed, as ``scenarios.trial.series`` runs them, each recorded in a folder of
+    its own."""
     config = tap_config(config)
     guard = make_guard(config)
     for seed in seeds[:1]:
         swing(config, seed)  # a blow that cannot be found is told before anything moves
-    with interruption.held():
-        yield from _series(config, seeds, runs, paced, on_tick, operator, permit, guard)
 
+    def attempt(seed: int, rig: GraspRig) -> FinishedRun[TapResult]:
+        with Record(config, SCENARIO, seed, runs, on_tick) as record:
+            trial = run_trial(config, seed, rig, guard, record.tick, operator)
+            return record.finish(trial, judge(config, seed, trial, record.path))
 
-def _series(
-    config: TapConfig, seeds: range, runs: Path | None, paced: bool, on_tick: OnTick,
-    operator: Operator | None, permit: MotionPermit | None, guard: ForceGuard,
-) -> Iterator[FinishedRun[TapResult]]:  # fmt: skip
-    if config.rig == "simulated":
-        for seed in seeds:
-            with open_rig(config, seed, paced) as rig:
-                finished = _one(config, seed, rig, guard, runs, on_tick, operator)
-            yield finished
-            if finished.failure is not None:
-                return
-        return
-    with open_rig(config, seeds[0], paced, permit) as rig:
-        for seed in seeds:
-            interruption.check()
-            if seed != seeds[0] and rig.load is not None:
-                rig.load(config, seed)
-            _reseat(rig, operator)
-            finished = _one(config, seed, rig, guard, runs, on_tick, operator)
-            yield finished
-            if finished.failure is not None:
-                return
-
-
-def _reseat(rig: GraspRig, operator: Operator | None) -> None:
-    """Where a person strikes, a person puts the object back too, the devices being looked after."""
-    if operator is None or rig.tap is not None:
-        return
-    operator.say("Put the object on the table between the fingers, its mark at the pads: Enter")
-    while operator.poll() is None:
-        interruption.check()
-        rig.idle()
-
-
-def _one(
-    config: TapConfig, seed: int, rig: GraspRig, guard: ForceGuard, runs: Path | None,
-    on_tick: OnTick, operator: Operator | None,
-) -> FinishedRun[TapResult]:  # fmt: skip
-    with Record(config, SCENARIO, seed, runs, on_tick) as record:
-        trial = run_trial(config, seed, rig, guard, record.tick, operator)
-        return record.finish(trial, judge(config, seed, trial, record.path))
+    return series.run_series(config, seeds, paced, operator, permit, attempt)
 
 
 def facts_of(config: TapConfig, trial: TapTrial) -> TapFacts:

@@ -19,7 +19,7 @@ def tap_sets() -> list[str]:
 
 def test_two_taps_on_the_emulated_rig_move_the_object_and_are_felt(tmp_path: Path) -> None:
     code, series = call(
-        "run", "tap", "--taps", "2", "--rig", "emulated", "--runs", str(tmp_path), *tap_sets()
+        "run", "tap", "--trials", "2", "--rig", "emulated", "--runs", str(tmp_path), *tap_sets()
     )
     assert series["summary"]["total"]["struck"] == 2, (code, series)
     assert [t["direction"] for t in series["taps"]] == ["top", "side"]
@@ -71,7 +71,7 @@ def test_person_at_the_hardware_rig_strikes_measures_and_types(
         with subprocess.Popen(
             [
                 *GRASP, "run", "tap", "--rig", "hardware", "--confirm-motion", "--config", str(lab),
-                "--taps", "1", "--runs", str(tmp_path / "runs"), "--json", *tap_sets(),
+                "--trials", "1", "--runs", str(tmp_path / "runs"), "--json", *tap_sets(),
             ],
             env=ENVIRONMENT, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -97,7 +97,7 @@ def test_terminal_that_closes_ends_the_run_with_the_grip_kept(tmp_path: Path) ->
         done = subprocess.run(
             [
                 *GRASP, "run", "tap", "--rig", "hardware", "--confirm-motion", "--config", str(lab),
-                "--taps", "1", "--runs", str(tmp_path / "runs"), *tap_sets(),
+                "--trials", "1", "--runs", str(tmp_path / "runs"), *tap_sets(),
             ],
             env=ENVIRONMENT, text=True, stdin=subprocess.DEVNULL, capture_output=True, check=False,
             timeout=100,

@@ -99,7 +99,7 @@ def test_taps_are_shown_counted_and_left_as_runs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, out, _ = call(
-        "run", "tap", "--taps", "2", "--runs", str(tmp_path), "--set",
+        "run", "tap", "--trials", "2", "--runs", str(tmp_path), "--set",
         "energy.threshold_counts=12", capsys=capsys,
     )  # fmt: skip
     assert code == 0
@@ -122,7 +122,7 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, series = run_json(
-        capsys, "run", "tap", "--taps", "2", "--direction", "side", "--seed", "4", "--runs",
+        capsys, "run", "tap", "--trials", "2", "--direction", "side", "--seed", "4", "--runs",
         str(tmp_path), "--set", "tap.impulse_n_s=0.02",
     )  # fmt: skip
     assert code == 1  # nothing moved: no success to speak of
@@ -143,10 +143,10 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["lift", "--taps", "3"], "--taps is no option of lift"),
+        (["lift", "--taps", "3"], "--taps is called --trials now"),
         (["lift", "--direction", "top"], "--direction is no option of lift"),
         (["tap", "--keep"], "--keep is no option of tap"),
-        (["tap", "--taps", "0"], "a whole number"),
+        (["tap", "--trials", "0"], "a whole number"),
         (["tap", "--direction", "up"], "top"),
         (["tap", "--set", "tap.watch_s=1"], "too short to judge"),
         (["tap", "--set", "tap.spread=3"], "<= 0.5"),

@@ -19,7 +19,9 @@ from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig
+from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import Rig
+from scenarios.trial import series
 from scenarios.world.cell import Truth
 
 QUICK = (
@@ -155,7 +157,7 @@ class Staged:
         self._looks: list[tuple[Truth, dict[str, Any]]] = []
 
     def run(self, monkeypatch: Any) -> Row:
-        monkeypatch.setattr(lift, "open_rig", self._open)
+        monkeypatch.setattr(series, "open_rig", self._open)
         start_s = time.monotonic()
         finished = lift.run(self.config, 0, None, on_tick=self._tick)
         self.row.seconds = time.monotonic() - start_s
@@ -170,8 +172,10 @@ class Staged:
         return self.row
 
     @contextmanager
-    def _open(self, config: LiftConfig, seed: int, paced: bool) -> Iterator[Rig]:
-        with open_rig(config, seed, paced) as rig:
+    def _open(
+        self, config: LiftConfig, seed: int, paced: bool, permit: MotionPermit | None
+    ) -> Iterator[Rig]:
+        with open_rig(config, seed, paced, permit) as rig:
             first = self._rig is None  # a twin run is none of ours
             if first:
                 self._rig = rig

@@ -1,0 +1,174 @@
+"""The trials of `grasp run lift` and `grasp run tap`: shown, kept as rows, and reported."""
+
+import argparse
+import json
+import sys
+from contextlib import nullcontext
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from drivers.errors import UsageError
+from grasp import interruption
+from grasp.cli import exits
+from grasp.cli.options import whole
+
+TRIALS = {"lift": 1, "tap": 20}  # taps: paper, section V-B
+
+
+def add_series_options(parser: argparse.ArgumentParser) -> None:
+    """`--trials N`, `--out FILE`, `--resume`."""
+    parser.add_argument(
+        "--trials", type=whole(1, 10_000), metavar="N",
+        help="lift, tap: so many trials one after the other, with seeds from --seed on "
+        "(default: 1 lift, 20 taps)",
+    )  # fmt: skip
+    parser.add_argument("--taps", metavar="N", help=argparse.SUPPRESS)  # told its new name
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE",
+        help="keep a row a trial in this file, as a campaign does; `grasp campaign summary` reads "
+        "it (default on the hardware rig, for several trials: a new one in --runs)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--resume", action="store_true",
+        help="go on with --out: run what is missing or a device ended",
+    )  # fmt: skip
+
+
+def paced(args: argparse.Namespace) -> bool:
+    """Whether virtual time goes at the wall's pace."""
+    return args.pace == "real" or (args.pace is None and sys.stdout.isatty() and not args.json)
+
+
+class _Seen:
+    """What came of the trials of this call."""
+
+    def __init__(self) -> None:
+        self.results: list[Any] = []
+        self.rows: list[Any] = []
+        self.failure: Any = None
+
+    def take(self, finished: Any, row: Any) -> None:
+        self.failure = finished.failure
+        if finished.result is not None:
+            self.results.append(finished.result)
+        if row is not None:
+            self.rows.append(row)
+
+
+def run_trials(args: argparse.Namespace, config: Any, permit: Any) -> int:
+    """One lift or several, or taps. ``config``: of the scenario."""
+    from scenarios.campaign.experiment import Experiment
+
+    alone = args.scenario == "lift" and args.trials is None and args.out is None
+    experiment = Experiment(config, args.seed, args.trials or TRIALS[args.scenario])
+    if args.keep and experiment.trials > 1:
+        raise UsageError("--keep holds one object and ends", "leave out --trials")
+    if args.resume and args.out is None:
+        raise UsageError("--resume goes on with a file", "name it with --out FILE")
+    out = args.out
+    if out is None and config.rig == "hardware" and not alone:
+        stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
+        out = args.runs / f"{stamp}-{args.scenario}-{config.object.name}.sqlite"
+    with nullcontext() if out is None else experiment.store(out, args.resume) as store:
+        seen = _follow(args, experiment, permit, store, alone)
+        rows = seen.rows if store is None else store.rows()
+    if alone and seen.results:
+        return _report(seen.results[0], seen.failure, args)
+    return _report_series(args, experiment.spec().name, seen, rows, out)
+
+
+def _follow(
+    args: argparse.Namespace, experiment: Any, permit: Any, store: Any, alone: bool
+) -> _Seen:
+    """Run what the store lacks and show it."""
+    from grasp.cli.live import Display, trial_line
+    from grasp.cli.operator import TerminalOperator
+    from scenarios.campaign.experiment import Bench, run
+    from scenarios.trial.result import Failure
+
+    # a lift that nobody asked more of may be started by a script: nobody is there to answer
+    asked = experiment.config.rig == "hardware" and (not alone or sys.stdin.isatty())
+    operator = TerminalOperator() if asked else None
+    seen = _Seen()
+    with Display(args.rig, args.json, plain=asked, brief=not alone) as display:
+        display.setting_up()
+        bench = Bench(args.runs, paced(args), display.tick, operator, permit)
+        try:
+            for finished, row in run(experiment, bench, store):
+                seen.take(finished, row)
+                if finished.result is not None and not alone:
+                    display.note(trial_line(finished.result))
+        except KeyboardInterrupt as stop:
+            if alone:
+                raise
+            cause = f"{interruption.cause(stop)} between two trials"
+            seen.failure = Failure("interrupted", cause, "")
+        display.close()
+    return seen
+
+
+def _report(result: Any, failure: Any, args: argparse.Namespace) -> int:
+    """One lift."""
+    import msgspec
+
+    from grasp.cli.live import print_verdict
+
+    if not args.json:
+        print_verdict(result)
+    if failure is not None:
+        extra = {"result": msgspec.to_builtins(result)} if args.json else {}
+        return exits.report_failure(failure, args.json, **extra)
+    if args.json:
+        print(msgspec.json.encode(result).decode())
+    return exits.SUCCESS if result.success else exits.TRIAL_FAILED
+
+
+def _report_series(
+    args: argparse.Namespace, name: str, seen: _Seen, rows: list[Any], out: Path | None
+) -> int:
+    """Several: their figures, and Table IV of all rows where they are kept."""
+    import msgspec
+
+    from grasp.cli.campaign_view import print_summary
+    from grasp.cli.live import print_taps
+    from scenarios.campaign.summary import summarize
+    from scenarios.tap.summary import summarise as of_taps
+
+    tap = args.scenario == "tap"
+    table = summarize(name, rows)
+    summary = of_taps(seen.results) if tap else table
+    series = {
+        "scenario": args.scenario, "object": args.object, "rig": args.rig,
+        "detector": args.detector, "seed": args.seed, "summary": msgspec.to_builtins(summary),
+        f"{args.scenario}s": msgspec.to_builtins(seen.results),
+    }  # fmt: skip
+    if out is not None:
+        series |= {"campaign": str(out), "table": msgspec.to_builtins(table)}
+    if not args.json:
+        if tap:
+            print_taps(summary)
+        if rows and (out is not None or not tap):
+            print_summary(table)
+        if out is not None:
+            print(out)
+    if seen.failure is not None:
+        code = exits.report_failure(
+            seen.failure, args.json, **({"result": series} if args.json else {})
+        )
+        if out is not None and not args.json:
+            exits.say(f"{len(rows)} trials are in {out}: go on with --out {out} --resume")
+        return code
+    if args.json:
+        print(json.dumps(series))
+    right = _taps_right(summary, seen.results) if tap else all(row.success for row in rows)
+    return exits.SUCCESS if right else exits.TRIAL_FAILED
+
+
+def _taps_right(summary: Any, results: list[Any]) -> bool:
+    """Taps moved the object and none of all was judged wrongly."""
+    total = summary.total
+    if not results:  # all were in the file already
+        return True
+    right = total.moved > 0 and total.successes == total.moved and total.false_alarms == 0
+    return bool(right and total.struck == len(results))

@@ -1,0 +1,128 @@
+"""Trials on one open rig, with a person's help where no world helps; kept as a campaign's are.
+
+The same rows, store and Table IV. A campaign runs in workers, where nobody watches, and stays off
+real devices; this runs in one process, and is how they get their rows.
+"""
+
+import os
+import time
+from collections.abc import Generator, Iterator
+from contextlib import closing
+from pathlib import Path
+
+import msgspec
+
+from scenarios.campaign.spec import CampaignSpec, Combination, Task
+from scenarios.campaign.store import CampaignStore
+from scenarios.campaign.worker import AnyRun, Finished, Row, error_row, judged, spent
+from scenarios.lift import lift
+from scenarios.lift.config import LiftConfig
+from scenarios.rigs.permission import MotionPermit
+from scenarios.tap import tap
+from scenarios.tap.config import TapConfig
+from scenarios.trial.execution import OnTick
+from scenarios.trial.person import Operator
+
+INTERRUPTED = "interrupted"  # a failure's kind: no row, the trial is run again
+JUDGED = "safety_stop"  # a failure's kind: the trial itself ended so
+
+AnySeries = Generator[AnyRun, None, None]
+
+
+class Bench(msgspec.Struct, frozen=True):
+    """Where trials are run, and who watches or helps."""
+
+    runs: Path | None
+    paced: bool
+    on_tick: OnTick
+    operator: Operator | None = None
+    permit: MotionPermit | None = None
+
+
+class Experiment(msgspec.Struct, frozen=True):
+    """One scenario with one set of settings, so many times, with seeds one after the other."""
+
+    config: LiftConfig | TapConfig
+    seed: int  # of the first
+    trials: int
+
+    @property
+    def scenario(self) -> str:
+        return tap.SCENARIO if isinstance(self.config, TapConfig) else lift.SCENARIO
+
+    def spec(self) -> CampaignSpec:
+        """What its file says it is. Settings are told by their hash alone, so that an address may
+        change before it is gone on with."""
+        config = self.config
+        return CampaignSpec(
+            name=f"{config.rig}-{self.scenario}-{config.object.name}-{self.seed}",
+            scenarios=("tap" if isinstance(config, TapConfig) else "lift",),
+            objects=(config.object.name,),
+            profiles=(config.profile,),
+            detectors=(config.detector_name,),
+            repetitions=self.trials,
+            recordings="all",
+        )
+
+    def tasks(self) -> list[Task]:
+        return [
+            Task(
+                number=number, scenario=self.scenario, repetition=number, seed=self.seed + number,
+                swept={}, config=self.config, recordings="all",
+            )
+            for number in range(self.trials)
+        ]  # fmt: skip
+
+    def store(self, out: Path, resume: bool) -> CampaignStore:
+        """Its file, to go on with or a new one; raises what ``CampaignStore`` raises."""
+        open_store = CampaignStore.resume if resume else CampaignStore.create
+        return open_store(out, self.spec(), [Combination(self.scenario, {}, self.config)])
+
+
+def run(
+    experiment: Experiment, bench: Bench, store: CampaignStore | None
+) -> Iterator[tuple[AnyRun, Row | None]]:
+    """The trials that the store lacks, each with its row, which is written before the next begins.
+
+    Ends after one that failed as a run. One that was interrupted has no row, one that a device
+    ended has a row that says so: both are run again by whoever goes on. Raises what opening the
+    rig raises, CouldNotRecord, and KeyboardInterrupt between two trials.
+    """
+    had = set() if store is None else store.finished()
+    todo = [task for task in experiment.tasks() if task.number not in had]
+    if not todo:
+        return
+    wall, cpu = time.perf_counter(), time.process_time()
+    with closing(_series(experiment.config, [task.seed for task in todo], bench)) as series:
+        for task, finished in zip(todo, series, strict=False):
+            row = row_of(task, finished)
+            if row is not None:
+                row = msgspec.structs.replace(row, **spent(wall, cpu))
+            if row is not None and store is not None:
+                row = store.add(Finished(_kept_at(row, finished, store.path)))
+            yield finished, row
+            wall, cpu = time.perf_counter(), time.process_time()
+
+
+def _series(config: LiftConfig | TapConfig, seeds: list[int], b: Bench) -> AnySeries:
+    if isinstance(config, TapConfig):
+        return tap.run_series(config, seeds, b.runs, b.paced, b.on_tick, b.operator, b.permit)
+    return lift.run_series(config, seeds, b.runs, b.paced, b.on_tick, b.operator, b.permit)
+
+
+def row_of(task: Task, finished: AnyRun) -> Row | None:
+    """Its row; None for a trial that was interrupted."""
+    failure = finished.failure
+    if failure is not None and failure.kind == INTERRUPTED:
+        return None
+    if finished.result is None or (failure is not None and failure.kind != JUDGED):
+        return error_row(task, failure.message if failure is not None else "no result")
+    return judged(task, finished)
+
+
+def _kept_at(row: Row, finished: AnyRun, path: Path) -> Row:
+    """With the recording where the run has left it, from the file's folder."""
+    recording = None if finished.result is None else finished.result.recording
+    if recording is None:
+        return row
+    return msgspec.structs.replace(row, recording=os.path.relpath(recording, path.parent))

@@ -1,0 +1,84 @@
+"""The person at a rig who puts objects in place and reads tape marks, where no world does."""
+
+import math
+from typing import Protocol
+
+import msgspec
+
+from grasp import interruption
+from grasp.loop import Tick
+from grasp.phases import Phase
+from scenarios.rigs.rig import GraspRig
+
+MOST_MM = 500.0
+HOLD_S = 600.0  # at the top: the person says when it may be set down
+DEADLINE_S = 3600.0  # of a trial: a person looks, measures and types
+
+
+class Operator(Protocol):
+    """A person at the rig. ``poll`` gives a line that was typed, None if there is none yet."""
+
+    def say(self, text: str) -> None: ...
+
+    def poll(self) -> str | None: ...
+
+
+class TapeMark(msgspec.Struct, frozen=True):
+    """What a person read at the object's tape mark."""
+
+    moved_m: float
+    held: bool
+
+
+def place_object(rig: GraspRig, operator: Operator, which: str) -> None:
+    """Ask for the object, the devices being looked after meanwhile: the hand is active and open."""
+    operator.say(
+        f"{which}. Put the object on the table between the fingers, its mark at the pads: Enter"
+    )
+    while operator.poll() is None:
+        interruption.check()
+        rig.idle()
+
+
+def read_mark(operator: Operator, line: str) -> TapeMark | None:
+    """What was typed: millimetres, or l for lost. Asks again when it is neither; None then."""
+    typed = line.strip()
+    if typed.lower() in ("l", "lost"):
+        return TapeMark(0.0, held=False)
+    try:
+        moved_mm = float(typed.replace(",", "."))
+    except ValueError:
+        moved_mm = math.nan
+    if 0.0 <= moved_mm <= MOST_MM:
+        return TapeMark(moved_mm * 1e-3, held=True)
+    operator.say(f"{typed!r} is no length: 0 to {MOST_MM:g} mm, or l for lost")
+    return None
+
+
+class SlipReading:
+    """Follows a lift: once the object hangs still, a person types how far it has slipped."""
+
+    def __init__(self, operator: Operator, hold_s: float) -> None:
+        self.mark: TapeMark | None = None
+        self._operator, self._hold_s = operator, hold_s
+        self._since_s: float | None = None  # held at the top
+        self._asked = False
+
+    def take(self, tick: Tick) -> bool:
+        """Take one tick; True when the object may be set down."""
+        if self.mark is not None:
+            return True
+        if self._asked:
+            line = self._operator.poll()
+            self.mark = None if line is None else read_mark(self._operator, line)
+        elif tick.decision.phase is Phase.HOLD and not tick.arm.moving:
+            self._ask(tick.t_ns * 1e-9)
+        return self.mark is not None
+
+    def _ask(self, t_s: float) -> None:
+        self._since_s = t_s if self._since_s is None else self._since_s
+        if t_s - self._since_s >= self._hold_s:
+            self._asked = True
+            self._operator.say(
+                "How far has the object slipped, pads to tape mark, in mm? (0: not at all; l: lost)"
+            )

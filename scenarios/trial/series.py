@@ -1,0 +1,53 @@
+"""Trials of one scenario, one after the other: on one open rig where there are real wires."""
+
+from collections.abc import Callable, Generator, Sequence
+
+from grasp import interruption
+from scenarios.rigs.opening import open_rig
+from scenarios.rigs.permission import MotionPermit
+from scenarios.rigs.rig import GraspRig
+from scenarios.trial.config import TrialConfig
+from scenarios.trial.person import Operator, place_object
+from scenarios.trial.result import FinishedRun, ResultT
+
+# one judged trial: its seed and an open rig in, what it left out
+Attempt = Callable[[int, GraspRig], FinishedRun[ResultT]]
+Series = Generator[FinishedRun[ResultT], None, None]
+
+
+def run_series(
+    config: TrialConfig, seeds: Sequence[int], paced: bool, operator: Operator | None,
+    permit: MotionPermit | None, attempt: Attempt[ResultT],
+) -> Series[ResultT]:  # fmt: skip
+    """One trial a seed. Ends after one that failed as a run; raises KeyboardInterrupt when it is
+    stopped between two.
+
+    The simulated rig is opened anew for each, so that a trial depends on its own seed alone. A
+    wired one is opened once: its world loads the next object, or a person puts it back.
+    """
+    with interruption.held():
+        if config.rig == "simulated":
+            yield from _anew(config, seeds, paced, attempt)
+            return
+        with open_rig(config, seeds[0], paced, permit) as rig:
+            for number, seed in enumerate(seeds):
+                interruption.check()
+                if number and rig.load is not None:
+                    rig.load(config, seed)
+                if operator is not None:
+                    place_object(rig, operator, f"Trial {number + 1} of {len(seeds)}")
+                finished = attempt(seed, rig)
+                yield finished
+                if finished.failure is not None:
+                    return
+
+
+def _anew(
+    config: TrialConfig, seeds: Sequence[int], paced: bool, attempt: Attempt[ResultT]
+) -> Series[ResultT]:
+    for seed in seeds:
+        with open_rig(config, seed, paced) as rig:
+            finished = attempt(seed, rig)
+        yield finished
+        if finished.failure is not None:
+            return

@@ -1,0 +1,147 @@
+"""Trials on one rig in one process leave the rows of a campaign, and are gone on with."""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from drivers.errors import ConfigError
+from grasp.cli.main import main
+from scenarios.campaign import experiment as experiments
+from scenarios.campaign.config import load_config
+from scenarios.campaign.experiment import Bench, Experiment, row_of
+from scenarios.campaign.run import run as run_campaign
+from scenarios.campaign.spec import CampaignSpec
+from scenarios.campaign.store import CampaignStore
+from scenarios.campaign.worker import Row
+from scenarios.rigs.workers import Workers
+from scenarios.trial.result import Failure, FinishedRun
+
+MACHINE = ("wall_s", "cpu_s", "versions", "timing", "recording")  # not of the trial itself
+QUICK = ("hand.activation_s=0.5", "energy.threshold_counts=12", "tap.impulse_n_s=0.25")
+
+
+def config(scenario: str, *words: str) -> Any:
+    whole = load_config("can", "simulated", "energy", None, (*QUICK, *words))
+    return whole.for_lift() if scenario == "lift" else whole.for_tap()
+
+
+def of_trial(row: Row) -> dict[str, Any]:
+    return {key: value for key, value in msgspec.structs.asdict(row).items() if key not in MACHINE}
+
+
+def run_all(made: Experiment, out: Path, *, resume: bool = False) -> list[Row | None]:
+    bench = Bench(out.parent / "runs", False, lambda tick: None)
+    with made.store(out, resume) as store:
+        return [row for _, row in experiments.run(made, bench, store)]
+
+
+@pytest.mark.parametrize("scenario", ["lift", "tap"])
+def test_rows_are_those_of_a_campaign(scenario: str, tmp_path: Path) -> None:
+    run_all(Experiment(config(scenario), 0, 2), tmp_path / "e.sqlite")
+    spec = CampaignSpec(
+        name="c", scenarios=(scenario,), objects=("can",), detectors=("energy",), settings=QUICK,
+        repetitions=2, recordings="none",
+    )  # fmt: skip
+    run_campaign(spec, tmp_path / "c.sqlite", Workers(0))
+    with (
+        CampaignStore.open(tmp_path / "e.sqlite") as own,
+        CampaignStore.open(tmp_path / "c.sqlite") as campaign,
+    ):
+        assert [*map(of_trial, own.rows())] == [*map(of_trial, campaign.rows())]
+        for row in own.rows():
+            assert row.recording is not None
+            assert (tmp_path / row.recording).is_file()
+            assert row.versions is not None and row.wall_s is not None
+
+
+def test_what_is_missing_is_run_and_nothing_else(tmp_path: Path) -> None:
+    made, out = Experiment(config("lift"), 0, 3), tmp_path / "e.sqlite"
+    bench = Bench(None, False, lambda tick: None)
+    with made.store(out, resume=False) as store:
+        begun = experiments.run(made, bench, store)
+        next(begun)
+        begun.close()  # type: ignore[attr-defined]
+    assert [row.seed for row in run_all(made, out, resume=True) if row] == [1, 2]
+    assert run_all(made, out, resume=True) == []
+    with CampaignStore.open(out) as store:
+        assert [row.trial for row in store.rows()] == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    "other", [Experiment(config("lift"), 1, 2), Experiment(config("lift"), 0, 3),
+              Experiment(config("tap"), 0, 2),
+              Experiment(config("lift", "controller.lift_speed_mps=0.2"), 0, 2)],
+)  # fmt: skip
+def test_a_file_is_gone_on_with_by_the_same_experiment_alone(
+    other: Experiment, tmp_path: Path
+) -> None:
+    out = tmp_path / "e.sqlite"
+    Experiment(config("lift"), 0, 2).store(out, resume=False).__exit__()
+    with pytest.raises(ConfigError, match="begun with another"):
+        other.store(out, resume=True)
+    with pytest.raises(ConfigError, match="exists already"):
+        other.store(out, resume=False)
+
+
+def test_another_address_is_the_same_experiment(tmp_path: Path) -> None:
+    out = tmp_path / "e.sqlite"
+    Experiment(config("lift", "modbus.host=10.0.0.7"), 0, 2).store(out, resume=False).__exit__()
+    Experiment(config("lift", "modbus.host=10.0.0.8"), 0, 2).store(out, resume=True).__exit__()
+
+
+def judged_lift() -> FinishedRun[Any]:
+    made = Experiment(config("lift"), 0, 1)
+    bench = Bench(None, False, lambda tick: None)
+    return next(iter(experiments.run(made, bench, None)))[0]
+
+
+def test_trial_that_a_device_ended_is_run_again_and_one_that_was_stopped_has_no_row() -> None:
+    task = Experiment(config("lift"), 0, 1).tasks()[0]
+    finished = judged_lift()
+
+    def ended_by(kind: str) -> Row | None:
+        failure = Failure(kind, "what happened", "what to do")
+        return row_of(task, msgspec.structs.replace(finished, failure=failure))
+
+    assert ended_by("interrupted") is None
+    for kind in ("link_lost", "device_fault", "stale", "could_not_record"):
+        row = ended_by(kind)
+        assert row is not None and row.status == "error" and row.error == "what happened"
+    safe = ended_by("safety_stop")
+    assert safe is not None and safe.status == "done" and safe.error == "what happened"
+
+
+def test_trials_are_shown_kept_and_summed_up(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "own.sqlite"
+    words = ["run", "lift", "--rig", "simulated", "--detector", "energy", "--trials", "2"]
+    words += ["--out", str(out), "--runs", str(tmp_path / "runs")]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "object lift" in said  # Table IV
+    assert str(out) in said
+    assert main(["campaign", "summary", str(out)]) == 0
+    assert "n 2" in capsys.readouterr().out
+    assert main(words) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert main([*words, "--resume"]) == 0
+    assert len(list((tmp_path / "runs").iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["lift", "--resume"], "name it with --out FILE"),
+        (["lift", "--keep", "--trials", "2"], "leave out --trials"),
+        (["acquire", "--trials", "2"], "--trials is no option of acquire"),
+        (["tap", "--taps", "4"], "--trials 4"),
+    ],
+)
+def test_options_of_a_series_that_do_not_fit_are_told(
+    words: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", *words, "--rig", "simulated"]) == 2
+    assert says in capsys.readouterr().err

@@ -1,0 +1,112 @@
+"""A person reads at the tape mark how far a lifted object slipped, where no world knows."""
+
+from typing import Any
+
+import pytest
+
+from grasp.loop import Tick
+from grasp.phases import Phase
+from scenarios.lift import lift
+from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
+from scenarios.trial.person import HOLD_S, SlipReading, TapeMark, read_mark
+from tests.unit.scenarios.conftest import changed, config
+
+
+class Typist:
+    """Says what it was told to, a line a question, each a few polls after it was asked."""
+
+    def __init__(self, *answers: str, after: int = 3) -> None:
+        self.questions: list[str] = []
+        self._answers = list(answers)
+        self._after, self._left = after, 0
+
+    def say(self, text: str) -> None:
+        self.questions.append(text)
+        self._left = self._after
+
+    def poll(self) -> str | None:
+        self._left -= 1
+        return self._answers.pop(0) if self._left == 0 and self._answers else None
+
+
+def facts(mark: TapeMark | None, registered_s: float | None = 1.0, **others: Any) -> LiftFacts:
+    known = {
+        "end": None, "felt_n": 5.0, "had_compensated": True, "registered_s": registered_s,
+        "onset_s": None, "twin_onset_s": None, "peak_force_n": 9.0, "force_bound_n": 11.0,
+        "cap_reached": False, "fault": "",
+    }  # fmt: skip
+    return LiftFacts(**(known | others), mark=mark)
+
+
+@pytest.mark.parametrize(
+    ("facts_", "verdict"),
+    [
+        (facts(None), LiftOutcome.HELD),
+        (facts(TapeMark(0.06, True)), LiftOutcome.HELD_WITHIN_6CM),
+        (facts(TapeMark(0.061, True)), LiftOutcome.HELD_WITHIN_12CM),
+        (facts(TapeMark(0.121, True)), LiftOutcome.BEYOND_12CM),
+        (facts(TapeMark(0.0, False)), LiftOutcome.DROPPED),
+        (facts(TapeMark(0.0, False), cap_reached=True), LiftOutcome.DROPPED),
+        (facts(TapeMark(0.01, True), cap_reached=True), LiftOutcome.CAP_REACHED),
+        (facts(TapeMark(0.01, True), fault="x"), LiftOutcome.FAULT),
+        (facts(TapeMark(0.01, True), registered_s=None), LiftOutcome.UNDETECTED),
+        (facts(TapeMark(0.0, True), registered_s=None), LiftOutcome.NEVER_SLIPPED),
+    ],
+)
+def test_what_was_read_decides_where_no_world_knows(
+    facts_: LiftFacts, verdict: LiftOutcome
+) -> None:
+    assert outcome(facts_, config().object, ScoringSettings()) is verdict
+
+
+@pytest.mark.parametrize(
+    ("typed", "mark"),
+    [("12.5", TapeMark(0.0125, True)), (" 3,5 ", TapeMark(0.0035, True)),
+     ("0", TapeMark(0.0, True)),
+     ("L", TapeMark(0.0, False)), ("lost", TapeMark(0.0, False))],
+)  # fmt: skip
+def test_length_is_read_in_millimetres(typed: str, mark: TapeMark) -> None:
+    read = read_mark(Typist(), typed)
+    assert read is not None
+    assert read.moved_m == pytest.approx(mark.moved_m) and read.held is mark.held
+
+
+@pytest.mark.parametrize("typed", ["", "much", "-1", "501", "nan", "inf"])
+def test_what_is_no_length_is_asked_again(typed: str) -> None:
+    typist = Typist()
+    assert read_mark(typist, typed) is None
+    assert "is no length" in typist.questions[0]
+
+
+def test_object_is_held_until_its_slip_has_been_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    typist = Typist("", "12", after=400)
+    asked_in: list[Phase] = []
+    phases: list[Phase] = []
+    ask = SlipReading._ask
+
+    def noted(reading: SlipReading, t_s: float) -> None:
+        before = len(typist.questions)
+        ask(reading, t_s)
+        if len(typist.questions) > before:
+            asked_in.append(phases[-1])
+
+    def watch(tick: Tick) -> None:
+        phases.append(tick.decision.phase)
+
+    monkeypatch.setattr(SlipReading, "_ask", noted)
+    monkeypatch.setattr("scenarios.trial.series.place_object", lambda rig, operator, which: None)
+    result = lift.run(
+        changed(config(), "controller", hold_s=0.5), 0, None, on_tick=watch, operator=typist
+    ).result
+    assert result is not None
+    assert result.outcome == "held_within_6cm"  # the world knows better than the person
+    assert len(typist.questions) == 2
+    assert "slipped" in typist.questions[0] and "is no length" in typist.questions[1]
+    assert asked_in == [Phase.HOLD]
+    assert phases.count(Phase.HOLD) > 800  # two answers of 4 s each
+    assert Phase.RETREAT in phases
+
+
+def test_lift_with_a_person_holds_as_long_as_that_takes() -> None:
+    assert lift.held_for(config(), Typist()).controller.hold_s == HOLD_S
+    assert lift.held_for(config(), None) == config()
