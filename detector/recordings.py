@@ -110,7 +110,8 @@ def write(path: Path | str, recording: Recording) -> None:
     header = msgspec.json.encode(_Header(FORMAT, VERSION, recording.metadata)).decode()
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        with partial.open("wb") as file:
+        private = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        with os.fdopen(private, "wb") as file:
             np.savez_compressed(file, header=np.array(header), **arrays)
         partial.replace(path)
     finally:

@@ -1,17 +1,39 @@
-"""Files that are whole or not there, whatever the disk does."""
+"""Files that are whole or not there, whatever the disk does; and those that are their user's alone,
+whatever the umask would let through: runs, recordings, campaigns, data sets."""
 
 import os
 from pathlib import Path
 
+PRIVATE_FOLDER, PRIVATE_FILE = 0o700, 0o600
 
-def write_whole(path: Path, content: bytes) -> None:
+
+def write_whole(path: Path, content: bytes, private: bool = False) -> None:
     """Write a file, all of it or nothing; what stood there stays until then. Raises OSError."""
     if path.exists() and not path.is_file():  # /dev/stdout
         path.write_bytes(content)
         return
     partial = path.with_name(f".{path.name}.{os.getpid()}")
     try:
+        if private:
+            make_private_file(partial)
         partial.write_bytes(content)
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def make_private_folder(path: Path, exist_ok: bool = True) -> None:
+    """With the parents that lack; those that were there stay as they are. Raises OSError."""
+    if not path.parent.exists():
+        make_private_folder(path.parent)
+    path.mkdir(mode=PRIVATE_FOLDER, exist_ok=exist_ok)
+
+
+def make_private_file(path: Path) -> None:
+    """An empty one, or that which is there. Raises OSError."""
+    os.close(private_opener(str(path), os.O_WRONLY | os.O_CREAT))
+
+
+def private_opener(path: str, flags: int) -> int:
+    """For ``open``."""
+    return os.open(path, flags, PRIVATE_FILE)

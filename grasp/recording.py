@@ -25,6 +25,7 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from drivers.errors import BadFile
+from grasp.files import private_opener
 from grasp.settings import renamed
 from grasp.viewer_schema import viewer_schema
 
@@ -103,7 +104,7 @@ class RunRecorder:
     def _start(
         self, schemas: Mapping[str, bytes], metadata: Mapping[str, str], chunk_size: int
     ) -> None:
-        self._stream = _Unbuffered(io.FileIO(self.path, "w"))
+        self._stream = _Unbuffered(io.FileIO(self.path, "w", opener=private_opener))
         writer = Writer(self._stream, chunk_size=chunk_size, compression=CompressionType.ZSTD)
         writer.start(profile="", library=LIBRARY)
         writer.add_metadata(METADATA_NAME, dict(sorted(metadata.items())))

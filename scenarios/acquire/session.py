@@ -16,12 +16,15 @@ import numpy as np
 from detector.recordings import MAX_MISSED, SUFFIX, Metadata, Recording, missed_samples, write
 from drivers.errors import GraspError, Stale
 from drivers.interfaces import ArmState, TactileFrame
+from grasp import interruption
+from grasp.files import make_private_folder
 from scenarios.acquire.config import AcquireConfig, SamplingSettings
 from scenarios.acquire.force_calibration import counts_per_newton
 from scenarios.acquire.press import PressController, PressPhase, StrokeMotion
 from scenarios.acquire.rig import open_acquire_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import PressRig
+from scenarios.trial.ending import End
 from scenarios.trial.result import Failure, versions
 from scenarios.world.pressed_cell import PressedCell, PressedTruth
 
@@ -30,6 +33,7 @@ APPROACH_TIMEOUT_S = 10.0
 RETREAT_MPS = 0.05
 TURN_RADPS = 1.0  # paper, section III-B
 STOP_MPS2 = 1.0
+STAND_S = 1.0  # to be seen standing, after the end was asked for
 LEAST_SAMPLES = 2  # of a recording
 
 
@@ -117,7 +121,9 @@ class Session:
         self._controller, self._touched_ns = controller, None
 
     def _wait(self) -> None:
-        """Until the next sample is due; in a simulation with the real board's jitter and losses."""
+        """Until the next sample is due; in a simulation with the real board's jitter and losses.
+        Raises Interruption when a signal has come."""
+        interruption.check()
         rig, sampling = self._rig, self._config.sampling
         late = int((rig.clock.now_ns - self._start_ns) * 1e-9 / sampling.period_s)
         self._tick = max(self._tick, late) + 1  # samples that were slept through do not come back
@@ -169,6 +175,27 @@ class Session:
         arm.move_to(start.position_m, RETREAT_MPS, STOP_MPS2)
         arm.pump(clock.now_ns)
         self._until_standing()
+
+    def stand(self) -> str:
+        """Ask the arm to stop until it is seen to stand, for a while; how it was left."""
+        arm, clock = self._rig.arm, self._rig.clock
+        step_ns = round(self._config.sampling.period_s * 1e9)
+        moving, trouble = True, ""
+        end_ns = clock.now_ns + round(STAND_S * 1e9)
+        while moving and clock.now_ns < end_ns:
+            try:
+                arm.stop(STOP_MPS2)
+                clock.sleep_until_ns(clock.now_ns + 4 * step_ns)  # until the command shows
+                arm.pump(clock.now_ns)
+                trouble = ""
+            except GraspError as error:
+                trouble = f" when last heard: {error.message}"
+                clock.sleep_until_ns(clock.now_ns + step_ns)
+            moving = bool(trouble) or arm.state is None or arm.state.moving
+        if trouble:
+            moving = arm.state is None or arm.state.moving
+            return f"the arm {'was still moving' if moving else 'stood'}{trouble}"
+        return "the arm is still moving" if moving else "the arm stands"
 
     def _until_standing(self) -> None:
         """The arm answers within its own stale limit, so this ends."""
@@ -228,16 +255,24 @@ def run(
     Raises ConfigError, the drivers' errors before anything moves, and OSError when it cannot be
     written.
     """
-    runs.mkdir(parents=True, exist_ok=True)
+    with interruption.held():
+        return _run(config, motion, seed, seconds, runs, paced, on_tick, permit)
+
+
+def _run(
+    config: AcquireConfig, motion: StrokeMotion, seed: int, seconds: float, runs: Path, paced: bool,
+    on_tick: OnTick, permit: MotionPermit | None,
+) -> FinishedAcquisition:  # fmt: skip
+    make_private_folder(runs)
     failure = None
     with open_acquire_rig(config, seed, paced, permit) as rig:
         session = Session(config, motion, seed, rig, on_tick)
         try:
             session.run(round(seconds / config.sampling.period_s))
         except GraspError as error:
-            failure = Failure(error.kind, error.message, error.remedy)
-        except KeyboardInterrupt:
-            failure = Failure("interrupted", "stopped by hand: the arm stands", "")
+            failure = Failure(error.kind, error.message, error.remedy, _left(session))
+        except KeyboardInterrupt as stop:
+            failure = Failure("interrupted", interruption.cause(stop), "", _left(session))
     parts = [part for part in _without_gaps(session.ticks) if len(part) >= LEAST_SAMPLES]
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
     name = f"{stamp}-acquire-{config.surface.name}-{motion.direction}-{seed}"
@@ -253,6 +288,10 @@ def run(
         made.append(recording(part, config, metadata, str(path)))
         write(path, made[-1])
     return _finished(config, motion, seed, [t for p in parts for t in p], made, failure)
+
+
+def _left(session: Session) -> End:
+    return End(session.stand(), "the hand was told nothing", "")
 
 
 def _without_gaps(ticks: list[Sample]) -> list[list[Sample]]:

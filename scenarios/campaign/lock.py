@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from drivers.errors import ConfigError, CouldNotRecord, one_line
+from grasp.files import PRIVATE_FILE
 
 _MOST_BYTES = 4_000
 
@@ -38,7 +39,7 @@ def writing(path: Path) -> Iterator[None]:
 def _taken(beside: Path, path: Path) -> int:
     """The locked file that stands at ``beside``, not one that its last holder has just removed."""
     while True:
-        file = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
+        file = os.open(beside, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, PRIVATE_FILE)
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             with suppress(FileNotFoundError):

@@ -15,7 +15,7 @@ from typing import Any, Self, TextIO
 import msgspec
 
 from drivers.errors import BadFile, ConfigError, CouldNotRecord
-from grasp.files import write_whole
+from grasp.files import make_private_folder, write_whole
 from grasp.settings import Layer, load
 from scenarios.campaign.lock import writing
 from scenarios.campaign.spec import CampaignSpec, Combination
@@ -33,9 +33,10 @@ MOST_NAMED = 10
 def _written(path: Path) -> Iterator[None]:
     try:
         yield
-    except sqlite3.Error as error:
+    except (sqlite3.Error, OSError) as error:
+        why = getattr(error, "strerror", None) or error
         raise CouldNotRecord(
-            f"{path}: {error}", "free the disk or the file, then go on with --resume"
+            f"{path}: {why}", "free the disk or the file, then go on with --resume"
         ) from None
 
 
@@ -104,7 +105,10 @@ class CampaignStore:
         store = None
         try:
             with _written(path):
-                store = cls(path, _database(path, "rwc"))
+                os.close(
+                    os.open(path, os.O_WRONLY | os.O_CREAT, FILE)
+                )  # SQLite would ask the umask
+                store = cls(path, _database(path, "rw"))
                 store._create(spec, places)
                 store.spec = spec
         except CouldNotRecord:
@@ -232,8 +236,8 @@ class CampaignStore:
         folder = self.path.with_suffix(".recordings")
         path = folder / f"{row.trial:06d}-{row.scenario}-{row.object}.mcap"
         try:
-            folder.mkdir(exist_ok=True)
-            write_whole(path, recording)
+            make_private_folder(folder)
+            write_whole(path, recording, private=True)
         except OSError as error:
             raise CouldNotRecord(
                 f"{folder}: {error.strerror}", "free the disk, then go on with --resume"
@@ -267,7 +271,7 @@ def checksum(table: str, values: Sequence[Any]) -> str:
 def _claimed(path: Path) -> Iterator[ExitStack]:
     """The folder made and the file locked, until the stack is closed or here, on an error."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_private_folder(path.parent)
     except OSError as error:
         raise CouldNotRecord(f"{path}: {error.strerror}", "choose another --out") from None
     with ExitStack() as lock:

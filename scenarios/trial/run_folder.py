@@ -12,6 +12,7 @@ import msgspec
 from drivers.errors import CouldNotRecord
 from grasp import interruption
 from grasp.controller import GraspController
+from grasp.files import make_private_folder, write_whole
 from grasp.loop import Tick
 from grasp.messages import CHANNELS, PHASES, TRUTH, write_tick
 from grasp.recording import RunRecorder
@@ -56,7 +57,7 @@ class RunFolder:
         failure: BaseException | None = self._recorder.failure
         if failure is None:
             try:
-                (self.path / RESULT).write_bytes(_pretty(result))
+                write_whole(self.path / RESULT, _pretty(result), private=True)
             except OSError as error:
                 failure = error
         if failure is not None:
@@ -155,7 +156,7 @@ def _new_folder(runs: Path, name: str) -> Path:
     for attempt in range(1, 1000):
         path = runs / (f"{stamp}-{name}" if attempt == 1 else f"{stamp}-{name}-{attempt}")
         try:
-            path.mkdir(parents=True)
+            make_private_folder(path, exist_ok=False)
         except FileExistsError:
             if path.is_dir():
                 continue

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from detector.recordings import SUFFIX, Metadata, Recording, Split, write
 from drivers.errors import ConfigError, UsageError
 from drivers.interfaces import PERIOD_S
-from grasp.files import write_whole
+from grasp.files import make_private_folder, write_whole
 from grasp.settings import load, named_layer, read_toml
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.datasets.confusers import GRASPED, FixedCause, GraspedCause, make_confuser
@@ -278,7 +278,7 @@ def build(jobs: Sequence[Job], origin: Any, out: Path, workers: Workers, progres
     done = len(jobs) - len(missing)
     progress(done, len(jobs))
     for path in {(out / job.path).parent for job in missing}:
-        path.mkdir(parents=True, exist_ok=True)
+        make_private_folder(path)
     with closing(results(_made, missing, workers)) as found:
         for job, made in found:
             write(out / job.path, made)
@@ -301,8 +301,10 @@ def _claim(out: Path, jobs: Sequence[Job], origin: Any) -> None:
                 "give another folder with --out, or remove this one",
             )
         return
-    out.mkdir(parents=True, exist_ok=True)
+    make_private_folder(out)
     if any(out.iterdir()):
         raise UsageError(f"{out} is not empty", "give a new folder with --out")
     index = _Index(digest, versions()["commit"], len(jobs), msgspec.to_builtins(origin))
-    write_whole(path, msgspec.json.format(msgspec.json.encode(index), indent=1) + b"\n")
+    write_whole(
+        path, msgspec.json.format(msgspec.json.encode(index), indent=1) + b"\n", private=True
+    )
