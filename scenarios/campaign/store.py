@@ -105,9 +105,7 @@ class CampaignStore:
         store = None
         try:
             with _written(path):
-                os.close(
-                    os.open(path, os.O_WRONLY | os.O_CREAT, FILE)
-                )  # SQLite would ask the umask
+                make_private_file(path)  # SQLite would ask the umask
                 store = cls(path, _database(path, "rw"))
                 store._create(spec, places)
                 store.spec = spec
