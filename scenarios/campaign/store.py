@@ -15,7 +15,7 @@ from typing import Any, Self, TextIO
 import msgspec
 
 from drivers.errors import BadFile, ConfigError, CouldNotRecord
-from grasp.files import make_private_folder, write_whole
+from grasp.files import make_private_file, make_private_folder, write_whole
 from grasp.settings import Layer, load
 from scenarios.campaign.lock import writing
 from scenarios.campaign.spec import CampaignSpec, Combination
