@@ -179,15 +179,16 @@ class FingertipDoubt:
             self._raw = None
             return self._absent(phase)
         if not frame.missed:
-            self._take(frame.raw)
-        return "" if phase in OPEN_PHASES else self._wrong()
+            self.take(frame.raw)
+        return "" if phase in OPEN_PHASES else self.wrong()
 
     def _absent(self, phase: Phase) -> str:
         if phase in CONTACT_PHASES:
             return "fingertips_absent: there is no frame: the board came back without its rest"
         return ""
 
-    def _take(self, raw: NDArray[np.int16]) -> None:
+    def take(self, raw: NDArray[np.int16]) -> None:
+        """A sample that is new: raw codes (fingers, 6)."""
         at_rail = whole_rails(raw)
         self.believable = not any(at_rail)
         self._at_rail = _counted(self._at_rail, at_rail)
@@ -210,7 +211,8 @@ class FingertipDoubt:
         enough = 2 * int(free.sum()) > free.size
         return enough and int(moved[free].min()) >= self._settings.jump_counts
 
-    def _wrong(self) -> str:
+    def wrong(self) -> str:
+        """What the samples up to now say against the fingertips."""
         s = self._settings
         if railed := _names(self._at_rail, s.rail_samples):
             return f"fingertips_at_rail: finger {railed} reads 0 or {CODE_MAX} at every taxel"

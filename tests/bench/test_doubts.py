@@ -1,0 +1,189 @@
+"""The doubts: how soon each fault is there, and how often one is raised where nothing is wrong.
+
+TRIALS repetitions of the paper's campaign (20 in full), TAPS taps an object (167 in full: 1,000), a
+folder of recordings in CONFUSERS (`grasp dataset build config/datasets/confusers.toml --out DIR`).
+"""
+
+import os
+from collections import Counter
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from detector import recordings
+from detector.recordings import Recording
+from drivers.interfaces import FINGERS, PERIOD_NS
+from grasp.doubt import Doubts, DoubtSettings, FingertipDoubt
+from grasp.loop import Tick
+from grasp.phases import Phase
+from scenarios.campaign.config import load_config
+from scenarios.campaign.spec import combinations, read_spec, trials
+from scenarios.lift import lift
+from scenarios.tap import tap
+from scenarios.tap.config import TapConfig
+from tests.unit.scenarios.conftest import Staged, in_phase
+from tests.unit.scenarios.lift import device_faults as fault
+
+ROOT = Path(__file__).parents[2]
+CLIP = ROOT.parent / "shared" / "data" / "takktile_felt.csv"  # never in the repository
+OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
+TRIALS = int(os.environ.get("TRIALS", "2"))
+TAPS = int(os.environ.get("TAPS", "4"))
+CONFUSERS = os.environ.get("CONFUSERS", "")
+REST = 450  # of a recording, whose counts are without it
+STRICT = DoubtSettings(  # half the patience everywhere
+    frozen_samples=5, dead_samples=25, rail_samples=1, jump_counts=20, detector_s=0.05,
+    standstill_s=0.075, echo_s=0.075, stands_s=0.15, target_counts=4, finger_counts_ps=150.0,
+    arm_start_s=0.125, arm_frozen_s=0.03, arm_moved_m=0.0004, arm_there_m=0.001,
+    arm_astray_m=0.0015, arm_fastest_mps=0.5, arm_jump_m=0.005,
+)  # fmt: skip
+
+
+class Watch:
+    """What a run's ticks would make of other settings."""
+
+    def __init__(self) -> None:
+        self.named: Counter[str] = Counter()
+        self.strict: Counter[str] = Counter()
+        self.steps = 0
+
+    def begin(self) -> None:
+        self._doubts = Doubts(STRICT)
+        self._phase = Phase.IDLE
+        self._found: set[str] = set()
+
+    def take(self, tick: Tick) -> None:
+        seen = tick.observation
+        doubt = self._doubts.of(
+            self._phase, tick.frame, tick.gripper, tick.arm, seen.pending, seen.late_ns,
+            seen.took_ns,
+        )  # fmt: skip
+        self._doubts.sent(tick.decision.commands, tick.arm)
+        self._phase = tick.decision.phase
+        self.steps += 1
+        self.named.update(names(seen.doubt))
+        self.strict.update(names(doubt) - self._found)
+        self._found |= names(doubt)
+
+
+def names(doubt: str) -> set[str]:
+    return {part.partition(":")[0] for part in doubt.split("; ") if part}
+
+
+def report(title: str, watch: Watch, runs: int) -> None:
+    hours = watch.steps * PERIOD_NS / 3.6e12
+    print(f"| {title} | {runs} | {hours:.2f} | {watch.named.total()} {dict(watch.named) or ''} | "
+          f"{watch.strict.total()} {dict(watch.strict) or ''} |")  # fmt: skip
+
+
+@pytest.mark.bench
+@pytest.mark.timeout(7200)
+def test_no_doubt_in_the_paper_s_trials() -> None:
+    spec = read_spec(ROOT / "config" / "campaigns" / "paper.toml")
+    spec = msgspec.structs.replace(spec, repetitions=TRIALS)
+    watch, runs = Watch(), 0
+    for task in trials(spec, combinations(spec)):
+        watch.begin()
+        run = tap.run if isinstance(task.config, TapConfig) else lift.run
+        run(task.config, task.seed, None, on_tick=watch.take)  # type: ignore[arg-type]
+        runs += 1
+    report("the paper's trials", watch, runs)
+    assert not watch.named
+
+
+@pytest.mark.bench
+@pytest.mark.timeout(7200)
+def test_no_doubt_in_taps() -> None:
+    watch, runs = Watch(), 0
+    for name in OBJECTS:
+        config = load_config(name, "simulated", None, None, ()).for_tap()
+        for seed in range(1000, 1000 + TAPS):
+            watch.begin()
+            tap.run(config, seed, None, on_tick=watch.take)
+            runs += 1
+    report("taps", watch, runs)
+    assert not watch.named
+
+
+@pytest.mark.bench
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("what", ["confusers", "real recording"])
+def test_no_doubt_in_recordings_of_one_fingertip(what: str) -> None:
+    """Its codes stand for all three fingertips: more alike than three of them ever are."""
+    if what == "confusers":
+        found = list(recordings.read_dataset(CONFUSERS)) if CONFUSERS else []
+    else:
+        found = [recordings.read(CLIP)] if CLIP.exists() else []
+    if not found:
+        pytest.skip(f"no {what} here")
+    watch = Watch()
+    for recording in found:
+        for settings, into in ((DoubtSettings(), watch.named), (STRICT, watch.strict)):
+            into.update(doubts_of(recording, settings))
+        watch.steps += len(recording.t_s)
+    report(what, watch, len(found))
+    assert not watch.named
+
+
+def doubts_of(recording: Recording, settings: DoubtSettings) -> set[str]:
+    fingertips = FingertipDoubt(settings)
+    found: set[str] = set()
+    for counts in recording.counts:
+        raw = np.resize(counts + np.int16(REST), (FINGERS, counts.shape[1]))
+        fingertips.take(raw)
+        found |= names(fingertips.wrong())
+    return found
+
+
+FAULTS = [
+    (fault.freeze_fingertips, (Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER)),
+    (fault.freeze_thumb, (Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER)),
+    (fault.fingertips_read(0), (Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER)),
+    (fault.shift_fingertips, (Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER)),
+    (fault.replug_fingertips, (Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER)),
+    (fault.swallow_writes, (Phase.APPROACH, Phase.LIFT, Phase.HOLD)),
+    (fault.freeze_gripper_status, (Phase.APPROACH, Phase.GRASP, Phase.LIFT)),
+    (fault.jam_gripper, (Phase.APPROACH, Phase.GRASP)),
+    (fault.power_cycle_gripper, (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.HOLD)),
+    (fault.let_thumb_leap, (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.HOLD)),
+    (fault.lose_arm_position, (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.HOLD)),
+    (fault.freeze_arm_values, (Phase.LIFT, Phase.LOWER)),
+    (fault.turn_arm_round, (Phase.SETTLE,)),
+    (fault.push_arm, (Phase.APPROACH, Phase.GRASP, Phase.LIFT)),
+    (fault.let_arm_leap, (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.HOLD)),
+    (fault.stand_still(0.3), (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.HOLD)),
+]
+
+
+@pytest.mark.bench
+@pytest.mark.timeout(7200)
+def test_delays() -> None:
+    """From the fault, or from the first command that nobody obeys, to the step that answers."""
+    print("\n| what happens | name | delay, ms: least, most |\n|---|---|---|")
+    for act, phases in FAULTS:
+        found: dict[str, list[float]] = {}
+        for phase in phases:
+            for seed in range(3):
+                staged = Staged(seed=seed)
+                trial = staged.run(in_phase(phase, 5), act)
+                assert trial.controller.phase is Phase.FAULT
+                for name in names(trial.controller.fault_cause):
+                    found.setdefault(name, []).append(delay_ms(staged, act))
+        for name, delays in found.items():
+            print(f"| {act.__name__} | {name} | {min(delays):.0f}, {max(delays):.0f} |")
+
+
+def delay_ms(staged: Staged, act: fault.Act) -> float:
+    assert staged.done_at_ns is not None
+    end_ns = next(t.t_ns for t in staged.ticks if t.decision.phase is Phase.FAULT)
+    ticks = [t for t in staged.ticks if staged.done_at_ns <= t.t_ns < end_ns]
+    seen_ns = staged.done_at_ns
+    if act is fault.turn_arm_round:
+        seen_ns = next(t.t_ns for t in ticks if t.arm.moving)
+    elif act.__name__.startswith("stand_still"):
+        seen_ns = end_ns  # the first step after it
+    elif not all(t.gripper.fresh for t in ticks):
+        seen_ns = next(t.t_ns for t in ticks if not t.gripper.fresh)
+    return (end_ns - seen_ns) / 1e6
