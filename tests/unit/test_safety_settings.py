@@ -13,6 +13,7 @@ import pytest
 from drivers.takktile.settings import TakkTileSettings
 from drivers.ur.driver import ArmSettings
 from grasp.controller import ControllerSettings
+from grasp.doubt import DoubtSettings
 from grasp.guard import GuardSettings
 from grasp.loop import LoopSettings
 from scenarios.lift.scoring import LiftOutcome, ScoringSettings
@@ -22,7 +23,7 @@ from scenarios.tap.settings import TapScoringSettings
 from tests.unit import safety_probes as probe
 
 CLASSES = (
-    ArmSettings, ControllerSettings, GuardSettings, LoopSettings, ScoringSettings,
+    ArmSettings, ControllerSettings, DoubtSettings, GuardSettings, LoopSettings, ScoringSettings,
     TakkTileSettings, TapScoringSettings,
 )  # fmt: skip
 SUCCESSES = (LiftOutcome.HELD, LiftOutcome.HELD_WITHIN_6CM, LiftOutcome.HELD_WITHIN_12CM)
@@ -147,6 +148,10 @@ ELSEWHERE = {
     "TakkTileSettings.cells": "drivers/takktile/test_driver.py",
     "TakkTileSettings.conversion_ms": "drivers/takktile/test_protocol.py",
     "TakkTileSettings.rest_reference": "drivers/takktile/test_driver.py",
+    **dict.fromkeys(
+        (f"DoubtSettings.{field}" for field in DoubtSettings.__struct_fields__),
+        "grasp/test_doubt.py",
+    ),
 }
 
 

@@ -1,0 +1,374 @@
+"""Doubts as a pure unit: each setting takes effect where its name says, on both sides of it."""
+
+import math
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.interfaces import ArmState, Detection, GripperState, TactileFrame
+from grasp.commands import MoveArm, StopArm
+from grasp.doubt import (
+    ArmDoubt,
+    Doubts,
+    DoubtSettings,
+    FingertipDoubt,
+    GripperDoubt,
+    wrong_probabilities,
+)
+from grasp.phases import Phase
+from tests.unit.grasp.builders import arm, gripper
+
+MS = 1_000_000
+TICK = 10 * MS
+Codes = NDArray[np.int16]
+
+
+# Fingertips
+
+
+def codes(k: int) -> Codes:
+    """Living fingertips: no two samples in a row are alike in any taxel."""
+    return (400 + (k + np.arange(18)) % 3).reshape(3, 6).astype(np.int16)
+
+
+def frame(raw: Codes, missed: int = 0) -> TactileFrame:
+    return TactileFrame(0, 0, 0, raw - np.int16(450), raw, raw, raw, missed)
+
+
+def until_wrong(samples: Any, **settings: Any) -> tuple[int, str]:
+    """How many samples it takes, and what is said then."""
+    doubt = FingertipDoubt(DoubtSettings(**settings))
+    for k in range(5):
+        assert doubt.see(frame(codes(k)), Phase.LIFT) == ""
+    for n, raw in enumerate(samples, 1):
+        if said := doubt.see(frame(raw), Phase.LIFT):
+            return n, said
+    return 0, ""
+
+
+def one_finger_alive(k: int) -> Codes:
+    return np.stack([codes(0)[0], *codes(k)[1:]])
+
+
+def rails(k: int, code: int, taxels: int = 6) -> Codes:
+    raw = codes(k)
+    raw[1, :taxels] = code
+    return raw
+
+
+@pytest.mark.parametrize("value", [5, 20])
+def test_frozen_samples(value: int) -> None:
+    n, said = until_wrong([codes(9)] * 100, frozen_samples=value, dead_samples=200)
+    assert (n, said[:18]) == (value + 1, "fingertips_frozen:")
+
+
+@pytest.mark.parametrize("value", [20, 60])
+def test_dead_samples(value: int) -> None:
+    n, said = until_wrong([one_finger_alive(k) for k in range(9, 99)], dead_samples=value)
+    assert (n, said[:24]) == (value + 1, "fingertip_dead: finger A")
+
+
+@pytest.mark.parametrize("value", [2, 7])
+@pytest.mark.parametrize("code", [0, 1023])
+def test_rail_samples(value: int, code: int) -> None:
+    n, said = until_wrong([rails(k, code) for k in range(30)], rail_samples=value)
+    assert (n, said[:28]) == (value, "fingertips_at_rail: finger B")
+
+
+def test_some_taxels_of_a_fingertip_at_the_rail_are_a_firm_grip() -> None:
+    assert until_wrong([rails(k, 0, taxels=5) for k in range(300)]) == (0, "")
+
+
+def test_codes_of_a_fingertip_at_the_rail_are_no_force() -> None:
+    doubt = FingertipDoubt(DoubtSettings())
+    doubt.see(frame(codes(0)), Phase.LIFT)
+    assert doubt.believable
+    doubt.see(frame(rails(1, 0)), Phase.LIFT)
+    assert not doubt.believable
+
+
+@pytest.mark.parametrize("value", [20, 60])
+def test_jump_counts(value: int) -> None:
+    def jumps(by: int) -> str:
+        return until_wrong([codes(4) + np.int16(by)], jump_counts=value)[1][:16]
+
+    assert jumps(value) == jumps(-value) == "fingertips_jump:"
+    assert jumps(value - 1) == jumps(1 - value) == ""
+
+
+def test_a_jump_is_seen_although_one_taxel_is_at_the_rail_and_not_if_most_are() -> None:
+    for railed, said in ((1, "fingertips_jump:"), (10, "")):
+        before, after = codes(0), codes(0) + np.int16(100)
+        before.flat[:railed] = after.flat[:railed] = 0
+        doubt = FingertipDoubt(DoubtSettings(rail_samples=9))
+        doubt.see(frame(before), Phase.LIFT)
+        assert doubt.see(frame(after), Phase.LIFT)[:16] == said
+
+
+def test_missed_samples_repeat_a_frame_and_prove_nothing() -> None:
+    doubt = FingertipDoubt(DoubtSettings())
+    for missed in range(100):
+        assert doubt.see(frame(codes(0), missed), Phase.LIFT) == ""
+
+
+def test_no_frame_is_a_fault_where_something_is_held_and_none_before() -> None:
+    doubt = FingertipDoubt(DoubtSettings())
+    assert {p for p in Phase if doubt.see(None, p)} == {
+        Phase.GRASP, Phase.SQUEEZE, Phase.SETTLE, Phase.LIFT, Phase.COMPENSATE, Phase.HOLD,
+        Phase.LOWER,
+    }  # fmt: skip
+
+
+# Detector and loop
+
+
+def of(phase: Phase, settings: DoubtSettings, **told: int) -> str:
+    return Doubts(settings).of(phase, frame(codes(0)), gripper(), arm(), **told)
+
+
+@pytest.mark.parametrize("value", [0.05, 0.4])
+def test_detector_s(value: float) -> None:
+    settings = DoubtSettings(detector_s=value)
+    assert of(Phase.LIFT, settings, took_ns=round((value - 1e-6) * 1e9)) == ""
+    late = of(Phase.LIFT, settings, took_ns=round((value + 1e-6) * 1e9))
+    assert late.startswith("detector_late: ")
+
+
+@pytest.mark.parametrize("value", [0.05, 0.4])
+def test_standstill_s(value: float) -> None:
+    settings = DoubtSettings(standstill_s=value)
+    assert of(Phase.APPROACH, settings, late_ns=round((value - 1e-6) * 1e9)) == ""
+    late = of(Phase.APPROACH, settings, late_ns=round((value + 1e-6) * 1e9))
+    assert late.startswith("loop_stood_still: ")
+    assert of(Phase.IDLE, settings, late_ns=10**10) == ""  # a run begins when it begins
+
+
+def test_nothing_is_doubted_any_more_in_the_safe_state() -> None:
+    assert of(Phase.FAULT, DoubtSettings(), late_ns=10**10) == ""
+
+
+def test_all_that_is_wrong_is_told() -> None:
+    doubts = Doubts(DoubtSettings())
+    lost = msgspec.structs.replace(gripper(), active=False)
+    nan = msgspec.structs.replace(arm(), position_m=(math.nan,) * 3)
+    said = doubts.of(Phase.LIFT, None, lost, nan)
+    names = [part.partition(":")[0] for part in said.split("; ")]
+    assert names == ["arm_position_nan", "gripper_inactive", "fingertips_absent"]
+
+
+@pytest.mark.parametrize(
+    "answer", [np.array([0.0, np.nan, 0.0]), np.array([np.inf] * 3), np.zeros(4), 0.5, None,
+               np.array([-0.1, 0.0, 0.0])],
+)  # fmt: skip
+def test_an_answer_that_is_no_probability_a_finger_is_refused(answer: object) -> None:
+    assert wrong_probabilities(answer).startswith("detector_failed: ")
+
+
+def test_probabilities_are_accepted_up_to_their_ends() -> None:
+    assert wrong_probabilities(np.array([0.0, 0.5, 1.0])) == ""
+
+
+# Gripper
+
+
+def doubted(states: list[GripperState], **settings: Any) -> str:
+    doubt = GripperDoubt(DoubtSettings(**settings))
+    said = [doubt.see(state) for state in states]
+    assert not any(said[:-1])
+    return said[-1].partition(":")[0]
+
+
+@pytest.mark.parametrize("value", [0.1, 0.5])
+def test_echo_s(value: float) -> None:
+    def after(s: float) -> str:
+        return doubted([gripper(0), gripper(round(s * 1e9), fresh=False)], echo_s=value)
+
+    assert (after(value - 1e-6), after(value + 1e-6)) == ("", "gripper_silent")
+
+
+MOVING = (Detection.MOVING, Detection.AT_TARGET, Detection.AT_TARGET)
+
+
+@pytest.mark.parametrize("value", [0.1, 0.5])
+def test_stands_s(value: float) -> None:
+    def after(s: float, position: int = 55) -> str:
+        last = gripper(round(s * 1e9), (position, 55, 55), MOVING)
+        return doubted([gripper(0, detections=MOVING), last], stands_s=value)
+
+    assert (after(value - 1e-6), after(value + 1e-6)) == ("", "gripper_stands")
+    assert after(value + 1e-6, position=56) == ""
+
+
+def beside(asked: int, by: int, **settings: Any) -> str:
+    """A finger that says 'at target' beside what it was asked for."""
+    state = gripper(positions=(asked, 55, 55))
+    a = msgspec.structs.replace(state.fingers[0], position_counts=asked + by)
+    state = msgspec.structs.replace(state, fingers=(a, *state.fingers[1:]))
+    return doubted([state], **settings)
+
+
+@pytest.mark.parametrize("value", [3, 12])
+def test_target_counts(value: int) -> None:
+    assert beside(100, value, target_counts=value) == ""
+    assert beside(100, value + 1, target_counts=value) == "gripper_impossible"
+    assert beside(100, -value - 1, target_counts=value) == "gripper_impossible"
+
+
+@pytest.mark.parametrize("value", [10, 40])
+def test_soft_low_counts(value: int) -> None:
+    assert beside(value - 1, 50, soft_low_counts=value) == ""
+    assert beside(value, 50, soft_low_counts=value) == "gripper_impossible"
+
+
+@pytest.mark.parametrize("value", [180, 220])
+def test_soft_high_counts(value: int) -> None:
+    assert beside(value + 1, -50, soft_high_counts=value) == ""
+    assert beside(value, -50, soft_high_counts=value) == "gripper_impossible"
+
+
+@pytest.mark.parametrize("value", [200.0, 1000.0])
+def test_finger_counts_ps(value: float) -> None:
+    def leap(counts: int) -> str:
+        states = [gripper(0), gripper(TICK, (55 + counts, 55, 55))]
+        return doubted(states, finger_counts_ps=value, target_counts=5)
+
+    most = 5 + round(value * 0.01)
+    assert (leap(most), leap(most + 1)) == ("", "gripper_impossible")
+
+
+@pytest.mark.parametrize("position", [-1, 256])
+def test_positions_that_no_motor_has_are_impossible(position: int) -> None:
+    assert doubted([gripper(positions=(55, position, 55))]) == "gripper_impossible"
+
+
+def test_a_hand_that_is_not_active_obeys_nothing_and_one_with_a_fault_has_its_own_text() -> None:
+    lost = msgspec.structs.replace(gripper(), active=False)
+    assert doubted([lost]) == "gripper_inactive"
+    assert doubted([msgspec.structs.replace(lost, fault=14)]) == ""
+
+
+# Arm
+
+
+def at(t_s: float, height_m: float, aside_m: float = 0.0, speed_mps: float = 0.0) -> ArmState:
+    x, y, z = arm(0).position_m
+    state = arm(round(t_s * 1e9))
+    return msgspec.structs.replace(
+        state, position_m=(x + aside_m, y, z + height_m), velocity_mps=(0.0, 0.0, speed_mps)
+    )
+
+
+def told_up(*states: ArmState, by_m: float = 0.2, **settings: Any) -> str:
+    """Name of the last doubt; the arm stands at 0 s, and is told to rise then."""
+    doubt = ArmDoubt(DoubtSettings(**settings))
+    assert doubt.see(at(0.0, 0.0), False) == ""
+    x, y, z = arm(0).position_m
+    doubt.told(MoveArm((x, y, z + by_m), 0.1, 0.5), at(0.0, 0.0))
+    said = [doubt.see(state, False) for state in states]
+    assert not any(said[:-1])
+    return said[-1].partition(":")[0]
+
+
+SPARE_S = 2 * math.sqrt(2 * 0.0002 / 0.5)  # to turn round within what counts as no motion
+
+
+@pytest.mark.parametrize("value", [0.1, 0.5])
+def test_arm_start_s(value: float) -> None:
+    def after(s: float) -> str:
+        return told_up(at(s + SPARE_S, 0.0001), arm_start_s=value)
+
+    assert (after(value - 1e-4), after(value + 1e-4)) == ("", "arm_frozen")
+
+
+@pytest.mark.parametrize("value", [0.05, 0.3])
+def test_arm_frozen_s(value: float) -> None:
+    def after(s: float) -> str:
+        return told_up(at(0.1, 0.005), at(0.1 + s + SPARE_S, 0.005), arm_frozen_s=value)
+
+    assert (after(value - 1e-4), after(value + 1e-4)) == ("", "arm_frozen")
+
+
+@pytest.mark.parametrize("value", [0.001, 0.005])
+def test_arm_moved_m(value: float) -> None:
+    spare_s = 2 * math.sqrt(2 * value / 0.5)
+
+    def after(m: float) -> str:
+        return told_up(at(0.26 + spare_s, m), arm_moved_m=value, arm_jump_m=0.1)
+
+    assert (after(value - 1e-5), after(value + 1e-5)) == ("arm_frozen", "")
+
+
+@pytest.mark.parametrize("value", [0.001, 0.005])
+def test_arm_there_m(value: float) -> None:
+    def standing(away_m: float) -> str:
+        states = (at(0.1, 0.01 - away_m), at(0.5, 0.01 - away_m))
+        return told_up(*states, by_m=0.01, arm_there_m=value)
+
+    assert (standing(value - 1e-5), standing(value + 1e-5)) == ("", "arm_frozen")
+
+
+@pytest.mark.parametrize("value", [0.002, 0.02])
+@pytest.mark.parametrize("way", ["back", "aside"])
+def test_arm_astray_m(value: float, way: str) -> None:
+    def gone(m: float) -> str:
+        state = at(0.1, -m) if way == "back" else at(0.1, 0.01, aside_m=m)
+        return told_up(state, arm_astray_m=value)
+
+    assert (gone(value - 1e-5), gone(value + 1e-5)) == ("", "arm_wrong_way")
+
+
+def test_an_arm_that_nobody_told_to_move_is_astray_when_it_moves() -> None:
+    doubt = ArmDoubt(DoubtSettings())
+    assert doubt.see(at(0.0, 0.0), False) == ""
+    assert doubt.see(at(0.1, 0.004), False).startswith("arm_wrong_way: ")
+
+
+def test_an_arm_that_must_brake_first_is_not_astray() -> None:
+    doubt = ArmDoubt(DoubtSettings())
+    doubt.see(at(0.0, 0.0), False)
+    x, y, z = arm(0).position_m
+    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+    rising = at(1.0, 0.1, speed_mps=0.1)
+    assert doubt.see(rising, False) == ""
+    doubt.told(MoveArm((x, y, z), 0.1, 0.5), rising)
+    assert doubt.see(at(1.2, 0.11), False) == ""
+    assert doubt.see(at(1.3, 0.15), False).startswith("arm_wrong_way: ")
+
+
+@pytest.mark.parametrize("value", [0.5, 2.0])
+def test_arm_fastest_mps(value: float) -> None:
+    def after(s: float) -> str:
+        return told_up(at(s, 0.11), arm_fastest_mps=value, arm_jump_m=0.01)
+
+    assert (after(0.1 / value + 1e-4), after(0.1 / value - 1e-4)) == ("", "arm_jump")
+
+
+@pytest.mark.parametrize("value", [0.005, 0.05])
+def test_arm_jump_m(value: float) -> None:
+    def leap(m: float) -> str:
+        return told_up(at(0.0, m), arm_jump_m=value)
+
+    assert (leap(value - 1e-5), leap(value + 1e-5)) == ("", "arm_jump")
+
+
+def test_an_arm_that_was_told_to_stop_may_stand_anywhere() -> None:
+    doubt = ArmDoubt(DoubtSettings())
+    doubt.see(at(0.0, 0.0), False)
+    x, y, z = arm(0).position_m
+    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+    doubt.see(at(0.5, 0.05), False)
+    doubt.told(StopArm(1.0), at(0.5, 0.05))
+    assert doubt.see(at(5.0, 0.05), False) == ""
+
+
+def test_a_command_on_its_way_does_not_move_the_arm_yet() -> None:
+    doubt = ArmDoubt(DoubtSettings())
+    doubt.see(at(0.0, 0.0), False)
+    x, y, z = arm(0).position_m
+    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+    assert doubt.see(at(0.5, 0.0), True) == ""
+    assert doubt.see(at(0.6, 0.0), False) == ""
+    assert doubt.see(at(0.9, 0.0), False).startswith("arm_frozen: ")
