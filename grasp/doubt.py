@@ -51,8 +51,8 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ] = 3  # fmt: skip
     jump_counts: Annotated[
         int,
-        Meta(ge=5, le=1023, description="by which all taxels of all fingertips change from one "
-             "sample to the next; measured: contact and taps leave some taxel nearly as it was"),
+        Meta(ge=5, le=1023, description="by which all taxels of all fingertips change one way from "
+             "one sample to the next; measured: contact and taps leave some nearly as they were"),
     ] = 40  # fmt: skip
     detector_s: Annotated[
         float, Meta(ge=0.01, le=10.0, description="a step, its detector above all, may take; "
@@ -196,7 +196,7 @@ class FingertipDoubt:
         if before is None:
             self._repeats, self._all_repeats, self._jumped = [0] * FINGERS, 0, False
             return
-        moved = np.abs(raw - before)
+        moved = raw - before
         still = [not any(finger) for finger in moved.tolist()]
         self._repeats = _counted(self._repeats, still)
         self._all_repeats = self._all_repeats + 1 if all(still) else 0
@@ -206,10 +206,12 @@ class FingertipDoubt:
     def _leapt(
         self, before: NDArray[np.int16], raw: NDArray[np.int16], moved: NDArray[np.int16]
     ) -> bool:
-        """All at once. A taxel at the end of its range cannot tell; most must be able to."""
+        """All at once and one way, where a contact presses some taxels and lifts others. A taxel at
+        the end of its range cannot tell; most must be able to."""
         free = ~(at_rail(before) | at_rail(raw))
         enough = 2 * int(free.sum()) > free.size
-        return enough and int(moved[free].min()) >= self._settings.jump_counts
+        least = self._settings.jump_counts
+        return enough and (int(moved[free].min()) >= least or int(moved[free].max()) <= -least)
 
     def wrong(self) -> str:
         """What the samples up to now say against the fingertips."""

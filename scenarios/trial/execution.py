@@ -9,7 +9,7 @@ import msgspec
 
 from detector.decision import make_rule
 from drivers.errors import ConfigError, GraspError
-from drivers.interfaces import FINGERS
+from drivers.interfaces import FINGER_NAMES, FINGERS
 from grasp import interruption
 from grasp.controller import GraspController, GripPlan
 from grasp.doubt import Doubts
@@ -137,6 +137,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "seed": seed,
             "peak_force_n": named(self.trace.end.peak_n) if self.trace.end is not None else None,
             "commanded_force_n": self.trace.commanded_force_n,
+            "taxels_at_rail": dict(zip(FINGER_NAMES, self.trace.taxels_at_rail, strict=True)),
             "phases": phase_entries(self.controller.machine.log),
             "timing": timing_result(
                 self.loop.timing, self.acknowledged_ns, self.real_time, self.stalls

@@ -1,5 +1,7 @@
 """What a verdict is drawn from, kept tick by tick: by lift and tap alike."""
 
+from drivers.interfaces import Counts3
+from grasp.doubt import at_rail
 from grasp.loop import Issued, Tick
 from grasp.phases import AIRBORNE_PHASES, Phase
 from scenarios.world.cell import Truth
@@ -17,6 +19,7 @@ class Trace:
         self.commanded_force_n = 0.0
         self.peak_measured_n = 0.0
         self.felt_n = 0.0
+        self.taxels_at_rail: Counts3 = (0, 0, 0)  # of each finger, at most at once
         self._compensated = False
         self._was_touched = False
 
@@ -31,6 +34,9 @@ class Trace:
                 self.hand = issued
                 self.commanded_force_n = max(self.commanded_force_n, issued.applied.force_n)
         self.peak_measured_n = max(self.peak_measured_n, *tick.measured_n)
+        if tick.frame is not None:
+            a, b, c = map(max, self.taxels_at_rail, at_rail(tick.frame.raw).sum(axis=1).tolist())
+            self.taxels_at_rail = a, b, c
         self._compensated = self._compensated or phase is Phase.COMPENSATE
         if phase in AIRBORNE_PHASES and phase is not Phase.LOWER:
             self.felt_n = max(tick.measured_n)

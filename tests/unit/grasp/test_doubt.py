@@ -99,6 +99,11 @@ def test_jump_counts(value: int) -> None:
     assert jumps(value - 1) == jumps(1 - value) == ""
 
 
+def test_taxels_that_change_in_both_directions_are_a_blow() -> None:
+    both = codes(4) + np.where(np.arange(18).reshape(3, 6) < 9, 200, -200).astype(np.int16)
+    assert until_wrong([both]) == (0, "")
+
+
 def test_a_jump_is_seen_although_one_taxel_is_at_the_rail_and_not_if_most_are() -> None:
     for railed, said in ((1, "fingertips_jump:"), (10, "")):
         before, after = codes(0), codes(0) + np.int16(100)

@@ -159,7 +159,10 @@ def test_an_arm_that_moves_against_its_command_is_stopped_after_millimetres() ->
     assert abs(staged.ticks[-1].arm.position_m[2] - staged.ticks[0].arm.position_m[2]) < 0.02
 
 
-def test_one_taxel_at_the_rail_is_no_fault() -> None:
+def test_one_taxel_at_the_rail_is_no_fault_and_is_reported() -> None:
     staged = Staged()
-    staged.run(in_phase(P.LIFT, 5), fault.stick_one_taxel_at_the_rail)
+    trial = staged.run(in_phase(P.LIFT, 5), fault.stick_one_taxel_at_the_rail)
     assert not any(t.observation.doubt for t in staged.ticks)
+    at_rail = staged.result(trial).taxels_at_rail
+    assert set(at_rail) == {"A", "B", "C"}
+    assert 1 <= at_rail["A"] < 6
