@@ -26,7 +26,9 @@ _TYPES = {int: "INTEGER", float: "REAL", bool: "INTEGER", str: "TEXT"}
 COLUMNS = Row.__struct_fields__
 FOREIGN = "name the file of a campaign"
 DAMAGED = "restore it from a copy, or run the campaign again into another --out"
+FREE = "free the disk or the file, then go on with --resume"
 MOST_NAMED = 10
+_OF_THE_DISK = ("SQLITE_IOERR_SHM", "SQLITE_IOERR_WRITE", "SQLITE_FULL", "SQLITE_BUSY")
 
 
 @contextmanager
@@ -35,9 +37,7 @@ def _written(path: Path) -> Iterator[None]:
         yield
     except (sqlite3.Error, OSError) as error:
         why = getattr(error, "strerror", None) or error
-        raise CouldNotRecord(
-            f"{path}: {why}", "free the disk or the file, then go on with --resume"
-        ) from None
+        raise CouldNotRecord(f"{path}: {why}", FREE) from None
 
 
 @contextmanager
@@ -46,6 +46,8 @@ def _read(path: Path) -> Iterator[None]:
     try:
         yield
     except (sqlite3.Error, msgspec.MsgspecError, ValueError, OverflowError, RecursionError) as e:
+        if getattr(e, "sqlite_errorname", "").startswith(_OF_THE_DISK):
+            raise CouldNotRecord(f"{path}: {e}", FREE) from None
         raise BadFile(path, f"cannot be read: {e}", DAMAGED) from None
 
 

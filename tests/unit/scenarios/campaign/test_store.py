@@ -314,6 +314,19 @@ def test_an_export_that_the_disk_refuses_leaves_what_was_there(
     assert len(out.read_text()) > 100
 
 
+def test_a_disk_without_room_for_the_log_is_no_damage(
+    copy: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: object) -> None:
+        error = sqlite3.OperationalError("disk I/O error")
+        error.sqlite_errorname = "SQLITE_IOERR_SHMSIZE"
+        raise error
+
+    monkeypatch.setattr(CampaignStore, "_check", refused)
+    with pytest.raises(CouldNotRecord, match="disk I/O error"):
+        run(SPEC, copy, Workers(0), resume=True, work=judged)
+
+
 # What a campaign file may say
 
 
