@@ -65,6 +65,11 @@ class GripperState(msgspec.Struct, frozen=True):
         return self.fresh and all(f.detection is not Detection.MOVING for f in self.fingers)
 
     @property
+    def requested(self) -> Counts3:
+        a, b, c = self.fingers
+        return (a.requested_counts, b.requested_counts, c.requested_counts)
+
+    @property
     def positions(self) -> Counts3:
         a, b, c = self.fingers
         return a.position_counts, b.position_counts, c.position_counts

@@ -4,12 +4,11 @@ No clock is read, nothing sleeps, nothing does I/O, so a run on the wire, a run 
 the replay of a recording are the same code.
 """
 
+import math
 from collections.abc import Callable
-from typing import Annotated
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 from numpy.typing import NDArray
 
 from drivers.interfaces import (
@@ -30,10 +29,12 @@ from grasp.commands import (
     OpenFingers,
     StopArm,
 )
+from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.phases import (
     AIRBORNE_PHASES,
     CONTACT_PHASES,
     OPEN_PHASES,
+    SAFE_PHASES,
     Phase,
     PhaseMachine,
     Trigger,
@@ -42,82 +43,6 @@ from grasp.slip import SlipMonitor, SlipStatus
 
 CLOSED_COUNTS: Counts3 = (255, 255, 255)
 ALL_FINGERS = (True, True, True)
-
-
-class GripPlan(msgspec.Struct, frozen=True):
-    """Predetermined finger positions of one object, motor counts A, B, C (paper, section V-B), and
-    the force to close with."""
-
-    preshape_counts: Counts3  # just short of the object
-    grip_counts: Counts3  # in contact, with too little force
-    force_cap_n: float  # to close with when slip is registered: the guard's limit (paper: 10 N)
-
-
-class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Speeds, heights and patience of a grasp."""
-
-    preshape_margin_counts: Annotated[
-        int, Meta(ge=2, le=60, description="fingers wait this far short of the grip positions")
-    ] = 15
-    approach_speed_mps: Annotated[
-        float, Meta(ge=0.022, le=0.11, description="of the fingers in free air")
-    ] = 0.11
-    grip_speed_mps: Annotated[
-        float, Meta(ge=0.022, le=0.11, description="of the fingers onto the object")
-    ] = 0.022
-    grip_force_n: Annotated[
-        float, Meta(gt=0.0, le=60.0, description="force setting while moving to the grip positions")
-    ] = 10.0
-    closing_speed_mps: Annotated[
-        float, Meta(ge=0.022, le=0.11, description="asked for when slip is registered")
-    ] = 0.11
-    relax_s: Annotated[
-        float, Meta(ge=0.02, le=5.0, description="the pads relax, from the fingers' rest on")
-    ] = 0.3
-    listen_s: Annotated[
-        float, Meta(ge=0.02, le=5.0, description="the detector listens before the arm lifts")
-    ] = 0.3
-    lift_height_m: Annotated[float, Meta(ge=0.01, le=1.0, description="assumed, 0.1-0.3")] = 0.2
-    lift_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="assumed, 0.1-0.25")] = 0.1
-    lift_acceleration_mps2: Annotated[
-        float, Meta(ge=0.05, le=5.0, description="assumed, 0.3-1.2")
-    ] = 0.5
-    lower_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="assumed")] = 0.05
-    retreat_m: Annotated[
-        float, Meta(ge=0.0, le=0.5, description="upwards, after the fingers have opened")
-    ] = 0.05
-    at_height_m: Annotated[
-        float, Meta(ge=1e-4, le=0.01, description="the arm counts as there within this")
-    ] = 0.001
-    stop_deceleration_mps2: Annotated[
-        float, Meta(ge=0.1, le=10.0, description="of the arm, in every safe state")
-    ] = 1.0
-    hold_s: Annotated[
-        float, Meta(ge=0.0, le=600.0, description="at the top, before it is set down")
-    ] = 1.0
-    cap_patience_s: Annotated[
-        float, Meta(ge=0.05, le=5.0, description="slip may go on after the last rise of force")
-    ] = 0.3
-    stale_after_s: Annotated[
-        float, Meta(ge=0.02, le=1.0, description="age at which gripper or arm state is too old")
-    ] = 0.1
-    phase_timeout_s: Annotated[
-        float, Meta(ge=1.0, le=600.0, description="a phase other than idle and hold may last")
-    ] = 30.0
-    safe_state_s: Annotated[
-        float, Meta(ge=0.1, le=10.0, description="a run goes on so long after a fault")
-    ] = 0.5
-    keep: Annotated[bool, Meta(description="keep holding at the top instead of setting down")] = (
-        False
-    )
-    firm: Annotated[
-        bool,
-        Meta(description="close to the force cap before lifting, as for the tap (paper, V-B)"),
-    ] = False
-    reactions: Annotated[
-        bool,
-        Meta(description="answer registered slip; off in the twin run that judges false starts"),
-    ] = True
 
 
 class Observation(msgspec.Struct, frozen=True):
@@ -129,6 +54,7 @@ class Observation(msgspec.Struct, frozen=True):
     ``stop``: the run shall end now, and why; empty while it may go on.
     ``doubt``: what a device says that cannot be believed; empty when all can. ``late_ns`` and
     ``took_ns`` as in ``step.StepInput``, for the recording.
+    ``overloaded``: measured force is above the limit and its margin.
     """
 
     t_ns: int
@@ -145,6 +71,8 @@ class Observation(msgspec.Struct, frozen=True):
     late_ns: int = 0
     took_ns: int = 0
     doubt: str = ""
+    measured_n: Vector3 = (0.0, 0.0, 0.0)
+    overloaded: bool = False
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -161,8 +89,9 @@ class Decision(msgspec.Struct, frozen=True):
 class GraspController:
     """Grasps, lifts, answers slip, holds, sets down. Feed ``step`` once a tactile sample.
 
-    Where it stands is the phase and when that began. Beside it there are only the arm's home, the
-    last rise of force (compensate) and when the arm was at the top (hold).
+    Where it stands is the phase and when that began. Beside it there are the arm's home, when
+    contact was felt last, when force was last within the limit, when the arm came to the top and
+    when a safe state was last asked for.
     """
 
     def __init__(self, settings: ControllerSettings, plan: GripPlan, monitor: SlipMonitor) -> None:
@@ -171,20 +100,26 @@ class GraspController:
         self.monitor = monitor
         self.machine = PhaseMachine()
         self.cap_reached = False
+        self.alarm_stayed = False  # the hold ended although slip was still registered
+        self.closings = 0  # answers to slip or lost contact
         self.finished = False
         self.fault_cause = ""
+        self.unreached: tuple[str, ...] = ()  # of the safe state, when the run ended
+        self.home: Vector3 = plan.home or (0.0, 0.0, 0.0)  # without one, set by `_idle`
         self._out: list[Command] = []
         self._reset_detector = False
         self._anchor = False
-        self._home: Vector3 = (0.0, 0.0, 0.0)  # of the arm when the run began: set by `_idle`
         self._entered_ns = 0
-        self._last_rise_ns = 0
+        self._felt_ns = 0
+        self._in_limit_ns = 0
         self._at_top_ns: int | None = None
+        self._asked_ns = 0
         self._handlers: dict[Phase, Callable[[Observation], None]] = {
             Phase.IDLE: self._idle,
             Phase.APPROACH: self._approach,
             Phase.REST: self._rest,
             Phase.GRASP: self._grasp,
+            Phase.OPPOSE: self._oppose,
             Phase.SQUEEZE: self._squeeze,
             Phase.SETTLE: self._settle,
             Phase.LIFT: self._lift,
@@ -193,7 +128,9 @@ class GraspController:
             Phase.LOWER: self._lower,
             Phase.RELEASE: self._release,
             Phase.RETREAT: self._retreat,
-            Phase.FAULT: self._fault,
+            Phase.LOST: self._pursue,
+            Phase.STOPPED: self._pursue,
+            Phase.FAULT: self._pursue,
         }
 
     @property
@@ -205,10 +142,11 @@ class GraspController:
         self._out = []
         self._reset_detector = self._anchor = False
         self.monitor.update(seen.t_ns, seen.probabilities)
-        trouble = self._trouble(seen)
-        if trouble and self.phase is not Phase.FAULT:
+        self._feel(seen)
+        trouble = "" if self.phase in SAFE_PHASES else self._trouble(seen)
+        if trouble:
             self._fail(seen, trouble)
-        elif seen.stop and self.phase is not Phase.FAULT:
+        elif seen.stop and self.phase not in SAFE_PHASES:
             self._stop(seen)
         else:
             self._handlers[self.phase](seen)
@@ -227,6 +165,17 @@ class GraspController:
         free = self.phase not in CONTACT_PHASES and self.phase is not Phase.IDLE
         return (stop, HoldFingers()) if free else (stop,)
 
+    def _feel(self, seen: Observation) -> None:
+        """Remember when the thumb, which opposes both others, last touched something, and when no
+        force was above the limit."""
+        if seen.measured_n[0] >= self._settings.contact_n:
+            self._felt_ns = seen.t_ns
+        if not seen.overloaded:
+            self._in_limit_ns = seen.t_ns
+
+    def _contact_lost(self, seen: Observation) -> bool:
+        return seen.t_ns - self._felt_ns >= self._settings.contact_lost_s * 1e9
+
     def _trouble(self, seen: Observation) -> str:
         stale_ns = self._settings.stale_after_s * 1e9
         if seen.trouble or seen.doubt:
@@ -241,6 +190,15 @@ class GraspController:
             return f"gripper fault: {seen.gripper.fault_text}"
         if seen.arm.stopped_by_safety:
             return "arm stopped by its safety system"
+        return self._force_trouble(seen) or self._time_trouble(seen)
+
+    def _force_trouble(self, seen: Observation) -> str:
+        moving = self.phase in AIRBORNE_PHASES and seen.arm.moving
+        if moving and seen.t_ns - self._in_limit_ns > self._settings.overload_s * 1e9:
+            return "measured force stays above the limit while the arm moves"
+        return ""
+
+    def _time_trouble(self, seen: Observation) -> str:
         timeout_s = self._settings.phase_timeout_s
         timed = self.phase not in (Phase.IDLE, Phase.HOLD)
         if timed and self._lasted(seen, timeout_s):
@@ -260,11 +218,11 @@ class GraspController:
 
     def _arm_at(self, seen: Observation, height_m: float) -> bool:
         """True when the arm stands at that height over its home."""
-        away_m = abs(seen.arm.position_m[2] - self._home[2] - height_m)
+        away_m = abs(seen.arm.position_m[2] - self.home[2] - height_m)
         return not seen.pending and not seen.arm.moving and away_m < self._settings.at_height_m
 
     def _move_arm(self, height_m: float, speed_mps: float) -> None:
-        x, y, z = self._home
+        x, y, z = self.home
         self._out.append(
             MoveArm((x, y, z + height_m), speed_mps, self._settings.lift_acceleration_mps2)
         )
@@ -282,21 +240,42 @@ class GraspController:
         if any(f.detection is Detection.CONTACT_CLOSING for f in seen.gripper.fingers):
             self._fail(seen, "the gripper already holds something")
             return
-        self._home = seen.arm.position_m
+        if self._plan.home is None:
+            self.home = seen.arm.position_m
         self._fire(Trigger.START, seen, "run started")
-        self._move_fingers(self._plan.preshape_counts, self._settings.approach_speed_mps)
+        if self._arm_home(seen):
+            self._move_fingers(self._plan.preshape_counts, self._settings.approach_speed_mps)
+        else:
+            self._move_arm(0.0, self._settings.lower_speed_mps)
+
+    def _arm_home(self, seen: Observation) -> bool:
+        return math.dist(seen.arm.position_m, self.home) < self._settings.at_height_m
 
     def _approach(self, seen: Observation) -> None:
-        if self._at_rest(seen):
+        """First the arm goes home, its fingers as they are, then the fingers take their shape."""
+        if not self._at_rest(seen) or not self._arm_at(seen, 0.0):
+            return
+        if seen.gripper.requested != self._plan.preshape_counts:
+            self._move_fingers(self._plan.preshape_counts, self._settings.approach_speed_mps)
+        else:
             self._fire(Trigger.SHAPED, seen, "fingers short of the object")
             self._out.append(BeginRest())
 
     def _rest(self, seen: Observation) -> None:
         if self._at_rest(seen) and seen.rest_taken:
             self._fire(Trigger.RESTED, seen, "rest counts taken")
-            self._move_fingers(self._plan.grip_counts, self._settings.grip_speed_mps)
+            thumb, _, _ = self._plan.preshape_counts
+            _, b, c = self._plan.grip_counts
+            self._move_fingers((thumb, b, c), self._settings.grip_speed_mps)
 
     def _grasp(self, seen: Observation) -> None:
+        """B and C first: the thumb, closing last, is the only one that presses, and it carries
+        what both of them bear."""
+        if self._at_rest(seen) and self._positioned(seen):
+            self._fire(Trigger.BRACED, seen, "fingers B and C rest at their positions")
+            self._move_fingers(self._plan.grip_counts, self._settings.grip_speed_mps)
+
+    def _oppose(self, seen: Observation) -> None:
         if not self._at_rest(seen) or not self._positioned(seen):
             return
         if self._settings.firm:
@@ -322,6 +301,10 @@ class GraspController:
             if self._lasted(seen, s.relax_s):
                 self._reset_detector = True
                 self.monitor.arm()
+        elif self._contact_lost(seen):
+            self._fail(
+                seen, "the thumb feels nothing at its position: no object, or a narrower one"
+            )
         elif self._lasted(seen, s.relax_s + s.listen_s):
             self._fire(Trigger.SETTLED, seen, "pads relaxed, detector listening")
             self._anchor = True
@@ -347,60 +330,95 @@ class GraspController:
         return False
 
     def _lift(self, seen: Observation) -> None:
-        if self._answers_slip(seen):
-            return
-        if self._arm_at(seen, self._settings.lift_height_m):
-            self._reach_top(Trigger.LIFTED, seen, "arm at the top")
+        if not self._answers(seen) and self._arm_at(seen, self._settings.lift_height_m):
+            self._fire(Trigger.LIFTED, seen, "arm at the top")
 
-    def _answers_slip(self, seen: Observation) -> bool:
-        slip = self.monitor.status
-        if not (slip.registered and self._settings.reactions):
+    def _answers(self, seen: Observation) -> bool:
+        """Answer slip and lost contact by the fastest closure, where one can still do something."""
+        slip, lost = self.monitor.status, self._contact_lost(seen)
+        if lost and self._at_cap(seen):
+            self._fire(Trigger.LOSE, seen, "contact lost, and the thumb can close no further")
+            self._out.append(StopArm(self._settings.stop_deceleration_mps2))
+            return True
+        if not self._settings.reactions or not (lost or slip.registered):
             return False
-        self._fire(
-            Trigger.SLIP_REGISTERED, seen, f"slip registered at finger {FINGER_NAMES[slip.finger]}"
-        )
-        self._last_rise_ns = seen.t_ns
-        self._close_to_cap()
+        cause = f"slip registered at finger {FINGER_NAMES[slip.finger]}"
+        self._fire(Trigger.SLIP_REGISTERED, seen, "contact lost" if lost else cause)
+        if not self._at_cap(seen):
+            self.closings += 1
+            self._close_to_cap()
         return True
 
-    def _reach_top(self, trigger: Trigger, seen: Observation, cause: str) -> None:
-        self._fire(trigger, seen, cause)
-        self._at_top_ns = None
+    def _at_cap(self, seen: Observation) -> bool:
+        """Whether another closing would do nothing: each finger that was told to close beyond its
+        grip, the thumb at least, is latched in contact or stands at the last count it may have."""
+        fingers = zip(seen.gripper.fingers, self._plan.grip_counts, strict=True)
+        told = [(f, f.requested_counts > grip) for f, grip in fingers]
+        return (
+            self._at_rest(seen)
+            and told[0][1]
+            and all(
+                f.detection is Detection.CONTACT_CLOSING or f.position_counts >= f.requested_counts
+                for f, closed in told
+                if closed
+            )
+        )
 
     def _compensate(self, seen: Observation) -> None:
         slip = self.monitor.status
         if not self._at_rest(seen):
-            self._last_rise_ns = seen.t_ns
             self.monitor.closing(seen.t_ns)
+        elif self._contact_lost(seen):
+            self._fire(Trigger.LOSE, seen, "the hand closed and met nothing")
+            self._out.append(StopArm(self._settings.stop_deceleration_mps2))
         elif slip.masked:
             return
         elif not slip.registered:
-            self._reach_top(Trigger.SLIP_STOPPED, seen, "slip has stopped")
-        elif seen.t_ns - self._last_rise_ns >= self._settings.cap_patience_s * 1e9:
+            self._fire(Trigger.SLIP_STOPPED, seen, "slip has stopped")
+        elif self._patience_ended(seen):
             self.cap_reached = True
             self._fire(Trigger.CAP_REACHED, seen, "slip goes on and the force can rise no more")
             self._set_down()
 
+    def _patience_ended(self, seen: Observation) -> bool:
+        since_ns = max(self._entered_ns, self.monitor.masked_until_ns)
+        return seen.t_ns - since_ns >= self._settings.cap_patience_s * 1e9
+
     def _hold(self, seen: Observation) -> None:
         s = self._settings
-        if self._answers_slip(seen) or not self._arm_at(seen, s.lift_height_m):
-            return
-        if self._at_top_ns is None:
+        at_top = self._arm_at(seen, s.lift_height_m)
+        if at_top and self._at_top_ns is None:
             self._at_top_ns = seen.t_ns
-        elif seen.set_down or seen.t_ns - self._at_top_ns >= s.hold_s * 1e9:
-            if s.keep:
-                self.finished = True
-                return
-            cause = "asked to set down" if seen.set_down else "held long enough"
-            self._fire(Trigger.FINISHED, seen, cause)
-            self._set_down()
+        tired = self._at_cap(seen) and self._since_top(seen, s.hold_s + s.alarm_hold_s)
+        if not tired and self._answers(seen):
+            return
+        quiet = self._since_top(seen, s.hold_s) and self._lasted(seen, s.hold_s)
+        if at_top and (tired or quiet or (seen.set_down and self._since_top(seen, 0.0))):
+            self._end_hold(seen)
+
+    def _since_top(self, seen: Observation, duration_s: float) -> bool:
+        """Whether the arm came to the top so long ago, in an earlier step at least."""
+        since_ns = self._at_top_ns
+        return since_ns is not None and seen.t_ns - since_ns >= max(1, duration_s * 1e9)
+
+    def _end_hold(self, seen: Observation) -> None:
+        self.alarm_stayed = self.monitor.status.registered
+        if self._settings.keep:
+            self.finished = True
+            return
+        cause = "asked to set down" if seen.set_down else "held long enough"
+        self._fire(Trigger.FINISHED, seen, cause)
+        self._set_down()
 
     def _set_down(self) -> None:
         self.monitor.disarm()
         self._move_arm(0.0, self._settings.lower_speed_mps)
 
     def _lower(self, seen: Observation) -> None:
-        if self._arm_at(seen, 0.0):
+        if self._contact_lost(seen):
+            self._fire(Trigger.LOSE, seen, "contact lost on the way down")
+            self._out.append(StopArm(self._settings.stop_deceleration_mps2))
+        elif self._arm_at(seen, 0.0):
             self._fire(Trigger.LANDED, seen, "arm where the lift began")
             self._out.append(OpenFingers(self._settings.approach_speed_mps))
 
@@ -415,23 +433,64 @@ class GraspController:
             self.finished = True
 
     def _fail(self, seen: Observation, cause: str) -> None:
-        """Enter the safe state of the present phase; the commands are sent once."""
-        before = self.phase
+        """Enter the safe state of the present phase."""
         self.fault_cause = cause
         self._fire(Trigger.FAIL, seen, cause)
-        self._out.append(StopArm(self._settings.stop_deceleration_mps2))
-        if seen.gripper_lost:
-            return
-        if before in AIRBORNE_PHASES:  # the object may be off the table: do not let it fall
-            self._close_to_cap()
-        elif before is not Phase.IDLE:
-            self._out.append(HoldFingers())
+        self._ask(seen)
 
     def _stop(self, seen: Observation) -> None:
-        """As told: a safe state in which a grip is kept as it is."""
-        self._out += self.interrupted()
         self.fault_cause = seen.stop
-        self._fire(Trigger.FAIL, seen, seen.stop)
+        self._fire(Trigger.STOP, seen, seen.stop)
+        self._ask(seen)
 
-    def _fault(self, seen: Observation) -> None:
-        self.finished = self._lasted(seen, self._settings.safe_state_s)
+    def _pursue(self, seen: Observation) -> None:
+        """A safe state is reached when it is seen; until then it is asked for again and again."""
+        self.unreached = self._missing(seen)
+        if not self.unreached or self._lasted(seen, self._settings.safe_state_s):
+            self.finished = True
+        elif seen.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9:
+            self._ask(seen)
+
+    def _ask(self, seen: Observation) -> None:
+        self._asked_ns = seen.t_ns
+        if seen.arm.moving or self._entered_ns == seen.t_ns:
+            self._out.append(StopArm(self._settings.stop_deceleration_mps2))
+        if seen.gripper_lost or self._hand_is_safe(seen):
+            return
+        if self._before_fault in AIRBORNE_PHASES:  # the object may be in the air: do not drop it
+            self._close_to_cap()
+        else:
+            self._out.append(HoldFingers())
+
+    @property
+    def _before_fault(self) -> Phase:
+        """The phase that the present, safe one was entered from."""
+        log = self.machine.log
+        return Phase(log[-2].phase) if len(log) > 1 else Phase.IDLE
+
+    def _hand_is_safe(self, seen: Observation) -> bool:
+        """Whether the hand is left as it is, or is seen to be as it shall."""
+        before, phase = self._before_fault, self.phase
+        if before is Phase.IDLE or phase is Phase.LOST:
+            return True
+        if phase is Phase.STOPPED and before in CONTACT_PHASES:
+            return True
+        if self._entered_ns == seen.t_ns:  # what it stands in now was not asked for
+            return False
+        if before in AIRBORNE_PHASES:
+            return self._at_cap(seen) or (seen.overloaded and self._at_rest(seen))
+        return self._at_rest(seen)
+
+    def _missing(self, seen: Observation) -> tuple[str, ...]:
+        """What of the safe state is not seen yet."""
+        stale_ns = self._settings.stale_after_s * 1e9
+        arm = []
+        if seen.arm.age_ns(seen.t_ns) > stale_ns:
+            arm = ["the arm is not heard: whether it stands is unknown"]
+        elif seen.pending or seen.arm.moving:
+            arm = ["the arm still moves"]
+        if seen.gripper_lost:
+            return (*arm, "the hand is not heard: it holds as it stands")
+        if seen.gripper.fault and not self._hand_is_safe(seen):
+            return (*arm, "the hand reports a fault and moves no more: it holds as it stands")
+        return tuple(arm) if self._hand_is_safe(seen) else (*arm, "the hand is not as it should be")

@@ -75,8 +75,15 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 class ForceGuard:
     """Admits gripper commands, each changed as far as the limits need. Never raises in a run."""
 
-    def __init__(self, settings: GuardSettings, least_force_n: float, m_per_count: float) -> None:
-        """Raises ConfigError when the gripper's least force is above the limit."""
+    def __init__(
+        self,
+        settings: GuardSettings,
+        least_force_n: float,
+        m_per_count: float,
+        least_speed_mps: float = 0.0,
+    ) -> None:
+        """Raises ConfigError when the gripper's least force is above the limit, or when even its
+        least speed carries the tip further past the limit than the overshoot allows."""
         if least_force_n > settings.force_limit_n:
             raise ConfigError(
                 "guard",
@@ -87,6 +94,15 @@ class ForceGuard:
                 f"with {settings.force_limit_n:g} N or less",
             )
         self._settings = settings
+        if self.closing_speed_mps < least_speed_mps:
+            momentum = math.sqrt(settings.contact_stiffness_npm * settings.tip_mass_kg)
+            raise ConfigError(
+                "guard",
+                "overshoot_n",
+                f"{settings.overshoot_n:g} N cannot be kept: the gripper's least speed, "
+                f"{least_speed_mps:g} m/s, carries a tip of {settings.tip_mass_kg:g} kg further",
+                f"guard.overshoot_n >= {least_speed_mps * momentum:.2f}",
+            )
         self._m_per_count = m_per_count
         self._anchor: tuple[Counts3, Vector3] | None = None
 
@@ -114,7 +130,8 @@ class ForceGuard:
             return self._admit_close(command, state, measured_n)
         return command
 
-    def _overloaded(self, measured_n: Vector3) -> bool:
+    def overloaded(self, measured_n: Vector3) -> bool:
+        """Whether measured force is above the limit by more than the estimate's own error."""
         s = self._settings
         return max(measured_n) > s.force_limit_n + s.measured_margin_n
 
@@ -122,7 +139,7 @@ class ForceGuard:
         self, command: MoveFingers, state: GripperState, measured_n: Vector3
     ) -> GripperCommand:
         closes = any(t > p for t, p in zip(command.targets_counts, state.positions, strict=True))
-        if closes and self._overloaded(measured_n):
+        if closes and self.overloaded(measured_n):
             return HoldFingers()
         return MoveFingers(
             targets_counts=self._bounded(command.targets_counts),
@@ -134,7 +151,7 @@ class ForceGuard:
         self, command: CloseFast, state: GripperState, measured_n: Vector3
     ) -> GripperCommand:
         s = self._settings
-        if self._overloaded(measured_n) or (s.travel_bound and self._anchor is None):
+        if self.overloaded(measured_n) or (s.travel_bound and self._anchor is None):
             return HoldFingers()
         return CloseFast(
             force_cap_n=min(command.force_cap_n, s.force_limit_n),

@@ -35,11 +35,12 @@ from grasp.commands import (
     StopArm,
 )
 from grasp.controller import Decision, Observation
-from grasp.phases import Phase
+from grasp.phases import SAFE_PHASES
 from grasp.step import GraspStep, StepInput, StepResult
 
 SOON_NS = 1_000_000  # a command due within this is waited for before anyone watches
 POLL_NS = 100_000
+ABORT_S, ABORT_STEP_NS = 3.0, 50_000_000  # for an arm to stand, and between two stops
 STOP_S = 20.0  # at most, until a run that was stopped has reached its safe state
 SPARED_NS = 2_000_000  # of a period, for those who watch, though an acknowledgement is late
 
@@ -187,7 +188,7 @@ class ControlLoop:
         False when there was nothing to stop: it had finished, or a fault's safe state goes before.
         """
         controller = self._step.controller
-        stopped = not controller.finished and controller.phase is not Phase.FAULT
+        stopped = not controller.finished and controller.phase not in SAFE_PHASES
         if stopped:
             self._queue.clear()
         self._stop = cause
@@ -197,11 +198,18 @@ class ControlLoop:
         return stopped and controller.fault_cause == cause
 
     def abort(self) -> None:
-        """A bug of ours: stop the arm and keep the grip without asking for another step."""
+        """A bug of ours: stop the arm and keep the grip without another step, until it stands."""
         self._queue.clear()
+        end_ns = self._clock.now_ns + round(ABORT_S * 1e9)
         for command in self._step.controller.interrupted():
             self.submit(command)
-        self._advance_to(self._clock.now_ns)
+        while True:
+            self._advance_to(self._clock.now_ns + ABORT_STEP_NS)
+            self._pump(self._clock.now_ns)
+            arm = self._devices.arm.state
+            if self._clock.now_ns >= end_ns or (arm is not None and not arm.moving):
+                return
+            self.submit(self._step.controller.interrupted()[0])
 
     def _await_period(self) -> int:
         """Sleep to the next deadline, sending on the way what comes due; gives the time then."""

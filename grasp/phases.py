@@ -16,7 +16,8 @@ class Phase(StrEnum):
     IDLE = "idle"
     APPROACH = "approach"  # fingers on their way to just short of the object
     REST = "rest"  # there, unloaded: rest counts are taken
-    GRASP = "grasp"  # fingers on their way to their positions on the object
+    GRASP = "grasp"  # B and C on their way to their positions on the object
+    OPPOSE = "oppose"  # the thumb, last, on its way to its own
     SQUEEZE = "squeeze"  # a firm grip: the thumb closes until it stops at the force cap
     SETTLE = "settle"  # the grip stands; the pads relax, then the detector listens
     LIFT = "lift"
@@ -25,6 +26,8 @@ class Phase(StrEnum):
     LOWER = "lower"
     RELEASE = "release"  # fingers on their way open
     RETREAT = "retreat"  # the arm on its way clear of the object
+    LOST = "lost"  # the hand closed and met nothing: the arm stops, nothing is set down
+    STOPPED = "stopped"  # by a person: the arm stops, a grip is kept
     FAULT = "fault"
 
 
@@ -34,7 +37,8 @@ class Trigger(StrEnum):
     START = "start"  # a run begins
     SHAPED = "shaped"  # fingers just short of the object
     RESTED = "rested"  # rest counts taken
-    POSITIONED = "positioned"  # fingers at their positions, and a firm grip is wanted
+    BRACED = "braced"  # B and C at their positions
+    POSITIONED = "positioned"  # all fingers are, and a firm grip is wanted
     GRIPPED = "gripped"  # the grip is what it shall be
     SETTLED = "settled"  # pads relaxed, detector listening
     SLIP_REGISTERED = "slip_registered"
@@ -45,15 +49,23 @@ class Trigger(StrEnum):
     LANDED = "landed"
     OPENED = "opened"
     RETREATED = "retreated"
+    LOSE = "lose"
+    STOP = "stop"
     FAIL = "fail"
 
+
+AIRBORNE_PHASES = frozenset({Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.LOWER})
+CONTACT_PHASES = AIRBORNE_PHASES | {Phase.GRASP, Phase.OPPOSE, Phase.SQUEEZE, Phase.SETTLE}
+OPEN_PHASES = frozenset({Phase.IDLE, Phase.RELEASE, Phase.RETREAT})  # nobody has to feel anything
+SAFE_PHASES = frozenset({Phase.LOST, Phase.STOPPED, Phase.FAULT})  # nothing leads out of them
 
 TRANSITIONS: tuple[tuple[Trigger, tuple[Phase, ...], Phase], ...] = (
     (Trigger.START, (Phase.IDLE,), Phase.APPROACH),
     (Trigger.SHAPED, (Phase.APPROACH,), Phase.REST),
     (Trigger.RESTED, (Phase.REST,), Phase.GRASP),
-    (Trigger.POSITIONED, (Phase.GRASP,), Phase.SQUEEZE),
-    (Trigger.GRIPPED, (Phase.GRASP, Phase.SQUEEZE), Phase.SETTLE),
+    (Trigger.BRACED, (Phase.GRASP,), Phase.OPPOSE),
+    (Trigger.POSITIONED, (Phase.OPPOSE,), Phase.SQUEEZE),
+    (Trigger.GRIPPED, (Phase.OPPOSE, Phase.SQUEEZE), Phase.SETTLE),
     (Trigger.SETTLED, (Phase.SETTLE,), Phase.LIFT),
     (Trigger.SLIP_REGISTERED, (Phase.LIFT, Phase.HOLD), Phase.COMPENSATE),
     (Trigger.SLIP_STOPPED, (Phase.COMPENSATE,), Phase.HOLD),
@@ -63,12 +75,10 @@ TRANSITIONS: tuple[tuple[Trigger, tuple[Phase, ...], Phase], ...] = (
     (Trigger.LANDED, (Phase.LOWER,), Phase.RELEASE),
     (Trigger.OPENED, (Phase.RELEASE,), Phase.RETREAT),
     (Trigger.RETREATED, (Phase.RETREAT,), Phase.IDLE),
-    (Trigger.FAIL, tuple(p for p in Phase if p is not Phase.FAULT), Phase.FAULT),
+    (Trigger.LOSE, tuple(p for p in Phase if p in AIRBORNE_PHASES), Phase.LOST),
+    (Trigger.STOP, tuple(p for p in Phase if p not in SAFE_PHASES), Phase.STOPPED),
+    (Trigger.FAIL, tuple(p for p in Phase if p not in SAFE_PHASES), Phase.FAULT),
 )
-
-AIRBORNE_PHASES = frozenset({Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.LOWER})
-CONTACT_PHASES = AIRBORNE_PHASES | {Phase.GRASP, Phase.SQUEEZE, Phase.SETTLE}
-OPEN_PHASES = frozenset({Phase.IDLE, Phase.RELEASE, Phase.RETREAT})  # nobody has to feel anything
 
 
 class PhaseChange(msgspec.Struct, frozen=True):
@@ -124,7 +134,7 @@ def mermaid() -> str:
     """State diagram of the table, in Mermaid's language."""
     lines = ["stateDiagram-v2", "    [*] --> idle"]
     for trigger, sources, dest in TRANSITIONS:
-        if trigger is Trigger.FAIL:
+        if trigger in (Trigger.FAIL, Trigger.STOP):
             lines.append(
                 f"    note right of {dest.value}: {trigger.value} leads here from every phase"
             )

@@ -60,7 +60,7 @@ class SlipMonitor:
     def __init__(self, rule: DecisionRule, settings: SlipSettings) -> None:
         self._rule = rule
         self._mask_ns = round(settings.mask_after_closing_s * 1e9)
-        self._masked_until_ns = 0
+        self.masked_until_ns = 0
         self.status = DISARMED
         self.events: list[tuple[int, int]] = []  # (t_ns, finger) of every registration
         self.first_detection_ns: int | None = None  # first armed sample above threshold
@@ -74,7 +74,7 @@ class SlipMonitor:
 
     def closing(self, now_ns: int) -> None:
         """Our own fingers are moving: mask until a while after this."""
-        self._masked_until_ns = now_ns + self._mask_ns
+        self.masked_until_ns = now_ns + self._mask_ns
         self._rule.interrupt()
 
     def update(self, now_ns: int, probabilities: NDArray[np.float64]) -> SlipStatus:
@@ -82,7 +82,7 @@ class SlipMonitor:
         before = self.status
         if not before.armed:
             return before
-        if now_ns < self._masked_until_ns:
+        if now_ns < self.masked_until_ns:
             self.status = SlipStatus(True, True, before.registered, False, before.finger)
         else:
             self.status = self._decide(now_ns, probabilities, before)

@@ -30,7 +30,7 @@ class Detector(Protocol):
 class StepInput(msgspec.Struct, frozen=True):
     """Everything that one step is told; ``frame`` is None until the fingertips have sent one.
 
-    ``pending``, ``trouble``, ``gripper_lost``, ``set_down``, ``stop``: as in ``Observation``.
+    From ``pending`` to ``stop`` as in ``controller.Observation``.
     ``late_ns``: how much later than it should this step began; ``took_ns``: how long the one before
     took. Both are 0 in virtual time, which stands still while we compute.
     """
@@ -115,6 +115,8 @@ class GraspStep:
             late_ns=told.late_ns,
             took_ns=told.took_ns,
             doubt=doubt or deaf,
+            measured_n=self._measured_n,
+            overloaded=self._guard.overloaded(self._measured_n),
         )
 
     def _listen(self, frame: TactileFrame | None) -> tuple[NDArray[np.float64], str]:

@@ -121,11 +121,10 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
     trace, end = trial.trace, trial.trace.end
     guard = config.guard
     bound_n = guard.force_limit_n + guard.overshoot_n
-    if end is not None:
-        peak_n: float | None = max(end.peak_n)
+    if trial.final is not None:  # from first contact to the last, setting down included
+        peak_n = max(trial.final.peak_n)
     else:
-        measured = trace.peak_measured_n
-        peak_n = measured if trial.final is None else None
+        peak_n = trace.peak_measured_n
         bound_n += guard.measured_margin_n
     facts = LiftFacts(
         end=end,
@@ -137,6 +136,7 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
         peak_force_n=peak_n,
         force_bound_n=bound_n,
         cap_reached=trial.controller.cap_reached,
+        alarm_stayed=trial.controller.alarm_stayed,
         fault=trial.fault,
     )
     judged = not trial.fault and not trial.interrupted

@@ -29,6 +29,7 @@ class LiftOutcome(StrEnum):
     UNDETECTED = "undetected"
     FALSE_START = "false_start"
     CAP_REACHED = "cap_reached"
+    ALARM_STAYED = "alarm_stayed"
     OVER_FORCE = "over_force"
     FAULT = "fault"
     INTERRUPTED = "interrupted"  # not judged
@@ -73,7 +74,8 @@ class LiftFacts(msgspec.Struct, frozen=True):
     twin_onset_s: float | None
     peak_force_n: float | None
     force_bound_n: float
-    cap_reached: bool
+    cap_reached: bool  # set down because slip was still registered at the force cap
+    alarm_stayed: bool  # slip was still registered when the hold had lasted long enough
     fault: str
     mark: TapeMark | None = None
 
@@ -114,9 +116,10 @@ def _not_held(facts: LiftFacts, settings: ScoringSettings) -> LiftOutcome | None
     if not end.touched:
         expelled = facts.had_compensated and end.flank_slope < 0.0
         return LiftOutcome.EXPELLED if expelled else LiftOutcome.DROPPED
-    if facts.cap_reached:
-        return LiftOutcome.CAP_REACHED
-    return None if _at_rest_in_the_air(end, settings) else LiftOutcome.DROPPED
+    if _at_rest_in_the_air(end, settings):
+        alarm = facts.cap_reached or facts.alarm_stayed
+        return LiftOutcome.ALARM_STAYED if alarm else None
+    return LiftOutcome.CAP_REACHED if facts.cap_reached else LiftOutcome.DROPPED
 
 
 def _at_rest_in_the_air(end: Truth, settings: ScoringSettings) -> bool:

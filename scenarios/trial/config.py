@@ -12,7 +12,7 @@ from detector.energy import EnergySettings
 from detector.interface import DetectorSettings, SlipDetector, load_detector
 from detector.network import NetworkSettings
 from detector.psd import PsdFairSettings, PsdSettings
-from grasp.controller import ControllerSettings
+from grasp.controller_settings import ControllerSettings
 from grasp.doubt import DoubtSettings
 from grasp.guard import GuardSettings
 from grasp.loop import LoopSettings

@@ -9,9 +9,10 @@ import msgspec
 
 from detector.decision import make_rule
 from drivers.errors import ConfigError, GraspError
-from drivers.interfaces import FINGER_NAMES, FINGERS
+from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp import interruption
-from grasp.controller import GraspController, GripPlan
+from grasp.controller import GraspController
+from grasp.controller_settings import GripPlan
 from grasp.doubt import Doubts
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
@@ -39,7 +40,14 @@ Follow = Callable[[Tick, Truth | None], bool]
 def make_guard(config: TrialConfig) -> ForceGuard:
     """The guard; raises ConfigError before any device is touched if the limit cannot be kept."""
     known = calibration(config)
-    guard = ForceGuard(config.guard, known.least_force_n, known.m_per_count)
+    guard = ForceGuard(config.guard, known.least_force_n, known.m_per_count, known.least_speed_mps)
+    if config.controller.firm and config.guard.travel_bound:
+        raise ConfigError(
+            "guard",
+            "travel_bound",
+            "closing is bounded from the first grasp on, and a firm grip closes before it",
+            "guard.travel_bound = false, or controller.firm = false",
+        )
     asked_n = config.controller.grip_force_n
     if asked_n < known.least_force_n:
         raise ConfigError(
@@ -51,17 +59,18 @@ def make_guard(config: TrialConfig) -> ForceGuard:
     return guard
 
 
-def grip_plan(config: TrialConfig) -> GripPlan:
+def grip_plan(config: TrialConfig, home: Vector3 | None = None) -> GripPlan:
     """Where the fingers wait, where they grasp, and the limit that they may close to."""
-    grip = config.object.grip_counts
-    margin = config.controller.preshape_margin_counts
-    a, b, c = (max(0, count - margin) for count in grip)
-    return GripPlan((a, b, c), grip, config.guard.force_limit_n)
+    a, b, c = grip = config.object.grip_counts
+    margin, back = config.controller.preshape_margin_counts, config.controller.thumb_back_counts
+    preshape = (max(0, a - margin - back), max(0, b - margin), max(0, c - margin))
+    return GripPlan(preshape, grip, config.guard.force_limit_n, home)
 
 
-def make_controller(config: TrialConfig) -> GraspController:
+def make_controller(config: TrialConfig, home: Vector3 | None = None) -> GraspController:
+    """With the arm's ``home`` of an earlier run, or none: then where it stands."""
     monitor = SlipMonitor(make_rule(config.rule, FINGERS), config.slip)
-    return GraspController(config.controller, grip_plan(config), monitor)
+    return GraspController(config.controller, grip_plan(config, home), monitor)
 
 
 def make_step(
@@ -135,7 +144,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "rig": config.rig,
             "detector": config.detector_name,
             "seed": seed,
-            "peak_force_n": named(self.trace.end.peak_n) if self.trace.end is not None else None,
+            "peak_force_n": named(self.final.peak_n) if self.final is not None else None,
             "commanded_force_n": self.trace.commanded_force_n,
             "taxels_at_rail": dict(zip(FINGER_NAMES, self.trace.taxels_at_rail, strict=True)),
             "phases": phase_entries(self.controller.machine.log),
@@ -151,9 +160,13 @@ class FinishedTrial(msgspec.Struct, frozen=True):
 def run_trial(
     config: TrialConfig, rig: GraspRig, guard: ForceGuard, watch: Watch,
     follow: Follow = lambda tick, truth: False, deadline_s: float = DEADLINE_S,
+    home: Vector3 | None = None,
 ) -> FinishedTrial:  # fmt: skip
-    """Run a controller to its end on an open rig; Ctrl-C stops the arm and keeps the grip."""
-    controller = make_controller(config)
+    """Run a controller to its end on an open rig; Ctrl-C stops the arm and keeps the grip.
+
+    ``home``: of the arm, from an earlier trial on this rig (``controller.home``).
+    """
+    controller = make_controller(config, home)
     trace = Trace()
 
     def look() -> Truth | None:

@@ -35,12 +35,14 @@ from grasp.commands import (
     OpenFingers,
     describe,
 )
+from grasp.controller import CLOSED_COUNTS
 from grasp.doubt import Doubts
 from grasp.slip import SlipMonitor
 from grasp.step import StepInput
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_step
 
+PRESSED_COUNTS = -100  # a taxel that is surely touched
 CLOSING_NS = 80_000_000  # how long a stand-in finger closes before it meets its object
 Counts = NDArray[np.int16]  # (fingers, taxels)
 
@@ -85,11 +87,14 @@ class ObedientDevices:
             self.lifting = True
 
     def gripper(self, now_ns: int) -> GripperState:
+        """A thumb that closed stands on its object, short of where it was told to go."""
         detection = Detection.CONTACT_CLOSING if self._latched else Detection.AT_TARGET
         if now_ns < self._closes_until_ns:
             detection = Detection.MOVING
-        a, b, c = (FingerState(t, t, 0, detection) for t in self._targets)
-        return GripperState(now_ns, 0, True, 0, "", True, (a, b, c))
+        a, b, c = self._targets
+        thumb = FingerState(CLOSED_COUNTS[0] if self._latched else a, a, 0, detection)
+        second, third = (FingerState(t, t, 0, Detection.AT_TARGET) for t in (b, c))
+        return GripperState(now_ns, 0, True, 0, "", True, (thumb, second, third))
 
     def arm(self, now_ns: int) -> ArmState:
         return ArmState(now_ns, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), self.lifting)
@@ -125,7 +130,8 @@ class _Lift:
     @property
     def over(self) -> bool:
         """The object is being set down, or all has ended."""
-        return self.begun and not self._step.controller.monitor.status.armed
+        controller = self._step.controller
+        return controller.finished or (self.begun and not controller.monitor.status.armed)
 
     def step(self, t_ns: int, counts: Counts) -> list[SentCommand]:
         self._seq += 1
@@ -170,10 +176,11 @@ def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
 
 
 def _steps_until_lift(config: TrialConfig) -> int:
-    """How many frames a grasp takes until its arm lifts."""
+    """How many frames a grasp takes until its arm lifts, with a thumb that presses."""
     lift = _Lift(config, (), 0)
-    steps = 0
-    while not lift.begun:
-        lift.step(steps * PERIOD_NS, np.zeros((FINGERS, TAXELS), np.int16))
-        steps += 1
-    return steps
+    pressed = np.full((FINGERS, TAXELS), PRESSED_COUNTS, np.int16)
+    for steps in itertools.count(1):
+        lift.step(steps * PERIOD_NS, pressed)
+        if lift.begun:
+            return steps
+    raise AssertionError

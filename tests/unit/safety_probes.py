@@ -241,10 +241,12 @@ def held_s(**settings: Any) -> float:
 
 def stopped_at_mps2(v: float) -> float:
     """Of the arm, when a person stops the run and when a fault does."""
-    d = Driver(stop_deceleration_mps2=v).lift()
-    by_hand = d.controller.interrupted()
-    d.climb(trouble="unplugged")
-    (found,) = {c.deceleration_mps2 for c in (*by_hand, *d.commands) if isinstance(c, StopArm)}
+    commands: list[object] = []
+    for cause in ({"trouble": "unplugged"}, {"stop": "by hand"}):
+        d = Driver(stop_deceleration_mps2=v).lift()
+        d.climb(**cause)
+        commands += d.commands
+    (found,) = {c.deceleration_mps2 for c in commands if isinstance(c, StopArm)}
     return found
 
 
@@ -299,8 +301,56 @@ def seconds_after_fault(v: float) -> float:
     d.climb(trouble="unplugged")
     began_ns = d.t_ns
     while not d.controller.finished:
-        d.step()
+        d.climb()
     return (d.t_ns - began_ns) * 1e-9
+
+
+def between_stops_s(v: float) -> float:
+    """Of an arm that goes on after a fault."""
+    d = Driver(repeat_s=v).lift()
+    d.climb(trouble="unplugged")
+    stops_ns = [d.t_ns]
+    while len(stops_ns) < 4:
+        if any(isinstance(c, StopArm) for c in d.climb().commands):
+            stops_ns.append(d.t_ns)
+    return (stops_ns[3] - stops_ns[0]) / 3 * 1e-9
+
+
+def touches(v: float, felt_n: float) -> bool:
+    """Whether the arm lifts when the thumb feels so much."""
+    d = Driver(contact_n=v)
+    d.until(Phase.GRASP)
+    for _ in range(80):
+        d.step(measured_n=(felt_n, 0.0, 0.0))
+    return d.controller.phase is Phase.LIFT
+
+
+def seconds_to_answer(v: float) -> float:
+    """From the last time that contact was felt."""
+    d = Driver(contact_lost_s=v).lift()
+    began_ns = d.t_ns
+    while d.controller.phase is Phase.LIFT:
+        d.climb(measured_n=ZERO)
+    return (d.t_ns - began_ns) * 1e-9
+
+
+def seconds_of_overload(v: float) -> float:
+    d = Driver(overload_s=v).lift()
+    began_ns = d.t_ns
+    while d.controller.phase is Phase.LIFT:
+        d.climb(overloaded=True)
+    return (d.t_ns - began_ns) * 1e-9
+
+
+def held_under_alarms_s(v: float) -> float:
+    """At the top, at the cap, with alarms that come and go, beyond ``hold_s``."""
+    d = Driver(alarm_hold_s=v, hold_s=0.5).slip()
+    d.height_m = 0.2
+    d.until(Phase.HOLD)
+    began_ns = d.t_ns
+    while d.controller.phase is not Phase.LOWER:
+        d.step(0.9 if d.t_ns // TICK % 6 < 3 else 0.0)
+    return (d.t_ns - began_ns) * 1e-9 - 0.5
 
 
 def at_the_top(v: float, away_m: float) -> bool:
@@ -321,7 +371,7 @@ def kept(keep: bool) -> bool:
 
 def squeezed(firm: bool) -> bool:
     d = Driver(firm=firm)
-    d.until(Phase.GRASP)
+    d.until(Phase.OPPOSE)
     return d.step().phase is Phase.SQUEEZE
 
 
@@ -334,8 +384,15 @@ def reacts(reactions: bool) -> bool:
 
 def margin_counts(v: int) -> int:
     plan = grip_plan(config(f"controller.preshape_margin_counts={v}"))
-    (margin,) = {g - p for g, p in zip(plan.grip_counts, plan.preshape_counts, strict=True)}
-    return margin
+    _, b, c = (g - p for g, p in zip(plan.grip_counts, plan.preshape_counts, strict=True))
+    assert b == c
+    return b
+
+
+def thumb_back_counts(v: int) -> int:
+    plan = grip_plan(config(f"controller.thumb_back_counts={v}"))
+    a, b, _ = (g - p for g, p in zip(plan.grip_counts, plan.preshape_counts, strict=True))
+    return a - b
 
 
 # Loop
@@ -373,7 +430,7 @@ HELD = Truth(
 )  # fmt: skip
 FACTS = LiftFacts(
     end=HELD, felt_n=5.0, had_compensated=True, registered_s=1.1, onset_s=1.0, twin_onset_s=1.0,
-    peak_force_n=10.0, force_bound_n=11.0, cap_reached=False, fault="",
+    peak_force_n=10.0, force_bound_n=11.0, cap_reached=False, alarm_stayed=False, fault="",
 )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from drivers.takktile.settings import TakkTileSettings
 from drivers.ur.driver import ArmSettings
-from grasp.controller import ControllerSettings
+from grasp.controller_settings import ControllerSettings
 from grasp.doubt import DoubtSettings
 from grasp.guard import GuardSettings
 from grasp.loop import LoopSettings
@@ -59,6 +59,7 @@ MOST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
     ("GuardSettings.measured_margin_n", (2.0, 5.0),
      lambda v, x: probe.admitted(10.0 + x, measured_margin_n=v) is not None, 0.01),
     ("ControllerSettings.stale_after_s", (0.1, 0.3), probe.both_trusted, 1e-3),
+    ("ControllerSettings.contact_n", (0.2, 0.6), lambda v, x: not probe.touches(v, x), 1e-6),
     ("ControllerSettings.at_height_m", (0.001, 0.005), probe.at_the_top, 1e-5),
     ("ScoringSettings.near_m", (0.03, 0.09),
      lambda v, x: probe.lift_verdict({"near_m": v}, {"slip_distance_m": x})
@@ -112,6 +113,11 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
     ("GuardSettings.counts_per_newton", (100.0, 300.0),
      lambda v: 600.0 / probe.guard(counts_per_newton=v).measured_n((-600.0, 0.0, 0.0))[0], 1e-9),
     ("ControllerSettings.preshape_margin_counts", (10, 20), probe.margin_counts, 0),
+    ("ControllerSettings.thumb_back_counts", (5, 20), probe.thumb_back_counts, 0),
+    ("ControllerSettings.alarm_hold_s", (0.5, 1.5), probe.held_under_alarms_s, 0.1),
+    ("ControllerSettings.contact_lost_s", (0.03, 0.2), probe.seconds_to_answer, 0.011),
+    ("ControllerSettings.overload_s", (0.05, 0.2), probe.seconds_of_overload, 0.011),
+    ("ControllerSettings.repeat_s", (0.05, 0.3), probe.between_stops_s, 0.011),
     ("ControllerSettings.approach_speed_mps", (0.05, 0.1),
      lambda v: probe.fingers_moved(0, approach_speed_mps=v).speed_mps, 0.0),
     ("ControllerSettings.grip_speed_mps", (0.03, 0.1),

@@ -163,7 +163,7 @@ def _judged(end: Truth, body: GraspObject, scoring: ScoringSettings) -> Reaction
     facts = LiftFacts(
         end=end, felt_n=0.0, had_compensated=True, registered_s=end.slip_onset_s or 0.0,
         onset_s=end.slip_onset_s or 0.0, twin_onset_s=None, peak_force_n=None,
-        force_bound_n=math.inf, cap_reached=False, fault="",
+        force_bound_n=math.inf, cap_reached=False, alarm_stayed=False, fault="",
     )  # fmt: skip
     success = outcome(facts, body, scoring) in SUCCESSES
     rise_ms = None

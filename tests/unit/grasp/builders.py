@@ -14,8 +14,10 @@ def gripper(
     detections: tuple[Detection, Detection, Detection] = (REST, REST, REST),
     fresh: bool = True,
     fault: int = 0,
+    requested: Counts3 | None = None,
 ) -> GripperState:
-    a, b, c = (FingerState(p, p, 0, d) for p, d in zip(positions, detections, strict=True))
+    asked = positions if requested is None else requested
+    a, b, c = (FingerState(*f) for f in zip(asked, positions, (0, 0, 0), detections, strict=True))
     return GripperState(t_ns, 0, True, fault, "fault" if fault else "", fresh, (a, b, c))
 
 
@@ -31,6 +33,7 @@ def seen(t_ns: int, p: float = 0.0, **changes: object) -> Observation:
         "rest_taken": True,
         "gripper": gripper(t_ns),
         "arm": arm(t_ns),
+        "measured_n": (2.0, 1.0, 1.0),
         **changes,
     }
     return Observation(**values)  # type: ignore[arg-type]

@@ -5,7 +5,7 @@ import pytest
 from transitions import MachineError
 
 from detector.decision import ConsecutiveRule, RuleSettings
-from drivers.interfaces import Detection
+from drivers.interfaces import Counts3, Detection, GripperState, Vector3
 from grasp.commands import (
     BeginRest,
     CloseFast,
@@ -15,7 +15,8 @@ from grasp.commands import (
     OpenFingers,
     StopArm,
 )
-from grasp.controller import ControllerSettings, Decision, GraspController, GripPlan
+from grasp.controller import Decision, GraspController
+from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.phases import TRANSITIONS, Phase, PhaseMachine, Trigger, mermaid
 from grasp.slip import SlipMonitor, SlipSettings
 from tests.unit.grasp.builders import arm, gripper, seen
@@ -28,23 +29,44 @@ LATCHED = (Detection.CONTACT_CLOSING, Detection.AT_TARGET, Detection.AT_TARGET)
 
 
 class Driver:
-    """Steps a controller through ticks of 10 ms and remembers what it wanted."""
+    """Steps a controller through ticks of 10 ms, and has the hand obey at once: a finger told to a
+    position is there, a thumb told to close stops on the object."""
 
-    def __init__(self, **settings: object) -> None:
+    def __init__(self, home: Vector3 | None = None, **settings: object) -> None:
         merged = msgspec.structs.replace(ControllerSettings(), **settings)
         monitor = SlipMonitor(ConsecutiveRule(RuleSettings(), 3), SlipSettings())
-        plan = GripPlan((40, 40, 40), (55, 55, 55), 10.0)
+        plan = GripPlan((25, 40, 40), (55, 55, 55), 10.0, home)
         self.controller = GraspController(merged, plan, monitor)
         self.t_ns = 0
         self.height_m = 0.0
+        self.closed = False
+        self.requested: Counts3 = (0, 0, 0)
         self.commands: list[object] = []
 
+    def hand(self, **changes: object) -> GripperState:
+        """The hand's status in the coming step."""
+        a, b, c = self.requested
+        values: dict[str, object] = {"positions": (a, b, c)}
+        if self.closed:
+            values = {"positions": (60, b, c), "requested": (255, b, c), "detections": LATCHED}
+        return gripper(self.t_ns + TICK, **{**values, **changes})  # type: ignore[arg-type]
+
+    def obey(self, command: object) -> None:
+        if isinstance(command, MoveFingers):
+            self.requested, self.closed = command.targets_counts, False
+        elif isinstance(command, CloseFast):
+            self.closed = True
+        elif isinstance(command, OpenFingers):
+            self.requested, self.closed = (6, 6, 6), False
+
     def step(self, p: float = 0.0, **changes: object) -> Decision:
+        changes.setdefault("gripper", self.hand())
         self.t_ns += TICK
-        changes.setdefault("gripper", gripper(self.t_ns))
         changes.setdefault("arm", arm(self.t_ns, self.height_m))
         decision = self.controller.step(seen(self.t_ns, p, **changes))
         self.commands += decision.commands
+        for command in decision.commands:
+            self.obey(command)
         return decision
 
     def until(self, phase: Phase, p: float = 0.0, **changes: object) -> Decision:
@@ -78,8 +100,9 @@ def test_approach_shapes_the_hand_then_takes_rest_counts_then_grasps() -> None:
     first, _, second = d.commands
     assert isinstance(first, MoveFingers)
     assert isinstance(second, MoveFingers)
-    assert first.targets_counts == (40, 40, 40)
-    assert second.targets_counts == (55, 55, 55)
+    assert first.targets_counts == (25, 40, 40)
+    assert second.targets_counts == (25, 55, 55)
+    assert d.until(Phase.OPPOSE).commands[0].targets_counts == (55, 55, 55)  # the thumb comes last
 
 
 def test_grasp_waits_until_the_status_is_fresh_and_no_command_is_on_its_way() -> None:
@@ -88,7 +111,7 @@ def test_grasp_waits_until_the_status_is_fresh_and_no_command_is_on_its_way() ->
     for fresh, detections, pending in ((True, RESTING, True), (False, RESTING, False),
                                        (True, MOVING, False)):  # fmt: skip
         for _ in range(80):
-            now = gripper(d.t_ns + TICK, detections=detections, fresh=fresh)
+            now = d.hand(detections=detections, fresh=fresh)
             assert d.step(gripper=now, pending=pending).phase is Phase.GRASP
     assert not d.controller.monitor.status.armed
 
@@ -97,7 +120,7 @@ def test_finger_latched_by_contact_in_the_grasp_is_a_fault_and_nothing_is_lifted
     d = Driver()
     d.until(Phase.GRASP)
     d.commands.clear()
-    d.step(gripper=gripper(d.t_ns + TICK, detections=LATCHED))
+    d.step(gripper=d.hand(detections=LATCHED))
     assert d.controller.phase is Phase.FAULT
     assert "finger A" in d.controller.fault_cause
     assert d.commands == [StopArm(1.0), HoldFingers()]
@@ -115,19 +138,19 @@ def test_firm_grip_squeezes_to_the_cap_and_settles_once_the_thumb_stopped_on_the
     d = Driver(firm=True)
     d.until(Phase.SQUEEZE)
     assert d.commands[-1] == CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)
-    d.step(gripper=gripper(d.t_ns + TICK, detections=MOVING))
+    d.step(gripper=d.hand(detections=MOVING))
     assert d.controller.phase is Phase.SQUEEZE
     for _ in range(70):
-        d.step(gripper=gripper(d.t_ns + TICK, detections=LATCHED))
+        d.step(gripper=d.hand(detections=LATCHED))
     phases = [c.phase for c in d.controller.machine.log]
-    assert phases == ["approach", "rest", "grasp", "squeeze", "settle", "lift"]
+    assert phases == ["approach", "rest", "grasp", "oppose", "squeeze", "settle", "lift"]
 
 
 def test_thumb_that_meets_nothing_in_the_squeeze_is_a_fault_and_nothing_is_lifted() -> None:
     d = Driver(firm=True)
     d.until(Phase.SQUEEZE)
     d.commands.clear()
-    d.step()
+    d.step(gripper=d.hand(positions=(255, 55, 55), detections=RESTING))
     assert d.controller.phase is Phase.FAULT
     assert "met nothing" in d.controller.fault_cause
     assert d.commands == [StopArm(1.0), HoldFingers()]
@@ -152,12 +175,13 @@ def test_guard_is_anchored_when_the_arm_begins_to_rise_and_at_no_other_time() ->
 def test_person_who_interrupts_stops_the_arm_and_never_opens_a_grip(phase: Phase) -> None:
     d = Driver(stop_deceleration_mps2=2.0)
     d.until(phase)
-    decision = d.step(stop="stopped by hand")
-    assert decision.phase is Phase.FAULT
-    assert d.controller.fault_cause == "stopped by hand"
-    commands = decision.commands
-    assert commands[0] == StopArm(2.0)
-    assert list(commands[1:]) == ([HoldFingers()] if phase is Phase.APPROACH else [])
+    d.commands.clear()
+    d.step(stop="stopped by hand", arm=arm(d.t_ns + TICK, 0.05, moving=True))
+    assert d.controller.phase is Phase.STOPPED
+    assert d.commands == [StopArm(2.0), *([HoldFingers()] if phase is Phase.APPROACH else [])]
+    d.step(stop="stopped by hand")
+    assert d.controller.finished
+    assert d.controller.unreached == ()
 
 
 def test_lift_is_relative_to_where_the_arm_stood() -> None:
@@ -180,11 +204,11 @@ def test_own_closing_cannot_trigger_itself() -> None:
     d = Driver().slip()
     d.commands.clear()
     for _ in range(10):
-        d.climb(0.99, gripper=gripper(d.t_ns + TICK, detections=MOVING))
+        d.climb(0.99, gripper=d.hand(detections=MOVING))
     for _ in range(12):  # fingers have stopped, the pads still shake
-        d.climb(0.99, gripper=gripper(d.t_ns + TICK, detections=LATCHED))
+        d.climb(0.99, gripper=d.hand(detections=LATCHED))
     for _ in range(10):
-        d.climb(0.0, gripper=gripper(d.t_ns + TICK, detections=LATCHED))
+        d.climb(0.0, gripper=d.hand(detections=LATCHED))
     assert d.commands == []
     assert d.controller.phase is Phase.HOLD
     assert len(d.controller.monitor.events) == 1
@@ -195,21 +219,19 @@ def test_slip_that_goes_on_after_the_last_rise_of_force_reports_the_cap_and_lowe
     d.commands.clear()
     since = d.t_ns
     for _ in range(60):
-        if d.climb(0.9, gripper=gripper(d.t_ns + TICK, detections=LATCHED)).phase is Phase.LOWER:
+        if d.climb(0.9, gripper=d.hand(detections=LATCHED)).phase is Phase.LOWER:
             break
     assert d.controller.cap_reached
     assert 0.29e9 <= d.t_ns - since <= 0.35e9
     assert [type(c) for c in d.commands] == [MoveArm]
 
 
-def test_hold_answers_another_slip() -> None:
-    d = Driver().slip()
-    for _ in range(40):
-        d.climb(0.0)
-    assert d.controller.phase is Phase.HOLD
-    d.commands.clear()
-    d.climb(0.9)
-    d.climb(0.9)
+def test_hold_answers_slip_that_comes_late() -> None:
+    d = Driver(hold_s=5.0).lift()
+    d.height_m = HEIGHT
+    d.until(Phase.HOLD)
+    d.step(0.9)
+    d.step(0.9)
     assert isinstance(d.commands[0], CloseFast)
 
 
@@ -278,14 +300,133 @@ def test_lost_gripper_stops_the_arm_and_commands_nothing_else() -> None:
     assert d.commands == [StopArm(1.0)]
 
 
-def test_fault_is_finished_after_the_safe_state_had_time_and_sends_nothing_more() -> None:
+def test_fault_is_finished_once_the_safe_state_is_seen_and_sends_nothing_more() -> None:
     d = Driver().lift()
     d.step(trouble="x")
     d.commands.clear()
-    for _ in range(52):
-        d.step()
+    d.step()
     assert d.controller.finished
     assert d.commands == []
+
+
+def test_stop_is_repeated_until_the_arm_is_seen_to_stand() -> None:
+    d = Driver().lift()
+    d.step(trouble="x")
+    for _ in range(100):
+        d.climb()
+    stops = [c for c in d.commands if isinstance(c, StopArm)]
+    assert 8 <= len(stops) <= 11
+    assert not d.controller.finished
+    d.step()
+    assert d.controller.finished
+
+
+def test_safe_state_that_is_never_seen_ends_in_its_time_and_says_what_is_missing() -> None:
+    d = Driver().lift()
+    d.step(trouble="x")
+    for _ in range(310):
+        d.climb()
+    assert d.controller.finished
+    assert d.controller.unreached == ("the arm still moves",)
+
+
+def test_gripper_that_comes_back_is_still_told_to_close() -> None:
+    d = Driver().lift()
+    d.step(trouble="link_lost: gripper", gripper_lost=True)
+    for _ in range(8):
+        d.step(gripper_lost=True)
+    assert not any(isinstance(c, CloseFast) for c in d.commands)
+    for _ in range(20):
+        d.step()
+    assert sum(isinstance(c, CloseFast) for c in d.commands) == 1
+    assert d.controller.finished
+
+
+def test_lost_contact_in_the_lift_is_answered_by_closing() -> None:
+    d = Driver().lift()
+    for _ in range(5):
+        d.climb(measured_n=(0.0, 0.0, 0.0))
+    assert d.controller.phase is Phase.COMPENSATE
+    assert isinstance(d.commands[0], CloseFast)
+
+
+def test_closure_that_meets_nothing_is_a_lost_object_and_nothing_is_lowered() -> None:
+    d = Driver().slip()
+    empty = d.hand(positions=(255, 55, 55), requested=(255, 55, 55), detections=RESTING)
+    for _ in range(20):
+        empty = msgspec.structs.replace(empty, t_ns=d.t_ns + TICK)
+        d.climb(gripper=empty, measured_n=(0.0, 0.0, 0.0))
+    assert d.controller.phase is Phase.LOST
+    assert isinstance(d.commands[-1], StopArm)
+    assert not any(isinstance(c, MoveArm) for c in d.commands)
+
+
+def test_contact_lost_on_the_way_down_stops_the_arm() -> None:
+    d = Driver(hold_s=0.1).lift()
+    d.height_m = HEIGHT
+    d.until(Phase.LOWER)
+    d.commands.clear()
+    for _ in range(8):
+        d.step(measured_n=(0.0, 0.0, 0.0), arm=arm(d.t_ns + TICK, 0.1, moving=True))
+    assert d.controller.phase is Phase.LOST
+    assert isinstance(d.commands[0], StopArm)
+
+
+def test_force_that_stays_above_the_limit_while_the_arm_moves_is_a_fault() -> None:
+    d = Driver(hold_s=0.1).lift()
+    d.height_m = HEIGHT
+    d.until(Phase.LOWER)
+    for _ in range(5):
+        d.step(overloaded=True, arm=arm(d.t_ns + TICK, 0.1, moving=True))
+    assert d.controller.phase is Phase.FAULT
+    assert "force" in d.controller.fault_cause
+
+
+def test_fingers_that_feel_nothing_are_noticed_before_the_arm_lifts() -> None:
+    d = Driver()
+    d.until(Phase.GRASP, measured_n=(0.0, 0.0, 0.0))
+    for _ in range(80):
+        d.step(measured_n=(0.0, 0.0, 0.0))
+    assert d.controller.phase is Phase.FAULT
+    assert "feels nothing" in d.controller.fault_cause
+    assert not any(isinstance(c, MoveArm) for c in d.commands)
+
+
+def test_close_that_could_do_nothing_is_not_sent() -> None:
+    d = Driver().slip()
+    for _ in range(40):
+        d.climb(0.0)
+    assert d.controller.phase is Phase.HOLD
+    d.commands.clear()
+    for _ in range(10):
+        d.climb(0.9)
+    assert d.controller.phase is Phase.COMPENSATE
+    assert d.commands == []
+    assert d.controller.closings == 1
+
+
+def test_alarms_that_come_and_go_at_the_cap_cannot_prolong_the_hold_for_ever() -> None:
+    d = Driver(hold_s=0.5, alarm_hold_s=1.0).slip()
+    d.height_m = HEIGHT
+    began = d.t_ns
+    while d.controller.phase is not Phase.LOWER and d.t_ns - began < 10_000_000_000:
+        d.step(0.9 if d.t_ns // TICK % 6 < 3 else 0.0)
+    assert d.t_ns - began < 2_500_000_000
+    assert d.controller.closings == 1
+
+
+def test_next_run_begins_from_the_home_of_the_first_with_the_fingers_as_they_are() -> None:
+    d = Driver(home=(0.3, 0.2, 0.4))
+    d.height_m = 0.05
+    d.step()
+    assert [type(c) for c in d.commands] == [MoveArm]
+    assert d.commands[0].position_m == pytest.approx((0.3, 0.2, 0.4))  # type: ignore[attr-defined]
+    d.step()
+    assert len(d.commands) == 1
+    d.height_m = 0.0
+    d.step()
+    assert isinstance(d.commands[1], MoveFingers)
+    d.until(Phase.GRASP)
 
 
 def test_gripper_that_already_holds_something_is_not_opened() -> None:
@@ -300,7 +441,7 @@ def test_phase_that_lasts_too_long_is_a_fault() -> None:
     d = Driver(phase_timeout_s=1.0)
     d.until(Phase.GRASP)
     for _ in range(110):
-        d.step(gripper=gripper(d.t_ns + TICK, detections=MOVING))
+        d.step(gripper=d.hand(detections=MOVING))
     assert d.controller.phase is Phase.FAULT
 
 
@@ -308,7 +449,7 @@ def test_every_transition_is_logged_with_time_and_cause() -> None:
     d = Driver().slip()
     log = d.controller.machine.log
     assert [c.phase for c in log] == [
-        "approach", "rest", "grasp", "settle", "lift", "compensate",
+        "approach", "rest", "grasp", "oppose", "settle", "lift", "compensate",
     ]  # fmt: skip
     assert all(c.cause for c in log)
     assert log[-1].t_ns == d.t_ns

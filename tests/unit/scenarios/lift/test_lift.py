@@ -17,8 +17,8 @@ def test_weak_grasp_on_the_can_is_felt_and_saved(plain_lift: LiftResult) -> None
     assert r.success
     assert r.outcome == "held_within_6cm"
     assert [p.phase for p in r.phases] == [
-        "approach", "rest", "grasp", "settle", "lift", "compensate", "hold", "lower", "release",
-        "retreat", "idle",
+        "approach", "rest", "grasp", "oppose", "settle", "lift", "compensate", "hold", "lower",
+        "release", "retreat", "idle",
     ]  # fmt: skip
     assert r.slip_onset_s is not None
     assert r.first_detection_s is not None
@@ -135,7 +135,13 @@ def test_finger_that_stops_on_contact_in_the_grasp_is_a_fault_before_the_lift() 
     )
     assert finished.result is not None
     assert finished.result.outcome == "fault"
-    assert [p.phase for p in finished.result.phases] == ["approach", "rest", "grasp", "fault"]
+    assert [p.phase for p in finished.result.phases] == [
+        "approach",
+        "rest",
+        "grasp",
+        "oppose",
+        "fault",
+    ]
     assert finished.failure is not None
     assert finished.failure.kind == "safety_stop"
 

@@ -10,7 +10,7 @@ from detector.network import StreamingNetwork
 from detector.recordings import Recording
 from drivers.errors import BadFile
 from grasp.commands import CloseFast
-from grasp.controller import ControllerSettings
+from grasp.controller_settings import ControllerSettings
 from grasp.guard import THUMB_ALONE
 from grasp.messages import CONTROL
 from grasp.recording import RunRecorder, RunRecording
@@ -196,5 +196,5 @@ def test_figure_reads_forces_probabilities_and_phases(recorded: Path) -> None:
     assert series.true_n.max() > 10.0
     assert series.onset_s is not None
     assert [name for _, name in series.phases][:5] == [
-        "approach", "rest", "grasp", "settle", "lift",
+        "approach", "rest", "grasp", "oppose", "settle",
     ]  # fmt: skip

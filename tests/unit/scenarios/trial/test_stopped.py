@@ -12,7 +12,7 @@ from grasp import interruption
 from grasp.commands import CloseFast, StopArm
 from grasp.controller import GraspController, Observation
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.phases import SAFE_PHASES, Phase
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.lift.result import LiftResult
@@ -24,7 +24,7 @@ from scenarios.trial.result import FinishedRun
 from tests.unit.scenarios.conftest import config, in_phase
 
 QUICK = ("controller.hold_s=0.3", "controller.lift_height_m=0.08", "hand.activation_s=0.5")
-PHASES = [p for p in Phase if p not in (Phase.IDLE, Phase.SQUEEZE, Phase.FAULT)]
+PHASES = [p for p in Phase if p not in SAFE_PHASES | {Phase.IDLE, Phase.SQUEEZE}]
 
 
 def signal_in(phase: Phase, *numbers: signal.Signals) -> Callable[[Tick], None]:
@@ -58,7 +58,7 @@ def test_signal_in_any_phase_ends_the_run_without_a_verdict(phase: Phase, tmp_pa
     assert result is not None and finished.failure is not None
     assert finished.failure.kind == "interrupted"
     assert (result.outcome, result.success) == ("interrupted", None)
-    assert [p.phase for p in result.phases][-2:] == [phase, "fault"]
+    assert [p.phase for p in result.phases][-2:] == [phase, "stopped"]
     assert "SIGTERM" in result.phases[-1].cause
     assert not ticks[-1].arm.moving
     stops = [i for t in ticks for i in t.issued if isinstance(i.admitted, StopArm)]
@@ -72,9 +72,9 @@ def test_signal_in_any_phase_ends_the_run_without_a_verdict(phase: Phase, tmp_pa
 @pytest.mark.parametrize("phase", [Phase.COMPENSATE, Phase.LOWER])
 def test_grip_is_kept_as_it_is(phase: Phase) -> None:
     _, ticks = stopped_lift(None, phase, signal.SIGHUP)
-    in_fault = [t for t in ticks if t.decision.phase is Phase.FAULT]
-    assert not any(isinstance(c, CloseFast) for t in in_fault for c in t.decision.commands)
-    before, after = in_fault[0].gripper.positions, ticks[-1].gripper.positions
+    stopped = [t for t in ticks if t.decision.phase is Phase.STOPPED]
+    assert not any(isinstance(c, CloseFast) for t in stopped for c in t.decision.commands)
+    before, after = stopped[0].gripper.positions, ticks[-1].gripper.positions
     assert all(b >= a for a, b in zip(before, after, strict=True))
 
 

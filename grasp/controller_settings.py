@@ -1,0 +1,117 @@
+"""What a grasp is told beforehand: where, how fast, how patient."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from drivers.interfaces import Counts3, Vector3
+
+
+class GripPlan(msgspec.Struct, frozen=True):
+    """Predetermined finger positions of one object, motor counts A, B, C (paper, section V-B), and
+    the force to close with."""
+
+    preshape_counts: Counts3  # just short of the object, the thumb further back
+    grip_counts: Counts3  # in contact, with too little force
+    force_cap_n: float  # to close with when slip is registered: the guard's limit (paper: 10 N)
+    home: Vector3 | None = None  # of the arm, from an earlier run; None: where it stands
+
+
+class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Speeds, heights and patience of a grasp."""
+
+    preshape_margin_counts: Annotated[
+        int, Meta(ge=2, le=60, description="fingers wait this far short of the grip positions")
+    ] = 15
+    thumb_back_counts: Annotated[
+        int,
+        Meta(
+            ge=0, le=100,
+            description="the thumb, which closes last, waits this much further back: more than "
+            "an object may be wider than expected",
+        ),
+    ] = 15  # fmt: skip
+    approach_speed_mps: Annotated[
+        float, Meta(ge=0.022, le=0.11, description="of the fingers in free air")
+    ] = 0.11
+    grip_speed_mps: Annotated[
+        float, Meta(ge=0.022, le=0.11, description="of the fingers onto the object")
+    ] = 0.022
+    grip_force_n: Annotated[
+        float, Meta(gt=0.0, le=60.0, description="force setting while moving to the grip positions")
+    ] = 10.0
+    closing_speed_mps: Annotated[
+        float, Meta(ge=0.022, le=0.11, description="asked for when slip is registered")
+    ] = 0.11
+    relax_s: Annotated[
+        float, Meta(ge=0.02, le=5.0, description="the pads relax, from the fingers' rest on")
+    ] = 0.3
+    listen_s: Annotated[
+        float, Meta(ge=0.02, le=5.0, description="the detector listens before the arm lifts")
+    ] = 0.3
+    lift_height_m: Annotated[float, Meta(ge=0.01, le=1.0, description="assumed, 0.1-0.3")] = 0.2
+    lift_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="assumed, 0.1-0.25")] = 0.1
+    lift_acceleration_mps2: Annotated[
+        float, Meta(ge=0.05, le=5.0, description="assumed, 0.3-1.2")
+    ] = 0.5
+    lower_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="assumed")] = 0.05
+    retreat_m: Annotated[
+        float, Meta(ge=0.0, le=0.5, description="upwards, after the fingers have opened")
+    ] = 0.05
+    at_height_m: Annotated[
+        float, Meta(ge=1e-4, le=0.01, description="the arm counts as there within this")
+    ] = 0.001
+    stop_deceleration_mps2: Annotated[
+        float, Meta(ge=0.1, le=10.0, description="of the arm, in every safe state")
+    ] = 1.0
+    hold_s: Annotated[
+        float, Meta(ge=0.0, le=600.0, description="at the top, before it is set down")
+    ] = 1.0
+    cap_patience_s: Annotated[
+        float,
+        Meta(
+            ge=0.05, le=5.0,
+            description="slip may be registered so long after the mask of the last closing: at "
+            "least the detector's memory",
+        ),
+    ] = 0.3  # fmt: skip
+    alarm_hold_s: Annotated[
+        float,
+        Meta(ge=0.0, le=60.0, description="alarms that no closing answers prolong a hold by this"),
+    ] = 2.0
+    contact_n: Annotated[
+        float,
+        Meta(ge=0.05, le=5.0, description="the thumb touches something from this measured force"),
+    ] = 0.3
+    contact_lost_s: Annotated[
+        float, Meta(ge=0.01, le=1.0, description="less than that for so long is lost contact")
+    ] = 0.05
+    overload_s: Annotated[
+        float,
+        Meta(ge=0.0, le=1.0, description="of measured force above limit and margin in motion"),
+    ] = 0.03
+    stale_after_s: Annotated[
+        float, Meta(ge=0.02, le=1.0, description="age at which gripper or arm state is too old")
+    ] = 0.1
+    phase_timeout_s: Annotated[
+        float, Meta(ge=1.0, le=600.0, description="a phase other than idle and hold may last")
+    ] = 30.0
+    safe_state_s: Annotated[
+        float,
+        Meta(ge=0.1, le=30.0, description="a safe state that is not seen is asked for so long"),
+    ] = 3.0
+    repeat_s: Annotated[
+        float, Meta(ge=0.02, le=1.0, description="between two requests for a safe state")
+    ] = 0.1
+    keep: Annotated[bool, Meta(description="keep holding at the top instead of setting down")] = (
+        False
+    )
+    firm: Annotated[
+        bool,
+        Meta(description="close to the force cap before lifting, as for the tap (paper, V-B)"),
+    ] = False
+    reactions: Annotated[
+        bool,
+        Meta(description="answer registered slip; off in the twin run that judges false starts"),
+    ] = True

@@ -1,0 +1,96 @@
+"""Any sequence of alarms, on the full loop: every run ends in its time, nothing held is dropped."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from grasp.commands import CloseFast
+from grasp.controller import GraspController
+from grasp.loop import ControlLoop, Tick
+from grasp.phases import Phase
+from grasp.step import GraspStep
+from scenarios.rigs.opening import open_rig
+from scenarios.trial.execution import make_controller, make_guard
+from tests.unit.scenarios.conftest import config
+
+# stated time of a run: 0.1 m up and down, the hold with its alarms, patience at each end
+LONGEST_S = {
+    Phase.LIFT: 3.0, Phase.COMPENSATE: 1.5, Phase.HOLD: 3.0, Phase.LOWER: 5.0, Phase.RELEASE: 2.0,
+    Phase.RETREAT: 3.0, Phase.LOST: 3.1, Phase.FAULT: 3.1,
+}  # fmt: skip
+RUN_S = 30.0
+SETTINGS = ("hand.activation_s=0.5", "controller.lift_height_m=0.1", "controller.hold_s=0.3")
+
+
+class Told:
+    """A detector that says what it is told, frame by frame, over and over."""
+
+    def __init__(self, script: list[tuple[int, float]]) -> None:
+        self._said = np.concatenate([np.full(n, p) for n, p in script])
+        self._frame = 0
+
+    def reset(self) -> None: ...
+
+    def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
+        p = self._said[self._frame % len(self._said)]
+        self._frame += 1
+        return np.array([p, 0.0, 0.0])
+
+
+def run(script: list[tuple[int, float]]) -> tuple[GraspController, list[Tick], bool]:
+    """Controller at its end, its ticks, and whether the object was held all the time in the air."""
+    base = config(*SETTINGS)
+    ticks: list[Tick] = []
+    with open_rig(base, 0, paced=False) as rig:
+        assert rig.cell is not None
+        step = GraspStep(Told(script), make_controller(base), make_guard(base))
+        loop = ControlLoop(rig.devices, rig.clock, step, base.loop, ticks.append)
+        loop.run(RUN_S)
+        truth = rig.cell.truth()
+    return step.controller, ticks, truth.touched or step.controller.phase is Phase.IDLE
+
+
+SCRIPT = st.lists(
+    st.tuples(st.integers(1, 80), st.sampled_from([0.0, 0.3, 1.0])), min_size=1, max_size=8
+)
+
+
+@settings(max_examples=12)
+@given(SCRIPT)
+def test_every_phase_ends_in_its_time_whatever_the_detector_says(
+    script: list[tuple[int, float]],
+) -> None:
+    controller, ticks, held = run(script)
+    assert controller.finished, controller.phase
+    assert held
+    begun = {t.decision.phase: 0 for t in ticks}
+    stretch, before = 0, None
+    for tick in ticks:
+        stretch = stretch + 1 if tick.decision.phase is before else 1
+        before = tick.decision.phase
+        begun[before] = max(begun[before], stretch)
+    for phase, longest_s in LONGEST_S.items():
+        assert begun.get(phase, 0) * 0.01 <= longest_s, phase
+
+
+def closes(ticks: list[Tick]) -> int:
+    return sum(isinstance(i.admitted, CloseFast) for t in ticks for i in t.issued)
+
+
+def test_alarms_on_and_off_for_ever_cost_one_closing_and_no_time_without_end() -> None:
+    controller, ticks, held = run([(3, 1.0), (3, 0.0)])
+    assert controller.finished and held
+    assert closes(ticks) == 1
+
+
+def test_burst_every_half_second_costs_one_closing() -> None:
+    controller, ticks, held = run([(4, 1.0), (46, 0.0)])
+    assert controller.finished and held
+    assert closes(ticks) == 1
+
+
+def test_alarm_that_never_ends_sets_the_object_down_and_lets_nothing_fall() -> None:
+    controller, _, held = run([(1, 1.0)])
+    assert controller.cap_reached
+    assert held

@@ -1,0 +1,137 @@
+"""The limit from first contact to last: objects that are not as expected, or not there any more."""
+
+import msgspec
+import pytest
+
+from drivers.errors import ConfigError
+from grasp.phases import Phase
+from scenarios.lift import lift
+from scenarios.lift.result import LiftResult
+from scenarios.rigs.opening import open_rig
+from scenarios.rigs.rig import GraspRig
+from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
+from scenarios.world import contact
+from scenarios.world.cell import Truth
+from tests.unit.scenarios.conftest import Staged, config, in_phase
+
+OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
+BOUND_N = 11.0  # limit and stated overshoot
+
+
+def lifted(name: str, wider_m: float, *assignments: str, seed: int = 0) -> LiftResult:
+    half_m = config(object_name=name).object.half_width_m + wider_m
+    settings = config(f"object.half_width_m={half_m}", *assignments, object_name=name)
+    result = lift.run(settings, seed, None).result
+    assert result is not None
+    return result
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize("wider_mm", [0.0, 2.0, 5.0, 8.0])
+def test_no_finger_passes_the_limit_on_an_object_that_is_wider_than_expected(
+    name: str, wider_mm: float
+) -> None:
+    result = lifted(name, wider_mm * 1e-3)
+    assert result.peak_force_n is not None  # also when the run ends in a fault
+    assert max(result.peak_force_n.values()) <= BOUND_N
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_object_as_expected_is_gripped_by_position_and_lifted(name: str) -> None:
+    phases = [p.phase for p in lifted(name, 0.0).phases]
+    assert "fault" not in phases
+    assert phases[4:6] == ["settle", "lift"]
+
+
+@pytest.mark.parametrize("name", ["ball", "box", "can", "cardboard", "football"])
+@pytest.mark.parametrize("narrower_mm", [1.0, 2.0])
+def test_missing_touch_is_noticed_before_the_arm_lifts(name: str, narrower_mm: float) -> None:
+    result = lifted(name, -narrower_mm * 1e-3)
+    assert [p.phase for p in result.phases][-2:] == ["settle", "fault"]
+    assert "feels nothing" in result.phases[-1].cause
+
+
+SLIPPERY = ("object.friction_static=0.25", "object.friction_kinetic=0.2")
+
+
+def test_closed_empty_hand_is_never_lowered_onto_the_object_that_it_lost() -> None:
+    settings = config(*SLIPPERY, object_name="ball")
+    result = lift.run(settings, 0, None).result
+    assert result is not None
+    assert result.phases[-1].phase == "lost"
+    assert result.outcome in ("dropped", "expelled")
+    assert result.peak_force_n is not None
+    assert max(result.peak_force_n.values()) <= BOUND_N
+
+
+def taken_away(rig: GraspRig) -> None:
+    assert rig.cell is not None
+    rig.cell._state[contact.PRESENT] = 0.0
+
+
+@pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
+def test_object_that_vanishes_stops_the_arm_where_it_is(phase: Phase) -> None:
+    staged = Staged()
+    trial = staged.run(in_phase(phase, 3), taken_away)
+    assert trial.controller.phase is Phase.LOST
+    last = staged.ticks[-1]
+    assert not last.arm.moving
+    assert trial.controller.unreached == ()
+    lost_ns = trial.controller.machine.log[-1].t_ns
+    closing_ns = 3_500_000_000  # a thumb that has a long way to close
+    assert staged.done_at_ns is not None
+    assert lost_ns - staged.done_at_ns < closing_ns
+
+
+def test_ten_lifts_on_one_open_rig_begin_at_one_height() -> None:
+    settings = config("hand.activation_s=0.5", "controller.lift_height_m=0.03")
+    with open_rig(settings, 0, paced=False) as rig:
+        home = None
+        homes, peaks = [], []
+        for _ in range(3):
+            trial = run_trial(settings, rig, make_guard(settings), ignore, home=home)
+            home = trial.controller.home
+            homes.append(home)
+            assert trial.controller.phase is Phase.IDLE
+            peaks.append(highest_lift_m(trial))
+    assert len(set(homes)) == 1
+    assert max(peaks) - min(peaks) < 1e-3
+
+
+def highest_lift_m(trial: FinishedTrial) -> float:
+    assert trial.trace.end is not None
+    return trial.trace.end.height_m
+
+
+def ignore(tick: object, truth: Truth | None, controller: object) -> None:
+    pass
+
+
+@pytest.mark.parametrize(
+    ("assignments", "key"),
+    [
+        (("guard.overshoot_n=0.1",), "overshoot_n"),
+        (("controller.firm=true", "guard.travel_bound=true"), "travel_bound"),
+    ],
+)
+def test_settings_that_the_hand_cannot_keep_are_refused_before_anything_moves(
+    assignments: tuple[str, ...], key: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make_guard(config(*assignments))
+    assert caught.value.key == key
+
+
+def test_with_closing_bounded_by_travel_the_object_is_still_held() -> None:
+    result = lift.run(config("guard.travel_bound=true"), 0, None).result
+    assert result is not None
+    assert result.success
+    assert result.settled_force_n is not None
+    assert result.settled_force_n["A"] > 5.0
+
+
+def test_force_is_reported_in_a_fault_too() -> None:
+    result = lifted("can", 0.006)
+    assert result.outcome == "fault"
+    assert result.peak_force_n is not None and result.peak_force_n["A"] > 5.0
+    assert msgspec.to_builtins(result)["peak_force_n"] is not None
