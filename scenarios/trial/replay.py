@@ -69,7 +69,7 @@ def _config(recording: RunRecording) -> TrialConfig:
         table = msgspec.json.decode(recording.metadata["config"], type=dict[str, Any])
         known = {k: v for k, v in table.items() if k in TrialConfig.__struct_fields__ or renamed(k)}
         return load(TrialConfig, [Layer("metadata", known)])
-    except (KeyError, msgspec.MsgspecError, ConfigError) as error:
+    except (KeyError, RecursionError, msgspec.MsgspecError, ConfigError) as error:
         raise BadFile(
             recording.path,
             f"its settings do not fit this version: {error}",
