@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Sequence
+from contextlib import nullcontext
 from typing import NoReturn
 
 from drivers.errors import GraspError, UsageError
@@ -24,6 +25,7 @@ from grasp.cli import (
     tactile,
     world,
 )
+from grasp.cli.output import only_json
 
 VERBS = (
     run, campaign, grip_search, replay, runs, chart, dataset, detector, tactile, world, config,
@@ -66,8 +68,10 @@ def _version() -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code. Expected errors become one line, no traceback."""
     words = sys.argv[1:] if argv is None else argv
-    with interruption.taken():
-        return _run(words, "--json" in words)
+    as_json = "--json" in words
+    asked = {"-h", "--help", "--version"} & set(words)
+    with interruption.taken(), only_json() if as_json and not asked else nullcontext():
+        return _run(words, as_json)
 
 
 def _run(words: Sequence[str], as_json: bool) -> int:

@@ -1,0 +1,70 @@
+"""Standard output under --json: JSON and nothing else, whatever a library prints."""
+
+import contextlib
+import io
+import json
+import os
+import sys
+from collections.abc import Iterator
+from typing import TextIO
+
+
+class _OnlyJson(io.TextIOBase):
+    """Lines that hold a JSON object or array go on, all others to standard error."""
+
+    def __init__(self, out: TextIO) -> None:
+        self._out = out
+        self._line = ""
+
+    def writable(self) -> bool:
+        return True
+
+    def fileno(self) -> int:
+        return self._out.fileno()
+
+    def write(self, text: str) -> int:
+        *lines, self._line = (self._line + text).split("\n")
+        for line in lines:
+            print(line, file=self._out if _is_answer(line) else sys.stderr)
+        return len(text)
+
+    def flush(self) -> None:
+        self._out.flush()
+
+
+def _is_answer(line: str) -> bool:
+    if not line.startswith(("{", "[")):
+        return False
+    try:
+        json.loads(line)
+    except (ValueError, RecursionError):
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def only_json() -> Iterator[None]:
+    """Within, what is no JSON goes to standard error: Python's prints, and those of libraries and
+    processes that write to the descriptor itself."""
+    out = sys.stdout
+    with contextlib.ExitStack() as stack:
+        if _is_descriptor_1(out):
+            out.flush()
+            kept = os.dup(1)
+            os.dup2(2, 1)
+            out = stack.enter_context(open(kept, "w", encoding=out.encoding, closefd=False))
+            stack.callback(_put_back, kept)
+        stack.enter_context(contextlib.redirect_stdout(_OnlyJson(out)))
+        yield
+
+
+def _put_back(kept: int) -> None:
+    os.dup2(kept, 1)
+    os.close(kept)
+
+
+def _is_descriptor_1(stream: TextIO) -> bool:
+    try:
+        return stream.fileno() == 1
+    except (OSError, ValueError):
+        return False

@@ -1,0 +1,70 @@
+"""Under --json standard output holds JSON alone, whoever else prints."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from grasp.cli.main import main
+from scenarios.trial import execution
+
+NOISY = (
+    "import os, sys, ctypes\n"
+    "from grasp.cli import runs\n"
+    "inner = runs.run\n"
+    "def noisy(args):\n"
+    "    print('EP Error: a library speaks'); print('3')\n"
+    "    os.write(1, b'a library writes\\n')\n"
+    "    os.system('echo a process writes')\n"
+    "    return inner(args)\n"
+    "runs.run = noisy\n"
+    "from grasp.cli.main import main\n"
+    "sys.exit(main(['runs', '--runs', sys.argv[1], '--json']))\n"
+)
+
+
+def test_whatever_prints_in_a_process_only_the_answer_is_on_standard_output(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", NOISY, str(tmp_path)], capture_output=True, text=True, check=True,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[4])},
+    )  # fmt: skip
+    assert json.loads(done.stdout) == []
+    assert done.stdout.count("\n") == 1
+    for text in ("a library speaks", "a library writes", "a process writes"):
+        assert text in done.stderr
+
+
+def test_detector_that_prints_does_not_disturb_the_verdict(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inner = execution.make_step
+
+    def noisy(*args: object, **more: object) -> object:
+        print("hello from a library")
+        return inner(*args, **more)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(execution, "make_step", noisy)
+    code = main(
+        ["run", "lift", "--rig", "simulated", "--runs", str(tmp_path), "--json",
+         "--set", "controller.lift_height_m=0.05"]
+    )  # fmt: skip
+    out, err = capsys.readouterr()
+    assert json.loads(out)["exit_code" if code > 1 else "outcome"]
+    assert "hello" in err
+
+
+def test_damaged_network_is_one_json_object(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    weights = tmp_path / "bad.onnx"
+    weights.write_bytes(b"\x08\x07" + bytes(500))
+    code = main(
+        ["run", "lift", "--rig", "simulated", "--detector", "gru", "--set",
+         f"network.weights={weights}", "--runs", str(tmp_path), "--json"]
+    )  # fmt: skip
+    out, _ = capsys.readouterr()
+    assert code == 2
+    assert json.loads(out)["error"]["kind"] == "bad_file"

@@ -1,0 +1,105 @@
+"""How runs end on real wires: by signals, and by devices that go or freeze."""
+
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.wire.scenarios.test_rigs import ENVIRONMENT, GRASP, emulate, lab_file, sets
+
+Ended = tuple[int, list[str], list[dict[str, Any]]]
+
+
+@contextmanager
+def lift_on_hardware(folder: Path, pid: list[int]) -> Iterator["subprocess.Popen[str]"]:
+    with emulate() as endpoints:
+        pid.append(endpoints["pid"])
+        lab = lab_file(folder / "lab.toml", endpoints)
+        with subprocess.Popen(
+            [*GRASP, "run", "lift", "--rig", "hardware", "--confirm-motion", "--config", str(lab),
+             "--runs", str(folder / "runs"), *sets()],
+            env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        ) as process:  # fmt: skip
+            try:
+                yield process
+            finally:
+                process.kill()
+                os.kill(endpoints["pid"], signal.SIGCONT)
+
+
+def until(process: "subprocess.Popen[str]", phase: str) -> None:
+    assert process.stdout is not None
+    for line in process.stdout:
+        if phase in line.split():
+            return
+
+
+def ended(process: "subprocess.Popen[str]", folder: Path) -> Ended:
+    _, err = process.communicate(timeout=60)
+    results = [json.loads(p.read_text()) for p in (folder / "runs").glob("*/result.json")]
+    return process.returncode, err.splitlines(), results
+
+
+@pytest.mark.parametrize(
+    ("phase", "numbers"),
+    [("lift", (signal.SIGTERM, signal.SIGHUP)), ("release", (signal.SIGHUP,)),
+     ("hold", (signal.SIGINT, signal.SIGINT))],
+)  # fmt: skip
+def test_signal_stops_the_arm_keeps_the_grip_and_says_so(
+    phase: str, numbers: tuple[signal.Signals, ...], tmp_path: Path
+) -> None:
+    with lift_on_hardware(tmp_path, []) as process:
+        until(process, phase)
+        for number in numbers:
+            process.send_signal(number)
+        code, lines, (result,) = ended(process, tmp_path)
+    assert code - 128 in numbers  # of two at once the system gives the lower number first
+    assert (result["outcome"], result["success"]) == ("interrupted", None)
+    assert result["phases"][-1]["phase"] == "fault"
+    assert result["end"]["arm"] == "the arm stands"
+    assert lines[1].strip() == f"the arm stands; {result['end']['hand']}"
+    assert "grasp release --rig hardware" in lines[2] or result["end"]["hand"].endswith("open")
+    listed = subprocess.run(
+        [*GRASP, "runs", "--runs", str(tmp_path / "runs")], env=ENVIRONMENT, check=True,
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert "interrupted" in listed.stdout
+
+
+def test_signal_while_the_rig_opens_leaves_no_run(tmp_path: Path) -> None:
+    with lift_on_hardware(tmp_path, []) as process:
+        until(process, "setting")
+        process.send_signal(signal.SIGTERM)
+        code, lines, results = ended(process, tmp_path)
+    assert code == 143
+    assert results == []
+    assert len(lines) == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
+def test_devices_that_freeze_or_go_are_all_named_and_cost_no_result(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    pid: list[int] = []
+    try:
+        with lift_on_hardware(tmp_path, pid) as process:
+            until(process, "lift")
+            os.kill(pid[0], number)
+            code, lines, (result,) = ended(process, tmp_path)
+            if number == signal.SIGKILL:
+                raise ProcessLookupError
+    except ProcessLookupError:  # nobody is left to be told to end
+        pass
+    assert code in (3, 4)
+    assert result["outcome"] == "fault"
+    assert "gripper" in lines[0] and "arm" in lines[0]
+    assert "tactile" in lines[0] or "fingertip" in lines[0]
+    assert "when last heard" in result["end"]["arm"]
+    assert "cannot be told anything and holds by itself" in result["end"]["hand"]
+    assert "grasp release --rig hardware" in result["end"]["advice"]
