@@ -44,10 +44,11 @@ def report_failure(failure: Any, as_json: bool, **extra: Any) -> int:
     if end is None:
         return report(failure.kind, failure.message, failure.remedy, as_json, **extra)
     if as_json:
-        left = {"arm": end.arm, "hand": end.hand, "advice": end.advice}
+        left = {name: getattr(end, name) for name in end.__struct_fields__}
         return report(failure.kind, failure.message, failure.remedy, True, end=left, **extra)
     code = report(failure.kind, failure.message, failure.remedy, False)
-    for line in (f"{end.arm}; {end.hand}", end.advice):
+    missed = f"; NOT REACHED: {', '.join(end.unreached)}" if end.unreached else ""
+    for line in (f"{end.arm}; {end.hand}{missed}", end.advice):
         say(line)
     return code
 

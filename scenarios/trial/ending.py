@@ -19,11 +19,13 @@ FELT_N = 0.5  # measured at the most loaded finger: less is no grip
 
 
 class End(msgspec.Struct, frozen=True):
-    """Where arm and hand are, and how to go on; ``advice`` is empty where the cell ends too."""
+    """Where arm and hand are, what of the safe state was not seen, and how to go on; ``advice`` is
+    empty where the cell ends too."""
 
     arm: str
     hand: str
     advice: str
+    unreached: tuple[str, ...] = ()
 
 
 def happened(cause: str, tick: Tick | None, errors: Mapping[str, GraspError], old_s: float) -> str:

@@ -120,7 +120,8 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         if not self.controller.fault_cause:
             return None
         old_s, trace = config.controller.stale_after_s, self.trace
-        return end_of(trace.last, trace.hand, self.loop.errors, old_s, self.way_out)
+        end = end_of(trace.last, trace.hand, self.loop.errors, old_s, self.way_out)
+        return msgspec.structs.replace(end, unreached=self.controller.unreached)
 
     def failure(self, config: TrialConfig, outcome: str) -> Failure | None:
         """Why the exit code is not the verdict's, if so."""

@@ -134,7 +134,8 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
         "slip_registered_s", "detection_latency_ms", "peak_force_n", "commanded_force_n", "phases",
         "timing", "recording", "versions", "config_hash", "end", "taxels_at_rail",
-        "direction", "moved", "displacement_m", "down_m", "across_m", "impulse_n_s", "mallet_mps", "struck_s",
+        "direction", "moved", "displacement_m", "down_m", "across_m", "impulse_n_s",
+        "mallet_mps", "struck_s",
         "slip_end_s", "slip_duration_ms", "nominal_again_s", "nominal_again_ms", "alarms",
         "watched_until_s", "grip_force_n",
     ]  # fmt: skip
