@@ -4,6 +4,7 @@ Everything that a control step consumed is here, so that a replay needs nothing 
 depends on the wall clock is, so that equal runs are equal byte for byte.
 """
 
+import math
 from collections.abc import Callable
 
 import msgspec
@@ -27,6 +28,22 @@ class TactileMessage(msgspec.Struct, frozen=True):
     temperature: list[int]
     missed: int
     stale: bool
+
+
+Number = float | None  # null: not a number, which JSON cannot say
+
+
+class ArmMessage(msgspec.Struct, frozen=True):
+    """``ArmState``, with nulls where the arm said what is no number."""
+
+    t_ns: int
+    seq: int
+    position_m: tuple[Number, Number, Number]
+    velocity_mps: tuple[Number, Number, Number]
+    moving: bool
+    stopped_by_safety: bool = False
+    angle_rad: Number = 0.0
+    spin_radps: Number = 0.0
 
 
 class ControlMessage(msgspec.Struct, frozen=True):
@@ -69,7 +86,7 @@ TACTILE, GRIPPER, ARM, CONTROL, COMMANDS, PHASES, TRUTH = (
 CHANNELS: dict[str, type[msgspec.Struct]] = {
     TACTILE: TactileMessage,
     GRIPPER: GripperState,
-    ARM: ArmState,
+    ARM: ArmMessage,
     CONTROL: ControlMessage,
     COMMANDS: CommandMessage,
     PHASES: PhaseChange,
@@ -86,7 +103,7 @@ def write_tick(write: Write, tick: Tick) -> None:
     if tick.frame is not None:
         write(TACTILE, t_ns, tactile_message(tick.frame))
     write(GRIPPER, t_ns, tick.gripper)
-    write(ARM, t_ns, tick.arm)
+    write(ARM, t_ns, ArmMessage(*msgspec.structs.astuple(tick.arm)))
     write(CONTROL, t_ns, control_message(tick.observation, tick.decision, tick.measured_n))
 
 
@@ -149,6 +166,20 @@ def recorded_frame(t_ns: int, message: TactileMessage) -> TactileFrame:
         missed=message.missed,
         stale=message.stale,
     )
+
+
+def recorded_arm(message: ArmMessage) -> ArmState:
+    """The arm's state of a recorded step."""
+    x, y, z = map(_number, message.position_m)
+    u, v, w = map(_number, message.velocity_mps)
+    return ArmState(
+        message.t_ns, message.seq, (x, y, z), (u, v, w), message.moving, message.stopped_by_safety,
+        _number(message.angle_rad), _number(message.spin_radps),
+    )  # fmt: skip
+
+
+def _number(value: Number) -> float:
+    return math.nan if value is None else value
 
 
 def recorded_input(

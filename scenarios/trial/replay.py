@@ -17,6 +17,7 @@ from grasp.messages import (
     CommandMessage,
     ControlMessage,
     control_message,
+    recorded_arm,
     recorded_frame,
     recorded_input,
 )
@@ -98,7 +99,7 @@ class _Stepper:
         elif topic == GRIPPER:
             self._gripper = message
         elif topic == ARM:
-            self._arm = message
+            self._arm = recorded_arm(message)
         elif topic == COMMANDS:
             self._sent.append((t_ns, message))
         elif topic == CONTROL:

@@ -1,0 +1,37 @@
+"""A run that ended in a doubt can be read and replayed: it doubts the same thing again."""
+
+from pathlib import Path
+
+import pytest
+
+from grasp.loop import Tick
+from grasp.phases import Phase
+from scenarios.lift import lift
+from scenarios.rigs import simulated
+from scenarios.rigs.rig import Rig
+from scenarios.trial.replay import replay_run
+from tests.unit.scenarios.conftest import config, in_phase
+from tests.unit.scenarios.lift import device_faults as fault
+
+
+@pytest.mark.parametrize(
+    "act", [fault.lose_arm_position, fault.freeze_fingertips, fault.power_cycle_gripper],
+    ids=lambda act: act.__name__,
+)  # fmt: skip
+def test_a_run_that_ended_in_a_doubt_is_replayed_to_the_same_end(
+    act: fault.Act, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rigs: list[Rig] = []
+    monkeypatch.setattr(simulated, "Rig", lambda *a, **k: rigs.append(Rig(*a, **k)) or rigs[-1])
+    now, left = in_phase(Phase.LIFT, 5), [act]
+
+    def strike(tick: Tick) -> None:
+        if left and now(tick):
+            left.pop()(rigs[-1])
+
+    result = lift.run(config(), 0, tmp_path, on_tick=strike).result
+    assert result is not None and result.outcome == "fault"
+    assert result.recording is not None
+    replay = replay_run(Path(result.recording))
+    assert replay.differences == []
+    assert any(what.startswith("phase fault: ") for _, what in replay.events)
