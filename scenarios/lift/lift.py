@@ -5,6 +5,7 @@ from pathlib import Path
 
 import msgspec
 
+from drivers.interfaces import Vector3
 from grasp.guard import ForceGuard
 from grasp.loop import Tick
 from scenarios.lift.config import LiftConfig
@@ -69,26 +70,30 @@ def run_series(
     guard = make_guard(config)
     held = held_for(config, operator)
 
-    def attempt(seed: int, rig: GraspRig) -> FinishedRun[LiftResult]:
+    def attempt(
+        seed: int, rig: GraspRig, home: Vector3 | None
+    ) -> tuple[FinishedRun[LiftResult], Vector3]:
         reading = None if operator is None else SlipReading(operator, config.controller.hold_s)
-        with Record(held, SCENARIO, seed, runs, on_tick) as record:
-            trial = _run_trial(held, rig, guard, record.tick, reading)
+        with Record(held, SCENARIO, seed, runs, on_tick, home) as record:
+            trial = _run_trial(held, rig, guard, record.tick, reading, home)
             mark = None if reading is None else reading.mark
-            return record.finish(trial, judge(held, seed, trial, record.path, mark))
+            result = judge(held, seed, trial, record.path, mark)
+            return record.finish(trial, result), trial.controller.home
 
     return series.run_series(held, seeds, paced, operator, permit, attempt)
 
 
 def _run_trial(
-    config: LiftConfig, rig: GraspRig, guard: ForceGuard, watch: Watch, reading: SlipReading | None
-) -> FinishedTrial:
+    config: LiftConfig, rig: GraspRig, guard: ForceGuard, watch: Watch, reading: SlipReading | None,
+    home: Vector3 | None,
+) -> FinishedTrial:  # fmt: skip
     if reading is None:
-        return run_trial(config, rig, guard, watch)
+        return run_trial(config, rig, guard, watch, home=home)
 
     def follow(tick: Tick, truth: Truth | None) -> bool:
         return reading.take(tick)
 
-    return run_trial(config, rig, guard, watch, follow, person.DEADLINE_S)
+    return run_trial(config, rig, guard, watch, follow, person.DEADLINE_S, home)
 
 
 def judge(

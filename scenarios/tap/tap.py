@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 
 from drivers.errors import ConfigError
+from drivers.interfaces import Vector3
 from grasp.guard import ForceGuard
 from grasp.loop import Tick
 from scenarios.rigs.permission import MotionPermit
@@ -76,6 +77,7 @@ def run_trial(
     guard: ForceGuard,
     watch: Watch,
     operator: Operator | None = None,
+    home: Vector3 | None = None,
 ) -> TapTrial:
     """One tap on an open rig, ``config`` from ``tap_config``. Where there is no world to deliver
     it, an operator does; Ctrl-C stops the arm and keeps the grip."""
@@ -93,7 +95,7 @@ def run_trial(
         return sequence.over
 
     deadline_s = execution.DEADLINE_S if operator is None else person.DEADLINE_S
-    trial = execution.run_trial(config, rig, guard, watch, follow, deadline_s)
+    trial = execution.run_trial(config, rig, guard, watch, follow, deadline_s, home)
     return TapTrial(**msgspec.structs.asdict(trial), sequence=sequence)
 
 
@@ -126,10 +128,13 @@ def run_series(
     for seed in seeds[:1]:
         swing(config, seed)  # a blow that cannot be found is told before anything moves
 
-    def attempt(seed: int, rig: GraspRig) -> FinishedRun[TapResult]:
-        with Record(config, SCENARIO, seed, runs, on_tick) as record:
-            trial = run_trial(config, seed, rig, guard, record.tick, operator)
-            return record.finish(trial, judge(config, seed, trial, record.path))
+    def attempt(
+        seed: int, rig: GraspRig, home: Vector3 | None
+    ) -> tuple[FinishedRun[TapResult], Vector3]:
+        with Record(config, SCENARIO, seed, runs, on_tick, home) as record:
+            trial = run_trial(config, seed, rig, guard, record.tick, operator, home)
+            result = judge(config, seed, trial, record.path)
+            return record.finish(trial, result), trial.controller.home
 
     return series.run_series(config, seeds, paced, operator, permit, attempt)
 

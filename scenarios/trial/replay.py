@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 
 from drivers.errors import BadFile, ConfigError
-from drivers.interfaces import ArmState, GripperState, TactileFrame
+from drivers.interfaces import ArmState, GripperState, TactileFrame, Vector3
 from grasp.commands import describe
 from grasp.messages import (
     ARM,
@@ -25,7 +25,7 @@ from grasp.recording import RunRecording
 from grasp.settings import Layer, load, renamed
 from grasp.step import StepResult
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.execution import make_step
+from scenarios.trial.execution import make_controller, make_step
 from scenarios.trial.run_folder import RECORDING, RUN_CHANNELS
 
 
@@ -56,7 +56,7 @@ def find_recording(path: Path) -> Path:
 def replay_run(path: Path) -> Replay:
     """Replay a run; raises BadFile when it is none, or was made with other settings."""
     recording = RunRecording.open(find_recording(path), RUN_CHANNELS)
-    stepper = _Stepper(_config(recording))
+    stepper = _Stepper(_config(recording), _home(recording))
     for topic, t_ns, message in recording:
         stepper.take(topic, t_ns, message)
     if stepper.steps == 0:
@@ -78,14 +78,23 @@ def _config(recording: RunRecording) -> TrialConfig:
         ) from error
 
 
+def _home(recording: RunRecording) -> Vector3 | None:
+    """Of the arm, where an earlier trial had taken it."""
+    said = recording.metadata.get("home_m")
+    try:
+        return None if said is None else msgspec.json.decode(said, type=Vector3)
+    except msgspec.MsgspecError as error:
+        raise BadFile(recording.path, f"home_m: {error}", "record the run again") from error
+
+
 class _Stepper:
     """Collects the messages of a step and replays it when its control message comes."""
 
-    def __init__(self, config: TrialConfig) -> None:
+    def __init__(self, config: TrialConfig, home: Vector3 | None) -> None:
         self.steps = 0
         self.events: list[tuple[float, str]] = []
         self.differences: list[Difference] = []
-        self._step = make_step(config)
+        self._step = make_step(config, make_controller(config, home))
         self._frame: TactileFrame | None = None
         self._gripper: GripperState | None = None
         self._arm: ArmState | None = None

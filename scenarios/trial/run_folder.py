@@ -10,6 +10,7 @@ from typing import Self
 import msgspec
 
 from drivers.errors import CouldNotRecord
+from drivers.interfaces import Vector3
 from grasp import interruption
 from grasp.controller import GraspController
 from grasp.files import make_private_folder, write_whole
@@ -29,10 +30,13 @@ RUN_CHANNELS: dict[str, type[msgspec.Struct]] = {**CHANNELS, TRUTH: Truth}
 class RunFolder:
     """Records one run. Nothing here raises while the loop runs; ``finish`` says how it went."""
 
-    def __init__(self, runs: Path, scenario: str, config: TrialConfig, seed: int) -> None:
+    def __init__(
+        self, runs: Path, scenario: str, config: TrialConfig, seed: int, home: Vector3 | None = None
+    ) -> None:
         """Makes `runs/<stamp>-<scenario>-<object>/`; raises CouldNotRecord if it cannot."""
         self.path = _new_folder(runs, f"{scenario}-{config.object.name}")
-        self._recorder = RunRecorder(self.path / RECORDING, RUN_CHANNELS, metadata(config, seed))
+        known = metadata(config, seed, home)
+        self._recorder = RunRecorder(self.path / RECORDING, RUN_CHANNELS, known)
         self._phases_written = 0
         self._ticks = 0
 
@@ -82,10 +86,14 @@ class Record:
     """
 
     def __init__(
-        self, config: TrialConfig, scenario: str, seed: int, runs: Path | None, on_tick: OnTick
-    ) -> None:
+        self, config: TrialConfig, scenario: str, seed: int, runs: Path | None, on_tick: OnTick,
+        home: Vector3 | None = None,
+    ) -> None:  # fmt: skip
+        """``home``: of the arm, from an earlier trial on this rig."""
         self._folder: RunFolder | None = None
-        self._begin = None if runs is None else partial(RunFolder, runs, scenario, config, seed)
+        self._begin = (
+            None if runs is None else partial(RunFolder, runs, scenario, config, seed, home)
+        )
         self._config = config
         self._on_tick = on_tick
         self._uncut = ExitStack()
@@ -129,9 +137,11 @@ class Record:
         return FinishedRun(result, failure)
 
 
-def metadata(config: TrialConfig, seed: int) -> dict[str, str]:
-    """What is needed to run the same again: settings, seed, versions."""
+def metadata(config: TrialConfig, seed: int, home: Vector3 | None = None) -> dict[str, str]:
+    """What is needed to run the same again: settings, seed, versions, and the arm's home if it was
+    another trial's."""
     return {
+        **({} if home is None else {"home_m": msgspec.json.encode(home).decode()}),
         "config": msgspec.json.encode(config).decode(),
         "config_hash": config.digest(),
         "seed": str(seed),

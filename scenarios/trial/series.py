@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Generator, Sequence
 
+from drivers.interfaces import Vector3
 from grasp import interruption
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import MotionPermit
@@ -10,8 +11,8 @@ from scenarios.trial.config import TrialConfig
 from scenarios.trial.person import Operator, place_object
 from scenarios.trial.result import FinishedRun, ResultT
 
-# one judged trial: its seed and an open rig in, what it left out
-Attempt = Callable[[int, GraspRig], FinishedRun[ResultT]]
+# one judged trial: its seed, an open rig and the arm's home in; what it left and that home out
+Attempt = Callable[[int, GraspRig, Vector3 | None], tuple[FinishedRun[ResultT], Vector3]]
 Series = Generator[FinishedRun[ResultT], None, None]
 
 
@@ -23,20 +24,22 @@ def run_series(
     stopped between two.
 
     The simulated rig is opened anew for each, so that a trial depends on its own seed alone. A
-    wired one is opened once: its world loads the next object, or a person puts it back.
+    wired one is opened once: its world loads the next object, or a person puts it back, and every
+    trial begins from the home that the first one took.
     """
     with interruption.held():
         if config.rig == "simulated":
             yield from _anew(config, seeds, paced, attempt)
             return
         with open_rig(config, seeds[0], paced, permit) as rig:
+            home: Vector3 | None = None
             for number, seed in enumerate(seeds):
                 interruption.check()
                 if number and rig.load is not None:
                     rig.load(config, seed)
                 if operator is not None:
                     place_object(rig, operator, f"Trial {number + 1} of {len(seeds)}")
-                finished = attempt(seed, rig)
+                finished, home = attempt(seed, rig, home)
                 yield finished
                 if finished.failure is not None:
                     return
@@ -47,7 +50,7 @@ def _anew(
 ) -> Series[ResultT]:
     for seed in seeds:
         with open_rig(config, seed, paced) as rig:
-            finished = attempt(seed, rig)
+            finished, _ = attempt(seed, rig, None)
         yield finished
         if finished.failure is not None:
             return

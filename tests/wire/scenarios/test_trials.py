@@ -89,6 +89,12 @@ def test_lifts_with_a_person_leave_the_rows_of_a_campaign(bench: Bench) -> None:
     assert asked == [f">>> Trial {n} of 3" for n in (1, 2, 3)]
     heights_m = grasp_heights_m([r["recording"] for r in series["lifts"]])
     assert heights_m == pytest.approx([heights_m[0]] * 3, abs=0.002)  # three equal lifts
+    for result in series["lifts"]:
+        replayed = subprocess.run(
+            [*GRASP, "replay", result["recording"], "--check"], env=ENVIRONMENT, check=False,
+            capture_output=True, text=True,
+        )  # fmt: skip
+        assert replayed.returncode == 0, replayed.stdout
     with CampaignStore.open(bench.out) as store:
         rows = store.rows()
     assert [row.outcome for row in rows] == [r["outcome"] for r in series["lifts"]]
