@@ -61,7 +61,7 @@ def test_signal_stops_the_arm_keeps_the_grip_and_says_so(
         code, lines, (result,) = ended(process, tmp_path)
     assert code - 128 in numbers  # of two at once the system gives the lower number first
     assert (result["outcome"], result["success"]) == ("interrupted", None)
-    assert result["phases"][-1]["phase"] == "fault"
+    assert result["phases"][-1]["phase"] == "stopped"
     assert result["end"]["arm"] == "the arm stands"
     assert lines[1].strip() == f"the arm stands; {result['end']['hand']}"
     assert "grasp release --rig hardware" in lines[2] or result["end"]["hand"].endswith("open")
