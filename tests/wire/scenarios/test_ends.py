@@ -25,6 +25,7 @@ def lift_on_hardware(folder: Path, pid: list[int]) -> Iterator["subprocess.Popen
             [*GRASP, "run", "lift", "--rig", "hardware", "--confirm-motion", "--config", str(lab),
              "--runs", str(folder / "runs"), *sets()],
             env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            stdin=subprocess.DEVNULL,
         ) as process:  # fmt: skip
             try:
                 yield process
