@@ -137,6 +137,10 @@ class GraspController:
     def phase(self) -> Phase:
         return self.machine.phase
 
+    @property
+    def in_safe_state(self) -> bool:
+        return self.phase in SAFE_PHASES
+
     def step(self, seen: Observation) -> Decision:
         """Take one observation; returns the commands that follow from it."""
         self._out = []

@@ -35,7 +35,6 @@ from grasp.commands import (
     StopArm,
 )
 from grasp.controller import Decision, Observation
-from grasp.phases import SAFE_PHASES
 from grasp.step import GraspStep, StepInput, StepResult
 
 SOON_NS = 1_000_000  # a command due within this is waited for before anyone watches
@@ -188,7 +187,7 @@ class ControlLoop:
         False when there was nothing to stop: it had finished, or a fault's safe state goes before.
         """
         controller = self._step.controller
-        stopped = not controller.finished and controller.phase not in SAFE_PHASES
+        stopped = not controller.finished and not controller.in_safe_state
         if stopped:
             self._queue.clear()
         self._stop = cause
