@@ -76,6 +76,7 @@ class RobotiqDriver:
         calibration: GripperCalibration,
         log: WireLog | None = None,
     ) -> None:
+        self._settings = settings
         self._activation_ns = round(settings.activation_timeout_s * 1e9)
         self._old_ns = round(settings.status_old_s * 1e9)
         self._calibration = calibration
@@ -86,6 +87,7 @@ class RobotiqDriver:
         self._now_ns = 0
         self._seq = 0
         self._changed_ns = 0  # when the status last differed from the one before
+        self._leapt = False  # a finger was where no motor can have brought it
         self._step = _Step.NONE
         self._deadline_ns = 0
         self._grip_bytes = [FULL_BYTE] * FINGERS  # force of the grip; unknown counts as full
@@ -164,7 +166,7 @@ class RobotiqDriver:
 
     def _resync(self, status: StatusRegisters) -> None:
         """Send nothing that moves without a new verb, and never activate by oneself."""
-        self._step = _Step.NONE
+        self._step, self._leapt = _Step.NONE, False
         self._grip_bytes = [FULL_BYTE] * FINGERS
         if self._exchange.wanted is None:
             return
@@ -176,6 +178,7 @@ class RobotiqDriver:
 
     def _publish(self, status: StatusRegisters, now_ns: int, changed: bool) -> None:
         if changed or self._fingers is None:
+            self._leapt = self._leapt or self._leaps(status, now_ns)
             self._changed_ns = now_ns
             a, b, c = (finger_state(axis, status) for axis in status.fingers)
             self._fingers = (a, b, c)
@@ -190,6 +193,14 @@ class RobotiqDriver:
             self._fresh,
             self._fingers,
         )
+
+    def _leaps(self, status: StatusRegisters, now_ns: int) -> bool:
+        if self._fingers is None or self._state is None:
+            return False
+        s, passed_s = self._settings, (now_ns - self._state.t_ns) * 1e-9
+        reach = s.leap_counts + s.fastest_counts_ps * passed_s
+        ways = zip(self._fingers, status.fingers, strict=True)
+        return any(abs(was.position_counts - now.position) > reach for was, now in ways)
 
     def _raise_fault(self, status: StatusRegisters, now_ns: int) -> None:
         fault = FAULTS[status.fault]
@@ -218,7 +229,7 @@ class RobotiqDriver:
             self._step = _Step.ACTIVATING
             self._exchange.want(_ACTIVATE)
         elif self._step is _Step.ACTIVATING and status.ready:
-            self._step = _Step.NONE
+            self._step, self._leapt = _Step.NONE, False
 
     # Verbs
 
@@ -267,7 +278,7 @@ class RobotiqDriver:
         """
         byte = self._calibration.byte_at_most(force_cap_n)
         limits = checked_counts(limits_counts)
-        held = held_targets(self._known().fingers, self._exchange.wanted)
+        held = self._held(self._known())
         targets = tuple(
             max(limit, here) if closes else here
             for closes, limit, here in zip(closing, limits, held, strict=True)
@@ -292,8 +303,18 @@ class RobotiqDriver:
     def _tells_positions(self, state: GripperState) -> bool:
         """Whether the fingers are where the status says: it speaks of the last command, and has
         changed lately if a finger moves."""
+        return state.fresh and not self._doubtful(state)
+
+    def _doubtful(self, state: GripperState) -> bool:
         moving = any(finger.detection is Detection.MOVING for finger in state.fingers)
-        return state.fresh and not (moving and self._now_ns - self._changed_ns > self._old_ns)
+        return self._leapt or (moving and self._now_ns - self._changed_ns > self._old_ns)
+
+    def _held(self, state: GripperState) -> Sequence[int]:
+        """Targets of fingers that hold: where they are, or their last ones if that is doubtful."""
+        wanted = self._exchange.wanted
+        if self._doubtful(state) and wanted is not None and wanted.go_to:
+            return [axis.position for axis in wanted.axes[:FINGERS]]
+        return held_targets(state.fingers, wanted)
 
     # Images
 

@@ -57,6 +57,13 @@ class DriverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
             "not tell its position any more, s; assumed: a count takes 0.035 s at least speed",
         ),
     ] = 0.1
+    leap_counts: Annotated[
+        int, _Meta(ge=1, le=100, description="a position may be off by this, as it was read late")
+    ] = 8
+    fastest_counts_ps: Annotated[
+        float,
+        _Meta(ge=50, le=5000, description="no finger is faster; twice full speed, manual 0.11 m/s"),
+    ] = 300.0
 
 
 class ExchangeStatistics(msgspec.Struct, frozen=True):

@@ -57,7 +57,7 @@ def fingertips_read(code: int, cells: slice = slice(None)) -> Act:
 
 
 def shift_fingertips(rig: Rig) -> None:
-    cell(rig).board.misreport(lambda codes: np.clip(codes - 60, 0, 1023))
+    cell(rig).board.misreport(lambda codes: np.clip(codes - 150, 0, 1023))
 
 
 def stick_one_taxel_at_the_rail(rig: Rig) -> None:
@@ -117,6 +117,10 @@ def jam_gripper(rig: Rig) -> None:
 
 def power_cycle_gripper(rig: Rig) -> None:
     cell(rig).gripper.power_cycle()
+
+
+def let_finger_b_leap(rig: Rig) -> None:
+    cell(rig).gripper.misreport(lambda w: (*w[:3], w[3] & 0xFF00 | (w[3] + 90) & 0xFF, *w[4:]))
 
 
 def let_thumb_leap(rig: Rig) -> None:

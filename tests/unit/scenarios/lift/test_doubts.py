@@ -27,6 +27,7 @@ CASES = [
     (fault.jam_gripper, (P.APPROACH, P.GRASP), "gripper_stands", 32),
     (fault.power_cycle_gripper, ALL, "gripper_inactive", 4),
     (fault.let_thumb_leap, ALL, "gripper_impossible", 3),
+    (fault.let_finger_b_leap, ALL, "gripper_impossible", 3),
     (fault.lose_arm_position, ALL, "arm_position_nan", 2),
     (fault.freeze_arm_values, (P.LIFT, P.COMPENSATE, P.LOWER), "arm_frozen", 14),
     (fault.push_arm, (P.APPROACH, P.GRASP), "arm_wrong_way", 16),
