@@ -4,6 +4,7 @@ The card lies in the file's own metadata as JSON. Nothing in a file is ever unpi
 but the graph, by ONNX Runtime, and only after the card and the shapes have been checked.
 """
 
+import hashlib
 import math
 import os
 from pathlib import Path
@@ -69,6 +70,14 @@ def weights_path(weights: str) -> Path:
 def packaged_networks() -> tuple[str, ...]:
     """Names of the networks that come with the project."""
     return tuple(sorted(path.stem for path in WEIGHTS.glob("*.onnx")))
+
+
+def weights_digest(path: Path) -> str:
+    """SHA-256 of the file, whatever it is called; of what cannot be read, its path instead."""
+    try:
+        return hashlib.sha256(_content(path)).hexdigest()
+    except BadFile:
+        return str(path)  # no network comes of it, and the error is told where one is loaded
 
 
 def read_network(path: Path) -> LoadedNetwork:

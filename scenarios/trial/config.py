@@ -11,6 +11,7 @@ from detector.decision import RuleSettings
 from detector.energy import EnergySettings
 from detector.interface import DetectorSettings, SlipDetector, load_detector
 from detector.network import NetworkSettings
+from detector.network_file import weights_digest, weights_path
 from detector.psd import PsdFairSettings, PsdSettings
 from grasp.controller_settings import ControllerSettings
 from grasp.doubt import DoubtSettings
@@ -28,8 +29,9 @@ FORMULAS = {"energy": "energy", "psd": "psd", "psd-fair": "psd_fair"}  # and the
 NETWORK = "network"  # the section of every other detector
 
 # What no result depends on: where devices are, names of settings that are resolved here, and how
-# the machine is asked to be quick.
+# the machine is asked to be quick. Without wires, nor how they are used.
 UNHASHED = ("profile", "usb", "realtime")
+NAMES = {"gripper": ("calibration",), "calibration": ("name",)}
 ADDRESSES = {"modbus": ("host", "port", "unit", "serial_port", "slave"), "ur": ("host",)}
 
 
@@ -71,11 +73,15 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     def _hashed(self) -> dict[str, Any]:
         others = {*FORMULAS.values(), NETWORK} - {self.detector_section}
         table = msgspec.to_builtins(self)
-        for section in (*UNHASHED, *others):
+        wires = ADDRESSES if self.rig == "simulated" else ()
+        for section in (*UNHASHED, *others, *wires):
             del table[section]
-        for section, keys in ADDRESSES.items():
-            for key in keys:
+        for section, keys in (NAMES | ADDRESSES).items():
+            for key in keys if table.get(section) else ():  # hardware has no calibration at first
                 del table[section][key]
+        if NETWORK in table:
+            chosen = self.network.weights or self.detector_name
+            table[NETWORK] = {"weights": weights_digest(weights_path(chosen))}
         return dict(sorted(table.items()))
 
 

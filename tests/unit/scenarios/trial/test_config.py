@@ -1,8 +1,11 @@
 """What the hash of a trial's settings covers: all that can change a result, nothing else."""
 
+from pathlib import Path
+
 import msgspec
 import pytest
 
+from detector.network_file import weights_path
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.trial.config import TrialConfig
 
@@ -15,8 +18,8 @@ WITHOUT_ADDRESSES = {"modbus": "timeout_s", "ur": "tcp_offset"}  # and a key tha
 LEFT_OUT = {"profile", "usb", "realtime", "psd", "psd_fair", "network"}  # `energy` is asked for
 
 
-def whole() -> RunConfig:
-    return load_config("can", "simulated", "energy")
+def whole(rig: str = "simulated") -> RunConfig:
+    return load_config("can", rig, "energy")
 
 
 def with_other(config: RunConfig, section: str, key: str) -> RunConfig:
@@ -31,9 +34,9 @@ def with_other(config: RunConfig, section: str, key: str) -> RunConfig:
     return replace(config, **{section: replace(part, **{key: other})})
 
 
-def digests(section: str, key: str = "") -> set[str]:
+def digests(section: str, key: str = "", rig: str = "simulated") -> set[str]:
     """Of the packaged settings and of those with another value, for lift and tap."""
-    plain = whole()
+    plain = whole(rig)
     other = with_other(plain, section, key)
     return {c.digest() for c in (plain.for_lift(), other.for_lift())} | {
         c.digest() for c in (plain.for_tap(), other.for_tap())
@@ -56,15 +59,33 @@ def test_what_cannot_change_a_result_leaves_the_hash(section: str) -> None:
 
 @pytest.mark.parametrize(
     "key", ["modbus.host", "modbus.port", "modbus.unit", "modbus.serial_port", "modbus.slave",
-            "usb.serial", "usb.url", "ur.host"],
+            "usb.serial", "usb.url", "ur.host", "gripper.calibration", "calibration.name"],
 )  # fmt: skip
-def test_no_address_is_covered(key: str) -> None:
-    assert len(digests(*key.split("."))) == 2
+def test_no_address_and_no_name_of_a_file_is_covered(key: str) -> None:
+    assert len(digests(*key.split("."), rig="emulated")) == 2
 
 
 @pytest.mark.parametrize(("section", "key"), WITHOUT_ADDRESSES.items())
-def test_how_a_wire_is_used_is_covered(section: str, key: str) -> None:
-    assert len(digests(section, key)) == 4
+def test_how_a_wire_is_used_is_covered_where_there_is_one(section: str, key: str) -> None:
+    assert len(digests(section, key, "emulated")) == 4
+    assert len(digests(section, key)) == 2
+
+
+def test_the_hash_covers_what_a_weights_file_holds_and_not_its_name(tmp_path: Path) -> None:
+    def digest(weights: Path | str) -> str:
+        return load_config("can", "simulated", "gru", None, [f"network.weights={weights}"]).digest()
+
+    own = tmp_path / "own.onnx"
+    own.write_bytes(weights_path("gru").read_bytes())
+    assert digest(own) == digest("gru") == load_config("can", "simulated", "gru").digest()
+    before = digest(own)
+    own.write_bytes(weights_path("tcn").read_bytes())
+    assert digest(own) != before
+    assert digest(tmp_path / "none.onnx") not in (before, digest(own))
+
+
+def test_settings_without_a_calibration_have_a_hash() -> None:
+    assert len(whole("hardware").digest()) == 16
 
 
 @pytest.mark.parametrize("section", ["scoring", "tap", "tap_scoring"])
