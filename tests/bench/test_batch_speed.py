@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scenarios.studies.physics import yardsticks
-from tests.unit.scenarios.world import ladder_batch as batch
+from tests.unit.scenarios.world.ladder import ladder_batch as batch
 
 
 def scenes_a_second(run: Callable[[], object], count: int) -> float:

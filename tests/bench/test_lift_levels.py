@@ -14,7 +14,7 @@ from scenarios.world.ladder.experiments import SceneSettings
 from scenarios.world.ladder.levels import Level, elements
 from scenarios.world.ladder.scene import Scene
 from tests.unit.scenarios.conftest import config
-from tests.unit.scenarios.world import ladder_scenes
+from tests.unit.scenarios.world.ladder import ladder_scenes
 
 SEEDS = range(10)
 LEVELS = (Level.SLIDER, Level.POINTS, Level.SPIN, Level.BRUSH)

@@ -2,8 +2,8 @@
 
 import pytest
 
-from tests.unit.scenarios.world.planner_report import MAKER, scenes_of, table, tally, truth
-from tests.unit.scenarios.world.random_scenes import random_lift, random_tap
+from tests.unit.scenarios.world.ladder.planner_report import MAKER, scenes_of, table, tally, truth
+from tests.unit.scenarios.world.ladder.random_scenes import random_lift, random_tap
 
 COUNT, SEED = 300, 2026  # thresholds were chosen on seed 7, looked at on seed 101
 TOLERANCES_M = (2e-3, 1e-3, 5e-4, 2e-4)

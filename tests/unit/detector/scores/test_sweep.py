@@ -8,7 +8,7 @@ from detector.decision import RuleSettings
 from detector.recordings import Recording
 from detector.scores.evaluation import Streamed, evaluate_streams
 from detector.scores.sweep import best, frontier, rules, sweep
-from tests.unit.detector.test_evaluation import Scripted, flags, times
+from tests.unit.detector.scores.test_evaluation import Scripted, flags, times
 
 
 def noisy(seed: int, fingers: int = 1) -> Streamed:

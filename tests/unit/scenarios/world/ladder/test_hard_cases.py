@@ -12,7 +12,7 @@ from scenarios.world.ladder.comparators import Method
 from scenarios.world.ladder.levels import Level, compliant_parameters, simulate
 from scenarios.world.ladder.reference import adaptive, explicit
 from scenarios.world.ladder.scene import Closing, Grip, Scene, Vibration, squeeze
-from tests.unit.scenarios.world.ladder_scenes import SOFT, body, changed, held, lift, tap
+from tests.unit.scenarios.world.ladder.ladder_scenes import SOFT, body, changed, held, lift, tap
 
 CONE_N = 0.5 * 20.0  # of `held`
 

@@ -11,7 +11,7 @@ from scenarios.world.ladder import compliant, rigid
 from scenarios.world.ladder.levels import Level, compliant_parameters, simulate
 from scenarios.world.ladder.reference import adaptive
 from scenarios.world.ladder.scene import Closing, Grip, Plane, Scene, squeeze
-from tests.unit.scenarios.world.ladder_scenes import SOFT, body, changed, held, lift, tap
+from tests.unit.scenarios.world.ladder.ladder_scenes import SOFT, body, changed, held, lift, tap
 
 AWAY = Plane(centre_of_mass_y_m=-0.004, centre_of_mass_z_m=0.02)
 COMPLIANT = (Level.SLIDER, Level.POINTS, Level.SPIN, Level.BRUSH)

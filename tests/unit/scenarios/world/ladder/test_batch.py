@@ -5,8 +5,8 @@ import pytest
 
 from scenarios.world.ladder.levels import Level, simulate
 from scenarios.world.ladder.scene import Scene, Vibration
-from tests.unit.scenarios.world import ladder_batch as batch
-from tests.unit.scenarios.world.ladder_scenes import SOFT, body, changed, held, lift, tap
+from tests.unit.scenarios.world.ladder import ladder_batch as batch
+from tests.unit.scenarios.world.ladder.ladder_scenes import SOFT, body, changed, held, lift, tap
 
 SHAKE = Vibration(acceleration_mps2=14.0, frequency_hz=20.0)
 

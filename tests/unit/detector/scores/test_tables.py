@@ -6,7 +6,7 @@ import numpy as np
 from detector.decision import RuleSettings
 from detector.scores.evaluation import Streamed, evaluate_streams
 from detector.scores.tables import cell_f1, cells_table, methods_table
-from tests.unit.detector.test_evaluation import Scripted, flags, metadata, recording
+from tests.unit.detector.scores.test_evaluation import Scripted, flags, metadata, recording
 
 
 def streamed(surface: str, speed: float, right: bool) -> Streamed:

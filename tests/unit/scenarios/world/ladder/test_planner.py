@@ -10,9 +10,9 @@ from scenarios.world.ladder.experiments import SCENES, World
 from scenarios.world.ladder.levels import Level, simulate
 from scenarios.world.ladder.planner import Tolerance, indicators, plan
 from scenarios.world.ladder.scene import Plane, Vibration
-from tests.unit.scenarios.world.ladder_scenes import body, held, lift, tap
-from tests.unit.scenarios.world.planner_report import scenes_of, truth
-from tests.unit.scenarios.world.random_scenes import random_lift, random_tap
+from tests.unit.scenarios.world.ladder.ladder_scenes import body, held, lift, tap
+from tests.unit.scenarios.world.ladder.planner_report import scenes_of, truth
+from tests.unit.scenarios.world.ladder.random_scenes import random_lift, random_tap
 
 MM = Tolerance(slip_m=1e-3)
 
