@@ -201,7 +201,7 @@ def _explain(cls: type[msgspec.Struct], message: str, sources: dict[str, str]) -
         hint = f" (did you mean {close[0]!r}?)" if close and not missing else ""
         text = "missing" if missing else f"unknown key{hint}"
         if not missing and (new := renamed(key)):
-            text = f"is called {new} now"
+            return ConfigError(_source(sources, key), key, f"is called {new} now", new)
         return ConfigError(_source(sources, key), key, text, ", ".join(known))
     if not key:  # settings that do not go together
         return ConfigError(next(iter(sources.values()), "-"), "-", problem, "what goes together")

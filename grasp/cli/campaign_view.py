@@ -1,5 +1,6 @@
 """What a person sees of a campaign: a bar while it runs, Table IV at its end."""
 
+import math
 import sys
 import time
 from pathlib import Path
@@ -145,6 +146,8 @@ def _heading(variant: "Variant") -> str:
 
 def _rate(rate: float, interval: tuple[float, float]) -> str:
     low, high = interval
+    if math.isnan(rate):
+        return "   -"  # nothing was judged
     return f"{rate:4.0%} ({low * 100:.0f}-{high * 100:.0f})"
 
 

@@ -47,5 +47,7 @@ def doctor(args: argparse.Namespace) -> int:
         print(f"{_MARK[check.status]}  {check.name:<{width}}  {check.detail}")
         if check.remedy:
             print(f"      {'':<{width}}  -> {check.remedy}")
-    print("all well" if not failed else f"{len(failed)} to mend; first: {failed[0].remedy}")
+    doubtful = sum(check.status == "warn" for check in checks)
+    well = f"nothing stands against a run; {doubtful} to look at" if doubtful else "all well"
+    print(well if not failed else f"{len(failed)} to mend; first: {failed[0].remedy}")
     return code

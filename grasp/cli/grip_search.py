@@ -5,11 +5,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.options import decimal, whole
 from grasp.cli.run import add_trial_options
 from grasp.files import write_whole
 
+WRITTEN = "# grasp grip-search"
 HELP = "find finger positions that hold an object too weakly to lift it"
 
 
@@ -62,6 +64,7 @@ def search(args: argparse.Namespace) -> int:
         with_counts,
     )
 
+    _check_writable(args.write)
     whole = load_config(args.object, args.rig, args.detector, args.config, args.set, args.profile)
     config = whole.for_lift()
     wanted = criteria(args.least, args.most, args.draws)
@@ -81,9 +84,15 @@ def search(args: argparse.Namespace) -> int:
         _print(args, present_grip(config, wanted, args.seed), grips[: args.shown], slipped)
     if args.write is not None:
         counts = ", ".join(map(str, best.counts))
-        text = f"# grasp grip-search\n[object]\ngrip_counts = [{counts}]\n"
+        text = f"{WRITTEN}\n[object]\ngrip_counts = [{counts}]\n"
         write_whole(args.write, text.encode())
     return exits.SUCCESS if found else exits.TRIAL_FAILED
+
+
+def _check_writable(path: Path | None) -> None:
+    """Only what this verb wrote itself is written over: an object's file has much more in it."""
+    if path is not None and path.exists() and not path.read_text("utf-8").startswith(WRITTEN):
+        raise UsageError(f"{path} is there already", "another file; then copy its grip_counts")
 
 
 def _print(args: argparse.Namespace, present: Any, grips: list[Any], slipped: int) -> None:

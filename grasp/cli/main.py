@@ -47,7 +47,8 @@ def build_parser() -> argparse.ArgumentParser:
         description="Closed-loop grasp controller: feels slip with barometric fingertips and "
         "closes a Robotiq 3-Finger gripper as fast as it can within a force limit.",
         epilog="Exit codes: 0 success, 1 trial failed, 2 usage or configuration, 3 device, "
-        "4 safety stop, 5 could not record or internal error, 130 interrupted.",
+        "4 safety stop, 5 could not record or internal error, 130 interrupted (143 told to end, "
+        "129 terminal closed).",
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
     verbs = parser.add_subparsers(metavar="VERB", required=True)
