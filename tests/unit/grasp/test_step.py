@@ -1,0 +1,232 @@
+"""One step as a pure unit: what it tells the controller, the detector and the guard, and what it
+lets out. The parts beside it are small fakes that write down what they are told."""
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import msgspec
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from drivers.interfaces import Counts3, GripperState, TactileFrame, Vector3
+from grasp.commands import CloseFast, Command, GripperCommand, MoveArm, OpenFingers, StopArm
+from grasp.controller import Decision, GraspController, Observation
+from grasp.guard import ForceGuard, GuardSettings
+from grasp.phases import Phase
+from grasp.slip import DISARMED
+from grasp.step import GraspStep, StepInput
+from tests.unit.grasp.builders import arm, gripper
+from tests.unit.grasp.test_controller import TICK, Driver
+
+CLOSE = CloseFast(8.0, (True, True, True), (255, 255, 255), 0.1)
+LET = OpenFingers(0.05)
+RISE = MoveArm((0.3, 0.2, 0.6), 0.1, 0.5)
+SURE = np.array([0.9, 0.1, 0.2])
+
+
+def frame(count: int = 0, stale: bool = False) -> TactileFrame:
+    """Every taxel at this many counts; pressing is negative."""
+    counts = np.full((3, 6), count, dtype=np.int16)
+    rest = np.full((3, 6), 450, dtype=np.int16)
+    raw = (rest + counts).astype(np.int16)
+    return TactileFrame(0, 0, 0, counts, raw, rest, rest, stale=stale)
+
+
+def told(of: TactileFrame | None, t_ns: int = TICK, **changes: Any) -> StepInput:
+    return StepInput(t_ns, of, True, gripper(t_ns), arm(t_ns), **changes)
+
+
+class Ears:
+    """A detector that gives the same answer always, or does what it is given to do."""
+
+    def __init__(self, answer: Callable[[], Any] = lambda: SURE) -> None:
+        self.answer = answer
+        self.heard: list[NDArray[np.int16] | str] = []
+
+    def reset(self) -> None:
+        self.heard.append("reset")
+
+    def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
+        self.heard.append(counts)
+        return cast(NDArray[np.float64], self.answer())
+
+
+class Told:
+    """A controller that decides the same always."""
+
+    def __init__(self, phase: Phase = Phase.LIFT, *commands: Command, **says: bool) -> None:
+        self.phase = phase
+        flags = {"reset_detector": False, "anchor": False, **says}
+        self.decision = Decision(
+            phase=phase, slip=DISARMED, commands=commands, finished=False, **flags
+        )
+        self.seen: list[Observation] = []
+
+    def step(self, seen: Observation) -> Decision:
+        self.seen.append(seen)
+        return self.decision
+
+
+class Gate:
+    """A guard of one count a newton that answers every command with another."""
+
+    def __init__(self) -> None:
+        self.anchors: list[tuple[Counts3, Vector3]] = []
+        self.asked: list[tuple[GripperCommand, Vector3]] = []
+
+    def measured_n(self, sums: Vector3) -> Vector3:
+        a, b, c = sums
+        return (-a, -b, -c)
+
+    def overloaded(self, measured_n: Vector3) -> bool:
+        return max(measured_n) > 10.0
+
+    def anchor(self, positions: Counts3, measured_n: Vector3) -> None:
+        self.anchors.append((positions, measured_n))
+
+    def admit(
+        self, command: GripperCommand, state: GripperState, measured_n: Vector3
+    ) -> GripperCommand:
+        self.asked.append((command, measured_n))
+        return LET
+
+
+class Bench:
+    def __init__(self, controller: Told | None = None, ears: Ears | None = None) -> None:
+        self.controller = controller or Told()
+        self.ears = ears or Ears()
+        self.gate = Gate()
+        self.step = GraspStep(
+            self.ears,
+            cast(GraspController, self.controller),
+            cast(ForceGuard, self.gate),
+        )
+
+    def decide(self, of: TactileFrame | None, **changes: Any) -> Observation:
+        return self.step.decide(told(of, **changes)).observation
+
+
+def test_detector_hears_the_counts_and_the_controller_its_answer() -> None:
+    b = Bench()
+    seen = b.decide(frame(-1))
+    assert [np.unique(h).tolist() for h in b.ears.heard] == [[-1]]
+    assert seen.probabilities.tolist() == SURE.tolist()
+    assert seen is b.controller.seen[0]
+    assert (seen.measured_n, seen.overloaded, seen.doubt) == ((6.0, 6.0, 6.0), False, "")
+
+
+def test_stale_frame_resets_the_detector_and_is_no_sample() -> None:
+    b = Bench()
+    seen = b.decide(frame(-1, stale=True))
+    assert b.ears.heard == ["reset"]
+    assert seen.probabilities.tolist() == [0.0] * 3
+    assert seen.tactile_stale
+
+
+def test_before_the_first_frame_nothing_is_heard_felt_or_doubted() -> None:
+    b = Bench(Told(Phase.IDLE))
+    seen = b.decide(None)
+    assert b.ears.heard == []
+    assert seen.probabilities.tolist() == [0.0] * 3
+    assert (seen.tactile_stale, seen.measured_n, seen.doubt) == (False, (0.0,) * 3, "")
+
+
+def test_detector_is_reset_after_its_sample_when_the_decision_says_so() -> None:
+    b = Bench(Told(reset_detector=True))
+    b.decide(frame(-1))
+    assert len(b.ears.heard) == 2
+    assert b.ears.heard[1] == "reset"
+    assert b.gate.anchors == []
+
+
+def test_guard_is_anchored_at_the_force_just_measured_when_the_decision_says_so() -> None:
+    b = Bench(Told(anchor=True))
+    b.decide(frame(-1))
+    b.decide(frame(-2))
+    assert b.gate.anchors == [((55, 55, 55), (6.0,) * 3), ((55, 55, 55), (12.0,) * 3)]
+    assert not any(isinstance(heard, str) for heard in b.ears.heard)
+
+
+def test_gripper_commands_go_out_as_the_guard_lets_them_by_the_force_just_measured() -> None:
+    b = Bench(Told(Phase.LIFT, CLOSE, RISE))
+    b.decide(frame(-1))
+    result = b.step.decide(told(frame(-2), 2 * TICK))
+    assert b.gate.asked == [(CLOSE, (6.0,) * 3), (CLOSE, (12.0,) * 3)]
+    assert result.decision.commands == (CLOSE, RISE)
+    assert result.admitted == (LET, RISE)
+    assert result.measured_n == result.observation.measured_n == (12.0,) * 3
+    assert result.observation.overloaded
+
+
+@pytest.mark.parametrize("command", [RISE, StopArm(2.0)])
+def test_arm_commands_pass_as_they_are(command: Command) -> None:
+    b = Bench()
+    assert b.step.admit(command, gripper()) is command
+    assert b.gate.asked == []
+
+
+def test_command_from_outside_a_step_is_admitted_by_the_force_measured_last() -> None:
+    b = Bench()
+    b.decide(frame(-2))
+    assert b.step.admit(CLOSE, gripper()) == LET
+    assert b.gate.asked == [(CLOSE, (12.0,) * 3)]
+
+
+def broken() -> None:
+    raise ZeroDivisionError("no samples")
+
+
+FAILURES = [
+    pytest.param(broken, "ZeroDivisionError: no samples", id="raises"),
+    pytest.param(lambda: np.array([0.9, np.nan, 0.1]), "no probabilities", id="no number"),
+    pytest.param(lambda: np.array([0.9, 1.5, 0.1]), "no probabilities", id="above one"),
+    pytest.param(lambda: np.zeros(6), "shape (6,)", id="wrong shape"),
+    pytest.param(lambda: None, "shape NoneType", id="no answer"),
+]
+
+
+@pytest.mark.parametrize(("answer", "says"), FAILURES)
+def test_detector_that_fails_is_silent_and_a_doubt_by_name(
+    answer: Callable[[], Any], says: str
+) -> None:
+    seen = Bench(ears=Ears(answer)).decide(frame(-1))
+    assert seen.probabilities.tolist() == [0.0] * 3
+    assert seen.doubt.startswith("detector_failed: ")
+    assert says in seen.doubt
+
+
+@pytest.mark.parametrize(("answer", "says"), FAILURES)
+def test_detector_that_fails_with_the_hand_open_is_silent_and_no_doubt(
+    answer: Callable[[], Any], says: str
+) -> None:
+    seen = Bench(Told(Phase.IDLE), Ears(answer)).decide(frame(-1))
+    assert (seen.probabilities.tolist(), seen.doubt) == ([0.0] * 3, "")
+
+
+def test_controller_is_told_all_that_the_step_was_told() -> None:
+    changes: dict[str, Any] = {
+        "pending": True, "trouble": "link_lost: unplugged", "gripper_lost": True, "set_down": True,
+        "stop": "SIGTERM", "late_ns": 3, "took_ns": 4,
+    }  # fmt: skip
+    given = told(frame(-1), **changes)
+    seen = Bench().step.decide(given).observation
+    for field in StepInput.__struct_fields__:
+        if field != "frame":
+            assert getattr(seen, field) == getattr(given, field), field
+
+
+def fresh() -> GraspStep:
+    return GraspStep(Ears(), Driver().controller, ForceGuard(GuardSettings(), 2.0, 0.0005))
+
+
+def test_equal_inputs_to_two_fresh_steps_give_equal_results() -> None:
+    inputs = [told(None)]
+    inputs += [told(frame(-k % 40, stale=k % 17 == 0), k * TICK) for k in range(2, 120)]
+    inputs.append(told(frame(-60), 120 * TICK, stop="SIGTERM"))
+    one, other = (
+        [msgspec.json.encode(step.decide(i), enc_hook=np.ndarray.tolist) for i in inputs]
+        for step in (fresh(), fresh())
+    )
+    assert one == other
+    assert len(set(one)) == len(one)
