@@ -69,6 +69,7 @@ class Session:
             config.control, counts_per_newton(config, seed), motion, course
         )
         self._tick = 0
+        self.missed_periods = 0
         self.ticks: list[Sample] = []
         self._start_ns = rig.clock.now_ns
         self._touched_ns: int | None = None
@@ -126,7 +127,9 @@ class Session:
         interruption.check()
         rig, sampling = self._rig, self._config.sampling
         late = int((rig.clock.now_ns - self._start_ns) * 1e-9 / sampling.period_s)
-        self._tick = max(self._tick, late) + 1  # samples that were slept through do not come back
+        slept = max(late - self._tick, 0)  # samples that were slept through do not come back
+        self.missed_periods += slept
+        self._tick += slept + 1
         due_ns = self._start_ns + round(self._tick * sampling.period_s * 1e9)
         if rig.cell is None:
             rig.clock.sleep_until_ns(due_ns)
@@ -220,7 +223,8 @@ class FinishedAcquisition(msgspec.Struct, frozen=True):
     samples: int
     slip: int
     slip_true: int | None
-    missed: int
+    missed_periods: int  # that the session slept through, from its start on
+    repeated: int  # samples without a new frame
     force_mean_n: float | None  # estimated by the fingertip
     force_std_n: float | None
     speed_max_mps: float | None
@@ -236,7 +240,8 @@ class FinishedAcquisition(msgspec.Struct, frozen=True):
         true = "" if self.slip_true is None else f" (the contact truly slid in {self.slip_true})"
         cut = "" if len(self.recordings) == 1 else ", cut where too many samples were missing"
         return (
-            f"{self.samples} samples, {self.slip} labelled slip{true}, {self.missed} repeated\n"
+            f"{self.samples} samples, {self.slip} labelled slip{true}, {self.repeated} repeated, "
+            f"{self.missed_periods} periods missed\n"
             f"force by the fingertip {self.force_mean_n:.1f} +- {self.force_std_n:.1f} N, "
             f"fastest {(self.speed_max_mps or 0.0) * 1e3:.0f} mm/s\n"
             f"recording: {', '.join(self.recordings)}{cut}"
@@ -287,7 +292,9 @@ def _run(
         path = runs / f"{stem}{SUFFIX}"
         made.append(recording(part, config, metadata, str(path)))
         write(path, made[-1])
-    return _finished(config, motion, seed, [t for p in parts for t in p], made, failure)
+    return _finished(
+        config, motion, seed, [t for p in parts for t in p], session.missed_periods, made, failure
+    )
 
 
 def _left(session: Session) -> End:
@@ -304,7 +311,7 @@ def _without_gaps(ticks: list[Sample]) -> list[list[Sample]]:
 
 def _finished(
     config: AcquireConfig, motion: StrokeMotion, seed: int, ticks: list[Sample],
-    made: list[Recording], failure: Failure | None,
+    missed_periods: int, made: list[Recording], failure: Failure | None,
 ) -> FinishedAcquisition:  # fmt: skip
     force = np.array([tick.force_n for tick in ticks])
     fastest = [np.hypot(*r.velocity_mps.T).max() for r in made if r.velocity_mps is not None]
@@ -312,7 +319,7 @@ def _finished(
     return FinishedAcquisition(
         "acquire", config.rig, config.surface.name, motion.direction, seed, len(ticks),
         sum(int(r.slip.sum()) for r in made), sum(true) if true else None,
-        sum(tick.frame.missed > 0 for tick in ticks),
+        missed_periods, sum(tick.frame.missed > 0 for tick in ticks),
         float(force.mean()) if ticks else None, float(force.std()) if ticks else None,
         float(max(fastest)) if fastest else None, [r.source for r in made], failure,
     )  # fmt: skip

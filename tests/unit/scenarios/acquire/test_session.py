@@ -281,3 +281,4 @@ def test_a_machine_that_stood_still_leaves_two_recordings_and_no_burst(
     assert [Path(path).stem[-2:] for path in finished.recordings] == ["-1", "-2"]
     assert sum(len(part.t_s) for part in parts) == finished.samples == 600
     assert all(np.diff(part.t_s).min() > 0.005 for part in parts)
+    assert 14 <= finished.missed_periods <= 15 and finished.repeated < 60
