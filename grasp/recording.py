@@ -43,8 +43,8 @@ class RunRecorder:
     """Writes one run to ``path``. No method raises; look at ``failure`` when the run is over.
 
     channels: topic to message type; a type that has no JSON form is a TypeError here, before
-    anything runs. ``dropped`` counts the messages that were not written. Message times are
-    integer nanoseconds of the run's own clock.
+    anything runs. A message that is not written is a ``failure``. Message times are integer
+    nanoseconds of the run's own clock.
     """
 
     def __init__(
@@ -56,7 +56,6 @@ class RunRecorder:
     ) -> None:
         self.path = path
         self.failure: Exception | None = None
-        self.dropped = 0
         self._kinds = dict(channels)
         self._encode = msgspec.json.Encoder(enc_hook=_plain).encode
         self._stream: _Unbuffered | None = None
@@ -77,9 +76,11 @@ class RunRecorder:
         self.close()
 
     def write(self, topic: str, t_ns: int, message: msgspec.Struct) -> None:
-        """Append one message; after a failure, count it as dropped."""
+        """Append one message; after a failure nothing more is written."""
         if self._writer is None:
-            self._drop_late()
+            self.failure = self.failure or ValueError(
+                f"{self.path} was closed before the last message"
+            )
             return
         try:
             if not isinstance(message, self._kinds[topic]):
@@ -87,7 +88,6 @@ class RunRecorder:
             channel_id, sequence = self._topics[topic]
             self._writer.add_message(channel_id, t_ns, self._encode(message), t_ns, next(sequence))
         except Exception as error:
-            self.dropped += 1
             self._fail(error)
 
     def close(self) -> None:
@@ -113,11 +113,6 @@ class RunRecorder:
             channel_id = writer.register_channel(topic, "json", schema_id)
             self._topics[topic] = channel_id, itertools.count()
         self._writer = writer
-
-    def _drop_late(self) -> None:
-        self.dropped += 1
-        if self.failure is None:
-            self.failure = ValueError(f"{self.path} was closed before the last message")
 
     def _fail(self, error: Exception) -> None:
         self.failure = self.failure or error

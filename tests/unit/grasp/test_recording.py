@@ -71,7 +71,6 @@ def record(path: Path, count: int = 100, chunk_size: int = 4096) -> list[tuple[s
             for topic, t_ns, message in written[-2:]:
                 recorder.write(topic, t_ns, message)
     assert recorder.failure is None
-    assert recorder.dropped == 0
     return written
 
 
@@ -138,7 +137,6 @@ def test_a_full_disk_is_a_failure_and_not_an_exception(tmp_path: Path) -> None:
     recorder.write("/event", 0, Event("lost"))
     recorder.close()
     assert isinstance(recorder.failure, OSError)
-    assert recorder.dropped == 1
     assert not path.is_symlink()
     assert Path("/dev/full").exists()
 
@@ -162,7 +160,6 @@ def test_a_disk_that_runs_full_leaves_nothing_half_written(tmp_path: Path, file_
     recorder.close()
     assert isinstance(failure, OSError)
     assert recorder.failure is failure
-    assert 0 < recorder.dropped < 200
     assert not path.exists()
 
 
@@ -183,7 +180,6 @@ def test_a_folder_that_is_missing_is_a_failure(tmp_path: Path) -> None:
     with RunRecorder(tmp_path / "none" / "run.mcap", CHANNELS, {}) as recorder:
         recorder.write("/event", 0, Event("lost"))
     assert isinstance(recorder.failure, FileNotFoundError)
-    assert recorder.dropped == 1
 
 
 @pytest.mark.parametrize(
@@ -204,7 +200,6 @@ def test_a_wrong_message_is_a_failure_and_not_an_exception(
         recorder.write(topic, t_ns, message)
         recorder.write("/event", 1, Event("after"))
     assert isinstance(recorder.failure, kind)
-    assert recorder.dropped == 2
     assert not path.exists()
 
 
@@ -218,7 +213,6 @@ def test_a_message_after_the_end_is_dropped_and_the_file_stays(tmp_path: Path) -
     recorder.write("/event", 1, Event("late"))
     recorder.close()
     assert isinstance(recorder.failure, ValueError)
-    assert recorder.dropped == 1
     assert [m.text for _, _, m in RunRecording.open(path, CHANNELS)] == ["kept"]
 
 
