@@ -31,6 +31,7 @@ class Series(msgspec.Struct, frozen=True):
     slip_mm: NDArray[np.float64] | None
     onset_s: float | None
     phases: list[tuple[float, str]]
+    force_limit_n: float | None  # None where the recording does not say
 
 
 def read_series(path: Path) -> Series:
@@ -46,10 +47,28 @@ def read_series(path: Path) -> Series:
         slip_mm=np.array([m.slip_distance_m for m in truth]) * 1e3 if truth else None,
         onset_s=truth[-1].slip_onset_s if truth else None,
         phases=[(t * 1e-9, m.phase) for t, m in recording.of(PHASES)],
+        force_limit_n=_force_limit_n(recording),
     )
 
 
-def draw_run(path: Path, out: Path, force_limit_n: float = 10.0) -> None:
+class _Limit(msgspec.Struct):
+    force_limit_n: float
+
+
+class _Settings(msgspec.Struct):
+    guard: _Limit
+
+
+def _force_limit_n(recording: RunRecording) -> float | None:
+    """That the guard had in this run."""
+    try:
+        said = msgspec.json.decode(recording.metadata.get("config", ""), type=_Settings)
+    except msgspec.MsgspecError:
+        return None
+    return said.guard.force_limit_n
+
+
+def draw_run(path: Path, out: Path) -> None:
     """Force, slip probability and slip distance of a run over time, phases shaded, into ``out``."""
     import matplotlib as mpl
 
@@ -61,7 +80,7 @@ def draw_run(path: Path, out: Path, force_limit_n: float = 10.0) -> None:
     figure, (force, p, slip) = plt.subplots(
         3, 1, sharex=True, figsize=(9, 6), height_ratios=(3, 2, 2), layout="constrained"
     )
-    _draw_force(force, series, force_limit_n)
+    _draw_force(force, series)
     for i, name in enumerate(FINGER_NAMES):
         p.plot(series.t_s, series.probabilities[:, i], color=COLOURS[name], lw=1)
     p.axhline(0.5, color="black", lw=0.6, ls=":")
@@ -78,12 +97,13 @@ def draw_run(path: Path, out: Path, force_limit_n: float = 10.0) -> None:
     plt.close(figure)
 
 
-def _draw_force(axes: Any, series: Series, limit_n: float) -> None:
+def _draw_force(axes: Any, series: Series) -> None:
     for i, name in enumerate(FINGER_NAMES):
         axes.plot(series.t_s, series.measured_n[:, i], color=COLOURS[name], lw=0.7, alpha=0.6)
         if series.true_n is not None:
             axes.plot(series.t_s, series.true_n[:, i], color=COLOURS[name], lw=1.4, label=f"{name}")
-    axes.axhline(limit_n, color="#b00020", lw=1, ls="--", label=f"limit {limit_n:g} N")
+    if (limit_n := series.force_limit_n) is not None:
+        axes.axhline(limit_n, color="#b00020", lw=1, ls="--", label=f"limit {limit_n:g} N")
     axes.set_ylabel("grip force, N\n(thin: felt, thick: true)")
     axes.legend(loc="lower right", ncols=4, fontsize=8, frameon=False)
 
