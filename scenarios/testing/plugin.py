@@ -175,8 +175,11 @@ class EmulatedArm:
 
 
 def _start_arm(host: str) -> subprocess.Popen[str]:
+    from drivers.ur import emulator  # noqa: PLC0415  # noqa: PLC0415
+
     # -P: a folder called `drivers` where the user happens to stand must not shadow ours
-    command = [sys.executable, "-P", "-m", "drivers.ur.emulator", "--host", host]
+    assert emulator.__spec__ is not None  # noqa: S101  (it was imported)
+    command = [sys.executable, "-P", "-m", emulator.__spec__.name, "--host", host]
     home = str(Path(__file__).parents[2])
     return subprocess.Popen(
         [*command, "--unlock-delay", "0"], stdout=subprocess.PIPE, text=True,
