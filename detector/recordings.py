@@ -18,11 +18,11 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from drivers.errors import BadFile
-from drivers.interfaces import PERIOD_S, TAXELS
+from drivers.interfaces import CODE_MAX, PERIOD_S, TAXELS
 
 GAP_PERIODS = 1.5  # samples further apart than this have lost one between them
 MAX_MISSED = 5  # in a row; beyond that the sensor counts as stale and detectors are reset
-COUNTS_LIMIT = 1023  # difference of two 10-bit codes
+COUNTS_LIMIT = CODE_MAX  # difference of two codes
 FORMAT = "grasp-recording"
 VERSION = 1
 SUFFIX = ".npz"

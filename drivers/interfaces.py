@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 FINGER_NAMES = ("A", "B", "C")
 FINGERS = len(FINGER_NAMES)
 TAXELS = 6
+CODE_MAX = 1023  # of a taxel: ten bits
 PERIOD_NS = 10_000_000  # of a tactile sample and a control step: 100 Hz, as in the paper
 PERIOD_S = PERIOD_NS / 1e9
 

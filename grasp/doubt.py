@@ -15,6 +15,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from drivers.interfaces import (
+    CODE_MAX,
     FINGER_NAMES,
     FINGERS,
     ArmState,
@@ -27,7 +28,6 @@ from drivers.interfaces import (
 from grasp.commands import Command, MoveArm, StopArm
 from grasp.phases import CONTACT_PHASES, OPEN_PHASES, Phase
 
-CODE_MAX = 1023  # of ten bits
 NOWHERE: Vector3 = (0.0, 0.0, 0.0)
 
 

@@ -37,7 +37,10 @@ Codes = NDArray[np.int16]
 
 
 class UsbRequest(IntEnum):
-    """Vendor requests (bRequest). 0xBB jumps to the boot loader and is therefore not listed."""
+    """Vendor requests (bRequest). 0xBB jumps to the boot loader and is therefore not listed.
+
+    The driver asks for SCAN and TIMER alone; tests ask the model for the others.
+    """
 
     STRING = 0x00  # wIndex 0: hardware version, 1: firmware version; NUL-terminated
     SCAN = 0x5C  # re-scan the I2C bus; only while stopped

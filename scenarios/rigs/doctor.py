@@ -163,9 +163,11 @@ def _devices(rig: str | None, load: Load) -> list[Check]:
 
         with cell_process(config, 0) as cell:
             return _ask_devices(at_endpoints(config, cell.endpoints))
+    except GraspError as error:
+        return [Check("devices", "fail", error.message, error.remedy)]
     except Exception as error:
-        message = getattr(error, "message", None) or f"{type(error).__name__}: {error}"
-        return [Check("devices", "fail", message, getattr(error, "remedy", "see the message"))]
+        message = f"{type(error).__name__}: {error}"
+        return [Check("devices", "fail", message, "see the message")]
 
 
 def _ask_devices(config: Any) -> list[Check]:

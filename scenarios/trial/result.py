@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import msgspec
 
@@ -87,10 +87,6 @@ class FinishedRun(msgspec.Struct, Generic[ResultT], frozen=True):
 
     def as_json(self) -> str:
         return msgspec.json.encode(self.result).decode()
-
-    def as_dict(self) -> dict[str, Any]:
-        out: dict[str, Any] = msgspec.to_builtins(self.result)
-        return out
 
 
 def _quantiles(samples_ns: Sequence[int], unit_ns: float) -> Quantiles | None:

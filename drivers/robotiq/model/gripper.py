@@ -157,12 +157,15 @@ class GripperModel:
         self._lie = lie
 
     def jam(self) -> None:
-        """A fault: the motors stand, whatever they are told."""
+        """A fault hook, for tests alone: the motors stand, whatever they are told."""
         self._jammed = True
         self._fingers.stop()
 
     def power_cycle(self) -> None:
-        """Off and on again: the fingers stay where they are, the hand is not active any more."""
+        """A fault hook, for tests alone: off and on again.
+
+        The fingers stay where they are, the hand is not active any more.
+        """
         self._halt(Stage.RESET)
         self._written = self._taken_up = (0,) * WORDS
         self._command = decode(self._written)

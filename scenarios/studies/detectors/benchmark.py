@@ -17,13 +17,14 @@ from detector.scores.evaluation import (
 )
 from detector.scores.sweep import SweepPoint, best, rules, sweep
 from grasp.clock import stopwatch_ns
-from scenarios.campaign.config import RunConfig, load_config
+from scenarios.campaign.config import load_config
+from scenarios.trial.config import TrialConfig
 
 
 class Contender(msgspec.Struct, frozen=True, eq=False):
     """A detector with its configuration, and what it said of the recordings."""
 
-    config: RunConfig
+    config: TrialConfig
     detector: SlipDetector
     streams: list[Streamed]
     data: str
