@@ -28,6 +28,7 @@ ACQUISITION = ("acquire", "--surface", "sphere", "--direction", "45", "--seconds
 # What a recording says now, and what the same thing was called before: undone before comparing.
 RENAMED: tuple[tuple[bytes, bytes], ...] = (
     (b'"impulse_n_s":', b'"impulse_ns":'),
+    (b',"late_ns":0,"took_ns":0,"doubt":""', b""),  # of /control
     # phases that were parts of others
     (b'"phase":"rest"', b'"phase":"approach"'),
     (b'"phase":"squeeze"', b'"phase":"grasp"'),
