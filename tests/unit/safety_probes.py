@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from detector.decision import RuleSettings, make_rule
 from drivers.errors import Refused, Stale
 from drivers.takktile.settings import TakkTileSettings
 from drivers.ur.driver import ArmDriver, ArmSample, ArmSettings
@@ -15,6 +16,8 @@ from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
 from grasp.guard import ForceGuard, GuardSettings
 from grasp.loop import Tick
 from grasp.phases import Phase
+from grasp.slip import SlipMonitor, SlipSettings
+from scenarios.acquire.press import PressController, PressControlSettings, PressPhase
 from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
 from scenarios.rigs.opening import open_rig
 from scenarios.tap.result import Alarm
@@ -455,3 +458,64 @@ def tap_verdict(
         motion=motion, alarms=alarms, watched_until_s=30.0, own_peak_n=10.5, force_bound_n=11.0
     )
     return verdict(facts, TapScoringSettings(**settings))
+
+
+# What registers slip
+
+
+def registers(samples: list[tuple[float, ...]], **settings: Any) -> list[bool]:
+    """What the rule says after each sample, of log-odds."""
+    rule = make_rule(RuleSettings(**settings), len(samples[0]))
+    said = []
+    for sample in samples:
+        rule.update(1.0 / (1.0 + np.exp(-np.array(sample))))
+        said.append(rule.registered)
+    return said
+
+
+def summed(log_odds: float, **settings: Any) -> bool:
+    return registers([(log_odds,)], kind="cusum", **settings)[0]
+
+
+def sure_samples(consecutive: int) -> int:
+    return registers([(3.0,)] * 60, consecutive=consecutive).index(True) + 1
+
+
+def quiet_samples(release: int) -> int:
+    return registers([(3.0,)] * 2 + [(-3.0,)] * 100, release=release)[2:].index(False) + 1
+
+
+def fingers_that_agree(fingers: int) -> int:
+    sure = [(3.0,) * n + (-3.0,) * (3 - n) for n in (1, 2, 3)]
+    said = [registers([sample], consecutive=1, fingers=fingers)[0] for sample in sure]
+    return said.index(True) + 1
+
+
+def masked_s(value: float) -> float:
+    """For how long after our own closing."""
+    m = SlipMonitor(make_rule(RuleSettings(), 3), SlipSettings(mask_after_closing_s=value))
+    m.arm()
+    m.closing(0)
+    return next(k for k in range(3000) if not m.update(k * MS, np.zeros(3)).masked) / 1e3
+
+
+# One fingertip that presses
+
+
+def presser(**settings: Any) -> PressController:
+    made = PressControlSettings(**settings)
+    return PressController(made, 100.0, None, np.random.default_rng(0))
+
+
+def pressing_mps(felt_n: float, below_m: float = 0.0, **settings: Any) -> float:
+    """Speed downwards at a measured force, so far below where it touched (at 100 counts a N)."""
+    p = presser(derivative_m_per_n=0.0, integral_mps_per_n_s=0.0, **settings)
+    p.step(0.0, np.array([-1000] + [0] * 5, dtype=np.int16), arm())
+    counts = np.array([round(-100 * felt_n)] + [0] * 5, dtype=np.int16)
+    return -p.step(0.01, counts, arm(height_m=-below_m)).velocity_mps[2]
+
+
+def touched(value: float, felt_n: float) -> bool:
+    p = presser(touch_n=value)
+    p.step(0.0, np.array([round(-100 * felt_n)] + [0] * 5, dtype=np.int16), arm())
+    return p.phase is not PressPhase.APPROACH

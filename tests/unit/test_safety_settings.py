@@ -4,29 +4,40 @@ A setting is moved, and the place where behaviour changes must move with it. One
 the wrong limit, or to none, leaves that place where it was.
 """
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from detector.decision import RuleSettings
 from drivers.takktile.settings import TakkTileSettings
 from drivers.ur.driver import ArmSettings
 from grasp.controller_settings import ControllerSettings
 from grasp.doubt import DoubtSettings
 from grasp.guard import GuardSettings
 from grasp.loop import LoopSettings
+from grasp.slip import SlipSettings
 from scenarios.lift.scoring import LiftOutcome, ScoringSettings
 from scenarios.tap.result import Alarm
 from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.settings import TapScoringSettings
 from tests.unit import safety_probes as probe
+from tests.unit.grasp.builders import arm
 
 CLASSES = (
-    ArmSettings, ControllerSettings, DoubtSettings, GuardSettings, LoopSettings, ScoringSettings,
-    TakkTileSettings, TapScoringSettings,
+    ArmSettings, ControllerSettings, DoubtSettings, GuardSettings, LoopSettings, RuleSettings,
+    ScoringSettings, SlipSettings, TakkTileSettings, TapScoringSettings,
 )  # fmt: skip
 SUCCESSES = (LiftOutcome.HELD, LiftOutcome.HELD_WITHIN_6CM, LiftOutcome.HELD_WITHIN_12CM)
+# Of the fingertip that presses, those that bound force, depth and speed. The others (gains, script,
+# calibration) shape a recording: what is measured of them is in scenarios/acquire/test_session.py.
+PRESS_BOUNDS = {
+    f"PressControlSettings.{field}"
+    for field in ("force_n", "touch_n", "depth_m", "press_mps", "approach_mps")
+}
 REGISTERED = Alarm(10.03, 10.1)
 QUIET = (TapOutcome.UNMOVED_QUIET, TapOutcome.UNMOVED_REGISTERED)
 
@@ -77,6 +88,10 @@ MOST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
     ("TapScoringSettings.clear_s", (0.5, 2.0),
      lambda v, x: probe.tap_verdict({"clear_s": v}, [Alarm(10.03, 10.02 + x)])
      is TapOutcome.REGISTERED, 1e-6),
+    ("PressControlSettings.force_n", (3.0, 6.0),
+     lambda v, x: probe.pressing_mps(x, force_n=v) > 0.0, 0.01),
+    ("PressControlSettings.depth_m", (0.002, 0.005),
+     lambda v, x: probe.pressing_mps(1.0, x, depth_m=v) > 0.0, 1e-6),
 ]  # fmt: skip
 LEAST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
     ("ArmSettings.workspace_low_m", (-0.3, -0.1),
@@ -92,6 +107,12 @@ LEAST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
     ("TapScoringSettings.stay_s", (0.3, 0.7),
      lambda v, x: probe.tap_verdict({"stay_s": v}, [REGISTERED, Alarm(10.1 + x, 20.0)])
      is TapOutcome.REGISTERED, 1e-6),
+    ("RuleSettings.threshold", (0.3, 0.8),
+     lambda v, x: probe.registers([(math.log(x / (1 - x)),)], consecutive=1, threshold=v)[0], 1e-6),
+    ("RuleSettings.drift", (0.5, 2.0),
+     lambda v, x: probe.summed(x + 1.0, drift=v, limit=1.0), 1e-6),
+    ("RuleSettings.limit", (1.0, 5.0), lambda v, x: probe.summed(x, limit=v), 1e-6),
+    ("PressControlSettings.touch_n", (0.3, 2.0), probe.touched, 0.01),
 ]  # fmt: skip
 
 # setting, two values of it, and what of the behaviour must equal it, within a tolerance
@@ -147,6 +168,20 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
     ("ControllerSettings.reactions", (False, True), probe.reacts, 0),
     ("LoopSettings.period_s", (0.01, 0.02), probe.period_s, 1e-9),
     ("LoopSettings.decision_delay_s", (0.0, 0.003), probe.delay_s, 1e-9),
+    ("SlipSettings.mask_after_closing_s", (0.05, 0.3), probe.masked_s, 0.0),
+    ("RuleSettings.kind", ("consecutive", "cusum"),
+     lambda v: "cusum" if probe.registers([(3.0,)], kind=v, limit=1.0)[0] else "consecutive", 0),
+    ("RuleSettings.fusion", ("any", "mean"),
+     lambda v: "any" if probe.registers([(3.0, -3.0, -3.0)], consecutive=1, fusion=v)[0]
+     else "mean", 0),
+    ("RuleSettings.consecutive", (2, 5), probe.sure_samples, 0),
+    ("RuleSettings.release", (1, 6), probe.quiet_samples, 0),
+    ("RuleSettings.fingers", (1, 2), probe.fingers_that_agree, 0),
+    ("PressControlSettings.press_mps", (0.002, 0.005),
+     lambda v: probe.pressing_mps(0.0, press_mps=v), 0.0),
+    ("PressControlSettings.approach_mps", (0.005, 0.02),
+     lambda v: -probe.presser(approach_mps=v).step(0.0, np.zeros(6, np.int16), arm())
+     .velocity_mps[2], 0.0),
 ]  # fmt: skip
 
 # setting to the test that would notice
@@ -194,6 +229,7 @@ def test_what_is_seen_equals_the_setting(
 def test_every_setting_of_safety_and_verdict_is_named_here() -> None:
     named = [row[0] for row in (*MOST, *LEAST, *SEEN)] + list(ELSEWHERE)
     declared = {f"{cls.__name__}.{field}" for cls in CLASSES for field in cls.__struct_fields__}
+    declared |= PRESS_BOUNDS
     assert len(named) == len(set(named))
     assert set(named) == declared
 
