@@ -41,11 +41,11 @@ def compute(progress: Callable[[str, int, int], None] | None = None) -> PhysicsC
     with_mujoco = find_spec("mujoco") is not None
     points: list[CostPoint] = []
     scenes = (yardsticks.lift(), yardsticks.tap(), yardsticks.vibration())
-    jobs = [(scene, *job) for scene in scenes for job in _jobs(scene, with_mujoco)]
+    todo = [(scene, *job) for scene in scenes for job in jobs(scene, with_mujoco)]
     truth: dict[str, Floats] = {}
-    for done, (scene, curve, run, step_s) in enumerate(jobs):
+    for done, (scene, curve, run, step_s) in enumerate(todo):
         if progress is not None:
-            progress(f"{scene.name}: {curve}", done, len(jobs))
+            progress(f"{scene.name}: {curve}", done, len(todo))
         if scene.name not in truth:
             truth[scene.name] = yardsticks.exact(scene)
         repeats = 3 if curve.startswith("MuJoCo") else 5
@@ -53,7 +53,8 @@ def compute(progress: Callable[[str, int, int], None] | None = None) -> PhysicsC
     return PhysicsChart(points, "" if with_mujoco else NO_MUJOCO)
 
 
-def _jobs(scene: Scene, with_mujoco: bool) -> Iterable[tuple[str, Runner, float]]:
+def jobs(scene: Scene, with_mujoco: bool) -> Iterable[tuple[str, Runner, float]]:
+    """Name of the curve, what runs it and the step (s; metres of tolerance if adaptive)."""
     yield "L0 exact", yardsticks.at_level(Level.RIGID), 0.0
     for level in (Level.SLIDER, Level.POINTS, Level.SPIN, Level.BRUSH):
         for step_s in STEPS_S:

@@ -10,7 +10,6 @@ import pytest
 from drivers.errors import LinkLost
 from grasp import interruption
 from grasp.commands import CloseFast, StopArm
-from grasp.controller import GraspController, Observation
 from grasp.loop import Tick
 from grasp.phases import SAFE_PHASES, Phase
 from scenarios.campaign.config import load_config
@@ -43,11 +42,14 @@ def signal_in(phase: Phase, *numbers: signal.Signals) -> Callable[[Tick], None]:
 
 
 def stopped_lift(
-    runs: Path | None, phase: Phase, *numbers: signal.Signals
+    runs: Path | None,
+    phase: Phase,
+    *numbers: signal.Signals,
+    settings: tuple[str, ...] = QUICK,
 ) -> tuple[FinishedRun[LiftResult], list[Tick]]:
     on_tick = signal_in(phase, *numbers)
     with interruption.taken():
-        finished = lift.run(config(*QUICK), 0, runs, on_tick=on_tick)
+        finished = lift.run(config(*settings), 0, runs, on_tick=on_tick)
     return finished, on_tick.ticks  # type: ignore[attr-defined]
 
 
@@ -88,12 +90,11 @@ def test_further_signals_leave_nothing_half_done(tmp_path: Path) -> None:
     assert replay_run(folder).complete
 
 
-def test_fault_before_a_signal_stays_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(self: GraspController, seen: Observation) -> str:
-        return "link_lost: unplugged" if self.phase is Phase.LIFT else ""
-
-    monkeypatch.setattr(GraspController, "_trouble", fail)
-    finished, _ = stopped_lift(None, Phase.FAULT, signal.SIGTERM)
+def test_fault_before_a_signal_stays_a_fault() -> None:
+    slow = ("controller.phase_timeout_s=1.5", "controller.lift_speed_mps=0.02")
+    finished, ticks = stopped_lift(None, Phase.FAULT, signal.SIGTERM, settings=(*QUICK, *slow))
+    assert "lasted longer" in str(finished.result)
+    assert Phase.STOPPED not in {t.decision.phase for t in ticks}
     assert finished.result is not None
     assert (finished.result.outcome, finished.result.success) == ("fault", False)
 

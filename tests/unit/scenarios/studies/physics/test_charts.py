@@ -40,7 +40,7 @@ def test_without_mujoco_its_curves_are_left_out_and_the_chart_says_so(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(physics_chart, "find_spec", lambda name: None)
-    monkeypatch.setattr(physics_chart, "_jobs", lambda scene, with_mujoco: [
+    monkeypatch.setattr(physics_chart, "jobs", lambda scene, with_mujoco: [
         (f"MuJoCo {with_mujoco}", yardsticks.at_level(Level.RIGID), 0.0)
     ])  # fmt: skip
     monkeypatch.setattr(yardsticks, "exact", lambda scene: np.zeros(2))
