@@ -29,6 +29,8 @@ from drivers.robotiq.encoding import (
     why_still,
 )
 from drivers.robotiq.exchange import (
+    ACTIVATE,
+    RESET,
     DriverSettings,
     Exchange,
     ExchangeStatistics,
@@ -46,11 +48,10 @@ from drivers.robotiq.protocol import (
 
 __all__ = ["DriverSettings", "ExchangeStatistics", "RegisterTransport", "RobotiqDriver"]
 
-_RESET = CommandRegisters()
-_ACTIVATE = CommandRegisters(activate=True)
 _SCISSOR_MODE = 3
 
 _LOST = "the link is lost: nothing is sent until it answers again"
+_ACTIVATES = "the gripper lost its activation, and a command that met it so set it activating"
 _NOT_ACTIVATED = "activation did not complete: verify that nothing interferes with the fingers"
 
 
@@ -150,19 +151,35 @@ class RobotiqDriver:
         if status is None:
             return
         changed, self._status = status is not self._status, status
-        if was_lost or self._was_reset(status):
+        unasked = self._activates_unasked(status, was_lost)
+        if unasked:
+            self._exchange.want(RESET)
+            self._exchange.pump(now_ns)
+        elif was_lost or self._was_reset(status):
             self._resync(status)
         if self._step is not _Step.NONE:
             self._proceed(status, now_ns)
         self._publish(status, now_ns, changed)
         self._raise_fault(status, now_ns)
+        if unasked:
+            raise DeviceFault(_ACTIVATES, "keep clear: the fingers may have moved; activate it")
 
     def _was_reset(self, status: StatusRegisters) -> bool:
-        """The device lost what it had taken up, as after a power cycle."""
+        """The device lost what it had taken up, as after a power cycle, written yet or not."""
         wanted = self._exchange.wanted
         if wanted is None or not wanted.activate or self._step is not _Step.NONE:
             return False
-        return not status.active and self._exchange.settled(self._now_ns)
+        return not status.active
+
+    def _activates_unasked(self, status: StatusRegisters, was_lost: bool) -> bool:
+        """The device lost power between a read and the write after it: that write set rACT."""
+        wanted = self._exchange.wanted
+        if wanted in (None, ACTIVATE) or self._step is not _Step.NONE:
+            return False
+        if wanted == RESET and not was_lost:
+            return False  # told already
+        stopped = FAULTS[status.fault].severity is Severity.MAJOR
+        return status.active and status.initialization == 1 and not stopped
 
     def _resync(self, status: StatusRegisters) -> None:
         """Send nothing that moves without a new verb, and never activate by oneself."""
@@ -227,7 +244,7 @@ class RobotiqDriver:
             return
         if self._step is _Step.RESTARTING and not status.active and not status.fault:
             self._step = _Step.ACTIVATING
-            self._exchange.want(_ACTIVATE)
+            self._exchange.want(ACTIVATE)
         elif self._step is _Step.ACTIVATING and status.ready:
             self._step, self._leapt = _Step.NONE, False
 
@@ -251,10 +268,10 @@ class RobotiqDriver:
             )
         status = self._status
         if status is not None and status.active and status.initialization == 1 and not state.fault:
-            self._begin(_Step.ACTIVATING, _ACTIVATE)  # begun by another master
+            self._begin(_Step.ACTIVATING, ACTIVATE)  # begun by another master
         else:
-            self._begin(_Step.RESTARTING, _RESET)
-        return self._of(_ACTIVATE)
+            self._begin(_Step.RESTARTING, RESET)
+        return self._of(ACTIVATE)
 
     def open(self, speed_mps: float) -> Applied:
         """Open all fingers to their software limits, at the least force."""

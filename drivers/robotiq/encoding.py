@@ -20,11 +20,12 @@ THERE = "already there"
 
 
 def finger_state(axis: AxisStatus, status: StatusRegisters) -> FingerState:
-    """One finger of a status. gDT = 0 means moving only while gGTO is set (manual, gDT): a ready
-    hand without it stands still.
+    """One finger of a status. gDT = 0 means moving only while gGTO is set (manual, gDT): a hand
+    without it stands still, ready or reset, unless it is activating or changing its mode.
     """
     detection = _DETECTIONS[axis.detection]
-    if detection is Detection.MOVING and status.ready and not status.go_to:
+    busy = status.go_to or status.initialization in (1, 2)
+    if detection is Detection.MOVING and not busy:
         detection = Detection.AT_TARGET
     return FingerState(axis.echo, axis.position, axis.current_ma, detection)
 

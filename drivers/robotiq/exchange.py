@@ -17,6 +17,9 @@ from drivers.robotiq.protocol import (
 
 _Meta = msgspec.Meta
 
+RESET = CommandRegisters()
+ACTIVATE = CommandRegisters(activate=True)
+
 WireLog = Callable[[int, Literal["write", "read"], Sequence[int]], None]
 
 
@@ -78,7 +81,12 @@ class ExchangeStatistics(msgspec.Struct, frozen=True):
 
 
 class Exchange:
-    """Writes the wanted registers when they differ from those written, then reads the status."""
+    """Writes the wanted registers when they differ from those written, then reads the status.
+
+    Every image but RESET sets rACT, which activates a hand that has lost power: it would open and
+    close fully. So nothing but ACTIVATE is written unless a status not older than one refresh
+    says that the hand is active.
+    """
 
     def __init__(
         self, transport: RegisterTransport, settings: DriverSettings, log: WireLog | None
@@ -86,12 +94,13 @@ class Exchange:
         self._transport = transport
         self._link = TCP if settings.link == "tcp" else RTU
         self._interval_ns = round(settings.write_interval_s * 1e9)
-        self._two_refreshes_ns = 2 * 1_000_000_000 // settings.refresh_hz
+        self._refresh_ns = 1_000_000_000 // settings.refresh_hz
         self._log = log
         self._wanted: CommandRegisters | None = None
         self._image: Registers | None = None
         self._written: Registers | None = None
         self._written_ns: int | None = None
+        self._read_ns = -self._refresh_ns
         self._request: tuple[int, ...] | None = None  # echo to expect from what was written
         self._echo: tuple[int, ...] = ()
         self._edge = False
@@ -127,15 +136,15 @@ class Exchange:
         return self._image == self._written and self._refreshed_twice(now_ns)
 
     def _refreshed_twice(self, now_ns: int) -> bool:
-        return self._written_ns is None or now_ns - self._written_ns >= self._two_refreshes_ns
+        return self._written_ns is None or now_ns - self._written_ns >= 2 * self._refresh_ns
 
     def pump(self, now_ns: int) -> StatusRegisters | None:
-        """At most one write, then one read. None when the reply was no status.
+        """At most one write, then a read. None when the reply was no status.
 
         While the link is lost nothing is written: what the device has now is not known.
         """
         try:
-            if not self.lost:
+            if not self.lost and self._due(now_ns) and self._admits(now_ns):
                 self._write(now_ns)
             status = self._read(now_ns)
         except LinkLost:
@@ -148,11 +157,24 @@ class Exchange:
             self._prove(status, now_ns)
         return status
 
+    def _due(self, now_ns: int) -> bool:
+        if self._image is None or self._image == self._written:
+            return False
+        if self._written_ns is None or self._wanted == RESET:
+            return True  # what stops a hand waits for no interval
+        return now_ns - self._written_ns >= self._interval_ns
+
+    def _admits(self, now_ns: int) -> bool:
+        """Whether the device can take what is wanted without activating unasked."""
+        if self._wanted in (RESET, ACTIVATE):
+            return True
+        if now_ns - self._read_ns >= self._refresh_ns:
+            self._read(now_ns)
+        return self._status.active
+
     def _write(self, now_ns: int) -> None:
         image, wanted = self._image, self._wanted
-        if image is None or wanted is None or image == self._written:
-            return
-        if self._written_ns is not None and now_ns - self._written_ns < self._interval_ns:
+        if image is None or wanted is None:
             return
         if self._log:
             self._log(now_ns, "write", image)
@@ -171,14 +193,14 @@ class Exchange:
         if self._log:
             self._log(now_ns, "read", registers)
         raw = tuple(registers)
-        if raw == self._raw:
-            return self._status
-        try:
-            self._status = StatusRegisters.from_registers(raw)
-        except ValueError:
-            self.rejected += 1
-            return None
-        self._raw = raw
+        if raw != self._raw:
+            try:
+                self._status = StatusRegisters.from_registers(raw)
+            except ValueError:
+                self.rejected += 1
+                return None
+            self._raw = raw
+        self._read_ns = now_ns
         return self._status
 
     def _prove(self, status: StatusRegisters, now_ns: int) -> None:

@@ -101,8 +101,8 @@ def _stands(tick: Tick, asked: Issued | None, felt: str) -> str:
         return "open"
     if not _grips(tick):
         return f"partly closed, at {tick.gripper.positions} counts, and feels nothing"
-    fresh = tick.gripper.fresh  # the status speaks of the last command
-    if fresh and asked is not None and isinstance(asked.admitted, CloseFast):
+    obeys = tick.gripper.fresh and tick.gripper.active  # the status speaks of the last command
+    if obeys and asked is not None and isinstance(asked.admitted, CloseFast):
         return f"closed to the limit of {asked.admitted.force_cap_n:g} N, {felt}"
     return f"closed as it was, {felt}"
 

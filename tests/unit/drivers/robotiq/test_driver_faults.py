@@ -134,6 +134,70 @@ def test_a_reset_behind_the_drivers_back_drops_what_was_wanted(rig) -> None:
     assert made.state.positions == (90, 90, 90), "not taken for written already"
 
 
+FIRST = 2  # pumps after which a status has been read
+
+
+def lie_about_a_reset(made) -> None:
+    """The hand loses power, and its status does not tell so for a moment."""
+    kept = made.model.read(made.now_ns)
+    made.model.power_cycle()
+    made.model.misreport(lambda words: kept)
+    made.step()
+    made.model.misreport(lambda words: words)
+
+
+@pytest.mark.parametrize("verb", ["move_to", "close_fast", "open", "hold"])
+def test_a_command_not_yet_written_when_the_hand_loses_power_is_dropped(rig, verb) -> None:
+    made = rig(hand=QUICK)
+    made.step(FIRST)
+    before, stood = len(made.written), made.model.travel_m.copy()
+    if verb == "move_to":
+        made.driver.move_to((90, 90, 90), FAST, 10.0)
+    elif verb == "close_fast":
+        made.driver.close_fast(10.0, ALL, (200, 200, 200), FAST)
+    elif verb == "open":
+        made.driver.open(FAST)
+    else:
+        made.driver.hold()
+    made.model.power_cycle()
+    made.step(100)
+    assert len(made.written) == before
+    assert (made.model.travel_m == stood).all()
+    assert not made.state.active
+    assert made.driver.statistics.resynced == 1
+    assert made.driver.activate().effective
+
+
+def test_a_hand_set_activating_by_a_command_is_reset_at_once_and_told_as_a_fault(rig) -> None:
+    made = rig()
+    made.step(FIRST)
+    made.driver.move_to((90, 90, 90), FAST, 10.0)
+    lie_about_a_reset(made)
+    with pytest.raises(DeviceFault, match="lost its activation"):
+        made.step(3)
+    made.step(300)
+    assert made.written[-1].activate is False
+    assert not made.state.active
+    assert not made.model.moving
+
+
+def test_an_activation_that_another_master_began_is_left_alone(rig) -> None:
+    made = rig(active=False)
+    made.model.write(0, CommandRegisters(activate=True).to_registers(), made.now_ns)
+    made.step(10)
+    assert made.frames == []
+
+
+def test_a_status_within_one_refresh_needs_no_other_read_before_a_write(rig) -> None:
+    made = rig()
+    made.step(FIRST)
+    reads = made.driver.statistics.reads
+    made.driver.move_to((90, 90, 90), FAST, 10.0)
+    made.driver.pump(made.now_ns + 5 * MS)
+    assert len(made.written) == 1
+    assert made.driver.statistics.reads == reads + 1
+
+
 # The cap
 
 CAPS = st.sampled_from([5.0, 10.0, 10.2, 14.0, 15.0, 33.0, 60.0, 100.0, float("nan")])

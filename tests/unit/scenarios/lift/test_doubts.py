@@ -92,6 +92,21 @@ def test_what_cannot_be_is_a_named_fault_soon_and_the_safe_state_follows(
         assert max(truth.normal_n) < 4.0  # stays as it is
 
 
+@pytest.mark.parametrize("phase", [P.OPPOSE, P.COMPENSATE, P.RELEASE])
+def test_hand_that_loses_power_on_the_tick_of_a_command_is_not_activated_by_it(
+    phase: Phase,
+) -> None:
+    staged = Staged()
+    trial = staged.run(in_phase(phase, 0), fault.power_cycle_gripper)
+    in_safe_state(staged, trial, "device_fault")  # the status was latched before
+    assert "lost its activation" in trial.controller.fault_cause
+    assert not fault.cell(staged.rig).gripper.moving
+    end = trial.end(staged.config)
+    assert end is not None
+    assert "the hand is not activated" in end.hand
+    assert "moving" not in end.hand and "closed to the limit" not in end.hand
+
+
 DETECTORS = {
     "nan": np.full(3, np.nan),
     "nan_of_one_finger": np.array([np.nan, 0.0, 0.0]),

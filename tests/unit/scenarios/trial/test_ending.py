@@ -8,6 +8,7 @@ from scenarios.rigs.rig import Rig
 from scenarios.trial.ending import End, end_of
 from scenarios.trial.execution import FinishedTrial
 from tests.unit.scenarios.conftest import Staged, in_phase
+from tests.unit.scenarios.lift.device_faults import power_cycle_gripper
 from tests.unit.scenarios.lift.test_faults import (
     cut_gripper,
     fault_gripper,
@@ -90,6 +91,11 @@ def test_every_device_that_is_gone_is_named() -> None:
 def test_gripper_that_reports_a_fault_refuses_every_motion() -> None:
     _, _, end = ended(Phase.HOLD, fault_gripper)
     assert end.hand.startswith("the hand refuses every motion (")
+
+
+def test_hand_that_lost_its_activation_stands() -> None:
+    _, _, end = ended(Phase.HOLD, power_cycle_gripper)
+    assert end.hand.startswith("the hand is not activated and holds by itself: it is closed as it")
 
 
 def test_hand_between_open_and_the_object_feels_nothing() -> None:
