@@ -32,6 +32,7 @@ from grasp.commands import (
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.phases import (
     AIRBORNE_PHASES,
+    CLOSING_PHASES,
     CONTACT_PHASES,
     OPEN_PHASES,
     SAFE_PHASES,
@@ -54,7 +55,8 @@ class Observation(msgspec.Struct, frozen=True):
     ``stop``: the run shall end now, and why; empty while it may go on.
     ``doubt``: what a device says that cannot be believed; empty when all can. ``late_ns`` and
     ``took_ns`` as in ``step.StepInput``, for the recording.
-    ``overloaded``: measured force is above the limit and its margin.
+    ``overloaded``: measured force is above the limit and its margin. ``last_close``: the closing
+    that was admitted last.
     """
 
     t_ns: int
@@ -73,6 +75,7 @@ class Observation(msgspec.Struct, frozen=True):
     doubt: str = ""
     measured_n: Vector3 = (0.0, 0.0, 0.0)
     overloaded: bool = False
+    last_close: CloseFast | None = None
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -166,8 +169,10 @@ class GraspController:
     def interrupted(self) -> tuple[Command, ...]:
         """Safe state of a run that is stopped from outside: the arm stands, a grip is kept."""
         stop = StopArm(self._settings.stop_deceleration_mps2)
-        free = self.phase not in CONTACT_PHASES and self.phase is not Phase.IDLE
-        return (stop, HoldFingers()) if free else (stop,)
+        if self.in_safe_state:  # what it asks for of the hand goes on
+            return (stop, *self._asked_of_hand())
+        kept = CONTACT_PHASES - CLOSING_PHASES | {Phase.IDLE}
+        return (stop,) if self.phase in kept else (stop, HoldFingers())
 
     def _feel(self, seen: Observation) -> None:
         """Remember when the thumb, which opposes both others, last touched something, and when no
@@ -204,7 +209,8 @@ class GraspController:
 
     def _time_trouble(self, seen: Observation) -> str:
         timeout_s = self._settings.phase_timeout_s
-        timed = self.phase not in (Phase.IDLE, Phase.HOLD)
+        at_top = self.phase is Phase.HOLD and self._at_top_ns is not None
+        timed = self.phase is not Phase.IDLE and not at_top
         if timed and self._lasted(seen, timeout_s):
             return f"phase {self.phase} lasted longer than {timeout_s:g} s"
         return ""
@@ -235,14 +241,20 @@ class GraspController:
         self._out.append(MoveFingers(targets, speed_mps, self._settings.grip_force_n))
 
     def _close_to_cap(self) -> None:
+        self._out.append(self._fastest_closure())
+
+    def _fastest_closure(self) -> CloseFast:
         speed_mps = self._settings.closing_speed_mps
-        self._out.append(CloseFast(self._plan.force_cap_n, ALL_FINGERS, CLOSED_COUNTS, speed_mps))
+        return CloseFast(self._plan.force_cap_n, ALL_FINGERS, CLOSED_COUNTS, speed_mps)
 
     def _idle(self, seen: Observation) -> None:
         if self.finished:
             return
         if any(f.detection is Detection.CONTACT_CLOSING for f in seen.gripper.fingers):
             self._fail(seen, "the gripper already holds something")
+            return
+        if seen.gripper.positions[0] > self._plan.grip_counts[0]:
+            self._fail(seen, "the hand is closed: it may not go down onto an object like that")
             return
         if self._plan.home is None:
             self.home = seen.arm.position_m
@@ -354,18 +366,16 @@ class GraspController:
         return True
 
     def _at_cap(self, seen: Observation) -> bool:
-        """Whether another closing would do nothing: each finger that was told to close beyond its
-        grip, the thumb at least, is latched in contact or stands at the last count it may have."""
-        fingers = zip(seen.gripper.fingers, self._plan.grip_counts, strict=True)
-        told = [(f, f.requested_counts > grip) for f, grip in fingers]
-        return (
-            self._at_rest(seen)
-            and told[0][1]
-            and all(
-                f.detection is Detection.CONTACT_CLOSING or f.position_counts >= f.requested_counts
-                for f, closed in told
-                if closed
-            )
+        """Whether another closing would do nothing: each finger that closed last is latched in
+        contact, or stands at the last count that the guard lets it have."""
+        close = seen.last_close
+        if close is None or not self._at_rest(seen):
+            return False
+        fingers = zip(seen.gripper.fingers, close.closing, close.limits_counts, strict=True)
+        return all(
+            f.detection is Detection.CONTACT_CLOSING or f.position_counts >= limit
+            for f, closes, limit in fingers
+            if closes
         )
 
     def _compensate(self, seen: Observation) -> None:
@@ -452,19 +462,32 @@ class GraspController:
         self.unreached = self._missing(seen)
         if not self.unreached or self._lasted(seen, self._settings.safe_state_s):
             self.finished = True
-        elif seen.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9:
+        elif not seen.pending and seen.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9:
             self._ask(seen)
 
     def _ask(self, seen: Observation) -> None:
         self._asked_ns = seen.t_ns
-        if seen.arm.moving or self._entered_ns == seen.t_ns:
+        if seen.arm.moving or self._entered_ns == seen.t_ns or self._arm_is_doubted:
             self._out.append(StopArm(self._settings.stop_deceleration_mps2))
         if seen.gripper_lost or self._hand_is_safe(seen):
             return
-        if self._before_fault in AIRBORNE_PHASES:  # the object may be in the air: do not drop it
-            self._close_to_cap()
-        else:
-            self._out.append(HoldFingers())
+        self._out += self._asked_of_hand()
+
+    def _asked_of_hand(self) -> tuple[Command, ...]:
+        """What a safe state asks of the hand, beyond staying as it is."""
+        before, phase = self._before_fault, self.phase
+        if before is Phase.IDLE or phase is Phase.LOST:
+            return ()
+        if phase is Phase.STOPPED and before in CONTACT_PHASES - CLOSING_PHASES:
+            return ()
+        if phase is Phase.FAULT and before in AIRBORNE_PHASES:  # the object may be in the air
+            return (self._fastest_closure(),)
+        return (HoldFingers(),)
+
+    @property
+    def _arm_is_doubted(self) -> bool:
+        """Whether the fault is that the arm cannot be believed: then neither can its standing."""
+        return self.fault_cause.startswith("arm_")
 
     @property
     def _before_fault(self) -> Phase:
@@ -474,14 +497,12 @@ class GraspController:
 
     def _hand_is_safe(self, seen: Observation) -> bool:
         """Whether the hand is left as it is, or is seen to be as it shall."""
-        before, phase = self._before_fault, self.phase
-        if before is Phase.IDLE or phase is Phase.LOST:
+        if self._before_fault is Phase.IDLE:
             return True
-        if phase is Phase.STOPPED and before in CONTACT_PHASES:
-            return True
-        if self._entered_ns == seen.t_ns:  # what it stands in now was not asked for
+        asked = self._asked_of_hand()
+        if asked and self._entered_ns == seen.t_ns:  # what it stands in was not asked for
             return False
-        if before in AIRBORNE_PHASES:
+        if asked and isinstance(asked[0], CloseFast):
             return self._at_cap(seen) or (seen.overloaded and self._at_rest(seen))
         return self._at_rest(seen)
 
@@ -491,6 +512,8 @@ class GraspController:
         arm = []
         if seen.arm.age_ns(seen.t_ns) > stale_ns:
             arm = ["the arm is not heard: whether it stands is unknown"]
+        elif self._arm_is_doubted:
+            arm = ["the arm cannot be believed: whether it stands is unknown"]
         elif seen.pending or seen.arm.moving:
             arm = ["the arm still moves"]
         if seen.gripper_lost:

@@ -133,7 +133,13 @@ class ForceGuard:
     def overloaded(self, measured_n: Vector3) -> bool:
         """Whether measured force is above the limit by more than the estimate's own error."""
         s = self._settings
-        return max(measured_n) > s.force_limit_n + s.measured_margin_n
+        thumb_n, *others_n = measured_n
+        # with `each_motor` the thumb carries what two motors push
+        thumb_limit_n = s.force_limit_n * (1 if s.cap_mode == "every_finger" else 2)
+        return (
+            thumb_n > thumb_limit_n + s.measured_margin_n
+            or max(others_n) > s.force_limit_n + s.measured_margin_n
+        )
 
     def _admit_move(
         self, command: MoveFingers, state: GripperState, measured_n: Vector3

@@ -56,6 +56,7 @@ class Trigger(StrEnum):
 
 AIRBORNE_PHASES = frozenset({Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.LOWER})
 CONTACT_PHASES = AIRBORNE_PHASES | {Phase.GRASP, Phase.OPPOSE, Phase.SQUEEZE, Phase.SETTLE}
+CLOSING_PHASES = frozenset({Phase.GRASP, Phase.OPPOSE, Phase.SQUEEZE})  # onto the object
 OPEN_PHASES = frozenset({Phase.IDLE, Phase.RELEASE, Phase.RETREAT})  # nobody has to feel anything
 SAFE_PHASES = frozenset({Phase.LOST, Phase.STOPPED, Phase.FAULT})  # nothing leads out of them
 

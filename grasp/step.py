@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import FINGERS, ArmState, GripperState, TactileFrame, Vector3
-from grasp.commands import Command, GripperCommand
+from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController, Observation
 from grasp.doubt import Doubts, DoubtSettings, wrong_probabilities
 from grasp.guard import ForceGuard
@@ -73,6 +73,7 @@ class GraspStep:
         self._guard = guard
         self._doubts = doubts or Doubts(DoubtSettings())
         self._measured_n: Vector3 = (0.0, 0.0, 0.0)
+        self._last_close: CloseFast | None = None
 
     def decide(self, told: StepInput) -> StepResult:
         """Take one frame with the states of the other devices."""
@@ -88,9 +89,12 @@ class GraspStep:
 
     def admit(self, command: Command, gripper: GripperState) -> Command:
         """The command that may go out in place of this one, by the force measured last."""
-        if isinstance(command, GripperCommand):
-            return self._guard.admit(command, gripper, self._measured_n)
-        return command
+        if not isinstance(command, GripperCommand):
+            return command
+        admitted = self._guard.admit(command, gripper, self._measured_n)
+        if isinstance(admitted, CloseFast):
+            self._last_close = admitted
+        return admitted
 
     def _observe(self, told: StepInput) -> Observation:
         phase = self.controller.phase
@@ -117,6 +121,7 @@ class GraspStep:
             doubt=doubt or deaf,
             measured_n=self._measured_n,
             overloaded=self._guard.overloaded(self._measured_n),
+            last_close=self._last_close,
         )
 
     def _listen(self, frame: TactileFrame | None) -> tuple[NDArray[np.float64], str]:

@@ -117,7 +117,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
 
     def end(self, config: TrialConfig) -> End | None:
         """How arm and hand were left, where it ended in the safe state."""
-        if not self.controller.fault_cause:
+        if not self.controller.in_safe_state:
             return None
         old_s, trace = config.controller.stale_after_s, self.trace
         end = end_of(trace.last, trace.hand, self.loop.errors, old_s, self.way_out)

@@ -40,6 +40,7 @@ class Driver:
         self.t_ns = 0
         self.height_m = 0.0
         self.closed = False
+        self.last_close: CloseFast | None = None
         self.requested: Counts3 = (0, 0, 0)
         self.commands: list[object] = []
 
@@ -56,6 +57,7 @@ class Driver:
             self.requested, self.closed = command.targets_counts, False
         elif isinstance(command, CloseFast):
             self.closed = True
+            self.last_close = CloseFast(10.0, (True, False, False), (255, 255, 255), 0.06)
         elif isinstance(command, OpenFingers):
             self.requested, self.closed = (6, 6, 6), False
 
@@ -63,6 +65,7 @@ class Driver:
         changes.setdefault("gripper", self.hand())
         self.t_ns += TICK
         changes.setdefault("arm", arm(self.t_ns, self.height_m))
+        changes.setdefault("last_close", self.last_close)
         decision = self.controller.step(seen(self.t_ns, p, **changes))
         self.commands += decision.commands
         for command in decision.commands:
@@ -328,6 +331,60 @@ def test_safe_state_that_is_never_seen_ends_in_its_time_and_says_what_is_missing
         d.climb()
     assert d.controller.finished
     assert d.controller.unreached == ("the arm still moves",)
+
+
+def test_arm_that_cannot_be_believed_is_stopped_again_and_again_and_never_said_to_stand() -> None:
+    d = Driver().lift()
+    d.step(trouble="arm_frozen: the position stands while it is told to move")
+    for _ in range(310):
+        d.step()
+    assert sum(isinstance(c, StopArm) for c in d.commands) > 20
+    assert d.controller.finished
+    assert "unknown" in d.controller.unreached[0]
+
+
+@pytest.mark.parametrize("phase", [Phase.GRASP, Phase.OPPOSE, Phase.SQUEEZE])
+def test_hand_that_closes_onto_the_object_is_held_when_a_person_stops_the_run(phase: Phase) -> None:
+    d = Driver(firm=phase is Phase.SQUEEZE)
+    d.until(phase)
+    d.commands.clear()
+    d.step(stop="stopped by hand")
+    assert d.commands == [StopArm(1.0), HoldFingers()]
+    d.step(gripper=d.hand(detections=MOVING))
+    assert not d.controller.finished
+    d.step()
+    assert d.controller.finished
+
+
+def test_bug_of_ours_in_a_fault_in_the_air_does_not_end_its_closing() -> None:
+    d = Driver().lift()
+    d.step(trouble="x")
+    assert [type(c) for c in d.controller.interrupted()] == [StopArm, CloseFast]
+
+
+def test_safe_state_is_not_asked_for_again_while_the_request_is_on_its_way() -> None:
+    d = Driver().lift()
+    d.step(trouble="x")
+    d.commands.clear()
+    for _ in range(50):
+        d.climb(pending=True)
+    assert d.commands == []
+
+
+def test_closed_hand_does_not_go_down_onto_the_next_object() -> None:
+    d = Driver(home=(0.3, 0.2, 0.4))
+    d.height_m = 0.05
+    d.step(gripper=gripper(TICK, positions=(255, 55, 55)))
+    assert d.controller.phase is Phase.FAULT
+    assert not any(isinstance(c, MoveArm) for c in d.commands)
+
+
+def test_arm_that_never_comes_to_the_top_is_a_fault_and_no_hold_without_end() -> None:
+    d = Driver(phase_timeout_s=1.0).slip()
+    d.height_m = HEIGHT - 0.0015
+    for _ in range(200):
+        d.step()
+    assert d.controller.phase is Phase.FAULT
 
 
 def test_gripper_that_comes_back_is_still_told_to_close() -> None:
