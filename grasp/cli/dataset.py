@@ -5,7 +5,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from drivers.interfaces import TAXELS
 from grasp.cli import exits
 from grasp.cli.options import add_workers, decimal, need, workers
 
@@ -150,6 +149,8 @@ def print_report(r: Any) -> None:
         paper = "-" if c.paper_percent is None else f"{c.paper_percent:.1f}"
         print(f"{c.motion:<12}{c.speed:>7g}  {c.surface:<12}{c.samples:>8}{c.slip:>8}"
               f"{c.percent:>7.1f}{paper:>7}")  # fmt: skip
+    from drivers.interfaces import TAXELS
+
     print(f"\n{'counts, taxel':<16}" + "".join(f"{i:>8}" for i in range(TAXELS)))
     for name, theirs in PAPER_COUNTS.items():
         ours = [getattr(taxel, name) for taxel in r.taxels]
