@@ -100,7 +100,7 @@ def test_no_doubt_in_the_paper_s_trials() -> None:
 def test_no_doubt_in_taps() -> None:
     watch, runs = Watch(), 0
     for name in OBJECTS:
-        config = load_config(name, "simulated", None, None, ()).for_tap()
+        config = load_config(name, "simulated", "energy", None, ()).for_tap()
         for seed in range(1000, 1000 + TAPS):
             watch.begin()
             tap.run(config, seed, None, on_tick=watch.take)
