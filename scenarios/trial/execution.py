@@ -38,7 +38,9 @@ Follow = Callable[[Tick, Truth | None], bool]
 
 
 def make_guard(config: TrialConfig) -> ForceGuard:
-    """The guard; raises ConfigError before any device is touched if the limit cannot be kept."""
+    """The guard; raises ConfigError before any device is touched if the limit cannot be kept, or
+    the arm cannot do what the controller will ask."""
+    check_arm(config)
     known = calibration(config)
     guard = ForceGuard(config.guard, known.least_force_n, known.m_per_count, known.least_speed_mps)
     if config.controller.firm and config.guard.travel_bound:
@@ -57,6 +59,28 @@ def make_guard(config: TrialConfig) -> ForceGuard:
             f">= {known.least_force_n:g} N, the least force of calibration {known.name!r}",
         )
     return guard
+
+
+def check_arm(config: TrialConfig) -> None:
+    """Raises ConfigError for what the arm would refuse in the midst of a run, or wait for."""
+    controller, arm, doubt = config.controller, config.arm, config.doubt
+    limits = {
+        "max_speed_mps": ("lower_speed_mps", "lift_speed_mps"),
+        "max_acceleration_mps2": ("lift_acceleration_mps2", "stop_deceleration_mps2"),
+    }
+    for limit, keys in limits.items():
+        most = getattr(arm, limit)
+        for key in keys:
+            if (asked := getattr(controller, key)) > most:
+                problem = f"{asked:g} is more than the arm may be told"
+                raise ConfigError("controller", key, problem, f"<= {most:g}, arm.{limit}")
+    there_m, at_m = doubt.arm_there_m, controller.at_height_m
+    if there_m > at_m:
+        raise ConfigError(
+            "doubt", "arm_there_m",
+            f"an arm that stands {there_m:g} m from its target would be neither doubted nor there",
+            f"<= {at_m:g}, controller.at_height_m",
+        )  # fmt: skip
 
 
 def grip_plan(config: TrialConfig, home: Vector3 | None = None) -> GripPlan:

@@ -122,6 +122,34 @@ def test_settings_that_the_hand_cannot_keep_are_refused_before_anything_moves(
     assert caught.value.key == key
 
 
+@pytest.mark.parametrize(
+    ("assignments", "key"),
+    [
+        (("controller.lower_speed_mps=0.26",), "lower_speed_mps"),
+        (("controller.lift_speed_mps=0.2", "arm.max_speed_mps=0.15"), "lift_speed_mps"),
+        (("controller.lift_acceleration_mps2=1.3",), "lift_acceleration_mps2"),
+        (("controller.stop_deceleration_mps2=1.3",), "stop_deceleration_mps2"),
+        (("doubt.arm_there_m=0.002",), "arm_there_m"),
+        (("controller.at_height_m=0.0005",), "arm_there_m"),
+    ],
+)
+def test_settings_that_the_arm_cannot_keep_are_refused_before_anything_moves(
+    assignments: tuple[str, ...], key: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make_guard(config(*assignments))
+    assert caught.value.key == key
+
+
+def test_settings_at_the_limits_of_the_arm_are_kept() -> None:
+    make_guard(
+        config(
+            "controller.lower_speed_mps=0.25", "controller.lift_speed_mps=0.25",
+            "controller.lift_acceleration_mps2=1.2", "controller.stop_deceleration_mps2=1.2",
+        )
+    )  # fmt: skip
+
+
 def test_with_closing_bounded_by_travel_the_object_is_still_held() -> None:
     result = lift.run(config("guard.travel_bound=true"), 0, None).result
     assert result is not None
