@@ -181,6 +181,23 @@ def test_a_hand_set_activating_by_a_command_is_reset_at_once_and_told_as_a_fault
     assert not made.model.moving
 
 
+def test_a_reset_that_the_link_lost_is_written_when_it_answers_again(rig) -> None:
+    made = rig()
+    made.step(FIRST)
+    made.driver.move_to((90, 90, 90), FAST, 10.0)
+    lie_about_a_reset(made)
+    made.transport.write_lost = True
+    made.model.swallows = True
+    with pytest.raises(LinkLost):
+        made.step(3)
+    made.transport.write_lost = made.transport.down = made.model.swallows = False
+    with pytest.raises(DeviceFault, match="lost its activation"):
+        made.step()
+    made.step(10)
+    assert not made.state.active
+    assert not made.model.moving
+
+
 def test_an_activation_that_another_master_began_is_left_alone(rig) -> None:
     made = rig(active=False)
     made.model.write(0, CommandRegisters(activate=True).to_registers(), made.now_ns)
