@@ -179,11 +179,13 @@ class Staged:
             first = self._rig is None  # a twin run is none of ours
             if first:
                 self._rig = rig
-            yield rig
-            if first:
-                for _ in range(3):  # the first answer of an arm that was frozen tells of before
-                    self._looks.append(self._look())
-                    time.sleep(LOOK_AGAIN_S)
+            try:
+                yield rig
+            finally:  # a series of one ends by being closed
+                if first:
+                    for _ in range(3):  # the first answer of a frozen arm tells of before
+                        self._looks.append(self._look())
+                        time.sleep(LOOK_AGAIN_S)
 
     @property
     def _cell(self) -> Any:
