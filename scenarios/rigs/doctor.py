@@ -152,7 +152,7 @@ def _usb() -> Check:
 
 
 def _devices(rig: str | None, load: Load) -> list[Check]:
-    """Ask gripper and arm of a wired rig; the emulated one gets a cell of its own meanwhile."""
+    """Ask gripper, arm and fingertips of a wired rig; an emulated one gets a cell meanwhile."""
     if rig is None or rig == "simulated":
         return []
     try:
@@ -171,7 +171,19 @@ def _devices(rig: str | None, load: Load) -> list[Check]:
 
 
 def _ask_devices(config: Any) -> list[Check]:
-    return [_guarded("gripper", lambda: _gripper(config)), *arm_checks(config)]
+    gripper = _guarded("gripper", lambda: _gripper(config))
+    return [gripper, *arm_checks(config), _guarded("fingertips", lambda: _board(config))]
+
+
+def _board(config: Any) -> Check:
+    """Find and open the board that the rig names, and let it go again."""
+    from scenarios.rigs.permission import board_address
+    from scenarios.rigs.wired import board_finder
+
+    board_address(config)  # raises where nobody has said which
+    board = board_finder(config, time.monotonic_ns)(None)
+    board.close()
+    return Check("fingertips", "ok", f"board {board.serial} is there")
 
 
 def _gripper(config: Any) -> Check:
@@ -197,7 +209,7 @@ def _gripper(config: Any) -> Check:
     fault = FAULTS[status.fault]
     state = "active" if status.ready else "not activated"
     if fault.code:
-        return Check("gripper", "warn", f"answers, {state}; {fault.text}", fault.remedy)
+        return Check("gripper", "fail", f"answers, {state}; {fault.text}", fault.remedy)
     return Check("gripper", "ok", f"answers, {state}, no fault")
 
 

@@ -189,7 +189,7 @@ def test_doctor_finds_the_emulated_devices_well() -> None:
     code, answer = call("doctor", "--rig", "emulated")
     assert code == 0, answer
     checks = {c["name"]: c for c in answer["checks"]}
-    assert {"python", "configuration", "detector energy", "gripper", "arm rtde port",
+    assert {"python", "configuration", "detector energy", "gripper", "arm rtde port", "fingertips",
             "loop jitter", "real-time scheduling", "disk"} <= set(checks)  # fmt: skip
 
 
@@ -197,12 +197,12 @@ def test_doctor_names_everything_that_is_missing_at_once(tmp_path: Path) -> None
     lab = tmp_path / "lab.toml"
     lab.write_text(
         '[gripper]\ncalibration = "paper"\n[modbus]\nhost = "127.0.0.99"\nport = 9\n'
-        '[ur]\nhost = "127.0.0.99"\n'
+        '[ur]\nhost = "127.0.0.99"\n[usb]\nurl = "tcp://127.0.0.99:9"\n'
     )
     code, answer = call("doctor", "--rig", "hardware", "--config", str(lab))
     assert code == 3
     failed = [c for c in answer["checks"] if c["status"] == "fail"]
-    assert {"gripper", "arm rtde port"} <= {c["name"] for c in failed}
+    assert {"gripper", "arm rtde port", "fingertips"} <= {c["name"] for c in failed}
     assert all(c["remedy"] for c in failed)
 
 
