@@ -39,6 +39,8 @@ class Restless:
     """Asks for other fingers' speed in every step."""
 
     finished = False
+    phase = Phase.APPROACH
+    in_safe_state = False
 
     def __init__(self) -> None:
         self._steps = 0
