@@ -27,8 +27,10 @@ for name in [name for name in os.environ if name.startswith("GRASP_")]:
     del os.environ[name]
 os.environ["MPLBACKEND"] = "Agg"
 
-# Begun in the background of a script, the tests would ignore Ctrl-C, and so would what they start.
+# Begun in the background of a script or by nohup, the tests would ignore Ctrl-C or a closed
+# terminal, and so would what they start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def threads() -> set[str]:
