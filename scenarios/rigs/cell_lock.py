@@ -1,36 +1,21 @@
-"""One process drives a cell at a time: a lock for each device that moves, by its address.
+"""One process drives a cell at a time: a lock for each device that moves, by its address. A live
+holder is named, with how to end it."""
 
-The system holds the lock (flock) and lets it go when its holder dies, however it dies: what is left
-in the file then means nothing. A live holder is named, with how to end it.
-"""
-
-import fcntl
 import os
-import shlex
 import socket
 import stat
-import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
-from datetime import datetime
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 
-import msgspec
-
 from drivers.errors import Refused
+from grasp.lock import Holder, locked
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
 from scenarios.rigs.permission import arm_address, gripper_address
 
 FOLDERS = (Path("/run/lock"), Path("/tmp"))
-_MOST_BYTES = 65_536
-
-
-class Holder(msgspec.Struct, frozen=True):
-    """Who drives a device."""
-
-    pid: int
-    command: str
-    since: str
+MODE = 0o666  # other users must be able to lock it after us
 
 
 @contextmanager
@@ -38,7 +23,7 @@ def driving(*devices: str) -> Iterator[None]:
     """Drive these devices, and let nobody else. Raises Refused with the name of whoever does."""
     with ExitStack() as locks:
         for device in devices:
-            locks.enter_context(_lock(device))
+            locks.enter_context(locked(lock_path(device), MODE, partial(_driven, device)))
         yield
 
 
@@ -64,21 +49,6 @@ def _resolved(host: str) -> str:
         return host.lower()
 
 
-@contextmanager
-def _lock(device: str) -> Iterator[None]:
-    path = lock_path(device)
-    file = _taken(path, device)
-    try:
-        own = Holder(os.getpid(), _command(), f"{datetime.now():%Y-%m-%d %H:%M:%S}")  # noqa: DTZ005
-        os.ftruncate(file, 0)
-        os.pwrite(file, msgspec.json.encode(own), 0)
-        yield
-    finally:
-        with suppress(OSError):  # of another user's, in a folder where each removes their own
-            path.unlink()
-        os.close(file)
-
-
 def lock_path(device: str) -> Path:
     """The file that is locked by whoever drives a device."""
     folder = next((f for f in FOLDERS if _shared(f)), FOLDERS[-1])
@@ -90,44 +60,11 @@ def _shared(folder: Path) -> bool:
     return folder.is_dir() and bool(folder.stat().st_mode & stat.S_IWOTH)
 
 
-def _taken(path: Path, device: str) -> int:
-    """The locked file. It is the one at the path: not one that its last holder has just removed."""
-    while True:
-        file = _opened(path)
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            text = os.pread(file, _MOST_BYTES, 0)
-            os.close(file)
-            raise _driven(device, text) from None
-        with suppress(FileNotFoundError):
-            if os.path.samestat(os.fstat(file), path.stat()):
-                return file
-        os.close(file)
-
-
-def _opened(path: Path) -> int:
-    flags = os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC
-    while True:
-        with suppress(FileNotFoundError):
-            return os.open(path, flags)
-        with suppress(FileExistsError):
-            file = os.open(path, flags | os.O_CREAT | os.O_EXCL)
-            os.fchmod(file, 0o666)  # other users must be able to lock it after us
-            return file
-
-
-def _driven(device: str, text: bytes) -> Refused:
-    try:
-        holder = msgspec.json.decode(text, type=Holder)
-    except (msgspec.DecodeError, UnicodeDecodeError):  # it has just begun and not yet said who
+def _driven(device: str, holder: Holder | None) -> Refused:
+    if holder is None:
         return Refused(f"the {device} is driven by another process", "wait until that has ended")
     return Refused(
         f"the {device} is driven by process {holder.pid} since {holder.since}: {holder.command}",
         f"wait until it ends, or end it with Ctrl-C where it runs, or with `kill -INT {holder.pid}`"
         ": the arm then stands and the grip is kept",
     )
-
-
-def _command() -> str:
-    return shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]])
