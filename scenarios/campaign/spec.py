@@ -23,13 +23,6 @@ from scenarios.world.objects import Name
 MOST_TRIALS = 1_000_000
 SEEDS_APART = 10_000  # so the seeds of two campaigns with different `seeds` never meet
 
-# axes with a name of their own, and the setting that each of them sets
-AXES = {
-    "decision_samples": "rule.consecutive",
-    "latencies_s": "loop.decision_delay_s",
-    "closing_speeds_mps": "controller.closing_speed_mps",
-}
-
 
 class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A grid: every combination of what is listed, each so many times. Empty: as the profile."""
@@ -41,17 +34,8 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         "default",
     )
     detectors: Annotated[tuple[str, ...], Meta(description="of config/detectors")] = ()
-    decision_samples: Annotated[
-        tuple[int, ...], Meta(description="consecutive detections that register slip")
-    ] = ()
-    latencies_s: Annotated[
-        tuple[float, ...], Meta(description="virtual time that a decision takes")
-    ] = ()
-    closing_speeds_mps: Annotated[
-        tuple[float, ...], Meta(description="asked for when slip is registered")
-    ] = ()
     sweep: Annotated[
-        dict[str, tuple[Any, ...]], Meta(description="any other setting, section.key = [values]")
+        dict[str, tuple[Any, ...]], Meta(description="settings, section.key = [values]")
     ] = {}
     settings: Annotated[
         tuple[str, ...], Meta(description="section.key=value, for every trial")
@@ -101,13 +85,11 @@ def combinations(spec: CampaignSpec) -> list[Combination]:
     loaded.
     """
     _check_axes(spec)
-    axes = {key: getattr(spec, axis) for axis, key in AXES.items() if getattr(spec, axis)}
-    axes |= spec.sweep
     found = []
     for scenario, profile, detector, name, *values in itertools.product(
-        spec.scenarios, spec.profiles, spec.detectors or (None,), spec.objects, *axes.values()
+        spec.scenarios, spec.profiles, spec.detectors or (None,), spec.objects, *spec.sweep.values()
     ):
-        swept = dict(zip(axes, values, strict=True))
+        swept = dict(zip(spec.sweep, values, strict=True))
         words = [*spec.settings, *(f"{key}={_literal(value)}" for key, value in swept.items())]
         whole = load_config(name, "simulated", detector, None, words, profile)
         make_guard(whole)
@@ -121,7 +103,7 @@ def combinations(spec: CampaignSpec) -> list[Combination]:
 
 def _check_axes(spec: CampaignSpec) -> None:
     """Nothing is run twice and counted twice, and a sweep sweeps."""
-    named = ("scenarios", "objects", "profiles", "detectors", *AXES, "seeds")
+    named = ("scenarios", "objects", "profiles", "detectors", "seeds")
     swept = {f"sweep.{key}": values for key, values in spec.sweep.items()}
     for axis, values in ({name: getattr(spec, name) for name in named} | swept).items():
         for i, value in enumerate(values):
@@ -130,11 +112,6 @@ def _check_axes(spec: CampaignSpec) -> None:
     for key, values in spec.sweep.items():
         if not values:
             raise ConfigError("campaign", f"sweep.{key}", "is empty", "one value or more")
-        for axis, other in AXES.items():
-            if key == other and getattr(spec, axis):
-                raise ConfigError(
-                    "campaign", f"sweep.{key}", f"is what {axis} sweeps", "one of them"
-                )
     places = math.prod(
         len(values) or 1 for values in (*(getattr(spec, name) for name in named), *swept.values())
     )

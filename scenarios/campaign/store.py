@@ -16,7 +16,7 @@ import msgspec
 
 from drivers.errors import BadFile, ConfigError, CouldNotRecord
 from grasp.files import make_private_file, make_private_folder, write_whole
-from grasp.settings import Layer, load
+from grasp.settings import Layer, load, renamed
 from scenarios.campaign.lock import writing
 from scenarios.campaign.spec import CampaignSpec, Combination
 from scenarios.campaign.worker import Finished, Row
@@ -202,6 +202,8 @@ class CampaignStore:
         try:
             with _read(self.path):
                 table = msgspec.json.decode(str(said.get("spec", "")), type=dict[str, Any])
+                # an axis that has another name now does no harm where it was empty
+                table = {k: values for k, values in table.items() if values or not renamed(k)}
             return load(CampaignSpec, [Layer("spec", table)])
         except ConfigError as error:
             raise BadFile(self.path, str(error), "open it with the version that made it") from None

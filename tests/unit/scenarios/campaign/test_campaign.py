@@ -52,8 +52,9 @@ def repeatable(rows: list[Row]) -> list[dict[str, Any]]:
 
 def test_every_combination_is_run_with_every_seed() -> None:
     spec = CampaignSpec(
-        name="grid", objects=("can", "ball"), decision_samples=(1, 2), latencies_s=(0.0, 0.02, 0.1),
-        closing_speeds_mps=(0.05,), seeds=(0, 3), repetitions=2,
+        name="grid", objects=("can", "ball"), seeds=(0, 3), repetitions=2,
+        sweep={"rule.consecutive": (1, 2), "loop.decision_delay_s": (0.0, 0.02, 0.1),
+               "controller.closing_speed_mps": (0.05,)},
     )  # fmt: skip
     found = list(trials(spec, combinations(spec)))
     assert len(found) == 2 * 2 * 3 * 1 * 2 * 2
@@ -90,7 +91,8 @@ def test_any_setting_can_be_swept_and_set() -> None:
         ('objects = ["cann"]', "can"),
         ('objects = ["can"]\nprofiles = ["papr"]', "paper"),
         ('objects = ["can"]\ndetectors = ["none"]', "energy"),
-        ('objects = ["can"]\nlatencies_s = [3.0]', "decision_delay_s"),
+        ('objects = ["can"]\n[sweep]\n"loop.decision_delay_s" = [3.0]', "decision_delay_s"),
+        ('objects = ["can"]\nlatencies_s = [0.1]', 'is called sweep."loop.decision_delay_s" now'),
         ('objects = ["can"]\nrepetition = 3', "repetitions"),
         ('objects = ["can"]\nsettings = ["gripper.calibration=manual"]', "guard.force_limit_n"),
     ],
@@ -277,18 +279,30 @@ def test_a_file_that_is_no_campaign_is_named(content: bytes | None, tmp_path: Pa
         CampaignStore.open(path)
 
 
-def test_a_campaign_with_an_old_name_in_it_is_refused_with_the_new_one(tmp_path: Path) -> None:
-    out = tmp_path / "a.sqlite"
-    spec = CampaignSpec(name="old", objects=("can",), decision_samples=(2,), repetitions=1)
-    run_here(spec, out, judged_at_once)
+def renamed_axis(out: Path, values: str) -> None:
+    """Puts an axis of an earlier version into a campaign's file."""
+    run_here(CampaignSpec(name="old", objects=("can",), repetitions=1), out, judged_at_once)
     with sqlite3.connect(out) as db:
         (text,) = db.execute("SELECT value FROM campaign WHERE key = 'spec'").fetchone()
-        old = text.replace("decision_samples", "decision_rules")
+        old = text.replace('"sweep":', f'"decision_samples":{values},"sweep":')
+        assert old != text
         row = (old, checksum("campaign", ("spec", old)))
         db.execute("UPDATE campaign SET value = ?, checksum = ? WHERE key = 'spec'", row)
     db.close()
-    with pytest.raises(BadFile, match="decision_rules: is called decision_samples now"):
+
+
+def test_a_campaign_with_an_old_name_in_it_is_refused_with_the_new_one(tmp_path: Path) -> None:
+    out = tmp_path / "a.sqlite"
+    renamed_axis(out, "[2]")
+    with pytest.raises(BadFile, match=r'decision_samples: is called sweep."rule.consecutive" now'):
         CampaignStore.open(out)
+
+
+def test_an_old_axis_that_was_empty_does_no_harm(tmp_path: Path) -> None:
+    out = tmp_path / "a.sqlite"
+    renamed_axis(out, "[]")
+    with CampaignStore.open(out) as store:
+        assert len(store.rows()) == 1
 
 
 def test_recordings_lie_beside_the_file_under_their_trial(tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.worker import Finished, error_row
 from scenarios.rigs.workers import Workers
 
+MANY = ", ".join(f"{i}e-6" for i in range(60_000))
 SPEC = CampaignSpec(name="two", objects=("can", "ball"), repetitions=3)
 HOLDER = """
 import sys, time
@@ -339,11 +340,9 @@ def test_a_disk_without_room_for_the_log_is_no_damage(
         ('objects = ["can"]\nprofiles = ["paper", "paper"]', "'paper' twice"),
         ('objects = ["can"]\ndetectors = ["psd", "psd"]', "'psd' twice"),
         ('objects = ["can"]\ndetectors = [""]', "unknown"),
-        ('objects = ["can"]\nlatencies_s = [0.0, 0]', "twice"),
+        ('objects = ["can"]\n[sweep]\n"loop.decision_delay_s" = [0.0, 0]', "twice"),
         ('objects = ["can"]\n[sweep]\n"controller.lift_speed_mps" = [0.1, 0.10]', "0.1 twice"),
         ('objects = ["can"]\n[sweep]\n"controller.lift_speed_mps" = []', "is empty"),
-        ('objects = ["can"]\nlatencies_s = [0.0]\n[sweep]\n"loop.decision_delay_s" = [0.1]',
-         "is what latencies_s sweeps"),
         ('objects = ["can"]\n[sweep]\n"profile" = ["zzz"]', "--profile"),
         ('objects = ["can"]\n[sweep]\n"rig" = ["hardware"]', "--rig"),
         ('objects = ["can"]\nsettings = ["rig=hardware"]', "--rig"),
@@ -352,8 +351,7 @@ def test_a_disk_without_room_for_the_log_is_no_damage(
         ('objects = [""]', "unknown"),
         ('objects = []', ">= 1"),
         ('objects = ["../objects/can"]', "unknown"),
-        (f'objects = ["can"]\nlatencies_s = [{", ".join(f"{i}e-6" for i in range(60_000))}]',
-         "too large"),
+        (f'objects = ["can"]\n[sweep]\n"loop.decision_delay_s" = [{MANY}]', "too large"),
     ],
 )  # fmt: skip
 def test_a_campaign_that_counts_twice_or_sweeps_nothing_is_refused(
