@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.scores.quantiles import quantile
 from scenarios.studies.signal.statistics import (
     FFT_HZ,
     TaxelStatistics,
@@ -228,7 +229,7 @@ def named(logarithms: Floats) -> dict[str, float]:
 
 
 class FitRow(msgspec.Struct, frozen=True):
-    """One statistic side by side; ``low`` and ``high``: 10th and 90th percentile over clips."""
+    """One statistic side by side; ``low`` and ``high``: quantiles 0.1 and 0.9 over clips."""
 
     name: str
     real: float
@@ -246,8 +247,8 @@ def compare(real: Figures, of: Sequence[Figures]) -> list[FitRow]:
         wanted, value = real[target.name], average[target.name]
         if not np.isfinite(wanted):
             continue
-        spread = np.array([f[target.name] for f in of])
-        low, high = (float(np.nanpercentile(spread, q)) for q in (10, 90))
+        spread = np.sort([f[target.name] for f in of if not np.isnan(f[target.name])])
+        low, high = (quantile(spread, share) if len(spread) else np.nan for share in (0.1, 0.9))
         near = bool(abs(target.error(wanted, value)) <= 1.0)
         rows.append(FitRow(target.name, wanted, value, low, high, near))
     return rows

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from detector.energy import energy_series
 from detector.scores.metrics import auc, edge_distance_ms
+from detector.scores.quantiles import quantile
 
 LOADED, IDLE = 3, 1
 ENERGY_WINDOW = 10  # samples: energy is the mean absolute change over 100 ms
@@ -65,15 +66,15 @@ def signal_statistics(t_s: Floats, counts: NDArray[np.int16], slip: Bools) -> di
     out = {"idle noise": _rms(idle) / np.sqrt(2)}
     for name, rows in (("static", changes[static]), ("slip", changes[sliding])):
         out[f"increment rms {name}"] = _rms(rows)
-        out[f"increment median {name}"] = _of(np.median, np.abs(rows))
-        out[f"increment p95 {name}"] = _percentile(np.abs(rows), 95)
+        out[f"increment median {name}"] = _quantile(np.abs(rows), 0.5)
+        out[f"increment p95 {name}"] = _quantile(np.abs(rows), 0.95)
     quiet = out["increment rms static"]
     out["increment ratio"] = out["increment rms slip"] / quiet if quiet else np.nan
     out["deviation in slip"] = float(loaded[slip].std(axis=0).mean()) if slip.any() else np.nan
     for name, label in (("static", False), ("slip", True)):
         spectrum = _spectrum(loaded, slip == label)
         out.update({f"{f} Hz {name}": float(a) for f, a in zip(FFT_HZ, spectrum, strict=True)})
-    out["highest excursion"] = _percentile(p.max(axis=1), 99)
+    out["highest excursion"] = _quantile(p.max(axis=1), 0.99)
     out["share above +40"] = float((loaded > POSITIVE_COUNTS).mean())
     out["share saturated"] = _saturated(p)
     out["creep after a stop per s"] = _creep(t_s, loaded, slip)
@@ -87,12 +88,8 @@ def _rms(x: Floats) -> float:
     return float(np.sqrt((x**2).mean())) if x.size else np.nan
 
 
-def _of(function: object, x: Floats) -> float:
-    return float(function(x)) if x.size else np.nan  # type: ignore[operator]
-
-
-def _percentile(x: Floats, percent: float) -> float:
-    return float(np.percentile(x, percent)) if x.size else np.nan
+def _quantile(x: Floats, share: float) -> float:
+    return quantile(np.sort(x, axis=None), share) if x.size else np.nan
 
 
 def _spectrum(loaded: Floats, chosen: Bools) -> Floats:
