@@ -74,3 +74,25 @@ class PacedClock(VirtualClock):
         late_s = (t_ns + self._ahead_ns - wall_ns) * 1e-9
         if late_s > 0:
             time.sleep(late_s)
+
+
+class Deadlines:
+    """Instants a period apart, from ``start_ns`` on. Those that were slept through are counted and
+    never caught up in a burst: who leaves them out on waking goes on at once, as a controller must;
+    who does so before waiting stays on the beat, as samples must."""
+
+    def __init__(self, start_ns: int, period_ns: int) -> None:
+        self.missed = 0
+        self._period_ns = period_ns
+        self.last_ns = start_ns
+
+    def next_ns(self) -> int:
+        """The one after the last."""
+        self.last_ns += self._period_ns
+        return self.last_ns
+
+    def leave_out(self, now_ns: int) -> None:
+        """Those that lie between the last one and now."""
+        passed = max((now_ns - self.last_ns) // self._period_ns, 0)
+        self.missed += passed
+        self.last_ns += passed * self._period_ns

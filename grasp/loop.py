@@ -24,7 +24,7 @@ from drivers.interfaces import (
     Vector3,
 )
 from grasp import interruption
-from grasp.clock import Clock, stopwatch_ns
+from grasp.clock import Clock, Deadlines, stopwatch_ns
 from grasp.commands import (
     CloseFast,
     Command,
@@ -134,7 +134,7 @@ class ControlLoop:
         self._on_tick = on_tick
         self._period_ns = round(settings.period_s * 1e9)
         self._delay_ns = round(settings.decision_delay_s * 1e9)
-        self._next_ns = clock.now_ns
+        self._deadlines = Deadlines(clock.now_ns, self._period_ns)
         self._queue: deque[_Waiting] = deque()
         self._issued: list[Issued] = []
         self._trouble = ""
@@ -212,14 +212,12 @@ class ControlLoop:
 
     def _await_period(self) -> int:
         """Sleep to the next deadline, sending on the way what comes due; gives the time then."""
-        self._next_ns += self._period_ns
-        self._advance_to(self._next_ns)
+        due_ns = self._deadlines.next_ns()
+        self._advance_to(due_ns)
         now_ns = self._clock.now_ns
-        self._late_ns = now_ns - self._next_ns
-        late = self._late_ns // self._period_ns
-        if late > 0:  # never catch up in a burst
-            self.timing.missed_periods += int(late)
-            self._next_ns += late * self._period_ns
+        self._late_ns = now_ns - due_ns
+        self._deadlines.leave_out(now_ns)
+        self.timing.missed_periods = self._deadlines.missed
         return now_ns
 
     def _advance_to(self, t_ns: int) -> None:
@@ -300,7 +298,7 @@ class ControlLoop:
         if self._clock.virtual or not self._queue:
             return
         self._advance_to(self._clock.now_ns + SOON_NS)
-        end_ns = self._next_ns + self._period_ns - SPARED_NS
+        end_ns = self._deadlines.last_ns + self._period_ns - SPARED_NS
         while not self._devices.gripper.acknowledged and self._clock.now_ns < end_ns:
             self._clock.sleep_until_ns(self._clock.now_ns + POLL_NS)
 

@@ -103,7 +103,7 @@ def write_tick(write: Write, tick: Tick) -> None:
     if tick.frame is not None:
         write(TACTILE, t_ns, tactile_message(tick.frame))
     write(GRIPPER, t_ns, tick.gripper)
-    write(ARM, t_ns, ArmMessage(*msgspec.structs.astuple(tick.arm)))
+    write(ARM, t_ns, arm_message(tick.arm))
     write(CONTROL, t_ns, control_message(tick.observation, tick.decision, tick.measured_n))
 
 
@@ -117,6 +117,10 @@ def tactile_message(frame: TactileFrame) -> TactileMessage:
         missed=frame.missed,
         stale=frame.stale,
     )
+
+
+def arm_message(arm: ArmState) -> ArmMessage:
+    return ArmMessage(*msgspec.structs.astuple(arm))
 
 
 def control_message(seen: Observation, decision: Decision, measured_n: Vector3) -> ControlMessage:

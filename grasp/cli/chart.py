@@ -64,7 +64,7 @@ def _add_detectors(charts: Any) -> None:
 def draw(args: argparse.Namespace) -> int:
     need("charts", "matplotlib")
     from scenarios.report.run_figure import draw_run
-    from scenarios.trial.replay import find_recording
+    from scenarios.trial.run_folder import find_recording
 
     out = args.out or find_recording(args.run).with_name("run.svg")
     draw_run(args.run, out)

@@ -26,8 +26,8 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         "--tactile",
         type=Path,
-        metavar="PATH.csv",
-        help="a fingertip recording (t_s,p0..p5,slip) instead of a run",
+        metavar="PATH",
+        help="a fingertip recording instead of a run: .npz, or .csv (t_s,p0..p5,slip)",
     )
     parser.add_argument(
         "--detector",
@@ -50,7 +50,7 @@ def add_parser(verbs: Any) -> None:
 
 def replay(args: argparse.Namespace) -> int:
     if (args.run is None) == (args.tactile is None):
-        raise UsageError("give either a RUN or --tactile PATH.csv", "not both, not neither")
+        raise UsageError("give either a RUN or --tactile PATH", "not both, not neither")
     return _run(args) if args.tactile is None else _tactile(args)
 
 
@@ -78,14 +78,14 @@ def _run(args: argparse.Namespace) -> int:
 def _tactile(args: argparse.Namespace) -> int:
     import msgspec
 
-    from detector.recordings import read_csv
+    from detector.recordings import read
     from detector.scores.evaluation import evaluate_recording
     from grasp.clock import stopwatch_ns
     from scenarios.campaign.config import load_config
     from scenarios.trial.replay_tactile import replay_tactile
 
     config = load_config("can", "simulated", args.detector, None, args.set)
-    recording = read_csv(args.tactile)
+    recording = read(args.tactile)
     done = replay_tactile(config, recording)
     detector = config.make_detector(recording.fingers)
     scores = evaluate_recording(detector, config.rule, recording, clock_ns=stopwatch_ns)

@@ -161,7 +161,7 @@ def _strange_option(args: argparse.Namespace) -> str:
 
 def _acquire(args: argparse.Namespace) -> int:
     from grasp.cli.live import Display
-    from scenarios.acquire import session as acquire
+    from scenarios.acquire import acquire
     from scenarios.acquire.config import load_acquire_config
     from scenarios.acquire.press import motion
 

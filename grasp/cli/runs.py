@@ -32,9 +32,18 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps([result for _, result in results]))
         return exits.SUCCESS
     for name, result in results:
-        slip = result.get("slip_distance_m", result.get("displacement_m"))
-        distance = "" if slip is None else f"slip {slip * 1e3:5.1f} mm"
-        print(f"{name:<36}  {result['outcome']:<18}  seed {result['seed']:<6}  {distance}")
+        seed, told = f"seed {result['seed']:<6}", _told(result)
+        print(f"{name:<36}  {result['outcome']:<18}  {seed}  {told}".rstrip())
     if not results:
         print(f"no runs in {args.runs}")
     return exits.SUCCESS
+
+
+def _told(result: dict[str, Any]) -> str:
+    """How far something slipped, or what an acquisition has gathered."""
+    if "samples" in result:
+        return (
+            f"{result['samples']} samples, {result['slip']} slip, direction {result['direction']}"
+        )
+    slip = result.get("slip_distance_m", result.get("displacement_m"))
+    return "" if slip is None else f"slip {slip * 1e3:5.1f} mm"

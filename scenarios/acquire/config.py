@@ -8,6 +8,7 @@ import msgspec
 from msgspec import Meta
 
 from drivers.interfaces import PERIOD_S
+from grasp.realtime import RealTimeSettings
 from grasp.settings import Layer, load, named_layer, not_chosen
 from scenarios.acquire.press import PressControlSettings
 from scenarios.rigs.config import PressRigConfig
@@ -48,6 +49,7 @@ class AcquireConfig(PressRigConfig, frozen=True, forbid_unknown_fields=True, kw_
 
     control: PressControlSettings = PressControlSettings()
     sampling: SamplingSettings = SamplingSettings()
+    realtime: RealTimeSettings = RealTimeSettings()
 
 
 def load_acquire_config(

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from drivers.interfaces import FINGER_NAMES
 from grasp.messages import CONTROL, PHASES, TRUTH
 from grasp.recording import RunRecording
-from scenarios.trial.replay import find_recording
-from scenarios.trial.run_folder import RUN_CHANNELS
+from scenarios.trial.run_folder import open_trial
 
 COLOURS = {"A": "#1f5f99", "B": "#c2571a", "C": "#3a7d44"}
 LOWERING_SHOWN_S = 0.3
@@ -36,7 +35,7 @@ class Series(msgspec.Struct, frozen=True):
 
 def read_series(path: Path) -> Series:
     """What the figure needs of a recording; raises BadFile when it is none."""
-    recording = RunRecording.open(find_recording(path), RUN_CHANNELS)
+    recording = open_trial(path)
     control = list(recording.of(CONTROL))
     truth = [message for _, message in recording.of(TRUTH)]
     return Series(

@@ -26,7 +26,7 @@ from grasp.settings import Layer, load, renamed
 from grasp.step import StepResult
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_controller, make_step
-from scenarios.trial.run_folder import RECORDING, RUN_CHANNELS
+from scenarios.trial.run_folder import open_trial
 
 
 class Difference(msgspec.Struct, frozen=True):
@@ -48,19 +48,14 @@ class Replay(msgspec.Struct, frozen=True):
     differences: list[Difference]
 
 
-def find_recording(path: Path) -> Path:
-    """The recording of a run folder, or the file itself."""
-    return path / RECORDING if path.is_dir() else path
-
-
 def replay_run(path: Path) -> Replay:
     """Replay a run; raises BadFile when it is none, or was made with other settings."""
-    recording = RunRecording.open(find_recording(path), RUN_CHANNELS)
+    recording = open_trial(path)
     stepper = _Stepper(_config(recording), _home(recording))
     for topic, t_ns, message in recording:
         stepper.take(topic, t_ns, message)
     if stepper.steps == 0:
-        raise BadFile(recording.path, "holds no control step", "record the run again")
+        raise BadFile(recording.path, "holds no whole control step", "record the run again")
     return Replay(str(path), stepper.steps, recording.complete, stepper.events, stepper.differences)
 
 

@@ -1,7 +1,7 @@
 """The folder that a run leaves: `recording.mcap` and `result.json`, complete or not at all."""
 
-import shutil
-from contextlib import ExitStack
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -9,17 +9,17 @@ from typing import Self
 
 import msgspec
 
-from drivers.errors import CouldNotRecord
+from drivers.errors import BadFile, CouldNotRecord
 from drivers.interfaces import Vector3
 from grasp import interruption
 from grasp.controller import GraspController
 from grasp.files import make_private_folder, write_whole
 from grasp.loop import Tick
-from grasp.messages import CHANNELS, PHASES, TRUTH, write_tick
-from grasp.recording import RunRecorder
+from grasp.messages import CHANNELS, CONTROL, PHASES, TRUTH, Write, write_tick
+from grasp.recording import Channels, RunRecorder, RunRecording
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import FinishedTrial, OnTick
-from scenarios.trial.result import Failure, FinishedRun, ResultT, TrialResult, versions
+from scenarios.trial.result import Failure, FinishedRun, ResultT, versions
 from scenarios.world.cell import Truth
 
 RECORDING = "recording.mcap"
@@ -27,36 +27,52 @@ RESULT = "result.json"
 RUN_CHANNELS: dict[str, type[msgspec.Struct]] = {**CHANNELS, TRUTH: Truth}
 
 
-class RunFolder:
-    """Records one run. Nothing here raises while the loop runs; ``finish`` says how it went."""
+def find_recording(path: Path) -> Path:
+    """The recording of a run folder, or the file itself."""
+    return path / RECORDING if path.is_dir() else path
 
-    def __init__(
-        self, runs: Path, scenario: str, config: TrialConfig, seed: int, home: Vector3 | None = None
-    ) -> None:
-        """Makes `runs/<stamp>-<scenario>-<object>/`; raises CouldNotRecord if it cannot."""
-        self.path = _new_folder(runs, f"{scenario}-{config.object.name}")
-        known = metadata(config, seed, home)
-        self._recorder = RunRecorder(self.path / RECORDING, RUN_CHANNELS, known)
-        self._phases_written = 0
-        self._ticks = 0
+
+def open_trial(path: Path) -> RunRecording:
+    """The recording of a trial, given its folder or the file itself; raises BadFile for others."""
+    recording = RunRecording.open(find_recording(path), RUN_CHANNELS)
+    if next(recording.of(CONTROL), None) is None:
+        raise BadFile(
+            recording.path,
+            "holds no control step: it is an acquisition's, or was cut off before the first",
+            "give the folder of a lift or a tap, as `grasp runs` lists them",
+        )
+    return recording
+
+
+class RunFolder:
+    """Records one run. Nothing here raises while it runs; ``finish`` says how it went."""
+
+    def __init__(self, runs: Path, name: str, channels: Channels, known: Mapping[str, str]) -> None:
+        """Makes `runs/<stamp>-<name>/`; ``known``: of the recording's metadata. Raises
+        CouldNotRecord if it cannot."""
+        self.path = _new_folder(runs, name)
+        self._recorder = RunRecorder(self.recording, channels, known)
+        self._empty = True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Left by an exception it keeps what there is, without a result."""
+        if kind is not None:
+            self.abandon()
 
     @property
     def recording(self) -> Path:
         return self.path / RECORDING
 
-    def tick(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
-        """Write one tick, with the phase changes that it brought."""
-        self._ticks += 1
-        write = self._recorder.write
-        write_tick(write, tick)
-        for change in controller.machine.log[self._phases_written :]:
-            write(PHASES, change.t_ns, change)
-        self._phases_written = len(controller.machine.log)
-        if truth is not None:
-            write(TRUTH, tick.t_ns, truth)
+    def write(self, topic: str, t_ns: int, message: msgspec.Struct) -> None:
+        """One message, as the recorder does."""
+        self._empty = False
+        self._recorder.write(topic, t_ns, message)
 
-    def finish(self, result: TrialResult) -> None:
-        """Close the recording, write the result; raises CouldNotRecord, leaving no folder."""
+    def finish(self, result: msgspec.Struct) -> None:
+        """Close the recording, write the result; raises CouldNotRecord, and leaves neither."""
         self._recorder.close()
         failure: BaseException | None = self._recorder.failure
         if failure is None:
@@ -65,14 +81,20 @@ class RunFolder:
             except OSError as error:
                 failure = error
         if failure is not None:
-            shutil.rmtree(self.path, ignore_errors=True)
+            self._remove()
             raise could_not_record(self.path, failure)
 
     def abandon(self) -> None:
-        """End without a result: what was recorded is kept, a folder without a tick is removed."""
+        """End without a result: what was recorded is kept, a folder without a message goes."""
         self._recorder.close()
-        if self._ticks == 0 or self._recorder.failure is not None:
-            shutil.rmtree(self.path, ignore_errors=True)
+        if self._empty or self._recorder.failure is not None:
+            self._remove()
+
+    def _remove(self) -> None:
+        """What else was put into the folder stays."""
+        with suppress(OSError):
+            self.recording.unlink(missing_ok=True)
+            self.path.rmdir()
 
 
 class Record:
@@ -91,9 +113,11 @@ class Record:
     ) -> None:  # fmt: skip
         """``home``: of the arm, from an earlier trial on this rig."""
         self._folder: RunFolder | None = None
-        self._begin = (
-            None if runs is None else partial(RunFolder, runs, scenario, config, seed, home)
-        )
+        self._begin = None if runs is None else partial(
+            RunFolder, runs, f"{scenario}-{config.object.name}", RUN_CHANNELS,
+            {"config_hash": config.digest(), **metadata(config, seed, home)},
+        )  # fmt: skip
+        self._phases_written = 0
         self._config = config
         self._on_tick = on_tick
         self._uncut = ExitStack()
@@ -108,11 +132,8 @@ class Record:
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         with self._uncut:
-            self._left(kind)
-
-    def _left(self, kind: type[BaseException] | None) -> None:
-        if kind is not None and self._folder is not None:
-            self._folder.abandon()
+            if kind is not None and self._folder is not None:
+                self._folder.abandon()
 
     @property
     def path(self) -> str | None:
@@ -122,8 +143,19 @@ class Record:
     def tick(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
         """Write one tick, then let anyone watch."""
         if self._folder is not None:
-            self._folder.tick(tick, truth, controller)
+            self._write(self._folder.write, tick, truth, controller)
         self._on_tick(tick)
+
+    def _write(
+        self, write: Write, tick: Tick, truth: Truth | None, controller: GraspController
+    ) -> None:
+        """One tick, with the phase changes that it brought."""
+        write_tick(write, tick)
+        for change in controller.machine.log[self._phases_written :]:
+            write(PHASES, change.t_ns, change)
+        self._phases_written = len(controller.machine.log)
+        if truth is not None:
+            write(TRUTH, tick.t_ns, truth)
 
     def finish(self, trial: FinishedTrial, result: ResultT) -> FinishedRun[ResultT]:
         """Close the recording and write the result."""
@@ -137,13 +169,12 @@ class Record:
         return FinishedRun(result, failure)
 
 
-def metadata(config: TrialConfig, seed: int, home: Vector3 | None = None) -> dict[str, str]:
+def metadata(config: msgspec.Struct, seed: int, home: Vector3 | None = None) -> dict[str, str]:
     """What is needed to run the same again: settings, seed, versions, and the arm's home if it was
     another trial's."""
     return {
         **({} if home is None else {"home_m": msgspec.json.encode(home).decode()}),
         "config": msgspec.json.encode(config).decode(),
-        "config_hash": config.digest(),
         "seed": str(seed),
         **{f"version.{name}": text for name, text in versions().items()},
     }
@@ -157,7 +188,7 @@ def could_not_record(path: Path, cause: BaseException) -> CouldNotRecord:
     )
 
 
-def _pretty(result: TrialResult) -> bytes:
+def _pretty(result: msgspec.Struct) -> bytes:
     return msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n"
 
 

@@ -24,9 +24,10 @@ from grasp.settings import load, named_layer, read_toml
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.datasets.confusers import GRASPED, FixedCause, GraspedCause, make_confuser
 from scenarios.acquire.datasets.draws import with_values
+from scenarios.acquire.labels import recording
 from scenarios.acquire.press import TURNS, StrokeMotion, motion
 from scenarios.acquire.rig import open_acquire_rig
-from scenarios.acquire.session import Session, recording
+from scenarios.acquire.session import Session
 from scenarios.rigs.workers import Workers, results
 from scenarios.trial.result import versions
 from scenarios.world.objects import Name

@@ -19,9 +19,9 @@ from grasp.controller import GraspController
 from grasp.loop import Tick
 from grasp.phases import Phase
 from grasp.settings import load
-from scenarios.acquire import session as acquire
 from scenarios.acquire.config import SamplingSettings, load_acquire_config
 from scenarios.acquire.datasets.draws import with_values
+from scenarios.acquire.labels import recording, slip_label
 from scenarios.acquire.press import PressController, StrokeMotion
 from scenarios.acquire.rig import open_acquire_rig
 from scenarios.acquire.session import Script, Session
@@ -86,7 +86,7 @@ def _pressed(
     with open_acquire_rig(config, metadata.seed, paced=False) as rig:
         session = Session(config, motion, metadata.seed, rig, script=script)
         session.run(samples, from_start=metadata.cause == "contact_made_and_broken")
-    return _by_truth(acquire.recording(session.ticks, config, metadata, source))
+    return _by_truth(recording(session.ticks, config, metadata, source))
 
 
 def _script(cause: str, rng: np.random.Generator) -> Script:
@@ -190,7 +190,7 @@ def _of_lift(
     held = np.array([truth.touched for _, truth in seen])  # afterwards the hand leaves the object
     moved_m = np.hypot(*np.diff(places, axis=0, prepend=places[:1]).T) * held
     speed = moved_m / np.diff(t_s, prepend=t_s[0] - PERIOD_S)  # a blow's slip lies between samples
-    slides = acquire.slip_label(speed, np.zeros(len(speed)), SamplingSettings())
+    slides = slip_label(speed, np.zeros(len(speed)), SamplingSettings())
     return Recording(
         t_s=t_s,
         counts=np.stack([tick.frame.counts for tick in ticks if tick.frame is not None]),
@@ -219,8 +219,8 @@ def as_felt(slides: NDArray[np.bool_], places_m: NDArray[np.float64]) -> NDArray
     return label
 
 
-def _by_truth(recording: Recording) -> Recording:
+def _by_truth(made: Recording) -> Recording:
     """Static unless the contact truly moves, whatever the fingertip does."""
-    if recording.slip_true is None:
+    if made.slip_true is None:
         raise ValueError("a recording without truth cannot be labelled by it")
-    return msgspec.structs.replace(recording, slip=recording.slip_true)
+    return msgspec.structs.replace(made, slip=made.slip_true)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from detector.recordings import read
-from scenarios.acquire import session as acquire
+from scenarios.acquire import acquire
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.press import motion
 

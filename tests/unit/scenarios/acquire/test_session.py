@@ -1,22 +1,18 @@
 """Acquisition on the simulated rig: force held by the fingertip, strokes, and both labels."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from detector.recordings import Metadata, Recording, read
+from detector.recordings import Metadata, Recording
 from drivers.errors import ConfigError, Refused, Stale
-from scenarios.acquire import session as acquire
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.force_calibration import counts_per_newton
+from scenarios.acquire.labels import recording
 from scenarios.acquire.press import PressPhase, motion
 from scenarios.acquire.rig import open_acquire_rig
 from scenarios.acquire.session import Sample, Session
-from scenarios.rigs.rig import PressRig
 
 METADATA = Metadata(
     set="slide", split="train", surface="planar", motion="primary", speed_mps=0.05,
@@ -36,7 +32,7 @@ def session(
     with open_acquire_rig(settings, seed, paced=False) as rig:
         made = Session(settings, motion(direction, 0.05, 1.0), seed, rig, **more)
         made.run(samples)
-    return made, acquire.recording(made.ticks, settings, METADATA, "here")
+    return made, recording(made.ticks, settings, METADATA, "here")
 
 
 @pytest.fixture(scope="module")
@@ -196,89 +192,3 @@ def test_hardware_needs_a_calibration_of_its_own() -> None:
     hardware = load_acquire_config("planar", "hardware")
     with pytest.raises(ConfigError, match="counts_per_newton"):
         counts_per_newton(hardware, 0)
-
-
-def test_a_run_leaves_one_recording(tmp_path: Any) -> None:
-    finished = acquire.run(
-        config("sphere"), motion("45", 0.05, 1.0), 3, 4.0, tmp_path, False, lambda tick: None
-    )
-    r = read(finished.recordings[0])
-    assert len(r.t_s) == finished.samples == 400
-    assert r.metadata is not None
-    assert (r.metadata.surface, r.metadata.motion, r.metadata.seed) == ("sphere", "oblique", 3)
-    assert int(r.slip.sum()) == finished.slip
-
-
-def test_ctrl_c_keeps_what_was_recorded(tmp_path: Any) -> None:
-    seen: list[Sample] = []
-
-    def stop_after_a_while(tick: Sample) -> None:
-        seen.append(tick)
-        if len(seen) == 500:
-            raise KeyboardInterrupt
-
-    finished = acquire.run(
-        config(), motion("0", 0.05, 1.0), 0, 20.0, tmp_path, False, stop_after_a_while
-    )
-    assert finished.failure is not None
-    assert finished.failure.kind == "interrupted"
-    assert 100 < finished.samples < 500
-    assert len(read(finished.recordings[0]).t_s) == finished.samples
-
-
-def test_fingertips_that_fall_silent_end_the_session_and_lose_nothing(
-    tmp_path: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    rigs = []
-    ticks = 0
-
-    @contextmanager
-    def remembered(*given: Any) -> Iterator[PressRig]:
-        with open_acquire_rig(*given) as rig:
-            rigs.append(rig)
-            yield rig
-
-    def silence(tick: Sample) -> None:
-        nonlocal ticks
-        ticks += 1
-        if ticks == 500:
-            rigs[0].cell.board.time_out(1000)
-
-    monkeypatch.setattr(acquire, "open_acquire_rig", remembered)
-    finished = acquire.run(config(), motion("0", 0.05, 1.0), 0, 20.0, tmp_path, False, silence)
-    assert finished.failure is not None
-    assert finished.failure.kind in ("stale", "device_fault")
-    assert finished.failure.remedy
-    assert 100 < finished.samples < 510
-    assert len(read(finished.recordings[0]).t_s) == finished.samples
-
-
-def test_a_machine_that_stood_still_leaves_two_recordings_and_no_burst(
-    tmp_path: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    patient = ("tactile.stale_after_missed=20", "arm.stale_after_s=1.0")
-    clocks = []
-    ticks = 0
-
-    @contextmanager
-    def remembered(*given: Any) -> Iterator[PressRig]:
-        with open_acquire_rig(*given) as rig:
-            clocks.append(rig.clock)
-            yield rig
-
-    def stand_still(tick: Sample) -> None:
-        nonlocal ticks
-        ticks += 1
-        if ticks == 500:
-            clocks[0].sleep_until_ns(clocks[0].now_ns + 150_000_000)
-
-    monkeypatch.setattr(acquire, "open_acquire_rig", remembered)
-    finished = acquire.run(
-        config("planar", *patient), motion("0", 0.05, 1.0), 0, 6.0, tmp_path, False, stand_still
-    )
-    assert finished.failure is None
-    parts = [read(path) for path in finished.recordings]
-    assert [Path(path).stem[-2:] for path in finished.recordings] == ["-1", "-2"]
-    assert sum(len(part.t_s) for part in parts) == finished.samples == 600
-    assert all(np.diff(part.t_s).min() > 0.005 for part in parts)
-    assert 14 <= finished.missed_periods <= 15 and finished.repeated < 60

@@ -12,10 +12,10 @@ import pytest
 
 from drivers.errors import ConfigError, UsageError
 from grasp.cli.main import build_parser, main
+from scenarios.acquire.acquire import run as acquire
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.press import motion
 from scenarios.acquire.rig import open_acquire_rig
-from scenarios.acquire.session import run as acquire
 from scenarios.campaign.config import load_config
 from scenarios.campaign.spec import CampaignSpec, Combination, combinations, trials
 from scenarios.campaign.worker import run_trial

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.acquire import session
+from scenarios.acquire import acquire
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.press import motion
 from scenarios.campaign.spec import combinations
@@ -40,7 +40,7 @@ def test_run_folder_is_private(tmp_path: Path) -> None:
 def test_acquisition_is_private(tmp_path: Path) -> None:
     settings = load_acquire_config("planar", "simulated", None, [])
     course = motion("0", 0.05, 1.0)
-    session.run(settings, course, 0, 1.0, tmp_path / "new" / "runs", False, lambda _: None)
+    acquire.run(settings, course, 0, 1.0, tmp_path / "new" / "runs", False, lambda _: None)
     assert len(list((tmp_path / "new").rglob("*.npz"))) == 1
     assert open_to_others(tmp_path / "new") == []
 

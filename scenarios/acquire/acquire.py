@@ -1,0 +1,143 @@
+"""Acquisition of labelled slip data (paper, section III-B): one session, recorded and labelled.
+
+Like every run it leaves a folder with the recording of all that was read and told, and a result.
+Beside them lie the labelled samples as training reads them (``detector.recordings``).
+"""
+
+from contextlib import nullcontext
+from itertools import chain
+from pathlib import Path
+
+import msgspec
+
+from detector.recordings import SUFFIX, Metadata, Recording, write
+from drivers.errors import CouldNotRecord, GraspError
+from grasp import interruption
+from grasp.realtime import real_time
+from scenarios.acquire.config import AcquireConfig
+from scenarios.acquire.labels import parts_of, recording
+from scenarios.acquire.messages import CHANNELS, write_sample
+from scenarios.acquire.press import StrokeMotion
+from scenarios.acquire.result import AcquireOutcome, AcquireResult, figures
+from scenarios.acquire.rig import open_acquire_rig
+from scenarios.acquire.session import OnTick, Sample, Session
+from scenarios.rigs.permission import MotionPermit
+from scenarios.rigs.rig import PressRig
+from scenarios.trial.ending import End
+from scenarios.trial.result import Failure, versions
+from scenarios.trial.run_folder import RunFolder, could_not_record, metadata
+
+SCENARIO = "acquire"
+SAMPLES = "samples"  # the labelled ones, beside the recording
+TURN_RADPS = 1.0  # paper, section III-B
+
+
+def run(
+    config: AcquireConfig, motion: StrokeMotion, seed: int, seconds: float, runs: Path, paced: bool,
+    on_tick: OnTick, permit: MotionPermit | None = None,
+) -> AcquireResult:  # fmt: skip
+    """One session on the rig of the configuration; leaves `runs/<stamp>-acquire-<surface>/`.
+
+    What was recorded is kept, whatever ends the session: a device's error or Ctrl-C becomes the
+    ``failure``. Labelled samples may not lack many in a row, so they are cut in two there.
+
+    Raises ConfigError, CouldNotRecord and the drivers' errors before anything moves.
+    """
+    with interruption.held(), open_acquire_rig(config, seed, paced, permit) as rig:
+        known = {**metadata(config, seed), "motion": msgspec.json.encode(motion).decode()}
+        name = f"{SCENARIO}-{config.surface.name}"
+        with RunFolder(runs, name, CHANNELS, known) as folder:
+
+            def take(sample: Sample) -> None:
+                write_sample(folder.write, sample)
+                on_tick(sample)
+
+            session = Session(config, motion, seed, rig, take)
+            samples = round(seconds / config.sampling.period_s)
+            failure, granted = _run_to_end(config, rig, session, samples)
+            interruption.seal()  # what is left is labelling and writing
+            return _finish(config, motion, seed, session, folder, failure, granted)
+
+
+def _run_to_end(
+    config: AcquireConfig, rig: PressRig, session: Session, samples: int
+) -> tuple[Failure | None, bool | None]:
+    """What ended it early, and whether a real-time priority was granted (None in virtual time)."""
+    with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
+        try:
+            session.run(samples)
+        except GraspError as error:
+            return Failure(error.kind, error.message, error.remedy, _left(session)), granted
+        except KeyboardInterrupt as stop:
+            cause = interruption.cause(stop)
+            return Failure("interrupted", cause, "", _left(session)), granted
+    return None, granted
+
+
+def _left(session: Session) -> End:
+    return End(session.stand(), "the hand was told nothing", "")
+
+
+def _finish(
+    config: AcquireConfig, motion: StrokeMotion, seed: int, session: Session, folder: RunFolder,
+    failure: Failure | None, granted: bool | None,
+) -> AcquireResult:  # fmt: skip
+    parts = parts_of(session.ticks)
+    told = Metadata(
+        set="slide", split="train", surface=config.surface.name, motion=motion.kind,
+        speed_mps=motion.speed_mps, spin_radps=motion.spin_radps, direction=motion.direction,
+        seed=seed, commit=versions()["commit"],
+    )  # fmt: skip
+    paths = [folder.path / f"{name}{SUFFIX}" for name in _names(len(parts))]
+    made = [
+        recording(part, config, told, str(path)) for part, path in zip(parts, paths, strict=True)
+    ]
+    result = AcquireResult(
+        **figures(list(chain(*parts)), made),
+        scenario=SCENARIO,
+        rig=config.rig,
+        surface=config.surface.name,
+        direction=motion.direction,
+        seed=seed,
+        outcome=_outcome(failure),
+        missed_periods=session.missed_periods,
+        real_time=granted,
+        recording=str(folder.recording),
+        versions=versions(),
+        failure=failure,
+    )
+    return _written(folder, made, result)
+
+
+def _names(count: int) -> list[str]:
+    return [SAMPLES] if count == 1 else [f"{SAMPLES}-{k}" for k in range(1, count + 1)]
+
+
+def _outcome(failure: Failure | None) -> AcquireOutcome:
+    if failure is None:
+        return AcquireOutcome.COMPLETE
+    interrupted = failure.kind == "interrupted"
+    return AcquireOutcome.INTERRUPTED if interrupted else AcquireOutcome.FAULT
+
+
+def _written(folder: RunFolder, made: list[Recording], result: AcquireResult) -> AcquireResult:
+    """What of it the disk took: one of the two recordings is kept where the other cannot be."""
+    kept: list[str] = []
+    try:
+        for each in made:
+            write(each.source, each)
+            kept.append(each.source)
+    except OSError as error:
+        result = _without(result, could_not_record(folder.path, error), recordings=kept)
+    try:
+        folder.finish(result)
+    except CouldNotRecord as error:
+        result = _without(result, error, recording=None)
+    return result
+
+
+def _without(
+    result: AcquireResult, error: CouldNotRecord, **lost: list[str] | None
+) -> AcquireResult:
+    failure = result.failure or Failure(error.kind, error.message, error.remedy)
+    return msgspec.structs.replace(result, failure=failure, **lost)

@@ -1,0 +1,249 @@
+"""What an acquisition leaves, however it ends: the recording of every run, and labelled samples."""
+
+import errno
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from detector.recordings import read
+from drivers.errors import BadFile
+from grasp import interruption
+from grasp.cli.main import main
+from grasp.messages import ARM, TACTILE, TRUTH
+from grasp.recording import RunRecording
+from scenarios.acquire import acquire
+from scenarios.acquire.config import AcquireConfig, load_acquire_config
+from scenarios.acquire.messages import CHANNELS, PRESS
+from scenarios.acquire.press import PressPhase, motion
+from scenarios.acquire.result import AcquireOutcome, AcquireResult
+from scenarios.acquire.rig import open_acquire_rig
+from scenarios.acquire.session import Sample
+from scenarios.rigs.rig import PressRig
+from scenarios.trial.replay import replay_run
+
+
+def config(surface: str = "planar", *assignments: str) -> AcquireConfig:
+    return load_acquire_config(surface, "simulated", None, assignments)
+
+
+def acquired(runs: Path, on_tick: Any = lambda sample: None, seconds: float = 4.0) -> AcquireResult:
+    return acquire.run(config(), motion("0", 0.05, 1.0), 0, seconds, runs, False, on_tick)
+
+
+def test_a_run_leaves_a_folder_as_every_run_does(tmp_path: Path) -> None:
+    finished = acquired(tmp_path)
+    (folder,) = tmp_path.iterdir()
+    assert folder.name.endswith("-acquire-planar")
+    assert {path.name for path in folder.iterdir()} == {
+        "recording.mcap", "result.json", "samples.npz",
+    }  # fmt: skip
+    assert (
+        msgspec.json.decode((folder / "result.json").read_bytes(), type=AcquireResult) == finished
+    )
+
+
+def test_the_recording_has_the_whole_session_and_the_labelled_samples_are_of_it(
+    tmp_path: Path,
+) -> None:
+    seen: list[Sample] = []
+    finished = acquired(tmp_path, seen.append)
+    assert finished.recording is not None
+    recording = RunRecording.open(Path(finished.recording), CHANNELS)
+    frames, arms, presses, truths = (list(recording.of(t)) for t in (TACTILE, ARM, PRESS, TRUTH))
+    assert len(frames) == len(arms) == len(presses) == len(truths) == len(seen)
+    assert presses[0][1].phase == PressPhase.APPROACH
+    assert [m.asked for _, m in presses] == [sample.asked for sample in seen]
+    labelled = read(finished.recordings[0])
+    last = np.array([m.counts[:6] for _, m in frames[-finished.samples :]])
+    assert (labelled.counts[:, 0] == last).all()
+    assert msgspec.json.decode(recording.metadata["motion"])["direction"] == "0"
+    assert msgspec.json.decode(recording.metadata["config"])["surface"]["name"] == "planar"
+
+
+def test_equal_seeds_give_equal_folders(tmp_path: Path) -> None:
+    first, again = (acquired(tmp_path / name, seconds=1.0) for name in ("a", "b"))
+    both = zip(
+        (first.recording, *first.recordings), (again.recording, *again.recordings), strict=True
+    )
+    assert all(Path(str(a)).read_bytes() == Path(str(b)).read_bytes() for a, b in both)
+
+
+def test_sigterm_keeps_what_was_recorded_and_leaves_the_arm_standing(tmp_path: Path) -> None:
+    seen: list[Sample] = []
+
+    def end(sample: Sample) -> None:
+        seen.append(sample)
+        if len(seen) == 500:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    with interruption.taken():
+        finished = acquired(tmp_path, end, seconds=20.0)
+    assert finished.outcome is AcquireOutcome.INTERRUPTED
+    assert finished.failure is not None and finished.failure.end is not None
+    assert finished.failure.message == "told to end (SIGTERM)"
+    assert finished.failure.end.arm == "the arm stands"
+    assert finished.recording is not None
+    recording = RunRecording.open(Path(finished.recording), CHANNELS)
+    assert recording.complete
+    assert len(list(recording.of(TACTILE))) == 500
+    assert len(read(finished.recordings[0]).t_s) == finished.samples > 100
+
+
+def test_a_session_that_never_touched_leaves_its_recording_alone(tmp_path: Path) -> None:
+    settings = config("planar", "press.gap_m=0.05")
+    finished = acquire.run(
+        settings, motion("0", 0.05, 1.0), 0, 2.0, tmp_path, False, lambda sample: None
+    )
+    assert finished.outcome is AcquireOutcome.FAULT
+    assert finished.recordings == []
+    (folder,) = tmp_path.iterdir()
+    assert {path.name for path in folder.iterdir()} == {"recording.mcap", "result.json"}
+    assert "no labelled sample" in finished.as_text()
+
+
+def test_samples_that_the_disk_refuses_leave_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, made: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(acquire, "write", full)
+    finished = acquired(tmp_path, seconds=1.0)
+    assert finished.failure is not None and finished.failure.kind == "could_not_record"
+    assert finished.recordings == []
+    assert finished.recording is not None
+    assert RunRecording.open(Path(finished.recording), CHANNELS).complete
+
+
+def test_a_result_that_the_disk_refuses_leaves_the_samples(tmp_path: Path) -> None:
+    spoilt: list[Path] = []
+
+    def spoil(sample: Sample) -> None:
+        if not spoilt:
+            (path,) = tmp_path.glob("*/recording.mcap")
+            path.with_name("result.json").mkdir()
+            spoilt.append(path)
+
+    finished = acquired(tmp_path, spoil, seconds=1.0)
+    assert finished.failure is not None and finished.failure.kind == "could_not_record"
+    assert finished.recording is None and not spoilt[0].exists()
+    assert len(read(finished.recordings[0]).t_s) == finished.samples == 100
+
+
+def test_runs_lists_an_acquisition_beside_the_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    finished = acquired(tmp_path, seconds=1.0)
+    assert main(["runs", "--runs", str(tmp_path)]) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    assert "acquire-planar" in line and "complete" in line
+    assert line.endswith(f"100 samples, {finished.slip} slip, direction 0")
+
+
+def test_an_acquisition_has_no_step_to_replay(tmp_path: Path) -> None:
+    acquired(tmp_path, seconds=1.0)
+    (folder,) = tmp_path.iterdir()
+    with pytest.raises(BadFile, match="no control step"):
+        replay_run(folder)
+
+
+def test_its_samples_are_fed_to_a_detector(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    finished = acquired(tmp_path)
+    assert main(["replay", "--tactile", finished.recordings[0], "--detector", "energy"]) == 0
+    assert "registered at finger" in capsys.readouterr().out
+
+
+def test_a_run_leaves_labelled_samples(tmp_path: Path) -> None:
+    finished = acquire.run(
+        config("sphere"), motion("45", 0.05, 1.0), 3, 4.0, tmp_path, False, lambda tick: None
+    )
+    assert finished.outcome is AcquireOutcome.COMPLETE
+    r = read(finished.recordings[0])
+    assert len(r.t_s) == finished.samples == 400
+    assert r.metadata is not None
+    assert (r.metadata.surface, r.metadata.motion, r.metadata.seed) == ("sphere", "oblique", 3)
+    assert int(r.slip.sum()) == finished.slip
+
+
+def test_ctrl_c_keeps_what_was_recorded(tmp_path: Path) -> None:
+    seen: list[Sample] = []
+
+    def stop_after_a_while(tick: Sample) -> None:
+        seen.append(tick)
+        if len(seen) == 500:
+            raise KeyboardInterrupt
+
+    finished = acquire.run(
+        config(), motion("0", 0.05, 1.0), 0, 20.0, tmp_path, False, stop_after_a_while
+    )
+    assert finished.failure is not None
+    assert finished.failure.kind == "interrupted"
+    assert 100 < finished.samples < 500
+    assert len(read(finished.recordings[0]).t_s) == finished.samples
+
+
+def test_fingertips_that_fall_silent_end_the_session_and_lose_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rigs = []
+    ticks = 0
+
+    @contextmanager
+    def remembered(*given: Any) -> Iterator[PressRig]:
+        with open_acquire_rig(*given) as rig:
+            rigs.append(rig)
+            yield rig
+
+    def silence(tick: Sample) -> None:
+        nonlocal ticks
+        ticks += 1
+        if ticks == 500:
+            rigs[0].cell.board.time_out(1000)
+
+    monkeypatch.setattr(acquire, "open_acquire_rig", remembered)
+    finished = acquire.run(config(), motion("0", 0.05, 1.0), 0, 20.0, tmp_path, False, silence)
+    assert finished.failure is not None
+    assert finished.failure.kind in ("stale", "device_fault")
+    assert finished.failure.remedy
+    assert 100 < finished.samples < 510
+    assert len(read(finished.recordings[0]).t_s) == finished.samples
+
+
+def test_a_machine_that_stood_still_leaves_two_recordings_and_no_burst(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    patient = ("tactile.stale_after_missed=20", "arm.stale_after_s=1.0")
+    clocks = []
+    ticks = 0
+
+    @contextmanager
+    def remembered(*given: Any) -> Iterator[PressRig]:
+        with open_acquire_rig(*given) as rig:
+            clocks.append(rig.clock)
+            yield rig
+
+    def stand_still(tick: Sample) -> None:
+        nonlocal ticks
+        ticks += 1
+        if ticks == 500:
+            clocks[0].sleep_until_ns(clocks[0].now_ns + 150_000_000)
+
+    monkeypatch.setattr(acquire, "open_acquire_rig", remembered)
+    finished = acquire.run(
+        config("planar", *patient), motion("0", 0.05, 1.0), 0, 6.0, tmp_path, False, stand_still
+    )
+    assert finished.failure is None
+    parts = [read(path) for path in finished.recordings]
+    assert [Path(path).stem[-2:] for path in finished.recordings] == ["-1", "-2"]
+    assert sum(len(part.t_s) for part in parts) == finished.samples == 600
+    assert all(np.diff(part.t_s).min() > 0.005 for part in parts)
+    assert 14 <= finished.missed_periods <= 15 and finished.repeated < 60
