@@ -356,7 +356,8 @@ class GraspController:
             self._fire(Trigger.LOSE, seen, "contact lost, and the thumb can close no further")
             self._out.append(StopArm(self._settings.stop_deceleration_mps2))
             return True
-        if not self._settings.reactions or not (lost or slip.registered):
+        borne = self._settings.hold_by_clock and self._at_cap(seen)
+        if not self._settings.reactions or not (lost or (slip.registered and not borne)):
             return False
         cause = f"slip registered at finger {FINGER_NAMES[slip.finger]}"
         self._fire(Trigger.SLIP_REGISTERED, seen, "contact lost" if lost else cause)
@@ -389,6 +390,8 @@ class GraspController:
             return
         elif not slip.registered:
             self._fire(Trigger.SLIP_STOPPED, seen, "slip has stopped")
+        elif self._settings.hold_by_clock:
+            self._fire(Trigger.SLIP_BORNE, seen, "slip goes on, and the hold ends by its clock")
         elif self._patience_ended(seen):
             self.cap_reached = True
             self._fire(Trigger.CAP_REACHED, seen, "slip goes on and the force can rise no more")
@@ -403,11 +406,12 @@ class GraspController:
         at_top = self._arm_at(seen, s.lift_height_m)
         if at_top and self._at_top_ns is None:
             self._at_top_ns = seen.t_ns
+        over = s.hold_by_clock and self._since_top(seen, s.hold_s)
         tired = self._at_cap(seen) and self._since_top(seen, s.hold_s + s.alarm_hold_s)
-        if not tired and self._answers(seen):
+        if not (over or tired) and self._answers(seen):
             return
         quiet = self._since_top(seen, s.hold_s) and self._lasted(seen, s.hold_s)
-        if at_top and (tired or quiet or (seen.set_down and self._since_top(seen, 0.0))):
+        if at_top and (over or tired or quiet or (seen.set_down and self._since_top(seen, 0.0))):
             self._end_hold(seen)
 
     def _since_top(self, seen: Observation, duration_s: float) -> bool:

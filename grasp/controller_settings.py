@@ -80,6 +80,13 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float,
         Meta(ge=0.0, le=60.0, description="alarms that no closing answers prolong a hold by this"),
     ] = 2.0
+    hold_by_clock: Annotated[
+        bool,
+        Meta(
+            description="a hold ends after hold_s whatever the slip status says, and slip at the "
+            "force cap is borne: there is no cap_reached (the paper's loop, section V-C, has none)"
+        ),
+    ] = False
     contact_n: Annotated[
         float,
         Meta(ge=0.05, le=5.0, description="the thumb touches something from this measured force"),

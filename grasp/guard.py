@@ -71,6 +71,12 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         ),
     ] = 5.0
 
+    @property
+    def full_grip_n(self) -> Vector3:
+        """Static force of fingers A, B and C, N, once the hand has closed to the limit."""
+        share_n = self.force_limit_n * (0.5 if self.cap_mode == "every_finger" else 1.0)
+        return 2 * share_n, share_n, share_n
+
 
 class ForceGuard:
     """Admits gripper commands, each changed as far as the limits need. Never raises in a run."""

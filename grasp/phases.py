@@ -43,6 +43,7 @@ class Trigger(StrEnum):
     SETTLED = "settled"  # pads relaxed, detector listening
     SLIP_REGISTERED = "slip_registered"
     SLIP_STOPPED = "slip_stopped"
+    SLIP_BORNE = "slip_borne"  # slip goes on at the force cap, and the hold ends by its clock
     LIFTED = "lifted"  # the arm is at the top and nothing slips
     CAP_REACHED = "cap_reached"  # slip goes on although the force cannot rise any more
     FINISHED = "finished"  # held long enough: set it down
@@ -70,6 +71,7 @@ TRANSITIONS: tuple[tuple[Trigger, tuple[Phase, ...], Phase], ...] = (
     (Trigger.SETTLED, (Phase.SETTLE,), Phase.LIFT),
     (Trigger.SLIP_REGISTERED, (Phase.LIFT, Phase.HOLD), Phase.COMPENSATE),
     (Trigger.SLIP_STOPPED, (Phase.COMPENSATE,), Phase.HOLD),
+    (Trigger.SLIP_BORNE, (Phase.COMPENSATE,), Phase.HOLD),
     (Trigger.LIFTED, (Phase.LIFT,), Phase.HOLD),
     (Trigger.CAP_REACHED, (Phase.COMPENSATE,), Phase.LOWER),
     (Trigger.FINISHED, (Phase.HOLD,), Phase.LOWER),

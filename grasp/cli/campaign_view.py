@@ -135,8 +135,15 @@ def _rates(scenario: str, variants: "list[Variant]") -> Any:
     known_rates = [rate for rate in rates if rate is not None]
     average = f"{sum(known_rates) / len(known_rates):.1%}" if known_rates else "-"
     table.add_section()
-    table.add_row("average", average, *(f"{v.average:.1%}" for v in variants))
+    table.add_row("average", average, *(_average(v) for v in variants))
     return table
+
+
+def _average(variant: "Variant") -> str:
+    text = f"{variant.average:.1%}"
+    if any(cell.apart for cell in variant.cells):
+        text += f"\n{variant.average_of_all:.1%} of all, those apart counted as failed"
+    return text
 
 
 def _heading(variant: "Variant") -> str:
@@ -159,10 +166,14 @@ def _shown(cell: "Cell | None") -> str:
         parts = (cell.within_6cm, cell.within_12cm)
         text += "  " + "+".join(f"{100 * part / cell.trials:.0f}" for part in parts)
     text += f"  n {cell.trials}"
+    if cell.apart:
+        text += f" of {cell.trials + sum(cell.apart.values())}: {cell.rate_of_all:.0%} of all"
     text += f", {cell.errors} errors" if cell.errors else ""
-    good = ("held", "registered")
+    good = ("held", "registered", *cell.apart)
     lost = {name: n for name, n in cell.outcomes.items() if not name.startswith(good)}
-    return text + "".join(f"\n{n} {name}" for name, n in lost.items())
+    text += "".join(f"\n{n} {name}" for name, n in lost.items())
+    text += "".join(f"\n{n} {name}, apart" for name, n in cell.apart.items())
+    return text + (f"\n{cell.alarms_stayed} held, alarm stayed" if cell.alarms_stayed else "")
 
 
 def _times(variants: "list[Variant]") -> Any:

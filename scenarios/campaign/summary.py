@@ -1,6 +1,7 @@
 """Table IV from the rows of a campaign: rates with intervals, latencies, slip distances."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 
 import msgspec
@@ -34,6 +35,8 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     within_6cm: int | None  # a long object's lifts
     within_12cm: int | None
     outcomes: dict[str, int]
+    apart: dict[str, int]  # those that drop out of the rate: taps that moved nothing, or never fell
+    alarms_stayed: int  # lifts that succeeded with slip registered at the end of the hold
     detection_latency_ms: Quantiles | None
     reaction_latency_ms: Quantiles | None
     nominal_again_ms: Quantiles | None  # after the end of motion; taps
@@ -43,6 +46,12 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def rate(self) -> float:
         return self.successes / self.trials if self.trials else math.nan
+
+    @property
+    def rate_of_all(self) -> float:
+        """Of every trial that was judged, those that drop out of the rate among them."""
+        judged = self.trials + sum(self.apart.values())
+        return self.successes / judged if judged else math.nan
 
 
 class Variant(msgspec.Struct, frozen=True, kw_only=True):
@@ -54,6 +63,7 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
     swept: str
     cells: list[Cell]
     average: float
+    average_of_all: float  # what drops out of the rates counted as failed
     log_likelihood: float | None  # of the paper's column under this one; None: other objects
     best_log_likelihood: float | None  # under its own frequencies: no model can do better
 
@@ -101,6 +111,7 @@ def _variant(key: tuple[str, str, str, str], rows: Sequence[Row]) -> Variant:
     return Variant(
         scenario=scenario, profile=key[1], detector=key[2], swept=key[3], cells=cells,
         average=sum(cell.rate for cell in cells if cell.trials) / max(1, len(cells)),
+        average_of_all=sum(c.rate_of_all for c in cells if c.outcomes) / max(1, len(cells)),
         log_likelihood=score, best_log_likelihood=best,
     )  # fmt: skip
 
@@ -109,9 +120,7 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
     ran = [row for row in rows if row.status == "done"]
     done = _counted(scenario, ran)
     successes = sum(bool(row.success) for row in done)
-    outcomes: dict[str, int] = {}
-    for row in ran:
-        outcomes[str(row.outcome)] = outcomes.get(str(row.outcome), 0) + 1
+    outcomes, counted = _outcomes(ran), {row.trial for row in done}
     split = scenario == "lift" and name in LONG
     known = name in TABLE_IV and done
     return Cell(
@@ -122,7 +131,9 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
         interval=wilson(successes, len(done)),
         within_6cm=outcomes.get(NEAR, 0) if split else None,
         within_12cm=outcomes.get(FAR, 0) if split else None,
-        outcomes=dict(sorted(outcomes.items(), key=lambda item: -item[1])),
+        outcomes=outcomes,
+        apart=_outcomes([row for row in ran if row.trial not in counted]),
+        alarms_stayed=sum(bool(row.success and row.alarm_stayed) for row in done),
         detection_latency_ms=quantiles([row.detection_latency_ms for row in done]),
         reaction_latency_ms=quantiles([row.reaction_latency_ms for row in done]),
         nominal_again_ms=quantiles([row.nominal_again_ms for row in done]),
@@ -131,6 +142,11 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
         if known
         else None,
     )
+
+
+def _outcomes(rows: Sequence[Row]) -> dict[str, int]:
+    """How often each came, most frequent first."""
+    return dict(Counter(str(row.outcome) for row in rows).most_common())
 
 
 def _counted(scenario: str, rows: Sequence[Row]) -> list[Row]:

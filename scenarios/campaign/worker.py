@@ -37,6 +37,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     outcome: str | None = None
     detection_latency_ms: float | None = None
     reaction_latency_ms: float | None = None
+    alarm_stayed: bool | None = None  # a lift: slip was registered at the end of the hold
     moved: bool | None = None  # a tap: what moved nothing is counted apart
     direction: str | None = None
     nominal_again_ms: float | None = None
@@ -153,6 +154,7 @@ def _figures(result: LiftResult | TapResult) -> dict[str, Any]:
         return {
             "reaction_latency_ms": result.reaction_latency_ms,
             "slip_distance_m": result.slip_distance_m,
+            "alarm_stayed": result.alarm_stayed,
         }
     return {
         "moved": result.moved,

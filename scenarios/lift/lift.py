@@ -118,6 +118,7 @@ def judge(
         reaction_latency_ms=later_ms(facts.onset_s, end.force_rise_s if end else None),
         slip_distance_m=slip_distance_m(facts),
         settled_force_n=named(end.normal_n) if end else None,
+        alarm_stayed=trial.controller.alarm_stayed,
         recording=recording,
     )
 
@@ -141,7 +142,7 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
         peak_force_n=peak_n,
         force_bound_n=bound_n,
         cap_reached=trial.controller.cap_reached,
-        alarm_stayed=trial.controller.alarm_stayed,
+        alarm_stayed=trial.controller.alarm_stayed and not config.controller.hold_by_clock,
         fault=trial.fault,
     )
     judged = not trial.fault and not trial.interrupted

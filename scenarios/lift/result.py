@@ -4,9 +4,11 @@ from scenarios.trial.result import TrialResult
 
 
 class LiftResult(TrialResult, frozen=True, kw_only=True):
-    """Verdict of one lift; docs/data-formats.md explains each outcome."""
+    """Verdict of one lift; docs/data-formats.md explains each outcome. ``alarm_stayed``: slip was
+    registered at the end of the hold, whether or not that decides the outcome."""
 
     first_detection_s: float | None
     reaction_latency_ms: float | None
     slip_distance_m: float | None
     settled_force_n: dict[str, float] | None
+    alarm_stayed: bool

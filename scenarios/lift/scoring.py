@@ -75,7 +75,7 @@ class LiftFacts(msgspec.Struct, frozen=True):
     peak_force_n: float | None
     force_bound_n: float
     cap_reached: bool  # set down because slip was still registered at the force cap
-    alarm_stayed: bool  # slip was still registered when the hold had lasted long enough
+    alarm_stayed: bool  # slip was registered at the end of a hold that waits for it to stop
     fault: str
     mark: TapeMark | None = None
 

@@ -19,6 +19,7 @@ from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.fingertip import FingertipSettings
 from scenarios.world.objects import GraspObject
 from scenarios.world.pressed import FixedSurface, PressSettings
+from scenarios.world.scene_terms import DamageSettings, PullSettings
 
 ConfigT = TypeVar("ConfigT", bound=msgspec.Struct)
 
@@ -46,6 +47,8 @@ class GraspRigConfig(RigConfig, frozen=True, forbid_unknown_fields=True, kw_only
     hand: HandSettings = HandSettings()
     contact: ContactSettings = ContactSettings()
     variation: VariationSettings = VariationSettings()
+    pull: PullSettings = PullSettings()
+    damage: DamageSettings = DamageSettings()
 
 
 class PressRigConfig(RigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -42,6 +42,15 @@ class VariationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
             "is taken for the highest that they reach; assumed",
         ),
     ] = 0.05
+    width_error_m: Annotated[
+        float,
+        Meta(
+            ge=-0.02,
+            le=0.02,
+            description="the object is this much wider a side than its finger positions were "
+            "chosen for; no spread, the same in every trial",
+        ),
+    ] = 0.0
     command_latency_s: Annotated[
         float, Meta(ge=0, le=0.2, description="added command-to-motor latency, 0 to this; assumed")
     ] = 0.01
@@ -75,6 +84,7 @@ def draw(
         friction_kinetic=body.friction_kinetic * rub,
         mass_kg=body.mass_kg * (1 + settings.mass_cv * mass),
         added_mass_kg=body.added_mass_kg * (1 + settings.mass_cv * mass),
+        half_width_m=body.half_width_m + settings.width_error_m,
         grip_height_m=body.grip_height_m + settings.start_height_m * height,
         body_above_grip_m=body.body_above_grip_m - settings.start_height_m * height,
     )

@@ -20,6 +20,8 @@ def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.r
         board=config.board,
         arm=config.arm_model,
         finger_offset_m=trial.finger_offset_m,
+        pull=config.pull,
+        damage=config.damage,
     )
     return settings, world
 

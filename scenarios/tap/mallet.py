@@ -1,10 +1,10 @@
 """How hard the mallet strikes: searched as the paper's operator did, until the object moves.
 
 "Enough force to induce slip, but not to cause complete grasp failure" (paper, section V-B). The
-search bisects the impulse on the contact law alone, for the object as configured and held at the
-force cap, until the object moves ``tap.aim_m`` for good. A trial's own friction, mass and grip
-differ from that, and so does the hand's strength from blow to blow: what a trial's tap really moves
-is measured, not assumed.
+search bisects the impulse on the contact law alone, for the object as configured and held as firmly
+as the hand will hold it (``guard.cap_mode`` decides), until the object moves ``tap.aim_m`` for
+good. A trial's own friction, mass and grip differ from that, and so does the hand's strength from
+blow to blow: what a trial's tap really moves is measured, not assumed.
 """
 
 import math
@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from drivers.errors import ConfigError
+from drivers.interfaces import Vector3
 from scenarios.tap.config import TapConfig
 from scenarios.tap.settings import TapSettings
 from scenarios.world import contact
@@ -75,12 +76,12 @@ def search(config: TapConfig, direction: str) -> float:
     tap = msgspec.structs.replace(
         config.tap, impulse_n_s=0.0, direction="alternate", spread=0.0, strength=1.0
     )
-    return _search(config.object, config.contact, config.guard.force_limit_n, tap, direction)
+    return _search(config.object, config.contact, config.guard.full_grip_n, tap, direction)
 
 
 @cache
 def _search(
-    body: GraspObject, hand: ContactSettings, grip_n: float, tap: TapSettings, direction: str
+    body: GraspObject, hand: ContactSettings, grip_n: Vector3, tap: TapSettings, direction: str
 ) -> float:
     p, held, travel = _held(body, hand, grip_n)
     low, high = 0.0, MOST_N_S
@@ -110,14 +111,18 @@ def _blow(tap: TapSettings, direction: str, impulse_n_s: float, delay_s: float) 
     )  # fmt: skip
 
 
-def _held(body: GraspObject, hand: ContactSettings, grip_n: float) -> tuple[Floats, Floats, Floats]:
-    """Parameters, settled state and finger travel of the object in the air at that grip force."""
+def _held(
+    body: GraspObject, hand: ContactSettings, grip_n: Vector3
+) -> tuple[Floats, Floats, Floats]:
+    """Parameters, settled state and finger travel of the object in the air at that grip force,
+    which is what the motors leave once the pads have relaxed."""
     p = contact.parameters(hand, body)
     state = contact.initial_state()
     state[contact.HEIGHT] = 1.0
-    pressed_m = grip_n / contact.finger_stiffness(hand, body)
+    kept = 1 - hand.relaxation_fraction
+    pressed_m = np.array(grip_n) / (kept * contact.finger_stiffness(hand, body))
     width_m, _ = contact.width_and_slope(p, 0.0)
-    travel = hand.half_aperture_m - width_m + pressed_m * np.array([1.0, 0.5, 0.5])
+    travel = hand.half_aperture_m - width_m + pressed_m
     contact.advance(p, state, 0.0, SETTLE_S, hand.step_s, 0.0, 0.0, 0.0, travel, travel)
     return p, state, travel
 

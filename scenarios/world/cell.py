@@ -28,6 +28,7 @@ from scenarios.world.fingertip import (
     in_a_grasp,
 )
 from scenarios.world.objects import GraspObject
+from scenarios.world.scene_terms import Damage, DamageSettings, Pull, PullSettings
 
 EXCHANGE_NS = 1_000_000
 CLOSING_MPS = 0.22  # thumb and opposing fingers at full speed
@@ -43,6 +44,8 @@ class CellSettings(msgspec.Struct, frozen=True, kw_only=True):
     board: BoardModelSettings
     arm: ArmModelSettings
     finger_offset_m: Floats  # (3,) added travel: where a finger really stops
+    pull: PullSettings = PullSettings()
+    damage: DamageSettings = DamageSettings()
 
 
 class Blow(msgspec.Struct, frozen=True, kw_only=True):
@@ -112,6 +115,8 @@ class SimulatedCell:
         are those that the cell began with, wherever they stand."""
         surfaces = [surface_of(settings.body)] * contact.FINGERS
         self.fingertips = Fingertips(in_a_grasp(settings.fingertip), surfaces, rng)
+        self._damage = Damage(settings.damage, rng.spawn(1)[0])
+        self._pull = Pull(settings.pull, self._now_ns)
         angle = math.radians(settings.fingertip.slip_direction_deg)
         # (F, 2) in the pads' frames, which face each other: up, and the way a blow across drives
         self._up = np.tile([math.cos(angle), math.sin(angle)], (contact.FINGERS, 1))
@@ -164,6 +169,10 @@ class SimulatedCell:
         )  # fmt: skip
         self._arm_height_m, self._arm_rise_mps = height, rise_mps
         self._now_ns = end_ns
+        if self._pull.begins(end_ns, float(s[contact.HEIGHT]), rise_mps):
+            p = self._pull.settings
+            start_s = (end_ns - self._start_ns) * 1e-9
+            contact.pull(s, p.force_n, start_s, p.ramp_s, p.lasts_s)
 
     def _latch(self, t_ns: int) -> Callable[[], tuple[Codes, Codes]]:
         """What the pads are about to feel now; not all of it will be asked for."""
@@ -182,7 +191,7 @@ class SimulatedCell:
             arm_moves,
         )
         pressure, temperature = self.fingertips.codes()
-        return pressure.ravel(), temperature.ravel()
+        return self._damage.felt(pressure).ravel(), temperature.ravel()
 
     def compile(self) -> None:
         """Run every compiled function once. The first time on a machine that takes seconds, which

@@ -40,7 +40,9 @@ TAP_START_S, TAP_S, TAP_N_S = 28, 29, 30  # a half-sine pulse on the object
 TAP_DIRECTION, FOLLOW_S, FOLLOW_N_S = 31, 32, 33  # and a longer one: the hand follows through
 MOVED_FROM_S, MOVED_UNTIL_S = 34, 35  # gross slip since the last blow: first and last instant
 ACROSS, ACROSS_SPEED, STRETCH_ACROSS = 36, 37, 38
-STATE_SIZE = STRETCH_ACROSS + FINGERS
+PULL_START_S = STRETCH_ACROSS + FINGERS  # a steady pull downwards: a ramp, its full force, a ramp
+PULL_N, PULL_RAMP_S, PULL_S = PULL_START_S + 1, PULL_START_S + 2, PULL_START_S + 3
+STATE_SIZE = PULL_S + 1
 TOP, SIDE, CLOSING = 0, 1, 2  # a blow downwards; across; along the closing axis, onto the thumb
 BLOW_STEP_S, BLOW_LASTS_S = 1e-4, 0.3  # a blow and what it sets off is stepped more finely
 # and of the parameter vector.
@@ -80,7 +82,7 @@ def parameters(contact: ContactSettings, body: GraspObject) -> Floats:
 
 
 def initial_state(present: bool = True) -> Floats:
-    """State vector (41,): object at rest on the table, nothing touched; or no object yet."""
+    """State vector (45,): object at rest on the table, nothing touched; or no object yet."""
     state = np.zeros(STATE_SIZE)
     state[PRESENT] = 1.0 if present else 0.0
     state[ONSET_S] = NOT_YET
@@ -100,6 +102,12 @@ def strike(
     state[TAP_S], state[TAP_N_S] = pulse
     state[FOLLOW_S], state[FOLLOW_N_S] = follow
     state[MOVED_FROM_S] = state[MOVED_UNTIL_S] = NOT_YET
+
+
+def pull(state: Floats, force_n: float, start_s: float, ramp_s: float, lasts_s: float) -> None:
+    """A force downwards on the object from start_s on, with a ramp at either end."""
+    state[PULL_START_S], state[PULL_N] = start_s, force_n
+    state[PULL_RAMP_S], state[PULL_S] = ramp_s, lasts_s
 
 
 @njit(cache=True)
@@ -351,6 +359,16 @@ def tap_force(s: Floats, t_s: float) -> float:
 
 
 @njit(cache=True)
+def pull_force(s: Floats, t_s: float) -> float:
+    """Force, N, of the steady pull at time t_s."""
+    since, ramp_s = t_s - s[PULL_START_S], s[PULL_RAMP_S]
+    if s[PULL_N] == 0.0 or since <= 0.0:
+        return 0.0
+    left = 2 * ramp_s + s[PULL_S] - since
+    return float(s[PULL_N] * min(1.0, since / ramp_s, max(0.0, left / ramp_s)))
+
+
+@njit(cache=True)
 def _step(
     p: Floats, s: Floats, t_s: float, h: float, v_finger: float, travel: Floats, n: Floats
 ) -> None:
@@ -368,7 +386,7 @@ def _step(
     a_y = np.empty(FINGERS)
     cap = np.empty(FINGERS)
     push = p[P_MASS] * (GRAVITY_MPS2 - s[SPEED] / h)
-    push += blow if s[TAP_DIRECTION] == TOP else 0.0
+    push += (blow if s[TAP_DIRECTION] == TOP else 0.0) + pull_force(s, t_s - 0.5 * h)
     push_y = -p[P_MASS] * s[ACROSS_SPEED] / h - (blow if s[TAP_DIRECTION] == SIDE else 0.0)
     for i in range(FINGERS):
         mu = p[P_MU_K] if s[SLIDING + i] != 0.0 else p[P_MU_S]

@@ -356,6 +356,14 @@ def held_under_alarms_s(v: float) -> float:
     return (d.t_ns - began_ns) * 1e-9 - 0.5
 
 
+def bears_the_cap(hold_by_clock: bool) -> bool:
+    """Whether slip that is still registered after patience leads on to the hold."""
+    d = Driver(hold_by_clock=hold_by_clock).slip()
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb(0.9)
+    return d.controller.phase is Phase.HOLD and not d.controller.cap_reached
+
+
 def at_the_top(v: float, away_m: float) -> bool:
     d = Driver(at_height_m=v)
     d.until(Phase.LIFT)

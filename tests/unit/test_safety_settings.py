@@ -136,6 +136,7 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
     ("ControllerSettings.preshape_margin_counts", (10, 20), probe.margin_counts, 0),
     ("ControllerSettings.thumb_back_counts", (5, 20), probe.thumb_back_counts, 0),
     ("ControllerSettings.alarm_hold_s", (0.5, 1.5), probe.held_under_alarms_s, 0.1),
+    ("ControllerSettings.hold_by_clock", (False, True), probe.bears_the_cap, 0),
     ("ControllerSettings.contact_lost_s", (0.03, 0.2), probe.seconds_to_answer, 0.011),
     ("ControllerSettings.overload_s", (0.05, 0.2), probe.seconds_of_overload, 0.011),
     ("ControllerSettings.repeat_s", (0.05, 0.3), probe.between_stops_s, 0.011),

@@ -229,6 +229,30 @@ def test_slip_that_goes_on_after_the_last_rise_of_force_reports_the_cap_and_lowe
     assert [type(c) for c in d.commands] == [MoveArm]
 
 
+def test_hold_by_its_clock_sets_down_in_time_though_slip_stays_registered() -> None:
+    d = Driver(hold_by_clock=True, hold_s=0.5).slip()
+    d.commands.clear()
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb(0.9, gripper=d.hand(detections=LATCHED))
+    assert d.controller.phase is Phase.HOLD
+    d.height_m = HEIGHT
+    since = d.t_ns
+    while d.step(0.9, gripper=d.hand(detections=LATCHED)).phase is Phase.HOLD:
+        assert d.commands == []  # nothing to close any further
+    assert d.controller.phase is Phase.LOWER
+    assert d.t_ns - since == pytest.approx(0.51e9, abs=0.02e9)
+    assert d.controller.alarm_stayed and not d.controller.cap_reached
+
+
+def test_hold_by_its_clock_still_stops_the_arm_when_contact_is_lost_at_the_cap() -> None:
+    d = Driver(hold_by_clock=True, hold_s=5.0).slip()
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb(0.9, gripper=d.hand(detections=LATCHED))
+    for _ in range(10):
+        d.climb(0.9, gripper=d.hand(detections=LATCHED), measured_n=(0.0, 0.0, 0.0))
+    assert d.controller.phase is Phase.LOST
+
+
 def test_hold_answers_slip_that_comes_late() -> None:
     d = Driver(hold_s=5.0).lift()
     d.height_m = HEIGHT

@@ -83,6 +83,7 @@ def test_json_verdict_has_every_promised_field(
         "slip_registered_s", "detection_latency_ms", "peak_force_n", "commanded_force_n", "phases",
         "timing", "recording", "versions", "config_hash", "end", "taxels_at_rail",
         "first_detection_s", "reaction_latency_ms", "slip_distance_m", "settled_force_n",
+        "alarm_stayed",
     ]  # fmt: skip
     assert result["seed"] == 2
     assert set(result["peak_force_n"]) == {"A", "B", "C"}

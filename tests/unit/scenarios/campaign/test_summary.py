@@ -5,6 +5,7 @@ import math
 import msgspec
 import pytest
 
+from grasp.cli.campaign_view import _shown
 from scenarios.campaign.paper import (
     TABLE_IV,
     TRIALS,
@@ -77,6 +78,28 @@ def test_taps_that_moved_nothing_are_counted_apart() -> None:
     (cell,) = summarize("x", rows).variants[0].cells
     assert (cell.trials, cell.successes) == (2, 1)
     assert cell.outcomes["unmoved_registered"] == 2
+
+
+def test_what_drops_out_of_a_rate_stands_beside_it() -> None:
+    tap = {"scenario": "tap", "slip_m": 0.005}
+    rows = [row(i, "ball", "registered", success=True, moved=True, **tap) for i in range(3)]
+    rows.append(row(3, "ball", "unmoved_registered", success=False, moved=False, **tap))
+    rows.append(row(4, "ball", "never_nominal", success=False, **tap))
+    (variant,) = summarize("x", rows).variants
+    (cell,) = variant.cells
+    assert (cell.rate, cell.rate_of_all) == (1.0, 0.6)
+    assert (variant.average, variant.average_of_all) == (1.0, 0.6)
+    assert cell.apart == {"unmoved_registered": 1, "never_nominal": 1}
+    shown = _shown(cell)
+    assert "n 3 of 5: 60% of all" in shown
+    assert "1 never_nominal, apart" in shown and "1 unmoved_registered, apart" in shown
+
+
+def test_lifts_that_were_held_with_an_alarm_that_stayed_are_told() -> None:
+    rows = [row(0, "ball", "held", alarm_stayed=True), row(1, "ball", "held", alarm_stayed=False)]
+    (cell,) = summarize("x", rows).variants[0].cells
+    assert (cell.successes, cell.alarms_stayed, cell.apart) == (2, 1, {})
+    assert "1 held, alarm stayed" in _shown(cell)
 
 
 def test_errors_are_counted_apart_from_failures() -> None:

@@ -76,3 +76,19 @@ def test_a_detector_without_its_weights_is_refused_before_anything_runs(
     unknown = CampaignSpec(name="x", objects=("can",), detectors=("no-such-network",))
     with pytest.raises(ConfigError, match="no-such-network"):
         combinations(unknown)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_paper_s_profile_never_gives_up_at_the_cap(seed: int) -> None:
+    """Its loop closes once and holds: an alarm that stays is reported, the object decides."""
+    result = lift.run(paper("energy.threshold_counts=0.3", "scoring.early_s=1"), seed, None).result
+    assert result is not None
+    assert result.outcome not in ("cap_reached", "alarm_stayed")
+    assert [p.phase for p in result.phases][-4:] == ["lower", "release", "retreat", "idle"]
+    assert result.alarm_stayed
+
+
+def test_the_default_profile_still_fails_an_alarm_that_stays() -> None:
+    result = lift.run(config("energy.threshold_counts=0.3", "scoring.early_s=1"), 0, None).result
+    assert result is not None
+    assert result.outcome in ("cap_reached", "alarm_stayed")

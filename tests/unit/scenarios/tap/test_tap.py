@@ -185,12 +185,23 @@ def test_search_finds_the_blow_that_moves_the_object_as_far_as_asked(
     c = tap_config(config(object_name=name))
     impulse = mallet.search(c, direction)
     assert 0.05 < impulse < 0.6
-    p, held, travel = mallet._held(c.object, c.contact, 10.0)
+    p, held, travel = mallet._held(c.object, c.contact, (10.0, 5.0, 5.0))
     tap_only = msgspec.structs.replace(c.tap, spread=0.0)
     moved = mallet._moved_m(
         p, held, travel, c.contact, mallet._blow(tap_only, direction, impulse, 0.0)
     )
     assert moved == pytest.approx(0.007, rel=0.01)
+
+
+@pytest.mark.parametrize("mode", ["every_finger", "each_motor"])
+@pytest.mark.parametrize("name", ["can", "foam"])
+def test_blow_is_searched_at_the_force_that_the_hand_really_holds(name: str, mode: str) -> None:
+    words = (f"guard.cap_mode={mode}", "guard.overshoot_n=14")
+    c = tap_config(config(HEARS, *words, object_name=name))
+    grip_n = tap.run(config(HEARS, *words, object_name=name), 0, None).result.grip_force_n
+    _, held, _ = mallet._held(c.object, c.contact, c.guard.full_grip_n)
+    assert grip_n is not None
+    assert held[contact.NORMAL] == pytest.approx(grip_n["A"], rel=0.05)
 
 
 def test_search_says_so_when_every_blow_that_moves_it_so_far_knocks_it_out() -> None:

@@ -1,0 +1,89 @@
+"""What a scene may add to a plain grasp: a pull on what is held, fingertips that have lost taxels
+or gain. Off unless a trial asks for them."""
+
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Codes = NDArray[np.int16]
+AIR_M = 0.005  # off the table by more than this is in the air
+
+
+class PullSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A downward force on the object once the arm stands still with it in the air."""
+
+    force_n: Annotated[
+        float, Meta(ge=0.0, le=200.0, description="downwards, beside the weight; 0: none")
+    ] = 0.0
+    after_s: Annotated[
+        float, Meta(ge=0.0, le=60.0, description="the arm has stood in the air so long; assumed")
+    ] = 0.2
+    ramp_s: Annotated[
+        float, Meta(ge=0.001, le=10.0, description="from nothing to all, and back; assumed")
+    ] = 0.1
+    lasts_s: Annotated[
+        float, Meta(ge=0.0, le=60.0, description="at its full strength; assumed")
+    ] = 0.3
+
+
+class Pull:
+    """Tells when the pull of a trial begins; it does so once."""
+
+    def __init__(self, settings: PullSettings, now_ns: int) -> None:
+        self.settings = settings
+        self._since_ns = now_ns
+        self._over = settings.force_n == 0.0
+
+    def begins(self, now_ns: int, height_m: float, rise_mps: float) -> bool:
+        """Take how high the object is and how fast the arm rises now."""
+        if self._over:
+            return False
+        if rise_mps != 0.0 or height_m < AIR_M:
+            self._since_ns = now_ns
+        self._over = now_ns - self._since_ns >= self.settings.after_s * 1e9
+        return self._over
+
+
+class DamageSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is wrong with every fingertip from the beginning of a trial."""
+
+    taxels_lost: Annotated[
+        float,
+        Meta(
+            ge=0.0, le=1.0,
+            description="share of each fingertip's taxels that say for ever what they said first; "
+            "which, is drawn",
+        ),
+    ] = 0.0  # fmt: skip
+    gain_lost: Annotated[
+        float,
+        Meta(ge=0.0, le=1.0, description="share of every change from rest that is not felt"),
+    ] = 0.0
+
+
+class Damage:
+    """Changes what damaged fingertips read. Rest is taken for what they read first."""
+
+    def __init__(self, settings: DamageSettings, rng: np.random.Generator) -> None:
+        self._settings = settings
+        self._rng = rng
+        self._first: Codes | None = None
+        self._lost: NDArray[np.bool_] | None = None
+
+    def felt(self, codes: Codes) -> Codes:
+        """Codes (F, T) as the damaged fingertips give them."""
+        if self._settings == DamageSettings():
+            return codes
+        if self._first is None or self._lost is None:
+            self._first, self._lost = codes.copy(), self._draw(*codes.shape)
+        kept = 1.0 - self._settings.gain_lost
+        out = np.rint(self._first + kept * (codes - self._first)).astype(np.int16)
+        return np.where(self._lost, self._first, out)
+
+    def _draw(self, fingers: int, taxels: int) -> NDArray[np.bool_]:
+        lost = np.arange(taxels) < round(self._settings.taxels_lost * taxels)
+        return np.stack([self._rng.permutation(lost) for _ in range(fingers)])

@@ -1,0 +1,94 @@
+"""A pull on what is held, damaged fingertips, an object wider than planned."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from scenarios.rigs.variation import VariationSettings, draw
+from scenarios.world import contact
+from scenarios.world.scene_terms import Damage, DamageSettings, Pull, PullSettings
+from tests.unit.scenarios.conftest import config, judged
+
+MS = 1_000_000
+
+
+def codes(seed: int, taxels: int = 6) -> np.ndarray:
+    return np.random.default_rng(seed).integers(200, 500, (3, taxels)).astype(np.int16)
+
+
+def damaged(**settings: float) -> Callable[[np.ndarray], np.ndarray]:
+    return Damage(DamageSettings(**settings), np.random.default_rng(0)).felt
+
+
+def test_whole_fingertips_read_what_they_feel() -> None:
+    felt = damaged()
+    for seed in range(3):
+        assert (felt(codes(seed)) == codes(seed)).all()
+
+
+@pytest.mark.parametrize("taxels", [6, 8])
+def test_lost_taxels_stand_still_and_the_others_do_not(taxels: int) -> None:
+    felt = damaged(taxels_lost=0.5)
+    first, later = felt(codes(0, taxels)), felt(codes(1, taxels))
+    stands = later == first
+    assert stands.sum(axis=1).tolist() == [taxels // 2] * 3
+    assert (later == codes(1, taxels))[~stands].all()
+
+
+def test_lost_gain_leaves_its_share_of_every_change_from_rest() -> None:
+    felt = damaged(gain_lost=0.75)
+    rest = felt(codes(0)).astype(float)
+    change = felt(codes(1)) - rest
+    assert change == pytest.approx(0.25 * (codes(1) - rest), abs=0.5)
+    dead = damaged(gain_lost=1.0)
+    assert (dead(codes(0)) == dead(codes(1))).all()
+
+
+def test_pull_begins_once_when_the_arm_has_stood_long_enough_in_the_air() -> None:
+    pull = Pull(PullSettings(force_n=5.0, after_s=0.2), 0)
+    told = [
+        (0, 0.0, 0.0), (500, 0.0, 0.0),  # on the table
+        (600, 0.1, 0.1), (700, 0.2, 0.1),  # on its way up
+        (800, 0.2, 0.0), (899, 0.2, 0.0), (900, 0.2, 0.0), (2000, 0.2, 0.0),
+    ]  # fmt: skip
+    assert [pull.begins(t * MS, height, rise) for t, height, rise in told] == [False] * 6 + [
+        True, False,
+    ]  # fmt: skip
+    assert not Pull(PullSettings(), 0).begins(10**12, 1.0, 0.0)
+
+
+def test_force_of_a_pull_ramps_up_stands_and_ramps_down() -> None:
+    s = contact.initial_state()
+    assert contact.pull_force(s, 1.0) == 0.0
+    contact.pull(s, 8.0, 1.0, 0.1, 0.3)
+    at = {0.9: 0.0, 1.05: 4.0, 1.1: 8.0, 1.4: 8.0, 1.45: 4.0, 1.6: 0.0}
+    assert {t: contact.pull_force(s, t) for t in at} == pytest.approx(at, abs=1e-9)
+
+
+def test_held_object_bears_a_pull_within_its_friction_and_is_lost_to_one_beyond() -> None:
+    plain, light = judged(), judged("pull.force_n=3")
+    assert light.success and plain.slip_distance_m == pytest.approx(light.slip_distance_m, abs=1e-3)
+    heavy = judged("pull.force_n=40", "pull.lasts_s=1")
+    assert not heavy.success
+
+
+def test_object_wider_than_planned_is_gripped_harder_and_equals_a_wider_object() -> None:
+    plan = config()
+    wide = draw(
+        VariationSettings(width_error_m=0.001), plan.object, plan.hand, np.random.default_rng(3)
+    )
+    plain = draw(VariationSettings(), plan.object, plan.hand, np.random.default_rng(3))
+    assert wide.body.half_width_m == pytest.approx(plain.body.half_width_m + 0.001)
+    assert wide.body.mass_kg == plain.body.mass_kg
+
+
+def test_lift_with_half_its_taxels_and_gain_is_another_lift_of_the_same_object() -> None:
+    plain, worse = judged(), judged("damage.taxels_lost=0.5", "damage.gain_lost=0.5")
+    assert worse.outcome != "fault"
+    assert plain.slip_onset_s == worse.slip_onset_s
+    assert plain.first_detection_s != worse.first_detection_s
+
+
+def test_fingertips_that_have_lost_every_taxel_are_refused_not_trusted() -> None:
+    assert judged("damage.taxels_lost=1").outcome == "fault"
