@@ -57,6 +57,7 @@ class EnergyDetector:
     def __init__(self, settings: EnergySettings, fingers: int) -> None:
         self.settings = settings
         self.fingers = fingers
+        self.memory = settings.window + 1  # samples that its changes are made of
         self._shape = (fingers, TAXELS)
         self._per_energy = settings.window * TAXELS
         self.reset()

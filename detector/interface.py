@@ -1,6 +1,7 @@
 """What every slip detector is to its users, and how one is made from its name."""
 
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any, Protocol
 
 import msgspec
@@ -18,11 +19,13 @@ class SlipDetector(Protocol):
     """A causal stream: one frame of all fingertips in, one probability of slip per finger out.
 
     It reads no clock: frames are taken to be 10 ms apart, and a missed one is repeated by whoever
-    feeds it. A probability above ``threshold`` is a sample that reads as slip.
+    feeds it. A probability above ``threshold`` is a sample that reads as slip. What was felt
+    ``memory`` samples ago plays no part in an answer any more; 0: it fades, and never ends.
     """
 
     name: str
     threshold: float
+    memory: int
 
     def reset(self) -> None:
         """Forget all frames."""
@@ -39,6 +42,12 @@ _FORMULAS: dict[str, tuple[type[msgspec.Struct], Callable[[Any, int], SlipDetect
     "psd-fair": (PsdFairSettings, PsdFairDetector),
 }
 DETECTORS = (*_FORMULAS, *packaged_networks())
+
+
+@cache
+def memory_of(name: str, settings: DetectorSettings) -> int:
+    """``memory`` of the detector that ``load_detector`` makes of this; raises what that raises."""
+    return load_detector(name, settings, 1).memory
 
 
 def load_detector(

@@ -38,6 +38,8 @@ class StreamingNetwork:
     def __init__(self, loaded: LoadedNetwork, fingers: int) -> None:
         self.name = loaded.card.name
         self.threshold = loaded.card.threshold
+        window = loaded.card.window
+        self.memory = window + 1 if window else 0  # it takes changes, from one more sample
         self.card = loaded.card
         self._shape = (fingers, TAXELS)
         self._session = loaded.session
@@ -92,6 +94,7 @@ class WindowedNetwork:
     def __init__(self, loaded: LoadedNetwork, fingers: int) -> None:
         self.name = loaded.card.name
         self.threshold = loaded.card.threshold
+        self.memory = loaded.card.window
         self.card = loaded.card
         self._shape = (fingers, TAXELS)
         self._session = loaded.session

@@ -75,6 +75,7 @@ class PsdDetector:
 
     name = "psd"
     threshold = 0.5
+    memory = PAPER_WINDOW
 
     def __init__(self, settings: PsdSettings, fingers: int) -> None:
         self.settings = settings
@@ -100,6 +101,7 @@ class PsdFairDetector:
 
     def __init__(self, settings: PsdFairSettings, fingers: int) -> None:
         self.settings = settings
+        self.memory = settings.window
         self._window = _Window(fingers, settings.window)
 
     def reset(self) -> None:

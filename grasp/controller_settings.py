@@ -72,8 +72,8 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float,
         Meta(
             ge=0.05, le=5.0,
-            description="slip may be registered so long after the mask of the last closing: at "
-            "least the detector's memory",
+            description="slip may be registered so long after the mask of the last closing; as "
+            "long as the detector remembers, where that is longer",
         ),
     ] = 0.3  # fmt: skip
     alarm_hold_s: Annotated[

@@ -29,6 +29,8 @@ from grasp.commands import Command, MoveArm, StopArm
 from grasp.phases import CONTACT_PHASES, OPEN_PHASES, Phase
 
 NOWHERE: Vector3 = (0.0, 0.0, 0.0)
+STANDING_MPS = 0.001  # an arm that stands reports no more
+SAME_LINE_M = 0.001  # a target that is no further from the present line lies on it
 
 
 class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -38,12 +40,21 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         int,
         Meta(ge=2, le=1000, description="repeats in a row of all codes of all fingertips; measured "
              "on the simulated fingertip, which is quieter than the real recording"),
-    ] = 10  # fmt: skip
+    ] = 8  # fmt: skip
     dead_samples: Annotated[
         int,
-        Meta(ge=2, le=10000, description="repeats in a row of all codes of one fingertip; measured "
-             "likewise"),
+        Meta(ge=2, le=10000, description="repeats in a row of all codes of one fingertip that is "
+             "loaded; measured likewise"),
+    ] = 8  # fmt: skip
+    dead_unloaded_samples: Annotated[
+        int,
+        Meta(ge=2, le=10000, description="of one that is not: quiet by itself; "
+             "assumed, from the noise of the real one, 0.21 counts"),
     ] = 50  # fmt: skip
+    loaded_counts: Annotated[
+        int, Meta(ge=5, le=500, description="a fingertip with a taxel so far from its rest is "
+                  "loaded; assumed, twice what warming up shifts it")
+    ] = 30  # fmt: skip
     rail_samples: Annotated[
         int,
         Meta(ge=1, le=100, description="samples in a row with a whole fingertip at code 0 or 1023; "
@@ -66,10 +77,14 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         float, Meta(ge=0.03, le=10.0, description="until the gripper's status speaks of a command; "
                     "assumed: two exchanges and two register refreshes are 0.04 s")
     ] = 0.15  # fmt: skip
-    stands_s: Annotated[
-        float, Meta(ge=0.05, le=10.0, description="a finger that reports motion may keep its "
-                    "count; measured: latency, first count at least speed, stall to contact")
+    finger_start_s: Annotated[
+        float, Meta(ge=0.05, le=10.0, description="a finger that reports motion may keep its count "
+                    "after a request; assumed: latency up to 0.15 s, two refreshes, lag, a count")
     ] = 0.3  # fmt: skip
+    stands_s: Annotated[
+        float, Meta(ge=0.05, le=10.0, description="one that is under way may: a count at least "
+                    "speed takes 0.035 s, from stall to contact 0.03 s, two refreshes; assumed")
+    ] = 0.15  # fmt: skip
     target_counts: Annotated[
         int, Meta(ge=1, le=100, description="a finger 'at target' may be off it; a zero is off by "
                   "up to 5, manual p. 74")
@@ -101,7 +116,7 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ] = 0.001  # fmt: skip
     arm_astray_m: Annotated[
         float, Meta(ge=5e-4, le=0.1, description="away from its target, beyond braking; assumed")
-    ] = 0.003
+    ] = 0.002
     arm_fastest_mps: Annotated[
         float, Meta(ge=0.1, le=10.0, description="no arm of this kind is faster; UR manual: 1 m/s")
     ] = 1.0
@@ -170,6 +185,7 @@ class FingertipDoubt:
         self._raw: NDArray[np.int16] | None = None
         self._repeats = [0] * FINGERS
         self._all_repeats = 0
+        self._loaded = [False] * FINGERS
         self._at_rail = [0] * FINGERS
         self._jumped = False
         self.believable = True
@@ -180,7 +196,7 @@ class FingertipDoubt:
             self._raw = None
             return self._absent(phase)
         if not frame.missed:
-            self.take(frame.raw)
+            self.take(frame.raw, frame.counts)
         return "" if phase in OPEN_PHASES else self.wrong()
 
     def _absent(self, phase: Phase) -> str:
@@ -188,9 +204,10 @@ class FingertipDoubt:
             return "fingertips_absent: there is no frame: the board came back without its rest"
         return ""
 
-    def take(self, raw: NDArray[np.int16]) -> None:
-        """A sample that is new: raw codes (fingers, 6)."""
+    def take(self, raw: NDArray[np.int16], counts: NDArray[np.int16]) -> None:
+        """A sample that is new: raw codes (fingers, 6), and the same without their rest."""
         at_rail = whole_rails(raw)
+        self._loaded = (np.abs(counts).max(axis=1) >= self._settings.loaded_counts).tolist()
         self.believable = not any(at_rail)
         self._at_rail = _counted(self._at_rail, at_rail)
         before, self._raw = self._raw, raw
@@ -217,13 +234,14 @@ class FingertipDoubt:
     def wrong(self) -> str:
         """What the samples up to now say against the fingertips."""
         s = self._settings
-        if railed := _names(self._at_rail, s.rail_samples):
+        if railed := _names(self._at_rail, [s.rail_samples] * FINGERS):
             return f"fingertips_at_rail: finger {railed} reads 0 or {CODE_MAX} at every taxel"
         if self._jumped:
             return f"fingertips_jump: every taxel changed by {s.jump_counts} counts or more at once"
         if self._all_repeats >= s.frozen_samples:
             return f"fingertips_frozen: all codes have come {self._all_repeats + 1} times alike"
-        if dead := _names(self._repeats, s.dead_samples):
+        patience = [s.dead_samples if on else s.dead_unloaded_samples for on in self._loaded]
+        if dead := _names(self._repeats, patience):
             return f"fingertip_dead: finger {dead} gives the same codes for ever"
         return ""
 
@@ -236,6 +254,7 @@ class GripperDoubt:
         self._before: GripperState | None = None
         self._fresh_ns = 0
         self._moved_ns = [0] * FINGERS  # since when each finger reports motion without moving
+        self._under_way = [False] * FINGERS  # it has moved since it was told to
 
     def see(self, state: GripperState) -> str:
         """What is wrong with it."""
@@ -245,6 +264,7 @@ class GripperDoubt:
         for i, (was, now) in enumerate(zip(before.fingers, state.fingers, strict=True)):
             if not state.fresh or not _stands(was, now):
                 self._moved_ns[i] = state.t_ns
+                self._under_way[i] = state.fresh and _goes_on(was, now)
         return self._inactive(state) or self._impossible(before, state) or self._idle(state)
 
     def _inactive(self, state: GripperState) -> str:
@@ -282,7 +302,8 @@ class GripperDoubt:
         if silent_s > s.echo_s:
             return f"gripper_silent: {silent_s:.2f} s without an answer to a command"
         standing = [state.t_ns - since_ns for since_ns in self._moved_ns]
-        if stands := _names(standing, s.stands_s * 1e9):
+        patience = [(s.stands_s if on else s.finger_start_s) * 1e9 for on in self._under_way]
+        if stands := _names(standing, patience):
             return f"gripper_stands: finger {stands} reports motion and does not move"
         return ""
 
@@ -297,8 +318,9 @@ class ArmDoubt:
         self._start_m: Vector3 = NOWHERE  # of the line that it was told to move along
         self._target_m: Vector3 = NOWHERE  # its end; where it stood at first until it is told
         self._told = False
+        self._turning = False  # on its old way still, which it has to brake on first
         self._spare_s = self._spare_m = 0.0  # what braking and turning round take
-        self._least_m = 0.0  # nearest to the target so far
+        self._least_m = self._most_m = 0.0  # nearest to the target so far, and farthest from it
         self._anchor: tuple[int, Vector3] = (0, NOWHERE)  # last motion seen
         self._started = False
 
@@ -311,9 +333,10 @@ class ArmDoubt:
         speed = math.hypot(*arm.velocity_mps)
         self._told, self._started = True, False
         self._start_m, self._target_m = arm.position_m, command.position_m
+        self._turning = not _lies_ahead(arm, command)
         self._spare_s = 2.0 * math.sqrt(2.0 * s.arm_moved_m / ramp)
-        self._spare_m = speed**2 / (2.0 * ramp) + speed * s.arm_start_s
-        self._least_m = math.dist(arm.position_m, command.position_m)
+        self._spare_m = speed**2 / (2.0 * ramp) + speed * s.arm_start_s if self._turning else 0.0
+        self._least_m = self._most_m = math.dist(arm.position_m, command.position_m)
         self._anchor = (arm.t_ns, arm.position_m)
 
     def see(self, arm: ArmState, pending: bool) -> str:
@@ -338,7 +361,10 @@ class ArmDoubt:
 
     def _strayed(self, arm: ArmState) -> str:
         away_m = math.dist(arm.position_m, self._target_m)
-        self._least_m = min(self._least_m, away_m)
+        self._least_m, self._most_m = min(self._least_m, away_m), max(self._most_m, away_m)
+        if self._turning and away_m < self._most_m - self._settings.arm_moved_m:
+            self._turning, self._spare_m = False, 0.0
+            self._start_m, self._least_m = arm.position_m, away_m
         aside_m = _off_line(arm.position_m, self._start_m, self._target_m)
         beyond_m = max(aside_m, away_m - self._least_m) - self._spare_m
         if beyond_m > self._settings.arm_astray_m:
@@ -352,11 +378,24 @@ class ArmDoubt:
             return ""
         if not self._told or math.dist(arm.position_m, self._target_m) <= s.arm_there_m:
             return ""
-        limit_s = self._spare_s + (s.arm_frozen_s if self._started else s.arm_start_s)
+        limit_s = s.arm_frozen_s if self._started else s.arm_start_s
+        if self._turning or not self._started:
+            limit_s += self._spare_s
         still_s = (arm.t_ns - since_ns) * 1e-9
         if still_s > limit_s:
             return f"arm_frozen: {still_s:.2f} s at one place while told to move"
         return ""
+
+
+def _lies_ahead(arm: ArmState, command: MoveArm) -> bool:
+    """Whether the arm stands, or goes towards there and can brake in time."""
+    way = [b - a for a, b in zip(arm.position_m, command.position_m, strict=True)]
+    speed_mps, way_m = math.hypot(*arm.velocity_mps), math.hypot(*way)
+    if speed_mps < STANDING_MPS:
+        return True
+    along_m = sum(v * x for v, x in zip(arm.velocity_mps, way, strict=True)) / speed_mps
+    aside_m = math.sqrt(max(0.0, way_m**2 - along_m**2))
+    return aside_m < SAME_LINE_M and along_m >= speed_mps**2 / (2.0 * command.acceleration_mps2)
 
 
 def _off_line(at_m: Vector3, start_m: Vector3, end_m: Vector3) -> float:
@@ -395,11 +434,18 @@ def _stands(was: FingerState, now: FingerState) -> bool:
     return moving and was.position_counts == now.position_counts
 
 
+def _goes_on(was: FingerState, now: FingerState) -> bool:
+    """Told the same as before, it is seen to move."""
+    moving = now.detection is Detection.MOVING
+    return moving and was.requested_counts == now.requested_counts
+
+
 def _counted(counts: Sequence[int], seen: Sequence[bool]) -> list[int]:
     """How often in a row each has been seen."""
     return [n + 1 if again else 0 for n, again in zip(counts, seen, strict=True)]
 
 
-def _names(counts: Sequence[float], least: float) -> str:
+def _names(counts: Sequence[float], least: Sequence[float]) -> str:
     """Fingers whose count has reached so much."""
-    return ", ".join(n for n, c in zip(FINGER_NAMES, counts, strict=True) if c >= least)
+    reached = zip(FINGER_NAMES, counts, least, strict=True)
+    return ", ".join(name for name, count, enough in reached if count >= enough)

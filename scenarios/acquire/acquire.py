@@ -25,7 +25,7 @@ from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import PressRig
 from scenarios.trial.ending import End
 from scenarios.trial.result import Failure, versions
-from scenarios.trial.run_folder import RunFolder, could_not_record, metadata
+from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, metadata
 
 SCENARIO = "acquire"
 SAMPLES = "samples"  # the labelled ones, beside the recording
@@ -43,6 +43,7 @@ def run(
 
     Raises ConfigError, CouldNotRecord and the drivers' errors before anything moves.
     """
+    check_runs(runs)
     with interruption.held(), open_acquire_rig(config, seed, paced, permit) as rig:
         known = {**metadata(config, seed), "motion": msgspec.json.encode(motion).decode()}
         name = f"{SCENARIO}-{config.surface.name}"

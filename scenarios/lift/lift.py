@@ -25,7 +25,7 @@ from scenarios.trial import person, series
 from scenarios.trial.execution import FinishedTrial, OnTick, Watch, make_guard, run_trial
 from scenarios.trial.person import Operator, SlipReading, TapeMark
 from scenarios.trial.result import FinishedRun, later_ms, named, seconds
-from scenarios.trial.run_folder import Record
+from scenarios.trial.run_folder import Record, check_runs
 from scenarios.trial.series import Series
 from scenarios.world.cell import Truth
 
@@ -68,6 +68,7 @@ def run_series(
 ) -> Series[LiftResult]:
     """One judged lift a seed, as ``scenarios.trial.series`` runs them."""
     guard = make_guard(config)
+    check_runs(runs)
     held = held_for(config, operator)
 
     def attempt(

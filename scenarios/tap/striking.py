@@ -7,13 +7,13 @@ from typing import Protocol
 import numpy as np
 
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.phases import SAFE_PHASES, Phase
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import Swing
 from scenarios.tap.result import Alarm
 from scenarios.tap.scoring import ObjectMotion
 from scenarios.tap.settings import TapSettings
-from scenarios.trial.person import Operator, read_mark
+from scenarios.trial.person import NEVER_MIND, Operator, read_mark
 from scenarios.world.cell import Blow, Truth
 
 SIDES = {
@@ -54,14 +54,16 @@ class WorldStrikes:
         """Nothing to remember: the world knows."""
 
     def strike(self, tick: Tick, truth: Truth | None) -> None:
-        assert truth is not None  # noqa: S101  (where a world strikes there is a truth)
+        if truth is None:  # the world is gone, as the next step will hear
+            return
         self._rest = truth
         self._at_s = tick.t_ns * 1e-9
         self._tap(self._swing.blow)
 
     def after(self, tick: Tick, truth: Truth | None) -> bool:
         rest = self._rest
-        assert truth is not None and rest is not None  # noqa: S101
+        if truth is None or rest is None:
+            return False
         if tick.t_ns * 1e-9 < self._at_s + self._watch_s and truth.touched:
             return False
         down_m = truth.slip_distance_m - rest.slip_distance_m
@@ -93,6 +95,7 @@ class PersonStrikes:
         self._felt_s: float | None = None
         self._struck = False
         self._measuring = False
+        self._given_up = False
 
     def before(self, tick: Tick) -> None:
         self._loudest = max(self._loudest, self._change(tick))
@@ -105,6 +108,9 @@ class PersonStrikes:
 
     def after(self, tick: Tick, truth: Truth | None) -> bool:
         t_s = tick.t_ns * 1e-9
+        if tick.decision.phase in SAFE_PHASES:
+            self._give_up()
+            return False
         if self._felt_s is None and not self._struck:
             self._feel(tick, t_s)
         line = self._operator.poll()
@@ -116,6 +122,12 @@ class PersonStrikes:
             self._operator.say("How far has the tape mark moved, in mm? (0: not at all; l: lost)")
             return False
         return self._measuring and line is not None and self._measured(line)
+
+    def _give_up(self) -> None:
+        """The question that stands is taken back, so that what happened is told after it."""
+        if not self._given_up:
+            self._operator.say(NEVER_MIND)
+        self._given_up = True
 
     def _watched_from_s(self, t_s: float) -> float:
         return self._asked_s if self._felt_s is None else self._felt_s

@@ -36,7 +36,7 @@ from scenarios.trial import execution, person, series
 from scenarios.trial.execution import FinishedTrial, OnTick, Watch, make_guard
 from scenarios.trial.person import Operator
 from scenarios.trial.result import FinishedRun, later_ms, named
-from scenarios.trial.run_folder import Record
+from scenarios.trial.run_folder import Record, check_runs
 from scenarios.trial.series import Series
 from scenarios.world.cell import Truth
 
@@ -125,6 +125,7 @@ def run_series(
     its own."""
     config = tap_config(config)
     guard = make_guard(config)
+    check_runs(runs)
     for seed in seeds[:1]:
         swing(config, seed)  # a blow that cannot be found is told before anything moves
 

@@ -9,7 +9,7 @@ import msgspec
 
 from detector.decision import RuleSettings
 from detector.energy import EnergySettings
-from detector.interface import DetectorSettings, SlipDetector, load_detector
+from detector.interface import DetectorSettings, SlipDetector, load_detector, memory_of
 from detector.network import NetworkSettings
 from detector.network_file import weights_digest, weights_path
 from detector.psd import PsdFairSettings, PsdSettings
@@ -63,8 +63,18 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
 
     def make_detector(self, fingers: int) -> SlipDetector:
         """The detector asked for; raises BadFile for a network's damaged file."""
+        return load_detector(self.detector_name, self._of_detector, fingers)
+
+    @property
+    def memory_s(self) -> float:
+        """How long the detector asked for remembers; 0 for one whose memory fades. Raises BadFile
+        as ``make_detector``."""
+        return memory_of(self.detector_name, self._of_detector) * self.loop.period_s
+
+    @property
+    def _of_detector(self) -> DetectorSettings:
         settings: DetectorSettings = getattr(self, self.detector_section)
-        return load_detector(self.detector_name, settings, fingers)
+        return settings
 
     def digest(self) -> str:
         """Hash of all that a result depends on: equal digests and seeds mean equal runs."""

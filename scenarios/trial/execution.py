@@ -50,6 +50,22 @@ def make_guard(config: TrialConfig) -> ForceGuard:
             "closing is bounded from the first grasp on, and a firm grip closes before it",
             "guard.travel_bound = false, or controller.firm = false",
         )
+    check_grip(config, guard)
+    return guard
+
+
+def check_grip(config: TrialConfig, guard: ForceGuard) -> None:
+    """Raises ConfigError for a first grasp that the hand cannot keep within the limits."""
+    known = calibration(config)
+    fastest_mps, grip_mps = guard.closing_speed_mps, config.controller.grip_speed_mps
+    if grip_mps > fastest_mps:
+        raise ConfigError(
+            "controller",
+            "grip_speed_mps",
+            f"{grip_mps:g} m/s onto an object wider than expected carries the fingertip further "
+            f"past the limit than guard.overshoot_n, {config.guard.overshoot_n:g} N",
+            f"<= {fastest_mps:.3f}, or a guard.overshoot_n that allows it",
+        )
     asked_n = config.controller.grip_force_n
     if asked_n < known.least_force_n:
         raise ConfigError(
@@ -58,7 +74,6 @@ def make_guard(config: TrialConfig) -> ForceGuard:
             f"{asked_n:g} N is less than the gripper can be set to",
             f">= {known.least_force_n:g} N, the least force of calibration {known.name!r}",
         )
-    return guard
 
 
 def check_arm(config: TrialConfig) -> None:
@@ -91,10 +106,17 @@ def grip_plan(config: TrialConfig, home: Vector3 | None = None) -> GripPlan:
     return GripPlan(preshape, grip, config.guard.force_limit_n, home)
 
 
+def patience_s(config: TrialConfig) -> float:
+    """How long slip may be registered after the mask of the last closing: an alarm may be as old
+    as what the detector remembers."""
+    return max(config.controller.cap_patience_s, config.memory_s)
+
+
 def make_controller(config: TrialConfig, home: Vector3 | None = None) -> GraspController:
     """With the arm's ``home`` of an earlier run, or none: then where it stands."""
     monitor = SlipMonitor(make_rule(config.rule, FINGERS), config.slip)
-    return GraspController(config.controller, grip_plan(config, home), monitor)
+    settings = msgspec.structs.replace(config.controller, cap_patience_s=patience_s(config))
+    return GraspController(settings, grip_plan(config, home), monitor)
 
 
 def make_step(

@@ -7,11 +7,12 @@ import msgspec
 
 from grasp import interruption
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.phases import SAFE_PHASES, Phase
 from scenarios.rigs.rig import GraspRig
 
 MOST_MM = 500.0
 HOLD_S = 600.0  # at the top: the person says when it may be set down
+NEVER_MIND = "Never mind the question: the trial has ended before it was answered"
 DEADLINE_S = 3600.0  # of a trial: a person looks, measures and types
 
 
@@ -68,12 +69,21 @@ class SlipReading:
         """Take one tick; True when the object may be set down."""
         if self.mark is not None:
             return True
-        if self._asked:
+        if tick.decision.phase in SAFE_PHASES:
+            self._give_up()
+        elif self._asked:
             line = self._operator.poll()
             self.mark = None if line is None else read_mark(self._operator, line)
         elif tick.decision.phase is Phase.HOLD and not tick.arm.moving:
             self._ask(tick.t_ns * 1e-9)
         return self.mark is not None
+
+    def _give_up(self) -> None:
+        """Nobody waits for a length any more: a question that stands is taken back, so that what
+        happened is not told below it."""
+        if self._asked:
+            self._operator.say(NEVER_MIND)
+        self._asked = False
 
     def _ask(self, t_s: float) -> None:
         self._since_s = t_s if self._since_s is None else self._since_s

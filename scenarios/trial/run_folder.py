@@ -5,6 +5,7 @@ from contextlib import ExitStack, suppress
 from datetime import datetime
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Self
 
 import msgspec
@@ -24,6 +25,7 @@ from scenarios.world.cell import Truth
 
 RECORDING = "recording.mcap"
 RESULT = "result.json"
+TRIED_BYTES = 65_536  # a second of a run
 RUN_CHANNELS: dict[str, type[msgspec.Struct]] = {**CHANNELS, TRUTH: Truth}
 
 
@@ -95,6 +97,18 @@ class RunFolder:
         with suppress(OSError):
             self.recording.unlink(missing_ok=True)
             self.path.rmdir()
+
+
+def check_runs(runs: Path | None) -> None:
+    """Raises CouldNotRecord where nothing can be written, before a rig opens; makes the folder."""
+    if runs is None:
+        return
+    try:
+        make_private_folder(runs)
+        with TemporaryFile(dir=runs) as file:
+            file.write(bytes(TRIED_BYTES))
+    except OSError as error:
+        raise could_not_record(runs, error) from None
 
 
 class Record:

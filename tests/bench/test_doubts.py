@@ -25,8 +25,9 @@ from scenarios.campaign.spec import combinations, read_spec, trials
 from scenarios.lift import lift
 from scenarios.tap import tap
 from scenarios.tap.config import TapConfig
-from tests.unit.scenarios.conftest import Staged, in_phase
-from tests.unit.scenarios.lift import device_faults as fault
+from tests.unit.scenarios.conftest import Staged
+from tests.unit.scenarios.lift.doubt_delays import delay_ms
+from tests.unit.scenarios.lift.test_doubt_delays import CASES, WITHIN_MS, staged
 
 ROOT = Path(__file__).parents[2]
 CLIP = ROOT.parent / "shared" / "data" / "takktile_felt.csv"  # never in the repository
@@ -36,10 +37,11 @@ TAPS = int(os.environ.get("TAPS", "4"))
 CONFUSERS = os.environ.get("CONFUSERS", "")
 REST = 450  # of a recording, whose counts are without it
 STRICT = DoubtSettings(  # half the patience everywhere
-    frozen_samples=5, dead_samples=25, rail_samples=1, jump_counts=20, detector_s=0.05,
-    standstill_s=0.075, echo_s=0.075, stands_s=0.15, target_counts=4, finger_counts_ps=150.0,
-    arm_start_s=0.125, arm_frozen_s=0.03, arm_moved_m=0.0004, arm_there_m=0.001,
-    arm_astray_m=0.0015, arm_fastest_mps=0.5, arm_jump_m=0.005,
+    frozen_samples=4, dead_samples=4, dead_unloaded_samples=25, loaded_counts=15, rail_samples=1,
+    jump_counts=20, detector_s=0.05, standstill_s=0.075, echo_s=0.075, finger_start_s=0.15,
+    stands_s=0.075, target_counts=4, finger_counts_ps=150.0, arm_start_s=0.125, arm_frozen_s=0.03,
+    arm_moved_m=0.0004, arm_there_m=0.001, arm_astray_m=0.001, arm_fastest_mps=0.5,
+    arm_jump_m=0.005,
 )  # fmt: skip
 
 
@@ -151,61 +153,35 @@ def listen(watch: Watch, counts: NDArray[np.int16], skip_repeats: bool = False) 
     have called it missed."""
     for settings, into in ((DoubtSettings(), watch.named), (STRICT, watch.strict)):
         fingertips, found = FingertipDoubt(settings), set[str]()
-        for before, raw in itertools.pairwise(counts + np.int16(REST)):
-            if not (skip_repeats and (raw == before).all(axis=1).any()):
-                fingertips.take(raw)
+        for before, now in itertools.pairwise(counts):
+            if not (skip_repeats and (now == before).all(axis=1).any()):
+                fingertips.take(now + np.int16(REST), now)
             found |= names(fingertips.wrong())
         into.update(found)
     watch.steps += len(counts)
 
 
-FAULTS = [
-    (fault.freeze_fingertips, (Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER)),
-    (fault.freeze_thumb, (Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER)),
-    (fault.fingertips_read(0), (Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER)),
-    (fault.shift_fingertips, (Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER)),
-    (fault.replug_fingertips, (Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER)),
-    (fault.swallow_writes, (Phase.APPROACH, Phase.LIFT, Phase.HOLD)),
-    (fault.freeze_gripper_status, (Phase.APPROACH, Phase.GRASP, Phase.LIFT)),
-    (fault.jam_gripper, (Phase.APPROACH, Phase.GRASP)),
-    (fault.power_cycle_gripper, (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.HOLD)),
-    (fault.let_thumb_leap, (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.HOLD)),
-    (fault.lose_arm_position, (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.HOLD)),
-    (fault.freeze_arm_values, (Phase.LIFT, Phase.LOWER)),
-    (fault.turn_arm_round, (Phase.SETTLE,)),
-    (fault.push_arm, (Phase.APPROACH, Phase.GRASP, Phase.LIFT)),
-    (fault.let_arm_leap, (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.HOLD)),
-    (fault.stand_still(0.3), (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.HOLD)),
-]
-
-
 @pytest.mark.bench
 @pytest.mark.timeout(7200)
 def test_delays() -> None:
-    """From the fault, or from the first command that nobody obeys, to the step that answers."""
-    print("\n| what happens | name | delay, ms: least, most |\n|---|---|---|")
-    for act, phases in FAULTS:
-        found: dict[str, list[float]] = {}
-        for phase in phases:
-            for seed in range(3):
-                staged = Staged(seed=seed)
-                trial = staged.run(in_phase(phase, 5), act)
-                assert trial.controller.phase is Phase.FAULT
-                for name in names(trial.controller.fault_cause):
-                    found.setdefault(name, []).append(delay_ms(staged, act))
-        for name, delays in found.items():
-            print(f"| {act.__name__} | {name} | {min(delays):.0f}, {max(delays):.0f} |")
+    """From when it could be told from what is normal (`doubt_delays`) to the step that answers, and
+    from the fault itself."""
+    print("\n| what happens | name | delay, ms: least, most | from the fault on, ms |")
+    print("|---|---|---|---|")
+    for act, phases, name in CASES:
+        delays: list[float] = []
+        whole: list[float] = []
+        for phase, seed, after in itertools.product(phases, range(3), (0, 2, 5, 12)):
+            lift, found = staged(act, phase, after, seed)
+            assert found == name
+            delays.append(delay_ms(lift, name))
+            whole.append(since_injected_ms(lift))
+        assert max(delays) <= WITHIN_MS
+        print(f"| {act.__name__} | {name} | {min(delays):.0f}, {max(delays):.0f} | "
+              f"{min(whole):.0f}, {max(whole):.0f} |")  # fmt: skip
 
 
-def delay_ms(staged: Staged, act: fault.Act) -> float:
-    assert staged.done_at_ns is not None
-    end_ns = next(t.t_ns for t in staged.ticks if t.decision.phase is Phase.FAULT)
-    ticks = [t for t in staged.ticks if staged.done_at_ns <= t.t_ns < end_ns]
-    seen_ns = staged.done_at_ns
-    if act is fault.turn_arm_round:
-        seen_ns = next(t.t_ns for t in ticks if t.arm.moving)
-    elif act.__name__.startswith("stand_still"):
-        seen_ns = end_ns  # the first step after it
-    elif not all(t.gripper.fresh for t in ticks):
-        seen_ns = next(t.t_ns for t in ticks if not t.gripper.fresh)
-    return (end_ns - seen_ns) / 1e6
+def since_injected_ms(lift: Staged) -> float:
+    assert lift.done_at_ns is not None
+    end_ns = next(t.t_ns for t in lift.ticks if t.decision.phase is Phase.FAULT)
+    return (end_ns - lift.done_at_ns) / 1e6

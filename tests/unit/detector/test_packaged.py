@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from detector.interface import DETECTORS, load_detector
+from detector.interface import DETECTORS, load_detector, memory_of
 from detector.network_file import packaged_networks, read_network, weights_path
 from grasp.settings import names
+from scenarios.campaign.config import load_config
+from scenarios.trial.execution import patience_s
 
 
 def test_every_packaged_detector_has_its_settings_and_none_is_missing() -> None:
@@ -22,3 +24,48 @@ def test_a_packaged_network_answers_for_three_fingers(name: str) -> None:
     detector = load_detector(name, {}, 3)
     p = [detector.update(np.zeros((3, 6), np.int16)) for _ in range(120)]
     assert np.all((np.array(p) >= 0) & (np.array(p) <= 1))
+
+
+def counts(seed: int, samples: int) -> np.ndarray:
+    """A fingertip that is shaken hard, (samples, 3, 6)."""
+    return np.random.default_rng(seed).integers(-300, 100, (samples, 3, 6)).astype(np.int16)
+
+
+def answer_after(name: str, before: np.ndarray, same: np.ndarray) -> np.ndarray:
+    detector = load_config("can", "simulated", name, None, ()).make_detector(3)
+    for frame in before:
+        detector.update(frame)
+    for frame in same:
+        answer = detector.update(frame)
+    return answer
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_what_lies_further_back_than_its_memory_plays_no_part_in_a_detector_s_answer(
+    name: str,
+) -> None:
+    memory = load_config("can", "simulated", name, None, ()).make_detector(3).memory
+    if memory == 0:
+        assert name == "gru"  # its memory fades, and has no end
+        return
+    pasts, same = (counts(1, 150), counts(2, 150) // 50), counts(3, 250) // 50
+    one, other = (answer_after(name, past, same[:memory]) for past in pasts)
+    assert one == pytest.approx(other, abs=1e-5)
+    one, other = (answer_after(name, past, same[: memory // 2]) for past in pasts)
+    assert (one != other).all()
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+@pytest.mark.parametrize("asked_s", [0.05, 2.0])
+def test_patience_with_slip_that_goes_on_covers_the_detector_s_memory(
+    name: str, asked_s: float
+) -> None:
+    words = (f"controller.cap_patience_s={asked_s}",)
+    config = load_config("can", "simulated", name, None, words).for_lift()
+    memory_s = 0.01 * config.make_detector(3).memory
+    assert patience_s(config) == max(asked_s, memory_s)
+
+
+def test_memory_follows_the_window_that_was_set() -> None:
+    config = load_config("can", "simulated", "energy", None, ("energy.window=30",))
+    assert memory_of("energy", config.energy) == config.make_detector(3).memory == 31

@@ -66,9 +66,28 @@ def test_frozen_samples(value: int) -> None:
 
 
 @pytest.mark.parametrize("value", [20, 60])
-def test_dead_samples(value: int) -> None:
-    n, said = until_wrong([one_finger_alive(k) for k in range(9, 99)], dead_samples=value)
+@pytest.mark.parametrize(
+    ("key", "other", "loaded"),
+    [("dead_samples", "dead_unloaded_samples", 20),
+     ("dead_unloaded_samples", "dead_samples", 500)],
+)  # fmt: skip
+def test_dead_samples(value: int, key: str, other: str, loaded: int) -> None:
+    """Codes that repeat stand 48 to 50 counts from their rest."""
+    settings = {key: value, other: 5, "loaded_counts": loaded}
+    n, said = until_wrong([one_finger_alive(k) for k in range(9, 99)], **settings)
     assert (n, said[:24]) == (value + 1, "fingertip_dead: finger A")
+
+
+@pytest.mark.parametrize("value", [20, 50])
+def test_loaded_counts(value: int) -> None:
+    """Patience with a fingertip whose farthest taxel is at 50 counts."""
+    settings = {"dead_samples": 5, "dead_unloaded_samples": 40, "loaded_counts": value}
+    n, _ = until_wrong([one_finger_alive(k) for k in range(9, 99)], **settings)
+    assert n == 6
+    n, _ = until_wrong(
+        [one_finger_alive(k) for k in range(9, 99)], **{**settings, "loaded_counts": 51}
+    )
+    assert n == 41
 
 
 @pytest.mark.parametrize("value", [2, 7])
@@ -195,14 +214,34 @@ def test_echo_s(value: float) -> None:
 MOVING = (Detection.MOVING, Detection.AT_TARGET, Detection.AT_TARGET)
 
 
+def moving(t_s: float, position: int, asked: int = 90) -> GripperState:
+    at_ns = round(t_s * 1e9)
+    return gripper(at_ns, (position, 55, 55), MOVING, requested=(asked, 55, 55))
+
+
 @pytest.mark.parametrize("value", [0.1, 0.5])
-def test_stands_s(value: float) -> None:
+def test_finger_start_s(value: float) -> None:
     def after(s: float, position: int = 55) -> str:
-        last = gripper(round(s * 1e9), (position, 55, 55), MOVING)
-        return doubted([gripper(0, detections=MOVING), last], stands_s=value)
+        return doubted([moving(0.0, 55), moving(s, position)], finger_start_s=value)
 
     assert (after(value - 1e-6), after(value + 1e-6)) == ("", "gripper_stands")
     assert after(value + 1e-6, position=56) == ""
+
+
+@pytest.mark.parametrize("value", [0.1, 0.5])
+def test_stands_s(value: float) -> None:
+    def after(s: float, asked: int = 90) -> str:
+        states = [moving(0.0, 55), moving(0.01, 56), moving(0.01 + s, 56, asked)]
+        return doubted(states, stands_s=value, finger_start_s=10.0)
+
+    assert (after(value - 1e-6), after(value + 1e-6)) == ("", "gripper_stands")
+
+
+def test_finger_that_is_told_otherwise_on_its_way_has_the_time_of_a_start_again() -> None:
+    turning = msgspec.structs.replace(moving(0.02, 57, 40), fresh=False)
+    states = [moving(0.0, 55), moving(0.01, 56), turning, moving(0.2, 57, 40)]
+    assert doubted(states, stands_s=0.1, finger_start_s=0.3) == ""
+    assert doubted([*states, moving(0.33, 57, 40)], stands_s=0.1, finger_start_s=0.3)
 
 
 def beside(asked: int, by: int, **settings: Any) -> str:
@@ -289,7 +328,7 @@ def test_arm_start_s(value: float) -> None:
 @pytest.mark.parametrize("value", [0.05, 0.3])
 def test_arm_frozen_s(value: float) -> None:
     def after(s: float) -> str:
-        return told_up(at(0.1, 0.005), at(0.1 + s + SPARE_S, 0.005), arm_frozen_s=value)
+        return told_up(at(0.1, 0.005), at(0.1 + s, 0.005), arm_frozen_s=value)
 
     assert (after(value - 1e-4), after(value + 1e-4)) == ("", "arm_frozen")
 
@@ -339,6 +378,44 @@ def test_an_arm_that_must_brake_first_is_not_astray() -> None:
     doubt.told(MoveArm((x, y, z), 0.1, 0.5), rising)
     assert doubt.see(at(1.2, 0.11), False) == ""
     assert doubt.see(at(1.3, 0.15), False).startswith("arm_wrong_way: ")
+
+
+def falling(height_m: float = 0.1) -> ArmDoubt:
+    """It was told to go down on its way up, has braked, and comes down."""
+    doubt = ArmDoubt(DoubtSettings())
+    doubt.see(at(0.0, 0.0), False)
+    x, y, z = arm(0).position_m
+    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+    rising = at(1.0, height_m, speed_mps=0.1)
+    assert doubt.see(rising, False) == ""
+    doubt.told(MoveArm((x, y, z), 0.1, 0.5), rising)
+    assert doubt.see(at(1.2, height_m + 0.01), False) == ""
+    assert doubt.see(at(1.3, height_m + 0.005), False) == ""
+    return doubt
+
+
+def test_an_arm_that_has_turned_round_is_given_nothing_for_braking_any_more() -> None:
+    assert falling().see(at(1.31, 0.1055), False) == ""
+    assert falling().see(at(1.35, 0.108), False).startswith("arm_wrong_way: ")
+    assert falling().see(at(1.35, 0.100, aside_m=0.003), False).startswith("arm_wrong_way: ")
+    assert falling().see(at(1.34, 0.105), False) == ""
+    assert falling().see(at(1.37, 0.105), False).startswith("arm_frozen: ")
+
+
+def test_an_arm_that_turns_round_may_keep_its_place_for_as_long_as_that_takes() -> None:
+    def turning(s: float) -> str:
+        doubt = ArmDoubt(DoubtSettings(arm_frozen_s=0.06))
+        doubt.see(at(0.0, 0.0), False)
+        x, y, z = arm(0).position_m
+        doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+        rising = at(1.0, 0.1, speed_mps=0.1)
+        doubt.see(rising, False)
+        doubt.told(MoveArm((x, y, z), 0.1, 0.5), rising)
+        assert doubt.see(at(1.2, 0.11), False) == ""
+        return doubt.see(at(1.2 + s, 0.11), False)
+
+    assert turning(0.06 + SPARE_S - 1e-3) == ""
+    assert turning(0.06 + SPARE_S + 1e-3).startswith("arm_frozen: ")
 
 
 @pytest.mark.parametrize("value", [0.5, 2.0])

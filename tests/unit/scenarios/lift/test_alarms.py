@@ -1,6 +1,7 @@
 """Any sequence of alarms, on the full loop: every run ends in its time, nothing held is dropped."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -38,9 +39,9 @@ class Told:
         return np.array([p, 0.0, 0.0])
 
 
-def run(script: list[tuple[int, float]]) -> tuple[GraspController, list[Tick], bool]:
+def run(script: list[tuple[int, float]], *words: str) -> tuple[GraspController, list[Tick], bool]:
     """Controller at its end, its ticks, and whether the object was held all the time in the air."""
-    base = config(*SETTINGS)
+    base = config(*SETTINGS, *words)
     ticks: list[Tick] = []
     with open_rig(base, 0, paced=False) as rig:
         assert rig.cell is not None
@@ -94,3 +95,13 @@ def test_alarm_that_never_ends_sets_the_object_down_and_lets_nothing_fall() -> N
     controller, _, held = run([(1, 1.0)])
     assert controller.cap_reached
     assert held
+
+
+@pytest.mark.parametrize("window", [10, 90])
+def test_alarm_may_be_as_old_as_what_the_detector_remembers(window: int) -> None:
+    _, ticks, _ = run([(1, 1.0)], f"energy.window={window}")
+    unmasked = [
+        t for t in ticks
+        if t.decision.phase is Phase.COMPENSATE and t.gripper.at_rest and not t.decision.slip.masked
+    ]  # fmt: skip
+    assert len(unmasked) * 0.01 == pytest.approx(max(0.3, 0.01 * (window + 1)), abs=0.02)

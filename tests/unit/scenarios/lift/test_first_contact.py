@@ -163,3 +163,20 @@ def test_force_is_reported_in_a_fault_too() -> None:
     assert result.outcome == "fault"
     assert result.peak_force_n is not None and result.peak_force_n["A"] > 5.0
     assert msgspec.to_builtins(result)["peak_force_n"] is not None
+
+
+@pytest.mark.parametrize("speed_mps", [0.11, 0.064])
+def test_first_grasp_that_is_faster_than_the_hand_can_keep_the_limit_at_is_refused(
+    speed_mps: float,
+) -> None:
+    with pytest.raises(ConfigError, match="wider than expected") as refused:
+        make_guard(config(f"controller.grip_speed_mps={speed_mps}"))
+    assert refused.value.remedy.endswith("<= 0.063, or a guard.overshoot_n that allows it")
+
+
+@pytest.mark.parametrize("wider_mm", [0.0, 7.8])
+@pytest.mark.parametrize("name", ["cardboard", "can", "ball"])
+def test_fastest_first_grasp_that_is_allowed_keeps_the_limit(name: str, wider_mm: float) -> None:
+    result = lifted(name, wider_mm * 1e-3, "controller.grip_speed_mps=0.063")
+    assert result.peak_force_n is not None
+    assert max(result.peak_force_n.values()) <= BOUND_N

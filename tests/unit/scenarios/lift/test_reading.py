@@ -2,10 +2,11 @@
 
 from typing import Any
 
+import msgspec
 import pytest
 
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.phases import SAFE_PHASES, Phase
 from scenarios.lift import lift
 from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
 from scenarios.trial.person import HOLD_S, SlipReading, TapeMark, read_mark
@@ -69,6 +70,26 @@ def test_length_is_read_in_millimetres(typed: str, mark: TapeMark) -> None:
     read = read_mark(Typist(), typed)
     assert read is not None
     assert read.moved_m == pytest.approx(mark.moved_m) and read.held is mark.held
+
+
+@pytest.mark.parametrize("phase", sorted(SAFE_PHASES))
+def test_question_that_stands_is_taken_back_before_what_happened_is_told(phase: Phase) -> None:
+    ticks: list[Tick] = []
+    lift.run(config("hand.activation_s=0.5"), 0, None, on_tick=ticks.append)
+    held = next(t for t in ticks if t.decision.phase is Phase.HOLD and not t.arm.moving)
+    ended = msgspec.structs.replace(
+        held, decision=msgspec.structs.replace(held.decision, phase=phase)
+    )
+    typist = Typist("12", after=1)
+    asked = SlipReading(typist, 0.0)
+    assert not asked.take(held)
+    assert "How far" in typist.questions[0]
+    for _ in range(3):
+        assert not asked.take(ended)
+    assert [q.startswith("Never mind") for q in typist.questions] == [False, True]
+    unasked = Typist("12")
+    assert not SlipReading(unasked, 0.0).take(ended)
+    assert unasked.questions == []
 
 
 @pytest.mark.parametrize("typed", ["", "much", "-1", "501", "nan", "inf"])

@@ -1,0 +1,87 @@
+"""Where a run cannot be kept, that is found before a rig opens."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.errors import CouldNotRecord
+from grasp.cli.main import main
+from scenarios.campaign.config import load_config
+from scenarios.lift import lift
+from scenarios.rigs import opening
+from scenarios.tap import tap
+from scenarios.trial import run_folder
+from tests.unit.scenarios.conftest import config
+
+
+@pytest.fixture(autouse=True)
+def no_rig(monkeypatch: pytest.MonkeyPatch) -> None:
+    def opened(*_: object, **__: object) -> None:
+        raise AssertionError("a rig was opened")
+
+    for rig in ("simulated", "emulated", "hardware"):
+        monkeypatch.setattr(opening, rig, opened)
+
+
+@pytest.fixture(params=["below a file", "where nobody may write", "on a full disk"])
+def nowhere(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Path:
+    """A folder that nothing can be written in."""
+    if request.param == "below a file":
+        (tmp_path / "file").write_text("")
+        return tmp_path / "file" / "runs"
+    if request.param == "where nobody may write":
+        return Path("/proc/runs")  # for root too
+
+    def full(**_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(run_folder, "TemporaryFile", full)
+    return tmp_path / "runs"
+
+
+def lifts(runs: Path) -> Any:
+    return lift.run(config(), 0, runs)
+
+
+def taps(runs: Path) -> Any:
+    return tap.run(load_config("can", "simulated", "energy", None, ()).for_tap(), 0, runs)
+
+
+@pytest.mark.parametrize("run", [lifts, taps])
+def test_runs_that_cannot_be_kept_open_no_rig(run: Callable[[Path], Any], nowhere: Path) -> None:
+    with pytest.raises(CouldNotRecord, match="could not be recorded"):
+        run(nowhere)
+
+
+@pytest.mark.parametrize("rig", ["simulated", "emulated"])
+@pytest.mark.parametrize(
+    "words",
+    [("run", "lift"), ("run", "tap"), ("run", "lift", "--trials", "2"), ("run", "acquire")],
+    ids=" ".join,
+)
+def test_folder_of_runs_that_cannot_be_made_is_told_before_anything_opens(
+    words: tuple[str, ...], rig: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    assert main([*words, "--rig", rig, "--runs", str(tmp_path / "file" / "runs")]) == 5
+    assert "--runs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("run", "lift", "--rig", "simulated", "--trials", "2"), ("run", "tap", "--rig", "simulated"),
+     ("campaign", "run", "paper")],
+    ids=" ".join,
+)  # fmt: skip
+def test_file_of_rows_that_cannot_be_made_is_told_before_anything_opens(
+    words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "file" / "rows.sqlite"
+    runs = ["--runs", str(tmp_path / "runs")] if words[0] == "run" else []
+    assert main([*words, "--out", str(out), *runs]) == 5
+    assert str(out) in capsys.readouterr().err
