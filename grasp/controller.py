@@ -8,17 +8,8 @@ import math
 from collections.abc import Callable
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
-from drivers.interfaces import (
-    FINGER_NAMES,
-    ArmState,
-    Counts3,
-    Detection,
-    GripperState,
-    Vector3,
-)
+from drivers.interfaces import FINGER_NAMES, Counts3, Detection, Vector3
 from grasp.commands import (
     BeginRest,
     CloseFast,
@@ -30,6 +21,7 @@ from grasp.commands import (
     StopArm,
 )
 from grasp.controller_settings import ControllerSettings, GripPlan
+from grasp.observation import Observation
 from grasp.phases import (
     AIRBORNE_PHASES,
     CLOSING_PHASES,
@@ -40,42 +32,11 @@ from grasp.phases import (
     PhaseMachine,
     Trigger,
 )
+from grasp.safe_state import SafeState
 from grasp.slip import SlipMonitor, SlipStatus
 
 CLOSED_COUNTS: Counts3 = (255, 255, 255)
 ALL_FINGERS = (True, True, True)
-
-
-class Observation(msgspec.Struct, frozen=True):
-    """Everything one step may know.
-
-    ``pending``: a command of an earlier step has not reached its device yet. ``trouble``: one line
-    of what went wrong in device exchanges since the last step, empty when all is well.
-    ``set_down``: whoever runs the experiment has what they want; a held object may be set down.
-    ``stop``: the run shall end now, and why; empty while it may go on.
-    ``doubt``: what a device says that cannot be believed; empty when all can. ``late_ns`` and
-    ``took_ns`` as in ``step.StepInput``, for the recording.
-    ``overloaded``: measured force is above the limit and its margin. ``last_close``: the closing
-    that was admitted last.
-    """
-
-    t_ns: int
-    probabilities: NDArray[np.float64]  # (3,)
-    tactile_stale: bool
-    rest_taken: bool
-    gripper: GripperState
-    arm: ArmState
-    pending: bool = False
-    trouble: str = ""
-    gripper_lost: bool = False
-    set_down: bool = False
-    stop: str = ""
-    late_ns: int = 0
-    took_ns: int = 0
-    doubt: str = ""
-    measured_n: Vector3 = (0.0, 0.0, 0.0)
-    overloaded: bool = False
-    last_close: CloseFast | None = None
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -144,6 +105,11 @@ class GraspController:
     def in_safe_state(self) -> bool:
         return self.phase in SAFE_PHASES
 
+    @property
+    def _safe(self) -> SafeState:
+        """The safe state that was entered last."""
+        return SafeState(self.phase, self.machine.before, self._entered_ns, self.fault_cause)
+
     def step(self, seen: Observation) -> Decision:
         """Take one observation; returns the commands that follow from it."""
         self._out = []
@@ -170,7 +136,7 @@ class GraspController:
         """Safe state of a run that is stopped from outside: the arm stands, a grip is kept."""
         stop = StopArm(self._settings.stop_deceleration_mps2)
         if self.in_safe_state:  # what it asks for of the hand goes on
-            return (stop, *self._asked_of_hand())
+            return (stop, *self._safe.of_hand(self._fastest_closure()))
         kept = CONTACT_PHASES - CLOSING_PHASES | {Phase.IDLE}
         return (stop,) if self.phase in kept else (stop, HoldFingers())
 
@@ -188,7 +154,7 @@ class GraspController:
     def _trouble(self, seen: Observation) -> str:
         stale_ns = self._settings.stale_after_s * 1e9
         if seen.trouble or seen.doubt:
-            return seen.trouble or seen.doubt
+            return "; ".join(filter(None, (seen.trouble, seen.doubt)))
         if seen.tactile_stale and self.phase not in OPEN_PHASES:
             return "stale: no fresh fingertip sample"
         if seen.gripper.age_ns(seen.t_ns) > stale_ns:
@@ -222,9 +188,6 @@ class GraspController:
     def _lasted(self, seen: Observation, duration_s: float) -> bool:
         """Whether the present phase has lasted this long."""
         return seen.t_ns - self._entered_ns >= duration_s * 1e9
-
-    def _at_rest(self, seen: Observation) -> bool:
-        return not seen.pending and seen.gripper.at_rest
 
     def _arm_at(self, seen: Observation, height_m: float) -> bool:
         """True when the arm stands at that height over its home."""
@@ -269,7 +232,7 @@ class GraspController:
 
     def _approach(self, seen: Observation) -> None:
         """First the arm goes home, its fingers as they are, then the fingers take their shape."""
-        if not self._at_rest(seen) or not self._arm_at(seen, 0.0):
+        if not seen.hand_rests or not self._arm_at(seen, 0.0):
             return
         if seen.gripper.requested != self._plan.preshape_counts:
             self._move_fingers(self._plan.preshape_counts, self._settings.approach_speed_mps)
@@ -278,7 +241,7 @@ class GraspController:
             self._out.append(BeginRest())
 
     def _rest(self, seen: Observation) -> None:
-        if self._at_rest(seen) and seen.rest_taken:
+        if seen.hand_rests and seen.rest_taken:
             self._fire(Trigger.RESTED, seen, "rest counts taken")
             thumb, _, _ = self._plan.preshape_counts
             _, b, c = self._plan.grip_counts
@@ -287,12 +250,12 @@ class GraspController:
     def _grasp(self, seen: Observation) -> None:
         """B and C first: the thumb, closing last, is the only one that presses, and it carries
         what both of them bear."""
-        if self._at_rest(seen) and self._positioned(seen):
+        if seen.hand_rests and self._positioned(seen):
             self._fire(Trigger.BRACED, seen, "fingers B and C rest at their positions")
             self._move_fingers(self._plan.grip_counts, self._settings.grip_speed_mps)
 
     def _oppose(self, seen: Observation) -> None:
-        if not self._at_rest(seen) or not self._positioned(seen):
+        if not seen.hand_rests or not self._positioned(seen):
             return
         if self._settings.firm:
             self._fire(Trigger.POSITIONED, seen, "fingers rest at their positions")
@@ -301,7 +264,7 @@ class GraspController:
             self._gripped(seen, "fingers rest at their positions")
 
     def _squeeze(self, seen: Observation) -> None:
-        if self._at_rest(seen) and self._stopped_on_contact(seen):
+        if seen.hand_rests and self._stopped_on_contact(seen):
             self._gripped(seen, "the thumb stopped at the force cap")
 
     def _gripped(self, seen: Observation, cause: str) -> None:
@@ -311,7 +274,7 @@ class GraspController:
     def _settle(self, seen: Observation) -> None:
         s = self._settings
         good = self._stopped_on_contact if s.firm else self._positioned
-        if not self._at_rest(seen) or not good(seen):
+        if not seen.hand_rests or not good(seen):
             return
         if not self.monitor.status.armed:
             if self._lasted(seen, s.relax_s):
@@ -352,36 +315,23 @@ class GraspController:
     def _answers(self, seen: Observation) -> bool:
         """Answer slip and lost contact by the fastest closure, where one can still do something."""
         slip, lost = self.monitor.status, self._contact_lost(seen)
-        if lost and self._at_cap(seen):
+        if lost and seen.at_cap:
             self._fire(Trigger.LOSE, seen, "contact lost, and the thumb can close no further")
             self._out.append(StopArm(self._settings.stop_deceleration_mps2))
             return True
-        borne = self._settings.hold_by_clock and self._at_cap(seen)
+        borne = self._settings.hold_by_clock and seen.at_cap
         if not self._settings.reactions or not (lost or (slip.registered and not borne)):
             return False
         cause = f"slip registered at finger {FINGER_NAMES[slip.finger]}"
         self._fire(Trigger.SLIP_REGISTERED, seen, "contact lost" if lost else cause)
-        if not self._at_cap(seen):
+        if not seen.at_cap:
             self.closings += 1
             self._close_to_cap()
         return True
 
-    def _at_cap(self, seen: Observation) -> bool:
-        """Whether another closing would do nothing: each finger that closed last is latched in
-        contact, or stands at the last count that the guard lets it have."""
-        close = seen.last_close
-        if close is None or not self._at_rest(seen):
-            return False
-        fingers = zip(seen.gripper.fingers, close.closing, close.limits_counts, strict=True)
-        return all(
-            f.detection is Detection.CONTACT_CLOSING or f.position_counts >= limit
-            for f, closes, limit in fingers
-            if closes
-        )
-
     def _compensate(self, seen: Observation) -> None:
         slip = self.monitor.status
-        if not self._at_rest(seen):
+        if not seen.hand_rests:
             self.monitor.closing(seen.t_ns)
         elif self._contact_lost(seen):
             self._fire(Trigger.LOSE, seen, "the hand closed and met nothing")
@@ -407,7 +357,7 @@ class GraspController:
         if at_top and self._at_top_ns is None:
             self._at_top_ns = seen.t_ns
         over = s.hold_by_clock and self._since_top(seen, s.hold_s)
-        tired = self._at_cap(seen) and self._since_top(seen, s.hold_s + s.alarm_hold_s)
+        tired = seen.at_cap and self._since_top(seen, s.hold_s + s.alarm_hold_s)
         if not (over or tired) and self._answers(seen):
             return
         quiet = self._since_top(seen, s.hold_s) and self._lasted(seen, s.hold_s)
@@ -441,12 +391,12 @@ class GraspController:
             self._out.append(OpenFingers(self._settings.approach_speed_mps))
 
     def _release(self, seen: Observation) -> None:
-        if self._at_rest(seen):
+        if seen.hand_rests:
             self._fire(Trigger.OPENED, seen, "fingers open")
             self._move_arm(self._settings.retreat_m, self._settings.lower_speed_mps)
 
     def _retreat(self, seen: Observation) -> None:
-        if self._at_rest(seen) and self._arm_at(seen, self._settings.retreat_m):
+        if seen.hand_rests and self._arm_at(seen, self._settings.retreat_m):
             self._fire(Trigger.RETREATED, seen, "arm clear")
             self.finished = True
 
@@ -463,7 +413,9 @@ class GraspController:
 
     def _pursue(self, seen: Observation) -> None:
         """A safe state is reached when it is seen; until then it is asked for again and again."""
-        self.unreached = self._missing(seen)
+        stale_ns = self._settings.stale_after_s * 1e9
+        arm, hand = self._safe.missing_of_arm(seen, stale_ns), self._safe.missing_of_hand(seen)
+        self.unreached = (*arm, *hand)
         if not self.unreached or self._lasted(seen, self._settings.safe_state_s):
             self.finished = True
         elif not seen.pending and seen.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9:
@@ -471,57 +423,8 @@ class GraspController:
 
     def _ask(self, seen: Observation) -> None:
         self._asked_ns = seen.t_ns
-        if seen.arm.moving or self._entered_ns == seen.t_ns or self._arm_is_doubted:
+        safe = self._safe
+        if seen.arm.moving or seen.t_ns == safe.since_ns or safe.arm_is_doubted:
             self._out.append(StopArm(self._settings.stop_deceleration_mps2))
-        if seen.gripper_lost or self._hand_is_safe(seen):
-            return
-        self._out += self._asked_of_hand()
-
-    def _asked_of_hand(self) -> tuple[Command, ...]:
-        """What a safe state asks of the hand, beyond staying as it is."""
-        before, phase = self._before_fault, self.phase
-        if before is Phase.IDLE or phase is Phase.LOST:
-            return ()
-        if phase is Phase.STOPPED and before in CONTACT_PHASES - CLOSING_PHASES:
-            return ()
-        if phase is Phase.FAULT and before in AIRBORNE_PHASES:  # the object may be in the air
-            return (self._fastest_closure(),)
-        return (HoldFingers(),)
-
-    @property
-    def _arm_is_doubted(self) -> bool:
-        """Whether the fault is that the arm cannot be believed: then neither can its standing."""
-        return self.fault_cause.startswith("arm_")
-
-    @property
-    def _before_fault(self) -> Phase:
-        """The phase that the present, safe one was entered from."""
-        log = self.machine.log
-        return Phase(log[-2].phase) if len(log) > 1 else Phase.IDLE
-
-    def _hand_is_safe(self, seen: Observation) -> bool:
-        """Whether the hand is left as it is, or is seen to be as it shall."""
-        if self._before_fault is Phase.IDLE:
-            return True
-        asked = self._asked_of_hand()
-        if asked and self._entered_ns == seen.t_ns:  # what it stands in was not asked for
-            return False
-        if asked and isinstance(asked[0], CloseFast):
-            return self._at_cap(seen) or (seen.overloaded and self._at_rest(seen))
-        return self._at_rest(seen)
-
-    def _missing(self, seen: Observation) -> tuple[str, ...]:
-        """What of the safe state is not seen yet."""
-        stale_ns = self._settings.stale_after_s * 1e9
-        arm = []
-        if seen.arm.age_ns(seen.t_ns) > stale_ns:
-            arm = ["the arm is not heard: whether it stands is unknown"]
-        elif self._arm_is_doubted:
-            arm = ["the arm cannot be believed: whether it stands is unknown"]
-        elif seen.pending or seen.arm.moving:
-            arm = ["the arm still moves"]
-        if seen.gripper_lost:
-            return (*arm, "the hand is not heard: it holds as it stands")
-        if seen.gripper.fault and not self._hand_is_safe(seen):
-            return (*arm, "the hand reports a fault and moves no more: it holds as it stands")
-        return tuple(arm) if self._hand_is_safe(seen) else (*arm, "the hand is not as it should be")
+        if not seen.gripper_lost and not safe.hand_is_safe(seen):
+            self._out += safe.of_hand(self._fastest_closure())

@@ -152,7 +152,7 @@ class Doubts:
         """What cannot be believed; empty when all can, and in the safe state.
 
         ``late_ns``: how much later than it should this step began; ``took_ns``: how long the one
-        before took. ``pending`` as in ``controller.Observation``.
+        before took. ``pending`` as in ``observation.StepInput``.
         """
         found = (
             self._loop(phase, late_ns, took_ns),

@@ -34,8 +34,9 @@ from grasp.commands import (
     OpenFingers,
     StopArm,
 )
-from grasp.controller import Decision, Observation
-from grasp.step import GraspStep, StepInput, StepResult
+from grasp.controller import Decision
+from grasp.observation import Observation, StepInput
+from grasp.step import GraspStep, StepResult
 
 SOON_NS = 1_000_000  # a command due within this is waited for before anyone watches
 POLL_NS = 100_000
@@ -83,14 +84,29 @@ class Issued(msgspec.Struct, frozen=True):
 class Tick(msgspec.Struct, frozen=True):
     """Everything of one period, for recording, display and scoring."""
 
-    t_ns: int
-    frame: TactileFrame | None
-    gripper: GripperState
-    arm: ArmState
     observation: Observation
     decision: Decision
-    measured_n: Vector3
     issued: tuple[Issued, ...]  # since the tick before
+
+    @property
+    def t_ns(self) -> int:
+        return self.observation.t_ns
+
+    @property
+    def frame(self) -> TactileFrame | None:
+        return self.observation.frame
+
+    @property
+    def gripper(self) -> GripperState:
+        return self.observation.gripper
+
+    @property
+    def arm(self) -> ArmState:
+        return self.observation.arm
+
+    @property
+    def measured_n(self) -> Vector3:
+        return self.observation.measured_n
 
 
 class Timing:
@@ -166,10 +182,7 @@ class ControlLoop:
         self._took_ns = self._clock.now_ns - began_ns  # 0 in virtual time, so that runs are equal
         self._enqueue(now_ns, result)
         self._send_before_anyone_watches()
-        tick = Tick(
-            now_ns, told.frame, told.gripper, told.arm, result.observation, result.decision,
-            result.measured_n, tuple(self._issued),
-        )  # fmt: skip
+        tick = Tick(result.observation, result.decision, tuple(self._issued))
         self._issued.clear()
         self._on_tick(tick)
         return tick

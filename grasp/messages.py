@@ -12,10 +12,10 @@ import numpy as np
 
 from drivers.interfaces import FINGERS, Applied, ArmState, GripperState, TactileFrame, Vector3
 from grasp.commands import Command
-from grasp.controller import Decision, Observation
+from grasp.controller import Decision
 from grasp.loop import Issued, Tick
+from grasp.observation import Observation, StepInput
 from grasp.phases import PhaseChange
-from grasp.step import StepInput
 
 
 class TactileMessage(msgspec.Struct, frozen=True):
@@ -104,7 +104,7 @@ def write_tick(write: Write, tick: Tick) -> None:
         write(TACTILE, t_ns, tactile_message(tick.frame))
     write(GRIPPER, t_ns, tick.gripper)
     write(ARM, t_ns, arm_message(tick.arm))
-    write(CONTROL, t_ns, control_message(tick.observation, tick.decision, tick.measured_n))
+    write(CONTROL, t_ns, control_message(tick.observation, tick.decision))
 
 
 def tactile_message(frame: TactileFrame) -> TactileMessage:
@@ -123,7 +123,7 @@ def arm_message(arm: ArmState) -> ArmMessage:
     return ArmMessage(*msgspec.structs.astuple(arm))
 
 
-def control_message(seen: Observation, decision: Decision, measured_n: Vector3) -> ControlMessage:
+def control_message(seen: Observation, decision: Decision) -> ControlMessage:
     slip = decision.slip
     return ControlMessage(
         phase=decision.phase.value,
@@ -133,7 +133,7 @@ def control_message(seen: Observation, decision: Decision, measured_n: Vector3) 
         registered=slip.registered,
         event=slip.event,
         finger=slip.finger,
-        measured_n=measured_n,
+        measured_n=seen.measured_n,
         rest_taken=seen.rest_taken,
         pending=seen.pending,
         trouble=seen.trouble,

@@ -11,11 +11,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.interfaces import FINGERS, ArmState, GripperState, TactileFrame, Vector3
+from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
-from grasp.controller import Decision, GraspController, Observation
+from grasp.controller import Decision, GraspController
 from grasp.doubt import Doubts, DoubtSettings, wrong_probabilities
 from grasp.guard import ForceGuard
+from grasp.observation import Observation, StepInput
 from grasp.phases import OPEN_PHASES
 
 
@@ -27,34 +28,11 @@ class Detector(Protocol):
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]: ...
 
 
-class StepInput(msgspec.Struct, frozen=True):
-    """Everything that one step is told; ``frame`` is None until the fingertips have sent one.
-
-    From ``pending`` to ``stop`` as in ``controller.Observation``.
-    ``late_ns``: how much later than it should this step began; ``took_ns``: how long the one before
-    took. Both are 0 in virtual time, which stands still while we compute.
-    """
-
-    t_ns: int
-    frame: TactileFrame | None
-    rest_taken: bool
-    gripper: GripperState
-    arm: ArmState
-    pending: bool = False
-    trouble: str = ""
-    gripper_lost: bool = False
-    set_down: bool = False
-    stop: str = ""
-    late_ns: int = 0
-    took_ns: int = 0
-
-
 class StepResult(msgspec.Struct, frozen=True):
     """What one step concluded: ``admitted`` are ``decision.commands`` as the guard lets them go."""
 
     observation: Observation
     decision: Decision
-    measured_n: Vector3
     admitted: tuple[Command, ...]
 
 
@@ -85,7 +63,7 @@ class GraspStep:
             self._guard.anchor(told.gripper.positions, self._measured_n)
         admitted = tuple(self.admit(command, told.gripper) for command in decision.commands)
         self._doubts.sent(admitted, told.arm)
-        return StepResult(observation, decision, self._measured_n, admitted)
+        return StepResult(observation, decision, admitted)
 
     def admit(self, command: Command, gripper: GripperState) -> Command:
         """The command that may go out in place of this one, by the force measured last."""
@@ -105,19 +83,8 @@ class GraspStep:
         if phase in OPEN_PHASES:  # nobody has to feel anything
             deaf = ""
         return Observation(
-            t_ns=told.t_ns,
+            **msgspec.structs.asdict(told),
             probabilities=probabilities,
-            tactile_stale=told.frame is not None and told.frame.stale,
-            rest_taken=told.rest_taken,
-            gripper=told.gripper,
-            arm=told.arm,
-            pending=told.pending,
-            trouble=told.trouble,
-            gripper_lost=told.gripper_lost,
-            set_down=told.set_down,
-            stop=told.stop,
-            late_ns=told.late_ns,
-            took_ns=told.took_ns,
             doubt=doubt or deaf,
             measured_n=self._measured_n,
             overloaded=self._guard.overloaded(self._measured_n),

@@ -114,7 +114,7 @@ class _Stepper:
             return  # a recording that begins in the middle of a step
         told = recorded_input(t_ns, self._frame, recorded, self._gripper, self._arm)
         result = self._step.decide(told)
-        replayed = control_message(result.observation, result.decision, result.measured_n)
+        replayed = control_message(result.observation, result.decision)
         for name in msgspec.structs.asdict(recorded):
             self._compare(t_ns, name, getattr(recorded, name), getattr(replayed, name))
         if result.decision.commands:

@@ -37,8 +37,8 @@ from grasp.commands import (
 )
 from grasp.controller import CLOSED_COUNTS
 from grasp.doubt import Doubts
+from grasp.observation import StepInput
 from grasp.slip import SlipMonitor
-from grasp.step import StepInput
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_step
 
@@ -139,10 +139,13 @@ class _Lift:
         frame = TactileFrame(t_ns, t_ns, self._seq, counts, counts, none, none)
         result = self._step.decide(
             StepInput(
-                t_ns, frame, self._devices.rest_taken, self._devices.gripper(t_ns),
-                self._devices.arm(t_ns),
+                t_ns=t_ns,
+                frame=frame,
+                rest_taken=self._devices.rest_taken,
+                gripper=self._devices.gripper(t_ns),
+                arm=self._devices.arm(t_ns),
             )
-        )  # fmt: skip
+        )
         phase = result.decision.phase.value
         for command in result.admitted:
             self._devices.obey(command, t_ns)

@@ -16,9 +16,10 @@ import pytest
 from drivers.interfaces import FINGERS, Counts3
 from grasp.cli import view
 from grasp.commands import Command, MoveFingers, StopArm
-from grasp.controller import Decision, Observation
+from grasp.controller import Decision
 from grasp.loop import ControlLoop, Tick
 from grasp.messages import CHANNELS, write_tick
+from grasp.observation import Observation
 from grasp.phases import Phase
 from grasp.realtime import real_time
 from grasp.recording import RunRecorder

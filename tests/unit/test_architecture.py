@@ -7,9 +7,10 @@ import grimp
 import msgspec
 import pytest
 
-from grasp.controller import Decision, Observation
+from grasp.controller import Decision
 from grasp.loop import Tick
-from grasp.step import StepInput, StepResult
+from grasp.observation import Observation, StepInput
+from grasp.step import StepResult
 
 PAGE = Path(__file__).parents[2] / "docs" / "architecture.md"
 PARTS = ("grasp.cli", "detector.training")  # rooms of their own

@@ -2,8 +2,15 @@
 
 import numpy as np
 
-from drivers.interfaces import ArmState, Counts3, Detection, FingerState, GripperState
-from grasp.controller import Observation
+from drivers.interfaces import (
+    ArmState,
+    Counts3,
+    Detection,
+    FingerState,
+    GripperState,
+    TactileFrame,
+)
+from grasp.observation import Observation
 
 REST = Detection.AT_TARGET
 
@@ -25,11 +32,19 @@ def arm(t_ns: int = 0, height_m: float = 0.0, moving: bool = False, **more: bool
     return ArmState(t_ns, 0, (0.3, 0.2, 0.4 + height_m), (0.0, 0.0, 0.0), moving, **more)
 
 
+def frame(count: int = 0, stale: bool = False) -> TactileFrame:
+    """Every taxel at this many counts; pressing is negative."""
+    counts = np.full((3, 6), count, dtype=np.int16)
+    rest = np.full((3, 6), 450, dtype=np.int16)
+    raw = (rest + counts).astype(np.int16)
+    return TactileFrame(0, 0, 0, counts, raw, rest, rest, stale=stale)
+
+
 def seen(t_ns: int, p: float = 0.0, **changes: object) -> Observation:
     values: dict[str, object] = {
         "t_ns": t_ns,
         "probabilities": np.array([p, 0.0, 0.0]),
-        "tactile_stale": False,
+        "frame": None,
         "rest_taken": True,
         "gripper": gripper(t_ns),
         "arm": arm(t_ns),

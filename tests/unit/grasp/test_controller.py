@@ -19,7 +19,7 @@ from grasp.controller import Decision, GraspController
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.phases import TRANSITIONS, Phase, PhaseMachine, Trigger, mermaid
 from grasp.slip import SlipMonitor, SlipSettings
-from tests.unit.grasp.builders import arm, gripper, seen
+from tests.unit.grasp.builders import arm, frame, gripper, seen
 
 TICK = 10_000_000
 HEIGHT = 0.2
@@ -294,7 +294,7 @@ def test_reactions_off_notes_slip_and_does_nothing() -> None:
 
 FAULTS = [
     {"trouble": "link_lost: cable"},
-    {"tactile_stale": True},
+    {"frame": frame(stale=True)},
     {"gripper": gripper(-200_000_000)},
     {"arm": arm(-200_000_000)},
     {"gripper": gripper(0, fault=13)},
@@ -357,9 +357,23 @@ def test_safe_state_that_is_never_seen_ends_in_its_time_and_says_what_is_missing
     assert d.controller.unreached == ("the arm still moves",)
 
 
-def test_arm_that_cannot_be_believed_is_stopped_again_and_again_and_never_said_to_stand() -> None:
+FROZEN = "arm_frozen: the position stands while it is told to move"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"doubt": FROZEN},
+        {"doubt": f"loop_stood_still: for 0.2 s nobody was in control; {FROZEN}"},
+        {"trouble": "link_lost: the gripper does not answer", "doubt": FROZEN},
+    ],
+    ids=["alone", "after another doubt", "after trouble"],
+)
+def test_arm_that_cannot_be_believed_is_stopped_again_and_again_and_never_said_to_stand(
+    change: dict[str, object],
+) -> None:
     d = Driver().lift()
-    d.step(trouble="arm_frozen: the position stands while it is told to move")
+    d.step(**change)
     for _ in range(310):
         d.step()
     assert sum(isinstance(c, StopArm) for c in d.commands) > 20

@@ -1,0 +1,72 @@
+"""What one step is told, and what it makes of it before anything is decided."""
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.interfaces import ArmState, Detection, GripperState, TactileFrame, Vector3
+from grasp.commands import CloseFast
+
+
+class StepInput(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything that one step is told; ``frame`` is None until the fingertips have sent one.
+
+    ``pending``: a command of an earlier step has not reached its device yet. ``trouble``: one line
+    of what went wrong in device exchanges since the last step, empty when all is well.
+    ``set_down``: whoever runs the experiment has what they want; a held object may be set down.
+    ``stop``: the run shall end now, and why; empty while it may go on.
+    ``late_ns``: how much later than it should this step began; ``took_ns``: how long the one before
+    took. Both are 0 in virtual time, which stands still while we compute.
+    """
+
+    t_ns: int
+    frame: TactileFrame | None
+    rest_taken: bool
+    gripper: GripperState
+    arm: ArmState
+    pending: bool = False
+    trouble: str = ""
+    gripper_lost: bool = False
+    set_down: bool = False
+    stop: str = ""
+    late_ns: int = 0
+    took_ns: int = 0
+
+
+class Observation(StepInput, frozen=True, kw_only=True):
+    """All that the controller may know: what the step was told, and what follows from it.
+
+    ``probabilities``: of slip, (3,), zeros where no fresh frame says anything. ``doubt``: what a
+    device says that cannot be believed; empty when all can. ``overloaded``: measured force is above
+    the limit and its margin. ``last_close``: the closing that was admitted last.
+    """
+
+    probabilities: NDArray[np.float64]
+    doubt: str = ""
+    measured_n: Vector3 = (0.0, 0.0, 0.0)
+    overloaded: bool = False
+    last_close: CloseFast | None = None
+
+    @property
+    def tactile_stale(self) -> bool:
+        """The fingertips have missed too many samples."""
+        return self.frame is not None and self.frame.stale
+
+    @property
+    def hand_rests(self) -> bool:
+        """The fingers stand, and nothing that they were told is on its way."""
+        return not self.pending and self.gripper.at_rest
+
+    @property
+    def at_cap(self) -> bool:
+        """Whether another closing would do nothing: each finger that closed last is latched in
+        contact, or stands at the last count that the guard lets it have."""
+        close = self.last_close
+        if close is None or not self.hand_rests:
+            return False
+        fingers = zip(self.gripper.fingers, close.closing, close.limits_counts, strict=True)
+        return all(
+            f.detection is Detection.CONTACT_CLOSING or f.position_counts >= limit
+            for f, closes, limit in fingers
+            if closes
+        )

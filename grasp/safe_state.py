@@ -1,0 +1,74 @@
+"""SafeState: what arm and hand shall do once a run has ended early, and what of it is not seen.
+
+A fault, a person who stops, an object that is lost: by the phase in which it happened. The table is
+in docs/architecture.md, "Safe states".
+"""
+
+import msgspec
+
+from grasp.commands import CloseFast, Command, HoldFingers
+from grasp.observation import Observation
+from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, CONTACT_PHASES, Phase
+
+
+class SafeState(msgspec.Struct, frozen=True):
+    """One that was entered: its phase (lost, stopped or fault), the phase before, when, and the
+    cause, whose parts are joined by "; "."""
+
+    phase: Phase
+    before: Phase
+    since_ns: int
+    cause: str
+
+    @property
+    def arm_is_doubted(self) -> bool:
+        """Whether the arm cannot be believed, whatever else is wrong: then neither can its
+        standing."""
+        return any(part.startswith("arm_") for part in self.cause.split("; "))
+
+    @property
+    def closes_hand(self) -> bool:
+        """The object may be in the air: the hand closes to the limit."""
+        return self.phase is Phase.FAULT and self.before in AIRBORNE_PHASES
+
+    @property
+    def leaves_hand(self) -> bool:
+        """The hand is told nothing: it has touched nothing yet, or a grip is kept, or there is
+        nothing left to grip."""
+        if self.before is Phase.IDLE or self.phase is Phase.LOST:
+            return True
+        return self.phase is Phase.STOPPED and self.before in CONTACT_PHASES - CLOSING_PHASES
+
+    def of_hand(self, closure: CloseFast) -> tuple[Command, ...]:
+        """What is asked of the hand; ``closure``: the fastest there is, to the limit."""
+        if self.leaves_hand:
+            return ()
+        return (closure,) if self.closes_hand else (HoldFingers(),)
+
+    def hand_is_safe(self, seen: Observation) -> bool:
+        """Whether the hand is seen to be as it shall; not before it was asked to be."""
+        if self.before is Phase.IDLE:
+            return True
+        if seen.t_ns == self.since_ns and not self.leaves_hand:
+            return False
+        if self.closes_hand:
+            return seen.at_cap or (seen.overloaded and seen.hand_rests)
+        return seen.hand_rests
+
+    def missing_of_arm(self, seen: Observation, stale_ns: float) -> tuple[str, ...]:
+        """What is not seen of an arm that stands; one not heard of for ``stale_ns`` is not seen."""
+        if seen.arm.age_ns(seen.t_ns) > stale_ns:
+            return ("the arm is not heard: whether it stands is unknown",)
+        if self.arm_is_doubted:
+            return ("the arm cannot be believed: whether it stands is unknown",)
+        return ("the arm still moves",) if seen.pending or seen.arm.moving else ()
+
+    def missing_of_hand(self, seen: Observation) -> tuple[str, ...]:
+        """What is not seen of a hand that is as it shall be."""
+        if seen.gripper_lost:
+            return ("the hand is not heard: it holds as it stands",)
+        if self.hand_is_safe(seen):
+            return ()
+        if seen.gripper.fault:
+            return ("the hand reports a fault and moves no more: it holds as it stands",)
+        return ("the hand is not as it should be",)

@@ -1,0 +1,113 @@
+"""What a safe state asks of arm and hand, and what it says it has not seen."""
+
+import pytest
+
+from drivers.interfaces import Detection
+from grasp.commands import CloseFast, Command, HoldFingers
+from grasp.observation import Observation
+from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, SAFE_PHASES, Phase
+from grasp.safe_state import SafeState
+from tests.unit.grasp.builders import arm, gripper, seen
+
+CLOSURE = CloseFast(10.0, (True, False, False), (255, 255, 255), 0.06)
+MOVING = (Detection.MOVING, Detection.AT_TARGET, Detection.AT_TARGET)
+LATCHED = (Detection.CONTACT_CLOSING, Detection.AT_TARGET, Detection.AT_TARGET)
+OLD_NS = 100e6
+ENTERED_NS, LATER_NS = 5, 10_000_005
+LOOSE = [p for p in Phase if p not in AIRBORNE_PHASES | SAFE_PHASES | {Phase.IDLE}]
+
+
+def state(phase: Phase, before: Phase, cause: str = "x") -> SafeState:
+    return SafeState(phase, before, ENTERED_NS, cause)
+
+
+def later(**changes: object) -> Observation:
+    return seen(LATER_NS, **changes)
+
+
+@pytest.mark.parametrize(
+    ("phase", "before", "asked"),
+    [
+        *((Phase.FAULT, p, (CLOSURE,)) for p in sorted(AIRBORNE_PHASES)),
+        *((Phase.FAULT, p, (HoldFingers(),)) for p in LOOSE),
+        *((Phase.STOPPED, p, ()) for p in sorted(AIRBORNE_PHASES)),
+        *((Phase.STOPPED, p, (HoldFingers(),)) for p in sorted(CLOSING_PHASES)),
+        (Phase.STOPPED, Phase.APPROACH, (HoldFingers(),)),
+        *((Phase.LOST, p, ()) for p in sorted(AIRBORNE_PHASES)),
+        *((p, Phase.IDLE, ()) for p in sorted(SAFE_PHASES)),
+    ],
+)
+def test_hand_closes_only_in_a_fault_in_the_air(
+    phase: Phase, before: Phase, asked: tuple[Command, ...]
+) -> None:
+    assert state(phase, before).of_hand(CLOSURE) == asked
+
+
+@pytest.mark.parametrize(
+    ("cause", "doubted"),
+    [
+        ("arm_frozen: 0.4 s at one place", True),
+        ("fingertip_dead: finger A; arm_wrong_way: 9 mm away", True),
+        ("link_lost: the gripper does not answer; arm_jump: 0.2 m", True),
+        ("fingertip_dead: finger A gives the same codes for ever", False),
+        ("arm stopped by its safety system", False),
+        ("detector_failed: KeyError: 'arm_frozen'", False),
+    ],
+)
+def test_arm_is_doubted_wherever_among_the_causes_that_is_said(cause: str, doubted: bool) -> None:
+    safe = state(Phase.FAULT, Phase.LIFT, cause)
+    assert safe.arm_is_doubted is doubted
+    assert bool(safe.missing_of_arm(later(), OLD_NS)) is doubted
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({}, ()),
+        ({"arm": arm(LATER_NS, moving=True)}, ("the arm still moves",)),
+        ({"pending": True}, ("the arm still moves",)),
+        ({"arm": arm(LATER_NS - 101_000_000)},
+         ("the arm is not heard: whether it stands is unknown",)),
+    ],
+)  # fmt: skip
+def test_arm_that_is_not_seen_to_stand_is_missing(
+    changes: dict[str, object], said: tuple[str, ...]
+) -> None:
+    assert state(Phase.FAULT, Phase.LIFT).missing_of_arm(later(**changes), OLD_NS) == said
+
+
+@pytest.mark.parametrize(
+    ("before", "changes", "safe"),
+    [
+        (Phase.LIFT, {}, False),
+        (Phase.LIFT, {"last_close": CLOSURE}, False),
+        (Phase.LIFT, {"last_close": CLOSURE, "gripper": gripper(detections=LATCHED)}, True),
+        (Phase.LIFT, {"last_close": CLOSURE, "gripper": gripper(detections=MOVING)}, False),
+        (Phase.LIFT, {"overloaded": True}, True),
+        (Phase.LIFT, {"overloaded": True, "gripper": gripper(detections=MOVING)}, False),
+        (Phase.GRASP, {}, True),
+        (Phase.GRASP, {"pending": True}, False),
+        (Phase.GRASP, {"gripper": gripper(detections=MOVING)}, False),
+        (Phase.IDLE, {"gripper": gripper(detections=MOVING)}, True),
+    ],
+)
+def test_hand_is_safe_once_it_is_seen_to_be_as_it_was_asked(
+    before: Phase, changes: dict[str, object], safe: bool
+) -> None:
+    fault = state(Phase.FAULT, before)
+    assert fault.hand_is_safe(later(**changes)) is safe
+    assert fault.missing_of_hand(later(**changes)) == (
+        () if safe else ("the hand is not as it should be",)
+    )
+
+
+def test_how_the_hand_stood_when_the_safe_state_began_proves_nothing() -> None:
+    at_rest = seen(ENTERED_NS)
+    assert not state(Phase.FAULT, Phase.GRASP).hand_is_safe(at_rest)
+    assert state(Phase.STOPPED, Phase.LIFT).hand_is_safe(at_rest)  # nothing is asked of it
+
+
+def test_hand_that_cannot_be_told_anything_is_said_to_hold_as_it_stands() -> None:
+    safe = state(Phase.FAULT, Phase.LIFT)
+    assert "not heard" in safe.missing_of_hand(later(gripper_lost=True))[0]
+    assert "reports a fault" in safe.missing_of_hand(later(gripper=gripper(fault=13)))[0]
