@@ -53,9 +53,9 @@ class Decision(msgspec.Struct, frozen=True):
 class GraspController:
     """Grasps, lifts, answers slip, holds, sets down. Feed ``step`` once a tactile sample.
 
-    Where it stands is the phase and when that began. Beside it there are the arm's home, when
-    contact was felt last, when force was last within the limit, when the arm came to the top and
-    when a safe state was last asked for.
+    Where it stands is the phase and when that began. Beside it there are the arm's home and facts
+    of the world with their times: when contact was felt last, when force was last within the limit.
+    ``_asked_ns``, when a safe state was last asked for, paces its requests.
     """
 
     def __init__(self, settings: ControllerSettings, plan: GripPlan, monitor: SlipMonitor) -> None:
@@ -76,7 +76,6 @@ class GraspController:
         self._entered_ns = 0
         self._felt_ns = 0
         self._in_limit_ns = 0
-        self._at_top_ns: int | None = None
         self._asked_ns = 0
         self._handlers: dict[Phase, Callable[[Observation], None]] = {
             Phase.IDLE: self._idle,
@@ -85,7 +84,8 @@ class GraspController:
             Phase.GRASP: self._grasp,
             Phase.OPPOSE: self._oppose,
             Phase.SQUEEZE: self._squeeze,
-            Phase.SETTLE: self._settle,
+            Phase.RELAX: self._relax,
+            Phase.LISTEN: self._listen,
             Phase.LIFT: self._lift,
             Phase.COMPENSATE: self._compensate,
             Phase.HOLD: self._hold,
@@ -175,8 +175,7 @@ class GraspController:
 
     def _time_trouble(self, seen: Observation) -> str:
         timeout_s = self._settings.phase_timeout_s
-        at_top = self.phase is Phase.HOLD and self._at_top_ns is not None
-        timed = self.phase is not Phase.IDLE and not at_top
+        timed = self.phase not in (Phase.IDLE, Phase.HOLD)
         if timed and self._lasted(seen, timeout_s):
             return f"phase {self.phase} lasted longer than {timeout_s:g} s"
         return ""
@@ -271,23 +270,29 @@ class GraspController:
         self._fire(Trigger.GRIPPED, seen, cause)
         self._reset_detector = True
 
-    def _settle(self, seen: Observation) -> None:
+    def _relax(self, seen: Observation) -> None:
+        if self._stands(seen) and self._lasted(seen, self._settings.relax_s):
+            self._fire(Trigger.RELAXED, seen, "pads relaxed")
+            self._reset_detector = True
+            self.monitor.arm()
+
+    def _listen(self, seen: Observation) -> None:
         s = self._settings
-        good = self._stopped_on_contact if s.firm else self._positioned
-        if not seen.hand_rests or not good(seen):
+        if not self._stands(seen):
             return
-        if not self.monitor.status.armed:
-            if self._lasted(seen, s.relax_s):
-                self._reset_detector = True
-                self.monitor.arm()
-        elif self._contact_lost(seen):
+        if self._contact_lost(seen):
             self._fail(
                 seen, "the thumb feels nothing at its position: no object, or a narrower one"
             )
-        elif self._lasted(seen, s.relax_s + s.listen_s):
-            self._fire(Trigger.SETTLED, seen, "pads relaxed, detector listening")
+        elif self._lasted(seen, s.listen_s):
+            self._fire(Trigger.LISTENED, seen, "the detector has listened")
             self._anchor = True
             self._move_arm(s.lift_height_m, s.lift_speed_mps)
+
+    def _stands(self, seen: Observation) -> bool:
+        """Whether the fingers rest in the grip that is wanted; a fault if that is another."""
+        good = self._stopped_on_contact if self._settings.firm else self._positioned
+        return seen.hand_rests and good(seen)
 
     def _positioned(self, seen: Observation) -> bool:
         """False, and a fault, when a finger at rest did not end by position."""
@@ -339,35 +344,33 @@ class GraspController:
         elif slip.masked:
             return
         elif not slip.registered:
-            self._fire(Trigger.SLIP_STOPPED, seen, "slip has stopped")
+            self._go_on(seen, Trigger.SLIP_STOPPED, "slip has stopped")
         elif self._settings.hold_by_clock:
-            self._fire(Trigger.SLIP_BORNE, seen, "slip goes on, and the hold ends by its clock")
+            self._go_on(seen, Trigger.SLIP_BORNE, "slip goes on, and the hold ends by its clock")
         elif self._patience_ended(seen):
             self.cap_reached = True
             self._fire(Trigger.CAP_REACHED, seen, "slip goes on and the force can rise no more")
             self._set_down()
+
+    def _go_on(self, seen: Observation, rising: Trigger, cause: str) -> None:
+        at_top = self._arm_at(seen, self._settings.lift_height_m)
+        self._fire(Trigger.LIFTED if at_top else rising, seen, cause)
 
     def _patience_ended(self, seen: Observation) -> bool:
         since_ns = max(self._entered_ns, self.monitor.masked_until_ns)
         return seen.t_ns - since_ns >= self._settings.cap_patience_s * 1e9
 
     def _hold(self, seen: Observation) -> None:
+        """Ends a while after slip was answered last, or where alarms that no closing can answer
+        come and go, a while after the arm first came to the top."""
         s = self._settings
-        at_top = self._arm_at(seen, s.lift_height_m)
-        if at_top and self._at_top_ns is None:
-            self._at_top_ns = seen.t_ns
-        over = s.hold_by_clock and self._since_top(seen, s.hold_s)
-        tired = seen.at_cap and self._since_top(seen, s.hold_s + s.alarm_hold_s)
+        held_ns = seen.t_ns - self.machine.first_ns(Phase.HOLD)
+        over = s.hold_by_clock and held_ns >= s.hold_s * 1e9
+        tired = seen.at_cap and held_ns >= (s.hold_s + s.alarm_hold_s) * 1e9
         if not (over or tired) and self._answers(seen):
             return
-        quiet = self._since_top(seen, s.hold_s) and self._lasted(seen, s.hold_s)
-        if at_top and (over or tired or quiet or (seen.set_down and self._since_top(seen, 0.0))):
+        if over or tired or seen.set_down or self._lasted(seen, s.hold_s):
             self._end_hold(seen)
-
-    def _since_top(self, seen: Observation, duration_s: float) -> bool:
-        """Whether the arm came to the top so long ago, in an earlier step at least."""
-        since_ns = self._at_top_ns
-        return since_ns is not None and seen.t_ns - since_ns >= max(1, duration_s * 1e9)
 
     def _end_hold(self, seen: Observation) -> None:
         self.alarm_stayed = self.monitor.status.registered

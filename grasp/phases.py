@@ -19,10 +19,11 @@ class Phase(StrEnum):
     GRASP = "grasp"  # B and C on their way to their positions on the object
     OPPOSE = "oppose"  # the thumb, last, on its way to its own
     SQUEEZE = "squeeze"  # a firm grip: the thumb closes until it stops at the force cap
-    SETTLE = "settle"  # the grip stands; the pads relax, then the detector listens
-    LIFT = "lift"
+    RELAX = "relax"  # the grip stands, the pads relax
+    LISTEN = "listen"  # they have; the detector listens before the arm moves
+    LIFT = "lift"  # the arm on its way up
     COMPENSATE = "compensate"
-    HOLD = "hold"
+    HOLD = "hold"  # at the top
     LOWER = "lower"
     RELEASE = "release"  # fingers on their way open
     RETREAT = "retreat"  # the arm on its way clear of the object
@@ -40,11 +41,12 @@ class Trigger(StrEnum):
     BRACED = "braced"  # B and C at their positions
     POSITIONED = "positioned"  # all fingers are, and a firm grip is wanted
     GRIPPED = "gripped"  # the grip is what it shall be
-    SETTLED = "settled"  # pads relaxed, detector listening
+    RELAXED = "relaxed"  # the detector may listen
+    LISTENED = "listened"  # long enough: the arm may move
     SLIP_REGISTERED = "slip_registered"
-    SLIP_STOPPED = "slip_stopped"
-    SLIP_BORNE = "slip_borne"  # slip goes on at the force cap, and the hold ends by its clock
-    LIFTED = "lifted"  # the arm is at the top and nothing slips
+    SLIP_STOPPED = "slip_stopped"  # the arm is still on its way up
+    SLIP_BORNE = "slip_borne"  # so it is; slip goes on at the force cap, and nobody minds
+    LIFTED = "lifted"  # the arm is at the top, and nothing slips or nobody minds
     CAP_REACHED = "cap_reached"  # slip goes on although the force cannot rise any more
     FINISHED = "finished"  # held long enough: set it down
     LANDED = "landed"
@@ -56,8 +58,8 @@ class Trigger(StrEnum):
 
 
 AIRBORNE_PHASES = frozenset({Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.LOWER})
-CONTACT_PHASES = AIRBORNE_PHASES | {Phase.GRASP, Phase.OPPOSE, Phase.SQUEEZE, Phase.SETTLE}
 CLOSING_PHASES = frozenset({Phase.GRASP, Phase.OPPOSE, Phase.SQUEEZE})  # onto the object
+CONTACT_PHASES = AIRBORNE_PHASES | CLOSING_PHASES | {Phase.RELAX, Phase.LISTEN}
 OPEN_PHASES = frozenset({Phase.IDLE, Phase.RELEASE, Phase.RETREAT})  # nobody has to feel anything
 SAFE_PHASES = frozenset({Phase.LOST, Phase.STOPPED, Phase.FAULT})  # nothing leads out of them
 
@@ -67,12 +69,13 @@ TRANSITIONS: tuple[tuple[Trigger, tuple[Phase, ...], Phase], ...] = (
     (Trigger.RESTED, (Phase.REST,), Phase.GRASP),
     (Trigger.BRACED, (Phase.GRASP,), Phase.OPPOSE),
     (Trigger.POSITIONED, (Phase.OPPOSE,), Phase.SQUEEZE),
-    (Trigger.GRIPPED, (Phase.OPPOSE, Phase.SQUEEZE), Phase.SETTLE),
-    (Trigger.SETTLED, (Phase.SETTLE,), Phase.LIFT),
+    (Trigger.GRIPPED, (Phase.OPPOSE, Phase.SQUEEZE), Phase.RELAX),
+    (Trigger.RELAXED, (Phase.RELAX,), Phase.LISTEN),
+    (Trigger.LISTENED, (Phase.LISTEN,), Phase.LIFT),
     (Trigger.SLIP_REGISTERED, (Phase.LIFT, Phase.HOLD), Phase.COMPENSATE),
-    (Trigger.SLIP_STOPPED, (Phase.COMPENSATE,), Phase.HOLD),
-    (Trigger.SLIP_BORNE, (Phase.COMPENSATE,), Phase.HOLD),
-    (Trigger.LIFTED, (Phase.LIFT,), Phase.HOLD),
+    (Trigger.SLIP_STOPPED, (Phase.COMPENSATE,), Phase.LIFT),
+    (Trigger.SLIP_BORNE, (Phase.COMPENSATE,), Phase.LIFT),
+    (Trigger.LIFTED, (Phase.LIFT, Phase.COMPENSATE), Phase.HOLD),
     (Trigger.CAP_REACHED, (Phase.COMPENSATE,), Phase.LOWER),
     (Trigger.FINISHED, (Phase.HOLD,), Phase.LOWER),
     (Trigger.LANDED, (Phase.LOWER,), Phase.RELEASE),
@@ -117,6 +120,13 @@ class PhaseMachine:
     def before(self) -> Phase:
         """The phase before the present one."""
         return Phase(self.log[-2].phase) if len(self.log) > 1 else Phase.IDLE
+
+    def first_ns(self, phase: Phase) -> int:
+        """When that phase was entered for the first time; raises ValueError if it never was."""
+        times = [change.t_ns for change in self.log if change.phase == phase]
+        if not times:
+            raise ValueError(f"{phase} was never entered")
+        return times[0]
 
     def fire(self, trigger: Trigger, t_ns: int, cause: str) -> None:
         """Make the transition; raises transitions.MachineError where the table has no such way."""

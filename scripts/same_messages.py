@@ -33,6 +33,8 @@ RENAMED: tuple[tuple[bytes, bytes], ...] = (
     (b'"phase":"rest"', b'"phase":"approach"'),
     (b'"phase":"squeeze"', b'"phase":"grasp"'),
     (b'"phase":"settle"', b'"phase":"grasp"'),
+    (b'"phase":"relax"', b'"phase":"grasp"'),
+    (b'"phase":"listen"', b'"phase":"grasp"'),
     (b'"phase":"retreat"', b'"phase":"release"'),
 )
 

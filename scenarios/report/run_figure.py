@@ -15,8 +15,9 @@ from scenarios.trial.run_folder import open_trial
 COLOURS = {"A": "#1f5f99", "B": "#c2571a", "C": "#3a7d44"}
 LOWERING_SHOWN_S = 0.3
 SHADES = {
-    "grasp": "#eef3f8", "squeeze": "#e8eff5", "settle": "#eef3f8", "lift": "#e0eaf4",
-    "compensate": "#fde3c8", "hold": "#e3f1e3", "lower": "#f3f3f3", "fault": "#f8d7d7",
+    "grasp": "#eef3f8", "squeeze": "#e8eff5", "relax": "#eef3f8", "listen": "#e8eff5",
+    "lift": "#e0eaf4", "compensate": "#fde3c8", "hold": "#e3f1e3", "lower": "#f3f3f3",
+    "fault": "#f8d7d7",
 }  # fmt: skip
 
 

@@ -256,10 +256,10 @@ def stopped_at_mps2(v: float) -> float:
 def listened_s(**settings: Any) -> tuple[float, float]:
     """From the fingers' rest to listening, and on to the lift."""
     d = Driver(**settings)
-    d.until(Phase.SETTLE)
+    d.until(Phase.RELAX)
     began_ns = d.t_ns
-    while not d.controller.monitor.status.armed:
-        d.step()
+    d.until(Phase.LISTEN)
+    assert d.controller.monitor.status.armed
     armed_ns = d.t_ns
     d.until(Phase.LIFT)
     return (armed_ns - began_ns) * 1e-9, (d.t_ns - armed_ns) * 1e-9

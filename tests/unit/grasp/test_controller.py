@@ -137,7 +137,7 @@ def test_detector_is_reset_and_armed_only_once_the_fingers_rest() -> None:
     assert d.controller.monitor.status.armed
 
 
-def test_firm_grip_squeezes_to_the_cap_and_settles_once_the_thumb_stopped_on_the_object() -> None:
+def test_firm_grip_squeezes_to_the_cap_and_relaxes_once_the_thumb_stopped_on_the_object() -> None:
     d = Driver(firm=True)
     d.until(Phase.SQUEEZE)
     assert d.commands[-1] == CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)
@@ -146,7 +146,7 @@ def test_firm_grip_squeezes_to_the_cap_and_settles_once_the_thumb_stopped_on_the
     for _ in range(70):
         d.step(gripper=d.hand(detections=LATCHED))
     phases = [c.phase for c in d.controller.machine.log]
-    assert phases == ["approach", "rest", "grasp", "oppose", "squeeze", "settle", "lift"]
+    assert phases == ["approach", "rest", "grasp", "oppose", "squeeze", "relax", "listen", "lift"]
 
 
 def test_thumb_that_meets_nothing_in_the_squeeze_is_a_fault_and_nothing_is_lifted() -> None:
@@ -159,7 +159,9 @@ def test_thumb_that_meets_nothing_in_the_squeeze_is_a_fault_and_nothing_is_lifte
     assert d.commands == [StopArm(1.0), HoldFingers()]
 
 
-@pytest.mark.parametrize("phase", [Phase.REST, Phase.GRASP, Phase.SQUEEZE, Phase.SETTLE])
+@pytest.mark.parametrize(
+    "phase", [Phase.REST, Phase.GRASP, Phase.SQUEEZE, Phase.RELAX, Phase.LISTEN]
+)
 def test_fault_before_the_lift_keeps_the_fingers_where_they_are(phase: Phase) -> None:
     d = Driver(firm=phase is Phase.SQUEEZE)
     d.until(phase)
@@ -174,7 +176,7 @@ def test_guard_is_anchored_when_the_arm_begins_to_rise_and_at_no_other_time() ->
     assert [x.phase for x in decisions if x.anchor] == [Phase.LIFT]
 
 
-@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.SETTLE, Phase.LIFT])
+@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.RELAX, Phase.LISTEN, Phase.LIFT])
 def test_person_who_interrupts_stops_the_arm_and_never_opens_a_grip(phase: Phase) -> None:
     d = Driver(stop_deceleration_mps2=2.0)
     d.until(phase)
@@ -213,7 +215,7 @@ def test_own_closing_cannot_trigger_itself() -> None:
     for _ in range(10):
         d.climb(0.0, gripper=d.hand(detections=LATCHED))
     assert d.commands == []
-    assert d.controller.phase is Phase.HOLD
+    assert d.controller.phase is Phase.LIFT
     assert len(d.controller.monitor.events) == 1
 
 
@@ -234,10 +236,10 @@ def test_hold_by_its_clock_sets_down_in_time_though_slip_stays_registered() -> N
     d.commands.clear()
     while d.controller.phase is Phase.COMPENSATE:
         d.climb(0.9, gripper=d.hand(detections=LATCHED))
-    assert d.controller.phase is Phase.HOLD
+    assert d.controller.phase is Phase.LIFT
     d.height_m = HEIGHT
     since = d.t_ns
-    while d.step(0.9, gripper=d.hand(detections=LATCHED)).phase is Phase.HOLD:
+    while d.step(0.9, gripper=d.hand(detections=LATCHED)).phase in (Phase.LIFT, Phase.HOLD):
         assert d.commands == []  # nothing to close any further
     assert d.controller.phase is Phase.LOWER
     assert d.t_ns - since == pytest.approx(0.51e9, abs=0.02e9)
@@ -251,6 +253,30 @@ def test_hold_by_its_clock_still_stops_the_arm_when_contact_is_lost_at_the_cap()
     for _ in range(10):
         d.climb(0.9, gripper=d.hand(detections=LATCHED), measured_n=(0.0, 0.0, 0.0))
     assert d.controller.phase is Phase.LOST
+
+
+def test_slip_that_stops_on_the_way_up_leads_back_to_the_lift_and_at_the_top_to_the_hold() -> None:
+    d = Driver().slip()
+    for _ in range(30):
+        d.climb()
+    d.height_m = HEIGHT
+    d.until(Phase.HOLD)
+    d.until(Phase.COMPENSATE, 0.9)
+    d.until(Phase.HOLD)
+    assert [c.phase for c in d.controller.machine.log[-5:]] == [
+        "compensate", "lift", "hold", "compensate", "hold",
+    ]  # fmt: skip
+
+
+def test_hold_begins_anew_after_slip_was_answered() -> None:
+    d = Driver(hold_s=0.5).lift()
+    d.height_m = HEIGHT
+    d.until(Phase.HOLD)
+    d.until(Phase.COMPENSATE, 0.9)
+    d.until(Phase.HOLD)
+    began_ns = d.t_ns
+    d.until(Phase.LOWER)
+    assert d.t_ns - began_ns == 500_000_000
 
 
 def test_hold_answers_slip_that_comes_late() -> None:
@@ -491,7 +517,7 @@ def test_close_that_could_do_nothing_is_not_sent() -> None:
     d = Driver().slip()
     for _ in range(40):
         d.climb(0.0)
-    assert d.controller.phase is Phase.HOLD
+    assert d.controller.phase is Phase.LIFT
     d.commands.clear()
     for _ in range(10):
         d.climb(0.9)
@@ -544,7 +570,7 @@ def test_every_transition_is_logged_with_time_and_cause() -> None:
     d = Driver().slip()
     log = d.controller.machine.log
     assert [c.phase for c in log] == [
-        "approach", "rest", "grasp", "oppose", "settle", "lift", "compensate",
+        "approach", "rest", "grasp", "oppose", "relax", "listen", "lift", "compensate",
     ]  # fmt: skip
     assert all(c.cause for c in log)
     assert log[-1].t_ns == d.t_ns

@@ -70,8 +70,8 @@ def grasp_heights_m(recordings: list[str]) -> list[float]:
     found = []
     for path in recordings:
         recording = RunRecording.open(Path(path), RUN_CHANNELS)
-        settled_ns = next(t_ns for t_ns, change in recording.of(PHASES) if change.phase == "settle")
-        found.append(next(arm.position_m[2] for t, arm in recording.of(ARM) if t >= settled_ns))
+        gripped_ns = next(t_ns for t_ns, change in recording.of(PHASES) if change.phase == "relax")
+        found.append(next(arm.position_m[2] for t, arm in recording.of(ARM) if t >= gripped_ns))
     return found
 
 

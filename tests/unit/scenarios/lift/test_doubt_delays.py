@@ -24,7 +24,7 @@ CASES = [
     (fault.let_thumb_leap, (P.APPROACH, P.GRASP, P.LIFT, P.HOLD), "gripper_impossible"),
     (fault.lose_arm_position, (P.APPROACH, P.GRASP, P.LIFT, P.HOLD), "arm_position_nan"),
     (fault.freeze_arm_values, (P.LIFT, P.LOWER), "arm_frozen"),
-    (fault.turn_arm_round, (P.SETTLE,), "arm_wrong_way"),
+    (fault.turn_arm_round, (P.LISTEN,), "arm_wrong_way"),
     (fault.push_arm, (P.APPROACH, P.GRASP, P.LIFT, P.HOLD), "arm_wrong_way"),
     (fault.let_arm_leap, (P.APPROACH, P.GRASP, P.LIFT, P.HOLD), "arm_jump"),
     (fault.stand_still(0.3), (P.APPROACH, P.GRASP, P.LIFT, P.HOLD), "loop_stood_still"),

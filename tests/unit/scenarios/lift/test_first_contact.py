@@ -40,14 +40,14 @@ def test_no_finger_passes_the_limit_on_an_object_that_is_wider_than_expected(
 def test_object_as_expected_is_gripped_by_position_and_lifted(name: str) -> None:
     phases = [p.phase for p in lifted(name, 0.0).phases]
     assert "fault" not in phases
-    assert phases[4:6] == ["settle", "lift"]
+    assert phases[4:7] == ["relax", "listen", "lift"]
 
 
 @pytest.mark.parametrize("name", ["ball", "box", "can", "cardboard", "football"])
 @pytest.mark.parametrize("narrower_mm", [1.0, 2.0])
 def test_missing_touch_is_noticed_before_the_arm_lifts(name: str, narrower_mm: float) -> None:
     result = lifted(name, -narrower_mm * 1e-3)
-    assert [p.phase for p in result.phases][-2:] == ["settle", "fault"]
+    assert [p.phase for p in result.phases][-2:] == ["listen", "fault"]
     assert "feels nothing" in result.phases[-1].cause
 
 

@@ -17,8 +17,8 @@ def test_weak_grasp_on_the_can_is_felt_and_saved(plain_lift: LiftResult) -> None
     assert r.success
     assert r.outcome == "held_within_6cm"
     assert [p.phase for p in r.phases] == [
-        "approach", "rest", "grasp", "oppose", "settle", "lift", "compensate", "hold", "lower",
-        "release", "retreat", "idle",
+        "approach", "rest", "grasp", "oppose", "relax", "listen", "lift", "compensate", "lift",
+        "hold", "lower", "release", "retreat", "idle",
     ]  # fmt: skip
     assert r.slip_onset_s is not None
     assert r.first_detection_s is not None
