@@ -126,10 +126,14 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
 
 class Doubts:
-    """All doubts of a run. ``of`` and ``sent`` once a step each, in this order."""
+    """All doubts of a run. ``of`` and ``sent`` once a step each, in this order.
 
-    def __init__(self, settings: DoubtSettings) -> None:
+    ``stand_ins``: there are no devices, only what obeys in their place; it is believed.
+    """
+
+    def __init__(self, settings: DoubtSettings, stand_ins: bool = False) -> None:
         self._settings = settings
+        self._stand_ins = stand_ins
         self._fingertips = FingertipDoubt(settings)
         self._gripper = GripperDoubt(settings)
         self._arm = ArmDoubt(settings)
@@ -154,6 +158,8 @@ class Doubts:
         ``late_ns``: how much later than it should this step began; ``took_ns``: how long the one
         before took. ``pending`` as in ``observation.StepInput``.
         """
+        if self._stand_ins:
+            return ""
         found = (
             self._loop(phase, late_ns, took_ns),
             self._arm.see(arm, pending),

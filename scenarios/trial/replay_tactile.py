@@ -1,8 +1,9 @@
 """Feeds a recorded fingertip to the grasp step, as if it were lifting.
 
 A recording cannot react: whatever is commanded, the signal goes on. Devices that simply obey stand
-in for gripper and arm, and a step that has ended its lift is followed by a fresh one, so that every
-stroke of the recording gets its answer.
+in for gripper and arm. One step is told not to react: it never closes, so nothing masks what it
+hears, and it says what slip is registered. Another answers; once it has ended its lift a fresh one
+follows, so that every stroke of the recording gets its answer.
 """
 
 import itertools
@@ -12,7 +13,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.decision import make_rule
 from detector.recordings import Recording
 from drivers.interfaces import (
     FINGER_NAMES,
@@ -25,6 +25,7 @@ from drivers.interfaces import (
     FingerState,
     GripperState,
     TactileFrame,
+    Vector3,
 )
 from grasp.commands import (
     BeginRest,
@@ -38,7 +39,7 @@ from grasp.commands import (
 from grasp.controller import CLOSED_COUNTS
 from grasp.doubt import Doubts
 from grasp.observation import StepInput
-from grasp.slip import SlipMonitor
+from grasp.step import StepResult
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_step
 
@@ -57,7 +58,7 @@ class SentCommand(msgspec.Struct, frozen=True):
 
 
 class TactileReplay(msgspec.Struct, frozen=True):
-    """Registered slip of the monitor alone (never masked), and the controller's answers."""
+    """Registered slip where nobody reacts (never masked), and the controller's answers."""
 
     registered: list[tuple[float, str]]  # (t_s, finger)
     commands: list[SentCommand]
@@ -65,10 +66,13 @@ class TactileReplay(msgspec.Struct, frozen=True):
 
 
 class ObedientDevices:
-    """Gripper and arm that obey at once; closing takes 80 ms and ends in contact."""
+    """A gripper that obeys at once (closing takes 80 ms and ends in contact), and an arm that does
+    so too, or is for ever on its way: then the lift lasts as long as the recording."""
 
-    def __init__(self) -> None:
+    def __init__(self, arm_arrives: bool) -> None:
         self.rest_taken = False
+        self._arm_arrives = arm_arrives
+        self._arm_m: Vector3 = (0.0, 0.0, 0.0)
         self._targets: Counts3 = (0, 0, 0)
         self._closes_until_ns = -1
         self._latched = False
@@ -85,6 +89,7 @@ class ObedientDevices:
             self.rest_taken = True
         elif isinstance(command, MoveArm):
             self.lifting = True
+            self._arm_m = command.position_m if self._arm_arrives else self._arm_m
 
     def gripper(self, now_ns: int) -> GripperState:
         """A thumb that closed stands on its object, short of where it was told to go."""
@@ -97,14 +102,8 @@ class ObedientDevices:
         return GripperState(now_ns, 0, True, 0, "", True, (thumb, second, third))
 
     def arm(self, now_ns: int) -> ArmState:
-        return ArmState(now_ns, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), self.lifting)
-
-
-class _Undoubted(Doubts):
-    """Stand-ins are believed: missing fingers read nothing, and the arm stays where it is."""
-
-    def of(self, *_: object) -> str:
-        return ""
+        moving = self.lifting and not self._arm_arrives
+        return ArmState(now_ns, 0, self._arm_m, (0.0, 0.0, 0.0), moving)
 
 
 class _Lift:
@@ -114,9 +113,11 @@ class _Lift:
     arm has just been told to lift.
     """
 
-    def __init__(self, config: TrialConfig, earlier: Sequence[Counts], t_ns: int) -> None:
-        self._step = make_step(config, doubts=_Undoubted(config.doubt))
-        self._devices = ObedientDevices()
+    def __init__(
+        self, config: TrialConfig, earlier: Sequence[Counts], t_ns: int, arm_arrives: bool = False
+    ) -> None:
+        self._step = make_step(config, doubts=Doubts(config.doubt, stand_ins=True))
+        self._devices = ObedientDevices(arm_arrives)
         self._seq = 0
         times = itertools.count(t_ns - PERIOD_NS * len(earlier), PERIOD_NS)
         for counts in earlier:
@@ -133,7 +134,7 @@ class _Lift:
         controller = self._step.controller
         return controller.finished or (self.begun and not controller.monitor.status.armed)
 
-    def step(self, t_ns: int, counts: Counts) -> list[SentCommand]:
+    def step(self, t_ns: int, counts: Counts) -> StepResult:
         self._seq += 1
         none = np.zeros_like(counts)
         frame = TactileFrame(t_ns, t_ns, self._seq, counts, counts, none, none)
@@ -146,36 +147,48 @@ class _Lift:
                 arm=self._devices.arm(t_ns),
             )
         )
-        phase = result.decision.phase.value
         for command in result.admitted:
             self._devices.obey(command, t_ns)
-        return [SentCommand(t_ns * 1e-9, phase, c, describe(c)) for c in result.admitted]
+        return result
 
 
 def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
     """Replay a recording of one to three fingers; missing fingers stay at rest."""
-    detector = config.make_detector(FINGERS)
-    monitor = SlipMonitor(make_rule(config.rule, FINGERS), config.slip)
-    monitor.arm()
     frames = np.zeros((len(recording.t_s), FINGERS, TAXELS), np.int16)
     frames[:, : recording.counts.shape[1]] = recording.counts
-    commands: list[SentCommand] = []
-    probabilities: list[list[float]] = []
+    replay = TactileReplay([], [], [])
     lead = _steps_until_lift(config)
+    listener = _listener(config, lead, frames[0], round(recording.t_s[0] * 1e9))
     lift: _Lift | None = None
     for k, t_s in enumerate(recording.t_s.tolist()):
         t_ns = round(t_s * 1e9)
-        p = detector.update(frames[k])
-        probabilities.append(p.tolist())
-        monitor.update(t_ns, p)
-        if (lift is None or lift.over) and not monitor.status.registered:
+        heard = listener.step(t_ns, frames[k])
+        replay.probabilities.append(heard.observation.probabilities.tolist())
+        slip = heard.decision.slip
+        if slip.event:
+            replay.registered.append((t_ns * 1e-9, FINGER_NAMES[slip.finger]))
+        if (lift is None or lift.over) and not slip.registered:
             # the first frame stands in for what came before the recording
             earlier = [frames[max(0, i)] for i in range(k - lead, k)]
             lift = _Lift(config, earlier, t_ns)
         if lift is not None:
-            commands += lift.step(t_ns, frames[k])
-    registered = [(t_ns * 1e-9, FINGER_NAMES[finger]) for t_ns, finger in monitor.events]
-    return TactileReplay(registered, commands, probabilities)
+            replay.commands.extend(_sent(t_ns, lift.step(t_ns, frames[k])))
+    return replay
+
+
+def _listener(config: TrialConfig, lead: int, first: Counts, t_ns: int) -> _Lift:
+    """A lift that answers nothing and holds for ever at the top, ears open.
+
+    One whose thumb touches nothing ends before, in its safe state; there it hears on all the same.
+    """
+    settings = msgspec.structs.replace(config.controller, reactions=False, keep=True)
+    alone = msgspec.structs.replace(config, controller=settings)
+    return _Lift(alone, [first] * lead, t_ns, arm_arrives=True)
+
+
+def _sent(t_ns: int, result: StepResult) -> list[SentCommand]:
+    phase = result.decision.phase.value
+    return [SentCommand(t_ns * 1e-9, phase, c, describe(c)) for c in result.admitted]
 
 
 def _steps_until_lift(config: TrialConfig) -> int:
