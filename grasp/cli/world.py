@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import BadFile
+from drivers.errors import BadFile, UsageError
 from grasp.cli import exits
 from grasp.cli.options import need, progress, seed, whole
 from grasp.files import write_whole
@@ -49,6 +49,11 @@ def _add_calibrate(actions: Any) -> None:
     parser.add_argument(
         "--check", action="store_true", help="judge the built-in values; search for no others"
     )
+    parser.add_argument(
+        "--data", type=Path, action="append", default=[], metavar="DIR",
+        help="with --check: judge this data set beside the recording, instead of strokes like its "
+        "own; may be given several times",
+    )  # fmt: skip
     parser.add_argument(
         "--rounds",
         type=whole(1, 1000),
@@ -112,6 +117,8 @@ def calibrate(args: argparse.Namespace) -> int:
         raise BadFile(args.recording, "not one fingertip in slip and at rest", remedy)
     if args.out:
         args.out.touch()  # fails before the search rather than after it
+    if args.data:
+        return _judge_data(args, recording)
     counts = recording.counts[:, 0]
     real = signal_statistics(recording.t_s, counts, recording.slip)
     setup, fitted = (fitting.FitSetup(), {}) if args.check else _search(real, args)
@@ -132,6 +139,32 @@ def calibrate(args: argparse.Namespace) -> int:
     else:
         _print(real, rows, misfit, setup, without)
         _print_levels(fitting.data_set_levels(setup, args.clips // 2))
+    return exits.SUCCESS
+
+
+def _judge_data(args: argparse.Namespace, recording: Any) -> int:
+    """What `--data` asks for."""
+    import msgspec
+
+    from detector.recordings import read_dataset
+    from grasp.cli import judge_view
+    from scenarios.studies.signal.judge.report import clip_of, judge
+
+    if not args.check:
+        raise UsageError("--data judges, it does not search", "give --check with it")
+    clip, found = clip_of(recording), []
+    for folder in args.data:
+        with progress(f"judging {folder}", hidden=args.json):
+            made = judge(clip, read_dataset(folder), str(folder), args.seed)
+        if made is None:
+            remedy = "give a data set of strokes, such as config/datasets/paper.toml"
+            raise BadFile(folder, "no strokes of one fingertip as long as the recording", remedy)
+        found.append(made)
+    if args.json:
+        print(msgspec.json.encode(found).decode())
+    else:
+        for made in found:
+            judge_view.show(made)
     return exits.SUCCESS
 
 
