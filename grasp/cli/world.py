@@ -262,7 +262,7 @@ def _add_plan(actions: Any) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
-        help="override a setting of object, contact or scene, such as scene.aside_m=0.01",
+        help="override a setting of object, contact or scene, such as object.centre_aside_m=0.01",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="the plan as one JSON object")
     parser.set_defaults(handler=show_plan)

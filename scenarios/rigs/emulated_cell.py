@@ -29,7 +29,8 @@ from scenarios.rigs.cell_control import ControlServer
 from scenarios.rigs.cell_faults import CellFaults
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig, part
 from scenarios.rigs.world_of_seed import any_cell, cell_settings
-from scenarios.world.cell import Blow, SimulatedCell
+from scenarios.world.blow import Blow
+from scenarios.world.cell import SimulatedCell
 
 STALL_NS = 50_000_000
 ADDRESS_TRIES = 50

@@ -12,7 +12,8 @@ from grasp.clock import Clock
 from grasp.loop import Devices
 from scenarios.rigs.calibration import choices
 from scenarios.rigs.config import GraspRigConfig
-from scenarios.world.cell import Blow, SimulatedCell, Truth
+from scenarios.world.blow import Blow
+from scenarios.world.cell import SimulatedCell, Truth
 from scenarios.world.pressed_cell import PressedCell, PressedTruth
 
 POLL_NS = 100_000_000  # while waiting for activation

@@ -20,7 +20,7 @@ from grasp.settings import Layer, load
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.lift import twin_onset_s
 from scenarios.rigs.variation import Draw, draw
-from scenarios.world import contact
+from scenarios.world import contact, laws
 from scenarios.world.contact import Floats
 
 
@@ -140,7 +140,7 @@ def _candidates(config: LiftConfig, criteria: GripCriteria) -> Iterator[Counts3]
     """Triples around first contact. B and C are alike, and the object is free along the closing
     axis, so only one order of the two and triples about its middle are tried."""
     p = contact.parameters(config.contact, config.object)
-    width_m, _ = contact.width_and_slope(p, 0.0)
+    width_m, _ = laws.width_and_slope(p, 0.0)
     first = int((config.contact.half_aperture_m - width_m) / config.hand.m_per_count)
     near = range(max(0, first - 2), min(255, first + criteria.reach_counts) + 1)
     for a, b, c in itertools.product(near, near, near):
@@ -156,9 +156,9 @@ def _forces(
     carried = np.zeros(len(trials))
     for k, trial in enumerate(trials):
         p = contact.parameters(config.contact, trial.body)
-        width_m, slope = contact.width_and_slope(p, 0.0)
+        width_m, slope = laws.width_and_slope(p, 0.0)
         travel = config.hand.m_per_count * np.array(counts, float) + trial.finger_offset_m
-        contact.normal_forces(p, width_m, travel, contact.initial_state(), pressed[k])
+        laws.normal_forces(p, width_m, travel, contact.initial_state(), pressed[k])
         flank = slope + trial.body.friction_static / np.sqrt(1 + slope * slope)
         mass_kg = trial.body.mass_kg + trial.body.added_mass_kg
         carried[k] = pressed[k].sum() * flank / (mass_kg * contact.GRAVITY_MPS2)

@@ -7,6 +7,7 @@ good. A trial's own friction, mass and grip differ from that, and so does the ha
 blow to blow: what a trial's tap really moves is measured, not assumed.
 """
 
+import copy
 import math
 from functools import cache
 
@@ -17,9 +18,16 @@ from drivers.errors import ConfigError
 from drivers.interfaces import Vector3
 from scenarios.tap.config import TapConfig
 from scenarios.tap.settings import TapSettings
-from scenarios.world import contact
-from scenarios.world.cell import Blow, strike
-from scenarios.world.contact import Floats
+from scenarios.world import laws
+from scenarios.world.blow import Blow
+from scenarios.world.contact import (
+    Contact,
+    Floats,
+    Level,
+    LevelChoice,
+    finger_stiffness,
+    parameters,
+)
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
 
@@ -83,13 +91,13 @@ def search(config: TapConfig, direction: str) -> float:
 def _search(
     body: GraspObject, hand: ContactSettings, grip_n: Vector3, tap: TapSettings, direction: str
 ) -> float:
-    p, held, travel = _held(body, hand, grip_n)
+    held = _held(body, hand, grip_n, Level.SLIDER if direction == "top" else Level.SPIN)
     low, high = 0.0, MOST_N_S
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        moved_m = _moved_m(p, held, travel, hand, _blow(tap, direction, middle, 0.0))
+        moved_m = _moved_m(held, hand, _blow(tap, direction, middle, 0.0))
         low, high = (middle, high) if moved_m < tap.aim_m else (low, middle)
-    reached_m = _moved_m(p, held, travel, hand, _blow(tap, direction, high, 0.0))
+    reached_m = _moved_m(held, hand, _blow(tap, direction, high, 0.0))
     if not reached_m < 2 * tap.aim_m:
         raise ConfigError(
             "tap", "aim_m",
@@ -111,27 +119,40 @@ def _blow(tap: TapSettings, direction: str, impulse_n_s: float, delay_s: float) 
     )  # fmt: skip
 
 
-def _held(
-    body: GraspObject, hand: ContactSettings, grip_n: Vector3
-) -> tuple[Floats, Floats, Floats]:
-    """Parameters, settled state and finger travel of the object in the air at that grip force,
-    which is what the motors leave once the pads have relaxed."""
-    p = contact.parameters(hand, body)
-    state = contact.initial_state()
-    state[contact.HEIGHT] = 1.0
+class _Held(msgspec.Struct, frozen=True):
+    """The object in the air, settled in a firm grip."""
+
+    contact: Contact
+    travel_m: Floats
+
+    def waits(self, since_s: float, for_s: float) -> None:
+        """Let time pass."""
+        self.contact.advance(since_s, for_s, 0.0, 0.0, 0.0, self.travel_m, self.travel_m)
+
+
+def _held(body: GraspObject, hand: ContactSettings, grip_n: Vector3, level: Level) -> _Held:
+    """At that grip force, which is what the motors leave once the pads have relaxed."""
+    contact = Contact(hand, body, LevelChoice(level, hand.step_s, hand.blow_step_s))
+    contact.place()
+    contact.state[laws.HEIGHT] = 1.0
     kept = 1 - hand.relaxation_fraction
-    pressed_m = np.array(grip_n) / (kept * contact.finger_stiffness(hand, body))
-    width_m, _ = contact.width_and_slope(p, 0.0)
-    travel = hand.half_aperture_m - width_m + pressed_m
-    contact.advance(p, state, 0.0, SETTLE_S, hand.step_s, 0.0, 0.0, 0.0, travel, travel)
-    return p, state, travel
+    pressed_m = np.array(grip_n) / (kept * finger_stiffness(hand, body))
+    width_m, _ = laws.width_and_slope(parameters(hand, body), 0.0)
+    touch_m = hand.half_aperture_m - width_m
+    held = _Held(contact, touch_m + pressed_m)
+    held.waits(0.0, SETTLE_S)
+    return held
 
 
-def _moved_m(p: Floats, held: Floats, travel: Floats, hand: ContactSettings, blow: Blow) -> float:
-    """Displacement for good, m; infinite if the object was lost."""
-    s = held.copy()
-    strike(s, blow, SETTLE_S)
-    contact.advance(p, s, SETTLE_S, AFTER_S, hand.step_s, 0.0, 0.0, 0.0, travel, travel)
-    if s[contact.NORMAL] <= 0.0:
+def _moved_m(held: _Held, hand: ContactSettings, blow: Blow) -> float:
+    """Displacement for good, m, or what the rotation is worth, whichever is more; infinite if the
+    object was lost."""
+    trial = copy.deepcopy(held)
+    before, after = held.contact.state, trial.contact.state
+    trial.contact.strike(blow, SETTLE_S)
+    trial.waits(SETTLE_S, AFTER_S)
+    if after[laws.NORMAL] <= 0.0:
         return math.inf
-    return math.hypot(s[contact.SLIP] - held[contact.SLIP], s[contact.ACROSS])
+    moved_m = math.hypot(after[laws.SLIP] - before[laws.SLIP], after[laws.ACROSS])
+    turned_rad = abs(after[laws.TURN] - before[laws.TURN])
+    return max(moved_m, hand.turn_lever_m * float(turned_rad))

@@ -14,7 +14,8 @@ from scenarios.tap.result import Alarm
 from scenarios.tap.scoring import ObjectMotion
 from scenarios.tap.settings import TapSettings
 from scenarios.trial.person import NEVER_MIND, Operator, read_mark
-from scenarios.world.cell import Blow, Truth
+from scenarios.world.blow import Blow
+from scenarios.world.cell import Truth
 
 SIDES = {
     "top": "on the TOP, downwards",

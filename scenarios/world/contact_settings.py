@@ -6,6 +6,7 @@ import msgspec
 from msgspec import Meta
 
 GROSS_SLIP_MPS = 0.003  # paper, section III-B: the bound of the label `slip`
+GROSS_TURN_RADPS = 0.2  # and of that label in rotation
 
 
 class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -45,6 +46,9 @@ class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     gross_slip_mps: Annotated[
         float, Meta(gt=0.0, le=1.0, description="truth: faster is gross slip; paper: 3 mm/s")
     ] = GROSS_SLIP_MPS
+    gross_turn_radps: Annotated[
+        float, Meta(gt=0.0, le=60.0, description="truth: so is a faster turn; paper: 0.2 rad/s")
+    ] = GROSS_TURN_RADPS
     force_rise_n: Annotated[
         float,
         Meta(
@@ -53,4 +57,15 @@ class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
             description="truth: a grip force has increased by this much; a few wander deviations",
         ),
     ] = 0.2
+    finger_spacing_m: Annotated[
+        float, Meta(ge=0.0, le=0.1, description="of B and C; assumed, 40-75 mm")
+    ] = 0.06
     step_s: Annotated[float, Meta(ge=1e-5, le=0.05, description="largest integration step")] = 5e-4
+    blow_step_s: Annotated[
+        float, Meta(ge=1e-6, le=0.05, description="largest step while a blow moves the object")
+    ] = 1e-4
+
+    @property
+    def turn_lever_m(self) -> float:
+        """Slip that a radian of rotation is worth: the ratio of the two bounds of gross slip."""
+        return self.gross_slip_mps / self.gross_turn_radps

@@ -58,6 +58,17 @@ class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     body_above_grip_m: Annotated[
         float, Meta(gt=0.0, le=0.5, description="straight body above the pads' centre; assumed")
     ] = 0.15
+    radius_of_gyration_m: Annotated[
+        float,
+        Meta(gt=0.005, le=0.3, description="about the closing axis; assumed, 0.04-0.12: 0.09 is "
+             "an object 0.3 m tall"),
+    ] = 0.09  # fmt: skip
+    centre_aside_m: Annotated[
+        float, Meta(ge=-0.1, le=0.1, description="centre of mass beside the grip's middle; assumed")
+    ] = 0.0
+    centre_above_m: Annotated[float, Meta(ge=-0.2, le=0.2, description="and above it; assumed")] = (
+        0.0
+    )
     texture_rms_m: Annotated[
         float,
         Meta(ge=0.0, le=1e-3, description="surface irregularity; assumed, 0.01-0.45 mm"),
@@ -65,3 +76,13 @@ class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     texture_length_m: Annotated[
         float, Meta(ge=0.2e-3, le=10e-3, description="its correlation length; assumed, 1-2 mm")
     ] = 1.5e-3
+
+    @property
+    def total_kg(self) -> float:
+        """With the weights that were added."""
+        return self.mass_kg + self.added_mass_kg
+
+    @property
+    def inertia_kgm2(self) -> float:
+        """About the closing axis, through the centre of mass."""
+        return self.total_kg * self.radius_of_gyration_m**2

@@ -29,7 +29,8 @@ from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.trial.config import trial_layers
 from scenarios.trial.execution import make_guard, run_trial
-from scenarios.world.cell import Blow, Truth
+from scenarios.world.blow import Blow
+from scenarios.world.cell import Truth
 from scenarios.world.pressed_cell import PressedCell
 
 FixedCause = Literal[

@@ -11,10 +11,9 @@ import numpy as np
 
 from scenarios.studies.physics import yardsticks
 from scenarios.studies.physics.yardsticks import CostPoint, Runner
-from scenarios.world.contact import Floats
+from scenarios.world.contact import Floats, Level
 from scenarios.world.ladder import reference
 from scenarios.world.ladder.comparators import Method
-from scenarios.world.ladder.levels import Level
 from scenarios.world.ladder.scene import Scene
 
 STEPS_S = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)

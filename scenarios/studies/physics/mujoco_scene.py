@@ -7,10 +7,9 @@ an object that is free in the plane of the lift and along the closing axis. One 
 
 import numpy as np
 
-from scenarios.world.contact import Floats
+from scenarios.world.contact import SQUARE_SPIN, Floats, finger_places
 from scenarios.world.ladder import rigid
 from scenarios.world.ladder.drive import drive
-from scenarios.world.ladder.levels import SQUARE_SPIN
 from scenarios.world.ladder.scene import Scene
 
 HAND_KG = 1e6
@@ -21,7 +20,7 @@ SETTLE_S = 0.2  # a held object first sinks into its grip; the scene begins afte
 
 def xml(scene: Scene, step_s: float, impratio: float) -> str:
     """The model; x is the closing axis."""
-    half, plane = scene.body.half_width_m, scene.plane
+    half = scene.body.half_width_m
     spin = SQUARE_SPIN * scene.contact.pad_half_length_m
     table = '<geom type="plane" size="1 1 .1"/>' if scene.on_table else ""
     pads = "".join(
@@ -29,9 +28,9 @@ def xml(scene: Scene, step_s: float, impratio: float) -> str:
         f'<joint type="slide" axis="{-side} 0 0"/>'
         f'<geom type="sphere" size="{PAD_RADIUS_M}" mass="{PAD_KG}" contype="2" conaffinity="2"/>'
         "</body>"
-        for side, (y, _) in zip((1, -1, -1), scene.finger_places(), strict=True)
+        for side, (y, _) in zip((1, -1, -1), finger_places(scene.contact), strict=True)
     )
-    i = plane.inertia_kgm2
+    i = scene.body.inertia_kgm2
     return f"""<mujoco><option timestep="{step_s}" cone="elliptic" impratio="{impratio}"/>
     <default><geom condim="4" friction="{scene.body.friction_kinetic} {spin} 0"/></default>
     <worldbody>{table}<body><joint type="slide" axis="0 0 1"/>
@@ -55,10 +54,10 @@ def run(scene: Scene, step_s: float, impratio: float) -> Floats:
     normal = np.array([np.interp(times, forces.t_s, f) for f in forces.force_n.T]).T
     hand = np.broadcast_to(d.hand_mps, d.steps)
     acceleration = np.diff(hand, append=hand[-1]) / d.step_s
-    torque_free = scene.plane.centre_of_mass_y_m == 0.0 and scene.plane.centre_of_mass_z_m == 0.0
+    torque_free = scene.body.centre_aside_m == 0.0 and scene.body.centre_above_m == 0.0
     if not torque_free:
         raise ValueError("the comparison knows centred objects only")
-    load = np.broadcast_to(d.load, (d.steps, 3))
+    load = np.broadcast_to(d.load, (d.steps, 4))[:, [0, 1, 3]]
     holding_n = (HAND_KG + 3 * PAD_KG) * 9.81
     data.qfrc_applied[0], data.qfrc_applied[1:4] = holding_n, normal[0]
     if not scene.on_table:
@@ -76,5 +75,5 @@ def run(scene: Scene, step_s: float, impratio: float) -> Floats:
         mujoco.mj_step(model, data)
         moved += hand[j] * d.step_s
     y, z, turn = data.qpos[5:8] - start[5:8]
-    arm = scene.plane.mark_height_m
+    arm = scene.mark_height_m
     return np.array([y - np.sin(turn) * arm, z - moved + (np.cos(turn) - 1.0) * arm])

@@ -9,10 +9,9 @@ import numpy as np
 
 from scenarios.studies.physics import yardsticks
 from scenarios.studies.physics.yardsticks import Runner
-from scenarios.world.contact import Floats
+from scenarios.world.contact import Floats, Level
 from scenarios.world.ladder import reference
 from scenarios.world.ladder.comparators import Method
-from scenarios.world.ladder.levels import Level
 from scenarios.world.ladder.scene import Scene
 
 FORCE_N = 20.0  # sum of the normal forces after closing

@@ -7,12 +7,13 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
-from scenarios.world.contact import Floats, finger_stiffness
+from scenarios.world.blow import Blow
+from scenarios.world.contact import Floats, Level, finger_stiffness
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder import comparators, reference
 from scenarios.world.ladder.comparators import Method
-from scenarios.world.ladder.levels import Level, SceneOutcome, simulate
-from scenarios.world.ladder.scene import ArmRise, Closing, Grip, Scene, TapPulse, Vibration, squeeze
+from scenarios.world.ladder.levels import SceneOutcome, simulate
+from scenarios.world.ladder.scene import ArmRise, Closing, Grip, Scene, Vibration, squeeze
 from scenarios.world.objects import GraspObject
 
 PADS = ContactSettings(shear_stiffness_npm=7000.0, relaxation_fraction=0.0)
@@ -35,7 +36,7 @@ def lift(pads: ContactSettings = PADS, duration_s: float = 1.6) -> Scene:
 
 def tap() -> Scene:
     """A blow of 0.2 N s within 8 ms on the top, 20 mm beside the middle of a 10 N grip."""
-    blow = TapPulse(impulse_n_s=0.2, duration_s=8e-3, offset_m=0.02)
+    blow = Blow(impulse_n_s=0.2, duration_s=8e-3, offset_m=0.02)
     return msgspec.structs.replace(
         vibration(), name="tap", tap=blow, vibration=None, duration_s=0.4
     )

@@ -10,10 +10,10 @@ from enum import IntEnum
 import numpy as np
 from numba import njit
 
-from scenarios.world.contact import GRAVITY_MPS2, Floats
+from scenarios.world.contact import GRAVITY_MPS2, Floats, Level
 from scenarios.world.ladder import drive as tables
 from scenarios.world.ladder import rigid
-from scenarios.world.ladder.levels import Level, SceneOutcome, outcome
+from scenarios.world.ladder.levels import SceneOutcome, outcome
 from scenarios.world.ladder.scene import Scene
 
 STRIBECK_MPS = (
@@ -40,7 +40,7 @@ def run(scene: Scene, method: Method, step_s: float) -> SceneOutcome:
     hand = _hand_speed(scene, half_s)
     down = np.zeros(2 * steps + 1)
     if scene.tap is not None and scene.tap.direction == "top":
-        phase = np.clip((half_s - scene.tap.at_s) / scene.tap.duration_s, 0.0, 1.0)
+        phase = np.clip((half_s - scene.tap.delay_s) / scene.tap.duration_s, 0.0, 1.0)
         peak_n = 0.5 * math.pi * scene.tap.impulse_n_s / scene.tap.duration_s
         down = peak_n * np.sin(math.pi * phase)
     forces = rigid.grip_forces(scene)

@@ -5,8 +5,9 @@ import math
 import msgspec
 import numpy as np
 
+from scenarios.world.blow import Blow
 from scenarios.world.contact import Floats
-from scenarios.world.ladder.scene import ArmRise, Scene, TapPulse, Vibration
+from scenarios.world.ladder.scene import ArmRise, Scene, Vibration
 
 
 class Drive(msgspec.Struct, frozen=True):
@@ -15,7 +16,7 @@ class Drive(msgspec.Struct, frozen=True):
     steps: int
     step_s: float
     hand_mps: Floats  # (steps,) or (1,), along z
-    load: Floats  # (steps, 3) or (1, 3): force along y and z, N, torque about the middle, N m
+    load: Floats  # (steps, 4) or (1, 4): of a blow, as laws._step takes it
     first_mps: float  # speed of hand and object when the scene begins
 
 
@@ -29,7 +30,7 @@ def drive(scene: Scene, step_s: float) -> Drive:
         hand_mps = hand_mps + np.diff(arm_height(scene.arm, ends_s)) / h
     if scene.vibration is not None:
         hand_mps = hand_mps + np.diff(vibration_height(scene.vibration, ends_s)) / h
-    load = np.zeros((1, 3))
+    load = np.zeros((1, 4))
     if scene.tap is not None:
         mean_n = np.diff(tap_impulse(scene.tap, ends_s)) / h
         load = mean_n[:, None] * tap_wrench(scene.tap)
@@ -53,15 +54,26 @@ def vibration_height(vibration: Vibration, t_s: Floats) -> Floats:
     return height
 
 
-def tap_impulse(tap: TapPulse, t_s: Floats) -> Floats:
-    """Impulse delivered until t_s (n,), N s."""
-    phase = np.clip((t_s - tap.at_s) / tap.duration_s, 0.0, 1.0)
-    impulse: Floats = 0.5 * tap.impulse_n_s * (1.0 - np.cos(math.pi * phase))
+def tap_impulse(tap: Blow, t_s: Floats) -> Floats:
+    """Impulse delivered until t_s (n,), N s, that of the hand's following through included."""
+    since_s = t_s - tap.delay_s
+    impulse = _half_sine(since_s, tap.duration_s, tap.impulse_n_s)
+    if tap.follow_n_s > 0.0:
+        impulse = impulse + _half_sine(since_s - tap.duration_s, tap.follow_s, tap.follow_n_s)
     return impulse
 
 
-def tap_wrench(tap: TapPulse) -> Floats:
-    """Force (y, z) and torque about the middle of the grip, (3,), of a blow of 1 N."""
+def _half_sine(since_s: Floats, duration_s: float, impulse_n_s: float) -> Floats:
+    phase = np.clip(since_s / duration_s, 0.0, 1.0)
+    impulse: Floats = 0.5 * impulse_n_s * (1.0 - np.cos(math.pi * phase))
+    return impulse
+
+
+def tap_wrench(tap: Blow) -> Floats:
+    """Force along y, z and the closing axis and torque about the middle of the grip, (4,), of a
+    blow of 1 N."""
+    if tap.direction == "closing":
+        return np.array([0.0, 0.0, 1.0, 0.0])
     if tap.direction == "top":
-        return np.array([0.0, -1.0, -tap.offset_m])
-    return np.array([1.0, 0.0, -tap.offset_m])
+        return np.array([0.0, -1.0, 0.0, -tap.offset_m])
+    return np.array([1.0, 0.0, 0.0, -tap.offset_m])

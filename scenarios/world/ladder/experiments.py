@@ -7,29 +7,15 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from scenarios.world.blow import Blow
 from scenarios.world.contact_settings import ContactSettings
-from scenarios.world.ladder.scene import (
-    ArmRise,
-    Closing,
-    Grip,
-    Plane,
-    Scene,
-    TapPulse,
-    Vibration,
-    squeeze,
-)
+from scenarios.world.ladder.scene import ArmRise, Closing, Grip, Scene, Vibration, squeeze
 from scenarios.world.objects import GraspObject
 
 
 class SceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What the scenes add to object and pads. All assumed; nothing here is measured."""
 
-    radius_of_gyration_m: Annotated[
-        float, Meta(gt=0.0, le=0.3, description="of an object 0.3 m tall; assumed, 0.04-0.12")
-    ] = 0.09
-    aside_m: Annotated[
-        float, Meta(ge=-0.1, le=0.1, description="centre of mass beside the middle of the grip")
-    ] = 0.0
     first_thumb_n: Annotated[
         float, Meta(gt=0.0, le=10.0, description="before slip; assumed, 0.8-3 N")
     ] = 2.0
@@ -76,7 +62,6 @@ def lift(world: World) -> Scene:
     return Scene(
         name="lift", duration_s=1.6, body=body, contact=contact, on_table=True,
         grip=Grip(travel_m=squeeze(body, contact, half, half), closing=closing),
-        plane=_plane(world),
         arm=ArmRise(speed_mps=chosen.arm_mps, acceleration_mps2=chosen.arm_mps2),
     )  # fmt: skip
 
@@ -84,8 +69,8 @@ def lift(world: World) -> Scene:
 def tap(world: World) -> Scene:
     """A blow on the top of a held object, beside the middle of the grip."""
     chosen = world.scene
-    blow = TapPulse(
-        impulse_n_s=chosen.top_impulse_n_s, duration_s=chosen.blow_s, at_s=0.05,
+    blow = Blow(
+        impulse_n_s=chosen.top_impulse_n_s, duration_s=chosen.blow_s, delay_s=0.05,
         offset_m=chosen.top_offset_m,
     )  # fmt: skip
     return _held("tap", world, 0.5, blow)
@@ -94,8 +79,8 @@ def tap(world: World) -> Scene:
 def side_tap(world: World) -> Scene:
     """A blow on the side of a held object, above the middle of the grip."""
     chosen = world.scene
-    blow = TapPulse(
-        impulse_n_s=chosen.side_impulse_n_s, duration_s=chosen.blow_s, at_s=0.05,
+    blow = Blow(
+        impulse_n_s=chosen.side_impulse_n_s, duration_s=chosen.blow_s, delay_s=0.05,
         offset_m=chosen.side_offset_m, direction="side",
     )  # fmt: skip
     return _held("side-tap", world, 0.5, blow)
@@ -108,21 +93,15 @@ def hold(world: World) -> Scene:
 
 
 def _held(
-    name: str, world: World, duration_s: float, blow: TapPulse | None,
+    name: str, world: World, duration_s: float, blow: Blow | None,
     shake: Vibration | None = None,
 ) -> Scene:  # fmt: skip
     half = 0.5 * world.scene.final_thumb_n
     return Scene(
         name=name, duration_s=duration_s, body=world.object, contact=world.contact,
         grip=Grip(travel_m=squeeze(world.object, world.contact, half, half)),
-        plane=_plane(world), tap=blow, vibration=shake,
+        tap=blow, vibration=shake,
     )  # fmt: skip
-
-
-def _plane(world: World) -> Plane:
-    mass = world.object.mass_kg + world.object.added_mass_kg
-    inertia = mass * world.scene.radius_of_gyration_m**2
-    return Plane(inertia_kgm2=inertia, centre_of_mass_y_m=world.scene.aside_m)
 
 
 SCENES: dict[str, Callable[[World], Scene]] = {

@@ -12,17 +12,18 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from scenarios.world import contact
-from scenarios.world.contact import FINGERS, GRAVITY_MPS2, Floats
-from scenarios.world.ladder.drive import tap_wrench
-from scenarios.world.ladder.levels import (
+from scenarios.world.contact import (
     BRUSH_POINTS,
+    FINGERS,
+    GRAVITY_MPS2,
     SQUARE_SPIN,
+    Floats,
     Level,
-    SceneOutcome,
-    admits_rigid,
-    simulate,
+    finger_places,
+    parameters,
 )
+from scenarios.world.ladder.drive import tap_wrench
+from scenarios.world.ladder.levels import SceneOutcome, admits_rigid, simulate
 from scenarios.world.ladder.rigid import press
 from scenarios.world.ladder.scene import Scene
 
@@ -116,13 +117,13 @@ class Plan(msgspec.Struct, frozen=True):
 
 def indicators(scene: Scene) -> Indicators:
     """Indicators from the scene's terms alone: nothing is simulated."""
-    normal = press(contact.parameters(scene.contact, scene.body), _final_travel(scene))
+    normal = press(parameters(scene.contact, scene.body), _final_travel(scene))
     total_n, mass = float(normal.sum()), scene.mass_kg
     cone_n = scene.body.friction_static * total_n
-    places, plane = scene.finger_places(), scene.plane
+    places = finger_places(scene.contact)
     middle = normal @ places / total_n if total_n > 0.0 else np.zeros(2)
     weight_n = mass * (GRAVITY_MPS2 + _acceleration(scene))
-    loads = [np.array([0.0, -weight_n, -weight_n * plane.centre_of_mass_y_m])]
+    loads = [np.array([0.0, -weight_n, 0.0, -weight_n * scene.body.centre_aside_m])]
     period_s = 2 * math.pi * math.sqrt(mass / (3 * scene.contact.shear_stiffness_npm))
     pulse = math.inf
     if scene.tap is not None:
@@ -130,7 +131,7 @@ def indicators(scene: Scene) -> Indicators:
         loads.append(peak_n * tap_wrench(scene.tap))
         pulse = scene.tap.duration_s / period_s
     force = np.hypot(*np.sum(loads, axis=0)[:2])
-    torque = max(abs(w[2] - middle[0] * w[1] + middle[1] * w[0]) for w in loads)
+    torque = max(abs(w[3] - middle[0] * w[1] + middle[1] * w[0]) for w in loads)
     return Indicators(
         load_ratio=float(force / cone_n) if cone_n > 0.0 else math.inf,
         eccentricity=float(torque / (cone_n * _reach(scene))) if cone_n > 0.0 else math.inf,
@@ -143,7 +144,7 @@ def indicators(scene: Scene) -> Indicators:
 
 def _reach(scene: Scene) -> float:
     """Lever at which the pads bear torque: their distance from the middle and their own spin."""
-    distance = 2 / FINGERS * 0.5 * scene.plane.finger_spacing_m  # the thumb is in the middle
+    distance = 2 / FINGERS * 0.5 * scene.contact.finger_spacing_m  # the thumb is in the middle
     reach: float = max(distance + SQUARE_SPIN * scene.contact.pad_half_length_m, 1e-6)
     return reach
 
@@ -158,7 +159,7 @@ def _final_travel(scene: Scene) -> Floats:
     travel, closing = np.array(scene.grip.travel_m), scene.grip.closing
     if closing is None:
         return travel
-    p = contact.parameters(scene.contact, scene.body)
+    p = parameters(scene.contact, scene.body)
     low, high = 0.0, scene.contact.half_aperture_m
     for _ in range(40):  # monotone: more travel, more force
         middle = 0.5 * (low + high)

@@ -13,10 +13,11 @@ import msgspec
 import numpy as np
 from numba import njit
 
-from scenarios.world.contact import GRAVITY_MPS2, Floats
+from scenarios.world import laws
+from scenarios.world.contact import GRAVITY_MPS2, Floats, Level, elements
 from scenarios.world.ladder import rigid
 from scenarios.world.ladder.drive import tap_wrench
-from scenarios.world.ladder.levels import Level, SceneOutcome, elements, outcome
+from scenarios.world.ladder.levels import SceneOutcome, outcome
 from scenarios.world.ladder.scene import Scene
 
 LEAST_STEP_S = 1e-9
@@ -60,18 +61,19 @@ def problem(scene: Scene, level: Level, brush_points: int = 6) -> Problem:
     m, forces = rigid.motion(scene), rigid.grip_forces(scene)
     wrench = np.zeros(3)
     if scene.tap is not None:
-        m[[rigid.M_TAP, rigid.M_TAP_S]] = scene.tap.at_s, scene.tap.duration_s
+        m[[rigid.M_TAP, rigid.M_TAP_S]] = scene.tap.delay_s, scene.tap.duration_s
         m[rigid.M_TAP_N_S] = scene.tap.impulse_n_s
-        wrench = tap_wrench(scene.tap)
-    plane, contact = scene.plane, scene.contact
-    body = np.array([
-        contact.shear_stiffness_npm, contact.shear_damping_nspm, plane.inertia_kgm2,
-        plane.centre_of_mass_y_m, plane.centre_of_mass_z_m, float(level is Level.SLIDER),
+        wrench = tap_wrench(scene.tap)[[0, 1, 3]]
+    body, pads = scene.body, scene.contact
+    motion = np.array([
+        pads.shear_stiffness_npm, pads.shear_damping_nspm, body.inertia_kgm2,
+        body.centre_aside_m, body.centre_above_m, float(level is Level.SLIDER),
     ])  # fmt: skip
     times = np.array(rigid.knots(scene, forces))
     normal = np.array([np.interp(times, forces.t_s, n) for n in forces.force_n.T]).T.copy()
-    finger, places = elements(scene, level, brush_points)
-    return Problem(m, body, wrench, finger, places, times, normal, scene.on_table)
+    table = elements(pads, level, brush_points)
+    finger, places = table[:, laws.E_FINGER].copy(), table[:, : laws.E_FINGER].copy()
+    return Problem(m, motion, wrench, finger, places, times, normal, scene.on_table)
 
 
 @njit(cache=True)

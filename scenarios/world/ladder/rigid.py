@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 from numba import njit
 
-from scenarios.world import contact
-from scenarios.world.contact import FINGERS, GRAVITY_MPS2, Floats
+from scenarios.world import laws
+from scenarios.world.contact import FINGERS, GRAVITY_MPS2, Floats, initial_state, parameters
 from scenarios.world.ladder.scene import Scene
 
 TABLE, STICK, SLIDE = 0, 1, 2
@@ -32,7 +32,7 @@ class GripForces(msgspec.Struct, frozen=True):
 def grip_forces(scene: Scene) -> GripForces:
     """Exact normal forces of a straight body without relaxation. One knot an event: a finger
     starts, touches, lets go or reaches its force stop."""
-    p = contact.parameters(scene.contact, scene.body)
+    p = parameters(scene.contact, scene.body)
     speed, stop_n = scene.closing_vector()[2:5].copy(), scene.closing_vector()[1]
     travel = np.array(scene.grip.travel_m)
     times, forces = [0.0], [press(p, travel)]
@@ -48,16 +48,16 @@ def grip_forces(scene: Scene) -> GripForces:
         times.append(times[-1] + span)
         forces.append(press(p, travel))
         speed[forces[-1] >= stop_n * (1 - 1e-9)] = 0.0
-        speed[travel >= p[contact.P_APERTURE] - 1e-12] = 0.0
+        speed[travel >= p[laws.P_APERTURE] - 1e-12] = 0.0
     times.append(max(times[-1], scene.duration_s) + 1.0)
     forces.append(forces[-1])
     return GripForces(np.array(times), np.array(forces))
 
 
 def press(p: Floats, travel: Floats) -> Floats:
-    """Normal forces (3,), N, of fingers at ``travel`` (3,), m, on a body that has not slipped."""
+    """Normal forces (3,), N, of fingers at ``travel`` (3,), m, before anything has slipped."""
     out = np.zeros(FINGERS)
-    contact.normal_forces(p, p[contact.P_HALF_WIDTH], travel, contact.initial_state(), out)
+    laws.normal_forces(p, p[laws.P_HALF_WIDTH], travel, initial_state(), out)
     return out
 
 
@@ -67,7 +67,7 @@ def _until_event(p: Floats, travel: Floats, speed: Floats, stop_n: float) -> flo
     tiny = 1e-7
     start, soon = press(p, travel), press(p, travel + speed * tiny)
     slope = (soon - start) / tiny
-    spans = [(p[contact.P_APERTURE] - t) / v for t, v in zip(travel, speed, strict=True) if v > 0]
+    spans = [(p[laws.P_APERTURE] - t) / v for t, v in zip(travel, speed, strict=True) if v > 0]
     for i in range(FINGERS):
         if speed[i] > 0.0 and slope[i] > 0.0:
             spans.append((stop_n - start[i]) / slope[i])
@@ -95,7 +95,8 @@ def motion(scene: Scene) -> Floats:
     if scene.vibration is not None:
         m[[M_VIB, M_W]] = scene.vibration.acceleration_mps2, scene.vibration.rate
     if scene.tap is not None and scene.tap.direction == "top":
-        m[[M_TAP, M_TAP_S, M_TAP_N_S]] = scene.tap.at_s, scene.tap.duration_s, scene.tap.impulse_n_s
+        tap = scene.tap
+        m[[M_TAP, M_TAP_S, M_TAP_N_S]] = tap.delay_s, tap.duration_s, tap.impulse_n_s
     m[M_MASS] = scene.mass_kg
     m[M_MU_S], m[M_MU_K] = scene.body.friction_static, scene.body.friction_kinetic
     return m
@@ -254,7 +255,7 @@ def knots(scene: Scene, forces: GripForces) -> list[float]:
     if scene.arm is not None:
         times.add(scene.arm.speed_mps / scene.arm.acceleration_mps2)
     if scene.tap is not None:
-        times |= {scene.tap.at_s, scene.tap.at_s + scene.tap.duration_s}
+        times |= {scene.tap.delay_s, scene.tap.delay_s + scene.tap.duration_s}
     return sorted(t for t in times if t <= scene.duration_s)
 
 

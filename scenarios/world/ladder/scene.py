@@ -1,7 +1,7 @@
 """A scene states the terms that it needs as frozen data; the levels build those and nothing else.
 
-Plane of motion: y across the closing axis, z up, rotation counter-clockwise as seen by the thumb's
-opponents. The origin is the middle of the grip at the start; the hand moves along z only.
+Plane of motion: y across the closing axis, z up, rotation from y to z. The origin is the middle of
+the grip at the start; the hand moves along z only.
 """
 
 import math
@@ -11,32 +11,12 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from scenarios.world.blow import Blow
 from scenarios.world.contact import FINGERS, GRAVITY_MPS2, Floats, finger_stiffness
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
 
 Three = tuple[float, float, float]
-
-
-class Plane(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a rotation in the hand needs to know. Levels L0 and L1 ignore it."""
-
-    inertia_kgm2: Annotated[
-        float,
-        Meta(gt=0.0, le=0.1, description="about the closing axis; assumed, can 65 mm x 0.3 m"),
-    ] = 2.5e-3
-    centre_of_mass_y_m: Annotated[
-        float, Meta(ge=-0.1, le=0.1, description="beside the middle of the grip; assumed 0")
-    ] = 0.0
-    centre_of_mass_z_m: Annotated[
-        float, Meta(ge=-0.2, le=0.2, description="above the middle of the grip; assumed 0")
-    ] = 0.0
-    finger_spacing_m: Annotated[
-        float, Meta(ge=0.0, le=0.1, description="of B and C; assumed, 40-75 mm")
-    ] = 0.06
-    mark_height_m: Annotated[
-        float, Meta(ge=-0.2, le=0.3, description="tape mark above the grip, where slip is read")
-    ] = 0.05
 
 
 class Closing(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -62,18 +42,6 @@ class ArmRise(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     acceleration_mps2: Annotated[float, Meta(gt=0.0, le=5.0, description="assumed, 0.3-1.2")]
 
 
-class TapPulse(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Half-sine blow of a mallet: on the top, downwards, or on the side, along y."""
-
-    impulse_n_s: Annotated[float, Meta(ge=0.0, le=2.0, description="assumed, 0.08-0.45 N s")]
-    duration_s: Annotated[float, Meta(gt=0.0, le=0.1, description="assumed, 2-16 ms")]
-    at_s: Annotated[float, Meta(ge=0.0)] = 0.01
-    direction: Literal["top", "side"] = "top"
-    offset_m: Annotated[
-        float, Meta(ge=-0.2, le=0.2, description="from the grip's middle: beside it, or above it")
-    ] = 0.0
-
-
 class Vibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Sinusoidal motion of the hand along z, already going on when the scene begins."""
 
@@ -94,24 +62,21 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     body: GraspObject
     contact: ContactSettings
     grip: Grip
-    plane: Plane = Plane()
     on_table: bool = False  # else the hand holds the object from the first instant
     sharing: Literal["by_force", "equal"] = "by_force"  # of the weight then, between the fingers
     arm: ArmRise | None = None
-    tap: TapPulse | None = None
+    tap: Blow | None = None
     vibration: Vibration | None = None
+    mark_height_m: Annotated[
+        float, Meta(ge=-0.2, le=0.3, description="tape mark above the grip, where slip is read")
+    ] = 0.05
 
     @property
     def mass_kg(self) -> float:
-        return self.body.mass_kg + self.body.added_mass_kg
-
-    def finger_places(self) -> Floats:
-        """Middle of each pad, (3, 2), m: the thumb opposes the middle between B and C."""
-        half = 0.5 * self.plane.finger_spacing_m
-        return np.array([[0.0, 0.0], [-half, 0.0], [half, 0.0]])
+        return self.body.total_kg
 
     def closing_vector(self) -> Floats:
-        """Closing as the compiled levels take it, (8,): see compliant.follow."""
+        """Closing as the compiled levels take it, (8,): see laws.follow."""
         out = np.zeros(2 + 2 * FINGERS)
         closing = self.grip.closing
         if closing is None:

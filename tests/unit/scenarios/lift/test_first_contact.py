@@ -10,7 +10,7 @@ from scenarios.lift.result import LiftResult
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
-from scenarios.world import contact
+from scenarios.world import laws
 from scenarios.world.cell import Truth
 from tests.unit.scenarios.conftest import Staged, config, in_phase
 
@@ -66,7 +66,7 @@ def test_closed_empty_hand_is_never_lowered_onto_the_object_that_it_lost() -> No
 
 def taken_away(rig: GraspRig) -> None:
     assert rig.cell is not None
-    rig.cell._state[contact.PRESENT] = 0.0
+    rig.cell.contact.state[laws.PRESENT] = 0.0
 
 
 @pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])

@@ -22,8 +22,9 @@ from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.tap import TapTrial, tap_config
 from scenarios.trial.execution import make_guard
 from scenarios.trial.replay import replay_run
-from scenarios.world import contact
+from scenarios.world import laws
 from scenarios.world.cell import Blow
+from scenarios.world.contact import Level
 
 HELD = "tap.impulse_n_s=0.02"  # well within the friction of the grip
 # a threshold between resting noise and a blow, whatever the fingertip's latest figures are
@@ -185,11 +186,10 @@ def test_search_finds_the_blow_that_moves_the_object_as_far_as_asked(
     c = tap_config(config(object_name=name))
     impulse = mallet.search(c, direction)
     assert 0.05 < impulse < 0.6
-    p, held, travel = mallet._held(c.object, c.contact, (10.0, 5.0, 5.0))
+    level = Level.SLIDER if direction == "top" else Level.SPIN
+    held = mallet._held(c.object, c.contact, (10.0, 5.0, 5.0), level)
     tap_only = msgspec.structs.replace(c.tap, spread=0.0)
-    moved = mallet._moved_m(
-        p, held, travel, c.contact, mallet._blow(tap_only, direction, impulse, 0.0)
-    )
+    moved = mallet._moved_m(held, c.contact, mallet._blow(tap_only, direction, impulse, 0.0))
     assert moved == pytest.approx(0.007, rel=0.01)
 
 
@@ -305,7 +305,7 @@ def test_nobody_to_strike_is_an_error() -> None:
 def test_thumb_that_meets_nothing_when_closing_firmly_is_a_fault() -> None:
     def take_away(rig: Rig, tick: Tick) -> None:
         assert rig.cell is not None
-        rig.cell._state[contact.PRESENT] = 0.0
+        rig.cell.contact.state[laws.PRESENT] = 0.0
 
     staged = Staged()
     trial = staged.run(take_away)

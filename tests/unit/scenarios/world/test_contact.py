@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.world import contact
-from scenarios.world.contact import Floats
+from scenarios.world import laws
+from scenarios.world.contact import Floats, Level, elements, initial_state, parameters
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
 
@@ -23,15 +23,19 @@ def body(**changes: object) -> GraspObject:
     return GraspObject(**{**plain, **changes})  # type: ignore[arg-type]
 
 
+def fresh_pads() -> Floats:
+    return elements(ContactSettings(), Level.SLIDER)
+
+
 def travel(a: float, b: float, c: float) -> Floats:
     return np.array([a, b, c]) * COUNT_M
 
 
 def forces_at(p: Floats, positions: Floats, state: Floats | None = None) -> Floats:
     out = np.zeros(3)
-    state = contact.initial_state() if state is None else state
-    width, _ = contact.width_and_slope(p, state[contact.SLIP])
-    contact.normal_forces(p, width, positions, state, out)
+    state = initial_state() if state is None else state
+    width, _ = laws.width_and_slope(p, state[laws.SLIP])
+    laws.normal_forces(p, width, positions, state, out)
     return out
 
 
@@ -39,7 +43,7 @@ def lift(
     p: Floats, step_s: float, positions: Floats, seconds: float = 1.2, speed: float = 0.1
 ) -> Floats:
     """State after an arm that accelerates at 0.5 m/s2 to `speed`, fingers closing at 0.3 s."""
-    state = contact.initial_state()
+    state, pads = initial_state(), fresh_pads()
     v = 0.0
     for k in range(round(seconds / 0.01)):
         v1 = min(speed, v + 0.005)
@@ -47,20 +51,20 @@ def lift(
         start = positions + closing * np.array([min((k - 30) * 0.6e-3, 3.2e-3), 0, 0])
         end = positions + closing * np.array([min((k - 29) * 0.6e-3, 3.2e-3), 0, 0])
         rise = (v + v1) / 2 * 0.01
-        contact.advance(p, state, k * 0.01, 0.01, step_s, rise, v, v1, start, end)
+        laws.advance(p, state, pads, k * 0.01, 0.01, step_s, rise, v, v1, start, end)
         v = v1
     return state
 
 
 def test_thumb_carries_the_sum_of_the_opposing_fingers() -> None:
-    p = contact.parameters(ContactSettings(), body())
+    p = parameters(ContactSettings(), body())
     forces = forces_at(p, travel(56, 55, 55.4))
     assert forces.min() > 0
     assert forces[0] == pytest.approx(forces[1] + forces[2], rel=1e-12)
 
 
 def test_one_opposing_finger_short_of_the_object_leaves_the_balance_to_the_other_two() -> None:
-    p = contact.parameters(ContactSettings(), body())
+    p = parameters(ContactSettings(), body())
     forces = forces_at(p, travel(57, 56, 40))
     assert forces[2] == 0.0
     assert forces[0] == pytest.approx(forces[1])
@@ -68,15 +72,15 @@ def test_one_opposing_finger_short_of_the_object_leaves_the_balance_to_the_other
 
 
 def test_fingers_that_leave_a_gap_press_nothing() -> None:
-    p = contact.parameters(ContactSettings(), body())
+    p = parameters(ContactSettings(), body())
     assert forces_at(p, travel(50, 50, 50)).tolist() == [0.0, 0.0, 0.0]
 
 
 def test_stiffness_felt_by_a_finger_is_the_slope_of_its_force() -> None:
-    p = contact.parameters(ContactSettings(), body())
+    p = parameters(ContactSettings(), body())
     at, step = travel(56, 55.5, 55), 1e-7
     stiffness = np.zeros(3)
-    contact.normal_stiffness(p, forces_at(p, at), stiffness)
+    laws.normal_stiffness(p, forces_at(p, at), stiffness)
     for i in range(3):
         moved = at.copy()
         moved[i] += step
@@ -92,7 +96,7 @@ def test_stiffness_felt_by_a_finger_is_the_slope_of_its_force() -> None:
 def test_step_equation_is_solved_exactly_whatever_the_numbers(
     mass_per_step: float, push: float, a: tuple[float, ...], b: float, cap: tuple[float, ...]
 ) -> None:
-    v = contact.solve_velocity(mass_per_step, push, np.array(a), b, np.array(cap))
+    v = laws.solve_along(mass_per_step, push, np.array(a), b, np.array(cap))
     forces = np.clip(np.array(a) - b * v, -np.array(cap), np.array(cap))
     scale = abs(mass_per_step * v) + abs(push) + sum(cap) + max(map(abs, a))
     scale += 1e-9
@@ -101,31 +105,31 @@ def test_step_equation_is_solved_exactly_whatever_the_numbers(
 
 def test_object_held_within_its_friction_cone_does_not_creep() -> None:
     # 10 N at the thumb carries 2 x 10 x 0.8 = 16 N of the 6.4 N weight.
-    p = contact.parameters(ContactSettings(relaxation_fraction=0.0), body())
-    state = contact.initial_state()
+    p = parameters(ContactSettings(relaxation_fraction=0.0), body())
+    state, pads = initial_state(), fresh_pads()
     positions = travel(59.2, 55, 55)
     for k in range(10):  # lift it off the table
-        contact.advance(p, state, k * 0.01, 0.01, 5e-4, 5e-4, 0.05, 0.05, positions, positions)
-    contact.advance(p, state, 0.1, 1.0, 5e-4, 0.0, 0.0, 0.0, positions, positions)
-    settled = state[contact.HEIGHT]
-    contact.advance(p, state, 1.1, 20.0, 5e-4, 0.0, 0.0, 0.0, positions, positions)
-    assert abs(state[contact.HEIGHT] - settled) < 1e-9
-    assert state[contact.ONSET_S] == contact.NOT_YET
+        laws.advance(p, state, pads, k * 0.01, 0.01, 5e-4, 5e-4, 0.05, 0.05, positions, positions)
+    laws.advance(p, state, pads, 0.1, 1.0, 5e-4, 0.0, 0.0, 0.0, positions, positions)
+    settled = state[laws.HEIGHT]
+    laws.advance(p, state, pads, 1.1, 20.0, 5e-4, 0.0, 0.0, 0.0, positions, positions)
+    assert abs(state[laws.HEIGHT] - settled) < 1e-9
+    assert state[laws.ONSET_S] == laws.NOT_YET
 
 
 def test_too_weak_a_grasp_leaves_the_object_on_the_table() -> None:
-    p = contact.parameters(ContactSettings(), body())
-    state = contact.initial_state()
+    p = parameters(ContactSettings(), body())
+    state, pads = initial_state(), fresh_pads()
     positions = travel(55, 55, 55)
-    contact.advance(p, state, 0.0, 1.0, 5e-4, 0.1, 0.1, 0.1, positions, positions)
-    assert state[contact.HEIGHT] == 0.0
-    assert state[contact.SLIP] == pytest.approx(0.1)
-    assert 0.0 < state[contact.ONSET_S] < 0.05
+    laws.advance(p, state, pads, 0.0, 1.0, 5e-4, 0.1, 0.1, 0.1, positions, positions)
+    assert state[laws.HEIGHT] == 0.0
+    assert state[laws.SLIP] == pytest.approx(0.1)
+    assert 0.0 < state[laws.ONSET_S] < 0.05
 
 
 def test_slip_distance_converges_with_the_step_and_the_default_step_is_close() -> None:
-    p = contact.parameters(ContactSettings(), body())
-    slips = [lift(p, h, travel(55, 55, 55))[contact.SLIP] for h in (2e-3, 1e-3, 5e-4, 1e-4, 2e-5)]
+    p = parameters(ContactSettings(), body())
+    slips = [lift(p, h, travel(55, 55, 55))[laws.SLIP] for h in (2e-3, 1e-3, 5e-4, 1e-4, 2e-5)]
     errors = [abs(s - slips[-1]) for s in slips[:-1]]
     assert errors == sorted(errors, reverse=True)
     assert errors[2] < 1e-4
@@ -133,28 +137,28 @@ def test_slip_distance_converges_with_the_step_and_the_default_step_is_close() -
 
 
 def test_stays_bounded_at_steps_that_are_far_too_large() -> None:
-    p = contact.parameters(ContactSettings(shear_stiffness_npm=1e6), body())
-    fine = lift(p, 1e-4, travel(55, 55, 55))[contact.SLIP]
-    assert abs(lift(p, 0.05, travel(55, 55, 55))[contact.SLIP] - fine) < 2e-3
+    p = parameters(ContactSettings(shear_stiffness_npm=1e6), body())
+    fine = lift(p, 1e-4, travel(55, 55, 55))[laws.SLIP]
+    assert abs(lift(p, 0.05, travel(55, 55, 55))[laws.SLIP] - fine) < 2e-3
 
 
 def test_relaxation_takes_the_stated_share_of_the_force() -> None:
-    p = contact.parameters(ContactSettings(relaxation_fraction=0.1, relaxation_time_s=0.2), body())
-    state = contact.initial_state()
+    p = parameters(ContactSettings(relaxation_fraction=0.1, relaxation_time_s=0.2), body())
+    state, pads = initial_state(), fresh_pads()
     positions = travel(57, 56, 56)
-    contact.advance(p, state, 0.0, 5e-4, 5e-4, 0.0, 0.0, 0.0, positions, positions)
-    first = state[contact.NORMAL]
-    contact.advance(p, state, 0.0, 3.0, 5e-4, 0.0, 0.0, 0.0, positions, positions)
-    assert state[contact.NORMAL] == pytest.approx(0.9 * first, rel=2e-3)
-    assert state[contact.PEAK] == pytest.approx(first, rel=5e-3)
+    laws.advance(p, state, pads, 0.0, 5e-4, 5e-4, 0.0, 0.0, 0.0, positions, positions)
+    first = state[laws.NORMAL]
+    laws.advance(p, state, pads, 0.0, 3.0, 5e-4, 0.0, 0.0, 0.0, positions, positions)
+    assert state[laws.NORMAL] == pytest.approx(0.9 * first, rel=2e-3)
+    assert state[laws.PEAK] == pytest.approx(first, rel=5e-3)
 
 
 def test_pad_keeps_the_widest_point_of_a_ball_until_its_edge_has_passed_it() -> None:
     ball = body(shape="ellipsoid", half_width_m=0.06, half_height_m=0.06, grip_height_m=-0.006)
-    p = contact.parameters(ContactSettings(pad_half_length_m=0.01), ball)
-    assert contact.width_and_slope(p, 0.0) == (0.06, 0.0)
-    assert contact.width_and_slope(p, 0.0159) == (0.06, 0.0)
-    width, slope = contact.width_and_slope(p, 0.036)
+    p = parameters(ContactSettings(pad_half_length_m=0.01), ball)
+    assert laws.width_and_slope(p, 0.0) == (0.06, 0.0)
+    assert laws.width_and_slope(p, 0.0159) == (0.06, 0.0)
+    width, slope = laws.width_and_slope(p, 0.036)
     assert width == pytest.approx(math.sqrt(0.06**2 - 0.02**2))
     assert slope == pytest.approx(-0.02 / width)
 
@@ -164,52 +168,52 @@ def test_closing_above_the_widest_point_pushes_the_object_down() -> None:
         shape="ellipsoid", half_width_m=0.06, half_height_m=0.06, grip_height_m=0.04,
         friction_static=0.05, friction_kinetic=0.05,
     )  # fmt: skip
-    p = contact.parameters(ContactSettings(), ball)
-    state = contact.initial_state()
-    state[contact.HEIGHT] = 0.5
+    p = parameters(ContactSettings(), ball)
+    state, pads = initial_state(), fresh_pads()
+    state[laws.HEIGHT] = 0.5
     positions = travel(45, 45, 45)
-    contact.advance(p, state, 0.0, 0.05, 1e-4, 0.0, 0.0, 0.0, positions, positions)
-    free_fall = 0.5 - 0.5 * contact.GRAVITY_MPS2 * 0.05**2
-    assert state[contact.HEIGHT] < free_fall
+    laws.advance(p, state, pads, 0.0, 0.05, 1e-4, 0.0, 0.0, 0.0, positions, positions)
+    free_fall = 0.5 - 0.5 * laws.GRAVITY_MPS2 * 0.05**2
+    assert state[laws.HEIGHT] < free_fall
 
 
 def test_body_that_ends_below_the_pads_is_lost() -> None:
     short = body(body_above_grip_m=0.02)
-    p = contact.parameters(ContactSettings(), short)
-    state = contact.initial_state()
+    p = parameters(ContactSettings(), short)
+    state, pads = initial_state(), fresh_pads()
     positions = travel(55, 55, 55)
-    contact.advance(p, state, 0.0, 0.5, 5e-4, 0.05, 0.1, 0.1, positions, positions)
-    assert state[contact.NORMAL : contact.NORMAL + 3].tolist() == [0.0, 0.0, 0.0]
+    laws.advance(p, state, pads, 0.0, 0.5, 5e-4, 0.05, 0.1, 0.1, positions, positions)
+    assert state[laws.NORMAL : laws.NORMAL + 3].tolist() == [0.0, 0.0, 0.0]
 
 
 def test_rise_of_force_after_the_onset_is_timed() -> None:
-    p = contact.parameters(ContactSettings(), body())
+    p = parameters(ContactSettings(), body())
     state = lift(p, 5e-4, travel(55, 55, 55))
-    assert 0.3 < state[contact.RISE_S] < 0.32
+    assert 0.3 < state[laws.RISE_S] < 0.32
 
 
 def test_tap_on_a_free_object_leaves_its_whole_impulse() -> None:
-    p = contact.parameters(ContactSettings(), body())
-    state = contact.initial_state()
-    state[contact.HEIGHT] = 1.0
-    state[[contact.TAP_START_S, contact.TAP_S, contact.TAP_N_S]] = 0.01, 0.008, 0.2
+    p = parameters(ContactSettings(), body())
+    state, pads = initial_state(), fresh_pads()
+    state[laws.HEIGHT] = 1.0
+    state[[laws.TAP_START_S, laws.TAP_S, laws.TAP_N_S]] = 0.01, 0.008, 0.2
     open_hand = travel(10, 10, 10)
-    contact.advance(p, state, 0.0, 0.03, 5e-4, 0.0, 0.0, 0.0, open_hand, open_hand)
-    expected = -contact.GRAVITY_MPS2 * 0.03 - 0.2 / 0.65
-    assert state[contact.SPEED] == pytest.approx(expected, rel=1e-3)
+    laws.advance(p, state, pads, 0.0, 0.03, 5e-4, 0.0, 0.0, 0.0, open_hand, open_hand)
+    expected = -laws.GRAVITY_MPS2 * 0.03 - 0.2 / 0.65
+    assert state[laws.SPEED] == pytest.approx(expected, rel=1e-3)
 
 
 def test_tap_within_the_friction_of_the_grip_moves_nothing_for_good_and_a_hard_one_does() -> None:
-    p = contact.parameters(ContactSettings(relaxation_fraction=0.0), body(mass_kg=0.35))
+    p = parameters(ContactSettings(relaxation_fraction=0.0), body(mass_kg=0.35))
     slips = []
     for impulse in (0.01, 0.25):
-        state = contact.initial_state()
-        state[contact.HEIGHT] = 0.3
+        state, pads = initial_state(), fresh_pads()
+        state[laws.HEIGHT] = 0.3
         grip = travel(59.2, 55, 55)
-        contact.advance(p, state, 0.0, 0.3, 5e-4, 0.0, 0.0, 0.0, grip, grip)
-        before = state[contact.SLIP]
-        state[[contact.TAP_START_S, contact.TAP_S, contact.TAP_N_S]] = 0.3, 0.008, impulse
-        contact.advance(p, state, 0.3, 0.5, 5e-4, 0.0, 0.0, 0.0, grip, grip)
-        slips.append(state[contact.SLIP] - before)
+        laws.advance(p, state, pads, 0.0, 0.3, 5e-4, 0.0, 0.0, 0.0, grip, grip)
+        before = state[laws.SLIP]
+        state[[laws.TAP_START_S, laws.TAP_S, laws.TAP_N_S]] = 0.3, 0.008, impulse
+        laws.advance(p, state, pads, 0.3, 0.5, 5e-4, 0.0, 0.0, 0.0, grip, grip)
+        slips.append(state[laws.SLIP] - before)
     assert abs(slips[0]) < 1e-5
     assert 0.002 < slips[1] < 0.05

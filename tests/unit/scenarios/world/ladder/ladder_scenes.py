@@ -4,9 +4,10 @@ from typing import Any
 
 import msgspec
 
+from scenarios.world.blow import Blow
 from scenarios.world.contact import finger_stiffness
 from scenarios.world.contact_settings import ContactSettings
-from scenarios.world.ladder.scene import ArmRise, Closing, Grip, Scene, TapPulse, squeeze
+from scenarios.world.ladder.scene import ArmRise, Closing, Grip, Scene, squeeze
 from scenarios.world.objects import GraspObject
 
 SOFT = ContactSettings(shear_stiffness_npm=7000.0, relaxation_fraction=0.0)
@@ -51,8 +52,8 @@ def tap(
     direction: str = "top",
     impulse_n_s: float = 0.2,
     duration_s: float = 8e-3,
-) -> TapPulse:
-    return TapPulse(
+) -> Blow:
+    return Blow(
         impulse_n_s=impulse_n_s, duration_s=duration_s, offset_m=offset_m,
         direction=direction,  # type: ignore[arg-type]
     )  # fmt: skip

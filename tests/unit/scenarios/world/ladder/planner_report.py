@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 import msgspec
 import numpy as np
 
-from scenarios.world.contact import Floats
-from scenarios.world.ladder.levels import Level, simulate
+from scenarios.world.contact import Floats, Level
+from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.planner import Tolerance, plan, reference
 from scenarios.world.ladder.scene import Scene
 

@@ -1,17 +1,17 @@
 """Random taps and lifts, on which the planner's choices are judged. Ranges as in the scenes' own
 settings; an object is heavy enough to slip in a lift and light enough to be held after it."""
 
+import msgspec
 import numpy as np
 
+from scenarios.world.blow import Blow
 from scenarios.world.contact import GRAVITY_MPS2, finger_stiffness
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder.scene import (
     ArmRise,
     Closing,
     Grip,
-    Plane,
     Scene,
-    TapPulse,
     squeeze,
 )
 from scenarios.world.objects import GraspObject
@@ -28,14 +28,15 @@ def random_tap(rng: np.random.Generator) -> Scene:
     load_n = rng.uniform(0.25, 0.85) * body.friction_kinetic * 2 * force_n
     body = _weighing(body, load_n / GRAVITY_MPS2)
     offset = rng.choice([-1.0, 1.0]) * rng.uniform(0.005, 0.04) if off_centre else 0.0
-    tap = TapPulse(
+    tap = Blow(
         impulse_n_s=rng.uniform(0.05, 0.3), duration_s=rng.uniform(2e-3, 16e-3),
         direction="side" if side else "top", offset_m=offset,
     )  # fmt: skip
     travel = squeeze(body, ELASTIC, 0.5 * force_n, 0.5 * force_n)
+    body = _slender(rng, body)
     return Scene(
         name="tap", duration_s=TAP_S, body=body, contact=ELASTIC, grip=Grip(travel_m=travel),
-        plane=_plane(rng, body), tap=tap,
+        tap=tap,
     )  # fmt: skip
 
 
@@ -53,10 +54,10 @@ def random_lift(rng: np.random.Generator) -> Scene:
         start_s=rng.uniform(0.1, 0.5), speed_mps=min(0.11, rng.uniform(40.0, 200.0) / slope),
         force_stop_n=0.5 * final_n,
     )  # fmt: skip
+    body = _slender(rng, body, aside)
     return Scene(
         name="lift", duration_s=LIFT_S, body=body, contact=ELASTIC, on_table=True,
         grip=Grip(travel_m=squeeze(body, ELASTIC, b_n, c_n), closing=closing),
-        plane=_plane(rng, body, aside),
         arm=ArmRise(speed_mps=rng.uniform(0.05, 0.1), acceleration_mps2=rng.uniform(0.3, 1.2)),
     )  # fmt: skip
 
@@ -71,11 +72,10 @@ def _body(rng: np.random.Generator) -> GraspObject:
 
 
 def _weighing(body: GraspObject, mass_kg: float) -> GraspObject:
-    fields = {name: getattr(body, name) for name in body.__struct_fields__}
-    return GraspObject(**{**fields, "mass_kg": mass_kg})
+    return msgspec.structs.replace(body, mass_kg=mass_kg)
 
 
-def _plane(rng: np.random.Generator, body: GraspObject, aside_m: float = 0.0) -> Plane:
-    """A slender body: its radius of gyration is 40 to 90 mm."""
+def _slender(rng: np.random.Generator, body: GraspObject, aside_m: float = 0.0) -> GraspObject:
+    """With a radius of gyration of 40 to 90 mm, and the weight so far beside the grip."""
     radius = rng.uniform(0.04, 0.09)
-    return Plane(inertia_kgm2=body.mass_kg * radius**2, centre_of_mass_y_m=aside_m)
+    return msgspec.structs.replace(body, radius_of_gyration_m=radius, centre_aside_m=aside_m)

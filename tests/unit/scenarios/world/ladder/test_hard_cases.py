@@ -6,10 +6,18 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from scenarios.world.contact import GRAVITY_MPS2
-from scenarios.world.ladder import comparators, compliant
+from scenarios.world import laws
+from scenarios.world.contact import (
+    GRAVITY_MPS2,
+    Level,
+    LevelChoice,
+    elements,
+    initial_state,
+    parameters,
+)
+from scenarios.world.ladder import comparators
 from scenarios.world.ladder.comparators import Method
-from scenarios.world.ladder.levels import Level, compliant_parameters, simulate
+from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.reference import adaptive, explicit
 from scenarios.world.ladder.scene import Closing, Grip, Scene, Vibration, squeeze
 from tests.unit.scenarios.world.ladder.ladder_scenes import SOFT, body, changed, held, lift, tap
@@ -68,17 +76,16 @@ def period(positions: np.ndarray, step_s: float) -> float:
 
 def ladder_on_a_belt(damping_nspm: float, step_s: float) -> float:
     scene = belt_scene(1e6, damping_nspm)
-    p, s = compliant_parameters(scene), np.zeros(compliant.STATE_SIZE)
-    s[compliant.TRAVEL : compliant.TRAVEL + 3] = scene.grip.travel_m
-    stretch, sliding, z = np.zeros((1, 3)), np.zeros(1), []
-    closing = np.array([math.inf, *[0.0] * 7])
-    one = np.zeros(1), np.array([[0.0, 0.0, 0.0, 1.0]])
+    p = parameters(scene.contact, scene.body, LevelChoice(Level.POINTS, step_s, step_s))
+    s, e, z = initial_state(), elements(scene.contact, Level.POINTS)[:1], []
+    e[:, laws.E_Y : laws.E_SHARE] = 0.0
+    s[laws.HEIGHT] = laws.IN_THE_AIR_M
+    closing, travel = np.array([math.inf, *[0.0] * 7]), np.array(scene.grip.travel_m)
     for _ in range(round(1.0 / step_s)):
-        load = np.array([[0.0, MASS_KG * GRAVITY_MPS2 - SPRING_NPM * s[compliant.POSE + 1], 0.0]])
-        compliant.follow(
-            p, s, 1, step_s, np.array([BELT_MPS]), load, closing, False, *one, stretch, sliding
-        )
-        z.append(s[compliant.POSE + 1])
+        down = MASS_KG * GRAVITY_MPS2 - SPRING_NPM * (s[laws.HEIGHT] - laws.IN_THE_AIR_M)
+        load = np.array([[0.0, down, 0.0, 0.0]])
+        laws.follow(p, s, e, 1, step_s, np.array([BELT_MPS]), load, closing, travel)
+        z.append(s[laws.HEIGHT])
     return period(np.array(z), step_s)
 
 
@@ -194,11 +201,12 @@ def disc(rings: int, spin_only_as_ellipsoid: bool, ratio: float) -> float:
     """v / (R w) when a hundredth of the speed is left, of a disc of radius R = 20 mm."""
     radius, what = 0.02, body(mass_kg=0.3, friction_static=0.5, friction_kinetic=0.5)
     scene = held(contact=changed(SOFT, shear_stiffness_npm=1e12), body=what)
-    p, s = compliant_parameters(scene), np.zeros(compliant.STATE_SIZE)
-    p[compliant.P_INERTIA] = 0.5 * what.mass_kg * radius**2
-    s[compliant.TRAVEL : compliant.TRAVEL + 3] = scene.grip.travel_m
+    p = parameters(scene.contact, what, LevelChoice(Level.POINTS, 1e-7, 1e-7))
+    p[laws.P_INERTIA] = 0.5 * what.mass_kg * radius**2
+    s = initial_state()
+    s[laws.HEIGHT] = laws.IN_THE_AIR_M
     speed = 0.02  # so slow that the disc stays where it is: 10 um
-    s[compliant.SPEED], s[compliant.SPEED + 2] = speed, speed / (ratio * radius)
+    s[laws.ACROSS_SPEED], s[laws.TURN_RATE] = speed, speed / (ratio * radius)
     if spin_only_as_ellipsoid:
         one = np.array([[0.0, 0.0, 2 / 3 * radius, 1.0]])
     else:
@@ -207,17 +215,15 @@ def disc(rings: int, spin_only_as_ellipsoid: bool, ratio: float) -> float:
         one = np.array([
             [a * math.cos(b), a * math.sin(b), 0.0, 1 / (48 * rings)] for a in r for b in turns
         ])  # fmt: skip
-    finger = np.repeat(np.arange(3.0), len(one))
-    elements = np.tile(one, (3, 1))
-    stretch, sliding = np.zeros((len(finger), 3)), np.ones(len(finger))
-    closing = np.array([math.inf, *[0.0] * 7])
-    weightless = np.array([[0.0, what.mass_kg * GRAVITY_MPS2, 0.0]])
+    e = np.zeros((3 * len(one), laws.ELEMENT_SIZE))
+    e[:, : laws.E_FINGER] = np.tile(one, (3, 1))
+    e[:, laws.E_FINGER] = np.repeat(np.arange(3.0), len(one))
+    e[:, laws.E_SLIDES] = 1.0
+    closing, travel = np.array([math.inf, *[0.0] * 7]), np.array(scene.grip.travel_m)
+    weightless = np.array([[0.0, what.mass_kg * GRAVITY_MPS2, 0.0, 0.0]])
     for _ in range(200000):
-        compliant.follow(
-            p, s, 1, 1e-7, np.zeros(1), weightless, closing, False, finger, elements, stretch,
-            sliding,
-        )  # fmt: skip
-        v, w = s[compliant.SPEED], s[compliant.SPEED + 2]
+        laws.follow(p, s, e, 1, 1e-7, np.zeros(1), weightless, closing, travel)
+        v, w = s[laws.ACROSS_SPEED], s[laws.TURN_RATE]
         if math.hypot(v, radius * w) < 1e-2 * speed:
             break
     return float(v / (radius * w))

@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from scenarios.world.contact import Level
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder.experiments import SCENES, World
-from scenarios.world.ladder.levels import Level, simulate
+from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.planner import Tolerance, indicators, plan
-from scenarios.world.ladder.scene import Plane, Vibration
+from scenarios.world.ladder.scene import Vibration
 from tests.unit.scenarios.world.ladder.ladder_scenes import body, held, lift, tap
 from tests.unit.scenarios.world.ladder.planner_report import scenes_of, truth
 from tests.unit.scenarios.world.ladder.random_scenes import random_lift, random_tap
@@ -29,9 +30,9 @@ def test_relaxing_pads_are_beyond_the_rigid_level() -> None:
 
 
 def test_levels_that_agree_because_both_omit_the_rotation_are_not_believed() -> None:
-    scene = held(tap=tap(0.04, "side", 0.2))
+    scene = held(tap=tap(0.04))
     rigid, slider = (simulate(scene, level, 1e-4) for level in (Level.RIGID, Level.SLIDER))
-    assert math.dist(rigid.mark_m, slider.mark_m) < 0.1e-3  # agreement, and both are wrong
+    assert math.dist(rigid.mark_m, slider.mark_m) < 0.7e-3  # agreement, and both are wrong
     assert math.dist(rigid.mark_m, truth(scene)) > 2e-3
     assert plan(scene, MM).level >= Level.POINTS
 
@@ -65,7 +66,7 @@ def test_indicators_are_the_numbers_they_are_named_after() -> None:
     # three pads of 7 kN/m under 0.3 kg: 42 Hz
     assert facts.frequency_ratio == pytest.approx(0.5, rel=0.01)
     assert not facts.turns
-    aside = indicators(held(plane=Plane(centre_of_mass_y_m=0.01)))
+    aside = indicators(held(body=body(centre_aside_m=0.01)))
     assert aside.turns
     assert indicators(held(tap=tap(0.0, "side"))).sideways
 
