@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from scenarios.rigs.variation import VariationSettings, draw
-from scenarios.world import contact
+from scenarios.world import laws
+from scenarios.world.contact import Contact, Level, LevelChoice
+from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.scene_terms import Damage, DamageSettings, Pull, PullSettings
 from tests.unit.scenarios.conftest import config, judged
+from tests.unit.scenarios.world.test_contact import body
 
 MS = 1_000_000
 
@@ -59,11 +62,11 @@ def test_pull_begins_once_when_the_arm_has_stood_long_enough_in_the_air() -> Non
 
 
 def test_force_of_a_pull_ramps_up_stands_and_ramps_down() -> None:
-    s = contact.initial_state()
-    assert contact.pull_force(s, 1.0) == 0.0
-    contact.pull(s, 8.0, 1.0, 0.1, 0.3)
+    held = Contact(ContactSettings(), body(), LevelChoice(Level.SLIDER, 5e-4, 1e-4))
+    assert laws.pull_force(held.state, 1.0) == 0.0
+    held.pull(PullSettings(force_n=8.0, ramp_s=0.1, lasts_s=0.3), 1.0)
     at = {0.9: 0.0, 1.05: 4.0, 1.1: 8.0, 1.4: 8.0, 1.45: 4.0, 1.6: 0.0}
-    assert {t: contact.pull_force(s, t) for t in at} == pytest.approx(at, abs=1e-9)
+    assert {t: laws.pull_force(held.state, t) for t in at} == pytest.approx(at, abs=1e-9)
 
 
 def test_held_object_bears_a_pull_within_its_friction_and_is_lost_to_one_beyond() -> None:
