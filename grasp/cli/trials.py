@@ -84,8 +84,9 @@ def _follow(
     """Run what the store lacks and show it."""
     from grasp.cli.live import Display, trial_line
     from grasp.cli.operator import TerminalOperator
-    from scenarios.campaign.experiment import Bench, run
+    from scenarios.campaign.experiment import run
     from scenarios.trial.result import Failure
+    from scenarios.trial.series import Bench
 
     # a lift that nobody asked more of may be started by a script: nobody is there to answer
     asked = experiment.config.rig == "hardware" and (not alone or sys.stdin.isatty())

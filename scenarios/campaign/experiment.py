@@ -17,26 +17,14 @@ from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.worker import AnyRun, Finished, Row, error_row, judged, spent
 from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
-from scenarios.rigs.permission import MotionPermit
 from scenarios.tap import tap
 from scenarios.tap.config import TapConfig
-from scenarios.trial.execution import OnTick
-from scenarios.trial.person import Operator
+from scenarios.trial.series import Bench
 
 INTERRUPTED = "interrupted"  # a failure's kind: no row, the trial is run again
 JUDGED = "safety_stop"  # a failure's kind: the trial itself ended so
 
 AnySeries = Generator[AnyRun, None, None]
-
-
-class Bench(msgspec.Struct, frozen=True):
-    """Where trials are run, and who watches or helps."""
-
-    runs: Path | None
-    paced: bool
-    on_tick: OnTick
-    operator: Operator | None = None
-    permit: MotionPermit | None = None
 
 
 class Experiment(msgspec.Struct, frozen=True):
@@ -104,10 +92,10 @@ def run(
             wall, cpu = time.perf_counter(), time.process_time()
 
 
-def _series(config: LiftConfig | TapConfig, seeds: list[int], b: Bench) -> AnySeries:
+def _series(config: LiftConfig | TapConfig, seeds: list[int], bench: Bench) -> AnySeries:
     if isinstance(config, TapConfig):
-        return tap.run_series(config, seeds, b.runs, b.paced, b.on_tick, b.operator, b.permit)
-    return lift.run_series(config, seeds, b.runs, b.paced, b.on_tick, b.operator, b.permit)
+        return tap.run_series(config, seeds, bench)
+    return lift.run_series(config, seeds, bench)
 
 
 def row_of(task: Task, finished: AnyRun) -> Row | None:

@@ -19,14 +19,13 @@ from scenarios.lift.scoring import (
     slip_distance_m,
 )
 from scenarios.rigs.opening import open_rig
-from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial import person, series
 from scenarios.trial.execution import FinishedTrial, OnTick, Watch, make_guard, run_trial
 from scenarios.trial.person import Operator, SlipReading, TapeMark
 from scenarios.trial.result import FinishedRun, later_ms, named, seconds
 from scenarios.trial.run_folder import Record, check_runs
-from scenarios.trial.series import Series
+from scenarios.trial.series import Bench, Series
 from scenarios.world.cell import Truth
 
 SCENARIO = "lift"
@@ -41,47 +40,33 @@ def held_for(config: LiftConfig, operator: Operator | None) -> LiftConfig:
 
 
 def run(
-    config: LiftConfig,
-    seed: int,
-    runs: Path | None,
-    paced: bool = False,
-    on_tick: OnTick = lambda tick: None,
-    operator: Operator | None = None,
-    permit: MotionPermit | None = None,
+    config: LiftConfig, seed: int, runs: Path | None, on_tick: OnTick = lambda tick: None
 ) -> FinishedRun[LiftResult]:
     """One judged lift. With ``runs`` it leaves a folder of its own there; None records nothing.
 
     Raises ConfigError, CouldNotRecord and the drivers' errors for what goes wrong before the run
     begins; an error while running ends in the safe state and is reported in the result.
     """
-    return next(run_series(config, (seed,), runs, paced, on_tick, operator, permit))
+    return next(run_series(config, (seed,), Bench(runs, on_tick=on_tick)))
 
 
-def run_series(
-    config: LiftConfig,
-    seeds: Sequence[int],
-    runs: Path | None,
-    paced: bool = False,
-    on_tick: OnTick = lambda tick: None,
-    operator: Operator | None = None,
-    permit: MotionPermit | None = None,
-) -> Series[LiftResult]:
+def run_series(config: LiftConfig, seeds: Sequence[int], bench: Bench) -> Series[LiftResult]:
     """One judged lift a seed, as ``scenarios.trial.series`` runs them."""
-    guard = make_guard(config)
-    check_runs(runs)
+    guard, operator = make_guard(config), bench.operator
+    check_runs(bench.runs)
     held = held_for(config, operator)
 
     def attempt(
         seed: int, rig: GraspRig, home: Vector3 | None
     ) -> tuple[FinishedRun[LiftResult], Vector3]:
         reading = None if operator is None else SlipReading(operator, config.controller.hold_s)
-        with Record(held, SCENARIO, seed, runs, on_tick, home) as record:
+        with Record(held, SCENARIO, seed, bench.runs, bench.on_tick, home) as record:
             trial = _run_trial(held, rig, guard, record.tick, reading, home)
             mark = None if reading is None else reading.mark
             result = judge(held, seed, trial, record.path, mark)
             return record.finish(trial, result), trial.controller.home
 
-    return series.run_series(held, seeds, paced, operator, permit, attempt)
+    return series.run_series(held, seeds, bench, attempt)
 
 
 def _run_trial(

@@ -14,7 +14,6 @@ from drivers.errors import ConfigError
 from drivers.interfaces import Vector3
 from grasp.guard import ForceGuard
 from grasp.loop import Tick
-from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import GraspRig
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import direction_of, mallet_speed_mps, swing
@@ -37,7 +36,7 @@ from scenarios.trial.execution import FinishedTrial, OnTick, Watch, make_guard
 from scenarios.trial.person import Operator
 from scenarios.trial.result import FinishedRun, later_ms, named
 from scenarios.trial.run_folder import Record, check_runs
-from scenarios.trial.series import Series
+from scenarios.trial.series import Bench, Series
 from scenarios.world.cell import Truth
 
 SCENARIO = "tap"
@@ -100,44 +99,30 @@ def run_trial(
 
 
 def run(
-    config: TapConfig,
-    seed: int,
-    runs: Path | None,
-    paced: bool = False,
-    on_tick: OnTick = lambda tick: None,
-    operator: Operator | None = None,
-    permit: MotionPermit | None = None,
+    config: TapConfig, seed: int, runs: Path | None, on_tick: OnTick = lambda tick: None
 ) -> FinishedRun[TapResult]:
     """One judged tap on a rig of its own, as ``lift.run`` is one judged lift."""
-    return next(run_series(config, range(seed, seed + 1), runs, paced, on_tick, operator, permit))
+    return next(run_series(config, (seed,), Bench(runs, on_tick=on_tick)))
 
 
-def run_series(
-    config: TapConfig,
-    seeds: Sequence[int],
-    runs: Path | None,
-    paced: bool = False,
-    on_tick: OnTick = lambda tick: None,
-    operator: Operator | None = None,
-    permit: MotionPermit | None = None,
-) -> Series[TapResult]:
+def run_series(config: TapConfig, seeds: Sequence[int], bench: Bench) -> Series[TapResult]:
     """One judged tap a seed, as ``scenarios.trial.series`` runs them, each recorded in a folder of
     its own."""
     config = tap_config(config)
     guard = make_guard(config)
-    check_runs(runs)
+    check_runs(bench.runs)
     for seed in seeds[:1]:
         swing(config, seed)  # a blow that cannot be found is told before anything moves
 
     def attempt(
         seed: int, rig: GraspRig, home: Vector3 | None
     ) -> tuple[FinishedRun[TapResult], Vector3]:
-        with Record(config, SCENARIO, seed, runs, on_tick, home) as record:
-            trial = run_trial(config, seed, rig, guard, record.tick, operator, home)
+        with Record(config, SCENARIO, seed, bench.runs, bench.on_tick, home) as record:
+            trial = run_trial(config, seed, rig, guard, record.tick, bench.operator, home)
             result = judge(config, seed, trial, record.path)
             return record.finish(trial, result), trial.controller.home
 
-    return series.run_series(config, seeds, paced, operator, permit, attempt)
+    return series.run_series(config, seeds, bench, attempt)
 
 
 def facts_of(config: TapConfig, trial: TapTrial) -> TapFacts:

@@ -13,6 +13,7 @@ from scenarios.tap.result import TapResult
 from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.settings import TapScoringSettings
 from scenarios.tap.summary import count
+from scenarios.trial.series import Bench
 from tests.unit.scenarios.tap.windows import sensitivity
 
 OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
@@ -30,7 +31,7 @@ WINDOWS = {
 
 def taps(name: str, detector: str, number: int, *assignments: str) -> Iterator[TapResult]:
     config = load_config(name, "simulated", detector, None, assignments).for_tap()
-    for finished in tap.run_series(config, range(number), None):
+    for finished in tap.run_series(config, range(number), Bench()):
         assert finished.result is not None
         yield finished.result
 

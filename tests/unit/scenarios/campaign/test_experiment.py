@@ -10,13 +10,14 @@ from drivers.errors import ConfigError
 from grasp.cli.main import main
 from scenarios.campaign import experiment as experiments
 from scenarios.campaign.config import load_config
-from scenarios.campaign.experiment import Bench, Experiment, row_of
+from scenarios.campaign.experiment import Experiment, row_of
 from scenarios.campaign.run import run as run_campaign
 from scenarios.campaign.spec import CampaignSpec
 from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.worker import Row
 from scenarios.rigs.workers import Workers
 from scenarios.trial.result import Failure, FinishedRun
+from scenarios.trial.series import Bench
 
 MACHINE = ("wall_s", "cpu_s", "versions", "timing", "recording")  # not of the trial itself
 QUICK = ("hand.activation_s=0.5", "energy.threshold_counts=12", "tap.impulse_n_s=0.25")
@@ -32,7 +33,7 @@ def of_trial(row: Row) -> dict[str, Any]:
 
 
 def run_all(made: Experiment, out: Path, *, resume: bool = False) -> list[Row | None]:
-    bench = Bench(out.parent / "runs", False, lambda tick: None)
+    bench = Bench(out.parent / "runs")
     with made.store(out, resume) as store:
         return [row for _, row in experiments.run(made, bench, store)]
 
@@ -58,7 +59,7 @@ def test_rows_are_those_of_a_campaign(scenario: str, tmp_path: Path) -> None:
 
 def test_what_is_missing_is_run_and_nothing_else(tmp_path: Path) -> None:
     made, out = Experiment(config("lift"), 0, 3), tmp_path / "e.sqlite"
-    bench = Bench(None, False, lambda tick: None)
+    bench = Bench()
     with made.store(out, resume=False) as store:
         begun = experiments.run(made, bench, store)
         next(begun)
@@ -93,7 +94,7 @@ def test_another_address_is_the_same_experiment(tmp_path: Path) -> None:
 
 def judged_lift() -> FinishedRun[Any]:
     made = Experiment(config("lift"), 0, 1)
-    bench = Bench(None, False, lambda tick: None)
+    bench = Bench()
     return next(iter(experiments.run(made, bench, None)))[0]
 
 

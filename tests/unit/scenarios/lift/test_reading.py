@@ -10,6 +10,7 @@ from grasp.phases import SAFE_PHASES, Phase
 from scenarios.lift import lift
 from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
 from scenarios.trial.person import HOLD_S, SlipReading, TapeMark, read_mark
+from scenarios.trial.series import Bench
 from tests.unit.scenarios.conftest import changed, config
 
 
@@ -116,9 +117,9 @@ def test_object_is_held_until_its_slip_has_been_read(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(SlipReading, "_ask", noted)
     monkeypatch.setattr("scenarios.trial.series.place_object", lambda rig, operator, which: None)
-    result = lift.run(
-        changed(config(), "controller", hold_s=0.5), 0, None, on_tick=watch, operator=typist
-    ).result
+    bench = Bench(on_tick=watch, operator=typist)
+    (done,) = lift.run_series(changed(config(), "controller", hold_s=0.5), (0,), bench)
+    result = done.result
     assert result is not None
     assert result.outcome == "held_within_6cm"  # the world knows better than the person
     assert len(typist.questions) == 2

@@ -24,6 +24,7 @@ from scenarios.rigs import hardware as hardware_room
 from scenarios.rigs import opening
 from scenarios.rigs.permission import MotionPermit, check_devices, permit, release_command
 from scenarios.tap import tap
+from scenarios.trial.series import Bench
 from tests.unit.grasp.cli.test_cli import stroke_csv
 
 ROOT = Path(__file__).parents[4]
@@ -210,7 +211,7 @@ def test_trial_of_a_campaign_refuses_real_devices_though_its_settings_name_them(
     [
         lambda c: lift.run(c.for_lift(), 0, None),
         lambda c: tap.run(c.for_tap(), 0, None),
-        lambda c: list(tap.run_series(c.for_tap(), range(2), None)),
+        lambda c: list(tap.run_series(c.for_tap(), range(2), Bench())),
         lambda c: opening.open_rig(c, 0, paced=False).__enter__(),
     ],
 )

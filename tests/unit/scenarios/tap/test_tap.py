@@ -22,6 +22,7 @@ from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.tap import TapTrial, tap_config
 from scenarios.trial.execution import make_guard
 from scenarios.trial.replay import replay_run
+from scenarios.trial.series import Bench
 from scenarios.world import laws
 from scenarios.world.cell import Blow
 from scenarios.world.contact import Level
@@ -220,7 +221,7 @@ def test_watch_too_short_to_judge_is_refused() -> None:
 
 
 def test_series_is_its_taps_one_by_one() -> None:
-    series = [f.result for f in tap.run_series(config(HEARS), range(2), None)]
+    series = [f.result for f in tap.run_series(config(HEARS), range(2), Bench())]
     for seed, of_series in enumerate(series):
         alone = result_of(seed=seed)
         assert of_series is not None
@@ -321,7 +322,7 @@ def test_interrupted_tap_stops_the_arm_keeps_the_grip_and_ends_the_series(tmp_pa
         if tick.decision.phase is Phase.HOLD:
             raise KeyboardInterrupt
 
-    ended = list(tap.run_series(config(), range(3), tmp_path, on_tick=press_ctrl_c))
+    ended = list(tap.run_series(config(), range(3), Bench(tmp_path, on_tick=press_ctrl_c)))
     assert ended[0].failure is not None
     assert ended[0].failure.kind == "interrupted"
     assert ended[0].failure.message == "stopped by hand in phase hold"

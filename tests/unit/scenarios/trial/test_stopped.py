@@ -20,6 +20,7 @@ from scenarios.tap.config import TapConfig
 from scenarios.tap.summary import summarise
 from scenarios.trial.replay import replay_run
 from scenarios.trial.result import FinishedRun
+from scenarios.trial.series import Bench
 from tests.unit.scenarios.conftest import config, in_phase
 
 QUICK = ("controller.hold_s=0.3", "controller.lift_height_m=0.08", "hand.activation_s=0.5")
@@ -115,7 +116,7 @@ def test_signal_while_a_rig_opens_leaves_no_run(
 def test_signal_between_two_taps_ends_the_series_and_keeps_the_first() -> None:
     done = []
     with interruption.taken(), pytest.raises(KeyboardInterrupt):
-        for finished in tap.run_series(tap_config(), range(3), None):
+        for finished in tap.run_series(tap_config(), range(3), Bench()):
             done.append(finished.result)
             signal.raise_signal(signal.SIGTERM)
     assert [r.outcome for r in done if r is not None] != ["interrupted"]
@@ -129,7 +130,7 @@ def tap_config() -> TapConfig:
 def test_interrupted_tap_is_in_no_rate() -> None:
     with interruption.taken():
         (ended,) = tap.run_series(
-            tap_config(), range(2), None, on_tick=signal_in(Phase.HOLD, signal.SIGTERM)
+            tap_config(), range(2), Bench(on_tick=signal_in(Phase.HOLD, signal.SIGTERM))
         )
     assert ended.result is not None
     assert (ended.result.success, ended.result.moved) == (None, None)
