@@ -77,6 +77,17 @@ def one_by_one(names: Sequence[str], doing: str, hidden: bool) -> Iterator[str]:
             yield name
 
 
+def add_runs(parser: argparse.ArgumentParser) -> None:
+    """`--runs DIR`."""
+    parser.add_argument(
+        "--runs",
+        type=Path,
+        default=Path("runs"),
+        metavar="DIR",
+        help="folder of recordings (default: %(default)s)",
+    )
+
+
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """`--config FILE`, `--set SECTION.KEY=VALUE`."""
     parser.add_argument(

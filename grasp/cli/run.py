@@ -2,12 +2,11 @@
 
 import argparse
 import json
-from pathlib import Path
 from typing import Any
 
 from drivers.errors import UsageError
 from grasp.cli import exits
-from grasp.cli.options import add_confirmation, add_settings, decimal, motion_permit, seed
+from grasp.cli.options import add_confirmation, add_runs, add_settings, decimal, motion_permit, seed
 from grasp.cli.trials import add_series_options, paced, run_trials
 
 HELP = "run a scenario"
@@ -24,13 +23,7 @@ def add_parser(verbs: Any) -> None:
     )
     add_trial_options(parser, rig="emulated")
     add_acquire_options(parser)
-    parser.add_argument(
-        "--runs",
-        type=Path,
-        default=Path("runs"),
-        metavar="DIR",
-        help="folder of recordings (default: %(default)s)",
-    )
+    add_runs(parser)
     parser.add_argument(
         "--keep",
         action="store_true",

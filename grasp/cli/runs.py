@@ -2,23 +2,17 @@
 
 import argparse
 import json
-from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
+from grasp.cli.options import add_runs
 
 HELP = "list recorded runs with their verdicts"
 
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("runs", help=HELP, description=HELP)
-    parser.add_argument(
-        "--runs",
-        type=Path,
-        default=Path("runs"),
-        metavar="DIR",
-        help="folder of recordings (default: %(default)s)",
-    )
+    add_runs(parser)
     parser.add_argument("--json", action="store_true", help="one JSON array of results")
     parser.set_defaults(handler=run)
 
