@@ -106,7 +106,7 @@ class CommandRegisters(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class AxisStatus(msgspec.Struct, frozen=True):
-    """Report of one axis: gPR echo, gPO position, gCU current (10 mA a count), gDT detection."""
+    """Status of one axis: gPR echo, gPO position, gCU current (10 mA a count), gDT detection."""
 
     echo: int = 0
     position: int = 0

@@ -113,24 +113,24 @@ def describe(args: argparse.Namespace) -> int:
     import msgspec
 
     from detector.recordings import read_dataset
-    from scenarios.acquire.datasets import report as dataset_report
+    from scenarios.acquire.datasets import describe
 
     if args.pictures is not None:
         need("charts", "matplotlib")
     recordings = read_dataset(args.folder, args.split)
-    report = dataset_report.describe(recordings)
+    figures = describe.describe(recordings)
     if args.pictures is not None:
-        dataset_report.draw(recordings, args.pictures)
+        describe.draw(recordings, args.pictures)
     if args.json:
-        print(msgspec.json.encode(report).decode())
+        print(msgspec.json.encode(figures).decode())
     else:
-        print_report(report)
+        print_figures(figures)
     return exits.SUCCESS
 
 
-def print_report(r: Any) -> None:
+def print_figures(r: Any) -> None:
     """Figures beside the paper's, as tables."""
-    from scenarios.acquire.datasets.report import PAPER_COUNTS, PAPER_SLIP, PAPER_STATIC
+    from scenarios.acquire.datasets.describe import PAPER_COUNTS, PAPER_SLIP, PAPER_STATIC
 
     print(f"{r.recordings} recordings, {r.samples} samples: {r.static} static, {r.slip} slip")
     print(f"paper: {PAPER_STATIC + PAPER_SLIP} samples: {PAPER_STATIC} static, {PAPER_SLIP} slip")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.robotiq.model import motor
 from drivers.robotiq.model.hand import HandSettings
 from drivers.robotiq.model.motor import FINGERS, SUBSTEP_NS
-from drivers.robotiq.model.registers import MA_PER_COUNT, AxisReport, Request
+from drivers.robotiq.model.registers import MA_PER_COUNT, AxisStatus, Request
 
 OPENING, CLOSING, AT_TARGET = 1, 2, 3  # gDT
 
@@ -154,11 +154,11 @@ class Fingers:
         counts = float(self._real[motor.TRAVEL, i]) / self._settings.m_per_count
         return min(max(floor(counts + 0.5) + self._settings.offset_counts[i], 0), 255)
 
-    def report(self, i: int, echo: int) -> AxisReport:
+    def status(self, i: int, echo: int) -> AxisStatus:
         detection = int(self._whole[motor.DETECTION, i])
         if self._settings.misses_contact and detection in (OPENING, CLOSING):
             detection = AT_TARGET
-        return AxisReport(echo, self.counts(i), self._current(i), detection)
+        return AxisStatus(echo, self.counts(i), self._current(i), detection)
 
     def _current(self, i: int) -> int:
         if not self._whole[motor.DIRECTION, i]:

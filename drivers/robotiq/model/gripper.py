@@ -20,9 +20,9 @@ from drivers.robotiq.model.motor import FINGERS, Scissor
 from drivers.robotiq.model.registers import (
     FULL,
     WORDS,
-    AxisReport,
+    AxisStatus,
     Command,
-    Report,
+    HandStatus,
     Request,
     Words,
     decode,
@@ -95,7 +95,7 @@ class GripperModel:
         self._stage_end_ns = _NEVER
         if settings.boot_s > 0 and not active:
             self._enter(Stage.BOOTING, now_ns, settings.boot_s)
-        self._sampled = encode(self._report(now_ns))
+        self._sampled = encode(self._status_now(now_ns))
         self._busy = False
         self._next_tick_ns = 0
         self._wake()
@@ -210,7 +210,7 @@ class GripperModel:
         if self._written != self._taken_up and self._stage is not Stage.BOOTING:
             self._taken_up = self._written
             self._take_up(decode(self._written), now_ns)
-        self._sampled = encode(self._report(now_ns))
+        self._sampled = encode(self._status_now(now_ns))
         self._busy = (
             self._fingers.moving
             or bool(self._pending)
@@ -338,35 +338,35 @@ class GripperModel:
             return _DELAYED.get(self._stage, 0)
         return fault
 
-    def _report(self, now_ns: int) -> Report:
+    def _status_now(self, now_ns: int) -> HandStatus:
         command, stage = self._command, self._stage
         going = stage is Stage.READY and command.go_to
-        a, b, c = self._finger_reports()
+        a, b, c = self._finger_statuses()
         initialization = _INITIALIZATION.get(stage, 0)
         if stage is Stage.FAULTED:
             initialization = _LEFT_BY_FAULT[self._injected]
-        return Report(
+        return HandStatus(
             active=stage not in (Stage.BOOTING, Stage.RESET),
             mode=command.mode,
             going=going,
             initialization=initialization,
             stopped=_stopped(a.detection, b.detection, c.detection) if going else 0,
             fault=self._fault(),
-            axes=(a, b, c, self._scissor_report(now_ns, going)),
+            axes=(a, b, c, self._scissor_status(now_ns, going)),
         )
 
-    def _finger_reports(self) -> tuple[AxisReport, AxisReport, AxisReport]:
+    def _finger_statuses(self) -> tuple[AxisStatus, AxisStatus, AxisStatus]:
         """In simple mode only finger A echoes (manual p. 68)."""
         a, b, c = (request.position for request in self._command.fingers)
         if not self._one_by_one:
             b = c = 0
         fingers = self._fingers
-        return fingers.report(0, a), fingers.report(1, b), fingers.report(2, c)
+        return fingers.status(0, a), fingers.status(1, b), fingers.status(2, c)
 
-    def _scissor_report(self, now_ns: int, going: bool) -> AxisReport:
+    def _scissor_status(self, now_ns: int, going: bool) -> AxisStatus:
         echo = self._command.scissor.position if self._command.individual_scissor else 0
         rests = going and self._scissor.at_rest(now_ns)
-        return AxisReport(echo, self._scissor.counts(now_ns), 0, AT_TARGET if rests else 0)
+        return AxisStatus(echo, self._scissor.counts(now_ns), 0, AT_TARGET if rests else 0)
 
 
 def _stopped(*detections: int) -> int:

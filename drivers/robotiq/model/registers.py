@@ -41,7 +41,7 @@ class Command(msgspec.Struct, frozen=True):
     scissor: Request
 
 
-class AxisReport(msgspec.Struct, frozen=True):
+class AxisStatus(msgspec.Struct, frozen=True):
     """What one axis tells (gPR, gPO, gCU, gDT)."""
 
     echo: int
@@ -50,7 +50,7 @@ class AxisReport(msgspec.Struct, frozen=True):
     detection: int
 
 
-class Report(msgspec.Struct, frozen=True):
+class HandStatus(msgspec.Struct, frozen=True):
     """The eight status words, before they are encoded."""
 
     active: bool  # gACT
@@ -59,7 +59,7 @@ class Report(msgspec.Struct, frozen=True):
     initialization: int  # gIMC
     stopped: int  # gSTA
     fault: int  # gFLT
-    axes: tuple[AxisReport, AxisReport, AxisReport, AxisReport]
+    axes: tuple[AxisStatus, AxisStatus, AxisStatus, AxisStatus]
 
 
 def decode(words: Sequence[int]) -> Command:
@@ -78,20 +78,20 @@ def decode(words: Sequence[int]) -> Command:
     )
 
 
-def encode(report: Report) -> Words:
+def encode(hand: HandStatus) -> Words:
     """Eight status words."""
     status = (
-        (report.stopped << 6)
-        + (report.initialization << 4)
-        + (report.going << 3)
-        + (report.mode << 1)
-        + report.active
+        (hand.stopped << 6)
+        + (hand.initialization << 4)
+        + (hand.going << 3)
+        + (hand.mode << 1)
+        + hand.active
     )
-    a, b, c, s = report.axes
+    a, b, c, s = hand.axes
     detections = (s.detection << 6) + (c.detection << 4) + (b.detection << 2) + a.detection
     return (
         (status << 8) + detections,
-        (report.fault << 8) + a.echo,
+        (hand.fault << 8) + a.echo,
         (a.position << 8) + a.current,
         (b.echo << 8) + b.position,
         (b.current << 8) + c.echo,

@@ -16,7 +16,7 @@ from drivers.ur import kinematics
 from drivers.ur.driver import ArmSample
 from drivers.ur.link import messages
 from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, Pose, State
-from drivers.ur.link.preflight import PreflightReport, preflight, require
+from drivers.ur.link.preflight import PreflightFindings, preflight, require
 from drivers.ur.link.supervisor import SEE_PENDANT, START_AGAIN, WorkerProcess
 
 _BEAT_NS = 10_000_000
@@ -89,12 +89,12 @@ class UrLink:
         self._stop_number: int | None = None
         self._stop_due_ns = 0
 
-    def connect(self) -> PreflightReport:
+    def connect(self) -> PreflightFindings:
         """Pre-flight, then the worker; raises what ``require`` raises, LinkLost or DeviceFault."""
         self.close()
         s = self._settings
-        report = preflight(s.host, s.step_timeout_s)
-        require(report)
+        findings = preflight(s.host, s.step_timeout_s)
+        require(findings)
         started = WorkerProcess(self._setup())
         started.wait_ready(s.start_timeout_s)
         self._worker, self._trusted = started, started.state
@@ -103,7 +103,7 @@ class UrLink:
         self._turned = False
         if self._trusted is not None:
             self._rotation = self._trusted.pose[3:]
-        return report
+        return findings
 
     def close(self) -> None:
         """Brake if need be, end the program on the controller and the worker."""

@@ -127,4 +127,4 @@ class State(Message, frozen=True):
         return bool(self.safety_bits & _OTHER_STOP_BITS)
 
 
-Report = Ready | Failed | Reply | State
+FromWorker = Ready | Failed | Reply | State

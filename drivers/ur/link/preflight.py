@@ -42,7 +42,7 @@ class PreflightCheck(msgspec.Struct, frozen=True):
     remedy: str = ""
 
 
-class PreflightReport(msgspec.Struct, frozen=True):
+class PreflightFindings(msgspec.Struct, frozen=True):
     """Everything that was asked; questions that hang on a failed one are left out."""
 
     host: str
@@ -54,7 +54,7 @@ class PreflightReport(msgspec.Struct, frozen=True):
         return tuple(check for check in self.checks if check.status == "fail")
 
 
-def preflight(host: str, step_timeout_s: float = 2.0) -> PreflightReport:
+def preflight(host: str, step_timeout_s: float = 2.0) -> PreflightFindings:
     """Ask everything; never raises on an unfit controller, and no step takes longer than told."""
     checks = [_address(host)]
     reachable = set()
@@ -72,22 +72,22 @@ def preflight(host: str, step_timeout_s: float = 2.0) -> PreflightReport:
         checks += found
     if DASHBOARD_PORT in reachable:
         checks += _ask_dashboard(host, version, step_timeout_s)
-    return PreflightReport(host, tuple(checks), version)
+    return PreflightFindings(host, tuple(checks), version)
 
 
-def require(report: PreflightReport) -> None:
-    """Raise for a report with failures: all of them in one message, by the gravest kind.
+def require(findings: PreflightFindings) -> None:
+    """Raise for findings with failures: all of them in one message, by the gravest kind.
 
     LinkLost when something does not answer, DeviceFault when robot or safety state forbid motion,
     Refused when the controller is not set up for remote control by RTDE.
     """
-    failures = report.failures
+    failures = findings.failures
     if not failures:
         return
     kinds = {_KINDS.get(check.name, LinkLost) for check in failures}
     kind = next(kind for kind in (LinkLost, DeviceFault, Refused) if kind in kinds)
     raise kind(
-        f"arm at {report.host}: " + "; ".join(check.detail for check in failures),
+        f"arm at {findings.host}: " + "; ".join(check.detail for check in failures),
         "; ".join(dict.fromkeys(check.remedy for check in failures)),
     )
 

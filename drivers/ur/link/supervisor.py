@@ -130,8 +130,8 @@ class WorkerProcess:
             self._socket.send(msgspec.msgpack.encode(message), socket.MSG_DONTWAIT)
 
     def _listen(self) -> None:
-        """Thread: take in reports and what ur_rtde prints until both ends are closed."""
-        decoder = msgspec.msgpack.Decoder(messages.Report)
+        """Thread: take in messages and what ur_rtde prints until both ends are closed."""
+        decoder = msgspec.msgpack.Decoder(messages.FromWorker)
         printed = self._process.stdout
         with selectors.DefaultSelector() as selector:
             selector.register(self._socket, selectors.EVENT_READ)
@@ -153,27 +153,27 @@ class WorkerProcess:
         self.log.extend(data.decode("utf-8", "replace").splitlines())
         return bool(data)
 
-    def _take(self, decoder: msgspec.msgpack.Decoder[messages.Report]) -> bool:
+    def _take(self, decoder: msgspec.msgpack.Decoder[messages.FromWorker]) -> bool:
         try:
             data = self._socket.recv(messages.LONGEST_MESSAGE)
-            report = decoder.decode(data) if data else None
+            said = decoder.decode(data) if data else None
         except ConnectionResetError:  # it ended with requests unread; what it sent still comes
             return True
         except (OSError, msgspec.DecodeError):
-            report = None
+            said = None
         with self._changed:
-            if report is None:
+            if said is None:
                 self._ended = self._ended or "its worker process ended"
-            elif isinstance(report, State):
-                self.state = report
-            elif isinstance(report, messages.Reply):
-                self._settle(report)
-            elif isinstance(report, messages.Ready):
+            elif isinstance(said, State):
+                self.state = said
+            elif isinstance(said, messages.Reply):
+                self._settle(said)
+            elif isinstance(said, messages.Ready):
                 self._ready = True
             else:
-                self._ended = report.reason
+                self._ended = said.reason
             self._changed.notify_all()
-        return report is not None
+        return said is not None
 
     def _settle(self, reply: messages.Reply) -> None:
         self._due.pop(reply.number, None)

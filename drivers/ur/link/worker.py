@@ -29,12 +29,12 @@ from drivers.ur.link.messages import (
     Command,
     DriveArm,
     Failed,
+    FromWorker,
     Leave,
     Move,
     Outcome,
     Ready,
     Reply,
-    Report,
     Request,
     SetPayload,
     Setup,
@@ -65,10 +65,10 @@ class Channel:
         self._socket = peer
         self._decoder = msgspec.msgpack.Decoder[Request](Request)
 
-    def send(self, report: Report) -> None:
+    def send(self, said: FromWorker) -> None:
         # full: the client sees a silent robot; closed: receive() says so
         with contextlib.suppress(OSError):
-            self._socket.send(msgspec.msgpack.encode(report), socket.MSG_DONTWAIT)
+            self._socket.send(msgspec.msgpack.encode(said), socket.MSG_DONTWAIT)
 
     def receive(self, timeout_s: float) -> Request | None:
         """None when nothing came in time; raises EOFError when the client is gone."""

@@ -53,7 +53,7 @@ class Taxel(msgspec.Struct, frozen=True):
     most: int
 
 
-class DatasetReport(msgspec.Struct, frozen=True):
+class DatasetFigures(msgspec.Struct, frozen=True):
     """A data set in figures."""
 
     recordings: int
@@ -70,7 +70,7 @@ class DatasetReport(msgspec.Struct, frozen=True):
     taxels: list[Taxel]
 
 
-def describe(recordings: Sequence[Recording]) -> DatasetReport:
+def describe(recordings: Sequence[Recording]) -> DatasetFigures:
     """Figures of recordings that are not empty."""
     samples = sum(len(r.slip) for r in recordings)
     slip = sum(int(r.slip.sum()) for r in recordings)
@@ -78,7 +78,7 @@ def describe(recordings: Sequence[Recording]) -> DatasetReport:
     known = [(r, r.slip_true) for r in true if r.slip_true is not None]
     complete = len(known) == len(recordings)
     speeds = np.sort(_speeds(recordings))
-    return DatasetReport(
+    return DatasetFigures(
         recordings=len(recordings),
         samples=samples,
         static=samples - slip,

@@ -89,8 +89,8 @@ def test_the_driver_reads_a_status_frame(name: str) -> None:
 @pytest.mark.parametrize("name", STATUS)
 def test_the_model_makes_a_status_frame(name: str) -> None:
     frame, head, axes = STATUS[name]
-    a, b, c, scissor = (model.AxisReport(*axis) for axis in axes)
-    assert model.encode(model.Report(*head, (a, b, c, scissor))) == words(frame)
+    a, b, c, scissor = (model.AxisStatus(*axis) for axis in axes)
+    assert model.encode(model.HandStatus(*head, (a, b, c, scissor))) == words(frame)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -112,15 +112,15 @@ def test_the_model_reads_a_command_frame(name: str) -> None:
 
 @given(
     st.builds(
-        model.Report, flag, two_bits, flag, two_bits, two_bits, st.integers(0, 15),
-        st.tuples(*[st.builds(model.AxisReport, byte, byte, byte, two_bits)] * 4),
+        model.HandStatus, flag, two_bits, flag, two_bits, two_bits, st.integers(0, 15),
+        st.tuples(*[st.builds(model.AxisStatus, byte, byte, byte, two_bits)] * 4),
     )
 )  # fmt: skip
-def test_any_status_of_the_model_is_read_as_it_was_meant(report: model.Report) -> None:
-    read = StatusRegisters.from_registers(model.encode(report))
-    assert msgspec.structs.astuple(read)[:6] == msgspec.structs.astuple(report)[:6]
+def test_any_status_of_the_model_is_read_as_it_was_meant(status: model.HandStatus) -> None:
+    read = StatusRegisters.from_registers(model.encode(status))
+    assert msgspec.structs.astuple(read)[:6] == msgspec.structs.astuple(status)[:6]
     assert [msgspec.structs.astuple(axis) for axis in axes_of(read)] == [
-        msgspec.structs.astuple(axis) for axis in report.axes
+        msgspec.structs.astuple(axis) for axis in status.axes
     ]
 
 

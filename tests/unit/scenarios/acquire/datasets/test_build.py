@@ -21,14 +21,14 @@ from grasp.settings import config_dir
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.datasets import build as datasets
 from scenarios.acquire.datasets.build import DatasetConfig, Job, apportion, build, plan, window
-from scenarios.acquire.datasets.draws import with_values
-from scenarios.acquire.datasets.report import (
+from scenarios.acquire.datasets.describe import (
     PAPER_SLIP,
     PAPER_STATIC,
     PAPER_TABLE,
     SURFACES,
     describe,
 )
+from scenarios.acquire.datasets.draws import with_values
 from scenarios.rigs.workers import Workers
 
 PAPER = config_dir() / "datasets" / "paper.toml"

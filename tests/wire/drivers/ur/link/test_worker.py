@@ -125,7 +125,7 @@ def serve(commander, ours, *requests):
             data = ours.socket.recv(messages.LONGEST_MESSAGE)
         except BlockingIOError:
             break
-        reports.append(msgspec.msgpack.decode(data, type=messages.Report))
+        reports.append(msgspec.msgpack.decode(data, type=messages.FromWorker))
     return [report for report in reports if isinstance(report, messages.Reply)]
 
 
