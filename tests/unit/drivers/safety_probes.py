@@ -1,0 +1,150 @@
+"""Where a setting of arm or fingertips takes effect: the drivers, over links that obey."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from drivers.errors import Refused, Stale
+from drivers.takktile.settings import TakkTileSettings
+from drivers.ur.driver import ArmDriver, ArmSample, ArmSettings
+from tests.unit.drivers.takktile.test_driver import Bench
+
+MS = 1_000_000
+ZERO = (0.0, 0.0, 0.0)
+
+
+# Arm: a link that stands where it is told to and writes down what it is sent
+
+
+class StandingArm:
+    def __init__(self) -> None:
+        self.sample = ArmSample(0, ZERO, ZERO, moving=False, protective_stop=False)
+        self.stopped = False
+
+    def move_l(self, *_: object) -> bool:
+        return True
+
+    def speed_l(self, *_: object) -> bool:
+        return True
+
+    def stop_l(self, *_: object) -> None:
+        self.stopped = True
+
+    def set_payload(self, mass_kg: float) -> None: ...
+
+    def read(self, now_ns: int) -> ArmSample:
+        return self.sample
+
+
+def arm_driver(**settings: Any) -> tuple[ArmDriver, StandingArm]:
+    link = StandingArm()
+    wide = {"workspace_low_m": (-1.0,) * 3, "workspace_high_m": (1.0,) * 3, "max_jump_m": 1.0}
+    driver = ArmDriver(link, ArmSettings(**{**wide, **settings}))
+    driver.pump(0)
+    return driver, link
+
+
+def taken(act: Callable[[], object]) -> bool:
+    try:
+        act()
+    except Refused:
+        return False
+    return True
+
+
+def moves(to: tuple[float, float, float], speed: float = 0.1, ramp: float = 0.5, **s: Any) -> bool:
+    return taken(lambda: arm_driver(**s)[0].move_to(to, speed, ramp))
+
+
+def moves_along_any(x: float, **settings: Any) -> bool:
+    """The same verdict on all three axes."""
+    verdicts = {
+        moves((x if axis == 0 else 0.0, x if axis == 1 else 0.0, x if axis == 2 else 0.0),
+              **settings)
+        for axis in range(3)
+    }  # fmt: skip
+    assert len(verdicts) == 1
+    return verdicts.pop()
+
+
+def turns(spin_radps: float, **settings: Any) -> bool:
+    return taken(lambda: arm_driver(**settings)[0].drive(ZERO, spin_radps, 1.0))
+
+
+def turns_as_far_as(x: float, v: float) -> bool:
+    """A spin whose worst end, timed out and braked at 1 rad/s2, is x."""
+    return turns(math.sqrt(0.01 + 2 * x) - 0.1, max_turn_rad=v, max_spin_radps=3.0)
+
+
+def drives_on(v: float, after_s: float) -> bool:
+    driver, link = arm_driver(drive_timeout_s=v)
+    driver.drive((0.1, 0.0, 0.0), 0.0, 1.0)
+    link.sample = msgspec.structs.replace(link.sample, t_ns=1)
+    driver.pump(round(after_s * 1e9))
+    return not link.stopped
+
+
+def trusted(v: float, age_s: float) -> bool:
+    driver, _ = arm_driver(stale_after_s=v)
+    try:
+        driver.pump(round(age_s * 1e9))
+    except Stale:
+        return False
+    return True
+
+
+def arrived(v: float, away_m: float) -> bool:
+    driver, link = arm_driver(arrived_within_m=v)
+    driver.move_to((0.0, 0.0, 0.1), 0.1, 0.5)
+    link.sample = msgspec.structs.replace(link.sample, t_ns=1, position_m=(0.0, 0.0, 0.1 - away_m))
+    driver.pump(MS)
+    return not driver.state.moving
+
+
+# Fingertips
+
+
+def rest_taken(codes: int | None = None, noise: int = 0, **settings: Any) -> bool:
+    bench = Bench(TakkTileSettings(**settings))
+    if codes is not None:
+        bench.codes = np.full(18, codes, np.int16)
+    bench.noise = np.full(18, noise, np.int16)
+    return taken(bench.take_rest)
+
+
+def missed_until_stale(v: int) -> int:
+    bench = Bench(TakkTileSettings(stale_after_missed=v)).take_rest()
+    bench.board.time_out(50)
+    while not bench.frame.stale:
+        bench.pump()
+    return bench.frame.missed
+
+
+def still_new(v: float, age_ms: float) -> bool:
+    """Whether a sample that was converted so long ago is taken."""
+
+    def bench() -> Bench:
+        return Bench(TakkTileSettings(max_age_ms=v)).take_rest()
+
+    usual, late = bench(), bench()
+    usual.pump()
+    late.link.advance(usual.now_ns)  # the same sample has come
+    late.driver.pump(usual.frame.sampled_ns + round(age_ms * MS))
+    return late.frame.missed == 0
+
+
+def samples_of_rest(v: int) -> int:
+    bench = Bench(TakkTileSettings(rest_samples=v))
+    bench.driver.start()
+    bench.driver.begin_rest()
+    pumps = 0
+    while bench.driver.frame is None:
+        bench.pump()
+        pumps += 1
+    return pumps
+
+
+REFERENCE = ((450,) * 6,) * 3

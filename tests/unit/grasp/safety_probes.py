@@ -1,0 +1,242 @@
+"""Where a setting of guard, controller or slip monitor takes effect: each alone, stepped."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from detector.decision import RuleSettings, make_rule
+from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
+from grasp.guard import ForceGuard, GuardSettings
+from grasp.phases import Phase
+from grasp.slip import SlipMonitor, SlipSettings
+from tests.unit.grasp.builders import arm, gripper
+from tests.unit.grasp.test_controller import TICK, Driver
+
+MS = 1_000_000
+ZERO = (0.0, 0.0, 0.0)
+
+
+# Guard
+
+
+def guard(**settings: Any) -> ForceGuard:
+    return ForceGuard(GuardSettings(**settings), least_force_n=1.0, m_per_count=0.001)
+
+
+def admitted(measured_n: float = 0.0, **settings: Any) -> CloseFast | None:
+    """What becomes of a close that asks for everything; None: the fingers hold."""
+    close = CloseFast(60.0, (True,) * 3, (255,) * 3, 100.0)
+    answer = guard(**settings).admit(close, gripper(), (measured_n, 0.0, 0.0))
+    return answer if isinstance(answer, CloseFast) else None
+
+
+def overshoot_n(**settings: Any) -> float:
+    """By which a close at the admitted speed passes the limit, at 2500 N/m and 0.1 kg."""
+    close = admitted(**settings)
+    assert close is not None
+    return close.speed_mps * math.sqrt(2500.0 * 0.1)
+
+
+# Controller
+
+
+def lifted(**settings: Any) -> Driver:
+    """A lift without slip: set down, fingers opened, arm retreating."""
+    d = Driver(**settings)
+    d.until(Phase.LIFT)
+    d.height_m = settings.get("lift_height_m", 0.2)
+    d.until(Phase.LOWER)
+    d.height_m = 0.0
+    d.until(Phase.RETREAT)
+    return d
+
+
+def fingers_moved(number: int, **settings: Any) -> MoveFingers:
+    """The first move shapes the hand, the second grasps."""
+    d = Driver(**settings)
+    d.until(Phase.GRASP)
+    return [c for c in d.commands if isinstance(c, MoveFingers)][number]
+
+
+def arm_moved(number: int, **settings: Any) -> MoveArm:
+    """Up, down, clear."""
+    return [c for c in lifted(**settings).commands if isinstance(c, MoveArm)][number]
+
+
+def risen_m(number: int, **settings: Any) -> float:
+    return arm_moved(number, **settings).position_m[2] - arm().position_m[2]
+
+
+def closed(**settings: Any) -> CloseFast:
+    (close,) = [c for c in Driver(**settings).slip().commands if isinstance(c, CloseFast)]
+    return close
+
+
+def held_s(**settings: Any) -> float:
+    d = Driver(**settings)
+    d.until(Phase.LIFT)
+    d.height_m = 0.2
+    d.until(Phase.HOLD)
+    began_ns = d.t_ns
+    d.until(Phase.LOWER)
+    return (d.t_ns - began_ns) * 1e-9
+
+
+def stopped_at_mps2(v: float) -> float:
+    """Of the arm, when a person stops the run and when a fault does."""
+    commands: list[object] = []
+    for cause in ({"trouble": "unplugged"}, {"stop": "by hand"}):
+        d = Driver(stop_deceleration_mps2=v).lift()
+        d.climb(**cause)
+        commands += d.commands
+    (found,) = {c.deceleration_mps2 for c in commands if isinstance(c, StopArm)}
+    return found
+
+
+def listened_s(**settings: Any) -> tuple[float, float]:
+    """From the fingers' rest to listening, and on to the lift."""
+    d = Driver(**settings)
+    d.until(Phase.RELAX)
+    began_ns = d.t_ns
+    d.until(Phase.LISTEN)
+    assert d.controller.monitor.status.armed
+    armed_ns = d.t_ns
+    d.until(Phase.LIFT)
+    return (armed_ns - began_ns) * 1e-9, (d.t_ns - armed_ns) * 1e-9
+
+
+def patience_s(v: float) -> float:
+    """How long slip goes on at a hand that rests before the object is set down."""
+    d = Driver(cap_patience_s=v).slip()
+    began_ns = d.t_ns
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb(0.9)
+    assert d.controller.cap_reached
+    return (d.t_ns - began_ns) * 1e-9
+
+
+def state_trusted(v: float, age_s: float, of: str) -> bool:
+    d = Driver(stale_after_s=v)
+    d.until(Phase.GRASP)
+    then_ns = d.t_ns + TICK - round(age_s * 1e9)
+    d.step(**{of: gripper(then_ns) if of == "gripper" else arm(then_ns)})
+    return d.controller.phase is not Phase.FAULT
+
+
+def both_trusted(v: float, age_s: float) -> bool:
+    trusted = {state_trusted(v, age_s, of) for of in ("gripper", "arm")}
+    assert len(trusted) == 1
+    return trusted.pop()
+
+
+def seconds_to_fault(v: float) -> float:
+    d = Driver(phase_timeout_s=v)
+    d.until(Phase.LIFT)
+    began_ns = d.t_ns
+    while d.controller.phase is Phase.LIFT:
+        d.climb()
+    return (d.t_ns - began_ns) * 1e-9
+
+
+def seconds_after_fault(v: float) -> float:
+    d = Driver(safe_state_s=v)
+    d.until(Phase.LIFT)
+    d.climb(trouble="unplugged")
+    began_ns = d.t_ns
+    while not d.controller.finished:
+        d.climb()
+    return (d.t_ns - began_ns) * 1e-9
+
+
+def between_stops_s(v: float) -> float:
+    """Of an arm that goes on after a fault."""
+    d = Driver(repeat_s=v).lift()
+    d.climb(trouble="unplugged")
+    stops_ns = [d.t_ns]
+    while len(stops_ns) < 4:
+        if any(isinstance(c, StopArm) for c in d.climb().commands):
+            stops_ns.append(d.t_ns)
+    return (stops_ns[3] - stops_ns[0]) / 3 * 1e-9
+
+
+def touches(v: float, felt_n: float) -> bool:
+    """Whether the arm lifts when the thumb feels so much."""
+    d = Driver(contact_n=v)
+    d.until(Phase.GRASP)
+    for _ in range(80):
+        d.step(measured_n=(felt_n, 0.0, 0.0))
+    return d.controller.phase is Phase.LIFT
+
+
+def seconds_to_answer(v: float) -> float:
+    """From the last time that contact was felt."""
+    d = Driver(contact_lost_s=v).lift()
+    began_ns = d.t_ns
+    while d.controller.phase is Phase.LIFT:
+        d.climb(measured_n=ZERO)
+    return (d.t_ns - began_ns) * 1e-9
+
+
+def seconds_of_overload(v: float) -> float:
+    d = Driver(overload_s=v).lift()
+    began_ns = d.t_ns
+    while d.controller.phase is Phase.LIFT:
+        d.climb(overloaded=True)
+    return (d.t_ns - began_ns) * 1e-9
+
+
+def held_under_alarms_s(v: float) -> float:
+    """At the top, at the cap, with alarms that come and go, beyond ``hold_s``."""
+    d = Driver(alarm_hold_s=v, hold_s=0.5).slip()
+    d.height_m = 0.2
+    d.until(Phase.HOLD)
+    began_ns = d.t_ns
+    while d.controller.phase is not Phase.LOWER:
+        d.step(0.9 if d.t_ns // TICK % 6 < 3 else 0.0)
+    return (d.t_ns - began_ns) * 1e-9 - 0.5
+
+
+def bears_the_cap(hold_by_clock: bool) -> bool:
+    """Whether slip that is still registered after patience leads on to the hold."""
+    d = Driver(hold_by_clock=hold_by_clock).slip()
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb(0.9)
+    return d.controller.phase is Phase.HOLD and not d.controller.cap_reached
+
+
+def at_the_top(v: float, away_m: float) -> bool:
+    d = Driver(at_height_m=v)
+    d.until(Phase.LIFT)
+    d.height_m = 0.2 - away_m
+    return d.step().phase is Phase.HOLD
+
+
+def kept(keep: bool) -> bool:
+    d = Driver(keep=keep, hold_s=0.0)
+    d.until(Phase.LIFT)
+    d.height_m = 0.2
+    for _ in range(5):
+        d.step()
+    return d.controller.finished and d.controller.phase is Phase.HOLD
+
+
+def squeezed(firm: bool) -> bool:
+    d = Driver(firm=firm)
+    d.until(Phase.OPPOSE)
+    return d.step().phase is Phase.SQUEEZE
+
+
+def reacts(reactions: bool) -> bool:
+    d = Driver(reactions=reactions).lift()
+    for _ in range(2):
+        d.climb(0.9)
+    return d.controller.phase is Phase.COMPENSATE
+
+
+def masked_s(value: float) -> float:
+    """For how long after our own closing."""
+    m = SlipMonitor(make_rule(RuleSettings(), 3), SlipSettings(mask_after_closing_s=value))
+    m.arm()
+    m.closing(0)
+    return next(k for k in range(3000) if not m.update(k * MS, np.zeros(3)).masked) / 1e3

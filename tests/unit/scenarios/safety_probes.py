@@ -1,0 +1,127 @@
+"""Where a setting takes effect in a run, in a verdict, or under one fingertip that presses."""
+
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from drivers.ur.driver import ArmDriver
+from grasp.loop import Tick
+from scenarios.acquire.press import PressController, PressControlSettings, PressPhase
+from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
+from scenarios.rigs.opening import open_rig
+from scenarios.tap.result import Alarm
+from scenarios.tap.scoring import ObjectMotion, TapFacts, TapOutcome, verdict
+from scenarios.tap.settings import TapScoringSettings
+from scenarios.trial.execution import grip_plan
+from scenarios.world.cell import Truth
+from tests.unit.grasp.builders import arm
+from tests.unit.scenarios.conftest import Staged, config
+
+ZERO = (0.0, 0.0, 0.0)
+
+
+# Loop
+
+
+def told_payload_kg(v: float) -> float:
+    told: list[float] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ArmDriver, "set_payload", lambda _, mass_kg: told.append(mass_kg))
+        with open_rig(config(f"arm.payload_kg={v}"), 0, paced=False):
+            return told[0]
+
+
+def margin_counts(v: int) -> int:
+    plan = grip_plan(config(f"controller.preshape_margin_counts={v}"))
+    _, b, c = (g - p for g, p in zip(plan.grip_counts, plan.preshape_counts, strict=True))
+    assert b == c
+    return b
+
+
+def thumb_back_counts(v: int) -> int:
+    plan = grip_plan(config(f"controller.thumb_back_counts={v}"))
+    a, b, _ = (g - p for g, p in zip(plan.grip_counts, plan.preshape_counts, strict=True))
+    return a - b
+
+
+def first_ticks(*assignments: str) -> list[Tick]:
+    """Of a lift that is interrupted."""
+
+    def interrupt(_: object) -> None:
+        raise KeyboardInterrupt
+
+    staged = Staged(*assignments)
+    staged.run(lambda _: len(staged.ticks) > 20, interrupt)
+    return staged.ticks
+
+
+def period_s(v: float) -> float:
+    first, second = first_ticks(f"loop.period_s={v}")[10:12]
+    return (second.t_ns - first.t_ns) * 1e-9
+
+
+def delay_s(v: float) -> float:
+    """From the decision to the sending of the first command."""
+    issued = [i for tick in first_ticks(f"loop.decision_delay_s={v}") for i in tick.issued]
+    return (issued[0].sent_ns - issued[0].decided_ns) * 1e-9
+
+
+# Verdicts
+
+
+HELD = Truth(
+    t_ns=0, height_m=0.2, speed_mps=0.0, slip_distance_m=0.02, slip_speed_mps=0.0,
+    normal_n=(10.0, 5.0, 5.0), shear_n=ZERO, peak_n=(10.0, 5.0, 5.0), slip_onset_s=1.0,
+    force_rise_s=1.1, flank_slope=0.0,
+)  # fmt: skip
+FACTS = LiftFacts(
+    end=HELD, felt_n=5.0, had_compensated=True, registered_s=1.1, onset_s=1.0, twin_onset_s=1.0,
+    peak_force_n=10.0, force_bound_n=11.0, cap_reached=False, alarm_stayed=False, fault="",
+)  # fmt: skip
+
+
+def lift_verdict(
+    settings: dict[str, float], end: dict[str, float] | None, **facts: Any
+) -> LiftOutcome:
+    """Of a long object that was held, but for what is named; ``end`` None: no simulation."""
+    truth = None if end is None else msgspec.structs.replace(HELD, **end)
+    changed = msgspec.structs.replace(FACTS, end=truth, **facts)
+    body = msgspec.structs.replace(config().object, long_body=True)
+    return outcome(changed, body, ScoringSettings(**settings))
+
+
+MOVED = ObjectMotion(struck_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0.006)
+
+
+def tap_verdict(
+    settings: dict[str, float], alarms: list[Alarm], moved_m: float = 0.006
+) -> TapOutcome:
+    motion = msgspec.structs.replace(MOVED, displacement_m=moved_m)
+    facts = TapFacts(
+        motion=motion, alarms=alarms, watched_until_s=30.0, own_peak_n=10.5, force_bound_n=11.0
+    )
+    return verdict(facts, TapScoringSettings(**settings))
+
+
+# One fingertip that presses
+
+
+def presser(**settings: Any) -> PressController:
+    made = PressControlSettings(**settings)
+    return PressController(made, 100.0, None, np.random.default_rng(0))
+
+
+def pressing_mps(felt_n: float, below_m: float = 0.0, **settings: Any) -> float:
+    """Speed downwards at a measured force, so far below where it touched (at 100 counts a N)."""
+    p = presser(derivative_m_per_n=0.0, integral_mps_per_n_s=0.0, **settings)
+    p.step(0.0, np.array([-1000] + [0] * 5, dtype=np.int16), arm())
+    counts = np.array([round(-100 * felt_n)] + [0] * 5, dtype=np.int16)
+    return -p.step(0.01, counts, arm(height_m=-below_m)).velocity_mps[2]
+
+
+def touched(value: float, felt_n: float) -> bool:
+    p = presser(touch_n=value)
+    p.step(0.0, np.array([round(-100 * felt_n)] + [0] * 5, dtype=np.int16), arm())
+    return p.phase is not PressPhase.APPROACH
