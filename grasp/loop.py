@@ -38,11 +38,10 @@ from grasp.controller import Decision
 from grasp.observation import Observation, StepInput
 from grasp.step import GraspStep, StepResult
 
-SOON_NS = 1_000_000  # a command due within this is waited for before anyone watches
+# No settings, since no result depends on them: a command due this soon is sent before anyone
+# watches (half of the shortest period), and how often an acknowledgement is looked for meanwhile.
+SOON_NS = 1_000_000
 POLL_NS = 100_000
-ABORT_S, ABORT_STEP_NS = 3.0, 50_000_000  # for an arm to stand, and between two stops
-STOP_S = 20.0  # at most, until a run that was stopped has reached its safe state
-SPARED_NS = 2_000_000  # of a period, for those who watch, though an acknowledgement is late
 
 
 class LoopSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -60,6 +59,33 @@ class LoopSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             "to decision with `energy`, quiet; the paper's inference takes 0.021 s",
         ),
     ] = 0.00002
+    deadline_s: Annotated[
+        float,
+        Meta(ge=1.0, le=3600.0, description="a run may last, whatever its phases may; assumed"),
+    ] = 180.0
+    stop_s: Annotated[
+        float,
+        Meta(
+            ge=0.2, le=60.0,
+            description="a run that was stopped may last, should its safe state not end it: more "
+            "than controller.safe_state_s; assumed",
+        ),
+    ] = 20.0  # fmt: skip
+    abort_s: Annotated[
+        float,
+        Meta(ge=0.1, le=30.0, description="for the arm to stand after a bug of ours; assumed"),
+    ] = 3.0
+    abort_repeat_s: Annotated[
+        float, Meta(ge=0.01, le=1.0, description="between two stops then; assumed")
+    ] = 0.05
+    spared_s: Annotated[
+        float,
+        Meta(
+            ge=0.0, le=0.05,
+            description="of a period, for those who watch, though an acknowledgement is late; "
+            "assumed: 40 % of the shortest period lets a recorder write",
+        ),
+    ] = 0.002  # fmt: skip
 
 
 class Devices(msgspec.Struct, frozen=True):
@@ -148,6 +174,7 @@ class ControlLoop:
         self._clock = clock
         self._step = step
         self._on_tick = on_tick
+        self._settings = settings
         self._period_ns = round(settings.period_s * 1e9)
         self._delay_ns = round(settings.decision_delay_s * 1e9)
         self._deadlines = Deadlines(clock.now_ns, self._period_ns)
@@ -204,7 +231,7 @@ class ControlLoop:
         if stopped:
             self._queue.clear()
         self._stop = cause
-        end_ns = self._clock.now_ns + round(STOP_S * 1e9)
+        end_ns = self._clock.now_ns + round(self._settings.stop_s * 1e9)
         while not controller.finished and self._clock.now_ns < end_ns:
             self.tick()
         return stopped and controller.fault_cause == cause
@@ -212,11 +239,11 @@ class ControlLoop:
     def abort(self) -> None:
         """A bug of ours: stop the arm and keep the grip without another step, until it stands."""
         self._queue.clear()
-        end_ns = self._clock.now_ns + round(ABORT_S * 1e9)
+        end_ns = self._clock.now_ns + round(self._settings.abort_s * 1e9)
         for command in self._step.controller.interrupted():
             self.submit(command)
         while True:
-            self._advance_to(self._clock.now_ns + ABORT_STEP_NS)
+            self._advance_to(self._clock.now_ns + round(self._settings.abort_repeat_s * 1e9))
             self._pump(self._clock.now_ns)
             arm = self._devices.arm.state
             if self._clock.now_ns >= end_ns or (arm is not None and not arm.moving):
@@ -311,7 +338,7 @@ class ControlLoop:
         if self._clock.virtual or not self._queue:
             return
         self._advance_to(self._clock.now_ns + SOON_NS)
-        end_ns = self._deadlines.last_ns + self._period_ns - SPARED_NS
+        end_ns = self._deadlines.last_ns + self._period_ns - round(self._settings.spared_s * 1e9)
         while not self._devices.gripper.acknowledged and self._clock.now_ns < end_ns:
             self._clock.sleep_until_ns(self._clock.now_ns + POLL_NS)
 

@@ -36,6 +36,32 @@ class SamplingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     ] = 0.2
 
 
+class SessionSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Waits of a session, and how the arm leaves."""
+
+    rest_timeout_s: Annotated[
+        float, Meta(ge=0.5, le=60.0, description="for the rest counts; assumed")
+    ] = 5.0
+    touch_timeout_s: Annotated[
+        float, Meta(ge=1.0, le=300.0, description="from the start until something is touched, rest "
+                    "counts included; assumed: 5 s, and 10 cm at control.approach_mps")
+    ] = 15.0  # fmt: skip
+    kept_after_s: Annotated[
+        float, Meta(ge=0.0, le=10.0, description="from touch on samples are kept, and rest counts "
+                    "under load are taken; assumed: half of control.settle_s")
+    ] = 0.75  # fmt: skip
+    retreat_mps: Annotated[
+        float, Meta(ge=0.001, le=0.5, description="back to where it began; assumed")
+    ] = 0.05
+    stop_mps2: Annotated[
+        float, Meta(ge=0.1, le=10.0, description="of the arm, when it stops and retreats; assumed")
+    ] = 1.0
+    stand_s: Annotated[
+        float, Meta(ge=0.1, le=30.0, description="a stop is repeated so long, until the arm is "
+                    "seen to stand; assumed")
+    ] = 1.0  # fmt: skip
+
+
 # The arm presses where a lift has its table, and follows strokes that accelerate themselves.
 ARM = {
     "workspace_low_m": [-0.05, -0.05, -0.02],
@@ -49,6 +75,7 @@ class AcquireConfig(PressRigConfig, frozen=True, forbid_unknown_fields=True, kw_
 
     control: PressControlSettings = PressControlSettings()
     sampling: SamplingSettings = SamplingSettings()
+    session: SessionSettings = SessionSettings()
     realtime: RealTimeSettings = RealTimeSettings()
 
 

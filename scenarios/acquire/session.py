@@ -16,11 +16,7 @@ from scenarios.acquire.press import PressCommand, PressController, PressPhase, S
 from scenarios.rigs.rig import PressRig
 from scenarios.world.pressed_cell import PressedCell, PressedTruth
 
-REST_TIMEOUT_S = 5.0
-APPROACH_TIMEOUT_S = 10.0
-RETREAT_MPS = 0.05
-STOP_MPS2 = 1.0
-STAND_S = 1.0  # to be seen standing, after the end was asked for
+SHOWN_AFTER = 4  # samples until the arm's state speaks of a command: no wait is cut short by more
 
 
 class Sample(msgspec.Struct, frozen=True):
@@ -47,6 +43,7 @@ class Session:
         on_tick: OnTick = lambda tick: None, script: Script = lambda t_s, controller, cell: None,
     ) -> None:  # fmt: skip
         self._config = config
+        self._waits = config.session
         self._rig = rig
         self._on_tick = on_tick
         self._script = script
@@ -84,14 +81,14 @@ class Session:
                     self.ticks.append(tick)
                 self._on_tick(tick)
         finally:
-            arm.stop(STOP_MPS2)
+            arm.stop(self._waits.stop_mps2)
         if start is not None:
             self._retreat(start)
 
     def _take_rest(self) -> None:
         rig = self._rig
         rig.tactile.begin_rest()
-        end_ns = rig.clock.now_ns + round(REST_TIMEOUT_S * 1e9)
+        end_ns = rig.clock.now_ns + round(self._waits.rest_timeout_s * 1e9)
         while not rig.tactile.rest_taken:
             if rig.clock.now_ns > end_ns:
                 raise Stale("the fingertips send no rest counts", "see `grasp tactile`")
@@ -107,7 +104,7 @@ class Session:
         self._controller = presser
         while self._touched_ns is None or not self._settled(self._sample()):
             self._sample()
-        self._rig.arm.stop(STOP_MPS2)
+        self._rig.arm.stop(self._waits.stop_mps2)
         self._take_rest()
         controller.zero_n = presser.force_n
         self._controller, self._touched_ns = controller, None
@@ -148,13 +145,13 @@ class Session:
 
     def _settled(self, tick: Sample) -> bool:
         settling_ns = tick.t_ns - (self._touched_ns if self._touched_ns is not None else tick.t_ns)
-        return settling_ns > 0.5 * self._config.control.settle_s * 1e9
+        return settling_ns > self._waits.kept_after_s * 1e9
 
     def _check_approach(self, now_ns: int) -> None:
         if self._controller.phase is not PressPhase.APPROACH:
             if self._touched_ns is None:
                 self._touched_ns = now_ns
-        elif now_ns - self._start_ns > (REST_TIMEOUT_S + APPROACH_TIMEOUT_S) * 1e9:
+        elif now_ns - self._start_ns > self._waits.touch_timeout_s * 1e9:
             raise Stale(
                 "nothing was touched on the way down",
                 "start closer above the surface, or check which finger is pressed",
@@ -163,7 +160,7 @@ class Session:
     def _retreat(self, start: ArmState) -> None:
         arm, clock = self._rig.arm, self._rig.clock
         self._until_standing()
-        arm.move_to(start.position_m, RETREAT_MPS, STOP_MPS2)
+        arm.move_to(start.position_m, self._waits.retreat_mps, self._waits.stop_mps2)
         arm.pump(clock.now_ns)
         self._until_standing()
 
@@ -172,11 +169,11 @@ class Session:
         arm, clock = self._rig.arm, self._rig.clock
         step_ns = round(self._config.sampling.period_s * 1e9)
         moving, trouble = True, ""
-        end_ns = clock.now_ns + round(STAND_S * 1e9)
+        end_ns = clock.now_ns + round(self._waits.stand_s * 1e9)
         while moving and clock.now_ns < end_ns:
             try:
-                arm.stop(STOP_MPS2)
-                clock.sleep_until_ns(clock.now_ns + 4 * step_ns)  # until the command shows
+                arm.stop(self._waits.stop_mps2)
+                clock.sleep_until_ns(clock.now_ns + SHOWN_AFTER * step_ns)
                 arm.pump(clock.now_ns)
                 trouble = ""
             except GraspError as error:
@@ -192,7 +189,7 @@ class Session:
         """The arm answers within its own stale limit, so this ends."""
         arm, clock = self._rig.arm, self._rig.clock
         step_ns = round(self._config.sampling.period_s * 1e9)
-        for _ in range(4):  # until a command shows
+        for _ in range(SHOWN_AFTER):
             clock.sleep_until_ns(clock.now_ns + step_ns)
             arm.pump(clock.now_ns)
         while (state := arm.state) is not None and state.moving:

@@ -93,7 +93,7 @@ def run_trial(
         sequence.take(tick, truth)
         return sequence.over
 
-    deadline_s = execution.DEADLINE_S if operator is None else person.DEADLINE_S
+    deadline_s = None if operator is None else person.DEADLINE_S
     trial = execution.run_trial(config, rig, guard, watch, follow, deadline_s, home)
     return TapTrial(**msgspec.structs.asdict(trial), sequence=sequence)
 

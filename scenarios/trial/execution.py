@@ -26,7 +26,6 @@ from scenarios.trial.result import Failure, named, phase_entries, timing_result,
 from scenarios.trial.trace import Trace
 from scenarios.world.cell import Truth
 
-DEADLINE_S = 180.0  # of virtual or wall time; each phase has its own, shorter one
 WORLD = "world"  # beside the devices: the process that emulates them
 FAULT = "fault"  # the outcome of every scenario that ended in a safe state
 INTERRUPTED = "interrupted"  # and of one that was stopped from outside: it is not judged
@@ -41,6 +40,7 @@ def make_guard(config: TrialConfig) -> ForceGuard:
     """The guard; raises ConfigError before any device is touched if the limit cannot be kept, or
     the arm cannot do what the controller will ask."""
     check_arm(config)
+    check_waits(config)
     known = calibration(config)
     guard = ForceGuard(config.guard, known.least_force_n, known.m_per_count, known.least_speed_mps)
     if config.controller.firm and config.guard.travel_bound:
@@ -95,6 +95,16 @@ def check_arm(config: TrialConfig) -> None:
             "doubt", "arm_there_m",
             f"an arm that stands {there_m:g} m from its target would be neither doubted nor there",
             f"<= {at_m:g}, controller.at_height_m",
+        )  # fmt: skip
+
+
+def check_waits(config: TrialConfig) -> None:
+    """Raises ConfigError where a wait would cut another one short."""
+    stop_s, safe_s = config.loop.stop_s, config.controller.safe_state_s
+    if stop_s <= safe_s:
+        raise ConfigError(
+            "loop", "stop_s", f"{stop_s:g} s would end a run before its safe state is given up",
+            f"> {safe_s:g}, controller.safe_state_s",
         )  # fmt: skip
 
 
@@ -206,12 +216,13 @@ class FinishedTrial(msgspec.Struct, frozen=True):
 
 def run_trial(
     config: TrialConfig, rig: GraspRig, guard: ForceGuard, watch: Watch,
-    follow: Follow = lambda tick, truth: False, deadline_s: float = DEADLINE_S,
+    follow: Follow = lambda tick, truth: False, deadline_s: float | None = None,
     home: Vector3 | None = None,
 ) -> FinishedTrial:  # fmt: skip
     """Run a controller to its end on an open rig; Ctrl-C stops the arm and keeps the grip.
 
-    ``home``: of the arm, from an earlier trial on this rig (``controller.home``).
+    ``deadline_s``: in place of ``loop.deadline_s``, where a person is waited for. ``home``: of the
+    arm, from an earlier trial on this rig (``controller.home``).
     """
     controller = make_controller(config, home)
     trace = Trace()
@@ -233,7 +244,9 @@ def run_trial(
         watch(tick, truth, controller)
 
     loop = make_loop(config, rig, controller, guard, take)
-    interrupted, granted = _run_to_end(config, rig, loop, deadline_s)
+    interrupted, granted = _run_to_end(
+        config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s
+    )
     interruption.seal()  # what is left is closing, judging and writing
     return FinishedTrial(
         controller, loop, trace, look(), Stalls() if WORLD in loop.errors else rig.stalls(),

@@ -176,6 +176,10 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
     ("ControllerSettings.reactions", (False, True), on_grasp.reacts, 0),
     ("LoopSettings.period_s", (0.01, 0.02), on_run.period_s, 1e-9),
     ("LoopSettings.decision_delay_s", (0.0, 0.003), on_run.delay_s, 1e-9),
+    ("LoopSettings.deadline_s", (1.0, 2.0), on_run.run_ended_after_s, 0.021),
+    ("LoopSettings.stop_s", (0.3, 1.0), on_run.stopping_s, 0.021),
+    ("LoopSettings.abort_s", (0.5, 1.0), on_run.aborting_s, 0.051),
+    ("LoopSettings.abort_repeat_s", (0.05, 0.2), on_run.between_stops_of_an_abort_s, 0.011),
     ("SlipSettings.mask_after_closing_s", (0.05, 0.3), on_grasp.masked_s, 0.0),
     ("RuleSettings.kind", ("consecutive", "cusum"),
      lambda v: "cusum" if on_rule.registers([(3.0,)], kind=v, limit=1.0)[0] else "consecutive", 0),
@@ -194,6 +198,7 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
 
 # setting to the test that would notice
 ELSEWHERE = {
+    "LoopSettings.spared_s": "grasp/test_loop.py",
     "TakkTileSettings.cells": "drivers/takktile/test_driver.py",
     "TakkTileSettings.conversion_ms": "drivers/takktile/test_protocol.py",
     "TakkTileSettings.rest_reference": "drivers/takktile/test_driver.py",

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import msgspec
+import pytest
 
 from drivers.interfaces import Gripper
 from grasp.clock import Clock
@@ -78,18 +79,23 @@ class Unanswered:
         return getattr(self._gripper, name)
 
 
-def test_watchers_wait_for_the_acknowledgement_but_not_into_the_next_period() -> None:
-    with open_rig(config("hand.activation_s=0.5"), 0, paced=False) as rig:
+@pytest.mark.parametrize("spared_s", [0.001, 0.004])
+def test_watchers_wait_for_the_acknowledgement_but_not_into_what_is_spared_of_the_period(
+    spared_s: float,
+) -> None:
+    settings = config("hand.activation_s=0.5", f"loop.spared_s={spared_s}")
+    with open_rig(settings, 0, paced=False) as rig:
         clock = RealClock(rig.clock)
         waited_ns: list[int] = []
         devices = msgspec.structs.replace(rig.devices, gripper=Unanswered(rig.devices.gripper))
         loop = ControlLoop(
-            devices, clock, make_step(config()), config().loop,
+            devices, clock, make_step(settings), settings.loop,
             lambda tick: waited_ns.append(clock.now_ns - tick.t_ns),
         )  # fmt: skip
         for _ in range(3):
             loop.tick()
-        assert 5_000_000 < max(waited_ns) < 10_000_000  # the step that moved the fingers
+        left_ns = 10_000_000 - max(waited_ns)  # in the step that moved the fingers
+        assert left_ns == pytest.approx(spared_s * 1e9, abs=100_000)
         assert min(waited_ns) == 0
         assert loop.timing.missed_periods == 0
 

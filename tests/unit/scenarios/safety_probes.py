@@ -1,20 +1,24 @@
 """Where a setting takes effect in a run, in a verdict, or under one fingertip that presses."""
 
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
+from drivers.interfaces import Arm, ArmState
 from drivers.ur.driver import ArmDriver
-from grasp.loop import Tick
+from grasp.loop import ControlLoop, Tick
+from grasp.phases import Phase
 from scenarios.acquire.press import PressController, PressControlSettings, PressPhase
+from scenarios.lift import lift
 from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
 from scenarios.rigs.opening import open_rig
 from scenarios.tap.result import Alarm
 from scenarios.tap.scoring import ObjectMotion, TapFacts, TapOutcome, verdict
 from scenarios.tap.settings import TapScoringSettings
-from scenarios.trial.execution import grip_plan
+from scenarios.trial.execution import grip_plan, make_step
 from scenarios.world.cell import Truth
 from tests.unit.grasp.builders import arm
 from tests.unit.scenarios.conftest import Staged, config
@@ -66,6 +70,60 @@ def delay_s(v: float) -> float:
     """From the decision to the sending of the first command."""
     issued = [i for tick in first_ticks(f"loop.decision_delay_s={v}") for i in tick.issued]
     return (issued[0].sent_ns - issued[0].decided_ns) * 1e-9
+
+
+class Fugitive:
+    """An arm that is heard and moves on, whatever it is told."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self.stops = 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._arm, name)
+
+    @property
+    def state(self) -> ArmState:
+        state = self._arm.state
+        assert state is not None
+        return msgspec.structs.replace(state, moving=True)
+
+    def stop(self, deceleration_mps2: float) -> None:
+        self.stops += 1
+
+
+def ended(setting: str, end: Callable[[ControlLoop], object]) -> tuple[float, int]:
+    """How long an end of a run takes where the arm never stands, and how many stops it sends."""
+    patient = config("hand.activation_s=0.5", "controller.safe_state_s=30", "loop.stop_s=60")
+    with open_rig(patient, 0, paced=False) as rig:
+        arm = Fugitive(rig.devices.arm)
+        devices = msgspec.structs.replace(rig.devices, arm=arm)
+        loop = ControlLoop(devices, rig.clock, make_step(patient), config(setting).loop)
+        loop.tick()
+        began_ns = rig.clock.now_ns
+        end(loop)
+        return (rig.clock.now_ns - began_ns) * 1e-9, arm.stops
+
+
+def stopping_s(v: float) -> float:
+    return ended(f"loop.stop_s={v}", lambda loop: loop.stop("by hand"))[0]
+
+
+def aborting_s(v: float) -> float:
+    return ended(f"loop.abort_s={v}", lambda loop: loop.abort())[0]
+
+
+def between_stops_of_an_abort_s(v: float) -> float:
+    lasted_s, stops = ended(f"loop.abort_repeat_s={v}", lambda loop: loop.abort())
+    return lasted_s / stops
+
+
+def run_ended_after_s(v: float) -> float:
+    """A run whose phases would go on."""
+    ticks: list[Tick] = []
+    lift.run(config("hand.activation_s=0.5", f"loop.deadline_s={v}"), 0, None, on_tick=ticks.append)
+    stopped = next(tick for tick in ticks if tick.decision.phase is Phase.STOPPED)
+    return (stopped.t_ns - ticks[0].t_ns) * 1e-9
 
 
 # Verdicts

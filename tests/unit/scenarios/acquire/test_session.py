@@ -161,6 +161,19 @@ def test_a_finger_that_touches_nothing_is_stopped_by_the_workspace() -> None:
             made.run(100)
 
 
+def test_a_finger_that_touches_nothing_in_its_time_says_so() -> None:
+    with pytest.raises(Stale, match="nothing was touched"):
+        session("0", "session.touch_timeout_s=1")
+
+
+@pytest.mark.parametrize("after_s", [0.3, 0.75])
+def test_samples_are_kept_from_a_while_after_touch(after_s: float) -> None:
+    seen: list[Sample] = []
+    made, _ = session("0", f"session.kept_after_s={after_s}", samples=20, on_tick=seen.append)
+    touched = next(sample for sample in seen if sample.phase is not PressPhase.APPROACH)
+    assert (made.ticks[0].t_ns - touched.t_ns) * 1e-9 == pytest.approx(after_s, abs=0.03)
+
+
 def test_saturated_taxels_do_not_press_the_finger_ever_deeper() -> None:
     settings = config("planar", "control.counts_per_newton=1000", "control.depth_m=0.002")
     with open_acquire_rig(settings, 0, paced=False) as rig:

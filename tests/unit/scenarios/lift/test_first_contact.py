@@ -112,9 +112,10 @@ def ignore(tick: object, truth: Truth | None, controller: object) -> None:
     [
         (("guard.overshoot_n=0.1",), "overshoot_n"),
         (("controller.firm=true", "guard.travel_bound=true"), "travel_bound"),
+        (("loop.stop_s=3", "controller.safe_state_s=3"), "stop_s"),
     ],
 )
-def test_settings_that_the_hand_cannot_keep_are_refused_before_anything_moves(
+def test_settings_that_cannot_be_kept_together_are_refused_before_anything_moves(
     assignments: tuple[str, ...], key: str
 ) -> None:
     with pytest.raises(ConfigError) as caught:
