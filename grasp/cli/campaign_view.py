@@ -105,10 +105,15 @@ def print_summary(summary: "Summary") -> None:
         for variant in variants:
             _print_likelihood(console, variant)
     console.print(
-        f"{summary.trials} trials, {summary.errors} errors, {summary.cpu_s:g} s of CPU time"
+        f"{_plural(summary.trials, 'trial')}, {_plural(summary.errors, 'error')}, "
+        f"{summary.cpu_s:g} s of CPU time"
     )
     if len(summary.versions) > 1:
         console.print(f"NOTE: rows of {len(summary.versions)} different versions, see --json")
+
+
+def _plural(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def _rates(scenario: str, variants: "list[Variant]") -> Any:
@@ -168,7 +173,7 @@ def _shown(cell: "Cell | None") -> str:
     text += f"  n {cell.trials}"
     if cell.apart:
         text += f" of {cell.trials + sum(cell.apart.values())}: {cell.rate_of_all:.0%} of all"
-    text += f", {cell.errors} errors" if cell.errors else ""
+    text += f", {_plural(cell.errors, 'error')}" if cell.errors else ""
     good = ("held", "registered", *cell.apart)
     lost = {name: n for name, n in cell.outcomes.items() if not name.startswith(good)}
     text += "".join(f"\n{n} {name}" for name, n in lost.items())

@@ -16,7 +16,9 @@ def add_parser(verbs: Any) -> None:
         "emulate",
         help=HELP,
         description=HELP + ". Prints its endpoints as one JSON line when it is ready and ends on "
-        "SIGINT or SIGTERM. An object appears between the fingers once the hand is activated.",
+        "SIGINT or SIGTERM. An object appears between the fingers once the hand is activated. "
+        "What a person does in a laboratory is typed here, a line each: place, look, "
+        "tap [top|side|closing], fault NAME [SETTING=VALUE ...].",
     )
     parser.add_argument(
         "--host", metavar="ADDRESS",
@@ -34,14 +36,17 @@ def add_parser(verbs: Any) -> None:
 
 
 def emulate(args: argparse.Namespace) -> int:
+    from grasp.cli.emulate_words import Words
     from scenarios.campaign.config import load_config
     from scenarios.rigs.emulated_cell import CellOrder, end_on_signals, serve
 
     if args.host is not None:
         _check_host(args.host)
     config = load_config(args.object, "emulated", "energy", args.config, args.set)
+    words = Words(config.for_tap(), args.seed)
+    order, ended = CellOrder.of(config, args.seed), end_on_signals()
     try:
-        serve(CellOrder.of(config, args.seed), args.host, args.gripper_port, end_on_signals())
+        serve(order, args.host, args.gripper_port, ended, words.listen)
     except OSError as error:
         raise LinkLost(
             f"cannot listen on {args.host or 'loopback'}: {error.strerror}",

@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import UsageError
+from drivers.errors import GraspError, UsageError
 from grasp import interruption
 from grasp.cli import exits
 from grasp.cli.options import whole
@@ -44,16 +44,24 @@ class _Seen:
     """What came of the trials of this call."""
 
     def __init__(self) -> None:
-        self.results: list[Any] = []
-        self.rows: list[Any] = []
         self.failure: Any = None
+        self._results: dict[int, Any] = {}  # by seed: of a trial that was repeated, the last
+        self._rows: dict[int, Any] = {}
 
     def take(self, finished: Any, row: Any) -> None:
         self.failure = finished.failure
         if finished.result is not None:
-            self.results.append(finished.result)
+            self._results[finished.result.seed] = finished.result
         if row is not None:
-            self.rows.append(row)
+            self._rows[row.trial] = row
+
+    @property
+    def results(self) -> list[Any]:
+        return list(self._results.values())
+
+    @property
+    def rows(self) -> list[Any]:
+        return list(self._rows.values())
 
 
 def run_trials(args: argparse.Namespace, config: Any, permit: Any) -> int:
@@ -105,6 +113,10 @@ def _follow(
                 raise
             cause = f"{interruption.cause(stop)} between two trials"
             seen.failure = Failure("interrupted", cause, "")
+        except GraspError as error:  # of a device, while an object was put in place; of the disk
+            if not seen.results:
+                raise
+            seen.failure = Failure(error.kind, error.message, error.remedy)
         display.close()
     return seen
 
@@ -158,12 +170,20 @@ def _report_series(
             seen.failure, args.json, **({"result": series} if args.json else {})
         )
         if out is not None and not args.json:
-            exits.say(f"{len(rows)} trials are in {out}: go on with --out {out} --resume")
+            exits.say(_kept(rows, out))
         return code
     if args.json:
         print(json.dumps(series))
     right = _taps_right(summary, seen.results) if tap else all(row.success for row in rows)
     return exits.SUCCESS if right else exits.TRIAL_FAILED
+
+
+def _kept(rows: list[Any], out: Path) -> str:
+    """What a series that ended early has left, and how to go on with it."""
+    judged = sum(row.status == "done" for row in rows)
+    void = "" if judged == len(rows) else f", {len(rows) - judged} more do not count"
+    trials = "1 trial is" if judged == 1 else f"{judged} trials are"
+    return f"{trials} in {out}{void}: go on with --out {out} --resume"
 
 
 def _taps_right(summary: Any, results: list[Any]) -> bool:

@@ -6,12 +6,13 @@ real devices; this runs in one process, and is how they get their rows.
 
 import os
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 
 import msgspec
 
+from drivers.interfaces import Vector3
 from scenarios.campaign.spec import CampaignSpec, Combination, Task
 from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.worker import AnyRun, Finished, Row, error_row, judged, spent
@@ -19,12 +20,18 @@ from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
 from scenarios.tap import tap
 from scenarios.tap.config import TapConfig
-from scenarios.trial.series import Bench
+from scenarios.trial.series import Begun, Bench
 
 INTERRUPTED = "interrupted"  # a failure's kind: no row, the trial is run again
-JUDGED = "safety_stop"  # a failure's kind: the trial itself ended so
+JUDGED = "safety_stop"  # a failure's kind: the trial itself ended so; no device was to blame
 
 AnySeries = Generator[AnyRun, None, None]
+
+
+class Home(msgspec.Struct, frozen=True):
+    """What a result says of the arm's home."""
+
+    home_m: Vector3 | None = None
 
 
 class Experiment(msgspec.Struct, frozen=True):
@@ -73,16 +80,26 @@ def run(
     """The trials that the store lacks, each with its row, which is written before the next begins.
 
     Ends after one that failed as a run. One that was interrupted has no row, one that a device
-    ended has a row that says so: both are run again by whoever goes on. Raises what opening the
-    rig raises, CouldNotRecord, and KeyboardInterrupt between two trials.
+    ended has a row that says so: both are run again by whoever goes on, or at once, as
+    ``scenarios.trial.series`` says. Raises what opening the rig raises, CouldNotRecord, and
+    KeyboardInterrupt between two trials.
     """
-    had = set() if store is None else store.finished()
-    todo = [task for task in experiment.tasks() if task.number not in had]
+    rows = [] if store is None else store.rows()
+    had = {row.trial for row in rows if row.status == "done"}
+    todo = {task.seed: task for task in experiment.tasks() if task.number not in had}
     if not todo:
         return
+    task = next(iter(todo.values()))
+    begun = Begun(
+        tuple(task.number + 1 for task in todo.values()), experiment.trials, home_of(rows)
+    )
     wall, cpu = time.perf_counter(), time.process_time()
-    with closing(_series(experiment.config, [task.seed for task in todo], bench)) as series:
-        for task, finished in zip(todo, series, strict=False):
+    with closing(
+        _series(experiment.config, list(todo), msgspec.structs.replace(bench, begun=begun))
+    ) as series:
+        for finished in series:
+            if finished.result is not None:
+                task = todo[finished.result.seed]
             row = row_of(task, finished)
             if row is not None:
                 row = msgspec.structs.replace(row, **spent(wall, cpu))
@@ -98,13 +115,23 @@ def _series(config: LiftConfig | TapConfig, seeds: list[int], bench: Bench) -> A
     return lift.run_series(config, seeds, bench)
 
 
+def home_of(rows: Sequence[Row]) -> Vector3 | None:
+    """Of the arm, that the trials up to now began from; None where none of them tells."""
+    for row in rows:
+        if row.result is not None:
+            told = msgspec.json.decode(row.result, type=Home).home_m
+            if told is not None:
+                return told
+    return None
+
+
 def row_of(task: Task, finished: AnyRun) -> Row | None:
     """Its row; None for a trial that was interrupted."""
     failure = finished.failure
     if failure is not None and failure.kind == INTERRUPTED:
         return None
     if finished.result is None or (failure is not None and failure.kind != JUDGED):
-        return error_row(task, failure.message if failure is not None else "no result")
+        return error_row(task, failure.message if failure is not None else "no result", finished)
     return judged(task, finished)
 
 

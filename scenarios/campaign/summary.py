@@ -134,8 +134,8 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
         outcomes=outcomes,
         apart=_outcomes([row for row in ran if row.trial not in counted]),
         alarms_stayed=sum(bool(row.success and row.alarm_stayed) for row in done),
-        detection_latency_ms=quantiles([row.detection_latency_ms for row in done]),
-        reaction_latency_ms=quantiles([row.reaction_latency_ms for row in done]),
+        detection_latency_ms=_after_onset([row.detection_latency_ms for row in done], done),
+        reaction_latency_ms=_after_onset([row.reaction_latency_ms for row in done], done),
         nominal_again_ms=quantiles([row.nominal_again_ms for row in done]),
         slip_distance_mm=quantiles([_slip_mm(scenario, row) for row in done]),
         p_value=p_value(paper_counts(scenario, name), class_counts(scenario, name, done))
@@ -147,6 +147,17 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
 def _outcomes(rows: Sequence[Row]) -> dict[str, int]:
     """How often each came, most frequent first."""
     return dict(Counter(str(row.outcome) for row in rows).most_common())
+
+
+def _after_onset(values: Sequence[float | None], rows: Sequence[Row]) -> Quantiles | None:
+    """None where nobody knew when slip began: of real devices. None of a value is one that never
+    came."""
+    known = [
+        value
+        for value, row in zip(values, rows, strict=True)
+        if value is not None or row.peak_force_n is not None  # true forces: a world knows
+    ]
+    return quantiles(known) if known else None
 
 
 def _counted(scenario: str, rows: Sequence[Row]) -> list[Row]:

@@ -93,9 +93,10 @@ def spent(wall: float, cpu: float) -> dict[str, Any]:
     }
 
 
-def error_row(trial: Task, error: str) -> Row:
-    """The row of a trial that could not be judged."""
-    return Row(**_identity(trial), status="error", error=error)
+def error_row(trial: Task, error: str, finished: AnyRun | None = None) -> Row:
+    """The row of a trial that could not be judged, with what it left, if it left something."""
+    result = None if finished is None or finished.result is None else _table(finished.result)
+    return Row(**_identity(trial), status="error", error=error, result=result)
 
 
 def _run(trial: Task) -> Finished:
@@ -129,10 +130,6 @@ def judged(trial: Task, finished: AnyRun) -> Row:
     result = finished.result
     if result is None:
         raise RuntimeError(finished.failure.message if finished.failure else "no result")
-    table: dict[str, Any] = msgspec.to_builtins(result)
-    timing = table.pop("timing")
-    for column in ("recording", "versions"):
-        del table[column]
     return Row(
         **_identity(trial),
         **_figures(result),
@@ -142,10 +139,18 @@ def judged(trial: Task, finished: AnyRun) -> Row:
         detection_latency_ms=result.detection_latency_ms,
         peak_force_n=max(result.peak_force_n.values()) if result.peak_force_n else None,
         commanded_force_n=result.commanded_force_n,
-        result=_json(table),
+        result=_table(result),
         error=finished.failure.message if finished.failure else None,
-        timing=_json(timing),
+        timing=_json(result.timing),
     )
+
+
+def _table(result: LiftResult | TapResult) -> str:
+    """All of a result that has no column of its own."""
+    table: dict[str, Any] = msgspec.to_builtins(result)
+    for column in ("timing", "recording", "versions"):
+        del table[column]
+    return _json(table)
 
 
 def _figures(result: LiftResult | TapResult) -> dict[str, Any]:

@@ -219,11 +219,16 @@ def at_free_address(make: Callable[[str], T]) -> T:
     raise OSError(f"no free loopback address in {ADDRESS_TRIES} tries")
 
 
-def serve(order: CellOrder, host: str | None, gripper_port: int, ended: threading.Event) -> None:
-    """Open a cell, say where it is, and serve until ``ended`` is set."""
+def serve(
+    order: CellOrder, host: str | None, gripper_port: int, ended: threading.Event,
+    opened: Callable[[EmulatedCell], None] = lambda cell: None,
+) -> None:  # fmt: skip
+    """Open a cell, say where it is, and serve until ``ended`` is set. ``opened`` takes the cell
+    before it serves, and must not wait."""
     any_cell(order.config, order.seed).compile()
     with open_cell(order, host, gripper_port) as cell:
         print(json.dumps({"ready": True, "pid": os.getpid(), **cell.endpoints()}), flush=True)
+        opened(cell)
         cell.run(ended.is_set)
 
 

@@ -15,6 +15,8 @@ from grasp.loop import Issued, Tick
 
 OPEN_COUNTS = 20  # a hand told to open rests at about 6; nothing is held so wide
 NOUNS = {"tactile board": "fingertip", "gripper": "gripper", "arm": "arm"}  # in a cause
+UNFELT = "its force is not measured"
+FINGERTIPS_LIE = "fingertip"  # with these letters all doubts of them begin
 FELT_N = 0.5  # measured at the most loaded finger: less is no grip
 
 
@@ -26,6 +28,7 @@ class End(msgspec.Struct, frozen=True):
     hand: str
     advice: str
     unreached: tuple[str, ...] = ()
+    open: bool = False  # the hand was seen to be
 
 
 def happened(cause: str, tick: Tick | None, errors: Mapping[str, GraspError], old_s: float) -> str:
@@ -50,16 +53,21 @@ def silent(tick: Tick, old_s: float) -> list[str]:
 
 def end_of(
     tick: Tick | None, hand: Issued | None, errors: Mapping[str, GraspError], old_s: float,
-    way_out: str,
+    way_out: str, cause: str = "",
 ) -> End:  # fmt: skip
     """By the last tick and the last command that reached the hand; None: there was none. What was
-    heard longer ago than ``old_s`` is old; ``way_out``: what to do about a closed hand."""
+    heard longer ago than ``old_s`` is old; ``way_out``: what to do about a closed hand; ``cause``
+    of the fault, for what it says of the fingertips is not believed."""
     if tick is None:
         return End("the arm was told nothing", "the hand was told nothing", "")
     deaf = set(silent(tick, old_s))
-    felt = _felt(tick, "tactile board" in deaf or "tactile board" in errors)
+    lies = cause.startswith(FINGERTIPS_LIE)
+    feels = not (lies or "tactile board" in deaf or "tactile board" in errors)
+    felt = _felt(tick, feels)
     advice = "start the run again" if way_out and is_open(tick) else way_out
-    return End(_arm(tick, "arm" in deaf), _hand(tick, hand, felt, "gripper" in deaf), advice)
+    told = _hand(tick, hand, felt, "gripper" in deaf)
+    seen_open = is_open(tick) and "gripper" not in deaf
+    return End(_arm(tick, "arm" in deaf), told, advice, open=seen_open)
 
 
 def _arm(tick: Tick, deaf: bool) -> str:
@@ -72,10 +80,10 @@ def _arm(tick: Tick, deaf: bool) -> str:
     return f"the arm is still {moves}" if tick.arm.moving else "the arm stands"
 
 
-def _felt(tick: Tick, deaf: bool) -> str:
+def _felt(tick: Tick, feels: bool) -> str:
     """Force at the most loaded finger."""
-    if deaf or tick.frame is None:
-        return "its force is not measured"
+    if not feels or tick.frame is None:
+        return UNFELT
     most_n = max(tick.measured_n)
     return f"{most_n:.1f} N measured at finger {FINGER_NAMES[tick.measured_n.index(most_n)]}"
 
@@ -100,7 +108,8 @@ def _stands(tick: Tick, asked: Issued | None, felt: str) -> str:
     if is_open(tick):
         return "open"
     if not _grips(tick):
-        return f"partly closed, at {tick.gripper.positions} counts, and feels nothing"
+        feels = "; what it feels is not known" if felt == UNFELT else ", and feels nothing"
+        return f"partly closed, at {tick.gripper.positions} counts{feels}"
     obeys = tick.gripper.fresh and tick.gripper.active  # the status speaks of the last command
     if obeys and asked is not None and isinstance(asked.admitted, CloseFast):
         return f"closed to the limit of {asked.admitted.force_cap_n:g} N, {felt}"

@@ -1,5 +1,6 @@
 """One controller on an open rig, run to its end and recorded: what every scenario shares."""
 
+import re
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
@@ -27,6 +28,8 @@ from scenarios.trial.trace import Trace
 from scenarios.world.cell import Truth
 
 WORLD = "world"  # beside the devices: the process that emulates them
+STALE, DOUBTED = "stale", "doubted"  # kinds of a failure
+DOUBT = re.compile(r"[a-z]+(_[a-z]+)+: ")  # as in grasp/doubt.py
 FAULT = "fault"  # the outcome of every scenario that ended in a safe state
 INTERRUPTED = "interrupted"  # and of one that was stopped from outside: it is not judged
 
@@ -176,7 +179,14 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         if not self.controller.in_safe_state:
             return None
         old_s, trace = config.controller.stale_after_s, self.trace
-        end = end_of(trace.last, trace.hand, self.loop.errors, old_s, self.way_out)
+        end = end_of(
+            trace.last,
+            trace.hand,
+            self.loop.errors,
+            old_s,
+            self.way_out,
+            self.controller.fault_cause,
+        )
         return msgspec.structs.replace(end, unreached=self.controller.unreached)
 
     def failure(self, config: TrialConfig, outcome: str) -> Failure | None:
@@ -191,7 +201,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             return Failure("interrupted", message, "", end)
         for error in errors.values():
             return Failure(error.kind, message, error.remedy, end)
-        return Failure("safety_stop", message, "see the phases of the result", end)
+        return Failure(kind_of(cause), message, "see the phases of the result", end)
 
     def figures(self, config: TrialConfig, scenario: str, seed: int) -> dict[str, Any]:
         """What every result says alike, by the fields of ``TrialResult``."""
@@ -211,7 +221,17 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "versions": versions(),
             "config_hash": config.digest(),
             "end": self.end(config),
+            "home_m": self.controller.home if self.controller.machine.log else None,
         }
+
+
+def kind_of(cause: str) -> str:
+    """Of a failure, by why the controller entered the safe state. What it calls by a name
+    (``stale: ...``, ``loop_stood_still: ...``) says that somebody was not heard or not believed:
+    such a trial is none, and is made again. The rest is what became of the trial."""
+    if cause.startswith("stale: "):
+        return STALE
+    return DOUBTED if DOUBT.match(cause) else "safety_stop"
 
 
 def run_trial(

@@ -64,6 +64,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     versions: dict[str, str]
     config_hash: str
     end: End | None = None  # where it ended in a safe state
+    home_m: Vector3 | None = None  # of the arm, which its descents end at; None: it never began
     taxels_at_rail: dict[str, int] = {}  # of each finger, at most at once; normal in a firm grip
 
 

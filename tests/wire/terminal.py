@@ -1,0 +1,88 @@
+"""A program in a terminal of its own, and somebody who reads what it shows and types."""
+
+import os
+import pty
+import re
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Self
+
+COLOURS = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")
+PATIENCE_S = 60.0
+# whoever leads a session and opens a terminal has it: Ctrl-C and a closed window reach them
+TAKE_TERMINAL = (
+    "import os, sys; os.close(os.open(os.ttyname(0), os.O_RDWR)); "
+    "os.execv(sys.argv[1], sys.argv[1:])"
+)
+
+
+class Terminal:
+    """Typed into with ``type``; ``wait_for`` reads on until a pattern has been shown."""
+
+    def __init__(self, command: Sequence[str], environment: dict[str, str], folder: str) -> None:
+        self._own, its = pty.openpty()
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", TAKE_TERMINAL, *command], cwd=folder, start_new_session=True,
+            env={**environment, "TERM": "dumb", "COLUMNS": "200"}, stdin=its, stdout=its,
+            stderr=its,
+        )  # fmt: skip
+        os.close(its)
+        self.shown = ""
+        self._read_to = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.wait()
+        self.close()
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def type(self, text: str) -> None:
+        """As on a keyboard; "\\x03" is Ctrl-C."""
+        os.write(self._own, text.encode())
+
+    def kill(self, number: signal.Signals) -> None:
+        self._process.send_signal(number)
+
+    def close(self) -> None:
+        """Close the terminal's window; twice is once."""
+        if self._own >= 0:
+            os.close(self._own)
+            self._own = -1
+
+    def wait_for(self, pattern: str, patience_s: float = PATIENCE_S) -> re.Match[str]:
+        """What matches first in what is shown from where the last call ended. AssertionError, with
+        everything shown, when it does not come."""
+        end_s = time.monotonic() + patience_s
+        while (found := re.search(pattern, self.shown[self._read_to :])) is None:
+            ended = not self._read(end_s)
+            assert not ended, f"{pattern!r} was not shown:\n{self.shown}"
+        self._read_to += found.end()
+        return found
+
+    def wait(self, patience_s: float = PATIENCE_S) -> int:
+        """Read to the end; the exit code."""
+        end_s = time.monotonic() + patience_s
+        while self._read(end_s):
+            pass
+        return self._process.wait(max(1.0, end_s - time.monotonic()))
+
+    def _read(self, end_s: float) -> bool:
+        """Take what comes next; False at the end, or when it is late."""
+        if not select.select([self._own], [], [], max(0.0, end_s - time.monotonic()))[0]:
+            return False
+        some = b""
+        with suppress(OSError):  # the other end is closed
+            some = os.read(self._own, 65536)
+        self.shown += COLOURS.sub("", some.decode(errors="replace"))
+        return bool(some)
