@@ -15,7 +15,7 @@ from grasp.loop import Issued, Tick
 
 OPEN_COUNTS = 20  # a hand told to open rests at about 6; nothing is held so wide
 NOUNS = {"tactile board": "fingertip", "gripper": "gripper", "arm": "arm"}  # in a cause
-UNFELT = "its force is not measured"
+UNKNOWN = "its force is not measured"
 FINGERTIPS_LIE = "fingertip"  # with these letters all doubts of them begin
 FELT_N = 0.5  # measured at the most loaded finger: less is no grip
 
@@ -82,8 +82,10 @@ def _arm(tick: Tick, deaf: bool) -> str:
 
 def _felt(tick: Tick, feels: bool) -> str:
     """Force at the most loaded finger."""
-    if not feels or tick.frame is None:
-        return UNFELT
+    if not feels:
+        return UNKNOWN
+    if tick.frame is None:
+        return "nothing measured yet"
     most_n = max(tick.measured_n)
     return f"{most_n:.1f} N measured at finger {FINGER_NAMES[tick.measured_n.index(most_n)]}"
 
@@ -108,7 +110,7 @@ def _stands(tick: Tick, asked: Issued | None, felt: str) -> str:
     if is_open(tick):
         return "open"
     if not _grips(tick):
-        feels = "; what it feels is not known" if felt == UNFELT else ", and feels nothing"
+        feels = "; what it feels is not known" if felt == UNKNOWN else ", and feels nothing"
         return f"partly closed, at {tick.gripper.positions} counts{feels}"
     obeys = tick.gripper.fresh and tick.gripper.active  # the status speaks of the last command
     if obeys and asked is not None and isinstance(asked.admitted, CloseFast):
