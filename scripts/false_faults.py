@@ -81,6 +81,7 @@ def impatient(settings: DoubtSettings, times: int) -> DoubtSettings:
     for name in settings.__struct_fields__:
         value = getattr(settings, name)
         changed[name] = max(1, value // times) if isinstance(value, int) else value / times
+    changed["arm_moved_m"] = settings.arm_moved_m * times  # motion that counts as none
     # ranges, which are no patience
     changed |= {name: getattr(settings, name) for name in ("soft_low_counts", "soft_high_counts")}
     return msgspec.structs.replace(settings, **changed)
@@ -165,9 +166,9 @@ def listen(counts: NDArray[np.int16], lost: bool = False) -> Tally:
     for patience, times in zip(PATIENCE, (1, 2, 4), strict=True):
         fingertips = FingertipDoubt(impatient(DoubtSettings(), times))
         said: set[str] = set()
-        for before, raw in itertools.pairwise(counts + np.int16(REST)):
-            if not (lost and (raw == before).all(axis=1).any()):
-                fingertips.take(raw)
+        for before, now in itertools.pairwise(counts):
+            if not (lost and (now == before).all(axis=1).any()):
+                fingertips.take(now + np.int16(REST), now)
             said |= names(fingertips.wrong())
         tally.spoke[patience].update(said)
     tally.runs, tally.steps = 1, len(counts)
