@@ -17,7 +17,7 @@ from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import Swing, swing
 
 DIRECTIONS = ("top", "side", "closing")
-KNOWN = f"place | look | tap [{'|'.join(DIRECTIONS)}] | fault NAME [SETTING=VALUE ...]"
+KNOWN = f"place | home | look | tap [{'|'.join(DIRECTIONS)}] | fault NAME [SETTING=VALUE ...]"
 STDIN = 0
 
 
@@ -67,7 +67,7 @@ class Words:
         if verb == "tap" and len(rest) <= 1:
             blow = self._blows[rest[0] if rest else "top"].blow
             return {"verb": verb, **msgspec.to_builtins(blow)}
-        if verb in ("look", "place") and not rest:
+        if verb in ("look", "place", "home") and not rest:
             return {"verb": "truth" if verb == "look" else verb}
         raise ValueError(f"{' '.join(words)!r} is not known")
 

@@ -36,6 +36,7 @@ STALL_NS = 50_000_000
 ADDRESS_TRIES = 50
 T = TypeVar("T")
 Request = dict[str, Any]
+HOME_MPS, HOME_MPS2 = 0.1, 0.5  # as a person drives the arm by its pendant
 OPEN_M = 0.02  # fingertip travel of a hand that has room for an object
 
 
@@ -77,6 +78,7 @@ class EmulatedCell:
         self._placed = self._hand is None  # a surface stands where it stands
         of_a_grasp = {} if self._hand is None else self._verbs_of_a_grasp(self._hand)
         self._verbs = {**of_a_grasp, "truth": self._truth, "fault": self._fault}
+        self._home_m = order.config.arm_model.start_m
         arm = EmulatorSettings(host=host, start_m=order.config.arm_model.start_m)
         with ExitStack() as stack:
             self.arm = stack.enter_context(
@@ -189,7 +191,11 @@ class EmulatedCell:
             cell.tap(msgspec.convert(request, Blow))
             return {}
 
-        return {"load": load, "place": place, "tap": tap}
+        def home(request: Request) -> Request:
+            cell.arm.move_l(self._home_m, HOME_MPS, HOME_MPS2, time.monotonic_ns())
+            return {}
+
+        return {"load": load, "place": place, "tap": tap, "home": home}
 
     def _fault(self, request: Request) -> Request:
         self.faults.order(request, time.monotonic_ns())

@@ -94,6 +94,7 @@ class SimulatedCell:
         self.arm = ArmModel(settings.arm, start_ns)
         self.board = BoardModel(settings.board, self._latch)
         self._start_ns = self._now_ns = start_ns
+        self._table_m: float | None = None  # height of the arm with its pads at the first mark
         self._arm_height_m, self._arm_rise_mps = self.arm.position(start_ns)[2], 0.0
         self.load(settings, rng)
 
@@ -115,8 +116,12 @@ class SimulatedCell:
 
     def place_object(self) -> None:
         """Put the object on the table between the fingers, which must be open: an activation
-        closes the hand fully, so the object comes afterwards, as in the laboratory."""
-        self.contact.place()
+        closes the hand fully, so the object comes afterwards, as in the laboratory. The table is
+        where the first one has its mark at the pads; an arm that stands higher by then is above
+        the mark of the next."""
+        if self._table_m is None:
+            self._table_m = self._arm_height_m
+        self.contact.place(self._arm_height_m - self._table_m)
 
     def tap(self, blow: Blow) -> None:
         """Strike the object. What an earlier blow moved is forgotten."""

@@ -131,9 +131,10 @@ class Contact:
         """(3,) normal force of each finger; a view of the state."""
         return self.state[laws.NORMAL : laws.NORMAL + FINGERS]
 
-    def place(self) -> None:
-        """The object stands on the table, untouched."""
+    def place(self, above_m: float = 0.0) -> None:
+        """The object stands on the table, untouched, its mark so far below the pads."""
         self.state[:] = initial_state()
+        self.state[laws.SLIP] = above_m
         self._elements[:] = elements(self._settings, self.choice.level)
 
     def strike(self, blow: Blow, start_s: float) -> None:

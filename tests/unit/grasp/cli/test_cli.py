@@ -81,7 +81,7 @@ def test_json_verdict_has_every_promised_field(
     assert list(result) == [
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
         "slip_registered_s", "detection_latency_ms", "peak_force_n", "commanded_force_n", "phases",
-        "timing", "recording", "versions", "config_hash", "end", "taxels_at_rail",
+        "timing", "recording", "versions", "config_hash", "end", "home_m", "taxels_at_rail",
         "first_detection_s", "reaction_latency_ms", "slip_distance_m", "settled_force_n",
         "alarm_stayed",
     ]  # fmt: skip
@@ -134,7 +134,7 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
     assert list(series["taps"][0]) == [
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
         "slip_registered_s", "detection_latency_ms", "peak_force_n", "commanded_force_n", "phases",
-        "timing", "recording", "versions", "config_hash", "end", "taxels_at_rail",
+        "timing", "recording", "versions", "config_hash", "end", "home_m", "taxels_at_rail",
         "direction", "moved", "displacement_m", "down_m", "across_m", "impulse_n_s",
         "mallet_mps", "struck_s",
         "slip_end_s", "slip_duration_ms", "nominal_again_s", "nominal_again_ms", "alarms",
@@ -228,7 +228,7 @@ def test_folder_that_cannot_be_made_is_told_before_the_run(
 def test_full_disk_does_not_stop_the_lift_and_leaves_nothing_half_written(tmp_path: Path) -> None:
     def small_files() -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
 
     done = subprocess.run(
         [*GRASP, "run", "lift", "--rig", "simulated", "--runs", str(tmp_path / "runs")],
