@@ -107,7 +107,7 @@ def test_trial_that_a_device_ended_is_run_again_and_one_that_was_stopped_has_no_
         return row_of(task, msgspec.structs.replace(finished, failure=failure))
 
     assert ended_by("interrupted") is None
-    for kind in ("link_lost", "device_fault", "stale", "could_not_record"):
+    for kind in ("link_lost", "device_fault", "stale", "doubted", "could_not_record"):
         row = ended_by(kind)
         assert row is not None and row.status == "error" and row.error == "what happened"
     safe = ended_by("safety_stop")
@@ -146,3 +146,15 @@ def test_options_of_a_series_that_do_not_fit_are_told(
 ) -> None:
     assert main(["run", *words, "--rig", "simulated"]) == 2
     assert says in capsys.readouterr().err
+
+
+def test_what_a_device_ended_keeps_what_it_left_and_the_home_that_it_began_from() -> None:
+    task = Experiment(config("lift"), 0, 1).tasks()[0]
+    finished = judged_lift()
+    assert finished.result is not None and finished.result.home_m is not None
+    row = row_of(task, msgspec.structs.replace(finished, failure=Failure("stale", "late", "")))
+    assert row is not None and row.status == "error" and row.outcome is None
+    assert experiments.home_of([row]) == finished.result.home_m
+    nothing = msgspec.structs.replace(row, result=None)
+    assert experiments.home_of([nothing]) is None
+    assert experiments.home_of([nothing, row]) == finished.result.home_m

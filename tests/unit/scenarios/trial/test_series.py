@@ -1,0 +1,142 @@
+"""Trials on one open rig: which are asked for again, and where they begin."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import msgspec
+import pytest
+
+from drivers.errors import Refused
+from scenarios.lift import lift
+from scenarios.rigs.opening import open_rig
+from scenarios.rigs.rig import GraspRig
+from scenarios.trial import series
+from scenarios.trial.ending import End
+from scenarios.trial.execution import kind_of
+from scenarios.trial.result import Failure, FinishedRun
+from scenarios.trial.series import Begun, Bench
+from tests.unit.scenarios.conftest import config
+
+OPEN = End("the arm stands", "the hand is open", "", open=True)
+STALE = Failure("stale", "stale: gripper status too old", "", OPEN)
+
+
+class Person:
+    """Puts every object in place at once."""
+
+    def __init__(self) -> None:
+        self.heard: list[str] = []
+
+    def say(self, text: str) -> None:
+        self.heard.append(text.split(". Put", maxsplit=1)[0])
+
+    def poll(self) -> str:
+        return ""
+
+
+@pytest.fixture(scope="module")
+def lifted() -> FinishedRun[Any]:
+    return lift.run(config(), 0, None)
+
+
+def told(
+    lifted: FinishedRun[Any], failures: list[Failure | None], patch: pytest.MonkeyPatch,
+    begun: Begun | None = None, raised_m: float = 0.0,
+) -> "tuple[list[str], list[Any]]":  # fmt: skip
+    """What a person is asked when two trials end like this, and the homes that they begin from."""
+    wired = msgspec.structs.replace(config(), rig="hardware")
+    person, homes, left = Person(), list[Any](), iter(failures)
+
+    @contextmanager
+    def opened(*_: object) -> Iterator[GraspRig]:
+        with open_rig(config(), 0, paced=False) as rig:
+            state = rig.devices.arm.state
+            assert state is not None
+            x, y, z = state.position_m
+            rig.devices.arm.move_to((x, y, z + raised_m), 0.1, 0.5)
+            rig.clock.sleep_until_ns(rig.clock.now_ns + 5_000_000_000)
+            rig.idle()
+            yield rig
+
+    def attempt(seed: int, rig: GraspRig, home: Any) -> Any:
+        homes.append(home)
+        assert lifted.result is not None
+        failure = next(left)
+        return msgspec.structs.replace(lifted, failure=failure), lifted.result.home_m
+
+    with patch.context() as patched:
+        patched.setattr(series, "open_rig", opened)
+        list(series.run_series(wired, (0, 1), Bench(operator=person, begun=begun), attempt))
+    return person.heard, homes
+
+
+def test_trial_in_which_a_device_was_not_heard_is_asked_for_again(
+    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard, homes = told(lifted, [STALE, None, None], monkeypatch)
+    again = "Trial 1 of 2 again, for a device was not heard or not believed"
+    assert heard == ["Trial 1 of 2", again, "Trial 2 of 2"]
+    assert lifted.result is not None
+    assert homes == [None, lifted.result.home_m, lifted.result.home_m]
+
+
+def test_the_same_trial_is_not_asked_for_without_end(
+    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard, _ = told(lifted, [STALE] * 9, monkeypatch)
+    assert len(heard) == 1 + series.MOST_AGAIN
+
+
+@pytest.mark.parametrize(
+    "failure",
+    [
+        Failure("stale", "", "", msgspec.structs.replace(OPEN, open=False)),
+        Failure("doubted", "", "", msgspec.structs.replace(OPEN, unreached=("the arm moves",))),
+        Failure("stale", "", ""),
+        Failure("safety_stop", "", "", OPEN),
+        Failure("link_lost", "", "", OPEN),
+        Failure("interrupted", "", "", OPEN),
+    ],
+    ids=["hand closed", "arm not seen to stand", "unknown", "its own end", "link lost", "stopped"],
+)
+def test_what_else_ends_a_trial_ends_the_series(
+    failure: Failure, lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard, _ = told(lifted, [failure], monkeypatch)
+    assert heard == ["Trial 1 of 2"]
+
+
+def test_series_that_is_gone_on_with_says_its_number_and_the_way_to_its_first_home(
+    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert lifted.result is not None
+    begun = Begun((4, 5), 5, lifted.result.home_m)
+    heard, homes = told(lifted, [None, None], monkeypatch, begun, raised_m=0.2)
+    way = "Trial 4 of 5 (the arm goes 200 mm first, to where the first one began)"
+    assert heard == [way, "Trial 5 of 5"]
+    assert homes[0] == lifted.result.home_m
+
+
+def test_arm_that_no_lift_has_left_where_it_stands_is_refused(
+    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert lifted.result is not None
+    begun = Begun((4, 5), 5, lifted.result.home_m)
+    with pytest.raises(Refused, match="from where the first trial began"):
+        told(lifted, [], monkeypatch, begun, raised_m=0.29)
+
+
+@pytest.mark.parametrize(
+    ("cause", "kind"),
+    [
+        ("stale: gripper status too old", "stale"),
+        ("loop_stood_still: for 0.300 s nobody was in control", "doubted"),
+        ("fingertip_dead: finger A gives the same codes for ever", "doubted"),
+        ("measured force stays above the limit while the arm moves", "safety_stop"),
+        ("gripper fault: mode change", "safety_stop"),
+        ("phase lift lasted longer than 30 s", "safety_stop"),
+    ],
+)
+def test_failure_says_whether_a_device_or_the_trial_was_to_blame(cause: str, kind: str) -> None:
+    assert kind_of(cause) == kind
