@@ -55,6 +55,9 @@ def _add_run(actions: Any) -> None:
         "--detector", metavar="NAME", help="in place of the detectors of the campaign file"
     )
     run.add_argument(
+        "--profile", metavar="NAME", help="in place of the profiles of the campaign file"
+    )
+    run.add_argument(
         "--repetitions",
         type=whole(1, MOST_REPETITIONS),
         metavar="N",
@@ -77,6 +80,7 @@ def _spec(args: argparse.Namespace) -> "CampaignSpec":
 
     changes = {
         "detectors": (args.detector,) if args.detector is not None else None,
+        "profiles": (args.profile,) if args.profile is not None else None,
         "repetitions": args.repetitions,
     }
     wanted = {key: value for key, value in changes.items() if value is not None}
@@ -117,18 +121,29 @@ def summarize(args: argparse.Namespace) -> int:
 
 
 def _print_summary(path: Path, as_json: bool) -> None:
+    """As a frontier where the campaign has axes, as a range where it draws unknowns, else as Table
+    IV."""
     import msgspec
 
-    from grasp.cli.campaign_view import print_summary
+    from grasp.cli import campaign_view, frontier_view
+    from scenarios.campaign import frontier, spread
+    from scenarios.campaign import summary as table
     from scenarios.campaign.store import CampaignStore
-    from scenarios.campaign.summary import summarize as sum_up
 
     with CampaignStore.open(path) as store:
-        summary = sum_up(store.spec.name, store.rows())
-    if as_json:
-        print(msgspec.json.encode(summary).decode())
+        spec, rows = store.spec, store.rows()
+    found: Any
+    show: Any
+    if spec.axes:
+        found, show = frontier.summarize(spec.name, rows), frontier_view.print_frontier
+    elif spec.unknowns:
+        found, show = spread.summarize(spec.name, rows), frontier_view.print_spread
     else:
-        print_summary(summary)
+        found, show = table.summarize(spec.name, rows), campaign_view.print_summary
+    if as_json:
+        print(msgspec.json.encode(found).decode())
+    else:
+        show(found)
 
 
 def write_csv(args: argparse.Namespace) -> int:

@@ -42,6 +42,7 @@ def add_parser(verbs: Any) -> None:
     _add_physics(charts)
     _add_reaction(charts)
     _add_hunting(charts)
+    _add_frontier(charts)
 
 
 def _add_detectors(charts: Any) -> None:
@@ -182,6 +183,39 @@ def draw_hunting_map(args: argparse.Namespace) -> int:
     latency_ms, refractory_ms = default.latency_s * 1e3, default.refractory_s * 1e3
     print(f"default: latency {latency_ms:.0f} ms, refractory time {refractory_ms:.0f} ms: "
           f"{hunt(default)} compensation")  # fmt: skip
+    print(args.out)
+    return exits.SUCCESS
+
+
+def _add_frontier(charts: Any) -> None:
+    text = "success against each axis of `grasp campaign run frontier`, with what 10 N can hold"
+    parser = charts.add_parser("frontier", help=text, description=text)
+    parser.add_argument(
+        "file", type=Path, nargs="+", metavar="FILE", help="SQLite file of a campaign with axes"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("frontier.svg"), metavar="FILE",
+        help="picture to write, .svg, .png or .pdf; its numbers go beside it, as .json "
+        "(default: %(default)s)",
+    )  # fmt: skip
+    parser.set_defaults(handler=draw_frontiers)
+
+
+def draw_frontiers(args: argparse.Namespace) -> int:
+    from drivers.errors import BadFile
+    from scenarios.campaign.frontier import summarize
+    from scenarios.campaign.store import CampaignStore
+    from scenarios.studies.frontier_figure import draw_frontier
+
+    need("charts", "matplotlib")
+    found = []
+    for path in args.file:
+        with CampaignStore.open(path) as store:
+            if not store.spec.axes:
+                raise BadFile(path, "a campaign without axes", "one of `campaign run frontier`")
+            found.append(summarize(store.spec.name, store.rows()))
+    draw_frontier(found, args.out)
+    _write_numbers(args.out, found)
     print(args.out)
     return exits.SUCCESS
 

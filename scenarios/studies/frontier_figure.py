@@ -1,0 +1,68 @@
+"""The picture of a frontier: success against each axis. Needs the extra `charts`."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from scenarios.campaign.frontier import Frontier, Line
+
+PANELS = (
+    ("friction",), ("mass",), ("speed",), ("pull",), ("wider", "narrower"), ("taxels", "gain"),
+)  # fmt: skip
+COLOURS = ("#1f5f99", "#d98e04", "#7a5195", "#3a7d44", "#b5432a", "#8c6d31")
+DASHED = ("narrower", "gain")  # second of their panels
+LEVELS = (0.95, 0.5)
+
+
+def draw_frontier(found: Sequence[Frontier], out: Path) -> None:
+    """A panel an axis; a line a profile and detector, with 95 % intervals; the bound as a band."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    plt.rcParams["svg.hashsalt"] = "grasp"
+    lines = [line for each in found for line in each.lines]
+    whose = list(dict.fromkeys((line.profile, line.detector) for line in lines))
+    figure, panels = plt.subplots(2, 3, figsize=(13, 7.5), sharey=True, layout="constrained")
+    for panel, names in zip(panels.flat, PANELS, strict=True):
+        for line in (line for line in lines if line.axis in names):
+            _draw_line(panel, line, COLOURS[whose.index((line.profile, line.detector)) % 6])
+        _finish(panel, [line for line in lines if line.axis in names])
+    panels[0, 0].set_ylabel("held")
+    panels[1, 0].set_ylabel("held")
+    panels[0, 0].legend(fontsize=7, loc="lower left")
+    figure.suptitle("How much harder a lift may become, simulated", fontsize=11)
+    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=110)
+    plt.close(figure)
+
+
+def _draw_line(panel: Any, line: Line, colour: str) -> None:
+    tried = [each for each in line.tried if each.value is not None]
+    x = [each.value for each in tried]
+    rate = [each.held / each.trials for each in tried]
+    below = [max(0.0, r - each.interval[0]) for r, each in zip(rate, tried, strict=True)]
+    above = [max(0.0, each.interval[1] - r) for r, each in zip(rate, tried, strict=True)]
+    dashed = line.axis in DASHED
+    panel.errorbar(
+        x, rate, [below, above], color=colour, marker="o" if not dashed else "s", ms=3.5, lw=1,
+        ls="--" if dashed else "-", elinewidth=0.7, capsize=2,
+        label=f"{line.profile}, {line.detector}",
+    )  # fmt: skip
+
+
+def _finish(panel: Any, lines: Sequence[Line]) -> None:
+    for line in {line.axis: line for line in lines}.values():
+        low, high = line.bound
+        dashed = line.axis in DASHED
+        panel.axvspan(low, high, color="#00000014", lw=0, hatch="//" if dashed else None)
+        panel.axvline(high if dashed else low, color="black", lw=0.6, ls="--" if dashed else "-")
+    for level in LEVELS:
+        panel.axhline(level, color="black", lw=0.4, ls=":")
+    titles = list(dict.fromkeys(line.title for line in lines))
+    marks = ["" if len(titles) == 1 else " (dashed)" if i else " (solid)" for i in range(2)]
+    panel.set_title(", ".join(t + m for t, m in zip(titles, marks, strict=False)), fontsize=9)
+    panel.set_xlabel(lines[0].unit if lines else "")
+    panel.set_ylim(-0.03, 1.05)
+    if any(line.axis == "friction" for line in lines):
+        panel.invert_xaxis()  # harder to the right, as everywhere
