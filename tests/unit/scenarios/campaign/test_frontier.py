@@ -1,0 +1,135 @@
+"""Where success falls along an axis, and the frontier of a campaign's rows."""
+
+import json
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from grasp.cli.frontier_view import place, print_frontier
+from scenarios.campaign.falls import Place, falling, places
+from scenarios.campaign.frontier import summarize
+from scenarios.campaign.spec import AT, MOVED
+from scenarios.campaign.worker import Row
+from scenarios.studies.frontier_figure import draw_frontier
+
+
+def trials(rates: dict[float, float], n: int = 40) -> tuple[list[float], list[bool]]:
+    hard = [x for x in rates for _ in range(n)]
+    return hard, [i < round(rate * n) for rate in rates.values() for i in range(n)]
+
+
+def test_place_is_between_the_last_rate_above_the_level_and_the_first_below() -> None:
+    at = places(*trials({0.0: 1.0, 1.0: 1.0, 2.0: 0.6, 3.0: 0.0}))
+    assert [p.level for p in at] == [0.95, 0.5]
+    assert at[0].at == pytest.approx(1.0 + 0.05 / 0.4)
+    assert at[1].at == pytest.approx(2.0 + 0.1 / 0.6)
+    for p in at:
+        assert p.low is not None and p.at is not None and p.high is not None
+        assert p.low <= p.at <= p.high
+
+
+def test_what_never_falls_has_no_place_and_what_begins_below_has_the_first() -> None:
+    never = places(*trials({0.0: 1.0, 1.0: 1.0}))
+    assert [(p.at, p.low, p.high) for p in never] == [(None, None, None)] * 2
+    begins = places(*trials({0.5: 0.2, 1.0: 0.0}))
+    assert begins[0].at == begins[1].at == 0.5
+
+
+def test_chance_failures_before_an_easier_success_do_not_count_as_a_fall() -> None:
+    at = places(*trials({0.0: 1.0, 1.0: 0.925, 2.0: 1.0, 3.0: 1.0, 4.0: 0.0}))
+    assert at[0].at is not None and at[0].at > 3.0
+
+
+def test_fitted_rates_never_rise_and_keep_the_successes() -> None:
+    rng = np.random.default_rng(0)
+    n = rng.integers(1, 30, 20).astype(float)
+    won = rng.binomial(n.astype(int), 0.5).astype(float)
+    rate = falling(won, n)
+    assert (np.diff(rate) <= 1e-12).all()
+    assert (rate * n).sum() == pytest.approx(won.sum())
+
+
+def test_interval_covers_the_true_place_about_as_often_as_it_says() -> None:
+    x = np.repeat(np.linspace(0.0, 2.0, 9), 30)
+    inside = 0
+    for seed in range(40):
+        held = np.random.default_rng(seed).uniform(size=len(x)) < 1 / (1 + np.exp((x - 1.0) / 0.15))
+        p = places(x.tolist(), held.tolist(), (0.5,))[0]
+        assert p.low is not None and p.high is not None
+        inside += p.low <= 1.0 <= p.high
+    assert inside >= 34
+
+
+def rows() -> list[Row]:
+    found = []
+    for value, share, outcomes in (
+        (0.6, 0.4, ["held"] * 9 + ["never_slipped"]),
+        (1.0, 0.7, ["held"] * 10),
+        (1.6, 1.1, ["dropped"] * 9 + ["held"]),
+    ):
+        for outcome in outcomes:
+            at = {"mass": [value, share]}
+            if value == 0.6:
+                at["friction"] = [0.7, 0.5]
+            swept = json.dumps({MOVED: "mass" if value > 0.6 else "", AT: at})
+            found.append(
+                Row(
+                    trial=len(found), scenario="lift", object="can", profile="default",
+                    detector="energy", swept=swept, repetition=0, seed=0, status="done",
+                    success=outcome == "held", outcome=outcome, config_hash="",
+                )
+            )  # fmt: skip
+    return found
+
+
+def test_line_has_the_settings_as_they_are_first_and_counts_what_never_slipped_as_held() -> None:
+    frontier = summarize("x", rows())
+    lines = {line.axis: line for line in frontier.lines}
+    mass = lines["mass"]
+    assert [(t.value, t.held, t.trials) for t in mass.tried] == [
+        (0.6, 10, 10), (1.0, 10, 10), (1.6, 1, 10),
+    ]  # fmt: skip
+    assert mass.tried[0].outcomes == {"held": 9, "never_slipped": 1}
+    assert mass.bound == pytest.approx((1.0 / 0.7, 0.6 / 0.4))
+    half = mass.falls[1]
+    assert half.at == pytest.approx(1.0 + 0.5 / 0.9 * 0.6)
+    assert mass.falls_share[1].at == pytest.approx(0.7 + 0.5 / 0.9 * 0.4)
+
+
+def test_axis_that_gets_harder_downwards_is_told_in_its_own_unit() -> None:
+    found = []
+    for k, row in enumerate(rows()):
+        swept = json.loads(row.swept)
+        value, share = swept[AT]["mass"]
+        moved = "friction" if swept[MOVED] else ""
+        text = json.dumps({MOVED: moved, AT: {"friction": [1.0 - value / 2, share]}})
+        found.append(msgspec.structs.replace(row, trial=k, swept=text))
+    (line,) = summarize("x", found).lines
+    assert [t.value for t in line.tried] == pytest.approx([0.7, 0.5, 0.2])
+    assert line.falls[1].at is not None and 0.2 < line.falls[1].at < 0.5
+
+
+def test_errors_are_no_failures() -> None:
+    broken = [msgspec.structs.replace(row, status="error", success=None) for row in rows()[20:]]
+    frontier = summarize("x", rows()[:20] + broken)
+    assert frontier.errors == 10
+    assert sum(t.trials for line in frontier.lines if line.axis == "mass" for t in line.tried) == 20
+
+
+def test_tables_and_picture_show_every_axis(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    frontier = summarize("x", rows())
+    print_frontier(frontier)
+    shown = capsys.readouterr().out
+    assert "mass, kg; bound 1.43 to 1.5" in shown
+    assert "10% (2-40)" in shown and "9 dropped" in shown
+    draw_frontier([frontier], tmp_path / "f.svg")
+    text = (tmp_path / "f.svg").read_text()
+    assert "default, energy" in text or text.count("<path") > 50
+
+
+def test_place_beyond_what_was_tried_is_a_dash() -> None:
+    assert place(Place(0.95, None, 1.23456, None)) == "- (1.23 to -)"
