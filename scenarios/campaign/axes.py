@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from scenarios.campaign.config import RunConfig
-from scenarios.world import contact
+from scenarios.world import contact, laws
 
 MOST_WIDTH_MM = 20.0
 HALVINGS = 40
@@ -94,11 +94,11 @@ def _hardest_pull_n(config: RunConfig) -> float:
 def _thumb_n(config: RunConfig, wider_mm: float) -> float:
     """Force at the thumb in the first grasp of an object so much wider a side."""
     p = contact.parameters(config.contact, config.object)
-    width_m, _ = contact.width_and_slope(p, 0.0)
+    width_m, _ = laws.width_and_slope(p, 0.0)
     travel = config.hand.m_per_count * np.array(config.object.grip_counts, float)
     forces = np.zeros(contact.FINGERS)
     wider_m = width_m + 1e-3 * wider_mm
-    contact.normal_forces(p, wider_m, travel, contact.initial_state(), forces)
+    laws.normal_forces(p, wider_m, travel, contact.initial_state(), forces)
     return float(forces[0])
 
 

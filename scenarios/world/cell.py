@@ -103,7 +103,7 @@ class SimulatedCell:
         are those that the cell began with, wherever they stand."""
         surfaces = [surface_of(settings.body)] * FINGERS
         self.fingertips = Fingertips(in_a_grasp(settings.fingertip), surfaces, rng)
-        self._damage = Damage(settings.damage, rng.spawn(1)[0])
+        self._damage = Damage(settings.damage, settings.fingertip.noise_counts, rng.spawn(1)[0])
         self._pull = Pull(settings.pull, self._now_ns)
         angle = math.radians(settings.fingertip.slip_direction_deg)
         # (F, 2) in the pads' frames, which face each other: up, and the way a blow across drives

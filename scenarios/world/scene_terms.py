@@ -1,6 +1,7 @@
 """What a scene may add to a plain grasp: a pull on what is held, fingertips that have lost taxels
 or gain. Off unless a trial asks for them."""
 
+import math
 from typing import Annotated
 
 import msgspec
@@ -61,15 +62,23 @@ class DamageSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = 0.0  # fmt: skip
     gain_lost: Annotated[
         float,
-        Meta(ge=0.0, le=1.0, description="share of every change from rest that is not felt"),
-    ] = 0.0
+        Meta(
+            ge=0.0, le=1.0,
+            description="share of every change from rest that is not felt; the chips' own noise "
+            "stays as it is",
+        ),
+    ] = 0.0  # fmt: skip
 
 
 class Damage:
     """Changes what damaged fingertips read. Rest is taken for what they read first."""
 
-    def __init__(self, settings: DamageSettings, rng: np.random.Generator) -> None:
+    def __init__(
+        self, settings: DamageSettings, noise_counts: float, rng: np.random.Generator
+    ) -> None:
         self._settings = settings
+        self._kept = 1.0 - settings.gain_lost
+        self._noise_counts = noise_counts * math.sqrt(1.0 - self._kept**2)  # what scaling takes
         self._rng = rng
         self._first: Codes | None = None
         self._lost: NDArray[np.bool_] | None = None
@@ -80,9 +89,9 @@ class Damage:
             return codes
         if self._first is None or self._lost is None:
             self._first, self._lost = codes.copy(), self._draw(*codes.shape)
-        kept = 1.0 - self._settings.gain_lost
-        out = np.rint(self._first + kept * (codes - self._first)).astype(np.int16)
-        return np.where(self._lost, self._first, out)
+        noise = self._noise_counts * self._rng.standard_normal(codes.shape)
+        out = np.rint(self._first + self._kept * (codes - self._first) + noise)
+        return np.where(self._lost, self._first, out.astype(np.int16))
 
     def _draw(self, fingers: int, taxels: int) -> NDArray[np.bool_]:
         lost = np.arange(taxels) < round(self._settings.taxels_lost * taxels)

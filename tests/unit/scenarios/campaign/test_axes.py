@@ -1,5 +1,6 @@
 """Six ways to make a lift harder: what each changes, and the bound of what 10 N can hold."""
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -7,7 +8,8 @@ from drivers.errors import ConfigError
 from scenarios.campaign.axes import AXES
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.campaign.spec import AT, MOVED, CampaignSpec, combinations
-from scenarios.world import contact
+from scenarios.world import contact, laws
+from scenarios.world.scene_terms import PullSettings
 
 # something harder on each axis
 HARDER = {
@@ -42,21 +44,21 @@ def test_share_of_the_bound_rises_as_a_lift_gets_harder_and_is_one_at_the_bound(
 
 
 def slides(config: RunConfig, pull_n: float = 0.0, rise_mps2: float = 0.0) -> bool:
-    """Whether an object that slides up in a grip of 10 N at the thumb goes on sliding down."""
-    body = config.object
-    p = contact.parameters(config.contact, body)
-    p[contact.P_MU_S] = body.friction_kinetic  # what sliding friction alone can hold
-    state = contact.initial_state()
-    state[contact.HEIGHT] = 1.0
+    """Whether an object in the air slides in a grip of 10 N at the thumb, or has slid out."""
+    kinetic = config.object.friction_kinetic  # what sliding friction alone can hold
+    body = msgspec.structs.replace(config.object, friction_static=kinetic)
+    held = contact.Contact(
+        config.contact, body, contact.LevelChoice(contact.Level.SLIDER, 5e-4, 1e-4)
+    )
+    held.place()
+    held.state[laws.HEIGHT] = 1.0
     kept = 1 - config.contact.relaxation_fraction
     pressed_m = np.array([10.0, 5.0, 5.0]) / kept / contact.finger_stiffness(config.contact, body)
     travel = config.contact.half_aperture_m - body.half_width_m + pressed_m
-    contact.advance(p, state, 0.0, 3.0, 5e-4, 0.0, 0.0, 0.0, travel, travel)
-    contact.pull(state, pull_n, 3.0, 0.001, 10.0)
-    rise = 0.5 * rise_mps2 * 0.3**2
-    contact.advance(p, state, 3.0, 0.3, 5e-4, rise, 0.0, 0.3 * rise_mps2, travel, travel)
-    gone = state[contact.NORMAL] == 0.0  # it has slid out already
-    return bool(gone or state[contact.SLIP_SPEED] > 0.0)
+    held.advance(0.0, 3.0, 0.0, 0.0, 0.0, travel, travel)
+    held.pull(PullSettings(force_n=pull_n, ramp_s=0.001, lasts_s=10.0), 3.0)
+    held.advance(3.0, 0.3, 0.5 * rise_mps2 * 0.3**2, 0.0, 0.3 * rise_mps2, travel, travel)
+    return bool(held.normal_n[0] == 0.0 or held.state[laws.SLIP_SPEED] > 0.0)
 
 
 @pytest.mark.parametrize("name", ["can", "box", "foam"])
@@ -81,7 +83,7 @@ def test_bounds_of_width_are_where_the_first_grasp_is_all_or_nothing() -> None:
     for more_mm, thumb_n in ((wider, 10.0), (-narrower, 0.0)):
         p = contact.parameters(plain.contact, plain.object)
         width = plain.object.half_width_m + 1e-3 * more_mm
-        contact.normal_forces(p, width, travel, contact.initial_state(), forces)
+        laws.normal_forces(p, width, travel, contact.initial_state(), forces)
         assert forces[0] == pytest.approx(thumb_n, abs=0.01)
 
 
