@@ -1,0 +1,198 @@
+"""Does motion along the closing axis, or tilting, belong in the ladder? Each scene at L4 and in
+MuJoCo: held in the ladder's plane (what the solvers differ by), free along x, and free altogether
+(what the further freedom adds). As in docs/physics.md; MuJoCo is in the extra `dev`."""
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+
+import msgspec
+import pytest
+
+from grasp.settings import names
+from scenarios.studies.physics import mujoco_hand
+from scenarios.studies.physics.mujoco_hand import Assumed, Beyond, Freedom, Motion, Solver
+from scenarios.world.contact import GRAVITY_MPS2
+from scenarios.world.contact_settings import ContactSettings
+from scenarios.world.ladder import experiments
+from scenarios.world.ladder.experiments import SceneSettings, World
+from scenarios.world.ladder.levels import Level, simulate
+from scenarios.world.ladder.scene import Scene
+from scenarios.world.objects import GraspObject
+from tests.unit.scenarios.conftest import config
+
+SLIP_M, TURN_RAD, FORCE_N = 1e-3, math.radians(2.0), 0.5  # what a planner may be asked for
+LIFT_S = 1.0  # the thumb has closed by 0.5 s
+AIM_M = 7e-3  # a blow that moves an object this far by work against friction (tap.aim_m)
+PADS = ContactSettings(relaxation_fraction=0.0)
+SOFT = msgspec.structs.replace(
+    PADS, mount_stiffness_npm=3e3, pad_stiffness_npm=12e3, shear_stiffness_npm=6e3,
+    shear_damping_nspm=5.0,
+)  # fmt: skip
+STIFF = msgspec.structs.replace(
+    PADS, mount_stiffness_npm=1e4, pad_stiffness_npm=2e4, shear_stiffness_npm=12e3,
+    shear_damping_nspm=16.0,
+)  # fmt: skip
+
+
+class Case(msgspec.Struct, frozen=True):
+    """A scene for any object."""
+
+    name: str
+    make: Callable[[World], Scene]
+    paper: bool = True  # the paper does such a thing, as this project reads it
+    scene: SceneSettings = SceneSettings()
+    pads: ContactSettings = PADS
+    strength: float = 1.0  # of the blow
+    beyond: Beyond = Beyond()
+
+
+def tap(case: str, side: bool, **changes: object) -> Case:
+    """A blow on a held object, its strength as the trial's."""
+    fields = {key: changes.pop(key) for key in ("paper", "pads", "strength") if key in changes}
+    beyond = Beyond(**{key: changes.pop(key) for key in ("blow_x_m", "closing") if key in changes})
+    make = experiments.side_tap if side else experiments.tap
+    return Case(case, make, scene=SceneSettings(**changes), beyond=beyond, **fields)
+
+
+CASES = (
+    Case("lift", experiments.lift),
+    Case("lift, soft hand", experiments.lift, pads=SOFT),
+    Case("lift, stiff hand", experiments.lift, pads=STIFF),
+    Case("lift, weight 15 mm aside (y)", experiments.lift, scene=SceneSettings(aside_m=0.015)),
+    Case("lift, weight 15 mm towards thumb (x)", experiments.lift, beyond=Beyond(weight_x_m=0.015)),
+    tap("top, through the middle", False, top_offset_m=0.0),
+    tap("top, 20 mm aside (y)", False),
+    tap("top, 40 mm aside (y), half as hard again", False, top_offset_m=0.04, strength=1.5),
+    tap("top, 20 mm towards thumb (x)", False, top_offset_m=0.0, blow_x_m=0.02),
+    tap("side, 40 mm up", True),
+    tap("side, 60 mm up, half as hard again", True, side_offset_m=0.06, strength=1.5),
+    tap("side, 60 mm up, soft hand", True, side_offset_m=0.06, pads=SOFT),
+    tap("side, 40 mm up, 10 mm towards thumb (x)", True, blow_x_m=0.01),
+    tap("closing axis, through the middle", True, paper=False, closing=True, side_offset_m=0.0),
+    tap("closing axis, 40 mm up", True, paper=False, closing=True),
+)  # fmt: skip
+
+
+SIDE = next(case for case in CASES if case.name == "side, 40 mm up")
+SOLVERS = (  # step, ms; impratio; impedance
+    (0.4, 1000, 0.9), (0.2, 1000, 0.9), (0.1, 1000, 0.9), (0.05, 1000, 0.9),
+    (0.1, 1, 0.9), (0.1, 10, 0.9), (0.1, 100, 0.9), (0.1, 1000, 0.99), (0.1, 10, 0.9999),
+)  # fmt: skip
+VARIANTS: tuple[dict[str, float], ...] = (
+    {}, {"finger_kg": 0.02}, {"finger_kg": 0.1}, {"pad_kg": 2e-3}, {"pad_kg": 9e-3},
+    {"loss_s": 5e-4}, {"loss_s": 3e-3}, {"points": 4},
+)  # fmt: skip
+
+
+def scene_of(case: Case, body: GraspObject) -> Scene:
+    """One friction coefficient, the weight shared as the pads' stiffness shares it."""
+    held = case.make is not experiments.lift
+    body = msgspec.structs.replace(
+        body, friction_static=body.friction_kinetic,
+        added_mass_kg=0.0 if held else body.added_mass_kg,
+    )  # fmt: skip
+    blow = {}
+    if held:
+        cone_n, mass = 2 * 10.0 * body.friction_kinetic, body.mass_kg
+        side = case.make is experiments.side_tap
+        braking_n = cone_n - (0.0 if side else mass * GRAVITY_MPS2)
+        impulse = case.strength * math.sqrt(2 * mass * AIM_M * braking_n)
+        blow = {"side_impulse_n_s" if side else "top_impulse_n_s": impulse}
+    settings = msgspec.structs.replace(case.scene, **blow)
+    scene = case.make(World(object=body, contact=case.pads, scene=settings))
+    length_s = scene.duration_s if held else LIFT_S
+    return msgspec.structs.replace(scene, sharing="equal", duration_s=length_s)
+
+
+def compare(job: tuple[Case, str]) -> tuple[Motion | None, dict[Freedom, Motion]]:
+    """L4, None where it cannot say the scene, and MuJoCo with each freedom."""
+    case, name = job
+    scene = scene_of(case, config(object_name=name).object)
+    found = {f: mujoco_hand.run(scene, f, beyond=case.beyond) for f in Freedom}
+    return (None if case.beyond.closing else ladder(scene)), found
+
+
+def ladder(scene: Scene) -> Motion:
+    """L4 at 0.1 ms."""
+    o = simulate(scene, Level.BRUSH, 1e-4)
+    return Motion(o.mark_m, o.turn_rad, 0.0, 0.0, o.peak_force_n, o.held)
+
+
+def gap(a: Motion, b: Motion) -> tuple[float, float, float]:
+    """Slip, mm; rotation, deg; peak force, N."""
+    slip_mm = 1e3 * math.dist(a.mark_m, b.mark_m)
+    return slip_mm, math.degrees(abs(a.turn_rad - b.turn_rad)), abs(a.peak_force_n - b.peak_force_n)
+
+
+def verdict(m: Motion) -> str:
+    """Whether it was held, and whether it moved (1 mm) or, in a lift, passed a mark (6 cm)."""
+    return f"{'held' if m.held else 'lost'} {sum(m.slip_m > bound for bound in (1e-3, 0.06))}"
+
+
+def line(m: Motion) -> str:
+    return f"{m.slip_m * 1e3:.2f}, {math.degrees(m.turn_rad):.2f}, {m.peak_force_n:.2f}"
+
+
+def show(gaps: tuple[float, float, float]) -> str:
+    return "{:.2f}, {:.1f}, {:.2f}".format(*gaps)
+
+
+@pytest.mark.bench
+@pytest.mark.timeout(3600)
+def test_scenes_of_the_paper_need_no_motion_along_the_closing_axis() -> None:
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed (extra `dev`)")
+    objects = names("objects")
+    jobs = [(case, name) for case in CASES for name in objects]
+    with ProcessPoolExecutor(2) as pool:
+        found = dict(zip(jobs, pool.map(compare, jobs), strict=True))
+    print("\nslip, mm; rotation, deg; peak force, N")
+    for (case, name), (l4, m) in found.items():
+        each = " | ".join(f"{line(x)}, {verdict(x)}" if x else "-" for x in (l4, *m.values()))
+        print(f"{case.name} | {name} | {each} | x {m[Freedom.ALL].closing_m * 1e3:.2f} mm, "
+              f"tilt {math.degrees(m[Freedom.ALL].tilt_rad):.2f} deg")  # fmt: skip
+    print("\n| scene | L4 against MuJoCo in its plane | x free adds | x and tilts free add "
+          "| x, mm | tilt, deg | verdicts that this changes |")  # fmt: skip
+    print("|---" * 7 + "|")
+    needs = set()
+    for case in CASES:
+        rows = [found[case, name] for name in objects]
+        bias = [gap(l4, m[Freedom.PLANE]) for l4, m in rows if l4]
+        one = [gap(m[Freedom.CLOSING], m[Freedom.PLANE]) for _, m in rows]
+        both = [gap(m[Freedom.ALL], m[Freedom.PLANE]) for _, m in rows]
+        worst = [tuple(map(max, zip(*gaps, strict=True))) if gaps else None
+                 for gaps in (bias, one, both)]  # fmt: skip
+        changed = [name for name, (_, m) in zip(objects, rows, strict=True)
+                   if verdict(m[Freedom.ALL]) != verdict(m[Freedom.PLANE])]  # fmt: skip
+        free = [m[Freedom.ALL] for _, m in rows]
+        print(f"| {case.name} | " + " | ".join(show(w) if w else "-" for w in worst)
+              + f" | {max(m.closing_m for m in free) * 1e3:.2f} "
+              f"| {math.degrees(max(m.tilt_rad for m in free)):.1f} "
+              f"| {', '.join(changed) or 'none'} |")  # fmt: skip
+        limits = (SLIP_M * 1e3, math.degrees(TURN_RAD), FORCE_N)
+        if any(w > limit for w, limit in zip(worst[2], limits, strict=True)):
+            needs.add(case.name)
+    print("beyond 1 mm, 2 deg or 0.5 N:", sorted(needs))
+
+
+@pytest.mark.bench
+@pytest.mark.timeout(3600)
+def test_answers_of_mujoco_do_not_depend_on_its_solver_or_on_what_is_assumed_besides() -> None:
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed (extra `dev`)")
+    scene = scene_of(SIDE, config(object_name="can").object)
+    still = msgspec.structs.replace(scene, tap=None)
+    print("\nL4:", line(ladder(scene)))
+    print("| step, ms | impratio | impedance | plane: slip, mm; rotation, deg; peak, N "
+          "| x and tilts free: the same | creep, um/s |")  # fmt: skip
+    for step_ms, ratio, impedance in SOLVERS:
+        solver = Solver(step_s=1e-3 * step_ms, impratio=ratio, impedance=impedance)
+        plane, free = (mujoco_hand.run(scene, f, solver) for f in (Freedom.PLANE, Freedom.ALL))
+        creep = mujoco_hand.run(still, Freedom.PLANE, solver).slip_m / still.duration_s
+        print(f"| {step_ms} | {ratio} | {impedance} | {line(plane)} | {line(free)} "
+              f"| {creep * 1e6:.2g} |")  # fmt: skip
+    plain = Assumed()
+    for changes in VARIANTS:
+        assumed = msgspec.structs.replace(plain, **changes)
+        plane, free = (mujoco_hand.run(scene, f, assumed=assumed)
+                       for f in (Freedom.PLANE, Freedom.ALL))  # fmt: skip
+        print(f"| {changes} | {line(plane)} | {line(free)} | adds {show(gap(free, plane))} |")
