@@ -28,6 +28,8 @@ TIP_M = 1e-3  # radius of a pad point
 TABLE_KG = 1e6
 SETTLE_S, RAMP_S, SETTLE_RATE = 0.45, 0.12, 40.0
 BALANCE_S = 2e-3  # within which x follows its balance where it has no inertia
+LOST_MPS = 0.05
+SEEN_EVERY = 10  # steps between two looks at x and tilt
 BELOW_M = 0.15  # foot of a straight body below the grip
 
 
@@ -62,7 +64,7 @@ class Beyond(msgspec.Struct, frozen=True, kw_only=True):
 
     blow_x_m: float = 0.0  # a blow on top or side strikes this far from the middle, towards thumb
     weight_x_m: float = 0.0
-    closing: bool = False  # the blow runs along x, onto the thumb; its offset is a height
+    blow_z_m: float = 0.0  # a blow along the closing axis strikes this far above it
 
 
 TUNED, USUAL, NOTHING = Solver(), Assumed(), Beyond()
@@ -87,7 +89,7 @@ def xml(
     scene: Scene, freedom: Freedom, solver: Solver, beyond: Beyond, assumed: Assumed,
 ) -> str:  # fmt: skip
     """The model: object first, then the table, then the fingers."""
-    body, plane, free = scene.body, scene.plane, freedom.value.split()
+    body, free = scene.body, freedom.value.split()
     half, mass = body.half_width_m, scene.mass_kg
     low = BELOW_M if body.shape == "straight" else body.half_height_m + body.grip_height_m
     joints = "".join(
@@ -97,8 +99,8 @@ def xml(
             ("turn", "hinge", "1 0 0"), ("pitch", "hinge", "0 1 0"), ("yaw", "hinge", "0 0 1"),
         ) if name in free
     )  # fmt: skip
-    inertia = f"{plane.inertia_kgm2} {plane.inertia_kgm2} {0.5 * mass * half**2}"
-    com = f"{beyond.weight_x_m} {plane.centre_of_mass_y_m} {plane.centre_of_mass_z_m}"
+    inertia = f"{body.inertia_kgm2} {body.inertia_kgm2} {0.5 * mass * half**2}"
+    com = f"{beyond.weight_x_m} {body.centre_aside_m} {body.centre_above_m}"
     asset, shape = _shape(scene, low)
     fingers = "".join(_finger(scene, assumed, i) for i in range(FINGERS))
     table = f'<geom type="box" size="1 1 .05" pos="0 0 {-low - 0.05}" conaffinity="2"/>'
@@ -108,7 +110,7 @@ def xml(
      solref="{2 * solver.step_s} 1" solimp="{solver.impedance} {solver.impedance} .001"/></default>
     <asset>{asset}</asset><worldbody>
     <body>{joints}<inertial pos="{com}" mass="{mass}" diaginertia="{inertia}"/>
-    <site name="mark" pos="0 0 {plane.mark_height_m}"/>
+    <site name="mark" pos="0 0 {scene.mark_height_m}"/>
     <geom {shape} friction="{body.friction_kinetic} 0 0" conaffinity="1"/>
     <geom type="box" size="{0.7 * half} {0.7 * half} .002" pos="0 0 {0.002 - low}" contype="2"/>
     </body><body gravcomp="1"><joint type="slide" axis="0 0 1"/>
@@ -152,7 +154,7 @@ def _finger(scene: Scene, assumed: Assumed, i: int) -> str:
         for y in line * pads.pad_half_length_m for z in line * pads.pad_half_length_m
     )  # fmt: skip
     mount = pads.mount_stiffness_npm
-    (y, z), x = scene.finger_places()[i], SIDES[i] * (scene.body.half_width_m + TIP_M)
+    (y, z), x = contact.finger_places(pads)[i], SIDES[i] * (scene.body.half_width_m + TIP_M)
     return (
         f'<body pos="{x} {y} {z}">{slide.format(inward, mount, mount * assumed.loss_s)}'
         f'<inertial pos="0 0 0" mass="{assumed.finger_kg}" diaginertia="1e-5 1e-5 1e-5"/>'
@@ -180,19 +182,16 @@ class _Run:
         self.stiffness_npm = contact.finger_stiffness(scene.contact, scene.body)
         self.step_s = solver.step_s
         self.travel = np.zeros(FINGERS)  # of the motors
+        self.sides = np.array(SIDES)
         self.lateral = 0.0  # of an object without inertia along x
-        self.com = np.array(
-            [beyond.weight_x_m, scene.plane.centre_of_mass_y_m, scene.plane.centre_of_mass_z_m]
-        )
 
     def step(self, gravity: float, wrench: Floats) -> Floats:
-        """One step under a force (3,) and torque about the middle of the grip (3,); returns the
+        """One step under a force (3,) and torque about the centre of mass (3,); returns the
         normal force of each finger (3,), N."""
-        reference = self.travel + self.lateral * np.array(SIDES)
+        reference = self.travel + self.lateral * self.sides
         self.model.qpos_spring[self.fingers] = reference
         self.model.opt.gravity[2] = -gravity
-        self.data.xfrc_applied[1, :3] = wrench[:3]
-        self.data.xfrc_applied[1, 3:] = wrench[3:] - np.cross(self.com, wrench[:3])
+        self.data.xfrc_applied[1] = wrench
         self._step(self.model, self.data)
         force: Floats = self.mount_npm * (reference - self.data.qpos[self.fingers])
         if "x" not in self.names:
@@ -211,6 +210,11 @@ class _Run:
             weight = 1.0 if on_table else min(max(t / RAMP_S - 1.0, 0.0), 1.0)
             force = self.step(weight * GRAVITY_MPS2, np.zeros(6))
             self.lateral = 0.0
+
+    def held(self, force: Floats) -> bool:
+        """True when both sides press and the object keeps up with the hand."""
+        pressed = force[0] > 0.1 and force[1] + force[2] > 0.1
+        return bool(pressed and abs(self.data.qvel[self.names.index("z")]) < LOST_MPS)
 
     def pose(self) -> Floats:
         """Mark (3,), turn, x and tilt (the last two 0 where there is no such joint)."""
@@ -236,7 +240,7 @@ def run(
     start, d = hand.pose(), drive(scene, solver.step_s)
     speeds = np.broadcast_to(d.hand_mps, d.steps)
     gains = np.diff(speeds, prepend=0.0) / d.step_s
-    loads = _wrenches(scene, beyond, np.broadcast_to(d.load, (d.steps, 3)))
+    loads = _wrenches(scene, beyond, np.broadcast_to(d.load, (d.steps, 4)))
     heights, closing = np.cumsum(speeds) * d.step_s, scene.grip.closing
     peak, most, stopped, force = 0.0, np.zeros(2), closing is None, target_n
     for j in range(d.steps):
@@ -248,22 +252,21 @@ def run(
         hand.data.qfrc_applied[hand.table] = -TABLE_KG * gains[j]
         force = hand.step(GRAVITY_MPS2 + gains[j], loads[j])
         peak = max(peak, float(force.max()))
-        most = np.maximum(most, np.abs(hand.pose() - start)[4:])
+        if j % SEEN_EVERY == 0:
+            most = np.maximum(most, np.abs(hand.pose() - start)[4:])
     moved = hand.pose() - start
     return Motion(
         mark_m=(float(moved[1]), float(moved[2])), turn_rad=float(moved[3]),
         closing_m=float(most[0]), tilt_rad=float(most[1]), peak_force_n=peak,
-        held=bool(force[0] > 0.1 and force[1:].sum() > 0.1),
+        held=hand.held(force),
     )  # fmt: skip
 
 
 def _wrenches(scene: Scene, beyond: Beyond, load: Floats) -> Floats:
-    """Force and torque (steps, 6) from the ladder's y, z and torque about x."""
-    out = np.zeros((len(load), 6))
-    if beyond.closing and scene.tap is not None:
-        out[:, 0] = np.hypot(load[:, 0], load[:, 1])
-        out[:, 4] = scene.tap.offset_m * out[:, 0]  # z F_x
-        return out
-    out[:, 1:4] = load
-    out[:, 4], out[:, 5] = -beyond.blow_x_m * load[:, 1], beyond.blow_x_m * load[:, 0]
-    return out
+    """Force and torque about the centre of mass (steps, 6) from the ladder's forces along y, z and
+    x and torque about x."""
+    y, z, x, turn = load.T
+    pitch, yaw = beyond.blow_z_m * x - beyond.blow_x_m * z, beyond.blow_x_m * y
+    force, torque = np.stack([x, y, z], axis=1), np.stack([turn, pitch, yaw], axis=1)
+    com = np.array([beyond.weight_x_m, scene.body.centre_aside_m, scene.body.centre_above_m])
+    return np.hstack([force, torque - np.cross(com, force)])

@@ -1,19 +1,21 @@
 """The fuller model that the ladder is compared with: held to the plane it must agree with it."""
 
 import math
+from typing import Any
 
 import pytest
 
 from scenarios.studies.physics import mujoco_hand
 from scenarios.studies.physics.mujoco_hand import Beyond, Freedom
-from scenarios.world.ladder.levels import Level, simulate
+from scenarios.world.contact import Level
+from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.scene import Scene, Vibration
 from tests.unit.scenarios.world.ladder.ladder_scenes import held, tap
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed (extra `dev`)")
 
 
-def struck(**blow: float) -> Scene:
+def struck(**blow: Any) -> Scene:
     return held(tap=tap(**blow), sharing="equal", duration_s=0.25)
 
 
@@ -35,7 +37,7 @@ def test_object_that_nothing_strikes_stays_where_it_is() -> None:
 
 
 def test_blow_along_the_closing_axis_loads_the_thumb_and_tilts_only_what_is_free_to_tilt() -> None:
-    blow, scene = Beyond(closing=True), struck(offset_m=0.04)
+    blow, scene = Beyond(blow_z_m=0.04), struck(direction="closing")
     free = mujoco_hand.run(scene, Freedom.CLOSING, beyond=blow)
     tilting = mujoco_hand.run(scene, Freedom.ALL, beyond=blow)
     assert free.closing_m > 1e-3
