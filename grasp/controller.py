@@ -152,20 +152,12 @@ class GraspController:
         return seen.t_ns - self._felt_ns >= self._settings.contact_lost_s * 1e9
 
     def _trouble(self, seen: Observation) -> str:
-        stale_ns = self._settings.stale_after_s * 1e9
         if seen.trouble or seen.doubt:
             return "; ".join(filter(None, (seen.trouble, seen.doubt)))
         if seen.tactile_stale and self.phase not in OPEN_PHASES:
             return "stale: no fresh fingertip sample"
-        if seen.gripper.age_ns(seen.t_ns) > stale_ns:
-            return "stale: gripper status too old"
-        if seen.arm.age_ns(seen.t_ns) > stale_ns:
-            return "stale: arm state too old"
-        if seen.gripper.fault:
-            return f"gripper fault: {seen.gripper.fault_text}"
-        if seen.arm.stopped_by_safety:
-            return "arm stopped by its safety system"
-        return self._force_trouble(seen) or self._time_trouble(seen)
+        of_states = seen.trouble_of_states(self._settings.stale_after_s * 1e9)
+        return of_states or self._force_trouble(seen) or self._time_trouble(seen)
 
     def _force_trouble(self, seen: Observation) -> str:
         moving = self.phase in AIRBORNE_PHASES and seen.arm.moving

@@ -52,6 +52,17 @@ class Observation(StepInput, frozen=True, kw_only=True):
         """The fingertips have missed too many samples."""
         return self.frame is not None and self.frame.stale
 
+    def trouble_of_states(self, old_ns: float) -> str:
+        """What the states of gripper and arm say is wrong, themselves older than ``old_ns`` first;
+        empty if nothing."""
+        if self.gripper.age_ns(self.t_ns) > old_ns:
+            return "stale: gripper status too old"
+        if self.arm.age_ns(self.t_ns) > old_ns:
+            return "stale: arm state too old"
+        if self.gripper.fault:
+            return f"gripper fault: {self.gripper.fault_text}"
+        return "arm stopped by its safety system" if self.arm.stopped_by_safety else ""
+
     @property
     def hand_rests(self) -> bool:
         """The fingers stand, and nothing that they were told is on its way."""

@@ -1,5 +1,6 @@
 """What a person sees of a run: a picture that follows it, then the verdict."""
 
+import contextlib
 import sys
 from typing import Any, Self
 
@@ -22,10 +23,13 @@ class Display:
     """Follows runs tick by tick. In wall time another process draws; in virtual time this one.
 
     ``quiet`` shows nothing; ``plain`` draws no panel, so that a person can type; ``brief`` leaves
-    plain lines to registrations.
+    plain lines to registrations. ``onlooker``: who draws, in place of one of its own.
     """
 
-    def __init__(self, rig: str, quiet: bool, plain: bool = False, brief: bool = False) -> None:
+    def __init__(
+        self, rig: str, quiet: bool, plain: bool = False, brief: bool = False,
+        onlooker: Onlooker | None = None,
+    ) -> None:  # fmt: skip
         self._rig = rig
         self._panel = sys.stdout.isatty() and not plain
         self._brief = brief and not self._panel
@@ -38,7 +42,7 @@ class Display:
         if rig == "simulated":
             self._here = view.make(self._panel)
         else:
-            self._there = Onlooker(view)
+            self._there = onlooker or Onlooker(view)
             self._there.tell(view.Begin(self._panel))
 
     def __enter__(self) -> Self:
@@ -89,11 +93,20 @@ class Display:
             self._show(message)
 
     def close(self) -> None:
-        """Leave the last state on the screen; safe to call twice."""
+        """Leave the last state on the screen, and say what was never on it; safe to call twice."""
         if self._there is not None:
             self._there.close()
+            _tell_lost(self._there.lost)
+            self._there = None
         if self._here is not None:
             self._here.close()
+
+
+def _tell_lost(pictures: int) -> None:
+    """A screen that was too slow, or has gone: the run and its recording lack nothing."""
+    if pictures:
+        with contextlib.suppress(OSError):
+            print(f"{pictures} pictures of the run were not drawn in time", file=sys.stderr)
 
 
 def print_verdict(result: Any) -> None:

@@ -10,6 +10,7 @@ import msgspec
 import pytest
 
 from grasp.cli import view
+from grasp.cli.live import Display
 from grasp.watch import Onlooker
 
 GLIMPSE = view.Glimpse(
@@ -62,6 +63,26 @@ def test_onlooker_that_died_is_no_error(onlooker: Onlooker) -> None:
     lost = onlooker.lost
     onlooker.tell(view.Note("nobody listens"))
     assert onlooker.lost == lost + 1
+
+
+def test_pictures_that_were_lost_are_told_when_the_run_is_over(
+    onlooker: Onlooker, capsys: pytest.CaptureFixture[str]
+) -> None:
+    os.kill(onlooker.pid, signal.SIGKILL)
+    with Display("emulated", quiet=False, onlooker=onlooker) as display:
+        show_until_lost(onlooker)
+        display.note("nobody listens")
+        lost = onlooker.lost
+        display.close()
+    assert capsys.readouterr().err == f"{lost} pictures of the run were not drawn in time\n"
+
+
+def test_where_every_picture_was_drawn_nothing_is_said(
+    onlooker: Onlooker, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Display("emulated", quiet=False, onlooker=onlooker) as display:
+        display.note("one run is over")
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize("panel", [False, True])
