@@ -98,12 +98,12 @@ class PhaseChange(msgspec.Struct, frozen=True):
 class PhaseMachine:
     """The present phase and the log of how it was reached."""
 
-    def __init__(self) -> None:
+    def __init__(self, phase: Phase = Phase.IDLE) -> None:
         self.log: list[PhaseChange] = []
         self._machine = Machine(
             model=None,
             states=[p.value for p in Phase],
-            initial=Phase.IDLE.value,
+            initial=phase.value,
             transitions=[
                 {"trigger": t.value, "source": [s.value for s in sources], "dest": dest.value}
                 for t, sources, dest in TRANSITIONS
@@ -114,7 +114,7 @@ class PhaseMachine:
         )
         self._model = _Model()
         self._machine.add_model(self._model)
-        self.phase = Phase.IDLE
+        self.phase = phase
 
     @property
     def before(self) -> Phase:

@@ -579,8 +579,7 @@ def test_every_transition_is_logged_with_time_and_cause() -> None:
 def test_every_edge_of_the_table_can_be_walked_and_no_other() -> None:
     for trigger in Trigger:
         for phase in Phase:
-            machine = PhaseMachine()
-            machine._model.state = phase.value
+            machine = PhaseMachine(phase)
             expected = [
                 dest for t, sources, dest in TRANSITIONS if t is trigger and phase in sources
             ]

@@ -4,13 +4,15 @@ import errno
 import fcntl
 import os
 import random
+import resource
 import shutil
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -44,6 +46,29 @@ def judged(trial: Task) -> Finished:
         peak_force_n=10.1 + trial.number, detection_latency_ms=-0.0,
     )  # fmt: skip
     return Finished(row, b"recorded" * 100)
+
+
+def limit_pages(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    """Let no database grow beyond so many pages, as on a full disk."""
+    connect = sqlite3.connect
+
+    def limited(*args: Any, **kwargs: Any) -> sqlite3.Connection:
+        database = connect(*args, **kwargs)
+        database.execute(f"PRAGMA max_page_count = {most}")
+        return database
+
+    monkeypatch.setattr(sqlite3, "connect", limited)
+
+
+@contextmanager
+def files_of_at_most(size: int) -> Iterator[None]:
+    """As on a disk with so little room left: this process can make no file larger, in bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @pytest.fixture(scope="module")
@@ -266,19 +291,23 @@ def test_a_recording_that_the_disk_refuses_leaves_neither_file_nor_row(
     assert run(SPEC, out, Workers(0), resume=True, work=judged).done == 6
 
 
-def test_a_row_that_the_disk_refuses_takes_its_recording_along(tmp_path: Path) -> None:
+def test_a_row_that_the_disk_refuses_takes_its_recording_along(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     out = tmp_path / "a.sqlite"
     places = combinations(SPEC)
-    with CampaignStore.create(out, SPEC, places) as opened:
-        (pages,) = opened._db.execute("PRAGMA page_count").fetchone()
-        opened._db.execute(f"PRAGMA max_page_count = {pages}")
-        with pytest.raises(CouldNotRecord, match="full"):
-            for trial in trials(SPEC, places):
-                finished = judged(trial)
-                row = msgspec.structs.replace(finished.row, result="x" * 9_000)
-                opened.add(msgspec.structs.replace(finished, row=row))
+    limit_pages(monkeypatch, 16)
+    with (
+        CampaignStore.create(out, SPEC, places) as opened,
+        pytest.raises(CouldNotRecord, match="full"),
+    ):
+        for trial in trials(SPEC, places):
+            finished = judged(trial)
+            row = msgspec.structs.replace(finished.row, result="x" * 9_000)
+            opened.add(msgspec.structs.replace(finished, row=row))
     kept = everything(out)
     assert isinstance(kept, tuple)
+    assert 0 < len(kept[1]) < len(list(trials(SPEC, places)))
     recordings = [name for name in files(tmp_path) if not name.startswith("a.sqlite")]
     assert recordings == [Path(row.recording).name for row in kept[1]]
 
@@ -286,10 +315,7 @@ def test_a_row_that_the_disk_refuses_takes_its_recording_along(tmp_path: Path) -
 def test_a_file_that_the_disk_refuses_at_once_is_gone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refused(*_: object) -> None:
-        raise sqlite3.OperationalError("database or disk is full")
-
-    monkeypatch.setattr(CampaignStore, "_create", refused)
+    limit_pages(monkeypatch, 1)
     with pytest.raises(CouldNotRecord, match="full"):
         CampaignStore.create(tmp_path / "a.sqlite", SPEC, combinations(SPEC))
     assert list(tmp_path.iterdir()) == []
@@ -315,17 +341,17 @@ def test_an_export_that_the_disk_refuses_leaves_what_was_there(
     assert len(out.read_text()) > 100
 
 
-def test_a_disk_without_room_for_the_log_is_no_damage(
-    copy: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refused(*_: object) -> None:
-        error = sqlite3.OperationalError("disk I/O error")
-        error.sqlite_errorname = "SQLITE_IOERR_SHMSIZE"
-        raise error
-
-    monkeypatch.setattr(CampaignStore, "_check", refused)
-    with pytest.raises(CouldNotRecord, match="disk I/O error"):
-        run(SPEC, copy, Workers(0), resume=True, work=judged)
+def test_a_disk_without_room_for_the_log_is_no_damage(tmp_path: Path) -> None:
+    out, left = tmp_path / "a.sqlite", tmp_path / "left.sqlite"
+    places = combinations(SPEC)
+    with CampaignStore.create(out, SPEC, places) as opened:
+        opened.add(judged(next(iter(trials(SPEC, places)))))
+        for part in ("", "-wal"):  # what a kill leaves: a log that has to be read with an index
+            shutil.copy(f"{out}{part}", f"{left}{part}")
+    with files_of_at_most(16_384), pytest.raises(CouldNotRecord, match="disk I/O error"):
+        run(SPEC, left, Workers(0), resume=True, work=judged)
+    run(SPEC, left, Workers(0), resume=True, work=judged)
+    assert isinstance(everything(left), tuple)
 
 
 # What a campaign file may say
