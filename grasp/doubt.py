@@ -29,6 +29,7 @@ from grasp.commands import Command, MoveArm, StopArm
 from grasp.phases import CONTACT_PHASES, OPEN_PHASES, Phase
 
 NOWHERE: Vector3 = (0.0, 0.0, 0.0)
+STOOD_STILL = "loop_stood_still"
 STANDING_MPS = 0.001  # an arm that stands reports no more
 SAME_LINE_M = 0.001  # a target that is no further from the present line lies on it
 
@@ -179,7 +180,7 @@ class Doubts:
         if phase in CONTACT_PHASES and took_ns > s.detector_s * 1e9:
             return f"detector_late: a step took {took_ns * 1e-9:.3f} s"
         if phase is not Phase.IDLE and late_ns > s.standstill_s * 1e9:
-            return f"loop_stood_still: for {late_ns * 1e-9:.3f} s nobody was in control"
+            return f"{STOOD_STILL}: for {late_ns * 1e-9:.3f} s nobody was in control"
         return ""
 
 

@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import NoneType
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
@@ -234,11 +234,9 @@ def allowed(cls: type, key: str) -> str:
     annotation = hints.get(name, "?")
     base, *metas = get_args(annotation) or (annotation,)
     meta = next((m for m in metas if isinstance(m, msgspec.Meta)), None)
-    plain = get_type_hints(_type_at(cls, owner_key)).get(name, base)
-    said = plain.__name__ if isinstance(plain, type) and not get_args(plain) else str(plain)
-    text = said.replace("typing.", "")
+    text = _said(get_type_hints(_type_at(cls, owner_key)).get(name, base))
     if meta is None:
-        return str(annotation).replace("typing.", "") if get_args(annotation) else text
+        return text
     bounds = [
         f"{sign} {bound:g}"
         for sign, bound in ((">=", meta.ge), (">", meta.gt), ("<=", meta.le), ("<", meta.lt))
@@ -246,3 +244,16 @@ def allowed(cls: type, key: str) -> str:
     ]
     description = f" ({meta.description})" if meta.description else ""
     return " ".join([text, " and ".join(bounds)]).strip() + description
+
+
+def _said(kind: Any) -> str:
+    """A type in words: `3 x 2 x int` is three times two whole numbers, `n` is any number."""
+    parts = get_args(kind)
+    if get_origin(kind) is tuple and len({*parts} - {Ellipsis}) == 1:
+        many = "n" if Ellipsis in parts else str(len(parts))
+        return f"{many} x {_said(parts[0])}"
+    if NoneType in parts:
+        return " | ".join("None" if part is NoneType else _said(part) for part in parts)
+    if isinstance(kind, type) and not parts:
+        return kind.__name__
+    return str(kind).replace("typing.", "")

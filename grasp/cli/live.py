@@ -14,8 +14,13 @@ STATUS_TICKS = 50
 
 _SETTING_UP = {
     "simulated": "the first time, the world is compiled",
-    "emulated": "starting a cell, then the gripper activates (10 s, the first time 20 s)",
-    "hardware": "the gripper activates, which opens and closes it",
+    "emulated": "a cell starts",
+    "hardware": "devices are connected",
+}
+_HAND = {  # where there is one
+    "simulated": "",
+    "emulated": ", the gripper activates (10 s, the first time 20 s)",
+    "hardware": "; an inactive gripper opens and closes",
 }
 
 
@@ -51,9 +56,10 @@ class Display:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def setting_up(self) -> None:
-        """Say that the rig is being opened, which may take a while."""
-        self._tell(view.Busy(f"setting up the {self._rig} rig: {_SETTING_UP[self._rig]}"))
+    def setting_up(self, hand: bool = True) -> None:
+        """Say that the rig is being opened, which may take a while; ``hand``: with a gripper."""
+        more = _HAND[self._rig] if hand else ""
+        self._tell(view.Busy(f"setting up: {_SETTING_UP[self._rig]}{more}"))
 
     def tick(self, tick: Tick) -> None:
         """Show one tick, if it is time or something happened."""

@@ -168,7 +168,7 @@ def _acquire(args: argparse.Namespace) -> int:
     )
     permit = _permit(config, args)
     with Display(args.rig, quiet=args.json) as display:
-        display.setting_up()
+        display.setting_up(hand=False)
         finished = acquire.run(
             config, course, args.seed, args.seconds or SECONDS, args.runs, paced(args),
             display.sample, permit,

@@ -17,7 +17,7 @@ from grasp.watch import leave_signals_to_the_run
 if TYPE_CHECKING:
     from rich.status import Status
 
-BAR_CELLS = 30
+BAR_CELLS, TEXT_CELLS = 30, 45  # of a bar at most; of a panel's line beside its two bars
 FORCE_FULL_N = 12.0
 _STYLE: dict[str, str] = {
     Phase.COMPENSATE: "bold yellow", Phase.HOLD: "bold green", Phase.FAULT: "bold red",
@@ -146,9 +146,9 @@ class Panel:
         self._stop_waiting()
         self._live.start()  # with the first one; does nothing afterwards
         if seen.news:
-            self._live.console.print(_line(seen), highlight=False)
+            self._live.console.print(_short_line(seen), highlight=False)
         self._last = seen
-        self._live.update(panel(seen), refresh=True)
+        self._live.update(panel(seen, self._live.console.width), refresh=True)
 
     def _stop_waiting(self) -> None:
         if self._busy is not None:
@@ -159,7 +159,7 @@ class Panel:
         self._stop_waiting()
         if self._live.is_started:
             if self._last is not None:
-                self._live.update(panel(self._last), refresh=True)
+                self._live.update(panel(self._last, self._live.console.width), refresh=True)
             self._live.stop()
 
 
@@ -171,20 +171,29 @@ def _line(seen: Glimpse) -> str:
     return f"{seen.t_s:7.2f} s  {seen.phase:<10}  {fingers}  slip {seen.slip}"
 
 
-def panel(seen: Glimpse) -> Any:
-    """The live picture: phase, slip status, and a bar of force and of probability a finger."""
+def _short_line(seen: Glimpse) -> str:
+    """For the log above a panel, which has the rest: at most 80 columns."""
+    pairs = zip(FINGER_NAMES, seen.measured_n, strict=True)
+    forces = "  ".join(f"{name} {force:4.1f}" for name, force in pairs)
+    return f"{seen.t_s:7.2f} s  {seen.phase:<10}  {forces} N  slip {seen.slip}"
+
+
+def panel(seen: Glimpse, width: int) -> Any:
+    """The live picture, ``width`` columns at most: phase, slip status, and a bar of force and of
+    probability a finger."""
     from rich.panel import Panel as Frame
     from rich.table import Table
     from rich.text import Text
 
+    cells = max(1, min(BAR_CELLS, (width - TEXT_CELLS) // 2))
     table = Table.grid(padding=(0, 2))
     rows = zip(FINGER_NAMES, seen.measured_n, seen.probabilities, seen.positions, strict=True)
     for name, force_n, p, position in rows:
         table.add_row(
             f"finger {name}",
-            Text(_bar(force_n / FORCE_FULL_N), style="cyan"),
+            Text(_bar(force_n / FORCE_FULL_N, cells), style="cyan"),
             f"{force_n:5.1f} N",
-            Text(_bar(p), style="red" if p > 0.5 else "blue"),
+            Text(_bar(p, cells), style="red" if p > 0.5 else "blue"),
             f"p {p:4.2f}",
             f"{position:3d} counts",
         )
@@ -197,9 +206,9 @@ def panel(seen: Glimpse) -> Any:
     return Frame(table, title=title, title_align="left", expand=False)
 
 
-def _bar(part: float) -> str:
-    filled = round(min(max(part, 0.0), 1.0) * BAR_CELLS)
-    return "█" * filled + "·" * (BAR_CELLS - filled)
+def _bar(part: float, cells: int) -> str:
+    filled = round(min(max(part, 0.0), 1.0) * cells)
+    return "█" * filled + "·" * (cells - filled)
 
 
 def main() -> None:

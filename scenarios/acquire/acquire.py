@@ -70,7 +70,7 @@ def _run_to_end(
         except GraspError as error:
             return Failure(error.kind, error.message, error.remedy, _left(session)), granted
         except KeyboardInterrupt as stop:
-            cause = interruption.cause(stop)
+            cause = f"{interruption.cause(stop)} in phase {session.phase}"
             return Failure("interrupted", cause, "", _left(session)), granted
     return None, granted
 

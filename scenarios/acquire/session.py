@@ -58,6 +58,10 @@ class Session:
         self._touched_ns: int | None = None
 
     @property
+    def phase(self) -> PressPhase:
+        return self._controller.phase
+
+    @property
     def missed_periods(self) -> int:
         """That were slept through."""
         return self._deadlines.missed

@@ -11,6 +11,7 @@ import msgspec
 from drivers.errors import GraspError
 from drivers.interfaces import FINGER_NAMES, Detection
 from grasp.commands import CloseFast
+from grasp.doubt import STOOD_STILL
 from grasp.loop import Issued, Tick
 
 OPEN_COUNTS = 20  # a hand told to open rests at about 6; nothing is held so wide
@@ -31,13 +32,20 @@ class End(msgspec.Struct, frozen=True):
     open: bool = False  # the hand was seen to be
 
 
+def stood_still(cause: str) -> bool:
+    """Whether it was this computer that nobody could rely on, whatever devices say of it."""
+    return STOOD_STILL in cause
+
+
 def happened(cause: str, tick: Tick | None, errors: Mapping[str, GraspError], old_s: float) -> str:
-    """What went wrong, with every device that is gone: first those that said so, then the
-    silent."""
-    parts = list(dict.fromkeys(error.message for error in errors.values()))
-    if not any(part in cause for part in parts):
-        parts.insert(0, cause)
-    told = {name for name, noun in NOUNS.items() if noun in cause} | errors.keys()
+    """What went wrong, with every device that is gone: first what no device said, then those that
+    said so, then the silent."""
+    whole = cause
+    said = list(dict.fromkeys(error.message for error in errors.values()))
+    for error in errors.values():
+        cause = cause.replace(f"{error.kind}: {error.message}", "").replace(error.message, "")
+    parts = [*filter(None, cause.split("; ")), *said]
+    told = {name for name, noun in NOUNS.items() if noun in whole} | errors.keys()
     if tick is not None:
         parts += [f"the {name} is silent" for name in silent(tick, old_s) if name not in told]
     return "; ".join(parts)

@@ -22,7 +22,7 @@ from grasp.slip import SlipMonitor
 from grasp.step import GraspStep
 from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.ending import End, end_of, happened
+from scenarios.trial.ending import End, end_of, happened, stood_still
 from scenarios.trial.result import Failure, named, phase_entries, timing_result, versions
 from scenarios.trial.trace import Trace
 from scenarios.world.cell import Truth
@@ -31,6 +31,9 @@ WORLD = "world"  # beside the devices: the process that emulates them
 STALE, DOUBTED = "stale", "doubted"  # kinds of a failure
 DOUBT = re.compile(r"[a-z]+(_[a-z]+)+: ")  # as in grasp/doubt.py
 FAULT = "fault"  # the outcome of every scenario that ended in a safe state
+KEEP_UP = (
+    "this computer stood still: end what else it does, then start the run again (docs/real-time.md)"
+)
 INTERRUPTED = "interrupted"  # and of one that was stopped from outside: it is not judged
 
 OnTick = Callable[[Tick], None]
@@ -199,6 +202,8 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         message = happened(cause, self.trace.last, errors, config.controller.stale_after_s)
         if self.interrupted:
             return Failure("interrupted", message, "", end)
+        if stood_still(cause):
+            return Failure("safety_stop", message, KEEP_UP, end)
         for error in errors.values():
             return Failure(error.kind, message, error.remedy, end)
         return Failure(kind_of(cause), message, "see the phases of the result", end)

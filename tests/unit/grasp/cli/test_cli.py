@@ -345,6 +345,11 @@ def test_settings_are_shown_with_what_is_allowed(capsys: pytest.CaptureFixture[s
     code, table = run_json(capsys, "config", "show", "--set", "guard.tip_mass_kg=0.3")
     assert table["guard"]["tip_mass_kg"] == 0.3
     assert call("config", "show", "nothing", capsys=capsys)[0] == 2
+    out = call("config", "show", capsys=capsys)[1]
+    assert "grip_counts = [55, 55, 55]  # 3 x int (motor counts" in out
+    assert "  # 3 x 6 x 2 x int (" in out and "  # n x 2 x int (" in out
+    assert "  # 3 x 6 x int | None (" in out
+    assert "tuple[" not in out
 
 
 def test_release_opens_the_fingers(capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 
-from drivers.errors import LinkLost
+from drivers.errors import LinkLost, Stale
+from grasp.doubt import STOOD_STILL
 from grasp.phases import Phase
 from scenarios.rigs.rig import Rig
-from scenarios.trial.ending import End, end_of
+from scenarios.trial.ending import End, end_of, happened, stood_still
 from scenarios.trial.execution import FinishedTrial
 from tests.unit.scenarios.conftest import Staged, in_phase
 from tests.unit.scenarios.lift.device_faults import power_cycle_gripper
@@ -115,3 +116,18 @@ def test_advice_is_for_hardware_alone_where_the_hand_outlives_the_run() -> None:
 
 def test_run_that_never_ticked_has_told_nobody_anything() -> None:
     assert end_of(None, None, {}, 0.1, "").arm == "the arm was told nothing"
+
+
+def test_computer_that_stood_still_is_named_before_the_devices_that_suffered() -> None:
+    """Its causes are what the controller heard of the loop and of its devices in one step."""
+    stale = Stale("the arm controller's clock stands still", "look at the teach pendant")
+    cause = f"stale: {stale.message}; {STOOD_STILL}: for 0.603 s nobody was in control"
+    said = happened(cause, None, {"arm": stale}, 0.1)
+    assert said == f"{STOOD_STILL}: for 0.603 s nobody was in control; {stale.message}"
+    assert stood_still(cause)
+
+
+def test_device_that_failed_alone_is_said_once() -> None:
+    lost = LinkLost("gripper at 1.2.3.4: no answer; is it on?", "switch it on")
+    assert happened(f"link_lost: {lost.message}", None, {"gripper": lost}, 0.1) == lost.message
+    assert not stood_still(f"link_lost: {lost.message}")

@@ -1,0 +1,51 @@
+"""What a person sees of a run fits the terminal."""
+
+import pytest
+from rich.console import Console
+
+from grasp.cli import live, view
+
+SLIPPING = view.Glimpse(
+    t_s=107.31, phase="compensate", slip="REGISTERED (masked)", registered=True, news=True,
+    measured_n=(10.0, 5.0, 5.0), probabilities=[0.93, 0.5, 0.02], positions=(155, 100, 100),
+    arm_m=0.312,
+)  # fmt: skip
+
+
+def drawn(width: int) -> list[str]:
+    console = Console(width=width, force_terminal=True, color_system=None)
+    with console.capture() as capture:
+        console.print(view.panel(SLIPPING, console.width))
+    return capture.get().splitlines()
+
+
+@pytest.mark.parametrize("width", [60, 80, 100, 200])
+def test_bars_are_whole_whatever_the_width(width: int) -> None:
+    lines = drawn(width)
+    assert len(lines) == 5
+    assert all(len(line) <= width for line in lines)
+    assert not any("…" in line for line in lines[1:])
+    cells = min((width - view.TEXT_CELLS) // 2, view.BAR_CELLS)
+    assert [line.count("█") + line.count("·") for line in lines[1:4]] == [2 * cells] * 3
+    assert "155 counts" in lines[1]
+
+
+def test_line_above_the_panel_fits_eighty_columns() -> None:
+    line = view._short_line(SLIPPING)
+    assert len(line) <= 80
+    assert "REGISTERED (masked)" in line and "10.0" in line
+
+
+@pytest.mark.parametrize("rig", ["simulated", "emulated", "hardware"])
+@pytest.mark.parametrize("hand", [True, False])
+def test_setting_up_is_one_line_and_speaks_of_a_gripper_only_where_one_is_opened(
+    rig: str, hand: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[view.Message] = []
+    display = live.Display(rig, quiet=True)
+    monkeypatch.setattr(display, "_tell", told.append)
+    display.setting_up(hand)
+    (busy,) = told
+    assert isinstance(busy, view.Busy)
+    assert len(busy.text) <= 78  # beside its spinner
+    assert ("gripper" in busy.text) == (hand and rig != "simulated")
