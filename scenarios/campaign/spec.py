@@ -164,9 +164,12 @@ def _check_axes(spec: CampaignSpec) -> None:
     swept = {f"sweep.{key}": values for key, values in spec.sweep.items()}
     moved = {f"axes.{name}": values for name, values in spec.axes.items()}
     for axis, values in ({name: getattr(spec, name) for name in named} | swept | moved).items():
-        for i, value in enumerate(values):
-            if value in values[:i]:
+        seen = set()
+        for value in values:
+            known = _hashable(value)
+            if known in seen:
                 raise ConfigError("campaign", axis, f"{value!r} twice", "each value once")
+            seen.add(known)
     for key, values in spec.sweep.items():
         if not values:
             raise ConfigError("campaign", f"sweep.{key}", "is empty", "one value or more")
@@ -176,6 +179,13 @@ def _check_axes(spec: CampaignSpec) -> None:
     places *= spec.draws or 1 + sum(len(values) for values in spec.axes.values())
     if places * spec.repetitions > MOST_TRIALS:
         raise ConfigError("campaign", "-", "is too large", f"{MOST_TRIALS} trials")
+
+
+def _hashable(value: Any) -> Any:
+    """Equal for equal values of TOML."""
+    if isinstance(value, dict):
+        return frozenset((key, _hashable(each)) for key, each in value.items())
+    return tuple(map(_hashable, value)) if isinstance(value, list | tuple) else value
 
 
 def _check_detectors(configs: Sequence[TrialConfig]) -> None:
