@@ -7,10 +7,9 @@ import multiprocessing
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import numpy as np
 import pytest
 
-from detector.scores.quantiles import Quantiles
+from detector.scores.quantiles import Quantiles, quantile
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.trial.result import TimingResult
@@ -58,7 +57,7 @@ def timings(assignments: tuple[str, ...]) -> list[TimingResult]:
 
 
 def show(label: str, unit: str, spreads: list[Quantiles]) -> str:
-    p50, p99 = (np.median([getattr(s, name) for s in spreads]) for name in ("p50", "p99"))
+    p50, p99 = (quantile(sorted(getattr(s, name) for s in spreads), 0.5) for name in ("p50", "p99"))
     return f"{label} {p50:.2f} / {p99:.2f} / {max(s.max for s in spreads):.2f} {unit}"
 
 

@@ -4,9 +4,9 @@ makes of blows that move nothing; and how the verdict hangs on the windows of th
 import os
 from collections.abc import Iterator
 
-import numpy as np
 import pytest
 
+from detector.scores.quantiles import quantile
 from scenarios.campaign.config import load_config
 from scenarios.tap import tap
 from scenarios.tap.result import TapResult
@@ -39,7 +39,7 @@ def taps(name: str, detector: str, number: int, *assignments: str) -> Iterator[T
 def three(values: list[float], scale: float = 1.0) -> str:
     if not values:
         return "-"
-    least, median, most = np.percentile(values, (0, 50, 100)) * scale
+    least, median, most = (quantile(sorted(values), q) * scale for q in (0.0, 0.5, 1.0))
     return f"{least:.0f}, {median:.0f}, {most:.0f}"
 
 

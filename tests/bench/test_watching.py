@@ -10,9 +10,9 @@ import subprocess
 from bisect import bisect_right
 from pathlib import Path
 
-import numpy as np
 import pytest
 
+from detector.scores.quantiles import quantile
 from drivers.interfaces import FINGERS, Counts3
 from grasp.cli import view
 from grasp.commands import Command, MoveFingers, StopArm
@@ -115,12 +115,13 @@ def report(loop: ControlLoop, replies: list[tuple[int, int]], watchers: Watchers
         f"\n{len(commands)} commands, {len(replies)} acknowledged; decision to acknowledged write"
     )
     for who, values in found.items():
-        p50, p90, p99, most = np.percentile(values, (50, 90, 99, 100))
+        values.sort()
+        p50, p90, p99, most = (quantile(values, share) for share in (0.5, 0.9, 0.99, 1.0))
         figures = f"p50 {p50:.2f}  p90 {p90:.2f}  p99 {p99:.2f}  max {most:.2f}"
         print(f"{who:26} {len(values):5}: {figures}")
-    decided = np.array(loop.timing.frame_to_decision_ns) * 1e-3
+    decided_us = quantile(sorted(loop.timing.frame_to_decision_ns), 0.5) * 1e-3
     print(
-        f"frame to decision p50 {np.median(decided):.0f} us, periods missed "
+        f"frame to decision p50 {decided_us:.0f} us, periods missed "
         f"{loop.timing.missed_periods}, frames repeated {loop.timing.repeated_frames}, "
         f"pictures lost {watchers.onlooker.lost}"
     )
