@@ -33,6 +33,10 @@ class StallMeter:
         while not self._lines():  # it looks already
             time.sleep(0.005)
 
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
     def _lines(self) -> list[str]:
         """Whole lines; read without moving the place at which the process writes."""
         seen = os.pread(self._seen.fileno(), os.fstat(self._seen.fileno()).st_size, 0).decode()

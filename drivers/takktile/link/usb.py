@@ -170,7 +170,7 @@ def _explain(error: usb.core.USBError, device: Any) -> GraspError:
             return trouble.stalled()
         case errno.EBUSY:
             return LinkLost(
-                f"{_users_of(device)} uses the tactile board", "end it, then open the board again"
+                f"{users_of(device)} uses the tactile board", "end it, then open the board again"
             )
         case errno.EACCES:
             return LinkLost(
@@ -184,7 +184,7 @@ def _explain(error: usb.core.USBError, device: Any) -> GraspError:
     )
 
 
-def _users_of(device: Any, proc: Path = Path("/proc")) -> str:
+def users_of(device: Any, proc: Path = Path("/proc")) -> str:
     """Who holds the device's node open, as far as this user may see: name and process id."""
     node = f"/dev/bus/usb/{device.bus:03}/{device.address:03}"
     for entry in proc.glob("[0-9]*/fd/*"):

@@ -94,9 +94,9 @@ def test_the_other_program_is_found_by_its_open_device_node(tmp_path):
         (tmp_path / pid / "comm").write_text(f"{name}\n")
         (tmp_path / pid / "fd" / "5").symlink_to("/dev/bus/usb/003/011")
     device = SimpleNamespace(bus=3, address=11)
-    assert usb_link._users_of(device, tmp_path) == "roslaunch (process 77)"
+    assert usb_link.users_of(device, tmp_path) == "roslaunch (process 77)"
     device.address = 12
-    assert usb_link._users_of(device, tmp_path) == "another program"
+    assert usb_link.users_of(device, tmp_path) == "another program"
 
 
 def test_missing_permission_names_the_udev_rule(bench, monkeypatch):
