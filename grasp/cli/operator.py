@@ -5,6 +5,9 @@ import os
 import select
 import sys
 
+LINE = 4096  # bytes; the kernel cuts what is typed there too
+READS = 4  # at once
+
 
 class TerminalOperator:
     """Asks on standard error and listens on standard input, neither of which ever blocks."""
@@ -40,13 +43,16 @@ class TerminalOperator:
             print(f">>> {text}", file=sys.stderr, flush=True)
 
     def _read(self) -> bool:
-        """Take what is there; False at the end of the input."""
-        while select.select([sys.stdin], [], [], 0)[0]:
+        """Take what is there; False at the end of the input. Never much at once: a program that
+        types without end must not keep whoever looks after the arm."""
+        for _ in range(READS):
+            if not select.select([sys.stdin], [], [], 0)[0]:
+                break
             try:
-                some = os.read(sys.stdin.fileno(), 4096)
+                some = os.read(sys.stdin.fileno(), LINE)
             except OSError:  # the terminal was closed
                 return False
             if not some:
                 return False
-            self._typed += some
+            self._typed = (self._typed + some)[-LINE:]
         return True

@@ -1,0 +1,64 @@
+"""Asking and listening at a terminal: nothing that is typed keeps the caller waiting."""
+
+import os
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from grasp.cli.operator import LINE, TerminalOperator
+
+
+@pytest.fixture
+def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """Where to write what is typed."""
+    reading, writing = os.pipe()
+    with os.fdopen(reading) as standard_input:
+        monkeypatch.setattr(sys, "stdin", standard_input)
+        yield writing
+    os.close(writing)
+
+
+def test_lines_come_one_by_one_once_they_are_whole(typed: int) -> None:
+    person = TerminalOperator()
+    os.write(typed, b"12")
+    assert person.poll() is None
+    os.write(typed, b".5\nl\n")
+    assert [person.poll(), person.poll(), person.poll()] == ["12.5", "l", None]
+
+
+def test_what_was_typed_before_a_question_is_no_answer(
+    typed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    person = TerminalOperator()
+    os.write(typed, b"\n\n\n")
+    person.say("How far?")
+    assert person.poll() is None
+    assert capsys.readouterr().err == ">>> How far?\n"
+
+
+def test_program_that_types_without_end_keeps_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    with open("/dev/zero") as endless:
+        monkeypatch.setattr(sys, "stdin", endless)
+        person = TerminalOperator()
+        for _ in range(100):
+            assert person.poll() is None
+        assert len(person._typed) <= LINE
+
+
+def test_bytes_that_are_no_text_are_a_line_all_the_same(typed: int) -> None:
+    os.write(typed, b"\xff\x00\x1b[2J\n")
+    line = TerminalOperator().poll()
+    assert line is not None and line.startswith("\ufffd\x00")
+
+
+def test_end_of_the_input_counts_as_ctrl_c_once(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with open(os.devnull) as nothing:
+        monkeypatch.setattr(sys, "stdin", nothing)
+        person = TerminalOperator()
+        with pytest.raises(KeyboardInterrupt):
+            person.poll()
+        assert person.poll() is None
+    assert "standard input has ended" in capsys.readouterr().err
