@@ -6,6 +6,7 @@ import signal
 import stat
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any
@@ -19,6 +20,7 @@ from scenarios.tap.mallet import Swing, swing
 DIRECTIONS = ("top", "side", "closing")
 KNOWN = f"place | home | look | tap [{'|'.join(DIRECTIONS)}] | fault NAME [SETTING=VALUE ...]"
 STDIN = 0
+POLL_S = 0.05
 
 
 class Words:
@@ -57,6 +59,8 @@ class Words:
             return f"{error.args[0] if error.args else error}: {KNOWN}"
         if "error" in reply:
             return str(reply["error"])
+        while words[0] == "home" and cell.cell.arm.moving(time.monotonic_ns()):
+            time.sleep(POLL_S)
         return look(reply["truth"]) if words[0] == "look" else "done"
 
     def _request(self, words: list[str]) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from scenarios.trial.person import Operator, place_object
 from scenarios.trial.result import FinishedRun, ResultT
 
 MOST_AGAIN = 3  # times that a person is asked for the same trial anew
-NEAR_M = 0.02  # aside of the first trial's home, or beyond the top of a lift over it
+NEAR_M = 0.005  # from there the arm goes to the first trial's home by itself; assumed
 
 # one judged trial: its seed, an open rig and the arm's home in; what it left and that home out
 Attempt = Callable[[int, GraspRig, Vector3 | None], tuple[FinishedRun[ResultT], Vector3]]
@@ -69,16 +69,16 @@ def _on_one_rig(
     attempt: Attempt[ResultT], begun: Begun,
 ) -> Series[ResultT]:  # fmt: skip
     home, first = begun.home, True
-    way = _way_home(config, rig, home)
+    _check_home(rig, home)
     for seed, title in _asked(seeds, begun):
         for words in _times(title):
             interruption.check()
             if not first and rig.load is not None:
                 rig.load(config, seed)
             if operator is not None:
-                place_object(rig, operator, f"{words}{way}")
+                place_object(rig, operator, words)
             finished, found = attempt(seed, rig, home)
-            first, way = False, ""
+            first = False
             if finished.result is not None and finished.result.home_m is not None:
                 home = found
             yield finished
@@ -109,22 +109,18 @@ def _may_be_repeated(finished: FinishedRun[ResultT]) -> bool:
     return failure.end.open and not failure.end.unreached
 
 
-def _way_home(config: TrialConfig, rig: GraspRig, home: Vector3 | None) -> str:
-    """What a person should know of the way that the arm will go first. Raises Refused for one that
-    no lift has left it on."""
+def _check_home(rig: GraspRig, home: Vector3 | None) -> None:
+    """Raises Refused where the arm is not where the first trial began: it goes there by itself from
+    the top of its own lifts alone (``arm.workspace_low_m``)."""
     arm = rig.arm.state
-    if home is None or arm is None:
-        return ""
-    x, y, z = (here - there for here, there in zip(arm.position_m, home, strict=True))
-    top_m = config.controller.lift_height_m + config.controller.retreat_m
-    if math.hypot(x, y) > NEAR_M or not -NEAR_M <= z <= top_m + NEAR_M:
-        raise Refused(
-            f"the arm stands {math.hypot(x, y, z) * 1e3:.0f} mm from where the first trial began",
-            "bring it back there, or begin a series of its own with another --out",
-        )
-    if math.hypot(x, y, z) < config.controller.at_height_m:
-        return ""
-    return f" (the arm goes {math.hypot(x, y, z) * 1e3:.0f} mm first, to where the first one began)"
+    if home is None or arm is None or math.dist(arm.position_m, home) <= NEAR_M:
+        return
+    x, y, z = (1e3 * there for there in home)
+    raise Refused(
+        f"the arm stands {math.dist(arm.position_m, home) * 1e3:.0f} mm from where the first trial "
+        f"began, x {x:.1f}, y {y:.1f}, z {z:.1f} mm",
+        "bring it back there with the hand open, or begin another series with another --out",
+    )
 
 
 def _anew(

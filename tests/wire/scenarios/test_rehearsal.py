@@ -109,7 +109,12 @@ def lift_three(lab: Lab) -> None:
             assert "1 trial is in can.sqlite: go on with --out can.sqlite --resume" in run.shown
             let_go(lab, run)
         with lab.program(*lifts, "--resume") as run:
-            put_in_place(run, cell, "Trial 2 of 3 (the arm goes 200 mm first")
+            assert run.wait() == 4, run.shown
+            assert "the arm stands 200 mm from where the first trial began" in run.shown
+        cell.type("home\n")
+        cell.wait_for("done")
+        with lab.program(*lifts, "--resume") as run:
+            put_in_place(run, cell, "Trial 2 of 3")
             run.wait_for("How far has the object slipped")
             run.type(f"{moved_mm(cell)}\n")
             put_in_place(run, cell, "Trial 3 of 3")

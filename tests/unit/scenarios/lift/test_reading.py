@@ -93,7 +93,7 @@ def test_question_that_stands_is_taken_back_before_what_happened_is_told(phase: 
     assert unasked.questions == []
 
 
-@pytest.mark.parametrize("typed", ["", "much", "-1", "501", "nan", "inf"])
+@pytest.mark.parametrize("typed", ["", "much", "-1", "501", "nan", "inf", "1_0"])
 def test_what_is_no_length_is_asked_again(typed: str) -> None:
     typist = Typist()
     assert read_mark(typist, typed) is None

@@ -107,24 +107,23 @@ def test_what_else_ends_a_trial_ends_the_series(
     assert heard == ["Trial 1 of 2"]
 
 
-def test_series_that_is_gone_on_with_says_its_number_and_the_way_to_its_first_home(
+def test_series_that_is_gone_on_with_says_its_number_and_begins_from_its_first_home(
     lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert lifted.result is not None
     begun = Begun((4, 5), 5, lifted.result.home_m)
-    heard, homes = told(lifted, [None, None], monkeypatch, begun, raised_m=0.2)
-    way = "Trial 4 of 5 (the arm goes 200 mm first, to where the first one began)"
-    assert heard == [way, "Trial 5 of 5"]
+    heard, homes = told(lifted, [None, None], monkeypatch, begun, raised_m=0.003)
+    assert heard == ["Trial 4 of 5", "Trial 5 of 5"]
     assert homes[0] == lifted.result.home_m
 
 
-def test_arm_that_no_lift_has_left_where_it_stands_is_refused(
+def test_arm_that_is_not_back_where_the_first_trial_began_is_refused_before_anything_moves(
     lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert lifted.result is not None
     begun = Begun((4, 5), 5, lifted.result.home_m)
-    with pytest.raises(Refused, match="from where the first trial began"):
-        told(lifted, [], monkeypatch, begun, raised_m=0.29)
+    with pytest.raises(Refused, match="200 mm from where the first trial began, x 500.0, y 100.0"):
+        told(lifted, [], monkeypatch, begun, raised_m=0.2)
 
 
 @pytest.mark.parametrize(
