@@ -59,7 +59,7 @@ class Words:
             return f"{error.args[0] if error.args else error}: {KNOWN}"
         if "error" in reply:
             return str(reply["error"])
-        while words[0] == "home" and cell.cell.arm.moving(time.monotonic_ns()):
+        while words[0] == "home" and cell.obey({"verb": "home"})["away_m"] > 0.0:
             time.sleep(POLL_S)
         return look(reply["truth"]) if words[0] == "look" else "done"
 

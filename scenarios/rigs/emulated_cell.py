@@ -8,6 +8,7 @@ machine's monotonic clock, whoever asks first; nothing sleeps and adds.
 """
 
 import json
+import math
 import os
 import random
 import signal
@@ -192,8 +193,11 @@ class EmulatedCell:
             return {}
 
         def home(request: Request) -> Request:
-            cell.arm.move_l(self._home_m, HOME_MPS, HOME_MPS2, time.monotonic_ns())
-            return {}
+            now_ns = time.monotonic_ns()
+            away_m = math.dist(cell.arm.position(now_ns), self._home_m)
+            if away_m > 0.0 and not cell.arm.moving(now_ns):
+                cell.arm.move_l(self._home_m, HOME_MPS, HOME_MPS2, now_ns)
+            return {"away_m": away_m}
 
         return {"load": load, "place": place, "tap": tap, "home": home}
 

@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -120,6 +121,10 @@ def test_trial_that_a_device_ended_is_run_again_when_gone_on_with(bench: Bench) 
         env=ENVIRONMENT, check=False, capture_output=True, text=True,
     )  # fmt: skip
     assert opened.returncode == 0, opened.stderr
+    code, _, err = bench.run([], *words, "--resume")
+    assert code == 4 and "mm from where the first trial began" in err
+    while bench.world.ask("home")["away_m"] > 0.0:
+        time.sleep(0.1)
     code, out, err = bench.run(["13", "14"], *words, "--resume")
     assert code == 0, err
     with CampaignStore.open(bench.out) as store:
