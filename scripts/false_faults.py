@@ -140,6 +140,9 @@ def run_all(todo: Sequence[Trial], jobs: int) -> Tally:
     total = Tally()
     for tally in results(run_batch, batches, Workers(jobs)):
         total.add(tally)
+        spoke = total.spoke["1"].total()
+        print(f"{total.runs} of {len(todo)}: {spoke} doubts, {total.ended.total()} ended in the "
+              "safe state", file=sys.stderr, flush=True)  # fmt: skip
     return total
 
 
