@@ -98,18 +98,17 @@ def _column(column: "Column") -> Any:
 
 
 def _print_likelihood(console: Any, column: "Column") -> None:
-    if column.log_likelihoods is None or column.log_likelihood is None:
-        return
-    console.print(
-        f"log-likelihood of the paper's column: {column.log_likelihood:.1f}, every draw equally "
-        f"likely; {min(column.log_likelihoods):.1f} to {max(column.log_likelihoods):.1f} under "
-        f"single draws, best possible {column.best_possible:.1f}"
-    )
-    best = ", ".join(f"{key} {value:g}" for key, value in (column.best_draw or {}).items())
-    console.print(f"likeliest draw: {best}")
-    for each in column.tendencies:
-        likely = each.with_likelihood or 0.0
+    likely = column.log_likelihoods
+    if likely is not None and column.log_likelihood is not None:
         console.print(
-            f"  {each.unknown}: rank correlation with the rate {each.with_rate:+.2f}, with the "
-            f"column's likelihood {likely:+.2f}"
+            f"log-likelihood of the paper's column: {column.log_likelihood:.1f}, every draw "
+            f"equally likely; {min(likely):.1f} to {max(likely):.1f} under single draws, best "
+            f"possible {column.best_possible:.1f}"
         )
+        best = ", ".join(f"{key} {value:g}" for key, value in (column.best_draw or {}).items())
+        console.print(f"likeliest draw: {best}")
+    for each in column.tendencies:
+        text = f"  {each.unknown}: rank correlation with the rate {each.with_rate:+.2f}"
+        if each.with_likelihood is not None:
+            text += f", with the column's likelihood {each.with_likelihood:+.2f}"
+        console.print(text)

@@ -24,13 +24,22 @@ def draw_frontier(found: Sequence[Frontier], out: Path) -> None:
     plt.rcParams["svg.hashsalt"] = "grasp"
     lines = [line for each in found for line in each.lines]
     whose = list(dict.fromkeys((line.profile, line.detector) for line in lines))
-    figure, panels = plt.subplots(2, 3, figsize=(13, 7.5), sharey=True, layout="constrained")
-    for panel, names in zip(panels.flat, PANELS, strict=True):
-        for line in (line for line in lines if line.axis in names):
+    of_panels = [[line for line in lines if line.axis in names] for names in PANELS]
+    shown = [each for each in of_panels if each]
+    columns = min(3, len(shown))
+    rows = -(-len(shown) // columns)
+    figure, panels = plt.subplots(
+        rows, columns, figsize=(1 + 4 * columns, 3.75 * rows), sharey=True, squeeze=False,
+        layout="constrained",
+    )  # fmt: skip
+    for panel, own in zip(panels.flat, shown, strict=False):
+        for line in own:
             _draw_line(panel, line, COLOURS[whose.index((line.profile, line.detector)) % 6])
-        _finish(panel, [line for line in lines if line.axis in names])
-    panels[0, 0].set_ylabel("held")
-    panels[1, 0].set_ylabel("held")
+        _finish(panel, own)
+    for panel in panels.flat[len(shown) :]:
+        panel.set_visible(False)
+    for panel in panels[:, 0]:
+        panel.set_ylabel("held")
     panels[0, 0].legend(fontsize=7, loc="lower left")
     figure.suptitle("How much harder a lift may become, simulated", fontsize=11)
     figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=110)
@@ -62,7 +71,7 @@ def _finish(panel: Any, lines: Sequence[Line]) -> None:
     titles = list(dict.fromkeys(line.title for line in lines))
     marks = ["" if len(titles) == 1 else " (dashed)" if i else " (solid)" for i in range(2)]
     panel.set_title(", ".join(t + m for t, m in zip(titles, marks, strict=False)), fontsize=9)
-    panel.set_xlabel(lines[0].unit if lines else "")
+    panel.set_xlabel(lines[0].unit)
     panel.set_ylim(-0.03, 1.05)
     if any(line.axis == "friction" for line in lines):
         panel.invert_xaxis()  # harder to the right, as everywhere

@@ -1,6 +1,7 @@
 """Where success falls along an axis, and the frontier of a campaign's rows."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -8,10 +9,12 @@ import numpy as np
 import pytest
 
 from grasp.cli.frontier_view import place, print_frontier
+from grasp.cli.main import main
 from scenarios.campaign.falls import Place, falling, places
 from scenarios.campaign.frontier import summarize
-from scenarios.campaign.spec import AT, MOVED
-from scenarios.campaign.worker import Row
+from scenarios.campaign.run import run
+from scenarios.campaign.spec import AT, MOVED, Task
+from scenarios.campaign.worker import Finished, Row, error_row
 from scenarios.studies.frontier_figure import draw_frontier
 
 
@@ -129,6 +132,63 @@ def test_tables_and_picture_show_every_axis(
     draw_frontier([frontier], tmp_path / "f.svg")
     text = (tmp_path / "f.svg").read_text()
     assert "default, energy" in text or text.count("<path") > 50
+
+
+def outcome_by_mass(task: Task) -> Finished:
+    """In place of a trial: what weighs more than a kilogram is dropped."""
+    body = task.config.object
+    held = body.mass_kg + body.added_mass_kg < 1.0
+    row = msgspec.structs.replace(
+        error_row(task, ""), status="done", success=held, outcome="held" if held else "dropped"
+    )
+    return Finished(row)
+
+
+def run_small(folder: Path, monkeypatch: pytest.MonkeyPatch, more: str) -> Path:
+    monkeypatch.setattr("scenarios.campaign.run.run", partial(run, work=outcome_by_mass))
+    file, out = folder / "small.toml", folder / "small.sqlite"
+    file.write_text(f'name = "small"\nobjects = ["can", "box"]\nrepetitions = 4\n{more}')
+    words = ["campaign", "run", str(file), "--detector", "energy", "--jobs", "1", "--out", str(out)]
+    assert main([*words, "--json"]) == 0
+    return out
+
+
+def test_campaign_with_axes_is_summed_up_as_a_frontier_and_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = run_small(tmp_path, monkeypatch, "[axes]\nmass = [0.8, 1.2]\n")
+    (line,) = json.loads(capsys.readouterr().out)["lines"]
+    assert [(t["value"], t["held"], t["trials"]) for t in line["tried"]] == [
+        (None, 8, 8), (0.8, 8, 8), (1.2, 0, 8),
+    ]  # fmt: skip
+    assert line["falls"][1]["at"] == pytest.approx(1.0)
+    assert main(["campaign", "summary", str(out)]) == 0
+    assert "below 95 %" in capsys.readouterr().out
+    picture = tmp_path / "f.svg"
+    assert main(["chart", "frontier", str(out), "--out", str(picture)]) == 0
+    assert picture.exists()
+    assert json.loads((tmp_path / "f.json").read_text())[0]["lines"][0]["axis"] == "mass"
+
+
+def test_chart_of_a_campaign_without_axes_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = run_small(tmp_path, monkeypatch, "")
+    assert main(["chart", "frontier", str(out), "--out", str(tmp_path / "f.svg")]) == 2
+    assert "without axes" in capsys.readouterr().err
+
+
+def test_campaign_over_unknowns_is_summed_up_as_a_range(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    unknown = '[unknowns."object.mass_kg"]\nlow = 0.5\nhigh = 5.0\ntimes = true\n'
+    out = run_small(tmp_path, monkeypatch, f"draws = 5\n{unknown}")
+    (column,) = json.loads(capsys.readouterr().out)["columns"]
+    assert (column["draws"], column["log_likelihood"]) == (5, None)  # two objects of six
+    assert {(c["least"], c["most"]) for c in column["cells"]} == {(0.0, 1.0)}
+    assert column["tendencies"][0]["with_rate"] < -0.8
+    assert main(["campaign", "summary", str(out)]) == 0
+    assert "object.mass_kg: rank correlation" in capsys.readouterr().out
 
 
 def test_place_beyond_what_was_tried_is_a_dash() -> None:
