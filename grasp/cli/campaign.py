@@ -248,6 +248,8 @@ def _causes(result: "Calibration", args: argparse.Namespace) -> "list[Cause]":
 def _print_calibration(result: "Calibration", causes: "list[Cause]") -> None:
     print(f"lift column, profile {result.profile}, detector {result.detector}, "
           f"{result.repetitions} lifts a place; arm speed {result.speed_mps:g} m/s")  # fmt: skip
+    if result.coarse:
+        print("COARSE: too few lifts a place to tell places apart, run it with 20 or more")
     for each in result.best:
         length = "" if each.length_m is None else f"  length {each.length_m * 1e3:g} mm"
         counts = "+".join(map(str, each.counts))

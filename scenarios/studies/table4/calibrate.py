@@ -35,6 +35,7 @@ LENGTHS_M: dict[str, tuple[str, tuple[float, ...]]] = {
     "football": ("object.half_height_m", (0.05, 0.065, 0.08, 0.12)),
 }
 SEED = 90  # kept apart from the seeds that are reported
+LEAST_LIFTS = 20  # a place; with fewer, chance alone moves its likelihood by more than PLAUSIBLE
 PLAUSIBLE = 1.92  # log units below the best: 95 % of a likelihood profile
 
 
@@ -81,6 +82,7 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
     detector: str
     profile: str
     repetitions: int
+    coarse: bool  # fewer lifts a place than tell places apart: nothing of it identifies anything
     speed_mps: float
     best: list[Candidate]
     log_likelihood: float
@@ -142,8 +144,8 @@ def fit(rows: Sequence[Row], profile: str, repetitions: int) -> Calibration:
     profiles = [_profile(SPEED, "", list(totals), list(totals.values()))]
     profiles += [_length_profile(found, totals, name) for name in LENGTHS_M]
     return Calibration(
-        detector=rows[0].detector, profile=profile, repetitions=repetitions, speed_mps=speed,
-        best=best, log_likelihood=totals[speed],
+        detector=rows[0].detector, profile=profile, repetitions=repetitions,
+        coarse=repetitions < LEAST_LIFTS, speed_mps=speed, best=best, log_likelihood=totals[speed],
         best_possible=sum(log_multinomial(paper_counts("lift", name)) for name in TABLE_IV),
         profiles=profiles, trade_offs=[_trade_off(found, name) for name in LENGTHS_M],
     )  # fmt: skip

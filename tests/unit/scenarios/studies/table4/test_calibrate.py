@@ -116,3 +116,10 @@ def test_every_length_that_is_tried_is_allowed(name: str) -> None:
     key, values = LENGTHS_M[name]
     for value in values:
         config(f"{key}={value}", object_name=name)
+
+
+@pytest.mark.parametrize("lifts, coarse", [(5, True), (19, True), (20, False)])
+def test_calibration_on_fewer_than_twenty_lifts_a_place_says_that_it_is_coarse(
+    lifts: int, coarse: bool
+) -> None:
+    assert fit(rows_of(as_in_the_paper_at_the_true_place), "paper", lifts).coarse is coarse
