@@ -50,6 +50,7 @@ class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     direction: str
     seed: Annotated[int, Meta(ge=0)]
     cause: str = ""
+    part: str = ""  # of a data set that draws from several sets of ranges
     parameters: dict[str, float] = {}
     commit: str = ""
 

@@ -148,18 +148,21 @@ def _judge_data(args: argparse.Namespace, recording: Any) -> int:
 
     from detector.recordings import read_dataset
     from grasp.cli import judge_view
-    from scenarios.studies.signal.judge.report import clip_of, judge
+    from scenarios.studies.signal.judge.report import by_part, clip_of, judge
 
     if not args.check:
         raise UsageError("--data judges, it does not search", "give --check with it")
     clip, found = clip_of(recording), []
     for folder in args.data:
         with progress(f"judging {folder}", hidden=args.json):
-            made = judge(clip, read_dataset(folder), str(folder), args.seed)
-        if made is None:
+            parts = [
+                judge(clip, recordings, f"{folder} {part}".rstrip(), args.seed)
+                for part, recordings in by_part(read_dataset(folder)).items()
+            ]
+        if not any(parts):
             remedy = "give a data set of strokes, such as config/datasets/paper.toml"
             raise BadFile(folder, "no strokes of one fingertip as long as the recording", remedy)
-        found.append(made)
+        found += [part for part in parts if part is not None]
     if args.json:
         print(msgspec.json.encode(found).decode())
     else:

@@ -71,8 +71,17 @@ class PressControlSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
         float, Meta(ge=0.001, le=0.05, description="length of a stroke, either way; assumed: with "
                     "the acceleration it gives the clip's 0.65 s and real speeds to 6 cm/s")
     ] = 0.017  # fmt: skip
+    braking_share: Annotated[
+        float, Meta(ge=0.05, le=1.0, description="of that acceleration, with which a stroke ends; "
+                    "assumed, the clip's strokes have a long tail: 0.25-0.8")
+    ] = 1.0  # fmt: skip
+    stroking_share: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="of the PID's gains, from the first stroke on: a "
+                    "force loop that is slow beside a stroke leaves its load swing in; the clip's "
+                    "recovers at less than 0.4 /s, which is 0.03-0.1")
+    ] = 1.0  # fmt: skip
     acceleration_mps2: Annotated[
-        float, Meta(ge=0.02, le=1.0, description="of a stroke; assumed, see there")
+        float, Meta(ge=0.02, le=2.0, description="of a stroke; assumed, see there")
     ] = 0.2
     turn_rad: Annotated[
         float, Meta(ge=0.05, le=2.0, description="angle of a rotation stroke; assumed")
@@ -131,25 +140,32 @@ class PressPhase(StrEnum):
 
 
 class Stroke(msgspec.Struct, frozen=True):
-    """A trapezoid of speed over ``length`` (metres or radians) from start_s on, one way."""
+    """A trapezoid of speed over ``length`` (metres or radians) from start_s on, one way; it ends
+    with ``braking`` instead of ``acceleration``."""
 
     start_s: float
     length: float
     speed: float
     acceleration: float
     sign: float
+    braking: float
+
+    @property
+    def _ramps(self) -> float:
+        """Both ramps' lengths over half of the squared peak."""
+        return 1.0 / self.acceleration + 1.0 / self.braking
 
     @property
     def peak(self) -> float:
-        return min(self.speed, math.sqrt(self.acceleration * self.length))
+        return min(self.speed, math.sqrt(2.0 * self.length / self._ramps))
 
     @property
     def duration_s(self) -> float:
-        return self.length / self.peak + self.peak / self.acceleration
+        return self.length / self.peak + 0.5 * self.peak * self._ramps
 
     def speed_at(self, t_s: float) -> float:
         t = t_s - self.start_s
-        ramp = min(t, self.duration_s - t) * self.acceleration
+        ramp = min(t * self.acceleration, (self.duration_s - t) * self.braking)
         return self.sign * max(0.0, min(self.peak, ramp))
 
 
@@ -229,7 +245,10 @@ class PressController:
         self._side = -self._side
         speed = motion.spin_radps if turns else motion.speed_mps
         acceleration = s.turn_radps2 if turns else s.acceleration_mps2
-        self._stroke = Stroke(t_s, abs(way), speed, acceleration, math.copysign(1.0, way))
+        self._stroke = Stroke(
+            t_s, abs(way), speed, acceleration, math.copysign(1.0, way),
+            s.braking_share * acceleration,
+        )  # fmt: skip
         self.phase, self._phase_end_s = PressPhase.STROKE, t_s + self._stroke.duration_s
 
     def _travelled(self, arm: ArmState, motion: StrokeMotion) -> float:
@@ -258,6 +277,8 @@ class PressController:
             s.proportional_mps_per_n * error + s.integral_mps_per_n_s * self._integral_n_s
             + s.derivative_m_per_n * change
         )  # fmt: skip
+        if self.phase in (PressPhase.STROKE, PressPhase.PAUSE):
+            down *= s.stroking_share
         down = min(max(down, -s.press_mps), s.press_mps)
         too_deep = self._touch_m is not None and height_m < self._touch_m[2] - s.depth_m
         return -min(down, 0.0) if too_deep else -down

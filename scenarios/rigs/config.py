@@ -16,7 +16,7 @@ from drivers.ur.link.client import UrSettings
 from drivers.ur.model import ArmModelSettings
 from scenarios.rigs.variation import VariationSettings
 from scenarios.world.contact_settings import ContactSettings
-from scenarios.world.fingertip import FingertipSettings
+from scenarios.world.fingertip_settings import FingertipSettings
 from scenarios.world.objects import GraspObject
 from scenarios.world.pressed import FixedSurface, PressSettings
 from scenarios.world.scene_terms import DamageSettings, PullSettings

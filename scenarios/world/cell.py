@@ -19,13 +19,8 @@ from scenarios.world import laws
 from scenarios.world.blow import Blow
 from scenarios.world.contact import FINGERS, Contact, Floats, Level, LevelChoice
 from scenarios.world.contact_settings import ContactSettings
-from scenarios.world.fingertip import (
-    Codes,
-    Fingertips,
-    FingertipSettings,
-    Surface,
-    in_a_grasp,
-)
+from scenarios.world.fingertip import Codes, Fingertips
+from scenarios.world.fingertip_settings import FingertipSettings, Surface, in_a_grasp
 from scenarios.world.objects import GraspObject
 from scenarios.world.scene_terms import Damage, DamageSettings, Pull, PullSettings
 

@@ -14,17 +14,16 @@ in the upper. Lengths in this file are millimetres, as in the kernels' published
 
 import math
 from collections.abc import Sequence
-from typing import Annotated
 
 import msgspec
 import numpy as np
-from msgspec import Meta
 from numpy.typing import NDArray
 
+from scenarios.world import disturbance
 from scenarios.world import spring_bed as bed
+from scenarios.world.fingertip_settings import FingertipSettings, Surface
 
 TAXELS = 6
-SPRINGS_X, SPRINGS_Y = 10, 8
 FIELD_POINTS = 256  # a power of two, of either side of the height field, which is periodic
 FIELD_STEPS = 5.0  # grid points to a correlation length
 COUNT_KPA = 0.1255  # MPL115A2, NXP AN3785: pressing lowers the code
@@ -35,126 +34,6 @@ TEMPERATURE_CODES_PER_K = -5.35
 PRESSURE_COUNTS_PER_K = 1.6
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int16]
-
-
-class Surface(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What one pad touches. All figures are assumed."""
-
-    curvature_per_mm: Annotated[
-        tuple[float, float],
-        Meta(description="along x and y of the pad before anything turns; 0 is flat"),
-    ] = (0.0, 0.0)
-    texture_rms_mm: Annotated[
-        float, Meta(ge=0.0, le=1.0, description="irregularity; felt 0.3-0.45, smooth 0.01-0.2")
-    ] = 0.1
-    texture_length_mm: Annotated[
-        float, Meta(ge=0.2, le=10.0, description="its correlation length; 1-2 mm")
-    ] = 1.5
-    friction_static: Annotated[float, Meta(ge=0.0, le=3.0, description="of rubber on it")] = 0.85
-    friction_kinetic: Annotated[float, Meta(ge=0.0, le=3.0, description="when it slides")] = 0.7
-
-
-class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Geometry, rubber and noise of one fingertip. FITTED: by `grasp world calibrate`, on the
-    authors' clip; the range beside it is that searched, and the one to draw from in data sets."""
-
-    pitch_mm: Annotated[
-        float, Meta(ge=3.0, le=10.0, description="between barometers; assumed, 6-8")
-    ] = 6.0
-    depth_mm: Annotated[
-        float, Meta(ge=2.0, le=10.0, description="effective depth of the rubber; FITTED, 3-8")
-    ] = 3.23
-    pad_half_length_mm: Annotated[
-        float, Meta(ge=3.0, le=20.0, description="of the spring bed, along x; assumed")
-    ] = 10.0
-    pad_half_width_mm: Annotated[
-        float, Meta(ge=3.0, le=20.0, description="of the spring bed, along y; assumed")
-    ] = 8.0
-    crown_radius_mm: Annotated[
-        float, Meta(ge=20.0, le=1000.0, description="of the pad's face; FITTED, 40-400")
-    ] = 65.8
-    tilt_rad: Annotated[
-        float, Meta(ge=0.0, le=0.2, description="deviation of each pad's tilt, both axes; "
-                    "FITTED, 0.02-0.1")
-    ] = 0.0854  # fmt: skip
-    foundation_n_per_mm3: Annotated[
-        float, Meta(ge=0.02, le=1.0, description="spring bed, normal; FITTED, 0.05-0.3")
-    ] = 0.223
-    shear_share: Annotated[
-        float, Meta(ge=0.1, le=1.0, description="of it, tangential stiffness; assumed from layer "
-                    "theory, 0.4-0.6")
-    ] = 0.5  # fmt: skip
-    relaxation_share: Annotated[
-        float, Meta(ge=0.0, le=0.5, description="of a spring's load that relaxes; assumed, the "
-                    "clip's 0.05-0.15")
-    ] = 0.1  # fmt: skip
-    relaxation_s: Annotated[
-        float, Meta(ge=0.01, le=5.0, description="time constant of that; assumed, 0.1-0.3")
-    ] = 0.2
-    wander_mm: Annotated[
-        float, Meta(ge=0.0, le=0.1, description="rms of how much deeper or shallower the pad is "
-                    "held than asked for; FITTED, 0.001-0.04")
-    ] = 0.0372  # fmt: skip
-    wander_fast_s: Annotated[
-        float, Meta(ge=0.005, le=1.0, description="memory of its fast half; FITTED, 0.01-0.1")
-    ] = 0.0323
-    wander_slow_s: Annotated[
-        float, Meta(ge=0.05, le=10.0, description="memory of its slow half; FITTED, 0.1-1")
-    ] = 0.212
-    vibration_mm: Annotated[
-        float, Meta(ge=0.0, le=0.1, description="likewise by the mode of an arm that moves; "
-                    "FITTED, 0.0005-0.03")
-    ] = 0.00831  # fmt: skip
-    sway_mm: Annotated[
-        float, Meta(ge=0.0, le=0.5, description="rms of that mode sideways; assumed, 0-0.05")
-    ] = 0.01
-    grasp_share: Annotated[
-        float, Meta(ge=0.0, le=1.0, description="of wander and vibration that a grasped object "
-                    "leaves: it rides on the arm with its pads; assumed, 0.05-0.5")
-    ] = 0.2  # fmt: skip
-    vibration_hz: Annotated[
-        float, Meta(ge=2.0, le=45.0, description="frequency of that mode; FITTED, 10-25")
-    ] = 18.7
-    vibration_damping: Annotated[
-        float, Meta(ge=0.005, le=1.0, description="of that mode; assumed, 0.04-0.15")
-    ] = 0.08
-    noise_counts: Annotated[
-        float, Meta(ge=0.0, le=5.0, description="rms before rounding; assumed, unloaded "
-                    "taxels of the clip 0.2-0.5")
-    ] = 0.3  # fmt: skip
-    rest_low: Annotated[int, Meta(ge=300, le=600, description="rest codes; assumed from")] = 420
-    rest_high: Annotated[int, Meta(ge=300, le=600, description="rest codes; assumed to")] = 480
-    warming_k: Annotated[
-        float, Meta(ge=-20.0, le=20.0, description="of the board in the end; assumed, 0-10")
-    ] = 5.0
-    warming_s: Annotated[
-        float, Meta(ge=10.0, le=10000.0, description="time constant of that; assumed")
-    ] = 600.0
-    fold_above_512: Annotated[
-        bool,
-        Meta(description="codes as the authors' driver read them: 512 + n comes out as 512 - n"),
-    ] = False
-    slip_direction_deg: Annotated[
-        float,
-        Meta(ge=-180.0, le=180.0, description="upwards in the pad's frame, from x; assumed"),
-    ] = 0.0
-    step_mm: Annotated[float, Meta(gt=0.0, le=1.0, description="longest path of an inner step")] = (
-        0.05
-    )
-    step_s: Annotated[float, Meta(gt=0.0, le=0.01, description="no inner step need be shorter")] = (
-        0.001
-    )
-
-
-def in_a_grasp(settings: FingertipSettings) -> FingertipSettings:
-    """The same pads on an object that the hand holds, not the arm presses."""
-    share = settings.grasp_share
-    return msgspec.structs.replace(
-        settings,
-        wander_mm=share * settings.wander_mm,
-        vibration_mm=share * settings.vibration_mm,
-        sway_mm=share * settings.sway_mm,
-    )
 
 
 def taxel_positions(pitch_mm: float) -> Floats:
@@ -184,9 +63,13 @@ def kernel(depth_mm: float) -> Kernel:
 
 def spring_positions(settings: FingertipSettings) -> Floats:
     """(S, 2) centres of the cells that fill the pad; the first has the least x and y."""
-    x = _centres(SPRINGS_X, settings.pad_half_length_mm)
-    y = _centres(SPRINGS_Y, settings.pad_half_width_mm)
+    x = _centres(_cells(settings.pad_half_length_mm, settings), settings.pad_half_length_mm)
+    y = _centres(_cells(settings.pad_half_width_mm, settings), settings.pad_half_width_mm)
     return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def _cells(half_mm: float, settings: FingertipSettings) -> int:
+    return max(2, round(2 * half_mm / settings.spring_mm))
 
 
 def _centres(n: int, half_mm: float) -> Floats:
@@ -222,13 +105,14 @@ class Fingertips:
         self._at = spring_positions(s)
         self._taxels = taxel_positions(s.pitch_mm)
         self._parameters = _parameters(s)
+        self._disturbing = _disturbing(s)
         fields = [height_field(surface, rng) for surface in surfaces]
         self._fields = np.stack([field for field, _ in fields])
         self._surfaces = np.array([
-            (*x.curvature_per_mm, x.friction_static, x.friction_kinetic, step)
-            for x, (_, step) in zip(surfaces, fields, strict=True)
+            (*x.curvature_per_mm, x.friction_static, x.friction_kinetic, step, field.max())
+            for x, (field, step) in zip(surfaces, fields, strict=True)
         ])  # fmt: skip
-        tilts = rng.normal(0.0, s.tilt_rad, (n, 2))
+        tilts = rng.normal((s.tilt_x_rad, s.tilt_y_rad), s.tilt_rad, (n, 2))
         crown = (self._at**2).sum(axis=1) / (2 * s.crown_radius_mm)
         self._gaps = crown + tilts @ self._at.T
         angle = rng.uniform(0.0, 2 * math.pi, n)
@@ -237,12 +121,15 @@ class Fingertips:
         self._states = np.zeros((n, bed.STATE))
         self._springs = np.zeros((n, bed.SPRING, len(self._at)))
         self._block, self._next = rng.standard_normal((0, 0)), 0
+        self._jitter_rng = rng.spawn(1)[0] if s.shift_mm > 0.0 or s.rock_rad > 0.0 else None
         self._begin(n)
 
     def _begin(self, n: int) -> None:
         self._t_s = 0.0
-        self._disturbance = np.zeros((bed.DISTURBANCE, n))
-        self._normal = np.zeros(n)
+        self._disturbance = np.zeros((disturbance.DISTURBANCE, n))
+        self._jitter = np.zeros((n, disturbance.JITTERS, 2))
+        self._totals = np.zeros(n)
+        self._given = np.zeros(n)  # no mount: the load is what it is said to be
         self._motion = np.zeros((n, 2))
         self._turn = np.zeros(n)
         self._centre = np.zeros((n, 2))
@@ -250,32 +137,53 @@ class Fingertips:
 
     def advance(
         self, t_s: float, normal_n: Floats, motion_mm: Floats, turn_rad: Floats,
-        centre_mm: Floats, arm_moves: bool,
+        centre_mm: Floats, arm_moves: bool, mount_npmm: Floats | None = None,
     ) -> None:  # fmt: skip
         """Bring all pads to t_s; everything given goes linearly from its last value to this one.
 
         normal_n (F,): load, 0 or less without contact. motion_mm (F, 2): integral of the velocity
-        of the surface at the pad's middle, relative to the pad's base, in the pad's frame.
+        of the surface at the pad's middle, relative to the mount's base, in the pad's frame.
         turn_rad (F,): rotation of the surface about it. centre_mm (F, 2): where on the pad the
         widest point of a curved surface lies. arm_moves excites the arm's mode.
+
+        With mount_npmm (F,), above 0, each pad hangs on a spring that is so stiff: then normal_n is
+        its load if the pad's face were at the surface's mean plane (stiffness times how far the
+        base has come beyond), and what the pad meets there and its friction decide the load.
         """
         dt_s = t_s - self._t_s
         if dt_s <= 0.0:
             return
         row, n = self._draw(), self._pads
         self._noise = row[4 * n + 2 :].reshape(n, TAXELS)
-        normal, motion = np.empty(n), np.empty((n, 2))
-        bed.disturb(
-            self._parameters, dt_s, arm_moves, normal_n, motion_mm, self._shaking, row,
-            self._states, self._disturbance, normal, motion,
+        mounts = self._given if mount_npmm is None else mount_npmm
+        pressed = np.empty(n)
+        disturbance.disturb(
+            self._disturbing, dt_s, arm_moves, row, self._disturbance, pressed
         )  # fmt: skip
+        # in a series of springs, the base moves as much more as the mount gives way
+        added = (self._states[:, bed.STIFFNESS] + mounts) * pressed
+        totals = np.where(normal_n > 0.0, np.maximum(normal_n + added, 0.0), 0.0)
+        if mount_npmm is not None:
+            totals = normal_n + added
+        sway = self._settings.sway_mm * self._disturbance[disturbance.MODE_SIN, :, None]
+        shift, rocked = self._jitters(dt_s)
+        motion = motion_mm + sway * self._shaking + shift
         bed.advance(
-            self._parameters, dt_s, self._normal, normal, motion - self._motion,
-            turn_rad - self._turn, self._centre, centre_mm, self._surfaces, self._fields,
+            self._parameters, dt_s, self._totals, totals, mounts, motion - self._motion,
+            turn_rad - self._turn, rocked, self._centre, centre_mm, self._surfaces, self._fields,
             self._at, self._gaps, self._states, self._springs,
         )  # fmt: skip
-        self._t_s, self._normal, self._motion = t_s, normal, motion
+        self._t_s, self._totals, self._motion = t_s, totals, motion
         self._turn[:], self._centre[:] = turn_rad, centre_mm
+
+    def _jitters(self, dt_s: float) -> tuple[Floats, Floats]:
+        """Small motions of the pads sideways (F, 2), mm, and about their axes (F, 2), rad."""
+        s = self._settings
+        if self._jitter_rng is not None:
+            draws = self._jitter_rng.standard_normal(self._jitter.shape)
+            disturbance.jitter(dt_s, s.jitter_s, draws, self._jitter)
+        unit = math.sqrt(2.0) * self._jitter[:, :, 0]
+        return s.shift_mm * unit[:, :2], s.rock_rad * unit[:, 2:]
 
     def _draw(self) -> Floats:
         """Standard normal numbers of one step; drawn in blocks, a tenth of the cost of singles."""
@@ -301,6 +209,18 @@ class Fingertips:
             pressure.astype(np.int16),
             np.full((self._pads, TAXELS), temperature, np.int16),
         )
+
+    @property
+    def load_n(self) -> Floats:
+        """(F,) load that the springs carry."""
+        out: Floats = self._states[:, bed.CARRIED].copy()
+        return out
+
+    @property
+    def friction_n(self) -> Floats:
+        """(F, 2) friction on each pad's face, in its own frame."""
+        out: Floats = self._states[:, bed.PULL_X : bed.PULL_Y + 1].copy()
+        return out
 
     @property
     def approach_mm(self) -> Floats:
@@ -330,13 +250,21 @@ class Fingertips:
 
 
 def _parameters(s: FingertipSettings) -> Floats:
-    area = 4 * s.pad_half_length_mm * s.pad_half_width_mm / (SPRINGS_X * SPRINGS_Y)
+    cells = _cells(s.pad_half_length_mm, s) * _cells(s.pad_half_width_mm, s)
+    stiffness = s.foundation_n_per_mm3 * 4 * s.pad_half_length_mm * s.pad_half_width_mm / cells
     out = np.empty(bed.PARAMETERS)
-    stiffness = s.foundation_n_per_mm3 * area
     out[:] = (
-        stiffness, stiffness * s.shear_share, s.relaxation_share, s.relaxation_s,
-        s.step_mm, s.step_s, *msgspec.structs.astuple(kernel(s.depth_mm)),
-        s.wander_mm, s.wander_fast_s, s.wander_slow_s, s.vibration_mm, s.sway_mm,
-        2 * math.pi * s.vibration_hz, s.vibration_damping,
+        stiffness, stiffness * s.shear_share, s.step_mm, s.step_s,
+        *msgspec.structs.astuple(kernel(s.depth_mm)), s.lever_x, s.lever_y, s.lateral_npmm,
+        2 * math.pi * s.lateral_hz, s.lateral_damping, s.tilting_rad_per_nmm, s.joint_mm,
+        s.relaxation_share, s.relaxation_slow_share, s.relaxation_slow_share,
+        s.relaxation_s, 10.0 * s.relaxation_s, 100.0 * s.relaxation_s,
     )  # fmt: skip
     return out
+
+
+def _disturbing(s: FingertipSettings) -> Floats:
+    return np.array([
+        s.wander_mm, s.wander_fast_s, s.wander_slow_s, s.vibration_mm,
+        2 * math.pi * s.vibration_hz, s.vibration_damping,
+    ])  # fmt: skip

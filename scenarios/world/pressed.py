@@ -1,9 +1,9 @@
 """One fingertip pressed on a fixed surface: where they touch, how hard, and how they move.
 
-The pad is a shallow dome that faces down, the surface a plane, a cylinder or a sphere of radius R.
-Off its apex by x, a dome of radius C touches it where the normals agree: at -x C / (R + C) on the
-pad, and higher by -x^2 / 2(R + C) (both axes alike, small angles). Load: compression of pad,
-finger and arm in series. The rest is the fingertip's own affair.
+The pad faces down, the surface is a plane, a cylinder or a sphere. Finger, arm and wall are springs
+in series, on which the pad hangs: how hard it is pressed follows from how far the tool has come
+down, from what the pad meets there (texture, curvature, the slope of a surface that is not quite
+level) and from its friction. The rest is the fingertip's own affair.
 
 Tool frame: the tool points down, so its x runs along the base's x and its y against the base's y;
 the pad's frame is the tool frame turned with the tool.
@@ -17,7 +17,8 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from scenarios.world.fingertip import Fingertips, FingertipSettings, Surface
+from scenarios.world.fingertip import Fingertips
+from scenarios.world.fingertip_settings import FingertipSettings, Surface
 from scenarios.world.objects import Name
 
 Floats = NDArray[np.float64]
@@ -52,9 +53,6 @@ class FixedSurface(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 class PressSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Stiffness between arm and surface, and where the surface is."""
 
-    pad_stiffness_npm: Annotated[
-        float, Meta(ge=500.0, le=1e6, description="10 mm urethane pad, normal; derived, 12-20 N/mm")
-    ] = 15000.0
     finger_stiffness_npm: Annotated[
         float, Meta(ge=500.0, le=1e6, description="linkage of the finger; assumed, 3-10 N/mm")
     ] = 5000.0
@@ -70,6 +68,16 @@ class PressSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     off_apex_y_m: Annotated[
         float, Meta(ge=-0.02, le=0.02, description="likewise, tool y; assumed")
     ] = 0.0
+    slope_x: Annotated[
+        float, Meta(ge=-0.1, le=0.1, description="rise of the surface along tool x, m/m: it is not "
+                    "quite level; assumed, -0.02-0.02")
+    ] = 0.0  # fmt: skip
+    slope_y: Annotated[float, Meta(ge=-0.1, le=0.1, description="likewise along tool y")] = 0.0
+    axis_x_m: Annotated[
+        float, Meta(ge=-0.03, le=0.03, description="of the contact from the axis that the tool "
+                    "turns about, tool x; assumed, 0-0.01")
+    ] = 0.0  # fmt: skip
+    axis_y_m: Annotated[float, Meta(ge=-0.03, le=0.03, description="likewise, tool y")] = 0.0
 
 
 class PressedPad:
@@ -79,16 +87,15 @@ class PressedPad:
         self, surface: FixedSurface, press: PressSettings, fingertip: FingertipSettings,
         rng: np.random.Generator, start_m: tuple[float, float, float], start_s: float,
     ) -> None:  # fmt: skip
-        crown = 1e3 / fingertip.crown_radius_mm
-        self._curvature = np.array([_curvature(surface.radius_x_m), _curvature(surface.radius_y_m)])
-        self._on_pad = self._curvature / (self._curvature + crown)
         self._stiffness_npm = 1 / (
-            1 / press.pad_stiffness_npm + 1 / press.finger_stiffness_npm
-            + 1 / press.arm_stiffness_npm + 1 / surface.wall_stiffness_npm
+            1 / press.finger_stiffness_npm + 1 / press.arm_stiffness_npm
+            + 1 / surface.wall_stiffness_npm
         )  # fmt: skip
+        self._mount_npmm = np.array([1e-3 * self._stiffness_npm])
+        self._slope = np.array([press.slope_x, press.slope_y])
+        self._from_axis_m = np.array([press.axis_x_m, press.axis_y_m])
         self._start_m = np.array(start_m)
         self._apex_m = start_m[2] - press.gap_m
-        self._drop = self._on_pad * crown  # 1 / (R + C)
         self._off_apex_m = np.array([press.off_apex_x_m, press.off_apex_y_m])
         self.tips = Fingertips(fingertip, [_touched(surface)], rng)
         self._start_s = self._t_s = start_s
@@ -96,7 +103,6 @@ class PressedPad:
         self._at_m = np.zeros(2)
         self._height_m, self._angle_rad = start_m[2], 0.0
         self._knock = (math.inf, 1.0, 0.0)  # start, duration, impulse
-        self.normal_n = 0.0
 
     def knock(self, impulse_n_s: float, duration_s: float) -> None:
         """Something strikes the table now: a half sine added to the load, sideways nothing."""
@@ -124,17 +130,23 @@ class PressedPad:
 
     def _step(self, t_s: float, at_m: Floats, height_m: float, angle: float, moving: bool) -> None:
         middle = 0.5 * (angle + self._angle_rad)
-        self._motion_mm = self._motion_mm - 1e3 * _turned(at_m - self._at_m, -middle)
+        arc = (angle - self._angle_rad) * _turned(self._from_axis_m, middle + 0.5 * math.pi)
+        self._motion_mm = self._motion_mm - 1e3 * _turned(at_m - self._at_m + arc, -middle)
         self._at_m, self._height_m, self._angle_rad, self._t_s = at_m, height_m, angle, t_s
-        off = at_m + self._off_apex_m
-        surface_m = self._apex_m - 0.5 * float((self._drop * off * off).sum())
-        load = self._stiffness_npm * (surface_m - height_m)
-        self.normal_n = max(0.0, load + self._struck(t_s)) if load > 0.0 else 0.0
-        centre = _turned(-1e3 * self._on_pad * off, -angle)
+        turned = _turned(self._from_axis_m, angle) - self._from_axis_m
+        off = at_m + turned + self._off_apex_m
+        surface_m = self._apex_m + float(self._slope @ (off - self._off_apex_m))
+        beyond = self._stiffness_npm * (surface_m - height_m) + self._struck(t_s)
+        centre = _turned(-1e3 * off, -angle)
         self.tips.advance(
-            t_s - self._start_s, np.array([self.normal_n]), self._motion_mm[None, :],
-            np.array([-angle]), centre[None, :], moving,
+            t_s - self._start_s, np.array([beyond]), self._motion_mm[None, :],
+            np.array([-angle]), centre[None, :], moving, self._mount_npmm,
         )  # fmt: skip
+
+    @property
+    def normal_n(self) -> float:
+        """Load on the pad."""
+        return float(self.tips.load_n[0])
 
     def _struck(self, t_s: float) -> float:
         start_s, duration_s, impulse_n_s = self._knock

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from drivers.interfaces import FINGERS, TAXELS
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
-from scenarios.world.fingertip import FingertipSettings
+from scenarios.world.fingertip_settings import FingertipSettings
 from scenarios.world.pressed import FixedSurface, PressedPad, PressSettings
 
 STROKE_MPS, STROKE_RADPS = (

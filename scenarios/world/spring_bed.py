@@ -8,8 +8,13 @@ One spring j sits at r_j. Where it touches, its tip holds on to the surface by a
 b_j), so it meets the surface point q = R(-turn) (r_j + b_j - pose), whose height decides how deep
 it is pressed. The common approach of the pad is the one at which all springs carry the given load.
 A bristle follows the surface until its traction exceeds the friction of its own load, and then
-drags behind (return mapping; statically 1-D: Jenkins element). One Prony term a spring lets both
-loads relax: f = k (d - phi rho), rho' = (d - rho) / tau.
+drags behind (return mapping; statically 1-D: Jenkins element). Prony terms let both loads relax:
+f = k (d - sum phi_i rho_i), rho_i' = (d - rho_i) / tau_i.
+
+The pad hangs on a mount. Along the normal it is a spring (stiffness 0: the load is given); the
+friction Q on the pad's face acts on the mount's joint by a lever, which loads or unloads it
+(a drum brake's shoe, leading or trailing). Sideways the mount is a damped spring with a mass, and
+it tilts under the moments of friction and load. docs/fingertip.md has the equations.
 """
 
 import math
@@ -23,71 +28,33 @@ Singles = NDArray[np.float32]
 
 # Layout of the parameter vector, one for all pads,
 (
-    K_NORMAL, K_SHEAR, RELAXATION, RELAXATION_TIME, STEP_MM, STEP_S,
-    NORMAL_PEAK, NORMAL_WIDTH, SHEAR_PEAK, SHEAR_WIDTH,
-    WANDER_MM, FAST_S, SLOW_S, MODE_MM, SWAY_MM, MODE_RADPS, MODE_DAMPING,
-) = range(17)  # fmt: skip
-PARAMETERS = 17
+    K_NORMAL, K_SHEAR, STEP_MM, STEP_S, NORMAL_PEAK, NORMAL_WIDTH, SHEAR_PEAK, SHEAR_WIDTH,
+    LEVER_X, LEVER_Y, LATERAL_NPMM, LATERAL_RADPS, LATERAL_DAMPING, TILTING, HEIGHT_MM, RELAXATION,
+) = range(16)  # fmt: skip
+TERMS = 3  # of the relaxation: shares from RELAXATION on, then time constants
+RELAXATION_TIME = RELAXATION + TERMS
+PARAMETERS = RELAXATION_TIME + TERMS
 # of the surface of each pad,
-CURVATURE_X, CURVATURE_Y, MU_STATIC, MU_KINETIC, FIELD_STEP = range(5)
+CURVATURE_X, CURVATURE_Y, MU_STATIC, MU_KINETIC, FIELD_STEP, FIELD_PEAK = range(6)
 # and of the state of each pad.
-POSE_X, POSE_Y, POSE_TURN, APPROACH, SLIP_X, SLIP_Y, SPIN, SHARE, STIFFNESS = range(9)
-STATE = 9
-# What shakes the pads: wander of either memory a pad, with what drives it, and the arm's mode.
-FAST, FAST_DRIVE, SLOW, SLOW_DRIVE, MODE_COS, MODE_SIN = range(6)
-DISTURBANCE = 6
+(
+    POSE_X, POSE_Y, POSE_TURN, APPROACH, SLIP_X, SLIP_Y, SPIN, SHARE, STIFFNESS, CARRIED,
+    PULL_X, PULL_Y, MOMENT_X, MOMENT_Y, SPREAD_X, SPREAD_Y,
+    AWAY_X, AWAY_Y, AWAY_SPEED_X, AWAY_SPEED_Y, TILT_X, TILT_Y,
+) = range(22)  # fmt: skip
+STATE = 22
 # State of each spring; deflection and what of it has relaxed, first of the load, then of shear.
-DEPTH, BRISTLE_X, BRISTLE_Y, RELAXED, RELAXED_X, RELAXED_Y, LOAD, SLIDES = range(8)
-SPRING = 8
+DEPTH, BRISTLE_X, BRISTLE_Y, LOAD, SLIDES, TRACTION_X, TRACTION_Y, RELAXED = range(8)
+RELAXED_X, RELAXED_Y = RELAXED + TERMS, RELAXED + 2 * TERMS
+SPRING = RELAXED + 3 * TERMS
 NEWTON_STEPS = 60
 SAME_MM = 1e-9
 NEGLIGIBLE = -12.0  # exponent of a kernel: below 0.01 counts a newton
-
-
-@njit(cache=True)
-def disturb(
-    p: Floats, dt_s: float, arm_moves: bool, normal: Floats, motion: Floats, shaking: Floats,
-    draws: Floats, states: Floats, disturbance: Floats, load: Floats, moved_to: Floats,
-) -> None:  # fmt: skip
-    """Load (F,) with wander and vibration, and motion (F, 2) with the vibration's sway.
-
-    Wander and vibration press the pad a little more or less, which the springs in contact turn
-    into load. Wander is an Ornstein-Uhlenbeck process that drags another behind it, so it is as
-    smooth as what a force loop holds; the arm's mode is damped, turns as it decays, is driven while
-    the arm moves, and is common to all pads, which it shakes along their own directions shaking
-    (F, 2). All are stepped exactly over dt_s with standard normal draws (4 F + 2,).
-    """
-    n = normal.shape[0]
-    keep = math.exp(-p[MODE_DAMPING] * p[MODE_RADPS] * dt_s)
-    cos, sin = keep * math.cos(p[MODE_RADPS] * dt_s), keep * math.sin(p[MODE_RADPS] * dt_s)
-    drive = math.sqrt(1.0 - keep * keep) if arm_moves else 0.0
-    a, b = disturbance[MODE_COS, 0], disturbance[MODE_SIN, 0]
-    disturbance[MODE_COS, :] = cos * a - sin * b + drive * draws[4 * n]
-    disturbance[MODE_SIN, :] = sin * a + cos * b + drive * draws[4 * n + 1]
-    for f in range(n):
-        own = disturbance[:, f]
-        wander(dt_s / p[FAST_S], draws[f], draws[n + f], own[FAST : FAST_DRIVE + 1])
-        wander(dt_s / p[SLOW_S], draws[2 * n + f], draws[3 * n + f], own[SLOW : SLOW_DRIVE + 1])
-        pressed = p[WANDER_MM] * (own[FAST] + own[SLOW])
-        pressed += p[MODE_MM] * own[MODE_COS]
-        added = states[f, STIFFNESS] * pressed
-        load[f] = max(0.0, normal[f] + added) if normal[f] > 0.0 else 0.0
-        for c in range(2):
-            moved_to[f, c] = motion[f, c] + p[SWAY_MM] * own[MODE_SIN] * shaking[f, c]
-
-
-@njit(cache=True)
-def wander(a: float, draw: float, other: float, pair: Floats) -> None:
-    """Step (y, x) over ``a`` time constants: x' = -x + white noise of variance 2, y' = x - y.
-    Variance of x is 1 in the long run, of y 1/2; the noise of a step has the covariance of the
-    exact solution."""
-    keep, gone = math.exp(-a), math.exp(-2.0 * a)
-    xx, xy = 1.0 - gone, 0.5 - gone * (a + 0.5)
-    yy = 0.5 - gone * (a * (a + 1.0) + 0.5)
-    y, x = pair[0], pair[1]
-    pair[0] = keep * (y + a * x) + xy / math.sqrt(xx) * draw
-    pair[0] += math.sqrt(max(yy - xy * xy / xx, 0.0)) * other
-    pair[1] = keep * x + math.sqrt(xx) * draw
+CLEAR_MM = 0.3  # springs that stay further than this from the surface are not looked at closely
+FAR = -1e6  # reach of such a spring
+MODE_STEP_S = 0.002  # longest inner step of a mount that swings: a fiftieth of its period
+TILT_SHARE = 0.5  # of the way to its balance that the tilt goes in an inner step
+OUT_OF_REACH_MM = 5.0  # a mount that would have to be pressed so much further touches nothing
 
 
 @njit(cache=True)
@@ -107,43 +74,51 @@ def height(field: Singles, step_mm: float, x: float, y: float) -> float:
 
 @njit(cache=True)
 def reaches(
-    pose: Floats, surface: Floats, centre: Floats, field: Singles, at: Floats, gap: Floats,
-    relaxation: float, springs: Floats, out: Floats,
+    state: Floats, surface: Floats, centre: Floats, field: Singles, at: Floats, gap: Floats,
+    phi: Floats, level: float, springs: Floats, out: Floats,
 ) -> None:  # fmt: skip
-    """(S,) depth of each spring at approach zero, less what has relaxed of it."""
-    cos, sin = math.cos(pose[POSE_TURN]), math.sin(pose[POSE_TURN])
+    """(S,) depth of each spring at approach zero, less what has relaxed of it. FAR for those that
+    stay clear of the surface's highest point at the approach ``level``."""
+    cos, sin = math.cos(state[POSE_TURN]), math.sin(state[POSE_TURN])
     kx, ky = 0.5 * surface[CURVATURE_X], 0.5 * surface[CURVATURE_Y]
-    step = surface[FIELD_STEP]
+    step, peak = surface[FIELD_STEP], surface[FIELD_PEAK]
     for j in range(at.shape[0]):
         x = at[j, 0] + springs[BRISTLE_X, j]
         y = at[j, 1] + springs[BRISTLE_Y, j]
-        dx, dy = x - pose[POSE_X], y - pose[POSE_Y]
-        up = height(field, step, cos * dx + sin * dy, cos * dy - sin * dx)
         wx, wy = x - centre[0], y - centre[1]
         u, v = cos * wx + sin * wy, cos * wy - sin * wx
-        out[j] = up - kx * u * u - ky * v * v - gap[j] - relaxation * springs[RELAXED, j]
+        below = gap[j] + state[TILT_X] * at[j, 0] + state[TILT_Y] * at[j, 1]
+        below += kx * u * u + ky * v * v
+        for i in range(TERMS):
+            below += phi[i] * springs[RELAXED + i, j]
+        if level + peak < below:
+            out[j] = FAR
+            continue
+        dx, dy = x - state[POSE_X], y - state[POSE_Y]
+        out[j] = height(field, step, cos * dx + sin * dy, cos * dy - sin * dx) - below
 
 
 @njit(cache=True)
-def solve_approach(reach: Floats, total_mm: float, start: float) -> float:
-    """Approach at which the positive depths reach + approach sum to total_mm > 0.
+def solve_approach(reach: Floats, total_mm: float, mount: float, start: float) -> float:
+    """Approach a at which positive depths reach + a, and mount * a, sum to total_mm: mount is the
+    mount's stiffness over that of a spring; 0: the load is given, and above 0.
 
     The sum rises piecewise linearly and convexly, so Newton steps from the right are exact.
     """
     n = reach.shape[0]
     approach = start
     for k in range(NEWTON_STEPS):
-        total = 0.0
-        touching = 0
+        total = mount * approach
+        slope = mount
         for j in range(n):
             d = approach + reach[j]
             if d > 0.0:
                 total += d
-                touching += 1
-        if touching == 0 or k == NEWTON_STEPS // 2:
+                slope += 1.0
+        if slope == 0.0 or (k == NEWTON_STEPS // 2 and mount == 0.0):
             approach = total_mm / n - reach.min()  # all springs touch: never too shallow
             continue
-        change = (total - total_mm) / touching
+        change = (total - total_mm) / slope
         approach -= change
         if abs(change) < SAME_MM:
             break
@@ -151,57 +126,111 @@ def solve_approach(reach: Floats, total_mm: float, start: float) -> float:
 
 
 @njit(cache=True)
-def press(p: Floats, state: Floats, reach: Floats, springs: Floats, normal_n: float) -> None:
-    """Share the load normal_n > 0 out over the springs."""
+def press(
+    p: Floats, state: Floats, at: Floats, reach: Floats, total_n: float, mount: float,
+    springs: Floats,
+) -> None:  # fmt: skip
+    """Share the load out over the springs; total_n is that of a mount at approach zero."""
     k = p[K_NORMAL]
-    state[APPROACH] = solve_approach(reach, normal_n / k, state[APPROACH])
-    phi = p[RELAXATION]
-    state[STIFFNESS] = 0.0
+    state[APPROACH] = solve_approach(reach, total_n / k, mount / k, state[APPROACH])
+    for c in (STIFFNESS, CARRIED, MOMENT_X, MOMENT_Y, SPREAD_X, SPREAD_Y):
+        state[c] = 0.0
     for j in range(reach.shape[0]):
         d = state[APPROACH] + reach[j]
-        state[STIFFNESS] += k if d > 0.0 else 0.0
-        springs[LOAD, j] = k * d if d > 0.0 else 0.0
-        springs[DEPTH, j] = d + phi * springs[RELAXED, j] if d > 0.0 else 0.0
+        if d <= 0.0:
+            springs[LOAD, j] = springs[DEPTH, j] = 0.0
+            continue
+        load = k * d
+        springs[LOAD, j] = load
+        for i in range(TERMS):
+            d += p[RELAXATION + i] * springs[RELAXED + i, j]
+        springs[DEPTH, j] = d
+        state[STIFFNESS] += k
+        state[CARRIED] += load
+        state[MOMENT_X] += load * at[j, 0]
+        state[MOMENT_Y] += load * at[j, 1]
+        state[SPREAD_X] += k * at[j, 0] * at[j, 0]
+        state[SPREAD_Y] += k * at[j, 1] * at[j, 1]
 
 
 @njit(cache=True)
 def drag(
-    p: Floats, surface: Floats, at: Floats, dx: float, dy: float, turn: float, keep: float,
-    springs: Floats, sums: Floats,
+    p: Floats, surface: Floats, at: Floats, dx: float, dy: float, turn: float, keep: Floats,
+    springs: Floats, state: Floats, sums: Floats,
 ) -> None:  # fmt: skip
     """Carry the bristles along with the surface, which moves by (dx, dy) and turns; those beyond
-    their friction slide. Adds to sums (6,): sliding load, and sums of load times slip.
+    their friction slide. Adds to sums (6,): sliding load, and sums of load times slip; notes the
+    pull of all on the pad.
     """
-    k, phi = p[K_SHEAR], p[RELAXATION]
+    k = p[K_SHEAR]
+    state[PULL_X] = state[PULL_Y] = 0.0
     for j in range(at.shape[0]):
         load = springs[LOAD, j]
         if load <= 0.0:
-            for c in (BRISTLE_X, BRISTLE_Y, RELAXED_X, RELAXED_Y):
+            for c in (BRISTLE_X, BRISTLE_Y, TRACTION_X, TRACTION_Y, SLIDES):
                 springs[c, j] = 0.0
-            springs[RELAXED, j] *= keep
-            springs[SLIDES, j] = 0.0
+            for i in range(TERMS):
+                springs[RELAXED + i, j] *= keep[i]
+                springs[RELAXED_X + i, j] = springs[RELAXED_Y + i, j] = 0.0
             continue
         x, y = at[j, 0], at[j, 1]
         bx = springs[BRISTLE_X, j] + dx - turn * y
         by = springs[BRISTLE_Y, j] + dy + turn * x
-        ex, ey = bx - phi * springs[RELAXED_X, j], by - phi * springs[RELAXED_Y, j]
+        ex, ey = bx, by
+        for i in range(TERMS):
+            ex -= p[RELAXATION + i] * springs[RELAXED_X + i, j]
+            ey -= p[RELAXATION + i] * springs[RELAXED_Y + i, j]
         pull = math.sqrt(ex * ex + ey * ey)
         mu = surface[MU_KINETIC] if springs[SLIDES, j] != 0.0 else surface[MU_STATIC]
         springs[SLIDES, j] = 0.0
         if k * pull > mu * load:
             part = 1.0 - surface[MU_KINETIC] * load / (k * pull)
             sx, sy = part * ex, part * ey
-            bx -= sx
-            by -= sy
+            bx, by, ex, ey = bx - sx, by - sy, ex - sx, ey - sy
             springs[SLIDES, j] = 1.0
             sums[0] += load
             sums[1] += load * sx
             sums[2] += load * sy
             sums[3] += load * (x * sy - y * sx)
         springs[BRISTLE_X, j], springs[BRISTLE_Y, j] = bx, by
-        springs[RELAXED, j] += (springs[DEPTH, j] - springs[RELAXED, j]) * (1.0 - keep)
-        springs[RELAXED_X, j] += (bx - springs[RELAXED_X, j]) * (1.0 - keep)
-        springs[RELAXED_Y, j] += (by - springs[RELAXED_Y, j]) * (1.0 - keep)
+        springs[TRACTION_X, j], springs[TRACTION_Y, j] = k * ex, k * ey
+        state[PULL_X] += k * ex
+        state[PULL_Y] += k * ey
+        for i in range(TERMS):
+            gone = 1.0 - keep[i]
+            springs[RELAXED + i, j] += (springs[DEPTH, j] - springs[RELAXED + i, j]) * gone
+            springs[RELAXED_X + i, j] += (bx - springs[RELAXED_X + i, j]) * gone
+            springs[RELAXED_Y + i, j] += (by - springs[RELAXED_Y + i, j]) * gone
+
+
+@njit(cache=True)
+def swing(p: Floats, s: Floats, h_s: float) -> tuple[float, float]:
+    """Let the mount give way sideways for h_s: a mass on a damped spring under the friction of the
+    last step (symplectic Euler). The way that it goes, mm."""
+    k, w = p[LATERAL_NPMM], p[LATERAL_RADPS]
+    if k == 0.0:
+        return 0.0, 0.0
+    keep = math.exp(-2.0 * p[LATERAL_DAMPING] * w * h_s)
+    s[AWAY_SPEED_X] = keep * (s[AWAY_SPEED_X] + h_s * w * w * (s[PULL_X] / k - s[AWAY_X]))
+    s[AWAY_SPEED_Y] = keep * (s[AWAY_SPEED_Y] + h_s * w * w * (s[PULL_Y] / k - s[AWAY_Y]))
+    dx, dy = h_s * s[AWAY_SPEED_X], h_s * s[AWAY_SPEED_Y]
+    s[AWAY_X] += dx
+    s[AWAY_Y] += dy
+    return dx, dy
+
+
+@njit(cache=True)
+def tip_over(p: Floats, s: Floats, rocked: Floats) -> None:
+    """Tilt (rad) that the mount takes under friction at its height and load off its middle, plus
+    what it is rocked by (2,): one half of a Newton step to their balance."""
+    c = p[TILTING]
+    wanted_x = c * (p[HEIGHT_MM] * s[PULL_X] + s[MOMENT_X]) + rocked[0]
+    wanted_y = c * (p[HEIGHT_MM] * s[PULL_Y] + s[MOMENT_Y]) + rocked[1]
+    if c == 0.0:
+        s[TILT_X], s[TILT_Y] = rocked[0], rocked[1]
+        return
+    s[TILT_X] += TILT_SHARE * (wanted_x - s[TILT_X]) / (1.0 + c * s[SPREAD_X])
+    s[TILT_Y] += TILT_SHARE * (wanted_y - s[TILT_Y]) / (1.0 + c * s[SPREAD_Y])
 
 
 @njit(cache=True)
@@ -227,47 +256,72 @@ def sliding(at: Floats, springs: Floats, sums: Floats, dt_s: float, state: Float
 
 
 @njit(cache=True)
+def inner_steps(p: Floats, path_mm: float, dt_s: float) -> int:
+    """So many that none goes further than STEP_MM unless it would be shorter than STEP_S."""
+    steps = math.ceil(min(path_mm / p[STEP_MM], dt_s / p[STEP_S]) - 1e-9)
+    if p[LATERAL_NPMM] > 0.0:
+        steps = max(steps, math.ceil(dt_s / MODE_STEP_S - 1e-9))
+    out: int = max(1, steps)
+    return out
+
+
+@njit(cache=True)
 def advance(
-    p: Floats, dt_s: float, normal0: Floats, normal1: Floats, motion: Floats, turn: Floats,
-    centre0: Floats, centre1: Floats, surfaces: Floats, fields: Singles, at: Floats,
-    gaps: Floats, states: Floats, springs: Floats,
+    p: Floats, dt_s: float, total0: Floats, total1: Floats, mounts: Floats, motion: Floats,
+    turn: Floats, rocked: Floats, centre0: Floats, centre1: Floats, surfaces: Floats,
+    fields: Singles, at: Floats, gaps: Floats, states: Floats, springs: Floats,
 ) -> None:  # fmt: skip
     """Advance all pads by dt_s > 0. Load and centre go from their first values to their second,
-    the surface moves by motion (F, 2) and turns by turn (F,), all linearly. As many inner steps as
-    the path needs, so none is longer than STEP_MM unless it would be shorter than STEP_S.
+    the surface moves by motion (F, 2) and turns by turn (F,), all linearly.
+
+    Where mounts (F,) is above 0 the pad hangs on a spring so stiff, N/mm, and the totals (F,) are
+    its load at approach 0; elsewhere they are the load itself. rocked (F, 2): tilt from outside.
     """
-    reach = np.empty(at.shape[0])
-    centre = np.empty(2)
+    reach, keep, centre = np.empty(at.shape[0]), np.empty(TERMS), np.empty(2)
+    phi = p[RELAXATION : RELAXATION + TERMS]
     for f in range(states.shape[0]):
-        s, own = states[f], springs[f]
-        if normal0[f] <= 0.0 and normal1[f] <= 0.0:
+        s, own, mount = states[f], springs[f], mounts[f]
+        away = -OUT_OF_REACH_MM * mount
+        if total0[f] <= away and total1[f] <= away:
             s[POSE_X], s[POSE_Y] = moved(s, motion[f, 0], motion[f, 1], turn[f])
             s[POSE_TURN] += turn[f]
-            s[SLIP_X] = s[SLIP_Y] = s[SPIN] = s[SHARE] = 0.0
+            s[SLIP_X : SHARE + 1] = 0.0
+            s[CARRIED:] = 0.0
             own[:, :] = 0.0
             continue
         path = math.hypot(motion[f, 0], motion[f, 1]) + abs(turn[f]) * -at[0, 0]
-        steps = math.ceil(min(path / p[STEP_MM], dt_s / p[STEP_S]) - 1e-9)
-        steps = max(1, steps)
+        steps = inner_steps(p, path, dt_s)
         h = 1.0 / steps
-        keep = math.exp(-dt_s * h / p[RELAXATION_TIME])
-        dx, dy, dturn = motion[f, 0] * h, motion[f, 1] * h, turn[f] * h
+        for i in range(TERMS):
+            keep[i] = math.exp(-dt_s * h / p[RELAXATION_TIME + i])
+        dturn = turn[f] * h
         sums = np.zeros(5)
         for i in range(steps):
             end = (i + 1.0) * h
-            load = normal0[f] + (normal1[f] - normal0[f]) * end
-            centre[0] = centre0[f, 0] + (centre1[f, 0] - centre0[f, 0]) * end
-            centre[1] = centre0[f, 1] + (centre1[f, 1] - centre0[f, 1]) * end
+            away_x, away_y = swing(p, s, dt_s * h)
+            dx, dy = motion[f, 0] * h - away_x, motion[f, 1] * h - away_y
+            for c in range(2):
+                centre[c] = centre0[f, c] + (centre1[f, c] - centre0[f, c]) * end - s[AWAY_X + c]
             s[POSE_X], s[POSE_Y] = moved(s, dx, dy, dturn)
             s[POSE_TURN] += dturn
             sums[0] = 0.0
-            if load > 0.0:
-                drag(p, surfaces[f], at, dx, dy, dturn, keep, own, sums)
-                reaches(s, surfaces[f], centre, fields[f], at, gaps[f], p[RELAXATION], own, reach)
-                press(p, s, reach, own, load)
-                sums[4] = min(1.0, sums[0] / load)
-            else:
+            drag(p, surfaces[f], at, dx, dy, dturn, keep, own, s, sums)
+            tip_over(p, s, rocked[f])
+            total = total0[f] + (total1[f] - total0[f]) * end
+            if mount > 0.0:
+                total -= p[LEVER_X] * s[PULL_X] + p[LEVER_Y] * s[PULL_Y]
+            elif total <= 0.0:
                 own[:, :] = 0.0
+                s[CARRIED:] = 0.0
+                continue
+            level = s[APPROACH] + CLEAR_MM
+            reaches(s, surfaces[f], centre, fields[f], at, gaps[f], phi, level, own, reach)
+            press(p, s, at, reach, total, mount, own)
+            if s[APPROACH] > level:  # what was out of sight may touch as well
+                level = s[APPROACH] + CLEAR_MM
+                reaches(s, surfaces[f], centre, fields[f], at, gaps[f], phi, level, own, reach)
+                press(p, s, at, reach, total, mount, own)
+            sums[4] = min(1.0, sums[0] / s[CARRIED]) if s[CARRIED] > 0.0 else 0.0
         sliding(at, own, sums, dt_s, s)
 
 
@@ -296,8 +350,7 @@ def kernel_sums(p: Floats, springs: Floats, at: Floats, taxels: Floats, out: Flo
             load = own[LOAD, j]
             if load <= 0.0:
                 continue
-            qx = p[K_SHEAR] * (own[BRISTLE_X, j] - p[RELAXATION] * own[RELAXED_X, j])
-            qy = p[K_SHEAR] * (own[BRISTLE_Y, j] - p[RELAXATION] * own[RELAXED_Y, j])
+            qx, qy = own[TRACTION_X, j], own[TRACTION_Y, j]
             for i in range(taxels.shape[0]):
                 x = taxels[i, 0] - at[j, 0] - own[BRISTLE_X, j]
                 y = taxels[i, 1] - at[j, 1] - own[BRISTLE_Y, j]

@@ -6,6 +6,7 @@ So a build that was ended goes on where it was, and two builds give the same fil
 """
 
 import hashlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -52,6 +53,18 @@ class DatasetRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     percent: dict[Name, Annotated[float, Meta(ge=0.0, le=100.0)]]
 
 
+class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Some of the strokes, with ranges of their own over those that all share."""
+
+    name: Name
+    share: Annotated[float, Meta(gt=0.0, le=1.0)]  # of the recordings of strokes
+    randomise: dict[str, Range] = {}
+    on: dict[Name, dict[str, Range]] = {}  # of one surface
+
+    def ranges(self, surface: str) -> dict[str, Range]:
+        return self.randomise | self.on.get(surface, {})
+
+
 class CauseRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Recordings in which something shakes the fingertip; see ``confusers``."""
 
@@ -74,6 +87,7 @@ class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     least_recordings: Annotated[int, Meta(ge=3, le=1000)] = 10
     held_out: Annotated[float, Meta(gt=0.0, le=0.4)] = 0.1  # for validation, and as much for test
     rows: list[DatasetRow] = []
+    parts: list[Part] = []  # of the rows; their shares are taken in proportion
     causes: list[CauseRow] = []
     randomise: dict[str, Range] = {}
 
@@ -94,6 +108,7 @@ class Job(msgspec.Struct, frozen=True):
 
 
 Progress = Callable[[int, int], None]
+WHOLE = Part(name="whole", share=1.0)  # of a set that has no parts
 
 
 def load_dataset_config(path: Path) -> DatasetConfig:
@@ -101,6 +116,9 @@ def load_dataset_config(path: Path) -> DatasetConfig:
     config = load(DatasetConfig, [read_toml(path)])
     for row in config.rows:
         for surface in row.percent:
+            named_layer("surfaces", surface)
+    for part in config.parts:
+        for surface in part.on:
             named_layer("surfaces", surface)
     for cause in config.causes:
         for name in cause.on:
@@ -174,15 +192,27 @@ def _slide_jobs(config: DatasetConfig) -> list[Job]:
             directions = DIRECTIONS[row.motion]
             course = motion(directions[k % len(directions)], row.speed, row.speed)
             seed = config.seed * SEEDS + len(jobs)
+            part = part_of_job(config.parts, len(jobs))
             metadata = Metadata(
                 set="slide", split=split, surface=surface, motion=row.motion,
+                part=part.name if config.parts else "",
                 speed_mps=course.speed_mps, spin_radps=course.spin_radps,
                 direction=course.direction, seed=seed, commit=commit,
-                parameters=drawn(config.randomise, seed),
+                parameters=drawn(config.randomise | part.ranges(surface), seed),
             )  # fmt: skip
             name = f"{surface}/{row.motion}-{row.speed:g}-{k:02d}-{course.direction}{SUFFIX}"
             jobs.append(Job(name, surface, course, static_part, slip_part, metadata))
     return jobs
+
+
+def part_of_job(parts: Sequence[Part], index: int) -> Part:
+    """The part of the index-th recording: as evenly mixed as the golden ratio does it."""
+    at = (index * (math.sqrt(5.0) - 1.0) / 2.0) % 1.0 * sum(part.share for part in parts)
+    for part in parts:
+        at -= part.share
+        if at < 0.0:
+            return part
+    return parts[-1] if parts else WHOLE
 
 
 def apportion(total: int, shares: NDArray[np.float64]) -> list[int]:

@@ -21,7 +21,7 @@ from scenarios.studies.signal.statistics import (
     taxel_statistics,
 )
 from scenarios.studies.signal.strokes import StrokeSettings, simulate
-from scenarios.world.fingertip import FingertipSettings
+from scenarios.world.fingertip_settings import FingertipSettings
 
 SCALE_FACTOR, CORRELATION, CONTRAST, CONTRAST_BY_EDGE = 1.5, 0.2, 0.03, 0.1  # the aims
 BATCH, SEEDS = 6, 1000  # clips at a time; seeds apart, so that no clip is made twice

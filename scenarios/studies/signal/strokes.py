@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import PERIOD_S
 from scenarios.world.contact_settings import GROSS_SLIP_MPS
-from scenarios.world.fingertip import Fingertips, FingertipSettings, Surface
+from scenarios.world.fingertip import Fingertips
+from scenarios.world.fingertip_settings import FingertipSettings, Surface
 
 ZEROING = 20  # samples
 SETTLED = 50  # samples at rest before the first one that counts
@@ -44,9 +45,6 @@ class StrokeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     arm_npmm: Annotated[
         float, Meta(gt=0.0, description="arm and mount, along the press; assumed, 3-10")
     ] = 5.0
-    pad_npmm: Annotated[
-        float, Meta(gt=0.0, description="pad, likewise: only steadies the exchange of forces")
-    ] = 15.0
     force_loop_radps: Annotated[
         float, Meta(ge=0.0, description="corner of the arm's force loop; assumed, 3-10")
     ] = 5.0
@@ -68,7 +66,7 @@ class Clips(msgspec.Struct, frozen=True):
     t_s: Floats
     slip: NDArray[np.bool_]
     counts: NDArray[np.int16]
-    force_n: Floats  # (clips, n) true normal load asked of the pads
+    force_n: Floats  # (clips, n) true normal load on the pads
 
 
 def stroke_speeds(settings: StrokeSettings) -> tuple[Floats, Floats]:
@@ -94,25 +92,20 @@ class Press:
 
     def __init__(self, settings: StrokeSettings, target_n: Floats, slope: Floats) -> None:
         self._settings, self._target, self._slope = settings, target_n, slope
-        self._base_mm = target_n / settings.arm_npmm
-        self._stiffness = (
-            settings.arm_npmm * settings.pad_npmm / (settings.arm_npmm + settings.pad_npmm)
-        )
-        self.load_n = target_n.copy()
+        self._base_mm = np.zeros(len(target_n))
+        self.mount_npmm = np.full(len(target_n), settings.arm_npmm)
 
     def begin(self, approach_mm: Floats) -> None:
         """Take up the pads' position as that of the wanted load."""
-        self.load_n = self._target.copy()
-        self._base_mm = self.load_n / self._settings.arm_npmm + approach_mm
+        self._base_mm = self._target / self._settings.arm_npmm + approach_mm
 
-    def step(self, approach_mm: Floats, x_mm: float) -> None:
-        """One period: the load (clips,) that goes with the pads' approach, the surface sloping."""
+    def step(self, load_n: Floats, x_mm: float) -> Floats:
+        """One period: the load (clips,) that the mount has at approach zero, the surface sloping;
+        from the load that the pads have."""
         s = self._settings
-        base = self._base_mm - self._slope * x_mm
-        error = s.arm_npmm * (base - approach_mm) - self.load_n
-        self.load_n = np.maximum(self.load_n + error * s.pad_npmm / (s.arm_npmm + s.pad_npmm), 0.05)
-        rate = s.force_loop_radps * (self._target - self.load_n) / self._stiffness
-        self._base_mm += rate * PERIOD_S
+        self._base_mm += s.force_loop_radps * (self._target - load_n) / s.arm_npmm * PERIOD_S
+        out: Floats = s.arm_npmm * (self._base_mm - self._slope * x_mm)
+        return out
 
 
 def simulate(
@@ -136,15 +129,16 @@ def simulate(
     counts = np.empty((clips, len(t), 6), np.int16)
     force = np.empty((clips, len(t)))
     zero = _zero(tips, np.full(clips, s.zero_load_n), still, middle)
-    for k in range(len(x)):
+    tips.advance((ZEROING + 1) * PERIOD_S, target, middle, still, middle, True)
+    press.begin(tips.approach_mm)
+    for k in range(1, len(x)):
         # its force loop never lets the arm rest
-        tips.advance((ZEROING + k + 1) * PERIOD_S, press.load_n, x[k] * along, still, middle, True)
-        if k == 0:
-            press.begin(tips.approach_mm)
-        press.step(tips.approach_mm, x[k])
+        beyond = press.step(tips.load_n, x[k])
+        t_s = (ZEROING + k + 1) * PERIOD_S
+        tips.advance(t_s, beyond, x[k] * along, still, middle, True, press.mount_npmm)
         if k >= SETTLED:
             counts[:, k - SETTLED] = tips.codes()[0] - zero
-            force[:, k - SETTLED] = press.load_n
+            force[:, k - SETTLED] = tips.load_n
     return Clips(t, np.abs(speed) > GROSS_SLIP_MPS, counts, force)
 
 

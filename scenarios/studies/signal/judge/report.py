@@ -36,6 +36,14 @@ def clip_of(recording: Recording) -> Piece:
     return piece_of(recording.counts[:, 0], recording.slip)
 
 
+def by_part(recordings: Sequence[Recording]) -> dict[str, list[Recording]]:
+    """Recordings by the part of their set; a set without parts has one without a name."""
+    found: dict[str, list[Recording]] = {}
+    for r in recordings:
+        found.setdefault(r.metadata.part if r.metadata else "", []).append(r)
+    return dict(sorted(found.items()))
+
+
 def judge(
     clip: Piece, recordings: Sequence[Recording], part: str, seed: int = 0
 ) -> Judgement | None:

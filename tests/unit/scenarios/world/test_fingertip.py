@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scenarios.world import fingertip
+from scenarios.world import disturbance, fingertip
 from scenarios.world import spring_bed as bed
-from scenarios.world.fingertip import Fingertips, FingertipSettings, Floats, Surface
+from scenarios.world.fingertip import Fingertips, Floats
+from scenarios.world.fingertip_settings import FingertipSettings, Surface
 
 QUIET = {
     "noise_counts": 0.0, "wander_mm": 0.0, "vibration_mm": 0.0, "sway_mm": 0.0,
@@ -133,11 +134,7 @@ def test_patch_slides_from_its_rim_inwards() -> None:
 def test_traction_of_a_sliding_patch_is_kinetic_friction_of_its_load() -> None:
     tips = make(SMOOTH, **QUIET)
     slide(tips, 0.3, 100)
-    s = tips._settings
-    springs = tips._springs[0]
-    pull = springs[bed.BRISTLE_X] - s.relaxation_share * springs[bed.RELAXED_X]
-    traction = tips._parameters[bed.K_SHEAR] * pull.sum()
-    assert traction == pytest.approx(SMOOTH.friction_kinetic * 4.0, rel=0.02)
+    assert tips.friction_n[0, 0] == pytest.approx(SMOOTH.friction_kinetic * 4.0, rel=0.02)
 
 
 def test_turning_on_the_spot_is_reported_as_turning_not_as_slip() -> None:
@@ -249,7 +246,7 @@ def test_wander_is_smooth_and_the_same_whatever_the_step(step: float) -> None:
     draws = np.random.default_rng(0).standard_normal((100_000, 2))
     pair, path = np.zeros(2), np.empty(len(draws))
     for k, (draw, other) in enumerate(draws):
-        bed.wander(step, draw, other, pair)
+        disturbance.wander(step, draw, other, pair)
         path[k] = pair[0]
     assert path.var() == pytest.approx(0.5, rel=0.1)
     correlation = np.corrcoef(path[:-1], path[1:])[0, 1]

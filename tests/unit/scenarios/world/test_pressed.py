@@ -5,33 +5,38 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.world.fingertip import FingertipSettings
+from scenarios.world.fingertip_settings import FingertipSettings
 from scenarios.world.pressed import FixedSurface, PressedPad, PressSettings
 
 START = (0.5, 0.1, 0.3)
 QUIET = FingertipSettings(crown_radius_mm=100.0)
-RIGID = PressSettings(gap_m=0.005)
-STIFFNESS = 1 / (1 / 15000 + 1 / 5000 + 1 / 40000 + 1 / 1e6)
+MOUNTED = PressSettings(gap_m=0.005)
+STIFFNESS = 1 / (1 / 5000 + 1 / 40000 + 1 / 1e6)
+STILL: dict[str, float] = {
+    "wander_mm": 0.0, "vibration_mm": 0.0, "sway_mm": 0.0, "tilt_rad": 0.0,
+    "relaxation_share": 0.0, "noise_counts": 0.0, "warming_k": 0.0,
+}  # fmt: skip
 
 
 class Pressing:
     """A pad, and what it is told to feel."""
 
-    def __init__(self, **surface: float) -> None:
+    def __init__(self, press: PressSettings = MOUNTED, **surface: float) -> None:
         made = FixedSurface(name="test", **surface)
-        self.pad = PressedPad(made, RIGID, QUIET, np.random.default_rng(0), START, 0.0)
+        self.pad = PressedPad(made, press, QUIET, np.random.default_rng(0), START, 0.0)
         self.felt: list[tuple[np.ndarray, ...]] = []
         self.pad.tips.advance = self._feel  # type: ignore[method-assign]
         self.t_s = 0.0
 
-    def _feel(self, t_s, normal_n, motion_mm, turn_rad, centre_mm, moves):  # type: ignore[no-untyped-def]
-        self.felt.append((normal_n, motion_mm, turn_rad, centre_mm))
+    def _feel(self, t_s, beyond_n, motion_mm, turn_rad, centre_mm, moves, mount):  # type: ignore[no-untyped-def]
+        self.felt.append((beyond_n, motion_mm, turn_rad, centre_mm, mount))
 
     def go(self, x: float = 0.0, y: float = 0.0, down: float = 0.006, angle: float = 0.0) -> float:
+        """The load, N, that the mount would have if the pad's face did not meet anything."""
         self.t_s += 0.01
         at = (START[0] + x, START[1] + y, START[2] - down)
         self.pad.advance(self.t_s, at, angle, moving=True)
-        return self.pad.normal_n
+        return float(self.felt[-1][0][0])
 
     @property
     def motion_mm(self) -> np.ndarray:
@@ -42,29 +47,65 @@ class Pressing:
         return self.felt[-1][3][0]
 
 
-def test_there_is_no_load_above_the_surface_and_a_spring_below_it() -> None:
-    pressing = Pressing()
-    assert pressing.go(down=0.0049) == 0.0
-    assert pressing.go(down=0.006) == pytest.approx(STIFFNESS * 0.001)
+def press_down(
+    surface: FixedSurface, down_m: float, x_m: float = 0.0, **settings: float
+) -> PressedPad:
+    """A pad that has come down so far beyond the apex, x_m beside it, and rests there."""
+    merged = FingertipSettings(**{**STILL, **settings})  # type: ignore[arg-type]
+    pad = PressedPad(surface, MOUNTED, merged, np.random.default_rng(0), START, 0.0)
+    for k in range(1, 101):
+        z = START[2] - MOUNTED.gap_m - down_m * min(1.0, k / 50)
+        pad.advance(0.01 * k, (START[0] + x_m, START[1], z), 0.0, moving=False)
+    return pad
 
 
-@pytest.mark.parametrize("off_mm", [3.0, 8.0])
-def test_two_spheres_touch_where_their_normals_agree(off_mm: float) -> None:
-    """Against exact geometry: the height of two spheres in touch, and the point between them."""
-    pressing = Pressing(radius_x_m=0.0381, radius_y_m=0.0381)
-    top = pressing.go(down=0.008)
-    side = pressing.go(x=off_mm * 1e-3, down=0.008)
-    both = 38.1 + 100.0
-    drop_mm = both - math.sqrt(both**2 - off_mm**2)
-    assert top - side == pytest.approx(STIFFNESS * drop_mm * 1e-3, rel=0.01)
-    assert pressing.centre_mm == pytest.approx([-off_mm * 100.0 / both, 0.0], rel=0.01)
+SMOOTH = FixedSurface(name="plane", texture_rms_m=0.0)
+BALL = FixedSurface(name="ball", texture_rms_m=0.0, radius_x_m=0.0381, radius_y_m=0.0381)
+
+
+def test_above_the_surface_the_pad_carries_nothing() -> None:
+    assert press_down(SMOOTH, -0.0005).normal_n == 0.0
+
+
+def test_load_is_what_mount_and_pad_in_series_give() -> None:
+    pad = press_down(SMOOTH, 0.001)
+    taken_mm = pad.tips.approach_mm[0]
+    assert 0.2 < taken_mm < 0.9
+    assert pad.normal_n == pytest.approx(1e-3 * STIFFNESS * (1.0 - taken_mm), rel=1e-6)
+
+
+def test_stiffer_rubber_carries_more_at_equal_depth() -> None:
+    soft, stiff = (press_down(SMOOTH, 0.001, foundation_n_per_mm3=k).normal_n for k in (0.1, 0.8))
+    assert stiff > 1.2 * soft
+
+
+def test_beside_the_apex_of_a_ball_the_pad_carries_less_and_feels_it_aside() -> None:
+    top, side = (press_down(BALL, 0.001, x) for x in (0.0, 0.004))
+    assert side.normal_n < top.normal_n
+    fall = [(pad.tips.rest - pad.tips.codes()[0])[0].astype(float) for pad in (top, side)]
+    columns = [f[:3] + f[5:2:-1] for f in fall]
+    balance = [(c[2] - c[0]) / c.sum() for c in columns]
+    assert balance[1] < balance[0] - 0.1  # the tool went to +x: the apex lies towards -x
 
 
 def test_along_a_cylinder_nothing_changes() -> None:
     pressing = Pressing(radius_y_m=0.0508)  # its axis along x
+    pressing.go()
     assert pressing.go(x=0.01) == pytest.approx(pressing.go())
-    assert pressing.go(y=0.01) < pressing.go()
-    assert pressing.centre_mm == pytest.approx([0.0, 0.0])
+
+
+def test_a_slope_loads_the_pad_that_climbs_it() -> None:
+    pressing = Pressing(PressSettings(gap_m=0.005, slope_x=0.02))
+    level = pressing.go()
+    assert pressing.go(x=0.005) - level == pytest.approx(STIFFNESS * 1e-4)
+
+
+def test_a_contact_off_the_axis_is_swept_along_an_arc_when_the_tool_turns() -> None:
+    pressing = Pressing(PressSettings(gap_m=0.005, axis_x_m=0.01))
+    pressing.go()
+    for k in range(1, 11):
+        pressing.go(angle=0.1 * k)
+    assert np.hypot(*pressing.motion_mm) == pytest.approx(10.0, rel=0.01)  # an arc of 1 rad
 
 
 def test_the_surface_moves_against_the_tool_whose_y_is_the_bases_mirrored() -> None:
@@ -82,8 +123,7 @@ def test_a_turned_pad_feels_the_motion_in_its_own_frame() -> None:
     pressing.go(x=0.002, angle=math.pi / 2)
     assert pressing.motion_mm - before == pytest.approx([0.0, 2.0])
     assert pressing.felt[-1][2] == pytest.approx([-math.pi / 2])
-    on_pad = -2.0 * 100.0 / 138.1
-    assert pressing.centre_mm == pytest.approx([0.0, -on_pad], abs=1e-3)
+    assert pressing.centre_mm == pytest.approx([0.0, 2.0], abs=1e-3)
 
 
 def test_a_knock_carries_its_impulse_and_moves_nothing() -> None:

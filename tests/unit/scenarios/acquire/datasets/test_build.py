@@ -95,10 +95,38 @@ def test_paths_and_seeds_are_unique_and_the_plan_is_the_same_twice(
 
 
 def test_parameters_are_drawn_within_their_ranges(paper: DatasetConfig, jobs: list[Job]) -> None:
-    for key, (low, high) in paper.randomise.items():
-        values = [job.metadata.parameters[key] for job in jobs]
+    rigid, compliant = paper.parts
+    of = {p.name: [j for j in jobs if j.metadata.part == p.name] for p in paper.parts}
+    assert len(of["rigid"]) == pytest.approx(rigid.share * len(jobs), abs=2)
+    assert len(of["compliant"]) == pytest.approx(compliant.share * len(jobs), abs=2)
+    ranges = [(key, of["rigid"], *bounds) for key, bounds in paper.randomise.items()]
+    ranges += [(key, of["compliant"], *bounds) for key, bounds in compliant.randomise.items()]
+    for key, chosen, low, high in ranges:
+        values = [job.metadata.parameters[key] for job in chosen]
+        if low == high:
+            assert set(values) == {low}
+            continue
         assert low <= min(values) < max(values) <= high
         assert np.mean(values) == pytest.approx((low + high) / 2, abs=0.15 * (high - low))
+
+
+def test_ranges_of_one_surface_are_drawn_on_it_alone(paper: DatasetConfig, jobs: list[Job]) -> None:
+    compliant = paper.parts[1]
+    key = "fingertip.tilt_x_rad"
+    assert set(compliant.on) == set(SURFACES)
+    for job in jobs:
+        if job.metadata.part == "rigid":
+            assert key not in job.metadata.parameters
+        else:
+            low, high = compliant.on[job.surface][key]
+            assert low <= job.metadata.parameters[key] <= high
+
+
+def test_every_part_is_on_every_surface_and_in_every_split(jobs: list[Job]) -> None:
+    for job_part in ("rigid", "compliant"):
+        chosen = [job for job in jobs if job.metadata.part == job_part]
+        assert {job.surface for job in chosen} == set(SURFACES)
+        assert {job.metadata.split for job in chosen} == {"train", "validation", "test"}
 
 
 def test_a_parameter_that_does_not_exist_is_refused(few: list[Job]) -> None:

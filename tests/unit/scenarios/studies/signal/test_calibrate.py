@@ -12,7 +12,7 @@ from scenarios.studies.signal.calibrate import FitSetup, Search
 from scenarios.studies.signal.statistics import signal_statistics
 from scenarios.studies.signal.strokes import StrokeSettings
 from scenarios.world.contact_settings import GROSS_SLIP_MPS
-from scenarios.world.fingertip import FingertipSettings
+from scenarios.world.fingertip_settings import FingertipSettings
 
 FELT = Path(__file__).parents[6] / "shared" / "data" / "takktile_felt.csv"
 
@@ -36,7 +36,8 @@ def test_arm_holds_its_mean_force_and_the_surface_disturbs_it() -> None:
     assert force[:, ~clips.slip].mean() == pytest.approx(StrokeSettings().force_n, rel=0.15)
     assert force[:, clips.slip].std() > 0.1
     smooth = StrokeSettings(force_spread=0.0, texture_rms_mm=0.0)
-    level = strokes.simulate(FingertipSettings(tilt_rad=0.0), smooth, 6, 1)
+    held = FingertipSettings(tilt_rad=0.0, wander_mm=0.0, vibration_mm=0.0)
+    level = strokes.simulate(held, smooth, 6, 1)
     assert level.force_n[:, 30:].std() < 0.3 * force[:, clips.slip].std()
 
 

@@ -1,0 +1,180 @@
+"""What is assumed of a fingertip, and what one pad touches."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+
+class Surface(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What one pad touches. All figures are assumed."""
+
+    curvature_per_mm: Annotated[
+        tuple[float, float],
+        Meta(description="along x and y of the pad before anything turns; 0 is flat"),
+    ] = (0.0, 0.0)
+    texture_rms_mm: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="irregularity; felt 0.3-0.45, smooth 0.01-0.2")
+    ] = 0.1
+    texture_length_mm: Annotated[
+        float, Meta(ge=0.2, le=10.0, description="its correlation length; 1-2 mm")
+    ] = 1.5
+    friction_static: Annotated[float, Meta(ge=0.0, le=3.0, description="of rubber on it")] = 0.85
+    friction_kinetic: Annotated[float, Meta(ge=0.0, le=3.0, description="when it slides")] = 0.7
+
+
+class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Geometry, rubber and noise of one fingertip. FITTED: by `grasp world calibrate`, on the
+    authors' clip; the range beside it is that searched, and the one to draw from in data sets."""
+
+    pitch_mm: Annotated[
+        float, Meta(ge=3.0, le=10.0, description="between barometers; assumed, 6-8")
+    ] = 6.0
+    depth_mm: Annotated[
+        float, Meta(ge=2.0, le=10.0, description="effective depth of the rubber; FITTED, 3-8")
+    ] = 3.23
+    pad_half_length_mm: Annotated[
+        float, Meta(ge=3.0, le=20.0, description="of the spring bed, along x; assumed")
+    ] = 10.0
+    pad_half_width_mm: Annotated[
+        float, Meta(ge=3.0, le=20.0, description="of the spring bed, along y; assumed")
+    ] = 8.0
+    crown_radius_mm: Annotated[
+        float, Meta(ge=10.0, le=1000.0, description="of the pad's face; FITTED, 40-400")
+    ] = 65.8
+    tilt_rad: Annotated[
+        float, Meta(ge=0.0, le=0.2, description="deviation of each pad's tilt, both axes; "
+                    "FITTED, 0.02-0.1")
+    ] = 0.0854  # fmt: skip
+    tilt_x_rad: Annotated[
+        float, Meta(ge=-0.4, le=0.4, description="mean of that tilt, rising along x: how the "
+                    "finger is held on the surface; assumed")
+    ] = 0.0  # fmt: skip
+    tilt_y_rad: Annotated[float, Meta(ge=-0.4, le=0.4, description="likewise along y")] = 0.0
+    foundation_n_per_mm3: Annotated[
+        float, Meta(ge=0.02, le=1.0, description="spring bed, normal; FITTED, 0.05-0.3")
+    ] = 0.223
+    shear_share: Annotated[
+        float, Meta(ge=0.1, le=1.0, description="of it, tangential stiffness; assumed from layer "
+                    "theory, 0.4-0.6")
+    ] = 0.5  # fmt: skip
+    relaxation_slow_share: Annotated[
+        float, Meta(ge=0.0, le=0.3, description="of that load, relaxes ten times slower, and as "
+                    "much again a hundred times: rubber relaxes in log time; 0 is off, barometers "
+                    "in elastomer 0.04-0.11")
+    ] = 0.0  # fmt: skip
+    relaxation_share: Annotated[
+        float, Meta(ge=0.0, le=0.5, description="of a spring's load that relaxes; assumed, the "
+                    "clip's 0.05-0.15")
+    ] = 0.1  # fmt: skip
+    relaxation_s: Annotated[
+        float, Meta(ge=0.01, le=5.0, description="time constant of that; assumed, 0.1-0.3")
+    ] = 0.2
+    wander_mm: Annotated[
+        float, Meta(ge=0.0, le=0.1, description="rms of how much deeper or shallower the pad is "
+                    "held than asked for; FITTED, 0.001-0.04")
+    ] = 0.0372  # fmt: skip
+    wander_fast_s: Annotated[
+        float, Meta(ge=0.005, le=1.0, description="memory of its fast half; FITTED, 0.01-0.1")
+    ] = 0.0323
+    wander_slow_s: Annotated[
+        float, Meta(ge=0.05, le=10.0, description="memory of its slow half; FITTED, 0.1-1")
+    ] = 0.212
+    vibration_mm: Annotated[
+        float, Meta(ge=0.0, le=0.1, description="likewise by the mode of an arm that moves; "
+                    "FITTED, 0.0005-0.03")
+    ] = 0.00831  # fmt: skip
+    sway_mm: Annotated[
+        float, Meta(ge=0.0, le=0.5, description="rms of that mode sideways; assumed, 0-0.05")
+    ] = 0.01
+    grasp_share: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="of wander and vibration that a grasped object "
+                    "leaves: it rides on the arm with its pads; assumed, 0.05-0.5")
+    ] = 0.2  # fmt: skip
+    vibration_hz: Annotated[
+        float, Meta(ge=2.0, le=45.0, description="frequency of that mode; FITTED, 10-25")
+    ] = 18.7
+    vibration_damping: Annotated[
+        float, Meta(ge=0.005, le=1.0, description="of that mode; assumed, 0.04-0.15")
+    ] = 0.08
+    noise_counts: Annotated[
+        float, Meta(ge=0.0, le=5.0, description="rms before rounding; assumed, unloaded "
+                    "taxels of the clip 0.2-0.5")
+    ] = 0.3  # fmt: skip
+    rest_low: Annotated[int, Meta(ge=300, le=600, description="rest codes; assumed from")] = 420
+    rest_high: Annotated[int, Meta(ge=300, le=600, description="rest codes; assumed to")] = 480
+    warming_k: Annotated[
+        float, Meta(ge=-20.0, le=20.0, description="of the board in the end; assumed, 0-10")
+    ] = 5.0
+    warming_s: Annotated[
+        float, Meta(ge=10.0, le=10000.0, description="time constant of that; assumed")
+    ] = 600.0
+    fold_above_512: Annotated[
+        bool,
+        Meta(description="codes as the authors' driver read them: 512 + n comes out as 512 - n"),
+    ] = False
+    slip_direction_deg: Annotated[
+        float,
+        Meta(ge=-180.0, le=180.0, description="upwards in the pad's frame, from x; assumed"),
+    ] = 0.0
+    lever_x: Annotated[
+        float, Meta(ge=-1.0, le=1.0, description="load lost for each newton of friction that drags "
+                    "the pad along its x (the finger's length): height over reach of its "
+                    "joint (a drum brake's shoe); 0 is off, assumed 0.3-1. Times friction below 1")
+    ] = 0.0  # fmt: skip
+    lever_y: Annotated[
+        float, Meta(ge=-1.0, le=1.0, description="likewise along y; 0 is off, assumed -0.3-0.3")
+    ] = 0.0
+    lateral_npmm: Annotated[
+        float, Meta(ge=0.0, le=100.0, description="sideways stiffness of finger and arm; 0 is "
+                    "rigid, assumed 3-10")
+    ] = 0.0  # fmt: skip
+    lateral_hz: Annotated[
+        float, Meta(ge=4.0, le=40.0, description="frequency of what swings on it; assumed, 8-18")
+    ] = 12.0
+    lateral_damping: Annotated[
+        float, Meta(ge=0.01, le=2.0, description="of that; assumed, 0.1-0.3")
+    ] = 0.15
+    tilting_rad_per_nmm: Annotated[
+        float, Meta(ge=0.0, le=0.01, description="tilt that the mount gives to a moment; 0 is "
+                    "rigid, assumed 0.0001-0.001")
+    ] = 0.0  # fmt: skip
+    joint_mm: Annotated[
+        float, Meta(ge=0.0, le=60.0, description="height above the pad's face of what it tilts "
+                    "about; assumed, 10-30")
+    ] = 20.0  # fmt: skip
+    shift_mm: Annotated[
+        float, Meta(ge=0.0, le=0.1, description="rms of small motions sideways while it is held; 0 "
+                    "is off, assumed 0.001-0.003")
+    ] = 0.0  # fmt: skip
+    rock_rad: Annotated[
+        float, Meta(ge=0.0, le=0.02, description="rms of small rocking about both axes; 0 is off, "
+                    "assumed 0.0005-0.0015")
+    ] = 0.0  # fmt: skip
+    jitter_s: Annotated[
+        float, Meta(ge=0.002, le=1.0, description="memory of shift and rocking; assumed, "
+                    "0.005-0.05")
+    ] = 0.015  # fmt: skip
+    spring_mm: Annotated[
+        float, Meta(ge=0.5, le=4.0, description="between springs of the bed: a texture is felt no "
+                    "finer; numerical, 1-2")
+    ] = 2.0  # fmt: skip
+    step_mm: Annotated[float, Meta(gt=0.0, le=1.0, description="longest path of an inner step")] = (
+        0.05
+    )
+    step_s: Annotated[float, Meta(gt=0.0, le=0.01, description="no inner step need be shorter")] = (
+        0.001
+    )
+
+
+def in_a_grasp(settings: FingertipSettings) -> FingertipSettings:
+    """The same pads on an object that the hand holds, not the arm presses."""
+    share = settings.grasp_share
+    return msgspec.structs.replace(
+        settings,
+        wander_mm=share * settings.wander_mm,
+        vibration_mm=share * settings.vibration_mm,
+        sway_mm=share * settings.sway_mm,
+        shift_mm=share * settings.shift_mm,
+        rock_rad=share * settings.rock_rad,
+    )

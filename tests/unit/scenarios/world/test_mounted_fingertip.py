@@ -1,0 +1,186 @@
+"""A fingertip on its mount: friction that loads and unloads it, sway, tilt, rubber that relaxes."""
+
+import math
+
+import numpy as np
+import pytest
+
+from scenarios.world import spring_bed as bed
+from scenarios.world.fingertip import Fingertips, Floats
+from scenarios.world.fingertip_settings import FingertipSettings, Surface
+
+STILL = {
+    "noise_counts": 0.0, "wander_mm": 0.0, "vibration_mm": 0.0, "sway_mm": 0.0,
+    "warming_k": 0.0, "tilt_rad": 0.0, "relaxation_share": 0.0, "crown_radius_mm": 40.0,
+}  # fmt: skip
+MU = 0.7
+SMOOTH = Surface(texture_rms_mm=0.0, friction_static=MU, friction_kinetic=MU)
+ROUGH = Surface(texture_rms_mm=0.2, friction_static=MU, friction_kinetic=MU)
+DEPTH_MM = 1.0
+
+
+class Mounted:
+    """One pad on a mount of so many N/mm, its base 1 mm beyond the surface's mean plane."""
+
+    def __init__(self, surface: Surface = SMOOTH, mount_npmm: float = 4.0, **settings: float):
+        merged = FingertipSettings(**{**STILL, **settings})  # type: ignore[arg-type]
+        self.tips = Fingertips(merged, [surface], np.random.default_rng(3))
+        self.mount = np.array([mount_npmm])
+        self.t_s = 0.0
+        self.at = np.zeros(2)
+
+    def go(self, dx_mm: float = 0.0, dy_mm: float = 0.0, dt_s: float = 0.01) -> float:
+        """The load after the surface has gone so far."""
+        self.t_s += dt_s
+        self.at += (dx_mm, dy_mm)
+        self.tips.advance(
+            self.t_s, DEPTH_MM * self.mount, self.at[None, :].copy(), np.zeros(1),
+            np.zeros((1, 2)), False, self.mount,
+        )  # fmt: skip
+        return float(self.tips.load_n[0])
+
+    def slide(self, mm_per_sample: float, samples: int = 60) -> float:
+        for _ in range(samples):
+            load = self.go(mm_per_sample)
+        return load
+
+    def counts(self) -> Floats:
+        out: Floats = (self.tips.codes()[0] - self.tips.rest)[0].astype(float)
+        return out
+
+
+def test_a_mount_and_the_springs_in_touch_share_the_depth() -> None:
+    pad = Mounted()
+    load = pad.go()
+    assert load == pytest.approx(4.0 * (DEPTH_MM - pad.tips.approach_mm[0]), rel=1e-9)
+    assert load > 0.5
+
+
+def test_without_a_lever_the_load_does_not_follow_the_stroke() -> None:
+    pad = Mounted()
+    still = pad.go()
+    assert pad.slide(0.3) == pytest.approx(still, rel=0.03)
+    assert pad.slide(-0.3) == pytest.approx(still, rel=0.03)
+
+
+@pytest.mark.parametrize("lever", [0.4, 0.8])
+def test_load_follows_the_stroke_as_that_of_a_drum_brakes_shoes(lever: float) -> None:
+    """A mount that is soft beside the pad: N = N0 / (1 +- lever mu)."""
+    pad = Mounted(mount_npmm=0.8, foundation_n_per_mm3=1.0, lever_x=lever)
+    pad.go()
+    down, up = pad.slide(0.3), pad.slide(-0.3)
+    assert up / down == pytest.approx((1 + lever * MU) / (1 - lever * MU), rel=0.15)
+    standing = pad.go()
+    assert standing == pytest.approx(up, rel=0.1)  # friction keeps it while it stands
+
+
+def test_a_lever_along_one_axis_is_deaf_to_strokes_along_the_other() -> None:
+    pad = Mounted(lever_x=0.8)
+    still = pad.go()
+    for _ in range(60):
+        load = pad.go(0.0, 0.3)
+    assert load == pytest.approx(still, rel=0.05)
+
+
+def test_a_soft_mount_must_be_dragged_along_before_the_pad_slides() -> None:
+    def travel(stiffness_npmm: float) -> float:
+        """Until it slides after the stroke has been reversed, mm."""
+        pad = Mounted(mount_npmm=2.0, lateral_npmm=stiffness_npmm, lateral_damping=0.7)
+        pad.slide(0.1, 100)
+        for k in range(1, 200):
+            pad.go(-0.05)
+            if pad.tips.sliding_share[0] > 0.99:
+                return 0.05 * k
+        return math.inf
+
+    friction = MU * Mounted(mount_npmm=2.0).go()
+    more = travel(2.0) - travel(0.0)
+    assert more == pytest.approx(2 * friction / 2.0, rel=0.3)
+
+
+def test_a_mount_that_is_let_go_swings_at_its_own_frequency() -> None:
+    pad = Mounted(lateral_npmm=5.0, lateral_hz=10.0, lateral_damping=0.05)
+    s = pad.tips._states[0]
+    s[bed.AWAY_X] = 0.5
+    seen = []
+    for _ in range(1000):  # nothing pulls at it
+        bed.swing(pad.tips._parameters, s, 0.001)
+        seen.append(s[bed.AWAY_X])
+    falls = np.flatnonzero((np.array(seen[:-1]) > 0) & (np.array(seen[1:]) <= 0))
+    assert np.diff(falls).mean() == pytest.approx(100.0, abs=2.0)
+    assert max(np.abs(seen[-100:])) < 0.05
+
+
+def test_friction_tilts_a_compliant_mount_onto_its_leading_edge() -> None:
+    def balance(compliance: float) -> float:
+        pad = Mounted(tilting_rad_per_nmm=compliance)
+        pad.go()
+        pad.slide(0.3)  # the surface runs towards +x: the pad's -x edge leads
+        load, x = pad.tips._springs[0, bed.LOAD], pad.tips._at[:, 0]
+        return float((load * x).sum() / load.sum())
+
+    assert balance(0.0005) < balance(0.0) - 0.3
+
+
+def test_load_off_the_middle_levels_a_compliant_mount() -> None:
+    rigid, giving = (
+        Mounted(tilt_rad=0.1, tilting_rad_per_nmm=c, mount_npmm=10.0) for c in (0.0, 0.001)
+    )
+    for pad in (rigid, giving):
+        for _ in range(30):
+            pad.go()
+    off = [abs(p.tips._states[0, bed.MOMENT_X] / p.tips.load_n[0]) for p in (rigid, giving)]
+    assert off[1] < 0.9 * off[0]
+
+
+@pytest.mark.parametrize(("share", "lost"), [(0.05, 0.076), (0.10, 0.153)])
+def test_at_constant_depth_rubber_relaxes_in_log_time(share: float, lost: float) -> None:
+    """Real barometers in elastomer lose 7.8 % (plain) to 16.6 % (degassed) from 0.2 to 7 s."""
+    pad = Mounted(
+        mount_npmm=1e4, relaxation_share=share, relaxation_slow_share=share, relaxation_s=0.1
+    )
+    loads = [pad.go() for _ in range(700)]
+    assert 1.0 - loads[699] / loads[19] == pytest.approx(lost, rel=0.15)
+    decades = [loads[9] - loads[69], loads[69] - loads[499]]
+    assert 0.5 < decades[1] / decades[0] < 2.0
+
+
+def test_shift_and_rocking_give_rest_more_than_one_mode() -> None:
+    def one_component(**settings: float) -> float:
+        pad = Mounted(ROUGH, **{"wander_mm": 0.01, **settings})
+        seen = np.array([(pad.go(), pad.counts())[1] for _ in range(300)])[20:]
+        spread = np.linalg.svd(np.diff(seen, axis=0), compute_uv=False) ** 2
+        return float(spread[0] / spread.sum())
+
+    alone = one_component()
+    assert one_component(rock_rad=0.003) < alone - 0.05
+    assert one_component(shift_mm=0.005) < alone - 0.05
+
+
+def test_finer_springs_carry_the_same_load_and_hear_a_texture_more_smoothly() -> None:
+    def increments(spring_mm: float) -> tuple[float, float]:
+        smoothness, loads = [], []
+        for seed in range(4):
+            pad = Mounted(ROUGH, spring_mm=spring_mm)
+            pad.tips = Fingertips(pad.tips._settings, [ROUGH], np.random.default_rng(seed))
+            seen = np.array([(pad.go(0.3), pad.counts())[1] for _ in range(150)])
+            change = np.diff(seen, axis=0)
+            smoothness.append((change[1:] * change[:-1]).sum() / (change**2).sum())
+            loads.append(pad.go())
+        return float(np.mean(smoothness)), float(np.mean(loads))
+
+    (rough, coarse_n), (smooth, fine_n) = increments(2.0), increments(1.0)
+    assert smooth > rough + 0.05
+    assert fine_n == pytest.approx(coarse_n, rel=0.1)
+
+
+def test_a_fingertip_with_all_terms_stays_finite_and_in_touch() -> None:
+    pad = Mounted(
+        ROUGH, lever_x=0.9, lever_y=0.3, lateral_npmm=3.0, tilting_rad_per_nmm=0.0005,
+        shift_mm=0.002, rock_rad=0.001, relaxation_slow_share=0.1, spring_mm=1.0,
+    )  # fmt: skip
+    loads = [pad.go(0.5 if k // 40 % 2 else -0.5) for k in range(400)]
+    assert np.isfinite(loads).all()
+    assert min(loads) > 0.0
+    assert max(loads) < 20.0
+    assert abs(pad.tips._states[0, bed.AWAY_X]) < 3.0
