@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController
-from grasp.doubt import Doubts, DoubtSettings, wrong_probabilities
+from grasp.doubt import Doubts, wrong_probabilities
+from grasp.doubt_settings import DoubtSettings
 from grasp.guard import ForceGuard
 from grasp.observation import Observation, StepInput
 from grasp.phases import OPEN_PHASES

@@ -14,7 +14,7 @@ from detector.network import NetworkSettings
 from detector.network_file import weights_digest, weights_path
 from detector.psd import PsdFairSettings, PsdSettings
 from grasp.controller_settings import ControllerSettings
-from grasp.doubt import DoubtSettings
+from grasp.doubt_settings import DoubtSettings
 from grasp.guard import GuardSettings
 from grasp.loop import LoopSettings
 from grasp.realtime import RealTimeSettings

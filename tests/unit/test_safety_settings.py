@@ -16,7 +16,7 @@ from detector.decision import RuleSettings
 from drivers.takktile.settings import TakkTileSettings
 from drivers.ur.driver import ArmSettings
 from grasp.controller_settings import ControllerSettings
-from grasp.doubt import DoubtSettings
+from grasp.doubt_settings import DoubtSettings
 from grasp.guard import GuardSettings
 from grasp.loop import LoopSettings
 from grasp.slip import SlipSettings

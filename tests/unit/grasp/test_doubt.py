@@ -9,15 +9,11 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.interfaces import ArmState, Detection, GripperState, TactileFrame
+from drivers.ur.model import ArmModel, ArmModelSettings
+from grasp.arm_doubt import ArmDoubt
 from grasp.commands import MoveArm, StopArm
-from grasp.doubt import (
-    ArmDoubt,
-    Doubts,
-    DoubtSettings,
-    FingertipDoubt,
-    GripperDoubt,
-    wrong_probabilities,
-)
+from grasp.doubt import Doubts, FingertipDoubt, GripperDoubt, wrong_probabilities
+from grasp.doubt_settings import DoubtSettings
 from grasp.phases import CONTACT_PHASES, Phase
 from tests.unit.grasp.builders import arm, gripper
 
@@ -416,6 +412,51 @@ def test_an_arm_that_turns_round_may_keep_its_place_for_as_long_as_that_takes() 
 
     assert turning(0.06 + SPARE_S - 1e-3) == ""
     assert turning(0.06 + SPARE_S + 1e-3).startswith("arm_frozen: ")
+
+
+@pytest.mark.parametrize("ramp_mps2", [0.05, 0.5, 3.0])
+@pytest.mark.parametrize("speed_mps", [0.005, 0.03, 0.1, 0.4])
+@pytest.mark.parametrize("delay_ms", [0, 280])
+@pytest.mark.parametrize("phase_ms", [0, 3, 7])
+def test_an_arm_that_is_turned_round_on_its_way_is_never_doubted(
+    speed_mps: float, ramp_mps2: float, delay_ms: int, phase_ms: int
+) -> None:
+    x, y, z = arm(0).position_m
+    model = ArmModel(ArmModelSettings(start_m=(x, y, z)), 0)
+    doubt = ArmDoubt(DoubtSettings())
+    told = {(0, 0): z + 0.5, (2000, 2000 + delay_ms): z}  # when told, when it is on its way
+    for now_ms in range(phase_ms, 8000, 10):
+        now_ns = now_ms * MS
+        sample = model.read(now_ns)
+        seen = msgspec.structs.replace(
+            arm(sample.t_ns), position_m=sample.position_m, velocity_mps=sample.velocity_mps
+        )
+        pending = any(due < now_ms <= sent for due, sent in told)
+        assert doubt.see(seen, pending) == "", now_ms
+        for (due, sent), height_m in told.items():
+            command = MoveArm((x, y, height_m), speed_mps, ramp_mps2)
+            if due == now_ms - phase_ms:
+                doubt.told(command, seen)
+            if sent == now_ms - phase_ms:
+                model.move_l(command.position_m, speed_mps, ramp_mps2, now_ns)
+
+
+def test_an_arm_goes_on_as_before_while_what_it_is_told_is_on_its_way() -> None:
+    def rising_on(by_m: float, aside_m: float = 0.0) -> str:
+        doubt = ArmDoubt(DoubtSettings())
+        doubt.see(at(0.0, 0.0), False)
+        x, y, z = arm(0).position_m
+        doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+        rising = at(1.0, 0.05, speed_mps=0.1)
+        doubt.see(rising, False)
+        doubt.told(MoveArm((x, y, z), 0.1, 0.5), rising)
+        assert doubt.see(at(1.5, 0.1, speed_mps=0.1), True) == ""
+        assert doubt.see(at(2.0, 0.14, speed_mps=0.1), True) == ""
+        return doubt.see(at(2.3, 0.14 + by_m, aside_m), False)
+
+    assert rising_on(0.03) == ""  # it brakes
+    assert rising_on(0.04).startswith("arm_wrong_way: ")
+    assert rising_on(0.01, 0.04).startswith("arm_wrong_way: ")
 
 
 @pytest.mark.parametrize("value", [0.5, 2.0])

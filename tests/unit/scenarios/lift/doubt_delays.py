@@ -3,7 +3,7 @@
 import math
 from itertools import pairwise
 
-from grasp.doubt import DoubtSettings
+from grasp.doubt_settings import DoubtSettings
 from grasp.loop import Tick
 from grasp.phases import Phase
 from tests.unit.scenarios.conftest import Staged

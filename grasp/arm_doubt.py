@@ -1,0 +1,138 @@
+"""What an arm says and cannot be: the part of ``grasp.doubt`` that watches it."""
+
+import math
+
+from drivers.interfaces import ArmState, Vector3
+from grasp.commands import MoveArm, StopArm
+from grasp.doubt_settings import DoubtSettings
+
+NOWHERE: Vector3 = (0.0, 0.0, 0.0)
+STANDING_MPS = 0.001  # an arm that stands reports no more
+SAME_LINE_M = 0.001  # a target that is no further from the present line lies on it
+
+
+class ArmDoubt:
+    """Positions that cannot be, or do not follow what the arm was told. Times are those at which
+    the controller's own clock was seen to run."""
+
+    def __init__(self, settings: DoubtSettings) -> None:
+        self._settings = settings
+        self._before: ArmState | None = None
+        self._command: MoveArm | None = None  # on which it is on its way
+        self._way = self._old_way = _Way(NOWHERE, NOWHERE)  # and before that was told
+        self._spare_s = 0.0  # to turn round
+        self._anchor: tuple[int, Vector3] = (0, NOWHERE)  # last motion seen
+        self._started = False
+
+    def told(self, command: MoveArm | StopArm, arm: ArmState) -> None:
+        """A command goes out while the arm is like this."""
+        if isinstance(command, StopArm):
+            self._command = None
+            return
+        self._command, self._started = command, False
+        self._old_way, self._way = self._way, self._way_of(command, arm)
+        ramp = command.acceleration_mps2
+        self._spare_s = 2.0 * math.sqrt(2.0 * self._settings.arm_moved_m / ramp)
+        self._anchor = (arm.t_ns, arm.position_m)
+
+    def _way_of(self, command: MoveArm, arm: ArmState) -> "_Way":
+        """With room to brake in where it has to turn round."""
+        if _lies_ahead(arm, command):
+            return _Way(arm.position_m, command.position_m)
+        speed_mps = math.hypot(*arm.velocity_mps)
+        braking_m = speed_mps**2 / (2.0 * command.acceleration_mps2)
+        spare_m = braking_m + speed_mps * self._settings.arm_start_s
+        return _Way(arm.position_m, command.position_m, spare_m)
+
+    def see(self, arm: ArmState, pending: bool) -> str:
+        """What is wrong with it. ``pending``: what it was told is still on its way."""
+        if not all(map(math.isfinite, (*arm.position_m, *arm.velocity_mps, arm.angle_rad))):
+            return "arm_position_nan: position or speed of the arm is not a number"
+        before, self._before = self._before, arm
+        if before is None:
+            self._way = _Way(arm.position_m, arm.position_m)
+            self._anchor = (arm.t_ns, arm.position_m)
+            return ""
+        if pending and not self._started:
+            self._anchor = (arm.t_ns, arm.position_m)
+        strayed = self._strayed(arm, pending)
+        return self._jumped(before, arm) or strayed or self._froze(arm, pending)
+
+    def _jumped(self, before: ArmState, arm: ArmState) -> str:
+        s = self._settings
+        way_m = math.dist(before.position_m, arm.position_m)
+        if way_m > s.arm_jump_m + s.arm_fastest_mps * (arm.t_ns - before.t_ns) * 1e-9:
+            return f"arm_jump: {way_m:.3f} m from one sample to the next"
+        return ""
+
+    def _strayed(self, arm: ArmState, pending: bool) -> str:
+        s, way = self._settings, self._way
+        if pending and way.turns and self._command is not None:  # it goes on as before
+            way, self._way = self._old_way, self._way_of(self._command, arm)
+        turned = way.turns
+        beyond_m = way.beyond_m(arm.position_m, s.arm_moved_m)
+        if turned and not way.turns:
+            self._anchor = (arm.t_ns, arm.position_m)
+        if beyond_m > s.arm_astray_m:
+            return f"arm_wrong_way: {beyond_m * 1e3:.0f} mm away from where it was told to be"
+        return ""
+
+    def _froze(self, arm: ArmState, pending: bool) -> str:
+        s, (since_ns, there_m) = self._settings, self._anchor
+        if math.dist(arm.position_m, there_m) > s.arm_moved_m:
+            self._anchor = (arm.t_ns, arm.position_m)
+            self._started = self._command is not None and not pending
+            return ""
+        command = self._command
+        if command is None or math.dist(arm.position_m, command.position_m) <= s.arm_there_m:
+            return ""
+        limit_s = s.arm_frozen_s if self._started else s.arm_start_s
+        if self._way.turns or not self._started:
+            limit_s += self._spare_s
+        still_s = (arm.t_ns - since_ns) * 1e-9
+        if still_s > limit_s:
+            return f"arm_frozen: {still_s:.2f} s at one place while told to move"
+        return ""
+
+
+class _Way:
+    """A straight line that an arm was told to move along, and how far it has got."""
+
+    def __init__(self, start_m: Vector3, end_m: Vector3, spare_m: float | None = None) -> None:
+        """``spare_m``: to brake in, as it has to turn round first."""
+        self._start_m, self._end_m = start_m, end_m
+        self._spare_m = spare_m or 0.0
+        self._least_m = self._most_m = math.dist(start_m, end_m)  # from its end, so far
+        self.turns = spare_m is not None  # and has not yet
+
+    def beyond_m(self, at_m: Vector3, moved_m: float) -> float:
+        """How far from the line, or back on it, that is, beyond what braking takes. It has turned
+        round once it has come nearer by ``moved_m``."""
+        away_m = math.dist(at_m, self._end_m)
+        self._least_m, self._most_m = min(self._least_m, away_m), max(self._most_m, away_m)
+        if self.turns and away_m < self._most_m - moved_m:
+            self.turns, self._spare_m = False, 0.0
+            self._start_m, self._least_m = at_m, away_m
+        aside_m = _off_line(at_m, self._start_m, self._end_m)
+        return max(aside_m, away_m - self._least_m) - self._spare_m
+
+
+def _lies_ahead(arm: ArmState, command: MoveArm) -> bool:
+    """Whether the arm stands, or goes towards there and can brake in time."""
+    way = [b - a for a, b in zip(arm.position_m, command.position_m, strict=True)]
+    speed_mps, way_m = math.hypot(*arm.velocity_mps), math.hypot(*way)
+    if speed_mps < STANDING_MPS:
+        return True
+    along_m = sum(v * x for v, x in zip(arm.velocity_mps, way, strict=True)) / speed_mps
+    aside_m = math.sqrt(max(0.0, way_m**2 - along_m**2))
+    return aside_m < SAME_LINE_M and along_m >= speed_mps**2 / (2.0 * command.acceleration_mps2)
+
+
+def _off_line(at_m: Vector3, start_m: Vector3, end_m: Vector3) -> float:
+    """Distance from the straight line between two points, its ends included."""
+    way = [b - a for a, b in zip(start_m, end_m, strict=True)]
+    gone = [b - a for a, b in zip(start_m, at_m, strict=True)]
+    square = sum(x * x for x in way)
+    share = sum(x * y for x, y in zip(way, gone, strict=True)) / square if square else 0.0
+    share = min(max(share, 0.0), 1.0)
+    return math.dist(gone, [share * x for x in way])
