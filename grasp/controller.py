@@ -14,7 +14,6 @@ from grasp.commands import (
     BeginRest,
     CloseFast,
     Command,
-    HoldFingers,
     MoveArm,
     MoveFingers,
     OpenFingers,
@@ -24,8 +23,6 @@ from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.observation import Observation
 from grasp.phases import (
     AIRBORNE_PHASES,
-    CLOSING_PHASES,
-    CONTACT_PHASES,
     OPEN_PHASES,
     SAFE_PHASES,
     Phase,
@@ -68,6 +65,7 @@ class GraspController:
         self.closings = 0  # answers to slip or lost contact
         self.finished = False
         self.fault_cause = ""
+        self.further: list[str] = []  # doubts since the safe state was entered
         self.unreached: tuple[str, ...] = ()  # of the safe state, when the run ended
         self.home: Vector3 = plan.home or (0.0, 0.0, 0.0)  # without one, set by `_idle`
         self._out: list[Command] = []
@@ -108,7 +106,8 @@ class GraspController:
     @property
     def _safe(self) -> SafeState:
         """The safe state that was entered last."""
-        return SafeState(self.phase, self.machine.before, self._entered_ns, self.fault_cause)
+        cause = "; ".join((self.fault_cause, *self.further))
+        return SafeState(self.phase, self.machine.before, self._entered_ns, cause)
 
     def step(self, seen: Observation) -> Decision:
         """Take one observation; returns the commands that follow from it."""
@@ -116,7 +115,9 @@ class GraspController:
         self._reset_detector = self._anchor = False
         self.monitor.update(seen.t_ns, seen.probabilities)
         self._feel(seen)
-        trouble = "" if self.phase in SAFE_PHASES else self._trouble(seen)
+        trouble = "" if self.in_safe_state else self._trouble(seen)
+        if self.in_safe_state:
+            self._doubt_further(seen.doubt)
         if trouble:
             self._fail(seen, trouble)
         elif seen.stop and self.phase not in SAFE_PHASES:
@@ -132,13 +133,19 @@ class GraspController:
             finished=self.finished,
         )
 
-    def interrupted(self) -> tuple[Command, ...]:
-        """Safe state of a run that is stopped from outside: the arm stands, a grip is kept."""
+    def aborted(self) -> tuple[Command, ...]:
+        """What is asked for when no step can be taken any more: a fault's safe state, or that which
+        was entered before."""
+        fault = SafeState(Phase.FAULT, self.phase, self._entered_ns, "")
+        safe = self._safe if self.in_safe_state else fault
         stop = StopArm(self._settings.stop_deceleration_mps2)
-        if self.in_safe_state:  # what it asks for of the hand goes on
-            return (stop, *self._safe.of_hand(self._fastest_closure()))
-        kept = CONTACT_PHASES - CLOSING_PHASES | {Phase.IDLE}
-        return (stop,) if self.phase in kept else (stop, HoldFingers())
+        return (stop, *safe.of_hand(self._fastest_closure()))
+
+    def _doubt_further(self, doubt: str) -> None:
+        """In a safe state nothing new is asked for; what else cannot be believed is told."""
+        told = {part.partition(":")[0] for part in (*self.fault_cause.split("; "), *self.further)}
+        new = (part for part in doubt.split("; ") if part)
+        self.further += [part for part in new if part.partition(":")[0] not in told]
 
     def _feel(self, seen: Observation) -> None:
         """Remember when the thumb, which opposes both others, last touched something, and when no

@@ -56,7 +56,7 @@ class Doubts:
         late_ns: int = 0,
         took_ns: int = 0,
     ) -> str:
-        """What cannot be believed; empty when all can, and in the safe state.
+        """What cannot be believed; empty when all can.
 
         ``late_ns``: how much later than it should this step began; ``took_ns``: how long the one
         before took. ``pending`` as in ``observation.StepInput``.
@@ -69,7 +69,7 @@ class Doubts:
             self._gripper.see(gripper),
             self._fingertips.see(frame, phase),
         )
-        return "" if phase is Phase.FAULT else "; ".join(filter(None, found))
+        return "; ".join(filter(None, found))
 
     def sent(self, commands: Sequence[Command], arm: ArmState) -> None:
         """These commands follow from the step; ``arm`` is how it stood then."""

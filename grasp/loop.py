@@ -6,6 +6,7 @@ and of what a step concludes only which commands go where.
 
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Annotated
 
 import msgspec
@@ -180,6 +181,7 @@ class ControlLoop:
         self._deadlines = Deadlines(clock.now_ns, self._period_ns)
         self._queue: deque[_Waiting] = deque()
         self._issued: list[Issued] = []
+        self._last: Tick | None = None
         self._trouble = ""
         self._stop = ""
         self._gripper_lost = False
@@ -211,6 +213,7 @@ class ControlLoop:
         self._send_before_anyone_watches()
         tick = Tick(result.observation, result.decision, tuple(self._issued))
         self._issued.clear()
+        self._last = tick
         self._on_tick(tick)
         return tick
 
@@ -236,19 +239,49 @@ class ControlLoop:
             self.tick()
         return stopped and controller.fault_cause == cause
 
-    def abort(self) -> None:
-        """A bug of ours: stop the arm and keep the grip without another step, until it stands."""
+    def fail(self, cause: str) -> None:
+        """A bug of ours ends a run as a fault does: the controller is told of trouble, and its safe
+        state is pursued. Raises what the bug raises where that cannot be."""
+        self._queue.clear()
+        self._trouble = cause
+        end_ns = self._clock.now_ns + round(self._settings.stop_s * 1e9)
+        while not self._step.controller.finished and self._clock.now_ns < end_ns:
+            self.tick()
+
+    def abort(self) -> Tick | None:
+        """As ``fail`` where no step can be taken any more: each device is told by itself, until the
+        arm stands. Returns how they were left; None where there was no step at all."""
         self._queue.clear()
         end_ns = self._clock.now_ns + round(self._settings.abort_s * 1e9)
-        for command in self._step.controller.interrupted():
-            self.submit(command)
+        stop, *hand = self._step.controller.aborted()
+        self._attempt(stop, *hand)
         while True:
-            self._advance_to(self._clock.now_ns + round(self._settings.abort_repeat_s * 1e9))
-            self._pump(self._clock.now_ns)
+            with suppress(Exception):
+                self._pump(self._clock.now_ns)
             arm = self._devices.arm.state
             if self._clock.now_ns >= end_ns or (arm is not None and not arm.moving):
-                return
-            self.submit(self._step.controller.interrupted()[0])
+                return self._left()
+            self._attempt(stop)
+
+    def _attempt(self, *commands: Command) -> None:
+        """Send each that can be sent, whatever becomes of the others; then let a moment pass."""
+        for command in commands:
+            with suppress(Exception):
+                self.submit(command)
+                self._advance_to(self._clock.now_ns)
+        self._queue.clear()
+        moment_ns = round(self._settings.abort_repeat_s * 1e9)
+        self._clock.sleep_until_ns(self._clock.now_ns + moment_ns)
+
+    def _left(self) -> Tick | None:
+        """The last step, with what the devices say now."""
+        if self._last is None:
+            return None
+        arm = self._devices.arm.state or self._last.arm
+        observation = msgspec.structs.replace(
+            self._last.observation, t_ns=self._clock.now_ns, gripper=self._gripper_state(), arm=arm
+        )
+        return Tick(observation, self._last.decision, tuple(self._issued))
 
     def _await_period(self) -> int:
         """Sleep to the next deadline, sending on the way what comes due; gives the time then."""

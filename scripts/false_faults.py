@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 from detector import recordings
 from detector.recordings import Recording
 from drivers.interfaces import FINGERS, PERIOD_NS
-from grasp.doubt import Doubts, DoubtSettings, FingertipDoubt
+from grasp.doubt import Doubts, FingertipDoubt
+from grasp.doubt_settings import DoubtSettings
 from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios.acquire.datasets import build as datasets

@@ -121,7 +121,7 @@ def print_verdict(result: Any) -> None:
     print(f"\n{word}: {result.outcome.replace('_', ' ')}  ({result.object}, seed {result.seed})")
     for text in _facts(result):
         print(f"  {text}")
-    if result.outcome != "fault" and result.success is not None and result.end is not None:
+    if result.success is not None and result.outcome != "fault" and result.end is not None:
         print(f"  {result.end.arm}; {result.end.hand}")  # an object that was lost
         if result.end.advice:
             print(f"  {result.end.advice}")

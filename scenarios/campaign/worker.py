@@ -70,6 +70,8 @@ def run_once(config: LiftConfig | TapConfig, seed: int, runs: Path | None) -> An
         finished = lift.run(config, seed, runs)
     if finished.result is not None and finished.result.outcome == INTERRUPTED:
         raise KeyboardInterrupt
+    if finished.result is not None and finished.result.bug is not None:
+        raise RuntimeError(finished.result.bug.traceback)
     return finished
 
 

@@ -13,7 +13,6 @@ from scenarios.lift.result import LiftResult
 from scenarios.lift.scoring import (
     SUCCESSES,
     LiftFacts,
-    LiftOutcome,
     false_start,
     outcome,
     slip_distance_m,
@@ -90,13 +89,12 @@ def judge(
     what a person read, where no world knows."""
     facts = msgspec.structs.replace(_facts(config, seed, trial), mark=mark)
     verdict = outcome(facts, config.object, config.scoring)
-    if trial.interrupted:
-        verdict = LiftOutcome.INTERRUPTED
+    judged = trial.bug is None and not trial.interrupted
     end = trial.trace.end
     return LiftResult(
         **trial.figures(config, SCENARIO, seed),
-        success=None if trial.interrupted else verdict in SUCCESSES,
-        outcome=verdict.value,
+        success=verdict in SUCCESSES if judged else None,
+        outcome=trial.outcome_of(verdict.value),
         slip_onset_s=facts.onset_s,
         first_detection_s=seconds(trial.controller.monitor.first_detection_ns),
         slip_registered_s=facts.registered_s,

@@ -17,7 +17,7 @@ from scenarios.world.objects import GraspObject
 
 
 class LiftOutcome(StrEnum):
-    """How a lift can end; the first three are successes, the last one is not judged."""
+    """How a lift can end; the first three are successes, the last two are not judged."""
 
     HELD_WITHIN_6CM = "held_within_6cm"
     HELD_WITHIN_12CM = "held_within_12cm"
@@ -33,6 +33,7 @@ class LiftOutcome(StrEnum):
     OVER_FORCE = "over_force"
     FAULT = "fault"
     INTERRUPTED = "interrupted"  # not judged
+    INTERNAL_ERROR = "internal_error"  # nor this
 
 
 SUCCESSES = frozenset({LiftOutcome.HELD_WITHIN_6CM, LiftOutcome.HELD_WITHIN_12CM, LiftOutcome.HELD})

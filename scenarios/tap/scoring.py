@@ -29,10 +29,13 @@ class TapOutcome(StrEnum):
     OVER_FORCE = "over_force"
     FAULT = "fault"
     INTERRUPTED = "interrupted"  # not judged
+    INTERNAL_ERROR = "internal_error"  # nor this
 
 
 UNMOVED = frozenset({TapOutcome.UNMOVED_QUIET, TapOutcome.UNMOVED_REGISTERED})
-UNSTRUCK = frozenset({TapOutcome.NEVER_NOMINAL, TapOutcome.FAULT, TapOutcome.INTERRUPTED})
+UNSTRUCK = frozenset(
+    {TapOutcome.NEVER_NOMINAL, TapOutcome.FAULT, TapOutcome.INTERRUPTED, TapOutcome.INTERNAL_ERROR}
+)
 
 
 class ObjectMotion(msgspec.Struct, frozen=True, kw_only=True):

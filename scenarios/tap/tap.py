@@ -141,7 +141,8 @@ def facts_of(config: TapConfig, trial: TapTrial) -> TapFacts:
 def judge(config: TapConfig, seed: int, trial: TapTrial, recording: str | None) -> TapResult:
     """Verdict and figures of a finished tap."""
     facts = facts_of(config, trial)
-    outcome = TapOutcome.INTERRUPTED if trial.interrupted else verdict(facts, config.tap_scoring)
+    outcome = TapOutcome(trial.outcome_of(verdict(facts, config.tap_scoring)))
+    judged = trial.bug is None and not trial.interrupted
     motion, before = facts.motion, trial.sequence.before
     registered_s = registered_after(facts.alarms, motion.struck_s) if motion else None
     again_s = (
@@ -151,7 +152,7 @@ def judge(config: TapConfig, seed: int, trial: TapTrial, recording: str | None) 
     return TapResult(
         **trial.figures(config, SCENARIO, seed),
         direction=direction_of(config.tap, seed),
-        success=None if trial.interrupted else outcome is TapOutcome.REGISTERED,
+        success=outcome is TapOutcome.REGISTERED if judged else None,
         outcome=outcome.value,
         moved=None if outcome in UNSTRUCK else outcome not in UNMOVED,
         displacement_m=motion.displacement_m if motion else None,

@@ -29,6 +29,7 @@ class End(msgspec.Struct, frozen=True):
     hand: str
     advice: str
     unreached: tuple[str, ...] = ()
+    further: tuple[str, ...] = ()  # what could not be believed since
     open: bool = False  # the hand was seen to be
 
 

@@ -3,7 +3,7 @@
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from typing import Any
 
 import msgspec
@@ -23,7 +23,7 @@ from grasp.step import GraspStep
 from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.ending import End, end_of, happened, stood_still
-from scenarios.trial.result import Failure, named, phase_entries, timing_result, versions
+from scenarios.trial.result import Bug, Failure, named, phase_entries, timing_result, versions
 from scenarios.trial.trace import Trace
 from scenarios.world.cell import Truth
 
@@ -35,6 +35,8 @@ KEEP_UP = (
     "this computer stood still: end what else it does, then start the run again (docs/real-time.md)"
 )
 INTERRUPTED = "interrupted"  # and of one that was stopped from outside: it is not judged
+INTERNAL_ERROR = "internal_error"  # and of one that an exception of our own code ended: nor this
+REPORT = "a bug: report it with what the run has left"
 
 OnTick = Callable[[Tick], None]
 Watch = Callable[[Tick, Truth | None, GraspController], None]
@@ -170,16 +172,26 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     acknowledged_ns: Sequence[int]
     real_time: bool | None  # was a real-time priority granted; None in virtual time
     interrupted: bool  # by Ctrl-C or a signal
+    bug: Bug | None  # an exception of our own code ended it
     way_out: str  # what to do about a hand that was left closed; empty where its cell has ended
 
     @property
     def fault(self) -> str:
         """Why it ended in the safe state; empty if it did not, or was told to."""
+        if self.bug is not None:
+            return self.bug.line
         return "" if self.interrupted else self.controller.fault_cause
+
+    def outcome_of(self, verdict: str) -> str:
+        """What it is called: the verdict of one that can be judged, or why it cannot."""
+        if self.bug is not None:
+            return INTERNAL_ERROR
+        return INTERRUPTED if self.interrupted else verdict
 
     def end(self, config: TrialConfig) -> End | None:
         """How arm and hand were left, where it ended in the safe state."""
-        if not self.controller.in_safe_state:
+        controller = self.controller
+        if not controller.in_safe_state and self.bug is None:
             return None
         old_s, trace = config.controller.stale_after_s, self.trace
         end = end_of(
@@ -190,16 +202,21 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             self.way_out,
             self.controller.fault_cause,
         )
-        return msgspec.structs.replace(end, unreached=self.controller.unreached)
+        return msgspec.structs.replace(
+            end, unreached=controller.unreached, further=tuple(controller.further)
+        )
 
     def failure(self, config: TrialConfig, outcome: str) -> Failure | None:
         """Why the exit code is not the verdict's, if so."""
-        if not self.interrupted and outcome != FAULT:
+        if outcome not in (FAULT, INTERRUPTED, INTERNAL_ERROR):
             return None
+        if self.bug is not None:
+            return Failure("internal", self.bug.line, REPORT, self.end(config))
         cause, errors, end = self.controller.fault_cause, self.loop.errors, self.end(config)
         if self.interrupted:
             cause = f"{cause} in phase {self.controller.machine.before}"
         message = happened(cause, self.trace.last, errors, config.controller.stale_after_s)
+        message = "; then ".join((message, *self.controller.further))
         if self.interrupted:
             return Failure("interrupted", message, "", end)
         if stood_still(cause):
@@ -226,6 +243,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "versions": versions(),
             "config_hash": config.digest(),
             "end": self.end(config),
+            "bug": self.bug,
             "home_m": self.controller.home if self.controller.machine.log else None,
         }
 
@@ -244,7 +262,8 @@ def run_trial(
     follow: Follow = lambda tick, truth: False, deadline_s: float | None = None,
     home: Vector3 | None = None,
 ) -> FinishedTrial:  # fmt: skip
-    """Run a controller to its end on an open rig; Ctrl-C stops the arm and keeps the grip.
+    """Run a controller to its end on an open rig; Ctrl-C stops the arm and keeps the grip, and an
+    exception of our own code ends as a fault does.
 
     ``deadline_s``: in place of ``loop.deadline_s``, where a person is waited for. ``home``: of the
     arm, from an earlier trial on this rig (``controller.home``).
@@ -263,33 +282,58 @@ def run_trial(
             return None
 
     def take(tick: Tick) -> None:
+        if bugs:  # any of these may be what raised: the safe state does without them
+            trace.add(tick, None)
+            with suppress(Exception):
+                watch(tick, None, controller)
+            return
         truth = look()
         trace.add(tick, truth)
         loop.set_down = follow(tick, truth)
         watch(tick, truth, controller)
 
+    bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take)
     interrupted, granted = _run_to_end(
-        config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s
+        config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs, trace
     )
     interruption.seal()  # what is left is closing, judging and writing
+    final, stalls = None, Stalls()
+    with suppress(Exception) if bugs else nullcontext():
+        final = look()
+        stalls = stalls if WORLD in loop.errors else rig.stalls()
     return FinishedTrial(
-        controller, loop, trace, look(), Stalls() if WORLD in loop.errors else rig.stalls(),
-        acknowledged(rig, loop), granted, interrupted, rig.way_out,
+        controller, loop, trace, final, stalls, acknowledged(rig, loop), granted, interrupted,
+        bugs[0] if bugs else None, rig.way_out,
     )  # fmt: skip
 
 
 def _run_to_end(
-    config: TrialConfig, rig: GraspRig, loop: ControlLoop, deadline_s: float
-) -> tuple[bool, bool | None]:
+    config: TrialConfig, rig: GraspRig, loop: ControlLoop, deadline_s: float, bugs: list[Bug],
+    trace: Trace,
+) -> tuple[bool, bool | None]:  # fmt: skip
     """Run until the controller has finished. Tells whether it was interrupted, in a safe state, and
-    whether a real-time priority was granted (None in virtual time)."""
+    whether a real-time priority was granted (None in virtual time). An exception of our own code
+    is put into ``bugs`` before the safe state is pursued."""
     with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
         try:
             return _stopped(loop, deadline_s), granted
-        except BaseException:  # a bug of ours must not leave the arm moving
+        except Exception as error:
+            bugs.append(Bug.of(error))
+            _end_as_a_fault(loop, bugs[0], trace)
+            return False, granted
+        except BaseException:  # nothing may leave the arm moving
             loop.abort()
             raise
+
+
+def _end_as_a_fault(loop: ControlLoop, bug: Bug, trace: Trace) -> None:
+    try:
+        loop.fail(bug.line)
+    except Exception:  # no step can be taken any more
+        left = loop.abort()
+        if left is not None:
+            trace.add(left, None)
 
 
 def _stopped(loop: ControlLoop, deadline_s: float) -> bool:

@@ -2,11 +2,12 @@
 
 import platform
 import subprocess
+import traceback
 from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Generic, Self, TypeVar
 
 import msgspec
 
@@ -41,6 +42,26 @@ class PhaseEntry(msgspec.Struct, frozen=True):
     cause: str
 
 
+class Bug(msgspec.Struct, frozen=True):
+    """An exception that no code of ours may raise, and that ended a run."""
+
+    name: str
+    text: str
+    traceback: str
+
+    @classmethod
+    def of(cls, error: Exception) -> Self:
+        lines = traceback.format_exception(error)
+        return cls(type(error).__name__, str(error), "".join(lines))
+
+    @property
+    def line(self) -> str:
+        """In one line, with where it was raised."""
+        raised = [line for line in self.traceback.splitlines() if line.startswith("  File ")]
+        where = f" ({raised[-1].strip()})" if raised else ""
+        return f"internal_error: {self.name}: {self.text.partition(chr(10))[0]}{where}"
+
+
 class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     """Verdict of one trial, whatever it tried. Times in seconds on the rig's clock; None = did not
     happen, or cannot be known without a simulation. Forces in newtons a finger. ``success`` is
@@ -64,6 +85,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     versions: dict[str, str]
     config_hash: str
     end: End | None = None  # where it ended in a safe state
+    bug: Bug | None = None  # where an internal error ended it
     home_m: Vector3 | None = None  # of the arm, which its descents end at; None: it never began
     taxels_at_rail: dict[str, int] = {}  # of each finger, at most at once; normal in a firm grip
 

@@ -423,7 +423,43 @@ def test_hand_that_closes_onto_the_object_is_held_when_a_person_stops_the_run(ph
 def test_bug_of_ours_in_a_fault_in_the_air_does_not_end_its_closing() -> None:
     d = Driver().lift()
     d.step(trouble="x")
-    assert [type(c) for c in d.controller.interrupted()] == [StopArm, CloseFast]
+    assert [type(c) for c in d.controller.aborted()] == [StopArm, CloseFast]
+
+
+@pytest.mark.parametrize("doubt", ["arm_jump: 0.05 m", "gripper_impossible: finger A at 300"])
+def test_further_doubt_in_a_safe_state_is_told_once_and_moves_nothing(doubt: str) -> None:
+    d = Driver().lift()
+    d.step(doubt="gripper_silent: 0.16 s without an answer")
+    d.commands.clear()
+    for _ in range(20):
+        d.step(doubt=f"gripper_silent: 0.30 s without an answer; {doubt}")
+    assert d.controller.fault_cause.startswith("gripper_silent: 0.16 s")
+    assert d.controller.further == [doubt]
+    assert {type(c) for c in d.commands} <= {StopArm, CloseFast}
+
+
+def test_arm_that_is_doubted_only_in_the_safe_state_is_not_said_to_stand() -> None:
+    d = Driver().lift()
+    d.step(trouble="x", arm=arm(d.t_ns + TICK, 0.05, moving=True))
+    d.step(doubt="arm_jump: 0.05 m from one sample to the next")
+    assert not d.controller.finished
+    for _ in range(310):
+        d.step()
+    assert "unknown" in d.controller.unreached[0]
+    assert sum(isinstance(c, StopArm) for c in d.commands) > 20
+
+
+@pytest.mark.parametrize("phase", [Phase.RELAX, Phase.LIFT])
+def test_doubt_after_a_person_has_stopped_the_run_keeps_the_grip_as_it_is(phase: Phase) -> None:
+    d = Driver()
+    d.until(phase)
+    d.commands.clear()
+    d.step(stop="stopped by hand", arm=arm(d.t_ns + TICK, 0.05, moving=True))
+    for _ in range(20):
+        d.step(doubt="fingertips_frozen: all codes", arm=arm(d.t_ns + TICK, 0.05, moving=True))
+    assert d.controller.phase is Phase.STOPPED
+    assert d.controller.further == ["fingertips_frozen: all codes"]
+    assert {type(c) for c in d.commands} == {StopArm}
 
 
 def test_safe_state_is_not_asked_for_again_while_the_request_is_on_its_way() -> None:

@@ -14,7 +14,7 @@ from grasp.arm_doubt import ArmDoubt
 from grasp.commands import MoveArm, StopArm
 from grasp.doubt import Doubts, FingertipDoubt, GripperDoubt, wrong_probabilities
 from grasp.doubt_settings import DoubtSettings
-from grasp.phases import CONTACT_PHASES, Phase
+from grasp.phases import CONTACT_PHASES, SAFE_PHASES, Phase
 from tests.unit.grasp.builders import arm, gripper
 
 MS = 1_000_000
@@ -164,8 +164,9 @@ def test_standstill_s(value: float) -> None:
     assert of(Phase.IDLE, settings, late_ns=10**10) == ""  # a run begins when it begins
 
 
-def test_nothing_is_doubted_any_more_in_the_safe_state() -> None:
-    assert of(Phase.FAULT, DoubtSettings(), late_ns=10**10) == ""
+@pytest.mark.parametrize("phase", sorted(SAFE_PHASES))
+def test_devices_are_doubted_in_a_safe_state_too(phase: Phase) -> None:
+    assert of(phase, DoubtSettings(), late_ns=10**10).startswith("loop_stood_still: ")
 
 
 def test_all_that_is_wrong_is_told() -> None:

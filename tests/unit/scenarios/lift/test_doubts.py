@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from grasp.commands import MoveArm, StopArm
+from grasp.commands import MoveArm, MoveFingers, OpenFingers, StopArm
+from grasp.loop import Tick
 from grasp.phases import AIRBORNE_PHASES, Phase
 from scenarios.trial.execution import FinishedTrial
 from tests.unit.scenarios.conftest import Staged, in_phase
@@ -182,3 +183,45 @@ def test_one_taxel_at_the_rail_is_no_fault_and_is_reported() -> None:
     at_rail = staged.result(trial).taxels_at_rail
     assert set(at_rail) == {"A", "B", "C"}
     assert 1 <= at_rail["A"] < 6
+
+
+FURTHER = [
+    (fault.lose_arm_position, "arm_position_nan"),
+    (fault.let_arm_leap, "arm_jump"),
+    (fault.power_cycle_gripper, "gripper_inactive"),
+    (fault.let_thumb_leap, "gripper_impossible"),
+    (fault.fingertips_read(0), "fingertips_at_rail"),
+]
+
+
+@pytest.mark.parametrize("phase", [P.GRASP, P.LIFT, P.HOLD])
+@pytest.mark.parametrize(("act", "name"), FURTHER, ids=[name for _, name in FURTHER])
+def test_fault_in_a_safe_state_is_told_and_neither_opens_the_hand_nor_moves_the_arm(
+    act: fault.Act, name: str, phase: Phase
+) -> None:
+    staged = Staged()
+    inject = in_phase(phase, 5)
+
+    def both(tick: Tick) -> bool:
+        if tick.decision.phase is P.FAULT:
+            return True
+        if inject(tick):
+            staged.rig.cell.board.unplug()  # type: ignore[union-attr]
+        return False
+
+    trial = staged.run(both, act)
+    assert trial.controller.phase is P.FAULT
+    assert "unplugged" in trial.controller.fault_cause
+    commands = told(staged)
+    assert not any(isinstance(c, MoveArm | MoveFingers | OpenFingers) for c in commands)
+    cell = fault.cell(staged.rig)
+    now_ns = staged.rig.clock.now_ns
+    assert cell.arm.velocity(now_ns) == (0.0, 0.0, 0.0)
+    failure = trial.failure(staged.config, "fault")
+    assert failure is not None
+    if trial.controller.further:
+        assert trial.controller.further[0].startswith(f"{name}: ")
+        assert f"; then {name}: " in failure.message
+        assert failure.end is not None and failure.end.further == tuple(trial.controller.further)
+    else:
+        assert name.startswith("fingertips")  # nobody hears them any more

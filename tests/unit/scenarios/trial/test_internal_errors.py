@@ -1,0 +1,191 @@
+"""An exception of our own code ends a run as a fault does, wherever it is raised."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from detector.energy import EnergyDetector
+from grasp.cli.live import Display
+from grasp.cli.main import main
+from grasp.commands import MoveArm, StopArm
+from grasp.controller import GraspController
+from grasp.doubt import Doubts
+from grasp.guard import ForceGuard
+from grasp.loop import Tick
+from grasp.phases import AIRBORNE_PHASES, Phase
+from grasp.recording import RunRecorder
+from scenarios.campaign.spec import Task
+from scenarios.campaign.worker import run_trial as run_task
+from scenarios.tap import tap
+from scenarios.trial.replay import replay_run
+from scenarios.world.cell import SimulatedCell
+from tests.unit.scenarios.conftest import Staged, config, in_phase
+from tests.unit.scenarios.lift import device_faults as fault
+from tests.unit.scenarios.trial.test_stopped import QUICK, tap_config
+
+TEXT = "planted"
+PLACES: dict[str, tuple[type, str]] = {
+    "controller": (GraspController, "step"),
+    "doubts": (Doubts, "of"),
+    "guard": (ForceGuard, "admit"),
+    "recorder": (RunRecorder, "write"),
+    "truth": (SimulatedCell, "truth"),
+}
+
+
+def plant(patch: pytest.MonkeyPatch, owner: type, name: str) -> Callable[[], None]:
+    """From when the result is called on, the method raises, whenever it is called."""
+    whole = getattr(owner, name)
+    planted: list[bool] = []
+
+    def broken(self: Any, *args: Any, **more: Any) -> Any:
+        if planted:
+            raise ZeroDivisionError(TEXT)
+        return whole(self, *args, **more)
+
+    patch.setattr(owner, name, broken)
+    return lambda: planted.append(True)
+
+
+def staged(
+    patch: pytest.MonkeyPatch, place: str, phase: Phase
+) -> tuple[Staged, Any, SimulatedCell]:
+    begin = plant(patch, *PLACES[place])
+    lift = Staged(*QUICK)
+    trial = lift.run(in_phase(phase, 5), lambda rig: begin())
+    cell = fault.cell(lift.rig)
+    cell.advance(cell._now_ns + 1_000_000_000)
+    patch.undo()
+    return lift, trial, cell
+
+
+CASES = [
+    (place, phase)
+    for place in PLACES
+    for phase in (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.HOLD)
+    # without a folder there is no recorder; in a hold nobody asks the guard
+    if place != "recorder" and (place, phase) != ("guard", Phase.HOLD)
+]
+
+
+@pytest.mark.parametrize(("place", "phase"), CASES)
+def test_exception_of_ours_leaves_a_standing_arm_and_a_hand_that_holds(
+    place: str, phase: Phase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lift, trial, cell = staged(monkeypatch, place, phase)
+    result = lift.result(trial)
+    assert (result.outcome, result.success) == ("internal_error", None)
+    assert result.bug is not None
+    assert (result.bug.name, result.bug.text) == ("ZeroDivisionError", TEXT)
+    assert "Traceback" in result.bug.traceback
+    assert result.end is not None and result.end.arm == "the arm stands"
+    now_ns = cell._now_ns
+    assert cell.arm.velocity(now_ns) == (0.0, 0.0, 0.0)
+    truth = cell.truth()
+    assert max(truth.peak_n) < 11.0
+    if phase in AIRBORNE_PHASES and place != "guard":  # without it nothing may close
+        assert truth.normal_n[0] > 8.0
+    elif phase in AIRBORNE_PHASES:
+        assert truth.touched
+    failure = trial.failure(lift.config, result.outcome)
+    assert failure is not None and failure.kind == "internal"
+    assert failure.message.startswith("internal_error: ZeroDivisionError: planted (File ")
+    assert failure.end == result.end
+    sent = [i.admitted for t in lift.ticks for i in t.issued if i.decided_ns > lift.done_at_ns]  # type: ignore[operator]
+    assert not any(isinstance(c, MoveArm) for c in sent)
+
+
+def words(runs: Path, *more: str) -> list[str]:
+    settings = [word for text in QUICK for word in ("--set", text)]
+    return ["run", "lift", "--rig", "simulated", "--detector", "energy", "--runs", str(runs),
+            *settings, *more]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("owner", "name"), [*PLACES.values(), (Display, "tick")], ids=[*PLACES, "onlooker"]
+)
+def test_command_ends_with_what_happened_how_it_was_left_and_a_result(
+    owner: type, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    begin = plant(monkeypatch, owner, name)
+    inner = GraspController.step
+
+    def step(self: GraspController, seen: Any) -> Any:
+        decision = inner(self, seen)
+        if self.phase is Phase.HOLD:
+            begin()
+        return decision
+
+    monkeypatch.setattr(GraspController, "step", step)
+    assert main(words(tmp_path)) == 5
+    said = capsys.readouterr()
+    *_, first, left = said.err.strip().splitlines()
+    assert "internal_error: ZeroDivisionError: planted" in first and "report it" in first
+    assert "the arm stands; the hand is closed" in left
+    assert "NOT JUDGED: internal error" in said.out
+    (folder,) = tmp_path.iterdir()
+    result = json.loads((folder / "result.json").read_text())
+    assert result["outcome"] == "internal_error"
+    assert result["bug"]["name"] == "ZeroDivisionError"
+    assert result["end"]["arm"] == "the arm stands"
+    assert main(["runs", "--runs", str(tmp_path)]) == 0
+    assert "internal_error" in capsys.readouterr().out
+
+
+def test_exception_of_a_detector_is_a_fault_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(EnergyDetector, "update", lambda self, counts: 1 / 0)
+    assert main(words(tmp_path)) == 4
+    assert "detector_failed: ZeroDivisionError" in capsys.readouterr().err
+
+
+def test_recording_of_a_run_that_an_onlooker_ended_is_replayed_to_its_safe_state(
+    tmp_path: Path,
+) -> None:
+    from scenarios.lift import lift
+
+    def on_tick(tick: Tick) -> None:
+        if tick.decision.phase is Phase.LIFT:
+            raise LookupError("no screen")
+
+    finished = lift.run(config(*QUICK), 0, tmp_path, on_tick=on_tick)
+    assert finished.result is not None and finished.result.outcome == "internal_error"
+    assert [p.phase for p in finished.result.phases][-2:] == ["lift", "fault"]
+    (folder,) = tmp_path.iterdir()
+    replay = replay_run(folder)
+    assert replay.complete and not replay.differences
+
+
+def test_exception_in_a_tap_is_no_verdict() -> None:
+    def on_tick(tick: Tick) -> None:
+        if tick.decision.phase is Phase.HOLD:
+            raise LookupError("no screen")
+
+    finished = tap.run(tap_config(), 0, None, on_tick=on_tick)
+    assert finished.result is not None
+    assert (finished.result.outcome, finished.result.success) == ("internal_error", None)
+    assert finished.result.moved is None
+
+
+def test_trial_of_a_campaign_that_our_own_code_ended_is_an_error_to_be_run_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plant(monkeypatch, SimulatedCell, "truth")()
+    task = Task(
+        number=0, scenario="lift", repetition=0, seed=0, swept={}, config=config(*QUICK),
+        recordings="none",
+    )  # fmt: skip
+    row = run_task(task).row
+    assert row.status == "error"
+    assert row.error is not None and "ZeroDivisionError: planted" in row.error
+
+
+def test_stop_is_sent_although_no_step_can_be_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    lift, trial, _ = staged(monkeypatch, "controller", Phase.LIFT)
+    assert trial.trace.last is not lift.ticks[-1]  # as the devices were afterwards
+    assert any(isinstance(i.admitted, StopArm) for i in trial.trace.last.issued)
