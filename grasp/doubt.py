@@ -26,6 +26,7 @@ from grasp.doubt_settings import DoubtSettings
 from grasp.phases import CONTACT_PHASES, OPEN_PHASES, Phase
 
 STOOD_STILL = "loop_stood_still"
+LIVE_TAXELS = 3  # of a fingertip that never repeats itself for long
 
 
 class Doubts:
@@ -94,7 +95,7 @@ class FingertipDoubt:
         self._raw: NDArray[np.int16] | None = None
         self._repeats = [0] * FINGERS
         self._all_repeats = 0
-        self._loaded = [False] * FINGERS
+        self._live = [0] * FINGERS  # taxels that are loaded and can tell
         self._at_rail = [0] * FINGERS
         self._jumped = False
         self.believable = True
@@ -115,10 +116,11 @@ class FingertipDoubt:
 
     def take(self, raw: NDArray[np.int16], counts: NDArray[np.int16]) -> None:
         """A sample that is new: raw codes (fingers, 6), and the same without their rest."""
-        at_rail = whole_rails(raw)
-        self._loaded = (np.abs(counts).max(axis=1) >= self._settings.loaded_counts).tolist()
-        self.believable = not any(at_rail)
-        self._at_rail = _counted(self._at_rail, at_rail)
+        railed = whole_rails(raw)
+        live = ~at_rail(raw) & (np.abs(counts) >= self._settings.loaded_counts)
+        self._live = live.sum(axis=1).tolist()
+        self.believable = not any(railed)
+        self._at_rail = _counted(self._at_rail, railed)
         before, self._raw = self._raw, raw
         if before is None:
             self._repeats, self._all_repeats, self._jumped = [0] * FINGERS, 0, False
@@ -140,6 +142,13 @@ class FingertipDoubt:
         least = self._settings.jump_counts
         return enough and (int(moved[free].min()) >= least or int(moved[free].max()) <= -least)
 
+    def _patience(self, live: int) -> int:
+        """Repeats of a fingertip that so many loaded taxels could end."""
+        s = self._settings
+        if live >= LIVE_TAXELS:
+            return s.dead_samples
+        return 2 * s.dead_samples if live else s.dead_unloaded_samples
+
     def wrong(self) -> str:
         """What the samples up to now say against the fingertips."""
         s = self._settings
@@ -149,8 +158,7 @@ class FingertipDoubt:
             return f"fingertips_jump: every taxel changed by {s.jump_counts} counts or more at once"
         if self._all_repeats >= s.frozen_samples:
             return f"fingertips_frozen: all codes have come {self._all_repeats + 1} times alike"
-        patience = [s.dead_samples if on else s.dead_unloaded_samples for on in self._loaded]
-        if dead := _names(self._repeats, patience):
+        if dead := _names(self._repeats, [self._patience(live) for live in self._live]):
             return f"fingertip_dead: finger {dead} gives the same codes for ever"
         return ""
 

@@ -17,7 +17,7 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     dead_samples: Annotated[
         int,
         Meta(ge=2, le=10000, description="repeats in a row of all codes of one fingertip that is "
-             "loaded; measured likewise"),
+             "loaded at three taxels or more, twice as many at fewer; measured likewise"),
     ] = 8  # fmt: skip
     dead_unloaded_samples: Annotated[
         int,
@@ -25,7 +25,7 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
              "assumed, from the noise of the real one, 0.21 counts"),
     ] = 50  # fmt: skip
     loaded_counts: Annotated[
-        int, Meta(ge=5, le=500, description="a fingertip with a taxel so far from its rest is "
+        int, Meta(ge=5, le=500, description="a taxel so far from its rest, and not at a rail, is "
                   "loaded; assumed, twice what warming up shifts it")
     ] = 30  # fmt: skip
     rail_samples: Annotated[

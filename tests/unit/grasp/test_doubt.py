@@ -74,9 +74,9 @@ def test_dead_samples(value: int, key: str, other: str, loaded: int) -> None:
     assert (n, said[:24]) == (value + 1, "fingertip_dead: finger A")
 
 
-@pytest.mark.parametrize("value", [20, 50])
+@pytest.mark.parametrize("value", [20, 48])
 def test_loaded_counts(value: int) -> None:
-    """Patience with a fingertip whose farthest taxel is at 50 counts."""
+    """Patience with a fingertip whose taxels are at 48 to 50 counts."""
     settings = {"dead_samples": 5, "dead_unloaded_samples": 40, "loaded_counts": value}
     n, _ = until_wrong([one_finger_alive(k) for k in range(9, 99)], **settings)
     assert n == 6
@@ -91,6 +91,22 @@ def test_loaded_counts(value: int) -> None:
 def test_rail_samples(value: int, code: int) -> None:
     n, said = until_wrong([rails(k, code) for k in range(30)], rail_samples=value)
     assert (n, said[:28]) == (value, "fingertips_at_rail: finger B")
+
+
+@pytest.mark.parametrize(("live", "after"), [(6, 8), (3, 8), (2, 16), (1, 16), (0, 40)])
+@pytest.mark.parametrize("others", [0, 1023, 450])
+def test_patience_with_a_fingertip_follows_the_taxels_that_could_tell(
+    live: int, after: int, others: int
+) -> None:
+    """The others are at a rail, or unloaded, at their rest of 450."""
+    settings = {"dead_samples": 8, "dead_unloaded_samples": 40, "rail_samples": 100}
+
+    def still(k: int) -> Codes:
+        raw = codes(k)
+        raw[0] = [300] * live + [others] * (6 - live)
+        return raw
+
+    assert until_wrong([still(k) for k in range(9, 99)], **settings)[0] == after + 1
 
 
 def test_some_taxels_of_a_fingertip_at_the_rail_are_a_firm_grip() -> None:
