@@ -198,11 +198,11 @@ def held_under_alarms_s(v: float) -> float:
 
 
 def bears_the_cap(hold_by_clock: bool) -> bool:
-    """Whether slip that is still registered after patience leads on to the hold."""
+    """Whether slip that is still registered at the cap lets the lift go on."""
     d = Driver(hold_by_clock=hold_by_clock).slip()
     while d.controller.phase is Phase.COMPENSATE:
         d.climb(0.9)
-    return d.controller.phase is Phase.HOLD and not d.controller.cap_reached
+    return d.controller.phase is Phase.LIFT and not d.controller.cap_reached
 
 
 def at_the_top(v: float, away_m: float) -> bool:
