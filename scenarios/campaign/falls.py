@@ -1,8 +1,10 @@
 """Where success falls below a level along an axis that gets harder, and how sure that is.
 
 The rate is the non-increasing one that fits the trials best (isotonic regression, pooled adjacent
-violators); between two places it is taken for linear. The interval is of resampled trials
-(bootstrap): 95 % of them.
+violators); between two places it is taken for linear. The interval holds every gap between
+neighbouring places in which the fall could be, by the likelihood ratio of a rate that stays above
+the level before it and below it after (as Banerjee and Wellner 2001, with the wider bound of the
+chi-square distribution, since places are few). Its ends are places that were tried.
 """
 
 from collections.abc import Sequence
@@ -11,8 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-RESAMPLES = 400
-SEED = 7
+RATIO = 3.84  # twice the logarithm of the likelihood ratio; 95 %
 Floats = NDArray[np.float64]
 
 
@@ -33,21 +34,10 @@ def places(
     won, trials = np.zeros(len(x)), np.zeros(len(x))
     np.add.at(won, which, np.asarray(held, float))
     np.add.at(trials, which, 1.0)
-    rng = np.random.default_rng(SEED)
-    again = [_fitted(x, *_resampled(won, trials, rng)) for _ in range(RESAMPLES)]
-    found = []
-    for level in levels:
-        at = _crossing(x, falling(won, trials), level)
-        low, high = np.quantile([_crossing(*fit, level) for fit in again], (0.025, 0.975),
-                                method="nearest")  # fmt: skip
-        found.append(Place(level, _finite(at), _finite(float(low)), _finite(float(high))))
-    return found
-
-
-def _fitted(x: Floats, won: Floats, trials: Floats) -> tuple[Floats, Floats]:
-    """Those places that were tried, and the rate at each."""
-    tried = trials > 0.0
-    return x[tried], falling(won[tried], trials[tried])
+    return [
+        Place(level, _crossing(x, falling(won, trials), level), *_interval(x, won, trials, level))
+        for level in levels
+    ]
 
 
 def falling(won: Floats, trials: Floats) -> Floats:
@@ -65,11 +55,11 @@ def _rate(block: tuple[float, float, int]) -> float:
     return block[0] / block[1]
 
 
-def _crossing(x: Floats, rate: Floats, level: float) -> float:
-    """First place below the level; infinite beyond what was tried, x[0] if it begins below."""
+def _crossing(x: Floats, rate: Floats, level: float) -> float | None:
+    """First place below the level; None beyond what was tried, x[0] if it begins below."""
     below = np.flatnonzero(rate < level)
     if len(below) == 0:
-        return np.inf
+        return None
     i = int(below[0])
     if i == 0:
         return float(x[0])
@@ -77,12 +67,27 @@ def _crossing(x: Floats, rate: Floats, level: float) -> float:
     return float(x[i - 1] + part * (x[i] - x[i - 1]))
 
 
-def _resampled(won: Floats, trials: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """As many trials as there were, drawn from them."""
-    counts = np.concatenate([won, trials - won])
-    drawn = rng.multinomial(int(counts.sum()), counts / counts.sum()).astype(float)
-    return drawn[: len(won)], drawn[: len(won)] + drawn[len(won) :]
+def _interval(
+    x: Floats, won: Floats, trials: Floats, level: float
+) -> tuple[float | None, float | None]:
+    """From the easiest gap in which the fall could be to the hardest."""
+    best = _log_likelihood(falling(won, trials), won, trials)
+    may = [
+        i
+        for i in range(len(x) + 1)
+        if 2 * (best - _log_likelihood(_split(won, trials, i, level), won, trials)) <= RATIO
+    ]
+    low = float(x[max(0, may[0] - 1)]) if may[0] < len(x) else None
+    return low, float(x[may[-1]]) if may[-1] < len(x) else None
 
 
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+def _split(won: Floats, trials: Floats, i: int, level: float) -> Floats:
+    """The best rates that are at least the level at the first i places and at most it after."""
+    easy = np.maximum(falling(won[:i], trials[:i]), level) if i else np.zeros(0)
+    hard = np.minimum(falling(won[i:], trials[i:]), level) if i < len(won) else np.zeros(0)
+    return np.concatenate([easy, hard])
+
+
+def _log_likelihood(rate: Floats, won: Floats, trials: Floats) -> float:
+    sure = np.clip(rate, 1e-300, 1.0 - 1e-16)  # 0 log 0 is 0, and what cannot be is unlikely
+    return float((won * np.log(sure) + (trials - won) * np.log1p(-sure)).sum())

@@ -34,8 +34,9 @@ def test_place_is_between_the_last_rate_above_the_level_and_the_first_below() ->
 
 
 def test_what_never_falls_has_no_place_and_what_begins_below_has_the_first() -> None:
-    never = places(*trials({0.0: 1.0, 1.0: 1.0}))
-    assert [(p.at, p.low, p.high) for p in never] == [(None, None, None)] * 2
+    never = places(*trials({0.0: 1.0, 1.0: 1.0}, n=20))
+    assert [(p.at, p.high) for p in never] == [(None, None)] * 2
+    assert never[1].low is None and never[0].low == 0.0  # twenty of twenty do not exclude 94 %
     begins = places(*trials({0.5: 0.2, 1.0: 0.0}))
     assert begins[0].at == begins[1].at == 0.5
 
@@ -54,15 +55,24 @@ def test_fitted_rates_never_rise_and_keep_the_successes() -> None:
     assert (rate * n).sum() == pytest.approx(won.sum())
 
 
-def test_interval_covers_the_true_place_about_as_often_as_it_says() -> None:
-    x = np.repeat(np.linspace(0.0, 2.0, 9), 30)
+@pytest.mark.parametrize("level, true", [(0.5, 1.0), (0.95, 1.0 - 0.15 * np.log(19.0))])
+def test_interval_covers_the_true_place_as_often_as_it_says(level: float, true: float) -> None:
+    x = np.repeat(np.linspace(0.0, 2.0, 9), 18)
     inside = 0
-    for seed in range(40):
+    for seed in range(100):
         held = np.random.default_rng(seed).uniform(size=len(x)) < 1 / (1 + np.exp((x - 1.0) / 0.15))
-        p = places(x.tolist(), held.tolist(), (0.5,))[0]
-        assert p.low is not None and p.high is not None
-        inside += p.low <= 1.0 <= p.high
-    assert inside >= 34
+        p = places(x.tolist(), held.tolist(), (level,))[0]
+        assert p.low is not None
+        inside += p.low <= true <= (p.high or np.inf)
+    assert inside >= 93
+
+
+def test_few_successes_do_not_make_a_place_sure() -> None:
+    """Ten of ten say little about 95 %, a hundred of a hundred something."""
+    few = places(*trials({0.0: 1.0, 1.0: 1.0, 2.0: 1.0, 3.0: 0.0}, n=10))[0]
+    many = places(*trials({0.0: 1.0, 1.0: 1.0, 2.0: 1.0, 3.0: 0.0}, n=100))[0]
+    assert few.low is not None and few.low < 2.0 and few.high == 3.0
+    assert (many.low, many.high) == (2.0, 3.0)
 
 
 def rows() -> list[Row]:
