@@ -1,0 +1,80 @@
+"""What is typed into `grasp emulate` becomes requests to its cell."""
+
+import os
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from grasp.cli import emulate_words
+from grasp.cli.emulate_words import Words
+from scenarios.campaign.config import load_config
+
+TRUTH = {"normal_n": [0.0, 0.0, 0.0], "height_m": 0.05, "slip_distance_m": 0.003, "across_m": 0.004}
+
+
+class Cell:
+    """Takes requests; a name that it does not know is an error of its own."""
+
+    def __init__(self) -> None:
+        self.asked: list[dict[str, Any]] = []
+
+    def obey(self, request: dict[str, Any]) -> dict[str, Any]:
+        self.asked.append(request)
+        if request["verb"] == "fault" and request["name"] == "dance":
+            raise ValueError("unknown fault 'dance'")
+        return {"truth": TRUTH, "away_m": 0.0}
+
+
+@pytest.fixture
+def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """Where to write what is typed."""
+    reading, writing = os.pipe()
+    monkeypatch.setattr(emulate_words, "STDIN", reading)
+    yield writing
+    os.close(reading)
+
+
+def said(typed: int, lines: str, capsys: pytest.CaptureFixture[str]) -> tuple[Cell, list[str]]:
+    cell, config = Cell(), load_config("can", "emulated", "energy").for_tap()
+    words = Words(config, 0)
+    words.listen(cell)  # type: ignore[arg-type]
+    os.write(typed, lines.encode())
+    os.close(typed)  # the end of the input ends the listening, and nothing else
+    answers: list[str] = []
+    while len(answers) < len(lines.split("\n")) - 1:
+        time.sleep(0.005)
+        answers += capsys.readouterr().err.splitlines()
+    return cell, [line.removeprefix("cell: ") for line in answers]
+
+
+def test_words_of_a_person_are_requests(typed: int, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = "place\nhome\nlook\ntap side\nfault gripper_delay seconds=0.2 times=3\n"
+    cell, answers = said(typed, lines, capsys)
+    verbs = [request["verb"] for request in cell.asked]
+    assert verbs == ["place", "home", "home", "truth", "tap", "fault"]
+    assert cell.asked[4]["direction"] == "side" and cell.asked[4]["impulse_n_s"] > 0.0
+    assert cell.asked[5] == {"verb": "fault", "name": "gripper_delay", "seconds": 0.2, "times": 3}
+    assert answers[2] == "the object is not touched, 50 mm above the table, 5.0 mm from its mark"
+    assert answers.count("done") == 4
+
+
+def test_what_is_not_known_is_told_with_what_is(
+    typed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = "dance\ntap below\nplace it\nfault dance\nplace\n"
+    cell, answers = said(typed, lines, capsys)
+    assert "'dance' is not known" in answers[0]
+    assert all("place | home | look | tap" in answer for answer in answers[:4])
+    assert answers[4] == "done"
+    assert [request["verb"] for request in cell.asked] == ["fault", "place"]
+
+
+def test_nobody_is_listened_to_where_nobody_can_type(monkeypatch: pytest.MonkeyPatch) -> None:
+    with open(os.devnull) as nothing:
+        monkeypatch.setattr(emulate_words, "STDIN", nothing.fileno())
+        words = Words(load_config("can", "emulated", "energy").for_tap(), 0)
+        words.listen(Cell())  # type: ignore[arg-type]
+    assert "words" not in [thread.name for thread in threading.enumerate()]
