@@ -116,6 +116,11 @@ class Exchange:
         return self._wanted
 
     def want(self, command: CommandRegisters | None) -> None:
+        """What is wanted again is written again where two refreshes have not shown that the device
+        heard it: a write may be lost on the way, and nobody is told."""
+        unheard = self._refreshed_twice(self._read_ns) and not self._proven
+        if command is not None and command == self._wanted and self.written and unheard:
+            self._written = None
         self._wanted = command
         self._image = None if command is None else command.to_registers()
         if command is None:

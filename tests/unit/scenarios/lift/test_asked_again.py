@@ -1,0 +1,116 @@
+"""A safe state is asked for until it is seen, on the full loop: a stop or closing that is lost."""
+
+from typing import Any
+
+import pytest
+
+from drivers.errors import LinkLost
+from grasp.commands import CloseFast, StopArm
+from grasp.loop import Tick
+from grasp.phases import Phase
+from scenarios.rigs.rig import Rig
+from tests.unit.scenarios.conftest import Staged, in_phase
+from tests.unit.scenarios.lift import device_faults as fault
+from tests.unit.scenarios.lift.test_faults import silence_fingertips
+
+IN_THE_AIR = [Phase.LIFT, Phase.LOWER]
+
+
+def lose_stops(rig: Rig, times: int) -> list[int]:
+    """The arm's controller never hears so many stops; gives when it heard one."""
+    arm, left, heard = fault.cell(rig).arm, [times], list[int]()
+    whole = arm.stop_l
+
+    def stop_l(deceleration_mps2: float, now_ns: int) -> None:
+        if left[0] > 0:
+            left[0] -= 1
+            return
+        heard.append(now_ns)
+        whole(deceleration_mps2, now_ns)
+
+    arm.stop_l = stop_l  # type: ignore[method-assign]
+    return heard
+
+
+@pytest.mark.parametrize("phase", IN_THE_AIR)
+@pytest.mark.parametrize("lost", [1, 4])
+def test_arm_whose_stops_are_lost_is_told_again_until_it_stands(phase: Phase, lost: int) -> None:
+    staged, heard = Staged(), list[list[int]]()
+
+    def act(rig: Rig) -> None:
+        heard.append(lose_stops(rig, lost))
+        silence_fingertips(rig)
+
+    trial = staged.run(in_phase(phase, 5), act)
+    assert trial.controller.phase is Phase.FAULT
+    assert trial.controller.unreached == ()
+    assert heard[0]
+    sent = [i for t in staged.ticks for i in t.issued if isinstance(i.admitted, StopArm)]
+    assert len(sent) > lost
+    rig = staged.rig
+    assert fault.cell(rig).arm.velocity(rig.clock.now_ns) == (0.0, 0.0, 0.0)
+
+
+def test_arm_that_hears_no_stop_is_said_to_move_on() -> None:
+    staged = Staged()
+
+    def act(rig: Rig) -> None:
+        lose_stops(rig, 10_000)
+        silence_fingertips(rig)
+
+    trial = staged.run(in_phase(Phase.LOWER, 5), act)
+    end = trial.end(staged.config)
+    assert end is not None
+    moving = fault.cell(staged.rig).arm.moving(staged.rig.clock.now_ns)
+    assert moving == ("the arm still moves" in end.unreached)
+
+
+def closed_again(staged: Staged, trial: Any) -> None:
+    assert trial.controller.phase is Phase.FAULT
+    truth = staged.rig.truth()
+    assert truth is not None
+    assert truth.normal_n[0] > 8.0  # not left at 2.4 N
+    assert max(truth.peak_n) < 11.0
+    assert trial.controller.unreached == ()
+
+
+@pytest.mark.parametrize("phase", [Phase.LIFT, Phase.COMPENSATE])
+@pytest.mark.parametrize("ms", [30, 80, 300])
+def test_hand_whose_link_blinks_at_the_fault_is_closed_when_it_is_back(
+    phase: Phase, ms: int
+) -> None:
+    staged = Staged()
+
+    def act(rig: Rig) -> None:
+        until_ns = rig.clock.now_ns + ms * 1_000_000
+        whole = rig.devices.gripper.pump
+
+        def pump(now_ns: int) -> None:
+            if now_ns < until_ns:
+                raise LinkLost("gripper: no answer", "check cable, power and address")
+            whole(now_ns)
+
+        rig.devices.gripper.pump = pump  # type: ignore[method-assign]
+        silence_fingertips(rig)
+
+    closed_again(staged, staged.run(in_phase(phase, 1), act))
+
+
+@pytest.mark.parametrize("ms", [100, 500, 1500])
+def test_hand_that_loses_the_closing_itself_is_told_again(ms: int) -> None:
+    staged, began = Staged(), list[int]()
+    met = in_phase(Phase.LIFT, 2)
+
+    def when(tick: Tick) -> bool:
+        if not began and met(tick):
+            began.append(tick.t_ns)
+            fault.swallow_writes(staged.rig)
+            silence_fingertips(staged.rig)
+        return bool(began) and tick.t_ns - began[0] > ms * 1_000_000
+
+    def hear(rig: Rig) -> None:
+        fault.cell(rig).gripper.swallows = False
+
+    closed_again(staged, staged.run(when, hear))
+    closes = [i for t in staged.ticks for i in t.issued if isinstance(i.admitted, CloseFast)]
+    assert len(closes) > 1
