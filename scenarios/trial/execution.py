@@ -17,6 +17,7 @@ from grasp.controller_settings import GripPlan
 from grasp.doubt import Doubts
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
+from grasp.phases import Phase
 from grasp.realtime import real_time
 from grasp.slip import SlipMonitor
 from grasp.step import GraspStep
@@ -206,6 +207,12 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             end, unreached=controller.unreached, further=tuple(controller.further)
         )
 
+    @property
+    def home(self) -> Vector3 | None:
+        """Of the arm; None where the run ended before it took one."""
+        log = self.controller.machine.log
+        return self.controller.home if log and log[0].phase == Phase.APPROACH else None
+
     def failure(self, config: TrialConfig, outcome: str) -> Failure | None:
         """Why the exit code is not the verdict's, if so."""
         if outcome not in (FAULT, INTERRUPTED, INTERNAL_ERROR):
@@ -244,7 +251,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "config_hash": config.digest(),
             "end": self.end(config),
             "bug": self.bug,
-            "home_m": self.controller.home if self.controller.machine.log else None,
+            "home_m": self.home,
         }
 
 

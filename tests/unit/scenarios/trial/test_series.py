@@ -13,7 +13,7 @@ from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial import series
 from scenarios.trial.ending import End
-from scenarios.trial.execution import kind_of
+from scenarios.trial.execution import kind_of, make_guard, run_trial
 from scenarios.trial.result import Failure, FinishedRun
 from scenarios.trial.series import Begun, Bench
 from tests.unit.scenarios.conftest import config
@@ -124,6 +124,18 @@ def test_arm_that_is_not_back_where_the_first_trial_began_is_refused_before_anyt
     begun = Begun((4, 5), 5, lifted.result.home_m)
     with pytest.raises(Refused, match="200 mm from where the first trial began"):
         told(lifted, [], monkeypatch, begun, raised_m=0.2)
+
+
+def test_run_that_ends_before_it_has_taken_a_home_tells_none() -> None:
+    settings = config()
+    with open_rig(settings, 0, paced=False) as rig:
+        rig.devices.gripper.move_to((120, 120, 120), 0.1, 10.0)
+        for _ in range(40):
+            rig.idle()
+        trial = run_trial(settings, rig, make_guard(settings), lambda *_: None)
+    assert [change.phase for change in trial.controller.machine.log] == ["fault"]
+    assert trial.home is None
+    assert lift.judge(settings, 0, trial, None).home_m is None
 
 
 @pytest.mark.parametrize(
