@@ -292,4 +292,4 @@ def _print_cause(cause: "Cause") -> None:
     )
     for each in cause.ranges:
         verdict = "could be the cause" if each.reaches else "cannot be the cause"
-        print(f"  {each.cause:<18} gives {each.low:.0%} to {each.high:.0%}: {verdict}")
+        print(f"  {each.cause:<24} gives {each.low:.0%} to {each.high:.0%}: {verdict}")

@@ -87,13 +87,15 @@ def _column(column: "Column") -> Any:
 
     title = f"{TITLES[column.scenario]}, {column.profile}, {column.detector}, {column.draws} draws"
     table = Table(title=title, title_justify="left")
-    for heading in ("object", "paper", "least, median, most", "of all trials", "paper inside"):
+    for heading in ("object", "paper", "least, median, most", "of all trials", "beyond chance",
+                    "paper inside"):  # fmt: skip
         table.add_column(heading)
     for cell in column.cells:
         paper = "-" if cell.paper is None else f"{cell.paper:.0%}"
         rates = ", ".join(f"{x:.0%}" for x in (cell.least, cell.median, cell.most))
         of_all = ", ".join(f"{x:.0%}" for x in cell.of_all)
-        table.add_row(cell.object, paper, rates, of_all, "yes" if cell.inside else "no")
+        inside = "yes" if cell.inside else "no"
+        table.add_row(cell.object, paper, rates, of_all, f"±{cell.between:.0%}", inside)
     return table
 
 

@@ -22,6 +22,7 @@ class CellRange(msgspec.Struct, frozen=True, kw_only=True):
     median: float
     most: float
     of_all: tuple[float, float, float]  # the same, what drops out of the rate counted as failed
+    between: float  # deviation of the rates beyond what chance alone spreads them by
     paper: float | None
     inside: bool  # the paper's rate lies in the range
 
@@ -108,9 +109,20 @@ def _cell(scenario: str, name: str, draws: Sequence[Variant]) -> CellRange:
     paper = paper_rate(scenario, name)
     return CellRange(
         object=name, least=min(rates), median=float(np.median(rates)), most=max(rates),
-        of_all=(min(of_all), float(np.median(of_all)), max(of_all)), paper=paper,
+        of_all=(min(of_all), float(np.median(of_all)), max(of_all)),
+        between=between([(cell.successes, cell.trials) for cell in cells]), paper=paper,
         inside=paper is not None and min(rates) <= paper <= max(rates),
     )  # fmt: skip
+
+
+def between(counts: Sequence[tuple[int, int]]) -> float:
+    """Deviation of the true rates of which these are (successes, trials): what the rates vary by,
+    less what trials so few vary by chance (method of moments); 0 where that explains it all."""
+    tried = [(k / n, n) for k, n in counts if n > 1]
+    if len(tried) < 2:
+        return 0.0
+    chance = np.mean([p * (1 - p) / (n - 1) for p, n in tried])
+    return math.sqrt(max(0.0, float(np.var([p for p, _ in tried], ddof=1) - chance)))
 
 
 def log_mean(logs: Sequence[float]) -> float:

@@ -1,4 +1,4 @@
-"""Why an object is not caught as often as in the paper: geometry, reaction or detection.
+"""Why an object is not caught as often as in the paper: geometry, reaction, detection or signal.
 
 Each is moved through its whole range, the others as they are: what cannot reach the paper's
 interval even so is not the cause. Detection and reaction are moved on copies of the lift
@@ -7,16 +7,20 @@ listens any more: a full run that fails where its copy holds has failed by an al
 without end.
 """
 
+import itertools
 from collections.abc import Sequence
 
 import msgspec
 
 from scenarios.campaign.paper import TRIALS, paper_counts, wilson
+from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
 from scenarios.studies.reaction.copies import answered, at_lift, find_onset, react
 
 REACTION_RANGE_S = (0.0, 0.25)  # decision delay and command path together; assumed
 DETECTION_FACTORS = (0.25, 4.0)  # of the detector's own delay
+GRASP_SHARES = (0.05, 0.5)  # of the arm's shaking that reaches a held object; assumed
+TEXTURES = (0.3, 2.0)  # factors on the object's own irregularity; assumed
 
 
 class Range(msgspec.Struct, frozen=True):
@@ -55,8 +59,23 @@ def explain(
         _range("reaction", (mean["no reaction time"], mean["slow reaction"]), paper),
         _range("detection: delay", (mean["quick detection"], mean["slow detection"]), paper),
         _range("detection: alarms", (rate, mean["as it is"]), paper),
+        _range("signal: shaking, texture", signal_range(config, seeds), paper),
     ]
     return Cause(name, paper, rate, ranges)
+
+
+def signal_range(config: LiftConfig, seeds: Sequence[int]) -> tuple[float, float]:
+    """Least and greatest success rate over quiet and loud rest in the hand, smooth and rough
+    surfaces: full runs, the detector as it is."""
+    rates = []
+    for share, factor in itertools.product(GRASP_SHARES, TEXTURES):
+        pads = msgspec.structs.replace(config.fingertip, grasp_share=share)
+        texture_m = factor * config.object.texture_rms_m
+        body = msgspec.structs.replace(config.object, texture_rms_m=texture_m)
+        changed = msgspec.structs.replace(config, fingertip=pads, object=body)
+        results = [lift.run(changed, seed, None).result for seed in seeds]
+        rates.append(sum(r is not None and bool(r.success) for r in results) / len(results))
+    return min(rates), max(rates)
 
 
 def _range(cause: str, rates: tuple[float, float], paper: tuple[float, float]) -> Range:

@@ -11,7 +11,7 @@ from grasp.cli.frontier_view import print_spread
 from grasp.settings import Layer, load
 from scenarios.campaign.paper import TABLE_IV
 from scenarios.campaign.spec import CampaignSpec, combinations
-from scenarios.campaign.spread import log_mean, rank_correlation, summarize
+from scenarios.campaign.spread import between, log_mean, rank_correlation, summarize
 from scenarios.campaign.unknowns import Unknown, latin_hypercube
 from scenarios.campaign.worker import Row
 
@@ -109,6 +109,17 @@ def test_likelihood_over_the_draws_is_the_mean_of_theirs(
     shown = capsys.readouterr().out
     assert "likeliest draw: fingertip.noise_counts 0.2" in shown
     assert "20%, 75%, 100%" in shown
+
+
+def test_spread_beyond_chance_is_that_of_the_true_rates() -> None:
+    rng = np.random.default_rng(3)
+    same = [(int(rng.binomial(20, 0.8)), 20) for _ in range(400)]
+    assert between(same) < 0.04
+    true = rng.uniform(0.5, 1.0, 400)
+    assert between([(int(rng.binomial(20, p)), 20) for p in true]) == pytest.approx(
+        0.5 / math.sqrt(12), abs=0.02
+    )
+    assert between([(3, 3)]) == 0.0
 
 
 def test_log_mean_does_not_underflow() -> None:

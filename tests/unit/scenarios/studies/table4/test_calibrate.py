@@ -19,7 +19,7 @@ from scenarios.studies.table4.calibrate import (
     specs,
     trades,
 )
-from scenarios.studies.table4.cause import explain
+from scenarios.studies.table4.cause import explain, signal_range
 from tests.unit.scenarios.conftest import config
 
 TRUE_MPS = 0.15
@@ -123,3 +123,9 @@ def test_calibration_on_fewer_than_twenty_lifts_a_place_says_that_it_is_coarse(
     lifts: int, coarse: bool
 ) -> None:
     assert fit(rows_of(as_in_the_paper_at_the_true_place), "paper", lifts).coarse is coarse
+
+
+def test_signal_can_be_the_cause_where_a_detector_hears_the_hand_shake_or_not_the_surface() -> None:
+    hears = signal_range(config("energy.threshold_counts=1.2"), [0, 1])
+    assert hears[0] < hears[1]
+    assert signal_range(config("energy.threshold_counts=400"), [0]) == (0.0, 0.0)
