@@ -22,7 +22,7 @@ def test_delays() -> None:
     for act, phases, name in CASES:
         delays: list[float] = []
         whole: list[float] = []
-        for phase, seed, after in itertools.product(phases, range(3), (0, 2, 5, 12)):
+        for phase, seed, after in itertools.product(phases, range(3), (5, 12)):
             lift, found = staged(act, phase, after, seed)
             # one of those that froze may have repeated itself just before
             assert found == name or (name, found) == ("fingertips_frozen", "fingertip_dead")

@@ -27,7 +27,8 @@ def since_ns(staged: Staged, name: str) -> float:
     ticks = [t for t in staged.ticks if t.t_ns >= staged.done_at_ns]
     began = {
         "fingertip_dead": _dead, "gripper_silent": _silent, "gripper_stands": _stands,
-        "arm_wrong_way": _strayed, "loop_stood_still": lambda ticks: ticks[1].t_ns,
+        "arm_wrong_way": _strayed, "arm_frozen": _froze,
+        "loop_stood_still": lambda ticks: ticks[1].t_ns,
         "detector_late": lambda ticks: ticks[1].t_ns,
     }  # fmt: skip
     return float(began.get(name, lambda ticks: ticks[0].t_ns)(ticks))
@@ -60,6 +61,12 @@ def _stands(ticks: list[Tick]) -> float:
     stood = next(t.t_ns for t in ticks if t.gripper.positions == last)
     under_way = stood > ticks[0].t_ns or ticks[0].gripper.positions != last
     return stood + (GOES_ON_NS if under_way else STARTS_NS)
+
+
+def _froze(ticks: list[Tick]) -> float:
+    """An arm that stood when it was told to move takes a while to begin."""
+    stood = not ticks[0].arm.moving
+    return ticks[0].t_ns + (SETTINGS.arm_start_s * 1e9 if stood else 0.0)
 
 
 def _strayed(ticks: list[Tick]) -> float:
