@@ -25,6 +25,7 @@ from scenarios.world.objects import GraspObject
 from scenarios.world.scene_terms import Damage, DamageSettings, Pull, PullSettings
 
 EXCHANGE_NS = 1_000_000
+SIDES = np.array([1.0, -1.0, -1.0])  # of the object: the thumb presses against the other two
 CLOSING_MPS = 0.22  # thumb and opposing fingers at full speed
 # a rotation from across to upwards, as the frames of the pads see it, which face each other
 TURNS = np.array([-1.0, 1.0, 1.0])
@@ -169,6 +170,7 @@ class SimulatedCell:
             self._turn + s[laws.TURN] * TURNS,
             centre * self._up * 1e3,
             arm_moves,
+            sides=SIDES,
         )
         pressure, temperature = self.fingertips.codes()
         return self._damage.felt(pressure).ravel(), temperature.ravel()

@@ -138,6 +138,7 @@ class Fingertips:
     def advance(
         self, t_s: float, normal_n: Floats, motion_mm: Floats, turn_rad: Floats,
         centre_mm: Floats, arm_moves: bool, mount_npmm: Floats | None = None,
+        sides: Floats | None = None,
     ) -> None:  # fmt: skip
         """Bring all pads to t_s; everything given goes linearly from its last value to this one.
 
@@ -149,6 +150,9 @@ class Fingertips:
         With mount_npmm (F,), above 0, each pad hangs on a spring that is so stiff: then normal_n is
         its load if the pad's face were at the surface's mean plane (stiffness times how far the
         base has come beyond), and what the pad meets there and its friction decide the load.
+
+        With sides (F,), +1 or -1, all pads hold one free object from that side: what friction by
+        the fingers' levers, wander and vibration add to normal_n balances on it.
         """
         dt_s = t_s - self._t_s
         if dt_s <= 0.0:
@@ -161,7 +165,11 @@ class Fingertips:
             self._disturbing, dt_s, arm_moves, row, self._disturbance, pressed
         )  # fmt: skip
         # in a series of springs, the base moves as much more as the mount gives way
-        added = (self._states[:, bed.STIFFNESS] + mounts) * pressed
+        stiffness = self._states[:, bed.STIFFNESS]
+        added = (stiffness + mounts) * pressed
+        if sides is not None:
+            lever = np.array([self._settings.lever_x, self._settings.lever_y])
+            added = on_a_free_object(added - self.friction_n @ lever, stiffness, sides)
         totals = np.where(normal_n > 0.0, np.maximum(normal_n + added, 0.0), 0.0)
         if mount_npmm is not None:
             totals = normal_n + added
@@ -247,6 +255,18 @@ class Fingertips:
         """(F,) share of the load on springs that slide, at the end of the last step."""
         out: Floats = self._states[:, bed.SHARE].copy()
         return out
+
+
+def on_a_free_object(added_n: Floats, stiffness: Floats, sides: Floats) -> Floats:
+    """Loads (F,) that pads on either side (+1 or -1) of a free object gain when each would gain
+    added_n (F,) on a fixed one: the object gives way until both sides gain alike. stiffness (F,):
+    of each pad's springs in touch, any unit; 0 without touch, and nothing is gained there."""
+    touching = stiffness > 0.0
+    if not touching.any():
+        return np.zeros_like(added_n)
+    gained = np.where(touching, added_n, 0.0)
+    out: Floats = gained - sides * stiffness * (sides @ gained) / stiffness.sum()
+    return out
 
 
 def _parameters(s: FingertipSettings) -> Floats:

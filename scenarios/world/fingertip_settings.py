@@ -88,8 +88,9 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         float, Meta(ge=0.0, le=0.5, description="rms of that mode sideways; assumed, 0-0.05")
     ] = 0.01
     grasp_share: Annotated[
-        float, Meta(ge=0.0, le=1.0, description="of wander and vibration that a grasped object "
-                    "leaves: it rides on the arm with its pads; assumed, 0.05-0.5")
+        float, Meta(ge=0.0, le=2.0, description="of wander and vibration that a grasped object "
+                    "leaves: it rides on the arm with its pads; a stated range, 0.1-1: what the "
+                    "mechanics leave of it depends on mass and frequency (`held.share`)")
     ] = 0.2  # fmt: skip
     vibration_hz: Annotated[
         float, Meta(ge=2.0, le=45.0, description="frequency of that mode; FITTED, 10-25")
@@ -168,7 +169,8 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
 
 
 def in_a_grasp(settings: FingertipSettings) -> FingertipSettings:
-    """The same pads on an object that the hand holds, not the arm presses."""
+    """The same pads on an object that the hand holds, not the arm presses: what moves the arm moves
+    both. How the fingers give way sideways is the contact law's."""
     share = settings.grasp_share
     return msgspec.structs.replace(
         settings,
@@ -177,4 +179,5 @@ def in_a_grasp(settings: FingertipSettings) -> FingertipSettings:
         sway_mm=share * settings.sway_mm,
         shift_mm=share * settings.shift_mm,
         rock_rad=share * settings.rock_rad,
+        lateral_npmm=0.0,
     )

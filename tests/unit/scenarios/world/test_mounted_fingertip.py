@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scenarios.world import spring_bed as bed
-from scenarios.world.fingertip import Fingertips, Floats
+from scenarios.world.fingertip import Fingertips, Floats, on_a_free_object
 from scenarios.world.fingertip_settings import FingertipSettings, Surface
 
 STILL = {
@@ -184,3 +184,43 @@ def test_a_fingertip_with_all_terms_stays_finite_and_in_touch() -> None:
     assert min(loads) > 0.0
     assert max(loads) < 20.0
     assert abs(pad.tips._states[0, bed.AWAY_X]) < 3.0
+
+
+SIDES = np.array([1.0, -1.0, -1.0])
+
+
+def test_what_pads_gain_on_a_free_object_is_alike_on_both_sides() -> None:
+    stiffness = np.array([8.0, 5.0, 6.0])
+    gained = on_a_free_object(np.array([0.3, -0.2, 0.1]), stiffness, SIDES)
+    assert SIDES @ gained == pytest.approx(0.0, abs=1e-12)
+    alike = np.array([0.4, 0.2, 0.2])
+    assert on_a_free_object(alike, stiffness, SIDES) == pytest.approx(alike)
+
+
+def test_a_pad_that_touches_nothing_gains_nothing() -> None:
+    gained = on_a_free_object(np.array([0.3, 0.2, 0.1]), np.array([8.0, 0.0, 6.0]), SIDES)
+    assert gained[1] == 0.0
+    assert gained[0] == pytest.approx(gained[2])
+
+
+def held_loads(lever: float, pull_mm: float) -> Floats:
+    """(3,) loads of pads that hold an object with 4, 2 and 2 N, pulled along x."""
+    settings = FingertipSettings(**{**STILL, "lever_x": lever})  # type: ignore[arg-type]
+    tips = Fingertips(settings, [SMOOTH] * 3, np.random.default_rng(3))
+    still, middle = np.zeros(3), np.zeros((3, 2))
+    for k in range(60):
+        motion = np.tile([pull_mm * k / 60, 0.0], (3, 1))
+        tips.advance(
+            0.01 * (k + 1), np.array([4.0, 2.0, 2.0]), motion, still, middle, False, sides=SIDES
+        )
+    return tips.load_n
+
+
+def test_weight_that_hangs_on_held_pads_loads_or_unloads_them_alike_by_its_direction() -> None:
+    still, up, down = (held_loads(0.5, pull) for pull in (0.0, 3.0, -3.0))
+    assert still == pytest.approx([4.0, 2.0, 2.0])
+    assert (up < 0.8 * still).all()
+    assert (down > 1.2 * still).all()
+    for loads in (up, down):
+        assert SIDES @ loads == pytest.approx(0.0, abs=0.05)
+    assert held_loads(0.0, 3.0) == pytest.approx(still)
