@@ -2,9 +2,15 @@
 
 from scenarios.lift.scoring import ScoringSettings
 from scenarios.trial.config import TrialConfig
+from scenarios.trial.physics import planned, run_scene
+from scenarios.world.ladder.runs import RunPlan
 
 
 class LiftConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Resolved settings of one lift."""
 
     scoring: ScoringSettings = ScoringSettings()
+
+    def physics(self, seed: int) -> RunPlan | None:
+        """As ``TrialConfig.physics``; all lifts of an object are alike."""
+        return planned(self, run_scene(self))

@@ -101,6 +101,7 @@ def judge(
         detection_latency_ms=later_ms(facts.onset_s, facts.registered_s),
         reaction_latency_ms=later_ms(facts.onset_s, end.force_rise_s if end else None),
         slip_distance_m=slip_distance_m(facts),
+        turned_rad=end.turn_rad if end else None,
         settled_force_n=named(end.normal_n) if end else None,
         alarm_stayed=trial.controller.alarm_stayed,
         recording=recording,
@@ -139,6 +140,6 @@ def twin_onset_s(config: LiftConfig, seed: int) -> float | None:
     """When gross slip sets in if nobody reacts: the same trial, simulated, with reactions off."""
     controller = msgspec.structs.replace(config.controller, reactions=False, keep=True)
     twin = msgspec.structs.replace(config, rig="simulated", controller=controller)
-    with open_rig(twin, seed, paced=False) as rig:
+    with open_rig(twin.built_for(seed), seed, paced=False) as rig:
         trial = run_trial(twin, rig, make_guard(twin), lambda tick, truth, controller: None)
     return trial.final.slip_onset_s if trial.final is not None else None

@@ -10,5 +10,6 @@ class LiftResult(TrialResult, frozen=True, kw_only=True):
     first_detection_s: float | None
     reaction_latency_ms: float | None
     slip_distance_m: float | None
+    turned_rad: float | None  # in the hand, about the closing axis; None without a simulation
     settled_force_n: dict[str, float] | None
     alarm_stayed: bool

@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from scenarios.trial.person import TapeMark
 from scenarios.world.cell import Truth
-from scenarios.world.contact_settings import GROSS_SLIP_MPS
+from scenarios.world.contact_settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
 from scenarios.world.objects import GraspObject
 
 
@@ -51,6 +51,9 @@ class ScoringSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     still_mps: Annotated[
         float, Meta(gt=0, le=1, description="a held object slips slower; paper's bound of slip")
     ] = GROSS_SLIP_MPS
+    still_radps: Annotated[
+        float, Meta(gt=0, le=60, description="and turns slower; paper's bound of slip in rotation")
+    ] = GROSS_TURN_RADPS
     felt_n: Annotated[
         float, Meta(gt=0, le=10, description="without a simulation: less than this is not held")
     ] = 0.5
@@ -124,7 +127,12 @@ def _not_held(facts: LiftFacts, settings: ScoringSettings) -> LiftOutcome | None
 
 
 def _at_rest_in_the_air(end: Truth, settings: ScoringSettings) -> bool:
-    return end.height_m >= settings.lifted_m and abs(end.slip_speed_mps) < settings.still_mps
+    still = abs(end.slip_speed_mps) < settings.still_mps
+    return (
+        end.height_m >= settings.lifted_m
+        and still
+        and abs(end.turn_speed_radps) < settings.still_radps
+    )
 
 
 def _held(slip_m: float | None, body: GraspObject, settings: ScoringSettings) -> LiftOutcome:

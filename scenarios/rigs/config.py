@@ -20,6 +20,7 @@ from scenarios.world.fingertip_settings import FingertipSettings
 from scenarios.world.objects import GraspObject
 from scenarios.world.pressed import FixedSurface, PressSettings
 from scenarios.world.scene_terms import DamageSettings, PullSettings
+from scenarios.world.world_settings import WorldSettings
 
 ConfigT = TypeVar("ConfigT", bound=msgspec.Struct)
 
@@ -47,6 +48,7 @@ class GraspRigConfig(RigConfig, frozen=True, forbid_unknown_fields=True, kw_only
     hand: HandSettings = HandSettings()
     contact: ContactSettings = ContactSettings()
     variation: VariationSettings = VariationSettings()
+    world: WorldSettings = WorldSettings()
     pull: PullSettings = PullSettings()
     damage: DamageSettings = DamageSettings()
 

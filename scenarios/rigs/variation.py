@@ -1,6 +1,7 @@
 """What differs from trial to trial with the seed: drawn from stated distributions, all assumed.
 
-Drawn here: where the object is gripped, where each finger stops, friction, mass, the force at which
+Drawn here: where the object is gripped, where each finger stops, friction, mass and
+where it lies, the force at which
 motors stop, and the gripper's timing. The fingertips draw their own rest counts, patch positions,
 textures and noise (``scenarios.world.fingertip``), a tap its strength and moment
 (``scenarios.tap.mallet``). "Normal" is cut at 2.5 deviations.
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 
 from drivers.robotiq.model.gripper import HandSettings
 from scenarios.world.objects import GraspObject
+
+CUT = 2.5  # deviations; no seed draws further
 
 
 class VariationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -51,6 +54,14 @@ class VariationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
             "chosen for; no spread, the same in every trial",
         ),
     ] = 0.0
+    aside_m: Annotated[
+        float,
+        Meta(
+            ge=0,
+            le=0.02,
+            description="deviation of where the weight lies beside the grip's middle; assumed",
+        ),
+    ] = 0.002
     command_latency_s: Annotated[
         float, Meta(ge=0, le=0.2, description="added command-to-motor latency, 0 to this; assumed")
     ] = 0.01
@@ -69,14 +80,15 @@ def draw(
 ) -> Draw:
     """Object and hand of one trial. Draws the same numbers whatever the spreads are.
 
-    Normal: friction, mass, start height and each finger's stop; uniform: latency, refresh phase and
-    force stop.
+    Normal: friction, mass, start height, weight aside and each finger's stop; uniform: latency,
+    refresh phase and force stop.
     """
-    friction, mass = np.clip(rng.standard_normal(2), -2.5, 2.5).tolist()
-    scatter = np.clip(rng.standard_normal(3), -2.5, 2.5)
+    friction, mass = np.clip(rng.standard_normal(2), -CUT, CUT).tolist()
+    scatter = np.clip(rng.standard_normal(3), -CUT, CUT)
     latency, phase = rng.uniform(size=2).tolist()
-    height = float(np.clip(rng.standard_normal(), -2.5, 2.5))
+    height = float(np.clip(rng.standard_normal(), -CUT, CUT))
     weak = float(rng.uniform())
+    aside = float(np.clip(rng.standard_normal(), -CUT, CUT))
     rub = 1 + settings.friction_cv * friction
     varied_body = msgspec.structs.replace(
         body,
@@ -85,6 +97,7 @@ def draw(
         mass_kg=body.mass_kg * (1 + settings.mass_cv * mass),
         added_mass_kg=body.added_mass_kg * (1 + settings.mass_cv * mass),
         half_width_m=body.half_width_m + settings.width_error_m,
+        centre_aside_m=body.centre_aside_m + settings.aside_m * aside,
         grip_height_m=body.grip_height_m + settings.start_height_m * height,
         body_above_grip_m=body.body_above_grip_m - settings.start_height_m * height,
     )

@@ -5,6 +5,7 @@ import numpy as np
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.variation import draw
 from scenarios.world.cell import CellSettings, SimulatedCell
+from scenarios.world.contact import Level
 from scenarios.world.pressed_cell import PressedCell, PressedCellSettings
 
 
@@ -20,10 +21,18 @@ def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.r
         board=config.board,
         arm=config.arm_model,
         finger_offset_m=trial.finger_offset_m,
+        level=_level(config),
+        blow_level=config.world.from_blow_on,
         pull=config.pull,
         damage=config.damage,
     )
     return settings, world
+
+
+def _level(config: GraspRigConfig) -> Level:
+    """As told; where nobody said what happens to the object, that of a lift."""
+    forced = config.world.forced
+    return Level.SLIDER if forced is None else forced
 
 
 def make_cell(config: GraspRigConfig, seed: int, start_ns: int = 0) -> SimulatedCell:

@@ -14,15 +14,16 @@ class Alarm(msgspec.Struct, frozen=True):
 
 class TapResult(TrialResult, frozen=True, kw_only=True):
     """Verdict of one tap. Lengths in metres, relative to the fingertips, down and across the
-    closing axis. ``moved`` is False for a tap that moved nothing, which is reported apart: it is
-    no success, and a failure only if slip was registered. It is None for a tap that never was
-    struck, or not to its end."""
+    closing axis; ``turned_rad`` about it. ``moved`` is False for a tap that moved nothing, which is
+    reported apart: it is no success, and a failure only if slip was registered. It is None for a
+    tap that never was struck, or not to its end."""
 
     direction: str
     moved: bool | None
     displacement_m: float | None
     down_m: float | None
     across_m: float | None
+    turned_rad: float | None
     impulse_n_s: float | None
     mallet_mps: float | None
     struck_s: float | None

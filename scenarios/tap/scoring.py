@@ -51,6 +51,12 @@ class ObjectMotion(msgspec.Struct, frozen=True, kw_only=True):
     held: bool = True
     down_m: float | None = None
     across_m: float | None = None
+    turned_rad: float | None = None  # None where nobody can tell
+
+    def moved(self, settings: TapScoringSettings) -> bool:
+        """Whether that is motion: a displacement, or a rotation that is worth one."""
+        turned = self.turned_rad is not None and abs(self.turned_rad) >= settings.turned_rad
+        return turned or self.displacement_m >= settings.moved_m
 
 
 class TapFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -76,7 +82,7 @@ def verdict(facts: TapFacts, settings: TapScoringSettings) -> TapOutcome:
     if not motion.held:
         return TapOutcome.KNOCKED_OUT
     registered_s = registered_after(facts.alarms, motion.struck_s)
-    if motion.displacement_m < settings.moved_m:
+    if not motion.moved(settings):
         quiet = registered_s is None
         return TapOutcome.UNMOVED_QUIET if quiet else TapOutcome.UNMOVED_REGISTERED
     if registered_s is None:

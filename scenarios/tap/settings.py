@@ -21,10 +21,13 @@ class TapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         Meta(
             ge=0.001,
             le=0.03,
-            description="the blow is searched that moves the object this far: hard enough to "
+            description="the blow is searched that moves the tape mark this far: hard enough to "
             "move it, too weak to knock it out (paper, section V-B); assumed, 2-20 mm",
         ),
     ] = 0.007
+    mark_height_m: Annotated[
+        float, Meta(ge=0.0, le=0.3, description="of that mark, above the grip; assumed")
+    ] = 0.05
     impulse_n_s: Annotated[
         float,
         Meta(
@@ -54,6 +57,23 @@ class TapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
             description="held this far above the table, further than a blow moves it; assumed",
         ),
     ] = 0.08
+    top_offset_m: Annotated[
+        float,
+        Meta(ge=-0.1, le=0.1, description="where one on the top lands, beside the grip; assumed"),
+    ] = 0.0
+    side_offset_m: Annotated[
+        float,
+        Meta(
+            ge=-0.2,
+            le=0.3,
+            description="where one on the side lands, above the grip, which the fingers surround; "
+            "assumed, 20-60 mm",
+        ),
+    ] = 0.04
+    offset_spread_m: Annotated[
+        float,
+        Meta(ge=0.0, le=0.05, description="deviation of where it lands; assumed, 2-10 mm"),
+    ] = 0.005
     duration_s: Annotated[
         float, Meta(ge=0.001, le=0.05, description="of the impact, rubber; assumed, 4-16 ms")
     ] = 0.008
@@ -106,6 +126,15 @@ class TapScoringSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     moved_m: Annotated[
         float, Meta(gt=0, le=0.1, description="a permanent displacement of this counts as moved")
     ] = 0.001
+    turned_rad: Annotated[
+        float,
+        Meta(
+            gt=0,
+            le=3.2,
+            description="or rotation in the hand: moved_m by the lever of the paper's label, "
+            "3 mm/s over 0.2 rad/s",
+        ),
+    ] = 0.001 / 0.015
     register_s: Annotated[
         float, Meta(gt=0, le=5, description="slip is registered within, from first motion; assumed")
     ] = 0.5

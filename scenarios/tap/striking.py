@@ -73,6 +73,7 @@ class WorldStrikes:
         self.motion = ObjectMotion(
             struck_s=struck_s, from_s=truth.moved_from_s, until_s=truth.moved_until_s,
             displacement_m=math.hypot(down_m, across_m), held=truth.touched,
+            turned_rad=truth.turn_rad - rest.turn_rad,
             down_m=down_m, across_m=across_m,
         )  # fmt: skip
         return True

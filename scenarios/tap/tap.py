@@ -15,8 +15,9 @@ from drivers.interfaces import Vector3
 from grasp.guard import ForceGuard
 from grasp.loop import Tick
 from scenarios.rigs.rig import GraspRig
+from scenarios.tap.blows import direction_of
 from scenarios.tap.config import TapConfig
-from scenarios.tap.mallet import direction_of, mallet_speed_mps, swing
+from scenarios.tap.mallet import mallet_speed_mps, swing
 from scenarios.tap.result import TapResult
 from scenarios.tap.scoring import (
     UNMOVED,
@@ -158,6 +159,7 @@ def judge(config: TapConfig, seed: int, trial: TapTrial, recording: str | None) 
         displacement_m=motion.displacement_m if motion else None,
         down_m=motion.down_m if motion else None,
         across_m=motion.across_m if motion else None,
+        turned_rad=motion.turned_rad if motion else None,
         impulse_n_s=impulse_n_s,
         mallet_mps=mallet_speed_mps(config, impulse_n_s) if impulse_n_s is not None else None,
         struck_s=motion.struck_s if motion else None,

@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import msgspec
 
@@ -23,6 +23,7 @@ from grasp.slip import SlipSettings
 from scenarios.rigs.calibration import calibration_layers
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.own_settings import own_layers
+from scenarios.world.ladder.runs import RunPlan
 
 DEFAULT_PROFILE = "default"
 FORMULAS = {"energy": "energy", "psd": "psd", "psd-fair": "psd_fair"}  # and their sections
@@ -75,6 +76,24 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     def _of_detector(self) -> DetectorSettings:
         settings: DetectorSettings = getattr(self, self.detector_section)
         return settings
+
+    def physics(self, seed: int) -> RunPlan | None:
+        """What the cell of that trial is built at: decided once for an object, scenario and ranges.
+        None where no scene is known, or no world."""
+        return None
+
+    def built_for(self, seed: int) -> Self:
+        """With that decided, for whoever opens a rig."""
+        found = self.physics(seed)
+        if found is None:
+            return self
+        replace = msgspec.structs.replace
+        steps = {"step_s": found.step_s, "blow_step_s": found.blow_step_s}
+        return replace(
+            self,
+            world=replace(self.world, level=found.level, blow_level=found.blow_level),
+            contact=replace(self.contact, **steps),
+        )
 
     def digest(self) -> str:
         """Hash of all that a result depends on: equal digests and seeds mean equal runs."""

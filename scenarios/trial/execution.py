@@ -252,6 +252,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "end": self.end(config),
             "bug": self.bug,
             "home_m": self.home,
+            "physics": config.physics(seed),
         }
 
 

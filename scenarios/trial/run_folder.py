@@ -129,7 +129,7 @@ class Record:
         self._folder: RunFolder | None = None
         self._begin = None if runs is None else partial(
             RunFolder, runs, f"{scenario}-{config.object.name}", RUN_CHANNELS,
-            {"config_hash": config.digest(), **metadata(config, seed, home)},
+            {**metadata(config, seed, home), **stated(config, seed)},
         )  # fmt: skip
         self._phases_written = 0
         self._config = config
@@ -192,6 +192,13 @@ def metadata(config: msgspec.Struct, seed: int, home: Vector3 | None = None) -> 
         "seed": str(seed),
         **{f"version.{name}": text for name, text in versions().items()},
     }
+
+
+def stated(config: TrialConfig, seed: int) -> dict[str, str]:
+    """What a recording says of itself beside its settings."""
+    physics = config.physics(seed)
+    world = {} if physics is None else {"physics": msgspec.json.encode(physics).decode()}
+    return {"config_hash": config.digest(), **world}
 
 
 def could_not_record(path: Path, cause: BaseException) -> CouldNotRecord:

@@ -60,7 +60,7 @@ def run_series(
         if config.rig == "simulated":
             yield from _anew(config, seeds, bench.paced, attempt)
             return
-        with open_rig(config, seeds[0], bench.paced, bench.permit) as rig:
+        with open_rig(config.built_for(seeds[0]), seeds[0], bench.paced, bench.permit) as rig:
             yield from _on_one_rig(config, seeds, rig, bench.operator, attempt, begun)
 
 
@@ -74,7 +74,7 @@ def _on_one_rig(
         for words in _times(title):
             interruption.check()
             if not first and rig.load is not None:
-                rig.load(config, seed)
+                rig.load(config.built_for(seed), seed)
             if operator is not None:
                 place_object(rig, operator, words)
             finished, found = attempt(seed, rig, home)
@@ -127,7 +127,7 @@ def _anew(
     config: TrialConfig, seeds: Sequence[int], paced: bool, attempt: Attempt[ResultT]
 ) -> Series[ResultT]:
     for seed in seeds:
-        with open_rig(config, seed, paced) as rig:
+        with open_rig(config.built_for(seed), seed, paced) as rig:
             finished, _ = attempt(seed, rig, None)
         yield finished
         if finished.failure is not None:

@@ -17,7 +17,7 @@ from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world import laws
 from scenarios.world.blow import Blow
-from scenarios.world.contact import FINGERS, Contact, Floats, Level, LevelChoice
+from scenarios.world.contact import FINGERS, Contact, Floats, Level, PadFrames
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.fingertip import Codes, Fingertips
 from scenarios.world.fingertip_settings import FingertipSettings, Surface, in_a_grasp
@@ -27,8 +27,6 @@ from scenarios.world.scene_terms import Damage, DamageSettings, Pull, PullSettin
 EXCHANGE_NS = 1_000_000
 SIDES = np.array([1.0, -1.0, -1.0])  # of the object: the thumb presses against the other two
 CLOSING_MPS = 0.22  # thumb and opposing fingers at full speed
-# a rotation from across to upwards, as the frames of the pads see it, which face each other
-TURNS = np.array([-1.0, 1.0, 1.0])
 
 
 class CellSettings(msgspec.Struct, frozen=True, kw_only=True):
@@ -44,16 +42,7 @@ class CellSettings(msgspec.Struct, frozen=True, kw_only=True):
     pull: PullSettings = PullSettings()
     damage: DamageSettings = DamageSettings()
     level: Level = Level.SLIDER
-    step_s: float | None = None  # None: the largest that the contact allows
-    blow_step_s: float | None = None
-
-    @property
-    def choice(self) -> LevelChoice:
-        """What the contact is computed by."""
-        largest = self.contact
-        return LevelChoice(
-            self.level, self.step_s or largest.step_s, self.blow_step_s or largest.blow_step_s
-        )
+    blow_level: Level | None = None  # from the first blow on; None: the same
 
 
 class Truth(msgspec.Struct, frozen=True):
@@ -102,11 +91,9 @@ class SimulatedCell:
         self._damage = Damage(settings.damage, settings.fingertip.noise_counts, rng.spawn(1)[0])
         self._pull = Pull(settings.pull, self._now_ns)
         angle = math.radians(settings.fingertip.slip_direction_deg)
-        # (F, 2) in the pads' frames, which face each other: up, and the way a blow across drives
-        self._up = np.tile([math.cos(angle), math.sin(angle)], (FINGERS, 1))
-        self._across = np.outer([1.0, -1.0, -1.0], [-math.sin(angle), math.cos(angle)])
+        self._frames = PadFrames.at(angle)
         self._turn = np.full(FINGERS, angle)  # the surface's x is the object's upwards
-        self.contact = Contact(settings.contact, settings.body, settings.choice)
+        self.contact = Contact(settings.contact, settings.body, settings.level, settings.blow_level)
         self._offset_m = settings.finger_offset_m
         self._travel_m = self.gripper.travel_m + self._offset_m
 
@@ -141,7 +128,7 @@ class SimulatedCell:
     def _advance_to(self, end_ns: int) -> None:
         t0, t1 = self._now_ns, end_ns
         before = self._travel_m
-        self.gripper.advance(t1, FingerLoads(self.contact.normal_n, self.contact.stiffness_npm()))
+        self.gripper.advance(t1, FingerLoads(self.contact.normal_n, self.contact.stiffness_npm))
         self._travel_m = self.gripper.travel_m + self._offset_m
         height, rise_mps = self.arm.position(t1)[2], self.arm.velocity(t1)[2]
         self.contact.advance(
@@ -159,16 +146,13 @@ class SimulatedCell:
         return partial(self._sample, t_ns, self.contact.state.copy(), self._arm_rise_mps != 0.0)
 
     def _sample(self, t_ns: int, s: Floats, arm_moves: bool) -> tuple[Codes, Codes]:
-        centre = self.contact.centre_on_pad_m(s)
-        # the object lags behind the rising fingers
-        rise = self.contact.surface_rise_m(s)
-        motion = s[laws.ACROSS] * self._across + rise[:, None] * self._up
+        motion, turn, centre = self.contact.felt(s, self._frames)
         self.fingertips.advance(
             (t_ns - self._start_ns) * 1e-9,
             s[laws.NORMAL : laws.NORMAL + FINGERS],
             motion * 1e3,
-            self._turn + s[laws.TURN] * TURNS,
-            centre * self._up * 1e3,
+            self._turn + turn,
+            centre * 1e3,
             arm_moves,
             sides=SIDES,
         )
@@ -184,25 +168,25 @@ class SimulatedCell:
 
     def truth(self) -> Truth:
         """The state of the world at the time that it was last advanced to."""
-        s = self.contact.state
+        s = self.contact.state.tolist()
         return Truth(
             t_ns=self._now_ns,
-            height_m=float(s[laws.HEIGHT]),
-            speed_mps=float(s[laws.SPEED]),
-            slip_distance_m=float(s[laws.SLIP]),
-            slip_speed_mps=float(s[laws.SLIP_SPEED]),
+            height_m=s[laws.HEIGHT],
+            speed_mps=s[laws.SPEED],
+            slip_distance_m=s[laws.SLIP],
+            slip_speed_mps=s[laws.SLIP_SPEED],
             normal_n=_three(s, laws.NORMAL),
             shear_n=_three(s, laws.SHEAR),
             peak_n=_three(s, laws.PEAK),
             slip_onset_s=_time(s[laws.ONSET_S]),
             force_rise_s=_time(s[laws.RISE_S]),
-            flank_slope=float(s[laws.SLOPE]),
-            across_m=float(s[laws.ACROSS]),
-            struck_s=float(s[laws.TAP_START_S]) if s[laws.TAP_S] > 0.0 else None,
+            flank_slope=s[laws.SLOPE],
+            across_m=s[laws.ACROSS],
+            struck_s=s[laws.TAP_START_S] if s[laws.TAP_S] > 0.0 else None,
             moved_from_s=_time(s[laws.MOVED_FROM_S]),
             moved_until_s=_time(s[laws.MOVED_UNTIL_S]),
-            turn_rad=float(s[laws.TURN]),
-            turn_speed_radps=float(s[laws.SPIN]),
+            turn_rad=s[laws.TURN],
+            turn_speed_radps=s[laws.SPIN],
         )
 
 
@@ -220,10 +204,9 @@ def surface_of(body: GraspObject) -> Surface:
     )
 
 
-def _three(state: Floats, at: int) -> Vector3:
-    a, b, c = state[at : at + 3].tolist()
-    return a, b, c
+def _three(state: list[float], at: int) -> Vector3:
+    return state[at], state[at + 1], state[at + 2]
 
 
-def _time(t_s: np.float64) -> float | None:
-    return None if t_s == laws.NOT_YET else float(t_s)
+def _time(t_s: float) -> float | None:
+    return None if t_s == laws.NOT_YET else t_s

@@ -4,7 +4,9 @@ The laws themselves are compiled, in ``laws``; here are their parameters, their 
 state that belongs together.
 """
 
+import math
 from enum import IntEnum
+from typing import Self
 
 import msgspec
 import numpy as np
@@ -16,7 +18,7 @@ from scenarios.world.laws import FINGERS, GRAVITY_MPS2, Floats
 from scenarios.world.objects import GraspObject
 from scenarios.world.scene_terms import PullSettings
 
-__all__ = ["FINGERS", "GRAVITY_MPS2", "Contact", "Floats", "Level", "LevelChoice", "parameters"]
+__all__ = ["FINGERS", "GRAVITY_MPS2", "Contact", "Floats", "Level", "parameters"]
 
 BRUSH_POINTS = 6  # a side of a pad
 # Mean distance from the middle of a square of half side 1: torque at which a uniform patch spins.
@@ -39,14 +41,6 @@ class Level(IntEnum):
         return f"L{int(self)}"
 
 
-class LevelChoice(msgspec.Struct, frozen=True):
-    """What a contact is computed by. A blow, and what it sets off, takes a step of its own."""
-
-    level: Level
-    step_s: float
-    blow_step_s: float
-
-
 def finger_stiffness(contact: ContactSettings, body: GraspObject) -> float:
     """Normal stiffness of one finger on one wall, N/m: mount, pad and wall in series."""
     compliance = (
@@ -57,10 +51,8 @@ def finger_stiffness(contact: ContactSettings, body: GraspObject) -> float:
     return 1 / compliance
 
 
-def parameters(
-    contact: ContactSettings, body: GraspObject, choice: LevelChoice | None = None
-) -> Floats:
-    """Parameter vector (26,) of the compiled laws; without a choice at L1."""
+def parameters(contact: ContactSettings, body: GraspObject, level: Level = Level.SLIDER) -> Floats:
+    """Parameter vector (26,) of the compiled laws."""
     out = np.empty(laws.PARAMETER_SIZE)
     out[: laws.P_STIFFNESS] = (
         body.total_kg, body.friction_static, body.friction_kinetic,
@@ -71,17 +63,16 @@ def parameters(
         body.half_width_m, body.half_height_m, body.grip_height_m, body.body_above_grip_m,
     )  # fmt: skip
     out[laws.P_STIFFNESS : laws.P_GROSS_SLIP] = finger_stiffness(contact, body)
-    level = Level.SLIDER if choice is None else choice.level
     out[laws.P_GROSS_SLIP :] = (
         contact.gross_slip_mps, contact.force_rise_n, contact.gross_turn_radps,
         body.inertia_kgm2, body.centre_aside_m, body.centre_above_m,
-        float(level), contact.blow_step_s if choice is None else choice.blow_step_s,
+        float(level), contact.blow_step_s,
     )  # fmt: skip
     return out
 
 
 def initial_state(present: bool = True) -> Floats:
-    """State vector (42,): object at rest on the table, nothing touched; or no object yet."""
+    """State vector (45,): object at rest on the table, nothing touched; or no object yet."""
     state = np.zeros(laws.STATE_SIZE)
     state[laws.PRESENT] = 1.0 if present else 0.0
     for never in (laws.ONSET_S, laws.RISE_S, laws.MOVED_FROM_S, laws.MOVED_UNTIL_S):
@@ -111,20 +102,39 @@ def elements(contact: ContactSettings, level: Level, brush_points: int = BRUSH_P
     return out
 
 
+class PadFrames(msgspec.Struct, frozen=True):
+    """The scene's directions in the frame of each pad; the pads face each other."""
+
+    up: Floats  # (3, 2)
+    across: Floats  # (3, 2)
+    turns: Floats  # (3,) of a rotation from across to upwards
+
+    @classmethod
+    def at(cls, angle_rad: float) -> Self:
+        """Upwards is at that angle from each pad's x."""
+        cos, sin = math.cos(angle_rad), math.sin(angle_rad)
+        opposed = np.array([1.0, -1.0, -1.0])
+        return cls(np.tile([cos, sin], (FINGERS, 1)), np.outer(opposed, [-sin, cos]), -opposed)
+
+
 class Contact:
     """The object, the pads and what has happened to them. Times count from when the cell began.
 
     ``state`` is laid out as ``laws`` says; it may be read and copied.
     """
 
-    def __init__(self, settings: ContactSettings, body: GraspObject, choice: LevelChoice) -> None:
-        self.choice = choice
+    def __init__(
+        self, settings: ContactSettings, body: GraspObject, level: Level = Level.SLIDER,
+        blow_level: Level | None = None,
+    ) -> None:  # fmt: skip
+        """``blow_level``: from the first blow on; None: as before it."""
+        self.level, self._before = level, level
+        self._blow_level = level if blow_level is None else blow_level
         self.state = initial_state(present=False)
         self._settings = settings
-        self._parameters = parameters(settings, body, choice)
-        self._elements = elements(settings, choice.level)
+        self._parameters = parameters(settings, body, level)
+        self._elements = elements(settings, level)
         self._places_m = finger_places(settings)[:, 0]
-        self._stiffness = np.zeros(FINGERS)
 
     @property
     def normal_n(self) -> Floats:
@@ -134,13 +144,27 @@ class Contact:
     def place(self, above_m: float = 0.0) -> None:
         """The object stands on the table, untouched, its mark so far below the pads."""
         self.state[:] = initial_state()
-        self.state[laws.SLIP] = above_m
-        self._elements[:] = elements(self._settings, self.choice.level)
+        self.state[laws.SLIP], self.state[laws.COM_RISE] = above_m, -above_m
+        self._climb(self._before)
+        self._elements[:, laws.E_SLIDES :] = 0.0
+
+    def _climb(self, level: Level) -> None:
+        """Go on at another level: each element takes over its finger's stretch."""
+        if level is self.level:
+            return
+        old, new = self._elements, elements(self._settings, level)
+        for finger in range(FINGERS):
+            was = old[old[:, laws.E_FINGER] == finger, laws.E_SLIDES :].mean(axis=0)
+            new[new[:, laws.E_FINGER] == finger, laws.E_SLIDES :] = was
+        new[:, laws.E_SLIDES] = new[:, laws.E_SLIDES] > 0.5
+        self.level, self._elements = level, new
+        self._parameters[laws.P_LEVEL] = float(level)
 
     def strike(self, blow: Blow, start_s: float) -> None:
         """A blow from start_s on. What an earlier one moved is forgotten. Raises ValueError for one
         from the side at L0, which moves up and down only."""
-        if self.choice.level is Level.RIGID and blow.direction == "side":
+        self._climb(self._blow_level)
+        if self.level is Level.RIGID and blow.direction == "side":
             raise ValueError("L0 knows no blow from the side; world.level = L1 or above does")
         s = self.state
         s[laws.TAP_DIRECTION], s[laws.TAP_START_S] = _DIRECTIONS[blow.direction], start_s
@@ -162,26 +186,26 @@ class Contact:
         """From t_s on for dt_s: the hand rises by rise_m, its speed at both ends given; the fingers
         close from travel0 to travel1, (3,) m."""
         laws.advance(
-            self._parameters, self.state, self._elements, t_s, dt_s, self.choice.step_s,
+            self._parameters, self.state, self._elements, t_s, dt_s, self._settings.step_s,
             rise_m, from_mps, to_mps, travel0, travel1,
         )  # fmt: skip
 
+    @property
     def stiffness_npm(self) -> Floats:
-        """(3,) dN/dtravel of each finger with the others still."""
-        laws.normal_stiffness(self._parameters, self.normal_n, self._stiffness)
-        return self._stiffness
+        """(3,) dN/dtravel of each finger with the others still; a view of the state."""
+        return self.state[laws.STIFFNESS :]
 
     def clearance_m(self, travel: Floats) -> float:
         """How far thumb and nearest opposing finger may close in all before both sides touch."""
         gap: float = laws.clearance(self._parameters, self.state, travel)
         return gap
 
-    def centre_on_pad_m(self, state: Floats) -> float:
-        """Where the object's widest point lies on the pads, above their middle; 0 if straight."""
-        centre: float = laws.centre_on_pad(self._parameters, state[laws.SLIP])
-        return centre
-
-    def surface_rise_m(self, state: Floats) -> Floats:
-        """(3,) how far the object's surface has moved up over the middle of each pad."""
-        rise: Floats = state[laws.TURN] * self._places_m - state[laws.SLIP]
-        return rise
+    def felt(self, state: Floats, frames: PadFrames) -> tuple[Floats, Floats, Floats]:
+        """In the pads' frames, of a copy of the state: motion (3, 2), m, and turn (3,), rad, of the
+        surface at each pad's middle; centre (3, 2), m, of a curved one."""
+        motion, turn, centre = np.empty((FINGERS, 2)), np.empty(FINGERS), np.empty((FINGERS, 2))
+        laws.felt(
+            self._parameters, state, frames.up, frames.across, self._places_m, frames.turns,
+            motion, turn, centre,
+        )  # fmt: skip
+        return motion, turn, centre

@@ -42,8 +42,9 @@ Floats = NDArray[np.float64]
     COM_ACROSS, COM_RISE,  # how the centre of mass has moved against the hand
     PULL_START_S, PULL_N, PULL_RAMP_S, PULL_S,  # a steady pull down: ramp, full force, ramp
 ) = range(30)  # fmt: skip
-RELAXED, NORMAL, SHEAR, PEAK = 30, 33, 36, 39  # of each finger
-STATE_SIZE = PEAK + FINGERS
+# of each finger; the last: how its force rises with its travel, the others still
+RELAXED, NORMAL, SHEAR, PEAK, STIFFNESS = 30, 33, 36, 39, 42
+STATE_SIZE = STIFFNESS + FINGERS
 # of the elements (E, 9): place on the pads, spin radius, share of its finger's force, the finger,
 # 1 while it slides, stretch along y, z and turn,
 E_Y, E_Z, E_SPIN, E_SHARE, E_FINGER, E_SLIDES, E_STRETCH_Y, E_STRETCH_Z, E_STRETCH_TURN = range(9)
@@ -631,6 +632,24 @@ def advance(
         v_hand = mean + (v1 - v0) * (middle - 0.5)
         _step(p, s, e, h, v_hand, travel, blow, n, work, small)
         _note(p, s, t_s + (j + 1) * h)
+    normal_stiffness(p, n, s[STIFFNESS:])
+
+
+@njit(cache=True)
+def felt(
+    p: Floats, s: Floats, up: Floats, across: Floats, places: Floats, turns: Floats,
+    motion: Floats, turn: Floats, centre: Floats,
+) -> None:  # fmt: skip
+    """What moves over the pads, in their own frames: motion (F, 2), m, and turn (F,), rad, of the
+    surface at each pad's middle, which lies at ``places`` (F,) across; centre (F, 2), m, of a
+    curved one. ``up`` and ``across`` (F, 2), ``turns`` (F,): the pads' frames."""
+    middle = centre_on_pad(p, s[SLIP])
+    for i in range(FINGERS):
+        rise = s[TURN] * places[i] - s[SLIP]  # the object lags behind rising fingers
+        for d in range(2):
+            motion[i, d] = s[ACROSS] * across[i, d] + rise * up[i, d]
+            centre[i, d] = middle * up[i, d]
+        turn[i] = turns[i] * s[TURN]
 
 
 @njit(cache=True)

@@ -79,13 +79,14 @@ class Damage:
         self._settings = settings
         self._kept = 1.0 - settings.gain_lost
         self._noise_counts = noise_counts * math.sqrt(1.0 - self._kept**2)  # what scaling takes
+        self._whole = settings == DamageSettings()
         self._rng = rng
         self._first: Codes | None = None
         self._lost: NDArray[np.bool_] | None = None
 
     def felt(self, codes: Codes) -> Codes:
         """Codes (F, T) as the damaged fingertips give them."""
-        if self._settings == DamageSettings():
+        if self._whole:
             return codes
         if self._first is None or self._lost is None:
             self._first, self._lost = codes.copy(), self._draw(*codes.shape)

@@ -87,6 +87,9 @@ MOST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
      lambda v, x: on_run.lift_verdict({"early_s": v}, {}, registered_s=1.0 - x) in SUCCESSES, 1e-6),
     ("ScoringSettings.still_mps", (0.001, 0.01),
      lambda v, x: on_run.lift_verdict({"still_mps": v}, {"slip_speed_mps": x}) in SUCCESSES, 1e-6),
+    ("ScoringSettings.still_radps", (0.1, 0.5),
+     lambda v, x: on_run.lift_verdict({"still_radps": v}, {"turn_speed_radps": x}) in SUCCESSES,
+     1e-6),
     ("TapScoringSettings.register_s", (0.2, 0.8),
      lambda v, x: on_run.tap_verdict({"register_s": v}, [Alarm(10.0 + x, 10.0 + x + 0.01)])
      is TapOutcome.REGISTERED, 1e-6),
@@ -109,6 +112,8 @@ LEAST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
      lambda v, x: on_run.lift_verdict({"lifted_m": v}, {"height_m": x}) in SUCCESSES, 1e-6),
     ("TapScoringSettings.moved_m", (0.001, 0.01),
      lambda v, x: on_run.tap_verdict({"moved_m": v}, [REGISTERED], x) not in QUIET, 1e-6),
+    ("TapScoringSettings.turned_rad", (0.02, 0.2),
+     lambda v, x: on_run.tap_verdict({"turned_rad": v}, [REGISTERED], 0.0, -x) not in QUIET, 1e-6),
     ("TapScoringSettings.stay_s", (0.3, 0.7),
      lambda v, x: on_run.tap_verdict({"stay_s": v}, [REGISTERED, Alarm(10.1 + x, 20.0)])
      is TapOutcome.REGISTERED, 1e-6),

@@ -105,7 +105,7 @@ def at_lift(config: LiftConfig, seed: int) -> Copy:
     """World and gripper driver of a trial at the instant at which its arm begins to rise."""
     controller_settings = msgspec.structs.replace(config.controller, reactions=False, keep=True)
     unanswered = msgspec.structs.replace(config, controller=controller_settings)
-    with open_rig(unanswered, seed, paced=False) as rig:
+    with open_rig(unanswered.built_for(seed), seed, paced=False) as rig:
         controller = make_controller(unanswered)
         loop = make_loop(unanswered, rig, controller, make_guard(unanswered), lambda tick: None)
         while not controller.finished:
@@ -187,7 +187,7 @@ def _answer(config: LiftConfig, seed: int) -> tuple[int, CloseFast, int, Truth] 
             if isinstance(issued.admitted, CloseFast):
                 sent.append((issued.sent_ns, issued.admitted))
 
-    with open_rig(config, seed, paced=False) as rig:
+    with open_rig(config.built_for(seed), seed, paced=False) as rig:
         trial = run_trial(config, rig, make_guard(config), watch)
     end, registered_ns = trial.trace.end, trial.trace.registered_ns
     if end is None or registered_ns is None or end.slip_onset_s is None or not sent:

@@ -9,7 +9,6 @@ from scenarios.world.contact import (
     FINGERS,
     Floats,
     Level,
-    LevelChoice,
     elements,
     initial_state,
     parameters,
@@ -72,7 +71,7 @@ def _rigid(scene: Scene) -> SceneOutcome:
 
 
 def begin(scene: Scene, first_mps: float) -> Floats:
-    """State (42,) of a scene at its start, the object as fast as the hand."""
+    """State (45,) of a scene at its start, the object as fast as the hand."""
     s = initial_state()
     s[laws.HEIGHT] = 0.0 if scene.on_table else laws.IN_THE_AIR_M
     s[laws.SPEED] = first_mps
@@ -80,7 +79,7 @@ def begin(scene: Scene, first_mps: float) -> Floats:
 
 
 def _compliant(scene: Scene, d: Drive, level: Level, brush_points: int) -> SceneOutcome:
-    p = parameters(scene.contact, scene.body, LevelChoice(level, d.step_s, d.step_s))
+    p = parameters(scene.contact, scene.body, level)
     s, e = begin(scene, d.first_mps), elements(scene.contact, level, brush_points)
     travel, normal = np.array(scene.grip.travel_m), np.zeros(FINGERS)
     laws.normal_forces(p, laws.width_and_slope(p, 0.0)[0], travel, s, normal)

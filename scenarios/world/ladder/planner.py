@@ -1,8 +1,8 @@
 """Chooses the cheapest level of the contact ladder, and a step, that answers within a tolerance.
 
 Three questions, asked separately. A structural indicator says which terms a scene could do without
-(no lever and no side load: nothing turns). Agreement with the next fuller level says whether it can
-here. Halving the step bounds what the integration adds; results are extrapolated from two steps.
+(no lever and no side load: nothing turns). Agreement with a fuller level says whether it can here.
+Halving the step bounds what the integration adds; results are extrapolated from two steps.
 """
 
 import math
@@ -31,6 +31,7 @@ from scenarios.world.ladder.scene import Scene
 COARSE_POINTS = 3  # brush points a side that confirm L3
 COARSE_SHARE = 0.3  # of the gap between L3 and that brush is what the brush itself is off
 MODEL_SHARE = 1 / 3  # of the tolerance: errors were up to 1.7 x the gap to the next level
+SKIP_SHARE = 1 / 2  # of it, where the fuller one is two levels up: most of the way to the brush
 HOPELESS = 3.0  # tolerances between L2 and L3: then L3 is off too, by a third of it
 STEP_SHARE = 1 / 2  # of the tolerance, for the difference of a step and its half
 SLOW_VIBRATION = 0.25  # of the pads' resonance: amplified by 1 / (1 - 0.25^2), 7 %
@@ -83,6 +84,7 @@ class Answer(msgspec.Struct, frozen=True):
     turn_rad: float
     peak_force_n: float
     step_error: float  # of the two steps, in tolerances
+    held: bool
 
     @property
     def slip_m(self) -> float:
@@ -95,6 +97,15 @@ class Comparison(msgspec.Struct, frozen=True):
     level: Level
     against: Level
     gap: float
+
+    @property
+    def allowed(self) -> float:
+        """Share of the tolerance that the gap may be."""
+        return SKIP_SHARE if self.against - self.level > 1 else MODEL_SHARE
+
+    @property
+    def agree(self) -> bool:
+        return self.gap <= self.allowed
 
 
 class Plan(msgspec.Struct, frozen=True):
@@ -196,19 +207,22 @@ def _extrapolate(
     bare = Answer(
         level=fine.level, points=points, step_s=fine.step_s,
         mark_m=(float(mark[0]), float(mark[1])), turn_rad=2 * fine.turn_rad - coarse.turn_rad,
-        peak_force_n=fine.peak_force_n, step_error=0.0,
+        peak_force_n=fine.peak_force_n, step_error=0.0, held=fine.held,
     )  # fmt: skip
-    return msgspec.structs.replace(bare, step_error=_gap(coarse, fine, tolerance))
+    return msgspec.structs.replace(bare, step_error=gap(coarse, fine, tolerance))
 
 
-def _gap(a: SceneOutcome | Answer, b: SceneOutcome | Answer, tolerance: Tolerance) -> float:
-    """Largest difference of what is asked, in tolerances."""
-    gap = math.dist(a.mark_m, b.mark_m) / tolerance.slip_m
+def gap(a: SceneOutcome | Answer, b: SceneOutcome | Answer, tolerance: Tolerance) -> float:
+    """Largest difference of what is asked, in tolerances. The verdict is always asked, and of an
+    object that is lost nothing else."""
+    if not (a.held and b.held):
+        return 0.0 if a.held == b.held else math.inf
+    apart = math.dist(a.mark_m, b.mark_m) / tolerance.slip_m
     if tolerance.rotation_rad is not None:
-        gap = max(gap, abs(a.turn_rad - b.turn_rad) / tolerance.rotation_rad)
+        apart = max(apart, abs(a.turn_rad - b.turn_rad) / tolerance.rotation_rad)
     if tolerance.peak_force_n is not None:
-        gap = max(gap, abs(a.peak_force_n - b.peak_force_n) / tolerance.peak_force_n)
-    return gap
+        apart = max(apart, abs(a.peak_force_n - b.peak_force_n) / tolerance.peak_force_n)
+    return apart
 
 
 def refined(scene: Scene, first: Answer, tolerance: Tolerance) -> Answer:
@@ -227,27 +241,48 @@ def reference(scene: Scene, tolerance: Tolerance) -> Answer:
 
 
 def plan(scene: Scene, tolerance: Tolerance) -> Plan:
-    """Cheapest level that its fuller neighbour confirms. Always ends: the last one is the brush."""
+    """Cheapest level that a fuller one confirms, and a step."""
+    found = choose(scene, tolerance)
+    return msgspec.structs.replace(found, answer=refined(scene, found.answer, tolerance))
+
+
+def choose(scene: Scene, tolerance: Tolerance, least: Level = Level.RIGID) -> Plan:
+    """That level from ``least`` on, answered by the first step. Always ends: the last one is the
+    brush."""
     facts = indicators(scene)
     step_s = first_step_s(scene)
-    start, end = (Level.POINTS, Level.BRUSH) if facts.turns else (Level.RIGID, Level.SLIDER)
-    if facts.coupled or facts.rings:
-        start = max(start, Level.SLIDER)
     compared: list[Comparison] = []
-    here = answer(scene, start, tolerance, step_s)
-    while here.level < end:
-        fuller_level = Level(here.level + 1)
-        points = COARSE_POINTS if fuller_level is Level.BRUSH else BRUSH_POINTS
-        fuller = answer(scene, fuller_level, tolerance, step_s, points)
-        gap = _gap(here, fuller, tolerance)
-        compared.append(Comparison(here.level, fuller_level, gap))
-        if gap <= MODEL_SHARE:
-            break
-        here = fuller
-        coarse_is_off = here.level is Level.BRUSH and gap * COARSE_SHARE > MODEL_SHARE
-        if coarse_is_off or (here.level is Level.SPIN and gap > HOPELESS):
-            here = answer(scene, Level.BRUSH, tolerance, step_s)
-    return Plan(scene.name, tolerance, facts, tuple(compared), refined(scene, here, tolerance))
+
+    def agree(here: Answer, fuller: Answer) -> bool:
+        compared.append(Comparison(here.level, fuller.level, gap(here, fuller, tolerance)))
+        return compared[-1].agree
+
+    def at(level: Level, points: int = BRUSH_POINTS) -> Answer:
+        return answer(scene, level, tolerance, step_s, points)
+
+    def found(here: Answer) -> Plan:
+        return Plan(scene.name, tolerance, facts, tuple(compared), here)
+
+    if not facts.turns:
+        slider = at(Level.SLIDER)
+        rigid_admitted = least is Level.RIGID and not (facts.coupled or facts.rings)
+        if rigid_admitted and agree(rigid := at(Level.RIGID), slider):
+            return found(rigid)
+        return found(slider)
+    # L0 and L1 omit the rotation, would agree and both be wrong: L1 is held against L3, which has
+    # it, and has the patches that keep it small
+    spin = at(Level.SPIN)
+    if agree(slider := at(Level.SLIDER), spin):
+        return found(slider)
+    if agree(points := at(Level.POINTS), spin):
+        return found(points)
+    if compared[-1].gap <= HOPELESS:
+        coarse = at(Level.BRUSH, COARSE_POINTS)
+        if agree(spin, coarse):
+            return found(spin)
+        if compared[-1].gap * COARSE_SHARE <= MODEL_SHARE:
+            return found(coarse)
+    return found(at(Level.BRUSH))
 
 
 _MEANING = {
@@ -264,7 +299,7 @@ def _explain(found: Plan) -> list[str]:
     turning = "nothing turns the object: L2 to L4 would move as L1 does"
     if facts.turns:
         side = "a side load" if facts.sideways else "a lever"
-        turning = f"{side}, eccentricity {facts.eccentricity:.2g}: L0 and L1 are not admitted"
+        turning = f"{side}, eccentricity {facts.eccentricity:.2g}: L0 is not admitted"
     lines = [f"load {facts.load_ratio:.2f} of the static cone; {turning}"]
     if facts.coupled:
         lines.append("flanks or relaxing pads: L0 is not admitted")
@@ -274,10 +309,10 @@ def _explain(found: Plan) -> list[str]:
     if math.isfinite(facts.pulse_ratio):
         lines.append(f"the tap lasts {facts.pulse_ratio:.2f} periods of the object on its pads")
     for c in found.comparisons:
-        verdict = "agree" if c.gap <= MODEL_SHARE else "do not agree"
+        verdict = "agree" if c.agree else "do not agree"
         lines.append(
             f"L{int(c.level)} and L{int(c.against)} {verdict}: {c.gap:.2g} tolerances apart "
-            f"({MODEL_SHARE:.2g} allowed)"
+            f"({c.allowed:.2g} allowed)"
         )
     a = found.answer
     step = "no step" if a.level is Level.RIGID else f"step {a.step_s * 1e3:.3g} ms"

@@ -154,9 +154,10 @@ MOVED = ObjectMotion(struck_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0
 
 
 def tap_verdict(
-    settings: dict[str, float], alarms: list[Alarm], moved_m: float = 0.006
+    settings: dict[str, float], alarms: list[Alarm], moved_m: float = 0.006,
+    turned_rad: float | None = None,
 ) -> TapOutcome:
-    motion = msgspec.structs.replace(MOVED, displacement_m=moved_m)
+    motion = msgspec.structs.replace(MOVED, displacement_m=moved_m, turned_rad=turned_rad)
     facts = TapFacts(
         motion=motion, alarms=alarms, watched_until_s=30.0, own_peak_n=10.5, force_bound_n=11.0
     )

@@ -14,9 +14,10 @@ from grasp.phases import Phase
 from scenarios.campaign.config import load_config
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
-from scenarios.tap import mallet, tap
+from scenarios.tap import blows, mallet, tap
+from scenarios.tap.blows import direction_of
 from scenarios.tap.config import TapConfig
-from scenarios.tap.mallet import direction_of, swing
+from scenarios.tap.mallet import swing
 from scenarios.tap.result import TapResult
 from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.tap import TapTrial, tap_config
@@ -188,9 +189,11 @@ def test_search_finds_the_blow_that_moves_the_object_as_far_as_asked(
     impulse = mallet.search(c, direction)
     assert 0.05 < impulse < 0.6
     level = Level.SLIDER if direction == "top" else Level.SPIN
-    held = mallet._held(c.object, c.contact, (10.0, 5.0, 5.0), level)
+    held = blows.held_at(c.object, c.contact, (10.0, 5.0, 5.0), level)
     tap_only = msgspec.structs.replace(c.tap, spread=0.0)
-    moved = mallet._moved_m(held, c.contact, mallet._blow(tap_only, direction, impulse, 0.0))
+    moved = blows.moved_by(
+        held, c.tap.mark_height_m, blows.blow_of(tap_only, direction, impulse, 0.0)
+    )
     assert moved == pytest.approx(0.007, rel=0.01)
 
 
@@ -200,7 +203,7 @@ def test_blow_is_searched_at_the_force_that_the_hand_really_holds(name: str, mod
     words = (f"guard.cap_mode={mode}", "guard.overshoot_n=14")
     c = tap_config(config(HEARS, *words, object_name=name))
     grip_n = tap.run(config(HEARS, *words, object_name=name), 0, None).result.grip_force_n
-    held = mallet._held(c.object, c.contact, c.guard.full_grip_n, Level.SLIDER)
+    held = blows.held_at(c.object, c.contact, c.guard.full_grip_n, Level.SLIDER)
     assert grip_n is not None
     assert held.contact.normal_n[0] == pytest.approx(grip_n["A"], rel=0.05)
 

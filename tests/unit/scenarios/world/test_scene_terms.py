@@ -7,7 +7,7 @@ import pytest
 
 from scenarios.rigs.variation import VariationSettings, draw
 from scenarios.world import laws
-from scenarios.world.contact import Contact, Level, LevelChoice
+from scenarios.world.contact import Contact, Level
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.scene_terms import Damage, DamageSettings, Pull, PullSettings
 from tests.unit.scenarios.conftest import config, judged
@@ -66,7 +66,7 @@ def test_pull_begins_once_when_the_arm_has_stood_long_enough_in_the_air() -> Non
 
 
 def test_force_of_a_pull_ramps_up_stands_and_ramps_down() -> None:
-    held = Contact(ContactSettings(), body(), LevelChoice(Level.SLIDER, 5e-4, 1e-4))
+    held = Contact(ContactSettings(), body(), Level.SLIDER)
     assert laws.pull_force(held.state, 1.0) == 0.0
     held.pull(PullSettings(force_n=8.0, ramp_s=0.1, lasts_s=0.3), 1.0)
     at = {0.9: 0.0, 1.05: 4.0, 1.1: 8.0, 1.4: 8.0, 1.45: 4.0, 1.6: 0.0}

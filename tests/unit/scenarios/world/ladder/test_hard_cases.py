@@ -10,7 +10,6 @@ from scenarios.world import laws
 from scenarios.world.contact import (
     GRAVITY_MPS2,
     Level,
-    LevelChoice,
     elements,
     initial_state,
     parameters,
@@ -76,7 +75,7 @@ def period(positions: np.ndarray, step_s: float) -> float:
 
 def ladder_on_a_belt(damping_nspm: float, step_s: float) -> float:
     scene = belt_scene(1e6, damping_nspm)
-    p = parameters(scene.contact, scene.body, LevelChoice(Level.POINTS, step_s, step_s))
+    p = parameters(scene.contact, scene.body, Level.POINTS)
     s, e, z = initial_state(), elements(scene.contact, Level.POINTS)[:1], []
     e[:, laws.E_Y : laws.E_SHARE] = 0.0
     s[laws.HEIGHT] = laws.IN_THE_AIR_M
@@ -201,7 +200,7 @@ def disc(rings: int, spin_only_as_ellipsoid: bool, ratio: float) -> float:
     """v / (R w) when a hundredth of the speed is left, of a disc of radius R = 20 mm."""
     radius, what = 0.02, body(mass_kg=0.3, friction_static=0.5, friction_kinetic=0.5)
     scene = held(contact=changed(SOFT, shear_stiffness_npm=1e12), body=what)
-    p = parameters(scene.contact, what, LevelChoice(Level.POINTS, 1e-7, 1e-7))
+    p = parameters(scene.contact, what, Level.POINTS)
     p[laws.P_INERTIA] = 0.5 * what.mass_kg * radius**2
     s = initial_state()
     s[laws.HEIGHT] = laws.IN_THE_AIR_M

@@ -1,0 +1,214 @@
+"""How much physics a run gets: the worst corner of its trials decides, once for all of them.
+
+A run's scene is what its settings say of object, hand and path, and the ranges that seeds draw
+from. Its corners are scenes of the planner with the same body and the same contact that the cell is
+built from; verdict (held or lost), slip distance, rotation and peak force are asked.
+"""
+
+import itertools
+from functools import cache
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from scenarios.world.blow import Blow
+from scenarios.world.contact import Level, finger_stiffness
+from scenarios.world.contact_settings import ContactSettings
+from scenarios.world.ladder.levels import simulate
+from scenarios.world.ladder.planner import MODEL_SHARE, Plan, Tolerance, choose, gap
+from scenarios.world.ladder.scene import ArmRise, Closing, Grip, Scene, Three, squeeze
+from scenarios.world.objects import GraspObject
+from scenarios.world.world_settings import WorldSettings
+
+LIFT_S, FIRM_S, TAP_S, STRUCK_S = 1.6, 0.6, 0.4, 0.02
+LEAST_STEP_S = 1e-5
+REACTION_S = (0.1, 0.6)  # start of the rise to first closing; assumed, as in experiments.py
+
+
+_SIGNS = tuple(itertools.product((-1.0, 1.0), (-1.0, 1.0), (1.0, -1.0)))  # the worst first
+
+
+class Ranges(msgspec.Struct, frozen=True, kw_only=True):
+    """How far trials may be from what the settings say: the furthest that a seed draws."""
+
+    friction: Annotated[float, Meta(description="relative")] = 0.0
+    mass: Annotated[float, Meta(description="relative")] = 0.0
+    height_m: float = 0.0
+    aside_m: float = 0.0
+    scatter_m: Annotated[float, Meta(description="of where a finger stops")] = 0.0
+    impulse: Annotated[float, Meta(description="relative")] = 0.0
+    offset_m: Annotated[float, Meta(description="of where a blow lands")] = 0.0
+
+
+class RunScene(msgspec.Struct, frozen=True, kw_only=True):
+    """What all trials of one object and scenario do to it: a lift, or a blow on what is held."""
+
+    body: GraspObject
+    contact: ContactSettings
+    first_travel_m: Three  # of the first grasp
+    full_grip_n: Three
+    closing_mps: float
+    arm: ArmRise
+    ranges: Ranges
+    blow: Blow | None = None
+
+    def lifts(self) -> list[Scene]:
+        """Corners of what goes on without a blow: weak and firm, the weight and the uneven grip on
+        either side, early and late answers; of a tap the rise in a firm grip."""
+        if self.blow is not None:
+            return [self._firm(self._body(grip, 1.0)) for grip in (-1.0, 1.0)]
+        return [self._lift(self._body(a, b), b, c) for a, b, c in _SIGNS]
+
+    def blows(self) -> list[Scene]:
+        """Likewise of a blow: weak and firm grips, either side, strong and weak blows."""
+        if self.blow is None:
+            return []
+        return [self._tap(self.blow, self._body(a, b), b, c) for a, b, c in _SIGNS]
+
+    def _body(self, grip: float, aside: float) -> GraspObject:
+        body, r = self.body, self.ranges
+        rub, weight = 1 + grip * r.friction, 1 - grip * r.mass
+        return msgspec.structs.replace(
+            body,
+            friction_static=body.friction_static * rub,
+            friction_kinetic=body.friction_kinetic * rub,
+            mass_kg=body.mass_kg * weight,
+            added_mass_kg=body.added_mass_kg * weight,
+            grip_height_m=body.grip_height_m - grip * r.height_m,
+            body_above_grip_m=body.body_above_grip_m + grip * r.height_m,
+            centre_aside_m=body.centre_aside_m + aside * r.aside_m,
+        )
+
+    def _uneven(self, travel: Three, side: float) -> Grip:
+        """The finger on the weight's other side stops first."""
+        a, b, c = travel
+        off = side * self.ranges.scatter_m
+        return Grip(travel_m=(a, b + off, c - off))
+
+    def _lift(self, body: GraspObject, aside: float, path: float) -> Scene:
+        early, late = REACTION_S
+        every = self.full_grip_n[0] > self.full_grip_n[1] + self.full_grip_n[2]
+        closing = Closing(
+            start_s=early if path < 0.0 else late, speed_mps=self.closing_mps,
+            force_stop_n=self.full_grip_n[0], fingers="all" if every else "thumb",
+        )  # fmt: skip
+        grip = self._uneven(self.first_travel_m, aside)
+        return Scene(
+            name="lift", duration_s=LIFT_S, body=body, contact=self.contact, on_table=True,
+            grip=msgspec.structs.replace(grip, closing=closing), arm=self.arm,
+        )  # fmt: skip
+
+    def _held(self, body: GraspObject, aside: float) -> Grip:
+        _, b_n, c_n = self.full_grip_n
+        return self._uneven(squeeze(body, self.contact, b_n, c_n), aside)
+
+    def _firm(self, body: GraspObject) -> Scene:
+        return Scene(
+            name="firm lift", duration_s=FIRM_S, body=body, contact=self.contact, on_table=True,
+            grip=self._held(body, 1.0), arm=self.arm,
+        )  # fmt: skip
+
+    def _tap(self, blow: Blow, body: GraspObject, aside: float, path: float) -> Scene:
+        share, r = 1 + path * self.ranges.impulse, self.ranges
+        struck = msgspec.structs.replace(
+            blow, impulse_n_s=max(0.0, share * blow.impulse_n_s), delay_s=STRUCK_S,
+            follow_n_s=max(0.0, share * blow.follow_n_s),
+            offset_m=blow.offset_m + aside * r.offset_m,
+        )  # fmt: skip
+        return Scene(
+            name=f"{blow.direction}-tap", duration_s=TAP_S, body=body, contact=self.contact,
+            grip=self._held(body, aside), tap=struck,
+        )  # fmt: skip
+
+
+class RunPlan(msgspec.Struct, frozen=True, kw_only=True):
+    """What the cell of a run is built at, and why. ``asked``: auto, or the level told."""
+
+    level: str
+    step_s: float
+    blow_level: str  # from the first blow on
+    blow_step_s: float
+    asked: str
+    tolerance_m: float
+    tolerance_rad: float
+    why: tuple[str, ...] = ()  # of the corner that decided, in the planner's words
+
+
+def asked_of(world: WorldSettings, contact: ContactSettings) -> Tolerance:
+    """What a run must answer, and how exactly."""
+    return Tolerance(
+        slip_m=world.tolerance, rotation_rad=world.tolerance / contact.turn_lever_m,
+        peak_force_n=world.force_tolerance_n,
+    )  # fmt: skip
+
+
+@cache
+def plan_run(scene: RunScene, world: WorldSettings) -> RunPlan:
+    """Level and steps for all trials of a scene. Raises ValueError where a level was told that
+    cannot do it."""
+    contact, asked = scene.contact, asked_of(world, scene.contact)
+    if world.forced is not None:
+        sideways = scene.blow is not None and scene.blow.direction == "side"
+        if world.forced is Level.RIGID and sideways:
+            raise ValueError("L0 moves up and down only: no blow from the side")
+        level = world.forced
+        blow_level = world.from_blow_on or level
+        return _run_plan(world, asked, level, contact.step_s, blow_level, contact.blow_step_s)
+    plan, step_s = _worst(scene.lifts(), contact.step_s, asked)
+    if scene.blow is None:
+        steps = plan.level, step_s, plan.level, contact.blow_step_s
+        return _run_plan(world, asked, *steps, tuple(plan.lines()))
+    struck, blow_step_s = _worst(scene.blows(), contact.blow_step_s, asked)
+    blow_level = max(plan.level, struck.level)
+    steps = plan.level, step_s, blow_level, blow_step_s
+    return _run_plan(world, asked, *steps, tuple(struck.lines()))
+
+
+def _run_plan(
+    world: WorldSettings, asked: Tolerance, level: Level, step_s: float, blow_level: Level,
+    blow_step_s: float, why: tuple[str, ...] = (),
+) -> RunPlan:  # fmt: skip
+    return RunPlan(
+        level=level.label, step_s=step_s, blow_level=blow_level.label, blow_step_s=blow_step_s,
+        asked=world.level, tolerance_m=asked.slip_m, tolerance_rad=asked.rotation_rad or 0.0,
+        why=why,
+    )  # fmt: skip
+
+
+def _worst(scenes: list[Scene], largest_s: float, asked: Tolerance) -> tuple[Plan, float]:
+    """The plan of the corner that asks for most, and a step that does there. L0 is left out: a run
+    that has it is no faster, and its fingertips feel no pad give before it slides."""
+    plans = []
+    for scene in scenes:
+        plans.append((choose(scene, asked, Level.SLIDER), scene))
+        if plans[-1][0].level is Level.BRUSH:  # none asks for more
+            break
+    found, corner = max(plans, key=lambda pair: _demand(pair[0]))
+    return found, _step_s(corner, found.level, largest_s, asked)
+
+
+def _demand(found: Plan) -> tuple[int, float]:
+    """The fullest level, and of those the one that came nearest to needing more."""
+    last = found.comparisons[-1].gap if found.comparisons else 0.0
+    return int(found.level), last
+
+
+def _step_s(scene: Scene, level: Level, largest_s: float, asked: Tolerance) -> float:
+    """Largest step whose own error, twice what half of it changes, keeps its share."""
+    step_s, coarse = largest_s, simulate(scene, level, largest_s)
+    while step_s > LEAST_STEP_S:
+        fine = simulate(scene, level, 0.5 * step_s)
+        if 2 * gap(coarse, fine, asked) <= MODEL_SHARE:
+            break
+        step_s, coarse = 0.5 * step_s, fine
+    return step_s
+
+
+def first_travel(
+    counts: tuple[int, int, int], m_per_count: float, contact: ContactSettings, body: GraspObject
+) -> Three:
+    """Finger travel of a first grasp at those motor counts, no further than ten newtons deep."""
+    most = contact.half_aperture_m - body.half_width_m + 10.0 / finger_stiffness(contact, body)
+    a, b, c = (min(n * m_per_count, most) for n in counts)
+    return a, b, c

@@ -1,0 +1,53 @@
+"""How much physics a run is asked for."""
+
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from scenarios.world.contact import Level
+
+AUTO = "auto"
+
+
+def level_named(label: str) -> Level:
+    """The level that a setting names."""
+    return Level(int(label[1:]))
+
+
+class WorldSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Level of the contact ladder, or how exactly it must answer."""
+
+    level: Annotated[
+        Literal["auto", "L0", "L1", "L2", "L3", "L4"],
+        Meta(
+            description="of the contact ladder; auto: the cheapest that keeps the tolerance in "
+            "every corner of a lift or tap, L1 where no scene is known"
+        ),
+    ] = "auto"
+    blow_level: Annotated[
+        Literal["same", "L1", "L2", "L3", "L4"],
+        Meta(description="from the first blow on; same: as level. What auto chooses comes in here"),
+    ] = "same"
+    tolerance: Annotated[
+        float,
+        Meta(
+            gt=1e-6,
+            le=0.1,
+            description="m, on slip distance, and on rotation by the lever of the paper's label "
+            "(3 mm/s over 0.2 rad/s); a sample of 10 ms at 0.1 m/s",
+        ),
+    ] = 1e-3
+    force_tolerance_n: Annotated[
+        float, Meta(gt=0.0, le=10.0, description="on the peak force of a finger; assumed")
+    ] = 0.2
+
+    @property
+    def forced(self) -> Level | None:
+        """The level that was asked for by name."""
+        return None if self.level == AUTO else level_named(self.level)
+
+    @property
+    def from_blow_on(self) -> Level | None:
+        """The level of a blow; None: as before it."""
+        return None if self.blow_level == "same" else level_named(self.blow_level)
