@@ -9,7 +9,7 @@ from typing import Any
 
 from drivers.errors import BadFile, UsageError
 from grasp.cli import exits
-from grasp.cli.options import need, progress, seed, whole
+from grasp.cli.options import add_workers, need, progress, seed, whole, workers
 from grasp.files import write_whole
 
 HELP = "fit and judge the simulated world, choose its physics"
@@ -30,6 +30,7 @@ def add_parser(verbs: Any) -> None:
     _add_calibrate(actions)
     _add_strokes(actions)
     _add_plan(actions)
+    _add_check(actions)
 
 
 def _add_calibrate(actions: Any) -> None:
@@ -269,6 +270,43 @@ def _add_plan(actions: Any) -> None:
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="the plan as one JSON object")
     parser.set_defaults(handler=show_plan)
+
+
+def _add_check(actions: Any) -> None:
+    about = "run random lifts and taps at the level that is chosen, always at L4 and always at L1"
+    parser = actions.add_parser("check", help=about, description=about)
+    parser.add_argument(
+        "--draws", type=whole(1, 100_000), default=200, metavar="N",
+        help="objects with a lift or a tap each (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the first draw")
+    parser.add_argument("--detector", default="energy", metavar="NAME", help="default: %(default)s")
+    parser.add_argument(
+        "--tolerance", type=quantity("m", "um", "mm", "cm"), metavar="LENGTH",
+        help="in place of world.tolerance, such as 0.5mm",
+    )  # fmt: skip
+    add_workers(parser)
+    parser.add_argument("--out", type=Path, metavar="FILE.json", help="write every draw")
+    parser.set_defaults(handler=check)
+
+
+def check(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from scenarios.studies.physics import levels
+
+    seeds = range(args.seed, args.seed + args.draws)
+    with progress("draws") as show:
+        draws = list(
+            levels.check(
+                seeds, args.detector, args.tolerance, workers(args),
+                lambda done, total: show(done, total, "draws"),
+            )
+        )  # fmt: skip
+    if args.out:
+        write_whole(args.out, msgspec.json.encode(draws))
+    print(levels.table(draws))
+    return exits.SUCCESS
 
 
 def quantity(*units: str) -> Any:

@@ -274,8 +274,9 @@ def choose(scene: Scene, tolerance: Tolerance, least: Level = Level.RIGID) -> Pl
     spin = at(Level.SPIN)
     if agree(slider := at(Level.SLIDER), spin):
         return found(slider)
-    if agree(points := at(Level.POINTS), spin):
-        return found(points)
+    # L2 is never the choice: it costs what L3 does. Where it agrees, patches hardly matter
+    if agree(at(Level.POINTS), spin):
+        return found(spin)
     if compared[-1].gap <= HOPELESS:
         coarse = at(Level.BRUSH, COARSE_POINTS)
         if agree(spin, coarse):

@@ -34,7 +34,7 @@ def test_levels_that_agree_because_both_omit_the_rotation_are_not_believed() -> 
     rigid, slider = (simulate(scene, level, 1e-4) for level in (Level.RIGID, Level.SLIDER))
     assert math.dist(rigid.mark_m, slider.mark_m) < 0.7e-3  # agreement, and both are wrong
     assert math.dist(rigid.mark_m, truth(scene)) > 2e-3
-    assert plan(scene, MM).level >= Level.POINTS
+    assert plan(scene, MM).level >= Level.SPIN
 
 
 def test_a_tighter_tolerance_takes_a_fuller_level_and_a_smaller_step() -> None:
@@ -47,8 +47,8 @@ def test_a_tighter_tolerance_takes_a_fuller_level_and_a_smaller_step() -> None:
 
 def test_tolerance_on_rotation_counts_too() -> None:
     scene = held(tap=tap(0.02, impulse_n_s=0.3))
-    assert plan(scene, Tolerance(slip_m=0.1)).level is Level.POINTS
-    assert plan(scene, Tolerance(slip_m=0.1, rotation_rad=1e-3)).level > Level.POINTS
+    assert plan(scene, Tolerance(slip_m=0.1)).level is Level.SLIDER
+    assert plan(scene, Tolerance(slip_m=0.1, rotation_rad=1e-3)).level > Level.SLIDER
 
 
 @pytest.mark.parametrize("make", [random_tap, random_lift])
