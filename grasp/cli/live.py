@@ -1,6 +1,7 @@
 """What a person sees of a run: a picture that follows it, then the verdict."""
 
 import contextlib
+import math
 import sys
 from typing import Any, Self
 
@@ -115,12 +116,27 @@ def _tell_lost(pictures: int) -> None:
             print(f"{pictures} pictures of the run were not drawn in time", file=sys.stderr)
 
 
-def print_verdict(result: Any) -> None:
-    """The short verdict of a trial and where its recording is."""
+def physics_lines(result: Any) -> list[str]:
+    """What the world of a trial was computed by, and why; none on hardware."""
+    found = result.physics
+    if found is None:
+        return []
+    step = f"step {found.step_s * 1e3:g} ms"
+    blow = f"; {found.blow_level}, step {found.blow_step_s * 1e3:g} ms, from a blow on"
+    told = "" if found.asked == "auto" else ", as told"
+    within = f"{found.tolerance_m * 1e3:g} mm, {math.degrees(found.tolerance_rad):.1f} deg"
+    first = f"  physics: {found.level}, {step}{blow if result.scenario == 'tap' else ''}{told}"
+    return [f"{first}, within {within}", *(f"    {line}" for line in found.why)]
+
+
+def print_verdict(result: Any, verbose: bool = False) -> None:
+    """The short verdict of a trial and where its recording is; ``verbose``: its physics too."""
     word = {True: "SUCCESS", False: "FAILED", None: "NOT JUDGED"}[result.success]
     print(f"\n{word}: {result.outcome.replace('_', ' ')}  ({result.object}, seed {result.seed})")
     for text in _facts(result):
         print(f"  {text}")
+    for line in physics_lines(result) if verbose else ():
+        print(line)
     if result.success is not None and result.outcome != "fault" and result.end is not None:
         print(f"  {result.end.arm}; {result.end.hand}")  # an object that was lost
         if result.end.advice:

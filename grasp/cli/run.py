@@ -29,6 +29,10 @@ def add_parser(verbs: Any) -> None:
         action="store_true",
         help="lift: keep holding the object instead of setting it down",
     )
+    parser.add_argument(
+        "-v", "--verbose", action="store_true",
+        help="say also by how much physics the simulated world was computed, and why",
+    )  # fmt: skip
     add_series_options(parser)
     parser.add_argument(
         "--direction",

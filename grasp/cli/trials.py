@@ -90,7 +90,7 @@ def _follow(
     args: argparse.Namespace, experiment: Any, permit: Any, store: Any, alone: bool
 ) -> _Seen:
     """Run what the store lacks and show it."""
-    from grasp.cli.live import Display, trial_line
+    from grasp.cli.live import Display, physics_lines, trial_line
     from grasp.cli.operator import TerminalOperator
     from scenarios.campaign.experiment import run
     from scenarios.trial.result import Failure
@@ -108,6 +108,8 @@ def _follow(
                 seen.take(finished, row)
                 if finished.result is not None and not alone:
                     display.note(trial_line(finished.result))
+                    if args.verbose:
+                        display.note("\n".join(physics_lines(finished.result)))
         except KeyboardInterrupt as stop:
             if alone:
                 raise
@@ -128,7 +130,7 @@ def _report(result: Any, failure: Any, args: argparse.Namespace) -> int:
     from grasp.cli.live import print_verdict
 
     if not args.json:
-        print_verdict(result)
+        print_verdict(result, args.verbose)
     if failure is not None:
         extra = {"result": msgspec.to_builtins(result)} if args.json else {}
         return exits.report_failure(failure, args.json, **extra)

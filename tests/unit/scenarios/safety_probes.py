@@ -154,7 +154,9 @@ MOVED = ObjectMotion(struck_s=9.99, from_s=10.0, until_s=10.02, displacement_m=0
 
 
 def tap_verdict(
-    settings: dict[str, float], alarms: list[Alarm], moved_m: float = 0.006,
+    settings: dict[str, float],
+    alarms: list[Alarm],
+    moved_m: float = 0.006,
     turned_rad: float | None = None,
 ) -> TapOutcome:
     motion = msgspec.structs.replace(MOVED, displacement_m=moved_m, turned_rad=turned_rad)

@@ -78,6 +78,17 @@ def test_tap_that_moves_less_than_a_millimetre_is_judged_apart() -> None:
     assert verdict(facts(motion=just), WINDOWS) is TapOutcome.UNDETECTED
 
 
+def test_rotation_in_the_hand_is_motion_by_the_lever_of_the_paper_s_label() -> None:
+    settings = TapScoringSettings()
+    assert settings.moved_m / settings.turned_rad == pytest.approx(0.003 / 0.2)
+    replace = msgspec.structs.replace
+    for turned, moved in ((0.066, False), (0.067, True), (-0.067, True)):
+        assert replace(STUCK, turned_rad=turned).moved(settings) is moved
+    turned = replace(STUCK, turned_rad=-0.1)
+    assert verdict(facts(motion=turned), settings) is TapOutcome.UNDETECTED
+    assert verdict(facts((10.0, 10.2), motion=turned), settings) is TapOutcome.REGISTERED
+
+
 def test_object_that_is_lost_was_knocked_out_whatever_was_registered() -> None:
     lost = msgspec.structs.replace(MOVED, held=False)
     assert verdict(facts((10.03, 10.1), motion=lost), WINDOWS) is TapOutcome.KNOCKED_OUT

@@ -11,6 +11,7 @@ import pytest
 from drivers.errors import ConfigError
 from grasp.loop import Issued, Tick
 from grasp.phases import Phase
+from grasp.recording import RunRecording
 from scenarios.campaign.config import load_config
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
@@ -23,10 +24,12 @@ from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.tap import TapTrial, tap_config
 from scenarios.trial.execution import make_guard
 from scenarios.trial.replay import replay_run
+from scenarios.trial.run_folder import RUN_CHANNELS
 from scenarios.trial.series import Bench
 from scenarios.world import laws
 from scenarios.world.cell import Blow
 from scenarios.world.contact import Level
+from scenarios.world.ladder.runs import RunPlan
 
 HELD = "tap.impulse_n_s=0.02"  # well within the friction of the grip
 # a threshold between resting noise and a blow, whatever the fingertip's latest figures are
@@ -91,6 +94,31 @@ def test_blow_moves_the_object_is_registered_and_forgotten(seed: int, direction:
     assert r.slip_registered_s is not None and r.slip_registered_s > r.struck_s
     assert r.nominal_again_ms is not None and 0 <= r.nominal_again_ms < 1000
     assert r.mallet_mps is not None and 0.3 < r.mallet_mps < 4
+
+
+def test_blow_on_the_side_turns_the_object_and_its_cell_can() -> None:
+    r = result_of(seed=1)
+    assert r.physics is not None and r.turned_rad is not None
+    assert r.physics.level == "L1"  # up to the blow
+    assert r.physics.blow_level in ("L3", "L4")
+    assert r.turned_rad < -0.03  # over, away from the mallet
+    assert r.moved
+    told = result_of("world.level=L1", seed=1)
+    assert told.physics is not None and told.physics.blow_level == "L1"
+    assert told.turned_rad == 0.0
+
+
+def test_rigid_level_is_refused_for_a_tap_on_the_side() -> None:
+    with pytest.raises(ConfigError, match="no blow from the side"):
+        result_of("world.level=L0", seed=1)
+
+
+def test_recording_says_by_how_much_physics_it_was_made(tmp_path: Path) -> None:
+    c = config(HEARS)
+    finished = tap.run(c, 1, tmp_path)
+    assert finished.result is not None and finished.result.recording is not None
+    said = RunRecording.open(Path(finished.result.recording), RUN_CHANNELS).metadata["physics"]
+    assert msgspec.json.decode(said, type=RunPlan) == finished.result.physics
 
 
 def test_object_is_held_firmly_above_the_table_and_set_down_again() -> None:

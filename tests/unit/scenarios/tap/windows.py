@@ -18,7 +18,7 @@ def verdict_again(result: TapResult, settings: TapScoringSettings) -> TapOutcome
         return TapOutcome(result.outcome)
     motion = ObjectMotion(
         struck_s=result.struck_s, from_s=result.slip_onset_s, until_s=result.slip_end_s,
-        displacement_m=result.displacement_m or 0.0,
+        displacement_m=result.displacement_m or 0.0, turned_rad=result.turned_rad,
     )  # fmt: skip
     facts = TapFacts(
         motion=motion, alarms=result.alarms, watched_until_s=result.watched_until_s or 0.0,

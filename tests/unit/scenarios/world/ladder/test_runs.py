@@ -1,0 +1,81 @@
+"""What a run is computed by is decided at the worst corner of its trials, once."""
+
+import msgspec
+import pytest
+
+from scenarios.world.blow import Blow
+from scenarios.world.contact import Level
+from scenarios.world.contact_settings import ContactSettings
+from scenarios.world.ladder.runs import Ranges, RunScene, asked_of, plan_run
+from scenarios.world.ladder.scene import ArmRise, squeeze
+from scenarios.world.world_settings import WorldSettings
+from tests.unit.scenarios.world.ladder.ladder_scenes import body
+
+PADS = ContactSettings()
+CAN = body(mass_kg=0.6, friction_static=0.8, friction_kinetic=0.7)
+RANGES = Ranges(friction=0.2, mass=0.05, aside_m=0.005, scatter_m=0.0002, impulse=0.3)
+LIFT = RunScene(
+    body=CAN, contact=PADS, first_travel_m=squeeze(CAN, PADS, 1.0, 1.0),
+    full_grip_n=(10.0, 5.0, 5.0), closing_mps=0.06,
+    arm=ArmRise(speed_mps=0.1, acceleration_mps2=0.5), ranges=RANGES,
+)  # fmt: skip
+
+
+def tapped(**fields: object) -> RunScene:
+    what = Blow(**{"impulse_n_s": 0.15, "duration_s": 0.008, **fields})  # type: ignore[arg-type]
+    return msgspec.structs.replace(LIFT, body=body(mass_kg=0.35), blow=what)
+
+
+def told(**fields: object) -> WorldSettings:
+    return WorldSettings(**fields)  # type: ignore[arg-type]
+
+
+def test_lift_runs_on_sliders_and_a_blow_beside_the_middle_on_what_can_turn() -> None:
+    assert plan_run(LIFT, told()).level == "L1"
+    struck = plan_run(tapped(direction="side", offset_m=0.04), told())
+    assert struck.level == "L1"  # up to the blow
+    assert struck.blow_level in ("L3", "L4")
+    assert any("choice: L" in line for line in struck.why)
+
+
+def test_blow_through_the_middle_of_an_even_grip_needs_no_rotation() -> None:
+    even = msgspec.structs.replace(tapped(), ranges=Ranges(friction=0.2, impulse=0.3))
+    assert plan_run(even, told()).blow_level == "L1"
+
+
+def test_tighter_tolerance_takes_no_lesser_level_and_no_larger_step() -> None:
+    scene = tapped(direction="side", offset_m=0.02)
+    loose, tight = (plan_run(scene, told(tolerance=t)) for t in (5e-2, 1e-4))
+    assert tight.blow_level > loose.blow_level
+    assert tight.blow_step_s < loose.blow_step_s
+
+
+def test_level_that_is_told_is_taken_without_a_plan() -> None:
+    found = plan_run(LIFT, told(level="L4"))
+    assert (found.level, found.blow_level, found.why) == ("L4", "L4", ())
+    mixed = plan_run(tapped(), told(level="L1", blow_level="L2"))
+    assert (mixed.level, mixed.blow_level) == ("L1", "L2")
+
+
+def test_rigid_level_is_refused_where_a_blow_comes_from_the_side() -> None:
+    with pytest.raises(ValueError, match="no blow from the side"):
+        plan_run(tapped(direction="side"), told(level="L0"))
+
+
+def test_corners_have_the_run_s_own_contact_and_bodies_within_its_ranges() -> None:
+    corners = LIFT.lifts()
+    assert {id(c.contact) for c in corners} == {id(PADS)}
+    ratios = {round(c.body.friction_static / CAN.friction_static, 9) for c in corners}
+    assert ratios == {0.8, 1.2}
+    assert {round(c.body.centre_aside_m, 9) for c in corners} == {-0.005, 0.005}
+    assert len({c.grip.closing.start_s for c in corners if c.grip.closing}) == 2
+    assert all(c.on_table and c.tap is None for c in corners)
+    strong = max(c.tap.impulse_n_s for c in tapped().blows() if c.tap)
+    assert strong == pytest.approx(1.3 * 0.15)
+
+
+def test_rotation_is_asked_for_by_the_lever_of_the_paper_s_label() -> None:
+    asked = asked_of(told(tolerance=1e-3), PADS)
+    assert asked.rotation_rad == pytest.approx(1e-3 / 0.015)
+    assert told(level="L3").forced is Level.SPIN
+    assert told().forced is None
