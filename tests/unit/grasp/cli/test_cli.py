@@ -81,9 +81,9 @@ def test_json_verdict_has_every_promised_field(
     assert list(result) == [
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
         "slip_registered_s", "detection_latency_ms", "peak_force_n", "commanded_force_n", "phases",
-        "timing", "recording", "versions", "config_hash", "end", "home_m",
+        "timing", "recording", "versions", "config_hash", "end", "bug", "home_m",
         "physics", "taxels_at_rail",
-        "first_detection_s", "reaction_latency_ms", "slip_distance_m", "settled_force_n",
+        "first_detection_s", "reaction_latency_ms", "slip_distance_m", "turned_rad", "settled_force_n",
         "alarm_stayed",
     ]  # fmt: skip
     assert result["seed"] == 2
@@ -135,7 +135,7 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
     assert list(series["taps"][0]) == [
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
         "slip_registered_s", "detection_latency_ms", "peak_force_n", "commanded_force_n", "phases",
-        "timing", "recording", "versions", "config_hash", "end", "home_m",
+        "timing", "recording", "versions", "config_hash", "end", "bug", "home_m",
         "physics", "taxels_at_rail",
         "direction", "moved", "displacement_m", "down_m", "across_m", "turned_rad", "impulse_n_s",
         "mallet_mps", "struck_s",

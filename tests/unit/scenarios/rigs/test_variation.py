@@ -49,7 +49,7 @@ def test_gripped_higher_means_that_less_of_the_body_is_above_the_pads() -> None:
 def test_zero_spreads_leave_the_object_as_it_is() -> None:
     off = VariationSettings(
         friction_cv=0, mass_cv=0, start_height_m=0, finger_scatter_m=0, force_stop_fraction=0,
-        command_latency_s=0,
+        command_latency_s=0, aside_m=0,
     )  # fmt: skip
     c = config()
     trial = drawn(off, 1)[0]

@@ -12,7 +12,8 @@ from scenarios.trial.config import TrialConfig
 COVERED = {
     "rig", "detector_name", "object", "arm", "tactile", "board", "arm_model", "fingertip",
     "gripper", "calibration", "hand", "contact", "variation", "controller", "doubt", "guard",
-    "slip", "rule", "energy", "loop", "pull", "damage", "scoring", "tap", "tap_scoring",
+    "slip", "rule", "energy", "loop", "pull", "damage", "world", "scoring", "tap",
+    "tap_scoring",
 }  # fmt: skip
 WITHOUT_ADDRESSES = {"modbus": "timeout_s", "ur": "tcp_offset"}  # and a key that is covered
 LEFT_OUT = {"profile", "usb", "realtime", "psd", "psd_fair", "network"}  # `energy` is asked for
