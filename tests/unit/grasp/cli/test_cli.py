@@ -83,7 +83,8 @@ def test_json_verdict_has_every_promised_field(
         "slip_registered_s", "detection_latency_ms", "peak_force_n", "commanded_force_n", "phases",
         "timing", "recording", "versions", "config_hash", "end", "bug", "home_m",
         "physics", "taxels_at_rail",
-        "first_detection_s", "reaction_latency_ms", "slip_distance_m", "turned_rad", "settled_force_n",
+        "first_detection_s", "reaction_latency_ms", "slip_distance_m", "turned_rad",
+        "settled_force_n",
         "alarm_stayed",
     ]  # fmt: skip
     assert result["seed"] == 2
