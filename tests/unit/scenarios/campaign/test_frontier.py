@@ -1,6 +1,7 @@
 """Where success falls along an axis, and the frontier of a campaign's rows."""
 
 import json
+import sqlite3
 from functools import partial
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from scenarios.campaign.falls import Place, falling, places
 from scenarios.campaign.frontier import summarize
 from scenarios.campaign.run import run
 from scenarios.campaign.spec import AT, MOVED, Task
+from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.worker import Finished, Row, error_row
 from scenarios.studies.frontier_figure import draw_frontier
 
@@ -178,6 +180,24 @@ def test_campaign_with_axes_is_summed_up_as_a_frontier_and_drawn(
     assert main(["chart", "frontier", str(out), "--out", str(picture)]) == 0
     assert picture.exists()
     assert json.loads((tmp_path / "f.json").read_text())[0]["lines"][0]["axis"] == "mass"
+
+
+@pytest.mark.parametrize(
+    "more", ["[axes]\nmass = [0.8, 1.2]\n", 'draws = 2\n[unknowns."object.mass_kg"]\nlow=1\nhigh=2']
+)
+def test_frontier_and_range_are_gone_on_with_where_they_were_left(
+    more: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = run_small(tmp_path, monkeypatch, more)
+    with CampaignStore.open(out) as store:
+        whole = store.rows()
+    with sqlite3.connect(out) as db:
+        db.execute("DELETE FROM trials WHERE trial IN (1, 5)")
+    db.close()
+    words = ["campaign", "run", str(tmp_path / "small.toml"), "--detector", "energy", "--out"]
+    assert main([*words, str(out), "--resume", "--jobs", "1", "--json"]) == 0
+    with CampaignStore.open(out) as store:
+        assert [(r.trial, r.swept) for r in store.rows()] == [(r.trial, r.swept) for r in whole]
 
 
 def test_chart_of_a_campaign_without_axes_is_refused(
