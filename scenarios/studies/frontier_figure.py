@@ -65,7 +65,8 @@ def _finish(panel: Any, lines: Sequence[Line]) -> None:
         low, high = line.bound
         dashed = line.axis in DASHED
         panel.axvspan(low, high, color="#00000014", lw=0, hatch="//" if dashed else None)
-        panel.axvline(high if dashed else low, color="black", lw=0.6, ls="--" if dashed else "-")
+        first = high if line.axis == "friction" else low  # object that reaches its bound first
+        panel.axvline(first, color="black", lw=0.6, ls="--" if dashed else "-")
     for level in LEVELS:
         panel.axhline(level, color="black", lw=0.4, ls=":")
     titles = list(dict.fromkeys(line.title for line in lines))
