@@ -1,6 +1,6 @@
 """Does a change leave every message of every run as it was? Compares this tree with a commit.
 
-    python scripts/same_messages.py HEAD~1 [--objects can ball] [--seeds 0 1] [--keep DIR]
+    python scripts/same_messages.py HEAD~1 [--objects can ball] [--seeds 0 1] [--topics]
 
 Both trees run the same lifts, taps and acquisitions on the simulated rig, each from its own
 checkout with this interpreter; then the recordings are compared message by message: channel, log

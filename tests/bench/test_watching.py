@@ -53,7 +53,7 @@ class Restless:
             Phase.APPROACH, DISARMED, (MoveFingers(SHORT_OF_ANYTHING, speed_mps, 10.0),)
         )
 
-    def interrupted(self) -> tuple[Command, ...]:
+    def aborted(self) -> tuple[Command, ...]:
         return (StopArm(1.0),)
 
 

@@ -1,5 +1,6 @@
 """The import contracts of pyproject.toml hold, and each of them catches what it forbids."""
 
+import ast
 import re
 import shutil
 import subprocess
@@ -179,3 +180,39 @@ def test_a_verb_that_imports_within_a_function_is_seen(tree: Path) -> None:
     with file_of(tree, "grasp.planted").open("a") as source:
         source.write("def verb():\n    import scenarios\n")
     assert lint(tree, "layers").returncode == 1
+
+
+def sources() -> list[Path]:
+    return [source for package in PACKAGES for source in (ROOT / package).rglob("*.py")]
+
+
+def test_no_module_is_named_in_a_string() -> None:
+    modules = {".".join(s.relative_to(ROOT).with_suffix("").parts) for s in sources()}
+    found = []
+    for source in sources():
+        tree = ast.parse(source.read_text(encoding="utf-8"))
+        lines = {n.value for n in ast.walk(tree) if isinstance(n, ast.Expr)}  # docstrings
+        texts = (n for n in ast.walk(tree) if isinstance(n, ast.Constant) and n not in lines)
+        named = {w for n in texts for w in re.findall(r"[\w.]+", str(n.value))} & modules
+        found += [f"{source.relative_to(ROOT)}: {name}" for name in named if "." in name]
+    assert found == []
+
+
+# what starts quickly, or where packages are missing; each looks down the layers
+LATE = ("grasp/cli", "scenarios/rigs/doctor.py", "scenarios/testing/plugin.py")
+
+
+def test_no_import_of_ours_hides_in_a_function() -> None:
+    found = []
+    for source in sources():
+        path = source.relative_to(ROOT).as_posix()
+        if path.startswith(LATE):
+            continue
+        tree = ast.parse(source.read_text(encoding="utf-8"))
+        functions = (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef))
+        for node in (inner for function in functions for inner in ast.walk(function)):
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                text = ast.unparse(node)
+                if text.split()[1].startswith(PACKAGES):
+                    found.append(f"{path}: {text}")
+    assert found == []

@@ -14,7 +14,7 @@ from typing import IO, NoReturn
 import msgspec
 
 from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
-from drivers.ur.link import messages
+from drivers.ur.link import messages, worker
 from drivers.ur.link.messages import Outcome, State
 from drivers.ur.link.preflight import CONNECT_AGAIN
 
@@ -190,9 +190,8 @@ class WorkerProcess:
 
 def _spawn(descriptor: int, command: tuple[str, ...]) -> "subprocess.Popen[bytes]":
     """A fresh interpreter with this one's search path, out of reach of the terminal's Ctrl-C."""
-    code = (
-        f"import sys; sys.path[:] = {sys.path!r}; from drivers.ur.link.worker import main; main()"
-    )
+    path = f"import sys; sys.path[:] = {sys.path!r}"
+    code = f"{path}; from {worker.__name__} import main; main()"
     return subprocess.Popen(
         [*(command or (sys.executable, "-c", code)), str(descriptor)],
         stdin=subprocess.DEVNULL,

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from scenarios.studies.physics import yardsticks
+from scenarios.studies.physics import mujoco_scene, yardsticks
 from scenarios.studies.physics.yardsticks import CostPoint, Runner
 from scenarios.world.contact import Floats, Level
 from scenarios.world.ladder import reference
@@ -82,8 +82,6 @@ def _adaptive(level: Level, scene: Scene, tolerance_m: float) -> Floats:
 
 
 def _mujoco(impratio: float, scene: Scene, step_s: float) -> Floats:
-    from scenarios.studies.physics import mujoco_scene
-
     return mujoco_scene.run(scene, step_s, impratio)
 
 
