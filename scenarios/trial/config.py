@@ -23,6 +23,7 @@ from grasp.slip import SlipSettings
 from scenarios.rigs.calibration import calibration_layers
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.own_settings import own_layers
+from scenarios.rigs.permission import HARDWARE
 from scenarios.world.ladder.runs import RunPlan
 
 DEFAULT_PROFILE = "default"
@@ -30,10 +31,12 @@ FORMULAS = {"energy": "energy", "psd": "psd", "psd-fair": "psd_fair"}  # and the
 NETWORK = "network"  # the section of every other detector
 
 # What no result depends on: where devices are, names of settings that are resolved here, and how
-# the machine is asked to be quick. Without wires, nor how they are used.
+# the machine is asked to be quick. Without wires, nor how they are used; on hardware, no model.
 UNHASHED = ("profile", "usb", "realtime")
 NAMES = {"gripper": ("calibration",), "calibration": ("name",)}
 ADDRESSES = {"modbus": ("host", "port", "unit", "serial_port", "slave"), "ur": ("host",)}
+# Of devices and scene; `contact` is none of these: it says how hard a tap shall be.
+MODELS = ("board", "arm_model", "fingertip", "hand", "variation", "pull", "damage", "world")
 
 
 class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -102,8 +105,8 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     def _hashed(self) -> dict[str, Any]:
         others = {*FORMULAS.values(), NETWORK} - {self.detector_section}
         table = msgspec.to_builtins(self)
-        wires = ADDRESSES if self.rig == "simulated" else ()
-        for section in (*UNHASHED, *others, *wires):
+        unused = {"simulated": ADDRESSES, HARDWARE: MODELS}.get(self.rig, ())
+        for section in (*UNHASHED, *others, *unused):
             del table[section]
         for section, keys in (NAMES | ADDRESSES).items():
             for key in keys if table.get(section) else ():  # hardware has no calibration at first

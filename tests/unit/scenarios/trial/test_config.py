@@ -7,7 +7,7 @@ import pytest
 
 from detector.network_file import weights_path
 from scenarios.campaign.config import RunConfig, load_config
-from scenarios.trial.config import TrialConfig
+from scenarios.trial.config import MODELS, TrialConfig
 
 COVERED = {
     "rig", "detector_name", "object", "arm", "tactile", "board", "arm_model", "fingertip",
@@ -70,6 +70,12 @@ def test_no_address_and_no_name_of_a_file_is_covered(key: str) -> None:
 def test_how_a_wire_is_used_is_covered_where_there_is_one(section: str, key: str) -> None:
     assert len(digests(section, key, "emulated")) == 4
     assert len(digests(section, key)) == 2
+
+
+@pytest.mark.parametrize("section", MODELS)
+def test_no_model_is_covered_where_the_devices_are_real(section: str) -> None:
+    assert len(digests(section, rig="emulated")) == 4
+    assert len(digests(section, rig="hardware")) == 2
 
 
 def test_the_hash_covers_what_a_weights_file_holds_and_not_its_name(tmp_path: Path) -> None:
