@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from detector.decision import RuleSettings
+from drivers.robotiq.driver import DriverSettings
 from drivers.takktile.settings import TakkTileSettings
 from drivers.ur.driver import ArmSettings
 from grasp.controller_settings import ControllerSettings
@@ -31,8 +32,8 @@ from tests.unit.grasp.builders import arm
 from tests.unit.scenarios import safety_probes as on_run
 
 CLASSES = (
-    ArmSettings, ControllerSettings, DoubtSettings, GuardSettings, LoopSettings, RuleSettings,
-    ScoringSettings, SlipSettings, TakkTileSettings, TapScoringSettings,
+    ArmSettings, ControllerSettings, DoubtSettings, DriverSettings, GuardSettings, LoopSettings,
+    RuleSettings, ScoringSettings, SlipSettings, TakkTileSettings, TapScoringSettings,
 )  # fmt: skip
 SUCCESSES = (LiftOutcome.HELD, LiftOutcome.HELD_WITHIN_6CM, LiftOutcome.HELD_WITHIN_12CM)
 # Of the fingertip that presses, those that bound force, depth and speed. The others (gains, script,
@@ -64,6 +65,11 @@ MOST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
      ), 1e-3),
     ("ArmSettings.stale_after_s", (0.05, 0.2), on_driver.trusted, 1e-3),
     ("ArmSettings.arrived_within_m", (0.0005, 0.002), on_driver.arrived, 1e-5),
+    ("DriverSettings.status_old_s", (0.05, 0.3), on_driver.frozen_believed, 0.002),
+    ("DriverSettings.leap_counts", (8, 30),
+     lambda v, x: on_driver.leap_believed(x, 0.01, leap_counts=v, fastest_counts_ps=50.0), 1),
+    ("DriverSettings.fastest_counts_ps", (60.0, 120.0),
+     lambda v, x: on_driver.leap_believed(round(8 + x), 1.0, fastest_counts_ps=v), 2.0),
     ("TakkTileSettings.max_age_ms", (50.0, 100.0), on_driver.still_new, 1.0),
     ("TakkTileSettings.rest_max_std_counts", (1.5, 4.5),
      lambda v, x: on_driver.rest_taken(450, round(x), rest_max_std_counts=v), 0.5),
@@ -129,6 +135,9 @@ LEAST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
 # setting, two values of it, and what of the behaviour must equal it, within a tolerance
 SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
     ("ArmSettings.payload_kg", (1.0, 3.0), on_run.told_payload_kg, 0.0),
+    ("DriverSettings.write_interval_s", (0.02, 0.05), on_driver.between_writes_s, 0.0015),
+    ("DriverSettings.refresh_hz", (100, 200),
+     lambda v: 200 if on_driver.reads_before_a_write(v, 0.007) else 100, 0),
     ("TakkTileSettings.stale_after_missed", (3, 7), on_driver.missed_until_stale, 0),
     ("TakkTileSettings.rest_samples", (50, 80), on_driver.samples_of_rest, 0),
     ("GuardSettings.force_limit_n", (8.0, 20.0),
@@ -203,6 +212,9 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
 
 # setting to the test that would notice
 ELSEWHERE = {
+    "DriverSettings.calibration": "scenarios/rigs/test_calibration.py",
+    "DriverSettings.link": "drivers/robotiq/test_driver_verbs.py",
+    "DriverSettings.activation_timeout_s": "drivers/robotiq/test_driver_verbs.py",
     "LoopSettings.spared_s": "grasp/test_loop.py",
     "TakkTileSettings.cells": "drivers/takktile/test_driver.py",
     "TakkTileSettings.conversion_ms": "drivers/takktile/test_protocol.py",

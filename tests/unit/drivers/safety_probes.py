@@ -1,4 +1,4 @@
-"""Where a setting of arm or fingertips takes effect: the drivers, over links that obey."""
+"""Where a setting of a driver takes effect: the drivers, over links that obey."""
 
 import math
 from collections.abc import Callable
@@ -8,8 +8,12 @@ import msgspec
 import numpy as np
 
 from drivers.errors import Refused, Stale
+from drivers.robotiq.driver import DriverSettings
+from drivers.robotiq.model.gripper import HandSettings
 from drivers.takktile.settings import TakkTileSettings
 from drivers.ur.driver import ArmDriver, ArmSample, ArmSettings
+from tests.calibrations import PAPER
+from tests.unit.drivers.robotiq.conftest import Rig
 from tests.unit.drivers.takktile.test_driver import Bench
 
 MS = 1_000_000
@@ -148,3 +152,60 @@ def samples_of_rest(v: int) -> int:
 
 
 REFERENCE = ((450,) * 6,) * 3
+
+
+# Gripper: a hand whose positions are believed is held by targets, any other by stopping it
+
+
+def hand(at_counts: int, **settings: Any) -> Rig:
+    """On its way there, at full speed."""
+    made = Rig(HandSettings(), PAPER, settings=DriverSettings(**settings))
+    made.driver.move_to((at_counts,) * 3, 0.11, 10.0)
+    return made
+
+
+def held_by_targets(made: Rig) -> bool:
+    made.driver.hold()
+    made.step(3)
+    return made.written[-1].go_to
+
+
+def leap_believed(counts: int, paused_s: float, **settings: Any) -> bool:
+    """Of finger B at rest, from one reading to the next, so long after it."""
+    made = hand(50, **settings)
+    made.settle()
+    made.model.misreport(lambda w: (*w[:2], (w[2] + (counts << 8)) & 0xFFFF, *w[3:]))
+    made.advance(round(paused_s * 1e3) - 10)
+    made.step()
+    return held_by_targets(made)
+
+
+def frozen_believed(value: float, for_s: float) -> bool:
+    """Positions in motion that have not changed for so long."""
+    made = hand(250, status_old_s=value)
+    made.step(50)
+    kept = made.model.read(made.now_ns)
+    made.model.misreport(lambda words: kept)
+    made.advance(round(for_s * 1e3))
+    made.driver.pump(made.now_ns)
+    return held_by_targets(made)
+
+
+def between_writes_s(value: float) -> float:
+    """Least time between two writes of commands that change all the time."""
+    made = hand(50, write_interval_s=value)
+    for counts in range(50, 250):
+        made.driver.move_to((counts,) * 3, 0.11, 10.0)
+        made.advance(1)
+        made.driver.pump(made.now_ns)
+    return float(np.diff(made.written_ns).min()) * 1e-9
+
+
+def reads_before_a_write(value: int, old_s: float) -> bool:
+    """Whether a status of that age is read again before a command goes out."""
+    made = Rig(HandSettings(), PAPER, settings=DriverSettings(refresh_hz=value))
+    made.step(2)
+    before = made.driver.statistics.reads
+    made.driver.move_to((50, 50, 50), 0.11, 10.0)
+    made.driver.pump(made.now_ns + round(old_s * 1e9))
+    return made.driver.statistics.reads > before + 1
