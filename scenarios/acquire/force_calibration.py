@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 
 from drivers.errors import ConfigError
+from drivers.interfaces import PERIOD_S
 from scenarios.acquire.config import AcquireConfig
 from scenarios.rigs.world_of_seed import make_pressed_cell
 
@@ -32,6 +33,6 @@ def pressed_gain(config: AcquireConfig, seed: int) -> float:
     nothing = np.zeros((1, 2))
     for i in range(100):
         load = np.array([load_n * min(1.0, i / 50)])
-        tips.advance((i + 1) * 0.01, load, nothing, np.zeros(1), nothing, False)
+        tips.advance((i + 1) * PERIOD_S, load, nothing, np.zeros(1), nothing, False)
     fall = (tips.rest - tips.codes()[0]).sum()
     return max(1.0, float(fall) / load_n)

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.interfaces import FINGERS, TAXELS
+from drivers.interfaces import FINGERS, PERIOD_NS, TAXELS
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world.fingertip_settings import FingertipSettings
@@ -79,7 +79,7 @@ class PressedCell:
 
     def compile(self) -> None:
         """Run every compiled function once, as ``SimulatedCell.compile``."""
-        self._sample(self._now_ns + 10_000_000)
+        self._sample(self._now_ns + PERIOD_NS)
 
     def truth(self) -> PressedTruth:
         """The state of the contact at the time that it was last advanced to."""
