@@ -47,9 +47,7 @@ def slides(config: RunConfig, pull_n: float = 0.0, rise_mps2: float = 0.0) -> bo
     """Whether an object in the air slides in a grip of 10 N at the thumb, or has slid out."""
     kinetic = config.object.friction_kinetic  # what sliding friction alone can hold
     body = msgspec.structs.replace(config.object, friction_static=kinetic)
-    held = contact.Contact(
-        config.contact, body, contact.LevelChoice(contact.Level.SLIDER, 5e-4, 1e-4)
-    )
+    held = contact.Contact(config.contact, body)
     held.place()
     held.state[laws.HEIGHT] = 1.0
     kept = 1 - config.contact.relaxation_fraction
