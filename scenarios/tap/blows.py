@@ -17,7 +17,7 @@ from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
 
 MOST_N_S = 2.0
-HALVINGS = 24
+HALVINGS = 16  # to 0.03 mN s
 SETTLE_S, AFTER_S = 0.6, 0.6
 
 

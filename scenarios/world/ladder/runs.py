@@ -6,6 +6,7 @@ built from; verdict (held or lost), slip distance, rotation and peak force are a
 """
 
 import itertools
+from collections.abc import Iterable
 from functools import cache
 from typing import Annotated
 
@@ -24,9 +25,6 @@ from scenarios.world.world_settings import WorldSettings
 LIFT_S, FIRM_S, TAP_S, STRUCK_S = 1.6, 0.6, 0.4, 0.02
 LEAST_STEP_S = 1e-5
 REACTION_S = (0.1, 0.6)  # start of the rise to first closing; assumed, as in experiments.py
-
-
-_SIGNS = tuple(itertools.product((-1.0, 1.0), (-1.0, 1.0), (1.0, -1.0)))  # the worst first
 
 
 class Ranges(msgspec.Struct, frozen=True, kw_only=True):
@@ -58,13 +56,21 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
         either side, early and late answers; of a tap the rise in a firm grip."""
         if self.blow is not None:
             return [self._firm(self._body(grip, 1.0)) for grip in (-1.0, 1.0)]
-        return [self._lift(self._body(a, b), b, c) for a, b, c in _SIGNS]
+        return [self._lift(self._body(a, b), b, c) for a, b, c in self._signs()]
 
     def blows(self) -> list[Scene]:
         """Likewise of a blow: weak and firm grips, either side, strong and weak blows."""
         if self.blow is None:
             return []
-        return [self._tap(self.blow, self._body(a, b), b, c) for a, b, c in _SIGNS]
+        return [self._tap(self.blow, self._body(a, b), b, c) for a, b, c in self._signs()]
+
+    def _signs(self) -> Iterable[tuple[float, float, float]]:
+        """Grip, side and path of each corner, the worst first; where either side is the mirror
+        image of the other, one of them."""
+        blow = self.blow
+        even = blow is None or (blow.direction == "top" and blow.offset_m == 0.0)
+        mirrored = even and self.body.centre_aside_m == 0.0
+        return itertools.product((-1.0, 1.0), (1.0,) if mirrored else (-1.0, 1.0), (1.0, -1.0))
 
     def _body(self, grip: float, aside: float) -> GraspObject:
         body, r = self.body, self.ranges

@@ -1,0 +1,58 @@
+"""Closed loops at the level that is chosen, beside always L4 and always L1."""
+
+import msgspec
+import pytest
+
+from scenarios.rigs.workers import Workers
+from scenarios.studies.physics import levels
+from scenarios.studies.physics.levels import Draw, Loop, check, table
+
+HERE = Workers(0)
+
+
+@pytest.fixture(scope="module")
+def draws() -> list[Draw]:
+    return list(check((0, 3), "energy", None, HERE))
+
+
+def test_each_draw_runs_at_three_choices_of_level(draws: list[Draw]) -> None:
+    assert [d.kind for d in draws] == ["lift", "side"]
+    for d in draws:
+        assert set(d.loops) == {"planned", "L1", "L4"}
+        assert d.loops["L1"].turned_rad in (0.0, None)
+        assert d.tolerance_rad == pytest.approx(d.tolerance_m / 0.015)
+    side = draws[1].loops
+    assert side["L4"].turned_rad != 0.0
+    assert side["planned"].turned_rad == pytest.approx(side["L4"].turned_rad, abs=0.05)
+
+
+def test_equal_seeds_draw_alike(draws: list[Draw]) -> None:
+    again = next(iter(check((3,), "energy", None, HERE)))
+    for name, loop in again.loops.items():
+        assert loop.verdict == draws[1].loops[name].verdict
+        assert loop.slip_m == draws[1].loops[name].slip_m
+
+
+def loop(outcome: str, slip_m: float | None, turned_rad: float, cpu_s: float = 1.0) -> Loop:
+    return Loop(outcome, True, slip_m, turned_rad, 10.0, cpu_s)
+
+
+def test_table_counts_verdicts_and_errors_beyond_the_tolerance() -> None:
+    draw = Draw(
+        "side", "can", 7, 1e-3, 0.06, "L1", "L3", 0.1,
+        {"planned": loop("registered", 5e-3, 0.1), "L1": loop("late", 8e-3, 0.0, 0.8),
+         "L4": loop("registered", 5.1e-3, 0.1, 2.0)},
+    )  # fmt: skip
+    lost = msgspec.structs.replace(
+        draw, kind="lift",
+        loops={**draw.loops, "L1": loop("dropped", None, 0.0), "L4": loop("dropped", None, 0.0)},
+    )  # fmt: skip
+    rows = {line.split(" | ")[0]: line.split(" | ") for line in table([draw, lost]).splitlines()}
+    side = rows["| side"]
+    assert side[2:7] == ["L1, L3: 1", "0", "1", "0 of 1", "1 of 1"]
+    assert side[8:10] == ["0 of 1", "1 of 1"]
+    assert rows["| lift"][3:7] == ["1", "0", "0 of 0", "0 of 0"]
+
+
+def test_every_kind_can_be_drawn() -> None:
+    assert {levels.KINDS[seed % len(levels.KINDS)] for seed in range(4)} == set(levels.KINDS)
