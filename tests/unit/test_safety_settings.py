@@ -41,7 +41,7 @@ SUCCESSES = (LiftOutcome.HELD, LiftOutcome.HELD_WITHIN_6CM, LiftOutcome.HELD_WIT
 PRESS_BOUNDS = {
     f"PressControlSettings.{field}"
     for field in ("force_n", "touch_n", "depth_m", "press_mps", "approach_mps")
-}
+} | {f"SessionSettings.{field}" for field in ("retreat_mps", "stop_mps2", "stand_s")}
 REGISTERED = Alarm(10.03, 10.1)
 QUIET = (TapOutcome.UNMOVED_QUIET, TapOutcome.UNMOVED_REGISTERED)
 
@@ -203,6 +203,11 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
     ("RuleSettings.consecutive", (2, 5), on_rule.sure_samples, 0),
     ("RuleSettings.release", (1, 6), on_rule.quiet_samples, 0),
     ("RuleSettings.fingers", (1, 2), on_rule.fingers_that_agree, 0),
+    ("SessionSettings.stop_mps2", (0.5, 2.0),
+     lambda v: on_run.told_on_leaving(f"stop_mps2={v}").stopped_mps2, 0.0),
+    ("SessionSettings.retreat_mps", (0.02, 0.1),
+     lambda v: on_run.told_on_leaving(f"retreat_mps={v}").moved_mps, 0.0),
+    ("SessionSettings.stand_s", (0.5, 2.0), on_run.asked_to_stand_s, 0.041),
     ("PressControlSettings.press_mps", (0.002, 0.005),
      lambda v: on_run.pressing_mps(0.0, press_mps=v), 0.0),
     ("PressControlSettings.approach_mps", (0.005, 0.02),

@@ -7,11 +7,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from drivers.interfaces import Arm, ArmState
+from drivers.interfaces import Arm, ArmState, Vector3
 from drivers.ur.driver import ArmDriver
 from grasp.loop import ControlLoop, Tick
 from grasp.phases import Phase
-from scenarios.acquire.press import PressController, PressControlSettings, PressPhase
+from scenarios.acquire.config import AcquireConfig, load_acquire_config
+from scenarios.acquire.press import PressController, PressControlSettings, PressPhase, motion
+from scenarios.acquire.rig import open_acquire_rig
+from scenarios.acquire.session import Session
 from scenarios.lift import lift
 from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outcome
 from scenarios.rigs.opening import open_rig
@@ -124,6 +127,54 @@ def run_ended_after_s(v: float) -> float:
     lift.run(config("hand.activation_s=0.5", f"loop.deadline_s={v}"), 0, None, on_tick=ticks.append)
     stopped = next(tick for tick in ticks if tick.decision.phase is Phase.STOPPED)
     return (stopped.t_ns - ticks[0].t_ns) * 1e-9
+
+
+# Acquisition
+
+
+def acquiring(setting: str) -> AcquireConfig:
+    return load_acquire_config("planar", "simulated", None, (f"session.{setting}",))
+
+
+class Overheard:
+    """An arm that does as it is told; what it was told last."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self.stopped_mps2 = self.moved_mps = 0.0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._arm, name)
+
+    def stop(self, deceleration_mps2: float) -> None:
+        self.stopped_mps2 = deceleration_mps2
+        self._arm.stop(deceleration_mps2)
+
+    def move_to(self, position_m: Vector3, speed_mps: float, acceleration_mps2: float) -> None:
+        self.moved_mps = speed_mps
+        self._arm.move_to(position_m, speed_mps, acceleration_mps2)
+
+
+def told_on_leaving(setting: str) -> Overheard:
+    """When an acquisition ends."""
+    settings = acquiring(setting)
+    with open_acquire_rig(settings, 0, paced=False) as rig:
+        arm = Overheard(rig.arm)
+        heard = msgspec.structs.replace(rig, arm=arm)
+        Session(settings, motion("0", 0.05, 1.0), 0, heard).run(1, from_start=True)
+    return arm
+
+
+def asked_to_stand_s(v: float) -> float:
+    """How long an arm that never stands is asked to."""
+    settings = acquiring(f"stand_s={v}")
+    with open_acquire_rig(settings, 0, paced=False) as rig:
+        moving = msgspec.structs.replace(rig, arm=Fugitive(rig.arm))
+        made = Session(settings, motion("0", 0.05, 1.0), 0, moving)
+        rig.arm.pump(rig.clock.now_ns)
+        began_ns = rig.clock.now_ns
+        assert made.stand() == "the arm is still moving"
+        return (rig.clock.now_ns - began_ns) * 1e-9
 
 
 # Verdicts
