@@ -2,7 +2,7 @@
 
 A fingertip that slides is shaken at every frequency that 100 Hz can show, a fingertip at rest is
 not (Grover, Nadeau, Grebe and Kelly 2022 published a recording of both). So the energy of a finger
-is the mean absolute change from frame to frame, over its six taxels and a short window, in counts.
+is the mean absolute change from frame to frame, over its taxels and a short window, in counts.
 """
 
 import math
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from detector.decision import RuleSettings, event_starts
 from drivers.errors import UsageError
-from drivers.interfaces import TAXELS
+from drivers.interfaces import KIT_TAXELS
 
 SAMPLES_PER_MIN = 6000  # 100 Hz, the board's rate in the paper
 LOWEST_THRESHOLD_COUNTS, HIGHEST_THRESHOLD_COUNTS = 0.1, 500.0
@@ -54,12 +54,12 @@ class EnergyDetector:
     name = "energy"
     threshold = 0.5
 
-    def __init__(self, settings: EnergySettings, fingers: int) -> None:
+    def __init__(self, settings: EnergySettings, fingers: int, taxels: int = KIT_TAXELS) -> None:
         self.settings = settings
         self.fingers = fingers
         self.memory = settings.window + 1  # samples that its changes are made of
-        self._shape = (fingers, TAXELS)
-        self._per_energy = settings.window * TAXELS
+        self._shape = (fingers, taxels)
+        self._per_energy = settings.window * taxels
         self.reset()
 
     def reset(self) -> None:
@@ -74,7 +74,7 @@ class EnergyDetector:
         return [total / self._per_energy for total in self._sums]
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, 6); give (fingers,) probabilities."""
+        """Take one frame (fingers, taxels); give (fingers,) probabilities."""
         if counts.shape != self._shape:
             raise ValueError(f"frame has shape {counts.shape}, not {self._shape}")
         # for 18 numbers plain integers are quicker than arrays, and they cannot overflow
@@ -98,11 +98,11 @@ def probability_of(energy_counts: float, settings: EnergySettings) -> float:
 
 
 def energy_series(counts: NDArray[np.int16], window: int) -> NDArray[np.float64]:
-    """Energies (n, fingers) of a whole recording (n, fingers, 6), as the detector streams them."""
+    """Energies (n, fingers) of a recording (n, fingers, taxels), as the detector streams them."""
     changes = np.abs(np.diff(counts.astype(np.int64), axis=0, prepend=counts[:1])).sum(axis=2)
     total = np.cumsum(changes, axis=0)
     total[window:] -= total[:-window].copy()
-    energies: NDArray[np.float64] = total / (window * TAXELS)
+    energies: NDArray[np.float64] = total / (window * counts.shape[2])
     return energies
 
 
@@ -114,10 +114,10 @@ def tune_threshold(
 ) -> float:
     """Give the least ``threshold_counts`` that keeps to the budget on data without any slip.
 
-    ``static`` holds recordings (n, fingers, 6), each a stream of its own; an event on any of their
-    fingers counts once. Thresholds are tried from high to low in steps of 2 %, up to the first that
-    breaks the budget. Fewer minutes than 1 / budget allow no event at all, and say little. Raises
-    UsageError if there are no data or no threshold is high enough.
+    ``static`` holds recordings (n, fingers, taxels), each a stream of its own; an event on any of
+    their fingers counts once. Thresholds are tried from high to low in steps of 2 %, up to the
+    first that breaks the budget. Fewer minutes than 1 / budget allow no event at all, and say
+    little. Raises UsageError if there are no data or no threshold is high enough.
     """
     series = [energy_series(counts, settings.window) for counts in static]
     minutes = sum(len(energies) for energies in series) / SAMPLES_PER_MIN

@@ -13,6 +13,7 @@ from detector.network import NetworkSettings, load_network
 from detector.network_file import packaged_networks
 from detector.psd import PsdDetector, PsdFairDetector, PsdFairSettings, PsdSettings
 from drivers.errors import UsageError
+from drivers.interfaces import KIT_TAXELS
 
 
 class SlipDetector(Protocol):
@@ -31,12 +32,12 @@ class SlipDetector(Protocol):
         """Forget all frames."""
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take counts (fingers, 6), raw minus rest, pressing negative; give (fingers,)."""
+        """Take counts (fingers, taxels), raw minus rest, pressing negative; give (fingers,)."""
 
 
 DetectorSettings = EnergySettings | PsdSettings | PsdFairSettings | NetworkSettings
 
-_FORMULAS: dict[str, tuple[type[msgspec.Struct], Callable[[Any, int], SlipDetector]]] = {
+_FORMULAS: dict[str, tuple[type[msgspec.Struct], Callable[[Any, int, int], SlipDetector]]] = {
     "energy": (EnergySettings, EnergyDetector),
     "psd": (PsdSettings, PsdDetector),
     "psd-fair": (PsdFairSettings, PsdFairDetector),
@@ -45,19 +46,23 @@ DETECTORS = (*_FORMULAS, *packaged_networks())
 
 
 @cache
-def memory_of(name: str, settings: DetectorSettings) -> int:
+def memory_of(name: str, settings: DetectorSettings, taxels: int = KIT_TAXELS) -> int:
     """``memory`` of the detector that ``load_detector`` makes of this; raises what that raises."""
-    return load_detector(name, settings, 1).memory
+    return load_detector(name, settings, 1, taxels).memory
 
 
 def load_detector(
-    name: str, settings: Mapping[str, Any] | DetectorSettings, fingers: int
+    name: str,
+    settings: Mapping[str, Any] | DetectorSettings,
+    fingers: int,
+    taxels: int = KIT_TAXELS,
 ) -> SlipDetector:
-    """Make the named detector, reset, for so many fingers.
+    """Make the named detector, reset, for so many fingers of so many taxels.
 
     A name that is not packaged is taken for a network of one's own if ``weights`` says where it is.
-    Raises UsageError for an unknown name, msgspec.ValidationError for settings out of range,
-    BadFile for a network whose file is damaged or foreign.
+    Raises UsageError for an unknown name and for one that was made for another layout,
+    msgspec.ValidationError for settings out of range, BadFile for a network whose file is damaged
+    or foreign.
     """
     wanted: type[Any] = _FORMULAS[name][0] if name in _FORMULAS else NetworkSettings
     made: Any = settings
@@ -66,7 +71,7 @@ def load_detector(
     if not isinstance(made, wanted):
         raise ValueError(f"{name} takes {wanted.__name__}, not {type(made).__name__}")
     if name in _FORMULAS:
-        return _FORMULAS[name][1](made, fingers)
+        return _FORMULAS[name][1](made, fingers, taxels)
     if name not in DETECTORS and not made.weights:
         raise UsageError(f"unknown detector {name!r}", f"one of: {', '.join(DETECTORS)}")
-    return load_network(name, made, fingers)
+    return load_network(name, made, fingers, taxels)

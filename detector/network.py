@@ -12,8 +12,9 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from detector.layout import check_layout
 from detector.network_file import LoadedNetwork, read_network, weights_path
-from drivers.interfaces import TAXELS
+from drivers.interfaces import KIT_TAXELS
 
 Float32s = NDArray[np.float32]
 
@@ -41,7 +42,7 @@ class StreamingNetwork:
         window = loaded.card.window
         self.memory = window + 1 if window else 0  # it takes changes, from one more sample
         self.card = loaded.card
-        self._shape = (fingers, TAXELS)
+        self._shape = (fingers, loaded.taxels)
         self._session = loaded.session
         # two frames and two sets of states: what one call wrote, the next one reads
         self._frames = [np.zeros(self._shape, np.float32) for _ in range(2)]
@@ -72,7 +73,7 @@ class StreamingNetwork:
             state.fill(0.0)
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, 6); give (fingers,) probabilities."""
+        """Take one frame (fingers, taxels); give (fingers,) probabilities."""
         if counts.shape != self._shape:
             raise ValueError(f"frame has shape {counts.shape}, not {self._shape}")
         turn = self._turn
@@ -96,9 +97,9 @@ class WindowedNetwork:
         self.threshold = loaded.card.threshold
         self.memory = loaded.card.window
         self.card = loaded.card
-        self._shape = (fingers, TAXELS)
+        self._shape = (fingers, loaded.taxels)
         self._session = loaded.session
-        self._window = np.zeros((fingers, loaded.card.window, TAXELS), np.float32)
+        self._window = np.zeros((fingers, loaded.card.window, loaded.taxels), np.float32)
         self._probability = np.zeros(fingers, np.float32)
         self._binding = self._session.io_binding()
         _bind_input(self._binding, "counts", self._window)
@@ -109,7 +110,7 @@ class WindowedNetwork:
         self._started = False
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, 6); give (fingers,) probabilities."""
+        """Take one frame (fingers, taxels); give (fingers,) probabilities."""
         if counts.shape != self._shape:
             raise ValueError(f"frame has shape {counts.shape}, not {self._shape}")
         if self._started:
@@ -138,7 +139,10 @@ def run_network(loaded: LoadedNetwork, fingers: int) -> StreamingNetwork | Windo
 
 
 def load_network(
-    name: str, settings: NetworkSettings, fingers: int
+    name: str, settings: NetworkSettings, fingers: int, taxels: int = KIT_TAXELS
 ) -> StreamingNetwork | WindowedNetwork:
-    """Detector from its weights; raises BadFile."""
-    return run_network(read_network(weights_path(settings.weights or name)), fingers)
+    """Detector from its weights; raises BadFile, and UsageError for fingertips of another layout
+    than it was trained on."""
+    loaded = read_network(weights_path(settings.weights or name))
+    check_layout(name, loaded.taxels, taxels)
+    return run_network(loaded, fingers)

@@ -16,7 +16,7 @@ from msgspec import Meta
 
 from detector.onnx_wire import names_other_files
 from drivers.errors import BadFile
-from drivers.interfaces import FINGERS, TAXELS
+from drivers.interfaces import FINGERS
 
 FORMAT = 1
 CARD_KEY = "grasp"
@@ -60,6 +60,11 @@ class LoadedNetwork(msgspec.Struct, frozen=True):
     card: NetworkCard
     session: Any
     states: dict[str, tuple[int, ...]]
+
+    @property
+    def taxels(self) -> int:
+        """Of the fingertips that it was trained on."""
+        return len(self.card.mean_counts)
 
 
 def weights_path(weights: str) -> Path:
@@ -136,10 +141,10 @@ def _loaded(path: Path, session: Any) -> LoadedNetwork:
 
 def _try(path: Path, loaded: LoadedNetwork) -> None:
     """A graph that cannot run, or gives no probability, is found here and not in a lift."""
-    frame = (FINGERS, TAXELS)
+    frame = (FINGERS, loaded.taxels)
     shapes: dict[str, tuple[int, ...]] = {"counts": frame, "previous": frame}
     if loaded.card.mode == "window":
-        shapes = {"counts": (FINGERS, loaded.card.window, TAXELS)}
+        shapes = {"counts": (FINGERS, loaded.card.window, loaded.taxels)}
     shapes |= {name: (FINGERS, *shape) for name, shape in loaded.states.items()}
     fed = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
     names = ["probability", *(f"next_{name}" for name in loaded.states)]
@@ -169,10 +174,11 @@ Ends = dict[str, tuple[str, tuple[Any, ...]]]
 
 def _check_ends(path: Path, card: NetworkCard, inputs: Ends, outputs: Ends) -> None:
     """The frame or window that goes in, and the probability that comes out."""
-    frame: tuple[str | int, ...] = ("fingers", TAXELS)
+    taxels = len(card.mean_counts)
+    frame: tuple[str | int, ...] = ("fingers", taxels)
     wanted = {"counts": frame, "previous": frame}
     if card.mode == "window":
-        wanted = {"counts": ("fingers", card.window, TAXELS)}
+        wanted = {"counts": ("fingers", card.window, taxels)}
         if card.window < 1:
             raise _bad(path, f"a window of {card.window} samples")
     for name, shape in wanted.items():

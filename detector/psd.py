@@ -13,10 +13,11 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from drivers.interfaces import TAXELS
+from detector.layout import check_layout
+from drivers.interfaces import KIT_TAXELS
 
 PAPER_WINDOW = 100
-PerTaxel = tuple[float, float, float, float, float, float]
+PerTaxel = tuple[float, ...]
 
 
 class PsdSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -31,6 +32,10 @@ class PsdSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     steepness: Annotated[
         float, Meta(ge=0.1, le=20.0, description="log-odds gained per e-fold of power; assumed")
     ] = 4.0
+
+    def __post_init__(self) -> None:
+        if not self.mean_counts or len(self.mean_counts) != len(self.std_counts):
+            raise ValueError("mean_counts and std_counts: one of each a taxel")
 
 
 class PsdFairSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -49,11 +54,11 @@ class PsdFairSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
 
 class _Window:
-    """The last samples (fingers, length, 6); the first one stands for those before it."""
+    """The last samples (fingers, length, taxels); the first one stands for those before it."""
 
-    def __init__(self, fingers: int, length: int) -> None:
-        self._shape = (fingers, TAXELS)
-        self.samples = np.zeros((fingers, length, TAXELS))
+    def __init__(self, fingers: int, length: int, taxels: int) -> None:
+        self._shape = (fingers, taxels)
+        self.samples = np.zeros((fingers, length, taxels))
         self.reset()
 
     def reset(self) -> None:
@@ -77,16 +82,17 @@ class PsdDetector:
     threshold = 0.5
     memory = PAPER_WINDOW
 
-    def __init__(self, settings: PsdSettings, fingers: int) -> None:
+    def __init__(self, settings: PsdSettings, fingers: int, taxels: int = KIT_TAXELS) -> None:
+        check_layout(self.name, len(settings.mean_counts), taxels)
         self.settings = settings
-        self._window = _Window(fingers, PAPER_WINDOW)
+        self._window = _Window(fingers, PAPER_WINDOW, taxels)
         self._mean, self._std = np.array(settings.mean_counts), np.array(settings.std_counts)
 
     def reset(self) -> None:
         self._window.reset()
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, 6); give (fingers,) probabilities."""
+        """Take one frame (fingers, taxels); give (fingers,) probabilities."""
         self._window.add(counts)
         common = ((self._window.samples - self._mean) / self._std).sum(axis=2)
         power = np.square(np.abs(np.fft.rfft(common, axis=1)[:, 1:])).sum(axis=1)
@@ -99,16 +105,16 @@ class PsdFairDetector:
     name = "psd-fair"
     threshold = 0.5
 
-    def __init__(self, settings: PsdFairSettings, fingers: int) -> None:
+    def __init__(self, settings: PsdFairSettings, fingers: int, taxels: int = KIT_TAXELS) -> None:
         self.settings = settings
         self.memory = settings.window
-        self._window = _Window(fingers, settings.window)
+        self._window = _Window(fingers, settings.window, taxels)
 
     def reset(self) -> None:
         self._window.reset()
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
-        """Take one frame (fingers, 6); give (fingers,) probabilities."""
+        """Take one frame (fingers, taxels); give (fingers,) probabilities."""
         self._window.add(counts)
         spectra = np.abs(np.fft.rfft(self._window.samples, axis=1)[:, 1:])
         amplitude = spectra.sum(axis=(1, 2)) / (self.settings.window - 1)

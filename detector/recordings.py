@@ -18,7 +18,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from drivers.errors import BadFile
-from drivers.interfaces import CODE_MAX, PERIOD_S, TAXELS
+from drivers.interfaces import CODE_MAX, KIT_TAXELS, PERIOD_S
 
 GAP_PERIODS = 1.5  # samples further apart than this have lost one between them
 MAX_MISSED = 5  # in a row; beyond that the sensor counts as stale and detectors are reset
@@ -26,7 +26,7 @@ COUNTS_LIMIT = CODE_MAX  # difference of two codes
 FORMAT = "grasp-recording"
 VERSION = 1
 SUFFIX = ".npz"
-COLUMNS = ("t_s", *(f"p{i}" for i in range(TAXELS)), "slip")
+LABEL = "slip"
 OPTIONAL = "slip_true"
 
 
@@ -50,6 +50,7 @@ class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     direction: str
     seed: Annotated[int, Meta(ge=0)]
     cause: str = ""
+    layout: str = ""  # of the taxels, by its name; empty: the kit's
     part: str = ""  # of a data set that draws from several sets of ranges
     parameters: dict[str, float] = {}
     commit: str = ""
@@ -64,7 +65,7 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
     """
 
     t_s: NDArray[np.float64]  # (n,)
-    counts: NDArray[np.int16]  # (n, fingers, 6)
+    counts: NDArray[np.int16]  # (n, fingers, taxels)
     slip: NDArray[np.bool_]  # (n,)
     slip_true: NDArray[np.bool_] | None  # (n,)
     source: str
@@ -77,6 +78,11 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
     @property
     def fingers(self) -> int:
         return int(self.counts.shape[1])
+
+    @property
+    def taxels(self) -> int:
+        """Of a finger."""
+        return int(self.counts.shape[2])
 
     @property
     def missed(self) -> int:
@@ -145,10 +151,10 @@ class _Header(msgspec.Struct, frozen=True):
     metadata: Metadata | None
 
 
-# dtype, shape after the samples (None: any number of fingers), needed
+# dtype, shape after the samples (None: any number of fingers, of taxels), needed
 _ARRAYS: dict[str, tuple[type[np.generic], tuple[int | None, ...], bool]] = {
     "t_s": (np.float64, (), True),
-    "counts": (np.int16, (None, TAXELS), True),
+    "counts": (np.int16, (None, None), True),
     "slip": (np.bool_, (), True),
     "slip_true": (np.bool_, (), False),
     "contact_speed_mps": (np.float32, (), False),
@@ -245,10 +251,9 @@ def read_csv(path: Path | str) -> Recording:
     table = np.array(rows)
     _check_times(table[:, 0], [i for i, _ in numbered], source)
     slip_true = table[:, -1] == 1.0 if columns[-1] == OPTIONAL else None
-    counts = table[:, 1 : 1 + TAXELS].astype(np.int16)[:, None, :]
-    recording = Recording(
-        table[:, 0].copy(), counts, table[:, 1 + TAXELS] == 1.0, slip_true, source
-    )
+    label = columns.index(LABEL)
+    counts = table[:, 1:label].astype(np.int16)[:, None, :]
+    recording = Recording(table[:, 0].copy(), counts, table[:, label] == 1.0, slip_true, source)
     for array in (recording.t_s, recording.counts, recording.slip, recording.slip_true):
         if array is not None:
             array.flags.writeable = False
@@ -265,13 +270,21 @@ def _lines(path: Path) -> list[str]:
 
 
 def _columns(lines: list[str], source: str) -> tuple[str, ...]:
-    wanted = f"the first line must be {','.join(COLUMNS)}, with or without ,{OPTIONAL}"
+    kit = ",".join(_names(KIT_TAXELS))
+    wanted = f"the first line must be {kit}, or of other taxels, with or without ,{OPTIONAL}"
     if not lines:
         raise BadFile(source, "empty", wanted)
     columns = tuple(word.strip() for word in lines[0].split(","))
-    if columns not in (COLUMNS, (*COLUMNS, OPTIONAL)):
+    taxels = sum(name.startswith("p") for name in columns)
+    names = _names(taxels)
+    if taxels == 0 or columns not in (names, (*names, OPTIONAL)):
         raise BadFile(source, f"columns are {','.join(columns)}", wanted, 1)
     return columns
+
+
+def _names(taxels: int) -> tuple[str, ...]:
+    """Columns of a fingertip of so many taxels."""
+    return ("t_s", *(f"p{i}" for i in range(taxels)), LABEL)
 
 
 def _row(line: str, columns: tuple[str, ...], source: str, number: int) -> list[float]:

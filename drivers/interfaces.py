@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 FINGER_NAMES = ("A", "B", "C")
 FINGERS = len(FINGER_NAMES)
-TAXELS = 6
+KIT_TAXELS = (
+    6  # of a fingertip of the Robotiq kit; how many there are is a setting (`tactile.cells`)
+)
 CODE_MAX = 1023  # of a taxel: ten bits
 PERIOD_NS = 10_000_000  # of a tactile sample and a control step: 100 Hz, as in the paper
 PERIOD_S = PERIOD_NS / 1e9
@@ -140,8 +142,8 @@ class Gripper(Protocol):
 class TactileFrame(msgspec.Struct, frozen=True):
     """One sample of all fingertips on the 100 Hz grid.
 
-    All arrays are (3, 6) int16. counts: raw minus rest, pressing is negative. raw, rest: 10-bit
-    codes. temperature: raw temperature codes. A missed sample repeats the last frame with
+    All arrays are (3, taxels) int16. counts: raw minus rest, pressing is negative. raw, rest:
+    10-bit codes. temperature: raw temperature codes. A missed sample repeats the last frame with
     ``missed`` counting up; when ``stale`` is True (five or more missed) it must not be used.
     """
 

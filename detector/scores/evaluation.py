@@ -115,18 +115,19 @@ def stream(
 
 
 def stream_recordings(
-    make: Callable[[int], SlipDetector],
+    make: Callable[[int, int], SlipDetector],
     recordings: Iterable[Recording],
     clock_ns: Callable[[], int] | None = None,
     label: LabelName = "slip",
 ) -> list[Streamed]:
-    """Stream every recording through the detector made for its number of fingers."""
-    made: dict[int, SlipDetector] = {}
+    """Stream every recording through the detector made for its fingers and their taxels."""
+    made: dict[tuple[int, int], SlipDetector] = {}
     found = []
     for recording in recordings:
-        if recording.fingers not in made:
-            made[recording.fingers] = make(recording.fingers)
-        p, spent_us = stream(made[recording.fingers], recording.counts, clock_ns)
+        shape = recording.fingers, recording.taxels
+        if shape not in made:
+            made[shape] = make(*shape)
+        p, spent_us = stream(made[shape], recording.counts, clock_ns)
         found.append(Streamed(recording, p, spent_us, label))
     return found
 

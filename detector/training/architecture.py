@@ -4,6 +4,9 @@ from typing import Literal
 
 import msgspec
 
+from detector.layout import check_layout
+from drivers.interfaces import KIT_TAXELS
+
 WINDOW = 100  # samples: one second, the paper's
 NORM_EPS = 1e-3  # of the authors' layer norms
 # columns of rows of taxels: 0 1 2 in the lower row, 5 4 3 in the upper
@@ -16,6 +19,7 @@ class Architecture(msgspec.Struct, frozen=True, kw_only=True):
     """What distinguishes one network from another; stored with its weights."""
 
     family: Literal["tcn", "gru", "freq-cnn"]
+    taxels: int = KIT_TAXELS  # of a fingertip; a freq-cnn's image has the kit's
     inputs: Inputs = "counts"
     kernel: int = 8
     dilations: tuple[int, ...] = (1, 2, 4, 8)
@@ -29,6 +33,15 @@ class Architecture(msgspec.Struct, frozen=True, kw_only=True):
     def receptive_field(self) -> int:
         """Samples that one output of a `tcn` depends on: two convolutions a block."""
         return 1 + 2 * (self.kernel - 1) * sum(self.dilations)
+
+
+def of_layout(name: str, taxels: int) -> Architecture:
+    """The named network for fingertips of so many taxels; raises UsageError where its image of
+    taxels has no place for them."""
+    arch = ARCHITECTURES[name]
+    if arch.family == "freq-cnn":
+        check_layout(name, arch.taxels, taxels)
+    return msgspec.structs.replace(arch, taxels=taxels)
 
 
 ARCHITECTURES = {

@@ -8,10 +8,6 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float32]
 Augmentation = Literal["none", "paper", "as-run", "ours"]
 
-# taxels 0 1 2 in the lower row, 5 4 3 in the upper: identity, flip of x, flip of y, half turn
-SYMMETRIES = np.array([
-    [0, 1, 2, 3, 4, 5], [2, 1, 0, 5, 4, 3], [5, 4, 3, 2, 1, 0], [3, 4, 5, 0, 1, 2],
-])  # fmt: skip
 HALF_TURN = 3
 PAPER_NOISE_COUNTS = 6.0  # 1 % of the barometers' range, -500 to 200 counts in the authors' data
 AS_RUN_NOISE_COUNTS = 0.5
@@ -25,8 +21,20 @@ LOST_SHARE = 0.01  # samples repeated
 DEAD_SHARE = 0.03  # taxels that say nothing
 
 
+def symmetries(taxels: int) -> NDArray[np.intp]:
+    """(4, taxels) orders: identity, flip of x, flip of y, half turn of two serpentine rows (of the
+    kit: 0 1 2 below, 5 4 3 above). A layout of an odd number has none but identity."""
+    if taxels % 2:
+        return np.tile(np.arange(taxels), (4, 1))
+    below, above = np.arange(taxels // 2), np.arange(taxels // 2, taxels)
+    return np.array([
+        [*below, *above], [*below[::-1], *above[::-1]], [*above[::-1], *below[::-1]],
+        [*above, *below],
+    ])  # fmt: skip
+
+
 def augment(counts: Floats, how: Augmentation, rng: np.random.Generator) -> Floats:
-    """A changed copy of a batch (batch, time, 6) in counts."""
+    """A changed copy of a batch (batch, time, taxels) in counts."""
     if how == "paper":
         turned = _turn(counts, rng.integers(0, 4, size=len(counts)))
         return _noise(turned, np.full(len(counts), PAPER_NOISE_COUNTS), rng)
@@ -38,7 +46,9 @@ def augment(counts: Floats, how: Augmentation, rng: np.random.Generator) -> Floa
 
 
 def _turn(counts: Floats, which: Any) -> Floats:
-    turned: Floats = np.take_along_axis(counts, SYMMETRIES[which][:, None, :], axis=2)
+    turned: Floats = np.take_along_axis(
+        counts, symmetries(counts.shape[2])[which][:, None, :], axis=2
+    )
     return turned
 
 

@@ -16,7 +16,7 @@ import torch
 from torch import nn
 
 from detector.recordings import Recording
-from detector.training.architecture import ARCHITECTURES
+from detector.training.architecture import of_layout
 from detector.training.augment import augment
 from detector.training.networks import build
 from detector.training.sequences import (
@@ -61,10 +61,11 @@ class Training:
     ) -> None:
         torch.set_num_threads(1)
         torch.manual_seed(settings.seed % 2**31)
-        self.name, self.settings, self.arch = name, settings, ARCHITECTURES[name]
+        self.name, self.settings = name, settings
         self.data_digest = data_digest
         self._validation = validation
         self._fingers = fingers_of(train, settings.label)
+        self.arch = of_layout(name, self._fingers.taxels)
         self.statistics = statistics(self._fingers, per_taxel=not self.arch.streaming)
         self.network = build(self.arch)
         self._standardise()

@@ -15,7 +15,6 @@ from onnx import TensorProto, helper, numpy_helper
 
 from detector.network_file import CARD_KEY, Mode, NetworkCard
 from detector.training.architecture import GRID, NORM_EPS, WINDOW, Architecture
-from drivers.interfaces import TAXELS
 
 OPSET, IR_VERSION = 17, 8
 BATCH_NORM_EPS = 1e-5
@@ -75,12 +74,12 @@ def make_model(arch: Architecture, mode: Mode, weights: Weights, card: NetworkCa
     states: dict[str, tuple[int, ...]] = {}
     if mode == "stream":
         logit, states = {"tcn": _tcn_step, "gru": _gru_step}[arch.family](g, arch)
-        inputs: dict[str, Shape] = dict.fromkeys(("counts", "previous"), ("fingers", TAXELS))
+        inputs: dict[str, Shape] = dict.fromkeys(("counts", "previous"), ("fingers", arch.taxels))
     else:
         window = {"tcn": _tcn_window, "gru": _gru_window, "freq-cnn": _frequency_window}
         logit = window[arch.family](g, arch)
         samples = "samples" if arch.streaming else WINDOW
-        inputs = {"counts": ("fingers", samples, TAXELS)}
+        inputs = {"counts": ("fingers", samples, arch.taxels)}
     _probability(g, logit, card)
     ends_in: dict[str, Shape] = {**inputs, **{k: ("fingers", *s) for k, s in states.items()}}
     ends_out: dict[str, Shape] = {"probability": ("fingers",)}
@@ -265,7 +264,7 @@ def _frequency_window(g: _Graph, arch: Architecture) -> str:
     """The spectrum is a product with cosines and sines: 100 samples, 51 frequencies."""
     x = _window_features(g, arch)
     if arch.scrambled:
-        series = g.reshape(x, -1, TAXELS, WINDOW)
+        series = g.reshape(x, -1, arch.taxels, WINDOW)
     else:
         at = g.const([taxel for row in GRID for taxel in row], np.int64)
         series = g.op("Transpose", g.op("Gather", x, at, axis=2), perm=[0, 2, 1])

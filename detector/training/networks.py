@@ -1,4 +1,4 @@
-"""The networks in torch: counts (batch, time, 6) in, log-odds of slip (batch, time) out.
+"""The networks in torch: counts (batch, time, taxels) in, log-odds of slip (batch, time) out.
 
 `SlipTcn` is the network of Grover, Nadeau, Grebe and Kelly 2022 as its authors built it, and ours
 of the same family; `SlipGru` keeps one state instead of a history; `FrequencyCnn` is the paper's
@@ -9,7 +9,6 @@ import torch
 from torch import Tensor, nn
 
 from detector.training.architecture import GRID, NORM_EPS, WINDOW, Architecture, Inputs
-from drivers.interfaces import TAXELS
 
 DROPOUT = 0.2
 
@@ -21,23 +20,23 @@ class Features(nn.Module):
     matters of a change is how many times larger than rest it is.
     """
 
-    mean: Tensor  # (6,) counts
-    std: Tensor  # (6,) counts
+    mean: Tensor  # (taxels,) counts
+    std: Tensor  # (taxels,) counts
     change_scale: Tensor  # () counts a sample
 
-    def __init__(self, inputs: Inputs) -> None:
+    def __init__(self, inputs: Inputs, taxels: int) -> None:
         super().__init__()
-        self.inputs = inputs
-        self.register_buffer("mean", torch.zeros(TAXELS))
-        self.register_buffer("std", torch.ones(TAXELS))
+        self.inputs, self.taxels = inputs, taxels
+        self.register_buffer("mean", torch.zeros(taxels))
+        self.register_buffer("std", torch.ones(taxels))
         self.register_buffer("change_scale", torch.ones(()))
 
     @property
     def width(self) -> int:
-        return 2 * TAXELS if self.inputs == "both" else TAXELS
+        return 2 * self.taxels if self.inputs == "both" else self.taxels
 
     def forward(self, counts: Tensor) -> Tensor:
-        """(batch, time, 6) to (batch, time, width); the first sample has no change."""
+        """(batch, time, taxels) to (batch, time, width); the first sample has no change."""
         parts = []
         if self.inputs != "changes":
             parts.append((counts - self.mean) / self.std)
@@ -104,7 +103,7 @@ class SlipTcn(nn.Module):
     def __init__(self, arch: Architecture) -> None:
         super().__init__()
         self.arch = arch
-        self.features = Features(arch.inputs)
+        self.features = Features(arch.inputs, arch.taxels)
         widths = [self.features.width] + [arch.channels] * len(arch.dilations)
         self.blocks = nn.ModuleList(
             Block(width, arch.channels, arch.kernel, dilation)
@@ -127,7 +126,7 @@ class SlipGru(nn.Module):
     def __init__(self, arch: Architecture) -> None:
         super().__init__()
         self.arch = arch
-        self.features = Features(arch.inputs)
+        self.features = Features(arch.inputs, arch.taxels)
         self.gru = nn.GRU(self.features.width, arch.channels, batch_first=True)
         self.drop = nn.Dropout(DROPOUT)
         self.out = nn.Linear(arch.channels, arch.outputs)
@@ -143,7 +142,7 @@ class FrequencyCnn(nn.Module):
     def __init__(self, arch: Architecture) -> None:
         super().__init__()
         self.arch = arch
-        self.features = Features(arch.inputs)
+        self.features = Features(arch.inputs, arch.taxels)
         self.conv1, self.norm1 = nn.Conv2d(WINDOW // 2 + 1, 50, 3, padding=1), nn.BatchNorm2d(50)
         self.conv2, self.norm2 = nn.Conv2d(50, 20, 2), nn.BatchNorm2d(20)
         self.dense1, self.norm3 = nn.Linear(40, 40), nn.BatchNorm1d(40)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from detector.recordings import Recording
 from detector.scores.evaluation import LabelName, Streamed
 from detector.training.architecture import WINDOW
+from drivers.errors import UsageError
 
 Floats = NDArray[np.float32]
 Balance = Literal["weights", "undersample"]
@@ -20,8 +21,13 @@ LEAST_CHANGE_COUNTS = 0.5  # no scale is finer than the noise of a taxel at rest
 class FingerSequences(msgspec.Struct, frozen=True, eq=False):
     """Sequences of one finger each."""
 
-    counts: list[Floats]  # (n, 6)
+    counts: list[Floats]  # (n, taxels)
     labels: list[NDArray[np.bool_]]  # (n,)
+
+    @property
+    def taxels(self) -> int:
+        """Of every finger."""
+        return self.counts[0].shape[1]
 
     @property
     def slip_share(self) -> float:
@@ -40,7 +46,7 @@ class Statistics(msgspec.Struct, frozen=True):
 class Batch(msgspec.Struct, frozen=True, eq=False):
     """Inputs with a label and a weight for every sample, 0 where nothing is to be learnt."""
 
-    counts: Floats  # (batch, time, 6)
+    counts: Floats  # (batch, time, taxels)
     labels: Floats  # (batch, time)
     weights: Floats  # (batch, time)
 
@@ -48,6 +54,12 @@ class Batch(msgspec.Struct, frozen=True, eq=False):
 def fingers_of(recordings: Sequence[Recording], label: LabelName) -> FingerSequences:
     """Every finger of every recording, under the recording's one label."""
     counts, labels = [], []
+    layouts = sorted({r.taxels for r in recordings})
+    if len(layouts) > 1:
+        raise UsageError(
+            f"recordings of fingertips with {' and '.join(map(str, layouts))} taxels",
+            "train on recordings of one layout",
+        )
     for recording in recordings:
         known = Streamed(recording, np.empty((0, 1)), np.empty(0), label).labels
         for finger in range(recording.fingers):
@@ -60,7 +72,8 @@ def statistics(fingers: FingerSequences, per_taxel: bool) -> Statistics:
     """Mean and deviation, of each taxel or of all alike; mean absolute change while static."""
     every = np.concatenate(fingers.counts).astype(np.float64)
     axis = 0 if per_taxel else None
-    mean, std = np.broadcast_to(every.mean(axis), 6), np.broadcast_to(every.std(axis), 6)
+    taxels = every.shape[1]
+    mean, std = (np.broadcast_to(x, taxels) for x in (every.mean(axis), every.std(axis)))
     still = [
         np.abs(np.diff(c, axis=0))[~label[1:]]
         for c, label in zip(fingers.counts, fingers.labels, strict=True)
@@ -96,7 +109,7 @@ def crops(
     lengths = np.array([len(c) for c in fingers.counts])
     chosen = rng.choice(len(lengths), batch, p=lengths / lengths.sum())
     time = warm + crop
-    counts = np.zeros((batch, time, 6), np.float32)
+    counts = np.zeros((batch, time, fingers.taxels), np.float32)
     labels, weights = np.zeros((batch, time), np.float32), np.zeros((batch, time), np.float32)
     for row, i in enumerate(chosen):
         start = int(rng.integers(0, max(1, lengths[i] - time)))

@@ -102,7 +102,7 @@ class TakkTileDriver:
 
     @property
     def latest_raw(self) -> Codes | None:
-        """(3, 6) int16 codes of the last good sample, rest or not; None before the first one."""
+        """(3, taxels) int16 codes of the last good sample, rest or not; None before the first."""
         return self._fingertips.latest_raw
 
     @property

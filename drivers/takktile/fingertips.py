@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import DeviceFault, Refused
-from drivers.interfaces import FINGER_NAMES, FINGERS, TAXELS, TactileFrame
+from drivers.interfaces import FINGER_NAMES, FINGERS, TactileFrame
 from drivers.takktile import protocol
 from drivers.takktile.board import Codes, Missed, Reading
 from drivers.takktile.protocol import Layout
@@ -19,7 +19,9 @@ class FrameAssembly:
         self._settings = settings
         self._max_age_ns = round(settings.max_age_ms * 1e6)
         self._cells = 0
-        self._order = np.zeros((FINGERS, TAXELS), np.intp)  # place in the frame of each taxel
+        self._order = np.zeros(
+            (FINGERS, settings.taxels), np.intp
+        )  # place in the frame of each taxel
         self._frame: TactileFrame | None = None
         self._latest_raw: Codes | None = None
         self._rest: Codes | None = None
@@ -35,7 +37,7 @@ class FrameAssembly:
 
     @property
     def latest_raw(self) -> Codes | None:
-        """(3, 6) int16 codes of the last good sample, rest or not; None before the first one."""
+        """(3, taxels) int16 codes of the last good sample, rest or not; None before the first."""
         return self._latest_raw
 
     @property
@@ -91,7 +93,7 @@ class FrameAssembly:
             )
 
     def _decode(self, reading: Reading, now_ns: int) -> tuple[Codes, Codes] | Missed:
-        """(3, 6) pressure and temperature codes."""
+        """(3, taxels) pressure and temperature codes."""
         if now_ns - reading.sampled_ns > self._max_age_ns:
             return Missed.TOO_OLD
         codes = protocol.parse_frame(reading.data, self._cells)
@@ -126,7 +128,7 @@ class FrameAssembly:
 
 
 def _frame_order(layout: Layout, settings: TakkTileSettings) -> NDArray[np.intp]:
-    """(3, 6) place in the frame of each taxel; ``DeviceFault`` when a mapped cell is not alive."""
+    """(3, taxels) place in the frame of each; ``DeviceFault`` when a mapped cell is not alive."""
     place = dict(zip(layout.alive, layout.places, strict=True))
     for finger, cells in zip(FINGER_NAMES, settings.cells, strict=True):
         for taxel, cell in enumerate(cells):

@@ -4,18 +4,20 @@ from typing import Annotated
 
 import msgspec
 
+from drivers.interfaces import KIT_TAXELS
 from drivers.takktile.protocol import COLUMNS, ROWS
 
 CellIndex = tuple[
     Annotated[int, msgspec.Meta(ge=0, lt=ROWS)], Annotated[int, msgspec.Meta(ge=0, lt=COLUMNS)]
 ]
-FingerCells = tuple[CellIndex, CellIndex, CellIndex, CellIndex, CellIndex, CellIndex]
+MOST_TAXELS = ROWS * COLUMNS // 3  # of a finger: three share a board
+FingerCells = Annotated[tuple[CellIndex, ...], msgspec.Meta(min_length=1, max_length=MOST_TAXELS)]
 RestCode = Annotated[int, msgspec.Meta(ge=0, le=1023)]
-FingerRest = tuple[RestCode, RestCode, RestCode, RestCode, RestCode, RestCode]
+FingerRest = tuple[RestCode, ...]
 
 
 def _row(row: int) -> FingerCells:
-    return (row, 0), (row, 1), (row, 2), (row, 3), (row, 4), (row, 5)
+    return tuple((row, column) for column in range(KIT_TAXELS))
 
 
 class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -24,8 +26,8 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     cells: Annotated[
         tuple[FingerCells, FingerCells, FingerCells],
         msgspec.Meta(
-            description="(row, column) of taxels 0..5 of fingers A, B, C; assumed: row r is finger "
-            "r in column order, the kit's wiring is not documented"
+            description="(row, column) of every taxel of fingers A, B, C, as many of each; "
+            "assumed: row r is finger r in column order, the kit's wiring is not documented"
         ),
     ] = (_row(0), _row(1), _row(2))
     conversion_ms: Annotated[
@@ -91,7 +93,15 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         ),
     ] = 20.0
 
+    @property
+    def taxels(self) -> int:
+        """Of a fingertip."""
+        return len(self.cells[0])
+
     def __post_init__(self) -> None:
+        counts = {len(finger) for finger in (*self.cells, *(self.rest_reference or ()))}
+        if len(counts) > 1:
+            raise ValueError("cells, rest_reference: every finger must have as many taxels")
         mapped = [cell for finger in self.cells for cell in finger]
         twice = {cell for cell in mapped if mapped.count(cell) > 1}
         if twice:

@@ -149,10 +149,9 @@ def print_figures(r: Any) -> None:
         paper = "-" if c.paper_percent is None else f"{c.paper_percent:.1f}"
         print(f"{c.motion:<12}{c.speed:>7g}  {c.surface:<12}{c.samples:>8}{c.slip:>8}"
               f"{c.percent:>7.1f}{paper:>7}")  # fmt: skip
-    from drivers.interfaces import TAXELS
-
-    print(f"\n{'counts, taxel':<16}" + "".join(f"{i:>8}" for i in range(TAXELS)))
+    print(f"\n{'counts, taxel':<16}" + "".join(f"{i:>8}" for i in range(len(r.taxels))))
     for name, theirs in PAPER_COUNTS.items():
         ours = [getattr(taxel, name) for taxel in r.taxels]
         print(f"{name:<16}" + "".join(f"{value:>8.0f}" for value in ours))
-        print(f"{'  paper':<16}" + "".join(f"{value:>8.0f}" for value in theirs))
+        if len(theirs) == len(ours):
+            print(f"{'  paper':<16}" + "".join(f"{value:>8.0f}" for value in theirs))

@@ -36,7 +36,7 @@ def _add_evaluate(actions: Any) -> None:
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument(
         "--recording", type=Path, metavar="PATH",
-        help=".npz, or CSV with t_s,p0..p5,slip[,slip_true], counts with the rest value removed",
+        help=".npz, or CSV with t_s,p0,p1,...,slip[,slip_true], counts with the rest value removed",
     )  # fmt: skip
     source.add_argument(
         "--data", type=Path, nargs="+", metavar="DIR", help="folders made by `grasp dataset build`"

@@ -27,7 +27,7 @@ def add_parser(verbs: Any) -> None:
         "--tactile",
         type=Path,
         metavar="PATH",
-        help="a fingertip recording instead of a run: .npz, or .csv (t_s,p0..p5,slip)",
+        help="a fingertip recording instead of a run: .npz, or .csv (t_s,p0,p1,...,slip)",
     )
     parser.add_argument(
         "--detector",
@@ -87,7 +87,7 @@ def _tactile(args: argparse.Namespace) -> int:
     config = load_config("can", "simulated", args.detector, None, args.set)
     recording = read(args.tactile)
     done = replay_tactile(config, recording)
-    detector = config.make_detector(recording.fingers)
+    detector = config.make_detector(recording.fingers, recording.taxels)
     scores = evaluate_recording(detector, config.rule, recording, clock_ns=stopwatch_ns)
     if args.json:
         print(json.dumps({**msgspec.to_builtins(done), "evaluation": msgspec.to_builtins(scores)}))

@@ -45,7 +45,7 @@ def _add_calibrate(actions: Any) -> None:
     )
     parser.add_argument(
         "--recording", type=Path, required=True, metavar="PATH",
-        help="one fingertip, columns t_s,p0..p5,slip",
+        help="one fingertip, columns t_s,p0,p1,...,slip",
     )  # fmt: skip
     parser.add_argument(
         "--check", action="store_true", help="judge the built-in values; search for no others"

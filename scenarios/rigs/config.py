@@ -5,6 +5,7 @@ from typing import Annotated, TypeVar
 import msgspec
 from msgspec import Meta
 
+from drivers.interfaces import FINGERS, KIT_TAXELS
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import DriverSettings as GripperSettings
 from drivers.robotiq.link.modbus import ModbusSettings
@@ -36,6 +37,18 @@ class RigConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     board: BoardModelSettings = BoardModelSettings()
     arm_model: ArmModelSettings = ArmModelSettings()
     fingertip: FingertipSettings = FingertipSettings()
+
+    def __post_init__(self) -> None:
+        felt = len(self.fingertip.taxels_mm) or KIT_TAXELS
+        if felt != self.tactile.taxels:
+            raise ValueError(
+                f"fingertip.taxels_mm: {felt} taxels, but tactile.cells has {self.tactile.taxels} "
+                "a finger"
+            )
+        if self.rig != "hardware" and len(self.board.cells) != FINGERS * felt:
+            raise ValueError(
+                f"board.cells: {len(self.board.cells)} cells, but {FINGERS} fingers of {felt}"
+            )
 
 
 class GraspRigConfig(RigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):

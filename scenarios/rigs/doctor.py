@@ -107,8 +107,10 @@ def _detectors(load: Load) -> Iterator[Check]:
     def look(name: str) -> Check:
         import numpy as np
 
-        detector = load("simulated", name).make_detector(3)
-        frames = np.random.default_rng(0).integers(-200, 0, (200, 3, 6), dtype=np.int16)
+        config = load("simulated", name)
+        detector = config.make_detector(3)
+        shape = (200, 3, config.tactile.taxels)
+        frames = np.random.default_rng(0).integers(-200, 0, shape, dtype=np.int16)
         start = time.perf_counter_ns()
         for frame in frames:
             detector.update(frame)

@@ -65,15 +65,20 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
         """Of the settings that the detector asked for takes."""
         return FORMULAS.get(self.detector_name, NETWORK)
 
-    def make_detector(self, fingers: int) -> SlipDetector:
-        """The detector asked for; raises BadFile for a network's damaged file."""
-        return load_detector(self.detector_name, self._of_detector, fingers)
+    def make_detector(self, fingers: int, taxels: int | None = None) -> SlipDetector:
+        """The detector asked for, for this hand's taxels or so many; raises BadFile for a network's
+        damaged file, UsageError for one that was trained on another layout."""
+        layout = taxels or self.tactile.taxels
+        return load_detector(self.detector_name, self._of_detector, fingers, layout)
 
     @property
     def memory_s(self) -> float:
         """How long the detector asked for remembers; 0 for one whose memory fades. Raises BadFile
         as ``make_detector``."""
-        return memory_of(self.detector_name, self._of_detector) * self.loop.period_s
+        return (
+            memory_of(self.detector_name, self._of_detector, self.tactile.taxels)
+            * self.loop.period_s
+        )
 
     @property
     def _of_detector(self) -> DetectorSettings:

@@ -18,7 +18,6 @@ from drivers.interfaces import (
     FINGER_NAMES,
     FINGERS,
     PERIOD_NS,
-    TAXELS,
     ArmState,
     Counts3,
     Detection,
@@ -154,7 +153,7 @@ class _Lift:
 
 def replay_tactile(config: TrialConfig, recording: Recording) -> TactileReplay:
     """Replay a recording of one to three fingers; missing fingers stay at rest."""
-    frames = np.zeros((len(recording.t_s), FINGERS, TAXELS), np.int16)
+    frames = np.zeros((len(recording.t_s), FINGERS, recording.taxels), np.int16)
     frames[:, : recording.counts.shape[1]] = recording.counts
     replay = TactileReplay([], [], [])
     lead = _steps_until_lift(config)
@@ -194,7 +193,7 @@ def _sent(t_ns: int, result: StepResult) -> list[SentCommand]:
 def _steps_until_lift(config: TrialConfig) -> int:
     """How many frames a grasp takes until its arm lifts, with a thumb that presses."""
     lift = _Lift(config, (), 0)
-    pressed = np.full((FINGERS, TAXELS), PRESSED_COUNTS, np.int16)
+    pressed = np.full((FINGERS, config.tactile.taxels), PRESSED_COUNTS, np.int16)
     for steps in itertools.count(1):
         lift.step(steps * PERIOD_NS, pressed)
         if lift.begun:

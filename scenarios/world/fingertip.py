@@ -1,4 +1,4 @@
-"""What six barometers under rubber read while a surface presses, slides and turns.
+"""What barometers under rubber read while a surface presses, slides and turns.
 
 The pad is a bed of springs with friction bristles (``spring_bed``) over a height field fixed to
 the object. Load and displacement of the surface come from outside; the bed decides which part of
@@ -23,7 +23,6 @@ from scenarios.world import disturbance
 from scenarios.world import spring_bed as bed
 from scenarios.world.fingertip_settings import FingertipSettings, Surface
 
-TAXELS = 6
 FIELD_POINTS = 256  # a power of two, of either side of the height field, which is periodic
 FIELD_STEPS = 5.0  # grid points to a correlation length
 COUNT_KPA = 0.1255  # MPL115A2, NXP AN3785: pressing lowers the code
@@ -36,11 +35,14 @@ Floats = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
 
-def taxel_positions(pitch_mm: float) -> Floats:
-    """(6, 2) positions in mm: serpentine, 0 1 2 below and 5 4 3 above."""
-    x = pitch_mm * np.array([-1.0, 0.0, 1.0, 1.0, 0.0, -1.0])
-    y = pitch_mm * np.array([-0.5, -0.5, -0.5, 0.5, 0.5, 0.5])
-    return np.stack([x, y], axis=1)
+def taxel_positions(settings: FingertipSettings) -> Floats:
+    """(taxels, 2) positions in mm; the kit's, unless the settings name others: serpentine, 0 1 2
+    below and 5 4 3 above."""
+    if settings.taxels_mm:
+        return np.array(settings.taxels_mm)
+    x = np.array([-1.0, 0.0, 1.0, 1.0, 0.0, -1.0])
+    y = np.array([-0.5, -0.5, -0.5, 0.5, 0.5, 0.5])
+    return settings.pitch_mm * np.stack([x, y], axis=1)
 
 
 class Kernel(msgspec.Struct, frozen=True):
@@ -103,7 +105,7 @@ class Fingertips:
         s, n = settings, len(surfaces)
         self._settings, self._rng, self._pads = s, rng, n
         self._at = spring_positions(s)
-        self._taxels = taxel_positions(s.pitch_mm)
+        self._taxels = taxel_positions(s)
         self._parameters = _parameters(s)
         self._disturbing = _disturbing(s)
         fields = [height_field(surface, rng) for surface in surfaces]
@@ -117,7 +119,7 @@ class Fingertips:
         self._gaps = crown + tilts @ self._at.T
         angle = rng.uniform(0.0, 2 * math.pi, n)
         self._shaking = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        self.rest = rng.integers(s.rest_low, s.rest_high, (n, TAXELS), endpoint=True)
+        self.rest = rng.integers(s.rest_low, s.rest_high, (n, len(self._taxels)), endpoint=True)
         self._states = np.zeros((n, bed.STATE))
         self._springs = np.zeros((n, bed.SPRING, len(self._at)))
         self._block, self._next = rng.standard_normal((0, 0)), 0
@@ -133,7 +135,7 @@ class Fingertips:
         self._motion = np.zeros((n, 2))
         self._turn = np.zeros(n)
         self._centre = np.zeros((n, 2))
-        self._noise = np.zeros((n, TAXELS))
+        self._noise = np.zeros((n, len(self._taxels)))
 
     def advance(
         self, t_s: float, normal_n: Floats, motion_mm: Floats, turn_rad: Floats,
@@ -158,7 +160,7 @@ class Fingertips:
         if dt_s <= 0.0:
             return
         row, n = self._draw(), self._pads
-        self._noise = row[4 * n + 2 :].reshape(n, TAXELS)
+        self._noise = row[4 * n + 2 :].reshape(n, -1)
         mounts = self._given if mount_npmm is None else mount_npmm
         pressed = np.empty(n)
         disturbance.disturb(
@@ -196,16 +198,16 @@ class Fingertips:
     def _draw(self) -> Floats:
         """Standard normal numbers of one step; drawn in blocks, a tenth of the cost of singles."""
         if self._next >= len(self._block):
-            self._block = self._rng.standard_normal((256, self._pads * (4 + TAXELS) + 2))
+            self._block = self._rng.standard_normal((256, self._pads * (4 + len(self._taxels)) + 2))
             self._next = 0
         self._next += 1
         out: Floats = self._block[self._next - 1]
         return out
 
     def codes(self) -> tuple[Codes, Codes]:
-        """Pressure and temperature codes (F, 6) as of the last ``advance``."""
+        """Pressure and temperature codes (F, taxels) as of the last ``advance``."""
         s = self._settings
-        fall = np.empty((self._pads, TAXELS))
+        fall = np.empty((self._pads, len(self._taxels)))
         bed.kernel_sums(self._parameters, self._springs, self._at, self._taxels, fall)
         warming = s.warming_k * -math.expm1(-self._t_s / s.warming_s)
         exact = self.rest - fall + PRESSURE_COUNTS_PER_K * warming + s.noise_counts * self._noise
@@ -215,7 +217,7 @@ class Fingertips:
         temperature = round(TEMPERATURE_CODE + TEMPERATURE_CODES_PER_K * warming)
         return (
             pressure.astype(np.int16),
-            np.full((self._pads, TAXELS), temperature, np.int16),
+            np.full(fall.shape, temperature, np.int16),
         )
 
     @property

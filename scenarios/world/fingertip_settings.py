@@ -30,6 +30,11 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     pitch_mm: Annotated[
         float, Meta(ge=3.0, le=10.0, description="between barometers; assumed, 6-8")
     ] = 6.0
+    taxels_mm: Annotated[
+        tuple[tuple[float, float], ...],
+        Meta(description="place of each barometer on the pad, x and y; none: two rows of three, "
+             "pitch_mm apart, as in the kit. As many as `tactile.cells` has a finger"),
+    ] = ()  # fmt: skip
     depth_mm: Annotated[
         float, Meta(ge=2.0, le=10.0, description="effective depth of the rubber; FITTED, 3-8")
     ] = 3.23

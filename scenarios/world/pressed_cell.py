@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.interfaces import FINGERS, PERIOD_NS, TAXELS
+from drivers.interfaces import FINGERS, PERIOD_NS
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world.fingertip_settings import FingertipSettings
@@ -53,8 +53,8 @@ class PressedCell:
             start_ns * 1e-9,
         )  # fmt: skip
         self._rest = rng.integers(
-            settings.fingertip.rest_low, settings.fingertip.rest_high, (FINGERS, TAXELS),
-            endpoint=True,
+            settings.fingertip.rest_low, settings.fingertip.rest_high,
+            (FINGERS, self.pad.tips.rest.shape[1]), endpoint=True,
         ).astype(np.int16)  # fmt: skip
         self._finger = settings.finger
         self.shaken = False  # something shakes the arm that is not its own motion
@@ -74,7 +74,7 @@ class PressedCell:
         pressure, temperature = self.pad.tips.codes()
         codes = self._rest.copy()
         codes[self._finger] = pressure[0]
-        felt = codes.ravel(), np.broadcast_to(temperature, (FINGERS, TAXELS)).ravel()
+        felt = codes.ravel(), np.broadcast_to(temperature, codes.shape).ravel()
         return lambda: felt
 
     def compile(self) -> None:

@@ -24,7 +24,7 @@ from grasp.files import make_private_folder, write_whole
 from grasp.settings import load, named_layer, read_toml
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.datasets.confusers import GRASPED, FixedCause, GraspedCause, make_confuser
-from scenarios.acquire.datasets.draws import with_values
+from scenarios.acquire.datasets.draws import layout_file, with_values
 from scenarios.acquire.labels import recording
 from scenarios.acquire.press import TURNS, StrokeMotion, motion
 from scenarios.acquire.rig import open_acquire_rig
@@ -81,6 +81,7 @@ class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
     name: Name
     seed: Annotated[int, Meta(ge=0, lt=2**31)]
+    layout: Name | Literal[""] = ""  # of taxels, from config/layouts; empty: the kit's
     static_samples: Annotated[int, Meta(ge=0)] = 0
     slip_samples: Annotated[int, Meta(ge=0)] = 0
     recording_samples: Annotated[int, Meta(ge=100, le=100_000)] = 1200
@@ -117,6 +118,8 @@ def load_dataset_config(path: Path) -> DatasetConfig:
     for row in config.rows:
         for surface in row.percent:
             named_layer("surfaces", surface)
+    if config.layout:
+        named_layer("layouts", config.layout)
     for part in config.parts:
         for surface in part.on:
             named_layer("surfaces", surface)
@@ -164,6 +167,7 @@ def _cause_jobs(config: DatasetConfig, first: int) -> list[Job]:
                 motion=course.kind if course else "none",
                 speed_mps=course.speed_mps if course else 0.0, spin_radps=0.0,
                 direction=course.direction if course else "", seed=seed, commit=commit,
+                layout=config.layout,
                 parameters=drawn(config.randomise | row.randomise, seed),
             )  # fmt: skip
             path = f"{row.cause}/{k:03d}-{name}{SUFFIX}"
@@ -197,7 +201,7 @@ def _slide_jobs(config: DatasetConfig) -> list[Job]:
                 set="slide", split=split, surface=surface, motion=row.motion,
                 part=part.name if config.parts else "",
                 speed_mps=course.speed_mps, spin_radps=course.spin_radps,
-                direction=course.direction, seed=seed, commit=commit,
+                direction=course.direction, seed=seed, commit=commit, layout=config.layout,
                 parameters=drawn(config.randomise | part.ranges(surface), seed),
             )  # fmt: skip
             name = f"{surface}/{row.motion}-{row.speed:g}-{k:02d}-{course.direction}{SUFFIX}"
@@ -244,7 +248,9 @@ def make(job: Job) -> Recording:
     wanted = job.samples
     if job.metadata.cause:
         return make_confuser(job.metadata, wanted, job.motion, job.path)
-    config = with_values(load_acquire_config(job.surface, "simulated"), job.metadata.parameters)
+    file = layout_file(job.metadata.layout)
+    config = load_acquire_config(job.surface, "simulated", file)
+    config = with_values(config, job.metadata.parameters)
     for spare in SPARE:
         with open_acquire_rig(config, job.metadata.seed, paced=False) as rig:
             session = Session(config, job.motion, job.metadata.seed, rig)

@@ -20,7 +20,7 @@ from grasp.loop import Tick
 from grasp.phases import Phase
 from grasp.settings import load
 from scenarios.acquire.config import SamplingSettings, load_acquire_config
-from scenarios.acquire.datasets.draws import with_values
+from scenarios.acquire.datasets.draws import layout_file, with_values
 from scenarios.acquire.labels import recording, slip_label
 from scenarios.acquire.press import PressController, StrokeMotion
 from scenarios.acquire.rig import open_acquire_rig
@@ -81,7 +81,9 @@ def _pressed(
     values = dict(metadata.parameters)
     if metadata.cause == "lost_samples":
         values["tactile.stale_after_missed"] = MOST_LOST
-    config = with_values(load_acquire_config(metadata.surface, "simulated"), values)
+    config = with_values(
+        load_acquire_config(metadata.surface, "simulated", layout_file(metadata.layout)), values
+    )
     rng = np.random.default_rng([metadata.seed, 3])
     script = _script(metadata.cause, rng)
     with open_acquire_rig(config, metadata.seed, paced=False) as rig:
@@ -147,7 +149,10 @@ def lift_config(metadata: Metadata) -> LiftConfig:
     """A lift of something so light that it is held; for `grasped_slip` as heavy as it is told to
     be, for `grasped_blow` of its own weight and as firmly as in the tap. An eager detector where
     the hand is to tighten, else one that never speaks."""
-    config = load(LiftConfig, trial_layers(metadata.surface, "simulated", "energy"))
+    config = load(
+        LiftConfig,
+        trial_layers(metadata.surface, "simulated", "energy", layout_file(metadata.layout)),
+    )
     tightens = metadata.cause == "grasped_closing_and_tightening"
     threshold = EAGER_COUNTS if tightens else SILENT_COUNTS
     fixed: dict[str, float] = {"energy.threshold_counts": threshold}

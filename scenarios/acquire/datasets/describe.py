@@ -9,7 +9,6 @@ import numpy as np
 
 from detector.recordings import Recording
 from detector.scores.quantiles import quantile
-from drivers.interfaces import TAXELS
 
 SURFACES = ("planar", "sphere", "cylinder-y", "cylinder-x")
 # Grover et al. 2022, Table I: percent of the samples, surfaces as above; speeds in m/s or rad/s.
@@ -135,13 +134,14 @@ def _table(recordings: Sequence[Recording], samples: int) -> list[TableCell]:
 
 
 def _taxels(recordings: Sequence[Recording]) -> list[Taxel]:
-    counts = np.concatenate([r.counts.reshape(-1, TAXELS) for r in recordings])
+    taxels = recordings[0].taxels
+    counts = np.concatenate([r.counts.reshape(-1, taxels) for r in recordings])
     return [
         Taxel(
             float(counts[:, i].mean()), float(counts[:, i].std()),
             int(counts[:, i].min()), int(counts[:, i].max()),
         )
-        for i in range(TAXELS)
+        for i in range(taxels)
     ]  # fmt: skip
 
 
@@ -157,7 +157,7 @@ def draw(recordings: Sequence[Recording], out: Path) -> None:
     figure, axes = plt.subplots(len(chosen), 1, figsize=(10, 2.4 * len(chosen)), squeeze=False)
     for axis, r in zip(axes[:, 0], chosen, strict=True):
         shown = r.t_s < 8.0
-        for taxel in range(TAXELS):
+        for taxel in range(r.taxels):
             axis.plot(r.t_s[shown], r.counts[shown, 0, taxel], lw=0.8, label=str(taxel))
         low, high = axis.get_ylim()
         axis.fill_between(r.t_s[shown], low, high, where=r.slip[shown], color="#f2c48d", alpha=0.4)

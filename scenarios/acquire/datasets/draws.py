@@ -1,14 +1,20 @@
 """Settings replaced by name: what a recording of a data set draws for itself."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
 from drivers.errors import ConfigError
-from grasp.settings import renamed
+from grasp.settings import config_dir, renamed
 
 C = TypeVar("C", bound=msgspec.Struct)
+
+
+def layout_file(name: str) -> Path | None:
+    """Settings of a layout of taxels, by its name in config/layouts; none: the kit's."""
+    return config_dir() / "layouts" / f"{name}.toml" if name else None
 
 
 def with_values(config: C, values: Mapping[str, Any]) -> C:

@@ -55,7 +55,9 @@ def contender(
     """Stream the named detector, as configured, over the recordings."""
     config = load_config("can", "simulated", name, file, assignments)
     streams = stream_recordings(config.make_detector, recordings, stopwatch_ns, label)
-    return Contender(config, config.make_detector(recordings[0].fingers), streams, data)
+    return Contender(
+        config, config.make_detector(recordings[0].fingers, recordings[0].taxels), streams, data
+    )
 
 
 def tune_rule(made: Contender, budget_per_min: float) -> SweepPoint | None:

@@ -27,7 +27,7 @@ Bools = NDArray[np.bool_]
 
 
 class TaxelStatistics(msgspec.Struct, frozen=True):
-    """Of each taxel (6,) over many samples, counts."""
+    """Of each taxel (taxels,) over many samples, counts."""
 
     samples: int
     mean: Floats
@@ -37,14 +37,15 @@ class TaxelStatistics(msgspec.Struct, frozen=True):
 
 
 def taxel_statistics(counts: Iterable[NDArray[np.int16]]) -> TaxelStatistics:
-    """Mean, deviation and range a taxel over recordings of any lengths (..., 6); read once."""
-    n, total, square = 0, np.zeros(6), np.zeros(6)
-    least, most = np.full(6, np.inf), np.full(6, -np.inf)
+    """Mean, deviation and range a taxel over recordings of any lengths (..., taxels); read once."""
+    n = 0
+    total = square = np.zeros(1)
+    least, most = np.full(1, np.inf), np.full(1, -np.inf)
     for recording in counts:
-        rows = recording.reshape(-1, 6).astype(np.float64)
+        rows = recording.reshape(-1, recording.shape[-1]).astype(np.float64)
         n += len(rows)
-        total += rows.sum(axis=0)
-        square += (rows**2).sum(axis=0)
+        total = total + rows.sum(axis=0)
+        square = square + (rows**2).sum(axis=0)
         least, most = np.minimum(least, rows.min(axis=0)), np.maximum(most, rows.max(axis=0))
     if n == 0:
         raise ValueError("no samples")
@@ -53,7 +54,7 @@ def taxel_statistics(counts: Iterable[NDArray[np.int16]]) -> TaxelStatistics:
 
 
 def signal_statistics(t_s: Floats, counts: NDArray[np.int16], slip: Bools) -> dict[str, float]:
-    """Named figures of one fingertip's recording: (n,) times, (n, 6) counts, (n,) labels.
+    """Named figures of one fingertip's recording: (n,) times, (n, taxels) counts, (n,) labels.
 
     Units are counts unless the name says otherwise; nan where the recording has nothing to show.
     """

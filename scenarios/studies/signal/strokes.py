@@ -61,7 +61,7 @@ class StrokeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
 
 class Clips(msgspec.Struct, frozen=True):
-    """Recordings of equal motion: (n,) times and labels; (clips, n, 6) counts over rest."""
+    """Recordings of equal motion: (n,) times and labels; (clips, n, taxels) counts over rest."""
 
     t_s: Floats
     slip: NDArray[np.bool_]
@@ -126,7 +126,7 @@ def simulate(
     t, speed = stroke_speeds(s)
     x = np.concatenate([np.zeros(SETTLED), np.cumsum(speed) * PERIOD_S * 1e3])
     still, middle = np.zeros(clips), np.zeros((clips, 2))
-    counts = np.empty((clips, len(t), 6), np.int16)
+    counts = np.empty((clips, len(t), tips.rest.shape[1]), np.int16)
     force = np.empty((clips, len(t)))
     zero = _zero(tips, np.full(clips, s.zero_load_n), still, middle)
     tips.advance((ZEROING + 1) * PERIOD_S, target, middle, still, middle, True)
@@ -143,7 +143,7 @@ def simulate(
 
 
 def _zero(tips: Fingertips, load_n: Floats, still: Floats, middle: Floats) -> NDArray[np.int16]:
-    """Codes (clips, 6) that pass for rest, though a load may have lain on the pads."""
+    """Codes (clips, taxels) that pass for rest, though a load may have lain on the pads."""
     for k in range(ZEROING):
         tips.advance((k + 1) * PERIOD_S, load_n, middle, still, middle, False)
     return tips.codes()[0]

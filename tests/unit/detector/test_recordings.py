@@ -103,7 +103,7 @@ def test_an_empty_file_is_refused(tmp_path: Path) -> None:
         read_csv(path)
 
 
-@pytest.mark.parametrize("header", ["t_s,p0,p1,slip", HEADER + ",speed", row(0.0)])
+@pytest.mark.parametrize("header", ["t_s,p0,p2,slip", HEADER + ",speed", row(0.0)])
 def test_wrong_columns_are_refused(tmp_path: Path, header: str) -> None:
     error = refused(tmp_path, header, row(0.0), row(0.01))
     assert error.line == 1

@@ -375,9 +375,9 @@ def test_each_recording_starts_from_a_reset_and_gets_a_detector_of_its_fingers()
     made = [recording(flags(10, 10), fingers) for fingers in (1, 3, 1)]
     asked: list[int] = []
 
-    def make(fingers: int) -> EnergyDetector:
+    def make(fingers: int, taxels: int) -> EnergyDetector:
         asked.append(fingers)
-        return EnergyDetector(EnergySettings(), fingers)
+        return EnergyDetector(EnergySettings(), fingers, taxels)
 
     streams = stream_recordings(make, made)
     assert [s.probabilities.shape for s in streams] == [(20, 1), (20, 3), (20, 1)]

@@ -350,8 +350,8 @@ def test_settings_are_shown_with_what_is_allowed(capsys: pytest.CaptureFixture[s
     assert call("config", "show", "nothing", capsys=capsys)[0] == 2
     out = call("config", "show", capsys=capsys)[1]
     assert "grip_counts = [55, 55, 55]  # 3 x int (motor counts" in out
-    assert "  # 3 x 6 x 2 x int (" in out and "  # n x 2 x int (" in out
-    assert "  # 3 x 6 x int | None (" in out
+    assert "  # 3 x n x 2 x int (" in out and "  # n x 2 x int (" in out
+    assert "  # 3 x n x int | None (" in out
     assert "tuple[" not in out
 
 

@@ -1,0 +1,98 @@
+"""Fingertips of eight taxels, from the acquisition to a lift; a detector of six is refused."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from detector.interface import load_detector
+from detector.recordings import read, read_csv, read_dataset
+from detector.scores.evaluation import stream_recordings
+from drivers.errors import ConfigError, UsageError
+from grasp.settings import config_dir
+from scenarios.acquire.config import load_acquire_config
+from scenarios.acquire.datasets import build as datasets
+from scenarios.acquire.datasets import describe
+from scenarios.acquire.datasets.draws import layout_file
+from scenarios.campaign.config import load_config
+from scenarios.lift import lift
+from scenarios.rigs.workers import Workers
+
+EIGHT = layout_file("eight")
+PAPER = config_dir() / "datasets" / "paper.toml"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three recordings of strokes, and one of a grasp."""
+    paper, grasps = (
+        datasets.plan(msgspec.structs.replace(datasets.load_dataset_config(path), layout="eight"))
+        for path in (PAPER, PAPER.with_name("grasped-slip.toml"))
+    )
+    short = [msgspec.structs.replace(job, static=150, slip=120) for job in (paper[0], paper[40])]
+    chosen = [*short, grasps[0]]
+    out = tmp_path_factory.mktemp("eight") / "set"
+    datasets.build(chosen, {}, out, Workers(0), lambda done, total: None)
+    return out
+
+
+def test_a_data_set_has_recordings_of_the_layout_that_it_names(folder: Path) -> None:
+    made = read_dataset(folder)
+    assert [r.taxels for r in made] == [8, 8, 8]
+    assert {r.metadata.layout for r in made if r.metadata} == {"eight"}
+    for r in made:
+        assert (r.counts.std(axis=0) > 0.1).all()  # every taxel has its own noise
+    assert len(describe.describe(made).taxels) == 8
+
+
+def test_the_eight_taxels_lie_where_the_layout_puts_them() -> None:
+    config = load_acquire_config("planar", "simulated", EIGHT)
+    x = np.array(config.fingertip.taxels_mm)[:, 0]
+    assert (x[:4] == x[:3:-1]).all()  # serpentine
+    assert len({tuple(place) for place in config.fingertip.taxels_mm}) == 8
+
+
+def test_a_detector_of_another_layout_is_refused_by_its_name(folder: Path) -> None:
+    made = read_dataset(folder)
+    for name in ("gru", "tcn-paper", "psd"):
+        with pytest.raises(UsageError, match=f"'{name}' was made for fingertips of 6 taxels"):
+            load_detector(name, {}, 3, made[0].taxels)
+    with pytest.raises(UsageError, match="not of 8"):
+        load_config("can", "simulated", "gru", EIGHT).make_detector(3)
+
+
+def test_formulas_hear_any_number_of_taxels(folder: Path) -> None:
+    made = read_dataset(folder)
+    for name in ("energy", "psd-fair"):
+        streams = stream_recordings(
+            lambda fingers, taxels, name=name: load_detector(name, {}, fingers, taxels), made
+        )
+        assert [s.probabilities.shape for s in streams] == [(len(r.slip), r.fingers) for r in made]
+
+
+def test_an_object_is_lifted_with_eight_taxels_a_finger() -> None:
+    config = load_config("can", "simulated", "energy", EIGHT).for_lift()
+    result = lift.run(config, 0, None).result
+    assert result is not None
+    assert result.outcome == "held_within_6cm"
+
+
+def test_settings_that_disagree_on_the_taxels_are_refused() -> None:
+    with pytest.raises(ConfigError, match=r"fingertip\.taxels_mm: 2 taxels"):
+        load_config("can", "simulated", "energy", None, ["fingertip.taxels_mm=[[0, 0], [5, 0]]"])
+
+
+def test_a_layout_that_does_not_exist_is_refused_before_anything_is_built(tmp_path: Path) -> None:
+    text = PAPER.read_text().replace('name = "paper"', 'name = "paper"\nlayout = "nine"')
+    (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(ConfigError, match="layouts"):
+        datasets.load_dataset_config(tmp_path / "mine.toml")
+
+
+def test_a_table_of_eight_taxels_is_read_and_one_without_any_is_not(tmp_path: Path) -> None:
+    names = ",".join(f"p{i}" for i in range(8))
+    file = tmp_path / "eight.csv"
+    rows = "\n".join(f"{0.01 * k},{','.join('1' * 8)},0" for k in range(3))
+    file.write_text(f"t_s,{names},slip\n{rows}\n")
+    assert read_csv(file).taxels == read(file).taxels == 8
