@@ -278,7 +278,7 @@ def _parameters(s: FingertipSettings) -> Floats:
     out[:] = (
         stiffness, stiffness * s.shear_share, s.step_mm, s.step_s,
         *msgspec.structs.astuple(kernel(s.depth_mm)), s.lever_x, s.lever_y, s.lateral_npmm,
-        2 * math.pi * s.lateral_hz, s.lateral_damping, s.tilting_rad_per_nmm, s.joint_mm,
+        2 * math.pi * s.lateral_hz, s.lateral_damping,
         s.relaxation_share, s.relaxation_slow_share, s.relaxation_slow_share,
         s.relaxation_s, 10.0 * s.relaxation_s, 100.0 * s.relaxation_s,
     )  # fmt: skip

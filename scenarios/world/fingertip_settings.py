@@ -141,14 +141,6 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     lateral_damping: Annotated[
         float, Meta(ge=0.01, le=2.0, description="of that; assumed, 0.1-0.3")
     ] = 0.15
-    tilting_rad_per_nmm: Annotated[
-        float, Meta(ge=0.0, le=0.01, description="tilt that the mount gives to a moment; 0 is "
-                    "rigid, assumed 0.0001-0.001")
-    ] = 0.0  # fmt: skip
-    joint_mm: Annotated[
-        float, Meta(ge=0.0, le=60.0, description="height above the pad's face of what it tilts "
-                    "about; assumed, 10-30")
-    ] = 20.0  # fmt: skip
     shift_mm: Annotated[
         float, Meta(ge=0.0, le=0.1, description="rms of small motions sideways while it is held; 0 "
                     "is off, assumed 0.001-0.003")

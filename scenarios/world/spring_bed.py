@@ -13,8 +13,8 @@ f = k (d - sum phi_i rho_i), rho_i' = (d - rho_i) / tau_i.
 
 The pad hangs on a mount. Along the normal it is a spring (stiffness 0: the load is given); the
 friction Q on the pad's face acts on the mount's joint by a lever, which loads or unloads it
-(a drum brake's shoe, leading or trailing). Sideways the mount is a damped spring with a mass, and
-it tilts under the moments of friction and load. docs/fingertip.md has the equations.
+(a drum brake's shoe, leading or trailing). Sideways the mount is a damped spring with a mass.
+docs/fingertip.md has the equations.
 """
 
 import math
@@ -29,8 +29,8 @@ Singles = NDArray[np.float32]
 # Layout of the parameter vector, one for all pads,
 (
     K_NORMAL, K_SHEAR, STEP_MM, STEP_S, NORMAL_PEAK, NORMAL_WIDTH, SHEAR_PEAK, SHEAR_WIDTH,
-    LEVER_X, LEVER_Y, LATERAL_NPMM, LATERAL_RADPS, LATERAL_DAMPING, TILTING, HEIGHT_MM, RELAXATION,
-) = range(16)  # fmt: skip
+    LEVER_X, LEVER_Y, LATERAL_NPMM, LATERAL_RADPS, LATERAL_DAMPING, RELAXATION,
+) = range(14)  # fmt: skip
 TERMS = 3  # of the relaxation: shares from RELAXATION on, then time constants
 RELAXATION_TIME = RELAXATION + TERMS
 PARAMETERS = RELAXATION_TIME + TERMS
@@ -39,10 +39,9 @@ CURVATURE_X, CURVATURE_Y, MU_STATIC, MU_KINETIC, FIELD_STEP, FIELD_PEAK = range(
 # and of the state of each pad.
 (
     POSE_X, POSE_Y, POSE_TURN, APPROACH, SLIP_X, SLIP_Y, SPIN, SHARE, STIFFNESS, CARRIED,
-    PULL_X, PULL_Y, MOMENT_X, MOMENT_Y, SPREAD_X, SPREAD_Y,
-    AWAY_X, AWAY_Y, AWAY_SPEED_X, AWAY_SPEED_Y, TILT_X, TILT_Y,
-) = range(22)  # fmt: skip
-STATE = 22
+    PULL_X, PULL_Y, AWAY_X, AWAY_Y, AWAY_SPEED_X, AWAY_SPEED_Y,
+) = range(16)  # fmt: skip
+STATE = 16
 # State of each spring; deflection and what of it has relaxed, first of the load, then of shear.
 DEPTH, BRISTLE_X, BRISTLE_Y, LOAD, SLIDES, TRACTION_X, TRACTION_Y, RELAXED = range(8)
 RELAXED_X, RELAXED_Y = RELAXED + TERMS, RELAXED + 2 * TERMS
@@ -53,7 +52,6 @@ NEGLIGIBLE = -12.0  # exponent of a kernel: below 0.01 counts a newton
 CLEAR_MM = 0.3  # springs that stay further than this from the surface are not looked at closely
 FAR = -1e6  # reach of such a spring
 MODE_STEP_S = 0.002  # longest inner step of a mount that swings: a fiftieth of its period
-TILT_SHARE = 0.5  # of the way to its balance that the tilt goes in an inner step
 OUT_OF_REACH_MM = 5.0  # a mount that would have to be pressed so much further touches nothing
 
 
@@ -74,8 +72,8 @@ def height(field: Singles, step_mm: float, x: float, y: float) -> float:
 
 @njit(cache=True)
 def reaches(
-    state: Floats, surface: Floats, centre: Floats, field: Singles, at: Floats, gap: Floats,
-    phi: Floats, level: float, springs: Floats, out: Floats,
+    state: Floats, surface: Floats, centre: Floats, tilt: Floats, field: Singles, at: Floats,
+    gap: Floats, phi: Floats, level: float, springs: Floats, out: Floats,
 ) -> None:  # fmt: skip
     """(S,) depth of each spring at approach zero, less what has relaxed of it. FAR for those that
     stay clear of the surface's highest point at the approach ``level``."""
@@ -87,7 +85,7 @@ def reaches(
         y = at[j, 1] + springs[BRISTLE_Y, j]
         wx, wy = x - centre[0], y - centre[1]
         u, v = cos * wx + sin * wy, cos * wy - sin * wx
-        below = gap[j] + state[TILT_X] * at[j, 0] + state[TILT_Y] * at[j, 1]
+        below = gap[j] + tilt[0] * at[j, 0] + tilt[1] * at[j, 1]
         below += kx * u * u + ky * v * v
         for i in range(TERMS):
             below += phi[i] * springs[RELAXED + i, j]
@@ -127,14 +125,12 @@ def solve_approach(reach: Floats, total_mm: float, mount: float, start: float) -
 
 @njit(cache=True)
 def press(
-    p: Floats, state: Floats, at: Floats, reach: Floats, total_n: float, mount: float,
-    springs: Floats,
+    p: Floats, state: Floats, reach: Floats, total_n: float, mount: float, springs: Floats
 ) -> None:  # fmt: skip
     """Share the load out over the springs; total_n is that of a mount at approach zero."""
     k = p[K_NORMAL]
     state[APPROACH] = solve_approach(reach, total_n / k, mount / k, state[APPROACH])
-    for c in (STIFFNESS, CARRIED, MOMENT_X, MOMENT_Y, SPREAD_X, SPREAD_Y):
-        state[c] = 0.0
+    state[STIFFNESS] = state[CARRIED] = 0.0
     for j in range(reach.shape[0]):
         d = state[APPROACH] + reach[j]
         if d <= 0.0:
@@ -147,10 +143,6 @@ def press(
         springs[DEPTH, j] = d
         state[STIFFNESS] += k
         state[CARRIED] += load
-        state[MOMENT_X] += load * at[j, 0]
-        state[MOMENT_Y] += load * at[j, 1]
-        state[SPREAD_X] += k * at[j, 0] * at[j, 0]
-        state[SPREAD_Y] += k * at[j, 1] * at[j, 1]
 
 
 @njit(cache=True)
@@ -217,20 +209,6 @@ def swing(p: Floats, s: Floats, h_s: float) -> tuple[float, float]:
     s[AWAY_X] += dx
     s[AWAY_Y] += dy
     return dx, dy
-
-
-@njit(cache=True)
-def tip_over(p: Floats, s: Floats, rocked: Floats) -> None:
-    """Tilt (rad) that the mount takes under friction at its height and load off its middle, plus
-    what it is rocked by (2,): one half of a Newton step to their balance."""
-    c = p[TILTING]
-    wanted_x = c * (p[HEIGHT_MM] * s[PULL_X] + s[MOMENT_X]) + rocked[0]
-    wanted_y = c * (p[HEIGHT_MM] * s[PULL_Y] + s[MOMENT_Y]) + rocked[1]
-    if c == 0.0:
-        s[TILT_X], s[TILT_Y] = rocked[0], rocked[1]
-        return
-    s[TILT_X] += TILT_SHARE * (wanted_x - s[TILT_X]) / (1.0 + c * s[SPREAD_X])
-    s[TILT_Y] += TILT_SHARE * (wanted_y - s[TILT_Y]) / (1.0 + c * s[SPREAD_Y])
 
 
 @njit(cache=True)
@@ -306,7 +284,6 @@ def advance(
             s[POSE_TURN] += dturn
             sums[0] = 0.0
             drag(p, surfaces[f], at, dx, dy, dturn, keep, own, s, sums)
-            tip_over(p, s, rocked[f])
             total = total0[f] + (total1[f] - total0[f]) * end
             if mount > 0.0:
                 total -= p[LEVER_X] * s[PULL_X] + p[LEVER_Y] * s[PULL_Y]
@@ -315,12 +292,16 @@ def advance(
                 s[CARRIED:] = 0.0
                 continue
             level = s[APPROACH] + CLEAR_MM
-            reaches(s, surfaces[f], centre, fields[f], at, gaps[f], phi, level, own, reach)
-            press(p, s, at, reach, total, mount, own)
+            reaches(
+                s, surfaces[f], centre, rocked[f], fields[f], at, gaps[f], phi, level, own, reach
+            )  # fmt: skip
+            press(p, s, reach, total, mount, own)
             if s[APPROACH] > level:  # what was out of sight may touch as well
                 level = s[APPROACH] + CLEAR_MM
-                reaches(s, surfaces[f], centre, fields[f], at, gaps[f], phi, level, own, reach)
-                press(p, s, at, reach, total, mount, own)
+                reaches(
+                s, surfaces[f], centre, rocked[f], fields[f], at, gaps[f], phi, level, own, reach
+            )  # fmt: skip
+                press(p, s, reach, total, mount, own)
             sums[4] = min(1.0, sums[0] / s[CARRIED]) if s[CARRIED] > 0.0 else 0.0
         sliding(at, own, sums, dt_s, s)
 
