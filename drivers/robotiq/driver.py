@@ -66,7 +66,7 @@ class _Step(Enum):
 class RobotiqDriver:
     """Implements ``drivers.interfaces.Gripper`` over registers.
 
-    Fingers are always commanded one by one (rICF), all 16 bytes in one write: targets left over
+    Fingers are always commanded one by one (rICF), all their bytes in one write: targets left over
     from an earlier individual request cannot come back to life.
     """
 
@@ -157,6 +157,8 @@ class RobotiqDriver:
             self._exchange.pump(now_ns)
         elif was_lost or self._was_reset(status):
             self._resync(status)
+        elif self._reset_was_lost(status, now_ns):
+            self._exchange.again()
         if self._step is not _Step.NONE:
             self._proceed(status, now_ns)
         self._publish(status, now_ns, changed)
@@ -181,6 +183,12 @@ class RobotiqDriver:
         stopped = FAULTS[status.fault].severity is Severity.MAJOR
         return status.active and status.initialization == 1 and not stopped
 
+    def _reset_was_lost(self, status: StatusRegisters, now_ns: int) -> bool:
+        """The hand goes on activating although it was told not to, two refreshes ago."""
+        told = self._exchange.wanted == RESET and self._step is _Step.NONE
+        busy = status.active and status.initialization == 1
+        return told and busy and self._exchange.settled(now_ns)
+
     def _resync(self, status: StatusRegisters) -> None:
         """Send nothing that moves without a new verb, and never activate by oneself."""
         self._step, self._leapt = _Step.NONE, False
@@ -188,7 +196,10 @@ class RobotiqDriver:
         if self._exchange.wanted is None:
             return
         self._resynced += 1
+        pending = self._exchange.unproven and not status.active
         self._exchange.want(None)
+        if pending:  # it may wait in the hand, which would take it up when it has booted
+            self._exchange.want(RESET)
         if status.ready and status.mode != _SCISSOR_MODE:
             where = tuple(finger.position for finger in status.fingers)
             self._exchange.want(self._image(where, 0, (0, 0, 0)))

@@ -51,6 +51,13 @@ class DriverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     activation_timeout_s: Annotated[
         float, _Meta(ge=1, le=120, description="activation must end within, s; assumed")
     ] = 20.0
+    whole_writes: Annotated[
+        bool,
+        _Meta(
+            description="write the register of rACT with every command, not only where it changes: "
+            "for a hand that takes no shorter write (Modbus allows one; not tried on hardware)"
+        ),
+    ] = False
     status_old_s: Annotated[
         float,
         _Meta(
@@ -85,7 +92,9 @@ class Exchange:
 
     Every image but RESET sets rACT, which activates a hand that has lost power: it would open and
     close fully. So nothing but ACTIVATE is written unless a status not older than one refresh
-    says that the hand is active.
+    says that the hand is active. Power may be lost after that status: therefore the register of
+    rACT is left as it is where the hand has shown that it holds what is wanted. A hand that has
+    just lost power has 0 there, and what comes after it moves nothing.
     """
 
     def __init__(
@@ -95,7 +104,9 @@ class Exchange:
         self._link = TCP if settings.link == "tcp" else RTU
         self._interval_ns = round(settings.write_interval_s * 1e9)
         self._refresh_ns = 1_000_000_000 // settings.refresh_hz
+        self._whole = settings.whole_writes
         self._log = log
+        self._head: int | None = None  # first register, rACT in it, as the device shows it to be
         self._wanted: CommandRegisters | None = None
         self._image: Registers | None = None
         self._written: Registers | None = None
@@ -105,6 +116,7 @@ class Exchange:
         self._echo: tuple[int, ...] = ()
         self._edge = False
         self._proven = True  # the status is known to speak of what was written
+        self._untold = False  # it has never spoken of what was written last
         self._raw: Registers = ()
         self._status = StatusRegisters()
         self.lost = False
@@ -120,11 +132,20 @@ class Exchange:
         heard it: a write may be lost on the way, and nobody is told."""
         unheard = self._refreshed_twice(self._read_ns) and not self._proven
         if command is not None and command == self._wanted and self.written and unheard:
-            self._written = None
+            self._written = self._head = None
         self._wanted = command
         self._image = None if command is None else command.to_registers()
         if command is None:
-            self._written = self._request = None
+            self._written = self._request = self._head = None
+
+    def again(self) -> None:
+        """What is wanted is written again, whole, whatever was written before."""
+        self._written = self._head = None
+
+    @property
+    def unproven(self) -> bool:
+        """The status has not spoken yet of what was written last."""
+        return self._untold
 
     @property
     def written(self) -> bool:
@@ -154,7 +175,7 @@ class Exchange:
             status = self._read(now_ns)
         except LinkLost:
             self.link_losses += not self.lost
-            self.lost, self._proven = True, False
+            self.lost, self._proven, self._head = True, False, None
             raise
         if status is not None:
             self.reconnects += self.lost
@@ -183,13 +204,14 @@ class Exchange:
             return
         if self._log:
             self._log(now_ns, "write", image)
-        # Always all registers: a shorter write would leave old bytes in force.
-        self._transport.write(self._link.command_register, image, now_ns)
+        # All registers but one that the device shows to hold the same: no old byte stays in force.
+        kept = int(image[0] == self._head and not self._whole)
+        self._transport.write(self._link.command_register + kept, image[kept:], now_ns)
         self.writes += 1
         self._request = _echo_of(wanted)
         # An echo proves take-up only if it has to change, and the one before had been seen.
         self._edge = self._proven and self._request is not None and self._echo != self._request
-        self._proven = False
+        self._proven, self._untold = False, True
         self._written, self._written_ns = image, now_ns
 
     def _read(self, now_ns: int) -> StatusRegisters | None:
@@ -214,6 +236,11 @@ class Exchange:
         proof = self._proven or self._edge or self._refreshed_twice(now_ns)
         request = self._request
         self._proven = proof and (request is None or (status.go_to and request == self._echo))
+        self._untold = self._untold and not self._proven
+        if not status.active:
+            self._head = None
+        elif self._proven and self._written is not None:
+            self._head = self._written[0]
 
 
 def _echo_of(command: CommandRegisters) -> tuple[int, ...] | None:

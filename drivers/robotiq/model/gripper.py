@@ -171,6 +171,8 @@ class GripperModel:
         self._command = decode(self._written)
         self._going = False
         self._fingers.forget_detections()
+        if self.settings.boot_s > 0:
+            self._enter(Stage.BOOTING, self._now_ns, self.settings.boot_s)
         self._wake()
 
     def advance(self, now_ns: int, loads: FingerLoads | None = None) -> None:

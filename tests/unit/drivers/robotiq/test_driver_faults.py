@@ -181,6 +181,62 @@ def test_a_hand_set_activating_by_a_command_is_reset_at_once_and_told_as_a_fault
     assert not made.model.moving
 
 
+@pytest.mark.parametrize("verb", ["move_to", "close_fast", "open", "hold"])
+def test_a_command_that_meets_a_hand_which_has_just_lost_power_moves_nothing(rig, verb) -> None:
+    made = rig(hand=QUICK)
+    made.driver.move_to((60, 60, 60), FAST, 10.0)
+    made.settle()
+    stood = made.model.travel_m.copy()
+    {
+        "move_to": lambda: made.driver.move_to((90, 90, 90), FAST, 10.0),
+        "close_fast": lambda: made.driver.close_fast(10.0, ALL, (200, 200, 200), FAST),
+        "open": lambda: made.driver.open(FAST),
+        "hold": made.driver.hold,
+    }[verb]()
+    lie_about_a_reset(made)
+    made.step(300)
+    assert (made.model.travel_m == stood).all()
+    assert not made.state.active
+    assert made.driver.activate().effective
+
+
+def test_a_hand_that_takes_no_short_write_gets_whole_ones(rig) -> None:
+    made = rig(hand=QUICK, settings=DriverSettings(whole_writes=True))
+    firsts = []
+    write = made.transport.write
+    made.transport.write = lambda first, *rest: (firsts.append(first), write(first, *rest))
+    for counts in (60, 90, 120):
+        made.driver.move_to((counts,) * 3, FAST, 10.0)
+        made.settle()
+    assert firsts == [0, 0, 0]
+
+
+def test_a_command_that_waits_in_a_hand_which_boots_is_taken_back(rig) -> None:
+    made = rig(hand=msgspec.structs.replace(QUICK, boot_s=0.5))
+    made.step(FIRST)
+    stood = made.model.travel_m.copy()
+    made.driver.move_to((90, 90, 90), FAST, 10.0)
+    lie_about_a_reset(made)
+    made.step(300)
+    assert (made.model.travel_m == stood).all()
+    assert not made.state.active
+    assert made.written[-1].activate is False
+
+
+def test_a_reset_that_is_lost_on_the_way_is_written_again(rig) -> None:
+    made = rig(hand=QUICK)
+    made.step(FIRST)
+    made.driver.move_to((90, 90, 90), FAST, 10.0)
+    lie_about_a_reset(made)
+    made.model.swallows = True
+    with pytest.raises(DeviceFault, match="lost its activation"):
+        made.step(3)
+    made.model.swallows = False
+    made.step(6)
+    assert not made.state.active
+    assert not made.model.moving
+
+
 def test_a_reset_that_the_link_lost_is_written_when_it_answers_again(rig) -> None:
     made = rig()
     made.step(FIRST)
@@ -255,13 +311,15 @@ def test_no_sequence_of_verbs_ever_writes_a_force_above_the_cap(script) -> None:
     transport = ModelTransport(hand)
     down = False
     caps = [0.0]
+    image = [0] * 8
 
     class Wire:
         def write(self, first, registers, now_ns) -> None:
             if down:
                 raise LinkLost("no answer", "check")
-            assert (first, len(registers)) == (0, 8)
-            command = decode(registers)
+            assert (first, len(registers)) in ((0, 8), (1, 7))
+            image[first:] = registers
+            command = decode(image)
             allowed = max(paper.least_force_n, caps[-1])
             assert all(
                 paper.force_n(axis.force) <= allowed for axis in (*command.fingers, command.scissor)

@@ -98,5 +98,12 @@ class Served:
 
     @property
     def writes(self) -> list[bytes]:
-        """Values of every function 16 that arrived."""
-        return [frame[13:] for frame in self.frames if frame[7] == 16]
+        """All registers after every function 16 that arrived; one may leave out the first."""
+        image, found = bytes(16), list[bytes]()
+        for frame in self.frames:
+            if frame[7] == 16:
+                first = 2 * int.from_bytes(frame[8:10])
+                assert (first, len(frame[13:])) in ((0, 16), (2, 14))
+                image = image[:first] + frame[13:]
+                found.append(image)
+        return found
