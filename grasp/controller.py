@@ -73,6 +73,7 @@ class GraspController:
         self._anchor = False
         self._entered_ns = 0
         self._felt_ns = 0
+        self._gap_ns = 0  # the longest that nothing was felt in the air
         self._in_limit_ns = 0
         self._asked_ns = 0
         self._handlers: dict[Phase, Callable[[Observation], None]] = {
@@ -152,6 +153,8 @@ class GraspController:
         force was above the limit."""
         if seen.measured_n[0] >= self._settings.contact_n:
             self._felt_ns = seen.t_ns
+        elif self.phase in AIRBORNE_PHASES:
+            self._gap_ns = max(self._gap_ns, seen.t_ns - self._felt_ns)
         if not seen.overloaded:
             self._in_limit_ns = seen.t_ns
 
@@ -320,8 +323,7 @@ class GraspController:
         """Answer slip and lost contact by the fastest closure, where one can still do something."""
         slip, lost = self.monitor.status, self._contact_lost(seen)
         if lost and seen.at_cap:
-            self._fire(Trigger.LOSE, seen, "contact lost, and the thumb can close no further")
-            self._out.append(StopArm(self._settings.stop_deceleration_mps2))
+            self._lose(seen, "contact lost, and the thumb can close no further")
             return True
         borne = self._settings.hold_by_clock and seen.at_cap
         if not self._settings.reactions or not (lost or (slip.registered and not borne)):
@@ -338,8 +340,7 @@ class GraspController:
         if not seen.hand_rests:
             self.monitor.closing(seen.t_ns)
         elif self._contact_lost(seen):
-            self._fire(Trigger.LOSE, seen, "the hand closed and met nothing")
-            self._out.append(StopArm(self._settings.stop_deceleration_mps2))
+            self._lose(seen, "the hand closed and met nothing")
         elif slip.masked:
             return
         elif not slip.registered:
@@ -348,8 +349,8 @@ class GraspController:
             self._go_on(seen, Trigger.SLIP_BORNE, "slip goes on, and the hold ends by its clock")
         elif self._patience_ended(seen):
             self.cap_reached = True
-            self._fire(Trigger.CAP_REACHED, seen, "slip goes on and the force can rise no more")
-            self._set_down()
+            cause = "slip goes on and the force can rise no more"
+            self._set_down(seen, Trigger.CAP_REACHED, cause)
 
     def _go_on(self, seen: Observation, rising: Trigger, cause: str) -> None:
         at_top = self._arm_at(seen, self._settings.lift_height_m)
@@ -377,17 +378,27 @@ class GraspController:
             self.finished = True
             return
         cause = "asked to set down" if seen.set_down else "held long enough"
-        self._fire(Trigger.FINISHED, seen, cause)
-        self._set_down()
+        self._set_down(seen, Trigger.FINISHED, cause)
 
-    def _set_down(self) -> None:
+    def _set_down(self, seen: Observation, trigger: Trigger, cause: str) -> None:
+        """Down to where the lift began, unless the object may be elsewhere in the hand: it fell and
+        was gripped again higher up, and a closed hand would be driven down along it."""
+        if self._gap_ns >= self._settings.contact_gap_s * 1e9:
+            gap = f"nothing was felt for {self._gap_ns * 1e-9:.2f} s on the way"
+            self._lose(seen, f"{gap}: what the hand holds may stand on the table")
+            return
+        self._fire(trigger, seen, cause)
         self.monitor.disarm()
         self._move_arm(0.0, self._settings.lower_speed_mps)
 
+    def _lose(self, seen: Observation, cause: str) -> None:
+        """The arm stops, and nothing is lowered."""
+        self._fire(Trigger.LOSE, seen, cause)
+        self._out.append(StopArm(self._settings.stop_deceleration_mps2))
+
     def _lower(self, seen: Observation) -> None:
         if self._contact_lost(seen):
-            self._fire(Trigger.LOSE, seen, "contact lost on the way down")
-            self._out.append(StopArm(self._settings.stop_deceleration_mps2))
+            self._lose(seen, "contact lost on the way down")
         elif self._arm_at(seen, 0.0):
             self._fire(Trigger.LANDED, seen, "arm where the lift began")
             self._out.append(OpenFingers(self._settings.approach_speed_mps))

@@ -94,6 +94,14 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     contact_lost_s: Annotated[
         float, Meta(ge=0.01, le=1.0, description="less than that for so long is lost contact")
     ] = 0.05
+    contact_gap_s: Annotated[
+        float,
+        Meta(
+            ge=0.01, le=10.0,
+            description="after so long without contact in the air nothing is set down any more: it "
+            "falls 5 cm in 0.1 s, and may be gripped again where it landed; assumed",
+        ),
+    ] = 0.1  # fmt: skip
     overload_s: Annotated[
         float,
         Meta(ge=0.0, le=1.0, description="of measured force above limit and margin in motion"),

@@ -122,9 +122,19 @@ def _stands(tick: Tick, asked: Issued | None, felt: str) -> str:
         feels = "; what it feels is not known" if felt == UNKNOWN else ", and feels nothing"
         return f"partly closed, at {tick.gripper.positions} counts{feels}"
     obeys = tick.gripper.fresh and tick.gripper.active  # the status speaks of the last command
-    if obeys and asked is not None and isinstance(asked.admitted, CloseFast):
-        return f"closed to the limit of {asked.admitted.force_cap_n:g} N, {felt}"
-    return f"closed as it was, {felt}"
+    if not obeys or asked is None or not isinstance(asked.admitted, CloseFast):
+        return f"closed as it was, {felt}"
+    if felt != UNKNOWN and max(tick.measured_n) < FELT_N:
+        return "closed, and feels nothing any more"
+    return f"{_closed(tick, asked.admitted)}, {felt}"
+
+
+def _closed(tick: Tick, close: CloseFast) -> str:
+    """How far: to the force, or to the last count that the guard lets the hand have."""
+    fingers = zip(tick.gripper.fingers, close.closing, strict=True)
+    if any(closes and f.detection is Detection.CONTACT_CLOSING for f, closes in fingers):
+        return f"closed to the limit of {close.force_cap_n:g} N"
+    return f"closed to its last count, within the limit of {close.force_cap_n:g} N"
 
 
 def is_open(tick: Tick) -> bool:

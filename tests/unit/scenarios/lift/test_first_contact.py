@@ -64,6 +64,26 @@ def test_closed_empty_hand_is_never_lowered_onto_the_object_that_it_lost() -> No
     assert max(result.peak_force_n.values()) <= BOUND_N
 
 
+# The object falls out of a weak grip while a closing takes long, lands, and is gripped higher up.
+LATE = (
+    ("ball", 34, ("loop.decision_delay_s=0.3", "variation.command_latency_s=0.1",
+                  "controller.lift_height_m=0.03")),
+    ("football", 0, ("hand.command_latency_s=0.15", "controller.lift_height_m=0.1",
+                     "energy.threshold_counts=400")),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "seed", "settings"), LATE)
+def test_hand_that_gripped_again_where_the_object_had_fallen_is_not_driven_down_along_it(
+    name: str, seed: int, settings: tuple[str, ...]
+) -> None:
+    result = lifted(name, 0.0, *settings, seed=seed)
+    assert result.phases[-1].phase == "lost"
+    assert "nothing was felt for" in result.phases[-1].cause
+    assert result.peak_force_n is not None
+    assert max(result.peak_force_n.values()) <= BOUND_N
+
+
 def taken_away(rig: GraspRig) -> None:
     assert rig.cell is not None
     rig.cell.contact.state[laws.PRESENT] = 0.0

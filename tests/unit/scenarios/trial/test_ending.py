@@ -16,6 +16,7 @@ from tests.unit.scenarios.lift.test_faults import (
     silence_fingertips,
     trip_arm,
 )
+from tests.unit.scenarios.lift.test_first_contact import taken_away
 
 QUICK = ("controller.lift_height_m=0.08", "hand.activation_s=0.5")
 
@@ -73,6 +74,19 @@ def test_fault_in_the_air_leaves_the_hand_closed_to_the_limit() -> None:
     _, _, end = ended(Phase.HOLD, trip_arm)
     assert end.arm == "the arm is stopped by its own safety system"
     assert end.hand.startswith("the hand is closed to the limit of 10 N, ")
+
+
+def test_closed_hand_whose_object_is_gone_is_said_to_feel_nothing() -> None:
+    _, _, end = ended(Phase.HOLD, taken_away)
+    assert end.hand == "the hand is closed, and feels nothing any more"
+
+
+def test_hand_whose_travel_is_bounded_is_not_said_to_have_reached_the_force() -> None:
+    staged = Staged(*QUICK, "guard.travel_bound=true", "guard.contact_stiffness_npm=9000")
+    trial = staged.run(in_phase(Phase.LIFT, 5), trip_arm)
+    end = trial.end(staged.config)
+    assert end is not None
+    assert "closed to its last count, within the limit of 10 N, " in end.hand
 
 
 def test_every_device_that_is_gone_is_named() -> None:
