@@ -116,7 +116,9 @@ def test_the_packaged_campaigns_can_be_read() -> None:
         assert size == count
 
 
-@pytest.mark.parametrize("name, places", [("frontier", 43), ("table4-range", 64), ("ball-foam", 9), ("arm-speed", 5)])
+@pytest.mark.parametrize(
+    "name, places", [("frontier", 43), ("table4-range", 64), ("ball-foam", 9), ("arm-speed", 5)]
+)
 def test_every_place_of_the_packaged_campaigns_is_allowed(name: str, places: int) -> None:
     spec = read_spec(Path(__file__).parents[4] / f"config/campaigns/{name}.toml")
     one = msgspec.structs.replace(spec, objects=("ball",))
