@@ -18,6 +18,7 @@ OPEN_COUNTS = 20  # a hand told to open rests at about 6; nothing is held so wid
 NOUNS = {"tactile board": "fingertip", "gripper": "gripper", "arm": "arm"}  # in a cause
 UNKNOWN = "its force is not measured"
 FINGERTIPS_LIE = "fingertip"  # with these letters all doubts of them begin
+STATUS_LIES = ("gripper_impossible", "gripper_silent", "gripper_stands")  # what the hand says
 FELT_N = 0.5  # measured at the most loaded finger: less is no grip
 
 
@@ -73,9 +74,12 @@ def end_of(
     lies = cause.startswith(FINGERTIPS_LIE)
     feels = not (lies or "tactile board" in deaf or "tactile board" in errors)
     felt = _felt(tick, feels)
-    advice = "start the run again" if way_out and is_open(tick) else way_out
-    told = _hand(tick, hand, felt, "gripper" in deaf)
-    seen_open = is_open(tick) and "gripper" not in deaf
+    doubted = not tick.gripper.fresh or any(
+        part.startswith(STATUS_LIES) for part in cause.split("; ")
+    )
+    told = _hand(tick, hand, felt, "gripper" in deaf, doubted)
+    seen_open = is_open(tick) and "gripper" not in deaf and not doubted
+    advice = "start the run again" if way_out and seen_open else way_out
     return End(_arm(tick, "arm" in deaf), told, advice, open=seen_open)
 
 
@@ -99,7 +103,8 @@ def _felt(tick: Tick, feels: bool) -> str:
     return f"{most_n:.1f} N measured at finger {FINGER_NAMES[tick.measured_n.index(most_n)]}"
 
 
-def _hand(tick: Tick, asked: Issued | None, felt: str, deaf: bool) -> str:
+def _hand(tick: Tick, asked: Issued | None, felt: str, deaf: bool, doubted: bool) -> str:
+    """``doubted``: its status does not speak of the last command, or cannot be."""
     gripper = tick.gripper
     state = _stands(tick, asked, felt)
     if deaf:
@@ -110,6 +115,8 @@ def _hand(tick: Tick, asked: Issued | None, felt: str, deaf: bool) -> str:
         return f"{alone}: it is {state}"
     if not gripper.active:
         return f"the hand is not activated and holds by itself: it is {state}"
+    if doubted:
+        return f"the hand is not believed, and may still move: it says that it is {state}"
     return f"the hand is {state}"
 
 

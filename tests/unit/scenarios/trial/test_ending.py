@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+import pytest
+
 from drivers.errors import LinkLost, Stale
 from grasp.doubt import STOOD_STILL
 from grasp.phases import Phase
@@ -9,7 +11,11 @@ from scenarios.rigs.rig import Rig
 from scenarios.trial.ending import End, end_of, happened, stood_still
 from scenarios.trial.execution import FinishedTrial
 from tests.unit.scenarios.conftest import Staged, in_phase
-from tests.unit.scenarios.lift.device_faults import power_cycle_gripper
+from tests.unit.scenarios.lift.device_faults import (
+    freeze_gripper_status,
+    let_finger_b_leap,
+    power_cycle_gripper,
+)
 from tests.unit.scenarios.lift.test_faults import (
     cut_gripper,
     fault_gripper,
@@ -74,6 +80,18 @@ def test_fault_in_the_air_leaves_the_hand_closed_to_the_limit() -> None:
     _, _, end = ended(Phase.HOLD, trip_arm)
     assert end.arm == "the arm is stopped by its own safety system"
     assert end.hand.startswith("the hand is closed to the limit of 10 N, ")
+
+
+@pytest.mark.parametrize(
+    ("phase", "act"), [(Phase.LOWER, freeze_gripper_status), (Phase.GRASP, let_finger_b_leap)]
+)
+def test_hand_whose_status_cannot_be_is_said_not_to_be_believed(
+    phase: Phase, act: Callable[[Rig], None]
+) -> None:
+    trial, _, end = ended(phase, act)
+    assert "gripper_" in trial.controller.fault_cause
+    assert end.hand.startswith("the hand is not believed, and may still move: it says that it is ")
+    assert not end.open
 
 
 def test_closed_hand_whose_object_is_gone_is_said_to_feel_nothing() -> None:
