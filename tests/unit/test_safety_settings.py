@@ -83,6 +83,7 @@ MOST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
     ("ControllerSettings.stale_after_s", (0.1, 0.3), on_grasp.both_trusted, 1e-3),
     ("ControllerSettings.contact_n", (0.2, 0.6), lambda v, x: not on_grasp.touches(v, x), 1e-6),
     ("ControllerSettings.at_height_m", (0.001, 0.005), on_grasp.at_the_top, 1e-5),
+    ("ControllerSettings.contact_gap_s", (0.1, 0.3), on_grasp.lowered_after_gap, 0.011),
     ("ScoringSettings.near_m", (0.03, 0.09),
      lambda v, x: on_run.lift_verdict({"near_m": v}, {"slip_distance_m": x})
      is LiftOutcome.HELD_WITHIN_6CM, 1e-6),
@@ -217,6 +218,7 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
 
 # setting to the test that would notice
 ELSEWHERE = {
+    "DriverSettings.whole_writes": "drivers/robotiq/test_driver_faults.py",
     "DriverSettings.calibration": "scenarios/rigs/test_calibration.py",
     "DriverSettings.link": "drivers/robotiq/test_driver_verbs.py",
     "DriverSettings.activation_timeout_s": "drivers/robotiq/test_driver_verbs.py",

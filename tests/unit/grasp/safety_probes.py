@@ -205,6 +205,17 @@ def bears_the_cap(hold_by_clock: bool) -> bool:
     return d.controller.phase is Phase.LIFT and not d.controller.cap_reached
 
 
+def lowered_after_gap(v: float, gap_s: float) -> bool:
+    """Whether what was not felt for so long in the air, and then was again, is set down."""
+    d = Driver(contact_gap_s=v, contact_lost_s=1.0, hold_s=0.1).lift()
+    for _ in range(round(gap_s * 1e9 / TICK)):
+        d.climb(measured_n=(0.0, 0.0, 0.0))
+    d.height_m = 0.2
+    while d.controller.phase not in (Phase.LOWER, Phase.LOST):
+        d.step()
+    return d.controller.phase is Phase.LOWER
+
+
 def at_the_top(v: float, away_m: float) -> bool:
     d = Driver(at_height_m=v)
     d.until(Phase.LIFT)
