@@ -5,10 +5,8 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import LinkLost
-from grasp.loop import Tick
 from scenarios.lift import lift
 from scenarios.lift.result import LiftResult
-from scenarios.trial.replay import replay_run
 from tests.unit.scenarios.conftest import Staged, config, judged
 
 
@@ -203,23 +201,6 @@ def test_equal_seeds_leave_byte_identical_recordings_and_other_seeds_do_not(tmp_
         data.append(Path(result.recording).read_bytes())
     assert data[0] == data[1]
     assert data[0] != data[2]
-
-
-def test_bug_of_ours_stops_the_arm_and_keeps_what_was_recorded(tmp_path: Path) -> None:
-    ticks = 0
-
-    def broken(tick: Tick) -> None:
-        nonlocal ticks
-        ticks += 1
-        if ticks == 300:
-            raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        lift.run(config(), 0, tmp_path, on_tick=broken)
-    folder = next(tmp_path.iterdir())
-    replay = replay_run(folder)
-    assert replay.complete
-    assert replay.steps == 300
 
 
 def test_run_that_never_began_leaves_no_folder(
