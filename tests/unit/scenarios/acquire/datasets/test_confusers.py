@@ -36,7 +36,7 @@ def test_nothing_slips_although_the_signal_moves(jobs: list[Job], cause: str) ->
     r = first(jobs, cause)
     assert r.slip_true is not None
     assert (r.slip == r.slip_true).all()
-    assert r.slip.mean() < 0.02
+    assert r.slip.mean() < 0.03  # a shaken pad may slide for moments, and is labelled so
     assert r.metadata is not None
     assert (r.metadata.set, r.metadata.cause) == ("confusers", cause)
 
