@@ -5,17 +5,22 @@
 Both trees run the same lifts, taps and acquisitions on the simulated rig, each from its own
 checkout with this interpreter; then the recordings are compared message by message: channel, log
 time and bytes. Metadata (settings, versions) are left out, since a commit may rename a setting.
-Renames listed in RENAMED are undone in the new bytes first. Exit 1 if anything differs.
+
+A listed rename is made in the old bytes, and nothing else is. Two things that the earlier tree had
+as one are counted as one, in the new bytes, and that is said; two that both trees tell apart are
+compared as they stand. Exit 1 if anything differs.
 """
 
 import argparse
+import ast
 import contextlib
+import functools
 import json
 import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,17 +30,21 @@ HOME = Path(__file__).resolve().parent.parent
 OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
 ACQUISITION = ("acquire", "--surface", "sphere", "--direction", "45", "--seconds", "20")
 
-# What a recording says now, and what the same thing was called before: undone before comparing.
-RENAMED: tuple[tuple[bytes, bytes], ...] = (
-    (b'"impulse_n_s":', b'"impulse_ns":'),
-    (b',"late_ns":0,"took_ns":0,"doubt":""', b""),  # of /control
-    # phases that were parts of others
-    (b'"phase":"rest"', b'"phase":"approach"'),
-    (b'"phase":"squeeze"', b'"phase":"grasp"'),
-    (b'"phase":"settle"', b'"phase":"grasp"'),
-    (b'"phase":"relax"', b'"phase":"grasp"'),
-    (b'"phase":"listen"', b'"phase":"grasp"'),
-    (b'"phase":"retreat"', b'"phase":"release"'),
+# What a recording said before, and what the same thing is called now: one name for another.
+RENAMED: tuple[tuple[bytes, bytes], ...] = ((b'"impulse_ns":', b'"impulse_n_s":'),)
+
+# Fields that say nothing had happened, of a message that had none of them before.
+ADDED_FIELDS: tuple[bytes, ...] = (b',"late_ns":0,"took_ns":0,"doubt":""',)  # of /control
+
+# A phase that was part of another, and of which.
+PARTS: tuple[tuple[str, str], ...] = (
+    ("relax", "settle"),  # and that of grasp
+    ("listen", "settle"),
+    ("settle", "grasp"),
+    ("oppose", "grasp"),
+    ("squeeze", "grasp"),
+    ("rest", "approach"),
+    ("retreat", "release"),
 )
 
 # Channels that a scenario has had since: not compared with a tree that had none of them.
@@ -59,7 +68,35 @@ def main() -> int:
             _record_all(tree, runs, Path(scratch) / name)
             for tree, name in ((before, "old"), (HOME, "new"))
         )
-        return _report(runs, old, new, asked.topics)
+        folded = folded_into(phases_of(before), phases_of(HOME))
+    for one, several in folded.items():
+        print(f"counted as one, {one}, since {asked.commit} did: {one}, {', '.join(several)}")
+    return _report(runs, old, new, folded, asked.topics)
+
+
+def phases_of(tree: Path) -> set[str]:
+    """The names of the phases in a tree's table."""
+    parsed = ast.parse((tree / "grasp" / "phases.py").read_text(encoding="utf-8"))
+    phase = next(n for n in parsed.body if isinstance(n, ast.ClassDef) and n.name == "Phase")
+    given = (node.value for node in phase.body if isinstance(node, ast.Assign))
+    return {str(value.value) for value in given if isinstance(value, ast.Constant)}
+
+
+def folded_into(known: set[str], now: set[str]) -> dict[str, list[str]]:
+    """Phase that an earlier tree knew, to those of now that were part of it there."""
+    folded: dict[str, list[str]] = {}
+    for part in sorted(now):
+        whole = _known_whole(part, known)
+        if whole not in ("", part):
+            folded.setdefault(whole, []).append(part)
+    return folded
+
+
+def _known_whole(part: str, known: set[str]) -> str:
+    """The phase itself, or the nearest that it was part of and that is known; empty if none is."""
+    while part and part not in known:
+        part = dict(PARTS).get(part, "")
+    return part
 
 
 def _runs(objects: list[str], seeds: list[int]) -> Iterator[tuple[str, ...]]:
@@ -137,12 +174,15 @@ def _messages(path: Path) -> Contents:
 
 
 def _report(
-    runs: list[tuple[str, ...]], old: list[Contents], new: list[Contents], topics: bool
+    runs: list[tuple[str, ...]],
+    old: list[Contents],
+    new: list[Contents],
+    folded: dict[str, list[str]],
+    topics: bool,
 ) -> int:
     total = different = 0
     for run, before, after in zip(runs, old, new, strict=True):
-        # on both sides: the commit compared with may have some of the new names already
-        old_names, new_names = _undone(before), _undone(after)
+        old_names, new_names = comparable(before, after, folded)
         added = set(ADDED.get(run[0], ())) - {topic for topic, _ in old_names}
         new_names = {key: said for key, said in new_names.items() if key[0] not in added}
         keys = sorted(old_names.keys() | new_names.keys())
@@ -161,14 +201,29 @@ def _report(
     return int(different > 0)
 
 
-def _undone(contents: Contents) -> Contents:
-    return {key: (t_ns, _earlier(data)) for key, (t_ns, data) in contents.items()}
+def comparable(
+    old: Contents, new: Contents, folded: dict[str, list[str]]
+) -> tuple[Contents, Contents]:
+    """Both sides in the same words: the old one renamed, the new one without what the old one
+    could not say."""
+    said = b"".join(data for _, data in old.values())
+    more = [fields for fields in ADDED_FIELDS if fields.partition(b":")[0] not in said]
+    rewritten = [
+        *((fields, b"") for fields in more),
+        *(
+            (f'"phase":"{part}"'.encode(), f'"phase":"{whole}"'.encode())
+            for whole, parts in folded.items()
+            for part in parts
+        ),
+    ]
+    return _replaced(old, RENAMED), _replaced(new, rewritten)
 
 
-def _earlier(data: bytes) -> bytes:
-    for now, earlier in RENAMED:
-        data = data.replace(now, earlier)
-    return data
+def _replaced(contents: Contents, by: Sequence[tuple[bytes, bytes]]) -> Contents:
+    changed = {}
+    for key, (t_ns, data) in contents.items():
+        changed[key] = t_ns, functools.reduce(lambda said, pair: said.replace(*pair), by, data)
+    return changed
 
 
 if __name__ == "__main__":

@@ -1,0 +1,86 @@
+"""A rename that is listed is no difference; every other change is one."""
+
+from pathlib import Path
+
+import pytest
+
+from grasp.phases import Phase
+from scripts import same_messages
+from scripts.same_messages import comparable, folded_into, phases_of
+
+ROOT = Path(__file__).parents[3]
+NOW = {phase.value for phase in Phase}
+FIRST = {"idle", "approach", "grasp", "lift", "compensate", "hold", "lower", "release", "fault"}
+SETTLING = FIRST | {"rest", "squeeze", "settle", "retreat"}
+LAST = b',"late_ns":0,"took_ns":0,"doubt":""'
+
+
+def control(phase: str, more: bytes = LAST) -> same_messages.Contents:
+    """One message of /control."""
+    return {("/control", 0): (5, b'{"phase":"%s","slip":false%s}' % (phase.encode(), more))}
+
+
+def same(old: same_messages.Contents, new: same_messages.Contents, known: set[str]) -> bool:
+    before, after = comparable(old, new, folded_into(known, NOW))
+    return before == after
+
+
+def test_the_phases_of_a_tree_are_read_from_its_table() -> None:
+    assert phases_of(ROOT) == NOW
+
+
+def test_every_phase_that_was_part_of_another_is_one_of_now_or_led_to_one() -> None:
+    wholes = {whole for _, whole in same_messages.PARTS}
+    assert {part for part, _ in same_messages.PARTS} <= NOW | wholes
+
+
+def test_phases_that_both_trees_tell_apart_are_compared_as_they_stand() -> None:
+    taken_as_one = {
+        (before, now) for before in NOW for now in NOW if same(control(before), control(now), NOW)
+    }
+    assert taken_as_one == {(phase, phase) for phase in NOW}
+
+
+@pytest.mark.parametrize(
+    ("known", "before", "now"),
+    [
+        (FIRST, "approach", "rest"),
+        (FIRST, "grasp", "oppose"),
+        (FIRST, "grasp", "squeeze"),
+        (FIRST, "grasp", "relax"),
+        (FIRST, "grasp", "listen"),
+        (FIRST, "release", "retreat"),
+        (SETTLING, "settle", "relax"),
+        (SETTLING, "settle", "listen"),
+        (SETTLING, "grasp", "oppose"),
+    ],
+)
+def test_a_phase_that_was_part_of_another_is_counted_as_that_one(
+    known: set[str], before: str, now: str
+) -> None:
+    assert same(control(before), control(now), known)
+    assert not same(control("lift"), control(now), known)
+
+
+def test_a_phase_that_is_now_another_differs_however_old_the_tree() -> None:
+    assert not same(control("settle"), control("squeeze"), SETTLING)
+    assert not same(control("approach"), control("grasp"), FIRST)
+
+
+def test_a_rename_is_made_on_the_old_side_alone() -> None:
+    old, new = (
+        {("/tap", 0): (0, b'{"%s":1.0}' % name)} for name in (b"impulse_ns", b"impulse_n_s")
+    )
+    assert same(old, new, NOW)
+    assert same(new, new, NOW)
+    assert not same(new, old, NOW)
+
+
+def test_fields_are_left_out_only_beside_a_tree_that_had_none_and_only_while_they_say_nothing() -> (
+    None
+):
+    late = b',"late_ns":7,"took_ns":0,"doubt":""'
+    assert same(control("lift", b""), control("lift"), NOW)
+    assert not same(control("lift", b""), control("lift", late), NOW)
+    assert not same(control("lift", late), control("lift"), NOW)
+    assert not same(control("lift"), control("lift", b""), NOW)
