@@ -100,6 +100,8 @@ def checked(layer: Layer) -> Layer:
                     refuse(f"{key}.{name}".lstrip("."), "holds control characters", "plain names")
                 waiting.append((f"{key}.{name}".lstrip("."), depth + 1, inner))
         elif isinstance(value, list):
+            if any(inner != inner for inner in value):  # a vector has no range that refuses it
+                refuse(key, "holds what is not a number", "finite numbers")
             waiting += [(key, depth + 1, inner) for inner in value]
         elif isinstance(value, str):
             if not all(c.isprintable() or c in "\n\t" for c in value):

@@ -44,6 +44,8 @@ def test_configuration_file_of_the_environment_is_used(
         ("object.grip_counts=[1,2]", "object.grip_counts", "int"),
         ("controller.lift_height_m=-1", "controller.lift_height_m", ">= 0.01"),
         ("loop.period_s=nan", "loop.period_s", ">= 0.002"),
+        ("arm.workspace_low_m=[0.0, nan, 0.0]", "arm.workspace_low_m", "finite numbers"),
+        ("ur.cog_m=[nan, nan, nan]", "ur.cog_m", "finite numbers"),
     ],
 )
 def test_violation_names_source_key_and_what_is_allowed(
