@@ -182,7 +182,9 @@ class GripperDoubt:
             if not state.fresh or not _stands(was, now):
                 self._moved_ns[i] = state.t_ns
                 self._under_way[i] = state.fresh and _goes_on(was, now)
-        return self._inactive(state) or self._impossible(before, state) or self._idle(state)
+        # both: a hand that has lost power may say nonsense of where it is, too
+        found = "; ".join(filter(None, (self._inactive(state), self._impossible(before, state))))
+        return found or self._idle(state)
 
     def _inactive(self, state: GripperState) -> str:
         if state.active or state.fault:

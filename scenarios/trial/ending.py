@@ -71,12 +71,11 @@ def end_of(
     if tick is None:
         return End("the arm was told nothing", "the hand was told nothing", "")
     deaf = set(silent(tick, old_s))
-    lies = cause.startswith(FINGERTIPS_LIE)
-    feels = not (lies or "tactile board" in deaf or "tactile board" in errors)
+    dull = cause.startswith(FINGERTIPS_LIE)
+    feels = not (dull or "tactile board" in deaf or "tactile board" in errors)
     felt = _felt(tick, feels)
-    doubted = not tick.gripper.fresh or any(
-        part.startswith(STATUS_LIES) for part in cause.split("; ")
-    )
+    lies = any(part.startswith(STATUS_LIES) for part in cause.split("; "))
+    doubted = lies or (tick.gripper.active and not tick.gripper.fresh)
     told = _hand(tick, hand, felt, "gripper" in deaf, doubted)
     seen_open = is_open(tick) and "gripper" not in deaf and not doubted
     advice = "start the run again" if way_out and seen_open else way_out
@@ -113,10 +112,10 @@ def _hand(tick: Tick, asked: Issued | None, felt: str, deaf: bool, doubted: bool
     if gripper.fault:
         alone = f"the hand refuses every motion ({gripper.fault_text}) and holds by itself"
         return f"{alone}: it is {state}"
-    if not gripper.active:
-        return f"the hand is not activated and holds by itself: it is {state}"
     if doubted:
         return f"the hand is not believed, and may still move: it says that it is {state}"
+    if not gripper.active:
+        return f"the hand is not activated and holds by itself: it is {state}"
     return f"the hand is {state}"
 
 

@@ -111,6 +111,10 @@ def freeze_gripper_status(rig: Rig) -> None:
     gripper.misreport(lambda words: kept)
 
 
+def zero_gripper_status(rig: Rig) -> None:
+    cell(rig).gripper.misreport(lambda words: (0,) * len(words))
+
+
 def jam_gripper(rig: Rig) -> None:
     cell(rig).gripper.jam()
 

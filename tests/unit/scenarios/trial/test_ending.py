@@ -15,6 +15,7 @@ from tests.unit.scenarios.lift.device_faults import (
     freeze_gripper_status,
     let_finger_b_leap,
     power_cycle_gripper,
+    zero_gripper_status,
 )
 from tests.unit.scenarios.lift.test_faults import (
     cut_gripper,
@@ -83,7 +84,12 @@ def test_fault_in_the_air_leaves_the_hand_closed_to_the_limit() -> None:
 
 
 @pytest.mark.parametrize(
-    ("phase", "act"), [(Phase.LOWER, freeze_gripper_status), (Phase.GRASP, let_finger_b_leap)]
+    ("phase", "act"),
+    [
+        (Phase.LOWER, freeze_gripper_status),
+        (Phase.GRASP, let_finger_b_leap),
+        (Phase.HOLD, zero_gripper_status),
+    ],
 )
 def test_hand_whose_status_cannot_be_is_said_not_to_be_believed(
     phase: Phase, act: Callable[[Rig], None]
