@@ -251,8 +251,12 @@ def end_on_signals() -> threading.Event:
 
 
 def read_order(ended: threading.Event) -> CellOrder:
-    """The first line of standard input; ``ended`` is set when the input closes: the parent died."""
-    order = msgspec.json.decode(sys.stdin.readline(), type=CellOrder)
+    """The first line of standard input; ``ended`` is set when the input closes: the parent died.
+    Raises BrokenPipeError where it has died already."""
+    line = sys.stdin.readline()
+    if not line:
+        raise BrokenPipeError
+    order = msgspec.json.decode(line, type=CellOrder)
 
     def watch() -> None:
         sys.stdin.read()  # returns when the parent has closed its end, however it died
@@ -264,7 +268,10 @@ def read_order(ended: threading.Event) -> CellOrder:
 
 def main() -> None:
     ended = end_on_signals()
-    serve(read_order(ended), None, 0, ended)
+    try:
+        serve(read_order(ended), None, 0, ended)
+    except BrokenPipeError:  # whoever asked was interrupted meanwhile, and has said so
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == "__main__":

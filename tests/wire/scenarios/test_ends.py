@@ -4,13 +4,18 @@ import json
 import os
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
+from scenarios.rigs import emulated_cell
+from scenarios.rigs.emulated_cell import CellOrder
+from tests.unit.scenarios.conftest import config
 from tests.wire.scenarios.test_rigs import ENVIRONMENT, GRASP, emulate, lab_file, sets
 
 Ended = tuple[int, list[str], list[dict[str, Any]]]
@@ -81,6 +86,22 @@ def test_signal_while_the_rig_opens_leaves_no_run(tmp_path: Path) -> None:
     assert code == 143
     assert results == []
     assert len(lines) == 1
+
+
+@pytest.mark.parametrize("ordered", [False, True])
+def test_cell_that_nobody_waits_for_any_more_ends_without_a_word(ordered: bool) -> None:
+    order = msgspec.json.encode(CellOrder.of(config(), 0)) + b"\n"
+    child = subprocess.Popen(
+        [sys.executable, "-P", "-m", emulated_cell.__name__],
+        env=ENVIRONMENT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    assert child.stdin is not None and child.stdout is not None and child.stderr is not None
+    child.stdout.close()
+    child.stdin.write(order if ordered else b"")
+    child.stdin.close()
+    with child.stderr as said:
+        assert said.read() == b""
+    assert child.wait() == 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGKILL])
