@@ -23,6 +23,7 @@ from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.observation import Observation
 from grasp.phases import (
     AIRBORNE_PHASES,
+    END_PHASES,
     OPEN_PHASES,
     SAFE_PHASES,
     Phase,
@@ -52,7 +53,8 @@ class GraspController:
 
     Where it stands is the phase and when that began. Beside it there are the arm's home and facts
     of the world with their times: when contact was felt last, when force was last within the limit.
-    ``_asked_ns``, when a safe state was last asked for, paces its requests.
+    ``_asked_ns``, when a safe state was last asked for, paces its requests; ``_pursued`` is that
+    all of it was seen, or waited for long enough.
     """
 
     def __init__(self, settings: ControllerSettings, plan: GripPlan, monitor: SlipMonitor) -> None:
@@ -63,7 +65,7 @@ class GraspController:
         self.cap_reached = False
         self.alarm_stayed = False  # the hold ended although slip was still registered
         self.closings = 0  # answers to slip or lost contact
-        self.finished = False
+        self._pursued = False
         self.fault_cause = ""
         self.further: list[str] = []  # doubts since the safe state was entered
         self.unreached: tuple[str, ...] = ()  # of the safe state, when the run ended
@@ -78,6 +80,7 @@ class GraspController:
         self._asked_ns = 0
         self._handlers: dict[Phase, Callable[[Observation], None]] = {
             Phase.IDLE: self._idle,
+            Phase.HOME: self._return,
             Phase.APPROACH: self._approach,
             Phase.REST: self._rest,
             Phase.GRASP: self._grasp,
@@ -91,6 +94,8 @@ class GraspController:
             Phase.LOWER: self._lower,
             Phase.RELEASE: self._release,
             Phase.RETREAT: self._retreat,
+            Phase.DONE: self._rest_at_end,
+            Phase.KEPT: self._rest_at_end,
             Phase.LOST: self._pursue,
             Phase.STOPPED: self._pursue,
             Phase.FAULT: self._pursue,
@@ -99,6 +104,11 @@ class GraspController:
     @property
     def phase(self) -> Phase:
         return self.machine.phase
+
+    @property
+    def finished(self) -> bool:
+        """Nothing more will follow."""
+        return self.phase in END_PHASES or self._pursued
 
     @property
     def in_safe_state(self) -> bool:
@@ -177,7 +187,7 @@ class GraspController:
 
     def _time_trouble(self, seen: Observation) -> str:
         timeout_s = self._settings.phase_timeout_s
-        timed = self.phase not in (Phase.IDLE, Phase.HOLD)
+        timed = self.phase not in {Phase.IDLE, Phase.HOLD} | END_PHASES
         if timed and self._lasted(seen, timeout_s):
             return f"phase {self.phase} lasted longer than {timeout_s:g} s"
         return ""
@@ -212,8 +222,6 @@ class GraspController:
         return CloseFast(self._plan.force_cap_n, ALL_FINGERS, CLOSED_COUNTS, speed_mps)
 
     def _idle(self, seen: Observation) -> None:
-        if self.finished:
-            return
         if any(f.detection is Detection.CONTACT_CLOSING for f in seen.gripper.fingers):
             self._fail(seen, "the gripper already holds something")
             return
@@ -222,20 +230,24 @@ class GraspController:
             return
         if self._plan.home is None:
             self.home = seen.arm.position_m
-        self._fire(Trigger.START, seen, "run started")
-        if self._arm_home(seen):
-            self._move_fingers(self._plan.preshape_counts, self._settings.approach_speed_mps)
+        if math.dist(seen.arm.position_m, self.home) < self._settings.at_height_m:
+            self._shape(seen, Trigger.START, "run started")
         else:
+            self._fire(Trigger.RETURN, seen, "run started")
             self._move_arm(0.0, self._settings.lower_speed_mps)
 
-    def _arm_home(self, seen: Observation) -> bool:
-        return math.dist(seen.arm.position_m, self.home) < self._settings.at_height_m
+    def _return(self, seen: Observation) -> None:
+        if seen.hand_rests and self._arm_at(seen, 0.0):
+            self._shape(seen, Trigger.RETURNED, "arm home")
+
+    def _shape(self, seen: Observation, trigger: Trigger, cause: str) -> None:
+        self._fire(trigger, seen, cause)
+        self._move_fingers(self._plan.preshape_counts, self._settings.approach_speed_mps)
 
     def _approach(self, seen: Observation) -> None:
-        """First the arm goes home, its fingers as they are, then the fingers take their shape."""
         if not seen.hand_rests or not self._arm_at(seen, 0.0):
             return
-        if seen.gripper.requested != self._plan.preshape_counts:
+        if seen.gripper.requested != self._plan.preshape_counts:  # lost on its way
             self._move_fingers(self._plan.preshape_counts, self._settings.approach_speed_mps)
         else:
             self._fire(Trigger.SHAPED, seen, "fingers short of the object")
@@ -375,7 +387,7 @@ class GraspController:
     def _end_hold(self, seen: Observation) -> None:
         self.alarm_stayed = self.monitor.status.registered
         if self._settings.keep:
-            self.finished = True
+            self._fire(Trigger.KEEP, seen, "held long enough")
             return
         cause = "asked to set down" if seen.set_down else "held long enough"
         self._set_down(seen, Trigger.FINISHED, cause)
@@ -411,7 +423,9 @@ class GraspController:
     def _retreat(self, seen: Observation) -> None:
         if seen.hand_rests and self._arm_at(seen, self._settings.retreat_m):
             self._fire(Trigger.RETREATED, seen, "arm clear")
-            self.finished = True
+
+    def _rest_at_end(self, seen: Observation) -> None:
+        """The table ends here: nothing is asked for."""
 
     def _fail(self, seen: Observation, cause: str) -> None:
         """Enter the safe state of the present phase."""
@@ -430,7 +444,7 @@ class GraspController:
         arm, hand = self._safe.missing_of_arm(seen, stale_ns), self._safe.missing_of_hand(seen)
         self.unreached = (*arm, *hand)
         if not self.unreached or self._lasted(seen, self._settings.safe_state_s):
-            self.finished = True
+            self._pursued = True
         elif not seen.pending and seen.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9:
             self._ask(seen)
 

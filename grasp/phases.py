@@ -14,6 +14,7 @@ class Phase(StrEnum):
     """Where a run stands."""
 
     IDLE = "idle"
+    HOME = "home"  # the arm on its way to the home of an earlier run, the fingers as they are
     APPROACH = "approach"  # fingers on their way to just short of the object
     REST = "rest"  # there, unloaded: rest counts are taken
     GRASP = "grasp"  # B and C on their way to their positions on the object
@@ -27,6 +28,8 @@ class Phase(StrEnum):
     LOWER = "lower"
     RELEASE = "release"  # fingers on their way open
     RETREAT = "retreat"  # the arm on its way clear of the object
+    DONE = "done"  # set down, and clear of it
+    KEPT = "kept"  # held long enough, and nobody wants it set down
     LOST = "lost"  # the hand closed and met nothing: the arm stops, nothing is set down
     STOPPED = "stopped"  # by a person: the arm stops, a grip is kept
     FAULT = "fault"
@@ -35,7 +38,9 @@ class Phase(StrEnum):
 class Trigger(StrEnum):
     """What makes the phase change."""
 
-    START = "start"  # a run begins
+    START = "start"  # a run begins where the arm stands
+    RETURN = "return"  # a run begins, elsewhere than its home
+    RETURNED = "returned"  # the arm is there
     SHAPED = "shaped"  # fingers just short of the object
     RESTED = "rested"  # rest counts taken
     BRACED = "braced"  # B and C at their positions
@@ -49,6 +54,7 @@ class Trigger(StrEnum):
     LIFTED = "lifted"  # the arm is at the top, and nothing slips or nobody minds
     CAP_REACHED = "cap_reached"  # slip goes on although the force cannot rise any more
     FINISHED = "finished"  # held long enough: set it down
+    KEEP = "keep"  # held long enough: that is all
     LANDED = "landed"
     OPENED = "opened"
     RETREATED = "retreated"
@@ -57,14 +63,19 @@ class Trigger(StrEnum):
     FAIL = "fail"
 
 
-AIRBORNE_PHASES = frozenset({Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.LOWER})
+AIRBORNE_PHASES = frozenset({Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.LOWER, Phase.KEPT})
 CLOSING_PHASES = frozenset({Phase.GRASP, Phase.OPPOSE, Phase.SQUEEZE})  # onto the object
 CONTACT_PHASES = AIRBORNE_PHASES | CLOSING_PHASES | {Phase.RELAX, Phase.LISTEN}
-OPEN_PHASES = frozenset({Phase.IDLE, Phase.RELEASE, Phase.RETREAT})  # nobody has to feel anything
+# nobody has to feel anything
+OPEN_PHASES = frozenset({Phase.IDLE, Phase.RELEASE, Phase.RETREAT, Phase.DONE})
+UNMOVED_PHASES = frozenset({Phase.IDLE, Phase.DONE})  # nothing was told to move, or is any more
+END_PHASES = frozenset({Phase.DONE, Phase.KEPT})  # all went well, and nothing more will follow
 SAFE_PHASES = frozenset({Phase.LOST, Phase.STOPPED, Phase.FAULT})  # nothing leads out of them
 
 TRANSITIONS: tuple[tuple[Trigger, tuple[Phase, ...], Phase], ...] = (
     (Trigger.START, (Phase.IDLE,), Phase.APPROACH),
+    (Trigger.RETURN, (Phase.IDLE,), Phase.HOME),
+    (Trigger.RETURNED, (Phase.HOME,), Phase.APPROACH),
     (Trigger.SHAPED, (Phase.APPROACH,), Phase.REST),
     (Trigger.RESTED, (Phase.REST,), Phase.GRASP),
     (Trigger.BRACED, (Phase.GRASP,), Phase.OPPOSE),
@@ -78,10 +89,11 @@ TRANSITIONS: tuple[tuple[Trigger, tuple[Phase, ...], Phase], ...] = (
     (Trigger.LIFTED, (Phase.LIFT, Phase.COMPENSATE), Phase.HOLD),
     (Trigger.CAP_REACHED, (Phase.COMPENSATE,), Phase.LOWER),
     (Trigger.FINISHED, (Phase.HOLD,), Phase.LOWER),
+    (Trigger.KEEP, (Phase.HOLD,), Phase.KEPT),
     (Trigger.LANDED, (Phase.LOWER,), Phase.RELEASE),
     (Trigger.OPENED, (Phase.RELEASE,), Phase.RETREAT),
-    (Trigger.RETREATED, (Phase.RETREAT,), Phase.IDLE),
-    (Trigger.LOSE, tuple(p for p in Phase if p in AIRBORNE_PHASES), Phase.LOST),
+    (Trigger.RETREATED, (Phase.RETREAT,), Phase.DONE),
+    (Trigger.LOSE, tuple(p for p in Phase if p in AIRBORNE_PHASES - END_PHASES), Phase.LOST),
     (Trigger.STOP, tuple(p for p in Phase if p not in SAFE_PHASES), Phase.STOPPED),
     (Trigger.FAIL, tuple(p for p in Phase if p not in SAFE_PHASES), Phase.FAULT),
 )

@@ -8,7 +8,7 @@ import msgspec
 
 from grasp.commands import CloseFast, Command, HoldFingers
 from grasp.observation import Observation
-from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, CONTACT_PHASES, Phase
+from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, CONTACT_PHASES, UNMOVED_PHASES, Phase
 
 
 class SafeState(msgspec.Struct, frozen=True):
@@ -33,9 +33,9 @@ class SafeState(msgspec.Struct, frozen=True):
 
     @property
     def leaves_hand(self) -> bool:
-        """The hand is told nothing: it has touched nothing yet, or a grip is kept, or there is
-        nothing left to grip."""
-        if self.before is Phase.IDLE or self.phase is Phase.LOST:
+        """The hand is told nothing: it touches nothing yet, or nothing any more, or a grip is kept,
+        or there is nothing left to grip."""
+        if self.before in UNMOVED_PHASES or self.phase is Phase.LOST:
             return True
         return self.phase is Phase.STOPPED and self.before in CONTACT_PHASES - CLOSING_PHASES
 
@@ -47,7 +47,7 @@ class SafeState(msgspec.Struct, frozen=True):
 
     def hand_is_safe(self, seen: Observation) -> bool:
         """Whether the hand is seen to be as it shall; not before it was asked to be."""
-        if self.before is Phase.IDLE:
+        if self.before in UNMOVED_PHASES:
             return True
         if seen.t_ns == self.since_ns and not self.leaves_hand:
             return False

@@ -45,6 +45,9 @@ PARTS: tuple[tuple[str, str], ...] = (
     ("squeeze", "grasp"),
     ("rest", "approach"),
     ("retreat", "release"),
+    ("home", "approach"),
+    ("kept", "hold"),
+    ("done", "idle"),
 )
 
 # Channels that a scenario has had since: not compared with a tree that had none of them.

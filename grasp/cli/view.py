@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 BAR_CELLS, TEXT_CELLS = 30, 45  # of a bar at most; of a panel's line beside its two bars
 FORCE_FULL_N = 12.0
 _STYLE: dict[str, str] = {
-    Phase.COMPENSATE: "bold yellow", Phase.HOLD: "bold green", Phase.FAULT: "bold red",
+    Phase.COMPENSATE: "bold yellow", Phase.HOLD: "bold green", Phase.KEPT: "bold green",
+    Phase.FAULT: "bold red",
 }  # fmt: skip
 
 

@@ -211,7 +211,9 @@ class FinishedTrial(msgspec.Struct, frozen=True):
     def home(self) -> Vector3 | None:
         """Of the arm; None where the run ended before it took one."""
         log = self.controller.machine.log
-        return self.controller.home if log and log[0].phase == Phase.APPROACH else None
+        return (
+            self.controller.home if log and log[0].phase in (Phase.HOME, Phase.APPROACH) else None
+        )
 
     def failure(self, config: TrialConfig, outcome: str) -> Failure | None:
         """Why the exit code is not the verdict's, if so."""

@@ -229,7 +229,7 @@ def kept(keep: bool) -> bool:
     d.height_m = 0.2
     for _ in range(5):
         d.step()
-    return d.controller.finished and d.controller.phase is Phase.HOLD
+    return d.controller.phase is Phase.KEPT
 
 
 def squeezed(firm: bool) -> bool:

@@ -295,7 +295,7 @@ def test_finished_lift_sets_down_opens_and_retreats() -> None:
     d.height_m = 0.0
     d.until(Phase.RELEASE)
     d.height_m = 0.05
-    d.until(Phase.IDLE)
+    d.until(Phase.DONE)
     assert d.controller.finished
     assert [type(c) for c in d.commands] == [MoveArm, OpenFingers, MoveArm]
 
@@ -305,7 +305,7 @@ def test_keep_goes_on_holding() -> None:
     d.height_m = HEIGHT
     for _ in range(60):
         d.step()
-    assert d.controller.phase is Phase.HOLD
+    assert d.controller.phase is Phase.KEPT
     assert d.controller.finished
     assert d.commands == []
 
@@ -575,13 +575,13 @@ def test_alarms_that_come_and_go_at_the_cap_cannot_prolong_the_hold_for_ever() -
 def test_next_run_begins_from_the_home_of_the_first_with_the_fingers_as_they_are() -> None:
     d = Driver(home=(0.3, 0.2, 0.4))
     d.height_m = 0.05
-    d.step()
+    assert d.step().phase is Phase.HOME
     assert [type(c) for c in d.commands] == [MoveArm]
     assert d.commands[0].position_m == pytest.approx((0.3, 0.2, 0.4))  # type: ignore[attr-defined]
     d.step()
     assert len(d.commands) == 1
     d.height_m = 0.0
-    d.step()
+    assert d.step().phase is Phase.APPROACH
     assert isinstance(d.commands[1], MoveFingers)
     d.until(Phase.GRASP)
 

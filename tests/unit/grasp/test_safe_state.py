@@ -5,7 +5,7 @@ import pytest
 from drivers.interfaces import Detection
 from grasp.commands import CloseFast, Command, HoldFingers
 from grasp.observation import Observation
-from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, SAFE_PHASES, Phase
+from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, SAFE_PHASES, UNMOVED_PHASES, Phase
 from grasp.safe_state import SafeState
 from tests.unit.grasp.builders import arm, gripper, seen
 
@@ -14,7 +14,7 @@ MOVING = (Detection.MOVING, Detection.AT_TARGET, Detection.AT_TARGET)
 LATCHED = (Detection.CONTACT_CLOSING, Detection.AT_TARGET, Detection.AT_TARGET)
 OLD_NS = 100e6
 ENTERED_NS, LATER_NS = 5, 10_000_005
-LOOSE = [p for p in Phase if p not in AIRBORNE_PHASES | SAFE_PHASES | {Phase.IDLE}]
+LOOSE = [p for p in Phase if p not in AIRBORNE_PHASES | SAFE_PHASES | UNMOVED_PHASES]
 
 
 def state(phase: Phase, before: Phase, cause: str = "x") -> SafeState:
@@ -32,9 +32,10 @@ def later(**changes: object) -> Observation:
         *((Phase.FAULT, p, (HoldFingers(),)) for p in LOOSE),
         *((Phase.STOPPED, p, ()) for p in sorted(AIRBORNE_PHASES)),
         *((Phase.STOPPED, p, (HoldFingers(),)) for p in sorted(CLOSING_PHASES)),
+        (Phase.STOPPED, Phase.HOME, (HoldFingers(),)),
         (Phase.STOPPED, Phase.APPROACH, (HoldFingers(),)),
         *((Phase.LOST, p, ()) for p in sorted(AIRBORNE_PHASES)),
-        *((p, Phase.IDLE, ()) for p in sorted(SAFE_PHASES)),
+        *((p, before, ()) for p in sorted(SAFE_PHASES) for before in sorted(UNMOVED_PHASES)),
     ],
 )
 def test_hand_closes_only_in_a_fault_in_the_air(

@@ -374,7 +374,7 @@ def test_keep_is_a_setting_of_the_controller(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     _, result = run_json(capsys, "run", "lift", "--keep", "--runs", str(tmp_path))
-    assert result["phases"][-1]["phase"] == "hold"
+    assert result["phases"][-1]["phase"] == "kept"
 
 
 def test_command_works_from_any_folder(tmp_path: Path) -> None:

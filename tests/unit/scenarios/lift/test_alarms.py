@@ -49,7 +49,7 @@ def run(script: list[tuple[int, float]], *words: str) -> tuple[GraspController, 
         loop = ControlLoop(rig.devices, rig.clock, step, base.loop, ticks.append)
         loop.run(RUN_S)
         truth = rig.cell.truth()
-    return step.controller, ticks, truth.touched or step.controller.phase is Phase.IDLE
+    return step.controller, ticks, truth.touched or step.controller.phase is Phase.DONE
 
 
 SCRIPT = st.lists(

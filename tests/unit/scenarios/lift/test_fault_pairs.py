@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from grasp.loop import Tick
-from grasp.phases import AIRBORNE_PHASES, Phase
+from grasp.phases import AIRBORNE_PHASES, END_PHASES, SAFE_PHASES, Phase
 from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig
@@ -23,8 +23,9 @@ from tests.unit.scenarios.lift.test_faults import FAULTS as LINK_FAULTS
 
 QUICK, ALL = 8, 60
 OBJECTS = ("ball", "box", "can", "foam")
-PHASES = tuple(p for p in Phase if p not in (Phase.IDLE, Phase.SQUEEZE, Phase.LOST, Phase.STOPPED,
-                                             Phase.FAULT))  # fmt: skip
+PHASES = tuple(
+    p for p in Phase if p not in SAFE_PHASES | END_PHASES | {Phase.IDLE, Phase.HOME, Phase.SQUEEZE}
+)
 FAULTS: tuple[fault.Act, ...] = (
     *LINK_FAULTS, fault.freeze_fingertips, fault.freeze_thumb, fault.fingertips_read(0),
     fault.fingertips_read(1023), fault.shift_fingertips, fault.stick_one_taxel_at_the_rail,
@@ -147,7 +148,7 @@ def what_hung_still_hangs_still(pair: Pair, end: Ended) -> str:
     """An object that was held in the air is neither dropped nor left slipping, unless it was set
     down or said to be lost."""
     held = end.phase in (Phase.HOLD, Phase.LOWER) and end.before.touched
-    if not held or end.trial.controller.phase is Phase.IDLE:
+    if not held or end.trial.controller.phase is Phase.DONE:
         return ""
     safe = end.later.touched and abs(end.later.slip_speed_mps) < 1e-3
     lost = end.said is not None and "feels nothing" in end.said.hand

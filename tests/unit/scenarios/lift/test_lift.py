@@ -16,7 +16,7 @@ def test_weak_grasp_on_the_can_is_felt_and_saved(plain_lift: LiftResult) -> None
     assert r.outcome == "held_within_6cm"
     assert [p.phase for p in r.phases] == [
         "approach", "rest", "grasp", "oppose", "relax", "listen", "lift", "compensate", "lift",
-        "hold", "lower", "release", "retreat", "idle",
+        "hold", "lower", "release", "retreat", "done",
     ]  # fmt: skip
     assert r.slip_onset_s is not None
     assert r.first_detection_s is not None
@@ -174,7 +174,7 @@ def test_heavier_fingertip_overshoots_more() -> None:
 def test_keep_goes_on_holding_the_object() -> None:
     r = judged("controller.keep=true")
     assert r.success
-    assert r.phases[-1].phase == "hold"
+    assert r.phases[-1].phase == "kept"
 
 
 def test_set_down_leaves_the_object_on_the_table_where_it_was() -> None:

@@ -11,7 +11,7 @@ from drivers.errors import LinkLost
 from grasp import interruption
 from grasp.commands import CloseFast, StopArm
 from grasp.loop import Tick
-from grasp.phases import SAFE_PHASES, Phase
+from grasp.phases import END_PHASES, SAFE_PHASES, Phase
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.lift.result import LiftResult
@@ -24,7 +24,9 @@ from scenarios.trial.series import Bench
 from tests.unit.scenarios.conftest import config, in_phase
 
 QUICK = ("controller.hold_s=0.3", "controller.lift_height_m=0.08", "hand.activation_s=0.5")
-PHASES = [p for p in Phase if p not in SAFE_PHASES | {Phase.IDLE, Phase.SQUEEZE}]
+PHASES = [
+    p for p in Phase if p not in SAFE_PHASES | END_PHASES | {Phase.IDLE, Phase.HOME, Phase.SQUEEZE}
+]
 
 
 def signal_in(phase: Phase, *numbers: signal.Signals) -> Callable[[Tick], None]:
