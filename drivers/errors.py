@@ -97,7 +97,8 @@ class ConfigError(GraspError):
     kind = "config"
 
     def __init__(self, file: str, key: str, problem: str, allowed: str) -> None:
-        said = f"{one_line(file)}: {one_line(key)}: {one_line(problem)}"
+        where = (file,) if key == "-" else (file, key)  # "-": the file as a whole
+        said = ": ".join(one_line(part) for part in (*where, problem))
         super().__init__(said, f"allowed: {allowed}")
         self.args = (file, key, problem, allowed)
         self.file = file

@@ -11,6 +11,11 @@ from grasp.observation import Observation
 from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, CONTACT_PHASES, UNMOVED_PHASES, Phase
 
 
+def doubts_arm(cause: str) -> bool:
+    """Whether a cause, whose parts are joined by "; ", says that the arm cannot be believed."""
+    return any(part.startswith("arm_") for part in cause.split("; "))
+
+
 class SafeState(msgspec.Struct, frozen=True):
     """One that was entered: its phase (lost, stopped or fault), the phase before, when, and the
     cause, whose parts are joined by "; "."""
@@ -24,7 +29,7 @@ class SafeState(msgspec.Struct, frozen=True):
     def arm_is_doubted(self) -> bool:
         """Whether the arm cannot be believed, whatever else is wrong: then neither can its
         standing."""
-        return any(part.startswith("arm_") for part in self.cause.split("; "))
+        return doubts_arm(self.cause)
 
     @property
     def closes_hand(self) -> bool:

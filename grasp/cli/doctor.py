@@ -49,5 +49,5 @@ def doctor(args: argparse.Namespace) -> int:
             print(f"      {'':<{width}}  -> {check.remedy}")
     doubtful = sum(check.status == "warn" for check in checks)
     well = f"nothing stands against a run; {doubtful} to look at" if doubtful else "all well"
-    print(well if not failed else f"{len(failed)} to mend; first: {failed[0].remedy}")
+    print(f"{len(failed)} to mend; first: {failed[0].name}" if failed else well)
     return code

@@ -57,10 +57,11 @@ class Words:
             reply = cell.obey(self._request(words))
         except (ValueError, KeyError, msgspec.MsgspecError) as error:
             return f"{error.args[0] if error.args else error}: {KNOWN}"
+        while words[0] == "home" and reply.get("away_m", 0.0) > 0.0:
+            time.sleep(POLL_S)
+            reply = cell.obey({"verb": "home"})
         if "error" in reply:
             return str(reply["error"])
-        while words[0] == "home" and cell.obey({"verb": "home"})["away_m"] > 0.0:
-            time.sleep(POLL_S)
         return look(reply["truth"]) if words[0] == "look" else "done"
 
     def _request(self, words: list[str]) -> dict[str, Any]:
@@ -68,7 +69,7 @@ class Words:
         if verb == "fault" and rest:
             pairs = (word.partition("=") for word in rest[1:])
             return {"verb": verb, "name": rest[0], **{k: _value(text) for k, _, text in pairs}}
-        if verb == "tap" and len(rest) <= 1:
+        if verb == "tap" and rest[:1] in ([], *([name] for name in DIRECTIONS)) and not rest[1:]:
             blow = self._blows[rest[0] if rest else "top"].blow
             return {"verb": verb, **msgspec.to_builtins(blow)}
         if verb in ("look", "place", "home") and not rest:

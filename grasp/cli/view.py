@@ -109,12 +109,19 @@ class Lines:
 
     def take(self, message: Message) -> None:
         if isinstance(message, Glimpse):
-            print(_line(message), flush=True)
+            _say(_line(message))
         elif isinstance(message, Busy | Note):
-            print(message.text, flush=True)
+            _say(message.text)
 
     def close(self) -> None:
         sys.stdout.flush()
+
+
+def _say(line: str) -> None:
+    """In one write: another process asks its questions on the same terminal, and print() makes
+    two of a line and its end where Python is unbuffered."""
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
 
 
 class Panel:

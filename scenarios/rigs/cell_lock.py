@@ -65,6 +65,6 @@ def _driven(device: str, holder: Holder | None) -> Refused:
         return Refused(f"the {device} is driven by another process", "wait until that has ended")
     return Refused(
         f"the {device} is driven by process {holder.pid} since {holder.since}: {holder.command}",
-        f"wait until it ends, or end it with Ctrl-C where it runs, or with `kill -INT {holder.pid}`"
+        f"wait until it ends, or end it with Ctrl-C where it runs, or with `kill {holder.pid}`"
         ": the arm then stands and the grip is kept",
     )

@@ -9,6 +9,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,7 +39,10 @@ class Check(NamedTuple):
 def examine(rig: str | None, file: Path | None, load: Load) -> list[Check]:
     """All checks of this machine, then those of the rig's devices if one is named."""
     checks = [_python(), *_packages(), *_shadows(), _configuration(rig, file, load)]
-    checks += [*_detectors(load), _guarded("usb", _usb), *_devices(rig, load)]
+    readable = checks[-1].status == "ok"
+    checks += _detectors(load) if readable else [_unseen("detectors")]
+    checks.append(_guarded("usb", _usb))
+    checks += _devices(rig, load) if readable or rig is None else [_unseen("devices")]
     checks += [_guarded("loop jitter", _jitter), _guarded("real-time scheduling", _scheduling)]
     return [*checks, _disk()]
 
@@ -80,6 +84,10 @@ def _shadows() -> Iterator[Check]:
                 "own packages", "fail", f"{name} comes from {origin}",
                 "start `grasp` from another folder, or rename yours",
             )  # fmt: skip
+
+
+def _unseen(name: str) -> Check:
+    return Check(name, "warn", "not looked at: the configuration comes first")
 
 
 def _guarded(name: str, look: Callable[[], Check]) -> Check:
@@ -173,8 +181,18 @@ def _devices(rig: str | None, load: Load) -> list[Check]:
 
 
 def _ask_devices(config: Any) -> list[Check]:
-    gripper = _guarded("gripper", lambda: _gripper(config))
-    return [gripper, *arm_checks(config), _guarded("fingertips", lambda: _board(config))]
+    hand = [_guarded(name, partial(look, config)) for name, look in
+            (("calibration", _calibration), ("gripper", _gripper))]  # fmt: skip
+    return [*hand, *arm_checks(config), _guarded("fingertips", lambda: _board(config))]
+
+
+def _calibration(config: Any) -> Check:
+    """Has somebody said which hand this is? A run is refused where nobody has."""
+    from scenarios.rigs.rig import calibration
+
+    chosen = calibration(config)
+    least = f"force byte 0 is {chosen.least_force_n:g} N"
+    return Check("calibration", "ok", f"{config.gripper.calibration}: {least}")
 
 
 def _board(config: Any) -> Check:

@@ -37,6 +37,10 @@ STALL_NS = 50_000_000
 ADDRESS_TRIES = 50
 T = TypeVar("T")
 Request = dict[str, Any]
+STOPPED_ARM = (
+    "the arm is stopped by its own safety system; a protective stop is cleared, 5 s after it, by "
+    "the line 'unlock protective stop' to its dashboard, {host} port 29999"
+)
 HOME_MPS, HOME_MPS2 = 0.1, 0.5  # as a person drives the arm by its pendant
 OPEN_M = 0.02  # fingertip travel of a hand that has room for an object
 
@@ -195,6 +199,8 @@ class EmulatedCell:
         def home(request: Request) -> Request:
             now_ns = time.monotonic_ns()
             away_m = math.dist(cell.arm.position(now_ns), self._home_m)
+            if cell.arm.protective_stop:
+                return {"error": STOPPED_ARM.format(host=self.host)}
             if away_m > 0.0 and not cell.arm.moving(now_ns):
                 cell.arm.move_l(self._home_m, HOME_MPS, HOME_MPS2, now_ns)
             return {"away_m": away_m}

@@ -4,7 +4,7 @@ Told from what was heard last and from nothing else: what cannot be known is sai
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import msgspec
 
@@ -13,6 +13,7 @@ from drivers.interfaces import FINGER_NAMES, Detection
 from grasp.commands import CloseFast
 from grasp.doubt import STOOD_STILL
 from grasp.loop import Issued, Tick
+from grasp.safe_state import doubts_arm
 
 OPEN_COUNTS = 20  # a hand told to open rests at about 6; nothing is held so wide
 NOUNS = {"tactile board": "fingertip", "gripper": "gripper", "arm": "arm"}  # in a cause
@@ -63,11 +64,12 @@ def silent(tick: Tick, old_s: float) -> list[str]:
 
 def end_of(
     tick: Tick | None, hand: Issued | None, errors: Mapping[str, GraspError], old_s: float,
-    way_out: str, cause: str = "",
+    way_out: str, cause: str = "", further: Sequence[str] = (),
 ) -> End:  # fmt: skip
     """By the last tick and the last command that reached the hand; None: there was none. What was
     heard longer ago than ``old_s`` is old; ``way_out``: what to do about a closed hand; ``cause``
-    of the fault, for what it says of the fingertips is not believed."""
+    of the fault, for what it says of the fingertips is not believed, nor the arm that it or what
+    was doubted since, ``further``, names."""
     if tick is None:
         return End("the arm was told nothing", "the hand was told nothing", "")
     deaf = set(silent(tick, old_s))
@@ -79,16 +81,19 @@ def end_of(
     told = _hand(tick, hand, felt, "gripper" in deaf, doubted)
     seen_open = is_open(tick) and "gripper" not in deaf and not doubted
     advice = "start the run again" if way_out and seen_open else way_out
-    return End(_arm(tick, "arm" in deaf), told, advice, open=seen_open)
+    arm_lies = doubts_arm("; ".join((cause, *further)))
+    return End(_arm(tick, "arm" in deaf, arm_lies), told, advice, open=seen_open)
 
 
-def _arm(tick: Tick, deaf: bool) -> str:
+def _arm(tick: Tick, deaf: bool, doubted: bool) -> str:
     speed_mps = math.hypot(*tick.arm.velocity_mps)
     moves = f"moving at {speed_mps:.2f} m/s"
     if deaf:
         return f"the arm {f'was still {moves}' if tick.arm.moving else 'stood'} when last heard"
     if tick.arm.stopped_by_safety:
         return "the arm is stopped by its own safety system"
+    if doubted:
+        return f"the arm says that it {'is still ' + moves if tick.arm.moving else 'stands'}"
     return f"the arm is still {moves}" if tick.arm.moving else "the arm stands"
 
 

@@ -202,6 +202,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             old_s,
             self.way_out,
             self.controller.fault_cause,
+            controller.further,
         )
         return msgspec.structs.replace(
             end, unreached=controller.unreached, further=tuple(controller.further)

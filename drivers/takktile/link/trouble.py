@@ -7,7 +7,9 @@ HUNG_REMEDY = "unplug the board, plug it in again, open it again"
 
 
 def unplugged() -> LinkLost:
-    return LinkLost("the tactile board is unplugged", "check its USB cable, then open it again")
+    return LinkLost(
+        "the tactile board is unplugged", "check its USB cable and plug it in, then start again"
+    )
 
 
 def stalled() -> DeviceFault:

@@ -170,7 +170,7 @@ def _explain(error: usb.core.USBError, device: Any) -> GraspError:
             return trouble.stalled()
         case errno.EBUSY:
             return LinkLost(
-                f"{users_of(device)} uses the tactile board", "end it, then open the board again"
+                f"{users_of(device)} uses the tactile board", "end it, then start again"
             )
         case errno.EACCES:
             return LinkLost(

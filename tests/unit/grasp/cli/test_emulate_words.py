@@ -20,12 +20,15 @@ class Cell:
 
     def __init__(self) -> None:
         self.asked: list[dict[str, Any]] = []
+        self.homeward: list[dict[str, Any]] = []  # replies on the way home
 
     def obey(self, request: dict[str, Any]) -> dict[str, Any]:
         self.asked.append(request)
         if request["verb"] == "fault" and request["name"] == "dance":
             raise ValueError("unknown fault 'dance'")
-        return {"truth": TRUTH, "away_m": 0.0}
+        if request["verb"] == "home":
+            return self.homeward.pop(0) if self.homeward else {"away_m": 0.0}
+        return {"truth": TRUTH}
 
 
 @pytest.fixture
@@ -37,8 +40,11 @@ def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     os.close(reading)
 
 
-def said(typed: int, lines: str, capsys: pytest.CaptureFixture[str]) -> tuple[Cell, list[str]]:
+def said(
+    typed: int, lines: str, capsys: pytest.CaptureFixture[str], *homeward: dict[str, Any]
+) -> tuple[Cell, list[str]]:
     cell, config = Cell(), load_config("can", "emulated", "energy").for_tap()
+    cell.homeward = list(homeward)
     words = Words(config, 0)
     words.listen(cell)  # type: ignore[arg-type]
     os.write(typed, lines.encode())
@@ -54,9 +60,9 @@ def test_words_of_a_person_are_requests(typed: int, capsys: pytest.CaptureFixtur
     lines = "place\nhome\nlook\ntap side\nfault gripper_delay seconds=0.2 times=3\n"
     cell, answers = said(typed, lines, capsys)
     verbs = [request["verb"] for request in cell.asked]
-    assert verbs == ["place", "home", "home", "truth", "tap", "fault"]
-    assert cell.asked[4]["direction"] == "side" and cell.asked[4]["impulse_n_s"] > 0.0
-    assert cell.asked[5] == {"verb": "fault", "name": "gripper_delay", "seconds": 0.2, "times": 3}
+    assert verbs == ["place", "home", "truth", "tap", "fault"]
+    assert cell.asked[3]["direction"] == "side" and cell.asked[3]["impulse_n_s"] > 0.0
+    assert cell.asked[4] == {"verb": "fault", "name": "gripper_delay", "seconds": 0.2, "times": 3}
     assert answers[2] == "the object is not touched, 50 mm above the table, 5.0 mm from its mark"
     assert answers.count("done") == 4
 
@@ -70,6 +76,19 @@ def test_what_is_not_known_is_told_with_what_is(
     assert all("place | home | look | tap" in answer for answer in answers[:4])
     assert answers[4] == "done"
     assert [request["verb"] for request in cell.asked] == ["fault", "place"]
+
+
+def test_arm_that_is_stopped_on_its_way_home_does_not_end_the_listening(
+    typed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    away, stopped = {"away_m": 0.1}, {"error": "the arm is stopped"}
+    _, answers = said(typed, "home\nhome\nlook\n", capsys, away, stopped, stopped)
+    assert answers[:2] == ["the arm is stopped"] * 2 and "the object" in answers[2]
+
+
+def test_direction_that_is_none_is_quoted(typed: int, capsys: pytest.CaptureFixture[str]) -> None:
+    _, answers = said(typed, "tap upwards\n", capsys)
+    assert answers[0].startswith("'tap upwards' is not known: ")
 
 
 def test_nobody_is_listened_to_where_nobody_can_type(monkeypatch: pytest.MonkeyPatch) -> None:

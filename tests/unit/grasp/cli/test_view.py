@@ -49,3 +49,12 @@ def test_setting_up_is_one_line_and_speaks_of_a_gripper_only_where_one_is_opened
     assert isinstance(busy, view.Busy)
     assert len(busy.text) <= 78  # beside its spinner
     assert ("gripper" in busy.text) == (hand and rig != "simulated")
+
+
+def test_line_and_its_end_are_one_write(monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[str] = []
+    monkeypatch.setattr("sys.stdout.write", written.append)
+    view.Lines().take(view.Note("lift 0    held"))
+    view.Lines().take(SLIPPING)
+    assert written[0] == "lift 0    held\n"
+    assert len(written) == 2 and written[1].endswith("(masked)\n")

@@ -66,7 +66,7 @@ def test_live_holder_is_named_with_how_to_end_it(device: str) -> None:
     assert device in told.value.message
     assert f"process {process.pid} since " in told.value.message
     assert device in told.value.message.partition(": ")[2]  # its command line
-    assert f"kill -INT {process.pid}" in told.value.remedy
+    assert f"`kill {process.pid}`" in told.value.remedy
 
 
 def test_holder_that_was_killed_drives_nothing(device: str) -> None:

@@ -152,6 +152,14 @@ def test_advice_is_for_hardware_alone_where_the_hand_outlives_the_run() -> None:
     assert told.advice == "start the run again"
 
 
+def test_arm_that_cannot_be_believed_is_not_said_to_stand() -> None:
+    trial, _, end = ended(Phase.HOLD, interrupt)
+    assert end.arm == "the arm stands"
+    cause = "stale: no fresh fingertip sample; arm_frozen: 0.33 s at one place while told to move"
+    told = end_of(trial.trace.last, trial.trace.hand, {}, 0.1, "", cause)
+    assert told.arm == "the arm says that it stands"
+
+
 def test_run_that_never_ticked_has_told_nobody_anything() -> None:
     assert end_of(None, None, {}, 0.1, "").arm == "the arm was told nothing"
 

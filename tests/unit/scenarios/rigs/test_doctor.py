@@ -1,0 +1,60 @@
+"""`grasp doctor` finds what a run would be refused for, and says it once."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.errors import ConfigError
+from scenarios.campaign.config import load_config
+from scenarios.rigs import doctor
+
+ADDRESSES = """
+[modbus]
+host = "127.0.0.99"
+port = 9
+[ur]
+host = "127.0.0.99"
+[usb]
+url = "tcp://127.0.0.99:9"
+"""
+
+
+@pytest.fixture
+def no_arm(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "arm_checks", lambda config: [])
+
+
+@pytest.mark.usefixtures("no_arm")
+@pytest.mark.parametrize(
+    ("chosen", "status"), [("", "fail"), ("[gripper]\ncalibration='paper'", "ok")]
+)
+def test_hand_that_nobody_has_chosen_stands_against_a_run(
+    tmp_path: Path, chosen: str, status: str
+) -> None:
+    lab = tmp_path / "lab.toml"
+    lab.write_text(chosen + ADDRESSES)
+    checks = doctor._devices("hardware", lambda rig, name: load_config("can", rig, name, lab))
+    found = next(check for check in checks if check.name == "calibration")
+    assert found.status == status
+    assert ("chosen by hand" in found.detail) == (status == "fail")
+
+
+def test_configuration_that_cannot_be_read_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "JITTER_S", 0.05)
+
+    def load(rig: str, name: str) -> Any:
+        return load_config("can", rig, name, tmp_path / "none.toml")
+
+    checks = doctor.examine("hardware", None, load)
+    assert [check.name for check in checks if "none.toml" in check.detail] == ["configuration"]
+    unseen = {check.name for check in checks if check.detail.startswith("not looked at")}
+    assert unseen == {"detectors", "devices"}
+
+
+def test_file_as_a_whole_is_told_without_a_key(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as told:
+        load_config("can", "simulated", "energy", tmp_path / "none.toml")
+    assert told.value.message == f"{tmp_path / 'none.toml'}: no such file"
