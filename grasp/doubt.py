@@ -92,7 +92,8 @@ class FingertipDoubt:
 
     def __init__(self, settings: DoubtSettings) -> None:
         self._settings = settings
-        self._raw: NDArray[np.int16] | None = None
+        # the last sample's codes, and which of them stood at an end of their range
+        self._before: tuple[NDArray[np.int16], NDArray[np.bool_]] | None = None
         self._repeats = [0] * FINGERS
         self._all_repeats = 0
         self._live = [0] * FINGERS  # taxels that are loaded and can tell
@@ -103,7 +104,7 @@ class FingertipDoubt:
     def see(self, frame: TactileFrame | None, phase: Phase) -> str:
         """What is wrong with them, where somebody has to feel something."""
         if frame is None:
-            self._raw = None
+            self._before = None
             return self._absent(phase)
         if not frame.missed:
             self.take(frame.raw, frame.counts)
@@ -116,31 +117,29 @@ class FingertipDoubt:
 
     def take(self, raw: NDArray[np.int16], counts: NDArray[np.int16]) -> None:
         """A sample that is new: raw codes (fingers, 6), and the same without their rest."""
-        railed = whole_rails(raw)
-        live = ~at_rail(raw) & (np.abs(counts) >= self._settings.loaded_counts)
-        self._live = live.sum(axis=1).tolist()
+        rails = at_rail(raw)
+        railed = [all(finger) for finger in rails.tolist()]
+        live = ~rails & (np.abs(counts) >= self._settings.loaded_counts)
+        self._live = [sum(finger) for finger in live.tolist()]
         self.believable = not any(railed)
         self._at_rail = _counted(self._at_rail, railed)
-        before, self._raw = self._raw, raw
+        before, self._before = self._before, (raw, rails)
         if before is None:
             self._repeats, self._all_repeats, self._jumped = [0] * FINGERS, 0, False
             return
-        moved = raw - before
+        moved = raw - before[0]
         still = [not any(finger) for finger in moved.tolist()]
         self._repeats = _counted(self._repeats, still)
         self._all_repeats = self._all_repeats + 1 if all(still) else 0
-        self._jumped = self._leapt(before, raw, moved)
+        self._jumped = self._leapt(moved, before[1] | rails)
         self.believable = self.believable and not self._jumped
 
-    def _leapt(
-        self, before: NDArray[np.int16], raw: NDArray[np.int16], moved: NDArray[np.int16]
-    ) -> bool:
+    def _leapt(self, moved: NDArray[np.int16], rails: NDArray[np.bool_]) -> bool:
         """All at once and one way, where a contact presses some taxels and lifts others. A taxel at
-        the end of its range cannot tell; most must be able to."""
-        free = ~(at_rail(before) | at_rail(raw))
-        enough = 2 * int(free.sum()) > free.size
+        the end of its range, now or before, cannot tell; most must be able to."""
+        free = moved[~rails].tolist()
         least = self._settings.jump_counts
-        return enough and (int(moved[free].min()) >= least or int(moved[free].max()) <= -least)
+        return 2 * len(free) > moved.size and (min(free) >= least or max(free) <= -least)
 
     def _patience(self, live: int) -> int:
         """Repeats of a fingertip that so many loaded taxels could end."""
@@ -225,11 +224,6 @@ class GripperDoubt:
         if stands := _names(standing, patience):
             return f"gripper_stands: finger {stands} reports motion and does not move"
         return ""
-
-
-def whole_rails(raw: NDArray[np.int16]) -> list[bool]:
-    """Of codes (fingers, 6): which fingertips have every taxel at an end of the range."""
-    return [all(finger) for finger in at_rail(raw).tolist()]
 
 
 def at_rail(raw: NDArray[np.int16]) -> NDArray[np.bool_]:

@@ -35,7 +35,8 @@ class Trace:
                 self.commanded_force_n = max(self.commanded_force_n, issued.applied.force_n)
         self.peak_measured_n = max(self.peak_measured_n, *tick.measured_n)
         if tick.frame is not None:
-            a, b, c = map(max, self.taxels_at_rail, at_rail(tick.frame.raw).sum(axis=1).tolist())
+            railed = map(sum, at_rail(tick.frame.raw).tolist())
+            a, b, c = map(max, self.taxels_at_rail, railed)
             self.taxels_at_rail = a, b, c
         self._compensated = self._compensated or phase is Phase.COMPENSATE
         if phase in AIRBORNE_PHASES and phase is not Phase.LOWER:
