@@ -12,12 +12,64 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-WANDER_MM, FAST_S, SLOW_S, MODE_MM, MODE_RADPS, MODE_DAMPING = range(6)
-PARAMETERS = 6
+(
+    WANDER_MM, FAST_S, SLOW_S, MODE_MM, MODE_RADPS, MODE_DAMPING, SWAY_MM, LEVER_X, LEVER_Y,
+) = range(9)  # fmt: skip
+PARAMETERS = 9
 # Of each pad: wander of either memory with what drives it, and the arm's mode.
 FAST, FAST_DRIVE, SLOW, SLOW_DRIVE, MODE_COS, MODE_SIN = range(6)
 DISTURBANCE = 6
 JITTERS = 4  # of each pad: shift along x and y, rocking along x and y
+
+
+@njit(cache=True)
+def shake(
+    p: Floats, dt_s: float, arm_moves: bool, draws: Floats, disturbance: Floats,
+    normal_n: Floats, hung: bool, mounts: Floats, stiffness: Floats, pull: Floats, sides: Floats,
+    motion: Floats, shaking: Floats, shift: Floats, totals: Floats, swayed: Floats,
+) -> None:  # fmt: skip
+    """Over dt_s, from loads normal_n (F,) and motion (F, 2) as the scene has them to totals (F,)
+    and swayed (F, 2) of pads that are shaken. arm_moves, draws, disturbance as in ``disturb``.
+
+    stiffness (F,), N/mm, and pull (F, 2), N, of the springs in touch; mounts (F,) N/mm. sides (F,),
+    +1 or -1, of the free object that the pads hold; empty: it is fixed. hung: loads of mounts at
+    approach zero, of either sign. shaking (F, 2): unit vectors along which the arm's mode sways the
+    pads; shift (F, 2): what moves them besides, mm.
+    """
+    added = np.empty(normal_n.shape[0])
+    disturb(p, dt_s, arm_moves, draws, disturbance, added)
+    free = sides.shape[0] > 0
+    for f in range(added.shape[0]):
+        # in a series of springs, the base moves as much more as the mount gives way
+        added[f] *= stiffness[f] + mounts[f]
+        if free:
+            added[f] -= p[LEVER_X] * pull[f, 0] + p[LEVER_Y] * pull[f, 1]
+    if free:
+        added = on_a_free_object(added, stiffness, sides)
+    for f in range(added.shape[0]):
+        totals[f] = normal_n[f] + added[f]
+        if not hung:
+            totals[f] = max(totals[f], 0.0) if normal_n[f] > 0.0 else 0.0
+        sway_mm = p[SWAY_MM] * disturbance[MODE_SIN, f]
+        for c in range(2):
+            swayed[f, c] = motion[f, c] + sway_mm * shaking[f, c] + shift[f, c]
+
+
+@njit(cache=True)
+def on_a_free_object(added_n: Floats, stiffness: Floats, sides: Floats) -> Floats:
+    """Loads (F,) that pads on either side (+1 or -1) of a free object gain when each would gain
+    added_n (F,) on a fixed one: the object gives way until both sides gain alike. stiffness (F,):
+    of each pad's springs in touch, any unit; 0 without touch, and nothing is gained there."""
+    out = np.zeros(added_n.shape[0])
+    push, whole = 0.0, 0.0
+    for f in range(added_n.shape[0]):
+        if stiffness[f] > 0.0:
+            push += sides[f] * added_n[f]
+            whole += stiffness[f]
+    for f in range(added_n.shape[0]):
+        if stiffness[f] > 0.0:
+            out[f] = added_n[f] - sides[f] * stiffness[f] * push / whole
+    return out
 
 
 @njit(cache=True)

@@ -31,6 +31,7 @@ FOLD = 1 << 9  # the authors' driver takes ten bits for a signed number, and its
 TEMPERATURE_CODE = 498  # 25 degrees
 TEMPERATURE_CODES_PER_K = -5.35
 PRESSURE_COUNTS_PER_K = 1.6
+FIXED = np.empty(0)  # sides of an object that does not give way
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
@@ -130,6 +131,7 @@ class Fingertips:
         self._t_s = 0.0
         self._disturbance = np.zeros((disturbance.DISTURBANCE, n))
         self._jitter = np.zeros((n, disturbance.JITTERS, 2))
+        self._still = np.zeros((n, 2))
         self._totals = np.zeros(n)
         self._given = np.zeros(n)  # no mount: the load is what it is said to be
         self._motion = np.zeros((n, 2))
@@ -161,23 +163,16 @@ class Fingertips:
             return
         row, n = self._draw(), self._pads
         self._noise = row[4 * n + 2 :].reshape(n, -1)
+        hung = mount_npmm is not None
         mounts = self._given if mount_npmm is None else mount_npmm
-        pressed = np.empty(n)
-        disturbance.disturb(
-            self._disturbing, dt_s, arm_moves, row, self._disturbance, pressed
-        )  # fmt: skip
-        # in a series of springs, the base moves as much more as the mount gives way
-        stiffness = self._states[:, bed.STIFFNESS]
-        added = (stiffness + mounts) * pressed
-        if sides is not None:
-            lever = np.array([self._settings.lever_x, self._settings.lever_y])
-            added = on_a_free_object(added - self.friction_n @ lever, stiffness, sides)
-        totals = np.where(normal_n > 0.0, np.maximum(normal_n + added, 0.0), 0.0)
-        if mount_npmm is not None:
-            totals = normal_n + added
-        sway = self._settings.sway_mm * self._disturbance[disturbance.MODE_SIN, :, None]
         shift, rocked = self._jitters(dt_s)
-        motion = motion_mm + sway * self._shaking + shift
+        totals, motion = np.empty(n), np.empty((n, 2))
+        disturbance.shake(
+            self._disturbing, dt_s, arm_moves, row, self._disturbance,
+            normal_n, hung, mounts, self._states[:, bed.STIFFNESS],
+            self._states[:, bed.PULL_X : bed.PULL_Y + 1], FIXED if sides is None else sides,
+            motion_mm, self._shaking, shift, totals, motion,
+        )  # fmt: skip
         bed.advance(
             self._parameters, dt_s, self._totals, totals, mounts, motion - self._motion,
             turn_rad - self._turn, rocked, self._centre, centre_mm, self._surfaces, self._fields,
@@ -189,9 +184,10 @@ class Fingertips:
     def _jitters(self, dt_s: float) -> tuple[Floats, Floats]:
         """Small motions of the pads sideways (F, 2), mm, and about their axes (F, 2), rad."""
         s = self._settings
-        if self._jitter_rng is not None:
-            draws = self._jitter_rng.standard_normal(self._jitter.shape)
-            disturbance.jitter(dt_s, s.jitter_s, draws, self._jitter)
+        if self._jitter_rng is None:
+            return self._still, self._still
+        draws = self._jitter_rng.standard_normal(self._jitter.shape)
+        disturbance.jitter(dt_s, s.jitter_s, draws, self._jitter)
         unit = math.sqrt(2.0) * self._jitter[:, :, 0]
         return s.shift_mm * unit[:, :2], s.rock_rad * unit[:, 2:]
 
@@ -206,19 +202,17 @@ class Fingertips:
 
     def codes(self) -> tuple[Codes, Codes]:
         """Pressure and temperature codes (F, taxels) as of the last ``advance``."""
-        s = self._settings
-        fall = np.empty((self._pads, len(self._taxels)))
+        s, shape = self._settings, self._noise.shape
+        fall, pressure = np.empty(shape), np.empty(shape, np.int16)
         bed.kernel_sums(self._parameters, self._springs, self._at, self._taxels, fall)
         warming = s.warming_k * -math.expm1(-self._t_s / s.warming_s)
-        exact = self.rest - fall + PRESSURE_COUNTS_PER_K * warming + s.noise_counts * self._noise
-        pressure = np.minimum(np.maximum(np.rint(exact), 0.0), CODE_MAX)
-        if s.fold_above_512:
-            pressure = np.where(pressure > FOLD, 2 * FOLD - pressure, pressure)
-        temperature = round(TEMPERATURE_CODE + TEMPERATURE_CODES_PER_K * warming)
-        return (
-            pressure.astype(np.int16),
-            np.full(fall.shape, temperature, np.int16),
-        )
+        bed.convert(
+            self.rest, fall, PRESSURE_COUNTS_PER_K * warming, s.noise_counts, self._noise,
+            CODE_MAX, FOLD if s.fold_above_512 else CODE_MAX, pressure,
+        )  # fmt: skip
+        temperature = np.empty(shape, np.int16)
+        temperature.fill(round(TEMPERATURE_CODE + TEMPERATURE_CODES_PER_K * warming))
+        return pressure, temperature
 
     @property
     def load_n(self) -> Floats:
@@ -259,18 +253,6 @@ class Fingertips:
         return out
 
 
-def on_a_free_object(added_n: Floats, stiffness: Floats, sides: Floats) -> Floats:
-    """Loads (F,) that pads on either side (+1 or -1) of a free object gain when each would gain
-    added_n (F,) on a fixed one: the object gives way until both sides gain alike. stiffness (F,):
-    of each pad's springs in touch, any unit; 0 without touch, and nothing is gained there."""
-    touching = stiffness > 0.0
-    if not touching.any():
-        return np.zeros_like(added_n)
-    gained = np.where(touching, added_n, 0.0)
-    out: Floats = gained - sides * stiffness * (sides @ gained) / stiffness.sum()
-    return out
-
-
 def _parameters(s: FingertipSettings) -> Floats:
     cells = _cells(s.pad_half_length_mm, s) * _cells(s.pad_half_width_mm, s)
     stiffness = s.foundation_n_per_mm3 * 4 * s.pad_half_length_mm * s.pad_half_width_mm / cells
@@ -288,5 +270,5 @@ def _parameters(s: FingertipSettings) -> Floats:
 def _disturbing(s: FingertipSettings) -> Floats:
     return np.array([
         s.wander_mm, s.wander_fast_s, s.wander_slow_s, s.vibration_mm,
-        2 * math.pi * s.vibration_hz, s.vibration_damping,
+        2 * math.pi * s.vibration_hz, s.vibration_damping, s.sway_mm, s.lever_x, s.lever_y,
     ])  # fmt: skip

@@ -25,6 +25,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
+Codes = NDArray[np.int16]
+Rests = NDArray[np.int64]
 
 # Layout of the parameter vector, one for all pads,
 (
@@ -339,3 +341,16 @@ def kernel_sums(p: Floats, springs: Floats, at: Floats, taxels: Floats, out: Flo
                 if a * rr > NEGLIGIBLE:
                     out[f, i] += load * p[NORMAL_PEAK] * math.exp(a * rr)
                     out[f, i] += (qx * x + qy * y) * p[SHEAR_PEAK] * math.exp(b * rr)
+
+
+@njit(cache=True)
+def convert(
+    rest: Rests, fall: Floats, warm: float, noise_counts: float, noise: Floats, most: int,
+    fold: int, out: Codes,
+) -> None:  # fmt: skip
+    """Whole codes (F, taxels) from 0 to most; those above fold come back down from it."""
+    for f in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            exact = rest[f, i] - fall[f, i] + warm + noise_counts * noise[f, i]
+            code = min(max(int(np.rint(exact)), 0), most)
+            out[f, i] = 2 * fold - code if code > fold else code

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from scenarios.world import spring_bed as bed
-from scenarios.world.fingertip import Fingertips, Floats, on_a_free_object
+from scenarios.world.disturbance import on_a_free_object
+from scenarios.world.fingertip import Fingertips, Floats
 from scenarios.world.fingertip_settings import FingertipSettings, Surface
 
 STILL = {
