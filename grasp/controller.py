@@ -443,9 +443,12 @@ class GraspController:
         stale_ns = self._settings.stale_after_s * 1e9
         arm, hand = self._safe.missing_of_arm(seen, stale_ns), self._safe.missing_of_hand(seen)
         self.unreached = (*arm, *hand)
-        if not self.unreached or self._lasted(seen, self._settings.safe_state_s):
+        # what the hand was told before may set it going once more, though its status says it rests
+        due = seen.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9
+        reached = not self.unreached and (due or self._safe.leaves_hand)
+        if reached or self._lasted(seen, self._settings.safe_state_s):
             self._pursued = True
-        elif not seen.pending and seen.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9:
+        elif self.unreached and due and not seen.pending:
             self._ask(seen)
 
     def _ask(self, seen: Observation) -> None:

@@ -114,3 +114,25 @@ def test_hand_that_loses_the_closing_itself_is_told_again(ms: int) -> None:
     closed_again(staged, staged.run(when, hear))
     closes = [i for t in staged.ticks for i in t.issued if isinstance(i.admitted, CloseFast)]
     assert len(closes) > 1
+
+
+@pytest.mark.parametrize("latency_s", [0.0, 0.03, 0.07])
+def test_run_has_not_ended_while_an_opening_whose_reply_was_lost_still_sets_the_hand_going(
+    latency_s: float,
+) -> None:
+    staged = Staged(f"hand.command_latency_s={latency_s}", "controller.lift_height_m=0.05")
+
+    def act(rig: Rig) -> None:
+        transport = rig.devices.gripper._exchange._transport  # type: ignore[attr-defined]
+        whole = transport.write
+
+        def write(first: int, registers: Any, now_ns: int) -> None:
+            whole(first, registers, now_ns)
+            transport.write = whole
+            raise LinkLost("gripper: no answer", "check cable, power and address")
+
+        transport.write = write
+
+    trial = staged.run(in_phase(Phase.LOWER, 5), act)  # the next that is written opens the hand
+    assert trial.controller.machine.before is Phase.RELEASE
+    assert not fault.cell(staged.rig).gripper.moving
