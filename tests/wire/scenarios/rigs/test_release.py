@@ -129,7 +129,7 @@ def test_run_on_a_driven_cell_is_refused_before_anything_is_opened(
     assert done.returncode == 4
     assert "is driven by process" in done.stderr
     assert lab.cell.ask("truth")["placed"] is False
-    assert not (tmp_path / "runs").exists()
+    assert not any((tmp_path / "runs").iterdir())
 
 
 def test_hand_that_is_left_closed_is_told_with_the_whole_command(lab: Lab, tmp_path: Path) -> None:
