@@ -178,7 +178,7 @@ def what_is_said_is_so(pair: Pair, end: Ended) -> str:
         and max(end.at_end.normal_n) < GRIPPED_N,
         "it feels something": "feels nothing" in hand and max(end.at_end.normal_n) > 1.0,
         "nothing was missed": "the arm still moves" in end.said.unreached and end.arm_mps == 0.0
-        and end.later_arm_mps == 0.0 and not arm.startswith("the arm is still moving"),
+        and end.later_arm_mps == 0.0 and "is still moving" not in arm,
     }  # fmt: skip
     found = [text for text, is_wrong in wrong.items() if is_wrong]
     return f"{'; '.join(found)}, but: {end.said}" if found else ""
