@@ -7,8 +7,6 @@ from grasp.commands import MoveArm, StopArm
 from grasp.doubt_settings import DoubtSettings
 
 NOWHERE: Vector3 = (0.0, 0.0, 0.0)
-STANDING_MPS = 0.001  # an arm that stands reports no more
-SAME_LINE_M = 0.001  # a target that is no further from the present line lies on it
 
 
 class ArmDoubt:
@@ -37,7 +35,7 @@ class ArmDoubt:
 
     def _way_of(self, command: MoveArm, arm: ArmState) -> "_Way":
         """With room to brake in where it has to turn round."""
-        if _lies_ahead(arm, command):
+        if _lies_ahead(arm, command, self._settings):
             return _Way(arm.position_m, command.position_m)
         speed_mps = math.hypot(*arm.velocity_mps)
         braking_m = speed_mps**2 / (2.0 * command.acceleration_mps2)
@@ -117,15 +115,15 @@ class _Way:
         return max(aside_m, away_m - self._least_m) - self._spare_m
 
 
-def _lies_ahead(arm: ArmState, command: MoveArm) -> bool:
+def _lies_ahead(arm: ArmState, command: MoveArm, s: DoubtSettings) -> bool:
     """Whether the arm stands, or goes towards there and can brake in time."""
     way = [b - a for a, b in zip(arm.position_m, command.position_m, strict=True)]
     speed_mps, way_m = math.hypot(*arm.velocity_mps), math.hypot(*way)
-    if speed_mps < STANDING_MPS:
+    if speed_mps < s.arm_standing_mps:
         return True
     along_m = sum(v * x for v, x in zip(arm.velocity_mps, way, strict=True)) / speed_mps
     aside_m = math.sqrt(max(0.0, way_m**2 - along_m**2))
-    return aside_m < SAME_LINE_M and along_m >= speed_mps**2 / (2.0 * command.acceleration_mps2)
+    return aside_m < s.arm_line_m and along_m >= speed_mps**2 / (2.0 * command.acceleration_mps2)
 
 
 def _off_line(at_m: Vector3, start_m: Vector3, end_m: Vector3) -> float:

@@ -26,7 +26,6 @@ from grasp.doubt_settings import DoubtSettings
 from grasp.phases import CONTACT_PHASES, OPEN_PHASES, Phase
 
 STOOD_STILL = "loop_stood_still"
-LIVE_TAXELS = 3  # of a fingertip that never repeats itself for long
 
 
 class Doubts:
@@ -144,7 +143,7 @@ class FingertipDoubt:
     def _patience(self, live: int) -> int:
         """Repeats of a fingertip that so many loaded taxels could end."""
         s = self._settings
-        if live >= LIVE_TAXELS:
+        if live >= s.live_taxels:
             return s.dead_samples
         return 2 * s.dead_samples if live else s.dead_unloaded_samples
 

@@ -17,8 +17,12 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     dead_samples: Annotated[
         int,
         Meta(ge=2, le=10000, description="repeats in a row of all codes of one fingertip that is "
-             "loaded at three taxels or more, twice as many at fewer; measured likewise"),
+             "loaded at live_taxels or more, twice as many at fewer; measured likewise"),
     ] = 8  # fmt: skip
+    live_taxels: Annotated[
+        int, Meta(ge=1, le=16, description="loaded taxels of a fingertip that never repeats itself "
+                  "for long; measured likewise, half of the kit's six")
+    ] = 3  # fmt: skip
     dead_unloaded_samples: Annotated[
         int,
         Meta(ge=2, le=10000, description="of one that is not: quiet by itself; "
@@ -82,6 +86,14 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     arm_moved_m: Annotated[
         float, Meta(ge=1e-6, le=0.01, description="less than this is no motion; assumed")
     ] = 0.0002
+    arm_standing_mps: Annotated[
+        float, Meta(ge=1e-5, le=0.05, description="an arm that stands reports no more; assumed, as "
+                    "ur.standing_below_mps")
+    ] = 0.001  # fmt: skip
+    arm_line_m: Annotated[
+        float, Meta(ge=1e-5, le=0.05, description="a target that is no further aside from where "
+                    "the arm is going lies ahead: it need not turn round; assumed")
+    ] = 0.001  # fmt: skip
     arm_there_m: Annotated[
         float,
         Meta(ge=1e-4, le=0.01, description="so close to its target it need not move: not more "

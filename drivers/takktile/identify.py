@@ -14,7 +14,6 @@ from drivers.takktile.protocol import Cell, Layout
 from drivers.takktile.settings import TakkTileSettings
 
 REST_FRAMES = 50
-LEAST_FALL_COUNTS = 20  # about half a newton; an untouched taxel moves by one or two
 _FIRST_FRAMES_S = 5.0
 
 
@@ -33,9 +32,11 @@ def watch(
     settings: TakkTileSettings,
     seconds: float,
     on_rest: Callable[[], None],
+    least_fall_counts: int,
     clock: Callable[[], int] = time.monotonic_ns,
 ) -> Iterator[TaxelPress]:
     """Take the rest, call ``on_rest``, then yield each press that is stronger than the one before.
+    A press is a fall of a code by ``least_fall_counts`` or more.
 
     Any live cell may answer, mapped or not. Ends after ``seconds``; stops the board in any case.
     """
@@ -52,14 +53,14 @@ def watch(
             raise DeviceFault("the tactile board sends no frames", "unplug it, plug it in again")
         rest = np.median(resting, axis=0).astype(np.int16)
         on_rest()
-        strongest = LEAST_FALL_COUNTS - 1
+        strongest = least_fall_counts - 1
         last: Cell | None = None
         for pressure in _frames(board, layout, clock() + round(seconds * 1e9), clock):
             falls = (rest - pressure)[list(layout.places)]
             worst = int(np.argmax(falls))
             cell, fall = layout.alive[worst], int(falls[worst])
-            if fall < LEAST_FALL_COUNTS:
-                strongest, last = LEAST_FALL_COUNTS - 1, None  # let go
+            if fall < least_fall_counts:
+                strongest, last = least_fall_counts - 1, None  # let go
             elif cell != last or fall > strongest:
                 strongest, last = fall, cell
                 yield TaxelPress(*cell, fall, *places.get(cell, (None, None)))

@@ -21,6 +21,7 @@ LATENCIES_MS = (0.0, 25.0, 50.0, 75.0, 100.0, 134.0, 150.0, 200.0, 250.0, 300.0,
 SPEEDS_MPS = (0.022, 0.044, 0.066, 0.11)
 FIRST_SEED = 0
 
+# Where the mark of the default loop stands in the map of hunting; it draws, and decides nothing.
 CLOSING_S = 0.05  # first grasp to the cap on a rigid object, measured on the simulated rig
 TRANSIENT_S = 0.1
 STEPS_N = (0.5, 2.0, 8.0)

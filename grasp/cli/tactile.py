@@ -6,7 +6,7 @@ import sys
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import decimal
+from grasp.cli.options import decimal, whole
 
 HELP = "set up the fingertips: USB permissions, which taxel is where"
 
@@ -31,6 +31,14 @@ def add_parser(verbs: Any) -> None:
         help="watch for N seconds (default: %(default)g)",
     )
     which.add_argument(
+        "--least-fall",
+        type=whole(2, 1023),
+        default=20,
+        metavar="COUNTS",
+        help="a code so far below its rest is a press (default: %(default)d, about half a newton; "
+        "an untouched taxel moves by one or two)",
+    )
+    which.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, nothing else"
     )
     which.set_defaults(handler=identify)
@@ -53,7 +61,10 @@ def identify(args: argparse.Namespace) -> int:
     last = None
     link = UsbLink.find(args.serial, _bus(args.url))
     try:
-        for press in watch(link, TakkTileSettings(), args.seconds, lambda: _prompt(args)):
+        watched = watch(
+            link, TakkTileSettings(), args.seconds, lambda: _prompt(args), args.least_fall
+        )
+        for press in watched:
             cell = press.row, press.column
             if cell not in strongest or press.fall_counts > strongest[cell].fall_counts:
                 strongest[cell] = press

@@ -42,6 +42,10 @@ class SessionSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     rest_timeout_s: Annotated[
         float, Meta(ge=0.5, le=60.0, description="for the rest counts; assumed")
     ] = 5.0
+    loaded_rest_max_std_counts: Annotated[
+        float, Meta(ge=1.0, le=1023.0, description="of a taxel, while rest counts are taken under "
+                    "control.residual_n; assumed: whatever a pressed fingertip may do")
+    ] = 200.0  # fmt: skip
     touch_timeout_s: Annotated[
         float, Meta(ge=1.0, le=300.0, description="from the start until something is touched, rest "
                     "counts included; assumed: 5 s, and 10 cm at control.approach_mps")

@@ -10,8 +10,6 @@ from scenarios.rigs.opening import open_press_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import PressRig
 
-LOADED_STD = 200.0  # counts; anything that a pressed fingertip may do while it is zeroed
-
 
 @contextmanager
 def open_acquire_rig(
@@ -21,7 +19,8 @@ def open_acquire_rig(
     unsteady as the force."""
     replace = msgspec.structs.replace
     if config.control.residual_n > 0.0:
-        tolerant = replace(config.tactile, rest_min_counts=0, rest_max_std_counts=LOADED_STD)
+        most = config.session.loaded_rest_max_std_counts
+        tolerant = replace(config.tactile, rest_min_counts=0, rest_max_std_counts=most)
         config = replace(config, tactile=tolerant)
     with open_press_rig(config, seed, paced, permit) as rig:
         yield rig

@@ -43,7 +43,9 @@ from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_step
 
 PRESSED_COUNTS = -100  # a taxel that is surely touched
-CLOSING_NS = 80_000_000  # how long a stand-in finger closes before it meets its object
+# How long a stand-in finger closes before it meets its object. It stands for no hand, so it is no
+# setting: what slip is registered comes from the step that never closes.
+CLOSING_NS = 80_000_000
 Counts = NDArray[np.int16]  # (fingers, taxels)
 
 

@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 
 from detector.decision import RuleSettings
+from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import DriverSettings
 from drivers.takktile.settings import TakkTileSettings
 from drivers.ur.driver import ArmSettings
+from drivers.ur.link.client import UrSettings
 from grasp.controller_settings import ControllerSettings
 from grasp.doubt_settings import DoubtSettings
 from grasp.guard import GuardSettings
@@ -32,16 +34,18 @@ from tests.unit.grasp.builders import arm
 from tests.unit.scenarios import safety_probes as on_run
 
 CLASSES = (
-    ArmSettings, ControllerSettings, DoubtSettings, DriverSettings, GuardSettings, LoopSettings,
-    RuleSettings, ScoringSettings, SlipSettings, TakkTileSettings, TapScoringSettings,
+    ArmSettings, ControllerSettings, DoubtSettings, DriverSettings, GripperCalibration,
+    GuardSettings, LoopSettings, RuleSettings, ScoringSettings, SlipSettings, TakkTileSettings,
+    TapScoringSettings, UrSettings,
 )  # fmt: skip
 SUCCESSES = (LiftOutcome.HELD, LiftOutcome.HELD_WITHIN_6CM, LiftOutcome.HELD_WITHIN_12CM)
 # Of the fingertip that presses, those that bound force, depth and speed. The others (gains, script,
 # calibration) shape a recording: what is measured of them is in scenarios/acquire/test_session.py.
+WAITS = ("retreat_mps", "stop_mps2", "stand_s", "rest_timeout_s", "loaded_rest_max_std_counts")
 PRESS_BOUNDS = {
     f"PressControlSettings.{field}"
     for field in ("force_n", "touch_n", "depth_m", "press_mps", "approach_mps")
-} | {f"SessionSettings.{field}" for field in ("retreat_mps", "stop_mps2", "stand_s")}
+} | {f"SessionSettings.{field}" for field in WAITS}
 REGISTERED = Alarm(10.03, 10.1)
 QUIET = (TapOutcome.UNMOVED_QUIET, TapOutcome.UNMOVED_REGISTERED)
 
@@ -208,6 +212,17 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
      lambda v: on_run.told_on_leaving(f"stop_mps2={v}").stopped_mps2, 0.0),
     ("SessionSettings.retreat_mps", (0.02, 0.1),
      lambda v: on_run.told_on_leaving(f"retreat_mps={v}").moved_mps, 0.0),
+    ("SessionSettings.rest_timeout_s", (1.0, 2.0), on_run.rest_awaited_s, 0.021),
+    ("SessionSettings.loaded_rest_max_std_counts", (50.0, 300.0),
+     on_run.unsteady_rest_under_load_counts, 0.0),
+    ("GripperCalibration.least_force_n", (2.0, 9.0),
+     lambda v: on_driver.calibrated(least_force_n=v).force_n(0), 1e-12),
+    ("GripperCalibration.most_force_n", (20.0, 70.0),
+     lambda v: on_driver.calibrated(most_force_n=v).force_n(255), 1e-12),
+    ("GripperCalibration.force_exponent", (0.5, 2.0), on_driver.exponent_of_force, 1e-9),
+    ("GripperCalibration.least_speed_mps", (0.01, 0.05),
+     lambda v: on_driver.calibrated(least_speed_mps=v).speed_mps(0), 1e-12),
+    ("GripperCalibration.speed_step_mps", (1e-4, 5e-4), on_driver.speed_of_a_count_mps, 1e-9),
     ("SessionSettings.stand_s", (0.5, 2.0), on_run.asked_to_stand_s, 0.041),
     ("PressControlSettings.press_mps", (0.002, 0.005),
      lambda v: on_run.pressing_mps(0.0, press_mps=v), 0.0),
@@ -226,9 +241,16 @@ ELSEWHERE = {
     "TakkTileSettings.cells": "drivers/takktile/test_driver.py",
     "TakkTileSettings.conversion_ms": "drivers/takktile/test_protocol.py",
     "TakkTileSettings.rest_reference": "drivers/takktile/test_driver.py",
+    "GripperCalibration.name": "drivers/robotiq/test_calibration.py",
+    "GripperCalibration.source": "drivers/robotiq/test_calibration.py",
+    "GripperCalibration.m_per_count": "scenarios/rigs/test_calibration.py",
+    **{
+        f"DoubtSettings.{field}": f"grasp/test_{'arm_' * field.startswith('arm_')}doubt.py"
+        for field in DoubtSettings.__struct_fields__
+    },
     **dict.fromkeys(
-        (f"DoubtSettings.{field}" for field in DoubtSettings.__struct_fields__),
-        "grasp/test_doubt.py",
+        (f"UrSettings.{field}" for field in UrSettings.__struct_fields__),
+        "drivers/ur/test_link_settings.py",
     ),
 }
 

@@ -63,9 +63,25 @@ class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     standing_below_mps: Annotated[
         float, Meta(gt=0.0, le=0.01, description="m/s that count as standing; assumed")
     ] = 0.001
+    standing_below_radps: Annotated[
+        float, Meta(gt=0.0, le=0.1, description="rad/s that count as standing; assumed: what "
+                    "standing_below_mps is at 0.2 m from the axis")
+    ] = 0.005  # fmt: skip
+    brake_again_s: Annotated[
+        float, Meta(ge=0.05, le=2.0, description="s after which a drive that still moves is told "
+                    "again to end, since a controller may miss a call; assumed")
+    ] = 0.2  # fmt: skip
+    leave_timeout_s: Annotated[
+        float, Meta(ge=0.1, le=10.0, description="s for the worker to brake in when the client is "
+                    "gone, below close_timeout_s; assumed: 1 m/s at 0.5 m/s2")
+    ] = 2.0  # fmt: skip
     close_timeout_s: Annotated[
         float, Meta(ge=0.1, le=30.0, description="s for the worker to end before it is killed")
     ] = 4.0
+
+    def __post_init__(self) -> None:
+        if self.leave_timeout_s >= self.close_timeout_s:
+            raise ValueError("leave_timeout_s must be below close_timeout_s: it kills the worker")
 
 
 class UrLink:
@@ -276,6 +292,9 @@ class UrLink:
             heartbeat_timeout_s=s.heartbeat_timeout_s,
             link_timeout_s=s.link_timeout_s,
             standing_below_mps=s.standing_below_mps,
+            standing_below_radps=s.standing_below_radps,
+            brake_again_s=s.brake_again_s,
+            leave_timeout_s=s.leave_timeout_s,
         )
 
 

@@ -42,6 +42,9 @@ class Setup(Message, frozen=True):
     heartbeat_timeout_s: float
     link_timeout_s: float
     standing_below_mps: float
+    standing_below_radps: float
+    brake_again_s: float
+    leave_timeout_s: float
 
 
 class Move(Message, frozen=True):

@@ -52,10 +52,7 @@ _RECIPE = [
     "runtime_state",
 ]
 _SETTLE_CYCLES = 4  # until a command shows in what the controller reports
-_STANDING_BELOW_RADPS = 0.005  # that count as standing
 _KICKS_PER_LIMIT = 4  # kicks in the time after which the watchdog would bite
-_LEAVE_S = 2.0  # for braking when the client is gone
-_BRAKE_AGAIN_S = 0.2  # a drive that moves on this long after it was told to end is told again
 
 
 class Channel:
@@ -106,6 +103,7 @@ class Robot:
         receive = self._receive
         x, y, z, *turning = receive.getActualTCPSpeed()
         wanted = receive.getTargetTCPSpeed()
+        setup = self._setup
         speed = max(math.hypot(x, y, z), math.hypot(*wanted[:3]))
         turn = max(math.hypot(*turning), math.hypot(*wanted[3:]))
         return State(
@@ -113,7 +111,7 @@ class Robot:
             pose=tuple(receive.getActualTCPPose()),
             velocity_mps=(x, y, z),
             turning_radps=(turning[0], turning[1], turning[2]),
-            moving=speed > self._setup.standing_below_mps or turn > _STANDING_BELOW_RADPS,
+            moving=speed > setup.standing_below_mps or turn > setup.standing_below_radps,
             robot_mode=receive.getRobotMode(),
             safety_bits=receive.getSafetyStatusBits(),
             program_running=receive.getRuntimeState() == PROGRAM_RUNNING,
@@ -218,7 +216,7 @@ class Commander:
 
     def leave(self) -> None:
         """Brake if need be, then end the program, so that nothing is left running."""
-        deadline = self._clock() + _LEAVE_S
+        deadline = self._clock() + self._setup.leave_timeout_s
         if self._driving or self.busy:
             self._stop(self._acceleration_mps2)
         while self.busy and self._clock() < deadline:
@@ -257,7 +255,7 @@ class Commander:
         """Send the motion that waits, as soon as the tool stands, if anyone still wants it."""
         if self._braking and not self.busy:
             self._end_drive()
-        elif self._braking and self._clock() - self._commanded_at > _BRAKE_AGAIN_S:
+        elif self._braking and self._clock() - self._commanded_at > self._setup.brake_again_s:
             self._brake()
         motion = self._waiting
         if motion is None or self._braking or self.busy:

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from drivers.errors import Refused, Stale
+from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import DriverSettings
 from drivers.robotiq.model.gripper import HandSettings
 from drivers.takktile.settings import TakkTileSettings
@@ -209,3 +210,23 @@ def reads_before_a_write(value: int, old_s: float) -> bool:
     made.driver.move_to((50, 50, 50), 0.11, 10.0)
     made.driver.pump(made.now_ns + round(old_s * 1e9))
     return made.driver.statistics.reads > before + 1
+
+
+# Calibration of the gripper
+
+
+def calibrated(**figures: float) -> GripperCalibration:
+    return GripperCalibration(name="own", source="measured", **{"least_force_n": 5.0, **figures})
+
+
+def exponent_of_force(v: float) -> float:
+    """How force grows from a byte to the next, from what the hand is told at a quarter of it."""
+    own = calibrated(force_exponent=v)
+    share = (own.force_n(51) - own.force_n(0)) / (own.force_n(255) - own.force_n(0))
+    return math.log(share) / math.log(51 / 255)
+
+
+def speed_of_a_count_mps(v: float) -> float:
+    own = calibrated(speed_step_mps=v)
+    assert own.speed_byte_at_most(own.least_speed_mps + 100.5 * v) == 100
+    return (own.speed_mps(255) - own.speed_mps(0)) / 255

@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.interfaces import ArmState, Detection, GripperState, TactileFrame
-from drivers.ur.model import ArmModel, ArmModelSettings
-from grasp.arm_doubt import ArmDoubt
-from grasp.commands import MoveArm, StopArm
+from drivers.interfaces import Detection, GripperState, TactileFrame
 from grasp.doubt import Doubts, FingertipDoubt, GripperDoubt, wrong_probabilities
 from grasp.doubt_settings import DoubtSettings
 from grasp.phases import CONTACT_PHASES, SAFE_PHASES, Phase
@@ -107,6 +104,18 @@ def test_patience_with_a_fingertip_follows_the_taxels_that_could_tell(
         return raw
 
     assert until_wrong([still(k) for k in range(9, 99)], **settings)[0] == after + 1
+
+
+@pytest.mark.parametrize("value", [2, 5])
+def test_live_taxels(value: int) -> None:
+    def patience(live: int) -> int:
+        raw = [codes(k) for k in range(9, 99)]
+        for each in raw:
+            each[0] = [300] * live + [450] * (6 - live)
+        settings = {"dead_samples": 8, "dead_unloaded_samples": 40, "live_taxels": value}
+        return until_wrong(raw, **settings)[0] - 1
+
+    assert (patience(value - 1), patience(value)) == (16, 8)
 
 
 def test_some_taxels_of_a_fingertip_at_the_rail_are_a_firm_grip() -> None:
@@ -303,210 +312,3 @@ def test_a_hand_that_is_not_active_obeys_nothing_and_one_with_a_fault_has_its_ow
     lost = msgspec.structs.replace(gripper(), active=False)
     assert doubted([lost]) == "gripper_inactive"
     assert doubted([msgspec.structs.replace(lost, fault=14)]) == ""
-
-
-# Arm
-
-
-def at(t_s: float, height_m: float, aside_m: float = 0.0, speed_mps: float = 0.0) -> ArmState:
-    x, y, z = arm(0).position_m
-    state = arm(round(t_s * 1e9))
-    return msgspec.structs.replace(
-        state, position_m=(x + aside_m, y, z + height_m), velocity_mps=(0.0, 0.0, speed_mps)
-    )
-
-
-def told_up(*states: ArmState, by_m: float = 0.2, **settings: Any) -> str:
-    """Name of the last doubt; the arm stands at 0 s, and is told to rise then."""
-    doubt = ArmDoubt(DoubtSettings(**settings))
-    assert doubt.see(at(0.0, 0.0), False) == ""
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + by_m), 0.1, 0.5), at(0.0, 0.0))
-    said = [doubt.see(state, False) for state in states]
-    assert not any(said[:-1])
-    return said[-1].partition(":")[0]
-
-
-SPARE_S = 2 * math.sqrt(2 * 0.0002 / 0.5)  # to turn round within what counts as no motion
-
-
-@pytest.mark.parametrize("value", [0.1, 0.5])
-def test_arm_start_s(value: float) -> None:
-    def after(s: float) -> str:
-        return told_up(at(s + SPARE_S, 0.0001), arm_start_s=value)
-
-    assert (after(value - 1e-4), after(value + 1e-4)) == ("", "arm_frozen")
-
-
-@pytest.mark.parametrize("value", [0.05, 0.3])
-def test_arm_frozen_s(value: float) -> None:
-    def after(s: float) -> str:
-        return told_up(at(0.1, 0.005), at(0.1 + s, 0.005), arm_frozen_s=value)
-
-    assert (after(value - 1e-4), after(value + 1e-4)) == ("", "arm_frozen")
-
-
-@pytest.mark.parametrize("value", [0.001, 0.005])
-def test_arm_moved_m(value: float) -> None:
-    spare_s = 2 * math.sqrt(2 * value / 0.5)
-
-    def after(m: float) -> str:
-        return told_up(at(0.26 + spare_s, m), arm_moved_m=value, arm_jump_m=0.1)
-
-    assert (after(value - 1e-5), after(value + 1e-5)) == ("arm_frozen", "")
-
-
-@pytest.mark.parametrize("value", [0.001, 0.005])
-def test_arm_there_m(value: float) -> None:
-    def standing(away_m: float) -> str:
-        states = (at(0.1, 0.01 - away_m), at(0.5, 0.01 - away_m))
-        return told_up(*states, by_m=0.01, arm_there_m=value)
-
-    assert (standing(value - 1e-5), standing(value + 1e-5)) == ("", "arm_frozen")
-
-
-@pytest.mark.parametrize("value", [0.002, 0.02])
-@pytest.mark.parametrize("way", ["back", "aside"])
-def test_arm_astray_m(value: float, way: str) -> None:
-    def gone(m: float) -> str:
-        state = at(0.1, -m) if way == "back" else at(0.1, 0.01, aside_m=m)
-        return told_up(state, arm_astray_m=value)
-
-    assert (gone(value - 1e-5), gone(value + 1e-5)) == ("", "arm_wrong_way")
-
-
-def test_an_arm_that_nobody_told_to_move_is_astray_when_it_moves() -> None:
-    doubt = ArmDoubt(DoubtSettings())
-    assert doubt.see(at(0.0, 0.0), False) == ""
-    assert doubt.see(at(0.1, 0.004), False).startswith("arm_wrong_way: ")
-
-
-def test_an_arm_that_must_brake_first_is_not_astray() -> None:
-    doubt = ArmDoubt(DoubtSettings())
-    doubt.see(at(0.0, 0.0), False)
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
-    rising = at(1.0, 0.1, speed_mps=0.1)
-    assert doubt.see(rising, False) == ""
-    doubt.told(MoveArm((x, y, z), 0.1, 0.5), rising)
-    assert doubt.see(at(1.2, 0.11), False) == ""
-    assert doubt.see(at(1.3, 0.15), False).startswith("arm_wrong_way: ")
-
-
-def falling(height_m: float = 0.1) -> ArmDoubt:
-    """It was told to go down on its way up, has braked, and comes down."""
-    doubt = ArmDoubt(DoubtSettings())
-    doubt.see(at(0.0, 0.0), False)
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
-    rising = at(1.0, height_m, speed_mps=0.1)
-    assert doubt.see(rising, False) == ""
-    doubt.told(MoveArm((x, y, z), 0.1, 0.5), rising)
-    assert doubt.see(at(1.2, height_m + 0.01), False) == ""
-    assert doubt.see(at(1.3, height_m + 0.005), False) == ""
-    return doubt
-
-
-def test_an_arm_that_has_turned_round_is_given_nothing_for_braking_any_more() -> None:
-    assert falling().see(at(1.31, 0.1055), False) == ""
-    assert falling().see(at(1.35, 0.108), False).startswith("arm_wrong_way: ")
-    assert falling().see(at(1.35, 0.100, aside_m=0.003), False).startswith("arm_wrong_way: ")
-    assert falling().see(at(1.34, 0.105), False) == ""
-    assert falling().see(at(1.37, 0.105), False).startswith("arm_frozen: ")
-
-
-def test_an_arm_that_turns_round_may_keep_its_place_for_as_long_as_that_takes() -> None:
-    def turning(s: float) -> str:
-        doubt = ArmDoubt(DoubtSettings(arm_frozen_s=0.06))
-        doubt.see(at(0.0, 0.0), False)
-        x, y, z = arm(0).position_m
-        doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
-        rising = at(1.0, 0.1, speed_mps=0.1)
-        doubt.see(rising, False)
-        doubt.told(MoveArm((x, y, z), 0.1, 0.5), rising)
-        assert doubt.see(at(1.2, 0.11), False) == ""
-        return doubt.see(at(1.2 + s, 0.11), False)
-
-    assert turning(0.06 + SPARE_S - 1e-3) == ""
-    assert turning(0.06 + SPARE_S + 1e-3).startswith("arm_frozen: ")
-
-
-@pytest.mark.parametrize("ramp_mps2", [0.05, 0.5, 3.0])
-@pytest.mark.parametrize("speed_mps", [0.005, 0.03, 0.1, 0.4])
-@pytest.mark.parametrize("delay_ms", [0, 280])
-@pytest.mark.parametrize("phase_ms", [0, 3, 7])
-def test_an_arm_that_is_turned_round_on_its_way_is_never_doubted(
-    speed_mps: float, ramp_mps2: float, delay_ms: int, phase_ms: int
-) -> None:
-    x, y, z = arm(0).position_m
-    model = ArmModel(ArmModelSettings(start_m=(x, y, z)), 0)
-    doubt = ArmDoubt(DoubtSettings())
-    told = {(0, 0): z + 0.5, (2000, 2000 + delay_ms): z}  # when told, when it is on its way
-    for now_ms in range(phase_ms, 8000, 10):
-        now_ns = now_ms * MS
-        sample = model.read(now_ns)
-        seen = msgspec.structs.replace(
-            arm(sample.t_ns), position_m=sample.position_m, velocity_mps=sample.velocity_mps
-        )
-        pending = any(due < now_ms <= sent for due, sent in told)
-        assert doubt.see(seen, pending) == "", now_ms
-        for (due, sent), height_m in told.items():
-            command = MoveArm((x, y, height_m), speed_mps, ramp_mps2)
-            if due == now_ms - phase_ms:
-                doubt.told(command, seen)
-            if sent == now_ms - phase_ms:
-                model.move_l(command.position_m, speed_mps, ramp_mps2, now_ns)
-
-
-def test_an_arm_goes_on_as_before_while_what_it_is_told_is_on_its_way() -> None:
-    def rising_on(by_m: float, aside_m: float = 0.0) -> str:
-        doubt = ArmDoubt(DoubtSettings())
-        doubt.see(at(0.0, 0.0), False)
-        x, y, z = arm(0).position_m
-        doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
-        rising = at(1.0, 0.05, speed_mps=0.1)
-        doubt.see(rising, False)
-        doubt.told(MoveArm((x, y, z), 0.1, 0.5), rising)
-        assert doubt.see(at(1.5, 0.1, speed_mps=0.1), True) == ""
-        assert doubt.see(at(2.0, 0.14, speed_mps=0.1), True) == ""
-        return doubt.see(at(2.3, 0.14 + by_m, aside_m), False)
-
-    assert rising_on(0.03) == ""  # it brakes
-    assert rising_on(0.04).startswith("arm_wrong_way: ")
-    assert rising_on(0.01, 0.04).startswith("arm_wrong_way: ")
-
-
-@pytest.mark.parametrize("value", [0.5, 2.0])
-def test_arm_fastest_mps(value: float) -> None:
-    def after(s: float) -> str:
-        return told_up(at(s, 0.11), arm_fastest_mps=value, arm_jump_m=0.01)
-
-    assert (after(0.1 / value + 1e-4), after(0.1 / value - 1e-4)) == ("", "arm_jump")
-
-
-@pytest.mark.parametrize("value", [0.005, 0.05])
-def test_arm_jump_m(value: float) -> None:
-    def leap(m: float) -> str:
-        return told_up(at(0.0, m), arm_jump_m=value)
-
-    assert (leap(value - 1e-5), leap(value + 1e-5)) == ("", "arm_jump")
-
-
-def test_an_arm_that_was_told_to_stop_may_stand_anywhere() -> None:
-    doubt = ArmDoubt(DoubtSettings())
-    doubt.see(at(0.0, 0.0), False)
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
-    doubt.see(at(0.5, 0.05), False)
-    doubt.told(StopArm(1.0), at(0.5, 0.05))
-    assert doubt.see(at(5.0, 0.05), False) == ""
-
-
-def test_a_command_on_its_way_does_not_move_the_arm_yet() -> None:
-    doubt = ArmDoubt(DoubtSettings())
-    doubt.see(at(0.0, 0.0), False)
-    x, y, z = arm(0).position_m
-    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
-    assert doubt.see(at(0.5, 0.0), True) == ""
-    assert doubt.see(at(0.6, 0.0), False) == ""
-    assert doubt.see(at(0.9, 0.0), False).startswith("arm_frozen: ")

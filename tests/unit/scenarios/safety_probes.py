@@ -1,16 +1,19 @@
 """Where a setting takes effect in a run, in a verdict, or under one fingertip that presses."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
-from drivers.interfaces import Arm, ArmState, Vector3
+from drivers.errors import Stale
+from drivers.interfaces import Arm, ArmState, TactileSensor, Vector3
 from drivers.ur.driver import ArmDriver
 from grasp.loop import ControlLoop, Tick
 from grasp.phases import Phase
+from scenarios.acquire import rig as acquire_rig
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.press import PressController, PressControlSettings, PressPhase, motion
 from scenarios.acquire.rig import open_acquire_rig
@@ -175,6 +178,48 @@ def asked_to_stand_s(v: float) -> float:
         began_ns = rig.clock.now_ns
         assert made.stand() == "the arm is still moving"
         return (rig.clock.now_ns - began_ns) * 1e-9
+
+
+class Unrested:
+    """Fingertips that never have their rest counts."""
+
+    rest_taken = False
+
+    def __init__(self, tactile: TactileSensor) -> None:
+        self._tactile = tactile
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._tactile, name)
+
+
+def rest_awaited_s(v: float) -> float:
+    settings = acquiring(f"rest_timeout_s={v}")
+    with open_acquire_rig(settings, 0, paced=False) as rig:
+        silent = msgspec.structs.replace(rig, tactile=Unrested(rig.tactile))
+        made = Session(settings, motion("0", 0.05, 1.0), 0, silent)
+        began_ns = rig.clock.now_ns
+        with pytest.raises(Stale):
+            made.run(1, from_start=True)
+        return (rig.clock.now_ns - began_ns) * 1e-9
+
+
+def unsteady_rest_under_load_counts(v: float) -> float:
+    """What the fingertips' driver is told to bear, where they are zeroed under load."""
+    settings = acquiring(f"loaded_rest_max_std_counts={v}")
+    loaded = msgspec.structs.replace(
+        settings, control=msgspec.structs.replace(settings.control, residual_n=5.0)
+    )
+    told: list[float] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(acquire_rig, "open_press_rig", lambda config, *_: opened(config, told))
+        with open_acquire_rig(loaded, 0, paced=False):
+            return told[0]
+
+
+@contextmanager
+def opened(config: AcquireConfig, told: list[float]) -> Iterator[None]:
+    told.append(config.tactile.rest_max_std_counts)
+    yield
 
 
 # Verdicts

@@ -37,6 +37,7 @@ def test_ten_newtons_are_byte_zero_of_the_paper_and_impossible_for_the_manual() 
     with pytest.raises(Refused) as refusal:
         MANUAL.byte_at_most(10.0)
     assert "15 N" in refusal.value.message
+    assert MANUAL.name in refusal.value.message and MANUAL.source in refusal.value.message
     assert "limit" in refusal.value.remedy
 
 

@@ -1,33 +1,119 @@
-"""The process that holds ur_rtde is told the settings of the link, each by its own name."""
+"""Every setting of the arm's link takes effect where its name says."""
+
+from typing import Any
 
 import msgspec
 import pytest
 
-from drivers.errors import LinkLost
+from drivers.errors import DeviceFault
 from drivers.ur.link import client
 from drivers.ur.link.client import UrLink, UrSettings
-from drivers.ur.link.messages import Setup
+from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, Setup, State
 
 SETTINGS = UrSettings(
     host="10.0.0.9", frequency_hz=100.0, tcp_offset=(0.1, 0.2, 0.3, 0.4, 0.5, 0.6),
     cog_m=(0.01, 0.02, 0.03), watchdog_hz=11.0, heartbeat_timeout_s=0.31, link_timeout_s=0.73,
-    standing_below_mps=0.004,
+    standing_below_mps=0.004, standing_below_radps=0.007, brake_again_s=0.19, leave_timeout_s=3.1,
+    step_timeout_s=1.7, start_timeout_s=12.0, command_timeout_s=2.3, stop_margin_s=0.6,
+    close_timeout_s=4.1,
+)  # fmt: skip
+SPEED_MPS, BRAKING_MPS2 = 0.2, 0.5
+MOVING = State(
+    timestamp_s=0.0, pose=(0.0,) * 6, velocity_mps=(0.0, 0.0, SPEED_MPS), turning_radps=(0.0,) * 3,
+    moving=True, robot_mode=ROBOT_RUNNING, safety_bits=0, program_running=True,
 )  # fmt: skip
 
 
-def test_the_worker_is_told_the_settings_of_the_link(monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[Setup] = []
+class Told:
+    """A worker that takes everything and whose arm goes on for ever; what it was told."""
 
-    def start(setup: Setup) -> None:
-        told.append(setup)
-        raise LinkLost("enough is known", "none")
+    state = MOVING
 
-    monkeypatch.setattr(client, "preflight", lambda *_: None)
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
+        self.seconds: dict[str, float] = {}
+
+    def wait_ready(self, timeout_s: float) -> None:
+        self.seconds["start_timeout_s"] = timeout_s
+
+    def post(self, command: Any, timeout_s: float) -> None:
+        self.seconds[f"command_timeout_s of {type(command).__name__}"] = timeout_s
+
+    def call(self, command: Any, timeout_s: float) -> Outcome:
+        self.post(command, timeout_s)
+        return Outcome.DONE
+
+    def close(self, timeout_s: float) -> None:
+        self.seconds["close_timeout_s"] = timeout_s
+
+    def next_number(self) -> int:
+        return 1
+
+    def awaits(self, number: int) -> bool:
+        return False
+
+    def beat(self) -> None: ...
+
+    def check(self) -> None: ...
+
+    def kill(self) -> None: ...
+
+    def failure(self) -> None: ...
+
+
+@pytest.fixture
+def workers(monkeypatch: pytest.MonkeyPatch) -> list[Told]:
+    """Those that were started."""
+    started: list[Told] = []
+
+    def start(setup: Setup) -> Told:
+        started.append(Told(setup))
+        return started[-1]
+
+    def preflight(host: str, step_timeout_s: float) -> None:
+        assert (host, step_timeout_s) == (SETTINGS.host, SETTINGS.step_timeout_s)
+
+    monkeypatch.setattr(client, "preflight", preflight)
     monkeypatch.setattr(client, "require", lambda _: None)
     monkeypatch.setattr(client, "WorkerProcess", start)
-    with pytest.raises(LinkLost):
-        UrLink(SETTINGS).connect()
-    (setup,) = told
-    said = msgspec.structs.asdict(setup)
+    return started
+
+
+def test_the_worker_is_told_the_settings_of_the_link(workers: list[Told]) -> None:
+    UrLink(SETTINGS).connect()
+    said = msgspec.structs.asdict(workers[0].setup)
     assert said.pop("payload_kg") is None
     assert said == {name: getattr(SETTINGS, name) for name in said}
+    assert {"standing_below_radps", "brake_again_s", "leave_timeout_s"} <= said.keys()
+
+
+def test_each_wait_is_that_of_its_own_name(workers: list[Told]) -> None:
+    with UrLink(SETTINGS) as link:
+        link.set_payload(1.0)
+        link.move_l((0.0, 0.0, 0.1), 0.1, 0.5, 0)
+        link.speed_l((0.0, 0.0, 0.1), 0.0, 0.5, 0)
+        link.stop_l(BRAKING_MPS2, 0)
+    commands = ("SetPayload", "Move", "DriveArm", "Stop")
+    assert workers[0].seconds == {
+        "start_timeout_s": SETTINGS.start_timeout_s,
+        "close_timeout_s": SETTINGS.close_timeout_s,
+        **{f"command_timeout_s of {name}": SETTINGS.command_timeout_s for name in commands},
+    }
+
+
+@pytest.mark.parametrize("stop_margin_s", [0.3, 1.5])
+def test_a_stop_may_take_what_braking_does_and_its_margin(
+    workers: list[Told], stop_margin_s: float
+) -> None:
+    link = UrLink(msgspec.structs.replace(SETTINGS, stop_margin_s=stop_margin_s))
+    link.connect()
+    link.stop_l(BRAKING_MPS2, 0)
+    due_s = SPEED_MPS / BRAKING_MPS2 + stop_margin_s
+    link.read(round((due_s - 1e-3) * 1e9))
+    with pytest.raises(DeviceFault, match="did not stop"):
+        link.read(round((due_s + 1e-3) * 1e9))
+
+
+def test_a_worker_is_not_killed_while_it_may_still_brake() -> None:
+    with pytest.raises(ValueError, match="leave_timeout_s must be below close_timeout_s"):
+        UrSettings(leave_timeout_s=4.0, close_timeout_s=4.0)

@@ -28,6 +28,9 @@ SETUP = messages.Setup(
     heartbeat_timeout_s=0.2,
     link_timeout_s=1.0,
     standing_below_mps=0.001,
+    standing_below_radps=0.005,
+    brake_again_s=0.2,
+    leave_timeout_s=2.0,
 )
 
 
