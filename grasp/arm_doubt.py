@@ -128,9 +128,10 @@ def _lies_ahead(arm: ArmState, command: MoveArm, s: DoubtSettings) -> bool:
 
 def _off_line(at_m: Vector3, start_m: Vector3, end_m: Vector3) -> float:
     """Distance from the straight line between two points, its ends included."""
-    way = [b - a for a, b in zip(start_m, end_m, strict=True)]
-    gone = [b - a for a, b in zip(start_m, at_m, strict=True)]
-    square = sum(x * x for x in way)
-    share = sum(x * y for x, y in zip(way, gone, strict=True)) / square if square else 0.0
+    x0, y0, z0 = start_m
+    x, y, z = end_m[0] - x0, end_m[1] - y0, end_m[2] - z0
+    gone = u, v, w = at_m[0] - x0, at_m[1] - y0, at_m[2] - z0
+    square = x * x + y * y + z * z
+    share = (x * u + y * v + z * w) / square if square else 0.0
     share = min(max(share, 0.0), 1.0)
-    return math.dist(gone, [share * x for x in way])
+    return math.dist(gone, (share * x, share * y, share * z))

@@ -260,4 +260,4 @@ def _counted(counts: Sequence[int], seen: Sequence[bool]) -> list[int]:
 def _names(counts: Sequence[float], least: Sequence[float]) -> str:
     """Fingers whose count has reached so much."""
     reached = zip(FINGER_NAMES, counts, least, strict=True)
-    return ", ".join(name for name, count, enough in reached if count >= enough)
+    return ", ".join([name for name, count, enough in reached if count >= enough])

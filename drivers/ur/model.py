@@ -67,6 +67,12 @@ class Segment(msgspec.Struct, frozen=True):
     def velocity(self, t_ns: int) -> Vector3:
         return _ahead(self.velocity_mps, self.acceleration_mps2, (t_ns - self.start_ns) * 1e-9)
 
+    def upright(self, t_ns: int) -> tuple[float, float]:
+        """Height, m, and speed upwards, m/s: the last of ``position`` and of ``velocity``."""
+        t = (t_ns - self.start_ns) * 1e-9
+        z, w, c = self.origin_m[2], self.velocity_mps[2], self.acceleration_mps2[2]
+        return z + (w + 0.5 * c * t) * t, w + c * t
+
 
 class Turn(msgspec.Struct, frozen=True):
     """The same about the tool's axis."""
@@ -170,6 +176,10 @@ class ArmModel:
 
     def velocity(self, t_ns: int) -> Vector3:
         return self._at(t_ns).velocity(t_ns)
+
+    def upright(self, t_ns: int) -> tuple[float, float]:
+        """Height, m, and speed upwards, m/s."""
+        return self._at(t_ns).upright(t_ns)
 
     def angle(self, t_ns: int) -> float:
         """Turn of the tool about its own axis since the start, rad."""

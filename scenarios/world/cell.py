@@ -94,6 +94,8 @@ class SimulatedCell:
         self._frames = PadFrames.at(angle)
         self._turn = np.full(FINGERS, angle)  # the surface's x is the object's upwards
         self.contact = Contact(settings.contact, settings.body, settings.level, settings.blow_level)
+        # views of the contact's state, and so always as it stands
+        self._loads = FingerLoads(self.contact.normal_n, self.contact.stiffness_npm)
         self._offset_m = settings.finger_offset_m
         self._travel_m = self.gripper.travel_m + self._offset_m
 
@@ -128,9 +130,9 @@ class SimulatedCell:
     def _advance_to(self, end_ns: int) -> None:
         t0, t1 = self._now_ns, end_ns
         before = self._travel_m
-        self.gripper.advance(t1, FingerLoads(self.contact.normal_n, self.contact.stiffness_npm))
+        self.gripper.advance(t1, self._loads)
         self._travel_m = self.gripper.travel_m + self._offset_m
-        height, rise_mps = self.arm.position(t1)[2], self.arm.velocity(t1)[2]
+        height, rise_mps = self.arm.upright(t1)
         self.contact.advance(
             (t0 - self._start_ns) * 1e-9, (t1 - t0) * 1e-9,
             height - self._arm_height_m, self._arm_rise_mps, rise_mps,
