@@ -119,6 +119,13 @@ def test_position_and_velocity_never_jump_whatever_is_commanded(commands, t_ns, 
     assert change <= a * dt + 1e-7
 
 
+@given(commands, instants)
+def test_height_and_rise_are_the_last_of_position_and_velocity(commands, t_ns):
+    model = arm()
+    obey(model, commands)
+    assert model.upright(t_ns) == (model.position(t_ns)[2], model.velocity(t_ns)[2])
+
+
 @given(commands)
 def test_a_command_leaves_the_past_and_the_present_cycle_as_they_were(commands):
     model = arm()
