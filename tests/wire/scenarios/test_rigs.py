@@ -70,6 +70,8 @@ def lab_file(path: Path, endpoints: dict[str, Any]) -> Path:
         f'[ur]\nhost = "{arm["host"]}"\nwatchdog_hz = 4.0\nheartbeat_timeout_s = 0.5\n'
         "[arm]\nstale_after_s = 0.5\n[controller]\nstale_after_s = 0.5\n"
         "[tactile]\nstale_after_missed = 20\nmax_age_ms = 200\n"
+        "[doubt]\nstandstill_s = 0.4\ndetector_s = 0.3\necho_s = 0.5\nfinger_start_s = 0.6\n"
+        "stands_s = 0.4\narm_start_s = 0.6\narm_frozen_s = 0.3\n"
     )
     return path
 
