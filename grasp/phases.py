@@ -153,16 +153,3 @@ class _Model:
     """What `transitions` hangs the state on."""
 
     state: str
-
-
-def mermaid() -> str:
-    """State diagram of the table, in Mermaid's language."""
-    lines = ["stateDiagram-v2", "    [*] --> idle"]
-    for trigger, sources, dest in TRANSITIONS:
-        if trigger in (Trigger.FAIL, Trigger.STOP):
-            lines.append(
-                f"    note right of {dest.value}: {trigger.value} leads here from every phase"
-            )
-            continue
-        lines += [f"    {s.value} --> {dest.value}: {trigger.value}" for s in sources]
-    return "\n".join(lines) + "\n"

@@ -160,24 +160,18 @@ def evaluate_streams(
     that hears the pad shear before `slip_true` is early, not false. Raises ValueError if nothing is
     left to score.
     """
-    if events is None:
-        shear = EventSettings(early_s=PRE_SLIDING_S)
-        events = shear if streams[0].label == "slip_true" else EventSettings()
-    for s in streams:
-        if not 0 <= first_sample < len(s.recording.t_s):
-            count = len(s.recording.t_s)
-            raise ValueError(f"no sample left: {count} in all, first {first_sample}")
-    judged = [judge_stream(s, rule, events, first_sample) for s in streams]
+    _refuse_to_score_nothing(streams, first_sample)
+    how = events or _events_by_label(streams[0].label)
+    judged = [judge_stream(s, rule, how, first_sample) for s in streams]
     parts = [(s.probabilities.max(axis=1)[first_sample:], s.labels[first_sample:]) for s in streams]
     p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
     verdicts = p > detector.threshold
     distances = [edge_distance_ms(s.recording.t_s, s.labels)[first_sample:] for s in streams]
     cells = confusion(verdicts, labels)
-    intervals = (
-        stroke_intervals(p, labels, detector.threshold)
-        if len(streams) == 1
-        else recording_intervals(parts, judged, detector.threshold)
-    )
+    if len(streams) == 1:
+        intervals = stroke_intervals(p, labels, detector.threshold)
+    else:
+        intervals = recording_intervals(parts, judged, detector.threshold)
     return Evaluation(
         **msgspec.structs.asdict(pooled(judged)),
         detector=detector.name,
@@ -202,6 +196,17 @@ def evaluate_streams(
         confusion=cells,
         recordings=len(streams),
     )
+
+
+def _refuse_to_score_nothing(streams: Sequence[Streamed], first_sample: int) -> None:
+    for count in (len(s.recording.t_s) for s in streams):
+        if not 0 <= first_sample < count:
+            raise ValueError(f"no sample left: {count} in all, first {first_sample}")
+
+
+def _events_by_label(label: str) -> EventSettings:
+    shear = EventSettings(early_s=PRE_SLIDING_S)
+    return shear if label == "slip_true" else EventSettings()
 
 
 def evaluate_recording(

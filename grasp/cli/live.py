@@ -60,7 +60,7 @@ class Display:
     def setting_up(self, hand: bool = True) -> None:
         """Say that the rig is being opened, which may take a while; ``hand``: with a gripper."""
         more = _HAND[self._rig] if hand else ""
-        self._tell(view.Busy(f"setting up: {_SETTING_UP[self._rig]}{more}"))
+        self.tell(view.Busy(f"setting up: {_SETTING_UP[self._rig]}{more}"))
 
     def tick(self, tick: Tick) -> None:
         """Show one tick, if it is time or something happened."""
@@ -81,7 +81,7 @@ class Display:
 
     def note(self, text: str) -> None:
         """A line between two runs."""
-        self._tell(view.Note(text))
+        self.tell(view.Note(text))
 
     def _show(self, message: view.Message) -> None:
         """During a run. A screen that is gone must not stop it: nothing more is shown then."""
@@ -93,7 +93,8 @@ class Display:
             except OSError:
                 self._here = None
 
-    def _tell(self, message: view.Message) -> None:
+    def tell(self, message: view.Message) -> None:
+        """To whoever draws: a process of its own, or this one."""
         if self._there is not None:
             self._there.tell(message)
         else:

@@ -13,13 +13,13 @@ class TerminalOperator:
     """Asks on standard error and listens on standard input, neither of which ever blocks."""
 
     def __init__(self) -> None:
-        self._typed = b""
+        self.typed = b""  # and not yet polled
         self._gone = False
 
     def say(self, text: str) -> None:
         """Ask; what was typed before the question is no answer to it."""
         self._read()
-        self._typed = b""
+        self.typed = b""
         self._print(text)
 
     def poll(self) -> str | None:
@@ -27,15 +27,15 @@ class TerminalOperator:
         left."""
         if self._gone:
             return None
-        ended = b"\n" not in self._typed and not self._read()
-        if ended and b"\n" not in self._typed:
+        ended = b"\n" not in self.typed and not self._read()
+        if ended and b"\n" not in self.typed:
             self._gone = True
             self._print("standard input has ended")
             raise KeyboardInterrupt
-        line, newline, rest = self._typed.partition(b"\n")
+        line, newline, rest = self.typed.partition(b"\n")
         if not newline:
             return None
-        self._typed = rest
+        self.typed = rest
         return line.decode(errors="replace")
 
     def _print(self, text: str) -> None:
@@ -54,5 +54,5 @@ class TerminalOperator:
                 return False
             if not some:
                 return False
-            self._typed = (self._typed + some)[-LINE:]
+            self.typed = (self.typed + some)[-LINE:]
         return True

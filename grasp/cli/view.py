@@ -154,7 +154,7 @@ class Panel:
         self._stop_waiting()
         self._live.start()  # with the first one; does nothing afterwards
         if seen.news:
-            self._live.console.print(_short_line(seen), highlight=False)
+            self._live.console.print(short_line(seen), highlight=False)
         self._last = seen
         self._live.update(panel(seen, self._live.console.width), refresh=True)
 
@@ -179,7 +179,7 @@ def _line(seen: Glimpse) -> str:
     return f"{seen.t_s:7.2f} s  {seen.phase:<10}  {fingers}  slip {seen.slip}"
 
 
-def _short_line(seen: Glimpse) -> str:
+def short_line(seen: Glimpse) -> str:
     """For the log above a panel, which has the rest: at most 80 columns."""
     pairs = zip(FINGER_NAMES, seen.measured_n, strict=True)
     forces = "  ".join(f"{name} {force:4.1f}" for name, force in pairs)

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from detector.scores.quantiles import quantile
 from scenarios.campaign.paper import log_multinomial, paper_counts
 from scenarios.campaign.spec import DRAW
 from scenarios.campaign.summary import Variant, paper_rate
@@ -102,14 +103,18 @@ def _unknowns(variant: Variant) -> dict[str, float]:
     return {key: float(value) for key, value in swept.items() if key != DRAW}
 
 
+def _median(values: list[float]) -> float:
+    return quantile(sorted(values), 0.5)
+
+
 def _cell(scenario: str, name: str, draws: Sequence[Variant]) -> CellRange:
     cells = [cell for v in draws for cell in v.cells if cell.object == name]
     rates = [cell.rate for cell in cells if cell.trials] or [math.nan]
     of_all = [cell.rate_of_all for cell in cells]
     paper = paper_rate(scenario, name)
     return CellRange(
-        object=name, least=min(rates), median=float(np.median(rates)), most=max(rates),
-        of_all=(min(of_all), float(np.median(of_all)), max(of_all)),
+        object=name, least=min(rates), median=_median(rates), most=max(rates),
+        of_all=(min(of_all), _median(of_all), max(of_all)),
         between=between([(cell.successes, cell.trials) for cell in cells]), paper=paper,
         inside=paper is not None and min(rates) <= paper <= max(rates),
     )  # fmt: skip

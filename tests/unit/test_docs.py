@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from grasp.phases import mermaid
+from grasp.phases import TRANSITIONS, Trigger
 from grasp.settings import names
 from scenarios.campaign.config import load_config
 from scenarios.lift.scoring import LiftOutcome
@@ -14,6 +14,19 @@ ROOT = Path(__file__).parents[2]
 
 def read(name: str) -> str:
     return (ROOT / name).read_text(encoding="utf-8")
+
+
+def mermaid() -> str:
+    """State diagram of the table of phases, in Mermaid's language."""
+    lines = ["stateDiagram-v2", "    [*] --> idle"]
+    for trigger, sources, dest in TRANSITIONS:
+        if trigger in (Trigger.FAIL, Trigger.STOP):
+            lines.append(
+                f"    note right of {dest.value}: {trigger.value} leads here from every phase"
+            )
+            continue
+        lines += [f"    {s.value} --> {dest.value}: {trigger.value}" for s in sources]
+    return "\n".join(lines) + "\n"
 
 
 def test_state_diagram_is_the_one_of_the_table() -> None:

@@ -14,6 +14,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
+from detector.scores.quantiles import quantile
 from drivers.errors import ConfigError
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.lift import lift
@@ -237,8 +238,7 @@ def _over(
 
 
 def _spread(errors: Sequence[float | None], scale: float) -> str:
-    known = [scale * e for e in errors if e is not None]
+    known = sorted(scale * e for e in errors if e is not None)
     if not known:
         return "-"
-    median, most = np.percentile(known, (50, 95))
-    return f"{median:.2f}, {most:.2f}"
+    return f"{quantile(known, 0.5):.2f}, {quantile(known, 0.95):.2f}"

@@ -124,7 +124,7 @@ def _explicit(
 
 
 @njit(cache=True)
-def _exponential(
+def exponential_step(
     p: Floats, x: Floats, h: float, hand: float, down: float, n: Floats, resting: bool
 ) -> None:
     """EXP2: two sweeps; bristles exact for the middle speed, the new speed linear in the force."""
@@ -192,7 +192,7 @@ def _follow(
             order = 1 if method == 0 else 4
             _explicit(p, x, h, j, hand, down, normal, resting, order, k, trial)
         elif method == 2:
-            _exponential(p, x, h, hand[middle], down[middle], normal[middle], resting)
+            exponential_step(p, x, h, hand[middle], down[middle], normal[middle], resting)
         else:
             _regular(p, x, h, hand[end], down[middle], normal[end], resting, method == 4)
         if not abs(x[1]) < 1e6:

@@ -43,7 +43,7 @@ def test_program_that_types_without_end_keeps_nobody(monkeypatch: pytest.MonkeyP
         person = TerminalOperator()
         for _ in range(100):
             assert person.poll() is None
-        assert len(person._typed) <= LINE
+        assert len(person.typed) <= LINE
 
 
 def test_bytes_that_are_no_text_are_a_line_all_the_same(typed: int) -> None:

@@ -31,7 +31,7 @@ def test_bars_are_whole_whatever_the_width(width: int) -> None:
 
 
 def test_line_above_the_panel_fits_eighty_columns() -> None:
-    line = view._short_line(SLIPPING)
+    line = view.short_line(SLIPPING)
     assert len(line) <= 80
     assert "REGISTERED (masked)" in line and "10.0" in line
 
@@ -43,7 +43,7 @@ def test_setting_up_is_one_line_and_speaks_of_a_gripper_only_where_one_is_opened
 ) -> None:
     told: list[view.Message] = []
     display = live.Display(rig, quiet=True)
-    monkeypatch.setattr(display, "_tell", told.append)
+    monkeypatch.setattr(display, "tell", told.append)
     display.setting_up(hand)
     (busy,) = told
     assert isinstance(busy, view.Busy)

@@ -94,7 +94,7 @@ def lugre_on_a_belt(stiffness_npm: float, step_s: float) -> float:
     x, n, z = np.zeros(5), np.array([10.0, 0.0, 0.0]), []
     for _ in range(round(1.0 / step_s)):
         down = SPRING_NPM * x[0] - MASS_KG * GRAVITY_MPS2
-        comparators._exponential(p, x, step_s, BELT_MPS, down, n, False)
+        comparators.exponential_step(p, x, step_s, BELT_MPS, down, n, False)
         z.append(x[0])
     return period(np.array(z), step_s)
 
