@@ -11,7 +11,7 @@ from grasp.guard import ForceGuard, GuardSettings
 from grasp.phases import Phase
 from grasp.slip import SlipMonitor, SlipSettings
 from tests.unit.grasp.builders import arm, gripper
-from tests.unit.grasp.test_controller import TICK, Driver
+from tests.unit.grasp.controller_driver import TICK, Driver
 
 MS = 1_000_000
 ZERO = (0.0, 0.0, 0.0)

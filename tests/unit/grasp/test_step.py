@@ -18,7 +18,7 @@ from grasp.phases import Phase
 from grasp.slip import DISARMED
 from grasp.step import GraspStep
 from tests.unit.grasp.builders import arm, frame, gripper
-from tests.unit.grasp.test_controller import TICK, Driver
+from tests.unit.grasp.controller_driver import TICK, Driver
 
 CLOSE = CloseFast(8.0, (True, True, True), (255, 255, 255), 0.1)
 LET = OpenFingers(0.05)

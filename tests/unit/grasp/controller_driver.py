@@ -1,0 +1,95 @@
+"""A controller, and a hand and an arm that obey it at once."""
+
+import msgspec
+
+from detector.decision import ConsecutiveRule, RuleSettings
+from drivers.interfaces import Counts3, Detection, GripperState, Vector3
+from grasp.commands import (
+    CloseFast,
+    MoveFingers,
+    OpenFingers,
+)
+from grasp.controller import Decision, GraspController
+from grasp.controller_settings import ControllerSettings, GripPlan
+from grasp.phases import Phase
+from grasp.slip import SlipMonitor, SlipSettings
+from tests.unit.grasp.builders import arm, gripper, seen
+
+TICK = 10_000_000
+HEIGHT = 0.2
+MOVING = (Detection.MOVING, Detection.AT_TARGET, Detection.AT_TARGET)
+RESTING = (Detection.AT_TARGET, Detection.AT_TARGET, Detection.AT_TARGET)
+LATCHED = (Detection.CONTACT_CLOSING, Detection.AT_TARGET, Detection.AT_TARGET)
+
+
+class Driver:
+    """Steps a controller through ticks of 10 ms, and has the hand obey at once: a finger told to a
+    position is there, a thumb told to close stops on the object."""
+
+    def __init__(self, home: Vector3 | None = None, **settings: object) -> None:
+        merged = msgspec.structs.replace(ControllerSettings(), **settings)
+        monitor = SlipMonitor(ConsecutiveRule(RuleSettings(), 3), SlipSettings())
+        plan = GripPlan((25, 40, 40), (55, 55, 55), 10.0, home)
+        self.controller = GraspController(merged, plan, monitor)
+        self.t_ns = 0
+        self.height_m = 0.0
+        self.closed = False
+        self.last_close: CloseFast | None = None
+        self.requested: Counts3 = (0, 0, 0)
+        self.commands: list[object] = []
+
+    def hand(self, **changes: object) -> GripperState:
+        """The hand's status in the coming step."""
+        a, b, c = self.requested
+        values: dict[str, object] = {"positions": (a, b, c)}
+        if self.closed:
+            values = {"positions": (60, b, c), "requested": (255, b, c), "detections": LATCHED}
+        return gripper(self.t_ns + TICK, **{**values, **changes})  # type: ignore[arg-type]
+
+    def obey(self, command: object) -> None:
+        if isinstance(command, MoveFingers):
+            self.requested, self.closed = command.targets_counts, False
+        elif isinstance(command, CloseFast):
+            self.closed = True
+            self.last_close = CloseFast(10.0, (True, False, False), (255, 255, 255), 0.06)
+        elif isinstance(command, OpenFingers):
+            self.requested, self.closed = (6, 6, 6), False
+
+    def rest(self) -> None:
+        """Steps until nothing that was told before can set the hand going any more."""
+        for _ in range(11):
+            self.step()
+
+    def step(self, p: float = 0.0, **changes: object) -> Decision:
+        changes.setdefault("gripper", self.hand())
+        self.t_ns += TICK
+        changes.setdefault("arm", arm(self.t_ns, self.height_m))
+        changes.setdefault("last_close", self.last_close)
+        decision = self.controller.step(seen(self.t_ns, p, **changes))
+        self.commands += decision.commands
+        for command in decision.commands:
+            self.obey(command)
+        return decision
+
+    def until(self, phase: Phase, p: float = 0.0, **changes: object) -> Decision:
+        for _ in range(400):
+            decision = self.step(p, **changes)
+            if decision.phase is phase:
+                return decision
+        raise AssertionError(f"never reached {phase}, stuck in {self.controller.phase}")
+
+    def lift(self) -> "Driver":
+        self.until(Phase.LIFT)
+        self.commands.clear()
+        return self
+
+    def climb(self, p: float = 0.0, **changes: object) -> Decision:
+        """One step with the arm on its way up."""
+        return self.step(p, arm=arm(self.t_ns + TICK, 0.05, moving=True), **changes)
+
+    def slip(self) -> "Driver":
+        self.lift()
+        for _ in range(2):
+            self.climb(0.9)
+        assert self.controller.phase is Phase.COMPENSATE
+        return self

@@ -1,0 +1,202 @@
+"""Faults, doubts and people who stop: what the controller asks for then, and for how long."""
+
+import pytest
+
+from grasp.commands import (
+    CloseFast,
+    HoldFingers,
+    StopArm,
+)
+from grasp.phases import Phase
+from tests.unit.grasp.builders import arm, frame, gripper
+from tests.unit.grasp.controller_driver import MOVING, TICK, Driver
+
+FAULTS = [
+    {"trouble": "link_lost: cable"},
+    {"frame": frame(stale=True)},
+    {"gripper": gripper(-200_000_000)},
+    {"arm": arm(-200_000_000)},
+    {"gripper": gripper(0, fault=13)},
+    {"arm": arm(0, stopped_by_safety=True)},
+]
+
+
+@pytest.mark.parametrize("change", FAULTS, ids=lambda c: next(iter(c)))
+def test_fault_before_contact_stops_and_does_not_close(change: dict[str, object]) -> None:
+    d = Driver()
+    d.step()
+    d.commands.clear()
+    d.step(**change)
+    assert d.controller.phase is Phase.FAULT
+    assert d.commands == [StopArm(1.0), HoldFingers()]
+
+
+@pytest.mark.parametrize("change", FAULTS, ids=lambda c: next(iter(c)))
+def test_fault_in_the_air_stops_the_arm_and_closes_to_the_cap(change: dict[str, object]) -> None:
+    d = Driver().lift()
+    d.step(**change)
+    assert d.commands[0] == StopArm(1.0)
+    assert isinstance(d.commands[1], CloseFast)
+    assert d.commands[1].force_cap_n == 10.0
+
+
+def test_lost_gripper_stops_the_arm_and_commands_nothing_else() -> None:
+    d = Driver().lift()
+    d.step(trouble="link_lost: gripper", gripper_lost=True)
+    assert d.commands == [StopArm(1.0)]
+
+
+def test_fault_is_finished_once_the_safe_state_is_seen_and_sends_nothing_more() -> None:
+    d = Driver().lift()
+    d.step(trouble="x")
+    d.commands.clear()
+    d.step()
+    assert not d.controller.finished  # what it was told before may still set the hand going
+    d.rest()
+    assert d.controller.finished
+    assert d.commands == []
+
+
+def test_stop_is_repeated_until_the_arm_is_seen_to_stand() -> None:
+    d = Driver().lift()
+    d.step(trouble="x")
+    for _ in range(100):
+        d.climb()
+    stops = [c for c in d.commands if isinstance(c, StopArm)]
+    assert 8 <= len(stops) <= 11
+    assert not d.controller.finished
+    d.rest()
+    assert d.controller.finished
+
+
+def test_safe_state_that_is_never_seen_ends_in_its_time_and_says_what_is_missing() -> None:
+    d = Driver().lift()
+    d.step(trouble="x")
+    for _ in range(310):
+        d.climb()
+    assert d.controller.finished
+    assert d.controller.unreached == ("the arm still moves",)
+
+
+FROZEN = "arm_frozen: the position stands while it is told to move"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"doubt": FROZEN},
+        {"doubt": f"loop_stood_still: for 0.2 s nobody was in control; {FROZEN}"},
+        {"trouble": "link_lost: the gripper does not answer", "doubt": FROZEN},
+    ],
+    ids=["alone", "after another doubt", "after trouble"],
+)
+def test_arm_that_cannot_be_believed_is_stopped_again_and_again_and_never_said_to_stand(
+    change: dict[str, object],
+) -> None:
+    d = Driver().lift()
+    d.step(**change)
+    for _ in range(310):
+        d.step()
+    assert sum(isinstance(c, StopArm) for c in d.commands) > 20
+    assert d.controller.finished
+    assert "unknown" in d.controller.unreached[0]
+
+
+@pytest.mark.parametrize("phase", [Phase.GRASP, Phase.OPPOSE, Phase.SQUEEZE])
+def test_hand_that_closes_onto_the_object_is_held_when_a_person_stops_the_run(phase: Phase) -> None:
+    d = Driver(firm=phase is Phase.SQUEEZE)
+    d.until(phase)
+    d.commands.clear()
+    d.step(stop="stopped by hand")
+    assert d.commands == [StopArm(1.0), HoldFingers()]
+    d.step(gripper=d.hand(detections=MOVING))
+    assert not d.controller.finished
+    d.rest()
+    assert d.controller.finished
+
+
+def test_bug_of_ours_in_a_fault_in_the_air_does_not_end_its_closing() -> None:
+    d = Driver().lift()
+    d.step(trouble="x")
+    assert [type(c) for c in d.controller.aborted()] == [StopArm, CloseFast]
+
+
+@pytest.mark.parametrize("doubt", ["arm_jump: 0.05 m", "gripper_impossible: finger A at 300"])
+def test_further_doubt_in_a_safe_state_is_told_once_and_moves_nothing(doubt: str) -> None:
+    d = Driver().lift()
+    d.step(doubt="gripper_silent: 0.16 s without an answer")
+    d.commands.clear()
+    for _ in range(20):
+        d.step(doubt=f"gripper_silent: 0.30 s without an answer; {doubt}")
+    assert d.controller.fault_cause.startswith("gripper_silent: 0.16 s")
+    assert d.controller.further == [doubt]
+    assert {type(c) for c in d.commands} <= {StopArm, CloseFast}
+
+
+def test_arm_that_is_doubted_only_in_the_safe_state_is_not_said_to_stand() -> None:
+    d = Driver().lift()
+    d.step(trouble="x", arm=arm(d.t_ns + TICK, 0.05, moving=True))
+    d.step(doubt="arm_jump: 0.05 m from one sample to the next")
+    assert not d.controller.finished
+    for _ in range(310):
+        d.step()
+    assert "unknown" in d.controller.unreached[0]
+    assert sum(isinstance(c, StopArm) for c in d.commands) > 20
+
+
+@pytest.mark.parametrize("phase", [Phase.RELAX, Phase.LIFT])
+def test_doubt_after_a_person_has_stopped_the_run_keeps_the_grip_as_it_is(phase: Phase) -> None:
+    d = Driver()
+    d.until(phase)
+    d.commands.clear()
+    d.step(stop="stopped by hand", arm=arm(d.t_ns + TICK, 0.05, moving=True))
+    for _ in range(20):
+        d.step(doubt="fingertips_frozen: all codes", arm=arm(d.t_ns + TICK, 0.05, moving=True))
+    assert d.controller.phase is Phase.STOPPED
+    assert d.controller.further == ["fingertips_frozen: all codes"]
+    assert {type(c) for c in d.commands} == {StopArm}
+
+
+def test_safe_state_is_not_asked_for_again_while_the_request_is_on_its_way() -> None:
+    d = Driver().lift()
+    d.step(trouble="x")
+    d.commands.clear()
+    for _ in range(50):
+        d.climb(pending=True)
+    assert d.commands == []
+
+
+def test_gripper_that_comes_back_is_still_told_to_close() -> None:
+    d = Driver().lift()
+    d.step(trouble="link_lost: gripper", gripper_lost=True)
+    for _ in range(8):
+        d.step(gripper_lost=True)
+    assert not any(isinstance(c, CloseFast) for c in d.commands)
+    for _ in range(20):
+        d.step()
+    assert sum(isinstance(c, CloseFast) for c in d.commands) == 1
+    assert d.controller.finished
+
+
+@pytest.mark.parametrize(
+    "phase", [Phase.REST, Phase.GRASP, Phase.SQUEEZE, Phase.RELAX, Phase.LISTEN]
+)
+def test_fault_before_the_lift_keeps_the_fingers_where_they_are(phase: Phase) -> None:
+    d = Driver(firm=phase is Phase.SQUEEZE)
+    d.until(phase)
+    d.commands.clear()
+    d.step(trouble="link_lost: cable")
+    assert d.commands == [StopArm(1.0), HoldFingers()]
+
+
+@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.RELAX, Phase.LISTEN, Phase.LIFT])
+def test_person_who_interrupts_stops_the_arm_and_never_opens_a_grip(phase: Phase) -> None:
+    d = Driver(stop_deceleration_mps2=2.0)
+    d.until(phase)
+    d.commands.clear()
+    d.step(stop="stopped by hand", arm=arm(d.t_ns + TICK, 0.05, moving=True))
+    assert d.controller.phase is Phase.STOPPED
+    assert d.commands == [StopArm(2.0), *([HoldFingers()] if phase is Phase.APPROACH else [])]
+    d.rest()
+    assert d.controller.finished
+    assert d.controller.unreached == ()

@@ -1,0 +1,175 @@
+"""Slip, lost contact and the hold: what the controller answers, and when it stops answering."""
+
+import msgspec
+import pytest
+
+from grasp.commands import (
+    CloseFast,
+    MoveArm,
+    StopArm,
+)
+from grasp.phases import Phase
+from tests.unit.grasp.builders import arm
+from tests.unit.grasp.controller_driver import HEIGHT, LATCHED, MOVING, RESTING, TICK, Driver
+
+
+def test_registered_slip_closes_as_fast_as_it_may_in_the_same_step() -> None:
+    d = Driver().lift()
+    d.climb(0.9)
+    assert d.commands == []
+    d.climb(0.9)
+    assert d.commands == [CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)]
+
+
+def test_own_closing_cannot_trigger_itself() -> None:
+    d = Driver().slip()
+    d.commands.clear()
+    for _ in range(10):
+        d.climb(0.99, gripper=d.hand(detections=MOVING))
+    for _ in range(12):  # fingers have stopped, the pads still shake
+        d.climb(0.99, gripper=d.hand(detections=LATCHED))
+    for _ in range(10):
+        d.climb(0.0, gripper=d.hand(detections=LATCHED))
+    assert d.commands == []
+    assert d.controller.phase is Phase.LIFT
+    assert len(d.controller.monitor.events) == 1
+
+
+def test_slip_that_goes_on_after_the_last_rise_of_force_reports_the_cap_and_lowers() -> None:
+    d = Driver().slip()
+    d.commands.clear()
+    since = d.t_ns
+    for _ in range(60):
+        if d.climb(0.9, gripper=d.hand(detections=LATCHED)).phase is Phase.LOWER:
+            break
+    assert d.controller.cap_reached
+    assert 0.29e9 <= d.t_ns - since <= 0.35e9
+    assert [type(c) for c in d.commands] == [MoveArm]
+
+
+def test_hold_by_its_clock_sets_down_in_time_though_slip_stays_registered() -> None:
+    d = Driver(hold_by_clock=True, hold_s=0.5).slip()
+    d.commands.clear()
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb(0.9, gripper=d.hand(detections=LATCHED))
+    assert d.controller.phase is Phase.LIFT
+    d.height_m = HEIGHT
+    since = d.t_ns
+    while d.step(0.9, gripper=d.hand(detections=LATCHED)).phase in (Phase.LIFT, Phase.HOLD):
+        assert d.commands == []  # nothing to close any further
+    assert d.controller.phase is Phase.LOWER
+    assert d.t_ns - since == pytest.approx(0.51e9, abs=0.02e9)
+    assert d.controller.alarm_stayed and not d.controller.cap_reached
+
+
+def test_hold_by_its_clock_still_stops_the_arm_when_contact_is_lost_at_the_cap() -> None:
+    d = Driver(hold_by_clock=True, hold_s=5.0).slip()
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb(0.9, gripper=d.hand(detections=LATCHED))
+    for _ in range(10):
+        d.climb(0.9, gripper=d.hand(detections=LATCHED), measured_n=(0.0, 0.0, 0.0))
+    assert d.controller.phase is Phase.LOST
+
+
+def test_slip_that_stops_on_the_way_up_leads_back_to_the_lift_and_at_the_top_to_the_hold() -> None:
+    d = Driver().slip()
+    for _ in range(30):
+        d.climb()
+    d.height_m = HEIGHT
+    d.until(Phase.HOLD)
+    d.until(Phase.COMPENSATE, 0.9)
+    d.until(Phase.HOLD)
+    assert [c.phase for c in d.controller.machine.log[-5:]] == [
+        "compensate", "lift", "hold", "compensate", "hold",
+    ]  # fmt: skip
+
+
+def test_hold_begins_anew_after_slip_was_answered() -> None:
+    d = Driver(hold_s=0.5).lift()
+    d.height_m = HEIGHT
+    d.until(Phase.HOLD)
+    d.until(Phase.COMPENSATE, 0.9)
+    d.until(Phase.HOLD)
+    began_ns = d.t_ns
+    d.until(Phase.LOWER)
+    assert d.t_ns - began_ns == 500_000_000
+
+
+def test_hold_answers_slip_that_comes_late() -> None:
+    d = Driver(hold_s=5.0).lift()
+    d.height_m = HEIGHT
+    d.until(Phase.HOLD)
+    d.step(0.9)
+    d.step(0.9)
+    assert isinstance(d.commands[0], CloseFast)
+
+
+def test_keep_goes_on_holding() -> None:
+    d = Driver(hold_s=0.1, keep=True).lift()
+    d.height_m = HEIGHT
+    for _ in range(60):
+        d.step()
+    assert d.controller.phase is Phase.KEPT
+    assert d.controller.finished
+    assert d.commands == []
+
+
+def test_reactions_off_notes_slip_and_does_nothing() -> None:
+    d = Driver(reactions=False).lift()
+    for _ in range(10):
+        d.climb(0.9)
+    assert d.commands == []
+    assert d.controller.monitor.events
+
+
+def test_lost_contact_in_the_lift_is_answered_by_closing() -> None:
+    d = Driver().lift()
+    for _ in range(5):
+        d.climb(measured_n=(0.0, 0.0, 0.0))
+    assert d.controller.phase is Phase.COMPENSATE
+    assert isinstance(d.commands[0], CloseFast)
+
+
+def test_closure_that_meets_nothing_is_a_lost_object_and_nothing_is_lowered() -> None:
+    d = Driver().slip()
+    empty = d.hand(positions=(255, 55, 55), requested=(255, 55, 55), detections=RESTING)
+    for _ in range(20):
+        empty = msgspec.structs.replace(empty, t_ns=d.t_ns + TICK)
+        d.climb(gripper=empty, measured_n=(0.0, 0.0, 0.0))
+    assert d.controller.phase is Phase.LOST
+    assert isinstance(d.commands[-1], StopArm)
+    assert not any(isinstance(c, MoveArm) for c in d.commands)
+
+
+def test_contact_lost_on_the_way_down_stops_the_arm() -> None:
+    d = Driver(hold_s=0.1).lift()
+    d.height_m = HEIGHT
+    d.until(Phase.LOWER)
+    d.commands.clear()
+    for _ in range(8):
+        d.step(measured_n=(0.0, 0.0, 0.0), arm=arm(d.t_ns + TICK, 0.1, moving=True))
+    assert d.controller.phase is Phase.LOST
+    assert isinstance(d.commands[0], StopArm)
+
+
+def test_close_that_could_do_nothing_is_not_sent() -> None:
+    d = Driver().slip()
+    for _ in range(40):
+        d.climb(0.0)
+    assert d.controller.phase is Phase.LIFT
+    d.commands.clear()
+    for _ in range(10):
+        d.climb(0.9)
+    assert d.controller.phase is Phase.COMPENSATE
+    assert d.commands == []
+    assert d.controller.closings == 1
+
+
+def test_alarms_that_come_and_go_at_the_cap_cannot_prolong_the_hold_for_ever() -> None:
+    d = Driver(hold_s=0.5, alarm_hold_s=1.0).slip()
+    d.height_m = HEIGHT
+    began = d.t_ns
+    while d.controller.phase is not Phase.LOWER and d.t_ns - began < 10_000_000_000:
+        d.step(0.9 if d.t_ns // TICK % 6 < 3 else 0.0)
+    assert d.t_ns - began < 2_500_000_000
+    assert d.controller.closings == 1
