@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from detector.energy import energy_series
 from detector.scores.metrics import auc
+from detector.scores.quantiles import quantile
 from scenarios.studies.signal.judge.pieces import Piece
 
 BUSY, ACTIVE = 2, 3
@@ -155,7 +156,7 @@ def _rest(pauses: Sequence[Floats]) -> dict[str, float]:
         note("quietest deviation", float(run.std(axis=0).min()))
     out = {name: _mean(values) for name, values in found.items()}
     out["rest: mean step"] = float(steps.mean())
-    out["rest: 95 % step"] = float(np.percentile(steps, 95))
+    out["rest: 95 % step"] = quantile(np.sort(steps, axis=None), 0.95)
     return out | _lines("rest", pauses)
 
 
@@ -169,7 +170,7 @@ def _slip(piece: Piece) -> dict[str, float]:
     variance = np.sort(np.mean([run.var(axis=0) for run in strokes], axis=0))[::-1]
     out = {
         "mean step": float(steps.mean()),
-        "99 % step": float(np.percentile(busy, 99)),
+        "99 % step": quantile(np.sort(busy, axis=None), 0.99),
         "largest step": float(busy.max()),
         "quietest deviation": _mean([float(run.std(axis=0).min()) for run in strokes]),
         "three taxels": float(variance[:ACTIVE].sum() / variance.sum()),
@@ -178,8 +179,8 @@ def _slip(piece: Piece) -> dict[str, float]:
         "active taxels": _mean([float(_pair(busiest(run, ACTIVE)).mean()) for run in strokes]),
         "first half": float(sixths[: SIXTHS // 2].sum()),
         "last third": float(sixths[-2:].sum()),
-        "highest": float(np.percentile(piece.counts.max(axis=1), 99)),
-        "lowest": float(np.percentile(piece.counts.min(axis=1), 1)),
+        "highest": quantile(np.sort(piece.counts.max(axis=1)), 0.99),
+        "lowest": quantile(np.sort(piece.counts.min(axis=1)), 0.01),
         "AUC": _contrast(piece),
         "repeat": _repeat(strokes),
     }

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.scores.metrics import auc
+from detector.scores.quantiles import quantile
 from scenarios.studies.signal.judge.figures import lag_one
 from scenarios.studies.signal.judge.pieces import Kind, Piece
 
@@ -217,9 +218,9 @@ class _Scored(msgspec.Struct, frozen=True, eq=False):
                 times = np.bincount(drawn, minlength=sources.max() + 1)[self.source[f]]
                 values.append(_auc(self.real[f], np.repeat(self.simulated[f], times)))
                 sizes.append(len(self.real[f]))
-            means.append(np.average(values, weights=sizes))
-        low, high = np.percentile(means, (2.5, 97.5)).tolist()
-        return low, high
+            means.append(float(np.average(values, weights=sizes)))
+        means.sort()
+        return quantile(means, 0.025), quantile(means, 0.975)
 
 
 def _auc(real: Floats, simulated: Floats) -> float:

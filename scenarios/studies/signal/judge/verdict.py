@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.scores.quantiles import quantile
 from scenarios.studies.signal.judge.figures import STATISTICS, Statistic, pause_changes, table
 from scenarios.studies.signal.judge.pieces import Piece, around_each_stroke
 
@@ -56,11 +57,11 @@ def compare_pieces(real: Piece, made: Sequence[Piece]) -> list[StatisticRow]:
     of = table(made)
     rows = []
     for s in STATISTICS:
-        values = of[s.name][np.isfinite(of[s.name])]
+        values = np.sort(of[s.name][np.isfinite(of[s.name])])
         value = float(clip[s.name][0])
         if not np.isfinite(value) or not len(values):
             continue
-        low, median, high = np.percentile(values, (LOW, 50.0, HIGH)).tolist()
+        low, median, high = (quantile(values, share / 100.0) for share in (LOW, 50.0, HIGH))
         below = float((values < value).mean() + 0.5 * (values == value).mean())
         width = _width(s, own[s.name], low, high)
         rows.append(StatisticRow(s.name, value, low, median, high, 100.0 * below, width))
