@@ -258,6 +258,8 @@ def _counted(counts: Sequence[int], seen: Sequence[bool]) -> list[int]:
 
 
 def _names(counts: Sequence[float], least: Sequence[float]) -> str:
-    """Fingers whose count has reached so much."""
+    """Fingers whose count has reached so much, which is above 0."""
+    if not any(counts):  # most often
+        return ""
     reached = zip(FINGER_NAMES, counts, least, strict=True)
     return ", ".join([name for name, count, enough in reached if count >= enough])
