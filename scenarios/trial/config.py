@@ -16,7 +16,7 @@ from detector.psd import PsdFairSettings, PsdSettings
 from grasp.controller_settings import ControllerSettings
 from grasp.doubt_settings import DoubtSettings
 from grasp.guard import GuardSettings
-from grasp.loop import LoopSettings
+from grasp.loop_settings import LoopSettings
 from grasp.realtime import RealTimeSettings
 from grasp.settings import CHOSEN, Layer, named_layer, not_chosen
 from grasp.slip import SlipSettings

@@ -21,7 +21,7 @@ from drivers.ur.link.client import UrSettings
 from grasp.controller_settings import ControllerSettings
 from grasp.doubt_settings import DoubtSettings
 from grasp.guard import GuardSettings
-from grasp.loop import LoopSettings
+from grasp.loop_settings import LoopSettings
 from grasp.slip import SlipSettings
 from scenarios.lift.scoring import LiftOutcome, ScoringSettings
 from scenarios.tap.result import Alarm
