@@ -144,6 +144,10 @@ def judge_stream(
     )  # fmt: skip
 
 
+# as both a confusion and an evaluation call them
+OF_SAMPLES = ("accuracy", "weighted_precision", "weighted_f1", "slip_f1", "balanced_accuracy")
+
+
 def evaluate_streams(
     detector: SlipDetector,
     rule: RuleSettings,
@@ -178,11 +182,7 @@ def evaluate_streams(
         data=data,
         label=streams[0].label,
         n_samples=cells.n,
-        accuracy=cells.accuracy,
-        weighted_precision=cells.weighted_precision,
-        weighted_f1=cells.weighted_f1,
-        slip_f1=cells.slip_f1,
-        balanced_accuracy=cells.balanced_accuracy,
+        **{name: getattr(cells, name) for name in OF_SAMPLES},
         auc=auc(p, labels),
         false_events_per_min_by_cause=_by_cause(streams, judged),
         false_events_per_min_hand=hand_rate(streams, judged),
