@@ -35,6 +35,7 @@ from grasp.slip import SlipMonitor, SlipStatus
 
 CLOSED_COUNTS: Counts3 = (255, 255, 255)
 ALL_FINGERS = (True, True, True)
+LEVELS_IN_RELAXING = 5  # time constants of a force's level within controller.relax_s
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -52,7 +53,8 @@ class GraspController:
     """Grasps, lifts, answers slip, holds, sets down. Feed ``step`` once a tactile sample.
 
     Where it stands is the phase and when that began. Beside it there are the arm's home and facts
-    of the world with their times: when contact was felt last, when force was last within the limit.
+    of the world: when contact was felt last and force was last within the limit, where slip was
+    last in progress, what the grip was when the way down began.
     ``_asked_ns``, when a safe state was last asked for, paces its requests; ``_pursued`` is that
     all of it was seen, or waited for long enough.
     """
@@ -77,6 +79,12 @@ class GraspController:
         self._felt_ns = 0
         self._gap_ns = 0  # the longest that nothing was felt in the air
         self._in_limit_ns = 0
+        self._slipped_m = 0.0  # height of the arm when slip was last in progress
+        self._seen_ns = 0
+        self._thumb_n = 0.0  # level of the thumb's measured force
+        self._grip_n = 0.0  # what it was when the arm last began to go down
+        self._touches = 0  # how often the grip has tightened on the way down
+        self._let_go_m = 0.0  # height of the arm when the hand opened
         self._asked_ns = 0
         self._handlers: dict[Phase, Callable[[Observation], None]] = {
             Phase.IDLE: self._idle,
@@ -92,6 +100,9 @@ class GraspController:
             Phase.COMPENSATE: self._compensate,
             Phase.HOLD: self._hold,
             Phase.LOWER: self._lower,
+            Phase.LAND: self._land,
+            Phase.TOUCH: self._touch,
+            Phase.PROBE: self._probe,
             Phase.RELEASE: self._release,
             Phase.RETREAT: self._retreat,
             Phase.DONE: self._rest_at_end,
@@ -165,8 +176,13 @@ class GraspController:
             self._felt_ns = seen.t_ns
         elif self.phase in AIRBORNE_PHASES:
             self._gap_ns = max(self._gap_ns, seen.t_ns - self._felt_ns)
+        weight = LEVELS_IN_RELAXING * (seen.t_ns - self._seen_ns) / (self._settings.relax_s * 1e9)
+        self._thumb_n += min(1.0, weight) * (seen.measured_n[0] - self._thumb_n)
+        self._seen_ns = seen.t_ns
         if not seen.overloaded:
             self._in_limit_ns = seen.t_ns
+        if self.phase is Phase.COMPENSATE or self.monitor.status.registered:
+            self._slipped_m = self._height_m(seen)
 
     def _contact_lost(self, seen: Observation) -> bool:
         return seen.t_ns - self._felt_ns >= self._settings.contact_lost_s * 1e9
@@ -204,6 +220,10 @@ class GraspController:
         """True when the arm stands at that height over its home."""
         away_m = abs(seen.arm.position_m[2] - self.home[2] - height_m)
         return not seen.pending and not seen.arm.moving and away_m < self._settings.at_height_m
+
+    def _height_m(self, seen: Observation) -> float:
+        """Of the arm over its home."""
+        return seen.arm.position_m[2] - self.home[2]
 
     def _move_arm(self, height_m: float, speed_mps: float) -> None:
         x, y, z = self.home
@@ -401,7 +421,13 @@ class GraspController:
             return
         self._fire(trigger, seen, cause)
         self.monitor.disarm()
-        self._move_arm(0.0, self._settings.lower_speed_mps)
+        self._move_arm(self._near_m, self._settings.lower_speed_mps)
+
+    @property
+    def _near_m(self) -> float:
+        """Higher than this no object stands: it rose with the hand from when slip had ended, so it
+        has slipped less than the arm had risen by then."""
+        return min(max(self._slipped_m, 0.0), self._settings.lift_height_m)
 
     def _lose(self, seen: Observation, cause: str) -> None:
         """The arm stops, and nothing is lowered."""
@@ -411,17 +437,70 @@ class GraspController:
     def _lower(self, seen: Observation) -> None:
         if self._contact_lost(seen):
             self._lose(seen, "contact lost on the way down")
+        elif self._arm_at(seen, self._near_m):
+            self._land_slowly(seen, Trigger.NEAR, "from here on the object may stand")
+
+    def _land_slowly(self, seen: Observation, trigger: Trigger, cause: str) -> None:
+        self._fire(trigger, seen, cause)
+        self._grip_n = self._thumb_n
+        if not self._arm_at(seen, 0.0):
+            in_time_mps = 2 * self._near_m / self._settings.phase_timeout_s
+            self._move_arm(0.0, max(self._settings.landing_speed_mps, in_time_mps))
+
+    def _land(self, seen: Observation) -> None:
+        """The grip tightens where closed fingers slide down over a flank that widens."""
+        rise_n = seen.measured_n[0] - self._grip_n
+        if self._contact_lost(seen):
+            self._lose(seen, "contact lost on the way down")
         elif self._arm_at(seen, 0.0):
-            self._fire(Trigger.LANDED, seen, "arm where the lift began")
-            self._out.append(OpenFingers(self._settings.approach_speed_mps))
+            self._let_go(seen, "arm where the lift began")
+        elif rise_n >= self._settings.landing_rise_n:
+            self._touches += 1
+            cause = f"the thumb feels {rise_n:.1f} N more on the way down"
+            self._fire(Trigger.TIGHTENED, seen, cause)
+            self._out.append(StopArm(self._settings.stop_deceleration_mps2))
+
+    def _touch(self, seen: Observation) -> None:
+        if self._stood(seen):
+            self._fire(Trigger.SETTLED, seen, "the arm stands, the pads have relaxed")
+            self._grip_n = self._thumb_n
+            step_m = self._settings.landing_step_m
+            self._move_arm(self._height_m(seen) - step_m, self._settings.landing_speed_mps)
+
+    def _probe(self, seen: Observation) -> None:
+        """A grip in the air takes no notice of a step down; where it does, the object stands."""
+        if not self._stood(seen):
+            return
+        rise_n = self._thumb_n - self._grip_n
+        if rise_n >= self._settings.landing_check_n:
+            self._let_go(seen, f"a step down tightened the grip by {rise_n:.1f} N: it stands")
+        elif self._touches >= self._settings.landing_tries:
+            self._lose(seen, "the grip tightens, and it is not certain that the object stands")
+        else:
+            self._land_slowly(seen, Trigger.LOOSE, "a step down did not tighten the grip")
+
+    def _stood(self, seen: Observation) -> bool:
+        """Whether the arm stands, and what the thumb feels is steady."""
+        stands = not seen.pending and not seen.arm.moving
+        return stands and self._lasted(seen, self._settings.relax_s)
+
+    def _let_go(self, seen: Observation, cause: str) -> None:
+        self._fire(Trigger.LANDED, seen, cause)
+        self._let_go_m = self._height_m(seen)
+        self._out.append(OpenFingers(self._settings.approach_speed_mps))
 
     def _release(self, seen: Observation) -> None:
         if seen.hand_rests:
             self._fire(Trigger.OPENED, seen, "fingers open")
-            self._move_arm(self._settings.retreat_m, self._settings.lower_speed_mps)
+            self._move_arm(self._clear_m, self._settings.lower_speed_mps)
+
+    @property
+    def _clear_m(self) -> float:
+        """Height of the arm clear of what was set down."""
+        return self._let_go_m + self._settings.retreat_m
 
     def _retreat(self, seen: Observation) -> None:
-        if seen.hand_rests and self._arm_at(seen, self._settings.retreat_m):
+        if seen.hand_rests and self._arm_at(seen, self._clear_m):
             self._fire(Trigger.RETREATED, seen, "arm clear")
 
     def _rest_at_end(self, seen: Observation) -> None:

@@ -56,6 +56,34 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float, Meta(ge=0.05, le=5.0, description="assumed, 0.3-1.2")
     ] = 0.5
     lower_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="assumed")] = 0.05
+    landing_speed_mps: Annotated[
+        float,
+        Meta(
+            ge=0.005, le=0.1,
+            description="of the arm where an object that slipped may stand before the arm is down, "
+            "or faster, to need half of phase_timeout_s; assumed, 0.01-0.02",
+        ),
+    ] = 0.01  # fmt: skip
+    landing_rise_n: Annotated[
+        float,
+        Meta(
+            ge=0.1, le=5.0,
+            description="so much more measured force at the thumb on the way down stops the arm; "
+            "assumed, from the simulated fingertip",
+        ),
+    ] = 0.5  # fmt: skip
+    landing_step_m: Annotated[
+        float,
+        Meta(ge=1e-4, le=0.005, description="then down, to see whether the object stands; assumed"),
+    ] = 0.0005
+    landing_check_n: Annotated[
+        float,
+        Meta(ge=0.05, le=5.0, description="it does if that adds so much at the thumb; assumed"),
+    ] = 0.15
+    landing_tries: Annotated[
+        int,
+        Meta(ge=1, le=20, description="such steps without an answer; then the arm stays there"),
+    ] = 8
     retreat_m: Annotated[
         float, Meta(ge=0.0, le=0.5, description="upwards, after the fingers have opened")
     ] = 0.05

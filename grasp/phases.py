@@ -25,7 +25,10 @@ class Phase(StrEnum):
     LIFT = "lift"  # the arm on its way up
     COMPENSATE = "compensate"
     HOLD = "hold"  # at the top
-    LOWER = "lower"
+    LOWER = "lower"  # down to where the object may stand, had it slipped as far as it can have
+    LAND = "land"  # from there slowly to where the lift began
+    TOUCH = "touch"  # the grip has tightened on the way down: the arm stops, the pads relax
+    PROBE = "probe"  # one small step down: an object that stands tightens the grip again
     RELEASE = "release"  # fingers on their way open
     RETREAT = "retreat"  # the arm on its way clear of the object
     DONE = "done"  # set down, and clear of it
@@ -55,7 +58,11 @@ class Trigger(StrEnum):
     CAP_REACHED = "cap_reached"  # slip goes on although the force cannot rise any more
     FINISHED = "finished"  # held long enough: set it down
     KEEP = "keep"  # held long enough: that is all
-    LANDED = "landed"
+    NEAR = "near"  # the arm is where the object may stand
+    TIGHTENED = "tightened"  # the thumb feels more than when the slow way began
+    SETTLED = "settled"  # the arm stands, and what it feels is steady
+    LOOSE = "loose"  # the step did not tighten the grip: either in the air, or of one width
+    LANDED = "landed"  # the object stands: where the lift began, or earlier if it had slipped
     OPENED = "opened"
     RETREATED = "retreated"
     LOSE = "lose"
@@ -63,7 +70,10 @@ class Trigger(StrEnum):
     FAIL = "fail"
 
 
-AIRBORNE_PHASES = frozenset({Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.LOWER, Phase.KEPT})
+LOWERING_PHASES = frozenset({Phase.LOWER, Phase.LAND, Phase.TOUCH, Phase.PROBE})
+AIRBORNE_PHASES = (
+    frozenset({Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.KEPT}) | LOWERING_PHASES
+)
 CLOSING_PHASES = frozenset({Phase.GRASP, Phase.OPPOSE, Phase.SQUEEZE})  # onto the object
 CONTACT_PHASES = AIRBORNE_PHASES | CLOSING_PHASES | {Phase.RELAX, Phase.LISTEN}
 # nobody has to feel anything
@@ -90,7 +100,11 @@ TRANSITIONS: tuple[tuple[Trigger, tuple[Phase, ...], Phase], ...] = (
     (Trigger.CAP_REACHED, (Phase.COMPENSATE,), Phase.LOWER),
     (Trigger.FINISHED, (Phase.HOLD,), Phase.LOWER),
     (Trigger.KEEP, (Phase.HOLD,), Phase.KEPT),
-    (Trigger.LANDED, (Phase.LOWER,), Phase.RELEASE),
+    (Trigger.NEAR, (Phase.LOWER,), Phase.LAND),
+    (Trigger.TIGHTENED, (Phase.LAND,), Phase.TOUCH),
+    (Trigger.SETTLED, (Phase.TOUCH,), Phase.PROBE),
+    (Trigger.LOOSE, (Phase.PROBE,), Phase.LAND),
+    (Trigger.LANDED, (Phase.LAND, Phase.PROBE), Phase.RELEASE),
     (Trigger.OPENED, (Phase.RELEASE,), Phase.RETREAT),
     (Trigger.RETREATED, (Phase.RETREAT,), Phase.DONE),
     (Trigger.LOSE, tuple(p for p in Phase if p in AIRBORNE_PHASES - END_PHASES), Phase.LOST),

@@ -17,6 +17,7 @@ LOWERING_SHOWN_S = 0.3
 SHADES = {
     "grasp": "#eef3f8", "squeeze": "#e8eff5", "relax": "#eef3f8", "listen": "#e8eff5",
     "lift": "#e0eaf4", "compensate": "#fde3c8", "hold": "#e3f1e3", "lower": "#f3f3f3",
+    "land": "#f3f3f3", "touch": "#fde3c8", "probe": "#fde3c8",
     "fault": "#f8d7d7",
 }  # fmt: skip
 

@@ -3,7 +3,7 @@
 from drivers.interfaces import Counts3
 from grasp.doubt import at_rail
 from grasp.loop import Issued, Tick
-from grasp.phases import AIRBORNE_PHASES, Phase
+from grasp.phases import AIRBORNE_PHASES, LOWERING_PHASES, Phase
 from scenarios.world.cell import Truth
 
 
@@ -39,12 +39,12 @@ class Trace:
             a, b, c = map(max, self.taxels_at_rail, railed)
             self.taxels_at_rail = a, b, c
         self._compensated = self._compensated or phase is Phase.COMPENSATE
-        if phase in AIRBORNE_PHASES and phase is not Phase.LOWER:
+        if phase in AIRBORNE_PHASES and phase not in LOWERING_PHASES:
             self.felt_n = max(tick.measured_n)
         if truth is None or phase not in AIRBORNE_PHASES:
             return
         if self._was_touched and not truth.touched:
             self.had_compensated = self._compensated
         self._was_touched = truth.touched
-        if phase is not Phase.LOWER:
+        if phase not in LOWERING_PHASES:
             self.end = truth

@@ -15,6 +15,7 @@ from tests.unit.grasp.controller_driver import TICK, Driver
 
 MS = 1_000_000
 ZERO = (0.0, 0.0, 0.0)
+STOOD_N = 2.0  # what the thumb feels unless said otherwise
 
 
 # Guard
@@ -50,6 +51,72 @@ def lifted(**settings: Any) -> Driver:
     d.height_m = 0.0
     d.until(Phase.RETREAT)
     return d
+
+
+def near(**settings: Any) -> Driver:
+    """It slipped until the arm was 5 cm up, was lifted, and is on its way down from there."""
+    d = Driver(hold_s=0.1, **settings).slip()
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb()
+    d.height_m = 0.2
+    d.until(Phase.LOWER)
+    d.height_m = 0.05
+    d.until(Phase.LAND)
+    return d
+
+
+def tightened(felt_n: float, **settings: Any) -> Driver:
+    """On its way down the thumb feels so much: one step."""
+    d = near(**settings)
+    d.height_m = 0.02
+    d.commands.clear()
+    d.step(measured_n=(felt_n, 1.0, 1.0), arm=arm(d.t_ns + TICK, 0.02, moving=True))
+    return d
+
+
+def probed(first_n: float, then_n: float, **settings: Any) -> Driver:
+    """The arm has stopped; the thumb feels so much, and after a step down so much."""
+    d = tightened(first_n, **settings)
+    assert d.controller.phase is Phase.TOUCH
+    d.until(Phase.PROBE, measured_n=(first_n, 1.0, 1.0))
+    while d.controller.phase is Phase.PROBE:
+        d.step(measured_n=(then_n, 1.0, 1.0))
+    return d
+
+
+def landing_mps(v: float) -> float:
+    """Of the arm where the object may stand."""
+    return [c for c in near(landing_speed_mps=v).commands if isinstance(c, MoveArm)][-1].speed_mps
+
+
+def goes_on_down(v: float, rise_n: float) -> bool:
+    return tightened(STOOD_N + rise_n, landing_rise_n=v).controller.phase is Phase.LAND
+
+
+def landing_step_m(v: float) -> float:
+    d = probed(3.0, 3.0, landing_step_m=v)
+    return arm(0, 0.02).position_m[2] - next(
+        c.position_m[2] for c in d.commands if isinstance(c, MoveArm)
+    )
+
+
+def let_go(v: float, rise_n: float) -> bool:
+    """Whether the hand opens when a step down has added so much."""
+    return probed(3.0, 3.0 + rise_n, landing_check_n=v).controller.phase is Phase.RELEASE
+
+
+def tries(v: int) -> int:
+    """How often the grip may tighten without an answer before the arm stays where it is."""
+    d = probed(3.0, 3.0, landing_tries=v)
+    for done in range(1, 20):
+        if d.controller.phase is Phase.LOST:
+            return done
+        felt_n = 3.0 + done
+        d.until(Phase.LAND, measured_n=(felt_n - 1.0, 1.0, 1.0))
+        d.until(Phase.PROBE, measured_n=(felt_n, 1.0, 1.0))
+        while d.controller.phase is Phase.PROBE:
+            d.step(measured_n=(felt_n, 1.0, 1.0))
+    raise AssertionError("never gave up")
 
 
 def fingers_moved(number: int, **settings: Any) -> MoveFingers:

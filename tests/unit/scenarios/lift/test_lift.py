@@ -16,7 +16,7 @@ def test_weak_grasp_on_the_can_is_felt_and_saved(plain_lift: LiftResult) -> None
     assert r.outcome == "held_within_6cm"
     assert [p.phase for p in r.phases] == [
         "approach", "rest", "grasp", "oppose", "relax", "listen", "lift", "compensate", "lift",
-        "hold", "lower", "release", "retreat", "done",
+        "hold", "lower", "land", "release", "retreat", "done",
     ]  # fmt: skip
     assert r.slip_onset_s is not None
     assert r.first_detection_s is not None

@@ -84,7 +84,7 @@ def test_the_paper_s_profile_never_gives_up_at_the_cap(seed: int) -> None:
     result = lift.run(paper("energy.threshold_counts=0.3", "scoring.early_s=1"), seed, None).result
     assert result is not None
     assert result.outcome not in ("cap_reached", "alarm_stayed")
-    assert [p.phase for p in result.phases][-4:] == ["lower", "release", "retreat", "done"]
+    assert [p.phase for p in result.phases][-4:] == ["land", "release", "retreat", "done"]
     assert result.alarm_stayed
 
 

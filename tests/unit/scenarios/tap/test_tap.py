@@ -125,7 +125,7 @@ def test_object_is_held_firmly_above_the_table_and_set_down_again() -> None:
     r = result_of()
     assert [p.phase for p in r.phases] == [
         "approach", "rest", "grasp", "oppose", "squeeze", "relax", "listen", "lift", "hold",
-        "lower", "release", "retreat", "done",
+        "lower", "land", "release", "retreat", "done",
     ]  # fmt: skip
     assert r.grip_force_n is not None
     assert 9.0 < r.grip_force_n["A"] <= 11.0

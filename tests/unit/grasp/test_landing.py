@@ -1,0 +1,84 @@
+"""The way down: an object that slipped stands before the arm is where the lift began."""
+
+import pytest
+
+from grasp.commands import CloseFast, MoveArm, OpenFingers, StopArm
+from grasp.phases import Phase
+from tests.unit.grasp.builders import arm
+from tests.unit.grasp.safety_probes import near, probed, tightened
+from tests.unit.grasp.controller_driver import TICK, Driver
+
+HOME_M = 0.4
+GRIP = (3.0, 1.0, 1.0)
+TIGHTER = (3.5, 1.0, 1.0)
+
+
+def moves(d: Driver) -> list[MoveArm]:
+    return [c for c in d.commands if isinstance(c, MoveArm)]
+
+
+def test_the_arm_goes_slowly_from_the_height_at_which_slip_had_ended() -> None:
+    fast, slow = moves(near())[-2:]
+    assert (fast.position_m[2], fast.speed_mps) == (pytest.approx(HOME_M + 0.05), 0.05)
+    assert (slow.position_m[2], slow.speed_mps) == (pytest.approx(HOME_M), 0.01)
+
+
+def test_what_never_slipped_is_set_down_in_one_go() -> None:
+    d = Driver(hold_s=0.1).lift()
+    d.height_m = 0.2
+    d.until(Phase.LOWER)
+    assert moves(d)[-1].position_m[2] == pytest.approx(HOME_M)
+
+
+def test_slow_way_ends_within_half_of_the_time_that_a_phase_has() -> None:
+    d = near(phase_timeout_s=4.0)
+    assert moves(d)[-1].speed_mps == pytest.approx(0.05 / 2.0)
+
+
+def test_grip_that_tightens_on_the_way_down_stops_the_arm_at_once_and_opens_nothing() -> None:
+    d = tightened(GRIP[0])
+    assert d.controller.phase is Phase.TOUCH
+    assert d.commands == [StopArm(1.0)]
+
+
+def test_object_that_tightens_the_grip_again_at_a_step_down_is_let_go_and_left_upwards() -> None:
+    d = probed(GRIP[0], TIGHTER[0])
+    assert d.controller.phase is Phase.RELEASE
+    assert [type(c) for c in d.commands] == [StopArm, MoveArm, OpenFingers]
+    d.until(Phase.RETREAT)
+    assert moves(d)[-1].position_m[2] == pytest.approx(HOME_M + 0.02 + 0.05)
+    d.height_m = 0.07
+    d.until(Phase.DONE)
+    assert d.controller.finished
+
+
+def test_step_waits_until_the_arm_stands() -> None:
+    d = tightened(GRIP[0])
+    for _ in range(60):
+        d.step(measured_n=GRIP, arm=arm(d.t_ns + TICK, 0.02, moving=True))
+    assert d.controller.phase is Phase.TOUCH
+
+
+def test_step_that_changes_nothing_leads_on_down_with_the_hand_closed() -> None:
+    d = probed(GRIP[0], GRIP[0])
+    assert d.controller.phase is Phase.LAND
+    assert moves(d)[-1].position_m[2] == pytest.approx(HOME_M)
+    assert not any(isinstance(c, OpenFingers | CloseFast) for c in d.commands)
+    d.height_m = 0.0
+    d.until(Phase.RELEASE, measured_n=GRIP)
+
+
+def test_grip_that_tightens_again_and_again_without_an_answer_keeps_hand_and_height() -> None:
+    d = probed(GRIP[0], GRIP[0], landing_tries=1)
+    assert d.controller.phase is Phase.LOST
+    assert "not certain" in d.controller.machine.log[-1].cause
+    assert [type(c) for c in d.commands] == [StopArm, MoveArm, StopArm]
+
+
+@pytest.mark.parametrize("phase", [Phase.TOUCH, Phase.PROBE])
+def test_fault_while_it_is_found_out_whether_it_stands_closes_the_hand(phase: Phase) -> None:
+    d = tightened(GRIP[0])
+    d.until(phase, measured_n=GRIP)
+    d.commands.clear()
+    d.step(trouble="unplugged", measured_n=GRIP)
+    assert [type(c) for c in d.commands] == [StopArm, CloseFast]
