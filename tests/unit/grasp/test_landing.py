@@ -5,8 +5,8 @@ import pytest
 from grasp.commands import CloseFast, MoveArm, OpenFingers, StopArm
 from grasp.phases import Phase
 from tests.unit.grasp.builders import arm
-from tests.unit.grasp.safety_probes import near, probed, tightened
 from tests.unit.grasp.controller_driver import TICK, Driver
+from tests.unit.grasp.safety_probes import near, probed, tightened
 
 HOME_M = 0.4
 GRIP = (3.0, 1.0, 1.0)
