@@ -52,6 +52,14 @@ class Staged:
         return lift.judge(self.config, self.seed, trial, None)
 
 
+# on the way down, as often as what is felt has it
+LANDING = ("land", "touch", "probe")
+
+
+def phases_but_landing(result: Any) -> list[str]:
+    return [p.phase for p in result.phases if p.phase not in LANDING]
+
+
 def in_phase(phase: Phase, after_ticks: int = 10) -> Callable[[Tick], bool]:
     """True from the given number of ticks into a phase on."""
     seen = 0
