@@ -52,8 +52,9 @@ class Wire:
     def write(self, first: int, registers: Sequence[int], now_ns: int) -> None:
         if self.cut:
             raise LinkLost("cut", "mend it")
-        assert first == 0
-        self.images.append(b"".join(r.to_bytes(2, "big") for r in registers))
+        # registers before the first are those that the hand has been told already
+        before = self.images[-1][: 2 * first] if self.images else bytes(2 * first)
+        self.images.append(before + b"".join(r.to_bytes(2, "big") for r in registers))
         self._inner.write(first, registers, now_ns)
 
     def read(self, first: int, count: int, now_ns: int) -> Sequence[int]:
