@@ -49,7 +49,6 @@ def until(process: "subprocess.Popen[str]", phase: str) -> None:
 def ended(process: "subprocess.Popen[str]", folder: Path) -> Ended:
     _, err = process.communicate(timeout=60)
     results = [json.loads(p.read_text()) for p in (folder / "runs").glob("*/result.json")]
-    assert results, err  # the rig opened, and the run began
     return process.returncode, err.splitlines(), results
 
 
