@@ -1,12 +1,13 @@
 """SafeState: what arm and hand shall do once a run has ended early, and what of it is not seen.
 
 A fault, a person who stops, an object that is lost: by the phase in which it happened. The table is
-in docs/architecture.md, "Safe states".
+in docs/architecture.md, "Safe states". Pursuit asks for one until it is seen.
 """
 
 import msgspec
 
-from grasp.commands import CloseFast, Command, HoldFingers
+from grasp.commands import CloseFast, Command, HoldFingers, StopArm
+from grasp.controller_settings import ControllerSettings
 from grasp.observation import Observation
 from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, CONTACT_PHASES, UNMOVED_PHASES, Phase
 
@@ -77,3 +78,53 @@ class SafeState(msgspec.Struct, frozen=True):
         if seen.gripper.fault:
             return ("the hand reports a fault and moves no more: it holds as it stands",)
         return ("the hand is not as it should be",)
+
+
+class Pursuit:
+    """A safe state is reached when it is seen; until then it is asked for again and again.
+
+    ``over``: all of it was seen, or waited for long enough. ``unreached``: what was not seen last.
+    ``further``: doubts since it was entered; they are told, and change nothing that is asked for.
+    """
+
+    def __init__(self, safe: SafeState, settings: ControllerSettings, closure: CloseFast) -> None:
+        self._settings = settings
+        self._closure = closure
+        self.safe = safe
+        self.over = False
+        self.unreached: tuple[str, ...] = ()
+        self.further: tuple[str, ...] = ()
+        self._asked_ns = 0  # paces the requests
+
+    def step(self, seen: Observation) -> tuple[Command, ...]:
+        """What to ask for now."""
+        self._doubt_further(seen.doubt)
+        stale_ns = self._settings.stale_after_s * 1e9
+        arm, hand = self.safe.missing_of_arm(seen, stale_ns), self.safe.missing_of_hand(seen)
+        self.unreached = (*arm, *hand)
+        # what the hand was told before may set it going once more, though its status says it rests
+        due = seen.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9
+        reached = not self.unreached and (due or self.safe.leaves_hand)
+        waited_ns = seen.t_ns - self.safe.since_ns
+        if reached or waited_ns >= self._settings.safe_state_s * 1e9:
+            self.over = True
+        elif self.unreached and due and not seen.pending:
+            return self.ask(seen)
+        return ()
+
+    def ask(self, seen: Observation) -> tuple[Command, ...]:
+        """What is not as it shall be, or has just been entered."""
+        self._asked_ns = seen.t_ns
+        safe = self.safe
+        stop = seen.arm.moving or seen.t_ns == safe.since_ns or safe.arm_is_doubted
+        arm = (StopArm(self._settings.stop_deceleration_mps2),) if stop else ()
+        tell_hand = not seen.gripper_lost and not safe.hand_is_safe(seen)
+        return (*arm, *safe.of_hand(self._closure)) if tell_hand else arm
+
+    def _doubt_further(self, doubt: str) -> None:
+        told = {part.partition(":")[0] for part in self.safe.cause.split("; ")}
+        parts = (part for part in doubt.split("; ") if part)
+        if new := tuple(part for part in parts if part.partition(":")[0] not in told):
+            self.further += new
+            cause = "; ".join((self.safe.cause, *new))
+            self.safe = msgspec.structs.replace(self.safe, cause=cause)

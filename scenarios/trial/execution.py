@@ -205,7 +205,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             controller.further,
         )
         return msgspec.structs.replace(
-            end, unreached=controller.unreached, further=tuple(controller.further)
+            end, unreached=controller.unreached, further=controller.further
         )
 
     @property

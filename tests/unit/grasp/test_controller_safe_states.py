@@ -129,7 +129,7 @@ def test_further_doubt_in_a_safe_state_is_told_once_and_moves_nothing(doubt: str
     for _ in range(20):
         d.step(doubt=f"gripper_silent: 0.30 s without an answer; {doubt}")
     assert d.controller.fault_cause.startswith("gripper_silent: 0.16 s")
-    assert d.controller.further == [doubt]
+    assert d.controller.further == (doubt,)
     assert {type(c) for c in d.commands} <= {StopArm, CloseFast}
 
 
@@ -153,7 +153,7 @@ def test_doubt_after_a_person_has_stopped_the_run_keeps_the_grip_as_it_is(phase:
     for _ in range(20):
         d.step(doubt="fingertips_frozen: all codes", arm=arm(d.t_ns + TICK, 0.05, moving=True))
     assert d.controller.phase is Phase.STOPPED
-    assert d.controller.further == ["fingertips_frozen: all codes"]
+    assert d.controller.further == ("fingertips_frozen: all codes",)
     assert {type(c) for c in d.commands} == {StopArm}
 
 

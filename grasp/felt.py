@@ -1,0 +1,46 @@
+"""Felt: what the thumb has felt so far, which opposes both other fingers and bears what they do."""
+
+from grasp.controller_settings import ControllerSettings
+from grasp.observation import Observation
+
+LEVELS_IN_RELAXING = 5  # time constants of a force's level within controller.relax_s
+
+
+class Felt:
+    """Facts of the world, of every sample: when there was contact last, when force was within the
+    limit last, how steady force is.
+
+    ``level_n``: what the thumb measures, averaged over a part of ``controller.relax_s``.
+    ``gap_ns``: the longest that nothing was felt while the object may have been in the air.
+    """
+
+    def __init__(self, settings: ControllerSettings) -> None:
+        self._contact_n = settings.contact_n
+        self._level_ns = settings.relax_s * 1e9 / LEVELS_IN_RELAXING
+        self._lost_ns = settings.contact_lost_s * 1e9
+        self._seen_ns = 0
+        self._touched_ns = 0
+        self._within_ns = 0
+        self.level_n = 0.0
+        self.gap_ns = 0
+
+    def take(self, seen: Observation, airborne: bool) -> None:
+        """One sample; ``airborne``: the object may be in the air."""
+        force_n = seen.measured_n[0]
+        if force_n >= self._contact_n:
+            self._touched_ns = seen.t_ns
+        elif airborne:
+            self.gap_ns = max(self.gap_ns, seen.t_ns - self._touched_ns)
+        weight = min(1.0, (seen.t_ns - self._seen_ns) / self._level_ns)
+        self.level_n += weight * (force_n - self.level_n)
+        self._seen_ns = seen.t_ns
+        if not seen.overloaded:
+            self._within_ns = seen.t_ns
+
+    def contact_lost(self, now_ns: int) -> bool:
+        """Whether the thumb has touched nothing for too long."""
+        return now_ns - self._touched_ns >= self._lost_ns
+
+    def overload_ns(self, now_ns: int) -> int:
+        """How long measured force has been above the limit and its margin."""
+        return now_ns - self._within_ns

@@ -1,0 +1,28 @@
+"""LiftLine: the vertical line through the arm's home, on which a lift goes up and down."""
+
+from drivers.interfaces import Vector3
+from grasp.commands import MoveArm
+from grasp.controller_settings import ControllerSettings
+from grasp.observation import Observation
+
+
+class LiftLine:
+    """Heights are over ``home``, in m."""
+
+    def __init__(self, settings: ControllerSettings, home: Vector3) -> None:
+        self._settings = settings
+        self.home = home
+
+    def height_m(self, seen: Observation) -> float:
+        """Of the arm."""
+        return seen.arm.position_m[2] - self.home[2]
+
+    def stands_at(self, seen: Observation, height_m: float) -> bool:
+        """Whether the arm stands there, and nothing that was told is on its way."""
+        away_m = abs(self.height_m(seen) - height_m)
+        return not seen.pending and not seen.arm.moving and away_m < self._settings.at_height_m
+
+    def move(self, height_m: float, speed_mps: float) -> MoveArm:
+        """The arm to that height."""
+        x, y, z = self.home
+        return MoveArm((x, y, z + height_m), speed_mps, self._settings.lift_acceleration_mps2)

@@ -1,0 +1,41 @@
+"""What the thumb has felt: contact, its longest gap in the air, its level, force over the limit."""
+
+import pytest
+
+from grasp.controller_settings import ControllerSettings
+from grasp.felt import Felt
+from tests.unit.grasp.builders import seen
+
+TICK = 10_000_000
+NOTHING, GRIP = (0.0, 1.0, 1.0), (3.0, 1.0, 1.0)
+
+
+def felt(*forces_n: tuple[float, float, float], airborne: bool = True, **told: object) -> Felt:
+    """One sample each."""
+    tracker = Felt(ControllerSettings())
+    for n, force_n in enumerate(forces_n):
+        tracker.take(seen(n * TICK, measured_n=force_n, **told), airborne)
+    return tracker
+
+
+def test_contact_is_the_thumbs_alone_and_lost_after_its_time() -> None:
+    tracker = felt(GRIP, *[NOTHING] * 5)
+    assert not tracker.contact_lost(5 * TICK - 1)
+    assert tracker.contact_lost(5 * TICK)
+
+
+@pytest.mark.parametrize(("airborne", "gap_ns"), [(True, 3 * TICK), (False, 0)])
+def test_longest_gap_counts_in_the_air_alone(airborne: bool, gap_ns: int) -> None:
+    forces = (GRIP, *[NOTHING] * 3, GRIP, NOTHING, GRIP)
+    assert felt(*forces, airborne=airborne).gap_ns == gap_ns
+
+
+def test_level_follows_a_step_of_force_within_the_time_in_which_pads_relax() -> None:
+    assert felt(*[GRIP] * 4).level_n == pytest.approx(1.26, abs=0.01)
+    assert felt(*[GRIP] * 40).level_n == pytest.approx(3.0, abs=0.02)
+
+
+def test_overload_lasts_since_force_was_last_within_the_limit() -> None:
+    tracker = felt(GRIP)
+    tracker.take(seen(TICK, measured_n=GRIP, overloaded=True), airborne=True)
+    assert tracker.overload_ns(4 * TICK) == 4 * TICK
