@@ -57,6 +57,7 @@ class Fingers:
         self._loads = FREE
         self._origin = self._real[motor.TRAVEL].copy()
         self.moving = False
+        self._run(0)  # compiled now, the first time on a machine: later a client waits
 
     @property
     def travel_m(self) -> NDArray[np.float64]:
@@ -74,18 +75,21 @@ class Fingers:
         """Run the motors over the substeps that begin before ``until_ns``."""
         step = until_ns // SUBSTEP_NS
         if self.moving and step > self._substep:
-            loads = self._loads
-            self.moving = motor.advance_motors(
-                self._real,
-                self._whole,
-                self._parameters,
-                step - self._substep,
-                self._origin,
-                loads.force_n,
-                loads.stiffness_npm,
-                loads.outside_n,
-            )
+            self._run(step - self._substep)
         self._substep = step
+
+    def _run(self, substeps: int) -> None:
+        loads = self._loads
+        self.moving = motor.advance_motors(
+            self._real,
+            self._whole,
+            self._parameters,
+            substeps,
+            self._origin,
+            loads.force_n,
+            loads.stiffness_npm,
+            loads.outside_n,
+        )
 
     def stop(self) -> None:
         """Brake all motors where they are; what was detected stays."""
