@@ -24,12 +24,14 @@ GAP_PERIODS = 1.5  # samples further apart than this have lost one between them
 MAX_MISSED = 5  # in a row; beyond that the sensor counts as stale and detectors are reset
 COUNTS_LIMIT = CODE_MAX  # difference of two codes
 FORMAT = "grasp-recording"
-VERSION = 1
+VERSION = 2
 SUFFIX = ".npz"
 LABEL = "slip"
 OPTIONAL = "slip_true"
+MOVED_M = 0.001  # further than this has moved, where nobody says how far
 
 
+LabelName = Literal["slip", "slip_true", "moved"]
 Split = Literal["train", "validation", "test"]
 
 
@@ -60,8 +62,10 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
     """Labelled frames at the times at which they came; nothing is resampled, arrays are read-only.
 
     ``slip`` is what the labelling rule says (in the paper: the fingertip faster than 3 mm/s or
-    0.2 rad/s); ``slip_true`` says that the contact itself slides. What only a simulation knows is
-    None elsewhere, and so are the fingertip's velocities where nobody measured them.
+    0.2 rad/s); ``slip_true`` says that the contact itself slides; ``moved_m`` is how far what is
+    touched lies from where it last rested against the fingertips, 0 while it rests
+    (docs/datasets.md says when that is). What only a simulation knows is None elsewhere, and so are
+    the fingertip's velocities where nobody measured them.
     """
 
     t_s: NDArray[np.float64]  # (n,)
@@ -74,6 +78,18 @@ class Recording(msgspec.Struct, frozen=True, eq=False):
     contact_turn_radps: NDArray[np.float32] | None = None  # (n,) likewise, about the normal
     velocity_mps: NDArray[np.float32] | None = None  # (n, 2) fingertip, along its x and y
     spin_radps: NDArray[np.float32] | None = None  # (n,) fingertip, about its normal
+    moved_m: NDArray[np.float32] | None = None  # (n,)
+
+    def label(self, name: LabelName, moved_m: float = MOVED_M) -> NDArray[np.bool_]:
+        """(n,) by that name; ``moved``: further than ``moved_m``. Raises BadFile where the
+        recording lacks it."""
+        if name == "moved":
+            found = None if self.moved_m is None else self.moved_m > moved_m
+        else:
+            found = self.slip if name == "slip" else self.slip_true
+        if found is None:
+            raise BadFile(self.source, f"has no {name}", "judge it by another label")
+        return found
 
     @property
     def fingers(self) -> int:
@@ -161,6 +177,7 @@ _ARRAYS: dict[str, tuple[type[np.generic], tuple[int | None, ...], bool]] = {
     "contact_turn_radps": (np.float32, (), False),
     "velocity_mps": (np.float32, (2,), False),
     "spin_radps": (np.float32, (), False),
+    "moved_m": (np.float32, (), False),
 }
 
 
@@ -202,7 +219,7 @@ def _header(stored: NDArray[Any] | None, source: str) -> _Header:
         if version != VERSION:
             raise BadFile(
                 source, f"format version {version}, this program reads {VERSION}",
-                "build it again with this version",
+                "make it anew: `grasp dataset build`, or `grasp run acquire`",
             )  # fmt: skip
         header = msgspec.json.decode(str(stored), type=_Header)
     except msgspec.DecodeError as error:

@@ -1,7 +1,6 @@
 """One sheet of figures for a detector and a decision rule on labelled recordings."""
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Literal
 
 import msgspec
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from detector.decision import RuleSettings, registered_events
 from detector.energy import EnergyDetector
 from detector.interface import SlipDetector
-from detector.recordings import Recording
+from detector.recordings import MOVED_M, LabelName, Recording
 from detector.scores.events import (
     EventSettings,
     Judgement,
@@ -30,14 +29,11 @@ from detector.scores.metrics import (
     edge_distance_ms,
 )
 from detector.scores.quantiles import Quantiles, quantiles
-from drivers.errors import BadFile
 
 WARM_UP_SAMPLES = 100  # the paper's window: what comes earlier no detector has to know
 HAND_FINGERS = 3
 PRE_SLIDING_S = 0.3  # before the contact gives way the pad shears: hearing that is no false event
 SLIDE = "slide"  # false events on recordings of the paper's kind, beside the causes of the others
-
-LabelName = Literal["slip", "slip_true"]
 
 
 class Evaluation(msgspec.Struct, frozen=True):
@@ -83,16 +79,12 @@ class Streamed(msgspec.Struct, frozen=True, eq=False):
     probabilities: Floats  # (n, fingers)
     spent_us: Floats  # (n,), or none
     label: LabelName = "slip"
+    moved_m: float = MOVED_M  # of the label `moved`
 
     @property
     def labels(self) -> Labels:
         """(n,) by the chosen label; raises BadFile where the recording lacks it."""
-        found = self.recording.slip if self.label == "slip" else self.recording.slip_true
-        if found is None:
-            raise BadFile(
-                self.recording.source, f"has no {self.label}", "judge it by another label"
-            )
-        return found
+        return self.recording.label(self.label, self.moved_m)
 
 
 def stream(

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from detector.network_file import FORMAT, Mode, NetworkCard
 from detector.recordings import Recording
-from detector.scores.evaluation import Streamed
 from detector.training.architecture import WINDOW
 from detector.training.fit import Training
 from detector.training.graph import make_model
@@ -64,7 +63,7 @@ def _samples(
     """Log-odds and labels (n,) of all samples of all fingers."""
     odds = odds_of(training.network, training.arch, recordings)
     labels = [
-        np.repeat(Streamed(r, o, np.empty(0), training.settings.label).labels, r.fingers)
-        for r, o in zip(recordings, odds, strict=True)
+        np.repeat(r.label(training.settings.label, training.settings.moved_m), r.fingers)
+        for r in recordings
     ]
     return np.concatenate([o.ravel() for o in odds]), np.concatenate(labels)

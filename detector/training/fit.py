@@ -64,7 +64,7 @@ class Training:
         self.name, self.settings = name, settings
         self.data_digest = data_digest
         self._validation = validation
-        self._fingers = fingers_of(train, settings.label)
+        self._fingers = fingers_of(train, settings.label, settings.moved_m)
         self.arch = of_layout(name, self._fingers.taxels)
         self.statistics = statistics(self._fingers, per_taxel=not self.arch.streaming)
         self.network = build(self.arch)
@@ -153,7 +153,12 @@ class Training:
     def _validate(self) -> Score:
         odds = odds_of(self.network, self.arch, self._validation)
         found = score(
-            odds, self._validation, self.settings.label, self.shift, self.settings.budget_per_min
+            odds,
+            self._validation,
+            self.settings.label,
+            self.shift,
+            self.settings.budget_per_min,
+            self.settings.moved_m,
         )
         if self.best is None or found.key < self.best.key:
             self.best, self._waited = found, 0

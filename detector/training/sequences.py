@@ -8,8 +8,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.recordings import Recording
-from detector.scores.evaluation import LabelName, Streamed
+from detector.recordings import MOVED_M, LabelName, Recording
 from detector.training.architecture import WINDOW
 from drivers.errors import UsageError
 
@@ -51,7 +50,9 @@ class Batch(msgspec.Struct, frozen=True, eq=False):
     weights: Floats  # (batch, time)
 
 
-def fingers_of(recordings: Sequence[Recording], label: LabelName) -> FingerSequences:
+def fingers_of(
+    recordings: Sequence[Recording], label: LabelName, moved_m: float = MOVED_M
+) -> FingerSequences:
     """Every finger of every recording, under the recording's one label."""
     counts, labels = [], []
     layouts = sorted({r.taxels for r in recordings})
@@ -61,7 +62,7 @@ def fingers_of(recordings: Sequence[Recording], label: LabelName) -> FingerSeque
             "train on recordings of one layout",
         )
     for recording in recordings:
-        known = Streamed(recording, np.empty((0, 1)), np.empty(0), label).labels
+        known = recording.label(label, moved_m)
         for finger in range(recording.fingers):
             counts.append(recording.counts[:, finger].astype(np.float32))
             labels.append(known)
@@ -91,6 +92,8 @@ def digest(recordings: Sequence[Recording]) -> str:
     for recording in recordings:
         found.update(recording.counts.tobytes())
         found.update(recording.slip.tobytes())
+        if recording.moved_m is not None:
+            found.update(recording.moved_m.tobytes())
     return found.hexdigest()[:16]
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from detector.scores.evaluation import LabelName
+from detector.recordings import MOVED_M, LabelName
 from detector.training.augment import Augmentation
 from detector.training.sequences import Balance
 
@@ -20,7 +20,14 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ] = True
     augmentation: Augmentation = "ours"
     balance: Balance = "weights"
-    label: LabelName = "slip"
+    label: Annotated[
+        LabelName,
+        Meta(description="slip: by speed; slip_true: by the contact's own; moved: by the distance"),
+    ] = "slip"
+    moved_m: Annotated[
+        float,
+        Meta(gt=0.0, le=0.1, description="of the label moved: further from where it last rested"),
+    ] = MOVED_M
     seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
     batch: Annotated[int, Meta(ge=2, le=4096, description="stretches or windows a step")] = 16
     crop: Annotated[int, Meta(ge=1, le=4096, description="samples learnt from a stretch")] = 160

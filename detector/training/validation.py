@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from torch import nn
 
 from detector.decision import RuleSettings
-from detector.recordings import Recording
-from detector.scores.evaluation import LabelName, Streamed
+from detector.recordings import MOVED_M, LabelName, Recording
+from detector.scores.evaluation import Streamed
 from detector.scores.sweep import best, rules, sweep
 from detector.training.architecture import WINDOW, Architecture
 
@@ -64,10 +64,11 @@ def score(
     label: LabelName,
     shift: float,
     budget_per_min: float,
+    moved_m: float = MOVED_M,
 ) -> Score:
     """Events of the quickest rules within the budgets, likelihood and accuracy of the samples."""
     streams = [
-        Streamed(r, 1.0 / (1.0 + np.exp(-(o + shift))), np.empty(0), label)
+        Streamed(r, 1.0 / (1.0 + np.exp(-(o + shift))), np.empty(0), label, moved_m)
         for r, o in zip(recordings, odds, strict=True)
     ]
     tried = [r for r in rules(RuleSettings()) if r.kind == "consecutive" and r.consecutive == 2]

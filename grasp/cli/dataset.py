@@ -136,12 +136,17 @@ def print_figures(r: Any) -> None:
     print(f"paper: {PAPER_STATIC + PAPER_SLIP} samples: {PAPER_STATIC} static, {PAPER_SLIP} slip")
     if r.slip_true is not None:
         print(f"slip_true: {r.slip_true}; equal to the label slip in {r.labels_agree:.1%}")
+    if r.moved is not None:
+        print(f"moved: {r.moved} samples are 1 mm or more from where they last rested")
     if r.speed_p50_mps is not None:
         print(f"speed where labelled slip: p50 {r.speed_p50_mps * 1e3:.0f}, "
               f"p99 {r.speed_p99_mps * 1e3:.0f} mm/s")  # fmt: skip
     print("splits: " + ", ".join(f"{name} {n}" for name, n in r.splits.items()))
-    for name, n in r.causes.items():
-        print(f"  {name:<28}{n:8d} samples")
+    print(f"\n{'kind':<32}{'recordings':>10}{'samples':>9}{'slip %':>8}{'moved %':>9}{'at 0 %':>8}")
+    for name, k in r.kinds.items():
+        moved = "-" if k.moved is None else f"{100 * k.moved:.1f}"
+        print(f"{name:<32}{k.recordings:>10}{k.samples:>9}{100 * k.slip:>8.1f}{moved:>9}"
+              f"{100 * k.at_rail:>8.1f}")  # fmt: skip
     if r.table:
         print(f"\n{'Table I':<12}{'speed':>7}  {'surface':<12}{'samples':>8}{'slip':>8}"
               f"{'%':>7}{'paper':>7}")  # fmt: skip

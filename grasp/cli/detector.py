@@ -47,9 +47,9 @@ def _add_evaluate(actions: Any) -> None:
         "(default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--label", choices=("slip", "slip_true"), default="slip",
+        "--label", choices=("slip", "slip_true", "moved"), default="slip",
         help="slip: by the fingertip's speed, as in the paper; slip_true: the contact itself "
-        "slides (default: %(default)s)",
+        "slides; moved: 1 mm from where it last rested (default: %(default)s)",
     )  # fmt: skip
     add_settings(parser)
     _add_json(parser)

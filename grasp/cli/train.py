@@ -50,7 +50,15 @@ def add_parser(actions: Any) -> None:
         "--windows", action="store_true",
         help="tcn-paper: learn from the last sample of windows alone, as its authors did",
     )  # fmt: skip
-    parser.add_argument("--label", choices=("slip", "slip_true"), help="what to learn")
+    parser.add_argument(
+        "--label", choices=("slip", "slip_true", "moved"),
+        help="what to learn: slip by the fingertip's speed, slip of the contact itself, or "
+        "distance from where it last rested (default: slip)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--moved-m", type=decimal(1e-5, 0.1), metavar="M",
+        help="of the label moved: further than this, in metres (default: 0.001)",
+    )  # fmt: skip
     parser.add_argument(
         "--resume", action="store_true", help="go on from the checkpoint beside --out"
     )
@@ -97,7 +105,7 @@ def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
     validation = [r for folder in args.data for r in read_dataset(folder, "validation")]
     asked = {
         name: getattr(args, name)
-        for name in ("seed", "steps", "augmentation", "balance", "label")
+        for name in ("seed", "steps", "augmentation", "balance", "label", "moved_m")
         if getattr(args, name) is not None
     }
     if args.windows:

@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 from detector.recordings import MAX_MISSED, Metadata, Recording, missed_samples
 from drivers.interfaces import ArmState
 from scenarios.acquire.config import AcquireConfig, SamplingSettings
+from scenarios.acquire.press import PressPhase
+from scenarios.acquire.rest import TURN_LEVER_M, moved
 from scenarios.acquire.session import Sample
 
+UNTOUCHED = (PressPhase.APPROACH, PressPhase.OFF)
 LEAST_SAMPLES = 2  # of a recording
 
 
@@ -37,9 +40,10 @@ def recording(
         speed = np.array([t.contact_speed_mps for t in truth])
         turn = np.array([t.contact_turn_radps for t in truth])
         slides = slip_label(speed, turn, config.sampling)
-    start_ns = samples[0].t_ns
+    t_s = np.array([(sample.t_ns - samples[0].t_ns) * 1e-9 for sample in samples])
+    touched = np.array([sample.phase not in UNTOUCHED for sample in samples])
     return Recording(
-        t_s=np.array([(sample.t_ns - start_ns) * 1e-9 for sample in samples]),
+        t_s=t_s,
         counts=np.stack([sample.frame.counts[config.finger] for sample in samples])[:, None, :],
         slip=slip_label(np.hypot(velocity[:, 0], velocity[:, 1]), abs(spin), config.sampling),
         slip_true=slides,
@@ -49,7 +53,15 @@ def recording(
         contact_turn_radps=None if turn is None else turn.astype(np.float32),
         velocity_mps=velocity.astype(np.float32),
         spin_radps=spin.astype(np.float32),
+        moved_m=moved(t_s, _places(samples), touched).astype(np.float32),
     )
+
+
+def _places(samples: Sequence[Sample]) -> NDArray[np.float64]:
+    """Where the fingertip is on what it presses, (n, 3), m: x, y, and how far it has turned."""
+    return np.array([
+        (*sample.arm.position_m[:2], TURN_LEVER_M * sample.arm.angle_rad) for sample in samples
+    ])  # fmt: skip
 
 
 def slip_label(

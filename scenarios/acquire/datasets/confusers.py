@@ -23,6 +23,7 @@ from scenarios.acquire.config import SamplingSettings, load_acquire_config
 from scenarios.acquire.datasets.draws import layout_file, with_values
 from scenarios.acquire.labels import recording, slip_label
 from scenarios.acquire.press import PressController, StrokeMotion
+from scenarios.acquire.rest import TURN_LEVER_M, moved
 from scenarios.acquire.rig import open_acquire_rig
 from scenarios.acquire.session import Script, Session
 from scenarios.lift.config import LiftConfig
@@ -192,11 +193,14 @@ def _of_lift(
 ) -> Recording:
     ticks = [tick for tick, _ in seen]
     t_s = np.array([(tick.t_ns - ticks[0].t_ns) * 1e-9 for tick in ticks])
-    places = np.array([(truth.slip_distance_m, truth.across_m) for _, truth in seen])
+    places = np.array([
+        (truth.slip_distance_m, truth.across_m, TURN_LEVER_M * truth.turn_rad) for _, truth in seen
+    ])  # fmt: skip
     held = np.array([truth.touched for _, truth in seen])  # afterwards the hand leaves the object
-    moved_m = np.hypot(*np.diff(places, axis=0, prepend=places[:1]).T) * held
-    speed = moved_m / np.diff(t_s, prepend=t_s[0] - PERIOD_S)  # a blow's slip lies between samples
-    slides = slip_label(speed, np.zeros(len(speed)), SamplingSettings())
+    steps = abs(np.diff(places, axis=0, prepend=places[:1])) * held[:, None]
+    steps /= np.diff(t_s, prepend=t_s[0] - PERIOD_S)[:, None]  # a blow's slip lies between samples
+    speed, turn = np.hypot(*steps[:, :2].T), steps[:, 2] / TURN_LEVER_M
+    slides = slip_label(speed, turn, SamplingSettings())
     return Recording(
         t_s=t_s,
         counts=np.stack([tick.frame.counts for tick in ticks if tick.frame is not None]),
@@ -205,12 +209,13 @@ def _of_lift(
         source=source,
         metadata=metadata,
         contact_speed_mps=speed.astype(np.float32),
-        contact_turn_radps=np.zeros(len(speed), np.float32),
+        contact_turn_radps=turn.astype(np.float32),
+        moved_m=moved(t_s, places, held).astype(np.float32),
     )
 
 
 def as_felt(slides: NDArray[np.bool_], places_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """The label `slip` (n,) of an object with those places in the hand (n, 2): what moves it less
+    """The label `slip` (n,) of an object with those places in the hand (n, d): what moves it less
     than half a millimetre for good is none (the pads give and swing back), and a short slip lasts
     until its traces have been read and felt.
 
@@ -220,7 +225,7 @@ def as_felt(slides: NDArray[np.bool_], places_m: NDArray[np.float64]) -> NDArray
     edges = np.flatnonzero(np.diff(slides, prepend=False, append=False))
     for first, end in edges.reshape(-1, 2):
         before, after = places_m[max(first - 1, 0)], places_m[min(end, len(places_m) - 1)]
-        if np.hypot(*(after - before)) >= LEAST_SLIP_M:
+        if np.linalg.norm(after - before) >= LEAST_SLIP_M:
             label[first : max(end, first + FELT_SAMPLES)] = True
     return label
 

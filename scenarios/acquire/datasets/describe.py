@@ -1,15 +1,19 @@
 """What a data set holds, beside Table I of the paper and the authors' statistics a taxel."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from detector.recordings import Recording
+from detector.scores.evaluation import cause_of
 from detector.scores.quantiles import quantile
 
+LEAST_REST_CODE = 400
+PLATEAU = 3
 SURFACES = ("planar", "sphere", "cylinder-y", "cylinder-x")
 # Grover et al. 2022, Table I: percent of the samples, surfaces as above; speeds in m/s or rad/s.
 PAPER_TABLE: dict[tuple[str, float], tuple[float, float, float, float]] = {
@@ -52,6 +56,16 @@ class Taxel(msgspec.Struct, frozen=True):
     most: int
 
 
+class Kind(msgspec.Struct, frozen=True):
+    """Recordings of one cause, or of strokes (`slide`)."""
+
+    recordings: int
+    samples: int
+    slip: float  # share of the samples, and of those that have moved 1 mm since they last rested
+    moved: float | None
+    at_rail: float  # share of the counts of a taxel pressed as far down as it ever reads
+
+
 class DatasetFigures(msgspec.Struct, frozen=True):
     """A data set in figures."""
 
@@ -60,9 +74,10 @@ class DatasetFigures(msgspec.Struct, frozen=True):
     static: int
     slip: int
     slip_true: int | None
+    moved: int | None  # samples 1 mm or more from where they last rested
     labels_agree: float | None  # share of samples with equal labels
     splits: dict[str, int]  # samples
-    causes: dict[str, int]  # samples of each cause
+    kinds: dict[str, Kind]
     speed_p50_mps: float | None  # of the fingertip, where it is labelled slip
     speed_p99_mps: float | None
     table: list[TableCell]
@@ -83,13 +98,16 @@ def describe(recordings: Sequence[Recording]) -> DatasetFigures:
         static=samples - slip,
         slip=slip,
         slip_true=sum(int(label.sum()) for _, label in known) if complete else None,
+        moved=(
+            sum(int(r.label("moved").sum()) for r in recordings)
+            if all(r.moved_m is not None for r in recordings)
+            else None
+        ),
         labels_agree=(
             sum(int((r.slip == label).sum()) for r, label in known) / samples if complete else None
         ),
-        splits=_counted((r.metadata.split, r) for r in recordings if r.metadata),
-        causes=_counted(
-            (r.metadata.cause, r) for r in recordings if r.metadata and r.metadata.cause
-        ),
+        splits=_splits(recordings),
+        kinds=_kinds(recordings),
         speed_p50_mps=quantile(speeds, 0.5) if len(speeds) else None,
         speed_p99_mps=quantile(speeds, 0.99) if len(speeds) else None,
         table=_table(recordings, samples),
@@ -97,11 +115,40 @@ def describe(recordings: Sequence[Recording]) -> DatasetFigures:
     )
 
 
-def _counted(labelled: Iterable[tuple[str, Recording]]) -> dict[str, int]:
+def _splits(recordings: Sequence[Recording]) -> dict[str, int]:
     counts: Counter[str] = Counter()
-    for name, r in labelled:
-        counts[name] += len(r.slip)
+    for r in recordings:
+        if r.metadata is not None:
+            counts[r.metadata.split] += len(r.slip)
     return dict(sorted(counts.items()))
+
+
+def _kinds(recordings: Sequence[Recording]) -> dict[str, Kind]:
+    groups: dict[str, list[Recording]] = {}
+    for r in recordings:
+        groups.setdefault(cause_of(r), []).append(r)
+    return {name: _kind(group) for name, group in sorted(groups.items())}
+
+
+def _kind(group: Sequence[Recording]) -> Kind:
+    samples = sum(len(r.slip) for r in group)
+    known = all(r.moved_m is not None for r in group)
+    railed = [at_rail(r.counts) for r in group]
+    return Kind(
+        len(group), samples, sum(int(r.slip.sum()) for r in group) / samples,
+        sum(int(r.label("moved").sum()) for r in group) / samples if known else None,
+        sum(int(x.sum()) for x in railed) / sum(x.size for x in railed),
+    )  # fmt: skip
+
+
+def at_rail(counts: NDArray[np.int16]) -> NDArray[np.bool_]:
+    """Of counts (n, fingers, taxels): at code 0, told by its plateau: rest codes are 420 to 480, so
+    a taxel that is down there again and again reads its least value, one that merely was pressed
+    hardest reads it once."""
+    least = counts.min(axis=0)
+    found = (counts == least) & (least <= -LEAST_REST_CODE)
+    out: NDArray[np.bool_] = found & (found.sum(axis=0) >= PLATEAU)
+    return out
 
 
 def _speeds(recordings: Sequence[Recording]) -> np.ndarray:
@@ -164,12 +211,16 @@ def draw(recordings: Sequence[Recording], out: Path) -> None:
         if r.slip_true is not None:
             edge = low + 0.06 * (high - low)
             axis.fill_between(r.t_s[shown], low, edge, where=r.slip_true[shown], color="#b33b2e")
+        if r.moved_m is not None:
+            beside = axis.twinx()
+            beside.plot(r.t_s[shown], 1e3 * r.moved_m[shown], color="k", lw=0.8, ls=":")
+            beside.set_ylabel("moved, mm")
         m = r.metadata
         what = f"{m.surface}, {m.cause or m.motion} {m.direction}" if m else r.source
         axis.set_title(what, loc="left", fontsize=9)
         axis.set_ylabel("counts")
     axes[0, 0].legend(title="taxel", ncols=6, fontsize=7, loc="upper right")
-    axes[-1, 0].set_xlabel("s; shaded: label slip; bar: the contact truly slides")
+    axes[-1, 0].set_xlabel("s; shaded: label slip; bar: the contact truly slides; dotted: moved")
     figure.tight_layout()
     figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None)
     plt.close(figure)

@@ -7,10 +7,9 @@ from typing import Literal
 import msgspec
 
 from detector.interface import SlipDetector
-from detector.recordings import Recording, Split, read_dataset
+from detector.recordings import LabelName, Recording, Split, read_dataset
 from detector.scores.evaluation import (
     Evaluation,
-    LabelName,
     Streamed,
     evaluate_streams,
     stream_recordings,

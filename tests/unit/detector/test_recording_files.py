@@ -14,7 +14,7 @@ METADATA = Metadata(
     set="slide", split="train", surface="sphere", motion="oblique", speed_mps=0.075,
     spin_radps=0.0, direction="135", seed=7, parameters={"depth_mm": 4.2}, commit="abc",
 )  # fmt: skip
-OPTIONAL = ("contact_speed_mps", "contact_turn_radps", "velocity_mps", "spin_radps")
+OPTIONAL = ("contact_speed_mps", "contact_turn_radps", "velocity_mps", "spin_radps", "moved_m")
 
 
 def recording(samples: int = 5, fingers: int = 1, **changes: Any) -> Recording:
@@ -30,6 +30,7 @@ def recording(samples: int = 5, fingers: int = 1, **changes: Any) -> Recording:
         contact_turn_radps=rng.random(samples).astype(np.float32),
         velocity_mps=rng.random((samples, 2)).astype(np.float32),
         spin_radps=rng.random(samples).astype(np.float32),
+        moved_m=rng.random(samples).astype(np.float32),
     )
     return msgspec.structs.replace(made, **changes)
 
@@ -54,6 +55,21 @@ def good(tmp_path: Path) -> Path:
     path = tmp_path / "a.npz"
     write(path, recording())
     return path
+
+
+def test_a_recording_of_the_version_before_is_refused_with_what_makes_it_anew(good: Path) -> None:
+    old = '{"format": "grasp-recording", "version": 1, "metadata": null}'
+    rewrite(good, header=np.array(old))
+    assert "grasp dataset build" in refused(good).remedy
+
+
+def test_labels_are_chosen_by_name_and_distance() -> None:
+    r = recording(moved_m=np.array([0.0, 0.0005, 0.0015, 0.003, 0.0], np.float32))
+    assert r.label("moved").tolist() == [False, False, True, True, False]
+    assert r.label("moved", 0.002).tolist() == [False, False, False, True, False]
+    assert r.label("slip") is r.slip
+    with pytest.raises(BadFile, match="has no moved"):
+        recording(moved_m=None).label("moved")
 
 
 @pytest.mark.parametrize("fingers", [1, 3])
@@ -151,9 +167,9 @@ def test_a_single_array_under_the_name_of_a_recording_is_refused(tmp_path: Path)
     [
         ("{", "bad header"),
         ("[]", "bad header"),
-        ('{"format": "grasp-recording", "version": 2, "metadata": null}', "format version 2"),
-        ('{"format": "other", "version": 1, "metadata": null}', "format is 'other'"),
-        ('{"format": "grasp-recording", "version": 1, "metadata": {}}', "bad header"),
+        ('{"format": "grasp-recording", "version": 1, "metadata": null}', "format version 1"),
+        ('{"format": "other", "version": 2, "metadata": null}', "format is 'other'"),
+        ('{"format": "grasp-recording", "version": 2, "metadata": {}}', "bad header"),
     ],
 )
 def test_a_bad_header_is_refused(good: Path, header: str, problem: str) -> None:

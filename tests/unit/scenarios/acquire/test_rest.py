@@ -1,0 +1,64 @@
+"""How far something has moved since it last rested: strokes, creep, and what swings back."""
+
+import numpy as np
+
+from scenarios.acquire.rest import REST_M, REST_S, TURN_LEVER_M, moved
+
+STILL = round(REST_S / 0.01) + 1  # samples after which what stands is at rest
+
+
+def along(*x_mm: np.ndarray) -> np.ndarray:
+    """Moved, mm, of something touched that goes through these places one way, 10 ms each."""
+    x = np.concatenate(x_mm)
+    places = np.stack([x, np.zeros(len(x)), np.zeros(len(x))], axis=1) * 1e-3
+    return moved(np.arange(len(x)) * 0.01, places, np.ones(len(x), bool)) * 1e3
+
+
+def test_a_stroke_counts_from_where_it_began_until_it_has_rested() -> None:
+    found = along(np.zeros(50), np.linspace(0.0, 10.0, 51), np.full(50, 10.0))
+    assert found[:50].max() == 0.0
+    np.testing.assert_allclose(found[50:101], np.linspace(0.0, 10.0, 51), atol=0.15)
+    after = found[101:]
+    assert after[: STILL - 3].min() > 9.9
+    assert after[STILL:].max() == 0.0
+
+
+def test_what_swings_back_has_moved_and_then_has_not() -> None:
+    swing = 0.8 * np.sin(np.linspace(0.0, np.pi, 7))
+    found = along(np.zeros(50), swing, np.zeros(50))
+    assert found[50:57].max() > 0.75
+    assert found[57:].max() < REST_M * 1e3
+
+
+def test_creep_slower_than_the_bound_is_rest_and_slip_is_not() -> None:
+    t = np.arange(200) * 0.01
+    slow, fast = (along(speed * t) for speed in (0.5, 3.0))
+    assert slow.max() == 0.0
+    np.testing.assert_allclose(fast[20:], 3.0 * t[20:], atol=0.2)
+
+
+def test_two_strokes_there_and_back_without_a_rest_between_are_one_motion() -> None:
+    there = np.linspace(0.0, 5.0, 26)
+    back = there[::-1]
+    paused = along(np.zeros(20), there, np.full(STILL + 1, 5.0), back)
+    assert paused[-1] > 4.8
+    at_once = along(np.zeros(20), there, back)
+    assert at_once[-1] < 0.1
+
+
+def test_a_turn_counts_by_the_lever_of_the_papers_label() -> None:
+    n = 100
+    places = np.zeros((n, 3))
+    places[50:, 2] = TURN_LEVER_M * np.linspace(0.0, 0.2, 50)
+    found = moved(np.arange(n) * 0.01, places, np.ones(n, bool))
+    assert abs(found[-1] - TURN_LEVER_M * 0.2) < 2 * REST_M
+
+
+def test_what_nobody_touches_has_not_moved() -> None:
+    n = 60
+    places = np.zeros((n, 3))
+    places[:, 0] = np.linspace(0.0, 0.05, n)
+    touched = np.arange(n) < 20
+    found = moved(np.arange(n) * 0.01, places, touched)
+    assert found[19] > 0.01
+    assert found[20:].max() == 0.0
