@@ -37,7 +37,7 @@ def doctor(args: argparse.Namespace) -> int:
 
     checks = examine(args.rig, args.config, load)
     failed = [c for c in checks if c.status == "fail"]
-    code = exits.DEVICE if failed else exits.SUCCESS
+    code = _code(failed)
     if args.json:
         print(json.dumps({"healthy": not failed, "checks": [c._asdict() for c in checks],
                           "exit_code": code}))  # fmt: skip
@@ -51,3 +51,10 @@ def doctor(args: argparse.Namespace) -> int:
     well = f"nothing stands against a run; {doubtful} to look at" if doubtful else "all well"
     print(f"{len(failed)} to mend; first: {failed[0].name}" if failed else well)
     return code
+
+
+def _code(failed: list[Any]) -> int:
+    """A configuration that cannot be read is a usage error here as everywhere."""
+    if any(check.name == "configuration" for check in failed):
+        return exits.USAGE
+    return exits.DEVICE if failed else exits.SUCCESS

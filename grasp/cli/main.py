@@ -4,7 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from drivers.errors import GraspError, UsageError
 from grasp import interruption
@@ -34,7 +34,14 @@ VERBS = (
 
 
 class Parser(argparse.ArgumentParser):
-    """Raises usage errors, so that they are reported as every other error is."""
+    """Raises usage errors, so that they are reported as every other error is; the parser of a verb
+    those of its own options, so that the help it names is the verb's."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        namespace, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"`{self.prog}` does not take {' '.join(unknown)}")
+        return namespace, unknown
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(message, f"see `{self.prog} --help`")

@@ -15,32 +15,75 @@ SPEED_MPS, SECONDS = 0.05, 20.0  # of an acquisition
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("run", help=HELP, description=HELP)
-    parser.add_argument(
-        "scenario",
-        choices=("lift", "tap", "acquire"),
-        help="lift: lift an object held too weakly; tap: strike an object held at the force cap; "
-        "acquire: press one fingertip on a fixed surface and stroke it, for labelled slip data",
-    )
+    scenarios = parser.add_subparsers(dest="scenario", metavar="SCENARIO", required=True)
+    _add_lift(scenarios)
+    _add_tap(scenarios)
+    _add_acquire(scenarios)
+
+
+def _scenario(scenarios: Any, name: str, text: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = scenarios.add_parser(name, help=text, description=text)
+    parser.set_defaults(handler=run)
+    return parser
+
+
+def _add_lift(scenarios: Any) -> None:
+    parser = _scenario(scenarios, "lift", "lift an object held too weakly")
     add_trial_options(parser, rig="emulated")
-    add_acquire_options(parser)
-    add_runs(parser)
     parser.add_argument(
-        "--keep",
-        action="store_true",
-        help="lift: keep holding the object instead of setting it down",
+        "--keep", action="store_true", help="keep holding the object instead of setting it down"
     )
+    add_series_options(parser, "lift")
+    _add_common(parser)
+
+
+def _add_tap(scenarios: Any) -> None:
+    parser = _scenario(scenarios, "tap", "strike an object held at the force cap")
+    add_trial_options(parser, rig="emulated")
+    parser.add_argument(
+        "--direction", metavar="DIR",
+        help="of the blows: top, side (across the closing axis), alternate (the two in turn), or "
+        "closing (along that axis; default: alternate)",
+    )  # fmt: skip
+    add_series_options(parser, "tap")
+    parser.add_argument("--taps", metavar="N", help=argparse.SUPPRESS)  # told its new name
+    _add_common(parser)
+    parser.set_defaults(keep=False)
+
+
+def _add_acquire(scenarios: Any) -> None:
+    """It uses neither an object nor a detector."""
+    parser = _scenario(
+        scenarios, "acquire",
+        "press one fingertip on a fixed surface and stroke it, for labelled slip data",
+    )  # fmt: skip
+    parser.add_argument(
+        "--surface", default="planar", metavar="NAME",
+        help="one of config/surfaces: planar, sphere, cylinder-x, cylinder-y (default: "
+        "%(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--direction", default="0", metavar="DIR",
+        help="degrees in the fingertip's plane in steps of 45, or cw or ccw (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--speed", type=decimal(0.004, 0.2), default=SPEED_MPS, metavar="MPS",
+        help="commanded speed of a stroke, m/s; a rotation turns at 1 rad/s (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--seconds", type=decimal(1, 3600), default=SECONDS, metavar="S",
+        help="length of the recording (default: %(default)g)",
+    )  # fmt: skip
+    _add_rig(parser, rig="emulated")
+    _add_common(parser)
+
+
+def _add_common(parser: argparse.ArgumentParser) -> None:
+    add_runs(parser)
     parser.add_argument(
         "-v", "--verbose", action="store_true",
         help="say also by how much physics the simulated world was computed, and why",
     )  # fmt: skip
-    add_series_options(parser)
-    parser.add_argument(
-        "--direction",
-        metavar="DIR",
-        help="tap: top, side (across the closing axis), alternate (the two in turn), or closing "
-        "(along that axis; default: alternate); acquire: degrees in the fingertip's plane in steps "
-        "of 45, or cw or ccw (default: 0)",
-    )
     parser.add_argument(
         "--pace",
         choices=("real", "max"),
@@ -51,7 +94,6 @@ def add_parser(verbs: Any) -> None:
         "--json", action="store_true", help="one JSON object on standard output, nothing else"
     )
     add_confirmation(parser)
-    parser.set_defaults(handler=run)
 
 
 def add_trial_options(parser: argparse.ArgumentParser, rig: str) -> None:
@@ -61,13 +103,6 @@ def add_trial_options(parser: argparse.ArgumentParser, rig: str) -> None:
         default="can",
         metavar="NAME",
         help="one of config/objects (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--rig",
-        default=rig,
-        metavar="NAME",
-        help="emulated (real protocols to a cell in another process), simulated (virtual time), "
-        "or hardware (default: %(default)s)",
     )
     parser.add_argument(
         "--profile",
@@ -81,6 +116,17 @@ def add_trial_options(parser: argparse.ArgumentParser, rig: str) -> None:
         metavar="NAME",
         help="one of config/detectors (default: the profile's)",
     )
+    _add_rig(parser, rig)
+
+
+def _add_rig(parser: argparse.ArgumentParser, rig: str) -> None:
+    parser.add_argument(
+        "--rig",
+        default=rig,
+        metavar="NAME",
+        help="emulated (real protocols to a cell in another process), simulated (virtual time), "
+        "or hardware (default: %(default)s)",
+    )
     parser.add_argument(
         "--seed",
         type=seed,
@@ -91,42 +137,18 @@ def add_trial_options(parser: argparse.ArgumentParser, rig: str) -> None:
     add_settings(parser)
 
 
-def add_acquire_options(parser: argparse.ArgumentParser) -> None:
-    """Options of `grasp run acquire` alone; it uses neither an object nor a detector."""
-    parser.add_argument(
-        "--surface",
-        metavar="NAME",
-        help="acquire: one of config/surfaces: planar, sphere, cylinder-x, cylinder-y "
-        "(default: planar)",
-    )
-    parser.add_argument(
-        "--speed",
-        type=decimal(0.004, 0.2),
-        metavar="MPS",
-        help="acquire: commanded speed of a stroke, m/s; a rotation turns at 1 rad/s "
-        f"(default: {SPEED_MPS})",
-    )
-    parser.add_argument(
-        "--seconds",
-        type=decimal(1, 3600),
-        metavar="S",
-        help=f"acquire: length of the recording (default: {SECONDS:g})",
-    )
-
-
 def run(args: argparse.Namespace) -> int:
     from scenarios.campaign.config import load_config
     from scenarios.trial.execution import make_guard
 
-    if args.taps is not None:
-        raise UsageError("--taps is called --trials now", f"--trials {args.taps}")
-    if strange := _strange_option(args):
-        raise UsageError(f"{strange} is no option of {args.scenario}", "leave it out")
     if args.scenario == "acquire":
         return _acquire(args)
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
-    if args.direction is not None:
-        assignments.append(f"tap.direction={args.direction}")
+    if args.scenario == "tap":
+        if args.taps is not None:
+            raise UsageError("--taps is called --trials now", f"--trials {args.taps}")
+        if args.direction is not None:
+            assignments.append(f"tap.direction={args.direction}")
     config = load_config(
         args.object, args.rig, args.detector, args.config, assignments, args.profile
     )
@@ -145,36 +167,19 @@ def _permit(config: Any, args: argparse.Namespace) -> Any:
     return leave
 
 
-def _strange_option(args: argparse.Namespace) -> str:
-    """An option of another scenario, if one was given."""
-    series = ("trials", "out", "resume")
-    own = {"lift": ("keep", *series), "tap": ("direction", *series),
-           "acquire": ("direction", "surface", "speed", "seconds")}  # fmt: skip
-    for option in ("keep", *series, "direction", "surface", "speed", "seconds"):
-        if getattr(args, option) not in (None, False) and option not in own[args.scenario]:
-            return f"--{option}"
-    return ""
-
-
 def _acquire(args: argparse.Namespace) -> int:
     from grasp.cli.live import Display
     from scenarios.acquire import acquire
     from scenarios.acquire.config import load_acquire_config
     from scenarios.acquire.press import motion
 
-    config = load_acquire_config(
-        "planar" if args.surface is None else args.surface, args.rig, args.config, args.set
-    )
-    course = motion(
-        "0" if args.direction is None else args.direction,
-        args.speed or SPEED_MPS,
-        acquire.TURN_RADPS,
-    )
+    config = load_acquire_config(args.surface, args.rig, args.config, args.set)
+    course = motion(args.direction, args.speed, acquire.TURN_RADPS)
     permit = _permit(config, args)
     with Display(args.rig, quiet=args.json) as display:
         display.setting_up(hand=False)
         finished = acquire.run(
-            config, course, args.seed, args.seconds or SECONDS, args.runs, paced(args),
+            config, course, args.seed, args.seconds, args.runs, paced(args),
             display.sample, permit,
         )  # fmt: skip
     failure = finished.failure

@@ -16,14 +16,13 @@ from grasp.cli.options import whole
 TRIALS = {"lift": 1, "tap": 20}  # taps: paper, section V-B
 
 
-def add_series_options(parser: argparse.ArgumentParser) -> None:
+def add_series_options(parser: argparse.ArgumentParser, scenario: str) -> None:
     """`--trials N`, `--out FILE`, `--resume`."""
     parser.add_argument(
         "--trials", type=whole(1, 10_000), metavar="N",
-        help="lift, tap: so many trials one after the other, with seeds from --seed on "
-        "(default: 1 lift, 20 taps)",
+        help="so many trials one after the other, with seeds from --seed on "
+        f"(default: {TRIALS[scenario]})",
     )  # fmt: skip
-    parser.add_argument("--taps", metavar="N", help=argparse.SUPPRESS)  # told its new name
     parser.add_argument(
         "--out", type=Path, metavar="FILE",
         help="keep a row a trial in this file, as a campaign does; `grasp campaign summary` reads "

@@ -14,7 +14,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from drivers.errors import GraspError
+from drivers.errors import ConfigError, GraspError
 
 JITTER_S = 2.0
 JITTER_WARN_MS = 5.0
@@ -182,7 +182,7 @@ def _devices(rig: str | None, load: Load) -> list[Check]:
 
 def _ask_devices(config: Any) -> list[Check]:
     hand = [_guarded(name, partial(look, config)) for name, look in
-            (("calibration", _calibration), ("gripper", _gripper))]  # fmt: skip
+            (("calibration", _calibration), ("cell", _cell), ("gripper", _gripper))]  # fmt: skip
     return [*hand, *arm_checks(config), _guarded("fingertips", lambda: _board(config))]
 
 
@@ -193,6 +193,18 @@ def _calibration(config: Any) -> Check:
     chosen = calibration(config)
     least = f"force byte 0 is {chosen.least_force_n:g} N"
     return Check("calibration", "ok", f"{config.gripper.calibration}: {least}")
+
+
+def _cell(config: Any) -> Check:
+    """Does a run drive it? Its locks are held for an instant, and let go."""
+    from scenarios.rigs.cell_lock import devices_of, driving
+
+    try:
+        devices = devices_of(config)
+    except ConfigError:  # told by whoever asks the device
+        return Check("cell", "warn", "not looked at: an address is missing")
+    with driving(*devices):  # raises the name of who does
+        return Check("cell", "ok", "driven by no run of this machine")
 
 
 def _board(config: Any) -> Check:

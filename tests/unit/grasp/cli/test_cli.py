@@ -66,7 +66,7 @@ def test_every_verb_explains_itself(verb: str, capsys: pytest.CaptureFixture[str
 def test_lift_succeeds_and_leaves_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = call("run", "lift", "--object", "can", "--runs", str(tmp_path), capsys=capsys)
     assert code == 0
-    assert "SUCCESS: held within 6cm" in out
+    assert "SUCCESS: held within 6 cm" in out
     assert "REGISTERED" in out
     folder = next(tmp_path.iterdir())
     assert sorted(p.name for p in folder.iterdir()) == ["recording.mcap", "result.json"]
@@ -148,9 +148,9 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["lift", "--taps", "3"], "--taps is called --trials now"),
-        (["lift", "--direction", "top"], "--direction is no option of lift"),
-        (["tap", "--keep"], "--keep is no option of tap"),
+        (["tap", "--taps", "3"], "--taps is called --trials now"),
+        (["lift", "--direction", "top"], "`grasp run lift` does not take --direction top"),
+        (["tap", "--keep"], "`grasp run tap` does not take --keep"),
         (["tap", "--trials", "0"], "a whole number"),
         (["tap", "--direction", "up"], "top"),
         (["tap", "--set", "tap.watch_s=1"], "too short to judge"),
@@ -238,7 +238,7 @@ def test_full_disk_does_not_stop_the_lift_and_leaves_nothing_half_written(tmp_pa
         capture_output=True, text=True, preexec_fn=small_files, check=False,
     )  # fmt: skip
     assert done.returncode == 5
-    assert "SUCCESS: held within 6cm" in done.stdout
+    assert "SUCCESS: held within 6 cm" in done.stdout
     assert "could not be recorded" in done.stderr
     assert done.stderr.count("\n") == 1
     assert list((tmp_path / "runs").iterdir()) == []

@@ -137,7 +137,7 @@ def test_trials_are_shown_kept_and_summed_up(
     [
         (["lift", "--resume"], "name it with --out FILE"),
         (["lift", "--keep", "--trials", "2"], "leave out --trials"),
-        (["acquire", "--trials", "2"], "--trials is no option of acquire"),
+        (["acquire", "--trials", "2"], "`grasp run acquire` does not take --trials 2"),
         (["tap", "--taps", "4"], "--trials 4"),
     ],
 )

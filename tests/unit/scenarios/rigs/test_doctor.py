@@ -1,13 +1,16 @@
 """`grasp doctor` finds what a run would be refused for, and says it once."""
 
+import os
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from drivers.errors import ConfigError
+from grasp.cli.main import main
 from scenarios.campaign.config import load_config
 from scenarios.rigs import doctor
+from scenarios.rigs.cell_lock import devices_of, driving
 
 ADDRESSES = """
 [modbus]
@@ -40,6 +43,21 @@ def test_hand_that_nobody_has_chosen_stands_against_a_run(
     assert ("chosen by hand" in found.detail) == (status == "fail")
 
 
+@pytest.mark.usefixtures("no_arm")
+def test_cell_that_a_run_drives_is_told_with_how_to_end_that(tmp_path: Path) -> None:
+    lab = tmp_path / "lab.toml"
+    lab.write_text(ADDRESSES)
+
+    def found() -> doctor.Check:
+        checks = doctor._devices("hardware", lambda rig, name: load_config("can", rig, name, lab))
+        return next(check for check in checks if check.name == "cell")
+
+    with driving(*devices_of(load_config("can", "hardware", "energy", lab))):
+        assert found().status == "fail"
+        assert f"kill {os.getpid()}" in found().remedy
+    assert found().status == "ok"
+
+
 def test_configuration_that_cannot_be_read_is_told_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -52,6 +70,13 @@ def test_configuration_that_cannot_be_read_is_told_once(
     assert [check.name for check in checks if "none.toml" in check.detail] == ["configuration"]
     unseen = {check.name for check in checks if check.detail.startswith("not looked at")}
     assert unseen == {"detectors", "devices"}
+
+
+def test_settings_that_cannot_be_read_are_no_device_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "JITTER_S", 0.05)
+    assert main(["doctor", "--config", str(tmp_path / "none.toml")]) == 2
 
 
 def test_file_as_a_whole_is_told_without_a_key(tmp_path: Path) -> None:
