@@ -32,6 +32,11 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         int, Meta(ge=5, le=500, description="a taxel so far from its rest, and not at a rail, is "
                   "loaded; assumed, twice what warming up shifts it")
     ] = 30  # fmt: skip
+    stuck_samples: Annotated[
+        int,
+        Meta(ge=10, le=10000, description="a taxel that has repeated itself so often in a row "
+             "cannot tell; assumed: at 0.3 counts of noise it comes by chance once in a day"),
+    ] = 100  # fmt: skip
     rail_samples: Annotated[
         int,
         Meta(ge=1, le=100, description="samples in a row with a whole fingertip at code 0 or 1023; "
@@ -62,6 +67,15 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         float, Meta(ge=0.05, le=10.0, description="one that is under way may: a count at least "
                     "speed takes 0.035 s, from stall to contact 0.03 s, two refreshes; assumed")
     ] = 0.15  # fmt: skip
+    pressing_ma: Annotated[
+        int, Meta(ge=0, le=3000, description="a finger whose motor draws so much presses on "
+                  "something; manual p. 68-73: 110-160 mA moving freely")
+    ] = 200  # fmt: skip
+    pressing_s: Annotated[
+        float, Meta(ge=0.05, le=30.0, description="one that presses may keep its count: at its "
+                    "force it creeps, above 0.001 m/s at times, or it would report contact; "
+                    "assumed, a count at half that")
+    ] = 2.0  # fmt: skip
     target_counts: Annotated[
         int, Meta(ge=1, le=100, description="a finger 'at target' may be off it; a zero is off by "
                   "up to 5, manual p. 74")

@@ -27,7 +27,7 @@ class Felt:
     def take(self, seen: Observation, airborne: bool) -> None:
         """One sample; ``airborne``: the object may be in the air."""
         force_n = seen.measured_n[0]
-        if force_n >= self._contact_n:
+        if force_n >= self._contact_n and sum(seen.felt_n) >= self._contact_n:
             self._touched_ns = seen.t_ns
         elif airborne:
             self.gap_ns = max(self.gap_ns, seen.t_ns - self._touched_ns)

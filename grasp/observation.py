@@ -38,12 +38,14 @@ class Observation(StepInput, frozen=True, kw_only=True):
 
     ``probabilities``: of slip, (3,), zeros where no fresh frame says anything. ``doubt``: what a
     device says that cannot be believed; empty when all can. ``overloaded``: measured force is above
-    the limit and its margin. ``last_close``: the closing that was admitted last.
+    the limit and its margin. ``felt_n``: of taxels alone that would feel it end, none of them at a
+    rail or stuck. ``last_close``: the closing that was admitted last.
     """
 
     probabilities: NDArray[np.float64]
     doubt: str = ""
     measured_n: Vector3 = (0.0, 0.0, 0.0)
+    felt_n: Vector3 = (0.0, 0.0, 0.0)
     overloaded: bool = False
     last_close: CloseFast | None = None
 

@@ -52,6 +52,7 @@ class GraspStep:
         self._guard = guard
         self._doubts = doubts or Doubts(DoubtSettings())
         self._measured_n: Vector3 = (0.0, 0.0, 0.0)
+        self._felt_n: Vector3 = (0.0, 0.0, 0.0)
         self._last_close: CloseFast | None = None
 
     def decide(self, told: StepInput) -> StepResult:
@@ -88,6 +89,7 @@ class GraspStep:
             probabilities=probabilities,
             doubt=doubt or deaf,
             measured_n=self._measured_n,
+            felt_n=self._felt_n,
             overloaded=self._guard.overloaded(self._measured_n),
             last_close=self._last_close,
         )
@@ -98,12 +100,16 @@ class GraspStep:
         if frame is None:
             return np.zeros(FINGERS), ""
         if self._doubts.believes_force:
-            a, b, c = frame.counts.sum(axis=1).tolist()
-            self._measured_n = self._guard.measured_n((a, b, c))
+            self._measured_n = self._force_n(frame.counts)
+            self._felt_n = self._force_n(frame.counts * self._doubts.can_tell)
         if frame.stale:
             self._detector.reset()
             return np.zeros(FINGERS), ""
         return self._ask(frame.counts)
+
+    def _force_n(self, counts: NDArray[np.int16]) -> Vector3:
+        a, b, c = counts.sum(axis=1).tolist()
+        return self._guard.measured_n((a, b, c))
 
     def _ask(self, counts: NDArray[np.int16]) -> tuple[NDArray[np.float64], str]:
         """The detector's answer, or what is wrong with it: no bug of a detector may end a run."""

@@ -28,8 +28,9 @@ from numpy.typing import NDArray
 from detector import recordings
 from detector.recordings import Recording
 from drivers.interfaces import FINGERS, PERIOD_NS
-from grasp.doubt import Doubts, FingertipDoubt
+from grasp.doubt import Doubts
 from grasp.doubt_settings import DoubtSettings
+from grasp.fingertip_doubt import FingertipDoubt
 from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios.acquire.datasets import build as datasets
@@ -56,6 +57,7 @@ CHECKS = (
     "arm_jump",
 )  # fmt: skip
 PATIENCE = ("1", "1/2", "1/4")
+RANGES = ("soft_low_counts", "soft_high_counts", "pressing_ma", "stuck_samples")
 Trial = tuple[LiftConfig | TapConfig, int]  # settings and seed
 
 
@@ -83,8 +85,7 @@ def impatient(settings: DoubtSettings, times: int) -> DoubtSettings:
         value = getattr(settings, name)
         changed[name] = max(1, value // times) if isinstance(value, int) else value / times
     changed["arm_moved_m"] = settings.arm_moved_m * times  # motion that counts as none
-    # ranges, which are no patience
-    changed |= {name: getattr(settings, name) for name in ("soft_low_counts", "soft_high_counts")}
+    changed |= {name: getattr(settings, name) for name in RANGES}
     return msgspec.structs.replace(settings, **changed)
 
 

@@ -20,7 +20,7 @@ NOUNS = {"tactile board": "fingertip", "gripper": "gripper", "arm": "arm"}  # in
 UNKNOWN = "its force is not measured"
 FINGERTIPS_LIE = "fingertip"  # with these letters all doubts of them begin
 STATUS_LIES = ("gripper_impossible", "gripper_silent", "gripper_stands")  # what the hand says
-FELT_N = 0.5  # measured at the most loaded finger: less is no grip
+FELT_N = 0.5  # by taxels that can tell: less is no grip
 
 
 class End(msgspec.Struct, frozen=True):
@@ -135,7 +135,7 @@ def _stands(tick: Tick, asked: Issued | None, felt: str) -> str:
     obeys = tick.gripper.fresh and tick.gripper.active  # the status speaks of the last command
     if not obeys or asked is None or not isinstance(asked.admitted, CloseFast):
         return f"closed as it was, {felt}"
-    if felt != UNKNOWN and max(tick.measured_n) < FELT_N:
+    if felt != UNKNOWN and sum(tick.observation.felt_n) < FELT_N:
         return "closed, and feels nothing any more"
     return f"{_closed(tick, asked.admitted)}, {felt}"
 
@@ -155,7 +155,7 @@ def is_open(tick: Tick) -> bool:
 
 
 def _grips(tick: Tick) -> bool:
-    return _touches(tick) or max(tick.measured_n) >= FELT_N
+    return _touches(tick) or sum(tick.observation.felt_n) >= FELT_N
 
 
 def _touches(tick: Tick) -> bool:

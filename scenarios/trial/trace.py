@@ -1,7 +1,7 @@
 """What a verdict is drawn from, kept tick by tick: by lift and tap alike."""
 
 from drivers.interfaces import Counts3
-from grasp.doubt import at_rail
+from grasp.fingertip_doubt import at_rail
 from grasp.loop import Issued, Tick
 from grasp.phases import AIRBORNE_PHASES, LOWERING_PHASES, Phase
 from scenarios.world.cell import Truth

@@ -51,4 +51,5 @@ def seen(t_ns: int, p: float = 0.0, **changes: object) -> Observation:
         "measured_n": (2.0, 1.0, 1.0),
         **changes,
     }
+    values.setdefault("felt_n", values["measured_n"])
     return Observation(**values)  # type: ignore[arg-type]

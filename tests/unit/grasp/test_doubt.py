@@ -9,8 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.interfaces import Detection, GripperState, TactileFrame
-from grasp.doubt import Doubts, FingertipDoubt, GripperDoubt, wrong_probabilities
+from grasp.doubt import Doubts, wrong_probabilities
 from grasp.doubt_settings import DoubtSettings
+from grasp.fingertip_doubt import FingertipDoubt
+from grasp.gripper_doubt import GripperDoubt
 from grasp.phases import CONTACT_PHASES, SAFE_PHASES, Phase
 from tests.unit.grasp.builders import arm, gripper
 
@@ -116,6 +118,45 @@ def test_live_taxels(value: int) -> None:
         return until_wrong(raw, **settings)[0] - 1
 
     assert (patience(value - 1), patience(value)) == (16, 8)
+
+
+STUCK = 12  # of the hand's 18 taxels, four of each fingertip
+
+
+def mostly_stuck(k: int) -> Codes:
+    """The taxels that live change from one sample to the next."""
+    raw = codes(k)
+    raw[:, :4] = 420
+    return raw
+
+
+@pytest.mark.parametrize("patient", ["frozen_samples", "dead_unloaded_samples"])
+def test_taxels_that_have_stood_still_for_long_are_no_witnesses(patient: str) -> None:
+    """A third of the taxels must repeat three times as often to say as much."""
+    samples = {"frozen_samples": 8, "dead_unloaded_samples": 8, patient: 99}
+    doubt = FingertipDoubt(DoubtSettings(**samples, stuck_samples=25, loaded_counts=60))
+    for k in range(30):
+        assert doubt.see(frame(mostly_stuck(k)), Phase.LIFT) == ""
+    heard = [doubt.see(frame(mostly_stuck(29)), Phase.LIFT)[:18] for _ in range(24)]
+    assert heard == [""] * 23 + ["fingertips_frozen:"]
+
+
+@pytest.mark.parametrize("value", [20, 60])
+def test_stuck_samples(value: int) -> None:
+    doubt = FingertipDoubt(DoubtSettings(stuck_samples=value))
+    telling = []
+    for k in range(value + 2):
+        doubt.see(frame(mostly_stuck(k)), Phase.LIFT)
+        telling.append(int(doubt.can_tell.sum()))
+    assert telling == [18] * value + [18 - STUCK] * 2
+    doubt.see(frame(codes(1)), Phase.LIFT)
+    assert doubt.can_tell.all()
+
+
+def test_taxels_at_the_rail_cannot_tell() -> None:
+    doubt = FingertipDoubt(DoubtSettings())
+    doubt.see(frame(rails(0, 0, taxels=2)), Phase.LIFT)
+    assert doubt.can_tell.sum(axis=1).tolist() == [6, 4, 6]
 
 
 def test_some_taxels_of_a_fingertip_at_the_rail_are_a_firm_grip() -> None:
@@ -255,6 +296,30 @@ def test_stands_s(value: float) -> None:
     def after(s: float, asked: int = 90) -> str:
         states = [moving(0.0, 55), moving(0.01, 56), moving(0.01 + s, 56, asked)]
         return doubted(states, stands_s=value, finger_start_s=10.0)
+
+    assert (after(value - 1e-6), after(value + 1e-6)) == ("", "gripper_stands")
+
+
+def pressing(t_s: float, current_ma: int) -> GripperState:
+    state = moving(t_s, 55)
+    a = msgspec.structs.replace(state.fingers[0], current_ma=current_ma)
+    return msgspec.structs.replace(state, fingers=(a, *state.fingers[1:]))
+
+
+@pytest.mark.parametrize("value", [150, 400])
+def test_pressing_ma(value: int) -> None:
+    def stands(current_ma: int) -> str:
+        return doubted([pressing(0.0, current_ma), pressing(1.0, current_ma)], pressing_ma=value)
+
+    assert (stands(value - 1), stands(value)) == ("gripper_stands", "")
+
+
+@pytest.mark.parametrize("value", [0.5, 1.5])
+def test_pressing_s(value: float) -> None:
+    """A finger at its force creeps after what gives way."""
+
+    def after(s: float) -> str:
+        return doubted([pressing(0.0, 310), pressing(s, 310)], pressing_s=value)
 
     assert (after(value - 1e-6), after(value + 1e-6)) == ("", "gripper_stands")
 

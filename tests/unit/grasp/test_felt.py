@@ -24,6 +24,13 @@ def test_contact_is_the_thumbs_alone_and_lost_after_its_time() -> None:
     assert tracker.contact_lost(5 * TICK)
 
 
+def test_force_of_taxels_that_cannot_tell_is_no_contact_unless_others_of_the_hand_feel_something() -> (
+    None
+):
+    assert felt(GRIP, *[GRIP] * 5, felt_n=(0.0, 0.1, 0.1)).contact_lost(5 * TICK)
+    assert not felt(GRIP, *[GRIP] * 5, felt_n=(0.1, 0.1, 0.1)).contact_lost(5 * TICK)
+
+
 @pytest.mark.parametrize(("airborne", "gap_ns"), [(True, 3 * TICK), (False, 0)])
 def test_longest_gap_counts_in_the_air_alone(airborne: bool, gap_ns: int) -> None:
     forces = (GRIP, *[NOTHING] * 3, GRIP, NOTHING, GRIP)

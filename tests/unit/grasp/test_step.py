@@ -111,6 +111,17 @@ def test_detector_hears_the_counts_and_the_controller_its_answer() -> None:
     assert (seen.measured_n, seen.overloaded, seen.doubt) == ((6.0, 6.0, 6.0), False, "")
 
 
+def test_taxels_at_a_rail_count_as_measured_and_not_as_felt() -> None:
+    seen = Bench().decide(railed(frame(-1)))
+    assert (seen.measured_n, seen.felt_n) == ((6.0, 6.0, 6.0), (4.0, 6.0, 6.0))
+
+
+def railed(of: TactileFrame) -> TactileFrame:
+    raw = of.raw.copy()
+    raw[0, 2:4] = 0
+    return msgspec.structs.replace(of, raw=raw)
+
+
 def test_stale_frame_resets_the_detector_and_is_no_sample() -> None:
     b = Bench()
     seen = b.decide(frame(-1, stale=True))

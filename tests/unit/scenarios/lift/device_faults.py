@@ -30,6 +30,16 @@ def freeze_thumb(rig: Rig) -> None:
     _keep(rig, FINGER)
 
 
+def freeze_taxels(of_thumb: int) -> Act:
+    """The first so many of the thumb."""
+
+    def act(rig: Rig) -> None:
+        _keep(rig, slice(0, of_thumb))
+
+    act.__name__ = f"freeze_{of_thumb}_taxels"
+    return act
+
+
 def _keep(rig: Rig, cells: slice) -> None:
     """The next codes of these cells are repeated for ever."""
     kept: list[np.ndarray] = []

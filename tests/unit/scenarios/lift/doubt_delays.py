@@ -3,8 +3,8 @@
 import math
 from itertools import pairwise
 
-from grasp.doubt import at_rail
 from grasp.doubt_settings import DoubtSettings
+from grasp.fingertip_doubt import at_rail
 from grasp.loop import Tick
 from grasp.phases import Phase
 from tests.unit.scenarios.conftest import Staged

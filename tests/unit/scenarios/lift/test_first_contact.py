@@ -4,6 +4,7 @@ import msgspec
 import pytest
 
 from drivers.errors import ConfigError
+from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios.lift import lift
 from scenarios.lift.result import LiftResult
@@ -13,6 +14,7 @@ from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
 from scenarios.world import laws
 from scenarios.world.cell import Truth
 from tests.unit.scenarios.conftest import Staged, config, in_phase
+from tests.unit.scenarios.lift import device_faults as fault
 
 OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
 BOUND_N = 11.0  # limit and stated overshoot
@@ -101,6 +103,29 @@ def test_object_that_vanishes_stops_the_arm_where_it_is(phase: Phase) -> None:
     closing_ns = 3_500_000_000  # a thumb that has a long way to close
     assert staged.done_at_ns is not None
     assert lost_ns - staged.done_at_ns < closing_ns
+
+
+@pytest.mark.parametrize("broken", [fault.stick_one_taxel_at_the_rail, fault.freeze_taxels(3)])
+@pytest.mark.parametrize("phase", [Phase.HOLD, Phase.LOWER])
+def test_object_that_vanishes_is_missed_although_taxels_go_on_telling_of_it(
+    phase: Phase, broken: fault.Act
+) -> None:
+    staged = Staged()
+    break_them = in_phase(Phase.LIFT, 20)
+
+    def both(tick: Tick) -> bool:
+        if break_them(tick) and not struck:
+            struck.append(tick.t_ns)
+            broken(staged.rig)
+        return gone(tick)
+
+    struck: list[int] = []
+    gone = in_phase(phase, 3)
+    trial = staged.run(both, taken_away)
+    assert trial.controller.phase is Phase.LOST
+    assert max(staged.ticks[-1].measured_n) > 0.5
+    end = trial.end(staged.config)
+    assert end is not None and "feels nothing" in end.hand
 
 
 def test_ten_lifts_on_one_open_rig_begin_at_one_height() -> None:

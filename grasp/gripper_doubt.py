@@ -1,0 +1,92 @@
+"""What a gripper says and cannot be: the part of ``grasp.doubt`` that watches it."""
+
+from itertools import compress
+
+from drivers.interfaces import FINGER_NAMES, FINGERS, Detection, FingerState, GripperState
+from grasp.doubt_settings import DoubtSettings
+
+
+class GripperDoubt:
+    """Status that does not follow a command, or that no hand can have."""
+
+    def __init__(self, settings: DoubtSettings) -> None:
+        self._settings = settings
+        self._before: GripperState | None = None
+        self._fresh_ns = 0
+        self._moved_ns = [0] * FINGERS  # since when each finger reports motion without moving
+        self._under_way = [False] * FINGERS  # it has moved since it was told to
+
+    def see(self, state: GripperState) -> str:
+        """What is wrong with it."""
+        before, self._before = self._before or state, state
+        if state.fresh or before is state:
+            self._fresh_ns = state.t_ns
+        for i, (was, now) in enumerate(zip(before.fingers, state.fingers, strict=True)):
+            if not state.fresh or not _stands(was, now):
+                self._moved_ns[i] = state.t_ns
+                self._under_way[i] = state.fresh and _goes_on(was, now)
+        # both: a hand that has lost power may say nonsense of where it is, too
+        found = "; ".join(filter(None, (self._inactive(state), self._impossible(before, state))))
+        return found or self._idle(state)
+
+    def _inactive(self, state: GripperState) -> str:
+        if state.active or state.fault:
+            return ""  # a fault has a text of its own
+        return "gripper_inactive: the hand has lost its activation and obeys no motion"
+
+    def _impossible(self, before: GripperState, state: GripperState) -> str:
+        s = self._settings
+        reach = s.target_counts + s.finger_counts_ps * (state.t_ns - before.t_ns) * 1e-9
+        for name, was, now in zip(FINGER_NAMES, before.fingers, state.fingers, strict=True):
+            here = now.position_counts
+            if not 0 <= here <= 255:
+                return f"gripper_impossible: finger {name} at {here} counts"
+            if abs(here - was.position_counts) > reach:
+                return f"gripper_impossible: finger {name} leapt {was.position_counts} to {here}"
+            if state.fresh and self._contradicts(now):
+                return (
+                    f"gripper_impossible: finger {name} says 'at target' at {here} counts, "
+                    f"asked for {now.requested_counts}"
+                )
+        return ""
+
+    def _contradicts(self, finger: FingerState) -> bool:
+        s, asked = self._settings, finger.requested_counts
+        return (
+            finger.detection is Detection.AT_TARGET
+            and s.soft_low_counts <= asked <= s.soft_high_counts
+            and abs(finger.position_counts - asked) > s.target_counts
+        )
+
+    def _idle(self, state: GripperState) -> str:
+        s = self._settings
+        silent_s = (state.t_ns - self._fresh_ns) * 1e-9
+        if silent_s > s.echo_s:
+            return f"gripper_silent: {silent_s:.2f} s without an answer to a command"
+        standing = [state.t_ns - since_ns for since_ns in self._moved_ns]
+        if not any(standing):  # most often
+            return ""
+        fingers = zip(standing, state.fingers, strict=True)
+        stands = [ns >= self._patience_s(i, f) * 1e9 for i, (ns, f) in enumerate(fingers)]
+        if any(stands):
+            names = ", ".join(compress(FINGER_NAMES, stands))
+            return f"gripper_stands: finger {names} reports motion and does not move"
+        return ""
+
+    def _patience_s(self, i: int, finger: FingerState) -> float:
+        """One that presses is as slow as what gives way lets it be."""
+        s = self._settings
+        if finger.current_ma >= s.pressing_ma:
+            return max(s.pressing_s, s.finger_start_s)
+        return s.stands_s if self._under_way[i] else s.finger_start_s
+
+
+def _stands(was: FingerState, now: FingerState) -> bool:
+    moving = now.detection is Detection.MOVING
+    return moving and was.position_counts == now.position_counts
+
+
+def _goes_on(was: FingerState, now: FingerState) -> bool:
+    """Told the same as before, it is seen to move."""
+    moving = now.detection is Detection.MOVING
+    return moving and was.requested_counts == now.requested_counts
