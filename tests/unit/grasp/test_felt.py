@@ -24,9 +24,7 @@ def test_contact_is_the_thumbs_alone_and_lost_after_its_time() -> None:
     assert tracker.contact_lost(5 * TICK)
 
 
-def test_force_of_taxels_that_cannot_tell_is_no_contact_unless_others_of_the_hand_feel_something() -> (
-    None
-):
+def test_force_of_taxels_that_cannot_tell_is_no_contact_unless_others_feel_something() -> None:
     assert felt(GRIP, *[GRIP] * 5, felt_n=(0.0, 0.1, 0.1)).contact_lost(5 * TICK)
     assert not felt(GRIP, *[GRIP] * 5, felt_n=(0.1, 0.1, 0.1)).contact_lost(5 * TICK)
 
