@@ -35,12 +35,24 @@ LabelName = Literal["slip", "slip_true", "moved"]
 Split = Literal["train", "validation", "test"]
 
 
+class Act(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Something done to a held object, and what came of it."""
+
+    t_s: float
+    kind: str
+    direction: str
+    impulse_n_s: float = 0.0  # of a blow, shove or touch
+    furthest_m: float = 0.0  # from where it was before, while it lasted
+    moved_m: float = 0.0  # for good
+
+
 class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What was done, and all that is needed to do it again.
 
     ``direction`` is degrees in the fingertip's plane, "0" to "315", or "cw" or "ccw"; empty where
     there is none. ``cause`` names what shook the signal in a recording of the set ``confusers``.
-    ``parameters`` are the physical ones that were drawn for this recording, units in the names.
+    ``parameters`` are the physical ones that were drawn for this recording, units in the names;
+    ``object`` is what the hand holds, ``acts`` what was done to it, in the order of time.
     """
 
     set: Literal["slide", "confusers"]
@@ -55,6 +67,8 @@ class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     layout: str = ""  # of the taxels, by its name; empty: the kit's
     part: str = ""  # of a data set that draws from several sets of ranges
     parameters: dict[str, float] = {}
+    object: dict[str, float | str | bool | list[int]] = {}
+    acts: tuple[Act, ...] = ()
     commit: str = ""
 
 

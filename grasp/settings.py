@@ -28,6 +28,7 @@ RENAMED = {
     "loop.stop_deceleration_mps2": "controller.stop_deceleration_mps2",
     "tap.impulse_ns": "tap.impulse_n_s",
     "detector": "energy",
+    "causes.recordings": "causes.share, of all `recordings`",
     "decision_rules": 'sweep."rule.consecutive"',
     "decision_samples": 'sweep."rule.consecutive"',
     "latencies_s": 'sweep."loop.decision_delay_s"',
@@ -171,7 +172,7 @@ def _value(key: str, text: str) -> Any:
 
 def renamed(key: str) -> str | None:
     """The present name of a setting by its old one, or by that of the section it stood in."""
-    parts = key.split(".")
+    parts = re.sub(r"\[\d+\]", "", key).split(".")  # of a list: which one does not matter
     for end in range(len(parts), 0, -1):
         if new := RENAMED.get(".".join(parts[:end])):
             return ".".join([new, *parts[end:]])

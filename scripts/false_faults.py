@@ -33,7 +33,8 @@ from grasp.doubt_settings import DoubtSettings
 from grasp.fingertip_doubt import FingertipDoubt
 from grasp.loop import Tick
 from grasp.phases import Phase
-from scenarios.acquire.datasets import build as datasets
+from scenarios.acquire.datasets.build import build
+from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
 from scenarios.campaign.config import load_config
 from scenarios.campaign.spec import combinations, read_spec, trials
 from scenarios.lift import lift
@@ -198,10 +199,10 @@ def confusers(folder: Path | None, share: float, jobs: int) -> Tally:
     with tempfile.TemporaryDirectory() as scratch:
         if folder is None:
             folder = Path(scratch) / "confusers"
-            whole = datasets.load_dataset_config(HOME / "config" / "datasets" / "confusers.toml")
-            config = datasets.reduced(whole, share)
-            wanted = datasets.plan(config)
-            datasets.build(wanted, config, folder, Workers(jobs), lambda done, total: None)
+            whole = load_dataset_config(HOME / "config" / "datasets" / "confusers.toml")
+            config = reduced(whole, share)
+            wanted = plan(config)
+            build(wanted, config, folder, Workers(jobs), lambda done, total: None)
         for cause, counts in hands(folder):
             total.add(listen(counts, lost=cause == "lost_samples"))
     return total

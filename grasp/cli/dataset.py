@@ -64,9 +64,10 @@ def build(args: argparse.Namespace) -> int:
     import json
 
     from scenarios.acquire.datasets import build as datasets
+    from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
 
-    config = datasets.reduced(datasets.load_dataset_config(args.config), args.share)
-    jobs = datasets.plan(config)
+    config = reduced(load_dataset_config(args.config), args.share)
+    jobs = plan(config)
     with _Bar(args.json) as bar:
         made = datasets.build(jobs, config, args.out, workers(args), bar.show)
     samples = sum(job.samples for job in jobs)

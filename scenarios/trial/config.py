@@ -123,25 +123,26 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 def trial_layers(
-    object_name: str,
+    object_name: str | Layer,
     rig: str,
     detector: str | None = None,
     file: Path | None = None,
     assignments: Sequence[str] = (),
     profile: str = DEFAULT_PROFILE,
 ) -> list[Layer]:
-    """Class defaults <- rig <- profile <- object <- detector <- file (or $GRASP_CONFIG) <-
-    assignments. Without a name of its own, the detector is the profile's.
+    """Class defaults <- rig <- profile <- object (by its name, or as it is) <- detector <- file (or
+    $GRASP_CONFIG) <- assignments. Without a name of its own, the detector is the profile's.
 
     Raises ConfigError for an unknown name, and where a file or an assignment says one.
     """
     whole = named_layer("profiles", profile)
+    held = object_name if isinstance(object_name, Layer) else named_layer("objects", object_name)
     if detector is None:
         detector = str(whole.table["detector_name"])
     layers = [
         not_chosen(named_layer("rigs", rig)),
         not_chosen(whole, {key: CHOSEN[key] for key in ("rig", "profile")}),
-        not_chosen(named_layer("objects", object_name)),
+        not_chosen(held),
         not_chosen(named_layer("detectors", detector)),
         *own_layers(file, assignments),
         Layer("command line", {"rig": rig, "profile": profile, "detector_name": detector}),

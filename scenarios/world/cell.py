@@ -88,6 +88,7 @@ class SimulatedCell:
         are those that the cell began with, wherever they stand."""
         surfaces = [surface_of(settings.body)] * FINGERS
         self.fingertips = Fingertips(in_a_grasp(settings.fingertip), surfaces, rng)
+        self.shaken = False  # something shakes the arm that is not its own motion
         self._damage = Damage(settings.damage, settings.fingertip.noise_counts, rng.spawn(1)[0])
         self._pull = Pull(settings.pull, self._now_ns)
         angle = math.radians(settings.fingertip.slip_direction_deg)
@@ -112,6 +113,10 @@ class SimulatedCell:
         """Strike the object. What an earlier blow moved is forgotten."""
         start_s = (self._now_ns - self._start_ns) * 1e-9 + blow.delay_s
         self.contact.strike(blow, start_s)
+
+    def push(self, down_n: float) -> None:
+        """A hand presses the object down from now on (up, below zero), until told otherwise."""
+        self.contact.push(down_n, (self._now_ns - self._start_ns) * 1e-9)
 
     def advance(self, now_ns: int) -> None:
         """Advance everything to now_ns."""
@@ -145,7 +150,9 @@ class SimulatedCell:
 
     def _latch(self, t_ns: int) -> Callable[[], tuple[Codes, Codes]]:
         """What the pads are about to feel now; not all of it will be asked for."""
-        return partial(self._sample, t_ns, self.contact.state.copy(), self._arm_rise_mps != 0.0)
+        return partial(
+            self._sample, t_ns, self.contact.state.copy(), self.shaken or self._arm_rise_mps != 0.0
+        )
 
     def _sample(self, t_ns: int, s: Floats, arm_moves: bool) -> tuple[Codes, Codes]:
         motion, turn, centre = self.contact.felt(s, self._frames)

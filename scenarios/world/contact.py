@@ -20,6 +20,7 @@ from scenarios.world.scene_terms import PullSettings
 
 __all__ = ["FINGERS", "GRAVITY_MPS2", "Contact", "Floats", "Level", "parameters"]
 
+RAMP_S, FOREVER_S = 1e-3, 1e6  # of a push, which is all there when it begins
 BRUSH_POINTS = 6  # a side of a pad
 # Mean distance from the middle of a square of half side 1: torque at which a uniform patch spins.
 SQUARE_SPIN = float((np.sqrt(2.0) + np.log(1.0 + np.sqrt(2.0))) / 3.0)
@@ -178,6 +179,12 @@ class Contact:
         s = self.state
         s[laws.PULL_START_S], s[laws.PULL_N] = start_s, settings.force_n
         s[laws.PULL_RAMP_S], s[laws.PULL_S] = settings.ramp_s, settings.lasts_s
+
+    def push(self, down_n: float, start_s: float) -> None:
+        """A steady force downwards from start_s on, in place of any pull."""
+        s = self.state
+        s[laws.PULL_RAMP_S], s[laws.PULL_S] = RAMP_S, FOREVER_S
+        s[laws.PULL_START_S], s[laws.PULL_N] = start_s - RAMP_S, down_n
 
     def advance(
         self, t_s: float, dt_s: float, rise_m: float, from_mps: float, to_mps: float,

@@ -11,7 +11,7 @@ import pytest
 from detector.training.settings import TrainSettings
 from drivers.ur.emulator.settings import EmulatorSettings
 from scenarios.acquire.config import AcquireConfig
-from scenarios.acquire.datasets.build import DatasetConfig
+from scenarios.acquire.datasets.plan import DatasetConfig
 from scenarios.campaign.config import RunConfig
 from scenarios.campaign.spec import CampaignSpec
 from scenarios.studies.grip_search import GripCriteria

@@ -12,7 +12,8 @@ import msgspec
 import pytest
 
 from grasp.settings import config_dir
-from scenarios.acquire.datasets.build import build, load_dataset_config, plan
+from scenarios.acquire.datasets.build import build
+from scenarios.acquire.datasets.plan import load_dataset_config, plan
 from scenarios.rigs.workers import Workers
 from tests.wire.scenarios.campaigns import (
     PATIENCE_S,

@@ -20,7 +20,7 @@ from grasp.cli.main import main
 from grasp.settings import config_dir
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.datasets import build as datasets
-from scenarios.acquire.datasets.build import DatasetConfig, Job, apportion, build, plan, window
+from scenarios.acquire.datasets.build import build, window
 from scenarios.acquire.datasets.describe import (
     PAPER_SLIP,
     PAPER_STATIC,
@@ -29,6 +29,15 @@ from scenarios.acquire.datasets.describe import (
     describe,
 )
 from scenarios.acquire.datasets.draws import with_values
+from scenarios.acquire.datasets.plan import (
+    DIRECTIONS,
+    DatasetConfig,
+    Job,
+    apportion,
+    load_dataset_config,
+    plan,
+    reduced,
+)
 from scenarios.rigs.workers import Workers
 
 PAPER = config_dir() / "datasets" / "paper.toml"
@@ -41,7 +50,7 @@ def quiet(done: int, total: int) -> None:
 
 @pytest.fixture(scope="module")
 def paper() -> DatasetConfig:
-    return datasets.load_dataset_config(PAPER)
+    return load_dataset_config(PAPER)
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +61,7 @@ def jobs(paper: DatasetConfig) -> list[Job]:
 @pytest.fixture(scope="module")
 def few(paper: DatasetConfig) -> list[Job]:
     """Three small recordings of different motions and surfaces."""
-    small = plan(datasets.reduced(paper, 0.02))
+    small = plan(reduced(paper, 0.02))
     return [small[0], small[40], small[-1]]
 
 
@@ -84,7 +93,7 @@ def test_every_direction_and_every_split_is_in_every_group(jobs: list[Job]) -> N
         assert splits["validation"] == splits["test"] == max(1, round(0.1 * len(group)))
         assert splits["train"] >= 8
         directions = {job.motion.direction for job in group}
-        assert directions == set(datasets.DIRECTIONS[group[0].motion.kind])
+        assert directions == set(DIRECTIONS[group[0].motion.kind])
 
 
 def test_paths_and_seeds_are_unique_and_the_plan_is_the_same_twice(
@@ -219,7 +228,7 @@ def test_a_build_that_was_killed_leaves_whole_files_only_and_goes_on(tmp_path: P
         time.sleep(0.05)
     left = {path: path.read_bytes() for path in out.glob("*/[!.]*.npz")}
     assert len(read_dataset(out)) == len(left) >= 3
-    small = datasets.reduced(datasets.load_dataset_config(PAPER), 0.02)
+    small = reduced(load_dataset_config(PAPER), 0.02)
     every = plan(small)
     nearly = [job for job in every if (out / job.path).exists()]
     index = json.loads((out / datasets.INDEX).read_text())
@@ -305,9 +314,10 @@ def test_a_full_disk_at_the_first_file_leaves_an_empty_folder(
         ('[[rows]]\nmotion = "primary"\nspeed = 0.1\npercent = {"../../x" = 100}', "rows"),
         ('[[rows]]\nmotion = "primary"\nspeed = 0.1\npercent = {moon = 100}', "moon"),
         ('[[rows]]\nmotion = "primary"\nspeed = 0.1\npercent = {planar = 0}', "nothing to record"),
-        ('[[causes]]\ncause = "tap"\non = ["a/b"]\nrecordings = 3\nseconds = 1', "causes"),
-        ('[[causes]]\ncause = "tap"\non = ["can"]\nrecordings = 3\nseconds = 1', "can"),
-        ('[[causes]]\ncause = "grasped_tap"\non = ["sphere"]\nrecordings = 3\nseconds = 1', "can"),
+        ('[[causes]]\ncause = "tap"\non = ["a/b"]\nshare = 1\nseconds = 1', "causes"),
+        ('[[causes]]\ncause = "tap"\non = ["can"]\nshare = 1\nseconds = 1', "can"),
+        ('[[causes]]\ncause = "grasped_tap"\non = ["can"]\nshare = 1\nseconds = 1\nload = [0, 1]',
+         "straight"),
         ("", "nothing to record"),
     ],
 )  # fmt: skip

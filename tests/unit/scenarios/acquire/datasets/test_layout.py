@@ -15,6 +15,7 @@ from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.datasets import build as datasets
 from scenarios.acquire.datasets import describe
 from scenarios.acquire.datasets.draws import layout_file
+from scenarios.acquire.datasets.plan import load_dataset_config, plan
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.rigs.workers import Workers
@@ -27,7 +28,7 @@ PAPER = config_dir() / "datasets" / "paper.toml"
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three recordings of strokes, and one of a grasp."""
     paper, grasps = (
-        datasets.plan(msgspec.structs.replace(datasets.load_dataset_config(path), layout="eight"))
+        plan(msgspec.structs.replace(load_dataset_config(path), layout="eight"))
         for path in (PAPER, PAPER.with_name("grasped-slip.toml"))
     )
     short = [msgspec.structs.replace(job, static=150, slip=120) for job in (paper[0], paper[40])]
@@ -87,7 +88,7 @@ def test_a_layout_that_does_not_exist_is_refused_before_anything_is_built(tmp_pa
     text = PAPER.read_text().replace('name = "paper"', 'name = "paper"\nlayout = "nine"')
     (tmp_path / "mine.toml").write_text(text)
     with pytest.raises(ConfigError, match="layouts"):
-        datasets.load_dataset_config(tmp_path / "mine.toml")
+        load_dataset_config(tmp_path / "mine.toml")
 
 
 def test_a_table_of_eight_taxels_is_read_and_one_without_any_is_not(tmp_path: Path) -> None:

@@ -1,0 +1,299 @@
+"""Which recordings a data set has: a pure function of its TOML file.
+
+A recording's seed lies in the block of its split, so that nothing random of one split (textures,
+objects, noise) comes again in another, whatever the set's size.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+
+from detector.recordings import SUFFIX, Metadata, Split
+from drivers.errors import ConfigError
+from drivers.interfaces import PERIOD_S
+from grasp.settings import load, named_layer, read_toml
+from scenarios.acquire.config import AcquireConfig, load_acquire_config
+from scenarios.acquire.datasets import bodies
+from scenarios.acquire.datasets.acts import Acts
+from scenarios.acquire.datasets.draws import layout_file, with_values
+from scenarios.acquire.datasets.grasped import GRASPED, GraspedCause, bare_config
+from scenarios.acquire.datasets.pressed import FixedCause
+from scenarios.acquire.press import TURNS, StrokeMotion, motion
+from scenarios.trial.result import versions
+from scenarios.world.objects import Name
+
+DIRECTIONS = {
+    "primary": ("0", "90", "180", "270"),
+    "oblique": ("45", "135", "225", "315"),
+    "rotation": tuple(TURNS),
+}
+SEEDS = 1_000_000  # seeds of one data set; those of trials are below
+BLOCKS: dict[Split, int] = {"train": 0, "validation": 400_000, "test": 700_000}
+MOST_DRAWS = 1000
+LEAST_RECORDINGS = 3  # of a cause: one a split
+PRESSED = ("surface.", "press.", "control.", "sampling.")  # what a grasp knows nothing of
+Range = tuple[float, float]
+
+
+class DatasetRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One row of Table I: percent of the samples a surface. Speed in m/s, of a rotation rad/s."""
+
+    motion: Literal["primary", "oblique", "rotation"]
+    speed: Annotated[float, Meta(gt=0.0, le=2.0)]
+    percent: dict[Name, Annotated[float, Meta(ge=0.0, le=100.0)]]
+
+
+class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Some of the strokes, with ranges of their own over those that all share."""
+
+    name: Name
+    share: Annotated[float, Meta(gt=0.0, le=1.0)]  # of the recordings of strokes
+    randomise: dict[str, Range] = {}
+    on: dict[Name, dict[str, Range]] = {}  # of one surface
+
+    def ranges(self, surface: str) -> dict[str, Range]:
+        return self.randomise | self.on.get(surface, {})
+
+
+class CauseRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Recordings in which something shakes or moves what is touched: ``pressed``, ``grasped``."""
+
+    cause: FixedCause | GraspedCause
+    on: Annotated[list[Name], Meta(min_length=1)]  # surfaces, or bodies (config/bodies) of a grasp
+    share: Annotated[float, Meta(gt=0.0, le=1.0)]  # of the recordings, in proportion to the others
+    seconds: Annotated[float, Meta(ge=1.0, le=600.0)]
+    strokes: bool = False
+    load: Range | None = (
+        None  # weight, of what the first grip's friction carries; none: held firmly
+    )
+    acts: Acts | None = None
+    randomise: dict[str, Range] = {}
+
+    def __post_init__(self) -> None:
+        firm = self.acts is not None and self.acts.firm
+        if self.cause not in GRASPED and (self.load is not None or self.acts is not None):
+            raise ValueError(f"{self.cause}: nothing is held, so it has neither load nor acts")
+        if self.cause in GRASPED and firm == (self.load is not None):
+            raise ValueError(f"{self.cause}: either a load for its first grip, or firm acts")
+
+
+class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A data set's TOML file: rows of Table I, or causes, or both."""
+
+    name: Name
+    seed: Annotated[int, Meta(ge=1, lt=2**31)]
+    layout: Name | Literal[""] = ""  # of taxels, from config/layouts; empty: the kit's
+    static_samples: Annotated[int, Meta(ge=0)] = 0
+    slip_samples: Annotated[int, Meta(ge=0)] = 0
+    recording_samples: Annotated[int, Meta(ge=100, le=100_000)] = 1200
+    least_recordings: Annotated[int, Meta(ge=3, le=1000)] = 10
+    held_out: Annotated[float, Meta(gt=0.0, le=0.4)] = 0.1  # for validation, and as much for test
+    rows: list[DatasetRow] = []
+    parts: list[Part] = []  # of the rows; their shares are taken in proportion
+    causes: list[CauseRow] = []
+    recordings: Annotated[int, Meta(ge=0, le=100_000)] = 0  # of the causes, each at least three
+    randomise: dict[str, Range] = {}
+    on: dict[Name, dict[str, Range]] = {}  # of one surface
+
+
+class Job(msgspec.Struct, frozen=True):
+    """One recording to be made."""
+
+    path: str  # in the data set's folder
+    surface: str
+    motion: StrokeMotion | None  # None: no strokes
+    static: int
+    slip: int  # of a cause, static and slip are not told apart
+    metadata: Metadata
+    acts: Acts | None = None
+
+    @property
+    def samples(self) -> int:
+        return self.static + self.slip
+
+
+WHOLE = Part(name="whole", share=1.0)  # of a set that has no parts
+
+
+def load_dataset_config(path: Path) -> DatasetConfig:
+    """Raises ConfigError for a file that is missing or not allowed, or names what is unknown."""
+    config = load(DatasetConfig, [read_toml(path)])
+    for row in config.rows:
+        for surface in row.percent:
+            named_layer("surfaces", surface)
+    if config.layout:
+        named_layer("layouts", config.layout)
+    for surface in [*config.on, *(name for part in config.parts for name in part.on)]:
+        named_layer("surfaces", surface)
+    for cause in config.causes:
+        for name in cause.on:
+            named_layer("bodies" if cause.cause in GRASPED else "surfaces", name)
+    if not config.causes and not any(sum(row.percent.values()) for row in config.rows):
+        raise ConfigError(str(path), "rows", "there is nothing to record", "percent above 0")
+    return config
+
+
+def reduced(config: DatasetConfig, share: float) -> DatasetConfig:
+    """The same distribution with fewer samples and recordings."""
+    return msgspec.structs.replace(
+        config,
+        static_samples=max(1, round(config.static_samples * share)),
+        slip_samples=max(1, round(config.slip_samples * share)),
+        least_recordings=max(3, round(config.least_recordings * share)),
+        recordings=round(config.recordings * share),
+    )
+
+
+def plan(config: DatasetConfig) -> list[Job]:
+    """All recordings; split by recording within each cause or group of Table I."""
+    jobs = _slide_jobs(config) if config.rows else []
+    return jobs + _cause_jobs(config, len(jobs))
+
+
+def _cause_jobs(config: DatasetConfig, first: int) -> list[Job]:
+    jobs: list[Job] = []
+    commit = versions()["commit"]
+    counts = apportion(config.recordings, np.array([row.share for row in config.causes]))
+    for row, count in zip(config.causes, counts, strict=True):
+        index = first + len(jobs)
+        rng = np.random.default_rng([config.seed, index])
+        splits = _splits(max(LEAST_RECORDINGS, count), config.held_out, rng)
+        for k, split in enumerate(splits):
+            seed = _seed(config, split, first + len(jobs))
+            course = motion(DIRECTIONS["primary"][k % 4], 0.05, 1.0) if row.strokes else None
+            name = row.on[k % len(row.on)]
+            metadata = Metadata(
+                set="confusers", split=split, surface=name, cause=row.cause,
+                motion=course.kind if course else "none",
+                speed_mps=course.speed_mps if course else 0.0, spin_radps=0.0,
+                direction=course.direction if course else "", seed=seed, commit=commit,
+                layout=config.layout,
+                parameters=_parameters(config, row, name, seed),
+                object=_object(row, name, seed) if row.cause in GRASPED else {},
+            )  # fmt: skip
+            path = f"{row.cause}/{k:03d}-{name}{SUFFIX}"
+            samples = round(row.seconds / PERIOD_S)
+            jobs.append(Job(path, name, course, samples, 0, metadata, row.acts))
+    return jobs
+
+
+def _seed(config: DatasetConfig, split: Split, index: int) -> int:
+    return config.seed * SEEDS + BLOCKS[split] + index
+
+
+def _parameters(config: DatasetConfig, row: CauseRow, name: str, seed: int) -> dict[str, float]:
+    ranges = config.randomise | config.on.get(name, {}) | row.randomise
+    if row.cause in GRASPED:
+        held = {key: bounds for key, bounds in ranges.items() if not key.startswith(PRESSED)}
+        return drawn(held, seed)
+    return drawn_on(pressing(name, config.layout), ranges, seed)
+
+
+def _object(row: CauseRow, name: str, seed: int) -> dict[str, Any]:
+    """What is held, drawn far from the objects of the experiments; its settings by their names."""
+    config = bare_config("")
+    body = bodies.draw_object(
+        bodies.body_ranges(name), row.load, config.contact, config.hand.m_per_count,
+        sum(config.guard.full_grip_n), np.random.default_rng([seed, 4]),
+    )  # fmt: skip
+    table: dict[str, Any] = msgspec.to_builtins(body)
+    return table
+
+
+def _slide_jobs(config: DatasetConfig) -> list[Job]:
+    groups = [(row, name, share) for row in config.rows for name, share in row.percent.items()]
+    shares = np.array([share for _, _, share in groups])
+    slips = apportion(config.slip_samples, shares)
+    statics = apportion(config.static_samples, shares)
+    jobs: list[Job] = []
+    commit = versions()["commit"]
+    for (row, surface, share), slip, static in zip(groups, slips, statics, strict=True):
+        if share == 0.0:
+            continue
+        wanted = round((slip + static) / config.recording_samples)
+        count = max(config.least_recordings, wanted)
+        parts = zip(
+            apportion(slip, np.ones(count)), apportion(static, np.ones(count)),
+            _splits(count, config.held_out, np.random.default_rng([config.seed, len(jobs)])),
+            strict=True,
+        )  # fmt: skip
+        for k, (slip_part, static_part, split) in enumerate(parts):
+            directions = DIRECTIONS[row.motion]
+            course = motion(directions[k % len(directions)], row.speed, row.speed)
+            seed = _seed(config, split, len(jobs))
+            part = part_of_job(config.parts, len(jobs))
+            metadata = Metadata(
+                set="slide", split=split, surface=surface, motion=row.motion,
+                part=part.name if config.parts else "",
+                speed_mps=course.speed_mps, spin_radps=course.spin_radps,
+                direction=course.direction, seed=seed, commit=commit, layout=config.layout,
+                parameters=drawn_on(
+                    pressing(surface, config.layout), config.randomise | part.ranges(surface), seed
+                ),
+            )  # fmt: skip
+            name = f"{surface}/{row.motion}-{row.speed:g}-{k:02d}-{course.direction}{SUFFIX}"
+            jobs.append(Job(name, surface, course, static_part, slip_part, metadata))
+    return jobs
+
+
+def part_of_job(parts: Sequence[Part], index: int) -> Part:
+    """The part of the index-th recording: as evenly mixed as the golden ratio does it."""
+    at = (index * (math.sqrt(5.0) - 1.0) / 2.0) % 1.0 * sum(part.share for part in parts)
+    for part in parts:
+        at -= part.share
+        if at < 0.0:
+            return part
+    return parts[-1] if parts else WHOLE
+
+
+def apportion(total: int, shares: NDArray[np.float64]) -> list[int]:
+    """Whole parts in these proportions that sum to the total: largest remainders."""
+    exact = total * shares / shares.sum()
+    parts = np.floor(exact).astype(int)
+    order = np.argsort(parts - exact, kind="stable")
+    parts[order[: total - parts.sum()]] += 1
+    return [int(part) for part in parts]
+
+
+def _splits(count: int, held_out: float, rng: np.random.Generator) -> list[Split]:
+    """The rest is for training; at least one recording each, in random order."""
+    part = max(1, round(held_out * count))
+    sizes: dict[Split, int] = {"train": count - 2 * part, "validation": part, "test": part}
+    ordered = [split for split, size in sizes.items() for _ in range(size)]
+    return [ordered[i] for i in rng.permutation(count)]
+
+
+def drawn(ranges: Mapping[str, Range], seed: int) -> dict[str, float]:
+    """One value a setting, evenly between its bounds."""
+    return _draw(ranges, np.random.default_rng([seed, 2]))
+
+
+def drawn_on(config: AcquireConfig, ranges: Mapping[str, Range], seed: int) -> dict[str, float]:
+    """The same for a pressed fingertip, drawn again while its surface is too near an object of the
+    experiments."""
+    rng = np.random.default_rng([seed, 2])
+    for _ in range(MOST_DRAWS):
+        values = _draw(ranges, rng)
+        if bodies.far(bodies.of_surface(with_values(config, values).surface)):
+            return values
+    raise ConfigError(
+        "randomise", "surface", "no surface far from the objects of the experiments was drawn",
+        "wider ranges",
+    )  # fmt: skip
+
+
+def _draw(ranges: Mapping[str, Range], rng: np.random.Generator) -> dict[str, float]:
+    return {key: float(rng.uniform(low, high)) for key, (low, high) in ranges.items()}
+
+
+@cache
+def pressing(surface: str, layout: str) -> AcquireConfig:
+    """Settings of a session on that surface before anything is drawn."""
+    return load_acquire_config(surface, "simulated", layout_file(layout))

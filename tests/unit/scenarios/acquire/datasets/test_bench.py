@@ -1,0 +1,53 @@
+"""Blows found on the contact law: what just moves an object, and what only swings it."""
+
+import numpy as np
+import pytest
+
+from scenarios.acquire.datasets.bench import AIM_M, JUST_M, LEFT_M, Bench, least, pressed
+from scenarios.acquire.datasets.bodies import body_ranges, draw_object
+from scenarios.acquire.datasets.grasped import bare_config
+
+
+@pytest.fixture(scope="module")
+def bench() -> Bench:
+    config, rng = bare_config(""), np.random.default_rng(3)
+    body = draw_object(
+        body_ranges("straight"), None, config.contact, config.hand.m_per_count, 20.0, rng
+    )
+    return Bench(body, config.contact, config.guard.full_grip_n, False, rng)
+
+
+@pytest.mark.parametrize("direction", ["top", "side"])
+def test_what_just_moves_it_does_and_a_little_less_does_not(bench: Bench, direction: str) -> None:
+    known = bench.impulses(direction)
+    assert bench.tried(bench.blow(direction, known.just))[1] >= JUST_M
+    assert bench.tried(bench.blow(direction, 0.95 * known.just))[1] < JUST_M
+    assert bench.tried(bench.blow(direction, known.aim))[1] == pytest.approx(AIM_M, rel=0.15)
+
+
+@pytest.mark.parametrize("direction", ["top", "side"])
+def test_an_elastic_blow_swings_it_out_and_leaves_it_nearly_where_it_was(
+    bench: Bench, direction: str
+) -> None:
+    furthest, left = bench.tried(bench.blow(direction, bench.elastic(direction, 0.0005)))
+    assert furthest == pytest.approx(0.0005, rel=0.15)
+    assert left <= LEFT_M
+    far, most = bench.tried(bench.blow(direction, bench.elastic(direction, 0.01)))
+    assert far > furthest
+    assert most <= 1.2 * LEFT_M  # whatever is asked for
+
+
+def test_a_shove_moves_it_about_so_far_and_a_press_below_friction_does_not(bench: Bench) -> None:
+    _, moved = bench.tried(bench.shove("side", 0.005, 0.12))
+    assert moved == pytest.approx(0.005, rel=0.6)
+    soft = pressed("side", 0.5 * bench.spare_n("side"), 0.3)
+    assert bench.tried(soft)[1] < LEFT_M
+
+
+def test_along_the_closing_axis_it_is_struck_as_hard_as_on_the_top(bench: Bench) -> None:
+    assert bench.impulses("closing") == bench.impulses("top")
+
+
+def test_halving_finds_the_least_that_is_enough_or_the_upper_bound() -> None:
+    assert least(lambda x: x > 0.3, 0.01, 1.0) == pytest.approx(0.3, rel=0.02)
+    assert least(lambda x: False, 0.01, 1.0) == 1.0

@@ -1,0 +1,161 @@
+"""What three fingers feel of objects drawn for a recording: struck, touched, dragged, set down."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from detector.recordings import Recording
+from grasp.settings import config_dir
+from scenarios.acquire.datasets.build import make
+from scenarios.acquire.datasets.grasped import GRASPED, as_felt, lift_config
+from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan
+from scenarios.acquire.rest import REST_M
+
+SETS = config_dir() / "datasets"
+
+
+@pytest.fixture(scope="module")
+def jobs() -> list[Job]:
+    return plan(load_dataset_config(SETS / "confusers.toml"))
+
+
+@pytest.fixture(scope="module")
+def slips() -> list[Job]:
+    return plan(load_dataset_config(SETS / "grasped-slip.toml"))
+
+
+def of(jobs: list[Job], cause: str, number: int = 1, **parameters: float) -> list[Recording]:
+    """The first recordings of a cause, some of their parameters replaced."""
+    made = []
+    for job in [job for job in jobs if job.metadata.cause == cause][:number]:
+        drawn = {**job.metadata.parameters, **parameters}
+        metadata = msgspec.structs.replace(job.metadata, parameters=drawn)
+        made.append(make(msgspec.structs.replace(job, metadata=metadata)))
+    return made
+
+
+def changes(r: Recording) -> np.ndarray:
+    """(n - 1,) mean absolute change of the liveliest fingertip's taxels."""
+    return np.abs(np.diff(r.counts.astype(int), axis=0)).mean(axis=2).max(axis=1)
+
+
+@pytest.mark.parametrize(
+    "cause", ["grasped_closing_and_tightening", "grasped_lift_acceleration", "grasped_set_down"]
+)
+def test_a_grasp_is_recorded_with_three_fingers_and_holds(jobs: list[Job], cause: str) -> None:
+    (r,) = of(jobs, cause)
+    assert r.fingers == 3
+    assert r.slip.mean() < 0.05
+    assert (r.counts.astype(int).sum(axis=2) < -15).all(axis=1).any()  # all three pressed
+
+
+def test_every_recording_holds_an_object_of_its_own_at_the_positions_found_for_it(
+    jobs: list[Job],
+) -> None:
+    held = [job for job in jobs if job.metadata.cause in GRASPED]
+    assert len({str(job.metadata.object) for job in held}) == len(held)
+    job = held[0]
+    body = lift_config(job.metadata, job.acts, turns=False).object
+    assert msgspec.to_builtins(body) == job.metadata.object
+    assert body.name == job.surface
+
+
+def test_half_of_the_blows_on_a_firm_grip_are_near_what_just_moves_it(jobs: list[Job]) -> None:
+    made = of(jobs, "grasped_blow", 4)
+    acts = [act for r in made for act in r.metadata.acts if r.metadata]
+    assert len(acts) == 36
+    moved = {kind: [a.moved_m for a in acts if a.kind == kind and a.direction != "closing"]
+             for kind in ("near", "weak", "elastic")}  # fmt: skip
+    assert 10 <= len([a for a in acts if a.kind == "near"]) <= 26
+    assert max(moved["weak"]) < 0.001
+    assert np.median(moved["elastic"]) < 0.0005
+    assert min(moved["near"]) < 0.001 < max(moved["near"])
+    for r in made:
+        assert (changes(r) > 10).any()
+        assert r.slip.mean() < 0.1
+
+
+def test_the_mallets_own_blows_slide_the_object_and_the_labels_say_how_far(
+    slips: list[Job],
+) -> None:
+    (r,) = of(slips, "grasped_blow")
+    assert r.metadata is not None and r.moved_m is not None
+    hard = [a for a in r.metadata.acts if a.kind == "mallet" and 0.003 < a.moved_m < 0.03]
+    assert hard
+    for act in hard:
+        after = (r.t_s > act.t_s) & (r.t_s < act.t_s + 0.15)
+        assert r.slip[after].any()
+        assert r.moved_m[after].max() == pytest.approx(act.furthest_m, rel=0.25)
+
+
+def test_a_touch_and_a_pull_move_the_object_for_a_moment_only(jobs: list[Job]) -> None:
+    acts = [a for cause in ("grasped_touch", "grasped_pull") for r in of(jobs, cause, 2)
+            if r.metadata for a in r.metadata.acts]  # fmt: skip
+    assert {a.kind for a in acts} == {"touch", "pull"}
+    assert np.median([a.furthest_m for a in acts]) > REST_M
+    assert np.median([a.moved_m for a in acts]) < REST_M
+
+
+def test_a_hand_drags_the_object_at_its_own_pace(slips: list[Job]) -> None:
+    acts = [a for r in of(slips, "grasped_drag", 3) if r.metadata for a in r.metadata.acts]
+    drags = [a.moved_m for a in acts if a.kind == "drag"]
+    assert len(drags) >= 5
+    assert 0.001 < np.median(drags) < 0.02
+
+
+def test_a_shaken_arm_is_heard_while_the_object_stays(jobs: list[Job]) -> None:
+    (r,) = of(jobs, "grasped_arm_vibration")
+    assert r.metadata is not None and r.moved_m is not None
+    shakes = [a.t_s for a in r.metadata.acts if a.kind == "shake"]
+    assert shakes
+    during = np.any([(r.t_s > t) & (r.t_s < t + 0.5) for t in shakes], axis=0)
+    before = np.any([(r.t_s > t - 0.3) & (r.t_s < t) for t in shakes], axis=0)
+    assert changes(r)[during[1:]].mean() > 1.5 * changes(r)[before[1:]].mean()
+    assert r.moved_m[during].max() < 0.001
+
+
+def test_a_short_slip_is_labelled_until_it_can_be_felt_and_a_tiny_one_not_at_all() -> None:
+    step_m = np.zeros(40)
+    step_m[5:7] = 0.003  # a blow
+    step_m[20:22] = (0.002, -0.0018)  # the pads give, and swing back
+    step_m[25:39] = 0.001  # a slide
+    places_m = np.stack([np.cumsum(step_m), np.zeros(40)], axis=1)
+    label = as_felt(step_m != 0.0, places_m)
+    assert np.flatnonzero(np.diff(label, prepend=False)).tolist() == [5, 13, 25, 39]
+
+
+def test_an_uneven_grasp_loads_its_fingers_differently(jobs: list[Job]) -> None:
+    ratios = []
+    for uneven in of(jobs, "grasped_uneven_load", 3, **{"variation.finger_scatter_m": 0.0006}):
+        loads = -uneven.counts.astype(int).sum(axis=2)
+        held = loads[loads.max(axis=1) > 0.5 * loads.max()].mean(axis=0)
+        ratios.append(held.max() / max(held.min(), 1.0))
+    assert max(ratios) > 2.0
+
+
+def test_what_is_too_heavy_slips_in_the_hand_and_nobody_reacts(slips: list[Job]) -> None:
+    made = of(slips, "grasped_slip", 3)
+    for r in made:
+        assert r.fingers == 3
+        assert r.slip[:100].sum() == 0  # it begins with a grasp that holds
+    slid = [r for r in made if r.slip.sum() > 30]
+    assert len(slid) >= 2
+    for r in slid:
+        assert changes(r)[r.slip[1:]].mean() > 2 * changes(r)[~r.slip[1:]].mean()
+
+
+def test_how_far_it_moved_is_no_less_than_how_far_it_slid(slips: list[Job]) -> None:
+    """Over every stretch of slip: the distance at its end holds what its speed sums up to."""
+    checked = 0
+    for r in of(slips, "grasped_slip", 3):
+        assert r.moved_m is not None and r.contact_speed_mps is not None
+        for first, end in np.flatnonzero(np.diff(r.slip, prepend=False, append=False)).reshape(
+            -1, 2
+        ):
+            if end - first < 10 or end >= len(r.slip):
+                continue
+            periods = np.diff(r.t_s)[first - 1 : end - 1]
+            slid_m = float((r.contact_speed_mps[first:end] * periods).sum())
+            assert r.moved_m[first:end].max() >= 0.95 * slid_m
+            checked += 1
+    assert checked >= 2

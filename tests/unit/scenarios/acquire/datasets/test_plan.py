@@ -1,0 +1,144 @@
+"""What a data set's plan keeps apart: splits, seeds and textures; and what may not be held."""
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from drivers.errors import ConfigError
+from grasp.settings import config_dir
+from scenarios.acquire.datasets.grasped import GRASPED, lift_config
+from scenarios.acquire.datasets.plan import (
+    SEEDS,
+    Job,
+    load_dataset_config,
+    plan,
+    pressing,
+    reduced,
+)
+from scenarios.rigs.world_of_seed import any_cell
+from scenarios.world import fingertip
+from scenarios.world.fingertip_settings import Surface
+
+SETS = ("paper", "confusers", "grasped-slip")
+
+
+def jobs_of(name: str, share: float = 1.0) -> list[Job]:
+    return plan(reduced(load_dataset_config(config_dir() / "datasets" / f"{name}.toml"), share))
+
+
+def of_split(jobs: list[Job], split: str) -> list[Job]:
+    return [job for job in jobs if job.metadata.split == split]
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_no_seed_of_one_split_comes_again_in_another_whatever_the_sets_size(name: str) -> None:
+    every = [job for share in (0.05, 0.31, 1.0) for job in jobs_of(name, share)]
+    seeds = {
+        split: {job.metadata.seed for job in of_split(every, split)}
+        for split in ("train", "validation", "test")
+    }
+    assert not seeds["train"] & seeds["test"]
+    assert not seeds["train"] & seeds["validation"]
+    assert not seeds["validation"] & seeds["test"]
+
+
+def test_seeds_are_unique_over_all_sets_and_above_those_of_trials() -> None:
+    every = [job.metadata.seed for name in SETS for job in jobs_of(name)]
+    assert len(set(every)) == len(every)
+    assert min(every) >= SEEDS
+
+
+def test_textures_of_training_are_none_of_those_of_the_test(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drawn: list[bytes] = []
+    make = fingertip.height_field
+
+    def noted(surface: Surface, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+        field, step = make(surface, rng)
+        drawn.append((field / field.std()).round(3).tobytes())  # whatever its height
+        return field, step
+
+    monkeypatch.setattr(fingertip, "height_field", noted)
+    found: dict[str, set[bytes]] = {}
+    for job in (job for name in SETS for job in some_of_each_split(jobs_of(name, 0.3))):
+        drawn.clear()
+        if job.metadata.cause in GRASPED:
+            any_cell(lift_config(job.metadata, job.acts, turns=False), job.metadata.seed)
+        else:
+            any_cell(pressing(job.surface, ""), job.metadata.seed)
+        found.setdefault(job.metadata.split, set()).update(drawn)
+        assert len(set(drawn)) == len(drawn)
+    assert min(map(len, found.values())) > 20
+    assert not found["train"] & (found["test"] | found["validation"])
+    assert not found["validation"] & found["test"]
+
+
+def some_of_each_split(jobs: list[Job]) -> Iterator[Job]:
+    for split in ("train", "validation", "test"):
+        yield from of_split(jobs, split)[::3][:20]
+
+
+@pytest.mark.parametrize(("name", "held_out"), [("confusers", 0.25), ("grasped-slip", 0.2)])
+def test_causes_have_their_shares_and_every_split(name: str, held_out: float) -> None:
+    config, jobs = load_dataset_config(config_dir() / "datasets" / f"{name}.toml"), jobs_of(name)
+    assert sum(row.share for row in config.causes) == pytest.approx(1.0)
+    counts = Counter(job.metadata.cause for job in jobs)
+    for row in config.causes:
+        assert counts[row.cause] == pytest.approx(config.recordings * row.share, abs=1)
+        splits = Counter(job.metadata.split for job in jobs if job.metadata.cause == row.cause)
+        least = max(1, round(held_out * counts[row.cause]))
+        assert splits["validation"] == splits["test"] == least
+
+
+def test_thousands_of_blows_are_planned_half_of_them_near_what_just_moves_the_object() -> None:
+    struck = [job for name in SETS for job in jobs_of(name)
+              if job.metadata.cause in ("grasped_tap", "grasped_blow")]  # fmt: skip
+    assert sum(job.acts.number for job in struck if job.acts) > 3500
+    for job in struck:
+        assert job.acts is not None
+        assert job.acts.kinds["near"] == pytest.approx(0.5 * sum(job.acts.kinds.values()))
+
+
+def test_a_small_set_has_every_cause_three_times() -> None:
+    counts = Counter(job.metadata.cause for job in jobs_of("confusers", 0.001))
+    assert set(counts.values()) == {3}
+
+
+def test_objects_of_the_experiments_cannot_be_trained_on(tmp_path: Path) -> None:
+    text = (
+        '[[causes]]\ncause = "grasped_tap"\non = ["can"]\nshare = 1\nseconds = 9\nload = [0.1, 1]'
+    )
+    with pytest.raises(ConfigError, match="config/bodies") as caught:
+        load_dataset_config(written(tmp_path, text))
+    assert "ellipsoid, straight" in caught.value.allowed
+
+
+def written(folder: Path, text: str) -> Path:
+    file = folder / "set.toml"
+    file.write_text(f'name = "x"\nseed = 1\nrecordings = 9\n{text}\n')
+    return file
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ('[[causes]]\ncause = "tap"\non = ["planar"]\nrecordings = 9\nseconds = 9', "share"),
+        ('[[causes]]\ncause = "grasped_tap"\non = ["straight"]\nshare = 1\nseconds = 9', "load"),
+        ('[[causes]]\ncause = "tap"\non = ["planar"]\nshare = 1\nseconds = 9\n'
+         "acts = { number = 2, kinds = { near = 1 } }", "acts"),
+    ],
+)  # fmt: skip
+def test_what_does_not_go_together_is_refused(text: str, named: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_dataset_config(written(tmp_path, text))
+    assert named in f"{caught.value} {caught.value.allowed}"
+
+
+def test_an_object_is_the_same_whenever_it_is_planned() -> None:
+    one, two = jobs_of("grasped-slip"), jobs_of("grasped-slip")
+    assert msgspec.json.encode(one) == msgspec.json.encode(two)

@@ -1,0 +1,75 @@
+"""Pressed confusers: the fingertip is shaken, and only true motion of the contact is labelled."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from detector.recordings import Recording
+from detector.scores.quantiles import quantile
+from grasp.settings import config_dir
+from scenarios.acquire.datasets.build import make
+from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan
+
+CONFUSERS = config_dir() / "datasets" / "confusers.toml"
+FIXED = ("contact_made_and_broken", "force_steps", "tap", "arm_vibration", "temperature_drift")
+
+
+@pytest.fixture(scope="module")
+def jobs() -> list[Job]:
+    return plan(load_dataset_config(CONFUSERS))
+
+
+def first(jobs: list[Job], cause: str, **parameters: float) -> Recording:
+    job = next(job for job in jobs if job.metadata.cause == cause)
+    drawn = {**job.metadata.parameters, **parameters}
+    metadata = msgspec.structs.replace(job.metadata, parameters=drawn)
+    return make(msgspec.structs.replace(job, metadata=metadata))
+
+
+def changes(r: Recording) -> np.ndarray:
+    """(n - 1,) mean absolute change of the liveliest fingertip's taxels."""
+    return np.abs(np.diff(r.counts.astype(int), axis=0)).mean(axis=2).max(axis=1)
+
+
+@pytest.mark.parametrize("cause", FIXED)
+def test_nothing_slips_although_the_signal_moves(jobs: list[Job], cause: str) -> None:
+    r = first(jobs, cause)
+    assert r.slip_true is not None
+    assert (r.slip == r.slip_true).all()
+    assert r.slip.mean() < 0.03  # a shaken pad may slide for moments, and is labelled so
+    assert r.metadata is not None
+    assert (r.metadata.set, r.metadata.cause) == ("confusers", cause)
+
+
+def test_a_tap_and_a_shaken_arm_are_heard(jobs: list[Job]) -> None:
+    still = {"fingertip.wander_mm": 0.01, "control.force_n": 5.0}
+    shaken = {"fingertip.vibration_mm": 0.025, "fingertip.sway_mm": 0.04}
+    steady = quantile(np.sort(changes(first(jobs, "steady", **still))), 0.99)
+    assert changes(first(jobs, "tap", **still)).max() > 3 * steady
+    heard = changes(first(jobs, "arm_vibration", **still, **shaken))
+    assert quantile(np.sort(heard), 0.99) > 3 * steady
+
+
+def test_contact_is_made_and_broken_again_and_again(jobs: list[Job]) -> None:
+    load = -first(jobs, "contact_made_and_broken").counts[:, 0].sum(axis=1)
+    pressed = load > 0.3 * load.max()
+    assert np.diff(pressed.astype(int)).clip(0).sum() >= 2
+    assert (load < 0.05 * load.max()).mean() > 0.05  # off the surface, again and again
+
+
+def test_drift_shifts_the_taxels_although_force_control_holds_their_sum(jobs: list[Job]) -> None:
+    """1.6 counts a kelvin on every taxel; the sum is what the arm presses by."""
+    warm, cold = (
+        first(jobs, "temperature_drift", **{"fingertip.warming_k": kelvin}).counts[-50:, 0]
+        for kelvin in (15.0, -15.0)
+    )
+    shift = warm.mean(axis=0) - cold.mean(axis=0)
+    assert abs(shift).max() > 5
+    assert abs(shift.sum()) < 0.5 * abs(shift).sum()
+
+
+def test_lost_samples_are_repeated_while_the_contact_slides(jobs: list[Job]) -> None:
+    r = first(jobs, "lost_samples", **{"sampling.lost_share": 0.2})
+    repeated = (np.diff(r.counts, axis=0) == 0).all(axis=(1, 2)).mean()
+    assert repeated > 0.15
+    assert 0.1 < r.slip.mean() < 0.7
