@@ -42,7 +42,7 @@ class CellSettings(msgspec.Struct, frozen=True, kw_only=True):
     pull: PullSettings = PullSettings()
     damage: DamageSettings = DamageSettings()
     level: Level = Level.SLIDER
-    blow_level: Level | None = None  # from the first blow on; None: the same
+    blow_level: Level | None = None  # while a blow moves the object; None: the same
 
 
 class Truth(msgspec.Struct, frozen=True):
@@ -134,9 +134,10 @@ class SimulatedCell:
 
     def _advance_to(self, end_ns: int) -> None:
         t0, t1 = self._now_ns, end_ns
-        before = self._travel_m
+        before, moved = self._travel_m, self.gripper.moving
         self.gripper.advance(t1, self._loads)
-        self._travel_m = self.gripper.travel_m + self._offset_m
+        if moved:
+            self._travel_m = self.gripper.travel_m + self._offset_m
         height, rise_mps = self.arm.upright(t1)
         self.contact.advance(
             (t0 - self._start_ns) * 1e-9, (t1 - t0) * 1e-9,

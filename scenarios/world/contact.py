@@ -24,6 +24,9 @@ RAMP_S, FOREVER_S = 1e-3, 1e6  # of a push, which is all there when it begins
 BRUSH_POINTS = 6  # a side of a pad
 # Mean distance from the middle of a square of half side 1: torque at which a uniform patch spins.
 SQUARE_SPIN = float((np.sqrt(2.0) + np.log(1.0 + np.sqrt(2.0))) / 3.0)
+# What a blow moved stands once it was slower than this share of gross slip for so long, longer
+# than half a swing on the pads; creeping on at that speed it would turn by 0.5 deg in ten seconds.
+REST_SHARE, REST_S = 5e-3, 0.5
 _DIRECTIONS = {"top": laws.TOP, "side": laws.SIDE, "closing": laws.CLOSING}
 
 
@@ -128,7 +131,7 @@ class Contact:
         self, settings: ContactSettings, body: GraspObject, level: Level = Level.SLIDER,
         blow_level: Level | None = None,
     ) -> None:  # fmt: skip
-        """``blow_level``: from the first blow on; None: as before it."""
+        """``blow_level``: while a blow moves the object; None: as before it."""
         self.level, self._before = level, level
         self._blow_level = level if blow_level is None else blow_level
         self.state = initial_state(present=False)
@@ -136,6 +139,7 @@ class Contact:
         self._parameters = parameters(settings, body, level)
         self._elements = elements(settings, level)
         self._places_m = finger_places(settings)[:, 0]
+        self._moved_s = 0.0  # when a blow was last seen to move the object
 
     @property
     def normal_n(self) -> Floats:
@@ -146,11 +150,11 @@ class Contact:
         """The object stands on the table, untouched, its mark so far below the pads."""
         self.state[:] = initial_state()
         self.state[laws.SLIP], self.state[laws.COM_RISE] = above_m, -above_m
-        self._climb(self._before)
+        self._go_on_at(self._before)
         self._elements[:, laws.E_SLIDES :] = 0.0
 
-    def _climb(self, level: Level) -> None:
-        """Go on at another level: each element takes over its finger's stretch."""
+    def _go_on_at(self, level: Level) -> None:
+        """Another level from now on: each element takes over its finger's stretch."""
         if level is self.level:
             return
         old, new = self._elements, elements(self._settings, level)
@@ -164,7 +168,7 @@ class Contact:
     def strike(self, blow: Blow, start_s: float) -> None:
         """A blow from start_s on. What an earlier one moved is forgotten. Raises ValueError for one
         from the side at L0, which moves up and down only."""
-        self._climb(self._blow_level)
+        self._go_on_at(self._blow_level)
         if self.level is Level.RIGID and blow.direction == "side":
             raise ValueError("L0 knows no blow from the side; world.level = L1 or above does")
         s = self.state
@@ -173,6 +177,22 @@ class Contact:
         s[laws.FOLLOW_S], s[laws.FOLLOW_N_S] = blow.follow_s, blow.follow_n_s
         s[laws.TAP_OFFSET] = blow.offset_m
         s[laws.MOVED_FROM_S] = s[laws.MOVED_UNTIL_S] = laws.NOT_YET
+        self._moved_s = start_s + blow.duration_s + blow.follow_s
+
+    def _rests(self, t_s: float) -> bool:
+        """Whether what the last blow moved stands in the hand; asked again and again."""
+        s, pads = self.state, self._settings
+        speed_mps = max(abs(s[laws.ACROSS_SPEED]), abs(s[laws.SLIP_SPEED]))
+        slow = speed_mps < REST_SHARE * pads.gross_slip_mps
+        if not (slow and abs(s[laws.TURN_RATE]) < REST_SHARE * pads.gross_turn_radps):
+            self._moved_s = t_s
+        return t_s > self._moved_s + REST_S
+
+    def _come_to_rest(self) -> None:
+        """On at the level before the blow: nothing is left that would turn or go across."""
+        s = self.state
+        s[laws.ACROSS_SPEED] = s[laws.TURN_RATE] = s[laws.SPIN] = 0.0
+        self._go_on_at(self._before)
 
     def pull(self, settings: PullSettings, start_s: float) -> None:
         """A force downwards from start_s on, with a ramp at either end."""
@@ -192,6 +212,10 @@ class Contact:
     ) -> None:  # fmt: skip
         """From t_s on for dt_s: the hand rises by rise_m, its speed at both ends given; the fingers
         close from travel0 to travel1, (3,) m."""
+        if self.state[laws.PRESENT] == 0.0:  # as when the hand is activated
+            return
+        if self.level is not self._before and self._rests(t_s):
+            self._come_to_rest()
         laws.advance(
             self._parameters, self.state, self._elements, t_s, dt_s, self._settings.step_s,
             rise_m, from_mps, to_mps, travel0, travel1,

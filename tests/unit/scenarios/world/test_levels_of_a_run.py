@@ -159,6 +159,53 @@ def test_going_on_at_a_fuller_level_from_a_blow_on_is_as_having_been_there(level
         assert later[of] == pytest.approx(from_the_start[of], rel=2e-3, abs=2e-5)
 
 
+def after(contact: Contact, grip: Floats, start_s: float, seconds: float) -> Floats:
+    """On by steps of a control period, the hand at rest."""
+    for k in range(round(seconds / 0.01)):
+        contact.advance(start_s + 0.01 * k, 0.01, 0.0, 0.0, 0.0, grip, grip)
+    return contact.state
+
+
+def test_object_that_stands_after_a_blow_goes_on_at_the_level_before_it() -> None:
+    (falls_back, grip), (stays, _) = held(Level.SLIDER, Level.BRUSH), held(Level.BRUSH)
+    for contact in (falls_back, stays):
+        contact.strike(blow(), 0.3)
+        after(contact, grip, 0.3, 0.5)
+        assert contact.level is Level.BRUSH
+        after(contact, grip, 0.8, 3.0)
+    assert (falls_back.level, stays.level) == (Level.SLIDER, Level.BRUSH)
+    alike = [laws.SLIP, laws.ACROSS, laws.TURN, *range(laws.NORMAL, laws.NORMAL + FINGERS)]
+    assert falls_back.state[alike] == pytest.approx(stays.state[alike], abs=2e-4)
+    assert stays.state[laws.TURN] < -0.02
+
+
+@pytest.mark.parametrize("rate", [laws.TURN_RATE, laws.ACROSS_SPEED])
+def test_object_that_has_not_come_to_rest_stays_at_the_level_of_its_blow(rate: int) -> None:
+    contact, grip = held(Level.SLIDER, Level.BRUSH)
+    contact.strike(blow(), 0.3)
+    for k in range(6):  # it swings: slow at each end, and on again
+        after(contact, grip, 0.4 + 0.4 * k, 0.4)
+        contact.state[rate] += 0.05
+    assert contact.level is Level.BRUSH
+
+
+def test_second_blow_is_followed_at_its_level_again() -> None:
+    contact, grip = held(Level.SLIDER, Level.SPIN)
+    for start_s in (0.3, 4.3):
+        contact.strike(blow(), start_s)
+        assert contact.level is Level.SPIN
+        turned_rad = contact.state[laws.TURN]
+        assert after(contact, grip, start_s, 4.0)[laws.TURN] < turned_rad - 0.02
+        assert contact.level is Level.SLIDER
+
+
+def test_world_without_an_object_lets_time_pass() -> None:
+    contact = Contact(PADS, body())
+    before = contact.state.copy()
+    contact.advance(0.0, 0.1, 0.01, 0.1, 0.1, travel(55, 55, 55), travel(56, 56, 56))
+    assert (contact.state == before).all()
+
+
 def test_object_put_in_place_anew_begins_at_the_level_before_a_blow() -> None:
     contact, grip = held(Level.SLIDER, Level.BRUSH)
     contact.strike(blow(), 0.3)
