@@ -12,6 +12,7 @@ from grasp.watch import Onlooker
 
 REFRESH_TICKS = 6
 STATUS_TICKS = 50
+LEAST_TURN_DEG = 0.1  # less is not told
 
 _SETTING_UP = {
     "simulated": "the first time, the world is compiled",
@@ -122,12 +123,15 @@ def physics_lines(result: Any) -> list[str]:
     found = result.physics
     if found is None:
         return []
-    step = f"step {found.step_s * 1e3:g} ms"
-    blow = f"; {found.blow_level}, step {found.blow_step_s * 1e3:g} ms, from a blow on"
-    told = "" if found.asked == "auto" else ", as told"
+    told = "" if found.asked == "auto" else " as told"
+    parts = [f"{found.level}{told}, step {found.step_s * 1e3:g} ms"]
+    if result.scenario == "tap":
+        told = told if found.blow_asked == "same" else " as told"
+        step = f"step {found.blow_step_s * 1e3:g} ms"
+        parts.append(f"{found.blow_level}{told}, {step}, while a blow moves the object")
     within = f"{found.tolerance_m * 1e3:g} mm, {math.degrees(found.tolerance_rad):.1f} deg"
-    first = f"  physics: {found.level}, {step}{blow if result.scenario == 'tap' else ''}{told}"
-    return [f"{first}, within {within}", *(f"    {line}" for line in found.why)]
+    first = f"  physics: {'; '.join(parts)}; within {within}"
+    return [first, *(f"    {line}" for line in found.why)]
 
 
 def print_verdict(result: Any, verbose: bool = False) -> None:
@@ -154,13 +158,20 @@ def _facts(result: Any) -> list[str]:
             text += f", grip force rising {result.reaction_latency_ms:.0f} ms after it"
         facts.append(text)
     if result.slip_distance_m is not None:
-        facts.append(f"the object slipped {result.slip_distance_m * 1e3:.0f} mm")
+        slipped = f"the object slipped {result.slip_distance_m * 1e3:.0f} mm"
+        facts.append(", ".join([slipped, *_turned(result)]))
     if result.peak_force_n:
         peaks = ", ".join(f"{name} {force:.1f}" for name, force in result.peak_force_n.items())
         facts.append(f"peak force {peaks} N (true); commanded {result.commanded_force_n:.1f} N")
     else:
         facts.append(f"commanded {result.commanded_force_n:.1f} N")
     return facts
+
+
+def _turned(result: Any) -> list[str]:
+    """How far the object has turned in the hand, where that is seen."""
+    turned_deg = math.degrees(abs(result.turned_rad or 0.0))
+    return [f"turned {turned_deg:.1f} deg"] if turned_deg >= LEAST_TURN_DEG else []
 
 
 def trial_line(result: Any) -> str:
@@ -172,6 +183,7 @@ def _lift_line(result: Any) -> str:
     parts = [f"seed {result.seed:<4} {_spelt(result.outcome):<18}"]
     if result.slip_distance_m is not None:
         parts.append(f"slipped {result.slip_distance_m * 1e3:5.1f} mm")
+        parts.extend(_turned(result))
     if result.detection_latency_ms is not None:
         parts.append(f"registered after {result.detection_latency_ms:.0f} ms")
     return "  ".join(parts)
@@ -182,6 +194,7 @@ def tap_line(result: Any) -> str:
     parts = [f"seed {result.seed:<4} {result.direction:<7}  {_spelt(result.outcome):<18}"]
     if result.displacement_m is not None:
         parts.append(f"moved {result.displacement_m * 1e3:5.1f} mm")
+        parts.extend(_turned(result))
     if result.slip_duration_ms is not None:
         parts.append(f"in {result.slip_duration_ms:3.0f} ms")
     if result.detection_latency_ms is not None:

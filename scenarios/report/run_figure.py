@@ -14,6 +14,7 @@ from scenarios.trial.run_folder import open_trial
 
 COLOURS = {"A": "#1f5f99", "B": "#c2571a", "C": "#3a7d44"}
 LOWERING_SHOWN_S = 0.3
+TURN_COLOUR, LEAST_TURN_DEG = "#7a4a9e", 0.1
 SHADES = {
     "grasp": "#eef3f8", "squeeze": "#e8eff5", "relax": "#eef3f8", "listen": "#e8eff5",
     "lift": "#e0eaf4", "compensate": "#fde3c8", "hold": "#e3f1e3", "lower": "#f3f3f3",
@@ -30,6 +31,7 @@ class Series(msgspec.Struct, frozen=True):
     measured_n: NDArray[np.float64]
     true_n: NDArray[np.float64] | None
     slip_mm: NDArray[np.float64] | None
+    turned_deg: NDArray[np.float64] | None
     onset_s: float | None
     phases: list[tuple[float, str]]
     force_limit_n: float | None  # None where the recording does not say
@@ -46,6 +48,7 @@ def read_series(path: Path) -> Series:
         measured_n=np.array([m.measured_n for _, m in control]),
         true_n=np.array([m.normal_n for m in truth]) if truth else None,
         slip_mm=np.array([m.slip_distance_m for m in truth]) * 1e3 if truth else None,
+        turned_deg=np.degrees([m.turn_rad for m in truth]) if truth else None,
         onset_s=truth[-1].slip_onset_s if truth else None,
         phases=[(t * 1e-9, m.phase) for t, m in recording.of(PHASES)],
         force_limit_n=_force_limit_n(recording),
@@ -92,6 +95,7 @@ def draw_run(path: Path, out: Path) -> None:
         visible = series.slip_mm[(series.t_s >= first) & (series.t_s <= last)]
         slip.set_ylim(-1.0, 1.15 * max(2.0, float(visible.max())))
     slip.set(ylabel="slip, mm (true)", xlabel="time, s")
+    _draw_turn(slip, series)
     for axes in (force, p, slip):
         _shade(axes, series, named=axes is force)
     figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
@@ -107,6 +111,16 @@ def _draw_force(axes: Any, series: Series) -> None:
         axes.axhline(limit_n, color="#b00020", lw=1, ls="--", label=f"limit {limit_n:g} N")
     axes.set_ylabel("grip force, N\n(thin: felt, thick: true)")
     axes.legend(loc="lower right", ncols=4, fontsize=8, frameon=False)
+
+
+def _draw_turn(slip: Any, series: Series) -> None:
+    """Rotation in the hand, on a scale of its own, where there is any."""
+    turned = series.turned_deg
+    if turned is None or np.abs(turned).max() < LEAST_TURN_DEG:
+        return
+    axes = slip.twinx()
+    axes.plot(series.t_s, turned, color=TURN_COLOUR, lw=1.2)
+    axes.set_ylabel("turned, deg (true)", color=TURN_COLOUR)
 
 
 def _shown(series: Series) -> tuple[float, float]:

@@ -13,6 +13,7 @@ def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.r
     """The world that a seed stands for, and the generator of its noise; equal on every rig."""
     varied, world = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
     trial = draw(config.variation, config.object, config.hand, varied)
+    level, blow_level = _levels(config)
     settings = CellSettings(
         body=trial.body,
         contact=config.contact,
@@ -21,18 +22,21 @@ def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.r
         board=config.board,
         arm=config.arm_model,
         finger_offset_m=trial.finger_offset_m,
-        level=_level(config),
-        blow_level=config.world.from_blow_on,
+        level=level,
+        blow_level=blow_level,
         pull=config.pull,
         damage=config.damage,
     )
     return settings, world
 
 
-def _level(config: GraspRigConfig) -> Level:
-    """As told; where nobody said what happens to the object, that of a lift."""
-    forced = config.world.forced
-    return Level.SLIDER if forced is None else forced
+def _levels(config: GraspRigConfig) -> tuple[Level, Level | None]:
+    """As told; where nobody said what happens to the object, that of a lift, and while a blow moves
+    it the fullest."""
+    forced, struck = config.world.forced, config.world.from_blow_on
+    if forced is None:
+        return Level.SLIDER, struck or Level.BRUSH
+    return forced, struck
 
 
 def make_cell(config: GraspRigConfig, seed: int, start_ns: int = 0) -> SimulatedCell:

@@ -26,8 +26,11 @@ class WorldSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         ),
     ] = "auto"
     blow_level: Annotated[
-        Literal["same", "L1", "L2", "L3", "L4"],
-        Meta(description="from the first blow on; same: as level. What auto chooses comes in here"),
+        Literal["same", "L0", "L1", "L2", "L3", "L4"],
+        Meta(
+            description="while a blow moves the object; same: as level, and where that is auto, "
+            "the cheapest that keeps the tolerance"
+        ),
     ] = "same"
     tolerance: Annotated[
         float,
@@ -49,5 +52,5 @@ class WorldSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
     @property
     def from_blow_on(self) -> Level | None:
-        """The level of a blow; None: as before it."""
+        """The level of a blow; None: nobody said."""
         return None if self.blow_level == "same" else level_named(self.blow_level)

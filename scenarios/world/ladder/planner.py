@@ -121,9 +121,13 @@ class Plan(msgspec.Struct, frozen=True):
     def level(self) -> Level:
         return self.answer.level
 
+    def reasons(self) -> list[str]:
+        """Why that level, in a few lines."""
+        return _reasons(self)
+
     def lines(self) -> list[str]:
-        """The choice explained in a few lines."""
-        return _explain(self)
+        """The same, and the choice with its answer."""
+        return [*_reasons(self), *_choice(self.answer)]
 
 
 def indicators(scene: Scene) -> Indicators:
@@ -295,7 +299,7 @@ _MEANING = {
 }
 
 
-def _explain(found: Plan) -> list[str]:
+def _reasons(found: Plan) -> list[str]:
     facts = found.indicators
     turning = "nothing turns the object: L2 to L4 would move as L1 does"
     if facts.turns:
@@ -315,14 +319,18 @@ def _explain(found: Plan) -> list[str]:
             f"L{int(c.level)} and L{int(c.against)} {verdict}: {c.gap:.2g} tolerances apart "
             f"({c.allowed:.2g} allowed)"
         )
-    a = found.answer
+    return lines
+
+
+def _choice(a: Answer) -> list[str]:
     step = "no step" if a.level is Level.RIGID else f"step {a.step_s * 1e3:.3g} ms"
     meaning = _MEANING[a.level]
     if a.level is Level.BRUSH:
         meaning += f" {a.points} x {a.points} a finger"
-    lines.append(f"choice: L{int(a.level)} ({meaning}), {step}, two steps "
-                 f"{a.step_error:.2g} tolerances apart ({STEP_SHARE:.2g} allowed)")  # fmt: skip
     turn_deg = math.degrees(a.turn_rad)
-    lines.append(f"slip {a.slip_m * 1e3:.3f} mm at the mark, rotation {turn_deg:.2f} deg, "
-                 f"peak force {a.peak_force_n:.2f} N")  # fmt: skip
-    return lines
+    return [
+        f"choice: L{int(a.level)} ({meaning}), {step}, two steps "
+        f"{a.step_error:.2g} tolerances apart ({STEP_SHARE:.2g} allowed)",
+        f"slip {a.slip_m * 1e3:.3f} mm at the mark, rotation {turn_deg:.2f} deg, "
+        f"peak force {a.peak_force_n:.2f} N",
+    ]

@@ -129,16 +129,26 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RunPlan(msgspec.Struct, frozen=True, kw_only=True):
-    """What the cell of a run is built at, and why. ``asked``: auto, or the level told."""
+    """What the cell of a run is built at, and why. ``asked``, ``blow_asked``: as the settings say
+    it, auto and same where nobody told a level."""
 
     level: str
     step_s: float
-    blow_level: str  # from the first blow on
+    blow_level: str  # while a blow moves the object
     blow_step_s: float
     asked: str
+    blow_asked: str = "same"
     tolerance_m: float
     tolerance_rad: float
-    why: tuple[str, ...] = ()  # of the corner that decided, in the planner's words
+    why: tuple[str, ...] = ()  # of the corners that decided, in the planner's words
+
+
+class _Chosen(msgspec.Struct, frozen=True):
+    """A level and a step; ``why`` is empty where it was told."""
+
+    level: Level
+    step_s: float
+    why: tuple[str, ...] = ()
 
 
 def asked_of(world: WorldSettings, contact: ContactSettings) -> Tolerance:
@@ -154,44 +164,38 @@ def plan_run(scene: RunScene, world: WorldSettings) -> RunPlan:
     """Level and steps for all trials of a scene. Raises ValueError where a level was told that
     cannot do it."""
     contact, asked = scene.contact, asked_of(world, scene.contact)
-    if world.forced is not None:
-        sideways = scene.blow is not None and scene.blow.direction == "side"
-        if world.forced is Level.RIGID and sideways:
+    before = _chosen(world.forced, scene.lifts(), contact.step_s, asked)
+    struck = _Chosen(before.level, contact.blow_step_s)
+    if scene.blow is not None:
+        told = world.from_blow_on or world.forced
+        struck = _chosen(told, scene.blows(), contact.blow_step_s, asked)
+        if told is None and struck.level < before.level:
+            struck = msgspec.structs.replace(struck, level=before.level)
+        if struck.level is Level.RIGID and scene.blow.direction == "side":
             raise ValueError("L0 moves up and down only: no blow from the side")
-        level = world.forced
-        blow_level = world.from_blow_on or level
-        return _run_plan(world, asked, level, contact.step_s, blow_level, contact.blow_step_s)
-    plan, step_s = _worst(scene.lifts(), contact.step_s, asked)
-    if scene.blow is None:
-        steps = plan.level, step_s, plan.level, contact.blow_step_s
-        return _run_plan(world, asked, *steps, tuple(plan.lines()))
-    struck, blow_step_s = _worst(scene.blows(), contact.blow_step_s, asked)
-    blow_level = max(plan.level, struck.level)
-    steps = plan.level, step_s, blow_level, blow_step_s
-    return _run_plan(world, asked, *steps, tuple(struck.lines()))
-
-
-def _run_plan(
-    world: WorldSettings, asked: Tolerance, level: Level, step_s: float, blow_level: Level,
-    blow_step_s: float, why: tuple[str, ...] = (),
-) -> RunPlan:  # fmt: skip
     return RunPlan(
-        level=level.label, step_s=step_s, blow_level=blow_level.label, blow_step_s=blow_step_s,
-        asked=world.level, tolerance_m=asked.slip_m, tolerance_rad=asked.rotation_rad or 0.0,
-        why=why,
+        level=before.level.label, step_s=before.step_s, blow_level=struck.level.label,
+        blow_step_s=struck.step_s, asked=world.level, blow_asked=world.blow_level,
+        tolerance_m=asked.slip_m, tolerance_rad=asked.rotation_rad or 0.0,
+        why=before.why + struck.why,
     )  # fmt: skip
 
 
-def _worst(scenes: list[Scene], largest_s: float, asked: Tolerance) -> tuple[Plan, float]:
-    """The plan of the corner that asks for most, and a step that does there. L0 is left out: a run
+def _chosen(
+    told: Level | None, scenes: list[Scene], largest_s: float, asked: Tolerance
+) -> _Chosen:  # fmt: skip
+    """What the corner that asks for most needs, and a step that does there. L0 is left out: a run
     that has it is no faster, and its fingertips feel no pad give before it slides."""
+    if told is not None:
+        return _Chosen(told, largest_s)
     plans = []
     for scene in scenes:
         plans.append((choose(scene, asked, Level.SLIDER), scene))
         if plans[-1][0].level is Level.BRUSH:  # none asks for more
             break
     found, corner = max(plans, key=lambda pair: _demand(pair[0]))
-    return found, _step_s(corner, found.level, largest_s, asked)
+    why = f"{corner.name}, in the corner that asks for most: {found.level.label}", *found.reasons()
+    return _Chosen(found.level, _step_s(corner, found.level, largest_s, asked), why)
 
 
 def _demand(found: Plan) -> tuple[int, float]:

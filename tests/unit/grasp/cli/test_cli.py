@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -119,6 +120,20 @@ def test_taps_are_shown_counted_and_left_as_runs(
     assert "registered" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
     if find_spec("matplotlib"):
         assert call("chart", "run", str(folders[1]), capsys=capsys)[0] == 0
+
+
+def test_verbose_tap_says_its_levels_and_why_and_how_far_the_object_turned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = "run", "tap", "--trials", "1", "--direction", "side", "--runs", str(tmp_path)
+    _, out, _ = call(*words, "-v", capsys=capsys)
+    assert "physics: L1, step 0.5 ms; L4, step 0.1 ms, while a blow moves the object; within" in out
+    assert "firm lift, in the corner that asks for most: L1" in out
+    assert "side-tap, in the corner that asks for most: L4" in out
+    assert "L1 and L3 do not agree" in out
+    assert re.search(r"moved +[\d.]+ mm  turned [\d.]+ deg", out)
+    _, out, _ = call(*words, "-v", "--set", "world.blow_level=L2", capsys=capsys)
+    assert "physics: L1, step 0.5 ms; L2 as told, step 0.1 ms" in out
 
 
 def test_json_of_a_series_has_every_tap_and_the_counts(

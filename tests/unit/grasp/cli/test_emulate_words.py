@@ -9,10 +9,13 @@ from typing import Any
 import pytest
 
 from grasp.cli import emulate_words
-from grasp.cli.emulate_words import Words
+from grasp.cli.emulate_words import Words, look
 from scenarios.campaign.config import load_config
 
-TRUTH = {"normal_n": [0.0, 0.0, 0.0], "height_m": 0.05, "slip_distance_m": 0.003, "across_m": 0.004}
+TRUTH = {
+    "normal_n": [0.0, 0.0, 0.0], "height_m": 0.05, "slip_distance_m": 0.003, "across_m": 0.004,
+    "turn_rad": 0.0,
+}  # fmt: skip
 
 
 class Cell:
@@ -65,6 +68,11 @@ def test_words_of_a_person_are_requests(typed: int, capsys: pytest.CaptureFixtur
     assert cell.asked[4] == {"verb": "fault", "name": "gripper_delay", "seconds": 0.2, "times": 3}
     assert answers[2] == "the object is not touched, 50 mm above the table, 5.0 mm from its mark"
     assert answers.count("done") == 4
+
+
+def test_rotation_in_the_hand_is_seen_where_there_is_any() -> None:
+    assert look({**TRUTH, "turn_rad": -0.1}).endswith("5.0 mm from its mark, turned by 5.7 deg")
+    assert "turned" not in look(TRUTH)
 
 
 def test_what_is_not_known_is_told_with_what_is(

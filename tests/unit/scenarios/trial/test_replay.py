@@ -196,6 +196,7 @@ def test_figure_reads_forces_probabilities_and_phases(recorded: Path) -> None:
     assert series.true_n.max() > 10.0
     assert series.force_limit_n == config().guard.force_limit_n
     assert series.onset_s is not None
+    assert series.turned_deg is not None and not series.turned_deg.any()  # L1 turns nothing
     assert [name for _, name in series.phases][:6] == [
         "approach", "rest", "grasp", "oppose", "relax", "listen",
     ]  # fmt: skip

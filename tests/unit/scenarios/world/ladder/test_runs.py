@@ -35,7 +35,9 @@ def test_lift_runs_on_sliders_and_a_blow_beside_the_middle_on_what_can_turn() ->
     struck = plan_run(tapped(direction="side", offset_m=0.04), told())
     assert struck.level == "L1"  # up to the blow
     assert struck.blow_level in ("L3", "L4")
-    assert any("choice: L" in line for line in struck.why)
+    heads = [line for line in struck.why if "asks for most" in line]
+    assert [head[-2:] for head in heads] == [struck.level, struck.blow_level]
+    assert "L1 and L3 do not agree" in "".join(struck.why)
 
 
 def test_blow_through_the_middle_of_an_even_grip_needs_no_rotation() -> None:
@@ -55,6 +57,13 @@ def test_level_that_is_told_is_taken_without_a_plan() -> None:
     assert (found.level, found.blow_level, found.why) == ("L4", "L4", ())
     mixed = plan_run(tapped(), told(level="L1", blow_level="L2"))
     assert (mixed.level, mixed.blow_level) == ("L1", "L2")
+
+
+def test_level_of_a_blow_that_is_told_is_taken_whatever_comes_before_it() -> None:
+    found = plan_run(tapped(direction="side", offset_m=0.04), told(blow_level="L2"))
+    assert (found.level, found.blow_level, found.blow_asked) == ("L1", "L2", "L2")
+    assert not any("side-tap" in line for line in found.why)
+    assert plan_run(tapped(direction="side"), told(level="L0", blow_level="L3")).level == "L0"
 
 
 def test_rigid_level_is_refused_where_a_blow_comes_from_the_side() -> None:
