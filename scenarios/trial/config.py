@@ -1,7 +1,7 @@
 """What a trial can be told whatever it tries: the rig, and what controls it. From layers."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -105,21 +105,24 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
 
     def digest(self) -> str:
         """Hash of all that a result depends on: equal digests and seeds mean equal runs."""
-        return hashlib.sha256(msgspec.json.encode(self._hashed())).hexdigest()[:16]
+        return digest_of(msgspec.to_builtins(self))
 
-    def _hashed(self) -> dict[str, Any]:
-        others = {*FORMULAS.values(), NETWORK} - {self.detector_section}
-        table = msgspec.to_builtins(self)
-        unused = {"simulated": ADDRESSES, HARDWARE: MODELS}.get(self.rig, ())
-        for section in (*UNHASHED, *others, *unused):
-            del table[section]
-        for section, keys in (NAMES | ADDRESSES).items():
-            for key in keys if table.get(section) else ():  # hardware has no calibration at first
-                del table[section][key]
-        if NETWORK in table:
-            chosen = self.network.weights or self.detector_name
-            table[NETWORK] = {"weights": weights_digest(weights_path(chosen))}
-        return dict(sorted(table.items()))
+
+def digest_of(settings: Mapping[str, Any]) -> str:
+    """``TrialConfig.digest`` of settings as a recording carries them."""
+    name, rig = settings["detector_name"], settings["rig"]
+    own = FORMULAS.get(name, NETWORK)
+    others = {*FORMULAS.values(), NETWORK} - {own}
+    unused = {"simulated": ADDRESSES, HARDWARE: MODELS}.get(rig, ())
+    hidden = {*UNHASHED, *others, *unused}
+    table = {key: value for key, value in sorted(settings.items()) if key not in hidden}
+    for section, keys in (NAMES | ADDRESSES).items():
+        if table.get(section):  # hardware has no calibration at first
+            table[section] = {k: v for k, v in table[section].items() if k not in keys}
+    if own == NETWORK:
+        chosen = table[NETWORK]["weights"] or name
+        table[NETWORK] = {"weights": weights_digest(weights_path(chosen))}
+    return hashlib.sha256(msgspec.json.encode(table)).hexdigest()[:16]
 
 
 def trial_layers(

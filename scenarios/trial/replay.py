@@ -1,5 +1,7 @@
 """Feeds what was recorded to the same grasp step, and compares all that it concludes."""
 
+import itertools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -7,12 +9,13 @@ import msgspec
 
 from drivers.errors import BadFile, ConfigError
 from drivers.interfaces import ArmState, GripperState, TactileFrame, Vector3
-from grasp.commands import describe
+from grasp.commands import Command, describe
 from grasp.messages import (
     ARM,
     COMMANDS,
     CONTROL,
     GRIPPER,
+    PHASES,
     TACTILE,
     CommandMessage,
     ControlMessage,
@@ -21,10 +24,10 @@ from grasp.messages import (
     recorded_frame,
     recorded_input,
 )
+from grasp.phases import PhaseChange
 from grasp.recording import RunRecording
 from grasp.settings import Layer, load, renamed
-from grasp.step import StepResult
-from scenarios.trial.config import TrialConfig
+from scenarios.trial.config import TrialConfig, digest_of
 from scenarios.trial.execution import make_controller, make_step
 from scenarios.trial.run_folder import open_trial
 
@@ -51,20 +54,24 @@ class Replay(msgspec.Struct, frozen=True):
 def replay_run(path: Path) -> Replay:
     """Replay a run; raises BadFile when it is none, or was made with other settings."""
     recording = open_trial(path)
-    stepper = _Stepper(_config(recording), _home(recording))
+    config, settings = _config(recording)
+    stepper = _Stepper(config, _home(recording))
+    stepper.compare(0, "hash of the settings", recording.metadata.get("config_hash"), settings)
     for topic, t_ns, message in recording:
         stepper.take(topic, t_ns, message)
+    stepper.end(recording.complete)
     if stepper.steps == 0:
         raise BadFile(recording.path, "holds no whole control step", "record the run again")
     return Replay(str(path), stepper.steps, recording.complete, stepper.events, stepper.differences)
 
 
-def _config(recording: RunRecording) -> TrialConfig:
-    """The settings of rig and control; those of the scenario play no part in a replay."""
+def _config(recording: RunRecording) -> tuple[TrialConfig, str]:
+    """The settings of rig and control, for those of the scenario play no part in a replay; and the
+    hash of all."""
     try:
         table = msgspec.json.decode(recording.metadata["config"], type=dict[str, Any])
         known = {k: v for k, v in table.items() if k in TrialConfig.__struct_fields__ or renamed(k)}
-        return load(TrialConfig, [Layer("metadata", known)])
+        return load(TrialConfig, [Layer("metadata", known)]), digest_of(table)
     except (KeyError, RecursionError, msgspec.MsgspecError, ConfigError) as error:
         raise BadFile(
             recording.path,
@@ -82,6 +89,14 @@ def _home(recording: RunRecording) -> Vector3 | None:
         raise BadFile(recording.path, f"home_m: {error}", "record the run again") from error
 
 
+class _Waiting(msgspec.Struct, frozen=True):
+    """A command that a replayed step decided, and that the recording has not sent yet."""
+
+    step_ns: int
+    asked: Command
+    admitted: Command
+
+
 class _Stepper:
     """Collects the messages of a step and replays it when its control message comes."""
 
@@ -90,14 +105,19 @@ class _Stepper:
         self.events: list[tuple[float, str]] = []
         self.differences: list[Difference] = []
         self._step = make_step(config, make_controller(config, home))
+        self._delay_ns = round(config.loop.decision_delay_s * 1e9)
         self._frame: TactileFrame | None = None
         self._gripper: GripperState | None = None
         self._arm: ArmState | None = None
-        self._replayed: dict[int, StepResult] = {}  # by time of the step
+        self._heard_ns: dict[str, int] = {}  # when each channel spoke last
+        self._waiting: list[_Waiting] = []
         self._sent: list[tuple[int, CommandMessage]] = []  # not compared yet
+        self._entered: list[PhaseChange] = []  # as recorded since the last step
+        self._changes: list[PhaseChange] = []  # that this step brought
 
     def take(self, topic: str, t_ns: int, message: Any) -> None:
         """Take one message, in the order recorded."""
+        self._heard_ns[topic] = t_ns
         if topic == TACTILE:
             self._frame = recorded_frame(t_ns, message)
         elif topic == GRIPPER:
@@ -106,38 +126,78 @@ class _Stepper:
             self._arm = recorded_arm(message)
         elif topic == COMMANDS:
             self._sent.append((t_ns, message))
+        elif topic == PHASES:
+            self._entered.append(message)
         elif topic == CONTROL:
             self._replay(t_ns, message)
+
+    def end(self, complete: bool) -> None:
+        """No more messages come; ``complete``: because none was written."""
+        if complete:
+            self._check_phases()
+        if not self._step.controller.finished:
+            ended_s = self._heard_ns[CONTROL] * 1e-9
+            self.events.append((ended_s, "the recording ends, and the run had not"))
+
+    def _check_phases(self) -> None:
+        """Are the changes of phase that follow a step's message those that it brought?"""
+        for was, now in itertools.zip_longest(self._entered, self._changes):
+            self.compare((now or was).t_ns, "change of phase", was, now)
+        self._entered.clear()
 
     def _replay(self, t_ns: int, recorded: ControlMessage) -> None:
         if self._gripper is None or self._arm is None:
             return  # a recording that begins in the middle of a step
+        self._check_phases()
+        for topic in (GRIPPER, ARM):
+            self.compare(t_ns, f"{topic} of this step", self._heard_ns[topic], t_ns)
+        self._check_queue(t_ns, recorded)
         told = recorded_input(t_ns, self._frame, recorded, self._gripper, self._arm)
+        known = len(self._step.controller.machine.log)
         result = self._step.decide(told)
+        self._changes = self._step.controller.machine.log[known:]
         replayed = control_message(result.observation, result.decision)
         for name in msgspec.structs.asdict(recorded):
-            self._compare(t_ns, name, getattr(recorded, name), getattr(replayed, name))
-        if result.decision.commands:
-            self._replayed[t_ns] = result
-        for sent_ns, message in self._sent:
-            self._check_command(sent_ns, message)
-        self._sent.clear()
+            self.compare(t_ns, name, getattr(recorded, name), getattr(replayed, name))
+        decided = zip(result.decision.commands, result.admitted, strict=True)
+        self._waiting += [_Waiting(t_ns, asked, admitted) for asked, admitted in decided]
+        self._check_sent(self._sent)
+        self._sent = []
         self._note(t_ns, recorded)
         self._frame = None  # a step without a frame has no message: rest is being taken anew
         self.steps += 1
 
-    def _check_command(self, sent_ns: int, recorded: CommandMessage) -> None:
-        """Was this admitted as the step that decided it says, or as the guard says if none did?"""
-        decided = self._replayed.get(recorded.decided_ns)
-        asked = recorded.asked
-        if decided is not None and asked in decided.decision.commands:
-            admitted = decided.admitted[decided.decision.commands.index(asked)]
-        else:
-            assert self._gripper is not None  # noqa: S101  (a step has been replayed)
-            admitted = self._step.admit(asked, self._gripper)
-        self._compare(sent_ns, "admitted command", recorded.admitted, admitted)
+    def _check_queue(self, t_ns: int, recorded: ControlMessage) -> None:
+        """Has all been sent that no longer waits? A run that is stopped forgets the rest."""
+        self._check_sent([(sent_ns, sent) for sent_ns, sent in self._sent if sent_ns <= t_ns])
+        self._sent = [(sent_ns, sent) for sent_ns, sent in self._sent if sent_ns > t_ns]
+        if recorded.stop or recorded.trouble:
+            self._waiting = self._waiting if recorded.pending else []
+        self.compare(t_ns, "a command waits", recorded.pending, bool(self._waiting))
+        self._waiting = self._waiting if recorded.pending else []
 
-    def _compare(self, t_ns: int, what: str, recorded: Any, replayed: Any) -> None:
+    def _check_sent(self, sent: Sequence[tuple[int, CommandMessage]]) -> None:
+        for sent_ns, message in sent:
+            self._check_command(sent_ns, message)
+
+    def _check_command(self, sent_ns: int, recorded: CommandMessage) -> None:
+        """Did a step decide this, and was it admitted as that step says, in its turn and not before
+        its time?"""
+        this = (recorded.decided_ns, recorded.asked)
+        turn = next((i for i, w in enumerate(self._waiting) if (w.step_ns, w.asked) == this), None)
+        if turn is None:
+            self.compare(sent_ns, "command", describe(recorded.asked), "none")
+            return
+        for lost in self._waiting[:turn]:
+            self.compare(sent_ns, "command", "none", describe(lost.asked))
+        decided = self._waiting[turn]
+        del self._waiting[: turn + 1]
+        self.compare(sent_ns, "admitted command", recorded.admitted, decided.admitted)
+        due_ns = decided.step_ns + self._delay_ns
+        self.compare(sent_ns, "time of sending, at least", sent_ns, max(sent_ns, due_ns))
+
+    def compare(self, t_ns: int, what: str, recorded: Any, replayed: Any) -> None:
+        """Note a difference, if there is one."""
         if recorded != replayed:
             self.differences.append(Difference(t_ns * 1e-9, what, str(recorded), str(replayed)))
 
@@ -145,9 +205,5 @@ class _Stepper:
         t_s = t_ns * 1e-9
         if recorded.event:
             self.events.append((t_s, "slip registered"))
-        self.events += [
-            (t_s, f"phase {change.phase}: {change.cause}")
-            for change in self._step.controller.machine.log
-            if change.t_ns == t_ns
-        ]
+        self.events += [(t_s, f"phase {c.phase}: {c.cause}") for c in self._changes]
         self.events += [(t_s, f"  {describe(command)}") for command in recorded.commands]

@@ -1,0 +1,162 @@
+"""A replay notices what was changed in a recording, wherever the step can tell."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from grasp.commands import CloseFast, OpenFingers
+from grasp.messages import ARM, COMMANDS, CONTROL, GRIPPER, PHASES
+from grasp.recording import RunRecorder, RunRecording
+from scenarios.lift import lift
+from scenarios.trial.replay import replay_run
+from scenarios.trial.run_folder import RUN_CHANNELS
+from tests.unit.scenarios.conftest import config
+
+replace = msgspec.structs.replace
+Messages = list[tuple[str, int, Any]]
+DELAY_NS = 50_000_000
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> RunRecording:
+    """A lift whose commands wait for a while."""
+    delayed = config("loop.decision_delay_s=0.05")
+    result = lift.run(delayed, 0, tmp_path_factory.mktemp("runs")).result
+    assert result is not None and result.recording is not None
+    return RunRecording.open(Path(result.recording), RUN_CHANNELS)
+
+
+def written(out: Path, messages: Messages, metadata: dict[str, str]) -> Path:
+    with RunRecorder(out, RUN_CHANNELS, metadata) as writer:
+        for message in messages:
+            writer.write(*message)
+    assert writer.failure is None
+    return out
+
+
+def the(topic: str, messages: Messages, number: int) -> int:
+    """Where the n-th message of a channel stands."""
+    return [i for i, (name, *_) in enumerate(messages) if name == topic][number]
+
+
+def closing(messages: Messages) -> int:
+    """Where the answer to slip stands."""
+    return next(
+        i for i, (name, _, m) in enumerate(messages)
+        if name == COMMANDS and isinstance(m.admitted, CloseFast)
+    )  # fmt: skip
+
+
+def changed(messages: Messages, at: int, **values: Any) -> None:
+    name, t_ns, message = messages[at]
+    messages[at] = name, t_ns, replace(message, **values)
+
+
+def command_lost(messages: Messages) -> None:
+    del messages[closing(messages)]
+
+
+def command_twice(messages: Messages) -> None:
+    at = closing(messages)
+    messages.insert(at, messages[at])
+
+
+def command_of_nobody(messages: Messages) -> None:
+    name, t_ns, message = messages[closing(messages)]
+    opened = replace(message, asked=OpenFingers(0.05), admitted=OpenFingers(0.05))
+    messages.insert(closing(messages), (name, t_ns, opened))
+
+
+def command_weaker(messages: Messages) -> None:
+    at = closing(messages)
+    asked, admitted = messages[at][2].asked, messages[at][2].admitted
+    weak = {"force_cap_n": 5.0}
+    changed(messages, at, asked=replace(asked, **weak), admitted=replace(admitted, **weak))
+
+
+def command_of_another_step(messages: Messages) -> None:
+    at = closing(messages)
+    changed(messages, at, decided_ns=messages[at][2].decided_ns + 1)
+
+
+def command_too_early(messages: Messages) -> None:
+    at = closing(messages)
+    name, t_ns, message = messages.pop(at)
+    messages.insert(at, (name, t_ns - DELAY_NS, message))
+
+
+def nothing_waits(messages: Messages) -> None:
+    at = next(i for i, (name, _, m) in enumerate(messages) if name == CONTROL and m.pending)
+    changed(messages, at, pending=False)
+
+
+def state_lost(topic: str) -> Callable[[Messages], None]:
+    def edit(messages: Messages) -> None:
+        del messages[the(topic, messages, 400)]
+
+    return edit
+
+
+def phase_lost(messages: Messages) -> None:
+    del messages[the(PHASES, messages, 3)]
+
+
+def last_phase_lost(messages: Messages) -> None:
+    del messages[the(PHASES, messages, -1)]
+
+
+def phase_renamed(messages: Messages) -> None:
+    changed(messages, the(PHASES, messages, 3), phase="hold")
+
+
+def phase_for_another_reason(messages: Messages) -> None:
+    changed(messages, the(PHASES, messages, 3), cause="somebody said so")
+
+
+EDITS: dict[str, Callable[[Messages], None]] = {
+    "a command is lost": command_lost,
+    "a command is there twice": command_twice,
+    "a command that no step decided": command_of_nobody,
+    "a command is another, asked and admitted": command_weaker,
+    "a command is of another step": command_of_another_step,
+    "a command is sent before its delay has passed": command_too_early,
+    "a command is said not to wait": nothing_waits,
+    "a state of the gripper is lost": state_lost(GRIPPER),
+    "a state of the arm is lost": state_lost(ARM),
+    "a change of phase is lost": phase_lost,
+    "the last change of phase is lost": last_phase_lost,
+    "a change of phase leads elsewhere": phase_renamed,
+    "a change of phase has another cause": phase_for_another_reason,
+}
+
+
+@pytest.mark.parametrize("what", EDITS)
+def test_an_edit_is_a_difference(what: str, recorded: RunRecording, tmp_path: Path) -> None:
+    messages = list(recorded)
+    assert not replay_run(written(tmp_path / "a.mcap", messages, recorded.metadata)).differences
+    EDITS[what](messages)
+    assert replay_run(written(tmp_path / "b.mcap", messages, recorded.metadata)).differences
+
+
+@pytest.mark.parametrize("edit", [('"hold_s":', '"hold_s":1'), ('"mass_kg":0', '"mass_kg":1')])
+def test_settings_that_were_changed_after_the_run_are_a_difference(
+    edit: tuple[str, str], recorded: RunRecording, tmp_path: Path
+) -> None:
+    told = recorded.metadata["config"]
+    metadata = {**recorded.metadata, "config": told.replace(*edit, 1)}
+    assert metadata != recorded.metadata
+    replay = replay_run(written(tmp_path / "x.mcap", list(recorded), metadata))
+    assert "hash of the settings" in [d.what for d in replay.differences]
+
+
+def test_a_recording_that_ends_before_its_run_says_so(
+    recorded: RunRecording, tmp_path: Path
+) -> None:
+    messages = list(recorded)
+    whole = replay_run(written(tmp_path / "a.mcap", messages, recorded.metadata))
+    half = written(tmp_path / "b.mcap", messages[: the(CONTROL, messages, 500)], recorded.metadata)
+    assert "the recording ends" not in str(whole.events)
+    assert "the recording ends, and the run had not" in replay_run(half).events[-1]
