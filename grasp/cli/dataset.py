@@ -148,6 +148,8 @@ def print_figures(r: Any) -> None:
         moved = "-" if k.moved is None else f"{100 * k.moved:.1f}"
         print(f"{name:<32}{k.recordings:>10}{k.samples:>9}{100 * k.slip:>8.1f}{moved:>9}"
               f"{100 * k.at_rail:>8.1f}")  # fmt: skip
+    if r.acts:
+        _print_acts(r.acts)
     if r.table:
         print(f"\n{'Table I':<12}{'speed':>7}  {'surface':<12}{'samples':>8}{'slip':>8}"
               f"{'%':>7}{'paper':>7}")  # fmt: skip
@@ -161,3 +163,13 @@ def print_figures(r: Any) -> None:
         print(f"{name:<16}" + "".join(f"{value:>8.0f}" for value in ours))
         if len(theirs) == len(ours):
             print(f"{'  paper':<16}" + "".join(f"{value:>8.0f}" for value in theirs))
+
+
+def _print_acts(acts: Any) -> None:
+    """What was done to held objects, and how far it moved them for good."""
+    print(f"\n{'act':<12}{'number':>8}{'< 0.5 mm':>10}{'0.5-1 mm':>10}{'> 2 mm':>8}"
+          f"{'furthest, mm':>14}")  # fmt: skip
+    for name, a in acts.items():
+        shares = zip((a.below_half_mm, a.half_to_one_mm, a.above_two_mm), (8, 8, 6), strict=True)
+        text = "".join(f"{100 * share:>{width}.0f} %" for share, width in shares)
+        print(f"{name:<12}{a.number:>8}{text}{1e3 * a.furthest_p50_m:>14.2f}")

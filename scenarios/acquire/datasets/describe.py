@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.recordings import Recording
+from detector.recordings import Act, Recording
 from detector.scores.evaluation import cause_of
 from detector.scores.quantiles import quantile
 
@@ -66,6 +66,16 @@ class Kind(msgspec.Struct, frozen=True):
     at_rail: float  # share of the counts of a taxel pressed as far down as it ever reads
 
 
+class Deeds(msgspec.Struct, frozen=True):
+    """Acts of one kind on held objects: shares of them that moved it so far for good."""
+
+    number: int
+    below_half_mm: float
+    half_to_one_mm: float
+    above_two_mm: float
+    furthest_p50_m: float  # from where it was, as the samples saw it
+
+
 class DatasetFigures(msgspec.Struct, frozen=True):
     """A data set in figures."""
 
@@ -78,6 +88,7 @@ class DatasetFigures(msgspec.Struct, frozen=True):
     labels_agree: float | None  # share of samples with equal labels
     splits: dict[str, int]  # samples
     kinds: dict[str, Kind]
+    acts: dict[str, Deeds]
     speed_p50_mps: float | None  # of the fingertip, where it is labelled slip
     speed_p99_mps: float | None
     table: list[TableCell]
@@ -108,6 +119,7 @@ def describe(recordings: Sequence[Recording]) -> DatasetFigures:
         ),
         splits=_splits(recordings),
         kinds=_kinds(recordings),
+        acts=_acts(recordings),
         speed_p50_mps=quantile(speeds, 0.5) if len(speeds) else None,
         speed_p99_mps=quantile(speeds, 0.99) if len(speeds) else None,
         table=_table(recordings, samples),
@@ -138,6 +150,24 @@ def _kind(group: Sequence[Recording]) -> Kind:
         len(group), samples, sum(int(r.slip.sum()) for r in group) / samples,
         sum(int(r.label("moved").sum()) for r in group) / samples if known else None,
         sum(int(x.sum()) for x in railed) / sum(x.size for x in railed),
+    )  # fmt: skip
+
+
+def _acts(recordings: Sequence[Recording]) -> dict[str, Deeds]:
+    groups: dict[str, list[Act]] = {}
+    for r in recordings:
+        for act in r.metadata.acts if r.metadata else ():
+            groups.setdefault(act.kind, []).append(act)
+    return {name: _deeds(group) for name, group in sorted(groups.items())}
+
+
+def _deeds(group: Sequence[Act]) -> Deeds:
+    moved = np.array([act.moved_m for act in group])
+    furthest = np.sort([act.furthest_m for act in group])
+    return Deeds(
+        len(group), float((moved < 0.0005).mean()),
+        float(((moved >= 0.0005) & (moved < 0.001)).mean()), float((moved >= 0.002).mean()),
+        quantile(furthest, 0.5),
     )  # fmt: skip
 
 

@@ -78,8 +78,7 @@ def lift_config(metadata: Metadata, acts: Acts | None, turns: bool) -> LiftConfi
         fixed["controller.hold_s"] = HOLDS_SHORTLY_S
     if acts is not None and acts.firm:
         fixed |= {"controller.firm": True, "controller.reactions": False}
-    if turns:
-        fixed["world.blow_level"] = "L3"
+    fixed["world.blow_level"] = "L3" if turns else "L1"  # L4 costs more than it adds to a signal
     return with_values(_config(metadata.object, metadata.layout), fixed | metadata.parameters)
 
 

@@ -188,6 +188,18 @@ def test_the_labels_shares_come_out_whatever_the_first_pauses(
     assert (len(r.slip), int(r.slip.sum())) == (900, 400)
 
 
+def test_any_number_of_processes_makes_equal_files(tmp_path: Path, few: list[Job]) -> None:
+    sets = [plan(load_dataset_config(PAPER.with_name(name)))
+            for name in ("confusers.toml", "grasped-slip.toml")]  # fmt: skip
+    struck = next(job for job in sets[0] if job.metadata.cause == "grasped_tap")
+    jobs = [few[0], struck, sets[0][0], sets[1][0]]
+    for processes, name in ((0, "here"), (2, "there")):
+        build(jobs, {}, tmp_path / name, Workers(processes), quiet)
+    for job in jobs:
+        here, there = (tmp_path / name / job.path for name in ("here", "there"))
+        assert here.read_bytes() == there.read_bytes(), job.path
+
+
 def test_a_second_build_makes_only_what_is_missing_and_makes_it_equal(
     tmp_path: Path, few: list[Job]
 ) -> None:
