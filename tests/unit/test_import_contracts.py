@@ -5,6 +5,8 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -186,33 +188,121 @@ def sources() -> list[Path]:
     return [source for package in PACKAGES for source in (ROOT / package).rglob("*.py")]
 
 
-def test_no_module_is_named_in_a_string() -> None:
-    modules = {".".join(s.relative_to(ROOT).with_suffix("").parts) for s in sources()}
-    found = []
+def parsed() -> Iterator[tuple[str, ast.Module]]:
+    """Path and syntax tree of every module of the product."""
     for source in sources():
         tree = ast.parse(source.read_text(encoding="utf-8"))
-        lines = {n.value for n in ast.walk(tree) if isinstance(n, ast.Expr)}  # docstrings
-        texts = (n for n in ast.walk(tree) if isinstance(n, ast.Constant) and n not in lines)
-        named = {w for n in texts for w in re.findall(r"[\w.]+", str(n.value))} & modules
-        found += [f"{source.relative_to(ROOT)}: {name}" for name in named if "." in name]
-    assert found == []
+        yield source.relative_to(ROOT).as_posix(), tree
+
+
+@cache
+def module_names() -> set[str]:
+    """Of modules and of the packages that hold them, where there is a dot to know them by."""
+    found = {path.removesuffix(".py").removesuffix("/__init__") for path, _ in parsed()}
+    return {name.replace("/", ".") for name in found if "/" in name}
+
+
+def named_in_strings(tree: ast.Module) -> set[str]:
+    docstrings = {n.value for n in ast.walk(tree) if isinstance(n, ast.Expr)}
+    texts = (n for n in ast.walk(tree) if isinstance(n, ast.Constant) and n not in docstrings)
+    words = (re.findall(r"\w[\w.]*\w", str(text.value)) for text in texts)
+    return {word for found in words for word in found} & module_names()
+
+
+def imported(node: ast.stmt) -> list[str]:
+    """Modules that a statement imports; one of ours where it is relative."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    return [node.module or ""] if isinstance(node, ast.ImportFrom) and not node.level else ["grasp"]
+
+
+def hidden(tree: ast.Module) -> list[str]:
+    """Imports of ours that are not made as a module begins."""
+    inner = (n for n in ast.walk(tree) if isinstance(n, ast.Import | ast.ImportFrom))
+    later = [n for n in inner if n not in tree.body]
+    return [ast.unparse(n) for n in later if any(ours(name) for name in imported(n))]
+
+
+def ours(name: str) -> bool:
+    return name.partition(".")[0] in PACKAGES
+
+
+def dynamic(tree: ast.Module) -> list[str]:
+    """What imports a module by a name that is computed, or a file as a program."""
+    names = (n for n in ast.walk(tree) if isinstance(n, ast.Name | ast.Attribute))
+    called = {n.id if isinstance(n, ast.Name) else n.attr for n in names}
+    froms = (n for n in ast.walk(tree) if isinstance(n, ast.ImportFrom))
+    called |= {alias.name for n in froms for alias in n.names}
+    return sorted(called & {"import_module", "__import__", "run_module", "run_path", "modules"})
+
+
+def test_no_module_is_named_in_a_string() -> None:
+    found = {path: named_in_strings(tree) for path, tree in parsed()}
+    assert {path: names for path, names in found.items() if names} == {}
+
+
+# libraries of other people: the arm's in its worker, and which are installed
+BY_NAME = ["drivers/ur/link/worker.py", "scenarios/rigs/doctor.py"]
+
+
+def test_no_module_is_imported_by_a_computed_name() -> None:
+    assert sorted(path for path, tree in parsed() if dynamic(tree)) == BY_NAME
 
 
 # what starts quickly, or where packages are missing; each looks down the layers
-LATE = ("grasp/cli", "scenarios/rigs/doctor.py", "scenarios/testing/plugin.py")
+LATE = ("grasp/cli/", "scenarios/rigs/doctor.py", "scenarios/testing/plugin.py")
 
 
-def test_no_import_of_ours_hides_in_a_function() -> None:
-    found = []
-    for source in sources():
-        path = source.relative_to(ROOT).as_posix()
-        if path.startswith(LATE):
-            continue
-        tree = ast.parse(source.read_text(encoding="utf-8"))
-        functions = (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef))
-        for node in (inner for function in functions for inner in ast.walk(function)):
-            if isinstance(node, ast.Import | ast.ImportFrom):
-                text = ast.unparse(node)
-                if text.split()[1].startswith(PACKAGES):
-                    found.append(f"{path}: {text}")
+def test_no_import_of_ours_hides_below_the_beginning_of_a_module() -> None:
+    found = {path: hidden(tree) for path, tree in parsed() if not path.startswith(LATE)}
+    assert {path: imports for path, imports in found.items() if imports} == {}
+
+
+def test_nothing_that_is_delivered_imports_tests_or_scripts() -> None:
+    found = [
+        (path, name)
+        for path, tree in parsed()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for name in imported(node)
+        if name.partition(".")[0] in ("tests", "scripts")
+    ]
     assert found == []
+
+
+HIDING = {
+    "in a function": "def f():\n    from scenarios.trial import trace\n",
+    "in one that waits": "async def f():\n    import scenarios.trial.trace\n",
+    "in a class": "class A:\n    import scenarios.trial.trace as t\n",
+    "where it may fail": "try:\n    import scenarios.trial.trace\nexcept ImportError:\n    pass\n",
+    "behind another": "def f():\n    import os, scenarios.trial.trace\n",
+    "relative": "def f():\n    from . import trace\n",
+}
+BY_STRING = {
+    "a module": "import_it('scenarios.trial.trace')\n",
+    "a package": "import_it('scenarios.trial')\n",
+    "a part": "import_it(f'scenarios.trial.{name}')\n",
+}
+COMPUTED = {
+    "of parts": "import importlib\nimportlib.import_module('scenarios.' + 'trial')\n",
+    "relative": "from importlib import import_module\nimport_module('..trial', __package__)\n",
+    "by the interpreter": "__import__('scenarios')\n",
+    "already there": "import sys\nsys.modules['scenarios' + '.trial']\n",
+    "run": "import runpy\nrunpy.run_module(name)\n",
+}
+
+
+@pytest.mark.parametrize("how", HIDING)
+def test_a_hidden_import_is_found(how: str) -> None:
+    assert hidden(ast.parse(HIDING[how]))
+    assert not hidden(ast.parse("import scenarios.trial.trace\nfrom grasp import slip\n"))
+
+
+@pytest.mark.parametrize("what", BY_STRING)
+def test_a_module_in_a_string_is_found(what: str) -> None:
+    assert named_in_strings(ast.parse(BY_STRING[what]))
+
+
+@pytest.mark.parametrize("how", COMPUTED)
+def test_an_import_by_a_computed_name_is_found(how: str) -> None:
+    assert dynamic(ast.parse(COMPUTED[how]))
