@@ -1,12 +1,19 @@
 """No setting is declared that nothing reads."""
 
 import ast
+import os
 import typing
 from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
+import mypy.build
+import mypy.config_parser
+import mypy.options
 import pytest
+from mypy.find_sources import create_source_list
+from mypy.nodes import MemberExpr
+from mypy.types import Instance, TupleType, Type, TypeVarType, UnionType, get_proper_type
 
 from detector.training.settings import TrainSettings
 from drivers.ur.emulator.settings import EmulatorSettings
@@ -69,6 +76,50 @@ def unread(file: type[msgspec.Struct], said: Said) -> list[str]:
 @pytest.mark.parametrize("file", FILES)
 def test_every_setting_is_read(file: type[msgspec.Struct], said: Said) -> None:
     assert unread(file, said) == []
+
+
+# a section that is looked up by a name
+BY_NAME = ["RunConfig.psd", "RunConfig.psd_fair"]
+
+
+def read_by_type() -> set[tuple[str, str]]:
+    """Class and attribute of every access that the type checker sees, base classes included."""
+    told = mypy.options.Options()
+    mypy.config_parser.parse_config_file(told, lambda: None, str(ROOT / "pyproject.toml"))
+    told.export_types, told.preserve_asts, told.incremental = True, True, False
+    told.cache_dir = os.devnull
+    sources = create_source_list([str(ROOT / package) for package in PACKAGES], told)
+    types = mypy.build.build(sources, told).types
+    accesses = [e for e in types if isinstance(e, MemberExpr) and e.expr in types]
+    return {(owner, e.name) for e in accesses for owner in owners(types[e.expr])}
+
+
+def owners(kind: Type) -> Iterator[str]:
+    """Full names of the classes that a value of this type may be of."""
+    kind = get_proper_type(kind)
+    if isinstance(kind, Instance):
+        yield from (base.fullname for base in kind.type.mro)
+    elif isinstance(kind, UnionType):
+        for item in kind.items:
+            yield from owners(item)
+    elif isinstance(kind, TypeVarType):
+        yield from owners(kind.upper_bound)
+    elif isinstance(kind, TupleType):
+        yield from owners(kind.partial_fallback)
+
+
+@pytest.mark.slow
+def test_every_setting_is_read_of_its_own_section() -> None:
+    """By type, so that another class's attribute of the same name does not count."""
+    reads = read_by_type()
+    sections = dict.fromkeys(section for file in FILES for section in structs(file))
+    unread = [
+        f"{section.__name__}.{name}"
+        for section in sections
+        for name in section.__struct_fields__
+        if not any((f"{c.__module__}.{c.__qualname__}", name) in reads for c in section.__mro__)
+    ]
+    assert set(unread) <= set(BY_NAME)
 
 
 class PlantedSection(msgspec.Struct, frozen=True):
