@@ -39,6 +39,48 @@ def test_grasp_waits_until_the_status_is_fresh_and_no_command_is_on_its_way() ->
     assert not d.controller.monitor.status.armed
 
 
+def test_approach_waits_for_the_hand_and_for_the_arm_at_its_home() -> None:
+    d = Driver(home=(0.3, 0.2, 0.4))
+    d.until(Phase.APPROACH)
+    waits: tuple[dict[str, object], ...] = (
+        {"gripper": d.hand(detections=MOVING)},
+        {"pending": True},
+        {"arm": arm(TICK, 0.02)},
+        {"arm": arm(TICK, 0.0, moving=True)},
+    )
+    assert {d.step(**wait).phase for wait in waits} == {Phase.APPROACH}
+    assert d.step().phase is Phase.REST
+
+
+def test_fingers_whose_first_command_was_lost_are_told_again() -> None:
+    d = Driver()
+    d.until(Phase.APPROACH)
+    told = d.commands.pop()
+    for _ in range(3):
+        assert d.step(gripper=d.hand(positions=(0, 0, 0))).phase is Phase.APPROACH
+        assert d.commands.pop() == told
+    assert d.step().phase is Phase.REST
+
+
+def test_rest_is_over_only_once_the_hand_rests_too() -> None:
+    d = Driver()
+    d.until(Phase.REST)
+    assert d.step(gripper=d.hand(detections=MOVING)).phase is Phase.REST
+    assert d.step(pending=True).phase is Phase.REST
+    assert d.step(rest_taken=False).phase is Phase.REST
+    assert d.step().phase is Phase.GRASP
+
+
+def test_arm_is_home_only_once_the_hand_rests_and_no_command_is_on_its_way() -> None:
+    d = Driver(home=(0.3, 0.2, 0.4))
+    d.height_m = 0.05
+    assert d.step().phase is Phase.HOME
+    d.height_m = 0.0
+    assert d.step(gripper=d.hand(detections=MOVING)).phase is Phase.HOME
+    assert d.step(pending=True).phase is Phase.HOME
+    assert d.step().phase is Phase.APPROACH
+
+
 def test_finger_latched_by_contact_in_the_grasp_is_a_fault_and_nothing_is_lifted() -> None:
     d = Driver()
     d.until(Phase.GRASP)
@@ -131,6 +173,15 @@ def test_force_that_stays_above_the_limit_while_the_arm_moves_is_a_fault() -> No
     assert "force" in d.controller.fault_cause
 
 
+def test_force_above_the_limit_is_no_fault_while_the_arm_stands() -> None:
+    d = Driver(hold_s=1.0).lift()
+    d.height_m = HEIGHT
+    d.until(Phase.HOLD)
+    for _ in range(50):
+        d.step(overloaded=True)
+    assert d.controller.phase is Phase.HOLD
+
+
 def test_fingers_that_feel_nothing_are_noticed_before_the_arm_lifts() -> None:
     d = Driver()
     d.until(Phase.GRASP, measured_n=(0.0, 0.0, 0.0))
@@ -169,6 +220,23 @@ def test_phase_that_lasts_too_long_is_a_fault() -> None:
     for _ in range(110):
         d.step(gripper=d.hand(detections=MOVING))
     assert d.controller.phase is Phase.FAULT
+
+
+@pytest.mark.parametrize("phase", [Phase.HOME, Phase.RETREAT])
+def test_arm_that_does_not_arrive_is_a_fault_in_its_time(phase: Phase) -> None:
+    d = Driver(home=(0.3, 0.2, 0.4), phase_timeout_s=1.0, hold_s=0.1)
+    if phase is Phase.HOME:
+        d.height_m = 0.05
+    else:
+        d.lift()
+        d.height_m = HEIGHT
+        d.until(Phase.LOWER)
+        d.height_m = 0.0
+    d.until(phase)
+    for _ in range(110):
+        d.step(arm=arm(d.t_ns + TICK, 0.03, moving=True))
+    assert d.controller.phase is Phase.FAULT
+    assert f"phase {phase} lasted longer" in d.controller.fault_cause
 
 
 def test_every_transition_is_logged_with_time_and_cause() -> None:

@@ -108,6 +108,49 @@ def test_no_target_lies_beyond_the_position_where_the_force_reaches_the_limit(
         assert limit <= target
 
 
+def test_move_is_bounded_by_position_as_a_closing_is() -> None:
+    g = guard(travel_bound=True)
+    g.anchor((55, 55, 55), (2.0, 1.0, 1.0))
+    closing = g.admit(close(), gripper(), NO_FORCE)
+    moving = g.admit(MoveFingers((255, 255, 255), 0.05, 10.0), gripper(), NO_FORCE)
+    assert isinstance(closing, CloseFast) and isinstance(moving, MoveFingers)
+    assert moving.targets_counts == closing.limits_counts < (70, 70, 70)
+
+
+def test_finger_whose_grasp_was_above_the_limit_stays_where_it_is() -> None:
+    g = guard(travel_bound=True)
+    g.anchor((55, 55, 55), (12.0, 1.0, 1.0))
+    admitted = g.admit(close(), gripper(), NO_FORCE)
+    assert isinstance(admitted, CloseFast)
+    assert admitted.limits_counts[0] == 55
+
+
+@pytest.mark.parametrize(
+    ("mode", "thumb_n", "other_n", "stops"),
+    [
+        ("every_finger", 15.0, 15.0, False),
+        ("every_finger", 15.1, 0.0, True),
+        ("every_finger", 0.0, 15.1, True),
+        ("each_motor", 25.0, 15.0, False),
+        ("each_motor", 25.1, 0.0, True),
+        ("each_motor", 0.0, 15.1, True),
+    ],
+)
+def test_every_finger_has_its_own_limit_of_measured_force(
+    mode: str, thumb_n: float, other_n: float, stops: bool
+) -> None:
+    for measured_n in ((thumb_n, other_n, 0.0), (thumb_n, 0.0, other_n)):
+        admitted = guard(cap_mode=mode).admit(close(), gripper(), measured_n)
+        assert isinstance(admitted, HoldFingers) is stops
+
+
+def test_least_speed_that_just_keeps_the_overshoot_is_accepted() -> None:
+    fastest_mps = guard().closing_speed_mps
+    ForceGuard(GuardSettings(), 10.0, 0.00077, fastest_mps)
+    with pytest.raises(ConfigError, match="overshoot_n"):
+        ForceGuard(GuardSettings(), 10.0, 0.00077, math.nextafter(fastest_mps, 1.0))
+
+
 def test_repeated_commands_do_not_ratchet_past_the_bound() -> None:
     g = guard(travel_bound=True)
     g.anchor((55, 55, 55), (2.0, 1.0, 1.0))

@@ -74,3 +74,12 @@ def test_disarming_forgets_the_status() -> None:
     m.disarm()
     assert not m.status.registered
     assert not m.update(5 * TICK, np.array(HIGH)).registered
+
+
+def test_evidence_from_before_it_was_armed_anew_does_not_count() -> None:
+    m = monitor()
+    m.arm()
+    feed(m, HIGH)
+    m.disarm()
+    m.arm()
+    assert not any(s.registered for s in feed(m, HIGH, LOW, start=2))

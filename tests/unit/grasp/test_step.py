@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from drivers.interfaces import Counts3, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand, MoveArm, OpenFingers, StopArm
 from grasp.controller import Decision, GraspController
+from grasp.doubt import Doubts
+from grasp.doubt_settings import DoubtSettings
 from grasp.guard import ForceGuard, GuardSettings
 from grasp.observation import Observation, StepInput
 from grasp.phases import Phase
@@ -20,16 +22,16 @@ from grasp.step import GraspStep
 from tests.unit.grasp.builders import arm, frame, gripper
 from tests.unit.grasp.controller_driver import TICK, Driver
 
-CLOSE = CloseFast(8.0, (True, True, True), (255, 255, 255), 0.1)
+ANY_CLOSE = ((True, True, True), (255, 255, 255), 0.1)
+CLOSE = CloseFast(8.0, *ANY_CLOSE)
 LET = OpenFingers(0.05)
 RISE = MoveArm((0.3, 0.2, 0.6), 0.1, 0.5)
 SURE = np.array([0.9, 0.1, 0.2])
 
 
 def told(of: TactileFrame | None, t_ns: int = TICK, **changes: Any) -> StepInput:
-    return StepInput(
-        t_ns=t_ns, frame=of, rest_taken=True, gripper=gripper(t_ns), arm=arm(t_ns), **changes
-    )
+    states = {"gripper": gripper(t_ns), "arm": arm(t_ns), **changes}
+    return StepInput(t_ns=t_ns, frame=of, rest_taken=True, **states)
 
 
 class Ears:
@@ -152,6 +154,40 @@ def test_guard_is_anchored_at_the_force_just_measured_when_the_decision_says_so(
     b.decide(frame(-2))
     assert b.gate.anchors == [((55, 55, 55), (6.0,) * 3), ((55, 55, 55), (12.0,) * 3)]
     assert not any(isinstance(heard, str) for heard in b.ears.heard)
+
+
+def test_guard_is_anchored_where_the_fingers_stand_and_not_where_they_were_told_to_be() -> None:
+    b = Bench(Told(anchor=True))
+    b.decide(frame(-1), gripper=gripper(positions=(51, 55, 54), requested=(55, 55, 55)))
+    assert b.gate.anchors == [((51, 55, 54), (6.0,) * 3)]
+
+
+def test_codes_that_are_not_believed_leave_the_force_as_it_was_measured_last() -> None:
+    b = Bench()
+    b.decide(frame(-1))
+    dead = frame(-2)
+    raw = dead.raw.copy()
+    raw[1] = 0
+    seen = b.decide(msgspec.structs.replace(dead, raw=raw), t_ns=2 * TICK)
+    assert seen.measured_n == (6.0,) * 3
+
+
+def test_what_was_closed_last_is_what_the_guard_admitted() -> None:
+    controller = cast(GraspController, Told(Phase.LIFT, CloseFast(60.0, *ANY_CLOSE)))
+    step = GraspStep(Ears(), controller, ForceGuard(GuardSettings(), 2.0, 0.0005))
+    assert step.decide(told(frame(-1))).observation.last_close is None
+    closed = step.decide(told(frame(-1), 2 * TICK)).observation.last_close
+    assert closed is not None
+    assert (closed.force_cap_n, closed.closing) == (10.0, (True, False, False))
+
+
+def test_doubts_are_those_that_the_step_was_given() -> None:
+    inactive = msgspec.structs.replace(gripper(), active=False)
+    guard, controller = cast(ForceGuard, Gate()), cast(GraspController, Told())
+    for stand_ins, doubted in ((False, True), (True, False)):
+        doubts = Doubts(DoubtSettings(), stand_ins=stand_ins)
+        step = GraspStep(Ears(), controller, guard, doubts)
+        assert bool(step.decide(told(frame(-1), gripper=inactive)).observation.doubt) is doubted
 
 
 def test_gripper_commands_go_out_as_the_guard_lets_them_by_the_force_just_measured() -> None:
