@@ -60,26 +60,47 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float,
         Meta(
             ge=0.005, le=0.1,
-            description="of the arm where an object that slipped may stand before the arm is down, "
-            "or faster, to need half of phase_timeout_s; assumed, 0.01-0.02",
+            description="of the arm where an object that slipped may stand before the arm is down; "
+            "slower where the arm is late (landing_travel_m), faster where that would take more "
+            "than 0.8 of phase_timeout_s; assumed, 0.01-0.02",
         ),
     ] = 0.01  # fmt: skip
+    landing_travel_m: Annotated[
+        float,
+        Meta(
+            ge=1e-4, le=0.01,
+            description="no further than this in the time that the arm took to obey; not slower "
+            "than 0.005 m/s; assumed, 0.5 N on a steep flank",
+        ),
+    ] = 0.00025  # fmt: skip
     landing_rise_n: Annotated[
         float,
         Meta(
             ge=0.1, le=5.0,
-            description="so much more measured force at the thumb on the way down stops the arm; "
-            "assumed, from the simulated fingertip",
+            description="so much more measured force, half of all fingers' sum, on the way down "
+            "stops the arm; assumed, from the simulated fingertip",
         ),
     ] = 0.5  # fmt: skip
     landing_step_m: Annotated[
         float,
-        Meta(ge=1e-4, le=0.005, description="then down, to see whether the object stands; assumed"),
+        Meta(
+            ge=1e-4,
+            le=0.005,
+            description="then down, or less, to see whether the object stands; assumed",
+        ),
     ] = 0.0005
     landing_check_n: Annotated[
         float,
-        Meta(ge=0.05, le=5.0, description="it does if that adds so much at the thumb; assumed"),
+        Meta(ge=0.05, le=5.0, description="it does if that adds so much; assumed"),
     ] = 0.15
+    landing_most_share: Annotated[
+        float,
+        Meta(
+            ge=0.01, le=2.0,
+            description="so much of the grip more in all, without an answer: the arm stays; "
+            "assumed, what a textured face makes of it in sliding is less",
+        ),
+    ] = 0.15  # fmt: skip
     landing_tries: Annotated[
         int,
         Meta(ge=1, le=20, description="such steps without an answer; then the arm stays there"),

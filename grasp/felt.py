@@ -1,4 +1,4 @@
-"""Felt: what the thumb has felt so far, which opposes both other fingers and bears what they do."""
+"""Felt: what has been felt so far, above all by the thumb, which opposes both other fingers."""
 
 from grasp.controller_settings import ControllerSettings
 from grasp.observation import Observation
@@ -10,7 +10,7 @@ class Felt:
     """Facts of the world, of every sample: when there was contact last, when force was within the
     limit last, how steady force is.
 
-    ``level_n``: what the thumb measures, averaged over a part of ``controller.relax_s``.
+    ``level_n``: the grip, averaged over a part of ``controller.relax_s``.
     ``gap_ns``: the longest that nothing was felt while the object may have been in the air.
     """
 
@@ -32,7 +32,7 @@ class Felt:
         elif airborne:
             self.gap_ns = max(self.gap_ns, seen.t_ns - self._touched_ns)
         weight = min(1.0, (seen.t_ns - self._seen_ns) / self._level_ns)
-        self.level_n += weight * (force_n - self.level_n)
+        self.level_n += weight * (grip_n(seen) - self.level_n)
         self._seen_ns = seen.t_ns
         if not seen.overloaded:
             self._within_ns = seen.t_ns
@@ -44,3 +44,8 @@ class Felt:
     def overload_ns(self, now_ns: int) -> int:
         """How long measured force has been above the limit and its margin."""
         return now_ns - self._within_ns
+
+
+def grip_n(seen: Observation) -> float:
+    """What the thumb bears, by all fingers: those whose taxels are at a rail feel no rise."""
+    return sum(seen.measured_n) / 2

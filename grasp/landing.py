@@ -1,17 +1,25 @@
 """Landing: the way down, from where the arm turns to where the hand lets go.
 
 How far an object slipped is not known, so neither is how high the arm is when it stands. Closed
-fingers that slide down over an object that stands and widens are driven apart: the thumb feels it.
+fingers that slide down over an object that stands and widens are driven apart, and feel it.
 """
+
+import math
 
 import msgspec
 
 from grasp.commands import Command, OpenFingers, StopArm
 from grasp.controller_settings import ControllerSettings
-from grasp.felt import Felt
+from grasp.felt import Felt, grip_n
 from grasp.lift_line import LiftLine
 from grasp.observation import Observation
 from grasp.phases import Phase, Trigger
+
+LANDING_SHARE = 0.8  # of the time that a phase may last
+SLOWEST_MPS = 0.005  # an arm that is told less is not told from one that stands
+SHORTEST_S = 1e-3
+SHORTEST_M = 2e-4  # of a step
+CERTAIN = 3  # times the rise that tells is what a step aims at
 
 
 class Way(msgspec.Struct, frozen=True):
@@ -26,9 +34,9 @@ class Landing:
     """Phases lower, land, touch and probe; lost where what the hand holds may stand and nothing
     tells where.
 
-    What is remembered: how high the arm was when slip was last in progress, what the thumb felt
-    when the arm last began to go down, how often the grip has tightened since, where the hand
-    opened.
+    What is remembered: how high the arm was when slip was last in progress, what the grip was when
+    the arm last began to go down and the least that it was so, where it tightened last and how
+    often, where the hand opened.
     """
 
     def __init__(self, settings: ControllerSettings, line: LiftLine, felt: Felt) -> None:
@@ -37,6 +45,8 @@ class Landing:
         self._felt = felt
         self._slipped_m = 0.0
         self._grip_n = 0.0
+        self._least_n = math.inf
+        self._tight_m = 0.0
         self._touches = 0
         self._let_go_m = 0.0
 
@@ -55,16 +65,14 @@ class Landing:
         if self._felt.gap_ns >= self._settings.contact_gap_s * 1e9:
             gap = f"nothing was felt for {self._felt.gap_ns * 1e-9:.2f} s on the way"
             return Way(Trigger.LOSE, f"{gap}: what the hand holds may stand on the table")
-        return Way(trigger, cause, (self._line.move(self._near_m, self._settings.lower_speed_mps),))
+        return self._quickly(trigger, cause)
 
     def step(self, phase: Phase, lasted_ns: int, seen: Observation) -> Way | None:
         """Out of that phase, which has lasted so long; None while it goes on."""
-        if phase is Phase.LOWER:
-            return self._lower(seen)
-        if phase is Phase.LAND:
-            return self._land(seen)
+        if phase in (Phase.LOWER, Phase.LAND):
+            return self._go_down(phase, seen)
         stands = not seen.pending and not seen.arm.moving
-        if not stands or lasted_ns < self._settings.relax_s * 1e9:  # what the thumb feels changes
+        if not stands or lasted_ns < self._settings.relax_s * 1e9:  # what is felt changes
             return None
         return self._touch(seen) if phase is Phase.TOUCH else self._probe(seen)
 
@@ -74,51 +82,76 @@ class Landing:
         has slipped less than the arm had risen by then."""
         return min(max(self._slipped_m, 0.0), self._settings.lift_height_m)
 
-    def _lower(self, seen: Observation) -> Way | None:
-        if self._felt.contact_lost(seen.t_ns):
-            return Way(Trigger.LOSE, "contact lost on the way down")
-        if self._line.stands_at(seen, self._near_m):
-            return self._slowly(seen, Trigger.NEAR, "from here on the object may stand")
-        return None
-
-    def _slowly(self, seen: Observation, trigger: Trigger, cause: str) -> Way:
+    def _take_grip(self) -> None:
         self._grip_n = self._felt.level_n
-        if self._line.stands_at(seen, 0.0):
-            return Way(trigger, cause)
-        in_time_mps = 2 * self._near_m / self._settings.phase_timeout_s
-        speed_mps = max(self._settings.landing_speed_mps, in_time_mps)
-        return Way(trigger, cause, (self._line.move(0.0, speed_mps),))
+        self._least_n = min(self._least_n, self._grip_n)
 
-    def _land(self, seen: Observation) -> Way | None:
+    def _go_down(self, phase: Phase, seen: Observation) -> Way | None:
         """The grip tightens where closed fingers slide down over a flank that widens."""
-        rise_n = seen.measured_n[0] - self._grip_n
+        rise_n = grip_n(seen) - self._grip_n
         if self._felt.contact_lost(seen.t_ns):
             return Way(Trigger.LOSE, "contact lost on the way down")
-        if self._line.stands_at(seen, 0.0):
+        if phase is Phase.LOWER and self._line.stands_at(seen, self._near_m):
+            return self._slowly(seen, Trigger.NEAR, "from here on the object may stand")
+        if phase is Phase.LAND and self._line.stands_at(seen, 0.0):
             return self._let_go(seen, "arm where the lift began")
         if rise_n < self._settings.landing_rise_n:
             return None
         self._touches += 1
-        cause = f"the thumb feels {rise_n:.1f} N more on the way down"
+        self._tight_m = self._line.height_m(seen)
+        cause = f"the grip is {rise_n:.1f} N tighter on the way down"
         return Way(Trigger.TIGHTENED, cause, (StopArm(self._settings.stop_deceleration_mps2),))
 
+    def _quickly(self, trigger: Trigger, cause: str) -> Way:
+        self._take_grip()
+        return Way(trigger, cause, (self._line.move(self._near_m, self._settings.lower_speed_mps),))
+
+    def _slowly(self, seen: Observation, trigger: Trigger, cause: str) -> Way:
+        self._take_grip()
+        if self._line.stands_at(seen, 0.0):
+            return Way(trigger, cause)
+        return Way(trigger, cause, (self._line.move(0.0, self._landing_mps(seen)),))
+
+    def _landing_mps(self, seen: Observation) -> float:
+        """So slow that little way is left once the grip is felt to tighten, within the time that a
+        phase has."""
+        s = self._settings
+        in_time_mps = self._line.height_m(seen) / (LANDING_SHARE * s.phase_timeout_s)
+        in_reach_mps = s.landing_travel_m / max(self._line.reaction_s, SHORTEST_S)
+        return max(in_time_mps, SLOWEST_MPS, min(in_reach_mps, s.landing_speed_mps))
+
     def _touch(self, seen: Observation) -> Way:
-        self._grip_n = self._felt.level_n
-        lower_m = self._line.height_m(seen) - self._settings.landing_step_m
-        step = self._line.move(lower_m, self._settings.landing_speed_mps)
+        height_m, level_n = self._line.height_m(seen), self._felt.level_n
+        step_m = self._step_m(self._tight_m - height_m, level_n - self._grip_n)
+        self._grip_n = level_n
+        step = self._line.move(height_m - step_m, self._settings.landing_speed_mps)
         return Way(Trigger.SETTLED, "the arm stands, the pads have relaxed", (step,))
 
+    def _step_m(self, braking_m: float, rise_n: float) -> float:
+        """As short as will tell, where the grip went on tightening while the arm braked."""
+        s = self._settings
+        if braking_m <= 0.0 or rise_n <= s.landing_rise_n:
+            return s.landing_step_m
+        telling_m = CERTAIN * s.landing_check_n * braking_m / (rise_n - s.landing_rise_n)
+        return min(max(telling_m, SHORTEST_M), s.landing_step_m)
+
     def _probe(self, seen: Observation) -> Way:
-        """A grip in the air takes no notice of a step down; where it does, the object stands."""
-        rise_n = self._felt.level_n - self._grip_n
-        if rise_n >= self._settings.landing_check_n:
+        """A grip in the air takes no notice of a step down; where it does, the object stands. One
+        that has tightened much, though no step tells, may go no further."""
+        s, level_n = self._settings, self._felt.level_n
+        rise_n = level_n - self._grip_n
+        if rise_n >= s.landing_check_n:
             return self._let_go(
                 seen, f"a step down tightened the grip by {rise_n:.1f} N: it stands"
             )
-        if self._touches >= self._settings.landing_tries:
+        tightest_n = (1 + s.landing_most_share) * self._least_n
+        if self._touches >= s.landing_tries or level_n >= tightest_n:
             unsure = "the grip tightens, and it is not certain that the object stands"
             return Way(Trigger.LOSE, unsure)
-        return self._slowly(seen, Trigger.LOOSE, "a step down did not tighten the grip")
+        loose = "a step down did not tighten the grip"
+        if self._line.height_m(seen) > self._near_m + s.at_height_m:
+            return self._quickly(Trigger.HIGH, loose)
+        return self._slowly(seen, Trigger.LOOSE, loose)
 
     def _let_go(self, seen: Observation, cause: str) -> Way:
         self._let_go_m = self._line.height_m(seen)

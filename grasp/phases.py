@@ -59,9 +59,10 @@ class Trigger(StrEnum):
     FINISHED = "finished"  # held long enough: set it down
     KEEP = "keep"  # held long enough: that is all
     NEAR = "near"  # the arm is where the object may stand
-    TIGHTENED = "tightened"  # the thumb feels more than when the slow way began
+    TIGHTENED = "tightened"  # the grip is tighter than when the way down began
     SETTLED = "settled"  # the arm stands, and what it feels is steady
     LOOSE = "loose"  # the step did not tighten the grip: either in the air, or of one width
+    HIGH = "high"  # nor did it, and no object can stand yet
     LANDED = "landed"  # the object stands: where the lift began, or earlier if it had slipped
     OPENED = "opened"
     RETREATED = "retreated"
@@ -101,9 +102,10 @@ TRANSITIONS: tuple[tuple[Trigger, tuple[Phase, ...], Phase], ...] = (
     (Trigger.FINISHED, (Phase.HOLD,), Phase.LOWER),
     (Trigger.KEEP, (Phase.HOLD,), Phase.KEPT),
     (Trigger.NEAR, (Phase.LOWER,), Phase.LAND),
-    (Trigger.TIGHTENED, (Phase.LAND,), Phase.TOUCH),
+    (Trigger.TIGHTENED, (Phase.LOWER, Phase.LAND), Phase.TOUCH),
     (Trigger.SETTLED, (Phase.TOUCH,), Phase.PROBE),
     (Trigger.LOOSE, (Phase.PROBE,), Phase.LAND),
+    (Trigger.HIGH, (Phase.PROBE,), Phase.LOWER),
     (Trigger.LANDED, (Phase.LAND, Phase.PROBE), Phase.RELEASE),
     (Trigger.OPENED, (Phase.RELEASE,), Phase.RETREAT),
     (Trigger.RETREATED, (Phase.RETREAT,), Phase.DONE),

@@ -88,6 +88,7 @@ MOST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
     ("ControllerSettings.contact_n", (0.2, 0.6), lambda v, x: not on_grasp.touches(v, x), 1e-6),
     ("ControllerSettings.at_height_m", (0.001, 0.005), on_grasp.at_the_top, 1e-5),
     ("ControllerSettings.landing_rise_n", (0.4, 1.5), on_grasp.goes_on_down, 0.001),
+    ("ControllerSettings.landing_most_share", (0.4, 1.5), on_grasp.goes_on_tighter, 0.01),
     ("ControllerSettings.contact_gap_s", (0.1, 0.3), on_grasp.lowered_after_gap, 0.011),
     ("ScoringSettings.near_m", (0.03, 0.09),
      lambda v, x: on_run.lift_verdict({"near_m": v}, {"slip_distance_m": x})
@@ -186,8 +187,9 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
      lambda v: on_grasp.arm_moved(0, lift_acceleration_mps2=v).acceleration_mps2, 0.0),
     ("ControllerSettings.lower_speed_mps", (0.03, 0.2),
      lambda v: on_grasp.arm_moved(1, lower_speed_mps=v).speed_mps, 0.0),
-    ("ControllerSettings.landing_speed_mps", (0.01, 0.03), on_grasp.landing_mps, 0.0),
+    ("ControllerSettings.landing_speed_mps", (0.006, 0.02), on_grasp.landing_mps, 0.0),
     ("ControllerSettings.landing_step_m", (0.0005, 0.002), on_grasp.landing_step_m, 1e-9),
+    ("ControllerSettings.landing_travel_m", (0.001, 0.002), on_grasp.landing_travel_m, 1e-9),
     ("ControllerSettings.landing_tries", (1, 4), on_grasp.tries, 0),
     ("ControllerSettings.retreat_m", (0.02, 0.1), lambda v: on_grasp.risen_m(2, retreat_m=v), 1e-9),
     ("ControllerSettings.stop_deceleration_mps2", (0.5, 3.0), on_grasp.stopped_at_mps2, 0.0),

@@ -29,7 +29,8 @@ def gripper(
 
 
 def arm(t_ns: int = 0, height_m: float = 0.0, moving: bool = False, **more: bool) -> ArmState:
-    return ArmState(t_ns, 0, (0.3, 0.2, 0.4 + height_m), (0.0, 0.0, 0.0), moving, **more)
+    velocity_mps = (0.0, 0.0, 0.05 if moving else 0.0)
+    return ArmState(t_ns, 0, (0.3, 0.2, 0.4 + height_m), velocity_mps, moving, **more)
 
 
 def frame(count: int = 0, stale: bool = False) -> TactileFrame:

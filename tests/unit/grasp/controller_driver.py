@@ -88,7 +88,9 @@ class Driver:
         return self.step(p, arm=arm(self.t_ns + TICK, 0.05, moving=True), **changes)
 
     def slip(self) -> "Driver":
-        self.lift()
+        return self.lift().slipping()
+
+    def slipping(self) -> "Driver":
         for _ in range(2):
             self.climb(0.9)
         assert self.controller.phase is Phase.COMPENSATE

@@ -53,9 +53,17 @@ def lifted(**settings: Any) -> Driver:
     return d
 
 
-def near(**settings: Any) -> Driver:
+def bears(force_n: float) -> tuple[float, float, float]:
+    """What the fingers measure of such a grip."""
+    return force_n, force_n / 2, force_n / 2
+
+
+def near(late_steps: int = 0, **settings: Any) -> Driver:
     """It slipped until the arm was 5 cm up, was lifted, and is on its way down from there."""
-    d = Driver(hold_s=0.1, **settings).slip()
+    d = Driver(hold_s=0.1, **settings).lift()
+    for _ in range(late_steps):  # the arm has not obeyed yet
+        d.step()
+    d.slipping()
     while d.controller.phase is Phase.COMPENSATE:
         d.climb()
     d.height_m = 0.2
@@ -70,7 +78,7 @@ def tightened(felt_n: float, **settings: Any) -> Driver:
     d = near(**settings)
     d.height_m = 0.02
     d.commands.clear()
-    d.step(measured_n=(felt_n, 1.0, 1.0), arm=arm(d.t_ns + TICK, 0.02, moving=True))
+    d.step(measured_n=bears(felt_n), arm=arm(d.t_ns + TICK, 0.02, moving=True))
     return d
 
 
@@ -78,15 +86,27 @@ def probed(first_n: float, then_n: float, **settings: Any) -> Driver:
     """The arm has stopped; the thumb feels so much, and after a step down so much."""
     d = tightened(first_n, **settings)
     assert d.controller.phase is Phase.TOUCH
-    d.until(Phase.PROBE, measured_n=(first_n, 1.0, 1.0))
+    d.until(Phase.PROBE, measured_n=bears(first_n))
     while d.controller.phase is Phase.PROBE:
-        d.step(measured_n=(then_n, 1.0, 1.0))
+        d.step(measured_n=bears(then_n))
     return d
 
 
 def landing_mps(v: float) -> float:
     """Of the arm where the object may stand."""
     return [c for c in near(landing_speed_mps=v).commands if isinstance(c, MoveArm)][-1].speed_mps
+
+
+def landing_travel_m(v: float) -> float:
+    """Of the arm where the object may stand, in the time that it took to obey."""
+    d = near(late_steps=9, landing_speed_mps=0.1, landing_travel_m=v)
+    return [c for c in d.commands if isinstance(c, MoveArm)][-1].speed_mps * 10 * TICK * 1e-9
+
+
+def goes_on_tighter(v: float, rise: float) -> bool:
+    """Whether the way down goes on though the grip has tightened by this share in all."""
+    felt_n = STOOD_N * (1 + rise)
+    return probed(felt_n, felt_n, landing_most_share=v).controller.phase is Phase.LAND
 
 
 def goes_on_down(v: float, rise_n: float) -> bool:
@@ -107,15 +127,15 @@ def let_go(v: float, rise_n: float) -> bool:
 
 def tries(v: int) -> int:
     """How often the grip may tighten without an answer before the arm stays where it is."""
-    d = probed(3.0, 3.0, landing_tries=v)
+    d = probed(3.0, 3.0, landing_tries=v, landing_most_share=2.0)
     for done in range(1, 20):
         if d.controller.phase is Phase.LOST:
             return done
         felt_n = 3.0 + done
-        d.until(Phase.LAND, measured_n=(felt_n - 1.0, 1.0, 1.0))
-        d.until(Phase.PROBE, measured_n=(felt_n, 1.0, 1.0))
+        d.until(Phase.LAND, measured_n=bears(felt_n - 1.0))
+        d.until(Phase.PROBE, measured_n=bears(felt_n))
         while d.controller.phase is Phase.PROBE:
-            d.step(measured_n=(felt_n, 1.0, 1.0))
+            d.step(measured_n=bears(felt_n))
     raise AssertionError("never gave up")
 
 

@@ -35,9 +35,10 @@ def test_longest_gap_counts_in_the_air_alone(airborne: bool, gap_ns: int) -> Non
     assert felt(*forces, airborne=airborne).gap_ns == gap_ns
 
 
-def test_level_follows_a_step_of_force_within_the_time_in_which_pads_relax() -> None:
-    assert felt(*[GRIP] * 4).level_n == pytest.approx(1.26, abs=0.01)
-    assert felt(*[GRIP] * 40).level_n == pytest.approx(3.0, abs=0.02)
+def test_level_of_the_grip_follows_a_step_within_the_time_in_which_pads_relax() -> None:
+    """The thumb bears what all fingers measure, half of it."""
+    assert felt(*[GRIP] * 4).level_n == pytest.approx(1.05, abs=0.01)
+    assert felt(*[GRIP] * 40).level_n == pytest.approx(2.5, abs=0.02)
 
 
 def test_overload_lasts_since_force_was_last_within_the_limit() -> None:

@@ -6,11 +6,11 @@ from grasp.commands import CloseFast, MoveArm, OpenFingers, StopArm
 from grasp.phases import Phase
 from tests.unit.grasp.builders import arm
 from tests.unit.grasp.controller_driver import TICK, Driver
-from tests.unit.grasp.safety_probes import near, probed, tightened
+from tests.unit.grasp.safety_probes import bears, near, probed, tightened
 
 HOME_M = 0.4
-GRIP = (3.0, 1.0, 1.0)
-TIGHTER = (3.5, 1.0, 1.0)
+GRIP = bears(3.0)
+TIGHTER = bears(3.5)
 
 
 def moves(d: Driver) -> list[MoveArm]:
@@ -30,9 +30,58 @@ def test_what_never_slipped_is_set_down_in_one_go() -> None:
     assert moves(d)[-1].position_m[2] == pytest.approx(HOME_M)
 
 
-def test_slow_way_ends_within_half_of_the_time_that_a_phase_has() -> None:
+def test_slow_way_ends_within_the_time_that_a_phase_has() -> None:
     d = near(phase_timeout_s=4.0)
-    assert moves(d)[-1].speed_mps == pytest.approx(0.05 / 2.0)
+    assert moves(d)[-1].speed_mps == pytest.approx(0.05 / 3.2)
+
+
+def test_arm_that_takes_long_to_obey_lands_more_slowly_but_not_unseen() -> None:
+    assert moves(near(late_steps=3))[-1].speed_mps == pytest.approx(0.00025 / 0.04)
+    assert moves(near(late_steps=30))[-1].speed_mps == 0.005
+
+
+def test_grip_that_tightens_where_nobody_expects_the_object_to_stand_stops_the_arm_too() -> None:
+    d = Driver(hold_s=0.1).lift()
+    d.height_m = 0.2
+    d.until(Phase.LOWER)
+    d.commands.clear()
+    d.step(measured_n=GRIP, arm=arm(d.t_ns + TICK, 0.1, moving=True))
+    assert d.controller.phase is Phase.TOUCH
+    assert d.commands == [StopArm(1.0)]
+
+
+def test_way_down_goes_on_as_it_was_where_no_object_can_stand_yet() -> None:
+    d = Driver(hold_s=0.1, landing_most_share=1.0).lift()
+    d.height_m = 0.2
+    d.until(Phase.LOWER)
+    d.height_m = 0.1
+    d.step(measured_n=GRIP)
+    d.until(Phase.PROBE, measured_n=GRIP)
+    d.until(Phase.LOWER, measured_n=GRIP)
+    assert (moves(d)[-1].position_m[2], moves(d)[-1].speed_mps) == (pytest.approx(HOME_M), 0.05)
+
+
+@pytest.mark.parametrize(("braked_m", "step_m"), [(0.0, 0.0005), (0.0005, 0.00045), (1e-4, 2e-4)])
+def test_step_is_shorter_where_the_grip_tightened_much_while_the_arm_braked(
+    braked_m: float, step_m: float
+) -> None:
+    """By 0.5 N beyond what stopped it: three times what tells is 0.45 N."""
+    d = tightened(3.0)
+    d.height_m -= braked_m
+    d.until(Phase.PROBE, measured_n=bears(3.0))
+    assert d.height_m - step_m == pytest.approx(moves(d)[-1].position_m[2] - HOME_M, abs=1e-5)
+
+
+def test_rise_counts_whichever_fingers_feel_it() -> None:
+    d = near()
+    d.step(measured_n=(2.0, 2.0, 2.0), arm=arm(d.t_ns + TICK, 0.02, moving=True))
+    assert d.controller.phase is Phase.TOUCH
+
+
+def test_grip_that_has_tightened_much_goes_no_further_down_though_no_step_tells() -> None:
+    d = probed(2.6, 2.6, landing_most_share=0.25)
+    assert d.controller.phase is Phase.LOST
+    assert "not certain" in d.controller.machine.log[-1].cause
 
 
 def test_grip_that_tightens_on_the_way_down_stops_the_arm_at_once_and_opens_nothing() -> None:
@@ -60,12 +109,12 @@ def test_step_waits_until_the_arm_stands() -> None:
 
 
 def test_step_that_changes_nothing_leads_on_down_with_the_hand_closed() -> None:
-    d = probed(GRIP[0], GRIP[0])
+    d = probed(2.6, 2.6, landing_most_share=0.5)
     assert d.controller.phase is Phase.LAND
     assert moves(d)[-1].position_m[2] == pytest.approx(HOME_M)
     assert not any(isinstance(c, OpenFingers | CloseFast) for c in d.commands)
     d.height_m = 0.0
-    d.until(Phase.RELEASE, measured_n=GRIP)
+    d.until(Phase.RELEASE, measured_n=bears(2.6))
 
 
 def test_grip_that_tightens_again_and_again_without_an_answer_keeps_hand_and_height() -> None:
