@@ -22,6 +22,8 @@ from scenarios.world.cell import SimulatedCell, Truth
 
 Kind = Literal["near", "mallet", "weak", "elastic", "shove", "touch", "pull", "drag", "shake"]
 Direction = Literal["top", "side", "closing"]
+# Force downwards, N, from seconds since it began and the truth; None: let go
+Law = Callable[[float, Truth], float | None]
 
 # Drawn evenly between these bounds unless it says otherwise; all assumed.
 PAUSES_S = (0.35, 1.0)  # from the end of one act to the next, and before the first
@@ -55,20 +57,20 @@ class Acts(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
 
 class Done(msgspec.Struct, frozen=True):
-    """An act and when it began, s since the cell began, and when it was over."""
+    """An act, when it began, s since the cell began, and when it is or was over."""
 
-    kind: Kind
+    kind: str
     direction: str
-    impulse_n_s: float
     from_s: float
     until_s: float
+    impulse_n_s: float = 0.0
 
 
 class _Force:
     """A force downwards that follows a law tick by tick, until it has faded."""
 
-    def __init__(self, law: Callable[[float, Truth], float | None]) -> None:
-        self._law = law  # of seconds since it began and the truth; None: let go
+    def __init__(self, law: Law) -> None:
+        self._law = law
         self._force_n, self._over = 0.0, False
 
     def now(self, since_s: float, truth: Truth) -> float | None:
@@ -92,9 +94,8 @@ class Performer:
         self.done: list[Done] = []
         self._acts, self._bench, self._cell, self._rng = acts, bench, cell, rng
         self._due_s: float | None = None
-        self._begun: tuple[Kind, str, float, float] | None = None  # with impulse and start
-        self._until_s = 0.0  # of a blow
-        self._force: _Force | None = None
+        self._begun: Done | None = None
+        self._force: _Force | None = None  # of what is not over with a blow
 
     def take(self, tick: Tick, truth: Truth | None) -> bool:
         """True when the object is to be set down."""
@@ -104,7 +105,7 @@ class Performer:
         if self._due_s is None:
             self._due_s = t_s + self._pause()
         if self._begun is not None:
-            self._go_on(t_s, truth)
+            self._go_on(self._begun, t_s, truth)
         elif t_s >= self._due_s:
             if len(self.done) == self._acts.number or not truth.touched:
                 return True
@@ -120,35 +121,31 @@ class Performer:
 
     def _begin(self, t_s: float, truth: Truth) -> None:
         kind, direction = self._of(self._acts.kinds), self._of(self._acts.directions)
-        blow: Blow | None = None
         if kind == "shake":
-            direction = ""
             self._cell.shaken = True
-            self._force = self._shaking(truth)
-        elif kind in ("pull", "drag"):
-            direction = "top"
-            self._force = self._pulling(truth) if kind == "pull" else self._dragging(truth)
-        else:
-            blow = self._struck(kind, direction)
-            self._cell.tap(blow)
-            self._until_s = t_s + blow.duration_s + blow.follow_s
-        impulse_n_s = 0.0 if blow is None else blow.impulse_n_s + blow.follow_n_s
-        self._begun = kind, direction, impulse_n_s, t_s  # type: ignore[assignment]
-
-    def _go_on(self, t_s: float, truth: Truth) -> None:
-        if self._begun is None:
+        laws = {"shake": self._shaking, "pull": self._pulling, "drag": self._dragging}
+        if kind in laws:
+            self._force = _Force(laws[kind](truth.slip_distance_m))
+            self._begun = Done(kind, "" if kind == "shake" else "top", t_s, t_s)
             return
-        kind, direction, impulse_n_s, from_s = self._begun
+        if kind == "shove" and direction == "closing":
+            direction = "top"
+        blow = self._struck(kind, direction)
+        self._cell.tap(blow)
+        until_s = t_s + blow.duration_s + blow.follow_s
+        self._begun = Done(kind, direction, t_s, until_s, blow.impulse_n_s + blow.follow_n_s)
+
+    def _go_on(self, act: Done, t_s: float, truth: Truth) -> None:
         if self._force is not None:
-            force_n = self._force.now(t_s - from_s, truth)
+            force_n = self._force.now(t_s - act.from_s, truth)
             self._cell.push(0.0 if force_n is None else force_n)
             if force_n is not None:
                 return
-        elif t_s < self._until_s:
+        elif t_s < act.until_s:
             return
-        self._force, self._cell.shaken = None, False
-        self.done.append(Done(kind, direction, impulse_n_s, from_s, t_s))
-        self._begun, self._due_s = None, t_s + self._pause()
+        self._force, self._begun, self._cell.shaken = None, None, False
+        self.done.append(msgspec.structs.replace(act, until_s=t_s))
+        self._due_s = t_s + self._pause()
 
     def _struck(self, kind: str, direction: str) -> Blow:
         rng, bench = self._rng, self._bench
@@ -156,8 +153,9 @@ class Performer:
             peak_n = float(rng.uniform(*TOUCH_SHARE)) * bench.spare_n(direction)
             return pressed(direction, peak_n, float(rng.uniform(*TOUCHES_S)))
         if kind == "shove":
-            way = "side" if direction == "side" else "top"
-            return bench.shove(way, float(rng.uniform(*SHOVES_M)), float(rng.uniform(*SHOVES_S)))
+            return bench.shove(
+                direction, float(rng.uniform(*SHOVES_M)), float(rng.uniform(*SHOVES_S))
+            )
         known = bench.impulses(direction)
         hard = {
             "near": lambda: known.just * float(rng.uniform(*NEAR)),
@@ -168,9 +166,9 @@ class Performer:
         beside_m = float(np.clip(rng.standard_normal(), -2.5, 2.5)) * BESIDE_M
         return bench.blow(direction, min(hard, MOST_N_S), beside_m)
 
-    def _pulling(self, truth: Truth) -> _Force:
+    def _pulling(self, from_m: float) -> Law:
         """Up to a share of what friction still bears, for a while, and let go."""
-        rng, from_m = self._rng, truth.slip_distance_m
+        rng = self._rng
         peak_n = float(rng.uniform(*PULL_SHARE)) * self._bench.spare_down_n
         ramp_s, lasts_s = float(rng.uniform(*RAMPS_S)), float(rng.uniform(*PULLS_S))
 
@@ -180,11 +178,11 @@ class Performer:
                 return None
             return peak_n * min(1.0, since_s / ramp_s, left / ramp_s)
 
-        return _Force(law)
+        return law
 
-    def _dragging(self, truth: Truth) -> _Force:
+    def _dragging(self, from_m: float) -> Law:
         """A hand that goes down at a steady speed and takes the object along, so far."""
-        rng, from_m = self._rng, truth.slip_distance_m
+        rng = self._rng
         speed_mps = math.exp(float(rng.uniform(*np.log(DRAGS_MPS))))
         way_m = float(rng.uniform(*DRAGS_M))
         most_n, longest_s = 2.0 * self._bench.spare_down_n, 2.0 * way_m / speed_mps + 1.0
@@ -197,11 +195,11 @@ class Performer:
             pull_n += HAND_NSPM * (speed_mps - now.slip_speed_mps)
             return min(max(pull_n, 0.0), most_n)
 
-        return _Force(law)
+        return law
 
-    def _shaking(self, truth: Truth) -> _Force:
+    def _shaking(self, from_m: float) -> Law:
         """What the object's inertia asks of the grip while the arm is shaken up and down."""
-        rng, mass_kg, from_m = self._rng, self._bench.body.mass_kg, truth.slip_distance_m
+        rng, mass_kg = self._rng, self._bench.body.mass_kg
         share = float(rng.uniform(*SHAKE_SHARE))
         peak_n = min(share * self._bench.spare_down_n, MOST_SHAKEN_MPS2 * mass_kg)
         hertz, lasts_s = float(rng.uniform(*SHAKES_HZ)), float(rng.uniform(*SHAKES_S))
@@ -211,4 +209,4 @@ class Performer:
                 return None
             return peak_n * math.sin(2 * math.pi * hertz * since_s)
 
-        return _Force(law)
+        return law
