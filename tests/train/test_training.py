@@ -55,6 +55,21 @@ def test_a_network_learns_to_hear_bursts(name: str, tmp_path: Path) -> None:
     assert loaded.card.commit == "here"
 
 
+def test_a_network_learns_what_has_moved_if_it_is_told_to() -> None:
+    moved = [
+        msgspec.structs.replace(r, moved_m=np.where(r.slip, 0.002, 0.0).astype(np.float32))
+        for r in (*TRAIN, *VALIDATION)
+    ]
+    for bound_m, share in ((0.001, TRAIN[0].slip.mean()), (0.003, 0.0)):
+        settings = msgspec.structs.replace(QUICK, label="moved", moved_m=bound_m)
+        learnt = fingers_of(moved[:1], settings.label, settings.moved_m)
+        assert learnt.slip_share == pytest.approx(share)
+    told = msgspec.structs.replace(QUICK, label="moved", steps=40, validations=1)
+    t = Training("tcn", told, moved[: len(TRAIN)], moved[len(TRAIN) :], digest(moved))
+    t.run(5.0, None, ignore)
+    assert t.best is not None and t.best.accuracy > 0.5
+
+
 @pytest.mark.parametrize("name", ["tcn", "tcn-paper", "freq-cnn"])
 def test_an_interrupted_training_ends_as_one_that_was_not(name: str, tmp_path: Path) -> None:
     whole = training(name)
