@@ -130,6 +130,8 @@ def missed_samples(t_s: NDArray[np.float64]) -> NDArray[np.intp]:
 def read(path: Path | str) -> Recording:
     """Read a recording, ``.npz`` or CSV by its suffix; raises BadFile."""
     path = Path(path)
+    if path.is_char_device():  # which may never end
+        raise BadFile(path, "is no file", "give the path of a recording")
     return _read_npz(path) if path.suffix == SUFFIX else read_csv(path)
 
 

@@ -237,6 +237,8 @@ def _records(path: Path) -> Iterator[McapRecord]:
 
 
 def _load(path: Path) -> bytes:
+    if path.is_char_device():  # which may never end
+        raise BadFile(path, "is no file", FILE_WANTED)
     try:
         data = path.read_bytes()
     except OSError as error:

@@ -12,8 +12,9 @@ where nothing is measured, with a reason or without (`<!-- reference: held by a 
 with the command that makes it, the commit it was made at and the files and folders that it rests
 on. `confirmed=COMMIT` names a later commit, up to which the code was shown to give the same;
 `tables=3` says that one entry stands for three in a row; `-PATH` leaves a part of the code out. A
-figure is stale if a file of its code was not there, under whatever name, or was there and is gone.
-Of Python counts what it computes: imports, comments and docstrings do not.
+figure is stale if a file of its code was not there, in whatever folder, or was there and is gone.
+Of Python counts what it computes: imports, comments and docstrings do not, nor does the file's
+name. Settings and weights are chosen by theirs, so it counts.
 """
 
 import argparse
@@ -52,7 +53,7 @@ SETS = {
         *("scenarios/world/contact_settings.py", "scenarios/world/objects.py"),
     ),
 }
-Blobs = dict[str, str]  # the path of a file's contents, by their hash
+Blobs = dict[str, str]  # the path of a file, by its contents and what else tells it from others
 Commit = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{7,40}$")]
 
 
@@ -176,17 +177,26 @@ def _unknown(there: Blobs, here: Blobs, figure: Figure) -> list[str]:
 @cache
 def _blobs(commit: str) -> Blobs:
     """All files of a commit but texts, which nothing is computed from."""
-    tree = _git("ls-tree", "-r", "--full-tree", commit)
+    try:
+        tree = _git("ls-tree", "-r", "--full-tree", commit)
+    except subprocess.CalledProcessError:
+        raise WrongPageError(f"there is no commit {commit} in this history") from None
     entries = (line.split("\t") for line in tree.splitlines())
-    return {what.split()[2]: path for what, path in entries if not path.endswith(".md")}
+    files = ((what.split()[2], path) for what, path in entries if not path.endswith(".md"))
+    return {_identity(blob, path): path for blob, path in files}
+
+
+def _identity(blob: str, path: str) -> str:
+    """What a file has to have in common with another to be the same."""
+    return blob if path.endswith(".py") else f"{blob} {Path(path).name}"
 
 
 @cache
-def _essence(blob: str, name: str) -> str:
+def _essence(identity: str, name: str) -> str:
     """What a file computes: of Python all but imports, comments and docstrings."""
     if not name.endswith(".py"):
-        return blob
-    return ast.dump(_Bare().visit(ast.parse(_git("cat-file", "blob", blob))))
+        return identity
+    return ast.dump(_Bare().visit(ast.parse(_git("cat-file", "blob", identity))))
 
 
 class _Bare(ast.NodeTransformer):
@@ -245,10 +255,14 @@ def main() -> int:
     what.add_argument("--check", action="store_true", help="exit 1 if a mark is wrong")
     asked = parser.parse_args()
     try:
-        items = [item for page in pages() for item in shown(page)]
+        return _done(asked)
     except WrongPageError as error:
         print(error, file=sys.stderr)
         return 1
+
+
+def _done(asked: argparse.Namespace) -> int:
+    items = [item for page in pages() for item in shown(page)]
     if asked.mark:
         for page in pages():
             page.write_text(marked(page, mark_for), encoding="utf-8")

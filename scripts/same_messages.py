@@ -127,11 +127,11 @@ def _record_all(tree: Path, runs: list[tuple[str, ...]], folder: Path) -> list[C
     for i, run in enumerate(runs):
         told = f"{folder.name} tree, run {i + 1} of {len(runs)}: {' '.join(run)}"
         print(told, file=sys.stderr, flush=True)
-        found.append(_record(tree, run, folder / str(i)))
+        found.append(record(tree, run, folder / str(i)))
     return found
 
 
-def _record(tree: Path, run: tuple[str, ...], folder: Path) -> Contents:
+def record(tree: Path, run: tuple[str, ...], folder: Path) -> Contents:
     """One run of ``grasp``, and what it left."""
     start = f"import sys; from {_entry(tree)} import main; sys.exit(main())"
     command = (
@@ -144,12 +144,16 @@ def _record(tree: Path, run: tuple[str, ...], folder: Path) -> Contents:
         raise SystemExit(f"{tree}: grasp run {' '.join(run)}: {done.stderr or done.stdout}")
     contents: Contents = {}
     for path in sorted(folder.rglob("*.mcap")):
-        contents |= _messages(path)
+        if not contents.keys().isdisjoint(more := _messages(path)):
+            raise SystemExit(f"{tree}: grasp run {' '.join(run)}: left several recordings")
+        contents |= more
     for path in sorted(folder.rglob("*.npz")):
         with np.load(path) as arrays:
             contents |= {
                 (name, 0): (0, arrays[name].tobytes()) for name in arrays if name != "header"
             }
+    if not contents:
+        raise SystemExit(f"{tree}: grasp run {' '.join(run)}: left no message: {done.stdout}")
     verdict = json.loads(done.stdout)
     contents["outcome", 0] = 0, str(verdict.get("outcome", verdict.get("samples"))).encode()
     return contents

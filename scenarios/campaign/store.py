@@ -272,6 +272,8 @@ def checksum(table: str, values: Sequence[Any]) -> str:
 @contextmanager
 def _claimed(path: Path) -> Iterator[ExitStack]:
     """The folder made and the file locked, until the stack is closed or here, on an error."""
+    if path.is_dir():  # it may have no name to lock
+        raise ConfigError(str(path), "--out", "is a folder", "a new file")
     try:
         make_private_folder(path.parent)
     except OSError as error:

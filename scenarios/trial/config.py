@@ -30,10 +30,11 @@ DEFAULT_PROFILE = "default"
 FORMULAS = {"energy": "energy", "psd": "psd", "psd-fair": "psd_fair"}  # and their sections
 NETWORK = "network"  # the section of every other detector
 
-# What no result depends on: where devices are, names of settings that are resolved here, and how
-# the machine is asked to be quick. Without wires, nor how they are used; on hardware, no model.
+# What no result depends on: where devices are, names of settings that are resolved here, what only
+# people read, and how the machine is asked to be quick. Without wires, nor how they are used; on
+# hardware, no model.
 UNHASHED = ("profile", "usb", "realtime")
-NAMES = {"gripper": ("calibration",), "calibration": ("name",)}
+NAMES = {"gripper": ("calibration",), "calibration": ("name",), "object": ("description",)}
 ADDRESSES = {"modbus": ("host", "port", "unit", "serial_port", "slave"), "ur": ("host",)}
 # Of devices and scene; `contact` is none of these: it says how hard a tap shall be.
 MODELS = ("board", "arm_model", "fingertip", "hand", "variation", "pull", "damage", "world")

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from detector.recordings import Recording, read_csv
+from detector.recordings import Recording, read, read_csv
 from drivers.errors import BadFile
 
 HEADER = "t_s,p0,p1,p2,p3,p4,p5,slip"
@@ -94,6 +94,11 @@ def test_what_is_no_text_file_is_refused(tmp_path: Path) -> None:
     for bad in (path, tmp_path):
         with pytest.raises(BadFile, match="cannot be read"):
             read_csv(bad)
+
+
+def test_a_device_that_never_ends_is_refused_at_once() -> None:
+    with pytest.raises(BadFile, match="is no file"):
+        read("/dev/zero")
 
 
 def test_an_empty_file_is_refused(tmp_path: Path) -> None:

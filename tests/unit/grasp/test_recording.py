@@ -119,6 +119,11 @@ def test_numpy_numbers_are_numbers(tmp_path: Path) -> None:
     assert list(RunRecording.open(path, {"/finger": Finger})) == [("/finger", 0, Finger(1.5, 1))]
 
 
+def test_a_device_that_never_ends_is_refused_at_once() -> None:
+    with pytest.raises(BadFile, match="is no file"):
+        RunRecording.open(Path("/dev/zero"), {})
+
+
 def test_an_empty_run_is_a_recording(tmp_path: Path) -> None:
     RunRecorder(tmp_path / "run.mcap", CHANNELS, METADATA).close()
     recording = RunRecording.open(tmp_path / "run.mcap", CHANNELS)

@@ -36,7 +36,8 @@ def test_commits_of_figures_are_of_this_history() -> None:
     if not (ROOT / ".git").exists() or git(ROOT, "rev-parse", "--is-shallow-repository") == "true":
         pytest.skip("no history here")
     items = [item.figure for page in figures.pages() for item in figures.shown(page)]
-    for commit in {figure.as_of for figure in items if figure is not None}:
+    named = {c for figure in items if figure is not None for c in (figure.commit, figure.as_of)}
+    for commit in named:
         git(ROOT, "merge-base", "--is-ancestor", commit, "HEAD")
 
 
@@ -85,6 +86,51 @@ def git(folder: Path, *command: str) -> str:
         ("git", *name, *command), cwd=folder, check=True, capture_output=True, text=True
     )
     return done.stdout.strip()
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
+def test_a_commit_that_is_not_there_is_told_and_no_traceback(
+    page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    git(page.parent, "init", "-q")
+    page.write_text(f"{ENTRY}{TABLE}")
+    monkeypatch.setattr(figures, "pages", lambda: [page])
+    figures._blobs.cache_clear()
+    for option in ("--check", "--mark"):
+        monkeypatch.setattr("sys.argv", ["figures.py", option])
+        assert figures.main() == 1
+        assert f"no commit {COMMIT}" in capsys.readouterr().err
+    assert page.read_text() == f"{ENTRY}{TABLE}"
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
+def test_settings_that_change_their_names_make_a_figure_stale_and_folders_do_not(
+    page: Path,
+) -> None:
+    folder = page.parent
+
+    def commit() -> str:
+        git(folder, "add", "-A")
+        git(folder, "commit", "-q", "-m", "x")
+        figures._blobs.cache_clear()
+        return git(folder, "rev-parse", "HEAD")
+
+    def stale(as_of: str) -> list[str]:
+        return figures.changes(figures.Figure("x", "make", as_of, "room"))
+
+    git(folder, "init", "-q")
+    (folder / "room").mkdir()
+    (folder / "room" / "ball.toml").write_text("mass_kg = 1\n")
+    (folder / "room" / "can.toml").write_text("mass_kg = 2\n")
+    first = commit()
+    (folder / "room" / "objects").mkdir()
+    (folder / "room" / "can.toml").rename(folder / "room" / "objects" / "can.toml")
+    moved = commit()
+    assert stale(first) == []
+    (folder / "room" / "ball.toml").write_text("mass_kg = 2\n")
+    (folder / "room" / "objects" / "can.toml").write_text("mass_kg = 1\n")
+    commit()
+    assert stale(moved) == ["room/ball.toml", "room/objects/can.toml"]
 
 
 @pytest.mark.skipif(shutil.which("git") is None, reason="needs git")

@@ -87,3 +87,13 @@ def test_fields_are_left_out_only_beside_a_tree_that_had_none_and_only_while_the
     assert not same(control("lift", b""), control("lift", late), NOW)
     assert not same(control("lift", late), control("lift"), NOW)
     assert not same(control("lift"), control("lift", b""), NOW)
+
+
+def test_a_run_that_leaves_no_message_is_no_equal_of_another(tmp_path: Path) -> None:
+    main = tmp_path / "grasp" / "cli" / "main.py"
+    main.parent.mkdir(parents=True)
+    for folder in (main.parent, main.parents[1]):
+        (folder / "__init__.py").touch()
+    main.write_text("def main():\n    print('{}')\n    return 1\n")
+    with pytest.raises(SystemExit, match="left no message"):
+        same_messages.record(tmp_path, ("lift", "--object", "can"), tmp_path / "runs")

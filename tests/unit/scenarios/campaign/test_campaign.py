@@ -232,6 +232,13 @@ def test_resume_runs_what_is_missing_or_errored_and_nothing_else(tmp_path: Path)
     assert [row.status for row in stored(out)] == ["done"] * 4
 
 
+@pytest.mark.parametrize("folder", ["/", ".", "/tmp"])
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_folder_is_refused_as_the_file_of_a_campaign(folder: str, resume: bool) -> None:
+    with pytest.raises(ConfigError, match="is a folder"):
+        run_here(TWO_OBJECTS, Path(folder), judged_at_once, resume=resume)
+
+
 def test_an_existing_file_is_refused_without_resume(tmp_path: Path) -> None:
     out = tmp_path / "a.sqlite"
     run_here(TWO_OBJECTS, out, judged_at_once)

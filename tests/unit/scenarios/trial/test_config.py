@@ -60,9 +60,10 @@ def test_what_cannot_change_a_result_leaves_the_hash(section: str) -> None:
 
 @pytest.mark.parametrize(
     "key", ["modbus.host", "modbus.port", "modbus.unit", "modbus.serial_port", "modbus.slave",
-            "usb.serial", "usb.url", "ur.host", "gripper.calibration", "calibration.name"],
+            "usb.serial", "usb.url", "ur.host", "gripper.calibration", "calibration.name",
+            "object.description"],
 )  # fmt: skip
-def test_no_address_and_no_name_of_a_file_is_covered(key: str) -> None:
+def test_no_address_no_name_of_a_file_and_no_text_for_people_is_covered(key: str) -> None:
     assert len(digests(*key.split("."), rig="emulated")) == 2
 
 
