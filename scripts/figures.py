@@ -41,12 +41,12 @@ SETS = {
     "@trial": (
         *("grasp", "-grasp/cli", "detector", "-detector/training", "drivers"),
         *("scenarios/rigs", "scenarios/trial", "scenarios/world"),
-        *("config/objects", "config/detectors", "config/profiles", "config/rigs"),
-        "config/calibrations",
+        *("config/objects", "-config/objects/unseen", "config/detectors", "config/profiles"),
+        *("config/rigs", "config/calibrations"),
     ),
     "@scores": (
         *("detector", "-detector/training", "scenarios/acquire", "scenarios/world"),
-        *("drivers/takktile/model", "config/datasets", "config/detectors"),
+        *("drivers/takktile/model", "config/datasets", "config/bodies", "config/detectors"),
     ),
     "@contact": (
         *("scenarios/world/ladder", "scenarios/world/contact.py", "scenarios/world/laws.py"),
