@@ -15,6 +15,7 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
+from drivers.errors import ConfigError
 from drivers.interfaces import Counts3
 from grasp.settings import UNSEEN, load, named_layer, names
 from scenarios.world import contact, laws
@@ -64,6 +65,11 @@ class BodyRanges(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     half_height_m: Range = (0.1, 0.1)
     grip_height_m: Range = (0.0, 0.0)
     body_above_grip_m: Range = (0.15, 0.15)
+
+    def __post_init__(self) -> None:
+        for name, bounds in msgspec.structs.asdict(self).items():
+            if isinstance(bounds, tuple) and bounds[0] > bounds[1]:
+                raise ValueError(f"{name}: {bounds[0]:g} is above {bounds[1]:g}")
 
 
 LOGARITHMIC = (MASS, "wall_stiffness_npm", "texture_rms_m", "texture_length_m")
@@ -144,6 +150,8 @@ def draw_object(
     for _ in range(MOST_TRIES):
         body = _drawn(ranges, rng)
         grip = first_grip(body, hand, m_per_count, _between(ranges.thumb_n, rng, True))
+        if grip is None:
+            continue
         mass_kg = body.mass_kg
         if load_share is not None:
             carries_n = body.friction_static * sum(grip.relaxed_n)
@@ -152,7 +160,11 @@ def draw_object(
         firm = full_grip_n * body.friction_kinetic >= CARRIED * mass_kg * contact.GRAVITY_MPS2
         if (firm or load_share is not None) and far(of_object(body)):
             return body
-    raise ValueError(f"ranges {ranges.name} hold no object far from those of the experiments")
+    raise ConfigError(
+        "config/bodies", ranges.name,
+        "no object far from those of the experiments, with a grip that holds it, was drawn",
+        "wider ranges",
+    )  # fmt: skip
 
 
 def _drawn(ranges: BodyRanges, rng: np.random.Generator) -> GraspObject:
@@ -186,8 +198,9 @@ def relaxed_n(
 
 def first_grip(
     body: GraspObject, hand: ContactSettings, m_per_count: float, thumb_n: float
-) -> Grip:
-    """Whole counts that press the thumb nearest to that hard, of those that reach LEAST_N."""
+) -> Grip | None:
+    """Whole counts that press the thumb nearest to that hard, of those that reach LEAST_N; None
+    where none do."""
     p = contact.parameters(hand, body)
     width_m, _ = laws.width_and_slope(p, 0.0)
     first = int((hand.half_aperture_m - width_m) / m_per_count)
@@ -200,6 +213,4 @@ def first_grip(
         off = abs(relaxed[0] - thumb_n)
         if min(np.subtract(relaxed, LEAST_N)) >= 0.0 and (best is None or off < best[0]):
             best = off, Grip((a, b, c), relaxed)
-    if best is None:
-        raise ValueError(f"no grip on {body.name} of half width {width_m:g} m")
-    return best[1]
+    return None if best is None else best[1]

@@ -6,7 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
-from grasp.settings import config_dir, names
+from drivers.errors import ConfigError
+from grasp.settings import config_dir, named_layer, names
 from scenarios.acquire.datasets import bodies
 from scenarios.acquire.datasets.bodies import (
     MARGIN,
@@ -124,4 +125,28 @@ def test_a_first_grip_presses_about_as_hard_as_asked_and_with_all_fingers() -> N
             assert 0.199 < body.mass_kg * 9.81 / carried_n < 0.501
             soft = first_grip(body, config.contact, config.hand.m_per_count, 1.0)
             hard = first_grip(body, config.contact, config.hand.m_per_count, 3.5)
+            assert soft is not None and hard is not None
             assert soft.relaxed_n[0] < hard.relaxed_n[0]
+
+
+def test_ranges_that_hold_nothing_far_enough_or_graspable_are_refused_by_name() -> None:
+    config, rng = bare_config(""), np.random.default_rng(1)
+    can = next(body for body in kept_away() if body.name == "can")
+    at_the_can = msgspec.structs.replace(
+        body_ranges("straight"),
+        **{
+            name: (getattr(can, name),) * 2
+            for name in ("half_width_m", "mass_kg", "friction_static", "wall_stiffness_npm",
+                         "texture_rms_m", "texture_length_m")
+        },
+    )  # fmt: skip
+    too_soft = msgspec.structs.replace(body_ranges("ellipsoid"), thumb_n=(0.1, 0.2), mass_kg=(9, 9))
+    for ranges in (at_the_can, too_soft):
+        with pytest.raises(ConfigError, match=ranges.name):
+            draw_object(ranges, None, config.contact, config.hand.m_per_count, 20.0, rng)
+
+
+def test_a_range_the_wrong_way_round_is_refused() -> None:
+    table = dict(named_layer("bodies", "straight").table["body"])
+    with pytest.raises(msgspec.ValidationError, match="thumb_n: 3 is above 1"):
+        msgspec.convert(table | {"thumb_n": [3.0, 1.0]}, bodies.BodyRanges)
