@@ -25,7 +25,7 @@ from grasp.cli import (
     tactile,
     world,
 )
-from grasp.cli.output import only_json
+from grasp.cli.output import only_json, open_standard_streams
 
 VERBS = (
     run, campaign, grip_search, replay, runs, chart, dataset, detector, tactile, world, config,
@@ -75,6 +75,7 @@ def _version() -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code. Expected errors become one line, no traceback."""
+    open_standard_streams()
     words = sys.argv[1:] if argv is None else argv
     as_json = "--json" in words
     asked = {"-h", "--help", "--version"} & set(words)

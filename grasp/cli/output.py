@@ -1,4 +1,5 @@
-"""Standard output under --json: JSON and nothing else, whatever a library prints."""
+"""Standard input, output and error: all three there; and under --json JSON and nothing else on
+standard output, whatever a library prints."""
 
 import contextlib
 import io
@@ -7,6 +8,17 @@ import os
 import sys
 from collections.abc import Iterator
 from typing import TextIO
+
+
+def open_standard_streams() -> None:
+    """Those that whoever started us had closed lead nowhere: else the next file opened, a recording
+    say, would get such a number, and whatever is printed."""
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(descriptor, True)
+    os.close(descriptor)
+    for name, number, mode in (("stdin", 0, "r"), ("stdout", 1, "w"), ("stderr", 2, "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, mode, closefd=False))
 
 
 class _OnlyJson(io.TextIOBase):

@@ -54,7 +54,7 @@ class Glimpse(msgspec.Struct, frozen=True, tag=True):
     measured_n: Vector3
     probabilities: list[float]
     positions: Counts3
-    arm_m: float
+    arm_m: float | None  # None: no number, which JSON cannot say
 
 
 Message = Begin | Busy | Note | Glimpse
@@ -205,9 +205,10 @@ def panel(seen: Glimpse, width: int) -> Any:
             f"p {p:4.2f}",
             f"{position:3d} counts",
         )
+    arm = " no number" if seen.arm_m is None else f"{seen.arm_m:6.3f} m"
     title = Text.assemble(
         (f" {seen.phase} ", _STYLE.get(seen.phase, "bold")),
-        f"  t {seen.t_s:6.2f} s   arm {seen.arm_m:6.3f} m   slip: ",
+        f"  t {seen.t_s:6.2f} s   arm {arm}   slip: ",
         (seen.slip, "bold red" if seen.registered else "green"),
         " ",
     )

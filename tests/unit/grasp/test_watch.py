@@ -1,5 +1,6 @@
 """Onlookers: what they are handed, what they lose, and that nobody waits for them."""
 
+import math
 import os
 import signal
 import time
@@ -35,6 +36,16 @@ def test_lines_are_drawn_by_another_process_until_the_run_ends(tmp_path: Path) -
     assert "lift" in first and "A   1.0 N" in first
     assert second == "one run is over"
     assert onlooker.lost == 0
+
+
+@pytest.mark.parametrize("panel", [False, True])
+def test_arm_that_says_no_number_is_drawn_all_the_same(panel: bool, tmp_path: Path) -> None:
+    drawn = tmp_path / "screen"
+    with drawn.open("wb") as screen, Onlooker(view, screen.fileno()) as onlooker:
+        onlooker.tell(view.Begin(panel))
+        onlooker.tell(msgspec.structs.replace(GLIMPSE, arm_m=math.nan))
+        onlooker.tell(view.Note("one run is over"))
+    assert "one run is over" in drawn.read_text()
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from grasp.cli.main import main
+from grasp.recording import RunRecording
 from scenarios.trial import execution
 
 NOISY = (
@@ -35,6 +36,26 @@ def test_whatever_prints_in_a_process_only_the_answer_is_on_standard_output(tmp_
     assert done.stdout.count("\n") == 1
     for text in ("a library speaks", "a library writes", "a process writes"):
         assert text in done.stderr
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_streams_that_were_closed_lead_nowhere_and_into_no_file_of_ours(
+    closed: str, tmp_path: Path
+) -> None:
+    program = (
+        "import os, sys; from grasp.cli.main import main; code = main(sys.argv[1:]); "
+        "os.system('echo noise; echo noise >&2'); sys.exit(code)"
+    )
+    words = ["run", "acquire", "--rig", "simulated", "--seconds", "1", "--runs", str(tmp_path)]
+    shell = f'exec "$@" {closed}'
+    done = subprocess.run(
+        ["sh", "-c", shell, "sh", sys.executable, "-P", "-c", program, *words],
+        capture_output=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[4])},
+    )  # fmt: skip
+    assert (done.returncode, b"Traceback" in done.stderr) == (0, False)
+    (recording,) = tmp_path.rglob("*.mcap")
+    assert RunRecording.open(recording, {}).complete
 
 
 def test_detector_that_prints_does_not_disturb_the_verdict(
