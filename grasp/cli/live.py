@@ -160,11 +160,10 @@ def _facts(result: Any) -> list[str]:
     if result.slip_distance_m is not None:
         slipped = f"the object slipped {result.slip_distance_m * 1e3:.0f} mm"
         facts.append(", ".join([slipped, *_turned(result)]))
-    if result.peak_force_n:
-        peaks = ", ".join(f"{name} {force:.1f}" for name, force in result.peak_force_n.items())
-        facts.append(f"peak force {peaks} N (true); commanded {result.commanded_force_n:.1f} N")
-    else:
-        facts.append(f"commanded {result.commanded_force_n:.1f} N")
+    true_n, felt_n = result.peak_force_n, result.peak_measured_n
+    peaks = ", ".join(f"{name} {force:.1f}" for name, force in (true_n or felt_n).items())
+    known = "true" if true_n else "measured"
+    facts.append(f"peak force {peaks} N ({known}); commanded {result.commanded_force_n:.1f} N")
     return facts
 
 

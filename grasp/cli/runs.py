@@ -2,8 +2,10 @@
 
 import argparse
 import json
+from pathlib import Path
 from typing import Any
 
+from drivers.errors import BadFile
 from grasp.cli import exits
 from grasp.cli.options import add_runs
 
@@ -18,19 +20,39 @@ def add_parser(verbs: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    results = [
-        (path.parent.name, json.loads(path.read_text()))
-        for path in sorted(args.runs.glob("*/result.json"))
-    ]
+    results, lines, code = [], [], exits.SUCCESS
+    for path in sorted(args.runs.glob("*/result.json")):
+        try:
+            result = _read(path)
+        except BadFile as error:  # the others are listed all the same
+            code = exits.report(error.kind, error.message, error.remedy, as_json=False)
+            continue
+        results.append(result)
+        lines.append(_line(path.parent.name, result))
     if args.json:
-        print(json.dumps([result for _, result in results]))
-        return exits.SUCCESS
-    for name, result in results:
-        seed, told = f"seed {result['seed']:<6}", _told(result)
-        print(f"{name:<36}  {result['outcome']:<18}  {seed}  {told}".rstrip())
-    if not results:
+        print(json.dumps(results))
+        return code
+    for line in lines:
+        print(line)
+    if not lines:
         print(f"no runs in {args.runs}")
-    return exits.SUCCESS
+    return code
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """A result that can be listed; raises BadFile for what is none."""
+    try:
+        result: dict[str, Any] = json.loads(path.read_bytes())
+        _line("", result)
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError):
+        remedy = "delete its folder, or move it elsewhere"
+        raise BadFile(path, "is no result of a run, or damaged", remedy) from None
+    return result
+
+
+def _line(name: str, result: dict[str, Any]) -> str:
+    seed, told = f"seed {result['seed']:<6}", _told(result)
+    return f"{name:<36}  {result['outcome']:<18}  {seed}  {told}".rstrip()
 
 
 def _told(result: dict[str, Any]) -> str:

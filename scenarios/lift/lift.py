@@ -115,7 +115,7 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
     if trial.final is not None:  # from first contact to the last, setting down included
         peak_n = max(trial.final.peak_n)
     else:
-        peak_n = trace.peak_measured_n
+        peak_n = max(trace.peak_measured_n)
         bound_n += guard.measured_margin_n
     facts = LiftFacts(
         end=end,

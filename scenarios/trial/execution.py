@@ -244,6 +244,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "detector": config.detector_name,
             "seed": seed,
             "peak_force_n": named(self.final.peak_n) if self.final is not None else None,
+            "peak_measured_n": named(self.trace.peak_measured_n),
             "commanded_force_n": self.trace.commanded_force_n,
             "taxels_at_rail": dict(zip(FINGER_NAMES, self.trace.taxels_at_rail, strict=True)),
             "phases": phase_entries(self.controller.machine.log),

@@ -78,7 +78,8 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     slip_onset_s: float | None
     slip_registered_s: float | None
     detection_latency_ms: float | None
-    peak_force_n: dict[str, float] | None
+    peak_force_n: dict[str, float] | None  # true, from first contact to last; None on hardware
+    peak_measured_n: dict[str, float]  # by the fingertips, likewise
     commanded_force_n: float
     phases: list[PhaseEntry]
     timing: TimingResult

@@ -1,6 +1,6 @@
 """What a verdict is drawn from, kept tick by tick: by lift and tap alike."""
 
-from drivers.interfaces import Counts3
+from drivers.interfaces import Counts3, Vector3
 from grasp.fingertip_doubt import at_rail
 from grasp.loop import Issued, Tick
 from grasp.phases import AIRBORNE_PHASES, LOWERING_PHASES, Phase
@@ -17,7 +17,7 @@ class Trace:
         self.registered_ns: int | None = None
         self.had_compensated = False  # when the object was lost
         self.commanded_force_n = 0.0
-        self.peak_measured_n = 0.0
+        self.peak_measured_n: Vector3 = (0.0, 0.0, 0.0)  # of each finger, in any phase
         self.felt_n = 0.0
         self.taxels_at_rail: Counts3 = (0, 0, 0)  # of each finger, at most at once
         self._compensated = False
@@ -33,7 +33,8 @@ class Trace:
             if issued.applied is not None:
                 self.hand = issued
                 self.commanded_force_n = max(self.commanded_force_n, issued.applied.force_n)
-        self.peak_measured_n = max(self.peak_measured_n, *tick.measured_n)
+        a_n, b_n, c_n = map(max, self.peak_measured_n, tick.measured_n)
+        self.peak_measured_n = a_n, b_n, c_n
         if tick.frame is not None:
             railed = map(sum, at_rail(tick.frame.raw).tolist())
             a, b, c = map(max, self.taxels_at_rail, railed)

@@ -5,9 +5,15 @@ from pathlib import Path
 
 from grasp.phases import TRANSITIONS, Trigger
 from grasp.settings import names
+from scenarios.acquire.result import AcquireResult
 from scenarios.campaign.config import load_config
+from scenarios.lift.result import LiftResult
 from scenarios.lift.scoring import LiftOutcome
+from scenarios.tap.result import Alarm, TapResult
 from scenarios.tap.scoring import TapOutcome
+from scenarios.trial.ending import End
+from scenarios.trial.result import Bug, PhaseEntry, TimingResult, TrialResult
+from scenarios.world.ladder.runs import RunPlan
 
 ROOT = Path(__file__).parents[2]
 
@@ -43,6 +49,31 @@ def test_every_outcome_is_explained() -> None:
 def test_every_outcome_of_a_tap_is_explained() -> None:
     text = read("docs/experiments.md")
     assert [o for o in TapOutcome if f"`{o.value}`" not in text] == []
+
+
+def test_every_key_of_a_result_is_explained_and_no_other() -> None:
+    section = read("docs/data-formats.md").split("\n## A result: ")[1].split("\n## ")[0]
+    tables = re.findall(r"^\| ([a-z ]+) \| meaning \|\n((?:\|.*\n)+)", section, re.M)
+    told = {
+        title: {
+            key for row in rows.splitlines() for key in re.findall(r"`(\w+)`", row.split("|")[1])
+        }
+        for title, rows in tables
+    }
+    both = set(TrialResult.__struct_fields__)
+    assert told == {
+        "lift and tap": both,
+        "lift alone": set(LiftResult.__struct_fields__) - both,
+        "tap alone": set(TapResult.__struct_fields__) - both,
+        "acquisition": set(AcquireResult.__struct_fields__) - {"failure"},
+    }
+
+
+def test_parts_of_a_result_are_explained() -> None:
+    section = read("docs/data-formats.md").split("\n## A result: ")[1].split("\n## ")[0]
+    parts = (PhaseEntry, TimingResult, End, Bug, RunPlan, Alarm)
+    keys = {key for part in parts for key in part.__struct_fields__}
+    assert [key for key in sorted(keys) if f"`{key}`" not in section] == []
 
 
 def test_positions_of_the_fingers_in_the_document_are_those_of_the_objects() -> None:

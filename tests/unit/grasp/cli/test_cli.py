@@ -81,9 +81,9 @@ def test_json_verdict_has_every_promised_field(
     assert code == 0
     assert list(result) == [
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
-        "slip_registered_s", "detection_latency_ms", "peak_force_n", "commanded_force_n", "phases",
-        "timing", "recording", "versions", "config_hash", "end", "bug", "home_m",
-        "physics", "taxels_at_rail",
+        "slip_registered_s", "detection_latency_ms", "peak_force_n", "peak_measured_n",
+        "commanded_force_n", "phases", "timing", "recording", "versions", "config_hash", "end",
+        "bug", "home_m", "physics", "taxels_at_rail",
         "first_detection_s", "reaction_latency_ms", "slip_distance_m", "turned_rad",
         "settled_force_n",
         "alarm_stayed",
@@ -150,9 +150,9 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
     assert {t["direction"] for t in series["taps"]} == {"side"}
     assert list(series["taps"][0]) == [
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
-        "slip_registered_s", "detection_latency_ms", "peak_force_n", "commanded_force_n", "phases",
-        "timing", "recording", "versions", "config_hash", "end", "bug", "home_m",
-        "physics", "taxels_at_rail",
+        "slip_registered_s", "detection_latency_ms", "peak_force_n", "peak_measured_n",
+        "commanded_force_n", "phases", "timing", "recording", "versions", "config_hash", "end",
+        "bug", "home_m", "physics", "taxels_at_rail",
         "direction", "moved", "displacement_m", "down_m", "across_m", "turned_rad", "impulse_n_s",
         "mallet_mps", "struck_s",
         "slip_end_s", "slip_duration_ms", "nominal_again_s", "nominal_again_ms", "alarms",
@@ -354,6 +354,26 @@ def test_runs_are_listed_with_their_verdicts(
     assert "no runs" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
     call("run", "lift", "--runs", str(tmp_path), capsys=capsys)
     assert "held_within_6cm" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
+
+
+@pytest.mark.parametrize(
+    "damaged",
+    [b"", b"[" * 100_000, b"\xff\xfe", b"[]", b"{}", b'{"seed": 0, "outcome": null}',
+     b'{"seed": [], "outcome": "held"}', b'{"seed": 0, "outcome": "held", "slip_distance_m": "x"}'],
+)  # fmt: skip
+def test_damaged_result_is_one_line_and_hides_no_other(
+    damaged: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, text in {"a": damaged, "b": b'{"seed": 7, "outcome": "held"}'}.items():
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "result.json").write_bytes(text)
+    code, out, err = call("runs", "--runs", str(tmp_path), capsys=capsys)
+    assert code == 2
+    assert out.split() == ["b", "held", "seed", "7"]
+    assert err.count("\n") == 1 and str(tmp_path / "a" / "result.json") in err
+    code, out, _ = call("runs", "--runs", str(tmp_path), "--json", capsys=capsys)
+    assert code == 2
+    assert json.loads(out) == [{"seed": 7, "outcome": "held"}]
 
 
 def test_settings_are_shown_with_what_is_allowed(capsys: pytest.CaptureFixture[str]) -> None:
