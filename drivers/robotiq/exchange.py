@@ -129,10 +129,11 @@ class Exchange:
 
     def want(self, command: CommandRegisters | None) -> None:
         """What is wanted again is written again where two refreshes have not shown that the device
-        heard it: a write may be lost on the way, and nobody is told."""
+        heard it: a write may be lost on the way, and nobody is told. The register of rACT is left
+        out of that too, where it may be: silence may be that of a hand which has lost power."""
         unheard = self._refreshed_twice(self._read_ns) and not self._proven
         if command is not None and command == self._wanted and self.written and unheard:
-            self._written = self._head = None
+            self._written = None
         self._wanted = command
         self._image = None if command is None else command.to_registers()
         if command is None:
