@@ -5,6 +5,7 @@ register image carries, for each finger, a force byte whose calibrated force is 
 the verb that made it, or byte 0: the least force that the hand can be told.
 """
 
+import math
 from collections.abc import Sequence
 from enum import Enum
 
@@ -49,6 +50,7 @@ from drivers.robotiq.protocol import (
 __all__ = ["DriverSettings", "ExchangeStatistics", "RegisterTransport", "RobotiqDriver"]
 
 _SCISSOR_MODE = 3
+LATE_COUNTS = 2  # by which a position lags that was read and refreshed
 
 _LOST = "the link is lost: nothing is sent until it answers again"
 _ACTIVATES = "the gripper lost its activation, and a command that met it so set it activating"
@@ -317,16 +319,40 @@ class RobotiqDriver:
         """Stay: every target becomes the position the finger has. Never refused once connected.
 
         Where the reported positions may be those of some time ago the fingers are stopped instead
-        (rGTO cleared), for a target that has been passed would move them back.
+        (rGTO cleared), for a target that has been passed would move them back. That writes rACT,
+        though, which a hand that has lost power would take for its activation. So it is done only
+        while the status is seen to change; a finger goes on by what it may have moved at most
+        where it is not.
         """
         state = self._known()
         if not state.active or self._exchange.lost or self._step is not _Step.NONE:
             return self._nothing("the hand does not obey motion commands: nothing was sent")
-        command = self._image(held_targets(state.fingers, self._exchange.wanted), 0, (0, 0, 0))
-        if not self._tells_positions(state):
-            command = msgspec.structs.replace(command, go_to=False)
+        targets: Sequence[int] = held_targets(state.fingers, self._exchange.wanted)
+        go_to = self._tells_positions(state)
+        if not go_to and not self._alive:
+            targets, go_to = self._reached_at_most(state), True
+        command = self._image(targets, 0, (0, 0, 0))
+        command = msgspec.structs.replace(command, go_to=go_to)
         self._exchange.want(command)
         return self._of(command)
+
+    @property
+    def _alive(self) -> bool:
+        """The status was seen to change lately: it is no old one."""
+        return self._now_ns - self._changed_ns <= self._old_ns
+
+    def _reached_at_most(self, state: GripperState) -> list[int]:
+        """Where each finger may be by now, on its way to what it was told last."""
+        wanted = self._exchange.wanted
+        here = list(state.positions)
+        if wanted is None or not wanted.go_to:
+            return here
+        since_s = (self._now_ns - max(self._changed_ns, self._exchange.told_ns)) * 1e-9
+        for i, axis in enumerate(wanted.axes[:FINGERS]):
+            speed_cps = self._calibration.speed_mps(axis.speed) / self.m_per_count
+            reach = math.ceil(since_s * speed_cps) + LATE_COUNTS
+            here[i] += min(max(axis.position - here[i], -reach), reach)
+        return here
 
     def _tells_positions(self, state: GripperState) -> bool:
         """Whether the fingers are where the status says: it speaks of the last command, and has

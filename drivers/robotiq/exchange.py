@@ -144,6 +144,11 @@ class Exchange:
         self._written = self._head = None
 
     @property
+    def told_ns(self) -> int:
+        """When something was written last; 0: never."""
+        return self._written_ns or 0
+
+    @property
     def unproven(self) -> bool:
         """The status has not spoken yet of what was written last."""
         return self._untold

@@ -7,6 +7,7 @@ from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import HandSettings
 from tests.calibrations import PAPER
 from tests.unit.drivers.robotiq.gripping import ALL, FAST, MS, RIGID, THUMB, gripped
+from tests.unit.drivers.robotiq.hand import QUICK
 
 # Freshness
 
@@ -192,6 +193,24 @@ def test_hold_on_a_status_that_stands_still_stops_the_fingers_and_moves_none_bac
     made.step(1000)
     assert (stopped >= before).all()
     assert (made.model.travel_m == stopped).all()
+
+
+def test_hold_and_what_is_asked_again_do_not_activate_a_hand_behind_an_old_status(rig) -> None:
+    made = rig(hand=QUICK)
+    made.step(100)
+    made.driver.move_to((200, 200, 200), FAST, 10.0)
+    made.step(100)
+    _freeze_status(made)
+    made.model.power_cycle()
+    made.step(200)
+    stood = made.model.travel_m.copy()
+    for _ in range(3):
+        made.driver.hold()
+        made.step(100)
+        made.driver.close_fast(10.0, ALL, (250, 250, 250), FAST)
+        made.step(100)
+    assert (made.model.travel_m == stood).all()
+    assert not made.model.ready
 
 
 def _freeze_status(made) -> None:

@@ -114,6 +114,28 @@ def test_hand_that_loses_power_on_the_tick_of_a_command_is_not_activated_by_it(
     assert "moving" not in end.hand and "closed to the limit" not in end.hand
 
 
+@pytest.mark.parametrize("phase", [P.APPROACH, P.OPPOSE, P.LISTEN, P.COMPENSATE, P.RELEASE])
+@pytest.mark.parametrize("frozen_first", [True, False])
+def test_hand_that_loses_power_behind_a_status_that_stands_still_is_not_activated_either(
+    phase: Phase, frozen_first: bool
+) -> None:
+    """Whatever is asked of it then, and asked again, leaves rACT out."""
+    staged = Staged()
+
+    def act(rig: Rig) -> None:
+        if not frozen_first:
+            fault.power_cycle_gripper(rig)
+        fault.freeze_gripper_status(rig)
+        fault.power_cycle_gripper(rig)
+
+    trial = staged.run(in_phase(phase, 3), act)
+    assert trial.controller.phase is P.FAULT
+    truth = staged.rig.truth()
+    assert truth is not None and max(truth.peak_n) < 11.0
+    assert not fault.cell(staged.rig).gripper.ready
+    assert not fault.cell(staged.rig).gripper.moving
+
+
 DETECTORS = {
     "nan": np.full(3, np.nan),
     "nan_of_one_finger": np.array([np.nan, 0.0, 0.0]),
