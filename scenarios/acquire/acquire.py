@@ -24,7 +24,8 @@ from scenarios.acquire.session import OnTick, Sample, Session
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import PressRig
 from scenarios.trial.ending import End
-from scenarios.trial.result import Failure, versions
+from scenarios.trial.execution import REPORT
+from scenarios.trial.result import Bug, Failure, versions
 from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, metadata
 
 SCENARIO = "acquire"
@@ -38,8 +39,9 @@ def run(
 ) -> AcquireResult:  # fmt: skip
     """One session on the rig of the configuration; leaves `runs/<stamp>-acquire-<surface>/`.
 
-    What was recorded is kept, whatever ends the session: a device's error or Ctrl-C becomes the
-    ``failure``. Labelled samples may not lack many in a row, so they are cut in two there.
+    What was recorded is kept, whatever ends the session: a device's error, Ctrl-C or a bug of ours
+    becomes the ``failure``. Labelled samples may not lack many in a row, so they are cut in two
+    there.
 
     Raises ConfigError, CouldNotRecord and the drivers' errors before anything moves.
     """
@@ -55,33 +57,58 @@ def run(
 
             session = Session(config, motion, seed, rig, take)
             samples = round(seconds / config.sampling.period_s)
-            failure, granted = _run_to_end(config, rig, session, samples)
+            ended, granted = _run_to_end(config, rig, session, samples)
             interruption.seal()  # what is left is labelling and writing
-            return _finish(config, motion, seed, session, folder, failure, granted)
+            return _finish(config, motion, seed, session, folder, ended, granted)
+
+
+class _Ended(msgspec.Struct, frozen=True):
+    """How a session ended: by itself where nothing failed."""
+
+    failure: Failure | None = None
+    bug: Bug | None = None
+
+    @property
+    def outcome(self) -> AcquireOutcome:
+        if self.bug is not None:
+            return AcquireOutcome.INTERNAL_ERROR
+        if self.failure is None:
+            return AcquireOutcome.COMPLETE
+        interrupted = self.failure.kind == "interrupted"
+        return AcquireOutcome.INTERRUPTED if interrupted else AcquireOutcome.FAULT
 
 
 def _run_to_end(
     config: AcquireConfig, rig: PressRig, session: Session, samples: int
-) -> tuple[Failure | None, bool | None]:
-    """What ended it early, and whether a real-time priority was granted (None in virtual time)."""
+) -> tuple[_Ended, bool | None]:
+    """How it ended, with the arm at rest; and whether a real-time priority was granted (None in
+    virtual time)."""
     with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
         try:
             session.run(samples)
         except GraspError as error:
-            return Failure(error.kind, error.message, error.remedy, _left(session)), granted
+            failure = Failure(error.kind, error.message, error.remedy, _left(session))
+            return _Ended(failure), granted
         except KeyboardInterrupt as stop:
             cause = f"{interruption.cause(stop)} in phase {session.phase}"
-            return Failure("interrupted", cause, "", _left(session)), granted
-    return None, granted
+            return _Ended(Failure("interrupted", cause, "", _left(session))), granted
+        except Exception as error:
+            bug = Bug.of(error)
+            return _Ended(Failure("internal", bug.line, REPORT, _left(session)), bug), granted
+    return _Ended(), granted
 
 
 def _left(session: Session) -> End:
-    return End(session.stand(), "the hand was told nothing", "")
+    try:
+        arm = session.stand()
+    except Exception:  # what ended the session, perhaps
+        arm = "the arm may still move: it cannot be told to stand"
+    return End(arm, "the hand was told nothing", "")
 
 
 def _finish(
     config: AcquireConfig, motion: StrokeMotion, seed: int, session: Session, folder: RunFolder,
-    failure: Failure | None, granted: bool | None,
+    ended: _Ended, granted: bool | None,
 ) -> AcquireResult:  # fmt: skip
     parts = parts_of(session.ticks)
     told = Metadata(
@@ -100,25 +127,19 @@ def _finish(
         surface=config.surface.name,
         direction=motion.direction,
         seed=seed,
-        outcome=_outcome(failure),
+        outcome=ended.outcome,
         missed_periods=session.missed_periods,
         real_time=granted,
         recording=str(folder.recording),
         versions=versions(),
-        failure=failure,
+        failure=ended.failure,
+        bug=ended.bug,
     )
     return _written(folder, made, result)
 
 
 def _names(count: int) -> list[str]:
     return [SAMPLES] if count == 1 else [f"{SAMPLES}-{k}" for k in range(1, count + 1)]
-
-
-def _outcome(failure: Failure | None) -> AcquireOutcome:
-    if failure is None:
-        return AcquireOutcome.COMPLETE
-    interrupted = failure.kind == "interrupted"
-    return AcquireOutcome.INTERRUPTED if interrupted else AcquireOutcome.FAULT
 
 
 def _written(folder: RunFolder, made: list[Recording], result: AcquireResult) -> AcquireResult:

@@ -9,7 +9,7 @@ import numpy as np
 
 from detector.recordings import Recording
 from scenarios.acquire.session import Sample
-from scenarios.trial.result import Failure
+from scenarios.trial.result import Bug, Failure
 
 
 class AcquireOutcome(StrEnum):
@@ -18,6 +18,7 @@ class AcquireOutcome(StrEnum):
     COMPLETE = "complete"
     FAULT = "fault"
     INTERRUPTED = "interrupted"
+    INTERNAL_ERROR = "internal_error"
 
 
 class AcquireResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,6 +43,7 @@ class AcquireResult(msgspec.Struct, frozen=True, kw_only=True):
     recordings: list[str]  # labelled, for training
     versions: dict[str, str]
     failure: Failure | None = None
+    bug: Bug | None = None  # an exception of our own code that ended it
 
     def as_json(self) -> str:
         return msgspec.json.encode(self).decode()

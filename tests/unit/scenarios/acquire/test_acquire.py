@@ -24,7 +24,7 @@ from scenarios.acquire.messages import CHANNELS, PRESS
 from scenarios.acquire.press import PressPhase, motion
 from scenarios.acquire.result import AcquireOutcome, AcquireResult
 from scenarios.acquire.rig import open_acquire_rig
-from scenarios.acquire.session import Sample
+from scenarios.acquire.session import Sample, Session
 from scenarios.rigs.rig import PressRig
 from scenarios.trial.replay import replay_run
 
@@ -247,3 +247,34 @@ def test_a_machine_that_stood_still_leaves_two_recordings_and_no_burst(
     assert sum(len(part.t_s) for part in parts) == finished.samples == 600
     assert all(np.diff(part.t_s).min() > 0.005 for part in parts)
     assert 14 <= finished.missed_periods <= 15 and finished.repeated < 60
+
+
+def striking(sample: Sample) -> None:
+    """A bug in what watches, in the midst of a stroke."""
+    if sample.phase is PressPhase.STROKE and abs(sample.arm.velocity_mps[0]) > 0.02:
+        raise ZeroDivisionError("in what watches")
+
+
+def test_bug_of_ours_ends_a_session_as_a_fault_does_and_the_arm_stands(tmp_path: Path) -> None:
+    finished = acquired(tmp_path, striking)
+    assert finished.outcome is AcquireOutcome.INTERNAL_ERROR
+    assert finished.samples > 0
+    assert finished.bug is not None and "in what watches" in finished.bug.traceback
+    assert finished.failure is not None and finished.failure.end is not None
+    assert finished.failure.kind == "internal"
+    assert finished.failure.end.arm == "the arm stands"
+    (stored,) = tmp_path.rglob("result.json")
+    assert msgspec.json.decode(stored.read_bytes(), type=AcquireResult) == finished
+
+
+def test_bug_of_ours_that_keeps_the_arm_from_being_told_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(session: Session) -> str:
+        raise ZeroDivisionError("in the arm")
+
+    monkeypatch.setattr(Session, "stand", broken)
+    finished = acquired(tmp_path, striking)
+    assert finished.failure is not None and finished.failure.end is not None
+    assert finished.failure.end.arm == "the arm may still move: it cannot be told to stand"
+    assert len(list(tmp_path.rglob("result.json"))) == 1
