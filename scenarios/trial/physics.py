@@ -1,5 +1,7 @@
 """The scene of a trial as the world's planner takes it, from the settings and what seeds draw."""
 
+import msgspec
+
 from drivers.errors import ConfigError
 from scenarios.rigs.variation import CUT
 from scenarios.trial.config import TrialConfig
@@ -15,8 +17,10 @@ def run_scene(
 ) -> RunScene:
     """A lift, or a blow on what is held; ``impulse`` (relative) and ``offset_m``: the most that one
     blow differs from the next."""
-    varied, controller, body = config.variation, config.controller, config.object
-    counts = body.grip_counts
+    varied, controller, counts = config.variation, config.controller, config.object.grip_counts
+    body = msgspec.structs.replace(
+        config.object, half_width_m=config.object.half_width_m + varied.width_error_m
+    )
     return RunScene(
         body=body,
         contact=config.contact,
@@ -37,6 +41,7 @@ def run_scene(
             offset_m=offset_m,
         ),
         blow=blow,
+        pull=config.pull,
     )
 
 

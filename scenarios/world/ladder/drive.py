@@ -8,6 +8,9 @@ import numpy as np
 from scenarios.world.blow import Blow
 from scenarios.world.contact import Floats
 from scenarios.world.ladder.scene import ArmRise, Scene, Vibration
+from scenarios.world.scene_terms import PullSettings
+
+UP = np.array([0.0, 1.0, 0.0, 0.0])  # of a load: along y, z, the closing axis; torque
 
 
 class Drive(msgspec.Struct, frozen=True):
@@ -34,6 +37,8 @@ def drive(scene: Scene, step_s: float) -> Drive:
     if scene.tap is not None:
         mean_n = np.diff(tap_impulse(scene.tap, ends_s)) / h
         load = mean_n[:, None] * tap_wrench(scene.tap)
+    if scene.pull is not None:
+        load = load - pull_force(scene.pull, ends_s[1:] - 0.5 * h)[:, None] * UP
     first = 0.0
     if scene.vibration is not None:
         first = -scene.vibration.acceleration_mps2 / scene.vibration.rate
@@ -67,6 +72,14 @@ def _half_sine(since_s: Floats, duration_s: float, impulse_n_s: float) -> Floats
     phase = np.clip(since_s / duration_s, 0.0, 1.0)
     impulse: Floats = 0.5 * impulse_n_s * (1.0 - np.cos(math.pi * phase))
     return impulse
+
+
+def pull_force(pull: PullSettings, t_s: Floats) -> Floats:
+    """Force downwards, N, at times t_s (n,): a ramp, all of it, a ramp."""
+    since_s = t_s - pull.after_s
+    left_s = 2 * pull.ramp_s + pull.lasts_s - since_s
+    force: Floats = pull.force_n * np.clip(np.minimum(since_s, left_s) / pull.ramp_s, 0.0, 1.0)
+    return force
 
 
 def tap_wrench(tap: Blow) -> Floats:

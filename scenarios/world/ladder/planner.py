@@ -22,7 +22,7 @@ from scenarios.world.contact import (
     finger_places,
     parameters,
 )
-from scenarios.world.ladder.drive import tap_wrench
+from scenarios.world.ladder.drive import UP, tap_wrench
 from scenarios.world.ladder.levels import SceneOutcome, admits_rigid, simulate
 from scenarios.world.ladder.rigid import press
 from scenarios.world.ladder.scene import Scene
@@ -145,6 +145,8 @@ def indicators(scene: Scene) -> Indicators:
         peak_n = 0.5 * math.pi * scene.tap.impulse_n_s / scene.tap.duration_s
         loads.append(peak_n * tap_wrench(scene.tap))
         pulse = scene.tap.duration_s / period_s
+    if scene.pull is not None:
+        loads.append(-scene.pull.force_n * UP)
     force = np.hypot(*np.sum(loads, axis=0)[:2])
     torque = max(abs(w[3] - middle[0] * w[1] + middle[1] * w[0]) for w in loads)
     return Indicators(
@@ -188,6 +190,8 @@ def first_step_s(scene: Scene) -> float:
     step = LARGEST_STEP_S
     if scene.tap is not None:
         step = min(step, scene.tap.duration_s / STEPS_A_PULSE)
+    if scene.pull is not None:
+        step = min(step, scene.pull.ramp_s / STEPS_A_PULSE)
     if scene.vibration is not None:
         step = min(step, 1.0 / (STEPS_A_PERIOD * scene.vibration.frequency_hz))
     return step

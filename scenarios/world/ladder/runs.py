@@ -14,15 +14,17 @@ import msgspec
 from msgspec import Meta
 
 from scenarios.world.blow import Blow
-from scenarios.world.contact import Level, finger_stiffness
+from scenarios.world.contact import GRAVITY_MPS2, Level, finger_stiffness
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.planner import MODEL_SHARE, Plan, Tolerance, choose, gap
 from scenarios.world.ladder.scene import ArmRise, Closing, Grip, Scene, Three, squeeze
 from scenarios.world.objects import GraspObject
+from scenarios.world.scene_terms import PullSettings
 from scenarios.world.world_settings import WorldSettings
 
-LIFT_S, FIRM_S, TAP_S, STRUCK_S = 1.6, 0.6, 0.4, 0.02
+LIFT_S, FIRM_S, TAP_S, STRUCK_S, SETTLES_S = 1.6, 0.6, 0.4, 0.02, 0.1
+NEARLY = (1.02, 1.1)  # a pull that the pads just bear decides whether the object slips; assumed
 LEAST_STEP_S = 1e-5
 REACTION_S = (0.1, 0.6)  # start of the rise to first closing; assumed, as in experiments.py
 
@@ -40,7 +42,8 @@ class Ranges(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RunScene(msgspec.Struct, frozen=True, kw_only=True):
-    """What all trials of one object and scenario do to it: a lift, or a blow on what is held."""
+    """What all trials of one object and scenario do to it: a lift, or a blow on what is held; a
+    pull besides, where there is one."""
 
     body: GraspObject
     contact: ContactSettings
@@ -50,13 +53,32 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
     arm: ArmRise
     ranges: Ranges
     blow: Blow | None = None
+    pull: PullSettings = PullSettings()
 
     def lifts(self) -> list[Scene]:
         """Corners of what goes on without a blow: weak and firm, the weight and the uneven grip on
-        either side, early and late answers; of a tap the rise in a firm grip."""
+        either side, early and late answers; of a tap the rise in a firm grip. With a pull also
+        that, on what is held firmly: weak, firm, and where the pads just bear it."""
         if self.blow is not None:
-            return [self._firm(self._body(grip, 1.0)) for grip in (-1.0, 1.0)]
-        return [self._lift(self._body(a, b), b, c) for a, b, c in self._signs()]
+            return [self._firm(self._body(grip, 1.0)) for grip in (-1.0, 1.0)] + self._pulls()
+        return [self._lift(self._body(a, b), b, c) for a, b, c in self._signs()] + self._pulls()
+
+    def _pulls(self) -> list[Scene]:
+        if self.pull.force_n == 0.0:
+            return []
+        grips = (*map(self._grip_that_bears, NEARLY), -1.0, 1.0)
+        sides = (1.0,) if self._mirrored else (-1.0, 1.0)
+        return [self._pulled(self._body(a, b), b) for a in grips for b in sides]
+
+    def _grip_that_bears(self, share: float) -> float:
+        """From weak (-1) to firm (1): in which relaxed pads bear so much of weight and pull; the
+        nearer end where none does."""
+        kept = 1 - self.contact.relaxation_fraction
+        weight_n, r = self.body.total_kg * GRAVITY_MPS2, self.ranges
+        bears_n = 2 * kept * self.body.friction_static * sum(self.full_grip_n[1:])
+        change_n = r.friction * bears_n + share * r.mass * weight_n  # to the firm end
+        lacks_n = share * (weight_n + self.pull.force_n) - bears_n
+        return max(-1.0, min(1.0, lacks_n / change_n)) if change_n > 0.0 else 0.0
 
     def blows(self) -> list[Scene]:
         """Likewise of a blow: weak and firm grips, either side, strong and weak blows."""
@@ -67,10 +89,15 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
     def _signs(self) -> Iterable[tuple[float, float, float]]:
         """Grip, side and path of each corner, the worst first; where either side is the mirror
         image of the other, one of them."""
+        return itertools.product(
+            (-1.0, 1.0), (1.0,) if self._mirrored else (-1.0, 1.0), (1.0, -1.0)
+        )
+
+    @property
+    def _mirrored(self) -> bool:
         blow = self.blow
         even = blow is None or (blow.direction == "top" and blow.offset_m == 0.0)
-        mirrored = even and self.body.centre_aside_m == 0.0
-        return itertools.product((-1.0, 1.0), (1.0,) if mirrored else (-1.0, 1.0), (1.0, -1.0))
+        return even and self.body.centre_aside_m == 0.0
 
     def _body(self, grip: float, aside: float) -> GraspObject:
         body, r = self.body, self.ranges
@@ -108,6 +135,13 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
     def _held(self, body: GraspObject, aside: float) -> Grip:
         _, b_n, c_n = self.full_grip_n
         return self._uneven(squeeze(body, self.contact, b_n, c_n), aside)
+
+    def _pulled(self, body: GraspObject, aside: float) -> Scene:
+        pull = msgspec.structs.replace(self.pull, after_s=STRUCK_S)
+        return Scene(
+            name="pull", duration_s=2 * (STRUCK_S + pull.ramp_s) + pull.lasts_s + SETTLES_S,
+            body=body, contact=self.contact, grip=self._held(body, aside), pull=pull,
+        )  # fmt: skip
 
     def _firm(self, body: GraspObject) -> Scene:
         return Scene(

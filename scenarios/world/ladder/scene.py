@@ -15,6 +15,7 @@ from scenarios.world.blow import Blow
 from scenarios.world.contact import FINGERS, GRAVITY_MPS2, Floats, finger_stiffness
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
+from scenarios.world.scene_terms import PullSettings
 
 Three = tuple[float, float, float]
 
@@ -66,6 +67,7 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     sharing: Literal["by_force", "equal"] = "by_force"  # of the weight then, between the fingers
     arm: ArmRise | None = None
     tap: Blow | None = None
+    pull: PullSettings | None = None  # ``after_s``: since the scene began
     vibration: Vibration | None = None
     mark_height_m: Annotated[
         float, Meta(ge=-0.2, le=0.3, description="tape mark above the grip, where slip is read")

@@ -1,14 +1,20 @@
 """What a run is computed by is decided at the worst corner of its trials, once."""
 
 import msgspec
+import numpy as np
 import pytest
 
+from scenarios.trial.physics import run_scene
+from scenarios.world import laws
 from scenarios.world.blow import Blow
-from scenarios.world.contact import Level
+from scenarios.world.contact import Level, initial_state
 from scenarios.world.contact_settings import ContactSettings
+from scenarios.world.ladder.drive import drive, pull_force
 from scenarios.world.ladder.runs import Ranges, RunScene, asked_of, plan_run
 from scenarios.world.ladder.scene import ArmRise, squeeze
+from scenarios.world.scene_terms import PullSettings
 from scenarios.world.world_settings import WorldSettings
+from tests.unit.scenarios.conftest import config as trial_config
 from tests.unit.scenarios.world.ladder.ladder_scenes import body
 
 PADS = ContactSettings()
@@ -83,6 +89,55 @@ def test_corners_have_the_run_s_own_contact_and_bodies_within_its_ranges() -> No
     assert all(c.on_table and c.tap is None for c in corners)
     strong = max(c.tap.impulse_n_s for c in tapped().blows() if c.tap)
     assert strong == pytest.approx(1.3 * 0.15)
+
+
+def test_pull_that_the_pads_just_bear_asks_for_what_can_turn() -> None:
+    pull = PullSettings(force_n=9.0)
+    pulled = msgspec.structs.replace(LIFT, pull=pull)
+    assert plan_run(LIFT, told()).level == "L1"
+    found = plan_run(pulled, told())
+    assert found.level in ("L3", "L4")  # L1 holds it where the weight beside the middle turns it
+    assert "pull, in the corner that asks for most" in found.why[0]
+    assert plan_run(msgspec.structs.replace(LIFT, pull=PullSettings()), told()).level == "L1"
+    harder = PullSettings(force_n=11.5)
+    tap = plan_run(msgspec.structs.replace(tapped(), pull=harder), told())
+    assert tap.level in ("L3", "L4")
+
+
+def test_pulled_corners_bear_just_more_than_weight_and_pull() -> None:
+    pull = PullSettings(force_n=9.0)
+    pulled = msgspec.structs.replace(LIFT, pull=pull)
+    just, nearly, weak, firm = (c for c in pulled.lifts() if c.pull)
+    for corner, share in ((just, 1.02), (nearly, 1.1)):
+        kept_n = 2 * (1 - PADS.relaxation_fraction) * 10.0
+        load_n = corner.mass_kg * 9.81 + pull.force_n
+        assert corner.body.friction_static * kept_n == pytest.approx(share * load_n)
+    frictions = [c.body.friction_static for c in (weak, just, nearly, firm)]
+    assert frictions == sorted(frictions)
+    assert all(c.pull and c.pull.force_n == 9.0 and not c.on_table for c in (weak, firm))
+    beyond = msgspec.structs.replace(LIFT, pull=PullSettings(force_n=90.0))
+    assert {c.body.friction_static for c in beyond.lifts() if c.pull} == {
+        weak.body.friction_static, firm.body.friction_static,
+    }  # fmt: skip
+
+
+def test_scene_of_a_trial_has_its_pull_and_the_width_that_is_built() -> None:
+    config = trial_config("pull.force_n=5", "variation.width_error_m=0.002")
+    scene = run_scene(config)
+    assert scene.pull == config.pull
+    assert scene.body.half_width_m == pytest.approx(config.object.half_width_m + 0.002)
+
+
+def test_pull_of_a_stated_scene_is_that_of_a_cell() -> None:
+    pull = PullSettings(force_n=4.0, ramp_s=0.1, lasts_s=0.3, after_s=0.05)
+    state = initial_state()
+    state[laws.PULL_START_S], state[laws.PULL_N] = 0.05, 4.0
+    state[laws.PULL_RAMP_S], state[laws.PULL_S] = 0.1, 0.3
+    times_s = np.linspace(0.0, 0.8, 81)
+    assert pull_force(pull, times_s) == pytest.approx([laws.pull_force(state, t) for t in times_s])
+    load = drive(msgspec.structs.replace(LIFT.lifts()[0], pull=pull), 1e-3).load
+    assert load[:, 1].min() == pytest.approx(-4.0)
+    assert not load[:, [0, 2, 3]].any()
 
 
 def test_rotation_is_asked_for_by_the_lever_of_the_paper_s_label() -> None:
