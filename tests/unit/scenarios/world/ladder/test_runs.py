@@ -99,8 +99,8 @@ def test_pull_that_the_pads_just_bear_asks_for_what_can_turn() -> None:
     assert found.level in ("L3", "L4")  # L1 holds it where the weight beside the middle turns it
     assert "pull, in the corner that asks for most" in found.why[0]
     assert plan_run(msgspec.structs.replace(LIFT, pull=PullSettings()), told()).level == "L1"
-    harder = PullSettings(force_n=11.5)
-    tap = plan_run(msgspec.structs.replace(tapped(), pull=harder), told())
+    lesser = PullSettings(force_n=5.0)  # it is more slippery
+    tap = plan_run(msgspec.structs.replace(tapped(), pull=lesser), told())
     assert tap.level in ("L3", "L4")
 
 
