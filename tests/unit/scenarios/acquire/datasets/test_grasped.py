@@ -8,6 +8,7 @@ import pytest
 
 from detector.recordings import Recording, write
 from grasp.settings import config_dir
+from scenarios.acquire.datasets import acts
 from scenarios.acquire.datasets.build import make
 from scenarios.acquire.datasets.describe import describe
 from scenarios.acquire.datasets.grasped import GRASPED, as_felt, lift_config
@@ -65,11 +66,11 @@ def test_every_recording_holds_an_object_of_its_own_at_the_positions_found_for_i
 
 def test_half_of_the_blows_on_a_firm_grip_are_near_what_just_moves_it(jobs: list[Job]) -> None:
     made = of(jobs, "grasped_blow", 4)
-    acts = [act for r in made for act in r.metadata.acts if r.metadata]
-    assert len(acts) == 36
-    moved = {kind: [a.moved_m for a in acts if a.kind == kind and a.direction != "closing"]
+    done = [act for r in made if r.metadata for act in r.metadata.acts]
+    assert len(done) == 36
+    moved = {kind: [a.moved_m for a in done if a.kind == kind and a.direction != "closing"]
              for kind in ("near", "weak", "elastic")}  # fmt: skip
-    assert 10 <= len([a for a in acts if a.kind == "near"]) <= 26
+    assert 10 <= len([a for a in done if a.kind == "near"]) <= 26
     assert max(moved["weak"]) < 0.001
     assert np.median(moved["elastic"]) < 0.0005
     assert min(moved["near"]) < 0.001 < max(moved["near"])
@@ -96,8 +97,8 @@ def test_a_description_counts_acts_and_both_labels(slips: list[Job]) -> None:
     figures = describe(made)
     assert set(figures.kinds) == {"grasped_blow", "grasped_slip"}
     assert figures.moved == sum(int(r.label("moved").sum()) for r in made)
-    acts = [act for r in made if r.metadata for act in r.metadata.acts]
-    assert sum(deeds.number for deeds in figures.acts.values()) == len(acts) > 4
+    done = [act for r in made if r.metadata for act in r.metadata.acts]
+    assert sum(deeds.number for deeds in figures.acts.values()) == len(done) > 4
     hard = figures.acts["mallet"]
     assert 0.5 <= hard.above_two_mm <= 1.0 - hard.below_half_mm
     assert hard.furthest_p50_m > 0.002
@@ -111,22 +112,29 @@ def test_a_recording_is_made_alike_twice(slips: list[Job], cause: str, tmp_path:
 
 
 def test_a_touch_and_a_pull_move_the_object_for_a_moment_only(jobs: list[Job]) -> None:
-    acts = [a for cause in ("grasped_touch", "grasped_pull") for r in of(jobs, cause, 2)
+    done = [a for cause in ("grasped_touch", "grasped_pull") for r in of(jobs, cause, 2)
             if r.metadata for a in r.metadata.acts]  # fmt: skip
-    assert {a.kind for a in acts} == {"touch", "pull"}
-    assert np.median([a.furthest_m for a in acts]) > REST_M
-    assert np.median([a.moved_m for a in acts]) < REST_M
+    assert {a.kind for a in done} == {"touch", "pull"}
+    assert np.median([a.furthest_m for a in done]) > REST_M
+    assert np.median([a.moved_m for a in done]) < REST_M
 
 
 def test_a_hand_drags_the_object_at_its_own_pace(slips: list[Job]) -> None:
-    acts = [a for r in of(slips, "grasped_drag", 3) if r.metadata for a in r.metadata.acts]
-    drags = [a.moved_m for a in acts if a.kind == "drag"]
+    done = [a for r in of(slips, "grasped_drag", 3) if r.metadata for a in r.metadata.acts]
+    drags = [a.moved_m for a in done if a.kind == "drag"]
     assert len(drags) >= 5
     assert 0.001 < np.median(drags) < 0.02
 
 
-def test_a_shaken_arm_is_heard_while_the_object_stays(jobs: list[Job]) -> None:
-    (r,) = of(jobs, "grasped_arm_vibration")
+@pytest.mark.parametrize("inertia", [True, False])
+def test_a_shaken_arm_is_heard_while_the_object_stays(
+    jobs: list[Job], inertia: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By what the object's inertia asks of the grip, and by the arm's own mode in the pads."""
+    if not inertia:
+        monkeypatch.setattr(acts, "SHAKE_SHARE", (0.0, 0.0))
+    loud = {"fingertip.vibration_mm": 0.03, "fingertip.grasp_share": 1.0}
+    (r,) = of(jobs, "grasped_arm_vibration", 1, **({} if inertia else loud))
     assert r.metadata is not None and r.moved_m is not None
     shakes = [a.t_s for a in r.metadata.acts if a.kind == "shake"]
     assert shakes
