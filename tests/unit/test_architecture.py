@@ -107,6 +107,8 @@ def test_records_of_a_step_are_drawn_with_their_fields(pictures: list[str]) -> N
 
 def test_what_goes_along_an_arrow_is_a_field_of_what_it_joins(pictures: list[str]) -> None:
     for tail, fields, head in labelled(pictures[0]):
+        if not {tail, head} & FIELDS.keys():
+            continue  # between parts: test_data_picture.py
         known = {*FIELDS.get(tail, ()), *FIELDS.get(head, ())}
         assert [field for field in fields if field not in known] == [], f"{tail} --> {head}"
 
