@@ -80,6 +80,10 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         int, Meta(ge=1, le=100, description="a finger 'at target' may be off it; a zero is off by "
                   "up to 5, manual p. 74")
     ] = 8  # fmt: skip
+    contact_counts: Annotated[
+        int, Meta(ge=1, le=100, description="a finger that reports contact stands; it may move by "
+                  "this while it does; assumed")
+    ] = 3  # fmt: skip
     soft_low_counts: Annotated[
         int, Meta(ge=0, le=100, description="targets below are cut by a software limit of opening")
     ] = 20

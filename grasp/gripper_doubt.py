@@ -5,6 +5,8 @@ from itertools import compress
 from drivers.interfaces import FINGER_NAMES, FINGERS, Detection, FingerState, GripperState
 from grasp.doubt_settings import DoubtSettings
 
+TOUCHING = (Detection.CONTACT_CLOSING, Detection.CONTACT_OPENING)  # it stands since
+
 
 class GripperDoubt:
     """Status that does not follow a command, or that no hand can have."""
@@ -15,6 +17,7 @@ class GripperDoubt:
         self._fresh_ns = 0
         self._moved_ns = [0] * FINGERS  # since when each finger reports motion without moving
         self._under_way = [False] * FINGERS  # it has moved since it was told to
+        self._touched_at: list[int | None] = [None] * FINGERS  # where it first reported contact
 
     def see(self, state: GripperState) -> str:
         """What is wrong with it."""
@@ -25,6 +28,10 @@ class GripperDoubt:
             if not state.fresh or not _stands(was, now):
                 self._moved_ns[i] = state.t_ns
                 self._under_way[i] = state.fresh and _goes_on(was, now)
+            if not state.fresh or now.detection not in TOUCHING:
+                self._touched_at[i] = None
+            elif self._touched_at[i] is None:
+                self._touched_at[i] = now.position_counts
         # both: a hand that has lost power may say nonsense of where it is, too
         found = "; ".join(filter(None, (self._inactive(state), self._impossible(before, state))))
         return found or self._idle(state)
@@ -37,12 +44,17 @@ class GripperDoubt:
     def _impossible(self, before: GripperState, state: GripperState) -> str:
         s = self._settings
         reach = s.target_counts + s.finger_counts_ps * (state.t_ns - before.t_ns) * 1e-9
-        for name, was, now in zip(FINGER_NAMES, before.fingers, state.fingers, strict=True):
+        fingers = zip(FINGER_NAMES, before.fingers, state.fingers, self._touched_at, strict=True)
+        for name, was, now, first in fingers:
             here = now.position_counts
             if not 0 <= here <= 255:
                 return f"gripper_impossible: finger {name} at {here} counts"
             if abs(here - was.position_counts) > reach:
                 return f"gripper_impossible: finger {name} leapt {was.position_counts} to {here}"
+            if first is not None and abs(here - first) > s.contact_counts:
+                return (
+                    f"gripper_impossible: finger {name} reports contact and moved {first} to {here}"
+                )
             if state.fresh and self._contradicts(now):
                 return (
                     f"gripper_impossible: finger {name} says 'at target' at {here} counts, "

@@ -189,7 +189,8 @@ def frozen_believed(value: float, for_s: float) -> bool:
     made.model.misreport(lambda words: kept)
     made.advance(round(for_s * 1e3))
     made.driver.pump(made.now_ns)
-    return held_by_targets(made)
+    assert made.state is not None
+    return made.driver.hold().targets_counts == made.state.positions
 
 
 def between_writes_s(value: float) -> float:

@@ -346,6 +346,29 @@ def test_target_counts(value: int) -> None:
     assert beside(100, -value - 1, target_counts=value) == "gripper_impossible"
 
 
+TOUCHING = (Detection.CONTACT_CLOSING, Detection.AT_TARGET, Detection.AT_TARGET)
+
+
+def touching(t_s: float, position: int, fresh: bool = True) -> GripperState:
+    asked = (90, 55, 55)
+    return gripper(round(t_s * 1e9), (position, 55, 55), TOUCHING, fresh, requested=asked)
+
+
+@pytest.mark.parametrize("value", [2, 6])
+@pytest.mark.parametrize("way", [1, -1])
+def test_contact_counts(value: int, way: int) -> None:
+    def after(counts: int) -> str:
+        steps = [touching(0.1 * k, 55 + way * k) for k in range(counts + 1)]
+        return doubted(steps, contact_counts=value)
+
+    assert (after(value), after(value + 1)) == ("", "gripper_impossible")
+
+
+def test_finger_in_contact_may_move_after_another_request() -> None:
+    states = [touching(0.0, 55), touching(0.1, 56, fresh=False), touching(0.2, 75)]
+    assert doubted(states, contact_counts=2) == ""
+
+
 @pytest.mark.parametrize("value", [10, 40])
 def test_soft_low_counts(value: int) -> None:
     assert beside(value - 1, 50, soft_low_counts=value) == ""
