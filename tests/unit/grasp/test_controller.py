@@ -11,8 +11,9 @@ from grasp.commands import (
     OpenFingers,
     StopArm,
 )
+from grasp.controller_settings import ControllerSettings
 from grasp.phases import Phase
-from tests.unit.grasp.builders import arm, gripper
+from tests.unit.grasp.builders import arm, frame, gripper
 from tests.unit.grasp.controller_driver import HEIGHT, LATCHED, MOVING, RESTING, TICK, Driver
 
 
@@ -220,6 +221,34 @@ def test_phase_that_lasts_too_long_is_a_fault() -> None:
     for _ in range(110):
         d.step(gripper=d.hand(detections=MOVING))
     assert d.controller.phase is Phase.FAULT
+
+
+def test_fingertips_that_fall_silent_once_the_hand_opens_are_no_fault() -> None:
+    d = released()
+    for _ in range(20):
+        d.step(frame=frame(stale=True), gripper=d.hand(detections=MOVING))
+    assert d.controller.phase is Phase.RELEASE
+    d.height_m = ControllerSettings().retreat_m
+    d.until(Phase.DONE, frame=frame(stale=True))
+
+
+def test_arm_is_clear_only_once_the_hand_rests_and_the_arm_is_up() -> None:
+    d = released()
+    d.until(Phase.RETREAT)
+    assert d.step().phase is Phase.RETREAT
+    d.height_m = ControllerSettings().retreat_m
+    assert d.step(gripper=d.hand(detections=MOVING)).phase is Phase.RETREAT
+    assert d.step().phase is Phase.DONE
+
+
+def released() -> Driver:
+    """The hand has just been told to open, where the lift began."""
+    d = Driver(hold_s=0.1).lift()
+    d.height_m = HEIGHT
+    d.until(Phase.LOWER)
+    d.height_m = 0.0
+    d.until(Phase.RELEASE)
+    return d
 
 
 @pytest.mark.parametrize("phase", [Phase.HOME, Phase.RETREAT])
