@@ -157,7 +157,7 @@ def evaluate_streams(
     left to score.
     """
     _refuse_to_score_nothing(streams, first_sample)
-    how = events or _events_by_label(streams[0].label)
+    how = events or events_by_label(streams[0].label)
     judged = [judge_stream(s, rule, how, first_sample) for s in streams]
     parts = [(s.probabilities.max(axis=1)[first_sample:], s.labels[first_sample:]) for s in streams]
     p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -196,9 +196,10 @@ def _refuse_to_score_nothing(streams: Sequence[Streamed], first_sample: int) -> 
             raise ValueError(f"no sample left: {count} in all, first {first_sample}")
 
 
-def _events_by_label(label: str) -> EventSettings:
-    shear = EventSettings(early_s=PRE_SLIDING_S)
-    return shear if label == "slip_true" else EventSettings()
+def events_by_label(label: LabelName) -> EventSettings:
+    """What counts as caught: the pad shears before the contact slides, and what has moved began to
+    before it had gone far enough for the label; hearing that is early, not false."""
+    return EventSettings() if label == "slip" else EventSettings(early_s=PRE_SLIDING_S)
 
 
 def evaluate_recording(

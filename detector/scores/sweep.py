@@ -11,8 +11,13 @@ import msgspec
 import numpy as np
 
 from detector.decision import RuleSettings
-from detector.scores.evaluation import WARM_UP_SAMPLES, Streamed, hand_rate, judge_stream
-from detector.scores.events import EventSettings
+from detector.scores.evaluation import (
+    WARM_UP_SAMPLES,
+    Streamed,
+    events_by_label,
+    hand_rate,
+    judge_stream,
+)
 from detector.scores.metrics import Floats
 from detector.scores.quantiles import quantile
 
@@ -53,7 +58,7 @@ def _logistic(odds: float) -> float:
 
 def point(streams: Sequence[Streamed], rule: RuleSettings, first_sample: int) -> SweepPoint | None:
     """Score one rule; None for data without slip or without rest."""
-    judged = [judge_stream(s, rule, EventSettings(), first_sample) for s in streams]
+    judged = [judge_stream(s, rule, events_by_label(s.label), first_sample) for s in streams]
     delays: Floats = np.concatenate([j.delays_ms for j in judged])
     rate = hand_rate(streams, judged)
     if rate is None or not len(delays):

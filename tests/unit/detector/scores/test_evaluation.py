@@ -36,6 +36,7 @@ from detector.scores.metrics import (
     edge_distance_ms,
 )
 from detector.scores.quantiles import Quantiles
+from detector.scores.sweep import point
 from drivers.errors import BadFile
 
 JSON_FIELDS = {
@@ -393,3 +394,15 @@ def test_hearing_the_pad_shear_before_the_contact_slides_is_early_and_not_false(
     )
     assert (sheet.missed_events, sheet.false_events) == (0, 0)
     assert three(sheet.delay_ms) == (-60.0, -60.0, -60.0)
+
+
+def test_hearing_a_slip_before_it_has_gone_far_is_early_for_the_label_moved() -> None:
+    slip = flags(200, 50, 50)
+    moved_m = np.where(slip, 0.003, 0.0).astype(np.float32)
+    moved_m[200:212] = 0.0005
+    made = msgspec.structs.replace(recording(slip), moved_m=moved_m)
+    streamed = Streamed(made, flags(203, 47, 50).astype(float)[:, None], np.empty(0), "moved")
+    sheet = evaluate_streams(Scripted(np.zeros(1)), RuleSettings(), [streamed], "x")
+    assert (sheet.missed_events, sheet.false_events) == (0, 0)
+    swept = point([streamed], RuleSettings(), 100)
+    assert swept is not None and (swept.recall, swept.false_per_min) == (1.0, 0.0)
