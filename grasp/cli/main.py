@@ -41,7 +41,17 @@ class Parser(argparse.ArgumentParser):
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown:
             self.error(f"`{self.prog}` does not take {' '.join(unknown)}")
+        for action in self._actions:
+            if action.nargs in ("+", "*"):
+                self._check_once(action, getattr(namespace, action.dest, None) or ())
         return namespace, unknown
+
+    def _check_once(self, action: argparse.Action, values: Sequence[object]) -> None:
+        """What is listed twice would be counted twice."""
+        for value in dict.fromkeys(values):
+            if values.count(value) > 1:
+                name = "/".join(action.option_strings) or action.metavar or action.dest
+                self.error(f"argument {name}: {value} twice")
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(message, f"see `{self.prog} --help`")

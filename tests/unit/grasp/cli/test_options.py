@@ -53,6 +53,24 @@ def test_bounds_belong_to_what_is_allowed() -> None:
     assert (decimal(0.5, 2)("0.5"), decimal(0.5, 2)("2")) == (0.5, 2.0)
 
 
+@pytest.mark.parametrize(
+    ("words", "twice"),
+    [
+        ("chart reaction --objects can ball can", "--objects: can twice"),
+        ("chart reaction --latencies 5 5.0", "--latencies: 5.0 twice"),
+        ("chart frontier a.sqlite a.sqlite", "FILE: a.sqlite twice"),
+        ("detector evaluate energy energy --recording x.csv", "NAME: energy twice"),
+        ("detector table2 --data sets sets/", "--data: sets twice"),
+        ("detector tune --static a.csv ./a.csv", "--static: a.csv twice"),
+    ],
+)
+def test_what_is_listed_twice_is_refused_because_it_would_count_twice(
+    words: str, twice: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words.split()) == 2
+    assert f"argument {twice}" in capsys.readouterr().err
+
+
 def test_a_package_that_is_not_installed_is_refused_with_its_extra() -> None:
     need("charts", "numpy")
     with pytest.raises(UsageError, match="no_such_package") as caught:
