@@ -8,8 +8,9 @@ from grasp.settings import Layer, assignment_layer, not_chosen, read_toml
 
 
 def own_file(file: Path | None) -> Path | None:
-    """The file given, else that of $GRASP_CONFIG, else none."""
-    return file or (Path(os.environ["GRASP_CONFIG"]) if "GRASP_CONFIG" in os.environ else None)
+    """The file given, else that of $GRASP_CONFIG, else none; an empty variable names none."""
+    named = os.environ.get("GRASP_CONFIG")
+    return file or (Path(named) if named else None)
 
 
 def own_layers(file: Path | None, assignments: Sequence[str]) -> list[Layer]:

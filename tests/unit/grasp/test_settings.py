@@ -9,6 +9,7 @@ from drivers.errors import ConfigError
 from grasp import settings
 from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
 from scenarios.campaign.config import RunConfig, load_config
+from scenarios.rigs.own_settings import own_file
 
 
 def lift(*assignments: str, file: Path | None = None) -> RunConfig:
@@ -31,6 +32,12 @@ def test_configuration_file_of_the_environment_is_used(
     file.write_text("[controller]\nhold_s = 2.5\n")
     monkeypatch.setenv("GRASP_CONFIG", str(file))
     assert lift().controller.hold_s == 2.5
+
+
+def test_empty_variable_of_the_environment_names_no_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GRASP_CONFIG", "")
+    assert lift().controller.hold_s == 1.0
+    assert own_file(None) is None
 
 
 @pytest.mark.parametrize(
