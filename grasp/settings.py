@@ -39,6 +39,7 @@ RENAMED = {
     "control.integral_limit_ns": "control.integral_limit_n_s",
     "scene.top_impulse_ns": "scene.top_impulse_n_s",
     "scene.side_impulse_ns": "scene.side_impulse_n_s",
+    "fingertip.grasp_share": "fingertip.holding_share",
 }
 
 

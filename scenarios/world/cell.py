@@ -17,9 +17,9 @@ from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world import laws
 from scenarios.world.blow import Blow
-from scenarios.world.contact import FINGERS, Contact, Floats, Level, PadFrames
+from scenarios.world.contact import FINGERS, Contact, Floats, Level, PadFrames, held_radps
 from scenarios.world.contact_settings import ContactSettings
-from scenarios.world.fingertip import Codes, Fingertips
+from scenarios.world.fingertip import Codes, Fingertips, Held
 from scenarios.world.fingertip_settings import FingertipSettings, Surface, in_a_grasp
 from scenarios.world.objects import GraspObject
 from scenarios.world.scene_terms import Damage, DamageSettings, Pull, PullSettings
@@ -87,7 +87,8 @@ class SimulatedCell:
         """Another scene: object, contact and fingertips; no object is in place yet. The devices
         are those that the cell began with, wherever they stand."""
         surfaces = [surface_of(settings.body)] * FINGERS
-        self.fingertips = Fingertips(in_a_grasp(settings.fingertip), surfaces, rng)
+        held = Held(SIDES, held_radps(settings.contact, settings.body))
+        self.fingertips = Fingertips(in_a_grasp(settings.fingertip), surfaces, rng, held)
         self.shaken = False  # something shakes the arm that is not its own motion
         self._damage = Damage(settings.damage, settings.fingertip.noise_counts, rng.spawn(1)[0])
         self._pull = Pull(settings.pull, self._now_ns)
@@ -164,7 +165,6 @@ class SimulatedCell:
             self._turn + turn,
             centre * 1e3,
             arm_moves,
-            sides=SIDES,
         )
         pressure, temperature = self.fingertips.codes()
         return self._damage.felt(pressure).ravel(), temperature.ravel()

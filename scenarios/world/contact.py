@@ -55,6 +55,11 @@ def finger_stiffness(contact: ContactSettings, body: GraspObject) -> float:
     return 1 / compliance
 
 
+def held_radps(contact: ContactSettings, body: GraspObject) -> float:
+    """Of an object that all fingers hold, along the closing axis, rad/s."""
+    return math.sqrt(FINGERS * finger_stiffness(contact, body) / body.total_kg)
+
+
 def parameters(contact: ContactSettings, body: GraspObject, level: Level = Level.SLIDER) -> Floats:
     """Parameter vector (26,) of the compiled laws."""
     out = np.empty(laws.PARAMETER_SIZE)

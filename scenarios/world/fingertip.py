@@ -31,7 +31,6 @@ FOLD = 1 << 9  # the authors' driver takes ten bits for a signed number, and its
 TEMPERATURE_CODE = 498  # 25 degrees
 TEMPERATURE_CODES_PER_K = -5.35
 PRESSURE_COUNTS_PER_K = 1.6
-FIXED = np.empty(0)  # sides of an object that does not give way
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int16]
 
@@ -65,10 +64,12 @@ def kernel(depth_mm: float) -> Kernel:
 
 
 def spring_positions(settings: FingertipSettings) -> Floats:
-    """(S, 2) centres of the cells that fill the pad; the first has the least x and y."""
+    """(S, 2) centres of the cells that fill the pad, from its middle outwards."""
     x = _centres(_cells(settings.pad_half_length_mm, settings), settings.pad_half_length_mm)
     y = _centres(_cells(settings.pad_half_width_mm, settings), settings.pad_half_width_mm)
-    return np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    at = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    out: Floats = at[np.argsort((at**2).sum(axis=1), kind="stable")]
+    return out
 
 
 def _cells(half_mm: float, settings: FingertipSettings) -> int:
@@ -93,22 +94,34 @@ def height_field(surface: Surface, rng: np.random.Generator) -> tuple[bed.Single
     return out.astype(np.float32), surface.texture_length_mm / FIELD_STEPS
 
 
+class Held(msgspec.Struct, frozen=True):
+    """A free object between the pads. sides (F,): +1 or -1, from which each presses it; radps: of
+    its mass on all of them."""
+
+    sides: Floats
+    radps: float
+
+
 class Fingertips:
-    """One fingertip a surface, each with its own texture, tilt, rest codes and noise.
+    """One fingertip a surface, each with its own texture, tilt, rest codes and noise. What they
+    touch is fixed, or all hold one object: then the hand shakes as one, the object follows with its
+    inertia, and what friction adds by the fingers' levers balances on it.
 
     ``advance`` must be called in the order of time. Everything random comes from the generator, so
     equal seeds and equal call times give equal codes.
     """
 
     def __init__(
-        self, settings: FingertipSettings, surfaces: Sequence[Surface], rng: np.random.Generator
-    ) -> None:
+        self, settings: FingertipSettings, surfaces: Sequence[Surface], rng: np.random.Generator,
+        held: Held | None = None,
+    ) -> None:  # fmt: skip
         s, n = settings, len(surfaces)
         self._settings, self._rng, self._pads = s, rng, n
+        self._held, self._shaken = held, n if held is None else 1
         self._at = spring_positions(s)
         self._taxels = taxel_positions(s)
         self._parameters = _parameters(s)
-        self._disturbing = _disturbing(s)
+        self._disturbing = _disturbing(s, 0.0 if held is None else held.radps)
         fields = [height_field(surface, rng) for surface in surfaces]
         self._fields = np.stack([field for field, _ in fields])
         self._surfaces = np.array([
@@ -117,22 +130,27 @@ class Fingertips:
         ])  # fmt: skip
         tilts = rng.normal((s.tilt_x_rad, s.tilt_y_rad), s.tilt_rad, (n, 2))
         crown = (self._at**2).sum(axis=1) / (2 * s.crown_radius_mm)
-        self._gaps = crown + tilts @ self._at.T
+        gaps = crown + tilts @ self._at.T
+        least = np.minimum.accumulate(gaps[:, ::-1], axis=1)[:, ::-1]
+        self._gaps = np.stack([gaps, least], axis=1)
         angle = rng.uniform(0.0, 2 * math.pi, n)
         self._shaking = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         self.rest = rng.integers(s.rest_low, s.rest_high, (n, len(self._taxels)), endpoint=True)
         self._states = np.zeros((n, bed.STATE))
         self._springs = np.zeros((n, bed.SPRING, len(self._at)))
-        self._block, self._next = rng.standard_normal((0, 0)), 0
-        self._jitter_rng = rng.spawn(1)[0] if s.shift_mm > 0.0 or s.rock_rad > 0.0 else None
+        self._numbers = _Numbers(rng, (4 * self._shaken + 2 + n * len(self._taxels),))
+        jitters = (self._shaken, disturbance.JITTERS, 2)
+        jitter = rng.spawn(1)[0] if s.shift_mm > 0.0 or s.rock_rad > 0.0 else None
+        self._jitter_numbers = _Numbers(jitter, jitters)
         self._begin(n)
 
     def _begin(self, n: int) -> None:
         self._t_s = 0.0
-        self._disturbance = np.zeros((disturbance.DISTURBANCE, n))
-        self._jitter = np.zeros((n, disturbance.JITTERS, 2))
-        self._still = np.zeros((n, 2))
+        self._disturbance = np.zeros((disturbance.DISTURBANCE, self._shaken))
+        self._jitter = np.zeros((self._shaken, disturbance.JITTERS, 2))
+        self._following = np.zeros((disturbance.WAYS, disturbance.FOLLOWING))
         self._totals = np.zeros(n)
+        self._rocked = np.zeros((n, 2))
         self._given = np.zeros(n)  # no mount: the load is what it is said to be
         self._motion = np.zeros((n, 2))
         self._turn = np.zeros(n)
@@ -142,7 +160,6 @@ class Fingertips:
     def advance(
         self, t_s: float, normal_n: Floats, motion_mm: Floats, turn_rad: Floats,
         centre_mm: Floats, arm_moves: bool, mount_npmm: Floats | None = None,
-        sides: Floats | None = None,
     ) -> None:  # fmt: skip
         """Bring all pads to t_s; everything given goes linearly from its last value to this one.
 
@@ -153,26 +170,32 @@ class Fingertips:
 
         With mount_npmm (F,), above 0, each pad hangs on a spring that is so stiff: then normal_n is
         its load if the pad's face were at the surface's mean plane (stiffness times how far the
-        base has come beyond), and what the pad meets there and its friction decide the load.
-
-        With sides (F,), +1 or -1, all pads hold one free object from that side: what friction by
-        the fingers' levers, wander and vibration add to normal_n balances on it.
+        base has come beyond), and what the pad meets there and its friction decide the load. Not
+        for pads that hold an object.
         """
         dt_s = t_s - self._t_s
         if dt_s <= 0.0:
             return
-        row, n = self._draw(), self._pads
-        self._noise = row[4 * n + 2 :].reshape(n, -1)
-        hung = mount_npmm is not None
+        row, n = self._numbers.draw(), self._pads
+        self._noise = row[4 * self._shaken + 2 :].reshape(n, -1)
         mounts = self._given if mount_npmm is None else mount_npmm
-        shift, rocked = self._jitters(dt_s)
-        totals, motion = np.empty(n), np.empty((n, 2))
-        disturbance.shake(
-            self._disturbing, dt_s, arm_moves, row, self._disturbance,
-            normal_n, hung, mounts, self._states[:, bed.STIFFNESS],
-            self._states[:, bed.PULL_X : bed.PULL_Y + 1], FIXED if sides is None else sides,
-            motion_mm, self._shaking, shift, totals, motion,
+        totals, motion, rocked = np.empty(n), np.empty((n, 2)), self._rocked
+        shaker = (
+            self._disturbing, dt_s, arm_moves, row, self._disturbance, self._jitter_numbers.draw(),
+            self._jitter, normal_n,
         )  # fmt: skip
+        stiffness = self._states[:, bed.STIFFNESS]
+        if self._held is None:
+            disturbance.shake(
+                *shaker, mount_npmm is not None, mounts, stiffness, motion_mm, self._shaking,
+                totals, motion, rocked,
+            )  # fmt: skip
+        else:
+            disturbance.shake_held(
+                *shaker, stiffness, self._states[:, bed.PULL_X : bed.PULL_Y + 1],
+                self._held.sides, self._following, motion_mm, self._shaking,
+                totals, motion, rocked,
+            )  # fmt: skip
         bed.advance(
             self._parameters, dt_s, self._totals, totals, mounts, motion - self._motion,
             turn_rad - self._turn, rocked, self._centre, centre_mm, self._surfaces, self._fields,
@@ -181,36 +204,17 @@ class Fingertips:
         self._t_s, self._totals, self._motion = t_s, totals, motion
         self._turn[:], self._centre[:] = turn_rad, centre_mm
 
-    def _jitters(self, dt_s: float) -> tuple[Floats, Floats]:
-        """Small motions of the pads sideways (F, 2), mm, and about their axes (F, 2), rad."""
-        s = self._settings
-        if self._jitter_rng is None:
-            return self._still, self._still
-        draws = self._jitter_rng.standard_normal(self._jitter.shape)
-        disturbance.jitter(dt_s, s.jitter_s, draws, self._jitter)
-        unit = math.sqrt(2.0) * self._jitter[:, :, 0]
-        return s.shift_mm * unit[:, :2], s.rock_rad * unit[:, 2:]
-
-    def _draw(self) -> Floats:
-        """Standard normal numbers of one step; drawn in blocks, a tenth of the cost of singles."""
-        if self._next >= len(self._block):
-            self._block = self._rng.standard_normal((256, self._pads * (4 + len(self._taxels)) + 2))
-            self._next = 0
-        self._next += 1
-        out: Floats = self._block[self._next - 1]
-        return out
-
     def codes(self) -> tuple[Codes, Codes]:
         """Pressure and temperature codes (F, taxels) as of the last ``advance``."""
-        s, shape = self._settings, self._noise.shape
-        fall, pressure = np.empty(shape), np.empty(shape, np.int16)
-        bed.kernel_sums(self._parameters, self._springs, self._at, self._taxels, fall)
+        s = self._settings
+        pressure = np.empty(self.rest.shape, np.int16)
         warming = s.warming_k * -math.expm1(-self._t_s / s.warming_s)
-        bed.convert(
-            self.rest, fall, PRESSURE_COUNTS_PER_K * warming, s.noise_counts, self._noise,
+        bed.read(
+            self._parameters, self._states, self._springs, self._at, self._taxels, self.rest,
+            PRESSURE_COUNTS_PER_K * warming, s.noise_counts, self._noise,
             CODE_MAX, FOLD if s.fold_above_512 else CODE_MAX, pressure,
         )  # fmt: skip
-        temperature = np.empty(shape, np.int16)
+        temperature = np.empty(self.rest.shape, np.int16)
         temperature.fill(round(TEMPERATURE_CODE + TEMPERATURE_CODES_PER_K * warming))
         return pressure, temperature
 
@@ -253,6 +257,23 @@ class Fingertips:
         return out
 
 
+class _Numbers:
+    """Standard normal numbers in arrays of one shape; drawn in blocks, a tenth of the cost of
+    singles. Without a generator they are zeros."""
+
+    def __init__(self, rng: np.random.Generator | None, shape: tuple[int, ...]) -> None:
+        self._rng, self._shape = rng, shape
+        self._block, self._next = np.zeros((1, *shape)), 0 if rng is None else 1
+
+    def draw(self) -> Floats:
+        if self._rng is not None:
+            if self._next >= len(self._block):
+                self._block, self._next = self._rng.standard_normal((256, *self._shape)), 0
+            self._next += 1
+        out: Floats = self._block[self._next - 1]
+        return out
+
+
 def _parameters(s: FingertipSettings) -> Floats:
     cells = _cells(s.pad_half_length_mm, s) * _cells(s.pad_half_width_mm, s)
     stiffness = s.foundation_n_per_mm3 * 4 * s.pad_half_length_mm * s.pad_half_width_mm / cells
@@ -260,15 +281,16 @@ def _parameters(s: FingertipSettings) -> Floats:
     out[:] = (
         stiffness, stiffness * s.shear_share, s.step_mm, s.step_s,
         *msgspec.structs.astuple(kernel(s.depth_mm)), s.lever_x, s.lever_y, s.lateral_npmm,
-        2 * math.pi * s.lateral_hz, s.lateral_damping,
+        2 * math.pi * s.lateral_hz, s.lateral_damping, s.pad_half_length_mm, s.pad_half_width_mm,
         s.relaxation_share, s.relaxation_slow_share, s.relaxation_slow_share,
         s.relaxation_s, 10.0 * s.relaxation_s, 100.0 * s.relaxation_s,
     )  # fmt: skip
     return out
 
 
-def _disturbing(s: FingertipSettings) -> Floats:
+def _disturbing(s: FingertipSettings, held_radps: float) -> Floats:
     return np.array([
         s.wander_mm, s.wander_fast_s, s.wander_slow_s, s.vibration_mm,
         2 * math.pi * s.vibration_hz, s.vibration_damping, s.sway_mm, s.lever_x, s.lever_y,
+        s.shift_mm, s.rock_rad, s.jitter_s, held_radps, s.held_damping,
     ])  # fmt: skip

@@ -4,9 +4,10 @@ Every function here is a leaf: numba's cache does not see changes in an imported
 of this file comes from another. Lengths in millimetres, forces in newtons, the pad's frame
 throughout (x along the columns, y across the rows).
 
-One spring j sits at r_j. Where it touches, its tip holds on to the surface by a bristle (deflection
-b_j), so it meets the surface point q = R(-turn) (r_j + b_j - pose), whose height decides how deep
-it is pressed. The common approach of the pad is the one at which all springs carry the given load.
+One spring j sits at r_j, those near the middle first. Where it touches, its tip holds on to the
+surface by a bristle (deflection b_j), so it meets the surface point q = R(-turn) (r_j + b_j -
+pose), whose height decides how deep it is pressed. The common approach of the pad is the one at
+which all springs carry the given load.
 A bristle follows the surface until its traction exceeds the friction of its own load, and then
 drags behind (return mapping; statically 1-D: Jenkins element). Prony terms let both loads relax:
 f = k (d - sum phi_i rho_i), rho_i' = (d - rho_i) / tau_i.
@@ -26,13 +27,14 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Codes = NDArray[np.int16]
+Indices = NDArray[np.int64]
 Rests = NDArray[np.int64]
 
 # Layout of the parameter vector, one for all pads,
 (
     K_NORMAL, K_SHEAR, STEP_MM, STEP_S, NORMAL_PEAK, NORMAL_WIDTH, SHEAR_PEAK, SHEAR_WIDTH,
-    LEVER_X, LEVER_Y, LATERAL_NPMM, LATERAL_RADPS, LATERAL_DAMPING, RELAXATION,
-) = range(14)  # fmt: skip
+    LEVER_X, LEVER_Y, LATERAL_NPMM, LATERAL_RADPS, LATERAL_DAMPING, HALF_X, HALF_Y, RELAXATION,
+) = range(16)  # fmt: skip
 TERMS = 3  # of the relaxation: shares from RELAXATION on, then time constants
 RELAXATION_TIME = RELAXATION + TERMS
 PARAMETERS = RELAXATION_TIME + TERMS
@@ -41,9 +43,9 @@ CURVATURE_X, CURVATURE_Y, MU_STATIC, MU_KINETIC, FIELD_STEP, FIELD_PEAK = range(
 # and of the state of each pad.
 (
     POSE_X, POSE_Y, POSE_TURN, APPROACH, SLIP_X, SLIP_Y, SPIN, SHARE, STIFFNESS, CARRIED,
-    PULL_X, PULL_Y, AWAY_X, AWAY_Y, AWAY_SPEED_X, AWAY_SPEED_Y,
-) = range(16)  # fmt: skip
-STATE = 16
+    PULL_X, PULL_Y, AWAY_X, AWAY_Y, AWAY_SPEED_X, AWAY_SPEED_Y, TOUCHED,
+) = range(17)  # fmt: skip
+STATE = 17
 # State of each spring; deflection and what of it has relaxed, first of the load, then of shear.
 DEPTH, BRISTLE_X, BRISTLE_Y, LOAD, SLIDES, TRACTION_X, TRACTION_Y, RELAXED = range(8)
 RELAXED_X, RELAXED_Y = RELAXED + TERMS, RELAXED + 2 * TERMS
@@ -51,7 +53,7 @@ SPRING = RELAXED + 3 * TERMS
 NEWTON_STEPS = 60
 SAME_MM = 1e-9
 NEGLIGIBLE = -12.0  # exponent of a kernel: below 0.01 counts a newton
-CLEAR_MM = 0.3  # springs that stay further than this from the surface are not looked at closely
+CLEAR_MM = 0.1  # springs that stay further than this from the surface are not looked at closely
 FAR = -1e6  # reach of such a spring
 MODE_STEP_S = 0.002  # longest inner step of a mount that swings: a fiftieth of its period
 OUT_OF_REACH_MM = 5.0  # a mount that would have to be pressed so much further touches nothing
@@ -74,49 +76,58 @@ def height(field: Singles, step_mm: float, x: float, y: float) -> float:
 
 @njit(cache=True)
 def reaches(
-    state: Floats, surface: Floats, centre: Floats, tilt: Floats, field: Singles, at: Floats,
-    gap: Floats, phi: Floats, level: float, springs: Floats, out: Floats,
-) -> None:  # fmt: skip
-    """(S,) depth of each spring at approach zero, less what has relaxed of it. FAR for those that
-    stay clear of the surface's highest point at the approach ``level``."""
+    p: Floats, state: Floats, surface: Floats, centre: Floats, tilt: Floats, field: Singles,
+    at: Floats, gap: Floats, level: float, springs: Floats, near: Indices, out: Floats,
+) -> int:  # fmt: skip
+    """Which springs could touch at the approach ``level``, and the depth of each at approach zero,
+    less what has relaxed of it: near (S,) and out (S,), as far as the count that is returned. gap
+    (2, S): of pad and tilt at each spring, and the least of it from there on."""
     cos, sin = math.cos(state[POSE_TURN]), math.sin(state[POSE_TURN])
     kx, ky = 0.5 * surface[CURVATURE_X], 0.5 * surface[CURVATURE_Y]
-    step, peak = surface[FIELD_STEP], surface[FIELD_PEAK]
+    step, highest = surface[FIELD_STEP], level + surface[FIELD_PEAK]
+    out_of_sight = highest + abs(tilt[0]) * p[HALF_X] + abs(tilt[1]) * p[HALF_Y]
+    count = 0
     for j in range(at.shape[0]):
+        if gap[1, j] > out_of_sight:
+            break
         x = at[j, 0] + springs[BRISTLE_X, j]
         y = at[j, 1] + springs[BRISTLE_Y, j]
         wx, wy = x - centre[0], y - centre[1]
         u, v = cos * wx + sin * wy, cos * wy - sin * wx
-        below = gap[j] + tilt[0] * at[j, 0] + tilt[1] * at[j, 1]
+        below = gap[0, j] + tilt[0] * at[j, 0] + tilt[1] * at[j, 1]
         below += kx * u * u + ky * v * v
         for i in range(TERMS):
-            below += phi[i] * springs[RELAXED + i, j]
-        if level + peak < below:
-            out[j] = FAR
+            below += p[RELAXATION + i] * springs[RELAXED + i, j]
+        if highest < below:
             continue
         dx, dy = x - state[POSE_X], y - state[POSE_Y]
-        out[j] = height(field, step, cos * dx + sin * dy, cos * dy - sin * dx) - below
+        near[count] = j
+        out[count] = height(field, step, cos * dx + sin * dy, cos * dy - sin * dx) - below
+        count += 1
+        state[TOUCHED] = max(state[TOUCHED], j + 1)
+    return count
 
 
 @njit(cache=True)
-def solve_approach(reach: Floats, total_mm: float, mount: float, start: float) -> float:
+def solve_approach(reach: Floats, total_mm: float, mount: float, start: float, n: int) -> float:
     """Approach a at which positive depths reach + a, and mount * a, sum to total_mm: mount is the
-    mount's stiffness over that of a spring; 0: the load is given, and above 0.
+    mount's stiffness over that of a spring; 0: the load is given, and above 0. Of n springs in all
+    those that reach does not name stay clear.
 
     The sum rises piecewise linearly and convexly, so Newton steps from the right are exact.
     """
-    n = reach.shape[0]
     approach = start
     for k in range(NEWTON_STEPS):
         total = mount * approach
         slope = mount
-        for j in range(n):
+        for j in range(reach.shape[0]):
             d = approach + reach[j]
             if d > 0.0:
                 total += d
                 slope += 1.0
         if slope == 0.0 or (k == NEWTON_STEPS // 2 and mount == 0.0):
-            approach = total_mm / n - reach.min()  # all springs touch: never too shallow
+            lowest = reach.min() if reach.shape[0] == n else FAR
+            approach = total_mm / n - lowest  # all springs touch: never too shallow
             continue
         change = (total - total_mm) / slope
         approach -= change
@@ -127,21 +138,27 @@ def solve_approach(reach: Floats, total_mm: float, mount: float, start: float) -
 
 @njit(cache=True)
 def press(
-    p: Floats, state: Floats, reach: Floats, total_n: float, mount: float, springs: Floats
+    p: Floats, state: Floats, near: Indices, reach: Floats, total_n: float, mount: float,
+    springs: Floats,
 ) -> None:  # fmt: skip
-    """Share the load out over the springs; total_n is that of a mount at approach zero."""
+    """Share the load out over the springs near the surface; total_n is that of a mount at approach
+    zero."""
     k = p[K_NORMAL]
-    state[APPROACH] = solve_approach(reach, total_n / k, mount / k, state[APPROACH])
+    state[APPROACH] = solve_approach(
+        reach, total_n / k, mount / k, state[APPROACH], springs.shape[1]
+    )
     state[STIFFNESS] = state[CARRIED] = 0.0
-    for j in range(reach.shape[0]):
-        d = state[APPROACH] + reach[j]
+    touched = int(state[TOUCHED])
+    springs[LOAD, :touched] = springs[DEPTH, :touched] = 0.0
+    for i in range(reach.shape[0]):
+        j = near[i]
+        d = state[APPROACH] + reach[i]
         if d <= 0.0:
-            springs[LOAD, j] = springs[DEPTH, j] = 0.0
             continue
         load = k * d
         springs[LOAD, j] = load
-        for i in range(TERMS):
-            d += p[RELAXATION + i] * springs[RELAXED + i, j]
+        for term in range(TERMS):
+            d += p[RELAXATION + term] * springs[RELAXED + term, j]
         springs[DEPTH, j] = d
         state[STIFFNESS] += k
         state[CARRIED] += load
@@ -158,7 +175,7 @@ def drag(
     """
     k = p[K_SHEAR]
     state[PULL_X] = state[PULL_Y] = 0.0
-    for j in range(at.shape[0]):
+    for j in range(int(state[TOUCHED])):
         load = springs[LOAD, j]
         if load <= 0.0:
             for c in (BRISTLE_X, BRISTLE_Y, TRACTION_X, TRACTION_Y, SLIDES):
@@ -218,8 +235,10 @@ def sliding(at: Floats, springs: Floats, sums: Floats, dt_s: float, state: Float
     """The rigid motion that fits the slip of all loaded springs best, weighted by load: velocity
     at the pad's middle (mm/s) and turning rate (rad/s)."""
     weight, wx, wy, wr = 0.0, 0.0, 0.0, 0.0
-    for j in range(at.shape[0]):
+    for j in range(int(state[TOUCHED])):
         load, x, y = springs[LOAD, j], at[j, 0], at[j, 1]
+        if load <= 0.0:
+            continue
         weight += load
         wx += load * x
         wy += load * y
@@ -246,6 +265,13 @@ def inner_steps(p: Floats, path_mm: float, dt_s: float) -> int:
 
 
 @njit(cache=True)
+def forget(state: Floats, springs: Floats) -> None:
+    """Nothing is touched, and nothing of it is left."""
+    springs[:, : int(state[TOUCHED])] = 0.0
+    state[CARRIED:] = 0.0
+
+
+@njit(cache=True)
 def advance(
     p: Floats, dt_s: float, total0: Floats, total1: Floats, mounts: Floats, motion: Floats,
     turn: Floats, rocked: Floats, centre0: Floats, centre1: Floats, surfaces: Floats,
@@ -257,8 +283,8 @@ def advance(
     Where mounts (F,) is above 0 the pad hangs on a spring so stiff, N/mm, and the totals (F,) are
     its load at approach 0; elsewhere they are the load itself. rocked (F, 2): tilt from outside.
     """
-    reach, keep, centre = np.empty(at.shape[0]), np.empty(TERMS), np.empty(2)
-    phi = p[RELAXATION : RELAXATION + TERMS]
+    reach, near = np.empty(at.shape[0]), np.empty(at.shape[0], np.int64)
+    keep, centre, widest = np.empty(TERMS), np.empty(2), at[:, 0].max()
     for f in range(states.shape[0]):
         s, own, mount = states[f], springs[f], mounts[f]
         away = -OUT_OF_REACH_MM * mount
@@ -266,10 +292,9 @@ def advance(
             s[POSE_X], s[POSE_Y] = moved(s, motion[f, 0], motion[f, 1], turn[f])
             s[POSE_TURN] += turn[f]
             s[SLIP_X : SHARE + 1] = 0.0
-            s[CARRIED:] = 0.0
-            own[:, :] = 0.0
+            forget(s, own)
             continue
-        path = math.hypot(motion[f, 0], motion[f, 1]) + abs(turn[f]) * -at[0, 0]
+        path = math.hypot(motion[f, 0], motion[f, 1]) + abs(turn[f]) * widest
         steps = inner_steps(p, path, dt_s)
         h = 1.0 / steps
         for i in range(TERMS):
@@ -290,20 +315,16 @@ def advance(
             if mount > 0.0:
                 total -= p[LEVER_X] * s[PULL_X] + p[LEVER_Y] * s[PULL_Y]
             elif total <= 0.0:
-                own[:, :] = 0.0
-                s[CARRIED:] = 0.0
+                forget(s, own)
                 continue
-            level = s[APPROACH] + CLEAR_MM
-            reaches(
-                s, surfaces[f], centre, rocked[f], fields[f], at, gaps[f], phi, level, own, reach
-            )  # fmt: skip
-            press(p, s, reach, total, mount, own)
-            if s[APPROACH] > level:  # what was out of sight may touch as well
+            level = -math.inf
+            while s[APPROACH] > level:  # what was out of sight may touch as well
                 level = s[APPROACH] + CLEAR_MM
-                reaches(
-                s, surfaces[f], centre, rocked[f], fields[f], at, gaps[f], phi, level, own, reach
-            )  # fmt: skip
-                press(p, s, reach, total, mount, own)
+                n = reaches(
+                    p, s, surfaces[f], centre, rocked[f], fields[f], at, gaps[f], level, own,
+                    near, reach,
+                )  # fmt: skip
+                press(p, s, near[:n], reach[:n], total, mount, own)
             sums[4] = min(1.0, sums[0] / s[CARRIED]) if s[CARRIED] > 0.0 else 0.0
         sliding(at, own, sums, dt_s, s)
 
@@ -318,39 +339,40 @@ def moved(state: Floats, dx: float, dy: float, turn: float) -> tuple[float, floa
 
 
 @njit(cache=True)
+def read(
+    p: Floats, states: Floats, springs: Floats, at: Floats, taxels: Floats, rest: Rests,
+    warm: float, noise_counts: float, noise: Floats, most: int, fold: int, out: Codes,
+) -> None:  # fmt: skip
+    """Whole codes (F, taxels) from 0 to most under all springs' loads; those above fold come back
+    down from it."""
+    fall = np.empty(out.shape[1])
+    for f in range(out.shape[0]):
+        kernel_sums(p, springs[f, :, : int(states[f, TOUCHED])], at, taxels, fall)
+        for i in range(out.shape[1]):
+            exact = rest[f, i] - fall[i] + warm + noise_counts * noise[f, i]
+            code = min(max(int(np.rint(exact)), 0), most)
+            out[f, i] = 2 * fold - code if code > fold else code
+
+
+@njit(cache=True)
 def kernel_sums(p: Floats, springs: Floats, at: Floats, taxels: Floats, out: Floats) -> None:
-    """Fall of each taxel's code, counts (F, 6), under all springs' loads at their tips.
+    """Fall of each taxel's code, counts (taxels,), under the loads of one pad's springs at their
+    tips.
 
     A normal load f at distance r gives f * NORMAL_PEAK exp(-r^2 / 2 NORMAL_WIDTH^2) counts; a
     shear load q towards the taxel q * SHEAR_PEAK r exp(-r^2 / 2 SHEAR_WIDTH^2).
     """
     a, b = -0.5 / p[NORMAL_WIDTH] ** 2, -0.5 / p[SHEAR_WIDTH] ** 2
-    for f in range(springs.shape[0]):
-        own = springs[f]
+    out[:] = 0.0
+    for j in range(springs.shape[1]):
+        load = springs[LOAD, j]
+        if load <= 0.0:
+            continue
+        qx, qy = springs[TRACTION_X, j], springs[TRACTION_Y, j]
         for i in range(taxels.shape[0]):
-            out[f, i] = 0.0
-        for j in range(at.shape[0]):
-            load = own[LOAD, j]
-            if load <= 0.0:
-                continue
-            qx, qy = own[TRACTION_X, j], own[TRACTION_Y, j]
-            for i in range(taxels.shape[0]):
-                x = taxels[i, 0] - at[j, 0] - own[BRISTLE_X, j]
-                y = taxels[i, 1] - at[j, 1] - own[BRISTLE_Y, j]
-                rr = x * x + y * y
-                if a * rr > NEGLIGIBLE:
-                    out[f, i] += load * p[NORMAL_PEAK] * math.exp(a * rr)
-                    out[f, i] += (qx * x + qy * y) * p[SHEAR_PEAK] * math.exp(b * rr)
-
-
-@njit(cache=True)
-def convert(
-    rest: Rests, fall: Floats, warm: float, noise_counts: float, noise: Floats, most: int,
-    fold: int, out: Codes,
-) -> None:  # fmt: skip
-    """Whole codes (F, taxels) from 0 to most; those above fold come back down from it."""
-    for f in range(out.shape[0]):
-        for i in range(out.shape[1]):
-            exact = rest[f, i] - fall[f, i] + warm + noise_counts * noise[f, i]
-            code = min(max(int(np.rint(exact)), 0), most)
-            out[f, i] = 2 * fold - code if code > fold else code
+            x = taxels[i, 0] - at[j, 0] - springs[BRISTLE_X, j]
+            y = taxels[i, 1] - at[j, 1] - springs[BRISTLE_Y, j]
+            rr = x * x + y * y
+            if a * rr > NEGLIGIBLE:
+                out[i] += load * p[NORMAL_PEAK] * math.exp(a * rr)
+                out[i] += (qx * x + qy * y) * p[SHEAR_PEAK] * math.exp(b * rr)

@@ -14,7 +14,7 @@ from scenarios.rigs.opening import open_rig
 from scenarios.trial.execution import make_guard, run_trial
 from scenarios.world.cell import Truth
 
-LIGHT_KG = 0.03  # so light that no grasp of any object here lets it slip
+STICKY = 4.0  # friction with which no grasp of any object here lets it slip
 FIRST_SEED = 1_000_000  # tuning seeds are kept apart from those of trials
 
 
@@ -23,7 +23,9 @@ def static_lift(config: LiftConfig, seed: int) -> NDArray[np.int16]:
 
     Raises ValueError when it slipped all the same.
     """
-    body = msgspec.structs.replace(config.object, mass_kg=LIGHT_KG, added_mass_kg=0.0)
+    body = msgspec.structs.replace(
+        config.object, friction_static=STICKY, friction_kinetic=STICKY
+    )  # as heavy as it is: a light one would ride along with the hand, and be quiet
     controller = msgspec.structs.replace(config.controller, reactions=False, keep=True)
     static = msgspec.structs.replace(config, object=body, controller=controller)
     frames: list[NDArray[np.int16]] = []

@@ -87,18 +87,18 @@ class Parameter(msgspec.Struct, frozen=True):
 
 
 PARAMETERS = (
-    Parameter("fingertip", "depth_mm", 3.0, 8.0),
-    Parameter("fingertip", "foundation_n_per_mm3", 0.05, 0.3),
+    Parameter("fingertip", "depth_mm", 2.5, 6.0),
+    Parameter("fingertip", "foundation_n_per_mm3", 0.1, 0.9),
     Parameter("fingertip", "tilt_rad", 0.02, 0.1),
-    Parameter("fingertip", "crown_radius_mm", 40.0, 400.0),
+    Parameter("fingertip", "crown_radius_mm", 18.0, 200.0),
     Parameter("fingertip", "wander_mm", 0.001, 0.04),
-    Parameter("fingertip", "wander_fast_s", 0.01, 0.1),
-    Parameter("fingertip", "wander_slow_s", 0.1, 1.0),
+    Parameter("fingertip", "wander_fast_s", 0.005, 0.1),
+    Parameter("fingertip", "wander_slow_s", 0.1, 2.0),
     Parameter("fingertip", "vibration_mm", 0.0005, 0.03),
     Parameter("fingertip", "vibration_hz", 10.0, 25.0),
-    Parameter("strokes", "peak_mps", 0.015, 0.06),
+    Parameter("strokes", "peak_mps", 0.015, 0.08),
     Parameter("strokes", "skew", 1.2, 5.0),
-    Parameter("strokes", "force_n", 2.0, 12.0),
+    Parameter("strokes", "force_n", 1.2, 12.0),
     Parameter("strokes", "zero_load_n", 0.05, 6.0),
     Parameter("strokes", "texture_rms_mm", 0.1, 0.6),
     Parameter("strokes", "texture_length_mm", 1.0, 3.0),
@@ -113,14 +113,24 @@ ABLATIONS: dict[str, dict[str, float]] = {
     "force wander": {"fingertip.wander_mm": 0.0},
     "arm vibration": {"fingertip.vibration_mm": 0.0, "fingertip.sway_mm": 0.0},
     "load while zeroing": {"strokes.zero_load_n": 0.0},
-    "relaxation": {"fingertip.relaxation_share": 0.0},
+    "relaxation": {"fingertip.relaxation_share": 0.0, "fingertip.relaxation_slow_share": 0.0},
     "migration: crown and tilt": {"fingertip.crown_radius_mm": 1000.0, "fingertip.tilt_rad": 0.0},
     "static over kinetic friction": {"strokes.static_share": 1.0},
     "partial slip: stiff bristles": {"fingertip.shear_share": 1.0},
-    "force loop and arm stiffness": {"strokes.arm_npmm": 0.01, "strokes.force_loop_radps": 0.0},
+    "arm stiffness": {"strokes.arm_npmm": 0.01, "strokes.force_loop_radps": 0.0},
+    "slow force loop": {"strokes.force_loop_radps": 5.0},
+    "lever": {"fingertip.lever_x": 0.0, "fingertip.lever_y": 0.0},
+    "sideways mount": {"fingertip.lateral_npmm": 0.0},
+    "small stiff contact": {
+        "fingertip.crown_radius_mm": 100.0, "fingertip.foundation_n_per_mm3": 0.25,
+    },
+    "springs 1 mm apart": {"fingertip.spring_mm": 2.0},
+    "sharper wander": {"fingertip.wander_fast_s": 0.0323, "fingertip.wander_slow_s": 0.212},
+    "slow relaxation": {"fingertip.relaxation_slow_share": 0.0},
+    "shift and rocking": {"fingertip.shift_mm": 0.0, "fingertip.rock_rad": 0.0},
     "fold above 512": {"fingertip.fold_above_512": False},
     "noise": {"fingertip.noise_counts": 0.0},
-}
+}  # fmt: skip
 
 
 class FitSetup(msgspec.Struct, frozen=True):

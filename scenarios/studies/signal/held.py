@@ -13,11 +13,11 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from scenarios.world.contact import held_radps
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.fingertip_settings import FingertipSettings
 from scenarios.world.objects import GraspObject
 
-FINGERS = 3
 HIGHEST_HZ, STEP_HZ = 500.0, 0.05
 Floats = NDArray[np.float64]
 
@@ -50,10 +50,7 @@ def share(
     body: GraspObject, contact: ContactSettings, fingertip: FingertipSettings, damping: float
 ) -> HeldShares:
     """Of an object in three fingers; damping is that of the object on the pads, of critical."""
-    series = 1 / contact.mount_stiffness_npm + 1 / contact.pad_stiffness_npm
-    stiffness_npm = FINGERS / (series + 1 / body.wall_stiffness_npm)
-    mass_kg = body.mass_kg + body.added_mass_kg
-    held_hz = math.sqrt(stiffness_npm / mass_kg) / (2 * math.pi)
+    held_hz = held_radps(contact, body) / (2 * math.pi)
     mode = float(transfer(np.array([fingertip.vibration_hz]), held_hz, damping)[0])
     memories = (fingertip.wander_fast_s, fingertip.wander_slow_s)
     return HeldShares(held_hz, wander_share(memories, held_hz, damping), mode)

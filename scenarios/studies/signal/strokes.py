@@ -29,32 +29,37 @@ class StrokeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = 0.6
     pause_s: Annotated[float, Meta(gt=0.0, description="between strokes; the clip's mean")] = 0.25
     rest_s: Annotated[float, Meta(gt=0.0, description="after the last; the clip's")] = 0.9
-    peak_mps: Annotated[float, Meta(gt=0.0, le=0.2, description="fastest; FITTED, 0.015-0.06")] = (
-        0.0431
+    peak_mps: Annotated[float, Meta(gt=0.0, le=0.2, description="fastest; FITTED, 0.015-0.08")] = (
+        0.0599
     )
     skew: Annotated[
         float, Meta(ge=1.0, le=8.0, description="speed ~ s^2 (1 - s)^skew; FITTED, 1.2-5")
-    ] = 2.12
-    force_n: Annotated[float, Meta(gt=0.0, description="mean; FITTED, 2-12")] = 3.31
+    ] = 2.49
+    force_n: Annotated[float, Meta(gt=0.0, description="mean; FITTED, 1.2-8")] = 1.99
     force_spread: Annotated[float, Meta(ge=0.0, description="between clips, relative; assumed")] = (
         0.3
     )
     zero_load_n: Annotated[
         float, Meta(ge=0.0, le=10.0, description="on the pad while it was zeroed; FITTED, 0-6")
-    ] = 1.4
+    ] = 1.29
     arm_npmm: Annotated[
         float, Meta(gt=0.0, description="arm and mount, along the press; assumed, 3-10")
     ] = 5.0
     force_loop_radps: Annotated[
-        float, Meta(ge=0.0, description="corner of the arm's force loop; assumed, 3-10")
-    ] = 5.0
+        float,
+        Meta(
+            ge=0.0,
+            description="corner of the arm's force loop; assumed: the clip's "
+            "load recovers at less than 0.4 /s",
+        ),
+    ] = 0.2
     texture_rms_mm: Annotated[float, Meta(ge=0.0, le=1.0, description="felt; FITTED, 0.1-0.6")] = (
-        0.453
+        0.444
     )
     texture_length_mm: Annotated[float, Meta(ge=0.2, le=10.0, description="felt; FITTED, 1-3")] = (
-        1.55
+        1.14
     )
-    friction: Annotated[float, Meta(ge=0.0, le=2.0, description="kinetic; FITTED, 0.4-1.2")] = 0.916
+    friction: Annotated[float, Meta(ge=0.0, le=2.0, description="kinetic; FITTED, 0.4-1.2")] = 0.737
     static_share: Annotated[
         float, Meta(ge=1.0, le=2.0, description="static over kinetic; assumed, 1.1-1.5")
     ] = 1.2

@@ -19,7 +19,7 @@ from scenarios.studies.reaction.copies import answered, at_lift, find_onset, rea
 
 REACTION_RANGE_S = (0.0, 0.25)  # decision delay and command path together; assumed
 DETECTION_FACTORS = (0.25, 4.0)  # of the detector's own delay
-GRASP_SHARES = (0.05, 0.5)  # of the arm's shaking that reaches a held object; assumed
+HOLDING_SHARES = (0.1, 1.0)  # how restless the hand is, over how restless while it presses; assumed
 TEXTURES = (0.3, 2.0)  # factors on the object's own irregularity; assumed
 
 
@@ -68,8 +68,8 @@ def signal_range(config: LiftConfig, seeds: Sequence[int]) -> tuple[float, float
     """Least and greatest success rate over quiet and loud rest in the hand, smooth and rough
     surfaces: full runs, the detector as it is."""
     rates = []
-    for share, factor in itertools.product(GRASP_SHARES, TEXTURES):
-        pads = msgspec.structs.replace(config.fingertip, grasp_share=share)
+    for share, factor in itertools.product(HOLDING_SHARES, TEXTURES):
+        pads = msgspec.structs.replace(config.fingertip, holding_share=share)
         texture_m = factor * config.object.texture_rms_m
         body = msgspec.structs.replace(config.object, texture_rms_m=texture_m)
         changed = msgspec.structs.replace(config, fingertip=pads, object=body)

@@ -16,9 +16,26 @@ from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
 
+QUIET = "fingertip.holding_share=0.1"  # of its range the end at which `energy` is no false alarm
+
+# A fingertip as the rigid part of the paper's set has it: what tests are staged on that were found
+# by searching for a lift in which something rare happens
+RIGID = tuple(
+    f"fingertip.{name}={value}"
+    for name, value in {
+        "depth_mm": 3.23, "crown_radius_mm": 65.8, "tilt_rad": 0.0854, "spring_mm": 2.0,
+        "foundation_n_per_mm3": 0.223, "relaxation_share": 0.1, "relaxation_slow_share": 0.0,
+        "relaxation_s": 0.2, "wander_mm": 0.0372, "wander_fast_s": 0.0323, "wander_slow_s": 0.212,
+        "vibration_mm": 0.00831, "vibration_hz": 18.7, "vibration_damping": 0.08, "shift_mm": 0.0,
+        "rock_rad": 0.0, "noise_counts": 0.3, "lever_x": 0.0, "slip_direction_deg": 0.0,
+        "holding_share": 0.2,
+    }.items()
+)  # fmt: skip
+
 
 def config(*assignments: str, object_name: str = "can") -> LiftConfig:
-    return load_config(object_name, "simulated", "energy", None, assignments).for_lift()
+    told = (QUIET, *assignments)
+    return load_config(object_name, "simulated", "energy", None, told).for_lift()
 
 
 def judged(*assignments: str, seed: int = 0, object_name: str = "can") -> LiftResult:

@@ -80,12 +80,13 @@ def test_strokes_are_short_and_go_out_and_back(plain: tuple[Session, Recording])
 def test_the_contact_slides_later_than_the_fingertip_moves(
     plain: tuple[Session, Recording],
 ) -> None:
-    """The pad is sheared first: true slip begins after the label, by less than 100 ms."""
+    """The pad is sheared first, and the mount dragged along: true slip begins after the label, by
+    less than 150 ms."""
     _, r = plain
     assert r.slip_true is not None
     starts = np.flatnonzero(np.diff(r.slip.astype(int)) == 1) + 1
     delays = [int(np.argmax(r.slip_true[start:])) for start in starts[:-1]]
-    assert all(0 < delay < 10 for delay in delays)
+    assert all(0 < delay < 15 for delay in delays)
     assert (r.slip == r.slip_true).mean() > 0.85
 
 

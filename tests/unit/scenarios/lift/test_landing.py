@@ -11,12 +11,14 @@ from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
 from scenarios.world.cell import Truth
+from tests.unit.scenarios.conftest import RIGID
 
 SLIPPED_M = 0.015
 BOUND_N = 11.0  # limit and stated overshoot
 
 
 def ball(detector: str, *assignments: str, speed_mps: float = 0.1) -> LiftConfig:
+    assignments = (*RIGID, *assignments)
     plain = load_config("ball", "simulated", detector, None, assignments)
     quicker = AXES["speed"].moved(plain, speed_mps)
     return load_config("ball", "simulated", detector, None, [*assignments, *quicker]).for_lift()
@@ -25,7 +27,7 @@ def ball(detector: str, *assignments: str, speed_mps: float = 0.1) -> LiftConfig
 @pytest.mark.parametrize(
     ("settings", "seed"),
     [(ball("energy", "damage.gain_lost=0.5"), 1), (ball("energy", speed_mps=0.2), 1),
-     (ball("gru", speed_mps=0.4), 4), (ball("gru", speed_mps=0.3), 2)],
+     (ball("gru", speed_mps=0.4), 9), (ball("gru", speed_mps=0.3), 2)],
     ids=["half of the gain", "0.2 m/s", "0.4 m/s", "0.3 m/s"],
 )  # fmt: skip
 def test_ball_that_slipped_is_let_go_where_it_stands_and_never_pressed_beyond_the_limit(

@@ -27,8 +27,9 @@ def test_every_profile_names_its_detector() -> None:
 def test_the_default_profile_changes_no_setting() -> None:
     plain = LiftConfig(rig="simulated", detector_name="energy", object=config().object)
     same = msgspec.structs.replace(
-        config(), gripper=plain.gripper, calibration=None, energy=plain.energy
-    )
+        config(), gripper=plain.gripper, calibration=None, energy=plain.energy,
+        fingertip=plain.fingertip,
+    )  # fmt: skip
     assert same == plain
 
 

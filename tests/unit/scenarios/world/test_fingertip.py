@@ -11,7 +11,7 @@ from scenarios.world.fingertip_settings import FingertipSettings, Surface
 
 QUIET = {
     "noise_counts": 0.0, "wander_mm": 0.0, "vibration_mm": 0.0, "sway_mm": 0.0,
-    "warming_k": 0.0, "tilt_rad": 0.0,
+    "warming_k": 0.0, "tilt_rad": 0.0, "shift_mm": 0.0, "rock_rad": 0.0, "lateral_npmm": 0.0,
 }  # fmt: skip
 SMOOTH = Surface(texture_rms_mm=0.0)
 FELT = Surface(texture_rms_mm=0.3)
@@ -184,25 +184,25 @@ def test_finer_inner_steps_change_little() -> None:
     assert np.mean(shares) < 0.08
 
 
-def test_noise_floor_of_an_untouched_taxel_is_half_a_count() -> None:
+def test_noise_floor_of_an_untouched_taxel_is_that_of_the_clip_s_quietest() -> None:
     tips = make()
     seen = np.array([move(tips, 0.01 * k, 0.0) for k in range(1, 400)]).astype(float)
-    assert 0.25 < np.median(seen.std(axis=0)) < 0.6
+    assert 0.6 < np.median(seen.std(axis=0)) < 0.85  # of the clip's .77
 
 
 def test_relaxation_levels_the_peaks_out_while_the_load_stays() -> None:
     tips = make(**QUIET)
-    early = move(tips, 0.01, 5.0)
+    early = move(tips, 0.01, 3.0)  # at more a taxel is at the end of its range
     peak_early = loads(tips).max()
     for k in range(100):
-        move(tips, 0.02 + 0.01 * k, 5.0)
-    assert loads(tips).sum() == pytest.approx(5.0)
+        move(tips, 0.02 + 0.01 * k, 3.0)
+    assert loads(tips).sum() == pytest.approx(3.0)
     assert 0.8 * peak_early < loads(tips).max() < 0.99 * peak_early
-    assert move(tips, 2.0, 5.0).min() > early.min()
+    assert move(tips, 2.0, 3.0).min() > early.min()
 
 
 def test_arm_shakes_the_pads_while_it_moves_and_rings_out_after() -> None:
-    tips = make(SMOOTH, **{**QUIET, "vibration_mm": 0.01})
+    tips = make(SMOOTH, **{**QUIET, "vibration_mm": 0.01, "relaxation_slow_share": 0.0})
     moving = [move(tips, 0.01 * (k + 1), 4.0, arm_moves=True) for k in range(200)]
     still = [move(tips, 2.01 + 0.01 * k, 4.0) for k in range(200)]
     loud = np.abs(np.diff(moving, axis=0)).sum(axis=1)

@@ -5,14 +5,18 @@ import math
 import numpy as np
 import pytest
 
+from scenarios.studies.signal.held import transfer, wander_share
+from scenarios.world import disturbance
 from scenarios.world import spring_bed as bed
 from scenarios.world.disturbance import on_a_free_object
-from scenarios.world.fingertip import Fingertips, Floats
+from scenarios.world.fingertip import Fingertips, Floats, Held
 from scenarios.world.fingertip_settings import FingertipSettings, Surface
 
 STILL = {
     "noise_counts": 0.0, "wander_mm": 0.0, "vibration_mm": 0.0, "sway_mm": 0.0,
     "warming_k": 0.0, "tilt_rad": 0.0, "relaxation_share": 0.0, "crown_radius_mm": 40.0,
+    "relaxation_slow_share": 0.0, "shift_mm": 0.0, "rock_rad": 0.0, "lever_x": 0.0,
+    "lateral_npmm": 0.0,
 }  # fmt: skip
 MU = 0.7
 SMOOTH = Surface(texture_rms_mm=0.0, friction_static=MU, friction_kinetic=MU)
@@ -126,14 +130,14 @@ def test_at_constant_depth_rubber_relaxes_in_log_time(share: float, lost: float)
 
 def test_shift_and_rocking_give_rest_more_than_one_mode() -> None:
     def one_component(**settings: float) -> float:
-        pad = Mounted(ROUGH, **{"wander_mm": 0.01, **settings})
+        pad = Mounted(ROUGH, **{"wander_mm": 0.005, **settings})
         seen = np.array([(pad.go(), pad.counts())[1] for _ in range(300)])[20:]
         spread = np.linalg.svd(np.diff(seen, axis=0), compute_uv=False) ** 2
         return float(spread[0] / spread.sum())
 
     alone = one_component()
     assert one_component(rock_rad=0.003) < alone - 0.05
-    assert one_component(shift_mm=0.005) < alone - 0.05
+    assert one_component(shift_mm=0.01) < alone - 0.05
 
 
 def test_finer_springs_carry_the_same_load_and_hear_a_texture_more_smoothly() -> None:
@@ -165,7 +169,7 @@ def test_a_fingertip_with_all_terms_stays_finite_and_in_touch() -> None:
     assert abs(pad.tips._states[0, bed.AWAY_X]) < 3.0
 
 
-SIDES = np.array([1.0, -1.0, -1.0])
+SIDES, GRIP_N = np.array([1.0, -1.0, -1.0]), np.array([4.0, 2.0, 2.0])
 
 
 def test_what_pads_gain_on_a_free_object_is_alike_on_both_sides() -> None:
@@ -185,21 +189,65 @@ def test_a_pad_that_touches_nothing_gains_nothing() -> None:
 def held_loads(lever: float, pull_mm: float) -> Floats:
     """(3,) loads of pads that hold an object with 4, 2 and 2 N, pulled along x."""
     settings = FingertipSettings(**{**STILL, "lever_x": lever})  # type: ignore[arg-type]
-    tips = Fingertips(settings, [SMOOTH] * 3, np.random.default_rng(3))
+    tips = Fingertips(settings, [SMOOTH] * 3, np.random.default_rng(3), Held(SIDES, 120.0))
     still, middle = np.zeros(3), np.zeros((3, 2))
     for k in range(60):
         motion = np.tile([pull_mm * k / 60, 0.0], (3, 1))
-        tips.advance(
-            0.01 * (k + 1), np.array([4.0, 2.0, 2.0]), motion, still, middle, False, sides=SIDES
-        )
+        tips.advance(0.01 * (k + 1), GRIP_N, motion, still, middle, False)
     return tips.load_n
 
 
 def test_weight_that_hangs_on_held_pads_loads_or_unloads_them_alike_by_its_direction() -> None:
     still, up, down = (held_loads(0.5, pull) for pull in (0.0, 3.0, -3.0))
-    assert still == pytest.approx([4.0, 2.0, 2.0])
+    assert still == pytest.approx(GRIP_N)
     assert (up < 0.8 * still).all()
     assert (down > 1.2 * still).all()
     for loads in (up, down):
         assert SIDES @ loads == pytest.approx(0.0, abs=0.05)
     assert held_loads(0.0, 3.0) == pytest.approx(still)
+
+
+HELD_HZ, DAMPING, PERIOD_S = 20.0, 0.2, 0.01
+
+
+@pytest.mark.parametrize("hz", [2.0, 8.0, 20.0])
+def test_an_object_follows_the_hand_as_a_mass_on_springs_does(hz: float) -> None:
+    following = np.zeros((disturbance.WAYS, disturbance.FOLLOWING))
+    left = []
+    for k in range(2000):
+        hand = np.full(disturbance.WAYS, math.sin(2 * math.pi * hz * 0.001 * (k + 1)))
+        disturbance.follow(2 * math.pi * HELD_HZ, DAMPING, 0.001, hand, following)
+        left.append(hand[0] - following[0, disturbance.FOLLOWED])
+    wanted = transfer(np.array([hz]), HELD_HZ, DAMPING)[0]
+    assert max(left[1000:]) == pytest.approx(wanted, rel=0.03)
+
+
+def restless_loads(held: Held | None, **settings: float) -> Floats:
+    """(n, 3) loads of pads that hold with 4, 2 and 2 N, while nothing but the hand is restless."""
+    merged = FingertipSettings(**{**STILL, "wander_mm": 0.004, **settings})  # type: ignore[arg-type]
+    tips = Fingertips(merged, [SMOOTH] * 3, np.random.default_rng(5), held)
+    still, middle, out = np.zeros(3), np.zeros((3, 2)), []
+    for k in range(4000):
+        tips.advance(PERIOD_S * (k + 1), GRIP_N, middle, still, middle, False)
+        out.append(tips.load_n)
+    return np.array(out)
+
+
+def test_what_a_held_object_leaves_of_the_hand_s_wander_is_what_its_inertia_says() -> None:
+    fast = {"wander_fast_s": 0.02, "wander_slow_s": 0.02}
+    pressed = restless_loads(None, **fast).std(axis=0)
+    held = restless_loads(Held(SIDES, 2 * math.pi * HELD_HZ), **fast).std(axis=0)
+    wanted = wander_share((0.02, 0.02), HELD_HZ, DAMPING)
+    assert 0.2 < wanted < 0.6
+    assert held == pytest.approx(wanted * pressed, rel=0.15)
+
+
+def test_a_light_object_rides_along_with_the_hand() -> None:
+    light, heavy = (restless_loads(Held(SIDES, 2 * math.pi * hz)).std() for hz in (200.0, 15.0))
+    assert light - GRIP_N.std() < 0.1 * (heavy - GRIP_N.std())
+
+
+def test_a_hand_that_shakes_loads_one_side_as_it_unloads_the_other() -> None:
+    change = restless_loads(Held(SIDES, 2 * math.pi * HELD_HZ)) - GRIP_N
+    assert np.corrcoef(change[:, 0], change[:, 1])[0, 1] < -0.95
+    assert np.corrcoef(change[:, 1], change[:, 2])[0, 1] > 0.95

@@ -14,7 +14,8 @@ MOUNTED = PressSettings(gap_m=0.005)
 STIFFNESS = 1 / (1 / 5000 + 1 / 40000 + 1 / 1e6)
 STILL: dict[str, float] = {
     "wander_mm": 0.0, "vibration_mm": 0.0, "sway_mm": 0.0, "tilt_rad": 0.0,
-    "relaxation_share": 0.0, "noise_counts": 0.0, "warming_k": 0.0,
+    "relaxation_share": 0.0, "noise_counts": 0.0, "warming_k": 0.0, "relaxation_slow_share": 0.0,
+    "shift_mm": 0.0, "rock_rad": 0.0,
 }  # fmt: skip
 
 

@@ -36,7 +36,10 @@ def test_arm_holds_its_mean_force_and_the_surface_disturbs_it() -> None:
     assert force[:, ~clips.slip].mean() == pytest.approx(StrokeSettings().force_n, rel=0.15)
     assert force[:, clips.slip].std() > 0.1
     smooth = StrokeSettings(force_spread=0.0, texture_rms_mm=0.0)
-    held = FingertipSettings(tilt_rad=0.0, wander_mm=0.0, vibration_mm=0.0)
+    held = FingertipSettings(
+        tilt_rad=0.0, wander_mm=0.0, vibration_mm=0.0, shift_mm=0.0, rock_rad=0.0, lever_x=0.0,
+        relaxation_slow_share=0.0,
+    )  # fmt: skip
     level = strokes.simulate(held, smooth, 6, 1)
     assert level.force_n[:, 30:].std() < 0.3 * force[:, clips.slip].std()
 
