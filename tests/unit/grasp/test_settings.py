@@ -1,5 +1,6 @@
 """Settings: layers, violations and what their errors say."""
 
+import re
 from pathlib import Path
 
 import msgspec
@@ -84,6 +85,22 @@ def test_old_section_is_refused_with_the_new_one_and_its_keys(
     with pytest.raises(ConfigError, match="grd: is called guard now"):
         lift("grd.force_limit_n=9")
     assert settings.renamed("grd.force_limit_n") == "guard.force_limit_n"
+
+
+CHANGED = re.compile(
+    r"`([a-z_]+\.[a-z_]+)` and `([a-z_]+\.[a-z_]+)` are `([\w.]+)` and\s+`([\w.]+)` now"
+)
+
+
+def test_settings_that_the_changelog_says_are_called_otherwise_are_refused_with_their_names() -> (
+    None
+):
+    text = (Path(__file__).parents[3] / "CHANGELOG.md").read_text("utf-8")
+    table = re.findall(r"^  \| `([a-z_]+\.[a-z_]+)` \| `([a-z_]+\.[a-z_]+)`", text, re.M)
+    pairs = [pair for a, b, c, d in CHANGED.findall(text) for pair in ((a, c), (b, d))]
+    assert len(table) > 5 and len(pairs) == 2
+    told = {old: settings.renamed(old) for old, _ in (*table, *pairs)}
+    assert {old: (told[old] or "").split(" + ")[0] for old in told} == dict([*table, *pairs])
 
 
 def test_no_old_name_of_a_setting_is_one_in_use() -> None:
