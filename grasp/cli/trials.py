@@ -82,6 +82,8 @@ def run_trials(args: argparse.Namespace, config: Any, permit: Any) -> int:
         rows = seen.rows if store is None else store.rows()
     if alone and seen.results:
         return _report(seen.results[0], seen.failure, args)
+    if seen.failure is not None and not rows and not seen.results:
+        return exits.report_failure(seen.failure, args.json)
     return _report_series(args, experiment.spec().name, seen, rows, out)
 
 
@@ -114,7 +116,7 @@ def _follow(
                 raise
             cause = f"{interruption.cause(stop)} between two trials"
             seen.failure = Failure("interrupted", cause, "")
-        except GraspError as error:  # of a device, while an object was put in place; of the disk
+        except GraspError as error:  # of the disk, between two trials
             if not seen.results:
                 raise
             seen.failure = Failure(error.kind, error.message, error.remedy)

@@ -79,9 +79,9 @@ def run(
 ) -> Iterator[tuple[AnyRun, Row | None]]:
     """The trials that the store lacks, each with its row, which is written before the next begins.
 
-    Ends after one that failed as a run. One that was interrupted has no row, one that a device
-    ended has a row that says so: both are run again by whoever goes on, or at once, as
-    ``scenarios.trial.series`` says. Raises what opening the rig raises, CouldNotRecord, and
+    Ends after one that failed as a run. One that was interrupted or never began has no row, one
+    that a device ended has a row that says so: they are run again by whoever goes on, or at once,
+    as ``scenarios.trial.series`` says. Raises what opening the rig raises, CouldNotRecord, and
     KeyboardInterrupt between two trials.
     """
     rows = [] if store is None else store.rows()
@@ -89,7 +89,6 @@ def run(
     todo = {task.seed: task for task in experiment.tasks() if task.number not in had}
     if not todo:
         return
-    task = next(iter(todo.values()))
     begun = Begun(
         tuple(task.number + 1 for task in todo.values()), experiment.trials, home_of(rows)
     )
@@ -98,9 +97,8 @@ def run(
         _series(experiment.config, list(todo), msgspec.structs.replace(bench, begun=begun))
     ) as series:
         for finished in series:
-            if finished.result is not None:
-                task = todo[finished.result.seed]
-            row = row_of(task, finished)
+            result = finished.result  # none: it never began
+            row = None if result is None else row_of(todo[result.seed], finished)
             if row is not None:
                 row = msgspec.structs.replace(row, **spent(wall, cpu))
             if row is not None and store is not None:
@@ -130,8 +128,8 @@ def row_of(task: Task, finished: AnyRun) -> Row | None:
     failure = finished.failure
     if failure is not None and failure.kind == INTERRUPTED:
         return None
-    if finished.result is None or (failure is not None and failure.kind != JUDGED):
-        return error_row(task, failure.message if failure is not None else "no result", finished)
+    if failure is not None and failure.kind != JUDGED:
+        return error_row(task, failure.message, finished)
     return judged(task, finished)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import msgspec
 
 from drivers.errors import GraspError
-from drivers.interfaces import FINGER_NAMES, Detection
+from drivers.interfaces import FINGER_NAMES, ArmState, Detection, GripperState
 from grasp.commands import CloseFast
 from grasp.doubt import STOOD_STILL
 from grasp.loop import Issued, Tick
@@ -79,22 +79,35 @@ def end_of(
     lies = any(part.startswith(STATUS_LIES) for part in cause.split("; "))
     doubted = lies or (tick.gripper.active and not tick.gripper.fresh)
     told = _hand(tick, hand, felt, "gripper" in deaf, doubted)
-    seen_open = is_open(tick) and "gripper" not in deaf and not doubted
+    seen_open = is_open(tick.gripper) and "gripper" not in deaf and not doubted
     advice = "start the run again" if way_out and seen_open else way_out
     arm_lies = doubts_arm("; ".join((cause, *further)))
-    return End(_arm(tick, "arm" in deaf, arm_lies), told, advice, open=seen_open)
+    return End(_arm(tick.arm, "arm" in deaf, arm_lies), told, advice, open=seen_open)
 
 
-def _arm(tick: Tick, deaf: bool, doubted: bool) -> str:
-    speed_mps = math.hypot(*tick.arm.velocity_mps)
-    moves = f"moving at {speed_mps:.2f} m/s"
+def between_trials(
+    arm: ArmState | None, gripper: GripperState | None, now_ns: int, old_s: float, way_out: str
+) -> End:
+    """While an object is put in place, which a hand that is open does not hold yet."""
+    if arm is None or gripper is None:
+        return End("the arm was told nothing", "the hand was told nothing", way_out)
+    deaf_arm, deaf_hand = (device.age_ns(now_ns) > old_s * 1e9 for device in (arm, gripper))
+    opened = is_open(gripper)
+    how = "open" if opened else f"at {gripper.positions} counts"
+    hand = f"the hand was {how} when last heard" if deaf_hand else f"the hand is {how}"
+    advice = "" if opened else way_out
+    return End(_arm(arm, deaf_arm, doubted=False), hand, advice, open=opened and not deaf_hand)
+
+
+def _arm(arm: ArmState, deaf: bool, doubted: bool) -> str:
+    moves = f"moving at {math.hypot(*arm.velocity_mps):.2f} m/s"
     if deaf:
-        return f"the arm {f'was still {moves}' if tick.arm.moving else 'stood'} when last heard"
-    if tick.arm.stopped_by_safety:
+        return f"the arm {f'was still {moves}' if arm.moving else 'stood'} when last heard"
+    if arm.stopped_by_safety:
         return "the arm is stopped by its own safety system"
     if doubted:
-        return f"the arm says that it {'is still ' + moves if tick.arm.moving else 'stands'}"
-    return f"the arm is still {moves}" if tick.arm.moving else "the arm stands"
+        return f"the arm says that it {'is still ' + moves if arm.moving else 'stands'}"
+    return f"the arm is still {moves}" if arm.moving else "the arm stands"
 
 
 def _felt(tick: Tick, feels: bool) -> str:
@@ -127,7 +140,7 @@ def _hand(tick: Tick, asked: Issued | None, felt: str, deaf: bool, doubted: bool
 def _stands(tick: Tick, asked: Issued | None, felt: str) -> str:
     if any(f.detection is Detection.MOVING for f in tick.gripper.fingers):
         return f"still moving, {felt}"
-    if is_open(tick):
+    if is_open(tick.gripper):
         return "open"
     if not _grips(tick):
         feels = "; what it feels is not known" if felt == UNKNOWN else ", and feels nothing"
@@ -148,15 +161,15 @@ def _closed(tick: Tick, close: CloseFast) -> str:
     return f"closed to its last count, within the limit of {close.force_cap_n:g} N"
 
 
-def is_open(tick: Tick) -> bool:
+def is_open(gripper: GripperState) -> bool:
     """Whether all fingers rest open."""
-    resting = all(f.detection is not Detection.MOVING for f in tick.gripper.fingers)
-    return resting and max(tick.gripper.positions) <= OPEN_COUNTS and not _touches(tick)
+    resting = all(f.detection is not Detection.MOVING for f in gripper.fingers)
+    return resting and max(gripper.positions) <= OPEN_COUNTS and not _touches(gripper)
 
 
 def _grips(tick: Tick) -> bool:
-    return _touches(tick) or sum(tick.observation.felt_n) >= FELT_N
+    return _touches(tick.gripper) or sum(tick.observation.felt_n) >= FELT_N
 
 
-def _touches(tick: Tick) -> bool:
-    return any(f.detection is Detection.CONTACT_CLOSING for f in tick.gripper.fingers)
+def _touches(gripper: GripperState) -> bool:
+    return any(f.detection is Detection.CONTACT_CLOSING for f in gripper.fingers)

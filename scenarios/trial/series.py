@@ -6,16 +6,17 @@ from pathlib import Path
 
 import msgspec
 
-from drivers.errors import Refused
+from drivers.errors import GraspError, Refused
 from drivers.interfaces import Vector3
 from grasp import interruption
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial.config import TrialConfig
+from scenarios.trial.ending import between_trials
 from scenarios.trial.execution import DOUBTED, STALE, OnTick
 from scenarios.trial.person import Operator, place_object
-from scenarios.trial.result import FinishedRun, ResultT
+from scenarios.trial.result import Failure, FinishedRun, ResultT
 
 MOST_AGAIN = 3  # times that a person is asked for the same trial anew
 NEAR_M = 0.005  # from there the arm goes to the first trial's home by itself; assumed
@@ -53,7 +54,8 @@ def run_series(
     The simulated rig is opened anew for each, so that a trial depends on its own seed alone. A
     wired one is opened once: its world loads the next object, or a person puts it back, and every
     trial begins from the home that the first one took. With a person there, a trial in which a
-    device was not heard or not believed is asked for again, as long as the hand is open.
+    device was not heard or not believed is asked for again, as long as the hand is open; a device
+    that goes while an object is put in place ends the series with a failure and no result.
     """
     begun = bench.begun or Begun(tuple(range(1, len(seeds) + 1)), len(seeds))
     with interruption.held():
@@ -75,8 +77,10 @@ def _on_one_rig(
             interruption.check()
             if not first and rig.load is not None:
                 rig.load(config.built_for(seed), seed)
-            if operator is not None:
-                place_object(rig, operator, words)
+            lost = None if operator is None else _lost_while_placed(config, rig, operator, words)
+            if lost is not None:
+                yield FinishedRun(None, lost)
+                return
             finished, found = attempt(seed, rig, home)
             first = False
             if finished.result is not None and finished.result.home_m is not None:
@@ -88,6 +92,21 @@ def _on_one_rig(
                 return
         else:
             return
+
+
+def _lost_while_placed(
+    config: TrialConfig, rig: GraspRig, operator: Operator, words: str
+) -> Failure | None:
+    """Have the object put in place; what a device said that went meanwhile, and how arm and hand
+    were left."""
+    try:
+        place_object(rig, operator, words)
+    except GraspError as error:
+        gripper = None if rig.gripper is None else rig.gripper.state
+        old_s = config.controller.stale_after_s
+        end = between_trials(rig.arm.state, gripper, rig.clock.now_ns, old_s, rig.way_out)
+        return Failure(error.kind, error.message, error.remedy, end)
+    return None
 
 
 def _asked(seeds: Sequence[int], begun: Begun) -> Iterator[tuple[int, str]]:

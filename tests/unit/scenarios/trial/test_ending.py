@@ -2,15 +2,17 @@
 
 from collections.abc import Callable
 
+import msgspec
 import pytest
 
 from drivers.errors import LinkLost, Stale
 from grasp.doubt import STOOD_STILL
 from grasp.phases import Phase
+from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
-from scenarios.trial.ending import End, end_of, happened, stood_still
+from scenarios.trial.ending import End, between_trials, end_of, happened, stood_still
 from scenarios.trial.execution import FinishedTrial
-from tests.unit.scenarios.conftest import Staged, in_phase
+from tests.unit.scenarios.conftest import Staged, config, in_phase
 from tests.unit.scenarios.lift.device_faults import (
     freeze_gripper_status,
     let_finger_b_leap,
@@ -177,3 +179,22 @@ def test_device_that_failed_alone_is_said_once() -> None:
     lost = LinkLost("gripper at 1.2.3.4: no answer; is it on?", "switch it on")
     assert happened(f"link_lost: {lost.message}", None, {"gripper": lost}, 0.1) == lost.message
     assert not stood_still(f"link_lost: {lost.message}")
+
+
+def test_between_two_trials_what_was_heard_last_is_told_and_a_closed_hand_has_its_way_out() -> None:
+    with open_rig(config(*QUICK), 0, paced=False) as rig:
+        arm, gripper, now_ns = rig.arm.state, rig.devices.gripper.state, rig.clock.now_ns
+    assert arm is not None and gripper is not None
+    assert between_trials(arm, gripper, now_ns, 0.1, "let go") == End(
+        "the arm stands", "the hand is open", "", open=True
+    )
+    old = between_trials(arm, gripper, now_ns + 200_000_000, 0.1, "let go")
+    assert old == End("the arm stood when last heard", "the hand was open when last heard", "")
+    a, b, c = (msgspec.structs.replace(f, position_counts=90) for f in gripper.fingers)
+    closed = msgspec.structs.replace(gripper, fingers=(a, b, c))
+    tripped = msgspec.structs.replace(arm, stopped_by_safety=True)
+    assert between_trials(tripped, closed, now_ns, 0.1, "let go") == End(
+        "the arm is stopped by its own safety system", "the hand is at (90, 90, 90) counts",
+        "let go",
+    )  # fmt: skip
+    assert between_trials(None, gripper, now_ns, 0.1, "let go").advice == "let go"

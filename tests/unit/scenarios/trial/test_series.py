@@ -17,6 +17,7 @@ from scenarios.trial.execution import kind_of, make_guard, run_trial
 from scenarios.trial.result import Failure, FinishedRun
 from scenarios.trial.series import Begun, Bench
 from tests.unit.scenarios.conftest import config
+from tests.unit.scenarios.trial.test_ending import cut_arm
 
 OPEN = End("the arm stands", "the hand is open", "", open=True)
 STALE = Failure("stale", "stale: gripper status too old", "", OPEN)
@@ -69,6 +70,40 @@ def told(
         patched.setattr(series, "open_rig", opened)
         list(series.run_series(wired, (0, 1), Bench(operator=person, begun=begun), attempt))
     return person.heard, homes
+
+
+class Clumsy(Person):
+    """Cuts the arm's link while the second object is put in place."""
+
+    rig: GraspRig
+
+    def poll(self) -> str:
+        if len(self.heard) == 2:
+            cut_arm(self.rig)
+            self.rig.idle()
+        return ""
+
+
+def test_device_that_goes_while_an_object_is_put_in_place_is_told_with_arm_and_hand(
+    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    person = Clumsy()
+
+    @contextmanager
+    def opened(*_: object) -> Iterator[GraspRig]:
+        with open_rig(config(), 0, paced=False) as person.rig:
+            yield person.rig
+
+    def attempt(*_: object) -> Any:
+        return lifted, (0.5, 0.1, 0.3)
+
+    monkeypatch.setattr(series, "open_rig", opened)
+    wired = msgspec.structs.replace(config(), rig="hardware")
+    first, second = series.run_series(wired, (0, 1, 2), Bench(operator=person), attempt)
+    assert first is lifted
+    assert second.result is None and second.failure is not None
+    assert "link to the arm lost" in second.failure.message
+    assert second.failure.end == OPEN
 
 
 def test_trial_in_which_a_device_was_not_heard_is_asked_for_again(
