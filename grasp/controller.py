@@ -128,7 +128,6 @@ class GraspController:
         self._out = []
         self._reset_detector = self._anchor = False
         self.monitor.update(seen.t_ns, seen.probabilities)
-        self._line.see(seen)
         self._felt.take(seen, self.phase in AIRBORNE_PHASES)
         if self.phase is Phase.COMPENSATE or self.monitor.status.registered:
             self._landing.slipping(seen)

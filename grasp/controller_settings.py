@@ -60,19 +60,11 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float,
         Meta(
             ge=0.005, le=0.1,
-            description="of the arm where an object that slipped may stand before the arm is down; "
-            "slower where the arm is late (landing_travel_m), faster where that would take more "
-            "than 0.8 of phase_timeout_s; assumed, 0.01-0.02",
+            description="of the arm where an object that slipped may stand before the arm is down, "
+            "or faster, to need 0.8 of phase_timeout_s; assumed: in the 0.1 s that a decision may "
+            "take it goes 0.5 mm, 0.5-1 N on a steep flank",
         ),
-    ] = 0.01  # fmt: skip
-    landing_travel_m: Annotated[
-        float,
-        Meta(
-            ge=1e-4, le=0.01,
-            description="no further than this in the time that the arm took to obey; not slower "
-            "than 0.005 m/s; assumed, 0.5 N on a steep flank",
-        ),
-    ] = 0.00025  # fmt: skip
+    ] = 0.005  # fmt: skip
     landing_rise_n: Annotated[
         float,
         Meta(

@@ -16,8 +16,6 @@ from grasp.observation import Observation
 from grasp.phases import Phase, Trigger
 
 LANDING_SHARE = 0.8  # of the time that a phase may last
-SLOWEST_MPS = 0.005  # an arm that is told less is not told from one that stands
-SHORTEST_S = 1e-3
 SHORTEST_M = 2e-4  # of a step
 CERTAIN = 3  # times the rise that tells is what a step aims at
 
@@ -110,15 +108,9 @@ class Landing:
         self._take_grip()
         if self._line.stands_at(seen, 0.0):
             return Way(trigger, cause)
-        return Way(trigger, cause, (self._line.move(0.0, self._landing_mps(seen)),))
-
-    def _landing_mps(self, seen: Observation) -> float:
-        """So slow that little way is left once the grip is felt to tighten, within the time that a
-        phase has."""
-        s = self._settings
-        in_time_mps = self._line.height_m(seen) / (LANDING_SHARE * s.phase_timeout_s)
-        in_reach_mps = s.landing_travel_m / max(self._line.reaction_s, SHORTEST_S)
-        return max(in_time_mps, SLOWEST_MPS, min(in_reach_mps, s.landing_speed_mps))
+        in_time_mps = self._line.height_m(seen) / (LANDING_SHARE * self._settings.phase_timeout_s)
+        speed_mps = max(self._settings.landing_speed_mps, in_time_mps)
+        return Way(trigger, cause, (self._line.move(0.0, speed_mps),))
 
     def _touch(self, seen: Observation) -> Way:
         height_m, level_n = self._line.height_m(seen), self._felt.level_n

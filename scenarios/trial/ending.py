@@ -73,7 +73,8 @@ def end_of(
     if tick is None:
         return End("the arm was told nothing", "the hand was told nothing", "")
     deaf = set(silent(tick, old_s))
-    dull = cause.startswith(FINGERTIPS_LIE)
+    doubts = (*cause.split("; "), *further)
+    dull = any(doubt.startswith(FINGERTIPS_LIE) for doubt in doubts)
     feels = not (dull or "tactile board" in deaf or "tactile board" in errors)
     felt = _felt(tick, feels)
     lies = any(part.startswith(STATUS_LIES) for part in cause.split("; "))

@@ -88,9 +88,7 @@ class Driver:
         return self.step(p, arm=arm(self.t_ns + TICK, 0.05, moving=True), **changes)
 
     def slip(self) -> "Driver":
-        return self.lift().slipping()
-
-    def slipping(self) -> "Driver":
+        self.lift()
         for _ in range(2):
             self.climb(0.9)
         assert self.controller.phase is Phase.COMPENSATE

@@ -58,12 +58,9 @@ def bears(force_n: float) -> tuple[float, float, float]:
     return force_n, force_n / 2, force_n / 2
 
 
-def near(late_steps: int = 0, **settings: Any) -> Driver:
+def near(**settings: Any) -> Driver:
     """It slipped until the arm was 5 cm up, was lifted, and is on its way down from there."""
-    d = Driver(hold_s=0.1, **settings).lift()
-    for _ in range(late_steps):  # the arm has not obeyed yet
-        d.step()
-    d.slipping()
+    d = Driver(hold_s=0.1, **settings).slip()
     while d.controller.phase is Phase.COMPENSATE:
         d.climb()
     d.height_m = 0.2
@@ -95,12 +92,6 @@ def probed(first_n: float, then_n: float, **settings: Any) -> Driver:
 def landing_mps(v: float) -> float:
     """Of the arm where the object may stand."""
     return [c for c in near(landing_speed_mps=v).commands if isinstance(c, MoveArm)][-1].speed_mps
-
-
-def landing_travel_m(v: float) -> float:
-    """Of the arm where the object may stand, in the time that it took to obey."""
-    d = near(late_steps=9, landing_speed_mps=0.1, landing_travel_m=v)
-    return [c for c in d.commands if isinstance(c, MoveArm)][-1].speed_mps * 10 * TICK * 1e-9
 
 
 def goes_on_tighter(v: float, rise: float) -> bool:

@@ -13,8 +13,8 @@ from scenarios.lift.result import LiftResult
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial.execution import make_guard, run_trial
-from scenarios.world import laws
 from scenarios.world.cell import Truth
+from scenarios.world.contact import initial_state
 from tests.unit.scenarios.conftest import Staged, config, in_phase
 from tests.unit.scenarios.lift import device_faults as fault
 
@@ -100,7 +100,7 @@ def test_hand_that_gripped_again_where_the_object_had_fallen_is_not_driven_down_
 
 def taken_away(rig: GraspRig) -> None:
     assert rig.cell is not None
-    rig.cell.contact.state[laws.PRESENT] = 0.0
+    rig.cell.contact.state[:] = initial_state(present=False)
 
 
 @pytest.mark.parametrize("phase", [Phase.LIFT, Phase.HOLD, Phase.LOWER])
