@@ -7,7 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from grasp.cli import exits
-from grasp.cli.options import add_workers, decimal, need, one_by_one, progress, whole, workers
+from grasp.cli.options import (
+    add_workers,
+    decimal,
+    need,
+    one_by_one,
+    picture,
+    progress,
+    whole,
+    workers,
+)
 from grasp.files import write_whole
 
 if TYPE_CHECKING:
@@ -35,7 +44,7 @@ def add_parser(verbs: Any) -> None:
     run = charts.add_parser("run", help="force, slip probability and slip distance over time")
     run.add_argument("run", type=Path, metavar="RUN", help="folder or recording.mcap of a run")
     run.add_argument(
-        "--out", type=Path, metavar="FILE",
+        "--out", type=picture, metavar="FILE",
         help="picture to write, .svg, .png or .pdf (default: run.svg beside the recording)",
     )  # fmt: skip
     run.set_defaults(handler=draw)
@@ -57,7 +66,7 @@ def _add_detectors(charts: Any) -> None:
         help="folders made by `grasp dataset build`; the split `test` is drawn",
     )  # fmt: skip
     parser.add_argument(
-        "--out", type=Path, default=Path("detectors.svg"), metavar="FILE",
+        "--out", type=picture, default=Path("detectors.svg"), metavar="FILE",
         help="picture to write; the numbers go beside it as .json (default: %(default)s)",
     )  # fmt: skip
     parser.set_defaults(handler=draw_detectors)
@@ -104,7 +113,7 @@ def _add_physics(charts: Any) -> None:
 def _add_computed(charts: Any, name: str, handler: Any, text: str) -> None:
     parser = charts.add_parser(name, help=text, description=text)
     parser.add_argument(
-        "--out", type=Path, default=Path(f"{name}.svg"), metavar="FILE",
+        "--out", type=picture, default=Path(f"{name}.svg"), metavar="FILE",
         help="picture to write, .svg, .png or .pdf; its numbers go beside it, as .json "
         "(default: %(default)s)",
     )  # fmt: skip
@@ -154,7 +163,7 @@ def _add_hunting(charts: Any) -> None:
         "time and force step, for three policies. The star is the default controller.",
     )
     parser.add_argument(
-        "--out", type=Path, default=Path("hunting.svg"), metavar="FILE",
+        "--out", type=picture, default=Path("hunting.svg"), metavar="FILE",
         help="picture to write, .svg, .png or .pdf (default: %(default)s)",
     )  # fmt: skip
     parser.set_defaults(handler=draw_hunting_map)
@@ -195,7 +204,7 @@ def _add_frontier(charts: Any) -> None:
         "file", type=Path, nargs="+", metavar="FILE", help="SQLite file of a campaign with axes"
     )
     parser.add_argument(
-        "--out", type=Path, default=Path("frontier.svg"), metavar="FILE",
+        "--out", type=picture, default=Path("frontier.svg"), metavar="FILE",
         help="picture to write, .svg, .png or .pdf; its numbers go beside it, as .json "
         "(default: %(default)s)",
     )  # fmt: skip
@@ -268,7 +277,7 @@ def _add_reaction_size(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add_workers(parser)
     parser.add_argument(
-        "--out", type=Path, default=Path("reaction.svg"), metavar="FILE",
+        "--out", type=picture, default=Path("reaction.svg"), metavar="FILE",
         help="picture to write, .svg, .png or .pdf; the figures go beside it as .json "
         "(default: %(default)s)",
     )  # fmt: skip

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import add_workers, decimal, need, workers
+from grasp.cli.options import add_workers, decimal, need, picture, workers
 
 HELP = "build and describe data sets of labelled fingertip recordings"
 
@@ -47,7 +47,7 @@ def _add_describe(actions: Any) -> None:
         "--split", choices=("train", "validation", "test"), help="of this split alone"
     )
     parser.add_argument(
-        "--pictures", type=Path, metavar="FILE",
+        "--pictures", type=picture, metavar="FILE",
         help="draw a few recordings, .svg, .png or .pdf; needs the extra `charts`",
     )  # fmt: skip
     _add_json(parser)

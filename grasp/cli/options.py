@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from scenarios.rigs.workers import Workers
 
 MOST_JOBS = 256
+PICTURES = (".svg", ".png", ".pdf")
 
 
 def whole(least: int, most: int) -> Callable[[str], int]:
@@ -43,6 +44,15 @@ def decimal(least: float, most: float) -> Callable[[str], float]:
         return value
 
     return number
+
+
+def picture(text: str) -> Path:
+    """Reads the name of a picture: one of a kind that can be drawn, before anything is computed."""
+    path = Path(text)
+    if path.suffix not in PICTURES:
+        kinds = f"{', '.join(PICTURES[:-1])} or {PICTURES[-1]}"
+        raise argparse.ArgumentTypeError(f"{text!r}: a name that ends in {kinds}")
+    return path
 
 
 seed = whole(0, 2**63 - 1)

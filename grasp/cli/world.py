@@ -9,7 +9,7 @@ from typing import Any
 
 from drivers.errors import BadFile, UsageError
 from grasp.cli import exits
-from grasp.cli.options import add_workers, need, progress, seed, whole, workers
+from grasp.cli.options import add_workers, need, picture, progress, seed, whole, workers
 from grasp.files import write_whole
 
 HELP = "fit and judge the simulated world, choose its physics"
@@ -74,7 +74,7 @@ def _add_calibrate(actions: Any) -> None:
     )
     parser.add_argument("--out", type=Path, metavar="FILE.toml", help="write the fitted values")
     parser.add_argument(
-        "--figure", type=Path, metavar="FILE", help="draw a simulated clip under the recording"
+        "--figure", type=picture, metavar="FILE", help="draw a simulated clip under the recording"
     )
     parser.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, nothing else"
@@ -85,7 +85,9 @@ def _add_calibrate(actions: Any) -> None:
 def _add_strokes(actions: Any) -> None:
     text = "draw what the simulated fingertip reads while it is slid there and back"
     parser = actions.add_parser("strokes", help=text, description=text)
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=".svg or .png")
+    parser.add_argument(
+        "--out", type=picture, required=True, metavar="FILE", help=".svg, .png or .pdf"
+    )
     parser.add_argument("--seed", type=seed, default=0, metavar="N")
     parser.set_defaults(handler=strokes)
 

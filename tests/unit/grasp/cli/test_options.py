@@ -8,7 +8,7 @@ import pytest
 
 from drivers.errors import UsageError
 from grasp.cli.main import build_parser, main
-from grasp.cli.options import decimal, need, whole
+from grasp.cli.options import decimal, need, picture, whole
 
 
 def options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Action]]:
@@ -17,7 +17,7 @@ def options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Act
         if isinstance(action, argparse._SubParsersAction):
             for verb in dict.fromkeys(action.choices.values()):
                 yield from options(verb)
-        elif action.type not in (None, str, Path):
+        elif action.type not in (None, str, Path, picture):
             yield f"{parser.prog} {'/'.join(action.option_strings) or action.dest}", action
 
 
@@ -76,3 +76,15 @@ def test_a_package_that_is_not_installed_is_refused_with_its_extra() -> None:
     with pytest.raises(UsageError, match="no_such_package") as caught:
         need("charts", "no_such_package")
     assert "grasp-controller[charts]" in caught.value.remedy
+
+
+@pytest.mark.parametrize("name", ["x", ".", "", "run.xyz", "/"])
+@pytest.mark.parametrize(
+    "words", [["chart", "run", "RUN", "--out"], ["dataset", "describe", "DIR", "--pictures"],
+              ["chart", "frontier", "FILE", "--out"]],
+)  # fmt: skip
+def test_a_picture_of_no_kind_that_can_be_drawn_is_refused_before_anything_is_computed(
+    words: list[str], name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words, name]) == 2
+    assert "a name that ends in .svg, .png or .pdf" in capsys.readouterr().err
