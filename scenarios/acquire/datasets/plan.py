@@ -51,10 +51,10 @@ class DatasetRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Some of the strokes, with ranges of their own over those that all share."""
+    """Some of the recordings, with ranges of their own over those that all share."""
 
     name: Name
-    share: Annotated[float, Meta(gt=0.0, le=1.0)]  # of the recordings of strokes
+    share: Annotated[float, Meta(gt=0.0, le=1.0)]  # of the recordings
     randomise: dict[str, Range] = {}
     on: dict[Name, dict[str, Range]] = {}  # of one surface
 
@@ -96,7 +96,7 @@ class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     least_recordings: Annotated[int, Meta(ge=3, le=1000)] = 10
     held_out: Annotated[float, Meta(gt=0.0, le=0.4)] = 0.1  # for validation, and as much for test
     rows: list[DatasetRow] = []
-    parts: list[Part] = []  # of the rows; their shares are taken in proportion
+    parts: list[Part] = []  # their shares are taken in proportion
     causes: list[CauseRow] = []
     recordings: Annotated[int, Meta(ge=0, le=100_000)] = 0  # of the causes, each at least three
     randomise: dict[str, Range] = {}
@@ -169,13 +169,15 @@ def _cause_jobs(config: DatasetConfig, first: int) -> list[Job]:
             seed = _seed(config, split, first + len(jobs))
             course = motion(DIRECTIONS["primary"][k % 4], 0.05, 1.0) if row.strokes else None
             name = row.on[k % len(row.on)]
+            part = part_of_job(config.parts, first + len(jobs))
             metadata = Metadata(
                 set="confusers", split=split, surface=name, cause=row.cause,
                 motion=course.kind if course else "none",
                 speed_mps=course.speed_mps if course else 0.0, spin_radps=0.0,
                 direction=course.direction if course else "", seed=seed, commit=commit,
                 layout=config.layout,
-                parameters=_parameters(config, row, name, seed),
+                part=part.name if config.parts else "",
+                parameters=_parameters(config, row, part, name, seed),
                 object=_object(row, name, seed) if row.cause in GRASPED else {},
             )  # fmt: skip
             path = f"{row.cause}/{k:03d}-{name}{SUFFIX}"
@@ -188,8 +190,10 @@ def _seed(config: DatasetConfig, split: Split, index: int) -> int:
     return config.seed * SEEDS + BLOCKS[split] + index
 
 
-def _parameters(config: DatasetConfig, row: CauseRow, name: str, seed: int) -> dict[str, float]:
-    ranges = config.randomise | config.on.get(name, {}) | row.randomise
+def _parameters(
+    config: DatasetConfig, row: CauseRow, part: Part, name: str, seed: int
+) -> dict[str, float]:
+    ranges = config.randomise | config.on.get(name, {}) | part.ranges(name) | row.randomise
     if row.cause in GRASPED:
         held = {key: bounds for key, bounds in ranges.items() if not key.startswith(PRESSED)}
         return drawn(held, seed)

@@ -133,7 +133,7 @@ def test_a_shaken_arm_is_heard_while_the_object_stays(
     """By what the object's inertia asks of the grip, and by the arm's own mode in the pads."""
     if not inertia:
         monkeypatch.setattr(acts, "SHAKE_SHARE", (0.0, 0.0))
-    loud = {"fingertip.vibration_mm": 0.03, "fingertip.grasp_share": 1.0}
+    loud = {"fingertip.vibration_mm": 0.03, "fingertip.holding_share": 1.0}
     (r,) = of(jobs, "grasped_arm_vibration", 1, **({} if inertia else loud))
     assert r.metadata is not None and r.moved_m is not None
     shakes = [a.t_s for a in r.metadata.acts if a.kind == "shake"]

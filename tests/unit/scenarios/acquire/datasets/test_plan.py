@@ -21,7 +21,7 @@ from scenarios.acquire.datasets.plan import (
 )
 from scenarios.rigs.world_of_seed import any_cell
 from scenarios.world import fingertip
-from scenarios.world.fingertip_settings import Surface
+from scenarios.world.fingertip_settings import FingertipSettings, Surface
 
 SETS = ("paper", "confusers", "grasped-slip")
 
@@ -93,6 +93,19 @@ def test_causes_have_their_shares_and_every_split(name: str, held_out: float) ->
         splits = Counter(job.metadata.split for job in jobs if job.metadata.cause == row.cause)
         least = max(1, round(held_out * counts[row.cause]))
         assert splits["validation"] == splits["test"] == least
+
+
+@pytest.mark.parametrize("name", ["confusers", "grasped-slip"])
+def test_fingertips_of_either_part_are_in_every_split_and_reach_that_of_a_run(name: str) -> None:
+    jobs = jobs_of(name)
+    for part in ("rigid", "compliant"):
+        chosen = [job for job in jobs if job.metadata.part == part]
+        assert {job.metadata.split for job in chosen} == {"train", "validation", "test"}
+    compliant = [job.metadata.parameters for job in jobs if job.metadata.part == "compliant"]
+    run = FingertipSettings()
+    for key in ("depth_mm", "crown_radius_mm", "tilt_rad", "foundation_n_per_mm3", "wander_mm"):
+        drawn = [values[f"fingertip.{key}"] for values in compliant]
+        assert min(drawn) < getattr(run, key) < max(drawn), key
 
 
 def test_thousands_of_blows_are_planned_half_of_them_near_what_just_moves_the_object() -> None:
