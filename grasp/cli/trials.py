@@ -184,7 +184,8 @@ def _report_series(
 def _kept(rows: list[Any], out: Path) -> str:
     """What a series that ended early has left, and how to go on with it."""
     judged = sum(row.status == "done" for row in rows)
-    void = "" if judged == len(rows) else f", {len(rows) - judged} more do not count"
+    more = len(rows) - judged
+    void = f", {more} more {'does' if more == 1 else 'do'} not count" if more else ""
     trials = "1 trial is" if judged == 1 else f"{judged} trials are"
     return f"{trials} in {out}{void}: go on with --out {out} --resume"
 

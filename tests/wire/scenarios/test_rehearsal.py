@@ -121,7 +121,7 @@ def lift_three(lab: Lab) -> None:
             run.wait_for("How far has the object slipped")
             cell.kill(signal.SIGKILL)
             assert run.wait() == 3, run.shown
-            assert "2 trials are in can.sqlite, 1 more do not count" in run.shown
+            assert "2 trials are in can.sqlite, 1 more does not count" in run.shown
             assert "cannot be told anything and holds by itself" in run.shown
     with lab.cell() as cell, lab.program(*lifts, "--resume") as run:
         put_in_place(run, cell, "Trial 3 of 3")
