@@ -17,6 +17,7 @@ FINGERS = len(FINGER_NAMES)
 KIT_TAXELS = (
     6  # of a fingertip of the Robotiq kit; how many there are is a setting (`tactile.cells`)
 )
+OPEN_COUNTS = 20  # a hand told to open rests at about 6; nothing is held so wide
 CODE_MAX = 1023  # of a taxel: ten bits
 PERIOD_NS = 10_000_000  # of a tactile sample and a control step: 100 Hz, as in the paper
 PERIOD_S = PERIOD_NS / 1e9
@@ -66,6 +67,13 @@ class GripperState(msgspec.Struct, frozen=True):
     def at_rest(self) -> bool:
         """True when the status is fresh and no finger moves."""
         return self.fresh and all(f.detection is not Detection.MOVING for f in self.fingers)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether all fingers stand so wide that they hold nothing."""
+        closed = (Detection.MOVING, Detection.CONTACT_CLOSING)
+        stand = all(f.detection not in closed for f in self.fingers)
+        return stand and max(self.positions) <= OPEN_COUNTS
 
     @property
     def requested(self) -> Counts3:

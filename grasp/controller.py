@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from drivers.interfaces import FINGER_NAMES, Counts3, Detection, Vector3
+from drivers.interfaces import FINGER_NAMES, OPEN_COUNTS, Counts3, Detection, Vector3
 from grasp.commands import (
     BeginRest,
     CloseFast,
@@ -199,8 +199,8 @@ class GraspController:
         if any(f.detection is Detection.CONTACT_CLOSING for f in seen.gripper.fingers):
             self._fail(seen, "the gripper already holds something")
             return
-        if seen.gripper.positions[0] > self._plan.grip_counts[0]:
-            self._fail(seen, "the hand is closed: it may not go down onto an object like that")
+        if max(seen.gripper.positions) > OPEN_COUNTS:  # a grip by position reports no contact
+            self._fail(seen, "the hand is not open: what it may hold would fall, or be hit")
             return
         if self._plan.home is None:
             self._line.home = seen.arm.position_m
@@ -383,7 +383,9 @@ class GraspController:
             self._out += way.commands
 
     def _release(self, seen: Observation) -> None:
-        if seen.hand_rests:
+        if seen.hand_rests and not seen.gripper.is_open:
+            self._fail(seen, f"the fingers stopped at {seen.gripper.positions} counts: not open")
+        elif seen.hand_rests:
             self._fire(Trigger.OPENED, seen, "fingers open")
             self._out.append(self._line.move(self._landing.clear_m, self._settings.lower_speed_mps))
 

@@ -25,7 +25,7 @@ POLL_NS = 50_000_000
 def release_gripper(
     config: GraspRigConfig, speed_mps: float, permit: MotionPermit | None, activating: bool
 ) -> Counts3:
-    """Open all fingers and wait until they rest; returns where they stand.
+    """Open all fingers and wait until they rest, open; returns where they stand.
 
     Raises Refused for a hand that is not active, unless it is to be activated, and for one that
     another process drives; the driver's errors; DeviceFault when the fingers do not open.
@@ -84,7 +84,7 @@ def _opened(gripper: Gripper, clock: Clock, speed_mps: float) -> Counts3:
         clock.sleep_until_ns(clock.now_ns + POLL_NS)
         gripper.pump(clock.now_ns)
         state = gripper.state
-        if state is not None and state.at_rest:
+        if state is not None and state.at_rest and state.is_open:
             return state.positions
     raise DeviceFault(
         "the fingers did not open", "free them by hand, then switch the gripper off and on"

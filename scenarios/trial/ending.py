@@ -15,7 +15,6 @@ from grasp.doubt import STOOD_STILL
 from grasp.loop import Issued, Tick
 from grasp.safe_state import doubts_arm
 
-OPEN_COUNTS = 20  # a hand told to open rests at about 6; nothing is held so wide
 NOUNS = {"tactile board": "fingertip", "gripper": "gripper", "arm": "arm"}  # in a cause
 UNKNOWN = "its force is not measured"
 FINGERTIPS_LIE = "fingertip"  # with these letters all doubts of them begin
@@ -80,7 +79,7 @@ def end_of(
     lies = any(part.startswith(STATUS_LIES) for part in cause.split("; "))
     doubted = lies or (tick.gripper.active and not tick.gripper.fresh)
     told = _hand(tick, hand, felt, "gripper" in deaf, doubted)
-    seen_open = is_open(tick.gripper) and "gripper" not in deaf and not doubted
+    seen_open = tick.gripper.is_open and "gripper" not in deaf and not doubted
     advice = "start the run again" if way_out and seen_open else way_out
     arm_lies = doubts_arm("; ".join((cause, *further)))
     return End(_arm(tick.arm, "arm" in deaf, arm_lies), told, advice, open=seen_open)
@@ -93,7 +92,7 @@ def between_trials(
     if arm is None or gripper is None:
         return End("the arm was told nothing", "the hand was told nothing", way_out)
     deaf_arm, deaf_hand = (device.age_ns(now_ns) > old_s * 1e9 for device in (arm, gripper))
-    opened = is_open(gripper)
+    opened = gripper.is_open
     how = "open" if opened else f"at {gripper.positions} counts"
     hand = f"the hand was {how} when last heard" if deaf_hand else f"the hand is {how}"
     advice = "" if opened else way_out
@@ -141,7 +140,7 @@ def _hand(tick: Tick, asked: Issued | None, felt: str, deaf: bool, doubted: bool
 def _stands(tick: Tick, asked: Issued | None, felt: str) -> str:
     if any(f.detection is Detection.MOVING for f in tick.gripper.fingers):
         return f"still moving, {felt}"
-    if is_open(tick.gripper):
+    if tick.gripper.is_open:
         return "open"
     if not _grips(tick):
         feels = "; what it feels is not known" if felt == UNKNOWN else ", and feels nothing"
@@ -160,12 +159,6 @@ def _closed(tick: Tick, close: CloseFast) -> str:
     if any(closes and f.detection is Detection.CONTACT_CLOSING for f, closes in fingers):
         return f"closed to the limit of {close.force_cap_n:g} N"
     return f"closed to its last count, within the limit of {close.force_cap_n:g} N"
-
-
-def is_open(gripper: GripperState) -> bool:
-    """Whether all fingers rest open."""
-    resting = all(f.detection is not Detection.MOVING for f in gripper.fingers)
-    return resting and max(gripper.positions) <= OPEN_COUNTS and not _touches(gripper)
 
 
 def _grips(tick: Tick) -> bool:

@@ -2,6 +2,7 @@
 
 import pytest
 
+from drivers.interfaces import Detection
 from grasp.commands import (
     BeginRest,
     CloseFast,
@@ -213,6 +214,24 @@ def test_gripper_that_already_holds_something_is_not_opened() -> None:
     assert d.controller.phase is Phase.FAULT
     assert d.controller.fault_cause == "the gripper already holds something"
     assert d.commands == [StopArm(1.0)]
+
+
+def test_hand_that_may_hold_something_by_position_is_not_opened() -> None:
+    d = Driver()
+    d.step(gripper=gripper(TICK, positions=(55, 55, 55)))
+    assert d.controller.phase is Phase.FAULT
+    assert "not open" in d.controller.fault_cause
+    assert d.commands == [StopArm(1.0)]
+
+
+@pytest.mark.parametrize("says", [Detection.CONTACT_OPENING, Detection.AT_TARGET])
+def test_arm_does_not_rise_with_fingers_that_stopped_on_their_way_open(says: Detection) -> None:
+    d = released()
+    d.commands.clear()
+    d.step(gripper=d.hand(positions=(55, 55, 55), detections=(says,) * 3))
+    assert d.controller.phase is Phase.FAULT
+    assert "not open" in d.controller.fault_cause
+    assert not any(isinstance(c, MoveArm) for c in d.commands)
 
 
 def test_phase_that_lasts_too_long_is_a_fault() -> None:
