@@ -27,3 +27,7 @@ class Blow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     follow_n_s: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.0
     follow_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     delay_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
+
+    def __post_init__(self) -> None:
+        if self.follow_n_s > 0.0 and self.follow_s == 0.0:
+            raise ValueError("follow_n_s: a hand follows through for some time: follow_s > 0")

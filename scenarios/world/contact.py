@@ -136,9 +136,12 @@ class Contact:
         self, settings: ContactSettings, body: GraspObject, level: Level = Level.SLIDER,
         blow_level: Level | None = None,
     ) -> None:  # fmt: skip
-        """``blow_level``: while a blow moves the object; None: as before it."""
+        """``blow_level``: while a blow moves the object; None: as before it. Raises ValueError for
+        a lesser one, which would not know what to do with a rotation."""
         self.level, self._before = level, level
         self._blow_level = level if blow_level is None else blow_level
+        if self._blow_level < level:
+            raise ValueError(f"{self._blow_level.label} is less than {level.label}")
         self.state = initial_state(present=False)
         self._settings = settings
         self._parameters = parameters(settings, body, level)
@@ -159,10 +162,15 @@ class Contact:
         self._elements[:, laws.E_SLIDES :] = 0.0
 
     def _go_on_at(self, level: Level) -> None:
-        """Another level from now on: each element takes over its finger's stretch."""
+        """Another level from now on: each element takes over its finger's stretch; after L0, which
+        keeps none, what carries that finger's force."""
         if level is self.level:
             return
         old, new = self._elements, elements(self._settings, level)
+        if self.level is Level.RIGID:
+            steeper = math.hypot(1.0, self.state[laws.SLOPE])
+            shear_n = self.state[laws.SHEAR : laws.SHEAR + FINGERS]
+            old[:, laws.E_STRETCH_Z] = shear_n * steeper / self._settings.shear_stiffness_npm
         for finger in range(FINGERS):
             was = old[old[:, laws.E_FINGER] == finger, laws.E_SLIDES :].mean(axis=0)
             new[new[:, laws.E_FINGER] == finger, laws.E_SLIDES :] = was
@@ -180,7 +188,9 @@ class Contact:
         s[laws.TAP_DIRECTION], s[laws.TAP_START_S] = _DIRECTIONS[blow.direction], start_s
         s[laws.TAP_S], s[laws.TAP_N_S] = blow.duration_s, blow.impulse_n_s
         s[laws.FOLLOW_S], s[laws.FOLLOW_N_S] = blow.follow_s, blow.follow_n_s
-        s[laws.TAP_OFFSET] = blow.offset_m
+        # of the object as it stood at first: it may have moved in the hand since
+        moved_m = s[laws.COM_RISE if blow.direction == "side" else laws.COM_ACROSS]
+        s[laws.TAP_OFFSET] = blow.offset_m - moved_m
         s[laws.MOVED_FROM_S] = s[laws.MOVED_UNTIL_S] = laws.NOT_YET
         self._moved_s = start_s + blow.duration_s + blow.follow_s
 

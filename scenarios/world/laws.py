@@ -100,71 +100,36 @@ def centre_on_pad(p: Floats, slip: float) -> float:
 
 
 @njit(cache=True)
-def normal_forces(p: Floats, width: float, travel: Floats, state: Floats, out: Floats) -> None:
+def normal_forces(
+    p: Floats, width: float, travel: Floats, state: Floats, out: Floats, push: float = 0.0
+) -> None:
     """Normal force of each finger (3,), N, into ``out``; the lateral position into the state.
 
     Compression of finger i: wall minus pad surface, minus what has relaxed. The balance
-    N_A = N_B + N_C is piecewise linear in the lateral position; with B and C either both or one of
-    them touching there are three cases, and the consistent one is taken.
+    N_A = N_B + N_C + push (of a blow along the closing axis, onto the thumb) is piecewise linear in
+    the lateral position: of B and C the one that reaches less far lets go first.
     """
     reach = np.empty(FINGERS)  # compression at lateral position zero
     for i in range(FINGERS):
         relaxed = p[P_RELAX] * state[RELAXED + i]
         reach[i] = width - (p[P_APERTURE] - travel[i]) - relaxed
         out[i] = 0.0
+    if width < 0.0:
+        return
     k = p[P_STIFFNESS:]
-    if width < 0.0:
+    far, near = (1, 2) if reach[1] >= reach[2] else (2, 1)
+    thumb = k[0] * reach[0] - push
+    lateral = (k[far] * reach[far] + k[near] * reach[near] - thumb) / (k[0] + k[far] + k[near])
+    if reach[near] <= lateral:
+        lateral = (k[far] * reach[far] - thumb) / (k[0] + k[far])
+        if reach[far] <= lateral:
+            lateral = -thumb / k[0]
+    if reach[0] + lateral <= 0.0:
         return
-    for case in range(3):
-        use_b = case != 2
-        use_c = case != 1
-        k_b = k[1] if use_b else 0.0
-        k_c = k[2] if use_c else 0.0
-        lateral = (k_b * reach[1] + k_c * reach[2] - k[0] * reach[0]) / (k[0] + k_b + k_c)
-        n_a = k[0] * (reach[0] + lateral)
-        n_b = k[1] * (reach[1] - lateral)
-        n_c = k[2] * (reach[2] - lateral)
-        if n_a <= 0.0:
-            continue
-        if (n_b > 0.0) == use_b and (n_c > 0.0) == use_c:
-            state[LATERAL] = lateral
-            out[0] = n_a
-            out[1] = n_b if use_b else 0.0
-            out[2] = n_c if use_c else 0.0
-            return
-
-
-@njit(cache=True)
-def struck_normal_forces(
-    p: Floats, width: float, travel: Floats, push: float, state: Floats, out: Floats
-) -> None:
-    """``normal_forces`` while ``push`` N press the object onto the thumb: N_A = N_B + N_C + push.
-
-    Any finger may lose touch; the balance has one solution among the seven sets of fingers.
-    """
-    reach = np.empty(FINGERS)
-    side = np.array([1.0, -1.0, -1.0])  # thumb and opposing fingers gain and lose by motion aside
-    for i in range(FINGERS):
-        reach[i] = width - (p[P_APERTURE] - travel[i]) - p[P_RELAX] * state[RELAXED + i]
-        out[i] = 0.0
-    if width < 0.0:
-        return
-    for touching in range(1, 8):
-        total, stiffness = push, 0.0
-        for i in range(FINGERS):
-            if touching >> i & 1:
-                total -= side[i] * p[P_STIFFNESS + i] * reach[i]
-                stiffness += p[P_STIFFNESS + i]
-        lateral = total / stiffness
-        consistent = True
-        for i in range(FINGERS):
-            pressed = reach[i] + side[i] * lateral > 0.0
-            consistent = consistent and pressed == (touching >> i & 1 == 1)
-        if consistent:
-            state[LATERAL] = lateral
-            for i in range(FINGERS):
-                out[i] = max(0.0, p[P_STIFFNESS + i] * (reach[i] + side[i] * lateral))
-            return
+    state[LATERAL] = lateral
+    out[0] = k[0] * (reach[0] + lateral)
+    for i in range(1, FINGERS):
+        out[i] = max(0.0, k[i] * (reach[i] - lateral))
 
 
 @njit(cache=True)
@@ -341,21 +306,24 @@ def solve_planar(v: Floats, inertia: Floats, push: Floats, work: Floats, small: 
 
 @njit(cache=True)
 def _half_sine(since_s: float, duration_s: float, impulse_n_s: float) -> float:
-    phase = since_s / duration_s if duration_s > 0.0 else -1.0
-    if phase <= 0.0 or phase >= 1.0:
+    """What such a pulse has delivered, N s; one that has no length delivers nothing."""
+    if duration_s <= 0.0:
         return 0.0
-    force: float = 0.5 * math.pi * impulse_n_s / duration_s * math.sin(math.pi * phase)
-    return force
+    phase = min(max(since_s / duration_s, 0.0), 1.0)
+    return 0.5 * impulse_n_s * (1.0 - math.cos(math.pi * phase))
 
 
 @njit(cache=True)
-def tap_force(s: Floats, t_s: float) -> float:
-    """Force, N, of the mallet at time t_s: a half sine that carries TAP_N_S in all, then a longer
-    one of FOLLOW_N_S while the hand follows through."""
-    since = t_s - s[TAP_START_S]
-    return _half_sine(since, s[TAP_S], s[TAP_N_S]) + _half_sine(
-        since - s[TAP_S], s[FOLLOW_S], s[FOLLOW_N_S]
-    )
+def tap_force(s: Floats, t_s: float, h: float) -> float:
+    """Mean force, N, of the mallet from t_s on for h seconds, so that no step loses any of its
+    impulse: a half sine that carries TAP_N_S in all, then a longer one of FOLLOW_N_S while the
+    hand follows through."""
+    carried = 0.0
+    for end, sign in ((t_s + h, 1.0), (t_s, -1.0)):
+        since = end - s[TAP_START_S]
+        carried += sign * _half_sine(since, s[TAP_S], s[TAP_N_S])
+        carried += sign * _half_sine(since - s[TAP_S], s[FOLLOW_S], s[FOLLOW_N_S])
+    return carried / h
 
 
 @njit(cache=True)
@@ -548,10 +516,7 @@ def _step(
     onto the thumb, N; torque about the middle of the grip, N m."""
     gone = s[PRESENT] == 0.0 or abs(s[ACROSS]) > p[P_HALF_WIDTH]
     width, slope = (-1.0, 0.0) if gone else width_and_slope(p, s[SLIP])
-    if blow[2] > 0.0:
-        struck_normal_forces(p, width, travel, blow[2], s, n)
-    else:
-        normal_forces(p, width, travel, s, n)
+    normal_forces(p, width, travel, s, n, blow[2])
     cos = 1.0 / math.sqrt(1.0 + slope * slope)
     push = p[P_MASS] * (GRAVITY_MPS2 - s[SPEED] / h) - blow[1]
     for i in range(FINGERS):
@@ -589,9 +554,9 @@ def _note(p: Floats, s: Floats, t_s: float) -> None:
 
 
 @njit(cache=True)
-def _blow(s: Floats, t_s: float, out: Floats) -> None:
-    """What mallet and pull do at t_s, as ``_step`` takes it."""
-    force = tap_force(s, t_s)
+def _blow(s: Floats, t_s: float, h: float, out: Floats) -> None:
+    """What mallet and pull do in a step of h seconds from t_s on, as ``_step`` takes it."""
+    force = tap_force(s, t_s, h)
     out[:] = 0.0
     if s[TAP_DIRECTION] == CLOSING:
         out[2] = force
@@ -599,7 +564,7 @@ def _blow(s: Floats, t_s: float, out: Floats) -> None:
         out[0], out[3] = force, -force * s[TAP_OFFSET]
     else:
         out[1], out[3] = -force, -force * s[TAP_OFFSET]
-    out[1] -= pull_force(s, t_s)
+    out[1] -= pull_force(s, t_s + 0.5 * h)
 
 
 @njit(cache=True)
@@ -628,7 +593,7 @@ def advance(
         for i in range(FINGERS):
             travel[i] = travel0[i] + (travel1[i] - travel0[i]) * end
         if struck or s[PULL_N] != 0.0:
-            _blow(s, t_s + (j + 1) * h - 0.5 * h, blow)
+            _blow(s, t_s + j * h, h, blow)
         v_hand = mean + (v1 - v0) * (middle - 0.5)
         _step(p, s, e, h, v_hand, travel, blow, n, work, small)
         _note(p, s, t_s + (j + 1) * h)

@@ -28,8 +28,8 @@ class WorldSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     blow_level: Annotated[
         Literal["same", "L0", "L1", "L2", "L3", "L4"],
         Meta(
-            description="while a blow moves the object; same: as level, and where that is auto, "
-            "the cheapest that keeps the tolerance"
+            description="while a blow moves the object, no less than level; same: as level, and "
+            "where that is auto, the cheapest that keeps the tolerance"
         ),
     ] = "same"
     tolerance: Annotated[
@@ -44,6 +44,10 @@ class WorldSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     force_tolerance_n: Annotated[
         float, Meta(gt=0.0, le=10.0, description="on the peak force of a finger; assumed")
     ] = 0.2
+
+    def __post_init__(self) -> None:
+        if self.forced is not None and (self.from_blow_on or self.forced) < self.forced:
+            raise ValueError(f"blow_level: {self.blow_level} is less than level, {self.level}")
 
     @property
     def forced(self) -> Level | None:

@@ -56,6 +56,22 @@ def lift(
     return state
 
 
+@pytest.mark.parametrize("push_n", [0.0, 5.0])
+def test_finger_that_just_grazes_takes_no_force_from_the_others(push_n: float) -> None:
+    # where rounding decides whether it touches; a step without any force would drop the object
+    p, rng = parameters(ContactSettings(), body()), np.random.default_rng(1)
+    width = p[laws.P_HALF_WIDTH]
+    out, state, stiffness = np.zeros(3), initial_state(), p[laws.P_STIFFNESS]
+    for _ in range(2000):
+        a, c = rng.uniform(1e-3, 5e-3, 2)
+        grazing = 0.5 * (c - a + push_n / stiffness)  # where a and c alone put the object's wall
+        at = np.array([a, grazing, c]) + p[laws.P_APERTURE] - width
+        laws.normal_forces(p, width, at, state, out, push_n)
+        assert out[1] == pytest.approx(0.0, abs=1e-9)
+        assert out[0] == pytest.approx(0.5 * (stiffness * (a + c) + push_n), rel=1e-9)
+        assert out[0] == pytest.approx(out[1] + out[2] + push_n, rel=1e-9)
+
+
 def test_thumb_carries_the_sum_of_the_opposing_fingers() -> None:
     p = parameters(ContactSettings(), body())
     forces = forces_at(p, travel(56, 55, 55.4))

@@ -206,6 +206,40 @@ def test_world_without_an_object_lets_time_pass() -> None:
     assert (contact.state == before).all()
 
 
+@pytest.mark.parametrize("level", COMPLIANT)
+@pytest.mark.parametrize("below", [Level.RIGID, Level.SLIDER])
+def test_object_that_hangs_still_hangs_still_at_a_fuller_level(below: Level, level: Level) -> None:
+    contact, grip = held(below, level, added_mass_kg=0.55)  # 8.8 N; its pads can bear 16
+    before = contact.state.copy()
+    contact.strike(blow("top", impulse_n_s=0.0), 0.3)
+    for k in range(50):
+        contact.advance(0.3 + k * 1e-3, 1e-3, 0.0, 0.0, 0.0, grip, grip)
+        pulls = contact.state[laws.SHEAR : laws.SHEAR + FINGERS]
+        assert pulls.sum() == pytest.approx(0.9 * laws.GRAVITY_MPS2, rel=0.01)
+    assert contact.state[laws.SLIP] == pytest.approx(before[laws.SLIP], abs=2e-6)
+
+
+def test_cell_does_not_go_on_at_a_lesser_level() -> None:
+    # it would keep on turning whatever turned when the blow fell
+    with pytest.raises(ValueError, match="L1 is less than L4"):
+        Contact(PADS, body(), Level.BRUSH, Level.SLIDER)
+
+
+@pytest.mark.parametrize("direction", ["top", "side"])
+def test_blow_lands_beside_the_grip_wherever_the_object_is_by_then(direction: str) -> None:
+    def spun(moved_m: float) -> float:
+        contact = Contact(PADS, body(mass_kg=0.35), Level.SPIN)
+        contact.place()
+        contact.state[laws.HEIGHT] = 10.0
+        contact.state[laws.COM_RISE if direction == "side" else laws.COM_ACROSS] = moved_m
+        contact.strike(blow(direction, 0.04), 0.0)
+        contact.advance(0.0, 0.1, 0.0, 0.0, 0.0, np.zeros(FINGERS), np.zeros(FINGERS))
+        return float(contact.state[laws.TURN_RATE])
+
+    assert spun(0.01) == pytest.approx(0.75 * spun(0.0))  # its weight is so much nearer
+    assert spun(0.04) == pytest.approx(0.0, abs=1e-9)
+
+
 def test_object_put_in_place_anew_begins_at_the_level_before_a_blow() -> None:
     contact, grip = held(Level.SLIDER, Level.BRUSH)
     contact.strike(blow(), 0.3)
