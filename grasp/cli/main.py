@@ -2,8 +2,10 @@
 
 import argparse
 import sys
+import traceback
 from collections.abc import Sequence
 from contextlib import nullcontext
+from pathlib import Path
 from typing import Any, NoReturn
 
 from drivers.errors import GraspError, UsageError
@@ -31,6 +33,12 @@ VERBS = (
     run, campaign, grip_search, replay, runs, chart, dataset, detector, tactile, world, config,
     doctor, emulate, release,
 )  # fmt: skip
+
+NUMBA_CACHE = ("numba", "core", "caching.py")
+BAD_CACHE = (
+    "compiled functions cannot be kept or read",
+    "set NUMBA_CACHE_DIR to an empty folder that can be written",
+)
 
 
 class Parser(argparse.ArgumentParser):
@@ -113,7 +121,16 @@ def _run(words: Sequence[str], as_json: bool) -> int:
         text = f"{where}{error.strerror or error}"
         return exits.report("could_not_record", text, "free the path or the disk", as_json)
     except Exception as error:
+        if _of_the_compiled(error):
+            return exits.report("config", *BAD_CACHE, as_json)
         return _bug(error, as_json)
+
+
+def _of_the_compiled(error: Exception) -> bool:
+    """Whether it came from where numba keeps compiled functions: no folder can be written, or a
+    file there was cut off."""
+    frames = traceback.extract_tb(error.__traceback__)
+    return any(Path(frame.filename).parts[-3:] == NUMBA_CACHE for frame in frames)
 
 
 def _bug(error: Exception, as_json: bool) -> int:
@@ -121,7 +138,5 @@ def _bug(error: Exception, as_json: bool) -> int:
     if as_json:
         text = f"{type(error).__name__}: {error}"
         return exits.report("internal", text, "a bug: run without --json and report it", True)
-    import traceback
-
     traceback.print_exc()
     return exits.INTERNAL

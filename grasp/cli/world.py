@@ -15,7 +15,7 @@ from grasp.files import write_whole
 HELP = "fit and judge the simulated world, choose its physics"
 SCENES = ("lift", "tap", "side-tap", "hold")
 MOST_QUANTITY = 1000.0  # m, rad or N
-UNITS = {"": 1.0, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "rad": 1.0,
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "rad": 1.0,
          "deg": math.pi / 180, "N": 1.0, "mN": 1e-3}  # fmt: skip
 SHOWN_OF_ABLATIONS = {
     "AUC of energy": "AUC", "increment rms static": "static", "increment rms slip": "slip",
@@ -255,8 +255,9 @@ def _add_plan(actions: Any) -> None:
     parser.add_argument("scene", metavar="SCENARIO", choices=SCENES, help=", ".join(SCENES))
     parser.add_argument("--object", default="can", metavar="NAME", help="default: %(default)s")
     parser.add_argument(
-        "--tolerance", type=quantity("m", "um", "mm", "cm"), default=1e-3, metavar="LENGTH",
-        help="on the slip distance read at the tape mark, such as 1mm (default)",
+        "--tolerance", type=quantity("m", "mm", "um", "cm"), default=1e-3, metavar="LENGTH",
+        help="on the slip distance read at the tape mark, with its unit: m, mm, um or cm "
+        "(default: 1mm)",
     )  # fmt: skip
     parser.add_argument(
         "--rotation", type=quantity("rad", "deg"), metavar="ANGLE",
@@ -284,8 +285,8 @@ def _add_check(actions: Any) -> None:
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the first draw")
     parser.add_argument("--detector", default="energy", metavar="NAME", help="default: %(default)s")
     parser.add_argument(
-        "--tolerance", type=quantity("m", "um", "mm", "cm"), metavar="LENGTH",
-        help="in place of world.tolerance, such as 0.5mm",
+        "--tolerance", type=quantity("m", "mm", "um", "cm"), metavar="LENGTH",
+        help="in place of world.tolerance, with its unit, such as 0.5mm",
     )  # fmt: skip
     add_workers(parser)
     parser.add_argument("--out", type=Path, metavar="FILE.json", help="write every draw")
@@ -312,18 +313,19 @@ def check(args: argparse.Namespace) -> int:
 
 
 def quantity(*units: str) -> Any:
-    """Reads a number above zero with one of these units, or bare in the first."""
+    """Reads a number above zero with one of these units. A bare one is refused: whoever writes 1
+    for a length means millimetres as often as metres."""
 
     def length(text: str) -> float:
         match = re.fullmatch(r"\s*([-+0-9.eE]+?)\s*([a-zA-Z]*)\s*", text)
         try:
-            if match is None or (match[2] and match[2] not in units):
+            if match is None or match[2] not in units:
                 raise ValueError
             value = float(match[1]) * UNITS[match[2]]
             if not 0.0 < value <= MOST_QUANTITY:
                 raise ValueError
         except ValueError:
-            given = f"not a number above zero with one of the units {', '.join(units)}: {text!r}"
+            given = f"not a number above zero with its unit ({', '.join(units)}): {text!r}"
             raise argparse.ArgumentTypeError(given) from None
         return value
 

@@ -24,10 +24,10 @@ class VariationSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     """Spreads between trials; zero switches one off."""
 
     friction_cv: Annotated[
-        float, Meta(ge=0, le=0.5, description="relative deviation of both frictions; assumed")
+        float, Meta(ge=0, le=0.3, description="relative deviation of both frictions; assumed")
     ] = 0.08
     mass_cv: Annotated[
-        float, Meta(ge=0, le=0.5, description="relative deviation of the mass; assumed")
+        float, Meta(ge=0, le=0.3, description="relative deviation of the mass; assumed")
     ] = 0.02
     finger_scatter_m: Annotated[
         float, Meta(ge=0, le=0.005, description="deviation of where a finger stops; assumed")
@@ -75,6 +75,12 @@ class Draw(msgspec.Struct, frozen=True):
     finger_offset_m: NDArray[np.float64]  # (3,) added travel of each finger
 
 
+def wider(body: GraspObject, settings: VariationSettings) -> GraspObject:
+    """As wide as it is in every trial."""
+    width_m = body.half_width_m + settings.width_error_m
+    return msgspec.structs.replace(body, half_width_m=width_m)
+
+
 def draw(
     settings: VariationSettings, body: GraspObject, hand: HandSettings, rng: np.random.Generator
 ) -> Draw:
@@ -91,12 +97,11 @@ def draw(
     aside = float(np.clip(rng.standard_normal(), -CUT, CUT))
     rub = 1 + settings.friction_cv * friction
     varied_body = msgspec.structs.replace(
-        body,
+        wider(body, settings),
         friction_static=body.friction_static * rub,
         friction_kinetic=body.friction_kinetic * rub,
         mass_kg=body.mass_kg * (1 + settings.mass_cv * mass),
         added_mass_kg=body.added_mass_kg * (1 + settings.mass_cv * mass),
-        half_width_m=body.half_width_m + settings.width_error_m,
         centre_aside_m=body.centre_aside_m + settings.aside_m * aside,
         grip_height_m=body.grip_height_m + settings.start_height_m * height,
         body_above_grip_m=body.body_above_grip_m - settings.start_height_m * height,

@@ -1,5 +1,7 @@
 """Everything that a tap can be told."""
 
+import msgspec
+
 from scenarios.rigs.variation import CUT
 from scenarios.tap.blows import blow_of, direction_of, nominal_impulse_n_s
 from scenarios.tap.settings import TapScoringSettings, TapSettings
@@ -23,4 +25,5 @@ class TapConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         )
         blow = blow_of(tap, direction, tap.strength * nominal_n_s, 0.0)
         offset_m = 0.0 if direction == "closing" else CUT * tap.offset_spread_m
-        return planned(self, run_scene(self, blow, CUT * tap.spread, offset_m))
+        scene = run_scene(self, blow, CUT * tap.spread, offset_m)
+        return planned(self, msgspec.structs.replace(scene, mark_height_m=tap.mark_height_m))

@@ -1,12 +1,17 @@
 """The scene of a trial as the world's planner takes it, from the settings and what seeds draw."""
 
-import msgspec
-
 from drivers.errors import ConfigError
-from scenarios.rigs.variation import CUT
+from scenarios.rigs.variation import CUT, wider
 from scenarios.trial.config import TrialConfig
 from scenarios.world.blow import Blow
-from scenarios.world.ladder.runs import Ranges, RunPlan, RunScene, first_travel, plan_run
+from scenarios.world.ladder.runs import (
+    LevelRefused,
+    Ranges,
+    RunPlan,
+    RunScene,
+    first_travel,
+    plan_run,
+)
 from scenarios.world.ladder.scene import ArmRise
 
 HARDWARE = "hardware"
@@ -18,9 +23,7 @@ def run_scene(
     """A lift, or a blow on what is held; ``impulse`` (relative) and ``offset_m``: the most that one
     blow differs from the next."""
     varied, controller, counts = config.variation, config.controller, config.object.grip_counts
-    body = msgspec.structs.replace(
-        config.object, half_width_m=config.object.half_width_m + varied.width_error_m
-    )
+    body = wider(config.object, varied)
     return RunScene(
         body=body,
         contact=config.contact,
@@ -52,5 +55,5 @@ def planned(config: TrialConfig, scene: RunScene) -> RunPlan | None:
         return None
     try:
         return plan_run(scene, config.world)
-    except ValueError as error:
+    except LevelRefused as error:
         raise ConfigError("world", "level", str(error), "auto, or L1 to L4") from None

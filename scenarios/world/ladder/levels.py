@@ -52,15 +52,15 @@ def simulate(
 
 
 def admits_rigid(scene: Scene) -> bool:
-    """The exact solution of L0 knows straight bodies, elastic pads and a single pulse only."""
+    """The exact solution of L0 knows straight bodies, elastic pads, a single pulse and no pull."""
     elastic = scene.contact.relaxation_fraction == 0.0
     pulse = scene.tap is None or (scene.tap.follow_n_s == 0.0 and scene.tap.direction != "closing")
-    return scene.body.shape == "straight" and elastic and pulse
+    return scene.body.shape == "straight" and elastic and pulse and scene.pull is None
 
 
 def _rigid(scene: Scene) -> SceneOutcome:
     if not admits_rigid(scene):
-        raise ValueError("L0 knows neither flanks, relaxation nor a follow-through; use L1")
+        raise ValueError("L0 knows neither flanks, relaxation, a follow-through nor a pull; use L1")
     slip, u, forces = rigid.run(scene)
     lost = slip >= scene.body.body_above_grip_m
     end = [np.interp(scene.duration_s, forces.t_s, n) for n in forces.force_n.T]

@@ -50,6 +50,15 @@ class Tolerance(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     rotation_rad: Annotated[float, Meta(gt=0.0)] | None = None
     peak_force_n: Annotated[float, Meta(gt=0.0)] | None = None
 
+    def words(self) -> str:
+        """As a person reads it."""
+        asked = [f"{self.slip_m * 1e3:.4g} mm"]
+        if self.rotation_rad is not None:
+            asked.append(f"{math.degrees(self.rotation_rad):.3g} deg")
+        if self.peak_force_n is not None:
+            asked.append(f"{self.peak_force_n:.3g} N")
+        return ", ".join(asked)
+
 
 class Indicators(msgspec.Struct, frozen=True):
     """Dimensionless numbers of a scene that say which terms it could do without."""
@@ -127,7 +136,7 @@ class Plan(msgspec.Struct, frozen=True):
 
     def lines(self) -> list[str]:
         """The same, and the choice with its answer."""
-        return [*_reasons(self), *_choice(self.answer)]
+        return [*_reasons(self), *_choice(self.answer, self.tolerance)]
 
 
 def indicators(scene: Scene) -> Indicators:
@@ -311,7 +320,7 @@ def _reasons(found: Plan) -> list[str]:
         turning = f"{side}, eccentricity {facts.eccentricity:.2g}: L0 is not admitted"
     lines = [f"load {facts.load_ratio:.2f} of the static cone; {turning}"]
     if facts.coupled:
-        lines.append("flanks or relaxing pads: L0 is not admitted")
+        lines.append("flanks, relaxing pads or a pull: L0 is not admitted")
     if facts.rings:
         lines.append(f"vibration at {facts.frequency_ratio:.2f} of the pads' resonance or near the "
                      "cone: L0 is not admitted")  # fmt: skip
@@ -326,15 +335,17 @@ def _reasons(found: Plan) -> list[str]:
     return lines
 
 
-def _choice(a: Answer) -> list[str]:
+def _choice(a: Answer, tolerance: Tolerance) -> list[str]:
     step = "no step" if a.level is Level.RIGID else f"step {a.step_s * 1e3:.3g} ms"
     meaning = _MEANING[a.level]
     if a.level is Level.BRUSH:
         meaning += f" {a.points} x {a.points} a finger"
-    turn_deg = math.degrees(a.turn_rad)
-    return [
-        f"choice: L{int(a.level)} ({meaning}), {step}, two steps "
-        f"{a.step_error:.2g} tolerances apart ({STEP_SHARE:.2g} allowed)",
-        f"slip {a.slip_m * 1e3:.3f} mm at the mark, rotation {turn_deg:.2f} deg, "
-        f"peak force {a.peak_force_n:.2f} N",
-    ]
+    lines = [f"choice: L{int(a.level)} ({meaning}), {step}, two steps "
+             f"{a.step_error:.2g} tolerances apart ({STEP_SHARE:.2g} allowed)"]  # fmt: skip
+    if a.step_error > STEP_SHARE:
+        least_ms = LEAST_STEP_S * 1e3
+        lines.append(f"TOLERANCE NOT KEPT: no step below {least_ms:.2g} ms is halved further")
+    turn_deg, slip_mm = math.degrees(a.turn_rad), a.slip_m * 1e3
+    lines.append(f"slip {slip_mm:.3f} mm at the mark, rotation {turn_deg:.2f} deg, peak force "
+                 f"{a.peak_force_n:.2f} N; asked within {tolerance.words()}")  # fmt: skip
+    return lines

@@ -55,7 +55,9 @@ class Problem(msgspec.Struct, frozen=True):
 
 
 def problem(scene: Scene, level: Level, brush_points: int = 6) -> Problem:
-    """Raises ValueError for flanks and relaxation, which it does not know."""
+    """Raises ValueError for flanks, relaxation and a pull, which it does not know."""
+    if scene.pull is not None:
+        raise ValueError("the reference knows no pull")
     if scene.body.shape != "straight" or scene.contact.relaxation_fraction != 0.0:
         raise ValueError("the reference knows straight bodies without relaxation only")
     m, forces = rigid.motion(scene), rigid.grip_forces(scene)

@@ -24,9 +24,14 @@ from scenarios.world.scene_terms import PullSettings
 from scenarios.world.world_settings import WorldSettings
 
 LIFT_S, FIRM_S, TAP_S, STRUCK_S, SETTLES_S = 1.6, 0.6, 0.4, 0.02, 0.1
+DECIDED_S = 1.0  # after so long a pull the object is lost, or stands
 NEARLY = (1.02, 1.1)  # a pull that the pads just bear decides whether the object slips; assumed
 LEAST_STEP_S = 1e-5
 REACTION_S = (0.1, 0.6)  # start of the rise to first closing; assumed, as in experiments.py
+
+
+class LevelRefused(ValueError):
+    """A level was told that cannot do what the scene asks."""
 
 
 class Ranges(msgspec.Struct, frozen=True, kw_only=True):
@@ -43,7 +48,7 @@ class Ranges(msgspec.Struct, frozen=True, kw_only=True):
 
 class RunScene(msgspec.Struct, frozen=True, kw_only=True):
     """What all trials of one object and scenario do to it: a lift, or a blow on what is held; a
-    pull besides, where there is one."""
+    pull besides, where there is one. ``mark_height_m``: of the tape mark, above the grip."""
 
     body: GraspObject
     contact: ContactSettings
@@ -54,6 +59,7 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
     ranges: Ranges
     blow: Blow | None = None
     pull: PullSettings = PullSettings()
+    mark_height_m: float = 0.05
 
     def lifts(self) -> list[Scene]:
         """Corners of what goes on without a blow: weak and firm, the weight and the uneven grip on
@@ -61,7 +67,7 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
         that, on what is held firmly: weak, firm, and where the pads just bear it."""
         if self.blow is not None:
             return [self._firm(self._body(grip, 1.0)) for grip in (-1.0, 1.0)] + self._pulls()
-        return [self._lift(self._body(a, b), b, c) for a, b, c in self._signs()] + self._pulls()
+        return self._pulls() + [self._lift(self._body(a, b), b, c) for a, b, c in self._signs()]
 
     def _pulls(self) -> list[Scene]:
         if self.pull.force_n == 0.0:
@@ -87,11 +93,13 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
         return [self._tap(self.blow, self._body(a, b), b, c) for a, b, c in self._signs()]
 
     def _signs(self) -> Iterable[tuple[float, float, float]]:
-        """Grip, side and path of each corner, the worst first; where either side is the mirror
-        image of the other, one of them."""
-        return itertools.product(
-            (-1.0, 1.0), (1.0,) if self._mirrored else (-1.0, 1.0), (1.0, -1.0)
-        )
+        """Grip, side and path of each corner, the worst first, and at last the middle of grip and
+        path: what loses the object at one end of its ranges and leaves it still at the other, tells
+        of neither how far it slips. Where either side is the mirror image of the other, one of
+        them."""
+        sides = (1.0,) if self._mirrored else (-1.0, 1.0)
+        corners = itertools.product((-1.0, 1.0), sides, (1.0, -1.0))
+        return [*corners, *((0.0, side, 0.0) for side in sides)]
 
     @property
     def _mirrored(self) -> bool:
@@ -123,13 +131,14 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
         early, late = REACTION_S
         every = self.full_grip_n[0] > self.full_grip_n[1] + self.full_grip_n[2]
         closing = Closing(
-            start_s=early if path < 0.0 else late, speed_mps=self.closing_mps,
+            start_s=early + 0.5 * (1 + path) * (late - early), speed_mps=self.closing_mps,
             force_stop_n=self.full_grip_n[0], fingers="all" if every else "thumb",
         )  # fmt: skip
         grip = self._uneven(self.first_travel_m, aside)
         return Scene(
             name="lift", duration_s=LIFT_S, body=body, contact=self.contact, on_table=True,
             grip=msgspec.structs.replace(grip, closing=closing), arm=self.arm,
+            mark_height_m=self.mark_height_m,
         )  # fmt: skip
 
     def _held(self, body: GraspObject, aside: float) -> Grip:
@@ -137,16 +146,18 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
         return self._uneven(squeeze(body, self.contact, b_n, c_n), aside)
 
     def _pulled(self, body: GraspObject, aside: float) -> Scene:
-        pull = msgspec.structs.replace(self.pull, after_s=STRUCK_S)
+        lasts_s = min(self.pull.lasts_s, DECIDED_S)
+        pull = msgspec.structs.replace(self.pull, after_s=STRUCK_S, lasts_s=lasts_s)
         return Scene(
             name="pull", duration_s=2 * (STRUCK_S + pull.ramp_s) + pull.lasts_s + SETTLES_S,
             body=body, contact=self.contact, grip=self._held(body, aside), pull=pull,
+            mark_height_m=self.mark_height_m,
         )  # fmt: skip
 
     def _firm(self, body: GraspObject) -> Scene:
         return Scene(
             name="firm lift", duration_s=FIRM_S, body=body, contact=self.contact, on_table=True,
-            grip=self._held(body, 1.0), arm=self.arm,
+            grip=self._held(body, 1.0), arm=self.arm, mark_height_m=self.mark_height_m,
         )  # fmt: skip
 
     def _tap(self, blow: Blow, body: GraspObject, aside: float, path: float) -> Scene:
@@ -158,7 +169,7 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
         )  # fmt: skip
         return Scene(
             name=f"{blow.direction}-tap", duration_s=TAP_S, body=body, contact=self.contact,
-            grip=self._held(body, aside), tap=struck,
+            grip=self._held(body, aside), tap=struck, mark_height_m=self.mark_height_m,
         )  # fmt: skip
 
 
@@ -195,8 +206,8 @@ def asked_of(world: WorldSettings, contact: ContactSettings) -> Tolerance:
 
 @cache
 def plan_run(scene: RunScene, world: WorldSettings) -> RunPlan:
-    """Level and steps for all trials of a scene. Raises ValueError where a level was told that
-    cannot do it."""
+    """Level and steps for all trials of a scene. Raises LevelRefused where one was told that cannot
+    do it."""
     contact, asked = scene.contact, asked_of(world, scene.contact)
     before = _chosen(world.forced, scene.lifts(), contact.step_s, asked)
     struck = _Chosen(before.level, contact.blow_step_s)
@@ -206,7 +217,11 @@ def plan_run(scene: RunScene, world: WorldSettings) -> RunPlan:
         if told is None and struck.level < before.level:
             struck = msgspec.structs.replace(struck, level=before.level)
         if struck.level is Level.RIGID and scene.blow.direction == "side":
-            raise ValueError("L0 moves up and down only: no blow from the side")
+            raise LevelRefused("L0 moves up and down only: no blow from the side")
+        if struck.level < before.level:
+            raise LevelRefused(
+                f"{before.level.label} before the blow, and {struck.level.label} is less"
+            )
     return RunPlan(
         level=before.level.label, step_s=before.step_s, blow_level=struck.level.label,
         blow_step_s=struck.step_s, asked=world.level, blow_asked=world.blow_level,
@@ -218,8 +233,9 @@ def plan_run(scene: RunScene, world: WorldSettings) -> RunPlan:
 def _chosen(
     told: Level | None, scenes: list[Scene], largest_s: float, asked: Tolerance
 ) -> _Chosen:  # fmt: skip
-    """What the corner that asks for most needs, and a step that does there. L0 is left out: a run
-    that has it is no faster, and its fingertips feel no pad give before it slides."""
+    """What the corner that asks for most needs, and a step that does there and in the middle. L0 is
+    left out: a run that has it is no faster, and its fingertips feel no pad give before it
+    slides."""
     if told is not None:
         return _Chosen(told, largest_s)
     plans = []
@@ -229,7 +245,8 @@ def _chosen(
             break
     found, corner = max(plans, key=lambda pair: _demand(pair[0]))
     why = f"{corner.name}, in the corner that asks for most: {found.level.label}", *found.reasons()
-    return _Chosen(found.level, _step_s(corner, found.level, largest_s, asked), why)
+    steps = [_step_s(scene, found.level, largest_s, asked) for scene in (corner, scenes[-1])]
+    return _Chosen(found.level, min(steps), why)
 
 
 def _demand(found: Plan) -> tuple[int, float]:

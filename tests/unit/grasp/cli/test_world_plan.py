@@ -2,10 +2,11 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from grasp.cli import exits
+from grasp.cli import exits, world
 from grasp.cli.main import main
 
 
@@ -14,6 +15,17 @@ def test_plan_explains_its_choice_in_a_few_lines(capsys: pytest.CaptureFixture[s
     lines = capsys.readouterr().out.splitlines()
     assert 3 <= len(lines) <= 7
     assert any(line.startswith("choice: L") for line in lines)
+
+
+def test_plan_says_how_exactly_it_was_asked_and_when_it_cannot_be_had(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["world", "plan", "tap", "--tolerance", "0.5mm", "--rotation", "2deg"]) == 0
+    out = capsys.readouterr().out
+    assert "asked within 0.5 mm, 2 deg" in out
+    assert "NOT KEPT" not in out
+    assert main(["world", "plan", "tap", "--tolerance", "0.000001um"]) == 0
+    assert "TOLERANCE NOT KEPT" in capsys.readouterr().out
 
 
 def test_plan_as_json_has_the_choice_and_the_explanation(
@@ -29,8 +41,9 @@ def test_plan_as_json_has_the_choice_and_the_explanation(
 
 @pytest.mark.parametrize(
     "words",
-    [["--tolerance", "1 mile"], ["--tolerance", "-1mm"], ["--tolerance", "nan"],
-     ["--rotation", "3mm"], ["--object", "no-such-thing"], ["--set", "scene.aside_m=7"]],
+    [["--tolerance", "1 mile"], ["--tolerance", "1"], ["--tolerance", "-1mm"],
+     ["--tolerance", "nan"], ["--rotation", "2"], ["--rotation", "3mm"],
+     ["--object", "no-such-thing"], ["--set", "scene.aside_m=7"]],
 )  # fmt: skip
 def test_plan_refuses_what_it_cannot_read(
     words: list[str], capsys: pytest.CaptureFixture[str]
@@ -47,3 +60,17 @@ def test_chart_that_cannot_be_written_fails_before_the_work(
         out = tmp_path / "no-such-folder" / "chart.svg"
         assert main(["chart", chart, "--out", str(out)]) == exits.INTERNAL
     assert "no-such-folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("error", [
+    RuntimeError("cannot cache function 'f': no locator available for file 'laws.py'"), EOFError(),
+])  # fmt: skip
+def test_compiled_functions_that_can_be_kept_nowhere_are_told_with_what_to_do(
+    error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = "/usr/lib/python3/site-packages/numba/core/caching.py"
+    scope: dict[str, Any] = {"error": error}
+    exec(compile("def fails(args): raise error", file, "exec"), scope)
+    monkeypatch.setattr(world, "show_plan", scope["fails"])
+    assert main(["world", "plan", "tap"]) == exits.USAGE
+    assert "NUMBA_CACHE_DIR" in capsys.readouterr().err
