@@ -204,6 +204,9 @@ def _merge(into: Table, new: Table, source: str, sources: dict[str, str], prefix
             into[key] = value
 
 
+TOGETHER = "what goes together"
+
+
 def _explain(cls: type[msgspec.Struct], message: str, sources: dict[str, str]) -> ConfigError:
     """A ConfigError from msgspec's message, `problem - at `$.section.key``."""
     problem, _, at = message.partition(" - at `$")
@@ -221,7 +224,9 @@ def _explain(cls: type[msgspec.Struct], message: str, sources: dict[str, str]) -
             return ConfigError(_source(sources, key), key, f"is called {new} now", new)
         return ConfigError(_source(sources, key), key, text, ", ".join(known))
     if not key:  # settings that do not go together
-        return ConfigError(next(iter(sources.values()), "-"), "-", problem, "what goes together")
+        return ConfigError(next(iter(sources.values()), "-"), "-", problem, TOGETHER)
+    if hasattr(_type_at(cls, key), "__struct_fields__") and not problem.startswith("Expected"):
+        return ConfigError(_source(sources, key), key, problem, TOGETHER)
     return ConfigError(_source(sources, key), key, problem, allowed(cls, key))
 
 

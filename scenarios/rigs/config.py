@@ -15,7 +15,7 @@ from drivers.takktile.settings import TakkTileSettings, UsbSettings
 from drivers.ur.driver import ArmSettings
 from drivers.ur.link.client import UrSettings
 from drivers.ur.model import ArmModelSettings
-from scenarios.rigs.variation import VariationSettings
+from scenarios.rigs.variation import VariationSettings, wider
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.fingertip_settings import FingertipSettings
 from scenarios.world.objects import GraspObject
@@ -64,6 +64,16 @@ class GraspRigConfig(RigConfig, frozen=True, forbid_unknown_fields=True, kw_only
     world: WorldSettings = WorldSettings()
     pull: PullSettings = PullSettings()
     damage: DamageSettings = DamageSettings()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        half_m = wider(self.object, self.variation).half_width_m
+        open_m = self.contact.half_aperture_m
+        if self.rig != "hardware" and not 0.0 < half_m < open_m:
+            raise ValueError(
+                f"object.half_width_m with variation.width_error_m: {half_m * 1e3:g} mm, and the "
+                f"hand opens {open_m * 1e3:g} mm a side (contact.half_aperture_m)"
+            )
 
 
 class PressRigConfig(RigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):

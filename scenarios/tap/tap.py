@@ -112,8 +112,10 @@ def run_series(config: TapConfig, seeds: Sequence[int], bench: Bench) -> Series[
     config = tap_config(config)
     guard = make_guard(config)
     check_runs(bench.runs)
-    for seed in seeds[:1]:
-        swing(config, seed)  # a blow that cannot be found is told before anything moves
+    first = {direction_of(config.tap, seed): seed for seed in reversed(seeds)}
+    for seed in first.values():  # what cannot be had is told before anything moves
+        swing(config, seed)
+        config.physics(seed)
 
     def attempt(
         seed: int, rig: GraspRig, home: Vector3 | None

@@ -13,18 +13,18 @@ class Blow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     thumb. Struck ``delay_s`` from now.
     """
 
-    impulse_n_s: Annotated[float, Meta(ge=0.0, le=5.0, description="assumed, 0.08-0.45 N s")]
+    impulse_n_s: Annotated[float, Meta(ge=0.0, le=15.0, description="assumed, 0.08-0.45 N s")]
     duration_s: Annotated[float, Meta(gt=0.0, le=0.2, description="assumed, 2-16 ms")]
     direction: Literal["top", "side", "closing"] = "top"
     offset_m: Annotated[
         float,
         Meta(
-            ge=-0.3, le=0.3,
+            ge=-0.5, le=0.5,
             description="from the grip's middle: beside it for a blow on the top, above it for one "
             "on the side",
         ),
     ] = 0.0  # fmt: skip
-    follow_n_s: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.0
+    follow_n_s: Annotated[float, Meta(ge=0.0, le=15.0)] = 0.0
     follow_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     delay_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 0.0
 

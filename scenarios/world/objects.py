@@ -30,7 +30,7 @@ class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         tuple[Counts, Counts, Counts],
         Meta(description="motor counts A, B, C of the first, too weak grasp; 0-255, assumed"),
     ]
-    mass_kg: Annotated[float, Meta(gt=0.0, le=3.0, description="of the object alone; assumed")]
+    mass_kg: Annotated[float, Meta(ge=1e-4, le=3.0, description="of the object alone; assumed")]
     added_mass_kg: Annotated[
         float, Meta(ge=0.0, le=3.0, description="weights added for the lift (paper); assumed")
     ] = 0.0
@@ -76,6 +76,13 @@ class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     texture_length_m: Annotated[
         float, Meta(ge=0.2e-3, le=10e-3, description="its correlation length; assumed, 1-2 mm")
     ] = 1.5e-3
+
+    def __post_init__(self) -> None:
+        if self.friction_kinetic > self.friction_static:
+            raise ValueError(
+                f"friction_kinetic: {self.friction_kinetic:g} is more than friction_static, "
+                f"{self.friction_static:g}: nothing slides harder than it begins to"
+            )
 
     @property
     def total_kg(self) -> float:

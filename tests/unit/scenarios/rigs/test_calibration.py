@@ -56,7 +56,7 @@ def test_settings_of_equal_names_but_other_figures_have_other_hashes(tmp_path: P
     [
         ("least_force_n = 0.1", "calibration.least_force_n", ">= 1 and <= 30"),
         ("leest_force_n = 9.5", "calibration.leest_force_n", "least_force_n"),
-        ("least_force_n = 20.0", "calibration", "GripperCalibration"),
+        ("least_force_n = 20.0", "calibration", "goes together"),
     ],
 )
 def test_an_error_names_the_file_the_key_and_what_is_allowed(

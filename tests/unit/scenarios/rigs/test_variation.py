@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from drivers.errors import ConfigError
 from scenarios.rigs.variation import Draw, VariationSettings, draw
 from scenarios.rigs.world_of_seed import cell_settings, make_cell
 from scenarios.world.contact import Level
@@ -71,3 +72,25 @@ def test_zero_spreads_leave_the_object_as_it_is() -> None:
 def test_rest_counts_differ_from_trial_to_trial() -> None:
     first, again, other = (make_cell(config(), seed).fingertips.rest.tolist() for seed in (0, 0, 1))
     assert first == again != other
+
+
+def test_no_draw_makes_mass_or_friction_nothing_or_less() -> None:
+    with pytest.raises(ConfigError, match="mass_cv"):
+        config("variation.mass_cv=0.5")
+    widest = config("variation.mass_cv=0.3", "variation.friction_cv=0.3").variation
+    for trial in drawn(widest, 400):
+        assert min(trial.body.mass_kg, trial.body.friction_kinetic) > 0.0
+
+
+@pytest.mark.parametrize("told", [
+    ("object.half_width_m=0.07", "variation.width_error_m=0.01"), ("contact.half_aperture_m=0.03",),
+    ("object.half_width_m=0.01", "variation.width_error_m=-0.01"),
+])  # fmt: skip
+def test_object_that_the_open_hand_cannot_take_is_refused(told: tuple[str, ...]) -> None:
+    with pytest.raises(ConfigError, match="half_width_m"):
+        config(*told)
+
+
+def test_object_that_slides_harder_than_it_begins_to_is_refused() -> None:
+    with pytest.raises(ConfigError, match="friction_kinetic"):
+        config("object.friction_kinetic=1.2")

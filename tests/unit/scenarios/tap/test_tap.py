@@ -243,6 +243,20 @@ def test_search_says_so_when_every_blow_that_moves_it_so_far_knocks_it_out() -> 
         swing(c, 0)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_strongest_and_furthest_blow_that_settings_allow_can_be_struck(seed: int) -> None:
+    furthest = ("tap.side_offset_m=0.3", "tap.top_offset_m=0.1", "tap.offset_spread_m=0.05")
+    hardest = ("tap.impulse_n_s=2", "tap.strength=3", "tap.spread=0.5", "tap.follow_fraction=0.5")
+    c = tap_config(config(*furthest, *hardest))
+    assert swing(c, seed).impulse_n_s > 0.5
+    assert c.physics(seed) is not None
+
+
+def test_level_that_the_second_tap_of_a_series_cannot_have_is_refused_before_the_first() -> None:
+    with pytest.raises(ConfigError, match="no blow from the side"):
+        tap.run_series(config(HEARS, "world.level=L0"), (0, 1), Bench())  # top, then side
+
+
 def test_paper_added_weights_for_the_lift_only() -> None:
     assert tap_config(config()).object.added_mass_kg == 0.0
 
