@@ -172,6 +172,7 @@ class SimulatedCell:
     def compile(self) -> None:
         """Run every compiled function once. The first time on a machine that takes seconds, which
         must have passed before a device has to answer."""
+        self.contact.compile()
         self._near(self._now_ns + EXCHANGE_NS)
         self._advance_to(self._now_ns + EXCHANGE_NS)
         self._latch(self._now_ns)()

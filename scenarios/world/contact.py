@@ -236,6 +236,14 @@ class Contact:
             rise_m, from_mps, to_mps, travel0, travel1,
         )  # fmt: skip
 
+    def compile(self) -> None:
+        """Run the law once, on a copy: it is not asked before there is an object."""
+        still = np.zeros(FINGERS)
+        laws.advance(
+            self._parameters, self.state.copy(), self._elements.copy(), 0.0, 1e-3,
+            self._settings.step_s, 0.0, 0.0, 0.0, still, still,
+        )  # fmt: skip
+
     @property
     def stiffness_npm(self) -> Floats:
         """(3,) dN/dtravel of each finger with the others still; a view of the state."""
