@@ -32,7 +32,7 @@ PAUSES_S = {  # from one act to the next
     "tap": (0.4, 1.5),
     "arm_vibration": (0.5, 2.0),
 }
-STEPS_N = (1.5, 9.0)  # forces that are pressed with
+STEPS_N = (1.2, 7.0)  # forces that are pressed with
 KNOCKS_N_S = (0.005, 0.06)  # on a pressed pad
 KNOCKS_S = (0.004, 0.015)
 
