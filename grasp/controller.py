@@ -374,6 +374,8 @@ class GraspController:
         lasted_ns = seen.t_ns - self._entered_ns
         if way := self._landing.step(self.phase, lasted_ns, seen):
             self._take(way, seen)
+        else:
+            self._out += self._landing.again(self.phase, seen)
 
     def _take(self, way: Way, seen: Observation) -> None:
         if way.trigger is Trigger.LOSE:

@@ -158,7 +158,12 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         Meta(ge=0.1, le=30.0, description="a safe state that is not seen is asked for so long"),
     ] = 3.0
     repeat_s: Annotated[
-        float, Meta(ge=0.02, le=1.0, description="between two requests for a safe state")
+        float,
+        Meta(
+            ge=0.02,
+            le=1.0,
+            description="between two requests for a safe state, or for a stop on the way down",
+        ),
     ] = 0.1
     keep: Annotated[bool, Meta(description="keep holding at the top instead of setting down")] = (
         False

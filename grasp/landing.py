@@ -47,6 +47,7 @@ class Landing:
         self._tight_m = 0.0
         self._touches = 0
         self._let_go_m = 0.0
+        self._stopped_ns = 0  # when the arm was last told to
 
     @property
     def clear_m(self) -> float:
@@ -67,12 +68,20 @@ class Landing:
 
     def step(self, phase: Phase, lasted_ns: int, seen: Observation) -> Way | None:
         """Out of that phase, which has lasted so long; None while it goes on."""
+        if self._felt.contact_lost(seen.t_ns):
+            return Way(Trigger.LOSE, "contact lost on the way down")
         if phase in (Phase.LOWER, Phase.LAND):
             return self._go_down(phase, seen)
         stands = not seen.pending and not seen.arm.moving
         if not stands or lasted_ns < self._settings.relax_s * 1e9:  # what is felt changes
             return None
         return self._touch(seen) if phase is Phase.TOUCH else self._probe(seen)
+
+    def again(self, phase: Phase, seen: Observation) -> tuple[Command, ...]:
+        """What was asked for in that phase and is not seen: a stop may be lost on its way."""
+        due = seen.t_ns - self._stopped_ns >= self._settings.repeat_s * 1e9
+        on_its_way = phase is Phase.TOUCH and seen.arm.moving and not seen.pending
+        return self._stop(seen) if due and on_its_way else ()
 
     @property
     def _near_m(self) -> float:
@@ -87,8 +96,6 @@ class Landing:
     def _go_down(self, phase: Phase, seen: Observation) -> Way | None:
         """The grip tightens where closed fingers slide down over a flank that widens."""
         rise_n = grip_n(seen) - self._grip_n
-        if self._felt.contact_lost(seen.t_ns):
-            return Way(Trigger.LOSE, "contact lost on the way down")
         if phase is Phase.LOWER and self._line.stands_at(seen, self._near_m):
             return self._slowly(seen, Trigger.NEAR, "from here on the object may stand")
         if phase is Phase.LAND and self._line.stands_at(seen, 0.0):
@@ -98,7 +105,11 @@ class Landing:
         self._touches += 1
         self._tight_m = self._line.height_m(seen)
         cause = f"the grip is {rise_n:.1f} N tighter on the way down"
-        return Way(Trigger.TIGHTENED, cause, (StopArm(self._settings.stop_deceleration_mps2),))
+        return Way(Trigger.TIGHTENED, cause, self._stop(seen))
+
+    def _stop(self, seen: Observation) -> tuple[Command, ...]:
+        self._stopped_ns = seen.t_ns
+        return (StopArm(self._settings.stop_deceleration_mps2),)
 
     def _quickly(self, trigger: Trigger, cause: str) -> Way:
         self._take_grip()

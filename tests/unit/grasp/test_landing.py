@@ -126,3 +126,28 @@ def test_fault_while_it_is_found_out_whether_it_stands_closes_the_hand(phase: Ph
     d.commands.clear()
     d.step(trouble="unplugged", measured_n=GRIP)
     assert [type(c) for c in d.commands] == [StopArm, CloseFast]
+
+
+def test_stop_on_the_way_down_is_repeated_until_the_arm_is_seen_to_stand() -> None:
+    d = tightened(3.5)
+    d.commands.clear()
+    for _ in range(35):
+        d.step(measured_n=bears(3.5), arm=arm(d.t_ns + TICK, 0.02, moving=True))
+    assert d.controller.phase is Phase.TOUCH
+    assert [type(c) for c in d.commands] == [StopArm] * 3
+    d.commands.clear()
+    for _ in range(15):
+        d.step(measured_n=bears(3.5), arm=arm(d.t_ns + TICK, 0.02))
+    assert not any(isinstance(c, StopArm) for c in d.commands)
+
+
+@pytest.mark.parametrize("phase", [Phase.TOUCH, Phase.PROBE])
+def test_hand_that_feels_nothing_any_more_makes_no_step_down(phase: Phase) -> None:
+    d = tightened(3.5)
+    if phase is Phase.PROBE:
+        d.until(Phase.PROBE, measured_n=bears(3.5))
+    d.commands.clear()
+    for _ in range(10):
+        d.step(measured_n=bears(0.0))
+    assert d.controller.phase is Phase.LOST
+    assert moves(d) == []

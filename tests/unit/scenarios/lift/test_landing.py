@@ -1,5 +1,7 @@
 """A ball that slipped is set down: it stands before the arm is down, and its flank widens."""
 
+from collections.abc import Callable
+
 import pytest
 
 from grasp.loop import Tick
@@ -9,9 +11,11 @@ from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig
+from scenarios.rigs.rig import GraspRig
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
 from scenarios.world.cell import Truth
 from tests.unit.scenarios.conftest import RIGID
+from tests.unit.scenarios.lift.test_asked_again import lose_stops
 
 SLIPPED_M = 0.015
 BOUND_N = 11.0  # limit and stated overshoot
@@ -62,17 +66,27 @@ def test_ball_that_slipped_all_the_way_is_not_pressed_beyond_the_limit_by_a_loop
     assert trial.controller.finished
 
 
+def test_stop_that_is_lost_on_the_way_down_does_not_press_the_ball_beyond_the_limit() -> None:
+    trial, seen = watched(ball("energy", "damage.gain_lost=0.5"), 1, lambda rig: lose_stops(rig, 1))
+    assert Phase.TOUCH in {tick.decision.phase for tick, _ in seen}
+    assert hardest_n(seen) < BOUND_N
+    assert trial.controller.finished
+
+
 Seen = list[tuple[Tick, Truth]]
 
 
-def watched(settings: LiftConfig, seed: int) -> tuple[FinishedTrial, Seen]:
-    """A lift, and what was seen of it from when the arm turned."""
+def watched(
+    settings: LiftConfig, seed: int, act: Callable[[GraspRig], object] = lambda rig: None
+) -> tuple[FinishedTrial, Seen]:
+    """A lift, and what was seen of it from when the arm turned, and ``act`` was done."""
     seen: Seen = []
     begun: list[bool] = []
 
     def watch(tick: Tick, truth: Truth | None, _: object) -> None:
         assert truth is not None
         if begun or tick.decision.phase in LOWERING_PHASES:
+            act(rig) if not begun else None
             begun.append(True)
             seen.append((tick, truth))
 
