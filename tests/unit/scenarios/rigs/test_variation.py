@@ -1,5 +1,7 @@
 """What differs between trials is drawn from the distributions that are stated."""
 
+from typing import Any
+
 import msgspec
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ import pytest
 from drivers.errors import ConfigError
 from scenarios.rigs.variation import Draw, VariationSettings, draw
 from scenarios.rigs.world_of_seed import cell_settings, make_cell
+from scenarios.world import laws
 from scenarios.world.contact import Level
 from tests.unit.scenarios.conftest import config
 
@@ -46,6 +49,17 @@ def test_blow_on_what_no_plan_was_made_for_is_followed_at_the_fullest_level() ->
     assert (told.level, told.blow_level) == (Level.SPIN, None)
     told = cell_settings(config("world.blow_level=L2"), 0)[0]
     assert (told.level, told.blow_level) == (Level.SLIDER, Level.POINTS)
+
+
+def test_rotation_of_the_object_is_felt_by_every_fingertip(monkeypatch: pytest.MonkeyPatch) -> None:
+    cell, felt = make_cell(config(), 0), {}
+    for turn_rad in (0.0, 0.1):
+        told: list[Any] = []
+        monkeypatch.setattr(cell.fingertips, "advance", lambda *a, _told=told, **_: _told.append(a))
+        cell.contact.state[laws.TURN] = turn_rad
+        cell.compile()  # the pads are asked once
+        felt[turn_rad] = told[-1][3]
+    assert felt[0.1] - felt[0.0] == pytest.approx([-0.1, 0.1, 0.1])  # the pads face each other
 
 
 def test_gripped_higher_means_that_less_of_the_body_is_above_the_pads() -> None:
