@@ -112,6 +112,7 @@ def owners(kind: Type) -> Iterator[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_every_setting_is_read_of_its_own_section() -> None:
     """By type, so that another class's attribute of the same name does not count."""
     reads = read_by_type()
