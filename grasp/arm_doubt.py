@@ -21,13 +21,15 @@ class ArmDoubt:
         self._spare_s = 0.0  # to turn round
         self._anchor: tuple[int, Vector3] = (0, NOWHERE)  # last motion seen
         self._started = False
+        self._stopping = False  # it was told to, last
+        self._stood_m: Vector3 | None = None  # where it said first that it does
 
     def told(self, command: MoveArm | StopArm, arm: ArmState) -> None:
         """A command goes out while the arm is like this."""
         if isinstance(command, StopArm):
-            self._command = None
+            self._command, self._stopping = None, True
             return
-        self._command, self._started = command, False
+        self._command, self._started, self._stopping = command, False, False
         self._old_way, self._way = self._way, self._way_of(command, arm)
         ramp = command.acceleration_mps2
         self._spare_s = 2.0 * math.sqrt(2.0 * self._settings.arm_moved_m / ramp)
@@ -54,7 +56,20 @@ class ArmDoubt:
         if pending and not self._started:
             self._anchor = (arm.t_ns, arm.position_m)
         strayed = self._strayed(arm, pending)
-        return self._jumped(before, arm) or strayed or self._froze(arm, pending)
+        return (
+            self._jumped(before, arm) or strayed or self._went_on(arm) or self._froze(arm, pending)
+        )
+
+    def _went_on(self, arm: ArmState) -> str:
+        """Told to stop, it says that it stands."""
+        if not self._stopping or arm.moving:
+            self._stood_m = None
+            return ""
+        self._stood_m = self._stood_m or arm.position_m
+        way_m = math.dist(arm.position_m, self._stood_m)
+        if way_m > self._settings.arm_there_m:
+            return f"arm_goes_on: {way_m * 1e3:.0f} mm since it said that it stands"
+        return ""
 
     def _jumped(self, before: ArmState, arm: ArmState) -> str:
         s = self._settings

@@ -102,9 +102,10 @@ class Pursuit:
         stale_ns = self._settings.stale_after_s * 1e9
         arm, hand = self.safe.missing_of_arm(seen, stale_ns), self.safe.missing_of_hand(seen)
         self.unreached = (*arm, *hand)
-        # what the hand was told before may set it going once more, though its status says it rests
+        # what the hand was told before may set it going once more, though its status says it rests;
+        # and an arm may go on though it says that it stands
         due = seen.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9
-        reached = not self.unreached and (due or self.safe.leaves_hand)
+        reached = not self.unreached and due
         waited_ns = seen.t_ns - self.safe.since_ns
         if reached or waited_ns >= self._settings.safe_state_s * 1e9:
             self.over = True

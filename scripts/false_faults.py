@@ -55,7 +55,7 @@ CHECKS = (
     "fingertips_frozen", "fingertip_dead", "fingertips_at_rail", "fingertips_jump",
     "fingertips_absent", "detector_failed", "gripper_silent", "gripper_stands",
     "gripper_inactive", "gripper_impossible", "arm_position_nan", "arm_frozen", "arm_wrong_way",
-    "arm_jump",
+    "arm_goes_on", "arm_jump",
 )  # fmt: skip
 PATIENCE = ("1", "1/2", "1/4")
 RANGES = ("soft_low_counts", "soft_high_counts", "pressing_ma", "stuck_samples")

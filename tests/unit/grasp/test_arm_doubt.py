@@ -249,3 +249,21 @@ def test_a_command_on_its_way_does_not_move_the_arm_yet() -> None:
     assert doubt.see(at(0.5, 0.0), True) == ""
     assert doubt.see(at(0.6, 0.0), False) == ""
     assert doubt.see(at(0.9, 0.0), False).startswith("arm_frozen: ")
+
+
+def stopped_and_gone(m: float, moving: bool = False) -> str:
+    """Told to stop on its way up, it says that it stands, or does not, and goes on."""
+    doubt = ArmDoubt(DoubtSettings(arm_there_m=0.002))
+    doubt.see(at(0.0, 0.0), False)
+    x, y, z = arm(0).position_m
+    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+    assert doubt.see(at(0.1, 0.005), False) == ""
+    doubt.told(StopArm(1.0), at(0.1, 0.005))
+    assert doubt.see(at(0.11, 0.006), False) == ""
+    said = msgspec.structs.replace(at(0.15, 0.006 + m), moving=moving)
+    return doubt.see(said, False).partition(":")[0]
+
+
+def test_arm_that_was_stopped_and_says_that_it_stands_does_not_go_on() -> None:
+    assert (stopped_and_gone(0.0019), stopped_and_gone(0.0021)) == ("", "arm_goes_on")
+    assert stopped_and_gone(0.0021, moving=True) == ""

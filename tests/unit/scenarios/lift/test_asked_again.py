@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import msgspec
 import pytest
 
 from drivers.errors import LinkLost
@@ -63,6 +64,35 @@ def test_arm_that_hears_no_stop_is_said_to_move_on() -> None:
     assert end is not None
     moving = fault.cell(staged.rig).arm.moving(staged.rig.clock.now_ns)
     assert moving == ("the arm still moves" in end.unreached)
+
+
+def deny_motion(rig: Rig) -> None:
+    """Whatever the arm does, it says that it stands."""
+    still = {"moving": False, "velocity_mps": (0.0, 0.0, 0.0)}
+    fault.cell(rig).arm.misreport(lambda sample: msgspec.structs.replace(sample, **still))
+
+
+@pytest.mark.parametrize("end", [silence_fingertips, None], ids=["fault", "a person"])
+@pytest.mark.parametrize("phase", IN_THE_AIR)
+def test_arm_that_denies_its_motion_is_told_again_and_not_said_to_stand(
+    phase: Phase, end: Any
+) -> None:
+    staged = Staged()
+
+    def act(rig: Rig) -> None:
+        lose_stops(rig, 4)
+        deny_motion(rig)
+        if end is None:
+            raise KeyboardInterrupt
+        end(rig)
+
+    trial = staged.run(in_phase(phase, 20), act)
+    rig = staged.rig
+    assert fault.cell(rig).arm.velocity(rig.clock.now_ns) == (0.0, 0.0, 0.0)
+    assert any(doubt.startswith("arm_goes_on: ") for doubt in trial.controller.further)
+    left = trial.end(staged.config)
+    assert left is not None
+    assert left.arm == "the arm says that it stands"
 
 
 def closed_again(staged: Staged, trial: Any) -> None:
