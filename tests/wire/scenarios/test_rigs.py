@@ -111,7 +111,7 @@ def test_hardware_rig_pointed_at_a_cell_gives_the_verdict_without_the_truth(tmp_
     assert result["success"] is True
     assert result["outcome"] == "held"
     assert all(result[name] is None for name in TRUTH_FIELDS)
-    assert 8.0 < result["peak_measured_n"]["A"] < 13.0  # nobody knows better there
+    assert 5.0 < result["peak_measured_n"]["A"] < 13.0  # nobody knows better there
     assert [p["phase"] for p in result["phases"]][6:10] == [
         "lift", "compensate", "lift", "hold",
     ]  # fmt: skip

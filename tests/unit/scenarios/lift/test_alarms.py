@@ -18,15 +18,16 @@ from tests.unit.scenarios.conftest import config
 Said = tuple[float, float, float]  # a probability a finger
 ALARM, QUIET = (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)
 # stated time of every phase of a run: to the object and its grip, which hear no alarm; 0.1 m up and
-# down, the hold with its alarms, patience at each end
+# down, all of that at the speed of a landing where slip ended at the top; the hold with its alarms,
+# patience at each end
 LONGEST_S = {
     Phase.APPROACH: 1.0, Phase.REST: 1.0, Phase.GRASP: 1.5, Phase.OPPOSE: 2.0, Phase.RELAX: 0.5,
     Phase.LISTEN: 0.5, Phase.DONE: 0.1,
-    Phase.LIFT: 3.0, Phase.COMPENSATE: 1.5, Phase.HOLD: 3.0, Phase.LOWER: 5.0, Phase.LAND: 11.0,
+    Phase.LIFT: 3.0, Phase.COMPENSATE: 1.5, Phase.HOLD: 3.0, Phase.LOWER: 5.0, Phase.LAND: 21.0,
     Phase.TOUCH: 1.0, Phase.PROBE: 1.0, Phase.RELEASE: 2.0,
     Phase.RETREAT: 3.0, Phase.LOST: 3.1, Phase.FAULT: 3.1,
 }  # fmt: skip
-RUN_S = 40.0
+RUN_S = 60.0
 SETTINGS = ("hand.activation_s=0.5", "controller.lift_height_m=0.1", "controller.hold_s=0.3")
 
 
