@@ -37,6 +37,10 @@ def show(judgement: Any) -> None:
                     else ""
                 )
             )
+    print(f"\n{'surface':14}{'mean':>7}{'dev.':>7}{'AUC':>7}{'authors, F1 %':>15}")
+    for s in j.surfaces:
+        theirs = "-" if s.authors_f1 is None else f"{s.authors_f1:.1f}"
+        print(f"{s.surface:14}{s.mean:7.0f}{s.std:7.0f}{s.auc:7.3f}{theirs:>15}")
     for surface, taxels in j.levels.items():
         print(f"\n{surface:14}" + "".join(f"{i:>7}" for i in range(len(taxels))))
         for name, field in (
@@ -46,3 +50,22 @@ def show(judgement: Any) -> None:
             print(f"{name:14}" + "".join(f"{getattr(t, field):7.0f}" for t in taxels))
         loaded = [t for t in taxels if t.loaded]
         print(f"within 1.5 of the authors': {sum(t.near for t in loaded)} of {len(loaded)} taxels")
+
+
+MOVED = 10.0  # percent: a rank that moves by less is not shown
+
+
+def show_without(whole: Any, found: list[Any]) -> None:
+    """What each term does: ranks of the recording with it and without, and load changes."""
+    print(
+        f"\n{'left out':38}{'load: all':>10}{'along':>7}  rank of the recording, % (with: without)"
+    )
+    for made in (whole, *found):
+        moved = [
+            f"{name} {whole.ranks[name]:.0f}: {rank:.0f}"
+            for name, rank in made.ranks.items()
+            if name in whole.ranks and abs(rank - whole.ranks[name]) >= MOVED
+        ]
+        loads = [made.load_changes[key] for key in ("all", "along the finger")]
+        cells = ["-" if load is None else f"{load:.0f}" for load in loads]
+        print(f"{made.term or 'nothing':38}{cells[0]:>10}{cells[1]:>7}  {', '.join(moved)}")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import BadFile, UsageError
-from grasp.cli import exits
+from grasp.cli import exits, yardstick
 from grasp.cli.options import add_workers, need, picture, progress, seed, whole, workers
 from grasp.files import write_whole
 
@@ -31,6 +31,7 @@ def add_parser(verbs: Any) -> None:
     _add_strokes(actions)
     _add_plan(actions)
     _add_check(actions)
+    yardstick.add_delay(actions)
 
 
 def _add_calibrate(actions: Any) -> None:
@@ -72,6 +73,11 @@ def _add_calibrate(actions: Any) -> None:
     parser.add_argument(
         "--ablate", action="store_true", help="show the figures with each ingredient left out"
     )
+    parser.add_argument(
+        "--recordings", type=whole(4, 100_000), default=30, metavar="N",
+        help="with --data and --ablate: made anew without each term of the part `compliant` "
+        "(default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, metavar="FILE.toml", help="write the fitted values")
     parser.add_argument(
         "--figure", type=picture, metavar="FILE", help="draw a simulated clip under the recording"
@@ -155,6 +161,8 @@ def _judge_data(args: argparse.Namespace, recording: Any) -> int:
 
     if not args.check:
         raise UsageError("--data judges, it does not search", "give --check with it")
+    if args.ablate:
+        return _ablate_data(args, clip_of(recording))
     clip, found = clip_of(recording), []
     for folder in args.data:
         with progress(f"judging {folder}", hidden=args.json):
@@ -171,6 +179,27 @@ def _judge_data(args: argparse.Namespace, recording: Any) -> int:
     else:
         for made in found:
             judge_view.show(made)
+    return exits.SUCCESS
+
+
+def _ablate_data(args: argparse.Namespace, clip: Any) -> int:
+    """What `--data --ablate` asks for: the first data set's compliant part without each term."""
+    import msgspec
+
+    from grasp.cli import judge_view
+    from scenarios.studies.signal.judge.report import without
+    from scenarios.studies.signal.terms import TERMS, jobs_without, made, origin_of
+
+    config, found = origin_of(args.data[0]), []
+    with progress("leaving out", hidden=args.json) as show:
+        for term, changes in {"": {}, **TERMS}.items():
+            recordings = list(made(jobs_without(config, changes, args.recordings)))
+            found.append(without(clip, recordings, term))
+            show(len(found), 1 + len(TERMS), term)
+    if args.json:
+        print(msgspec.json.encode(found).decode())
+    else:
+        judge_view.show_without(found[0], found[1:])
     return exits.SUCCESS
 
 

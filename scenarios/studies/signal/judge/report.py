@@ -11,9 +11,11 @@ from scenarios.studies.signal.judge.telling_apart import Apart, State, tell_apar
 from scenarios.studies.signal.judge.verdict import (
     Level,
     StatisticRow,
+    SurfaceTrend,
     compare_pieces,
     levels,
     load_changes,
+    surface_trends,
 )
 
 PLANE = "planar"  # the clip's surface, as far as its authors' list of surfaces tells
@@ -29,6 +31,7 @@ class Judgement(msgspec.Struct, frozen=True):
     load_changes: dict[str, float | None]
     apart: dict[str, list[Apart]]  # by surfaces: all, and the plane alone
     levels: dict[str, list[Level]]
+    surfaces: list[SurfaceTrend]
 
 
 def clip_of(recording: Recording) -> Piece:
@@ -59,5 +62,20 @@ def judge(
         apart[name] = [a for a in found if a is not None]
     return Judgement(
         part, len({p.source for p in made}), len(made), compare_pieces(clip, made),
-        load_changes(made), apart, dict(levels(made)),
+        load_changes(made), apart, dict(levels(made)), surface_trends(made),
     )  # fmt: skip
+
+
+class Without(msgspec.Struct, frozen=True):
+    """What a set's pieces are without one term: the clip's rank by statistic, and load changes."""
+
+    term: str  # empty: with all of them
+    ranks: dict[str, float]
+    load_changes: dict[str, float | None]
+
+
+def without(clip: Piece, recordings: Sequence[Recording], term: str) -> Without:
+    """Ranks and load changes alone; the classifier would take as long as all the rest."""
+    made = pieces(recordings)
+    ranks = {row.name: row.percentile for row in compare_pieces(clip, made)}
+    return Without(term, ranks, load_changes(made))

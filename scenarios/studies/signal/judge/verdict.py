@@ -28,6 +28,8 @@ AUTHORS_LEVELS = {
     ),
     "sphere": ((-7.0, -66.0, -17.0, -16.0, -73.0, -7.0), (62.0, 168.0, 103.0, 94.0, 155.0, 75.0)),
 }
+# Grover et al. 2022, Table III: weighted F1 of their network, mean over a surface's motions, %.
+AUTHORS_F1 = {"planar": 94.0, "sphere": 88.9, "cylinder-y": 88.0, "cylinder-x": 91.9}
 Floats = NDArray[np.float64]
 
 
@@ -103,6 +105,36 @@ def load_changes(made: Sequence[Piece]) -> dict[str, float | None]:
         "other strokes": median([p for p in made if p.along is False]),
         "turning": median([p for p in made if p.along is None]),
     }
+
+
+class SurfaceTrend(msgspec.Struct, frozen=True):
+    """One surface: counts, mean over the taxels; how well slip and rest are told apart by the size
+    of increments (AUC, median of the pieces), beside how well the authors' network did there."""
+
+    surface: str
+    mean: float
+    std: float
+    auc: float
+    authors_f1: float | None
+
+
+def surface_trends(made: Sequence[Piece]) -> list[SurfaceTrend]:
+    """In the order of the paper's table, others after it."""
+    order = [*AUTHORS_F1, *sorted({p.surface for p in made} - set(AUTHORS_F1))]
+    found = []
+    for surface in order:
+        chosen = [p for p in made if p.surface == surface]
+        if not chosen:
+            continue
+        counts = np.concatenate([p.counts for p in chosen])
+        aucs = np.sort([x for x in table(chosen)["slip: AUC"] if np.isfinite(x)])
+        found.append(
+            SurfaceTrend(
+                surface, float(counts.mean()), float(counts.std(axis=0).mean()),
+                quantile(aucs, 0.5) if len(aucs) else np.nan, AUTHORS_F1.get(surface),
+            )
+        )  # fmt: skip
+    return found
 
 
 class Level(msgspec.Struct, frozen=True):

@@ -18,6 +18,7 @@ from scenarios.campaign.worker import Row
 from scenarios.rigs.workers import Workers
 from scenarios.trial.result import Failure, FinishedRun
 from scenarios.trial.series import Bench
+from tests.unit.scenarios.conftest import QUIET
 
 MACHINE = ("wall_s", "cpu_s", "versions", "timing", "recording")  # not of the trial itself
 QUICK = ("hand.activation_s=0.5", "energy.threshold_counts=12", "tap.impulse_n_s=0.25")
@@ -119,7 +120,7 @@ def test_trials_are_shown_kept_and_summed_up(
 ) -> None:
     out = tmp_path / "own.sqlite"
     words = ["run", "lift", "--rig", "simulated", "--detector", "energy", "--trials", "2"]
-    words += ["--out", str(out), "--runs", str(tmp_path / "runs")]
+    words += ["--out", str(out), "--runs", str(tmp_path / "runs"), "--set", QUIET]
     assert main(words) == 0
     said = capsys.readouterr().out
     assert "object lift" in said  # Table IV

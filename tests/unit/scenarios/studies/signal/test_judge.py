@@ -15,9 +15,14 @@ from scenarios.studies.signal.judge.pieces import (
     piece_of,
     pieces,
 )
-from scenarios.studies.signal.judge.report import clip_of, judge
+from scenarios.studies.signal.judge.report import clip_of, judge, without
 from scenarios.studies.signal.judge.telling_apart import tell_apart
-from scenarios.studies.signal.judge.verdict import compare_pieces, load_changes, shares_inside
+from scenarios.studies.signal.judge.verdict import (
+    compare_pieces,
+    load_changes,
+    shares_inside,
+    surface_trends,
+)
 
 FELT = Path(__file__).parents[6] / "shared" / "data" / "takktile_felt.csv"
 STROKE, PAUSE = 60, 40  # samples
@@ -153,3 +158,24 @@ def test_the_authors_clip_has_the_swing_of_load_that_made_this_judge_necessary()
     assert found["rest: mean step"] == pytest.approx(2.8, abs=0.1)
     assert found["slip: mean step"] == pytest.approx(12.5, abs=0.1)
     assert found["slip: largest step"] == 212.0
+
+
+def test_surfaces_are_told_apart_in_the_order_of_the_paper() -> None:
+    loud, quiet = made(1, size=20.0), made(2, size=2.0)
+    found = surface_trends([
+        msgspec.structs.replace(quiet, surface="felt"),
+        msgspec.structs.replace(quiet, surface="sphere"),
+        msgspec.structs.replace(loud, surface="planar"),
+    ])  # fmt: skip
+    assert [s.surface for s in found] == ["planar", "sphere", "felt"]
+    assert [s.authors_f1 for s in found] == [94.0, 88.9, None]
+    assert found[0].std > 3 * found[1].std
+    assert all(0.5 < s.auc <= 1.0 for s in found)
+
+
+def test_what_a_set_is_without_a_term_has_the_ranks_and_the_load() -> None:
+    clip = made(3)
+    found = without(clip, [recording(k, swing=100.0) for k in range(4)], "lever")
+    assert found.term == "lever"
+    assert 0.0 <= found.ranks["slip: mean step"] <= 100.0
+    assert found.load_changes["all"] is not None and found.load_changes["all"] > 50.0
