@@ -126,3 +126,14 @@ def test_submitted_commands_pass_the_guard_as_any_other() -> None:
         admitted = next(i.admitted for i in issued if isinstance(i.admitted, CloseFast))
         assert admitted.force_cap_n == 10.0
         assert admitted.closing == (True, False, False)
+
+
+def test_what_waits_to_be_sent_is_forgotten_when_the_run_is_stopped() -> None:
+    with open_rig(config("hand.activation_s=0.5"), 0, paced=False) as rig:
+        issued = []
+        loop = loop_of(rig, lambda tick: issued.extend(tick.issued), real=False)
+        loop.tick()
+        loop.submit(CloseFast(10.0, (True, True, True), (255, 255, 255), 0.05))
+        assert loop.stop("a person")
+        assert issued
+        assert not any(isinstance(i.asked, CloseFast) for i in issued)
