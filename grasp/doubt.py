@@ -89,6 +89,8 @@ def wrong_probabilities(answer: object) -> str:
     if not isinstance(answer, np.ndarray) or answer.shape != (FINGERS,):
         shape = getattr(answer, "shape", type(answer).__name__)
         return f"detector_failed: its answer has shape {shape}, not ({FINGERS},)"
+    if answer.dtype.kind not in "fiub":
+        return f"detector_failed: its answer is of type {answer.dtype}, no numbers"
     if not all(0.0 <= p <= 1.0 for p in answer.tolist()):
         return f"detector_failed: {answer.tolist()} are no probabilities"
     return ""

@@ -246,7 +246,8 @@ def test_all_that_is_wrong_is_told() -> None:
 
 @pytest.mark.parametrize(
     "answer", [np.array([0.0, np.nan, 0.0]), np.array([np.inf] * 3), np.zeros(4), 0.5, None,
-               np.array([-0.1, 0.0, 0.0])],
+               np.array([-0.1, 0.0, 0.0]), np.array([None] * 3), np.array(["0.1"] * 3),
+               np.array([0.1j] * 3)],
 )  # fmt: skip
 def test_an_answer_that_is_no_probability_a_finger_is_refused(answer: object) -> None:
     assert wrong_probabilities(answer).startswith("detector_failed: ")
