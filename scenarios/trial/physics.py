@@ -5,7 +5,6 @@ from scenarios.rigs.variation import CUT, wider
 from scenarios.trial.config import TrialConfig
 from scenarios.world.blow import Blow
 from scenarios.world.ladder.runs import (
-    LevelRefused,
     Ranges,
     RunPlan,
     RunScene,
@@ -55,5 +54,5 @@ def planned(config: TrialConfig, scene: RunScene) -> RunPlan | None:
         return None
     try:
         return plan_run(scene, config.world)
-    except LevelRefused as error:
+    except ValueError as error:
         raise ConfigError("world", "level", str(error), "auto, or L1 to L4") from None

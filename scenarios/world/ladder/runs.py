@@ -30,10 +30,6 @@ LEAST_STEP_S = 1e-5
 REACTION_S = (0.1, 0.6)  # start of the rise to first closing; assumed, as in experiments.py
 
 
-class LevelRefused(ValueError):
-    """A level was told that cannot do what the scene asks."""
-
-
 class Ranges(msgspec.Struct, frozen=True, kw_only=True):
     """How far trials may be from what the settings say: the furthest that a seed draws."""
 
@@ -206,7 +202,7 @@ def asked_of(world: WorldSettings, contact: ContactSettings) -> Tolerance:
 
 @cache
 def plan_run(scene: RunScene, world: WorldSettings) -> RunPlan:
-    """Level and steps for all trials of a scene. Raises LevelRefused where one was told that cannot
+    """Level and steps for all trials of a scene. Raises ValueError where one was told that cannot
     do it."""
     contact, asked = scene.contact, asked_of(world, scene.contact)
     before = _chosen(world.forced, scene.lifts(), contact.step_s, asked)
@@ -217,9 +213,9 @@ def plan_run(scene: RunScene, world: WorldSettings) -> RunPlan:
         if told is None and struck.level < before.level:
             struck = msgspec.structs.replace(struck, level=before.level)
         if struck.level is Level.RIGID and scene.blow.direction == "side":
-            raise LevelRefused("L0 moves up and down only: no blow from the side")
+            raise ValueError("L0 moves up and down only: no blow from the side")
         if struck.level < before.level:
-            raise LevelRefused(
+            raise ValueError(
                 f"{before.level.label} before the blow, and {struck.level.label} is less"
             )
     return RunPlan(

@@ -30,7 +30,7 @@ CASES = [
     (fault.freeze_gripper_status, (P.APPROACH, P.GRASP), "gripper_stands", 32),
     (fault.jam_gripper, (P.APPROACH, P.GRASP), "gripper_stands", 32),
     (fault.power_cycle_gripper, ALL, "gripper_inactive", 4),
-    (fault.always_contact, (P.COMPENSATE, P.RELEASE), "gripper_impossible", 20),
+    (fault.always_contact, (P.COMPENSATE,), "gripper_impossible", 20),
     (fault.let_thumb_leap, ALL, "gripper_impossible", 3),
     (fault.let_finger_b_leap, ALL, "gripper_impossible", 3),
     (fault.lose_arm_position, ALL, "arm_position_nan", 2),

@@ -109,7 +109,7 @@ def test_closed_hand_whose_object_is_gone_is_said_to_feel_nothing() -> None:
 
 def test_hand_whose_travel_is_bounded_is_not_said_to_have_reached_the_force() -> None:
     staged = Staged(*QUICK, "guard.travel_bound=true", "guard.contact_stiffness_npm=9000")
-    trial = staged.run(in_phase(Phase.LIFT, 5), trip_arm)
+    trial = staged.run(in_phase(Phase.LIFT, 2), trip_arm)
     end = trial.end(staged.config)
     assert end is not None
     assert "closed to its last count, within the limit of 10 N, " in end.hand

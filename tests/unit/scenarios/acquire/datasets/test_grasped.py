@@ -49,7 +49,7 @@ def changes(r: Recording) -> np.ndarray:
 def test_a_grasp_is_recorded_with_three_fingers_and_holds(jobs: list[Job], cause: str) -> None:
     (r,) = of(jobs, cause)
     assert r.fingers == 3
-    assert r.slip.mean() < 0.05
+    assert r.slip.mean() < 0.1  # on the way down closed fingers slide over what stands
     assert (r.counts.astype(int).sum(axis=2) < -15).all(axis=1).any()  # all three pressed
 
 
