@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
-from detector.recordings import Metadata, Recording
-from drivers.errors import UsageError
-from scenarios.studies.signal import delay
+pytest.importorskip("torch")
+
+from detector.recordings import Metadata, Recording  # noqa: E402
+from drivers.errors import UsageError  # noqa: E402
+from scenarios.studies.signal import delay  # noqa: E402
 
 
 def recording(seed: int, split: str) -> Recording:

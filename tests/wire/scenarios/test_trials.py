@@ -34,7 +34,7 @@ class Bench:
         rig = ["--rig", "hardware", "--confirm-motion", "--config", str(self.lab)]
         kept = ["--out", str(self.out), "--runs", str(self.runs)]
         with subprocess.Popen(
-            [*GRASP, "run", "lift", *rig, *kept, "--detector", "energy", *words, *sets()],
+            [*GRASP, "run", "lift", *rig, *kept, "--detector", "gru", *words, *sets()],
             env=ENVIRONMENT, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
         ) as process:  # fmt: skip
