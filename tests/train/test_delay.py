@@ -5,9 +5,9 @@ import pytest
 
 pytest.importorskip("torch")
 
-from detector.recordings import Metadata, Recording  # noqa: E402
-from drivers.errors import UsageError  # noqa: E402
-from scenarios.studies.signal import delay  # noqa: E402
+from detector.recordings import Metadata, Recording
+from drivers.errors import UsageError
+from scenarios.studies.signal import delay
 
 
 def recording(seed: int, split: str) -> Recording:
