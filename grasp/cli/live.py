@@ -130,7 +130,8 @@ def physics_lines(result: Any) -> list[str]:
         step = f"step {found.blow_step_s * 1e3:g} ms"
         parts.append(f"{found.blow_level}{told}, {step}, while a blow moves the object")
     within = f"{found.tolerance_m * 1e3:g} mm, {math.degrees(found.tolerance_rad):.1f} deg"
-    first = f"  physics: {'; '.join(parts)}; within {within}"
+    checked = f"within {within} of L4" if not told else "what was told is not held against L4"
+    first = f"  physics: {'; '.join(parts)}; {checked}"
     return [first, *(f"    {line}" for line in found.why)]
 
 

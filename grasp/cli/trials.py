@@ -46,6 +46,13 @@ class _Seen:
         self.failure: Any = None
         self._results: dict[int, Any] = {}  # by seed: of a trial that was repeated, the last
         self._rows: dict[int, Any] = {}
+        self._physics: list[Any] = []
+
+    def first_of_its_physics(self, result: Any) -> bool:
+        """Whether no trial before it was computed by the same, for the same reasons."""
+        known = result.physics in self._physics
+        self._physics.append(result.physics)
+        return not known
 
     def take(self, finished: Any, row: Any) -> None:
         self.failure = finished.failure
@@ -109,7 +116,7 @@ def _follow(
                 seen.take(finished, row)
                 if finished.result is not None and not alone:
                     display.note(trial_line(finished.result))
-                    if args.verbose:
+                    if args.verbose and seen.first_of_its_physics(finished.result):
                         display.note("\n".join(physics_lines(finished.result)))
         except KeyboardInterrupt as stop:
             if alone:

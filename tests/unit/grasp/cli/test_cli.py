@@ -134,6 +134,9 @@ def test_verbose_tap_says_its_levels_and_why_and_how_far_the_object_turned(
     assert re.search(r"moved +[\d.]+ mm  turned [\d.]+ deg", out)
     _, out, _ = call(*words, "-v", "--set", "world.blow_level=L2", capsys=capsys)
     assert "physics: L1, step 0.5 ms; L2 as told, step 0.1 ms" in out
+    assert "what was told is not held against L4" in out
+    two = ("run", "tap", "--trials", "2", "--direction", "top", "--runs", str(tmp_path / "two"))
+    assert call(*two, "-v", capsys=capsys)[1].count("physics: ") == 1
 
 
 def test_json_of_a_series_has_every_tap_and_the_counts(

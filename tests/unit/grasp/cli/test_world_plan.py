@@ -28,6 +28,13 @@ def test_plan_says_how_exactly_it_was_asked_and_when_it_cannot_be_had(
     assert "TOLERANCE NOT KEPT" in capsys.readouterr().out
 
 
+def test_plan_of_a_lift_that_drops_the_object_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["world", "plan", "lift", "--object", "ball"]) == exits.SUCCESS
+    assert "the object is lost: slip" in capsys.readouterr().out
+    assert main(["world", "plan", "lift", "--object", "can"]) == exits.SUCCESS
+    assert "lost" not in capsys.readouterr().out
+
+
 def test_plan_as_json_has_the_choice_and_the_explanation(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
