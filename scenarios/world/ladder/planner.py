@@ -347,6 +347,6 @@ def _choice(a: Answer, tolerance: Tolerance) -> list[str]:
         lines.append(f"TOLERANCE NOT KEPT: no step below {least_ms:.2g} ms is halved further")
     turn_deg, slip_mm = math.degrees(a.turn_rad), a.slip_m * 1e3
     lost = "" if a.held else "the object is lost: "
-    lines.append(f"{lost}slip {slip_mm:.3f} mm at the mark, rotation {turn_deg:.2f} deg, peak force "
-                 f"{a.peak_force_n:.2f} N; asked within {tolerance.words()}")  # fmt: skip
+    lines.append(f"{lost}slip {slip_mm:.3f} mm at the mark, rotation {turn_deg:.2f} deg, peak "
+                 f"force {a.peak_force_n:.2f} N; asked within {tolerance.words()}")  # fmt: skip
     return lines
