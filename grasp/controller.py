@@ -352,7 +352,7 @@ class GraspController:
         s = self._settings
         held_ns = seen.t_ns - self.machine.first_ns(Phase.HOLD)
         over = s.hold_by_clock and held_ns >= s.hold_s * 1e9
-        tired = seen.at_cap and held_ns >= (s.hold_s + s.alarm_hold_s) * 1e9
+        tired = seen.closed_out and held_ns >= (s.hold_s + s.alarm_hold_s) * 1e9
         if not (over or tired) and self._answers(seen):
             return
         if over or tired or seen.set_down or self._lasted(seen, s.hold_s):

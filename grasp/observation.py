@@ -71,6 +71,12 @@ class Observation(StepInput, frozen=True, kw_only=True):
         return not self.pending and self.gripper.at_rest
 
     @property
+    def closed_out(self) -> bool:
+        """Whether a closing would do nothing, or the guard admits none: what is measured is above
+        the limit."""
+        return self.at_cap or (self.overloaded and self.hand_rests)
+
+    @property
     def at_cap(self) -> bool:
         """Whether another closing would do nothing: each finger that closed last is latched in
         contact, or stands at the last count that the guard lets it have."""

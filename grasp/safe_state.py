@@ -58,7 +58,7 @@ class SafeState(msgspec.Struct, frozen=True):
         if seen.t_ns == self.since_ns and not self.leaves_hand:
             return False
         if self.closes_hand:
-            return seen.at_cap or (seen.overloaded and seen.hand_rests)
+            return seen.closed_out
         return seen.hand_rests
 
     def missing_of_arm(self, seen: Observation, stale_ns: float) -> tuple[str, ...]:
