@@ -197,7 +197,7 @@ class GraspController:
 
     def _idle(self, seen: Observation) -> None:
         if any(f.detection is Detection.CONTACT_CLOSING for f in seen.gripper.fingers):
-            self._fail(seen, "the gripper already holds something")
+            self._fail(seen, "the hand is closed, and may hold something")
             return
         if max(seen.gripper.positions) > OPEN_COUNTS:  # a grip by position reports no contact
             self._fail(seen, "the hand is not open: what it may hold would fall, or be hit")

@@ -48,10 +48,21 @@ def report_failure(failure: Any, as_json: bool, **extra: Any) -> int:
         left = {name: getattr(end, name) for name in end.__struct_fields__}
         return report(failure.kind, failure.message, failure.remedy, True, end=left, **extra)
     code = report(failure.kind, failure.message, failure.remedy, False)
+    say_end(end)
+    return code
+
+
+def say_end(end: Any) -> None:
+    """How arm and hand were left, and how to go on; a line each."""
     missed = f"; NOT REACHED: {', '.join(end.unreached)}" if end.unreached else ""
     for line in (f"{end.arm}; {end.hand}{missed}", end.advice):
         say(line)
-    return code
+
+
+def report_line(line: str) -> None:
+    """What went wrong with a verdict of its own, which has the exit code."""
+    with contextlib.suppress(OSError):
+        print(f"grasp: {line}", file=sys.stderr)
 
 
 def say(line: str) -> None:

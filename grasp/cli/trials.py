@@ -84,14 +84,14 @@ def run_trials(args: argparse.Namespace, config: Any, permit: Any) -> int:
     if out is None and config.rig == "hardware" and not alone:
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
         out = args.runs / f"{stamp}-{args.scenario}-{config.object.name}.sqlite"
-    with nullcontext() if out is None else experiment.store(out, args.resume) as store:
-        seen = _follow(args, experiment, permit, store, alone)
-        rows = seen.rows if store is None else store.rows()
-    if alone and seen.results:
-        return _report(seen.results[0], seen.failure, args)
-    if seen.failure is not None and not rows and not seen.results:
-        return exits.report_failure(seen.failure, args.json)
-    return _report_series(args, experiment.spec().name, seen, rows, out)
+    with interruption.held():  # no signal cuts off what is to be told of arm and hand
+        with nullcontext() if out is None else experiment.store(out, args.resume) as store:
+            seen = _follow(args, experiment, permit, store, alone)
+            rows = seen.rows if store is None else store.rows()
+        with interruption.watched():
+            if alone and seen.results:
+                return _report(seen.results[0], seen.failure, args, config)
+            return _report_series(args, experiment, seen, rows, out)
 
 
 def _follow(
@@ -131,7 +131,7 @@ def _follow(
     return seen
 
 
-def _report(result: Any, failure: Any, args: argparse.Namespace) -> int:
+def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) -> int:
     """One lift."""
     import msgspec
 
@@ -139,6 +139,7 @@ def _report(result: Any, failure: Any, args: argparse.Namespace) -> int:
 
     if not args.json:
         print_verdict(result, args.verbose)
+        _tell_height(result, config)
     if failure is not None:
         extra = {"result": msgspec.to_builtins(result)} if args.json else {}
         return exits.report_failure(failure, args.json, **extra)
@@ -147,8 +148,16 @@ def _report(result: Any, failure: Any, args: argparse.Namespace) -> int:
     return exits.SUCCESS if result.success else exits.TRIAL_FAILED
 
 
+def _tell_height(result: Any, config: Any) -> None:
+    """A real arm that has set an object down stands above it: the next run would begin there."""
+    phases = [entry.phase for entry in result.phases]
+    retreat_mm = config.controller.retreat_m * 1e3
+    if result.rig == "hardware" and result.scenario == "lift" and phases[-2:-1] == ["retreat"]:
+        print(f"  the arm stands {retreat_mm:.0f} mm above where it let go, and begins there next")
+
+
 def _report_series(
-    args: argparse.Namespace, name: str, seen: _Seen, rows: list[Any], out: Path | None
+    args: argparse.Namespace, experiment: Any, seen: _Seen, rows: list[Any], out: Path | None
 ) -> int:
     """Several: their figures, and Table IV of all rows where they are kept."""
     import msgspec
@@ -158,8 +167,14 @@ def _report_series(
     from scenarios.campaign.summary import summarize
     from scenarios.tap.summary import summarise as of_taps
 
+    kept = "" if out is None else _kept(rows, out, experiment.trials)
+    if seen.failure is not None and not rows and not seen.results:
+        code = exits.report_failure(seen.failure, args.json)
+        if not args.json:
+            exits.say(kept)
+        return code
     tap = args.scenario == "tap"
-    table = summarize(name, rows)
+    table = summarize(experiment.spec().name, rows)
     summary = of_taps(seen.results) if tap else table
     series = {
         "scenario": args.scenario, "object": args.object, "rig": args.rig,
@@ -179,22 +194,48 @@ def _report_series(
         code = exits.report_failure(
             seen.failure, args.json, **({"result": series} if args.json else {})
         )
-        if out is not None and not args.json:
-            exits.say(_kept(rows, out))
+        if not args.json:
+            exits.say(kept)
         return code
+    right = _taps_right(rows) if tap else all(row.success for row in rows)
     if args.json:
         print(json.dumps(series))
-    right = _taps_right(rows) if tap else all(row.success for row in rows)
+    else:
+        _tell_last(seen, experiment, kept)
+        if not right:
+            exits.report_line(_why_failed(rows, tap))
     return exits.SUCCESS if right else exits.TRIAL_FAILED
 
 
-def _kept(rows: list[Any], out: Path) -> str:
-    """What a series that ended early has left, and how to go on with it."""
+def _tell_last(seen: _Seen, experiment: Any, kept: str) -> None:
+    """How the last trial of a series without a fault left arm and hand."""
+    if not seen.results:
+        exits.report_line(kept)
+        return
+    last = seen.results[-1]
+    _tell_height(last, experiment.config)
+    if last.rig == "hardware" and last.end is not None and not last.end.open:
+        exits.report_line(f"seed {last.seed}: {last.phases[-1].cause}")
+        exits.say_end(last.end)
+        exits.say(kept)
+
+
+def _why_failed(rows: list[Any], tap: bool) -> str:
+    """Why the exit code is 1."""
+    if tap:
+        return "a tap was judged wrongly, or none moved the object: exit code 1"
+    failed = sum(not row.success for row in rows)
+    return f"{failed} of {len(rows)} trials did not succeed: exit code 1"
+
+
+def _kept(rows: list[Any], out: Path, of: int) -> str:
+    """What a series ``of`` so many has left, and how to go on with it where some are missing."""
     judged = sum(row.status == "done" for row in rows)
     more = len(rows) - judged
     void = f", {more} more {'does' if more == 1 else 'do'} not count" if more else ""
     trials = "1 trial is" if judged == 1 else f"{judged} trials are"
-    return f"{trials} in {out}{void}: go on with --out {out} --resume"
+    left = f"go on with --out {out} --resume" if judged < of else "none is left to run"
+    return f"{trials} in {out}{void}: {left}"
 
 
 def _taps_right(rows: list[Any]) -> bool:

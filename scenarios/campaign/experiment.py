@@ -81,8 +81,8 @@ def run(
 
     Ends after one that failed as a run. One that was interrupted or never began has no row, one
     that a device ended has a row that says so: they are run again by whoever goes on, or at once,
-    as ``scenarios.trial.series`` says. Raises what opening the rig raises, CouldNotRecord, and
-    KeyboardInterrupt between two trials.
+    as ``scenarios.trial.series`` says. Raises what ``scenarios.trial.series`` raises, and
+    CouldNotRecord.
     """
     rows = [] if store is None else store.rows()
     had = {row.trial for row in rows if row.status == "done"}
@@ -124,11 +124,13 @@ def home_of(rows: Sequence[Row]) -> Vector3 | None:
 
 
 def row_of(task: Task, finished: AnyRun) -> Row | None:
-    """Its row; None for a trial that was interrupted."""
-    failure = finished.failure
+    """Its row; None for a trial that was interrupted. One that ended before it had taken a home
+    tried nothing: it does not count."""
+    failure, result = finished.failure, finished.result
     if failure is not None and failure.kind == INTERRUPTED:
         return None
-    if failure is not None and failure.kind != JUDGED:
+    never_began = result is not None and result.home_m is None
+    if failure is not None and (failure.kind != JUDGED or never_began):
         return error_row(task, failure.message, finished)
     return judged(task, finished)
 

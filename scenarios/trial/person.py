@@ -47,7 +47,9 @@ def read_mark(operator: Operator, line: str) -> TapeMark | None:
     if typed.lower() in ("l", "lost"):
         return TapeMark(0.0, held=False)
     try:
-        moved_mm = float(typed.replace(",", ".").replace("_", " "))  # 1_0 is a slip of the keys
+        moved_mm = float(
+            typed.lower().removesuffix("mm").replace(",", ".").replace("_", " ")
+        )  # 1_0 is a slip of the keys
     except ValueError:
         moved_mm = math.nan
     if 0.0 <= moved_mm <= MOST_MM:

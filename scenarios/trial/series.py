@@ -14,7 +14,7 @@ from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.ending import between_trials
-from scenarios.trial.execution import DOUBTED, STALE, OnTick
+from scenarios.trial.execution import DOUBTED, INTERRUPTED, STALE, OnTick
 from scenarios.trial.person import Operator, place_object
 from scenarios.trial.result import Failure, FinishedRun, ResultT
 
@@ -49,13 +49,16 @@ def run_series(
     config: TrialConfig, seeds: Sequence[int], bench: Bench, attempt: Attempt[ResultT]
 ) -> Series[ResultT]:
     """One trial a seed. Ends after one that failed as a run; raises KeyboardInterrupt when it is
-    stopped between two, and Refused where the arm stands too far from the home in ``begun``.
+    stopped between two and nobody is asked for objects, and Refused where the arm stands too far
+    from the home in ``begun``, or the hand of a rig without a world is closed.
 
     The simulated rig is opened anew for each, so that a trial depends on its own seed alone. A
     wired one is opened once: its world loads the next object, or a person puts it back, and every
     trial begins from the home that the first one took. With a person there, a trial in which a
     device was not heard or not believed is asked for again, as long as the hand is open; a device
-    that goes while an object is put in place ends the series with a failure and no result.
+    that goes while an object is put in place, or a signal then, ends the series with a failure and
+    no result. So does, with its verdict, a trial that leaves such a rig's hand closed (an object
+    that was lost).
     """
     begun = bench.begun or Begun(tuple(range(1, len(seeds) + 1)), len(seeds))
     with interruption.held():
@@ -71,22 +74,24 @@ def _on_one_rig(
     attempt: Attempt[ResultT], begun: Begun,
 ) -> Series[ResultT]:  # fmt: skip
     home, first = begun.home, True
+    _check_hand(rig)
     _check_home(rig, home)
     for seed, title in _asked(seeds, begun):
         for words in _times(title):
-            interruption.check()
+            if operator is None:
+                interruption.check()
             if not first and rig.load is not None:
                 rig.load(config.built_for(seed), seed)
-            lost = None if operator is None else _lost_while_placed(config, rig, operator, words)
-            if lost is not None:
-                yield FinishedRun(None, lost)
+            ended = None if operator is None else _ended_while_placed(config, rig, operator, words)
+            if ended is not None:
+                yield FinishedRun(None, ended)
                 return
             finished, found = attempt(seed, rig, home)
             first = False
             if finished.result is not None and finished.result.home_m is not None:
                 home = found
             yield finished
-            if finished.failure is None:
+            if finished.failure is None and (rig.load is not None or not leaves_closed(finished)):
                 break
             if operator is None or not _may_be_repeated(finished):
                 return
@@ -94,19 +99,31 @@ def _on_one_rig(
             return
 
 
-def _lost_while_placed(
+def leaves_closed(finished: FinishedRun[ResultT]) -> bool:
+    """Whether it was judged and has ended in a safe state with a hand that is not open."""
+    result = finished.result
+    return result is not None and result.end is not None and not result.end.open
+
+
+def _ended_while_placed(
     config: TrialConfig, rig: GraspRig, operator: Operator, words: str
 ) -> Failure | None:
-    """Have the object put in place; what a device said that went meanwhile, and how arm and hand
-    were left."""
+    """Have the object put in place; why that ended otherwise, a device that went or a signal, and
+    how arm and hand were left."""
     try:
+        interruption.check()
         place_object(rig, operator, words)
     except GraspError as error:
-        gripper = None if rig.gripper is None else rig.gripper.state
-        old_s = config.controller.stale_after_s
-        end = between_trials(rig.arm.state, gripper, rig.clock.now_ns, old_s, rig.way_out)
-        return Failure(error.kind, error.message, error.remedy, end)
-    return None
+        kind, message, remedy = error.kind, error.message, error.remedy
+    except KeyboardInterrupt as stop:
+        kind, remedy = INTERRUPTED, ""
+        message = f"{interruption.cause(stop)} before {words[0].lower()}{words[1:]}"
+    else:
+        return None
+    gripper = None if rig.gripper is None else rig.gripper.state
+    old_s = config.controller.stale_after_s
+    end = between_trials(rig.arm.state, gripper, rig.clock.now_ns, old_s, rig.way_out)
+    return Failure(kind, message, remedy, end)
 
 
 def _asked(seeds: Sequence[int], begun: Begun) -> Iterator[tuple[int, str]]:
@@ -126,6 +143,16 @@ def _may_be_repeated(finished: FinishedRun[ResultT]) -> bool:
     if failure is None or failure.kind not in (STALE, DOUBTED) or failure.end is None:
         return False
     return failure.end.open and not failure.end.unreached
+
+
+def _check_hand(rig: GraspRig) -> None:
+    """Raises Refused where the hand is not open and no world opens it: nothing is tried then."""
+    gripper = None if rig.gripper is None else rig.gripper.state
+    if rig.load is None and gripper is not None and not gripper.is_open:
+        raise Refused(
+            f"the hand is not open, at {gripper.positions} counts: it may hold something",
+            rig.way_out or "open it first",
+        )
 
 
 def _check_home(rig: GraspRig, home: Vector3 | None) -> None:

@@ -212,7 +212,7 @@ def test_gripper_that_already_holds_something_is_not_opened() -> None:
     d = Driver()
     d.step(gripper=gripper(TICK, detections=LATCHED))
     assert d.controller.phase is Phase.FAULT
-    assert d.controller.fault_cause == "the gripper already holds something"
+    assert d.controller.fault_cause == "the hand is closed, and may hold something"
     assert d.commands == [StopArm(1.0)]
 
 

@@ -1,10 +1,17 @@
-"""What a series of trials says with its exit code."""
+"""What a series of trials says with its exit code, and at its end."""
 
+import signal
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 
 from grasp.cli.main import main
+from scenarios.campaign import experiment as experiments
+from scenarios.trial.ending import End
+from scenarios.trial.result import Failure
 
 DEAF = ("--detector", "energy", "--set", "energy.threshold_counts=400")
 
@@ -17,3 +24,69 @@ def test_series_that_was_complete_before_has_the_verdict_of_its_rows(
     words += ["--runs", str(tmp_path), "--out", str(tmp_path / "rows.sqlite"), "--json"]
     assert main(words) == 1
     assert main([*words, "--resume"]) == 1
+
+
+LIFTS = ("run", "lift", "--rig", "simulated", "--trials", "2")
+CLOSED = End("the arm stands", "the hand is closed", "to let go, run `grasp release`")
+
+
+def test_series_that_was_complete_says_so_and_why_it_failed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["run", "lift", "--rig", "simulated", "--trials", "1", *DEAF]
+    words += ["--runs", str(tmp_path), "--out", str(tmp_path / "rows.sqlite")]
+    assert main(words) == 1
+    capsys.readouterr()
+    assert main([*words, "--resume"]) == 1
+    said = capsys.readouterr().err
+    assert "1 trial is in" in said and "none is left to run" in said and "--resume" not in said
+    assert "1 of 1 trials did not succeed: exit code 1" in said
+
+
+def altered(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
+    """Has the first trial of a series be its last, as the hardware rig tells it."""
+    run = experiments.run
+
+    def told(experiment: Any, *rest: Any) -> Iterator[Any]:
+        finished, row = next(iter(run(experiment, *rest)))
+        failure = changes.get("failure")
+        result = msgspec.structs.replace(finished.result, rig="hardware", end=changes.get("end"))
+        yield msgspec.structs.replace(finished, result=result, failure=failure), row
+        if changes.get("signalled"):
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(experiments, "run", told)
+
+
+def test_trial_that_leaves_a_closed_hand_is_told_with_the_way_out_and_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    altered(monkeypatch, end=CLOSED)
+    out = tmp_path / "rows.sqlite"
+    assert main([*LIFTS, *DEAF, "--runs", str(tmp_path), "--out", str(out)]) == 1
+    said = [line.strip() for line in capsys.readouterr().err.splitlines()]
+    assert said[-4:] == [
+        "the arm stands; the hand is closed", CLOSED.advice,
+        f"1 trial is in {out}: go on with --out {out} --resume",
+        "grasp: 1 of 1 trials did not succeed: exit code 1",
+    ]  # fmt: skip
+    assert said[-5].startswith("grasp: seed 0: ")
+
+
+def test_signal_right_after_a_fault_does_not_hide_arm_and_hand(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    failure = Failure("stale", "stale: the arm is silent", "", CLOSED)
+    altered(monkeypatch, failure=failure, signalled=True)
+    out = tmp_path / "rows.sqlite"
+    assert main([*LIFTS, *DEAF, "--runs", str(tmp_path), "--out", str(out)]) == 4
+    said = capsys.readouterr().err
+    assert CLOSED.advice in said and "--resume" in said and "interrupted" not in said
+
+
+def test_finished_lift_on_the_lab_rig_says_how_high_the_arm_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    altered(monkeypatch)
+    main([*LIFTS, *DEAF[:2], "--runs", str(tmp_path)])
+    assert "the arm stands 50 mm above where it let go" in capsys.readouterr().out

@@ -115,6 +115,17 @@ def test_trial_that_a_device_ended_is_run_again_and_one_that_was_stopped_has_no_
     assert safe is not None and safe.status == "done" and safe.error == "what happened"
 
 
+def test_trial_that_ended_before_it_had_a_home_tried_nothing_and_does_not_count() -> None:
+    task = Experiment(config("lift"), 0, 1).tasks()[0]
+    finished = judged_lift()
+    failure = Failure("safety_stop", "the hand is closed, and may hold something", "")
+    began = row_of(task, msgspec.structs.replace(finished, failure=failure))
+    assert began is not None and began.status == "done"
+    nowhere = msgspec.structs.replace(finished.result, home_m=None)
+    never = row_of(task, FinishedRun(nowhere, failure))
+    assert never is not None and (never.status, never.error) == ("error", failure.message)
+
+
 def test_trials_are_shown_kept_and_summed_up(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -64,7 +64,8 @@ def test_what_was_read_decides_where_no_world_knows(
 @pytest.mark.parametrize(
     ("typed", "mark"),
     [("12.5", TapeMark(0.0125, True)), (" 3,5 ", TapeMark(0.0035, True)),
-     ("0", TapeMark(0.0, True)),
+     ("0", TapeMark(0.0, True)), ("11 mm", TapeMark(0.011, True)),
+     ("3,5MM", TapeMark(0.0035, True)),
      ("L", TapeMark(0.0, False)), ("lost", TapeMark(0.0, False))],
 )  # fmt: skip
 def test_length_is_read_in_millimetres(typed: str, mark: TapeMark) -> None:
@@ -93,7 +94,7 @@ def test_question_that_stands_is_taken_back_before_what_happened_is_told(phase: 
     assert unasked.questions == []
 
 
-@pytest.mark.parametrize("typed", ["", "much", "-1", "501", "nan", "inf", "1_0"])
+@pytest.mark.parametrize("typed", ["", "much", "-1", "501", "nan", "inf", "1_0", "mm", "11 cm"])
 def test_what_is_no_length_is_asked_again(typed: str) -> None:
     typist = Typist()
     assert read_mark(typist, typed) is None

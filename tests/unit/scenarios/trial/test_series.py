@@ -43,9 +43,11 @@ def lifted() -> FinishedRun[Any]:
 
 def told(
     lifted: FinishedRun[Any], failures: list[Failure | None], patch: pytest.MonkeyPatch,
-    begun: Begun | None = None, raised_m: float = 0.0,
+    begun: Begun | None = None, raised_m: float = 0.0, ends: End | None = None,
+    fingers: int | None = None,
 ) -> "tuple[list[str], list[Any]]":  # fmt: skip
-    """What a person is asked when two trials end like this, and the homes that they begin from."""
+    """What a person is asked when two trials end like this, and the homes that they begin from.
+    ``ends``: how they left arm and hand; ``fingers``: where they stand before, counts."""
     wired = msgspec.structs.replace(config(), rig="hardware")
     person, homes, left = Person(), list[Any](), iter(failures)
 
@@ -56,15 +58,18 @@ def told(
             assert state is not None
             x, y, z = state.position_m
             rig.devices.arm.move_to((x, y, z + raised_m), 0.1, 0.5)
-            rig.clock.sleep_until_ns(rig.clock.now_ns + 5_000_000_000)
-            rig.idle()
+            if fingers is not None:
+                rig.devices.gripper.move_to((fingers, fingers, fingers), 0.1, 10.0)
+            for _ in range(100):
+                rig.idle()
             yield rig
 
     def attempt(seed: int, rig: GraspRig, home: Any) -> Any:
         homes.append(home)
         assert lifted.result is not None
         failure = next(left)
-        return msgspec.structs.replace(lifted, failure=failure), lifted.result.home_m
+        result = msgspec.structs.replace(lifted.result, end=ends)
+        return FinishedRun(result, failure), lifted.result.home_m
 
     with patch.context() as patched:
         patched.setattr(series, "open_rig", opened)
@@ -104,6 +109,52 @@ def test_device_that_goes_while_an_object_is_put_in_place_is_told_with_arm_and_h
     assert second.result is None and second.failure is not None
     assert "link to the arm lost" in second.failure.message
     assert second.failure.end == OPEN
+
+
+class Leaves(Person):
+    """Presses Ctrl-C before the second object is in place."""
+
+    def poll(self) -> str:
+        if len(self.heard) == 2:
+            raise KeyboardInterrupt
+        return ""
+
+
+def test_series_that_is_stopped_between_two_trials_tells_arm_and_hand(
+    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @contextmanager
+    def opened(*_: object) -> Iterator[GraspRig]:
+        with open_rig(config(), 0, paced=False) as rig:
+            yield rig
+
+    def attempt(*_: object) -> Any:
+        return lifted, (0.5, 0.1, 0.3)
+
+    monkeypatch.setattr(series, "open_rig", opened)
+    wired = msgspec.structs.replace(config(), rig="hardware")
+    _, stopped = series.run_series(wired, (0, 1, 2), Bench(operator=Leaves()), attempt)
+    assert stopped.result is None and stopped.failure is not None
+    assert stopped.failure == Failure(
+        "interrupted", "stopped by hand before trial 2 of 3", "", OPEN
+    )
+
+
+def test_trial_that_leaves_a_closed_hand_ends_the_series_with_its_verdict(
+    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    closed = End("the arm stands", "the hand is closed", "let go")
+    heard, _ = told(lifted, [None, None], monkeypatch, ends=closed)
+    assert heard == ["Trial 1 of 2"]
+    heard, _ = told(lifted, [None, None], monkeypatch, ends=OPEN)
+    assert heard == ["Trial 1 of 2", "Trial 2 of 2"]
+
+
+def test_hand_that_is_not_open_is_refused_before_anybody_is_asked(
+    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(Refused, match=r"the hand is not open, at .* it may hold something"):
+        told(lifted, [None, None], monkeypatch, fingers=120)
 
 
 def test_trial_in_which_a_device_was_not_heard_is_asked_for_again(

@@ -143,6 +143,6 @@ def test_hand_that_is_left_closed_is_told_with_the_whole_command(lab: Lab, tmp_p
         input="\n\n\n",
     )  # fmt: skip
     assert done.returncode == 4, done.stderr
-    assert "the gripper already holds something" in done.stderr
+    assert "the hand is not open, at (" in done.stderr
     way_out = f"`{lab.command} --set modbus.port={config.modbus.port}`"
     assert f"to let go, support the object and run {way_out}" in done.stderr
