@@ -17,6 +17,8 @@ from grasp.safe_state import doubts_arm
 
 NOUNS = {"tactile board": "fingertip", "gripper": "gripper", "arm": "arm"}  # in a cause
 UNKNOWN = "its force is not measured"
+LOOK = "look at the arm, and press the emergency stop if it still moves"
+CELL = "nothing there answers: check the cell's power and network"
 FINGERTIPS_LIE = "fingertip"  # with these letters all doubts of them begin
 STATUS_LIES = ("gripper_impossible", "gripper_silent", "gripper_stands")  # what the hand says
 FELT_N = 0.5  # by taxels that can tell: less is no grip
@@ -53,6 +55,14 @@ def happened(cause: str, tick: Tick | None, errors: Mapping[str, GraspError], ol
     return "; ".join(parts)
 
 
+def remedy_of(tick: Tick | None, errors: Mapping[str, GraspError], old_s: float) -> str:
+    """What to do about devices that went: each one's, or where all of them are gone the cell's."""
+    quiet = [] if tick is None else silent(tick, old_s)
+    if NOUNS.keys() <= {*errors, *quiet}:
+        return CELL
+    return "; ".join(dict.fromkeys(filter(None, (error.remedy for error in errors.values()))))
+
+
 def silent(tick: Tick, old_s: float) -> list[str]:
     """Devices that have not been heard for so long, or send nothing of use."""
     ages = {"gripper": tick.gripper.age_ns(tick.t_ns), "arm": tick.arm.age_ns(tick.t_ns)}
@@ -82,6 +92,8 @@ def end_of(
     seen_open = tick.gripper.is_open and "gripper" not in deaf and not doubted
     advice = "start the run again" if way_out and seen_open else way_out
     arm_lies = doubts_arm("; ".join((cause, *further)))
+    if way_out and _unknown(tick.arm, "arm" in deaf, arm_lies):
+        advice = f"{LOOK}; {advice}"
     return End(_arm(tick.arm, "arm" in deaf, arm_lies), told, advice, open=seen_open)
 
 
@@ -95,8 +107,14 @@ def between_trials(
     opened = gripper.is_open
     how = "open" if opened else f"at {gripper.positions} counts"
     hand = f"the hand was {how} when last heard" if deaf_hand else f"the hand is {how}"
-    advice = "" if opened else way_out
+    look = LOOK if way_out and deaf_arm else ""
+    advice = "; ".join(filter(None, (look, "" if opened else way_out)))
     return End(_arm(arm, deaf_arm, doubted=False), hand, advice, open=opened and not deaf_hand)
+
+
+def _unknown(arm: ArmState, deaf: bool, doubted: bool) -> bool:
+    """Whether nobody knows that the arm stands."""
+    return deaf or (doubted and not arm.stopped_by_safety)
 
 
 def _arm(arm: ArmState, deaf: bool, doubted: bool) -> str:

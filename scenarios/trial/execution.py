@@ -23,7 +23,7 @@ from grasp.slip import SlipMonitor
 from grasp.step import GraspStep
 from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.ending import End, end_of, happened, stood_still
+from scenarios.trial.ending import End, end_of, happened, remedy_of, stood_still
 from scenarios.trial.result import Bug, Failure, named, phase_entries, timing_result, versions
 from scenarios.trial.trace import Trace
 from scenarios.world.cell import Truth
@@ -232,7 +232,8 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         if stood_still(cause):
             return Failure("safety_stop", message, KEEP_UP, end)
         for error in errors.values():
-            return Failure(error.kind, message, error.remedy, end)
+            remedy = remedy_of(self.trace.last, errors, config.controller.stale_after_s)
+            return Failure(error.kind, message, remedy, end)
         return Failure(kind_of(cause), message, "see the phases of the result", end)
 
     def figures(self, config: TrialConfig, scenario: str, seed: int) -> dict[str, Any]:

@@ -10,7 +10,16 @@ from grasp.doubt import STOOD_STILL
 from grasp.phases import Phase
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
-from scenarios.trial.ending import End, between_trials, end_of, happened, stood_still
+from scenarios.trial.ending import (
+    CELL,
+    LOOK,
+    End,
+    between_trials,
+    end_of,
+    happened,
+    remedy_of,
+    stood_still,
+)
 from scenarios.trial.execution import FinishedTrial
 from tests.unit.scenarios.conftest import Staged, config, in_phase
 from tests.unit.scenarios.lift.device_faults import (
@@ -129,6 +138,24 @@ def test_every_device_that_is_gone_is_named() -> None:
     assert end.hand.endswith("its force is not measured")
 
 
+def test_remedy_is_each_devices_own_and_the_cells_where_all_are_gone() -> None:
+    trial, staged, _ = ended(Phase.HOLD, cut_everything)
+    failure = trial.failure(staged.config, "fault")
+    assert failure is not None and failure.remedy == CELL
+    arm, hand = LinkLost("arm lost", "look at the arm"), LinkLost("hand lost", "look at the hand")
+    assert remedy_of(None, {"arm": arm, "gripper": hand}, 0.1) == (
+        "look at the arm; look at the hand"
+    )
+    assert remedy_of(None, {"arm": arm, "gripper": arm}, 0.1) == "look at the arm"
+
+
+def test_arm_that_nobody_knows_to_stand_is_to_be_looked_at() -> None:
+    for act, unknown in ((cut_arm, True), (cut_gripper, False), (trip_arm, False)):
+        trial, _, _ = ended(Phase.HOLD, act)
+        told = end_of(trial.trace.last, trial.trace.hand, trial.loop.errors, 0.1, "type this")
+        assert told.advice == (f"{LOOK}; type this" if unknown else "type this"), act
+
+
 def test_gripper_that_reports_a_fault_refuses_every_motion() -> None:
     _, _, end = ended(Phase.HOLD, fault_gripper)
     assert end.hand.startswith("the hand refuses every motion (")
@@ -189,7 +216,7 @@ def test_between_two_trials_what_was_heard_last_is_told_and_a_closed_hand_has_it
         "the arm stands", "the hand is open", "", open=True
     )
     old = between_trials(arm, gripper, now_ns + 200_000_000, 0.1, "let go")
-    assert old == End("the arm stood when last heard", "the hand was open when last heard", "")
+    assert old == End("the arm stood when last heard", "the hand was open when last heard", LOOK)
     a, b, c = (msgspec.structs.replace(f, position_counts=90) for f in gripper.fingers)
     closed = msgspec.structs.replace(gripper, fingers=(a, b, c))
     tripped = msgspec.structs.replace(arm, stopped_by_safety=True)
