@@ -166,10 +166,10 @@ def _add_calibrate(actions: Any) -> None:
     parser = actions.add_parser(
         "calibrate",
         help="fit arm speed and one length a short object to the paper's lift column",
-        description="Runs lifts over a grid of arm speeds and of one length for each of ball, foam "
-        "and football; gives the most likely values for the paper's lift column, how well it tells "
-        "them, which trade off, and for what is not reproduced the cause. The tap column is never "
-        "used. May be interrupted and run again.",
+        description="Runs lifts over a grid of arm speeds (acceleration in proportion) and of one "
+        "length for each of ball, foam and football; gives the most likely values for the paper's "
+        "lift column, how well it tells them, which trade off, and for what is not reproduced the "
+        "cause. The tap column is never used. May be interrupted and run again.",
     )
     parser.add_argument(
         "--profile", default="paper", metavar="NAME",

@@ -1,4 +1,4 @@
-"""A network for fingertips of another layout: trained, exported, read back, and told apart."""
+"""A network for fingertips of another layout: trained, exported, lifted with, and told apart."""
 
 from pathlib import Path
 
@@ -9,12 +9,17 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from detector.interface import load_detector  # noqa: E402
-from detector.recordings import Recording  # noqa: E402
+from detector.recordings import Recording, read  # noqa: E402
 from detector.training.export import export  # noqa: E402
 from detector.training.fit import Training  # noqa: E402
 from detector.training.sequences import digest  # noqa: E402
 from detector.training.settings import TrainSettings  # noqa: E402
 from drivers.errors import UsageError  # noqa: E402
+from grasp.cli import exits  # noqa: E402
+from grasp.cli.main import main  # noqa: E402
+from scenarios.acquire.datasets.draws import layout_file  # noqa: E402
+from scenarios.lift.result import LiftResult  # noqa: E402
+from scenarios.lift.scoring import LiftOutcome  # noqa: E402
 from tests.unit.detector.toys import toys  # noqa: E402
 
 pytestmark = pytest.mark.train
@@ -59,3 +64,53 @@ def test_recordings_of_two_layouts_train_nothing() -> None:
     mixed = [*TRAIN, *toys("train", 1, 50)]
     with pytest.raises(UsageError, match="6 and 8 taxels"):
         Training("tcn", QUICK, mixed, VALIDATION, digest(mixed))
+
+
+STROKES = """
+name = "eight"
+seed = 77
+layout = "eight"
+static_samples = 900
+slip_samples = 700
+recording_samples = 500
+least_recordings = 3
+[[rows]]
+motion = "primary"
+speed = 0.05
+percent = { planar = 100.0 }
+[randomise]
+"surface.texture_rms_m" = [0.00005, 0.0004]
+"surface.friction_kinetic" = [0.55, 1.0]
+"""
+
+
+@pytest.mark.timeout(600)  # twenty seconds of processor time, all of it beside other work
+def test_from_an_acquisition_to_a_lift_with_eight_taxels_as_a_user_types_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    eight_taxels = ("--config", str(layout_file("eight")), "--rig", "simulated", "--pace", "max")
+    runs, data, weights = tmp_path / "runs", tmp_path / "set", tmp_path / "mine.onnx"
+    (tmp_path / "strokes.toml").write_text(STROKES)
+
+    def typed(*words: str) -> int:
+        return main([*words, "--json"])
+
+    acquired = typed("run", "acquire", *eight_taxels, "--seconds", "2", "--runs", str(runs))
+    assert acquired == exits.SUCCESS
+    (samples,) = runs.glob("*/samples.npz")
+    assert read(samples).taxels == 8
+
+    built = typed("dataset", "build", str(tmp_path / "strokes.toml"), "--out", str(data))
+    assert built == exits.SUCCESS
+    quick = ("--steps", "20", "--out", str(weights))
+    assert typed("detector", "train", "tcn", "--data", str(data), *quick) == exits.SUCCESS
+
+    capsys.readouterr()
+    own = ("--detector", "tcn", "--set", f"network.weights={weights}", "--runs", str(runs))
+    lifted = typed("run", "lift", *eight_taxels, *own)
+    assert lifted in (exits.SUCCESS, exits.TRIAL_FAILED)  # who has learnt for 20 steps may not hear
+    result = msgspec.json.decode(capsys.readouterr().out, type=LiftResult)
+    assert result.outcome not in (LiftOutcome.FAULT, LiftOutcome.INTERNAL_ERROR)
+
+    assert typed("run", "lift", "--rig", "simulated", *own) == exits.USAGE
+    assert "made for fingertips of 8 taxels, not of 6" in capsys.readouterr().out

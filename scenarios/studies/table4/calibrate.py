@@ -1,18 +1,20 @@
 """Fits the little that the paper's lift column can tell, and says how well it tells it.
 
-One arm speed that all objects share, and one length for each short object (how far below its
+One arm speed that all objects share (its acceleration in proportion, which is what decides: slip
+begins within the first centimetre), and one length for each short object (how far below its
 widest point it is held, how long its body is), on a grid, on the lift column of Table IV alone. The
 tap column is never looked at: what a profile gives for it is a prediction. Friction, mass and the
 detector are not fitted: the column cannot tell them apart (a rate of detection fitted to an object
 would be circular, and would not carry over to the tap).
 """
 
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
+from scenarios.campaign.axes import AXES
+from scenarios.campaign.config import load_config
 from scenarios.campaign.paper import (
     TABLE_IV,
     log_multinomial,
@@ -28,7 +30,7 @@ from scenarios.campaign.worker import Row
 from scenarios.rigs.workers import Workers
 
 SPEED = "controller.lift_speed_mps"
-SPEEDS_MPS = (0.1, 0.15, 0.2, 0.25)  # assumed range of the paper's arm
+SPEEDS_MPS = (0.1, 0.2, 0.3, 0.4)  # assumed range of the paper's arm; the profile's own is 0.1
 LENGTHS_M: dict[str, tuple[str, tuple[float, ...]]] = {
     "ball": ("object.grip_height_m", (-0.012, -0.008, -0.004, 0.0)),
     "foam": ("object.body_above_grip_m", (0.03, 0.038, 0.046, 0.054)),
@@ -92,26 +94,35 @@ class Calibration(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def specs(detector: str | None, profile: str, repetitions: int) -> list[CampaignSpec]:
-    """The campaigns that a calibration needs: one for the long objects, one a short one."""
+    """The campaigns that a calibration needs: at each arm speed one for the long objects, one a
+    short one."""
 
     def spec(
-        name: str, objects: tuple[str, ...], sweep: dict[str, Sequence[float]]
+        name: str, objects: tuple[str, ...], speed_mps: float, sweep: dict[str, Sequence[float]]
     ) -> CampaignSpec:
         return CampaignSpec(
-            name=f"calibrate-{name}", objects=objects, profiles=(profile,),
+            name=f"calibrate-{name}-{speed_mps:g}", objects=objects, profiles=(profile,),
             detectors=() if detector is None else (detector,), seeds=(SEED,),
-            repetitions=repetitions,
-            sweep={key: tuple(values) for key, values in sweep.items()}, recordings="none",
+            repetitions=repetitions, settings=arm_words(profile, speed_mps),
+            sweep={SPEED: (speed_mps,), **{key: tuple(values) for key, values in sweep.items()}},
+            recordings="none",
         )  # fmt: skip
 
     long = tuple(name for name in TABLE_IV if name not in LENGTHS_M)
     return [
-        spec("long", long, {SPEED: SPEEDS_MPS}),
-        *(
-            spec(name, (name,), {SPEED: SPEEDS_MPS, key: values})
-            for name, (key, values) in LENGTHS_M.items()
-        ),
+        each
+        for speed_mps in SPEEDS_MPS
+        for each in (
+            spec("long", long, speed_mps, {}),
+            *(spec(name, (name,), speed_mps, {k: v}) for name, (k, v) in LENGTHS_M.items()),
+        )
     ]
+
+
+def arm_words(profile: str, speed_mps: float) -> tuple[str, ...]:
+    """Assignments, section.key=value, that let the arm rise so fast, and accelerate with it."""
+    base = load_config(next(iter(TABLE_IV)), "simulated", None, None, (), profile)
+    return tuple(AXES["speed"].moved(base, speed_mps))
 
 
 def calibrate(
@@ -230,4 +241,5 @@ def assignments(result: Calibration) -> list[tuple[str, str]]:
         for c in result.best
         if c.length_m is not None
     ]
-    return list(itertools.chain([("", f"{SPEED}={result.speed_mps:g}")], lengths))
+    arm = [("", word) for word in arm_words(result.profile, result.speed_mps)]
+    return [*arm, *lengths]

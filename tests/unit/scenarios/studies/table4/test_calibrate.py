@@ -22,7 +22,7 @@ from scenarios.studies.table4.calibrate import (
 from scenarios.studies.table4.cause import explain, signal_range
 from tests.unit.scenarios.conftest import config
 
-TRUE_MPS = 0.15
+TRUE_MPS = 0.2
 TRUE_M = {"ball": -0.008, "foam": 0.038, "football": 0.08}
 Rates = Callable[[str, float, float | None], tuple[int, int]]
 
@@ -93,6 +93,16 @@ def test_it_runs_on_lifts_alone_on_seeds_of_its_own_and_never_on_the_tap() -> No
     places = [place for spec in every for place in combinations(spec)]
     assert len(places) == 60
     assert {place.config.profile for place in places} == {"paper"}
+
+
+def test_the_arm_accelerates_in_proportion_to_the_speed_that_is_tried() -> None:
+    places = [place for spec in specs("energy", "paper", 1) for place in combinations(spec)]
+    for p in places:
+        arm = p.config.controller
+        assert arm.lift_speed_mps == p.swept[SPEED]
+        assert arm.lift_acceleration_mps2 == pytest.approx(5 * p.swept[SPEED])
+    found = fit(rows_of(as_in_the_paper_at_the_true_place), "paper", TRIALS)
+    assert ("", "controller.lift_acceleration_mps2=1") in assignments(found)
 
 
 def test_a_full_run_that_fails_where_its_copy_holds_has_failed_by_an_alarm() -> None:
