@@ -23,7 +23,7 @@ TERMS: dict[str, dict[str, float]] = {
         "fingertip.wander_fast_s": 0.0323, "fingertip.wander_slow_s": 0.212,
     },
     "strokes with a tail": {"control.braking_share": 1.0},
-    "quick start of a stroke": {"control.acceleration_mps2": 0.2, "control.turn_radps2": 4.0},
+    "quick start of a stroke": {"control.acceleration_mps2": 0.2, "control.turn_radps2": 3.5},
     "sideways mount": {"fingertip.lateral_npmm": 0.0},
     "slow relaxation": {"fingertip.relaxation_slow_share": 0.0},
     "shift and rocking": {"fingertip.shift_mm": 0.0, "fingertip.rock_rad": 0.0},
