@@ -3,6 +3,8 @@
 import argparse
 import math
 import os
+import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from scenarios.rigs.workers import Workers
 
 MOST_JOBS = 256
+LINES = 10  # where there is no terminal: a line for each tenth
 PICTURES = (".svg", ".png", ".pdf")
 
 
@@ -68,15 +71,33 @@ def need(extra: str, *packages: str) -> None:
 
 @contextmanager
 def progress(doing: str, hidden: bool = False) -> "Iterator[Callable[..., None]]":
-    """A moving bar on standard error; yields what takes done, total and what is done now."""
+    """A moving bar with the time left on standard error, a line for each tenth where that is no
+    terminal; yields what takes done, total and what is done now."""
     from rich.console import Console
     from rich.progress import Progress
 
+    if not hidden and not sys.stderr.isatty():
+        yield _lines(doing)
+        return
     with Progress(console=Console(stderr=True), transient=True, disable=hidden) as bar:
         task = bar.add_task(doing, total=None)
         yield lambda done, total, text=doing: bar.update(
             task, completed=done, total=total, description=text
         )
+
+
+def _lines(doing: str) -> Callable[..., None]:
+    start_s, shown = time.monotonic(), 0
+
+    def show(done: int, total: int, text: str = doing) -> None:
+        nonlocal shown
+        if LINES * done // max(1, total) <= shown:
+            return
+        shown = LINES * done // total
+        left_s = (time.monotonic() - start_s) * (total - done) / done
+        print(f"{text}: {done} of {total}, {left_s:.0f} s left", file=sys.stderr)
+
+    return show
 
 
 def one_by_one(names: Sequence[str], doing: str, hidden: bool) -> Iterator[str]:

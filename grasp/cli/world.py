@@ -312,7 +312,7 @@ def _add_check(actions: Any) -> None:
         help="objects with a lift or a tap each (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the first draw")
-    parser.add_argument("--detector", default="energy", metavar="NAME", help="default: %(default)s")
+    parser.add_argument("--detector", metavar="NAME", help="default: that of every run")
     parser.add_argument(
         "--tolerance", type=quantity("m", "mm", "um", "cm"), metavar="LENGTH",
         help="in place of world.tolerance, with its unit, such as 0.5mm",
@@ -325,19 +325,21 @@ def _add_check(actions: Any) -> None:
 def check(args: argparse.Namespace) -> int:
     import msgspec
 
+    from scenarios.campaign.config import load_config
     from scenarios.studies.physics import levels
 
+    detector = load_config(levels.OBJECTS[0], "simulated", args.detector).detector_name
     seeds = range(args.seed, args.seed + args.draws)
     with progress("draws") as show:
         draws = list(
             levels.check(
-                seeds, args.detector, args.tolerance, workers(args),
+                seeds, detector, args.tolerance, workers(args),
                 lambda done, total: show(done, total, "draws"),
             )
         )  # fmt: skip
     if args.out:
         write_whole(args.out, msgspec.json.encode(draws))
-    print(levels.table(draws))
+    print(f"detector {detector}\n\n{levels.table(draws)}")
     return exits.SUCCESS
 
 

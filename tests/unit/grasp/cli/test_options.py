@@ -8,7 +8,7 @@ import pytest
 
 from drivers.errors import UsageError
 from grasp.cli.main import build_parser, main
-from grasp.cli.options import decimal, need, picture, whole
+from grasp.cli.options import decimal, need, picture, progress, whole
 
 
 def options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Action]]:
@@ -88,3 +88,19 @@ def test_a_picture_of_no_kind_that_can_be_drawn_is_refused_before_anything_is_co
 ) -> None:
     assert main([*words, name]) == 2
     assert "a name that ends in .svg, .png or .pdf" in capsys.readouterr().err
+
+
+def test_progress_without_a_terminal_is_a_line_for_each_tenth(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with progress("draws") as show:
+        for done in range(1, 101):
+            show(done, 100)
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(",")[0] for line in lines] == [
+        f"draws: {done} of 100" for done in range(10, 101, 10)
+    ]
+    assert all(line.endswith(" s left") for line in lines)
+    with progress("draws", hidden=True) as show:
+        show(1, 1)
+    assert not capsys.readouterr().err

@@ -81,3 +81,19 @@ def test_compiled_functions_that_can_be_kept_nowhere_are_told_with_what_to_do(
     monkeypatch.setattr(world, "show_plan", scope["fails"])
     assert main(["world", "plan", "tap"]) == exits.USAGE
     assert "NUMBA_CACHE_DIR" in capsys.readouterr().err
+
+
+def test_check_runs_the_detector_of_every_run_and_names_it(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from scenarios.studies.physics import levels
+
+    asked: list[object] = []
+    monkeypatch.setattr(levels, "check", lambda *told: asked.append(told[1]) or iter(()))
+    monkeypatch.setattr(levels, "table", lambda draws: "table")
+    assert main(["world", "check", "--draws", "2"]) == exits.SUCCESS
+    assert main(["world", "check", "--draws", "2", "--detector", "energy"]) == exits.SUCCESS
+    assert asked == ["gru", "energy"]
+    assert capsys.readouterr().out.startswith("detector gru\n")
+    assert main(["world", "check", "--draws", "2", "--detector", "ear"]) == exits.USAGE
+    assert len(asked) == 2
