@@ -40,7 +40,7 @@ class StreamingNetwork:
         self.name = loaded.card.name
         self.threshold = loaded.card.threshold
         window = loaded.card.window
-        self.memory = window + 1 if window else 0  # it takes changes, from one more sample
+        self.memory = window + 1 if window else 0
         self.card = loaded.card
         self._shape = (fingers, loaded.taxels)
         self._session = loaded.session

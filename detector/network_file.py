@@ -34,7 +34,8 @@ class NetworkCard(msgspec.Struct, frozen=True, kw_only=True):
     format: int
     name: str
     mode: Mode  # a frame and a state at a time, or a whole window
-    # samples that a `window` graph takes; for `stream` its memory, 0: unbounded
+    # samples that a `window` graph takes; for `stream` how many before the newest play a part,
+    # 0: unbounded
     window: Annotated[int, Meta(ge=0, le=MOST_SAMPLES)]
     threshold: Annotated[float, Meta(gt=0.0, lt=1.0)]  # probability above which a sample is slip
     parameters: int

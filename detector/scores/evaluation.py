@@ -6,10 +6,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.blows import Blow, blows_of
 from detector.decision import RuleSettings, registered_events
 from detector.energy import EnergyDetector
 from detector.interface import SlipDetector
 from detector.recordings import MOVED_M, LabelName, Recording
+from detector.scores.blows import BlowScore, answers, blow_score, within
 from detector.scores.events import (
     EventSettings,
     Judgement,
@@ -29,6 +31,7 @@ from detector.scores.metrics import (
     edge_distance_ms,
 )
 from detector.scores.quantiles import Quantiles, quantiles
+from drivers.errors import BadFile
 
 WARM_UP_SAMPLES = 100  # the paper's window: what comes earlier no detector has to know
 HAND_FINGERS = 3
@@ -64,6 +67,7 @@ class Evaluation(msgspec.Struct, frozen=True):
     threshold: float  # on the probability, of `accuracy` and its kin
     threshold_counts: float | None  # the same in counts, for the energy detector
     by_edge_distance: tuple[EdgeBin, ...]
+    blows: BlowScore | None
     confusion: Confusion
     recordings: int
     true_events: int
@@ -124,16 +128,35 @@ def stream_recordings(
     return found
 
 
+class Judged(msgspec.Struct, frozen=True, eq=False):
+    """What became of one recording's slips, and of its blows."""
+
+    events: Judgement
+    moved_m: Floats  # of each blow
+    answers_ms: Floats  # see `scores.blows.answers`
+
+
 def judge_stream(
-    streamed: Streamed, rule: RuleSettings, events: EventSettings, first_sample: int
-) -> Judgement:
-    """The events that the rule makes of one recording."""
-    speed = streamed.recording.contact_speed_mps
-    return judge(
-        registered_events(streamed.probabilities, rule), streamed.labels, streamed.recording.t_s,
-        events, first_sample=first_sample,
+    streamed: Streamed,
+    rule: RuleSettings,
+    events: EventSettings,
+    first_sample: int,
+    blows: Sequence[Blow],
+    apart: bool = False,
+) -> Judged:
+    """The events that the rule makes of one recording; ``apart``: what begins in a blow is judged
+    as its answer alone, neither as a slip nor as false."""
+    recording = streamed.recording
+    speed = recording.contact_speed_mps
+    registered = registered_events(streamed.probabilities, rule)
+    scored = [blow for blow in blows if blow.struck >= first_sample]
+    judgement = judge(
+        registered, streamed.labels, recording.t_s, events, first_sample=first_sample,
         speed_mps=None if speed is None else speed.astype(np.float64),
+        left_out=within(blows, len(recording.t_s)) if apart and blows else None,
     )  # fmt: skip
+    moved_m = np.array([blow.moved_m for blow in scored])
+    return Judged(judgement, moved_m, answers(registered, scored, recording.t_s))
 
 
 # as both a confusion and an evaluation call them
@@ -153,12 +176,13 @@ def evaluate_streams(
 
     A recording has one label for all fingers, so the finger that is surest speaks for a sample.
     Samples are judged at the detector's own threshold, events at the rule's; by default an event
-    that hears the pad shear before `slip_true` is early, not false. Raises ValueError if nothing is
-    left to score.
+    that hears the pad shear before `slip_true` is early, not false. Raises BadFile for a recording
+    of which nothing is left to score.
     """
     _refuse_to_score_nothing(streams, first_sample)
     how = events or events_by_label(streams[0].label)
-    judged = [judge_stream(s, rule, how, first_sample) for s in streams]
+    every = [judge_stream(s, rule, how, first_sample, blows_of(s.recording)) for s in streams]
+    judged = [each.events for each in every]
     parts = [(s.probabilities.max(axis=1)[first_sample:], s.labels[first_sample:]) for s in streams]
     p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
     verdicts = p > detector.threshold
@@ -185,15 +209,19 @@ def evaluate_streams(
         threshold=detector.threshold,
         threshold_counts=_threshold_counts(detector),
         by_edge_distance=accuracy_by_edge(verdicts, labels, np.concatenate(distances)),
+        blows=score_blows(every),
         confusion=cells,
         recordings=len(streams),
     )
 
 
 def _refuse_to_score_nothing(streams: Sequence[Streamed], first_sample: int) -> None:
-    for count in (len(s.recording.t_s) for s in streams):
-        if not 0 <= first_sample < count:
-            raise ValueError(f"no sample left: {count} in all, first {first_sample}")
+    for recording in (s.recording for s in streams):
+        if not 0 <= first_sample < len(recording.t_s):
+            raise BadFile(
+                recording.source, f"has {len(recording.t_s)} samples",
+                f"more than {first_sample} are needed: only those after them are scored",
+            )  # fmt: skip
 
 
 def events_by_label(label: LabelName) -> EventSettings:
@@ -215,6 +243,13 @@ def evaluate_recording(
     streamed = Streamed(recording, *stream(detector, recording.counts, clock_ns))
     return evaluate_streams(
         detector, rule, [streamed], recording.source, first_sample=first_sample, events=events
+    )
+
+
+def score_blows(judged: Sequence[Judged]) -> BlowScore | None:
+    """Of several recordings as of one."""
+    return blow_score(
+        np.concatenate([j.moved_m for j in judged]), np.concatenate([j.answers_ms for j in judged])
     )
 
 

@@ -35,7 +35,7 @@ class EventMetrics(msgspec.Struct, frozen=True):
     """Events in a stretch of data; None where there is nothing to judge.
 
     Delays count from the label's rise (``delay``) and fall (``release_delay``): negative is early.
-    A miss enters as a delay that lasts to the end of its slip, which is the least it can be.
+    A miss is a delay without end, and quantiles say so: infinite where too many are missed.
     """
 
     true_events: int
@@ -64,8 +64,8 @@ def true_events(slip: Labels, t_s: Floats, merge_gap_s: float) -> Events:
 class Judgement(msgspec.Struct, frozen=True, eq=False):
     """What became of the slips of one stretch of data; several can be pooled."""
 
-    delays_ms: Floats  # of every slip, misses to its end
-    delays_mm: Floats | None
+    delays_ms: Floats  # of every slip, infinite where it was missed
+    delays_mm: Floats | None  # likewise
     releases_ms: Floats  # of the slips that were caught
     missed: int
     good: int  # registered events that begin in a slip
@@ -81,28 +81,35 @@ def judge(
     *,
     first_sample: int = 0,
     speed_mps: Floats | None = None,
+    left_out: Labels | None = None,
 ) -> Judgement:
     """Judge registered events (m, 2) against labels (n,) at times (n,).
 
-    Slips and false events count if they begin at ``first_sample`` or later. ``speed_mps`` (n,) is
-    the sliding speed; with it delays are given in mm slipped, too.
+    Slips and false events count if they begin at ``first_sample`` or later, and not in what is
+    ``left_out`` (n,), which is no rest either. ``speed_mps`` (n,) is the sliding speed; with it
+    delays are given in mm slipped, too.
     """
+    counted = np.arange(len(t_s)) >= first_sample
+    if left_out is not None:
+        counted &= ~left_out
     truth = true_events(slip, t_s, settings.merge_gap_s)
     owner = _owners(registered, truth, t_s, settings.early_s)
-    scored = np.flatnonzero(truth[:, 0] >= first_sample)
+    scored = np.flatnonzero(counted[truth[:, 0]])
     first = [registered[owner == i][:1, 0] for i in scored]
     answered = np.array([len(f) > 0 for f in first], np.bool_)
     onset, end = truth[scored, 0], truth[scored, 1]
     at = np.where(answered, [f[0] if len(f) else 0 for f in first], end).astype(np.intp)
     released = np.array([registered[owner == i][-1, 1] for i in scored[answered]], np.intp)
     return Judgement(
-        delays_ms=_time(t_s, at) * 1e3 - _time(t_s, onset) * 1e3,
-        delays_mm=None if speed_mps is None else _slipped_mm(speed_mps, t_s, onset, at),
+        delays_ms=np.where(answered, _time(t_s, at) * 1e3 - _time(t_s, onset) * 1e3, np.inf),
+        delays_mm=None
+        if speed_mps is None
+        else np.where(answered, _slipped_mm(speed_mps, t_s, onset, at), np.inf),
         releases_ms=(_time(t_s, released) - _time(t_s, end[answered])) * 1e3,
         missed=int((~answered).sum()),
         good=int(np.isin(owner, scored).sum()),
-        false=int(((owner < 0) & (registered[:, 0] >= first_sample)).sum()),
-        static_s=_static_s(truth, t_s, first_sample),
+        false=int(((owner < 0) & counted[registered[:, 0]]).sum()),
+        static_s=_static_s(truth, t_s, counted),
     )
 
 
@@ -143,13 +150,13 @@ def _time(t_s: Floats, samples: Events) -> Floats:
     return times
 
 
-def _static_s(truth: Events, t_s: Floats, first_sample: int) -> float:
-    """How long, from the first sample on, there is no slip: every sample stands for one period."""
-    static = np.ones(len(t_s), np.bool_)
+def _static_s(truth: Events, t_s: Floats, counted: Labels) -> float:
+    """How long, of what counts, there is no slip: every sample stands for one period."""
+    static = counted.copy()
     for first, after in truth:
         static[first:after] = False
     period_s = (t_s[-1] - t_s[0]) / (len(t_s) - 1)
-    return float(static[first_sample:].sum() * period_s)
+    return float(static.sum() * period_s)
 
 
 def _slipped_mm(speed_mps: Floats, t_s: Floats, onset: Events, at: Events) -> Floats:

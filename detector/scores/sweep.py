@@ -1,30 +1,39 @@
 """How soon against how often wrongly: rules and thresholds swept over what a detector said.
 
 The curve of a detector is what a user can choose from: for each rate of false events the least
-delay (an AMOC curve, Fawcett and Provost 1999). Misses count as delays to the end of their slip.
+delay (an AMOC curve, Fawcett and Provost 1999). Blows are judged apart: what answers one is neither
+a slip nor false.
 """
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Literal
 
 import msgspec
 import numpy as np
 
+from detector.blows import MOVED_M, blows_of
 from detector.decision import RuleSettings
+from detector.scores.blows import BlowScore
 from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
+    Judged,
     Streamed,
     events_by_label,
     hand_rate,
     judge_stream,
+    score_blows,
 )
 from detector.scores.metrics import Floats
 from detector.scores.quantiles import quantile
 
-LOG_ODDS = np.linspace(-3.0, 9.0, 17)  # thresholds tried
+LOG_ODDS = np.linspace(-2.0, 7.0, 28)  # thresholds tried
 LIMITS = np.geomspace(0.5, 100.0, 14)  # of summed log-odds
-CONSECUTIVE = (1, 2, 3, 5)
+CONSECUTIVE = (1, 2, 3, 5, 8)
 DRIFTS = (0.0, 2.0)
+FUSIONS: tuple[Literal["any", "mean"], ...] = ("any", "mean")
+MISS_MS = 500.0  # what a miss counts, and the most that any delay does
+MOST_FALSE_BLOWS = 0.05  # of those that move nothing
 
 
 class SweepPoint(msgspec.Struct, frozen=True):
@@ -32,43 +41,64 @@ class SweepPoint(msgspec.Struct, frozen=True):
 
     rule: RuleSettings
     false_per_min: float  # over three fingers
-    delay_ms: float  # median
-    mean_delay_ms: float
+    delay_ms: float  # median, as the others of all slips; infinite: so many are missed
     p90_delay_ms: float
+    p99_delay_ms: float
     recall: float
+    mean_delay_ms: float  # none longer than MISS_MS; slips and blows that moved 1 mm, half each
+    blows: BlowScore | None
+
+    @property
+    def false_blows(self) -> float:
+        """Share of the blows that moved nothing and were registered all the same."""
+        if self.blows is None or not self.blows.unmoved:
+            return 0.0
+        return self.blows.unmoved_registered / self.blows.unmoved
 
 
 def rules(base: RuleSettings) -> Iterator[RuleSettings]:
-    """Every rule tried: consecutive samples over a threshold, and sums over a limit."""
-    for k in CONSECUTIVE:
-        for odds in LOG_ODDS:
-            yield msgspec.structs.replace(
-                base, kind="consecutive", consecutive=k, threshold=_logistic(float(odds))
-            )
-    for drift in DRIFTS:
-        for limit in LIMITS:
-            yield msgspec.structs.replace(
-                base, kind="cusum", drift=drift, limit=float(limit), threshold=_logistic(drift)
-            )
+    """Every rule tried: consecutive samples over a threshold, and sums over a limit; any finger, or
+    all of them together."""
+    for fusion in FUSIONS:
+        for k in CONSECUTIVE:
+            for odds in LOG_ODDS:
+                yield msgspec.structs.replace(
+                    base, kind="consecutive", fusion=fusion, consecutive=k,
+                    threshold=_logistic(float(odds)),
+                )  # fmt: skip
+        for drift in DRIFTS:
+            for limit in LIMITS:
+                yield msgspec.structs.replace(
+                    base, kind="cusum", fusion=fusion, drift=drift, limit=float(limit),
+                    threshold=_logistic(drift),
+                )  # fmt: skip
 
 
 def _logistic(odds: float) -> float:
     return 1.0 / (1.0 + math.exp(-odds))
 
 
-def point(streams: Sequence[Streamed], rule: RuleSettings, first_sample: int) -> SweepPoint | None:
-    """Score one rule; None for data without slip or without rest."""
-    judged = [judge_stream(s, rule, events_by_label(s.label), first_sample) for s in streams]
-    delays: Floats = np.concatenate([j.delays_ms for j in judged])
-    rate = hand_rate(streams, judged)
+def point(
+    streams: Sequence[Streamed], rule: RuleSettings, judged: Sequence[Judged]
+) -> SweepPoint | None:
+    """Score one rule by what became of the streams; None for data without slip or rest."""
+    events = [j.events for j in judged]
+    delays: Floats = np.concatenate([j.delays_ms for j in events])
+    rate = hand_rate(streams, events)
     if rate is None or not len(delays):
         return None
-    missed = sum(j.missed for j in judged)
     ordered = np.sort(delays)
-    return SweepPoint(
-        rule, rate, quantile(ordered, 0.5), float(delays.mean()), quantile(ordered, 0.9),
-        1.0 - missed / len(delays),
-    )  # fmt: skip
+    p50, p90, p99 = (quantile(ordered, share) for share in (0.5, 0.9, 0.99))
+    recall = float(np.isfinite(delays).mean())
+    return SweepPoint(rule, rate, p50, p90, p99, recall, _cost_ms(judged), score_blows(judged))
+
+
+def _cost_ms(judged: Sequence[Judged]) -> float:
+    """Mean delay, slips and blows half each."""
+    slips = np.concatenate([j.events.delays_ms for j in judged])
+    answered = np.concatenate([j.answers_ms for j in judged])
+    blows = answered[np.concatenate([j.moved_m for j in judged]) >= MOVED_M]
+    return float(np.mean([np.minimum(d, MISS_MS).mean() for d in (slips, blows) if len(d)]))
 
 
 def sweep(
@@ -77,13 +107,24 @@ def sweep(
     first_sample: int = WARM_UP_SAMPLES,
 ) -> list[SweepPoint]:
     """A point for every rule."""
-    found = (point(streams, rule, first_sample) for rule in tried)
+    blows = [blows_of(s.recording) for s in streams]
+    found = []
+    for rule in tried:
+        judged = [
+            judge_stream(s, rule, events_by_label(s.label), first_sample, its, apart=True)
+            for s, its in zip(streams, blows, strict=True)
+        ]
+        found.append(point(streams, rule, judged))
     return [p for p in found if p is not None]
 
 
 def best(points: Iterable[SweepPoint], budget_per_min: float) -> SweepPoint | None:
-    """The quickest on average that keeps to the budget over three fingers; None if none does."""
-    allowed = [p for p in points if p.false_per_min <= budget_per_min]
+    """The quickest on average that keeps to the budget over three fingers, and answers hardly a
+    blow that moves nothing; None if none does."""
+    allowed = [
+        p for p in points
+        if p.false_per_min <= budget_per_min and p.false_blows <= MOST_FALSE_BLOWS
+    ]  # fmt: skip
     return min(allowed, key=lambda p: (p.mean_delay_ms, p.false_per_min), default=None)
 
 

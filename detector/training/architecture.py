@@ -12,7 +12,13 @@ NORM_EPS = 1e-3  # of the authors' layer norms
 # columns of rows of taxels: 0 1 2 in the lower row, 5 4 3 in the upper
 GRID = ((0, 1, 2), (5, 4, 3))
 
-Inputs = Literal["counts", "changes", "both"]
+Input = Literal["counts", "changes", "shifts"]
+
+# a shift is how far a taxel stands from its own mean of SHIFT_MEAN samples, SHIFT_LAG ago: what a
+# slip leaves behind, however short it was, as long as the mean has not followed
+SHIFT_LAG, SHIFT_MEAN = 9, 30
+SHIFT_SCALE_COUNTS = 8.0  # of the asinh: linear for noise, a logarithm for blows
+SHIFT_REACH = SHIFT_LAG + SHIFT_MEAN - 1  # samples before the newest
 
 
 class Architecture(msgspec.Struct, frozen=True, kw_only=True):
@@ -20,7 +26,7 @@ class Architecture(msgspec.Struct, frozen=True, kw_only=True):
 
     family: Literal["tcn", "gru", "freq-cnn"]
     taxels: int = KIT_TAXELS  # of a fingertip; a freq-cnn's image has the kit's
-    inputs: Inputs = "counts"
+    inputs: tuple[Input, ...] = ("counts",)
     kernel: int = 8
     dilations: tuple[int, ...] = (1, 2, 4, 8)
     channels: int = 12
@@ -31,8 +37,24 @@ class Architecture(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def receptive_field(self) -> int:
-        """Samples that one output of a `tcn` depends on: two convolutions a block."""
+        """Inputs that one output of a `tcn` depends on: two convolutions a block."""
         return 1 + 2 * (self.kernel - 1) * sum(self.dilations)
+
+    @property
+    def memory(self) -> int:
+        """Samples that one output of a `tcn` depends on."""
+        reach = SHIFT_REACH if "shifts" in self.inputs else int("changes" in self.inputs)
+        return self.receptive_field + reach
+
+
+def shift_taps() -> tuple[int, ...]:
+    """What a shift is of the changes up to now, the newest last, each times SHIFT_MEAN.
+
+    A sample less an earlier one is the sum of the changes between them, so no count of the past is
+    needed, and the past before a reset is no change. Whole numbers: any order of summation agrees.
+    """
+    ages = range(SHIFT_REACH - 1, -1, -1)
+    return tuple(SHIFT_MEAN if age < SHIFT_LAG else SHIFT_REACH - age for age in ages)
 
 
 def of_layout(name: str, taxels: int) -> Architecture:
@@ -47,9 +69,13 @@ def of_layout(name: str, taxels: int) -> Architecture:
 ARCHITECTURES = {
     # 10,070 parameters; its receptive field of 211 exceeds the window, so the zero padding counts
     "tcn-paper": Architecture(family="tcn"),
-    # 91 samples at most: window and stream are equal
-    "tcn": Architecture(family="tcn", inputs="both", kernel=4, outputs=1, streaming=True),
-    "gru": Architecture(family="gru", inputs="both", channels=32, outputs=1, streaming=True),
+    # 99 samples at most: window and stream are equal
+    "tcn": Architecture(
+        family="tcn", inputs=("shifts", "changes"), kernel=3, channels=16, outputs=1, streaming=True
+    ),
+    "gru": Architecture(
+        family="gru", inputs=("shifts", "changes"), channels=32, outputs=1, streaming=True
+    ),
     "freq-cnn-paper": Architecture(family="freq-cnn", scrambled=True),
     "freq-cnn": Architecture(family="freq-cnn"),
 }

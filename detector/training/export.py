@@ -34,10 +34,10 @@ def export(training: Training, validation: list[Recording], path: Path, commit: 
     if training.best is not None and math.isfinite(training.best.delay_ms):
         figures["mean_delay_ms_within_budget"] = training.best.delay_ms
     mode: Mode = "stream" if training.arch.streaming else "window"
-    memory = training.arch.receptive_field if training.arch.family == "tcn" else 0
+    before = training.arch.memory - 1 if training.arch.family == "tcn" else 0
     card = NetworkCard(
         format=FORMAT, name=training.name, mode=mode,
-        window=memory if mode == "stream" else WINDOW, threshold=THRESHOLD,
+        window=before if mode == "stream" else WINDOW, threshold=THRESHOLD,
         parameters=parameter_count(training.network),
         mean_counts=training.statistics.mean, std_counts=training.statistics.std,
         change_scale_counts=training.statistics.change_scale,

@@ -13,6 +13,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import nn
 
 from detector.recordings import Recording
@@ -134,8 +135,8 @@ class Training:
         if s.balance == "weights":
             weights = weights * torch.where(labels > 0, self._slip_weight, 1.0)
         odds = self.network(counts) if s.dense else self.network(counts, last=True)
-        each = nn.functional.binary_cross_entropy_with_logits(odds, labels, reduction="none")
-        loss = (each * weights).sum() / weights.sum()
+        # each finger for itself, and those of a hand together: a rule may ask either
+        loss = sum(_loss(z, labels, weights) for z in (odds, _fused(odds, batch.hands))) / 2.0
         for group in self._optimiser.param_groups:
             group["lr"] = self._rate()
         self._optimiser.zero_grad()
@@ -203,6 +204,18 @@ class Training:
     def _identity(self) -> str:
         settings = msgspec.json.encode([self.arch, self.settings]).decode()
         return f"{self.name} {self.data_digest} {settings}"
+
+
+def _loss(odds: torch.Tensor, labels: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
+    each = nn.functional.binary_cross_entropy_with_logits(odds, labels, reduction="none")
+    return (each * weights).sum() / weights.sum()
+
+
+def _fused(odds: torch.Tensor, hands: NDArray[np.intp]) -> torch.Tensor:
+    """Mean log-odds of the fingers of each hand (batch, time), for every finger of it."""
+    of = torch.from_numpy(hands)
+    sums = odds.new_zeros(int(hands[-1]) + 1, odds.shape[1]).index_add(0, of, odds)
+    return (sums / torch.bincount(of)[:, None])[of]
 
 
 class _Batches:

@@ -4,7 +4,7 @@ No exporter stands between: what is in the file is what is written here. Tempera
 are part of the graph, its output is the calibrated probability.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import msgspec
@@ -14,12 +14,21 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from detector.network_file import CARD_KEY, Mode, NetworkCard
-from detector.training.architecture import GRID, NORM_EPS, WINDOW, Architecture
+from detector.training.architecture import (
+    GRID,
+    NORM_EPS,
+    SHIFT_MEAN,
+    SHIFT_SCALE_COUNTS,
+    WINDOW,
+    Architecture,
+    shift_taps,
+)
 
 OPSET, IR_VERSION = 17, 8
 BATCH_NORM_EPS = 1e-5
 Weights = dict[str, NDArray[np.float32]]
 Shape = tuple[str | int, ...]
+States = dict[str, tuple[int, ...]]
 
 
 class _Graph:
@@ -71,7 +80,7 @@ class _Graph:
 def make_model(arch: Architecture, mode: Mode, weights: Weights, card: NetworkCard) -> bytes:
     """The file: a graph for one frame (`stream`) or a window, and its card."""
     g = _Graph(weights)
-    states: dict[str, tuple[int, ...]] = {}
+    states: States = {}
     if mode == "stream":
         logit, states = {"tcn": _tcn_step, "gru": _gru_step}[arch.family](g, arch)
         inputs: dict[str, Shape] = dict.fromkeys(("counts", "previous"), ("fingers", arch.taxels))
@@ -106,22 +115,48 @@ def _probability(g: _Graph, logit: str, card: NetworkCard) -> None:
     g.op("Sigmoid", g.reshape(cooled, -1), out="probability")
 
 
-def _features(g: _Graph, arch: Architecture, counts: str, previous: str) -> str:
+def _features(g: _Graph, arch: Architecture, previous: str, shifts: Callable[[str], str]) -> str:
+    """Inputs (..., width) of the network; ``shifts`` makes shifts of changes."""
+    changes = g.op("Sub", "counts", previous) if arch.inputs != ("counts",) else ""
     parts = []
-    if arch.inputs != "changes":
-        centred = g.op("Sub", counts, g.const(g.weights["features.mean"]))
-        parts.append(g.op("Div", centred, g.const(g.weights["features.std"])))
-    if arch.inputs != "counts":
-        changes = g.op("Sub", counts, previous)
-        scaled = g.op("Div", changes, g.const(g.weights["features.change_scale"]))
-        parts.append(g.op("Asinh", scaled))
+    for name in arch.inputs:
+        if name == "counts":
+            centred = g.op("Sub", "counts", g.const(g.weights["features.mean"]))
+            parts.append(g.op("Div", centred, g.const(g.weights["features.std"])))
+        elif name == "changes":
+            scaled = g.op("Div", changes, g.const(g.weights["features.change_scale"]))
+            parts.append(g.op("Asinh", scaled))
+        else:
+            scale = g.const(SHIFT_MEAN * SHIFT_SCALE_COUNTS)
+            parts.append(g.op("Asinh", g.op("Div", shifts(changes), scale)))
     return parts[0] if len(parts) == 1 else g.op("Concat", *parts, axis=-1)
 
 
 def _window_features(g: _Graph, arch: Architecture) -> str:
+    def shifts(changes: str) -> str:
+        taps = np.array(shift_taps())
+        kernel = g.const(np.tile(taps, (arch.taxels, 1, 1)))
+        series = g.op("Transpose", changes, perm=[0, 2, 1])
+        summed = g.op("Conv", series, kernel, group=arch.taxels, pads=[len(taps) - 1, 0])
+        return g.op("Transpose", summed, perm=[0, 2, 1])
+
     first = g.slice("counts", 0, 1, 1)
     previous = g.op("Concat", first, g.slice("counts", 0, -1, 1), axis=1)
-    return _features(g, arch, "counts", previous)
+    return _features(g, arch, previous, shifts)
+
+
+def _frame_features(g: _Graph, arch: Architecture, states: States) -> str:
+    """Those of one frame (fingers, width); the changes that a shift is made of are a state."""
+
+    def shifts(changes: str) -> str:
+        taps = np.array(shift_taps())
+        states["state1"] = ((len(taps) - 1) * arch.taxels,)
+        seen = g.op("Concat", "state1", changes, axis=1)
+        g.slice(seen, arch.taxels, 2**31, 1, out="next_state1")
+        matrix = np.kron(taps[:, None], np.eye(arch.taxels))
+        return g.op("MatMul", seen, g.const(matrix))
+
+    return _features(g, arch, "previous", shifts)
 
 
 def _head(g: _Graph, x: str, outputs: int) -> str:
@@ -146,7 +181,7 @@ def _layers(arch: Architecture) -> list[tuple[int, str, int]]:
     ]
 
 
-def _tcn_step(g: _Graph, arch: Architecture) -> tuple[str, dict[str, tuple[int, ...]]]:
+def _tcn_step(g: _Graph, arch: Architecture) -> tuple[str, States]:
     """One frame. The state is what every layer was given before: (samples x all widths), flat.
 
     All that the past contributes to all layers is one product before the first of them; along the
@@ -157,7 +192,8 @@ def _tcn_step(g: _Graph, arch: Architecture) -> tuple[str, dict[str, tuple[int, 
     width = sum(kernel.shape[1] for kernel in kernels)
     length = (arch.kernel - 1) * max(arch.dilations)
     past = _past(g, arch, kernels, width, length)
-    x = _features(g, arch, "counts", "previous")
+    states: States = {"state0": (length * width,)}
+    x = _frame_features(g, arch, states)
     around, given = x, []
     for (i, half, _), kernel, before in zip(layers, kernels, past, strict=True):
         given.append(x)
@@ -169,7 +205,7 @@ def _tcn_step(g: _Graph, arch: Architecture) -> tuple[str, dict[str, tuple[int, 
             x = g.op("Selu", g.op("Add", around, x))
     kept = g.slice("state0", width, 2**31, 1)
     g.op("Concat", kept, *given, axis=1, out="next_state0")
-    return _head(g, x, arch.outputs), {"state0": (length * width,)}
+    return _head(g, x, arch.outputs), states
 
 
 def _past(
@@ -239,8 +275,9 @@ def _gru_weights(g: _Graph) -> list[str]:
     return [g.const(w[None]), g.const(r[None]), g.const(np.concatenate([wb, rb])[None])]
 
 
-def _gru_step(g: _Graph, arch: Architecture) -> tuple[str, dict[str, tuple[int, ...]]]:
-    x = _features(g, arch, "counts", "previous")
+def _gru_step(g: _Graph, arch: Architecture) -> tuple[str, States]:
+    states: States = {"state0": (arch.channels,)}
+    x = _frame_features(g, arch, states)
     sequence = g.op("Unsqueeze", x, g.const([0], np.int64))  # (time, fingers, width)
     before = g.op("Unsqueeze", "state0", g.const([0], np.int64))
     g.nodes.append(helper.make_node(
@@ -248,7 +285,7 @@ def _gru_step(g: _Graph, arch: Architecture) -> tuple[str, dict[str, tuple[int, 
         hidden_size=arch.channels, linear_before_reset=1,
     ))  # fmt: skip
     hidden = g.op("Squeeze", "hidden", g.const([0], np.int64), out="next_state0")
-    return _log_odds(g, hidden, "out", arch.outputs), {"state0": (arch.channels,)}
+    return _log_odds(g, hidden, "out", arch.outputs), states
 
 
 def _gru_window(g: _Graph, arch: Architecture) -> str:

@@ -8,13 +8,23 @@ second method (after Meier et al. 2016), as published and with its reshape mende
 import torch
 from torch import Tensor, nn
 
-from detector.training.architecture import GRID, NORM_EPS, WINDOW, Architecture, Inputs
+from detector.training.architecture import (
+    GRID,
+    NORM_EPS,
+    SHIFT_MEAN,
+    SHIFT_SCALE_COUNTS,
+    WINDOW,
+    Architecture,
+    Input,
+    shift_taps,
+)
 
 DROPOUT = 0.2
 
 
 class Features(nn.Module):
-    """Standardised counts, and changes from sample to sample on a compressed scale.
+    """Standardised counts; changes from sample to sample and shifts against the lagged mean, both
+    on a compressed scale.
 
     ``asinh`` is linear for the noise of a taxel at rest and a logarithm for slip, so that what
     matters of a change is how many times larger than rest it is.
@@ -24,7 +34,7 @@ class Features(nn.Module):
     std: Tensor  # (taxels,) counts
     change_scale: Tensor  # () counts a sample
 
-    def __init__(self, inputs: Inputs, taxels: int) -> None:
+    def __init__(self, inputs: tuple[Input, ...], taxels: int) -> None:
         super().__init__()
         self.inputs, self.taxels = inputs, taxels
         self.register_buffer("mean", torch.zeros(taxels))
@@ -33,17 +43,27 @@ class Features(nn.Module):
 
     @property
     def width(self) -> int:
-        return 2 * self.taxels if self.inputs == "both" else self.taxels
+        return len(self.inputs) * self.taxels
 
     def forward(self, counts: Tensor) -> Tensor:
         """(batch, time, taxels) to (batch, time, width); the first sample has no change."""
-        parts = []
-        if self.inputs != "changes":
-            parts.append((counts - self.mean) / self.std)
-        if self.inputs != "counts":
-            changes = torch.diff(counts, dim=1, prepend=counts[:, :1])
-            parts.append(torch.asinh(changes / self.change_scale))
-        return torch.cat(parts, dim=2)
+        changes = torch.diff(counts, dim=1, prepend=counts[:, :1])
+        parts = {
+            "counts": lambda: (counts - self.mean) / self.std,
+            "changes": lambda: torch.asinh(changes / self.change_scale),
+            "shifts": lambda: torch.asinh(shifts(changes) / SHIFT_SCALE_COUNTS),
+        }
+        return torch.cat([parts[name]() for name in self.inputs], dim=2)
+
+
+def shifts(changes: Tensor) -> Tensor:
+    """How far each sample stands from its lagged mean, counts, of changes (batch, time, taxels)."""
+    batch, time, taxels = changes.shape
+    taps = changes.new_tensor(shift_taps())
+    series = changes.transpose(1, 2).reshape(batch * taxels, 1, time)
+    padded = nn.functional.pad(series, (len(taps) - 1, 0))
+    summed = nn.functional.conv1d(padded, taps[None, None])
+    return summed.reshape(batch, taxels, time).transpose(1, 2) / SHIFT_MEAN
 
 
 class CausalConv(nn.Module):

@@ -1,4 +1,4 @@
-"""Recordings as what networks learn from: sequences of one finger, and draws from them."""
+"""Recordings as what networks learn from: sequences of one hand, and draws from them."""
 
 import hashlib
 from collections.abc import Sequence
@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.blows import blows_of
 from detector.recordings import MOVED_M, LabelName, Recording
 from detector.training.architecture import WINDOW
 from drivers.errors import UsageError
@@ -16,12 +17,18 @@ Floats = NDArray[np.float32]
 Balance = Literal["weights", "undersample"]
 LEAST_CHANGE_COUNTS = 0.5  # no scale is finer than the noise of a taxel at rest
 
+BLOW_SAMPLES = 15  # a blow that moved it is slip so long: over at once, felt by what it leaves
+UNSURE_M = 0.0006  # from here to MOVED_M a blow teaches nothing: the pads cannot tell, nor need to
+UNMOVED_WEIGHT = 2.5  # of a blow that moved nothing: rare, and what else would be an alarm
+
 
 class FingerSequences(msgspec.Struct, frozen=True, eq=False):
-    """Sequences of one finger each."""
+    """Sequences of one finger each; those of one hand follow one another."""
 
     counts: list[Floats]  # (n, taxels)
     labels: list[NDArray[np.bool_]]  # (n,)
+    weights: list[Floats]  # (n,)
+    hands: NDArray[np.intp]  # which recording each is of, ascending
 
     @property
     def taxels(self) -> int:
@@ -48,13 +55,15 @@ class Batch(msgspec.Struct, frozen=True, eq=False):
     counts: Floats  # (batch, time, taxels)
     labels: Floats  # (batch, time)
     weights: Floats  # (batch, time)
+    hands: NDArray[np.intp]  # (batch,): equal for fingers that felt the same
 
 
 def fingers_of(
     recordings: Sequence[Recording], label: LabelName, moved_m: float = MOVED_M
 ) -> FingerSequences:
-    """Every finger of every recording, under the recording's one label."""
-    counts, labels = [], []
+    """Every finger of every recording, under the recording's one label; of the label `slip` with
+    blows as `targets` has them."""
+    counts, labels, weights = [], [], []
     layouts = sorted({r.taxels for r in recordings})
     if len(layouts) > 1:
         raise UsageError(
@@ -62,11 +71,37 @@ def fingers_of(
             "train on recordings of one layout",
         )
     for recording in recordings:
-        known = recording.label(label, moved_m)
+        known, weight = targets(recording, label, moved_m)
         for finger in range(recording.fingers):
             counts.append(recording.counts[:, finger].astype(np.float32))
             labels.append(known)
-    return FingerSequences(counts, labels)
+            weights.append(weight)
+    hands = np.repeat(np.arange(len(recordings)), [r.fingers for r in recordings])
+    return FingerSequences(counts, labels, weights, hands)
+
+
+def targets(
+    recording: Recording, label: LabelName, moved_m: float = MOVED_M
+) -> tuple[NDArray[np.bool_], Floats]:
+    """What is to be learnt of each sample (n,), and how much it weighs (n,).
+
+    A blow that moved what is held for good is slip from its first motion on for BLOW_SAMPLES, one
+    that did not is none and weighs more, and what lies between teaches nothing.
+    """
+    known = recording.label(label, moved_m)
+    weights = np.ones(len(known), np.float32)
+    if label != "slip":
+        return known, weights
+    known = known.copy()
+    for blow in blows_of(recording):
+        its = slice(blow.struck, blow.until)
+        if blow.moved:
+            known[blow.onset : min(blow.onset + BLOW_SAMPLES, blow.until)] = True
+        elif blow.moved_m < UNSURE_M:
+            known[its], weights[its] = False, UNMOVED_WEIGHT
+        else:
+            weights[its] = 0.0
+    return known, weights
 
 
 def statistics(fingers: FingerSequences, per_taxel: bool) -> Statistics:
@@ -105,24 +140,32 @@ def crops(
     warm: int,
     fresh: float,
 ) -> Batch:
-    """Stretches of ``warm + crop`` samples; the first ``warm`` are not learnt from.
+    """Stretches of ``warm + crop`` samples, of all fingers of a hand; the first ``warm`` are not
+    learnt from. ``batch`` or, with the last hand's fingers, a few more.
 
     A share ``fresh`` of them is learnt from the first sample on: so looks the time after a reset.
     """
     lengths = np.array([len(c) for c in fingers.counts])
-    chosen = rng.choice(len(lengths), batch, p=lengths / lengths.sum())
-    time = warm + crop
-    counts = np.zeros((batch, time, fingers.taxels), np.float32)
-    labels, weights = np.zeros((batch, time), np.float32), np.zeros((batch, time), np.float32)
-    for row, i in enumerate(chosen):
-        start = int(rng.integers(0, max(1, lengths[i] - time)))
-        part = slice(start, start + time)
-        n = len(fingers.counts[i][part])
-        counts[row, :n] = fingers.counts[i][part]
-        counts[row, n:] = counts[row, n - 1]
-        labels[row, :n] = fingers.labels[i][part]
-        weights[row, 0 if rng.random() < fresh else warm : n] = 1.0
-    return Batch(counts, labels, weights)
+    drawn = fingers.hands[rng.choice(len(lengths), batch, p=lengths / lengths.sum())]
+    of_hand = [np.flatnonzero(fingers.hands == hand) for hand in drawn]
+    enough = int(np.searchsorted(np.cumsum([len(each) for each in of_hand]), batch)) + 1
+    rows, time = sum(len(each) for each in of_hand[:enough]), warm + crop
+    counts = np.zeros((rows, time, fingers.taxels), np.float32)
+    labels, weights = np.zeros((rows, time), np.float32), np.zeros((rows, time), np.float32)
+    row = 0
+    for each in of_hand[:enough]:
+        start = int(rng.integers(0, max(1, lengths[each[0]] - time)))
+        learnt = 0 if rng.random() < fresh else warm
+        for i in each:
+            part = slice(start, start + time)
+            n = len(fingers.counts[i][part])
+            counts[row, :n] = fingers.counts[i][part]
+            counts[row, n:] = counts[row, n - 1]
+            labels[row, :n] = fingers.labels[i][part]
+            weights[row, learnt:n] = fingers.weights[i][part][learnt:]
+            row += 1
+    hands = np.repeat(np.arange(enough), [len(each) for each in of_hand[:enough]])
+    return Batch(counts, labels, weights, hands)
 
 
 class Windows:
@@ -151,4 +194,4 @@ class Windows:
             for i, end in zip(self._finger[chosen], self._end[chosen], strict=True)
         ])  # fmt: skip
         labels = self.labels[chosen].astype(np.float32)[:, None]
-        return Batch(counts, labels, np.ones_like(labels))
+        return Batch(counts, labels, np.ones_like(labels), np.arange(len(labels)))

@@ -33,7 +33,7 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     crop: Annotated[int, Meta(ge=1, le=4096, description="samples learnt from a stretch")] = 160
     warm: Annotated[
         int, Meta(ge=0, le=4096, description="samples before them; more than the network's memory")
-    ] = 92
+    ] = 99
     fresh: Annotated[
         float, Meta(ge=0.0, le=1.0, description="share learnt from the first sample on")
     ] = 0.25

@@ -1,6 +1,5 @@
 """How good a network is on recordings it has not learnt from: events first, then likelihood."""
 
-import math
 from collections.abc import Sequence
 
 import msgspec
@@ -12,7 +11,7 @@ from torch import nn
 from detector.decision import RuleSettings
 from detector.recordings import MOVED_M, LabelName, Recording
 from detector.scores.evaluation import Streamed
-from detector.scores.sweep import best, rules, sweep
+from detector.scores.sweep import MISS_MS, best, rules, sweep
 from detector.training.architecture import WINDOW, Architecture
 
 WINDOWS_AT_ONCE = 512
@@ -21,9 +20,9 @@ NEWTON_STEPS, RIDGE, LEAST_SLOPE = 25, 1e-6, 0.05
 
 
 class Score(msgspec.Struct, frozen=True):
-    """Of one validation; ``delay_ms`` is the least mean delay within a budget of false events, a
-    mean over half to four times the budget asked for, since one alone hangs on single events; inf
-    if no rule keeps to one of them."""
+    """Of one validation; ``delay_ms`` is the least mean delay within a budget of false events
+    (`scores.sweep.best`), a mean over half to four times the budget asked for, since one alone
+    hangs on single events. Where no rule keeps to one of them, all is missed."""
 
     delay_ms: float
     loss: float
@@ -74,7 +73,7 @@ def score(
     tried = [r for r in rules(RuleSettings()) if r.kind == "consecutive" and r.consecutive == 2]
     points = sweep(streams, tried)
     chosen = [best(points, part * budget_per_min) for part in BUDGETS]
-    delays = [point.mean_delay_ms if point else math.inf for point in chosen]
+    delays = [point.mean_delay_ms if point else MISS_MS for point in chosen]
     z = np.concatenate([(o + shift).ravel() for o in odds])
     y = np.concatenate([np.repeat(s.labels, s.recording.fingers) for s in streams])
     return Score(

@@ -66,7 +66,7 @@ def _frame_speed(axes: Any) -> None:
                   xytext=(4, -3), textcoords="offset points", fontsize=8)  # fmt: skip
     axes.set(
         xscale="log", xlabel="false events a minute, three fingers (left edge: 0.1 or fewer)",
-        ylabel="median delay from the rise of the label, ms (misses: to its end)",
+        ylabel="median delay from the rise of the label, ms (misses: later than any)",
     )  # fmt: skip
     axes.set_xlim(LEAST_SHOWN_PER_MIN, 300.0)
     axes.set_ylim(-10.0, 300.0)

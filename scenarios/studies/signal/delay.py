@@ -14,6 +14,7 @@ from detector.recordings import Recording, Split
 from detector.scores.evaluation import WARM_UP_SAMPLES, Streamed, judge_stream
 from detector.scores.events import EventSettings
 from detector.scores.quantiles import quantile
+from detector.scores.sweep import MISS_MS
 from detector.training.fit import Training
 from detector.training.sequences import digest
 from detector.training.settings import DEFAULTS, WINDOWS, TrainSettings
@@ -29,7 +30,7 @@ RECIPES: tuple[Recipe, ...] = get_args(Recipe)
 
 class Delay(msgspec.Struct, frozen=True, kw_only=True):
     """Of one training on the split `train`, on the split `test`. Delays from the label's rise on;
-    a slip that was missed counts to its end."""
+    a slip that was missed is later than any, and counts half a second in the mean."""
 
     data: str
     recipe: Recipe
@@ -79,7 +80,7 @@ def _judged(
     streams = [
         Streamed(r, 1.0 / (1.0 + np.exp(-z)), np.empty(0)) for r, z in zip(test, odds, strict=True)
     ]
-    judged = [judge_stream(s, RULE, EventSettings(), WARM_UP_SAMPLES) for s in streams]
+    judged = [judge_stream(s, RULE, EventSettings(), WARM_UP_SAMPLES, ()).events for s in streams]
     delays = np.sort(np.concatenate([j.delays_ms for j in judged]))
     right = np.concatenate([
         ((s.probabilities.max(axis=1) > RULE.threshold) == s.labels)[WARM_UP_SAMPLES:]
@@ -88,7 +89,7 @@ def _judged(
     return Delay(
         data=data, recipe=recipe, seed=training.settings.seed, steps=training.step,
         minutes=training.minutes, accuracy=float(right.mean()),
-        median_ms=quantile(delays, 0.5), mean_ms=float(delays.mean()),
+        median_ms=quantile(delays, 0.5), mean_ms=float(np.minimum(delays, MISS_MS).mean()),
         p90_ms=quantile(delays, 0.9), slips=len(delays), missed=sum(j.missed for j in judged),
         false_per_min=60.0 * sum(j.false for j in judged) / sum(j.static_s for j in judged),
     )  # fmt: skip

@@ -39,7 +39,7 @@ def random_weights(arch: Architecture, seed: int = 0) -> Weights:
     found["features.mean"] = np.full(6, -20.0, np.float32)
     found["features.std"] = np.full(6, 80.0, np.float32)
     found["features.change_scale"] = np.array(2.0, np.float32)
-    width = 12 if arch.inputs == "both" else 6
+    width = 6 * len(arch.inputs)
     if arch.family == "gru":
         for k, n in (("ih", width), ("hh", arch.channels)):
             found[f"gru.weight_{k}_l0"] = rng.normal(0, 0.3, (96, n)).astype(np.float32)

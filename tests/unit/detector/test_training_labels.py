@@ -3,8 +3,9 @@
 import msgspec
 import numpy as np
 
-from detector.training.sequences import digest, fingers_of
+from detector.training.sequences import UNMOVED_WEIGHT, crops, digest, fingers_of, targets
 from detector.training.settings import DEFAULTS
+from tests.unit.detector.blow_toys import struck
 from tests.unit.detector.toys import toys
 
 MADE = [
@@ -32,3 +33,25 @@ def test_recordings_that_moved_otherwise_are_other_data() -> None:
         msgspec.structs.replace(r, moved_m=0 * r.moved_m) for r in MADE if r.moved_m is not None
     ]
     assert digest(still) != digest(MADE)
+
+
+def test_a_blow_teaches_by_what_it_moved_and_not_by_its_own_length() -> None:
+    recording = struck((2.0, 0.003), (4.0, 0.0008), (6.0, 0.0001))
+    labels, weights = targets(recording, "slip")
+    assert np.flatnonzero(labels).tolist() == list(range(203, 218))
+    assert set(weights[200:250]) == {1.0}
+    assert set(weights[400:450]) == {0.0}
+    assert set(weights[600:650]) == {UNMOVED_WEIGHT}
+    assert weights.sum() == 900 - 50 + 50 * (UNMOVED_WEIGHT - 1)
+    assert set(targets(recording, "slip_true")[1]) == {1.0}
+
+
+def test_the_fingers_of_a_hand_are_drawn_together() -> None:
+    hands = fingers_of([*toys("train", 2, 0), struck((2.0, 0.003))], "slip")
+    assert hands.hands.tolist() == [0, 1, 2, 2, 2]
+    batch = crops(hands, np.random.default_rng(0), 12, 40, 20, fresh=0.0)
+    assert 12 <= len(batch.counts) <= 14
+    for hand in range(int(batch.hands[-1]) + 1):
+        rows = np.flatnonzero(batch.hands == hand)
+        assert len(rows) in (1, 3)
+        assert (batch.counts[rows] == batch.counts[rows[0]]).all()

@@ -8,7 +8,7 @@ import pytest
 from detector.recordings import write
 from grasp.cli.main import main
 from tests.unit.detector.networks import write_network
-from tests.unit.detector.toys import toys
+from tests.unit.detector.toys import toy, toys
 
 
 @pytest.fixture(scope="module")
@@ -104,3 +104,12 @@ def test_a_card_says_what_the_weights_are(
     assert (found["name"], found["seed"], found["mode"]) == ("gru", 7, "stream")
     assert main(["detector", "card", "oracle"]) == 2
     assert "oracle.onnx" in capsys.readouterr().err
+
+
+def test_a_recording_too_short_to_be_scored_is_refused_by_its_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "short.npz"
+    write(path, toy(0, "test", 100))
+    assert main(["detector", "evaluate", "energy", "--recording", str(path)]) == 2
+    assert "short.npz has 100 samples" in capsys.readouterr().err.replace(": ", " ")
