@@ -155,6 +155,7 @@ class Fingertips:
         self._motion = np.zeros((n, 2))
         self._turn = np.zeros(n)
         self._centre = np.zeros((n, 2))
+        self.slid = np.zeros((n, 3))  # sum of sliding, mm, mm and rad, where the load is
         self._noise = np.zeros((n, len(self._taxels)))
 
     def advance(
@@ -201,6 +202,7 @@ class Fingertips:
             turn_rad - self._turn, rocked, self._centre, centre_mm, self._surfaces, self._fields,
             self._at, self._gaps, self._states, self._springs,
         )  # fmt: skip
+        self.slid = self.slid + dt_s * self._states[:, bed.SLIP_X : bed.SPIN + 1]
         self._t_s, self._totals, self._motion = t_s, totals, motion
         self._turn[:], self._centre[:] = turn_rad, centre_mm
 
@@ -239,8 +241,8 @@ class Fingertips:
 
     @property
     def slip_mps(self) -> Floats:
-        """(F,) sliding speed of the surface over the pad at its middle, mean of the last step: of
-        the rigid motion that fits the slip of all springs best, weighted by their load."""
+        """(F,) sliding speed of the surface over the pad where its load is, mean of the last step:
+        of the rigid motion that fits the slip of all springs best, weighted by their load."""
         out: Floats = np.hypot(self._states[:, bed.SLIP_X], self._states[:, bed.SLIP_Y]) * 1e-3
         return out
 

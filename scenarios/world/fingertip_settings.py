@@ -102,7 +102,7 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
                     "which results should be swept")
     ] = 0.55  # fmt: skip
     held_damping: Annotated[
-        float, Meta(ge=0.01, le=2.0, description="of a held object on its pads, of critical; "
+        float, Meta(ge=0.01, le=0.95, description="of a held object on its pads, of critical; "
                     "assumed, 0.1-0.3")
     ] = 0.2  # fmt: skip
     vibration_hz: Annotated[
@@ -171,6 +171,10 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     step_s: Annotated[float, Meta(gt=0.0, le=0.01, description="no inner step need be shorter")] = (
         0.001
     )
+
+    def __post_init__(self) -> None:
+        if self.rest_low > self.rest_high:
+            raise ValueError(f"rest_low {self.rest_low} is above rest_high {self.rest_high}")
 
 
 def in_a_grasp(settings: FingertipSettings) -> FingertipSettings:

@@ -17,6 +17,7 @@ STROKE_MPS, STROKE_RADPS = (
     0.001,
     0.02,
 )  # from here on the arm's mode is excited: force control is not
+SPAN_S = 0.005  # the least that a speed is the mean of: a step to a sample may take a microsecond
 Codes = NDArray[np.int16]
 
 
@@ -36,7 +37,7 @@ class PressedTruth(msgspec.Struct, frozen=True):
 
     t_ns: int
     normal_n: float
-    contact_speed_mps: float  # surface against pad
+    contact_speed_mps: float  # surface against pad, mean of the last SPAN_S or a little more
     contact_turn_radps: float
     sliding_share: float
 
@@ -58,7 +59,8 @@ class PressedCell:
         ).astype(np.int16)  # fmt: skip
         self._finger = settings.finger
         self.shaken = False  # something shakes the arm that is not its own motion
-        self._now_ns = start_ns
+        self._now_ns = self._since_ns = start_ns
+        self._slid, self._sliding = np.zeros(3), np.zeros(3)
         self.board = BoardModel(settings.board, self._sample)
 
     def advance(self, now_ns: int) -> None:
@@ -68,6 +70,11 @@ class PressedCell:
         x, y, _ = arm.velocity(t)
         strokes = math.hypot(x, y) > STROKE_MPS or abs(arm.spin(t)) > STROKE_RADPS
         self.pad.advance(t * 1e-9, arm.position(t), arm.angle(t), strokes or self.shaken)
+        span_s = (t - self._since_ns) * 1e-9
+        if span_s >= SPAN_S:
+            slid = self.pad.tips.slid[0]
+            self._sliding = (slid - self._slid) / span_s
+            self._slid, self._since_ns = slid, t
 
     def _sample(self, t_ns: int) -> Callable[[], tuple[Codes, Codes]]:
         self.advance(t_ns)
@@ -87,7 +94,7 @@ class PressedCell:
         return PressedTruth(
             t_ns=self._now_ns,
             normal_n=self.pad.normal_n,
-            contact_speed_mps=float(tips.slip_mps[0]),
-            contact_turn_radps=float(abs(tips.turn_radps[0])),
+            contact_speed_mps=1e-3 * math.hypot(self._sliding[0], self._sliding[1]),
+            contact_turn_radps=float(abs(self._sliding[2])),
             sliding_share=float(tips.sliding_share[0]),
         )

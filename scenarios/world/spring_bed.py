@@ -53,9 +53,11 @@ SPRING = RELAXED + 3 * TERMS
 NEWTON_STEPS = 60
 SAME_MM = 1e-9
 NEGLIGIBLE = -12.0  # exponent of a kernel: below 0.01 counts a newton
+NARROW_MM2 = 0.25  # load within half a millimetre of its middle does not tell a turn from a shift
 CLEAR_MM = 0.1  # springs that stay further than this from the surface are not looked at closely
 FAR = -1e6  # reach of such a spring
 MODE_STEP_S = 0.002  # longest inner step of a mount that swings: a fiftieth of its period
+STABLE = 1.5  # radians of a swing in a step; symplectic Euler is stable below 2
 OUT_OF_REACH_MM = 5.0  # a mount that would have to be pressed so much further touches nothing
 
 
@@ -170,10 +172,10 @@ def drag(
     springs: Floats, state: Floats, sums: Floats,
 ) -> None:  # fmt: skip
     """Carry the bristles along with the surface, which moves by (dx, dy) and turns; those beyond
-    their friction slide. Adds to sums (6,): sliding load, and sums of load times slip; notes the
-    pull of all on the pad.
+    their friction slide. Adds to sums (5,): sliding load; slip, and its moment about the pad's
+    middle, mean over the load as it is now; notes the pull of all on the pad.
     """
-    k = p[K_SHEAR]
+    k, carried = p[K_SHEAR], state[CARRIED]
     state[PULL_X] = state[PULL_Y] = 0.0
     for j in range(int(state[TOUCHED])):
         load = springs[LOAD, j]
@@ -200,9 +202,9 @@ def drag(
             bx, by, ex, ey = bx - sx, by - sy, ex - sx, ey - sy
             springs[SLIDES, j] = 1.0
             sums[0] += load
-            sums[1] += load * sx
-            sums[2] += load * sy
-            sums[3] += load * (x * sy - y * sx)
+            sums[1] += load / carried * sx
+            sums[2] += load / carried * sy
+            sums[3] += load / carried * (x * sy - y * sx)
         springs[BRISTLE_X, j], springs[BRISTLE_Y, j] = bx, by
         springs[TRACTION_X, j], springs[TRACTION_Y, j] = k * ex, k * ey
         state[PULL_X] += k * ex
@@ -233,7 +235,7 @@ def swing(p: Floats, s: Floats, h_s: float) -> tuple[float, float]:
 @njit(cache=True)
 def sliding(at: Floats, springs: Floats, sums: Floats, dt_s: float, state: Floats) -> None:
     """The rigid motion that fits the slip of all loaded springs best, weighted by load: velocity
-    at the pad's middle (mm/s) and turning rate (rad/s)."""
+    at the load's middle (mm/s) and turning rate (rad/s), of a contact wide enough to tell."""
     weight, wx, wy, wr = 0.0, 0.0, 0.0, 0.0
     for j in range(int(state[TOUCHED])):
         load, x, y = springs[LOAD, j], at[j, 0], at[j, 1]
@@ -247,19 +249,23 @@ def sliding(at: Floats, springs: Floats, sums: Floats, dt_s: float, state: Float
     if weight <= 0.0:
         return
     mx, my = wx / weight, wy / weight
-    spread = wr - weight * (mx * mx + my * my)
-    ux, uy = sums[1] / weight, sums[2] / weight
-    spin = (sums[3] - mx * sums[2] + my * sums[1]) / spread if spread > 0.0 else 0.0
-    state[SLIP_X], state[SLIP_Y], state[SPIN] = ux / dt_s, uy / dt_s, spin / dt_s
+    spread = wr / weight - mx * mx - my * my
+    turned = (sums[3] - mx * sums[2] + my * sums[1]) / spread if spread > NARROW_MM2 else 0.0
+    state[SLIP_X], state[SLIP_Y] = sums[1] / dt_s, sums[2] / dt_s
+    state[SPIN] = turned / dt_s
     state[SHARE] = sums[4]
 
 
 @njit(cache=True)
-def inner_steps(p: Floats, path_mm: float, dt_s: float) -> int:
-    """So many that none goes further than STEP_MM unless it would be shorter than STEP_S."""
+def inner_steps(p: Floats, path_mm: float, dt_s: float, stiffness: float) -> int:
+    """So many that none goes further than STEP_MM unless it would be shorter than STEP_S, and that
+    a mount that swings on pads of that stiffness (normal, N/mm) is stepped stably."""
     steps = math.ceil(min(path_mm / p[STEP_MM], dt_s / p[STEP_S]) - 1e-9)
     if p[LATERAL_NPMM] > 0.0:
-        steps = max(steps, math.ceil(dt_s / MODE_STEP_S - 1e-9))
+        held = stiffness * p[K_SHEAR] / p[K_NORMAL] / p[LATERAL_NPMM]
+        stuck_radps = p[LATERAL_RADPS] * math.sqrt(1.0 + held)
+        longest_s = min(MODE_STEP_S, STABLE / stuck_radps)
+        steps = max(steps, math.ceil(dt_s / longest_s - 1e-9))
     out: int = max(1, steps)
     return out
 
@@ -295,7 +301,7 @@ def advance(
             forget(s, own)
             continue
         path = math.hypot(motion[f, 0], motion[f, 1]) + abs(turn[f]) * widest
-        steps = inner_steps(p, path, dt_s)
+        steps = inner_steps(p, path, dt_s, s[STIFFNESS])
         h = 1.0 / steps
         for i in range(TERMS):
             keep[i] = math.exp(-dt_s * h / p[RELAXATION_TIME + i])

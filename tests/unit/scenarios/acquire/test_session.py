@@ -90,6 +90,30 @@ def test_the_contact_slides_later_than_the_fingertip_moves(
     assert (r.slip == r.slip_true).mean() > 0.85
 
 
+def test_on_a_stiff_mount_the_contact_slides_as_fast_as_the_arm_moves_and_no_faster() -> None:
+    _, r = session("0", "fingertip.lateral_npmm=0", "fingertip.sway_mm=0", samples=300)
+    assert r.contact_speed_mps is not None
+    assert r.contact_speed_mps.max() == pytest.approx(speeds(r).max(), rel=0.2)
+
+
+def test_what_a_step_of_a_microsecond_adds_changes_no_true_speed() -> None:
+    """A bristle that recoils in it by a hundredth of a millimetre is no slip of metres a second."""
+    seen: list[tuple[float, ...]] = []
+    settings = config()
+    with open_acquire_rig(settings, 0, paced=False) as rig:
+
+        def peek(sample: Sample) -> None:
+            if rig.cell is not None and sample.truth and sample.truth.contact_speed_mps > 0.01:
+                rig.cell.advance(rig.clock.now_ns + 1000)
+                after = rig.cell.truth()
+                seen.append((sample.truth.contact_speed_mps, after.contact_speed_mps))
+                seen.append((sample.truth.contact_turn_radps, after.contact_turn_radps))
+
+        Session(settings, motion("0", 0.05, 1.0), 0, rig, peek).run(300)
+    assert len(seen) > 100
+    assert all(before == after for before, after in seen)
+
+
 @pytest.mark.parametrize(("direction", "sign"), [("ccw", 1.0), ("cw", -1.0)])
 def test_a_rotation_turns_the_fingertip_in_place(direction: str, sign: float) -> None:
     _, r = session(direction)

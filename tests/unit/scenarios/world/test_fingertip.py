@@ -145,6 +145,24 @@ def test_turning_on_the_spot_is_reported_as_turning_not_as_slip() -> None:
     assert tips.slip_mps[0] < 5e-4
 
 
+@pytest.mark.parametrize("place", [(3.1, 2.7), (-5.3, 0.1), (7.7, -7.7)])
+def test_one_spring_alone_is_not_said_to_turn(place: tuple[float, float]) -> None:
+    at, springs, state = np.array([place]), np.zeros((bed.SPRING, 1)), np.zeros(bed.STATE)
+    springs[bed.LOAD], state[bed.TOUCHED] = 0.37, 1.0
+    slip = 0.1, -0.2
+    sums = np.array([0.37, *slip, place[0] * slip[1] - place[1] * slip[0] + 1e-15, 1.0])
+    bed.sliding(at, springs, sums, 0.01, state)
+    assert state[bed.SPIN] == 0.0
+    assert (state[bed.SLIP_X], state[bed.SLIP_Y]) == pytest.approx((10.0, -20.0))
+
+
+def test_sliding_adds_up_to_the_way_of_the_surface() -> None:
+    tips = make(SMOOTH, **QUIET)
+    slide(tips, 0.3, 100)
+    assert tips.slid[0, 0] == pytest.approx(30.0, abs=1.0)
+    assert tips.slid[0, 2] == pytest.approx(0.0, abs=0.02)
+
+
 def test_pose_follows_the_path_of_the_surface() -> None:
     tips = make(SMOOTH, **QUIET)
     move(tips, 0.01, 0.0, x_mm=2.0)

@@ -87,6 +87,18 @@ def test_a_lever_along_one_axis_is_deaf_to_strokes_along_the_other() -> None:
     assert load == pytest.approx(still, rel=0.05)
 
 
+@pytest.mark.parametrize("npmm", [0.001, 0.1, 3.0])
+@pytest.mark.parametrize("hz", [8.0, 40.0])
+def test_a_swinging_mount_comes_to_rest_however_soft_it_is(npmm: float, hz: float) -> None:
+    pad = Mounted(ROUGH, lateral_npmm=npmm, lateral_hz=hz, foundation_n_per_mm3=1.0)
+    pad.go()
+    pad.slide(0.3, 30)
+    for _ in range(150):
+        pad.go()
+    assert pad.tips.slip_mps[0] < 1e-6
+    assert abs(pad.tips.slid[0, :2]).max() < 10.0  # of 9 mm that the surface went
+
+
 def test_a_soft_mount_must_be_dragged_along_before_the_pad_slides() -> None:
     def travel(stiffness_npmm: float) -> float:
         """Until it slides after the stroke has been reversed, mm."""
