@@ -371,8 +371,7 @@ class GraspController:
         self._take(self._landing.begin(trigger, cause), seen)
 
     def _go_down(self, seen: Observation) -> None:
-        lasted_ns = seen.t_ns - self._entered_ns
-        if way := self._landing.step(self.phase, lasted_ns, seen):
+        if way := self._landing.step(self.phase, seen):
             self._take(way, seen)
         else:
             self._out += self._landing.again(self.phase, seen)

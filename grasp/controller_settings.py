@@ -69,10 +69,10 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float,
         Meta(
             ge=0.1, le=5.0,
-            description="so much more measured force, half of all fingers' sum, on the way down "
-            "stops the arm; assumed, from the simulated fingertip",
+            description="so much more measured force, half of all fingers' sum as a level, on the "
+            "way down stops the arm; assumed, seven deviations of it in the simulated hand's rest",
         ),
-    ] = 0.5  # fmt: skip
+    ] = 0.3  # fmt: skip
     landing_step_m: Annotated[
         float,
         Meta(
@@ -84,7 +84,7 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     landing_check_n: Annotated[
         float,
         Meta(ge=0.05, le=5.0, description="it does if that adds so much; assumed"),
-    ] = 0.15
+    ] = 0.08
     landing_most_share: Annotated[
         float,
         Meta(

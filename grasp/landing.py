@@ -28,6 +28,33 @@ class Way(msgspec.Struct, frozen=True):
     commands: tuple[Command, ...] = ()
 
 
+class Still:
+    """The grip while the arm stands: its mean over the second half of a time, so that what moves it
+    has settled and the pads' restlessness is averaged out."""
+
+    def __init__(self, for_s: float) -> None:
+        self._for_ns = for_s * 1e9
+        self.restart()
+
+    def restart(self) -> None:
+        self._since_ns: int | None = None
+        self._sum_n = 0.0
+        self._samples = 0
+
+    def take(self, seen: Observation) -> float | None:
+        """One sample; the mean once the arm has stood for long enough."""
+        if seen.pending or seen.arm.moving:
+            self.restart()
+            return None
+        if self._since_ns is None:
+            self._since_ns = seen.t_ns
+        stood_ns = seen.t_ns - self._since_ns
+        if stood_ns >= self._for_ns / 2:
+            self._sum_n += grip_n(seen)
+            self._samples += 1
+        return self._sum_n / self._samples if stood_ns >= self._for_ns else None
+
+
 class Landing:
     """Phases lower, land, touch and probe; lost where what the hand holds may stand and nothing
     tells where.
@@ -41,6 +68,7 @@ class Landing:
         self._settings = settings
         self._line = line
         self._felt = felt
+        self._still = Still(settings.relax_s)
         self._slipped_m = 0.0
         self._grip_n = 0.0
         self._least_n = math.inf
@@ -66,16 +94,17 @@ class Landing:
             return Way(Trigger.LOSE, f"{gap}: what the hand holds may stand on the table")
         return self._quickly(trigger, cause)
 
-    def step(self, phase: Phase, lasted_ns: int, seen: Observation) -> Way | None:
-        """Out of that phase, which has lasted so long; None while it goes on."""
+    def step(self, phase: Phase, seen: Observation) -> Way | None:
+        """Out of that phase; None while it goes on."""
         if self._felt.contact_lost(seen.t_ns):
             return Way(Trigger.LOSE, "contact lost on the way down")
         if phase in (Phase.LOWER, Phase.LAND):
             return self._go_down(phase, seen)
-        stands = not seen.pending and not seen.arm.moving
-        if not stands or lasted_ns < self._settings.relax_s * 1e9:  # what is felt changes
+        level_n = self._still.take(seen)
+        if level_n is None:
             return None
-        return self._touch(seen) if phase is Phase.TOUCH else self._probe(seen)
+        self._still.restart()
+        return self._touch(seen, level_n) if phase is Phase.TOUCH else self._probe(seen, level_n)
 
     def again(self, phase: Phase, seen: Observation) -> tuple[Command, ...]:
         """What was asked for in that phase and is not seen: a stop may be lost on its way."""
@@ -95,7 +124,7 @@ class Landing:
 
     def _go_down(self, phase: Phase, seen: Observation) -> Way | None:
         """The grip tightens where closed fingers slide down over a flank that widens."""
-        rise_n = grip_n(seen) - self._grip_n
+        rise_n = self._felt.level_n - self._grip_n
         if phase is Phase.LOWER and self._line.stands_at(seen, self._near_m):
             return self._slowly(seen, Trigger.NEAR, "from here on the object may stand")
         if phase is Phase.LAND and self._line.stands_at(seen, 0.0):
@@ -104,6 +133,7 @@ class Landing:
             return None
         self._touches += 1
         self._tight_m = self._line.height_m(seen)
+        self._still.restart()
         cause = f"the grip is {rise_n:.1f} N tighter on the way down"
         return Way(Trigger.TIGHTENED, cause, self._stop(seen))
 
@@ -123,8 +153,8 @@ class Landing:
         speed_mps = max(self._settings.landing_speed_mps, in_time_mps)
         return Way(trigger, cause, (self._line.move(0.0, speed_mps),))
 
-    def _touch(self, seen: Observation) -> Way:
-        height_m, level_n = self._line.height_m(seen), self._felt.level_n
+    def _touch(self, seen: Observation, level_n: float) -> Way:
+        height_m = self._line.height_m(seen)
         step_m = self._step_m(self._tight_m - height_m, level_n - self._grip_n)
         self._grip_n = level_n
         step = self._line.move(height_m - step_m, self._settings.landing_speed_mps)
@@ -138,10 +168,10 @@ class Landing:
         telling_m = CERTAIN * s.landing_check_n * braking_m / (rise_n - s.landing_rise_n)
         return min(max(telling_m, SHORTEST_M), s.landing_step_m)
 
-    def _probe(self, seen: Observation) -> Way:
+    def _probe(self, seen: Observation, level_n: float) -> Way:
         """A grip in the air takes no notice of a step down; where it does, the object stands. One
         that has tightened much, though no step tells, may go no further."""
-        s, level_n = self._settings, self._felt.level_n
+        s = self._settings
         rise_n = level_n - self._grip_n
         if rise_n >= s.landing_check_n:
             return self._let_go(

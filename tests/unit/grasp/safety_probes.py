@@ -71,11 +71,15 @@ def near(**settings: Any) -> Driver:
 
 
 def tightened(felt_n: float, **settings: Any) -> Driver:
-    """On its way down the thumb feels so much: one step."""
+    """On its way down the thumb feels so much, until the arm is stopped, or for as long as that
+    takes to show in the level."""
     d = near(**settings)
     d.height_m = 0.02
     d.commands.clear()
-    d.step(measured_n=bears(felt_n), arm=arm(d.t_ns + TICK, 0.02, moving=True))
+    for _ in range(80):
+        if d.controller.phase is not Phase.LAND:
+            break
+        d.step(measured_n=bears(felt_n), arm=arm(d.t_ns + TICK, 0.02, moving=True))
     return d
 
 
