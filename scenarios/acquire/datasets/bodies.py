@@ -46,6 +46,9 @@ CARRIED = 1.5  # times its weight, by a full grip, so that a blow does not simpl
 MOST_TRIES = 1000
 
 
+LOGARITHMIC = (MASS, "wall_stiffness_npm", "texture_rms_m", "texture_length_m")
+
+
 class BodyRanges(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Ranges of one kind of object, from config/bodies. ``LOGARITHMIC`` ones are drawn evenly in
     the logarithm, the others evenly."""
@@ -70,9 +73,8 @@ class BodyRanges(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
         for name, bounds in msgspec.structs.asdict(self).items():
             if isinstance(bounds, tuple) and bounds[0] > bounds[1]:
                 raise ValueError(f"{name}: {bounds[0]:g} is above {bounds[1]:g}")
-
-
-LOGARITHMIC = (MASS, "wall_stiffness_npm", "texture_rms_m", "texture_length_m")
+            if name in (*LOGARITHMIC, "thumb_n") and bounds[0] <= 0.0:
+                raise ValueError(f"{name}: {bounds[0]:g} has no logarithm")
 
 
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

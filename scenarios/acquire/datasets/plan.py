@@ -50,6 +50,16 @@ class DatasetRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     percent: dict[Name, Annotated[float, Meta(ge=0.0, le=100.0)]]
 
 
+def _check_ranges(*tables: Mapping[str, Range]) -> None:
+    """Raises ValueError for a range the wrong way round, and for what is held: it keeps its
+    distance from the objects of the experiments as config/bodies draws it, and no other way."""
+    for key, (low, high) in ((key, bounds) for table in tables for key, bounds in table.items()):
+        if low > high:
+            raise ValueError(f"{key}: {low:g} is above {high:g}")
+        if key.startswith("object."):
+            raise ValueError(f"{key}: what is held is drawn by config/bodies")
+
+
 class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Some of the recordings, with ranges of their own over those that all share."""
 
@@ -57,6 +67,9 @@ class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     share: Annotated[float, Meta(gt=0.0, le=1.0)]  # of the recordings
     randomise: dict[str, Range] = {}
     on: dict[Name, dict[str, Range]] = {}  # of one surface
+
+    def __post_init__(self) -> None:
+        _check_ranges(self.randomise, *self.on.values())
 
     def ranges(self, surface: str) -> dict[str, Range]:
         return self.randomise | self.on.get(surface, {})
@@ -77,6 +90,9 @@ class CauseRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     randomise: dict[str, Range] = {}
 
     def __post_init__(self) -> None:
+        _check_ranges(self.randomise)
+        if self.load is not None and not 0.0 < self.load[0] <= self.load[1]:
+            raise ValueError(f"load: {self.load[0]:g} to {self.load[1]:g} is no range above 0")
         firm = self.acts is not None and self.acts.firm
         if self.cause not in GRASPED and (self.load is not None or self.acts is not None):
             raise ValueError(f"{self.cause}: nothing is held, so it has neither load nor acts")
@@ -101,6 +117,9 @@ class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     recordings: Annotated[int, Meta(ge=0, le=100_000)] = 0  # of the causes, each at least three
     randomise: dict[str, Range] = {}
     on: dict[Name, dict[str, Range]] = {}  # of one surface
+
+    def __post_init__(self) -> None:
+        _check_ranges(self.randomise, *self.on.values())
 
 
 class Job(msgspec.Struct, frozen=True):

@@ -150,3 +150,10 @@ def test_a_range_the_wrong_way_round_is_refused() -> None:
     table = dict(named_layer("bodies", "straight").table["body"])
     with pytest.raises(msgspec.ValidationError, match="thumb_n: 3 is above 1"):
         msgspec.convert(table | {"thumb_n": [3.0, 1.0]}, bodies.BodyRanges)
+
+
+def test_a_range_that_has_no_logarithm_is_refused() -> None:
+    table = dict(named_layer("bodies", "straight").table["body"])
+    for name in ("thumb_n", "mass_kg"):
+        with pytest.raises(msgspec.ValidationError, match=f"{name}: 0 has no logarithm"):
+            msgspec.convert(table | {name: [0.0, 1.0]}, bodies.BodyRanges)

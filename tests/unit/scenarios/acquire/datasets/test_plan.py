@@ -152,6 +152,45 @@ def test_what_does_not_go_together_is_refused(text: str, named: str, tmp_path: P
     assert named in f"{caught.value} {caught.value.allowed}"
 
 
+GRASP = '[[causes]]\ncause = "grasped_slip"\non = ["straight"]\nshare = 1\nseconds = 9\nload = {}\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        (GRASP.format("[0.5, 0.2]"), "load: 0.5 to 0.2"),
+        (GRASP.format("[-0.2, 0.1]"), "load: -0.2 to 0.1"),
+        (GRASP.format("[0, 0.1]"), "load: 0 to 0.1"),
+        (GRASP.format("[1, 2]") + 'randomise = { "fingertip.depth_mm" = [4, 3] }',
+         "fingertip.depth_mm: 4 is above 3"),
+        (GRASP.format("[1, 2]") + '[randomise]\n"fingertip.depth_mm" = [4, 3]',
+         "fingertip.depth_mm: 4 is above 3"),
+        (GRASP.format("[1, 2]") + '[on.planar]\n"fingertip.depth_mm" = [4, 3]',
+         "fingertip.depth_mm: 4 is above 3"),
+        (GRASP.format("[1, 2]") + '[[parts]]\nname = "a"\nshare = 1\n[parts.on.planar]\n'
+         '"fingertip.depth_mm" = [4, 3]', "fingertip.depth_mm: 4 is above 3"),
+    ],
+)  # fmt: skip
+def test_a_range_the_wrong_way_round_or_a_weight_of_nothing_is_refused(
+    text: str, named: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_dataset_config(written(tmp_path, text))
+    assert named in f"{caught.value} {caught.value.allowed}"
+
+
+@pytest.mark.parametrize("where", ["randomise", "causes"])
+def test_no_draw_takes_an_object_back_to_those_of_the_experiments(
+    where: str, tmp_path: Path
+) -> None:
+    """The margin is kept where an object is drawn; what is replaced afterwards would not be."""
+    of_the_can = '"object.mass_kg" = [0.3, 0.3]'
+    more = f"randomise = {{ {of_the_can} }}" if where == "causes" else f"[randomise]\n{of_the_can}"
+    with pytest.raises(ConfigError) as caught:
+        load_dataset_config(written(tmp_path, GRASP.format("[1, 2]") + more))
+    assert "config/bodies" in f"{caught.value} {caught.value.allowed}"
+
+
 def test_an_object_is_the_same_whenever_it_is_planned() -> None:
     one, two = jobs_of("grasped-slip"), jobs_of("grasped-slip")
     assert msgspec.json.encode(one) == msgspec.json.encode(two)
