@@ -102,8 +102,9 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
                     "time that it takes to turn round; assumed, seven controller cycles")
     ] = 0.06  # fmt: skip
     arm_moved_m: Annotated[
-        float, Meta(ge=1e-6, le=0.01, description="less than this is no motion; assumed")
-    ] = 0.0002
+        float, Meta(ge=1e-6, le=0.01, description="less than this is no motion; assumed: a "
+                    "third of what the slowest way covers in arm_frozen_s")
+    ] = 0.0001  # fmt: skip
     arm_standing_mps: Annotated[
         float, Meta(ge=1e-5, le=0.05, description="an arm that stands reports no more; assumed, as "
                     "ur.standing_below_mps")

@@ -7,8 +7,8 @@ Runs the paper's trials with both profiles (`paper` closes with each motor's own
 recordings of `config/datasets/confusers.toml`, three as the three fingertips of a hand, and, with
 `--recording FILE`, a real one, itself at three times. Prints two tables for docs/faults.md: in how
 many runs each check spoke, as it is set and with half and a quarter of its patience, which changes
-no run; and whatever else ended a run in the safe state. Exit 1 if a check as it is set spoke, or a
-run ended so.
+no run; whatever else ended a run in the safe state; and how many ended with the object neither set
+down nor fallen (`lost`). Exit 1 if a check as it is set spoke, or a run ended so.
 """
 
 import argparse
@@ -97,7 +97,7 @@ class Watch:
         self.said: dict[str, set[str]] = {patience: set() for patience in PATIENCE}
         self.steps = 0
         self._own = [Doubts(impatient(settings, 2)), Doubts(impatient(settings, 4))]
-        self._phase = Phase.IDLE
+        self.phase = Phase.IDLE
 
     def take(self, tick: Tick) -> None:
         seen = tick.observation
@@ -105,12 +105,12 @@ class Watch:
         for patience, doubts in zip(PATIENCE[1:], self._own, strict=True):
             self.said[patience] |= names(
                 doubts.of(
-                    self._phase, tick.frame, tick.gripper, tick.arm, seen.pending, seen.late_ns,
+                    self.phase, tick.frame, tick.gripper, tick.arm, seen.pending, seen.late_ns,
                     seen.took_ns,
                 )
             )  # fmt: skip
             doubts.sent(tick.decision.commands, tick.arm)
-        self._phase = tick.decision.phase
+        self.phase = tick.decision.phase
         self.steps += 1
 
 
@@ -132,6 +132,8 @@ def run_batch(batch: Sequence[Trial]) -> Tally:
             tally.spoke[patience].update(said)
         if finished.failure is not None:
             tally.ended[finished.failure.message] += 1
+        elif watch.phase is Phase.LOST:
+            tally.ended["lost"] += 1
         tally.runs += 1
         tally.steps += watch.steps
     return tally

@@ -36,13 +36,13 @@ def told_up(*states: ArmState, by_m: float = 0.2, **settings: Any) -> str:
     return said[-1].partition(":")[0]
 
 
-SPARE_S = 2 * math.sqrt(2 * 0.0002 / 0.5)  # to turn round within what counts as no motion
+SPARE_S = 2 * math.sqrt(2 * 0.0001 / 0.5)  # to turn round within what counts as no motion
 
 
 @pytest.mark.parametrize("value", [0.1, 0.5])
 def test_arm_start_s(value: float) -> None:
     def after(s: float) -> str:
-        return told_up(at(s + SPARE_S, 0.0001), arm_start_s=value)
+        return told_up(at(s + SPARE_S, 0.00005), arm_start_s=value)
 
     assert (after(value - 1e-4), after(value + 1e-4)) == ("", "arm_frozen")
 
