@@ -35,6 +35,7 @@ from grasp.slip import SlipMonitor, SlipStatus
 
 CLOSED_COUNTS: Counts3 = (255, 255, 255)
 ALL_FINGERS = (True, True, True)
+UNTIMED_PHASES = END_PHASES | {Phase.IDLE, Phase.HOLD}
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -172,8 +173,7 @@ class GraspController:
 
     def _time_trouble(self, seen: Observation) -> str:
         timeout_s = self._settings.phase_timeout_s
-        timed = self.phase not in {Phase.IDLE, Phase.HOLD} | END_PHASES
-        if timed and self._lasted(seen, timeout_s):
+        if self.phase not in UNTIMED_PHASES and self._lasted(seen, timeout_s):
             return f"phase {self.phase} lasted longer than {timeout_s:g} s"
         return ""
 

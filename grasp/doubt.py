@@ -44,6 +44,11 @@ class Doubts:
         """Which taxels would feel a change, as broad as a frame's codes or broadcast to them."""
         return self._fingertips.can_tell
 
+    @property
+    def all_tell(self) -> bool:
+        """Whether every taxel would."""
+        return self._fingertips.all_tell
+
     def of(
         self,
         phase: Phase,

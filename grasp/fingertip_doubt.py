@@ -1,6 +1,8 @@
 """What fingertips say and cannot be: the part of ``grasp.doubt`` that watches them."""
 
 import math
+import operator
+from collections.abc import Sequence
 from itertools import compress
 
 import numpy as np
@@ -11,6 +13,9 @@ from grasp.doubt_settings import DoubtSettings
 from grasp.phases import CONTACT_PHASES, OPEN_PHASES, Phase
 
 Flags = NDArray[np.bool_]
+Taxels = frozenset[int]
+NONE: Taxels = frozenset()
+NO_FINGER = (False,) * FINGERS
 
 
 class FingertipDoubt:
@@ -22,14 +27,21 @@ class FingertipDoubt:
 
     def __init__(self, settings: DoubtSettings) -> None:
         self._settings = settings
-        # the last sample's codes, and which of them stood at an end of their range
-        self._before: tuple[NDArray[np.int16], Flags] | None = None
-        self._still = np.zeros((FINGERS, 1), np.int64)  # repeats in a row of each taxel
-        self._loaded = np.zeros((FINGERS, 1), np.bool_)
+        # The last sample's codes, and those taxels that stood at an end of their range. Taxels are
+        # counted finger by finger; for so few numbers lists and sets are faster than arrays.
+        self._before: tuple[list[int], Taxels] | None = None
+        self._still: list[int] = [0] * FINGERS  # repeats in a row of each taxel
+        self._deaf = NONE
+        self._counts = np.zeros((FINGERS, 1), np.int16)
         self._at_rail = [0] * FINGERS
         self._jumped = False
         self.can_tell: Flags = np.ones((FINGERS, 1), np.bool_)
         self.believable = True
+
+    @property
+    def all_tell(self) -> bool:
+        """Most often, and faster than to look at ``can_tell``."""
+        return not self._deaf
 
     def see(self, frame: TactileFrame | None, phase: Phase) -> str:
         """What is wrong with them, where somebody has to feel something."""
@@ -47,28 +59,42 @@ class FingertipDoubt:
 
     def take(self, raw: NDArray[np.int16], counts: NDArray[np.int16]) -> None:
         """A sample that is new: raw codes (fingers, taxels), and the same without their rest."""
-        rails = at_rail(raw)
-        railed: list[bool] = [finger.all() for finger in rails]
+        codes: list[int] = raw.ravel().tolist()
+        rails = NONE if min(codes) > 0 and max(codes) < CODE_MAX else _at_rail(codes)
+        whole = len(rails) * FINGERS >= len(codes)
+        railed = _whole_fingers(rails, len(codes)) if whole else NO_FINGER
         self._at_rail = [n + 1 if at else 0 for n, at in zip(self._at_rail, railed, strict=True)]
-        self._loaded = np.abs(counts) >= self._settings.loaded_counts
-        before, self._before = self._before, (raw, rails)
+        before, self._before, self._counts = self._before, (codes, rails), counts
         if before is None:
-            self._still, self._jumped = np.zeros(raw.shape, np.int64), False
+            self._still, self._jumped = [0] * len(codes), False
+            self._hear(rails, raw.shape)
         else:
-            moved = raw - before[0]
-            self._still = (self._still + 1) * (moved == 0)
-        self.can_tell = ~rails & (self._still < self._settings.stuck_samples)
-        if before is not None:
-            self._jumped = self._leapt(moved[self.can_tell & ~before[1]], raw.size)
+            moved = list(map(operator.sub, codes, before[0]))
+            self._still = [0 if way else n + 1 for way, n in zip(moved, self._still, strict=True)]
+            self._hear(rails, raw.shape)
+            self._jumped = self._leapt(moved, self._deaf | before[1])
         self.believable = not (self._jumped or any(railed))
 
-    def _leapt(self, moved: NDArray[np.int16], taxels: int) -> bool:
+    def _hear(self, rails: Taxels, shape: tuple[int, ...]) -> None:
+        """Which taxels can tell now."""
+        most, deaf = self._settings.stuck_samples, rails
+        if max(self._still) >= most:
+            deaf = rails.union(i for i, n in enumerate(self._still) if n >= most)
+        if deaf != self._deaf or shape != self.can_tell.shape:
+            self.can_tell = np.ones(shape, np.bool_)
+            self.can_tell.flat[list(deaf)] = False
+            self._deaf = deaf
+
+    def _leapt(self, moved: list[int], deaf: Taxels) -> bool:
         """All that can tell at once and one way, where a contact presses some taxels and lifts
         others; most must be able to tell."""
         least = self._settings.jump_counts
-        if 2 * moved.size <= taxels:
+        if max(moved) < least and min(moved) > -least:  # most often
             return False
-        return bool(moved.min() >= least or moved.max() <= -least)
+        heard = [way for i, way in enumerate(moved) if i not in deaf]
+        if 2 * len(heard) <= len(moved):
+            return False
+        return min(heard) >= least or max(heard) <= -least
 
     def wrong(self) -> str:
         """What the samples up to now say against the fingertips."""
@@ -78,7 +104,7 @@ class FingertipDoubt:
             return f"fingertips_at_rail: finger {railed} reads 0 or {CODE_MAX} at every taxel"
         if self._jumped:
             return f"fingertips_jump: every taxel changed by {s.jump_counts} counts or more at once"
-        repeats = self._still.min(axis=1).tolist()
+        repeats = [min(finger) for finger in _by_finger(self._still)]
         if not any(repeats):  # most often
             return ""
         dead = [n >= self._patience(i) for i, n in enumerate(repeats)]
@@ -93,7 +119,7 @@ class FingertipDoubt:
         """Repeats of a fingertip that its taxels that can tell, above all loaded ones, could
         end."""
         s, tell = self._settings, self.can_tell[finger]
-        live = np.count_nonzero(tell & self._loaded[finger])
+        live = np.count_nonzero(tell & (np.abs(self._counts[finger]) >= s.loaded_counts))
         if live >= s.live_taxels:
             return s.dead_samples
         return 2 * s.dead_samples if live else _as_much(s.dead_unloaded_samples, tell)
@@ -103,6 +129,19 @@ def at_rail(raw: NDArray[np.int16]) -> Flags:
     """Which codes stand at an end of the range, where they no longer tell of pressure."""
     out: Flags = (raw <= 0) | (raw >= CODE_MAX)
     return out
+
+
+def _at_rail(codes: Sequence[int]) -> Taxels:
+    return frozenset(i for i, code in enumerate(codes) if code <= 0 or code >= CODE_MAX)
+
+
+def _whole_fingers(rails: Taxels, taxels: int) -> Sequence[bool]:
+    return [rails.issuperset(own) for own in _by_finger(range(taxels))]
+
+
+def _by_finger(taxels: Sequence[int]) -> list[Sequence[int]]:
+    each = len(taxels) // FINGERS
+    return [taxels[at : at + each] for at in range(0, len(taxels), each)]
 
 
 def _as_much(samples: int, can_tell: Flags) -> int:

@@ -25,9 +25,11 @@ class GripperDoubt:
         if state.fresh or before is state:
             self._fresh_ns = state.t_ns
         for i, (was, now) in enumerate(zip(before.fingers, state.fingers, strict=True)):
-            if not state.fresh or not _stands(was, now):
+            moving = state.fresh and now.detection is Detection.MOVING
+            if not moving or was.position_counts != now.position_counts:
                 self._moved_ns[i] = state.t_ns
-                self._under_way[i] = state.fresh and _goes_on(was, now)
+                # told the same as before, it is seen to move
+                self._under_way[i] = moving and was.requested_counts == now.requested_counts
             if not state.fresh or now.detection not in TOUCHING:
                 self._touched_at[i] = None
             elif self._touched_at[i] is None:
@@ -91,14 +93,3 @@ class GripperDoubt:
         if finger.current_ma >= s.pressing_ma:
             return max(s.pressing_s, s.finger_start_s)
         return s.stands_s if self._under_way[i] else s.finger_start_s
-
-
-def _stands(was: FingerState, now: FingerState) -> bool:
-    moving = now.detection is Detection.MOVING
-    return moving and was.position_counts == now.position_counts
-
-
-def _goes_on(was: FingerState, now: FingerState) -> bool:
-    """Told the same as before, it is seen to move."""
-    moving = now.detection is Detection.MOVING
-    return moving and was.requested_counts == now.requested_counts

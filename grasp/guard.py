@@ -139,12 +139,12 @@ class ForceGuard:
     def overloaded(self, measured_n: Vector3) -> bool:
         """Whether measured force is above the limit by more than the estimate's own error."""
         s = self._settings
-        thumb_n, *others_n = measured_n
+        thumb_n, b_n, c_n = measured_n
         # with `each_motor` the thumb carries what two motors push
         thumb_limit_n = s.force_limit_n * (1 if s.cap_mode == "every_finger" else 2)
         return (
             thumb_n > thumb_limit_n + s.measured_margin_n
-            or max(others_n) > s.force_limit_n + s.measured_margin_n
+            or max(b_n, c_n) > s.force_limit_n + s.measured_margin_n
         )
 
     def _admit_move(
@@ -187,5 +187,6 @@ class ForceGuard:
 
     def measured_n(self, counts_sum: Vector3) -> Vector3:
         """Force estimate of each finger, N, from the sum of its counts (pressing is negative)."""
-        a, b, c = (max(0.0, -x / self._settings.counts_per_newton) for x in counts_sum)
-        return a, b, c
+        a, b, c = counts_sum
+        per_newton = self._settings.counts_per_newton
+        return max(0.0, -a / per_newton), max(0.0, -b / per_newton), max(0.0, -c / per_newton)

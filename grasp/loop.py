@@ -291,14 +291,15 @@ class ControlLoop:
     def _gather(self, now_ns: int) -> StepInput:
         """What the devices say now. Trouble is told once."""
         tactile, arm = self._devices.tactile, self._devices.arm.state
+        frame = tactile.frame
         assert arm is not None  # noqa: S101  (a rig opens with it read)
-        if tactile.frame is not None:
-            self.timing.frame_age_ns.append(now_ns - tactile.frame.sampled_ns)
-            self.timing.repeated_frames += tactile.frame.missed > 0
+        if frame is not None:
+            self.timing.frame_age_ns.append(now_ns - frame.sampled_ns)
+            self.timing.repeated_frames += frame.missed > 0
         trouble, self._trouble = self._trouble, ""
         return StepInput(
             t_ns=now_ns,
-            frame=tactile.frame,
+            frame=frame,
             rest_taken=tactile.rest_taken,
             gripper=self._gripper_state(),
             arm=arm,

@@ -101,7 +101,9 @@ class GraspStep:
             return np.zeros(FINGERS), ""
         if self._doubts.believes_force:
             self._measured_n = self._force_n(frame.counts)
-            self._felt_n = self._force_n(frame.counts * self._doubts.can_tell)
+            self._felt_n = self._measured_n
+            if not self._doubts.all_tell:
+                self._felt_n = self._force_n(frame.counts * self._doubts.can_tell)
         if frame.stale:
             self._detector.reset()
             return np.zeros(FINGERS), ""

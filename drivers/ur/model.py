@@ -194,9 +194,12 @@ class ArmModel:
     def read(self, now_ns: int) -> ArmSample:
         """The controller's sample of its last cycle."""
         t_ns = now_ns // self._period_ns * self._period_ns
+        segment, turn = self._at(t_ns), self._turning(t_ns)
+        spin_radps = turn.spin(t_ns)
         sample = ArmSample(
-            t_ns, self.position(t_ns), self.velocity(t_ns), self.moving(t_ns),
-            self.protective_stop, self.angle(t_ns), self.spin(t_ns),
+            t_ns, segment.position(t_ns), segment.velocity(t_ns),
+            not segment.at_rest or spin_radps != 0.0,
+            self.protective_stop, turn.angle(t_ns), spin_radps,
         )  # fmt: skip
         return self._lie(sample)
 
@@ -204,6 +207,8 @@ class ArmModel:
         return -(-(now_ns + self._latency_ns) // self._period_ns) * self._period_ns
 
     def _at(self, t_ns: int) -> Segment:
+        if t_ns >= self._starts[-1]:  # most often
+            return self._chain[-1]
         return self._chain[max(0, bisect_right(self._starts, t_ns) - 1)]
 
     def _present(self, t_ns: int) -> tuple[Vector3, Vector3, float]:

@@ -157,6 +157,9 @@ class Fingertips:
         self._centre = np.zeros((n, 2))
         self.slid = np.zeros((n, 3))  # sum of sliding, mm, mm and rad, where the load is
         self._noise = np.zeros((n, len(self._taxels)))
+        # columns of the state, as it stands
+        self._stiffness = self._states[:, bed.STIFFNESS]
+        self._pull = self._states[:, bed.PULL_X : bed.PULL_Y + 1]
 
     def advance(
         self, t_s: float, normal_n: Floats, motion_mm: Floats, turn_rad: Floats,
@@ -185,17 +188,15 @@ class Fingertips:
             self._disturbing, dt_s, arm_moves, row, self._disturbance, self._jitter_numbers.draw(),
             self._jitter, normal_n,
         )  # fmt: skip
-        stiffness = self._states[:, bed.STIFFNESS]
         if self._held is None:
             disturbance.shake(
-                *shaker, mount_npmm is not None, mounts, stiffness, motion_mm, self._shaking,
-                totals, motion, rocked,
+                *shaker, mount_npmm is not None, mounts, self._stiffness, motion_mm,
+                self._shaking, totals, motion, rocked,
             )  # fmt: skip
         else:
             disturbance.shake_held(
-                *shaker, stiffness, self._states[:, bed.PULL_X : bed.PULL_Y + 1],
-                self._held.sides, self._following, motion_mm, self._shaking,
-                totals, motion, rocked,
+                *shaker, self._stiffness, self._pull, self._held.sides, self._following,
+                motion_mm, self._shaking, totals, motion, rocked,
             )  # fmt: skip
         bed.advance(
             self._parameters, dt_s, self._totals, totals, mounts, motion - self._motion,
@@ -229,7 +230,7 @@ class Fingertips:
     @property
     def friction_n(self) -> Floats:
         """(F, 2) friction on each pad's face, in its own frame."""
-        out: Floats = self._states[:, bed.PULL_X : bed.PULL_Y + 1].copy()
+        out: Floats = self._pull.copy()
         return out
 
     @property

@@ -109,27 +109,27 @@ def normal_forces(
     N_A = N_B + N_C + push (of a blow along the closing axis, onto the thumb) is piecewise linear in
     the lateral position: of B and C the one that reaches less far lets go first.
     """
-    reach = np.empty(FINGERS)  # compression at lateral position zero
-    for i in range(FINGERS):
+    for i in range(FINGERS):  # compression at lateral position zero
         relaxed = p[P_RELAX] * state[RELAXED + i]
-        reach[i] = width - (p[P_APERTURE] - travel[i]) - relaxed
-        out[i] = 0.0
+        out[i] = width - (p[P_APERTURE] - travel[i]) - relaxed
     if width < 0.0:
+        out[:] = 0.0
         return
     k = p[P_STIFFNESS:]
-    far, near = (1, 2) if reach[1] >= reach[2] else (2, 1)
-    thumb = k[0] * reach[0] - push
-    lateral = (k[far] * reach[far] + k[near] * reach[near] - thumb) / (k[0] + k[far] + k[near])
-    if reach[near] <= lateral:
-        lateral = (k[far] * reach[far] - thumb) / (k[0] + k[far])
-        if reach[far] <= lateral:
+    far, near = (1, 2) if out[1] >= out[2] else (2, 1)
+    thumb = k[0] * out[0] - push
+    lateral = (k[far] * out[far] + k[near] * out[near] - thumb) / (k[0] + k[far] + k[near])
+    if out[near] <= lateral:
+        lateral = (k[far] * out[far] - thumb) / (k[0] + k[far])
+        if out[far] <= lateral:
             lateral = -thumb / k[0]
-    if reach[0] + lateral <= 0.0:
+    if out[0] + lateral <= 0.0:
+        out[:] = 0.0
         return
     state[LATERAL] = lateral
-    out[0] = k[0] * (reach[0] + lateral)
+    out[0] = k[0] * (out[0] + lateral)
     for i in range(1, FINGERS):
-        out[i] = max(0.0, k[i] * (reach[i] - lateral))
+        out[i] = max(0.0, k[i] * (out[i] - lateral))
 
 
 @njit(cache=True)

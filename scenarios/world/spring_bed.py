@@ -47,6 +47,7 @@ CURVATURE_X, CURVATURE_Y, MU_STATIC, MU_KINETIC, FIELD_STEP, FIELD_PEAK = range(
 ) = range(17)  # fmt: skip
 STATE = 17
 # State of each spring; deflection and what of it has relaxed, first of the load, then of shear.
+# Depth is that under the last load, 0 once its bristle has let go.
 DEPTH, BRISTLE_X, BRISTLE_Y, LOAD, SLIDES, TRACTION_X, TRACTION_Y, RELAXED = range(8)
 RELAXED_X, RELAXED_Y = RELAXED + TERMS, RELAXED + 2 * TERMS
 SPRING = RELAXED + 3 * TERMS
@@ -87,6 +88,7 @@ def reaches(
     cos, sin = math.cos(state[POSE_TURN]), math.sin(state[POSE_TURN])
     kx, ky = 0.5 * surface[CURVATURE_X], 0.5 * surface[CURVATURE_Y]
     step, highest = surface[FIELD_STEP], level + surface[FIELD_PEAK]
+    pose_x, pose_y = state[POSE_X], state[POSE_Y]
     out_of_sight = highest + abs(tilt[0]) * p[HALF_X] + abs(tilt[1]) * p[HALF_Y]
     count = 0
     for j in range(at.shape[0]):
@@ -102,11 +104,12 @@ def reaches(
             below += p[RELAXATION + i] * springs[RELAXED + i, j]
         if highest < below:
             continue
-        dx, dy = x - state[POSE_X], y - state[POSE_Y]
+        dx, dy = x - pose_x, y - pose_y
         near[count] = j
         out[count] = height(field, step, cos * dx + sin * dy, cos * dy - sin * dx) - below
         count += 1
-        state[TOUCHED] = max(state[TOUCHED], j + 1)
+    if count > 0:
+        state[TOUCHED] = max(state[TOUCHED], near[count - 1] + 1)
     return count
 
 
@@ -151,7 +154,7 @@ def press(
     )
     state[STIFFNESS] = state[CARRIED] = 0.0
     touched = int(state[TOUCHED])
-    springs[LOAD, :touched] = springs[DEPTH, :touched] = 0.0
+    springs[LOAD, :touched] = 0.0
     for i in range(reach.shape[0]):
         j = near[i]
         d = state[APPROACH] + reach[i]
@@ -180,11 +183,10 @@ def drag(
     for j in range(int(state[TOUCHED])):
         load = springs[LOAD, j]
         if load <= 0.0:
-            for c in (BRISTLE_X, BRISTLE_Y, TRACTION_X, TRACTION_Y, SLIDES):
-                springs[c, j] = 0.0
+            if springs[DEPTH, j] != 0.0:
+                let_go(springs, j)
             for i in range(TERMS):
                 springs[RELAXED + i, j] *= keep[i]
-                springs[RELAXED_X + i, j] = springs[RELAXED_Y + i, j] = 0.0
             continue
         x, y = at[j, 0], at[j, 1]
         bx = springs[BRISTLE_X, j] + dx - turn * y
@@ -214,6 +216,15 @@ def drag(
             springs[RELAXED + i, j] += (springs[DEPTH, j] - springs[RELAXED + i, j]) * gone
             springs[RELAXED_X + i, j] += (bx - springs[RELAXED_X + i, j]) * gone
             springs[RELAXED_Y + i, j] += (by - springs[RELAXED_Y + i, j]) * gone
+
+
+@njit(cache=True)
+def let_go(springs: Floats, j: int) -> None:
+    """A spring that carried load and does not any more has nothing to hold on to."""
+    for c in (DEPTH, BRISTLE_X, BRISTLE_Y, TRACTION_X, TRACTION_Y, SLIDES):
+        springs[c, j] = 0.0
+    for i in range(TERMS):
+        springs[RELAXED_X + i, j] = springs[RELAXED_Y + i, j] = 0.0
 
 
 @njit(cache=True)
