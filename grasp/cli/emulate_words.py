@@ -14,6 +14,7 @@ from typing import Any
 
 import msgspec
 
+from drivers.errors import ConfigError
 from scenarios.rigs.emulated_cell import EmulatedCell
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import Swing, swing
@@ -32,12 +33,15 @@ class Words:
         """``config`` says how hard the mallet strikes; that is searched here, where nobody waits
         for a device's reply."""
         self._heard = _is_typed()
-        self._blows: dict[str, Swing] = {}
+        self._blows: dict[str, Swing | ConfigError] = {}
         if not self._heard:
             return
         for direction in DIRECTIONS:
             tap = msgspec.structs.replace(config.tap, direction=direction)
-            self._blows[direction] = swing(msgspec.structs.replace(config, tap=tap), seed)
+            try:
+                self._blows[direction] = swing(msgspec.structs.replace(config, tap=tap), seed)
+            except ConfigError as none_found:  # what falls anyway is tapped by nobody
+                self._blows[direction] = none_found
 
     def listen(self, cell: EmulatedCell) -> None:
         """Begin to obey; returns at once."""
@@ -72,8 +76,10 @@ class Words:
             pairs = (word.partition("=") for word in rest[1:])
             return {"verb": verb, "name": rest[0], **{k: _value(text) for k, _, text in pairs}}
         if verb == "tap" and rest[:1] in ([], *([name] for name in DIRECTIONS)) and not rest[1:]:
-            blow = self._blows[rest[0] if rest else "top"].blow
-            return {"verb": verb, **msgspec.to_builtins(blow)}
+            found = self._blows[rest[0] if rest else "top"]
+            if isinstance(found, ConfigError):
+                raise ValueError(str(found))
+            return {"verb": verb, **msgspec.to_builtins(found.blow)}
         if verb in ("look", "place", "home") and not rest:
             return {"verb": "truth" if verb == "look" else verb}
         raise ValueError(f"{' '.join(words)!r} is not known")

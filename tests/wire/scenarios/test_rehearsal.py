@@ -23,6 +23,7 @@ PAGE = Path(__file__).parents[3] / "docs" / "hardware.md"
 HOST, PORT = "127.0.0.2", "5020"
 MOVES = ("--rig", "hardware", "--confirm-motion", "--config", "lab.toml")
 CTRL_C = "\x03"
+SLEDGE = ("--set", "tap.impulse_n_s=2.0")
 TRUE_ALONE = {"peak_force_n", "detection_latency_ms", "reaction_latency_ms"}  # a world knows
 
 
@@ -36,8 +37,8 @@ class Lab:
         return Terminal([*GRASP, *words], ENVIRONMENT, str(self.folder))
 
     @contextmanager
-    def cell(self) -> Iterator[Terminal]:
-        with self.program("emulate", "--host", HOST, "--gripper-port", PORT) as cell:
+    def cell(self, *words: str) -> Iterator[Terminal]:
+        with self.program("emulate", "--host", HOST, "--gripper-port", PORT, *words) as cell:
             endpoints = json.loads(cell.wait_for(r"\{.*\}").group(0))
             self.write(endpoints)
             yield cell
@@ -168,3 +169,36 @@ def test_lifts_and_taps_of_a_day_with_what_goes_wrong_leave_the_rows_of_a_campai
         has = {name for name in own.__struct_fields__ if getattr(own, name) is not None}
         assert filled - has == TRUE_ALONE
         assert has - filled == {"recording"}
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_object_that_falls_ends_a_series_which_goes_on_when_the_hand_is_open_again(
+    tmp_path: Path,
+) -> None:
+    lab = Lab(tmp_path)
+    lifts = ("run", "lift", "--object", "can", *MOVES, "--trials", "2", "--out", "can.sqlite")
+    with lab.cell(*SLEDGE) as cell:
+        lab.done("release", *MOVES, "--activate")
+        with lab.program(*lifts) as run:
+            put_in_place(run, cell, "Trial 1 of 2")
+            run.wait_for("How far has the object slipped")
+            cell.type("tap top\n")
+            run.wait_for("seed 0 *dropped")
+            assert run.wait() == 1, run.shown
+            assert "the hand is closed, and feels nothing any more" in run.shown
+            assert "the arm stands" in run.shown
+            assert "1 trial is in can.sqlite: go on with --out can.sqlite --resume" in run.shown
+        with lab.program(*lifts, "--resume") as again:
+            assert again.wait() == 4, again.shown
+            assert "Trial 2" not in again.shown  # asks nobody to put anything into a closed hand
+        let_go(lab, run)
+    with lab.cell() as cell, lab.program(*lifts, "--resume") as run:
+        put_in_place(run, cell, "Trial 2 of 2")
+        run.wait_for("How far has the object slipped")
+        run.type(f"{moved_mm(cell)}\n")
+        assert run.wait() in (0, 1), run.shown
+    assert [(row.trial, row.outcome) for row in lab.rows("can.sqlite")] == [
+        (0, "dropped"),
+        (1, "success"),
+    ]

@@ -44,9 +44,14 @@ def typed(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 
 def said(
-    typed: int, lines: str, capsys: pytest.CaptureFixture[str], *homeward: dict[str, Any]
+    typed: int,
+    lines: str,
+    capsys: pytest.CaptureFixture[str],
+    *homeward: dict[str, Any],
+    settings: tuple[str, ...] = (),
 ) -> tuple[Cell, list[str]]:
-    cell, config = Cell(), load_config("can", "emulated", "energy").for_tap()
+    cell = Cell()
+    config = load_config("can", "emulated", "energy", None, settings).for_tap()
     cell.homeward = list(homeward)
     words = Words(config, 0)
     words.listen(cell)  # type: ignore[arg-type]
@@ -105,3 +110,12 @@ def test_nobody_is_listened_to_where_nobody_can_type(monkeypatch: pytest.MonkeyP
         words = Words(load_config("can", "emulated", "energy").for_tap(), 0)
         words.listen(Cell())  # type: ignore[arg-type]
     assert "words" not in [thread.name for thread in threading.enumerate()]
+
+
+def test_object_that_no_blow_leaves_in_the_hand_can_be_placed_and_is_not_tapped(
+    typed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    slippery = ("object.friction_static=0.25", "object.friction_kinetic=0.2")
+    cell, answers = said(typed, "tap\nplace\n", capsys, settings=slippery)
+    assert "no blow on the top moves can" in answers[0]
+    assert [request["verb"] for request in cell.asked] == ["place"]
