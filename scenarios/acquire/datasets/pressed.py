@@ -1,7 +1,7 @@
 """What shakes a pressed fingertip without slip: recordings that the paper's data set lacks.
 
 Fixed objects are pressed as in the acquisition, without strokes, while a script disturbs them. Both
-labels of slip say whether the contact truly moves.
+labels of slip say whether the contact truly moves; `slip` leaves out what slides and goes nowhere.
 """
 
 from typing import Literal
@@ -10,10 +10,13 @@ import msgspec
 import numpy as np
 
 from detector.recordings import Metadata, Recording
+from drivers.interfaces import PERIOD_S
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.datasets.draws import layout_file, with_values
+from scenarios.acquire.datasets.grasped import LEAST_SLIP_M
 from scenarios.acquire.labels import recording
 from scenarios.acquire.press import PressController, StrokeMotion
+from scenarios.acquire.rest import TURN_LEVER_M
 from scenarios.acquire.rig import open_acquire_rig
 from scenarios.acquire.session import Script, Session
 from scenarios.world.pressed_cell import PressedCell
@@ -91,7 +94,14 @@ def _script(cause: str, rng: np.random.Generator) -> Script:
 
 
 def _by_truth(made: Recording) -> Recording:
-    """Static unless the contact truly moves, whatever the fingertip does."""
-    if made.slip_true is None:
+    """Static unless the contact truly moves, whatever the fingertip does: what slides less than
+    LEAST_SLIP_M on end is a pad that is shaken where it is."""
+    if made.slip_true is None or made.contact_speed_mps is None or made.contact_turn_radps is None:
         raise ValueError("a recording without truth cannot be labelled by it")
-    return msgspec.structs.replace(made, slip=made.slip_true)
+    speed_mps = np.hypot(made.contact_speed_mps, TURN_LEVER_M * made.contact_turn_radps)
+    way_m = speed_mps * np.diff(made.t_s, prepend=made.t_s[0] - PERIOD_S)
+    label = made.slip_true.copy()
+    edges = np.flatnonzero(np.diff(label, prepend=False, append=False))
+    for first, end in edges.reshape(-1, 2):
+        label[first:end] = way_m[first:end].sum() >= LEAST_SLIP_M
+    return msgspec.structs.replace(made, slip=label)

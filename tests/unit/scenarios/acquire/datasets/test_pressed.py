@@ -35,10 +35,29 @@ def changes(r: Recording) -> np.ndarray:
 def test_nothing_slips_although_the_signal_moves(jobs: list[Job], cause: str) -> None:
     r = first(jobs, cause)
     assert r.slip_true is not None
-    assert (r.slip == r.slip_true).all()
-    assert r.slip.mean() < 0.03  # a shaken pad may slide for moments, and is labelled so
+    assert not r.slip.any()
+    assert r.slip_true.mean() < 0.03  # a shaken pad may slide for moments, there and back
     assert r.metadata is not None
     assert (r.metadata.set, r.metadata.cause) == ("confusers", cause)
+
+
+def test_a_pad_that_slides_there_and_back_by_hundredths_of_a_millimetre_does_not_slip(
+    jobs: list[Job],
+) -> None:
+    shaken = [job for job in jobs if job.metadata.cause == "arm_vibration"]
+    r = make(shaken[55])  # a soft sideways mount: the loosest of them all
+    assert r.slip_true is not None and r.slip_true.sum() > 10
+    assert not r.slip.any()
+
+
+def test_strokes_under_lost_samples_slip_half_a_millimetre_and_more(jobs: list[Job]) -> None:
+    r = first(jobs, "lost_samples")
+    assert r.slip_true is not None and r.contact_speed_mps is not None
+    assert not (r.slip & ~r.slip_true).any()
+    edges = np.flatnonzero(np.diff(r.slip, prepend=False, append=False)).reshape(-1, 2)
+    ways = [r.contact_speed_mps[a:b].sum() * 0.01 for a, b in edges]
+    assert len(ways) >= 3
+    assert min(ways) > 0.0004
 
 
 def test_a_tap_and_a_shaken_arm_are_heard(jobs: list[Job]) -> None:
