@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.blows import Blow, blows_of
-from detector.decision import RuleSettings, registered_events
+from detector.decision import RuleSettings, mean_probability, registered_events
 from detector.energy import EnergyDetector
 from detector.interface import SlipDetector
 from detector.recordings import MOVED_M, LabelName, Recording
@@ -174,7 +174,7 @@ def evaluate_streams(
 ) -> Evaluation:
     """Score what was streamed, each recording from ``first_sample`` on.
 
-    A recording has one label for all fingers, so the finger that is surest speaks for a sample.
+    A recording has one label for all fingers, so one probability speaks for a sample (`spoken`).
     Samples are judged at the detector's own threshold, events at the rule's; by default an event
     that hears the pad shear before `slip_true` is early, not false. Raises BadFile for a recording
     of which nothing is left to score.
@@ -183,7 +183,7 @@ def evaluate_streams(
     how = events or events_by_label(streams[0].label)
     every = [judge_stream(s, rule, how, first_sample, blows_of(s.recording)) for s in streams]
     judged = [each.events for each in every]
-    parts = [(s.probabilities.max(axis=1)[first_sample:], s.labels[first_sample:]) for s in streams]
+    parts = [(spoken(s, rule)[first_sample:], s.labels[first_sample:]) for s in streams]
     p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
     verdicts = p > detector.threshold
     distances = [edge_distance_ms(s.recording.t_s, s.labels)[first_sample:] for s in streams]
@@ -213,6 +213,14 @@ def evaluate_streams(
         confusion=cells,
         recordings=len(streams),
     )
+
+
+def spoken(streamed: Streamed, rule: RuleSettings) -> Floats:
+    """The probability (n,) that speaks for a hand: the surest finger's, or of the mean log-odds
+    where the rule asks for that."""
+    p = streamed.probabilities
+    one: Floats = mean_probability(p)[:, 0] if rule.fusion == "mean" else p.max(axis=1)
+    return one
 
 
 def _refuse_to_score_nothing(streams: Sequence[Streamed], first_sample: int) -> None:

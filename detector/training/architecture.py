@@ -14,6 +14,8 @@ GRID = ((0, 1, 2), (5, 4, 3))
 
 Input = Literal["counts", "changes", "shifts"]
 
+EVERY: tuple[Input, ...] = ("shifts", "changes", "counts")
+
 # a shift is how far a taxel stands from its own mean of SHIFT_MEAN samples, SHIFT_LAG ago: what a
 # slip leaves behind, however short it was, as long as the mean has not followed
 SHIFT_LAG, SHIFT_MEAN = 9, 30
@@ -71,11 +73,9 @@ ARCHITECTURES = {
     "tcn-paper": Architecture(family="tcn"),
     # 99 samples at most: window and stream are equal
     "tcn": Architecture(
-        family="tcn", inputs=("shifts", "changes"), kernel=3, channels=16, outputs=1, streaming=True
+        family="tcn", inputs=EVERY, kernel=3, channels=16, outputs=1, streaming=True
     ),
-    "gru": Architecture(
-        family="gru", inputs=("shifts", "changes"), channels=32, outputs=1, streaming=True
-    ),
+    "gru": Architecture(family="gru", inputs=EVERY, channels=32, outputs=1, streaming=True),
     "freq-cnn-paper": Architecture(family="freq-cnn", scrambled=True),
     "freq-cnn": Architecture(family="freq-cnn"),
 }

@@ -135,8 +135,7 @@ class Training:
         if s.balance == "weights":
             weights = weights * torch.where(labels > 0, self._slip_weight, 1.0)
         odds = self.network(counts) if s.dense else self.network(counts, last=True)
-        # each finger for itself, and those of a hand together: a rule may ask either
-        loss = sum(_loss(z, labels, weights) for z in (odds, _fused(odds, batch.hands))) / 2.0
+        loss = _loss(_fused(odds, batch.hands), labels, weights)
         for group in self._optimiser.param_groups:
             group["lr"] = self._rate()
         self._optimiser.zero_grad()

@@ -56,8 +56,8 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 # `tcn-paper` too learns from every sample of stretches as long as its window, each with the zeros
 # before it that the network will see; `--windows` trains it as its authors did.
 DEFAULTS = {
-    "tcn": TrainSettings(steps=12_000, patience=16),
-    "gru": TrainSettings(steps=8_000, patience=16),
+    "tcn": TrainSettings(steps=9_000, validations=6),
+    "gru": TrainSettings(steps=7_000, validations=5),
     "tcn-paper": TrainSettings(
         steps=12_000, augmentation="as-run", batch=64, crop=100, warm=0, fresh=1.0,
         learning_rate=0.002, validations=2,

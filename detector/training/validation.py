@@ -70,12 +70,14 @@ def score(
         Streamed(r, 1.0 / (1.0 + np.exp(-(o + shift))), np.empty(0), label, moved_m)
         for r, o in zip(recordings, odds, strict=True)
     ]
-    tried = [r for r in rules(RuleSettings()) if r.kind == "consecutive" and r.consecutive == 2]
+    # the fingers of a hand together, as it is learnt
+    wanted = ("consecutive", "mean", 2)
+    tried = [r for r in rules(RuleSettings()) if (r.kind, r.fusion, r.consecutive) == wanted]
     points = sweep(streams, tried)
     chosen = [best(points, part * budget_per_min) for part in BUDGETS]
     delays = [point.mean_delay_ms if point else MISS_MS for point in chosen]
-    z = np.concatenate([(o + shift).ravel() for o in odds])
-    y = np.concatenate([np.repeat(s.labels, s.recording.fingers) for s in streams])
+    z = np.concatenate([o.mean(axis=1) + shift for o in odds])
+    y = np.concatenate([s.labels for s in streams])
     return Score(
         delay_ms=float(np.mean(delays)),
         loss=likelihood(z, y),
