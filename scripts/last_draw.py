@@ -5,8 +5,8 @@
 
 Taps of the six objects and of the second half dozen at five strengths are run once, with nobody
 answering; every detector hears the same counts and decides by its packaged rule. Lifts are run in
-the loop, each with every detector. Prints a Markdown table a kind; whatever it says is reported, and
-nothing is tuned on it: looks are taken on other seeds.
+the loop, each with every detector. Prints a Markdown table a kind; whatever it says is reported,
+and nothing is tuned on it: looks are taken on other seeds.
 """
 
 import argparse
