@@ -198,7 +198,6 @@ def test_object_that_falls_ends_a_series_which_goes_on_when_the_hand_is_open_aga
         run.wait_for("How far has the object slipped")
         run.type(f"{moved_mm(cell)}\n")
         assert run.wait() in (0, 1), run.shown
-    assert [(row.trial, row.outcome) for row in lab.rows("can.sqlite")] == [
-        (0, "dropped"),
-        (1, "success"),
-    ]
+    fell, held = lab.rows("can.sqlite")
+    assert (fell.trial, fell.outcome, held.trial) == (0, "dropped", 1)
+    assert (held.outcome or "").startswith("held")
