@@ -1,4 +1,4 @@
-"""How much faster than real time one simulated fingertip is, with and without its new terms."""
+"""How much faster than real time one fingertip is, with and without the terms of its mount."""
 
 import time
 
@@ -12,14 +12,13 @@ pytestmark = pytest.mark.bench
 
 AIM = 60.0  # times real time
 SAMPLES, PERIOD_S = 3000, 0.01
-COMPLIANT = {  # as in the paper's set, its compliant part
-    "lever_x": 0.8, "lever_y": 0.3, "lateral_npmm": 5.0, "shift_mm": 0.002, "rock_rad": 0.001,
-    "relaxation_share": 0.07, "relaxation_slow_share": 0.07, "relaxation_s": 0.1,
-    "spring_mm": 1.0, "crown_radius_mm": 30.0, "foundation_n_per_mm3": 0.6, "depth_mm": 3.0,
+RIGID = {  # none of the mount's terms, as in the paper's set, its rigid part
+    "lever_x": 0.0, "lateral_npmm": 0.0, "shift_mm": 0.0, "rock_rad": 0.0,
+    "relaxation_slow_share": 0.0, "spring_mm": 2.0,
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "settings"), [("rigid", {}), ("compliant", COMPLIANT)])
+@pytest.mark.parametrize(("name", "settings"), [("rigid", RIGID), ("of a run", {"lever_y": 0.3})])
 def test_a_fingertip_is_sixty_times_faster_than_real_time(
     name: str, settings: dict[str, float]
 ) -> None:

@@ -38,7 +38,7 @@ TERMS: dict[str, dict[str, float]] = {
 
 def origin_of(folder: Path) -> DatasetConfig:
     """What a data set was built from. Raises BadFile for a folder that does not tell, or has no
-    such part."""
+    strokes with such a part."""
     path = folder / INDEX
     try:
         told = msgspec.json.decode(path.read_bytes())["dataset"]
@@ -46,8 +46,9 @@ def origin_of(folder: Path) -> DatasetConfig:
         config = msgspec.convert(named, DatasetConfig)
     except (OSError, msgspec.DecodeError, RecursionError, KeyError, TypeError, AttributeError):
         raise BadFile(path, "does not say what the set was built from", "build it anew") from None
-    if COMPLIANT not in {part.name for part in config.parts}:
-        raise BadFile(path, f"has no part {COMPLIANT}", "give config/datasets/paper.toml, built")
+    if not config.rows or COMPLIANT not in {part.name for part in config.parts}:
+        problem = f"has no strokes with a part {COMPLIANT}"
+        raise BadFile(path, problem, "give config/datasets/paper.toml, built")
     return config
 
 

@@ -46,6 +46,8 @@ def test_a_folder_tells_what_it_was_built_from_or_is_refused(tmp_path: Path) -> 
     with pytest.raises(BadFile, match="does not say"):
         origin_of(tmp_path)
     rigid = msgspec.structs.replace(PAPER, parts=PAPER.parts[:1])
-    (tmp_path / "dataset.json").write_bytes(msgspec.json.encode({"dataset": rigid}))
-    with pytest.raises(BadFile, match="no part compliant"):
-        origin_of(tmp_path)
+    held = load_dataset_config(config_dir() / "datasets" / "grasped-slip.toml")
+    for other in (rigid, held):
+        (tmp_path / "dataset.json").write_bytes(msgspec.json.encode({"dataset": other}))
+        with pytest.raises(BadFile, match="no strokes with a part compliant"):
+            origin_of(tmp_path)
