@@ -189,7 +189,8 @@ def _times(variants: "list[Variant]") -> Any:
     tap = variants[0].scenario == "tap"
     third = "nominal after motion, ms" if tap else "force rises after onset, ms"
     fourth = "moved, mm" if tap else "slip, mm"
-    for heading in ("variant", "object", "registered after onset, ms", third, fourth):
+    headings = ("variant", "object", "registered after onset, ms", third, fourth, "turned, deg")
+    for heading in headings:
         table.add_column(heading)
     for variant in variants:
         for i, cell in enumerate(variant.cells):
@@ -198,12 +199,13 @@ def _times(variants: "list[Variant]") -> Any:
                 _three(cell.detection_latency_ms),
                 _three(cell.nominal_again_ms if tap else cell.reaction_latency_ms),
                 _three(cell.slip_distance_mm),
+                _three(cell.turned_deg, ".1f"),
             )  # fmt: skip
     return table
 
 
-def _three(q: "Quantiles | None") -> str:
-    return "-" if q is None else f"{q.p10:.0f} / {q.p50:.0f} / {q.p90:.0f}"
+def _three(q: "Quantiles | None", form: str = ".0f") -> str:
+    return "-" if q is None else f"{q.p10:{form}} / {q.p50:{form}} / {q.p90:{form}}"
 
 
 def _print_likelihood(console: Any, variant: "Variant") -> None:

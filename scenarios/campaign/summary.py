@@ -41,6 +41,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     reaction_latency_ms: Quantiles | None
     nominal_again_ms: Quantiles | None  # after the end of motion; taps
     slip_distance_mm: Quantiles | None
+    turned_deg: Quantiles | None  # in the hand, either way
     p_value: float | None  # of the paper's counts under this model; None: the paper has none
 
     @property
@@ -134,10 +135,11 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
         outcomes=outcomes,
         apart=_outcomes([row for row in ran if row.trial not in counted]),
         alarms_stayed=sum(bool(row.success and row.alarm_stayed) for row in done),
-        detection_latency_ms=_after_onset([row.detection_latency_ms for row in done], done),
-        reaction_latency_ms=_after_onset([row.reaction_latency_ms for row in done], done),
+        detection_latency_ms=_of_a_world([row.detection_latency_ms for row in done], done),
+        reaction_latency_ms=_of_a_world([row.reaction_latency_ms for row in done], done),
         nominal_again_ms=quantiles([row.nominal_again_ms for row in done]),
         slip_distance_mm=quantiles([_slip_mm(scenario, row) for row in done]),
+        turned_deg=_of_a_world([_turned_deg(scenario, row) for row in done], done),
         p_value=p_value(paper_counts(scenario, name), class_counts(scenario, name, done))
         if known
         else None,
@@ -149,9 +151,9 @@ def _outcomes(rows: Sequence[Row]) -> dict[str, int]:
     return dict(Counter(str(row.outcome) for row in rows).most_common())
 
 
-def _after_onset(values: Sequence[float | None], rows: Sequence[Row]) -> Quantiles | None:
-    """None where nobody knew when slip began: of real devices. None of a value is one that never
-    came."""
+def _of_a_world(values: Sequence[float | None], rows: Sequence[Row]) -> Quantiles | None:
+    """What a world alone knows, such as when slip began: None of real devices. None of a value is
+    one that never came."""
     known = [
         value
         for value, row in zip(values, rows, strict=True)
@@ -181,6 +183,13 @@ def _slip_mm(scenario: str, row: Row) -> float | None:
     if row.slip_distance_m is None or (scenario == "lift" and not row.success):
         return None
     return row.slip_distance_m * 1e3
+
+
+def _turned_deg(scenario: str, row: Row) -> float | None:
+    """Rotation in the hand; of a lifted object that was lost as its slip distance."""
+    if row.turned_rad is None or (scenario == "lift" and not row.success):
+        return None
+    return math.degrees(abs(row.turned_rad))
 
 
 def paper_rate(scenario: str, name: str) -> float | None:

@@ -42,6 +42,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     direction: str | None = None
     nominal_again_ms: float | None = None
     slip_distance_m: float | None = None  # of a tap: the permanent displacement
+    turned_rad: float | None = None  # in the hand, about the closing axis
     peak_force_n: float | None = None
     commanded_force_n: float | None = None
     result: str | None = None
@@ -139,6 +140,7 @@ def judged(trial: Task, finished: AnyRun) -> Row:
         success=result.success,
         outcome=result.outcome,
         detection_latency_ms=result.detection_latency_ms,
+        turned_rad=result.turned_rad,
         peak_force_n=max(result.peak_force_n.values()) if result.peak_force_n else None,
         commanded_force_n=result.commanded_force_n,
         result=_table(result),

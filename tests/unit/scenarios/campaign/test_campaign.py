@@ -147,6 +147,7 @@ def test_taps_alternate_their_direction_and_keep_what_was_measured() -> None:
     rows = [run_trial(trial).row for trial in trials(spec, combinations(spec))]
     assert [row.direction for row in rows] == ["top", "side"]
     assert all(row.moved is not None and row.slip_distance_m is not None for row in rows)
+    assert all(row.turned_rad is not None for row in rows)
 
 
 def test_a_row_repeats_with_its_seed() -> None:

@@ -70,6 +70,19 @@ def test_a_lost_object_counts_as_infinitely_far() -> None:
     assert (cell.slip_distance_mm.p10, cell.slip_distance_mm.p90) == (20.0, math.inf)
 
 
+def test_rotation_is_told_either_way_and_not_of_real_devices() -> None:
+    turns = (-0.02, 0.01, 0.03)
+    rows = [row(i, "ball", "held", turned_rad=turn) for i, turn in enumerate(turns)]
+    rows.append(row(3, "ball", "dropped", turned_rad=0.5, peak_force_n=10.0))
+    (cell,) = summarize("x", rows).variants[0].cells
+    assert cell.turned_deg is not None
+    assert cell.turned_deg.p10 == pytest.approx(math.degrees(0.01), abs=1e-3)
+    assert cell.turned_deg.p50 == pytest.approx(math.degrees(0.02), abs=1e-3)
+    assert cell.turned_deg.p90 == math.inf  # what was lost turned for ever
+    (real,) = summarize("x", [row(0, "ball", "held")]).variants[0].cells
+    assert real.turned_deg is None
+
+
 def test_taps_that_moved_nothing_are_counted_apart() -> None:
     tap = {"scenario": "tap", "slip_m": 0.005}
     rows = [row(0, "ball", "registered", success=True, moved=True, **tap)]
