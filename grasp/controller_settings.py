@@ -81,6 +81,14 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             description="then down, or less, to see whether the object stands; assumed",
         ),
     ] = 0.0005
+    landing_still_s: Annotated[
+        float,
+        Meta(
+            ge=0.2, le=5.0,
+            description="the arm stands before a step and after it; the grip is averaged over the "
+            "second half; assumed, several swings of the pads' restlessness",
+        ),
+    ] = 0.3  # fmt: skip
     landing_check_n: Annotated[
         float,
         Meta(ge=0.05, le=5.0, description="it does if that adds so much; assumed"),

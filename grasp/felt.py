@@ -3,20 +3,19 @@
 from grasp.controller_settings import ControllerSettings
 from grasp.observation import Observation
 
-LEVELS_IN_RELAXING = 5  # time constants of a force's level within controller.relax_s
+LEVEL_NS = 60e6  # time constant of a force's level: longer than the pads' restlessness swings
 
 
 class Felt:
     """Facts of the world, of every sample: when there was contact last, when force was within the
     limit last, how steady force is.
 
-    ``level_n``: the grip, averaged over a part of ``controller.relax_s``.
+    ``level_n``: the grip, averaged over 60 ms.
     ``gap_ns``: the longest that nothing was felt while the object may have been in the air.
     """
 
     def __init__(self, settings: ControllerSettings) -> None:
         self._contact_n = settings.contact_n
-        self._level_ns = settings.relax_s * 1e9 / LEVELS_IN_RELAXING
         self._lost_ns = settings.contact_lost_s * 1e9
         self._seen_ns = 0
         self._touched_ns = 0
@@ -31,7 +30,7 @@ class Felt:
             self._touched_ns = seen.t_ns
         elif airborne:
             self.gap_ns = max(self.gap_ns, seen.t_ns - self._touched_ns)
-        weight = min(1.0, (seen.t_ns - self._seen_ns) / self._level_ns)
+        weight = min(1.0, (seen.t_ns - self._seen_ns) / LEVEL_NS)
         self.level_n += weight * (grip_n(seen) - self.level_n)
         self._seen_ns = seen.t_ns
         if not seen.overloaded:

@@ -68,7 +68,7 @@ class Landing:
         self._settings = settings
         self._line = line
         self._felt = felt
-        self._still = Still(settings.relax_s)
+        self._still = Still(settings.landing_still_s)
         self._slipped_m = 0.0
         self._grip_n = 0.0
         self._least_n = math.inf
@@ -158,7 +158,7 @@ class Landing:
         step_m = self._step_m(self._tight_m - height_m, level_n - self._grip_n)
         self._grip_n = level_n
         step = self._line.move(height_m - step_m, self._settings.landing_speed_mps)
-        return Way(Trigger.SETTLED, "the arm stands, the pads have relaxed", (step,))
+        return Way(Trigger.SETTLED, "the arm has stood for long enough", (step,))
 
     def _step_m(self, braking_m: float, rise_n: float) -> float:
         """As short as will tell, where the grip went on tightening while the arm braked."""

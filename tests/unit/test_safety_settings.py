@@ -189,6 +189,7 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
      lambda v: on_grasp.arm_moved(1, lower_speed_mps=v).speed_mps, 0.0),
     ("ControllerSettings.landing_speed_mps", (0.01, 0.03), on_grasp.landing_mps, 0.0),
     ("ControllerSettings.landing_step_m", (0.0005, 0.002), on_grasp.landing_step_m, 1e-9),
+    ("ControllerSettings.landing_still_s", (0.2, 0.6), on_grasp.stood_s, 0.011),
     ("ControllerSettings.landing_tries", (1, 4), on_grasp.tries, 0),
     ("ControllerSettings.retreat_m", (0.02, 0.1), lambda v: on_grasp.risen_m(2, retreat_m=v), 1e-9),
     ("ControllerSettings.stop_deceleration_mps2", (0.5, 3.0), on_grasp.stopped_at_mps2, 0.0),

@@ -115,6 +115,14 @@ def landing_step_m(v: float) -> float:
     )
 
 
+def stood_s(v: float) -> float:
+    """How long the arm stands before it goes a step down."""
+    d = tightened(3.0, landing_still_s=v)
+    begin_ns = d.t_ns
+    d.until(Phase.PROBE, measured_n=bears(3.0))
+    return (d.t_ns - begin_ns) * 1e-9
+
+
 def let_go(v: float, rise_n: float) -> bool:
     """Whether the hand opens when a step down has added so much."""
     return probed(3.0, 3.0 + rise_n, landing_check_n=v).controller.phase is Phase.RELEASE

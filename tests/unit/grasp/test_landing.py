@@ -75,9 +75,10 @@ def test_rise_counts_whichever_fingers_feel_it() -> None:
     assert d.controller.phase is Phase.TOUCH
 
 
-def test_restless_pads_do_not_stop_the_arm() -> None:
+@pytest.mark.parametrize("relax_s", [0.02, 0.3])
+def test_restless_pads_do_not_stop_the_arm(relax_s: float) -> None:
     """What they read swings by more than stops it, three samples high and three low."""
-    d = near()
+    d = near(relax_s=relax_s)
     for k in range(120):
         felt_n = 2.0 + (0.6 if k % 6 < 3 else -0.6)
         d.step(measured_n=bears(felt_n), arm=arm(d.t_ns + TICK, 0.04, moving=True))
