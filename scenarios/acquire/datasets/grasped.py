@@ -16,6 +16,7 @@ from detector.recordings import Act, Metadata, Recording
 from drivers.interfaces import PERIOD_S
 from grasp.controller import GraspController
 from grasp.loop import Tick
+from grasp.phases import OPEN_PHASES
 from grasp.settings import Layer, load
 from scenarios.acquire.config import SamplingSettings
 from scenarios.acquire.datasets.acts import Acts, Done, Performer
@@ -146,7 +147,8 @@ def _of_lift(seen: Sequence[tuple[Tick, Truth]], metadata: Metadata, source: str
     ticks = [tick for tick, _ in seen]
     t_s = np.array([(tick.t_ns - ticks[0].t_ns) * 1e-9 for tick in ticks])
     places = _places([truth for _, truth in seen])
-    held = np.array([truth.touched for _, truth in seen])  # afterwards the hand leaves the object
+    # a hand that has let go may graze what it leaves: nobody listens, and nothing is slip
+    held = np.array([t.touched and tick.decision.phase not in OPEN_PHASES for tick, t in seen])
     steps = abs(np.diff(places, axis=0, prepend=places[:1])) * held[:, None]
     steps /= np.diff(t_s, prepend=t_s[0] - PERIOD_S)[:, None]  # a blow's slip lies between samples
     speed, turn = np.hypot(*steps[:, :2].T), steps[:, 2] / TURN_LEVER_M

@@ -79,6 +79,16 @@ def test_half_of_the_blows_on_a_firm_grip_are_near_what_just_moves_it(jobs: list
         assert r.slip.mean() < 0.1
 
 
+@pytest.mark.parametrize("cause", ["grasped_set_down", "grasped_lift_acceleration"])
+def test_what_a_hand_grazes_that_has_let_go_is_no_slip(jobs: list[Job], cause: str) -> None:
+    for r in of(jobs, cause, 3):
+        assert r.slip_true is not None and r.moved_m is not None
+        last_felt = np.flatnonzero(r.counts.astype(int).sum(axis=(1, 2)) < -60)[-1]
+        assert last_felt < len(r.t_s) - 20
+        for label in (r.slip, r.slip_true, r.moved_m > 0.0001):
+            assert not label[last_felt + 1 :].any()
+
+
 def test_the_mallets_own_blows_slide_the_object_and_the_labels_say_how_far(
     slips: list[Job],
 ) -> None:
