@@ -45,6 +45,9 @@ class CellSettings(msgspec.Struct, frozen=True, kw_only=True):
     blow_level: Level | None = None  # while a blow moves the object; None: the same
 
 
+NOTHING_N = 1e-6  # less than this is what rounding leaves of a contact
+
+
 class Truth(msgspec.Struct, frozen=True):
     """What only a simulation knows. Times in seconds since the cell began, None = not yet."""
 
@@ -68,7 +71,8 @@ class Truth(msgspec.Struct, frozen=True):
 
     @property
     def touched(self) -> bool:
-        return max(self.normal_n) > 0.0
+        """Whether a finger bears anything: an open hand bears what is left by rounding."""
+        return max(self.normal_n) > NOTHING_N
 
 
 class SimulatedCell:

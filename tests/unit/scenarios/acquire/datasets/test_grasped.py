@@ -53,6 +53,21 @@ def test_a_grasp_is_recorded_with_three_fingers_and_holds(jobs: list[Job], cause
     assert (r.counts.astype(int).sum(axis=2) < -15).all(axis=1).any()  # all three pressed
 
 
+@pytest.mark.parametrize(
+    "cause", ["grasped_lift_acceleration", "grasped_uneven_load", "grasped_set_down"]
+)
+def test_an_open_hand_that_leaves_the_object_feels_no_slip(jobs: list[Job], cause: str) -> None:
+    """What rounding leaves of a contact is none: the arm retreats at 50 mm/s."""
+    for r in of(jobs, cause, 2):
+        pressed = (r.counts.astype(int).sum(axis=2) < -30).any(axis=1)
+        last = int(np.flatnonzero(pressed)[-1])
+        assert len(r.slip) - last > 30
+        assert r.slip_true is not None and r.moved_m is not None
+        assert not r.slip[last + 9 :].any()  # a slip is felt for 80 ms
+        assert not r.slip_true[last + 2 :].any()
+        assert r.moved_m[last + 2 :].max() == 0.0
+
+
 def test_every_recording_holds_an_object_of_its_own_at_the_positions_found_for_it(
     jobs: list[Job],
 ) -> None:
