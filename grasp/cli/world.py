@@ -13,7 +13,7 @@ from grasp.cli.options import add_workers, need, picture, progress, seed, whole,
 from grasp.files import write_whole
 
 HELP = "fit and judge the simulated world, choose its physics"
-SCENES = ("lift", "tap", "side-tap", "hold")
+SCENES = ("lift", "tap", "hold")
 MOST_QUANTITY = 1000.0  # m, rad or N
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "rad": 1.0,
          "deg": math.pi / 180, "N": 1.0, "mN": 1e-3}  # fmt: skip
@@ -281,8 +281,11 @@ def _print_levels(levels: Any) -> None:
 def _add_plan(actions: Any) -> None:
     about = "choose the cheapest contact model and step that answer within a tolerance, and say why"
     parser = actions.add_parser("plan", help=about, description=about)
-    parser.add_argument("scene", metavar="SCENARIO", choices=SCENES, help=", ".join(SCENES))
+    parser.add_argument("scene", metavar="SCENARIO", type=_scene, help=", ".join(SCENES))
     parser.add_argument("--object", default="can", metavar="NAME", help="default: %(default)s")
+    parser.add_argument(
+        "--direction", metavar="DIR", help="of the blow of a tap: top or side (default: top)"
+    )
     parser.add_argument(
         "--tolerance", type=quantity("m", "mm", "um", "cm"), default=1e-3, metavar="LENGTH",
         help="on the slip distance read at the tape mark, with its unit: m, mm, um or cm "
@@ -295,6 +298,10 @@ def _add_plan(actions: Any) -> None:
     parser.add_argument(
         "--force", type=quantity("N", "mN"), metavar="FORCE",
         help="tolerance on the peak force of a finger, such as 0.1N (default: not asked)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE",
+        help="a file as runs take it: its sections object and contact count here",
     )  # fmt: skip
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
@@ -343,6 +350,14 @@ def check(args: argparse.Namespace) -> int:
     return exits.SUCCESS
 
 
+def _scene(name: str) -> str:
+    if name == "side-tap":
+        raise argparse.ArgumentTypeError("side-tap is called tap --direction side now")
+    if name not in SCENES:
+        raise argparse.ArgumentTypeError(f"{name!r}: one of {', '.join(SCENES)}")
+    return name
+
+
 def quantity(*units: str) -> Any:
     """Reads a number above zero with one of these units. A bare one is refused: whoever writes 1
     for a length means millimetres as often as metres."""
@@ -366,12 +381,22 @@ def quantity(*units: str) -> Any:
 def show_plan(args: argparse.Namespace) -> int:
     import msgspec
 
-    from grasp.settings import assignment_layer, load, named_layer
+    from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
     from scenarios.world.ladder.experiments import SCENES as BUILD
     from scenarios.world.ladder.experiments import World
     from scenarios.world.ladder.planner import Tolerance, plan
 
-    world = load(World, [named_layer("objects", args.object), assignment_layer(args.set)])
+    assignments = list(args.set)
+    if args.direction is not None:
+        if args.scene != "tap":
+            raise UsageError(f"--direction is that of a tap, not of a {args.scene}", "leave it out")
+        assignments.append(f"scene.direction={args.direction}")
+    layers = [named_layer("objects", args.object)]
+    if args.config is not None:
+        file = read_toml(args.config)
+        known = {k: file.table[k] for k in World.__struct_fields__ if k in file.table}
+        layers.append(Layer(file.source, known))
+    world = load(World, [*layers, assignment_layer(assignments)])
     tolerance = Tolerance(
         slip_m=args.tolerance, rotation_rad=args.rotation, peak_force_n=args.force
     )

@@ -15,6 +15,7 @@ from scenarios.trial.run_folder import open_trial
 COLOURS = {"A": "#1f5f99", "B": "#c2571a", "C": "#3a7d44"}
 LOWERING_SHOWN_S = 0.3
 TURN_COLOUR, LEAST_TURN_DEG = "#7a4a9e", 0.1
+LEAST_ACROSS_MM = 0.1
 SHADES = {
     "grasp": "#eef3f8", "squeeze": "#e8eff5", "relax": "#eef3f8", "listen": "#e8eff5",
     "lift": "#e0eaf4", "compensate": "#fde3c8", "hold": "#e3f1e3", "lower": "#f3f3f3",
@@ -31,6 +32,7 @@ class Series(msgspec.Struct, frozen=True):
     measured_n: NDArray[np.float64]
     true_n: NDArray[np.float64] | None
     slip_mm: NDArray[np.float64] | None
+    across_mm: NDArray[np.float64] | None
     turned_deg: NDArray[np.float64] | None
     onset_s: float | None
     phases: list[tuple[float, str]]
@@ -48,6 +50,7 @@ def read_series(path: Path) -> Series:
         measured_n=np.array([m.measured_n for _, m in control]),
         true_n=np.array([m.normal_n for m in truth]) if truth else None,
         slip_mm=np.array([m.slip_distance_m for m in truth]) * 1e3 if truth else None,
+        across_mm=np.array([m.across_m for m in truth]) * 1e3 if truth else None,
         turned_deg=np.degrees([m.turn_rad for m in truth]) if truth else None,
         onset_s=truth[-1].slip_onset_s if truth else None,
         phases=[(t * 1e-9, m.phase) for t, m in recording.of(PHASES)],
@@ -89,11 +92,7 @@ def draw_run(path: Path, out: Path) -> None:
         p.plot(series.t_s, series.probabilities[:, i], color=COLOURS[name], lw=1)
     p.axhline(0.5, color="black", lw=0.6, ls=":")
     p.set_ylabel("slip probability")
-    if series.slip_mm is not None:
-        slip.plot(series.t_s, series.slip_mm, color="black", lw=1.2)
-        first, last = _shown(series)
-        visible = series.slip_mm[(series.t_s >= first) & (series.t_s <= last)]
-        slip.set_ylim(-1.0, 1.15 * max(2.0, float(visible.max())))
+    _draw_slip(slip, series)
     slip.set(ylabel="slip, mm (true)", xlabel="time, s")
     _draw_turn(slip, series)
     for axes in (force, p, slip):
@@ -111,6 +110,22 @@ def _draw_force(axes: Any, series: Series) -> None:
         axes.axhline(limit_n, color="#b00020", lw=1, ls="--", label=f"limit {limit_n:g} N")
     axes.set_ylabel("grip force, N\n(thin: felt, thick: true)")
     axes.legend(loc="lower right", ncols=4, fontsize=8, frameon=False)
+
+
+def _draw_slip(axes: Any, series: Series) -> None:
+    """How far the object slid down through the fingers, and aside where it did."""
+    if series.slip_mm is None or series.across_mm is None:
+        return
+    axes.plot(series.t_s, series.slip_mm, color="black", lw=1.2, label="down")
+    first, last = _shown(series)
+    seen = (series.t_s >= first) & (series.t_s <= last)
+    least, most = -1.0, max(2.0, float(series.slip_mm[seen].max()))
+    aside = series.across_mm[seen]
+    if np.abs(aside).max() >= LEAST_ACROSS_MM:
+        axes.plot(series.t_s, series.across_mm, color="black", lw=1.2, ls="--", label="aside")
+        axes.legend(loc="upper left", fontsize=8, frameon=False)
+        least, most = min(least, 1.15 * float(aside.min())), max(most, float(aside.max()))
+    axes.set_ylim(least, 1.15 * most)
 
 
 def _draw_turn(slip: Any, series: Series) -> None:

@@ -2,7 +2,7 @@
 its controller. The reaction comes at a stated time; what the loop does is `grasp run`'s affair."""
 
 from collections.abc import Callable
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
@@ -29,6 +29,9 @@ class SceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ] = 0.063
     arm_mps: Annotated[float, Meta(gt=0.0, le=1.0, description="assumed, 0.1-0.25")] = 0.1
     arm_mps2: Annotated[float, Meta(gt=0.0, le=5.0, description="assumed, 0.3-1.2")] = 0.5
+    direction: Annotated[
+        Literal["top", "side"], Meta(description="of a tap: onto the top, or on the side")
+    ] = "top"
     top_impulse_n_s: Annotated[float, Meta(gt=0.0, le=2.0, description="assumed, 0.08-0.45")] = 0.2
     side_impulse_n_s: Annotated[float, Meta(gt=0.0, le=2.0, description="assumed, 0.08-0.45")] = (
         0.12
@@ -67,23 +70,17 @@ def lift(world: World) -> Scene:
 
 
 def tap(world: World) -> Scene:
-    """A blow on the top of a held object, beside the middle of the grip."""
+    """A blow on a held object: on its top, beside the middle of the grip, or on its side, above
+    it."""
     chosen = world.scene
+    aside = chosen.direction == "side"
     blow = Blow(
-        impulse_n_s=chosen.top_impulse_n_s, duration_s=chosen.blow_s, delay_s=0.05,
-        offset_m=chosen.top_offset_m,
+        impulse_n_s=chosen.side_impulse_n_s if aside else chosen.top_impulse_n_s,
+        duration_s=chosen.blow_s, delay_s=0.05,
+        offset_m=chosen.side_offset_m if aside else chosen.top_offset_m,
+        direction=chosen.direction,
     )  # fmt: skip
-    return _held("tap", world, 0.5, blow)
-
-
-def side_tap(world: World) -> Scene:
-    """A blow on the side of a held object, above the middle of the grip."""
-    chosen = world.scene
-    blow = Blow(
-        impulse_n_s=chosen.side_impulse_n_s, duration_s=chosen.blow_s, delay_s=0.05,
-        offset_m=chosen.side_offset_m, direction="side",
-    )  # fmt: skip
-    return _held("side-tap", world, 0.5, blow)
+    return _held(f"tap ({chosen.direction})", world, 0.5, blow)
 
 
 def hold(world: World) -> Scene:
@@ -104,6 +101,4 @@ def _held(
     )  # fmt: skip
 
 
-SCENES: dict[str, Callable[[World], Scene]] = {
-    "lift": lift, "tap": tap, "side-tap": side_tap, "hold": hold,
-}  # fmt: skip
+SCENES: dict[str, Callable[[World], Scene]] = {"lift": lift, "tap": tap, "hold": hold}

@@ -164,7 +164,7 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
             offset_m=blow.offset_m + aside * r.offset_m,
         )  # fmt: skip
         return Scene(
-            name=f"{blow.direction}-tap", duration_s=TAP_S, body=body, contact=self.contact,
+            name=f"tap ({blow.direction})", duration_s=TAP_S, body=body, contact=self.contact,
             grip=self._held(body, aside), tap=struck, mark_height_m=self.mark_height_m,
         )  # fmt: skip
 

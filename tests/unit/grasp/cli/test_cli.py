@@ -129,7 +129,7 @@ def test_verbose_tap_says_its_levels_and_why_and_how_far_the_object_turned(
     _, out, _ = call(*words, "-v", capsys=capsys)
     assert "physics: L1, step 0.5 ms; L4, step 0.1 ms, while a blow moves the object; within" in out
     assert "firm lift, in the corner that asks for most: L1" in out
-    assert "side-tap, in the corner that asks for most: L4" in out
+    assert "tap (side), in the corner that asks for most: L4" in out
     assert "L1 and L3 do not agree" in out
     assert re.search(r"moved +[\d.]+ mm  turned [\d.]+ deg", out)
     _, out, _ = call(*words, "-v", "--set", "world.blow_level=L2", capsys=capsys)

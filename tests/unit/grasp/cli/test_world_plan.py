@@ -83,6 +83,30 @@ def test_compiled_functions_that_can_be_kept_nowhere_are_told_with_what_to_do(
     assert "NUMBA_CACHE_DIR" in capsys.readouterr().err
 
 
+def test_a_blow_is_named_as_in_a_run(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["world", "plan", "tap", "--object", "foam", "--tolerance", "0.2mm"]
+    assert main([*words, "--direction", "side"]) == exits.SUCCESS
+    side = capsys.readouterr().out
+    assert "a side load" in side
+    assert main([*words, "--set", "scene.direction=side"]) == exits.SUCCESS
+    assert capsys.readouterr().out == side
+    assert main([*words, "--direction", "top"]) == exits.SUCCESS
+    assert capsys.readouterr().out != side
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(["side-tap"], "tap --direction side"), (["nap"], "one of lift, tap, hold"),
+     (["tap", "--direction", "under"], "'top', 'side'"),
+     (["lift", "--direction", "side"], "leave it out")],
+)  # fmt: skip
+def test_plan_refuses_other_names_with_the_right_ones(
+    words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["world", "plan", *words]) == exits.USAGE
+    assert said in capsys.readouterr().err
+
+
 def test_check_runs_the_detector_of_every_run_and_names_it(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -97,3 +121,17 @@ def test_check_runs_the_detector_of_every_run_and_names_it(
     assert capsys.readouterr().out.startswith("detector gru\n")
     assert main(["world", "check", "--draws", "2", "--detector", "ear"]) == exits.USAGE
     assert len(asked) == 2
+
+
+def test_plan_takes_the_object_of_a_file_that_runs_take(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "bottle.toml"
+    file.write_text('[object]\ncentre_aside_m = 0.009\n[tap]\ndirection = "side"\n')
+    assert main(["world", "plan", "lift"]) == exits.SUCCESS
+    plain = capsys.readouterr().out
+    assert main(["world", "plan", "lift", "--config", str(file)]) == exits.SUCCESS
+    own = capsys.readouterr().out
+    assert "a lever" in own and "a lever" not in plain
+    assert main(["world", "plan", "lift", "--set", "object.centre_aside_m=0.009"]) == 0
+    assert capsys.readouterr().out == own

@@ -15,7 +15,7 @@ from grasp.guard import THUMB_ALONE
 from grasp.messages import CONTROL
 from grasp.recording import RunRecorder, RunRecording
 from scenarios.lift import lift
-from scenarios.report.run_figure import read_series
+from scenarios.report.run_figure import _draw_slip, read_series
 from scenarios.trial.replay import replay_run
 from scenarios.trial.replay_tactile import replay_tactile
 from scenarios.trial.run_folder import RUN_CHANNELS
@@ -197,6 +197,22 @@ def test_figure_reads_forces_probabilities_and_phases(recorded: Path) -> None:
     assert series.force_limit_n == config().guard.force_limit_n
     assert series.onset_s is not None
     assert series.turned_deg is not None and not series.turned_deg.any()  # L1 turns nothing
+    assert series.across_mm is not None and not series.across_mm.any()  # nor moves it aside
     assert [name for _, name in series.phases][:6] == [
         "approach", "rest", "grasp", "oppose", "relax", "listen",
     ]  # fmt: skip
+
+
+def test_figure_shows_motion_aside_where_there_is_any(recorded: Path) -> None:
+    pytest.importorskip("matplotlib")
+    from matplotlib import pyplot as plt
+
+    series = read_series(recorded)
+    assert series.across_mm is not None
+    aside = msgspec.structs.replace(series, across_mm=series.across_mm - 3.0)
+    for shown, labels in ((series, ["down"]), (aside, ["down", "aside"])):
+        figure, axes = plt.subplots()
+        _draw_slip(axes, shown)
+        assert [line.get_label() for line in axes.lines] == labels
+        assert axes.get_ylim()[0] <= float(shown.across_mm.min())
+        plt.close(figure)
