@@ -324,6 +324,10 @@ def _add_check(actions: Any) -> None:
         "--tolerance", type=quantity("m", "mm", "um", "cm"), metavar="LENGTH",
         help="in place of world.tolerance, with its unit, such as 0.5mm",
     )  # fmt: skip
+    parser.add_argument(
+        "--control", action="store_true",
+        help="always L4 once more, with shorter steps: how often a verdict hangs on that alone",
+    )  # fmt: skip
     add_workers(parser)
     parser.add_argument("--out", type=Path, metavar="FILE.json", help="write every draw")
     parser.set_defaults(handler=check)
@@ -340,7 +344,7 @@ def check(args: argparse.Namespace) -> int:
     with progress("draws") as show:
         draws = list(
             levels.check(
-                seeds, detector, args.tolerance, workers(args),
+                seeds, detector, args.tolerance, args.control, workers(args),
                 lambda done, total: show(done, total, "draws"),
             )
         )  # fmt: skip

@@ -3,7 +3,8 @@
 Every draw is an object, a hand and a lift or a tap of its own, wider than any campaign's: mass,
 friction, pads, spacing of the fingers, where the weight lies, where and how hard a blow lands. The
 whole loop runs three times on it: as planned, always at L4, always at L1. What L4 says is the
-reference; equal seeds give equal noise to all three.
+reference; equal seeds give equal noise to all three. Where slip is heard by a hair, less than a
+micrometre decides whether it is: a control runs L4 once more, with shorter steps.
 """
 
 import time
@@ -32,6 +33,7 @@ OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
 ALWAYS = ("L1", "L4")
 PLANNED = "planned"
 REFERENCE = "L4"
+CONTROL, CONTROL_STEPS = "L4, shorter steps", 0.8  # of those of the reference
 LOST = ("dropped", "expelled", "knocked_out", "fault")  # how far it went compares nothing
 
 
@@ -82,6 +84,7 @@ class _Task(msgspec.Struct, frozen=True):
     seed: int
     detector: str
     tolerance: float | None
+    control: bool
 
 
 def _apart(a: float | None, b: float | None) -> float | None:
@@ -146,10 +149,21 @@ def one(task: _Task) -> Draw | None:
     loops = {level: _loop(config, task.seed, level) for level in ALWAYS}
     alike = plan.level if plan.level == plan.blow_level else None
     loops[PLANNED] = loops[alike] if alike in loops else _loop(config, task.seed, "auto")
+    if task.control:
+        loops[CONTROL] = _loop(with_shorter_steps(config), task.seed, REFERENCE)
     return Draw(
         kind, name, task.seed, plan.tolerance_m, plan.tolerance_rad, plan.level, plan.blow_level,
         plan_s, loops,
     )  # fmt: skip
+
+
+def with_shorter_steps(config: LiftConfig | TapConfig) -> LiftConfig | TapConfig:
+    """What a control runs: as true as the reference, and not the same to the last digit."""
+    pads = config.contact
+    shorter = msgspec.structs.replace(
+        pads, step_s=CONTROL_STEPS * pads.step_s, blow_step_s=CONTROL_STEPS * pads.blow_step_s
+    )
+    return msgspec.structs.replace(config, contact=shorter)
 
 
 def _loop(config: LiftConfig | TapConfig, seed: int, level: str) -> Loop:
@@ -177,11 +191,11 @@ def _loop(config: LiftConfig | TapConfig, seed: int, level: str) -> Loop:
 
 
 def check(
-    seeds: Sequence[int], detector: str, tolerance: float | None, workers: Workers,
+    seeds: Sequence[int], detector: str, tolerance: float | None, control: bool, workers: Workers,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Iterator[Draw]:  # fmt: skip
     """All draws as they finish."""
-    tasks = [_Task(seed, detector, tolerance) for seed in seeds]
+    tasks = [_Task(seed, detector, tolerance, control) for seed in seeds]
     for done, found in enumerate(results(one, tasks, workers), 1):
         progress(done, len(tasks))
         if found is not None:
@@ -191,11 +205,11 @@ def check(
 def table(draws: Sequence[Draw]) -> str:
     """Of each kind and of all, in Markdown: verdicts that differ from L4's, errors, cost."""
     rows = [
-        "| draws | n | levels chosen | verdict differs: planned | always L1 "
+        "| draws | n | levels chosen | verdict differs: planned | always L1 | control "
         "| slip off by more than the tolerance: planned | always L1 | median, worst of 95 %, mm "
         "| rotation off by more: planned | always L1 | median, worst of 95 %, deg "
         "| time over always L4 | over always L1 | ms to plan |",
-        "|---" * 14 + "|",
+        "|---" * 15 + "|",
     ]
     for kind in (*KINDS, "all"):
         of = [d for d in draws if kind in (d.kind, "all")]
@@ -211,13 +225,15 @@ def _row(kind: str, draws: Sequence[Draw]) -> str:
     )
     chosen = "; ".join(f"{name}: {n}" for name, n in sorted(levels.items()))
     verdicts = [sum(d.differs(name) for d in draws) for name in (PLANNED, "L1")]
+    again = [d.differs(CONTROL) for d in draws if CONTROL in d.loops]
+    control = f"{sum(again)} of {len(again)}" if again else "-"
     slip = [_over(draws, name, Draw.slip_error_m, "tolerance_m") for name in (PLANNED, "L1")]
     turn = [_over(draws, name, Draw.turn_error_rad, "tolerance_rad") for name in (PLANNED, "L1")]
     slip_mm = _spread([d.slip_error_m(PLANNED) for d in draws], 1e3)
     turn_deg = _spread([d.turn_error_rad(PLANNED) for d in draws], 180 / np.pi)
     plan_ms = 1e3 * float(np.median([d.plan_s for d in draws]))
     cells = [
-        kind, len(draws), chosen, *verdicts, *slip, slip_mm, *turn, turn_deg,
+        kind, len(draws), chosen, *verdicts, control, *slip, slip_mm, *turn, turn_deg,
         _cost(draws, "L4"), _cost(draws, "L1"), f"{plan_ms:.0f}",
     ]  # fmt: skip
     return "| " + " | ".join(map(str, cells)) + " |"

@@ -12,7 +12,7 @@ HERE = Workers(0)
 
 @pytest.fixture(scope="module")
 def draws() -> list[Draw]:
-    return list(check((0, 3), "energy", None, HERE))
+    return list(check((0, 3), "gru", None, False, HERE))
 
 
 def test_each_draw_runs_at_three_choices_of_level(draws: list[Draw]) -> None:
@@ -27,7 +27,10 @@ def test_each_draw_runs_at_three_choices_of_level(draws: list[Draw]) -> None:
 
 
 def test_equal_seeds_draw_alike(draws: list[Draw]) -> None:
-    again = next(iter(check((3,), "energy", None, HERE)))
+    again = next(iter(check((3,), "gru", None, True, HERE)))
+    control = again.loops.pop(levels.CONTROL)
+    assert control.slip_m == pytest.approx(again.loops["L4"].slip_m, abs=1e-4)
+    assert control.slip_m != again.loops["L4"].slip_m
     for name, loop in again.loops.items():
         assert loop.verdict == draws[1].loops[name].verdict
         assert loop.slip_m == draws[1].loops[name].slip_m
@@ -49,9 +52,12 @@ def test_table_counts_verdicts_and_errors_beyond_the_tolerance() -> None:
     )  # fmt: skip
     rows = {line.split(" | ")[0]: line.split(" | ") for line in table([draw, lost]).splitlines()}
     side = rows["| side"]
-    assert side[2:7] == ["L1, L3: 1", "0", "1", "0 of 1", "1 of 1"]
-    assert side[8:10] == ["0 of 1", "1 of 1"]
-    assert rows["| lift"][3:7] == ["1", "0", "0 of 0", "0 of 0"]
+    assert side[2:8] == ["L1, L3: 1", "0", "1", "-", "0 of 1", "1 of 1"]
+    assert side[9:11] == ["0 of 1", "1 of 1"]
+    assert rows["| lift"][3:8] == ["1", "0", "-", "0 of 0", "0 of 0"]
+    held = {**draw.loops, levels.CONTROL: loop("late", 5.1e-3, 0.1)}
+    told = table([msgspec.structs.replace(draw, loops=held)]).splitlines()[2].split(" | ")
+    assert told[5] == "1 of 1"
 
 
 def test_every_kind_can_be_drawn() -> None:
