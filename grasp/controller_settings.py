@@ -88,11 +88,15 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             description="the arm stands before a step and after it; the grip is averaged over the "
             "second half; assumed, several swings of the pads' restlessness",
         ),
-    ] = 0.3  # fmt: skip
+    ] = 0.5  # fmt: skip
     landing_check_n: Annotated[
         float,
-        Meta(ge=0.05, le=5.0, description="it does if that adds so much; assumed"),
-    ] = 0.08
+        Meta(
+            ge=0.05, le=5.0,
+            description="it does if that adds so much, or takes so much from a grip that stays "
+            "tight; assumed, three deviations of it in the simulated hand's rest",
+        ),
+    ] = 0.08  # fmt: skip
     landing_most_share: Annotated[
         float,
         Meta(

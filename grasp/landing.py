@@ -169,14 +169,14 @@ class Landing:
         return min(max(telling_m, SHORTEST_M), s.landing_step_m)
 
     def _probe(self, seen: Observation, level_n: float) -> Way:
-        """A grip in the air takes no notice of a step down; where it does, the object stands. One
-        that has tightened much, though no step tells, may go no further."""
+        """A grip in the air takes no notice of a step down; where it does, the object stands: a
+        flank tightens it, a textured face may loosen it, and it stays tight. One that has tightened
+        much, though no step tells, may go no further."""
         s = self._settings
         rise_n = level_n - self._grip_n
-        if rise_n >= s.landing_check_n:
-            return self._let_go(
-                seen, f"a step down tightened the grip by {rise_n:.1f} N: it stands"
-            )
+        tight = level_n - self._least_n >= s.landing_rise_n
+        if rise_n >= s.landing_check_n or (tight and -rise_n >= s.landing_check_n):
+            return self._let_go(seen, f"a step down changed the grip by {rise_n:+.1f} N: it stands")
         tightest_n = (1 + s.landing_most_share) * self._least_n
         if self._touches >= s.landing_tries or level_n >= tightest_n:
             unsure = "the grip tightens, and it is not certain that the object stands"

@@ -126,6 +126,14 @@ def test_step_waits_until_the_arm_stands() -> None:
     assert d.controller.phase is Phase.TOUCH
 
 
+def test_object_whose_textured_face_loosens_the_grip_at_a_step_down_is_let_go_too() -> None:
+    assert probed(3.0, 2.7).controller.phase is Phase.RELEASE
+
+
+def test_grip_that_is_no_longer_tight_after_a_step_down_was_pushed_by_something_else() -> None:
+    assert probed(3.0, 2.1, landing_most_share=1.0).controller.phase is Phase.LAND
+
+
 def test_step_that_changes_nothing_leads_on_down_with_the_hand_closed() -> None:
     d = probed(2.6, 2.6, landing_most_share=0.5)
     assert d.controller.phase is Phase.LAND
