@@ -16,7 +16,7 @@ from scenarios.tap import tap
 from scenarios.tap.config import TapConfig
 from scenarios.tap.result import TapResult
 from scenarios.trial.execution import INTERRUPTED
-from scenarios.trial.result import FinishedRun, versions
+from scenarios.trial.result import FinishedRun, TrialResult, Wanted, versions
 
 AnyRun = FinishedRun[LiftResult] | FinishedRun[TapResult]
 
@@ -62,13 +62,15 @@ class Finished(msgspec.Struct, frozen=True):
     recording: bytes | None = None
 
 
-def run_once(config: LiftConfig | TapConfig, seed: int, runs: Path | None) -> AnyRun:
+def run_once(
+    config: LiftConfig | TapConfig, seed: int, runs: Path | None, wanted: Wanted | None = None
+) -> AnyRun:
     """One judged trial of the scenario that the settings are of; KeyboardInterrupt passes."""
     finished: AnyRun
     if isinstance(config, TapConfig):
-        finished = tap.run(config, seed, runs)
+        finished = tap.run(config, seed, runs, wanted=wanted)
     else:
-        finished = lift.run(config, seed, runs)
+        finished = lift.run(config, seed, runs, wanted=wanted)
     if finished.result is not None and finished.result.outcome == INTERRUPTED:
         raise KeyboardInterrupt
     if finished.result is not None and finished.result.bug is not None:
@@ -103,29 +105,23 @@ def error_row(trial: Task, error: str, finished: AnyRun | None = None) -> Row:
 
 
 def _run(trial: Task) -> Finished:
-    if trial.recordings == "all":
-        return _recorded(trial)
-    finished = Finished(judged(trial, run_once(trial.config, trial.seed, None)))
-    if trial.recordings == "none" or finished.row.success or finished.row.moved is False:
-        return finished
-    return _again(trial, finished.row)
-
-
-def _again(trial: Task, row: Row) -> Finished:
-    """A failure, run once more with a recorder: cheaper than to record every success."""
-    again = _recorded(trial)
-    if (again.row.outcome, again.row.slip_distance_m) != (row.outcome, row.slip_distance_m):
-        raise RuntimeError(f"not reproducible: first {row.outcome}, then {again.row.outcome}")
-    return again
-
-
-def _recorded(trial: Task) -> Finished:
+    if trial.recordings == "none":
+        return Finished(judged(trial, run_once(trial.config, trial.seed, None)))
+    wanted = failed if trial.recordings == "failures" else None
     with tempfile.TemporaryDirectory(prefix="grasp-campaign-") as folder:
-        finished = run_once(trial.config, trial.seed, Path(folder))
-        row = judged(trial, finished)
-        if finished.result is None or finished.result.recording is None:
-            raise OSError(finished.failure.message if finished.failure else "nothing was recorded")
-        return Finished(row, Path(finished.result.recording).read_bytes())
+        finished = run_once(trial.config, trial.seed, Path(folder), wanted)
+        row, result = judged(trial, finished), finished.result
+        if result is not None and result.recording is not None:
+            return Finished(row, Path(result.recording).read_bytes())
+        if wanted is not None and result is not None and not wanted(result):
+            return Finished(row)
+        raise OSError(finished.failure.message if finished.failure else "nothing was recorded")
+
+
+def failed(result: TrialResult) -> bool:
+    """Whether a trial is worth a recording; a tap that moved nothing is no failure."""
+    unmoved = isinstance(result, TapResult) and result.moved is False
+    return not (result.success or unmoved)
 
 
 def judged(trial: Task, finished: AnyRun) -> Row:

@@ -22,7 +22,7 @@ from scenarios.rigs.rig import GraspRig
 from scenarios.trial import person, series
 from scenarios.trial.execution import FinishedTrial, OnTick, Watch, make_guard, run_trial
 from scenarios.trial.person import Operator, SlipReading, TapeMark
-from scenarios.trial.result import FinishedRun, later_ms, named, seconds
+from scenarios.trial.result import FinishedRun, Wanted, later_ms, named, seconds
 from scenarios.trial.run_folder import Record, check_runs
 from scenarios.trial.series import Bench, Series
 from scenarios.world.cell import Truth
@@ -39,14 +39,16 @@ def held_for(config: LiftConfig, operator: Operator | None) -> LiftConfig:
 
 
 def run(
-    config: LiftConfig, seed: int, runs: Path | None, on_tick: OnTick = lambda tick: None
-) -> FinishedRun[LiftResult]:
-    """One judged lift. With ``runs`` it leaves a folder of its own there; None records nothing.
+    config: LiftConfig, seed: int, runs: Path | None, on_tick: OnTick = lambda tick: None,
+    wanted: Wanted | None = None,
+) -> FinishedRun[LiftResult]:  # fmt: skip
+    """One judged lift. With ``runs`` it leaves a folder of its own there, or only if its result is
+    ``wanted``; None records nothing.
 
     Raises ConfigError, CouldNotRecord and the drivers' errors for what goes wrong before the run
     begins; an error while running ends in the safe state and is reported in the result.
     """
-    return next(run_series(config, (seed,), Bench(runs, on_tick=on_tick)))
+    return next(run_series(config, (seed,), Bench(runs, on_tick=on_tick, wanted=wanted)))
 
 
 def run_series(config: LiftConfig, seeds: Sequence[int], bench: Bench) -> Series[LiftResult]:
@@ -59,7 +61,7 @@ def run_series(config: LiftConfig, seeds: Sequence[int], bench: Bench) -> Series
         seed: int, rig: GraspRig, home: Vector3 | None
     ) -> tuple[FinishedRun[LiftResult], Vector3]:
         reading = None if operator is None else SlipReading(operator, config.controller.hold_s)
-        with Record(held, SCENARIO, seed, bench.runs, bench.on_tick, home) as record:
+        with Record(held, SCENARIO, seed, bench.runs, bench.on_tick, home, bench.wanted) as record:
             trial = _run_trial(held, rig, guard, record.tick, reading, home)
             mark = None if reading is None else reading.mark
             result = judge(held, seed, trial, record.path, mark)

@@ -35,7 +35,7 @@ from scenarios.tap.striking import PersonStrikes, TapSequence, WorldStrikes
 from scenarios.trial import execution, person, series
 from scenarios.trial.execution import FinishedTrial, OnTick, Watch, make_guard
 from scenarios.trial.person import Operator
-from scenarios.trial.result import FinishedRun, later_ms, named
+from scenarios.trial.result import FinishedRun, Wanted, later_ms, named
 from scenarios.trial.run_folder import Record, check_runs
 from scenarios.trial.series import Bench, Series
 from scenarios.world.cell import Truth
@@ -100,10 +100,11 @@ def run_trial(
 
 
 def run(
-    config: TapConfig, seed: int, runs: Path | None, on_tick: OnTick = lambda tick: None
-) -> FinishedRun[TapResult]:
+    config: TapConfig, seed: int, runs: Path | None, on_tick: OnTick = lambda tick: None,
+    wanted: Wanted | None = None,
+) -> FinishedRun[TapResult]:  # fmt: skip
     """One judged tap on a rig of its own, as ``lift.run`` is one judged lift."""
-    return next(run_series(config, (seed,), Bench(runs, on_tick=on_tick)))
+    return next(run_series(config, (seed,), Bench(runs, on_tick=on_tick, wanted=wanted)))
 
 
 def run_series(config: TapConfig, seeds: Sequence[int], bench: Bench) -> Series[TapResult]:
@@ -120,7 +121,9 @@ def run_series(config: TapConfig, seeds: Sequence[int], bench: Bench) -> Series[
     def attempt(
         seed: int, rig: GraspRig, home: Vector3 | None
     ) -> tuple[FinishedRun[TapResult], Vector3]:
-        with Record(config, SCENARIO, seed, bench.runs, bench.on_tick, home) as record:
+        with Record(
+            config, SCENARIO, seed, bench.runs, bench.on_tick, home, bench.wanted
+        ) as record:
             trial = run_trial(config, seed, rig, guard, record.tick, bench.operator, home)
             result = judge(config, seed, trial, record.path)
             return record.finish(trial, result), trial.controller.home

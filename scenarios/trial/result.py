@@ -3,7 +3,7 @@
 import platform
 import subprocess
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -103,6 +103,7 @@ class Failure(msgspec.Struct, frozen=True):
 
 
 ResultT = TypeVar("ResultT", bound=TrialResult)
+Wanted = Callable[[TrialResult], bool]  # whether a trial with such a result is to be recorded
 
 
 class FinishedRun(msgspec.Struct, Generic[ResultT], frozen=True):

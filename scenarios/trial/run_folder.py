@@ -1,6 +1,6 @@
 """The folder that a run leaves: `recording.mcap` and `result.json`, complete or not at all."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from datetime import datetime
 from functools import partial
@@ -17,10 +17,11 @@ from grasp.controller import GraspController
 from grasp.files import make_private_folder, write_whole
 from grasp.loop import Tick
 from grasp.messages import CHANNELS, CONTROL, PHASES, TRUTH, Write, write_tick
+from grasp.phases import PhaseChange
 from grasp.recording import Channels, RunRecorder, RunRecording
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import FinishedTrial, OnTick
-from scenarios.trial.result import Failure, FinishedRun, ResultT, versions
+from scenarios.trial.result import Failure, FinishedRun, ResultT, Wanted, versions
 from scenarios.world.cell import Truth
 
 RECORDING = "recording.mcap"
@@ -112,7 +113,8 @@ def check_runs(runs: Path | None) -> None:
 
 
 class Record:
-    """What one run leaves: a folder of its own in ``runs``, or nothing where that is None.
+    """What one run leaves: a folder of its own in ``runs``, or nothing where that is None. With
+    ``wanted`` the run is kept in memory, and has a folder only if its result is wanted.
 
         with Record(config, "lift", seed, runs, on_tick) as record:
             trial = run_trial(config, rig, guard, record.tick)
@@ -123,14 +125,14 @@ class Record:
 
     def __init__(
         self, config: TrialConfig, scenario: str, seed: int, runs: Path | None, on_tick: OnTick,
-        home: Vector3 | None = None,
+        home: Vector3 | None = None, wanted: Wanted | None = None,
     ) -> None:  # fmt: skip
         """``home``: of the arm, from an earlier trial on this rig."""
         self._folder: RunFolder | None = None
-        self._begin = None if runs is None else partial(
-            RunFolder, runs, f"{scenario}-{config.object.name}", RUN_CHANNELS,
-            {**metadata(config, seed, home), **stated(config, seed)},
-        )  # fmt: skip
+        self._runs, self._name = runs, f"{scenario}-{config.object.name}"
+        self._known = partial(_known, config, seed, home)
+        self._wanted = None if runs is None else wanted
+        self._kept: list[tuple[Tick, Truth | None, Sequence[PhaseChange]]] = []
         self._phases_written = 0
         self._config = config
         self._on_tick = on_tick
@@ -140,7 +142,7 @@ class Record:
         """Raises CouldNotRecord if there can be no folder."""
         with ExitStack() as uncut:
             uncut.enter_context(interruption.held())
-            self._folder = self._begin() if self._begin is not None else None
+            self._folder = self._begun() if self._wanted is None else None
             self._uncut = uncut.pop_all()
         return self
 
@@ -149,38 +151,64 @@ class Record:
             if kind is not None and self._folder is not None:
                 self._folder.abandon()
 
+    def _begun(self) -> RunFolder | None:
+        if self._runs is None:
+            return None
+        return RunFolder(self._runs, self._name, RUN_CHANNELS, self._known())
+
     @property
     def path(self) -> str | None:
         """Of the recording."""
         return None if self._folder is None else str(self._folder.recording)
 
     def tick(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
-        """Write one tick, then let anyone watch."""
-        if self._folder is not None:
-            self._write(self._folder.write, tick, truth, controller)
+        """Write one tick, or keep it, then let anyone watch."""
+        if self._folder is not None or self._wanted is not None:
+            changes = controller.machine.log[self._phases_written :]
+            self._phases_written += len(changes)
+            if self._folder is not None:
+                _write(self._folder.write, tick, truth, changes)
+            else:
+                self._kept.append((tick, truth, changes))
         self._on_tick(tick)
 
-    def _write(
-        self, write: Write, tick: Tick, truth: Truth | None, controller: GraspController
-    ) -> None:
-        """One tick, with the phase changes that it brought."""
-        write_tick(write, tick)
-        for change in controller.machine.log[self._phases_written :]:
-            write(PHASES, change.t_ns, change)
-        self._phases_written = len(controller.machine.log)
-        if truth is not None:
-            write(TRUTH, tick.t_ns, truth)
+    def _write_kept(self, result: ResultT) -> ResultT:
+        """The folder of a run that turned out to be wanted, and its result with the path."""
+        if self._wanted is None or not self._wanted(result):
+            return result
+        self._folder = folder = self._begun()
+        assert folder is not None  # noqa: S101  (nobody wants what has no place)
+        for tick, truth, changes in self._kept:
+            _write(folder.write, tick, truth, changes)
+        return msgspec.structs.replace(result, recording=str(folder.recording))
 
     def finish(self, trial: FinishedTrial, result: ResultT) -> FinishedRun[ResultT]:
         """Close the recording and write the result."""
         failure = trial.failure(self._config, result.outcome)
-        if self._folder is not None:
+        if self._folder is not None or self._wanted is not None:
             try:
-                self._folder.finish(result)
+                result = self._write_kept(result)
+                if self._folder is not None:
+                    self._folder.finish(result)
             except CouldNotRecord as error:
                 result = msgspec.structs.replace(result, recording=None)
                 failure = failure or Failure(error.kind, error.message, error.remedy)
         return FinishedRun(result, failure)
+
+
+def _write(
+    write: Write, tick: Tick, truth: Truth | None, changes: Sequence[PhaseChange]
+) -> None:  # fmt: skip
+    """One tick, with the phase changes that it brought."""
+    write_tick(write, tick)
+    for change in changes:
+        write(PHASES, change.t_ns, change)
+    if truth is not None:
+        write(TRUTH, tick.t_ns, truth)
+
+
+def _known(config: TrialConfig, seed: int, home: Vector3 | None) -> dict[str, str]:
+    return {**metadata(config, seed, home), **stated(config, seed)}
 
 
 def metadata(config: msgspec.Struct, seed: int, home: Vector3 | None = None) -> dict[str, str]:

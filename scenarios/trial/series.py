@@ -16,7 +16,7 @@ from scenarios.trial.config import TrialConfig
 from scenarios.trial.ending import between_trials
 from scenarios.trial.execution import DOUBTED, INTERRUPTED, STALE, OnTick
 from scenarios.trial.person import Operator, place_object
-from scenarios.trial.result import Failure, FinishedRun, ResultT
+from scenarios.trial.result import Failure, FinishedRun, ResultT, Wanted
 
 MOST_AGAIN = 3  # times that a person is asked for the same trial anew
 NEAR_M = 0.005  # from there the arm goes to the first trial's home by itself; assumed
@@ -43,6 +43,7 @@ class Bench(msgspec.Struct, frozen=True):
     operator: Operator | None = None
     permit: MotionPermit | None = None
     begun: Begun | None = None
+    wanted: Wanted | None = None  # only those are recorded, once they are over; None: each
 
 
 def run_series(

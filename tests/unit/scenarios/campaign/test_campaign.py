@@ -1,5 +1,6 @@
 """Campaigns: what a file stands for, what its rows hold, and what no accident may lose."""
 
+import errno
 import json
 import os
 import sqlite3
@@ -140,6 +141,23 @@ def test_a_failure_leaves_its_recording_and_a_success_none() -> None:
     assert lost.recording is not None
     assert lost.recording.startswith(b"\x89MCAP")
     assert lost.row.recording is None  # its place is known when it is stored
+    written_as_it_went = run_trial(msgspec.structs.replace(bad, recordings="all"))
+    assert lost.recording == written_as_it_went.recording
+    assert run_trial(msgspec.structs.replace(bad, recordings="none")).recording is None
+
+
+def test_a_failure_that_cannot_be_recorded_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "no space left")
+
+    spec = CampaignSpec(
+        name="full", objects=("can",), repetitions=1, settings=("object.mass_kg=2.9",)
+    )
+    (bad,) = trials(spec, combinations(spec))
+    monkeypatch.setattr("scenarios.trial.run_folder.write_whole", full)
+    row = run_trial(bad).row
+    assert row.status == "error"
+    assert row.error is not None and "no space left" in row.error
 
 
 def test_taps_alternate_their_direction_and_keep_what_was_measured() -> None:
