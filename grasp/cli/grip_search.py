@@ -5,9 +5,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import UsageError
 from grasp.cli import exits
-from grasp.cli.options import decimal, whole
+from grasp.cli.options import decimal, own_or_new, whole
 from grasp.cli.run import add_trial_options
 from grasp.files import write_whole
 
@@ -64,7 +63,8 @@ def search(args: argparse.Namespace) -> int:
         with_counts,
     )
 
-    _check_writable(args.write)
+    if args.write is not None:
+        own_or_new(args.write, WRITTEN)
     whole = load_config(args.object, args.rig, args.detector, args.config, args.set, args.profile)
     config = whole.for_lift()
     wanted = criteria(args.least, args.most, args.draws)
@@ -87,12 +87,6 @@ def search(args: argparse.Namespace) -> int:
         text = f"{WRITTEN}\n[object]\ngrip_counts = [{counts}]\n"
         write_whole(args.write, text.encode())
     return exits.SUCCESS if found else exits.TRIAL_FAILED
-
-
-def _check_writable(path: Path | None) -> None:
-    """Only what this verb wrote itself is written over: an object's file has much more in it."""
-    if path is not None and path.exists() and not path.read_text("utf-8").startswith(WRITTEN):
-        raise UsageError(f"{path} is there already", "another file; then copy its grip_counts")
 
 
 def _print(args: argparse.Namespace, present: Any, grips: list[Any], slipped: int) -> None:

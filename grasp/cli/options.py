@@ -61,6 +61,20 @@ def picture(text: str) -> Path:
 seed = whole(0, 2**63 - 1)
 
 
+def own_or_new(path: Path, begins: str) -> None:
+    """Whether a file may be written, asked before what it will hold is computed.
+
+    Raises UsageError where something stands there that does not begin as this verb's own files do,
+    OSError where nothing can be written.
+    """
+    if path.is_file():
+        if not path.read_bytes().startswith(begins.encode()):
+            raise UsageError(f"{path} is there already", "name another file")
+    elif not path.exists():
+        path.touch()
+        path.unlink()
+
+
 def need(extra: str, *packages: str) -> None:
     """Raises UsageError, with the remedy, where packages of an extra are not installed."""
     missing = [name for name in packages if find_spec(name) is None]

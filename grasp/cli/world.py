@@ -4,12 +4,13 @@ import argparse
 import json
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from drivers.errors import BadFile, UsageError
 from grasp.cli import exits, yardstick
-from grasp.cli.options import add_workers, need, picture, progress, seed, whole, workers
+from grasp.cli.options import add_workers, need, own_or_new, picture, progress, seed, whole, workers
 from grasp.files import write_whole
 
 HELP = "fit and judge the simulated world, choose its physics"
@@ -120,12 +121,13 @@ def calibrate(args: argparse.Namespace) -> int:
 
     if args.figure:
         need("charts", "matplotlib")
+    _check_wishes(args)
     recording = read(args.recording)
     if recording.fingers != 1 or recording.slip.all() or not recording.slip.any():
         remedy = "give strokes with pauses between them, labelled"
         raise BadFile(args.recording, "not one fingertip in slip and at rest", remedy)
     if args.out:
-        args.out.touch()  # fails before the search rather than after it
+        own_or_new(args.out, fitting.WRITTEN)
     if args.data:
         return _judge_data(args, recording)
     counts = recording.counts[:, 0]
@@ -144,11 +146,20 @@ def calibrate(args: argparse.Namespace) -> int:
             "parameters": fitting.parameter_values(setup), "fitted": not args.check,
             "ablations": without, "data_set": fitting.data_set_levels(setup, args.clips // 2),
         }  # fmt: skip
-        print(msgspec.json.encode(report).decode())
+        print(msgspec.json.encode(report, enc_hook=lambda array: array.tolist()).decode())
     else:
         _print(real, rows, misfit, setup, without)
         _print_levels(fitting.data_set_levels(setup, args.clips // 2))
     return exits.SUCCESS
+
+
+def _check_wishes(args: argparse.Namespace) -> None:
+    if args.data and not args.check:
+        raise UsageError("--data judges, it does not search", "give --check with it")
+    if args.check and args.out:
+        raise UsageError("--out writes fitted values, and --check fits none", "leave one out")
+    if args.data and args.figure:
+        raise UsageError("--figure draws strokes like the recording's, not --data", "leave one out")
 
 
 def _judge_data(args: argparse.Namespace, recording: Any) -> int:
@@ -159,16 +170,16 @@ def _judge_data(args: argparse.Namespace, recording: Any) -> int:
     from grasp.cli import judge_view
     from scenarios.studies.signal.judge.report import by_part, clip_of, judge
 
-    if not args.check:
-        raise UsageError("--data judges, it does not search", "give --check with it")
     if args.ablate:
         return _ablate_data(args, clip_of(recording))
     clip, found = clip_of(recording), []
     for folder in args.data:
         with progress(f"judging {folder}", hidden=args.json):
+            made = read_dataset(folder)
+            _check_taxels(folder, made, recording)
             parts = [
                 judge(clip, recordings, f"{folder} {part}".rstrip(), args.seed)
-                for part, recordings in by_part(read_dataset(folder)).items()
+                for part, recordings in by_part(made).items()
             ]
         if not any(parts):
             remedy = "give a data set of strokes, such as config/datasets/paper.toml"
@@ -177,9 +188,17 @@ def _judge_data(args: argparse.Namespace, recording: Any) -> int:
     if args.json:
         print(msgspec.json.encode(found).decode())
     else:
-        for made in found:
-            judge_view.show(made)
+        for judgement in found:
+            judge_view.show(judgement)
     return exits.SUCCESS
+
+
+def _check_taxels(folder: Path, made: Sequence[Any], recording: Any) -> None:
+    wanted = recording.counts.shape[2]
+    for r in made:
+        if r.counts.shape[2] != wanted:
+            problem = f"fingertips of {r.counts.shape[2]} taxels, the recording's of {wanted}"
+            raise BadFile(folder, problem, "compare what has the same layout")
 
 
 def _ablate_data(args: argparse.Namespace, clip: Any) -> int:

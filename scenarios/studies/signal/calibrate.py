@@ -25,6 +25,7 @@ from scenarios.world.fingertip_settings import FingertipSettings
 
 SCALE_FACTOR, CORRELATION, CONTRAST, CONTRAST_BY_EDGE = 1.5, 0.2, 0.03, 0.1  # the aims
 BATCH, SEEDS = 6, 1000  # clips at a time; seeds apart, so that no clip is made twice
+WRITTEN = "# fitted by `grasp world calibrate"  # how every file of fitted values begins
 CREEP = 50.0  # counts/s: may be of either sign, so no factor
 FIT_SEED, JUDGE_SEED = 1000, 2  # judged on clips that the fit has not seen
 # Levels a taxel over the authors' whole data set, counts: mean, deviation, least, most.
@@ -285,7 +286,7 @@ def parameter_values(setup: FitSetup) -> list[tuple[str, float, float, float]]:
 
 def as_toml(fitted: dict[str, float], recording: str) -> str:
     """The fingertip's fitted values as a settings file; the nuisances as comments."""
-    lines = [f"# fitted by `grasp world calibrate --recording {recording}`", "[fingertip]"]
+    lines = [f"{WRITTEN} --recording {recording}`", "[fingertip]"]
     for key, value in fitted.items():
         section, name = key.split(".")
         lines.append(f"{'' if section == 'fingertip' else '# strokes: '}{name} = {value}")

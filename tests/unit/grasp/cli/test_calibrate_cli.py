@@ -1,0 +1,69 @@
+"""`grasp world calibrate`: what it writes, what it leaves alone, what it does not compare."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from detector.recordings import Metadata, Recording, write
+from grasp.cli.main import main
+
+CHECK = ("world", "calibrate", "--check", "--clips", "2")
+
+
+def stroked(taxels: int = 6) -> Recording:
+    """Three strokes and four pauses, wandering taxels."""
+    slip = np.array(([False] * 40 + [True] * 60) * 3 + [False] * 40)
+    size = np.where(slip, 20, 2)[:, None]
+    steps = np.random.default_rng(1).normal(size=(len(slip), taxels)) * size
+    counts = np.clip(np.cumsum(steps, axis=0), -400, 400).round().astype(np.int16)
+    metadata = Metadata(
+        set="slide", split="train", surface="planar", motion="primary", speed_mps=0.05,
+        spin_radps=0.0, direction="0", seed=1,
+    )  # fmt: skip
+    return Recording(np.arange(len(slip)) / 100.0, counts[:, None], slip, None, "", metadata)
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Path:
+    path = tmp_path / "clip.npz"
+    write(path, stroked())
+    return path
+
+
+def test_judgement_in_json_is_one_object_with_every_figure(
+    clip: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*CHECK, "--recording", str(clip), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert len(found["data_set"]["mean"]) == 6
+    assert found["misfit"] > 0.0 and not found["fitted"]
+
+
+def test_nothing_but_a_fit_of_its_own_is_written_over(
+    clip: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = clip.read_bytes()
+    assert main(["world", "calibrate", "--recording", str(clip), "--out", str(clip)]) == 2
+    assert "is there already" in capsys.readouterr().err
+    assert clip.read_bytes() == before
+
+
+@pytest.mark.parametrize("wishes", ["--check --out", "--check --data . --figure", "--data . --out"])
+def test_what_would_be_left_undone_is_refused_and_leaves_no_file(
+    wishes: str, clip: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "x.svg"
+    assert main(["world", "calibrate", "--recording", str(clip), *wishes.split(), str(out)]) == 2
+    assert not out.exists()
+
+
+def test_data_set_of_another_layout_is_refused_by_name(
+    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "eight"
+    folder.mkdir()
+    write(folder / "a.npz", stroked(taxels=8))
+    assert main([*CHECK, "--recording", str(clip), "--data", str(folder)]) == 2
+    assert "of 8 taxels, the recording's of 6" in capsys.readouterr().err
