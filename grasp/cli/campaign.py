@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.options import add_workers, whole, workers
 from grasp.files import write_whole
@@ -150,8 +151,10 @@ def write_csv(args: argparse.Namespace) -> int:
     import io
     import sys
 
-    from scenarios.campaign.store import CampaignStore
+    from scenarios.campaign.store import CampaignStore, is_database
 
+    if args.out is not None and is_database(args.out):
+        raise UsageError(f"{args.out} is a campaign itself", "name another file")
     with CampaignStore.open(args.file) as store:
         if args.out is None:
             store.write_csv(sys.stdout)

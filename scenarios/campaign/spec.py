@@ -170,9 +170,9 @@ def _check_axes(spec: CampaignSpec) -> None:
             if known in seen:
                 raise ConfigError("campaign", axis, f"{value!r} twice", "each value once")
             seen.add(known)
-    for key, values in spec.sweep.items():
+    for axis, values in (swept | moved).items():
         if not values:
-            raise ConfigError("campaign", f"sweep.{key}", "is empty", "one value or more")
+            raise ConfigError("campaign", axis, "is empty", "one value or more")
     places = math.prod(
         len(values) or 1 for values in (*(getattr(spec, name) for name in named), *swept.values())
     )

@@ -29,6 +29,7 @@ DAMAGED = "restore it from a copy, or run the campaign again into another --out"
 FREE = "free the disk or the file, then go on with --resume"
 MOST_NAMED = 10
 _OF_THE_DISK = ("SQLITE_IOERR_SHM", "SQLITE_IOERR_WRITE", "SQLITE_FULL", "SQLITE_BUSY")
+_BEGINS = b"SQLite format 3\0"
 
 
 @contextmanager
@@ -49,6 +50,14 @@ def _read(path: Path) -> Iterator[None]:
         if getattr(e, "sqlite_errorname", "").startswith(_OF_THE_DISK):
             raise CouldNotRecord(f"{path}: {e}", FREE) from None
         raise BadFile(path, f"cannot be read: {e}", DAMAGED) from None
+
+
+def is_database(path: Path) -> bool:
+    """Whether a file stands there that begins as SQLite's do."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(_BEGINS)) == _BEGINS
 
 
 class CampaignStore:

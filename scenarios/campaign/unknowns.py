@@ -48,7 +48,8 @@ class Unknown(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         if not self.times:
             return 1.0
         section, _, field = key.partition(".")
-        return float(getattr(getattr(base, section), field))
+        value = getattr(getattr(base, section, None), field, None)
+        return float(value) if isinstance(value, int | float) else 1.0  # no setting: refused later
 
 
 def latin_hypercube(unknowns: Mapping[str, Unknown], draws: int) -> list[dict[str, float]]:

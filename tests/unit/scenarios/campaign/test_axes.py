@@ -104,6 +104,7 @@ def test_grid_has_each_axis_moved_alone_and_the_settings_as_they_are_once() -> N
     [
         ({"axes": {"weight": (1.0,)}}, "axes.weight"),
         ({"axes": {"mass": (1.0, 1.0)}}, "axes.mass"),
+        ({"axes": {"mass": ()}}, "axes.mass"),
         ({"axes": {"mass": (9.0,)}}, "added_mass_kg"),
         ({"axes": {"mass": (1.0,)}, "scenarios": ("tap",)}, "axes"),
         ({"draws": 4}, "draws"),

@@ -59,11 +59,12 @@ def test_range_that_is_none_is_refused(wrong: dict[str, object]) -> None:
         load(Unknown, [Layer("x", wrong)])
 
 
-def test_unknown_that_is_no_setting_is_refused() -> None:
-    spec = CampaignSpec(
-        name="x", objects=("can",), unknowns={"object.colour": Unknown(low=0.1, high=1)}, draws=2
-    )
-    with pytest.raises(ConfigError, match="colour"):
+@pytest.mark.parametrize("times", [False, True])
+@pytest.mark.parametrize("key", ["object.colour", "colour", "object.shape"])
+def test_unknown_that_is_no_number_among_the_settings_is_refused(key: str, times: bool) -> None:
+    unknown = Unknown(low=0.1, high=1, times=times)
+    spec = CampaignSpec(name="x", objects=("can",), unknowns={key: unknown}, draws=2)
+    with pytest.raises(ConfigError, match=key):
         combinations(spec)
 
 

@@ -341,6 +341,12 @@ def test_an_export_that_the_disk_refuses_leaves_what_was_there(
     assert len(out.read_text()) > 100
 
 
+def test_an_export_over_a_campaign_is_refused(copy: Path) -> None:
+    before = copy.read_bytes()
+    assert main(["campaign", "export", str(copy), "--out", str(copy)]) == 2
+    assert copy.read_bytes() == before
+
+
 def test_a_disk_without_room_for_the_log_is_no_damage(tmp_path: Path) -> None:
     out, left = tmp_path / "a.sqlite", tmp_path / "left.sqlite"
     places = combinations(SPEC)
