@@ -6,6 +6,7 @@ allowed there.
 
 import difflib
 import math
+import os
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -53,6 +54,7 @@ UNITS = {
     "N": ("force", 1.0), "mN": ("force", 1e-3), "kg": ("mass", 1.0), "g": ("mass", 1e-3),
     "rad": ("angle", 1.0), "deg": ("angle", math.pi / 180), "Hz": ("frequency", 1.0),
 }  # fmt: skip
+PLACE = re.compile(r"\[[^]]*\]")  # in a list or a table: which one does not matter
 QUANTITY = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zA-Z]+)")
 
 MOST_BYTES = 1_000_000  # of a file; ours are a few thousand
@@ -153,6 +155,14 @@ def named_layer(kind: str, name: str) -> Layer:
     return read_toml(config_dir() / kind / f"{name}.toml")
 
 
+def file_of(kind: str, word: str) -> Path:
+    """A file by its path, or by its name in config/<kind>; raises ConfigError for no known name."""
+    if word.endswith(".toml") or os.sep in word:
+        return Path(word)
+    named_layer(kind, word)
+    return config_dir() / kind / f"{word}.toml"
+
+
 def assignment_layer(assignments: Sequence[str]) -> Layer:
     """`section.key=value` words of the command line; a value is TOML, or else plain text."""
     table: Table = {}
@@ -185,7 +195,7 @@ def _value(key: str, text: str) -> Any:
 
 def renamed(key: str) -> str | None:
     """The present name of a setting by its old one, or by that of the section it stood in."""
-    parts = re.sub(r"\[\d+\]", "", key).split(".")  # of a list: which one does not matter
+    parts = PLACE.sub("", key).split(".")
     for end in range(len(parts), 0, -1):
         if new := RENAMED.get(".".join(parts[:end])):
             return ".".join([new, *parts[end:]])
@@ -264,21 +274,21 @@ def _source(sources: dict[str, str], key: str) -> str:
     key = re.sub(r"\[.*", "", key)
     while key and key not in sources:
         key = key.rpartition(".")[0]
-    return sources.get(key, "configuration")
+    files = set(sources.values())
+    return sources.get(key) or (files.pop() if len(files) == 1 else "configuration")
 
 
 def _type_at(cls: type, key: str) -> type:
-    """The struct class that the dotted key leads to, where it may be left out too."""
-    for part in filter(None, key.split(".")):
+    """The struct class that the dotted key leads to, where it may be left out or is one of many."""
+    for part in filter(None, PLACE.sub("", key).split(".")):
         hint = get_type_hints(cls).get(part, cls)
-        structs = (arg for arg in get_args(hint) if isinstance(arg, type) and arg is not NoneType)
-        cls = next(structs, hint)
+        cls = next((arg for arg in get_args(hint) if hasattr(arg, "__struct_fields__")), hint)
     return cls
 
 
 def allowed(cls: type, key: str) -> str:
     """What the field's declaration says is allowed: type, range and description."""
-    owner_key, _, name = re.sub(r"\[.*", "", key).rpartition(".")
+    owner_key, _, name = PLACE.sub("", key).rpartition(".")
     hints = get_type_hints(_type_at(cls, owner_key), include_extras=True)
     annotation = hints.get(name, "?")
     base, *metas = get_args(annotation) or (annotation,)

@@ -1,7 +1,6 @@
 """`grasp campaign`: experiments by the hundred, in parallel, none of them lost."""
 
 import argparse
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -77,6 +76,7 @@ def _add_run(actions: Any) -> None:
 def _spec(args: argparse.Namespace) -> "CampaignSpec":
     import msgspec
 
+    from grasp.settings import file_of
     from scenarios.campaign.spec import read_spec
 
     changes = {
@@ -85,17 +85,7 @@ def _spec(args: argparse.Namespace) -> "CampaignSpec":
         "repetitions": args.repetitions,
     }
     wanted = {key: value for key, value in changes.items() if value is not None}
-    return msgspec.structs.replace(read_spec(_path(args.campaign)), **wanted)
-
-
-def _path(word: str) -> Path:
-    """A campaign file by its path, or by its name in config/campaigns."""
-    from grasp.settings import config_dir, named_layer
-
-    if word.endswith(".toml") or os.sep in word:
-        return Path(word)
-    named_layer("campaigns", word)  # raises ConfigError with the known names
-    return config_dir() / "campaigns" / f"{word}.toml"
+    return msgspec.structs.replace(read_spec(file_of("campaigns", args.campaign)), **wanted)
 
 
 def run_campaign(args: argparse.Namespace) -> int:

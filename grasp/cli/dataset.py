@@ -27,7 +27,7 @@ def _add_build(actions: Any) -> None:
         "A build that was ended goes on where it was.",
     )
     parser.add_argument(
-        "config", type=Path, metavar="FILE.toml", help="for example config/datasets/paper.toml"
+        "config", metavar="FILE", help="its path, or the name of one of config/datasets: paper, ..."
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to fill")
     add_workers(parser)
@@ -63,10 +63,11 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
 def build(args: argparse.Namespace) -> int:
     import json
 
+    from grasp.settings import file_of
     from scenarios.acquire.datasets import build as datasets
     from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
 
-    config = reduced(load_dataset_config(args.config), args.share)
+    config = reduced(load_dataset_config(file_of("datasets", args.config)), args.share)
     jobs = plan(config)
     with _Bar(args.json) as bar:
         made = datasets.build(jobs, config, args.out, workers(args), bar.show)
@@ -168,8 +169,8 @@ def print_figures(r: Any) -> None:
 def _print_acts(acts: Any) -> None:
     """What was done to held objects, and how far it moved them for good."""
     print(f"\n{'act':<12}{'number':>8}{'< 0.5 mm':>10}{'0.5-1 mm':>10}{'> 2 mm':>8}"
-          f"{'furthest, mm':>14}")  # fmt: skip
+          f"{'furthest, median mm':>21}")  # fmt: skip
     for name, a in acts.items():
         shares = zip((a.below_half_mm, a.half_to_one_mm, a.above_two_mm), (8, 8, 6), strict=True)
         text = "".join(f"{100 * share:>{width}.0f} %" for share, width in shares)
-        print(f"{name:<12}{a.number:>8}{text}{1e3 * a.furthest_p50_m:>14.2f}")
+        print(f"{name:<12}{a.number:>8}{text}{1e3 * a.furthest_p50_m:>21.2f}")

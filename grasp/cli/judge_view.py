@@ -2,6 +2,8 @@
 
 from typing import Any
 
+FEW = 20  # pieces, of which 5 % is less than one
+
 
 def show(judgement: Any) -> None:
     """All that `grasp world calibrate --check --data` says of one part of a data set."""
@@ -9,6 +11,8 @@ def show(judgement: Any) -> None:
 
     j = judgement
     print(f"\n{j.part}: {j.pieces} pieces as long as the recording, of {j.recordings} recordings\n")
+    if j.pieces < FEW:
+        print("few pieces: ranks say little, and the band is from the least to the most")
     print(f"{'statistic':28}{'real':>8}{'5 %':>9}{'median':>9}{'95 %':>9}{'rank %':>8}{'width':>7}")
     for row in j.statistics:
         width = f"{row.width:7.1f}" if row.width is not None else f"{'-':>7}"
@@ -25,6 +29,8 @@ def show(judgement: Any) -> None:
     ))  # fmt: skip
     print("\ntold apart from the recording (AUC, 95 %; .5: cannot be told)")
     for surfaces, found in j.apart.items():
+        if not found:
+            print(f"  {surfaces:14}too few strokes, pauses or recordings")
         for a in found:
             middle = a.control[len(a.control) // 2] if a.control else float("nan")
             print(

@@ -139,7 +139,7 @@ def print_verdict(result: Any, verbose: bool = False) -> None:
     """The short verdict of a trial and where its recording is; ``verbose``: its physics too."""
     word = {True: "SUCCESS", False: "FAILED", None: "NOT JUDGED"}[result.success]
     print(f"\n{word}: {_spelt(result.outcome)}  ({result.object}, seed {result.seed})")
-    for text in _facts(result):
+    for text in facts(result):
         print(f"  {text}")
     for line in physics_lines(result) if verbose else ():
         print(line)
@@ -151,10 +151,13 @@ def print_verdict(result: Any, verbose: bool = False) -> None:
         print(f"  recording: {result.recording}")
 
 
-def _facts(result: Any) -> list[str]:
+def facts(result: Any) -> list[str]:
+    """What a person wants to know of a trial, a line each."""
     facts = []
     if result.detection_latency_ms is not None:
-        text = f"slip registered {result.detection_latency_ms:.0f} ms after its onset"
+        late_ms = result.detection_latency_ms
+        when = f"{late_ms:.0f} ms after" if late_ms >= 0.0 else f"{-late_ms:.0f} ms before"
+        text = f"slip registered {when} its onset"
         if result.reaction_latency_ms is not None:
             text += f", grip force rising {result.reaction_latency_ms:.0f} ms after it"
         facts.append(text)

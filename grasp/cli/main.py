@@ -119,7 +119,9 @@ def _run(words: Sequence[str], as_json: bool) -> int:
             return exits.nobody_reads()
         where = f"{error.filename}: " if error.filename else ""
         text = f"{where}{error.strerror or error}"
-        return exits.report("could_not_record", text, "free the path or the disk", as_json)
+        lacking = isinstance(error, FileNotFoundError | NotADirectoryError)
+        remedy = "name a folder that is there" if lacking else "free the path or the disk"
+        return exits.report("could_not_record", text, remedy, as_json)
     except Exception as error:
         if _of_the_compiled(error):
             return exits.report("config", *BAD_CACHE, as_json)

@@ -55,6 +55,8 @@ def picture(text: str) -> Path:
     if path.suffix not in PICTURES:
         kinds = f"{', '.join(PICTURES[:-1])} or {PICTURES[-1]}"
         raise argparse.ArgumentTypeError(f"{text!r}: a name that ends in {kinds}")
+    if not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"{text!r}: there is no folder {path.parent}")
     return path
 
 

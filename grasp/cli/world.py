@@ -42,7 +42,7 @@ def _add_calibrate(actions: Any) -> None:
         help=text,
         description=text + ". The recording should be strokes with pauses, labelled. Fitted values "
         "are judged on simulated clips that the search has not seen. To use them, pass the file "
-        "written by --out as --config to any other command; the built-in values are those fitted "
+        "written by --out as --config to `grasp run`; the built-in values are those fitted "
         "to the clip of the paper's authors.",
     )
     parser.add_argument(

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from drivers.errors import ConfigError
-from grasp.settings import config_dir, renamed
+from grasp.settings import Layer, config_dir, load, renamed
 
 C = TypeVar("C", bound=msgspec.Struct)
 
@@ -27,7 +27,4 @@ def with_values(config: C, values: Mapping[str, Any]) -> C:
             problem = f"is called {new} now" if new else "no such setting"
             raise ConfigError("randomise", key, problem, "section.key of a setting")
         tree[section][name] = value
-    try:
-        return msgspec.convert(tree, type(config))
-    except msgspec.ValidationError as error:
-        raise ConfigError("randomise", "-", str(error), "values within their ranges") from None
+    return load(type(config), [Layer("randomise", tree)])

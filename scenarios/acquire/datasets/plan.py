@@ -308,7 +308,7 @@ def drawn_on(config: AcquireConfig, ranges: Mapping[str, Range], seed: int) -> d
             return values
     raise ConfigError(
         "randomise", "surface", "no surface far from the objects of the experiments was drawn",
-        "wider ranges",
+        'wider ranges of "surface.friction_kinetic", "surface.texture_rms_m", "surface.radius_x_m"',
     )  # fmt: skip
 
 

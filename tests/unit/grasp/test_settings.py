@@ -8,7 +8,7 @@ import pytest
 
 from drivers.errors import ConfigError
 from grasp import settings
-from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
+from grasp.settings import Layer, assignment_layer, file_of, load, named_layer, read_toml
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.rigs.own_settings import own_file
 
@@ -163,6 +163,24 @@ def test_missing_required_setting_is_named() -> None:
     with pytest.raises(ConfigError) as caught:
         load(RunConfig, [Layer("x", {"rig": "r", "detector_name": "d", "object": table})])
     assert caught.value.key == "object.mass_kg"
+
+
+def test_what_is_missing_in_the_only_file_is_told_with_its_name() -> None:
+    with pytest.raises(ConfigError) as caught:
+        load(RunConfig, [Layer("mine.toml", {"rig": "r"})])
+    assert caught.value.file == "mine.toml"
+
+
+@pytest.mark.parametrize("word", ["paper.toml", "sets/paper"])
+def test_a_path_is_not_looked_up_by_name(word: str) -> None:
+    assert file_of("datasets", word) == Path(word)
+
+
+def test_a_packaged_file_is_found_by_its_name_from_any_folder() -> None:
+    assert file_of("datasets", "paper").is_file()
+    with pytest.raises(ConfigError, match="papr") as caught:
+        file_of("datasets", "papr")
+    assert "confusers" in caught.value.allowed
 
 
 def test_digest_changes_with_any_setting() -> None:

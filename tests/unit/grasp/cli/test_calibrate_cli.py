@@ -12,9 +12,9 @@ from grasp.cli.main import main
 CHECK = ("world", "calibrate", "--check", "--clips", "2")
 
 
-def stroked(taxels: int = 6) -> Recording:
-    """Three strokes and four pauses, wandering taxels."""
-    slip = np.array(([False] * 40 + [True] * 60) * 3 + [False] * 40)
+def stroked(taxels: int = 6, strokes: int = 3) -> Recording:
+    """Strokes between pauses, wandering taxels."""
+    slip = np.array(([False] * 40 + [True] * 60) * strokes + [False] * 40)
     size = np.where(slip, 20, 2)[:, None]
     steps = np.random.default_rng(1).normal(size=(len(slip), taxels)) * size
     counts = np.clip(np.cumsum(steps, axis=0), -400, 400).round().astype(np.int16)
@@ -67,3 +67,15 @@ def test_data_set_of_another_layout_is_refused_by_name(
     write(folder / "a.npz", stroked(taxels=8))
     assert main([*CHECK, "--recording", str(clip), "--data", str(folder)]) == 2
     assert "of 8 taxels, the recording's of 6" in capsys.readouterr().err
+
+
+def test_set_too_small_to_be_judged_says_so(
+    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "small"
+    folder.mkdir()
+    write(folder / "a.npz", stroked(strokes=5))
+    assert main([*CHECK, "--recording", str(clip), "--data", str(folder)]) == 0
+    out = capsys.readouterr().out
+    assert "few pieces: ranks say little" in out
+    assert out.count("too few strokes, pauses or recordings") == 2

@@ -90,6 +90,13 @@ def test_a_picture_of_no_kind_that_can_be_drawn_is_refused_before_anything_is_co
     assert "a name that ends in .svg, .png or .pdf" in capsys.readouterr().err
 
 
+def test_a_picture_in_a_folder_that_is_not_there_is_refused_before_anything_is_computed(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["world", "strokes", "--out", "nowhere/a.svg"]) == 2
+    assert "there is no folder nowhere" in capsys.readouterr().err
+
+
 def test_progress_without_a_terminal_is_a_line_for_each_tenth(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -1,5 +1,7 @@
 """What a person sees of a run fits the terminal."""
 
+from types import SimpleNamespace
+
 import pytest
 from rich.console import Console
 
@@ -58,3 +60,12 @@ def test_line_and_its_end_are_one_write(monkeypatch: pytest.MonkeyPatch) -> None
     view.Lines().take(SLIPPING)
     assert written[0] == "lift 0    held\n"
     assert len(written) == 2 and written[1].endswith("(masked)\n")
+
+
+@pytest.mark.parametrize(("late_ms", "says"), [(51.0, "51 ms after"), (-314.1, "314 ms before")])
+def test_slip_registered_before_its_onset_is_told_so(late_ms: float, says: str) -> None:
+    result = SimpleNamespace(
+        detection_latency_ms=late_ms, reaction_latency_ms=None, slip_distance_m=None,
+        peak_force_n={"A": 1.0}, peak_measured_n={"A": 1.0}, commanded_force_n=10.0,
+    )  # fmt: skip
+    assert live.facts(result)[0] == f"slip registered {says} its onset"

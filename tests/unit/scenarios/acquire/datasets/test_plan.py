@@ -10,6 +10,7 @@ import pytest
 
 from drivers.errors import ConfigError
 from grasp.settings import config_dir
+from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.datasets.grasped import GRASPED, lift_config
 from scenarios.acquire.datasets.plan import (
     SEEDS,
@@ -177,6 +178,32 @@ def test_a_range_the_wrong_way_round_or_a_weight_of_nothing_is_refused(
     with pytest.raises(ConfigError) as caught:
         load_dataset_config(written(tmp_path, text))
     assert named in f"{caught.value} {caught.value.allowed}"
+
+
+ROW = '[[rows]]\nmotion = "{}"\nspeed = {}\npercent = {{ planar = 1 }}\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "allowed"),
+    [
+        (ROW.format("primry", 0.05), "rows[0].motion", "primary"),
+        (ROW.format("primary", 50), "rows[0].speed", "<= 2"),
+    ],
+)
+def test_a_row_that_cannot_be_is_refused_with_what_is_allowed_there(
+    text: str, key: str, allowed: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_dataset_config(written(tmp_path, text))
+    assert caught.value.key == key
+    assert allowed in caught.value.allowed
+
+
+def test_a_drawn_value_out_of_bounds_is_refused_by_its_setting() -> None:
+    with pytest.raises(ConfigError) as caught:
+        with_values(pressing("planar", ""), {"control.force_n": 90.0})
+    assert caught.value.key == "control.force_n"
+    assert "<= 15" in caught.value.allowed
 
 
 @pytest.mark.parametrize("where", ["randomise", "causes"])
