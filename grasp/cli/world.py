@@ -174,13 +174,13 @@ def _judge_data(args: argparse.Namespace, recording: Any) -> int:
         return _ablate_data(args, clip_of(recording))
     clip, found = clip_of(recording), []
     for folder in args.data:
-        with progress(f"judging {folder}", hidden=args.json):
+        with progress(f"judging {folder}", hidden=args.json) as show:
             made = read_dataset(folder)
             _check_taxels(folder, made, recording)
-            parts = [
-                judge(clip, recordings, f"{folder} {part}".rstrip(), args.seed)
-                for part, recordings in by_part(made).items()
-            ]
+            groups, parts = by_part(made), []
+            for part, recordings in groups.items():
+                parts.append(judge(clip, recordings, f"{folder} {part}".rstrip(), args.seed))
+                show(len(parts), len(groups))
         if not any(parts):
             remedy = "give a data set of strokes, such as config/datasets/paper.toml"
             raise BadFile(folder, "no strokes of one fingertip as long as the recording", remedy)

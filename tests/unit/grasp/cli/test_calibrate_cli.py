@@ -76,6 +76,7 @@ def test_set_too_small_to_be_judged_says_so(
     folder.mkdir()
     write(folder / "a.npz", stroked(strokes=5))
     assert main([*CHECK, "--recording", str(clip), "--data", str(folder)]) == 0
-    out = capsys.readouterr().out
+    out, err = capsys.readouterr()
+    assert f"judging {folder}: 1 of 1" in err
     assert "few pieces: ranks say little" in out
     assert out.count("too few strokes, pauses or recordings") == 2
