@@ -70,7 +70,12 @@ def build(args: argparse.Namespace) -> int:
     config = reduced(load_dataset_config(file_of("datasets", args.config)), args.share)
     jobs = plan(config)
     with _Bar(args.json) as bar:
-        made = datasets.build(jobs, config, args.out, workers(args), bar.show)
+        try:
+            made = datasets.build(jobs, config, args.out, workers(args), bar.show)
+        except KeyboardInterrupt:
+            bar.close()
+            kept = f"{bar.done} of {len(jobs)} recordings are in {args.out}"
+            return exits.report("interrupted", kept, "run the same command again", args.json)
     samples = sum(job.samples for job in jobs)
     if args.json:
         print(json.dumps({"folder": str(args.out), "recordings": len(jobs), "made": made,
@@ -87,6 +92,7 @@ class _Bar:
         self._quiet = quiet
         self._live: Any = None
         self._tenths = -1
+        self.done = 0
 
     def __enter__(self) -> "_Bar":
         if not self._quiet and sys.stdout.isatty():
@@ -100,10 +106,14 @@ class _Bar:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
         if self._live is not None:
             self._live.stop()
 
     def show(self, done: int, total: int) -> None:
+        self.done = done
         if self._live is not None:
             self._live.update(self._task, completed=done, total=total)
         elif not self._quiet and (tenths := 10 * done // max(1, total)) > self._tenths:

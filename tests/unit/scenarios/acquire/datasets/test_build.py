@@ -20,7 +20,7 @@ from grasp.cli.main import main
 from grasp.settings import config_dir
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.datasets import build as datasets
-from scenarios.acquire.datasets.build import build, window
+from scenarios.acquire.datasets.build import Progress, build, window
 from scenarios.acquire.datasets.describe import (
     PAPER_SLIP,
     PAPER_STATIC,
@@ -249,6 +249,19 @@ def test_a_build_that_was_killed_leaves_whole_files_only_and_goes_on(tmp_path: P
     build(nearly[:2], {}, again, HERE, quiet)
     for job in nearly[:2]:
         assert (again / job.path).read_bytes() == left[out / job.path]
+
+
+def test_a_build_that_is_interrupted_says_what_there_is_and_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stopped(jobs: list[Job], config: object, out: Path, workers: object, show: Progress) -> int:
+        show(3, len(jobs))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(datasets, "build", stopped)
+    assert main(["dataset", "build", "paper", "--share", "0.001", "--out", str(tmp_path)]) == 130
+    err = capsys.readouterr().err
+    assert f"3 of 84 recordings are in {tmp_path} (run the same command again)" in err
 
 
 def test_a_report_counts_what_is_there(tmp_path: Path, few: list[Job]) -> None:
