@@ -3,6 +3,7 @@
 Results come as they finish, so their order is chance; what they are depends on the tasks alone.
 """
 
+import gc
 import os
 import signal
 import threading
@@ -29,6 +30,7 @@ R = TypeVar("R")
 AHEAD = 2  # tasks handed out for every worker: none waits for the parent's disk
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 PARENT_POLL_S = 0.5
+LOOK_FOR_CYCLES = 20_000  # new objects in between: a trial leaves few cycles, and a look is dear
 CONNECT_S = 10.0
 
 
@@ -146,7 +148,9 @@ def _pool(processes: int) -> Iterator[Executor]:
 
 
 def _prepare(parent: int) -> None:
-    """In each worker: Ctrl-C and a hang-up are for the parent alone, and nobody outlives it."""
+    """In each worker: Ctrl-C and a hang-up are for the parent alone, and nobody outlives it. Its
+    memory is looked through less often, which saves a tenth of a campaign."""
+    gc.set_threshold(LOOK_FOR_CYCLES)
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
 

@@ -1,5 +1,6 @@
 """Workers: the same results from any number of them, and what a dying or failing task costs."""
 
+import gc
 import os
 import signal
 from contextlib import closing
@@ -63,6 +64,11 @@ def test_workers_have_one_thread_and_leave_ctrl_c_to_their_parent() -> None:
         return limits == ONE_THREAD, signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
     assert list(results(asked, [0], Workers(1))) == [(True, True)]
+
+
+def test_workers_look_for_cycles_in_memory_less_often_than_their_parent() -> None:
+    (often,) = results(lambda _: gc.get_threshold()[0], [0], Workers(1))
+    assert often > gc.get_threshold()[0]
 
 
 def test_who_stops_listening_ends_the_workers() -> None:
