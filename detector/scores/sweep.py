@@ -5,6 +5,7 @@ delay (an AMOC curve, Fawcett and Provost 1999). Blows are judged apart: what an
 a slip nor false.
 """
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Literal
@@ -32,6 +33,7 @@ LIMITS = np.geomspace(0.5, 100.0, 14)  # of summed log-odds
 CONSECUTIVE = (1, 2, 3, 5, 8)
 DRIFTS = (0.0, 2.0)
 FUSIONS: tuple[Literal["any", "mean"], ...] = ("any", "mean")
+RELEASES = (3, 8)  # a pad that settles after a slip is no new one
 MISS_MS = 500.0  # what a miss counts, and the most that any delay does
 MOST_FALSE_BLOWS = 0.05  # of those that move nothing
 
@@ -58,20 +60,17 @@ class SweepPoint(msgspec.Struct, frozen=True):
 
 def rules(base: RuleSettings) -> Iterator[RuleSettings]:
     """Every rule tried: consecutive samples over a threshold, and sums over a limit; any finger, or
-    all of them together."""
-    for fusion in FUSIONS:
-        for k in CONSECUTIVE:
-            for odds in LOG_ODDS:
-                yield msgspec.structs.replace(
-                    base, kind="consecutive", fusion=fusion, consecutive=k,
-                    threshold=_logistic(float(odds)),
-                )  # fmt: skip
-        for drift in DRIFTS:
-            for limit in LIMITS:
-                yield msgspec.structs.replace(
-                    base, kind="cusum", fusion=fusion, drift=drift, limit=float(limit),
-                    threshold=_logistic(drift),
-                )  # fmt: skip
+    all of them together; ended soon, or later."""
+    for fusion, release in itertools.product(FUSIONS, RELEASES):
+        shared = msgspec.structs.replace(base, fusion=fusion, release=release)
+        for k, odds in itertools.product(CONSECUTIVE, LOG_ODDS):
+            yield msgspec.structs.replace(
+                shared, kind="consecutive", consecutive=k, threshold=_logistic(float(odds))
+            )
+        for drift, limit in itertools.product(DRIFTS, LIMITS):
+            yield msgspec.structs.replace(
+                shared, kind="cusum", drift=drift, limit=float(limit), threshold=_logistic(drift)
+            )
 
 
 def _logistic(odds: float) -> float:

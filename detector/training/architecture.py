@@ -33,6 +33,7 @@ class Architecture(msgspec.Struct, frozen=True, kw_only=True):
     dilations: tuple[int, ...] = (1, 2, 4, 8)
     channels: int = 12
     head: int = 24
+    dropout: float = 0.2  # the authors'
     outputs: int = 2  # 2: softmax of static and slip, 1: log-odds
     streaming: bool = False  # dense outputs, explicit state; otherwise the window's last step
     scrambled: bool = False  # freq-cnn: the published reshape that mixes time and taxels
@@ -73,7 +74,7 @@ ARCHITECTURES = {
     "tcn-paper": Architecture(family="tcn"),
     # 99 samples at most: window and stream are equal
     "tcn": Architecture(
-        family="tcn", inputs=EVERY, kernel=3, channels=16, outputs=1, streaming=True
+        family="tcn", inputs=EVERY, kernel=3, channels=16, dropout=0.0, outputs=1, streaming=True
     ),
     "gru": Architecture(family="gru", inputs=EVERY, channels=32, outputs=1, streaming=True),
     "freq-cnn-paper": Architecture(family="freq-cnn", scrambled=True),

@@ -19,8 +19,6 @@ from detector.training.architecture import (
     shift_taps,
 )
 
-DROPOUT = 0.2
-
 
 class Features(nn.Module):
     """Standardised counts; changes from sample to sample and shifts against the lagged mean, both
@@ -69,12 +67,14 @@ def shifts(changes: Tensor) -> Tensor:
 class CausalConv(nn.Module):
     """Convolution, layer norm over channels, SELU, channel dropout: half a residual block."""
 
-    def __init__(self, width: int, channels: int, kernel: int, dilation: int) -> None:
+    def __init__(
+        self, width: int, channels: int, kernel: int, dilation: int, dropout: float
+    ) -> None:
         super().__init__()
         self.padding = (kernel - 1) * dilation
         self.conv = nn.Conv1d(width, channels, kernel, dilation=dilation)
         self.norm = nn.LayerNorm(channels, eps=NORM_EPS)
-        self.drop = nn.Dropout1d(DROPOUT)
+        self.drop = nn.Dropout1d(dropout)
         nn.init.kaiming_normal_(self.conv.weight, nonlinearity="relu")
         if self.conv.bias is not None:
             nn.init.zeros_(self.conv.bias)
@@ -89,10 +89,12 @@ class CausalConv(nn.Module):
 class Block(nn.Module):
     """Two convolutions of one dilation and the way around them."""
 
-    def __init__(self, width: int, channels: int, kernel: int, dilation: int) -> None:
+    def __init__(
+        self, width: int, channels: int, kernel: int, dilation: int, dropout: float
+    ) -> None:
         super().__init__()
-        self.first = CausalConv(width, channels, kernel, dilation)
-        self.second = CausalConv(channels, channels, kernel, dilation)
+        self.first = CausalConv(width, channels, kernel, dilation, dropout)
+        self.second = CausalConv(channels, channels, kernel, dilation, dropout)
         self.skip = nn.Conv1d(width, channels, 1) if width != channels else None
 
     def forward(self, x: Tensor) -> Tensor:
@@ -103,12 +105,12 @@ class Block(nn.Module):
 class Head(nn.Module):
     """Two dense layers with layer norm, SELU and dropout, and the output."""
 
-    def __init__(self, width: int, hidden: int, outputs: int) -> None:
+    def __init__(self, width: int, hidden: int, outputs: int, dropout: float) -> None:
         super().__init__()
         self.dense1, self.norm1 = nn.Linear(width, hidden), nn.LayerNorm(hidden, eps=NORM_EPS)
         self.dense2, self.norm2 = nn.Linear(hidden, hidden), nn.LayerNorm(hidden, eps=NORM_EPS)
         self.out = nn.Linear(hidden, outputs)
-        self.drop = nn.Dropout(DROPOUT)
+        self.drop = nn.Dropout(dropout)
 
     def forward(self, x: Tensor) -> Tensor:
         """(..., width) to log-odds (...)."""
@@ -126,10 +128,10 @@ class SlipTcn(nn.Module):
         self.features = Features(arch.inputs, arch.taxels)
         widths = [self.features.width] + [arch.channels] * len(arch.dilations)
         self.blocks = nn.ModuleList(
-            Block(width, arch.channels, arch.kernel, dilation)
+            Block(width, arch.channels, arch.kernel, dilation, arch.dropout)
             for width, dilation in zip(widths, arch.dilations, strict=False)
         )
-        self.head = Head(arch.channels, arch.head, arch.outputs)
+        self.head = Head(arch.channels, arch.head, arch.outputs, arch.dropout)
 
     def forward(self, counts: Tensor, last: bool = False) -> Tensor:
         """Log-odds (batch, time), or (batch, 1) of the last step."""
@@ -148,7 +150,7 @@ class SlipGru(nn.Module):
         self.arch = arch
         self.features = Features(arch.inputs, arch.taxels)
         self.gru = nn.GRU(self.features.width, arch.channels, batch_first=True)
-        self.drop = nn.Dropout(DROPOUT)
+        self.drop = nn.Dropout(arch.dropout)
         self.out = nn.Linear(arch.channels, arch.outputs)
 
     def forward(self, counts: Tensor, last: bool = False) -> Tensor:
@@ -168,7 +170,7 @@ class FrequencyCnn(nn.Module):
         self.dense1, self.norm3 = nn.Linear(40, 40), nn.BatchNorm1d(40)
         self.dense2, self.norm4 = nn.Linear(40, 20), nn.BatchNorm1d(20)
         self.out = nn.Linear(20, arch.outputs)
-        self.drop2d, self.drop = nn.Dropout2d(DROPOUT), nn.Dropout(DROPOUT)
+        self.drop2d, self.drop = nn.Dropout2d(arch.dropout), nn.Dropout(arch.dropout)
 
     def image(self, counts: Tensor) -> Tensor:
         """Amplitudes (batch, 51, 2, 3) of a window (batch, 100, 6).

@@ -71,8 +71,10 @@ def score(
         for r, o in zip(recordings, odds, strict=True)
     ]
     # the fingers of a hand together, as it is learnt
-    wanted = ("consecutive", "mean", 2)
-    tried = [r for r in rules(RuleSettings()) if (r.kind, r.fusion, r.consecutive) == wanted]
+    wanted = ("consecutive", "mean", 2, RuleSettings().release)
+    tried = [
+        r for r in rules(RuleSettings()) if (r.kind, r.fusion, r.consecutive, r.release) == wanted
+    ]
     points = sweep(streams, tried)
     chosen = [best(points, part * budget_per_min) for part in BUDGETS]
     delays = [point.mean_delay_ms if point else MISS_MS for point in chosen]

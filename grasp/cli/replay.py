@@ -31,9 +31,8 @@ def add_parser(verbs: Any) -> None:
     )
     parser.add_argument(
         "--detector",
-        default="gru",
         metavar="NAME",
-        help="with --tactile: one of config/detectors (default: %(default)s)",
+        help="with --tactile: one of config/detectors (default: that of profile default)",
     )
     parser.add_argument(
         "--set",

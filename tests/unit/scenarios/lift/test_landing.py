@@ -31,8 +31,8 @@ def ball(detector: str, *assignments: str, speed_mps: float = 0.1) -> LiftConfig
 @pytest.mark.parametrize(
     ("settings", "seed"),
     [(ball("energy", "damage.gain_lost=0.5"), 1), (ball("energy", speed_mps=0.2), 1),
-     (ball("gru", speed_mps=0.4), 9), (ball("gru", speed_mps=0.3), 2)],
-    ids=["half of the gain", "0.2 m/s", "0.4 m/s", "0.3 m/s"],
+     (ball("tcn", speed_mps=0.3), 9), (ball("tcn", speed_mps=0.3), 4)],
+    ids=["half of the gain", "0.2 m/s", "0.3 m/s", "0.3 m/s, further"],
 )  # fmt: skip
 def test_ball_that_slipped_is_let_go_where_it_stands_and_never_pressed_beyond_the_limit(
     settings: LiftConfig, seed: int
@@ -106,5 +106,5 @@ def test_restlessness_of_the_hand_in_the_air_keeps_no_object_from_being_set_down
     name: str, seed: int
 ) -> None:
     """Their readings swing by 0.6 N while the arm comes down, which is no touch."""
-    trial, _ = watched(load_config(name, "simulated", "gru", None, []).for_lift(), seed)
+    trial, _ = watched(load_config(name, "simulated").for_lift(), seed)
     assert trial.controller.phase is Phase.DONE
