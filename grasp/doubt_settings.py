@@ -17,12 +17,8 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     dead_samples: Annotated[
         int,
         Meta(ge=2, le=10000, description="repeats in a row of all codes of one fingertip that is "
-             "loaded at live_taxels or more, twice as many at fewer; measured likewise"),
-    ] = 8  # fmt: skip
-    live_taxels: Annotated[
-        int, Meta(ge=1, le=16, description="loaded taxels of a fingertip that never repeats itself "
-                  "for long; measured likewise, half of the kit's six")
-    ] = 3  # fmt: skip
+             "loaded; measured likewise: 11 come by chance in a firm grip"),
+    ] = 16  # fmt: skip
     dead_unloaded_samples: Annotated[
         int,
         Meta(ge=2, le=10000, description="of one that is not: quiet by itself; "

@@ -116,13 +116,11 @@ class FingertipDoubt:
         return ""
 
     def _patience(self, finger: int) -> int:
-        """Repeats of a fingertip that its taxels that can tell, above all loaded ones, could
-        end."""
+        """Repeats of a fingertip that its taxels that can tell, above all a loaded one, could end."""
         s, tell = self._settings, self.can_tell[finger]
-        live = np.count_nonzero(tell & (np.abs(self._counts[finger]) >= s.loaded_counts))
-        if live >= s.live_taxels:
+        if np.any(tell & (np.abs(self._counts[finger]) >= s.loaded_counts)):
             return s.dead_samples
-        return 2 * s.dead_samples if live else _as_much(s.dead_unloaded_samples, tell)
+        return _as_much(s.dead_unloaded_samples, tell)
 
 
 def at_rail(raw: NDArray[np.int16]) -> Flags:

@@ -41,6 +41,7 @@ RENAMED = {
     "scene.top_impulse_ns": "scene.top_impulse_n_s",
     "scene.side_impulse_ns": "scene.side_impulse_n_s",
     "fingertip.grasp_share": "fingertip.holding_share",
+    "doubt.live_taxels": "doubt.dead_samples, whatever number of taxels is loaded",
     "scene.aside_m": "object.centre_aside_m",
     "scene.radius_of_gyration_m": "object.radius_of_gyration_m",
 }

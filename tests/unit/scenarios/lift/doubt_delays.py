@@ -13,8 +13,9 @@ MS = 1e6
 SETTINGS = DoubtSettings()
 # What is normal, and looks like a fault as long as it lasts.
 # An unloaded fingertip repeats itself so often (the quietest real one: 0.21 counts), and one that
-# is loaded at one or two taxels (taps: five times in 50,000 samples, eight in a million)
-QUIET_SAMPLES, LIGHT_SAMPLES = 42, 8
+# is loaded (confusers, 1.3 hours of three fingertips: ten and eleven times, once each); all three
+# did so up to six times there
+QUIET_SAMPLES, LOADED_SAMPLES, ALL_SAMPLES = 42, 11, 6
 # Latency up to 0.15 s (hand.command_latency_s), two refreshes, lag, first count
 STARTS_NS = 235 * MS
 # A count at least speed, from stall to reported contact, two refreshes
@@ -26,6 +27,7 @@ def since_ns(staged: Staged, name: str) -> float:
     assert staged.done_at_ns is not None
     ticks = [t for t in staged.ticks if t.t_ns >= staged.done_at_ns]
     began = {
+        "fingertips_frozen": lambda ticks: ticks[0].t_ns + ALL_SAMPLES * 10 * MS,
         "fingertip_dead": _dead, "gripper_silent": _silent, "gripper_stands": _stands,
         "arm_wrong_way": _strayed, "arm_frozen": _froze,
         "loop_stood_still": lambda ticks: ticks[1].t_ns,
@@ -41,11 +43,11 @@ def delay_ms(staged: Staged, name: str) -> float:
 
 
 def _dead(ticks: list[Tick]) -> float:
-    """The thumb's. Loaded it never repeats itself; unloaded it does, for a while."""
+    """The thumb's, which repeats itself for a while by chance."""
     frame = ticks[1].frame
     assert frame is not None
     live = ~at_rail(frame.raw[0]) & (abs(frame.counts[0]) >= SETTINGS.loaded_counts)
-    quiet = (QUIET_SAMPLES, LIGHT_SAMPLES, LIGHT_SAMPLES, 0)[min(3, int(live.sum()))]
+    quiet = LOADED_SAMPLES if live.any() else QUIET_SAMPLES
     return ticks[0].t_ns + quiet * 10 * MS
 
 

@@ -12,8 +12,7 @@ WITHIN_MS = 100.0
 
 # what is done, in which phases, and the name of the fault
 CASES = [
-    (fault.freeze_fingertips, (P.GRASP, P.LIFT, P.LOWER), "fingertips_frozen"),
-    (fault.freeze_fingertips, (P.HOLD,), "fingertip_dead"),  # in a full grip: see test_doubts
+    (fault.freeze_fingertips, (P.GRASP, P.LIFT, P.HOLD, P.LOWER), "fingertips_frozen"),
     (fault.freeze_thumb, (P.GRASP, P.LIFT, P.HOLD, P.LOWER), "fingertip_dead"),
     (fault.fingertips_read(0), (P.GRASP, P.LIFT, P.HOLD, P.LOWER), "fingertips_at_rail"),
     (fault.shift_fingertips, (P.GRASP, P.LIFT, P.HOLD, P.LOWER), "fingertips_jump"),

@@ -18,9 +18,7 @@ ALL = (P.APPROACH, P.GRASP, *HELD)
 # what is done, in which phases, the name of the fault, and how many steps later it is there at
 # the latest, from when it could be seen: the first frame, or the first command that is ignored
 CASES = [
-    (fault.freeze_fingertips, (P.GRASP, P.LIFT, P.COMPENSATE, P.LOWER), "fingertips_frozen", 13),
-    # in a full grip taxels stand at code 0: two fingers are told to be dead before all are frozen
-    (fault.freeze_fingertips, (P.HOLD,), "fingertip_dead", 13),
+    (fault.freeze_fingertips, (P.GRASP, *HELD), "fingertips_frozen", 13),
     (fault.freeze_thumb, (P.GRASP, P.LIFT, P.HOLD, P.LOWER), "fingertip_dead", 53),
     (fault.fingertips_read(0), (P.GRASP, *HELD), "fingertips_at_rail", 6),
     (fault.fingertips_read(1023), (P.GRASP, *HELD), "fingertips_at_rail", 6),
