@@ -116,7 +116,7 @@ class FingertipDoubt:
         return ""
 
     def _patience(self, finger: int) -> int:
-        """Repeats of a fingertip that its taxels that can tell, above all a loaded one, could end."""
+        """Repeats of a fingertip that a taxel that can tell, above all a loaded one, could end."""
         s, tell = self._settings, self.can_tell[finger]
         if np.any(tell & (np.abs(self._counts[finger]) >= s.loaded_counts)):
             return s.dead_samples
