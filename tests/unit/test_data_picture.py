@@ -51,6 +51,7 @@ class Traced(GraspStep):
             sent=lambda out, arm: self.hears("doubts", arm, *(("guard", "admitted") for _ in out)),
             believes_force=True,
             can_tell=1,
+            all_tell=False,
         )
         detector = SimpleNamespace(
             update=self._listen_to,
