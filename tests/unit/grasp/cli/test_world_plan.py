@@ -65,7 +65,7 @@ def test_chart_that_cannot_be_written_fails_before_the_work(
     pytest.importorskip("matplotlib")
     for chart in ("physics", "stability"):
         out = tmp_path / "no-such-folder" / "chart.svg"
-        assert main(["chart", chart, "--out", str(out)]) == exits.INTERNAL
+        assert main(["chart", chart, "--out", str(out)]) == exits.USAGE
     assert "no-such-folder" in capsys.readouterr().err
 
 
