@@ -312,7 +312,8 @@ def test_fingertip_recording_shows_events_commands_and_score(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = stroke_csv(tmp_path / "strokes.csv")
-    code, out, _ = call("replay", "--tactile", str(path), capsys=capsys)
+    words = ("replay", "--tactile", str(path), "--detector", "energy")
+    code, out, _ = call(*words, capsys=capsys)
     assert code == 0
     assert "label: slip begins" in out
     assert "registered at finger A" in out
