@@ -148,7 +148,7 @@ class Staged:
         self.fault = FAULTS[fault]
         self.phase = phase
         self.row = Row(fault=fault, phase=phase.value)
-        self.config = load_config("can", "emulated", "energy", None, QUICK).for_lift()
+        self.config = load_config("can", "emulated", None, None, QUICK).for_lift()
         self._rig: Rig | None = None
         self.struck = False
         self._last = Phase.IDLE
