@@ -106,7 +106,18 @@ PARAMETERS = (
     Parameter("strokes", "friction", 0.4, 1.2),
 )
 
-# Each ingredient by the settings that leave it out; the rest stays as fitted.
+# Terms of finger and pad by the settings that leave them out, alike in a clip and in a data set.
+OF_THE_PAD: dict[str, dict[str, float]] = {
+    "lever": {"fingertip.lever_x": 0.0, "fingertip.lever_y": 0.0},
+    "sideways mount": {"fingertip.lateral_npmm": 0.0},
+    "small stiff contact": {
+        "fingertip.crown_radius_mm": 100.0, "fingertip.foundation_n_per_mm3": 0.25,
+    },
+    "springs 1 mm apart": {"fingertip.spring_mm": 2.0},
+    "slow relaxation": {"fingertip.relaxation_slow_share": 0.0},
+    "shift and rocking": {"fingertip.shift_mm": 0.0, "fingertip.rock_rad": 0.0},
+}  # fmt: skip
+# Each ingredient likewise; the rest stays as fitted.
 ABLATIONS: dict[str, dict[str, float]] = {
     "surface irregularity": {"strokes.texture_rms_mm": 0.0},
     "effective depth (10 mm instead)": {"fingertip.depth_mm": 10.0},
@@ -120,15 +131,8 @@ ABLATIONS: dict[str, dict[str, float]] = {
     "partial slip: stiff bristles": {"fingertip.shear_share": 1.0},
     "arm stiffness": {"strokes.arm_npmm": 0.01, "strokes.force_loop_radps": 0.0},
     "slow force loop": {"strokes.force_loop_radps": 5.0},
-    "lever": {"fingertip.lever_x": 0.0, "fingertip.lever_y": 0.0},
-    "sideways mount": {"fingertip.lateral_npmm": 0.0},
-    "small stiff contact": {
-        "fingertip.crown_radius_mm": 100.0, "fingertip.foundation_n_per_mm3": 0.25,
-    },
-    "springs 1 mm apart": {"fingertip.spring_mm": 2.0},
+    **OF_THE_PAD,
     "sharper wander": {"fingertip.wander_fast_s": 0.0323, "fingertip.wander_slow_s": 0.212},
-    "slow relaxation": {"fingertip.relaxation_slow_share": 0.0},
-    "shift and rocking": {"fingertip.shift_mm": 0.0, "fingertip.rock_rad": 0.0},
     "fold above 512": {"fingertip.fold_above_512": False},
     "noise": {"fingertip.noise_counts": 0.0},
 }  # fmt: skip

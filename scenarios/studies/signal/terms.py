@@ -9,24 +9,18 @@ from detector.recordings import Recording
 from drivers.errors import BadFile
 from scenarios.acquire.datasets.build import INDEX, make
 from scenarios.acquire.datasets.plan import DatasetConfig, Job, plan
+from scenarios.studies.signal.calibrate import OF_THE_PAD
 
 COMPLIANT = "compliant"  # part of the paper's set that has them
 # What leaves a term out; where that is no 0 or 1, the middle of the rigid part's range.
 TERMS: dict[str, dict[str, float]] = {
-    "lever": {"fingertip.lever_x": 0.0, "fingertip.lever_y": 0.0},
+    **OF_THE_PAD,
     "slow force loop": {"control.stroking_share": 1.0},
-    "small stiff contact": {
-        "fingertip.crown_radius_mm": 100.0, "fingertip.foundation_n_per_mm3": 0.25,
-    },
-    "springs 1 mm apart": {"fingertip.spring_mm": 2.0},
     "sharper fast and slower slow wander": {
         "fingertip.wander_fast_s": 0.0323, "fingertip.wander_slow_s": 0.212,
     },
     "strokes with a tail": {"control.braking_share": 1.0},
     "quick start of a stroke": {"control.acceleration_mps2": 0.2, "control.turn_radps2": 3.5},
-    "sideways mount": {"fingertip.lateral_npmm": 0.0},
-    "slow relaxation": {"fingertip.relaxation_slow_share": 0.0},
-    "shift and rocking": {"fingertip.shift_mm": 0.0, "fingertip.rock_rad": 0.0},
     "load while zeroing": {"control.residual_n": 0.0},
     "slope of the surface": {"press.slope_x": 0.0, "press.slope_y": 0.0},
     "contact off the turning axis": {"press.axis_x_m": 0.0, "press.axis_y_m": 0.0},
