@@ -229,7 +229,8 @@ def marked(page: Path, mark_of: Callable[[Figure | None], str | None]) -> str:
     for item in reversed(shown(page)):
         if item.mark:
             place = lines.index(item.mark, item.line)
-            del lines[place : place + 2]  # and the blank line after it
+            blank = lines[place + 1 : place + 2] == [""]
+            del lines[place : place + 1 + blank]
         if mark := mark_of(item.figure):
             lines[item.line + 1 : item.line + 1] = [mark, ""]
     return "\n".join(lines) + "\n"

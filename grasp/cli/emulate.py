@@ -1,6 +1,7 @@
 """`grasp emulate`: the emulated cell for other people's clients."""
 
 import argparse
+import sys
 from ipaddress import ip_address
 from typing import Any
 
@@ -44,6 +45,7 @@ def emulate(args: argparse.Namespace) -> int:
     if args.host is not None:
         _check_host(args.host)
     config = load_config(args.object, "emulated", "energy", args.config, args.set)
+    print("cell: starts; the first time, the world is compiled", file=sys.stderr, flush=True)
     words = Words(config.for_tap(), args.seed)
     order, ended = CellOrder.of(config, args.seed), end_on_signals()
     try:

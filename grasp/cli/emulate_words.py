@@ -1,7 +1,6 @@
 """What is typed into `grasp emulate`: what a person does to an object in a laboratory, and more."""
 
 import json
-import math
 import os
 import signal
 import stat
@@ -15,6 +14,7 @@ from typing import Any
 import msgspec
 
 from drivers.errors import ConfigError
+from grasp.cli.view import turned_text
 from scenarios.rigs.emulated_cell import EmulatedCell
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import Swing, swing
@@ -23,7 +23,6 @@ DIRECTIONS = ("top", "side", "closing")
 KNOWN = f"place | home | look | tap [{'|'.join(DIRECTIONS)}] | fault NAME [SETTING=VALUE ...]"
 STDIN = 0
 POLL_S = 0.05
-LEAST_TURN_DEG = 0.1  # less is not seen
 
 
 class Words:
@@ -89,11 +88,8 @@ def look(truth: dict[str, Any]) -> str:
     """What a person sees of an object."""
     held = "held" if max(truth["normal_n"]) > 0 else "not touched"
     moved_mm = 1e3 * (truth["slip_distance_m"] ** 2 + truth["across_m"] ** 2) ** 0.5
-    turned_deg = math.degrees(abs(truth["turn_rad"]))
-    turned = f", turned by {turned_deg:.1f} deg" if turned_deg >= LEAST_TURN_DEG else ""
-    return (
-        f"the object is {held}, {truth['height_m'] * 1e3:.0f} mm above the table, "
-        f"{moved_mm:.1f} mm from its mark{turned}"
+    return f"the object is {held}, {truth['height_m'] * 1e3:.0f} mm above the table, " + ", ".join(
+        t for t in (f"{moved_mm:.1f} mm from its mark", turned_text(truth["turn_rad"])) if t
     )
 
 

@@ -12,7 +12,6 @@ from grasp.watch import Onlooker
 
 REFRESH_TICKS = 6
 STATUS_TICKS = 50
-LEAST_TURN_DEG = 0.1  # less is not told
 
 _SETTING_UP = {
     "simulated": "the first time, the world is compiled",
@@ -163,18 +162,12 @@ def facts(result: Any) -> list[str]:
         facts.append(text)
     if result.slip_distance_m is not None:
         slipped = f"the object slipped {result.slip_distance_m * 1e3:.0f} mm"
-        facts.append(", ".join([slipped, *_turned(result)]))
+        facts.append(", ".join(t for t in (slipped, view.turned_text(result.turned_rad)) if t))
     true_n, felt_n = result.peak_force_n, result.peak_measured_n
     peaks = ", ".join(f"{name} {force:.1f}" for name, force in (true_n or felt_n).items())
     known = "true" if true_n else "measured"
     facts.append(f"peak force {peaks} N ({known}); commanded {result.commanded_force_n:.1f} N")
     return facts
-
-
-def _turned(result: Any) -> list[str]:
-    """How far the object has turned in the hand, where that is seen."""
-    turned_deg = math.degrees(abs(result.turned_rad or 0.0))
-    return [f"turned {turned_deg:.1f} deg"] if turned_deg >= LEAST_TURN_DEG else []
 
 
 def trial_line(result: Any) -> str:
@@ -186,10 +179,10 @@ def _lift_line(result: Any) -> str:
     parts = [f"seed {result.seed:<4} {_spelt(result.outcome):<18}"]
     if result.slip_distance_m is not None:
         parts.append(f"slipped {result.slip_distance_m * 1e3:5.1f} mm")
-        parts.extend(_turned(result))
+        parts.append(view.turned_text(result.turned_rad))
     if result.detection_latency_ms is not None:
         parts.append(f"registered after {result.detection_latency_ms:.0f} ms")
-    return "  ".join(parts)
+    return "  ".join(filter(None, parts))
 
 
 def tap_line(result: Any) -> str:
@@ -197,14 +190,14 @@ def tap_line(result: Any) -> str:
     parts = [f"seed {result.seed:<4} {result.direction:<7}  {_spelt(result.outcome):<18}"]
     if result.displacement_m is not None:
         parts.append(f"moved {result.displacement_m * 1e3:5.1f} mm")
-        parts.extend(_turned(result))
+        parts.append(view.turned_text(result.turned_rad))
     if result.slip_duration_ms is not None:
         parts.append(f"in {result.slip_duration_ms:3.0f} ms")
     if result.detection_latency_ms is not None:
         parts.append(f"registered after {result.detection_latency_ms:.0f} ms")
     if result.nominal_again_ms is not None:
         parts.append(f"nominal {result.nominal_again_ms:.0f} ms after its end")
-    return "  ".join(parts)
+    return "  ".join(filter(None, parts))
 
 
 def print_taps(summary: Any) -> None:

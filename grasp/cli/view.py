@@ -4,6 +4,7 @@ In wall time this is a process of its own (``python -m grasp.cli.view``, begun b
 which reads one JSON message a line until its input ends.
 """
 
+import math
 import sys
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 BAR_CELLS, TEXT_CELLS = 30, 45  # of a bar at most; of a panel's line beside its two bars
 FORCE_FULL_N = 12.0
+LEAST_TURN_DEG = 0.1  # less is not told
 _STYLE: dict[str, str] = {
     Phase.COMPENSATE: "bold yellow", Phase.HOLD: "bold green", Phase.KEPT: "bold green",
     Phase.FAULT: "bold red",
@@ -81,6 +83,12 @@ def status_text(tick: Tick) -> str:
         return "-"
     text = "REGISTERED" if slip.registered else "nominal"
     return f"{text} (masked)" if slip.masked else text
+
+
+def turned_text(turned_rad: float | None) -> str:
+    """How far the object has turned in the hand; empty where nobody would see it."""
+    turned_deg = math.degrees(abs(turned_rad or 0.0))
+    return f"turned {turned_deg:.1f} deg" if turned_deg >= LEAST_TURN_DEG else ""
 
 
 def sample_line(sample: Any) -> str:

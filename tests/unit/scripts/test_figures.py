@@ -80,6 +80,12 @@ def test_marks_come_and_go_and_nothing_else_changes(page: Path) -> None:
     assert figures.marked(page, lambda figure: None) == text
 
 
+def test_taking_off_a_mark_that_touches_its_table_takes_no_row(page: Path) -> None:
+    mark = figures.MARK.format("make bench")
+    page.write_text(f"{ENTRY.rstrip()}\n{mark}\n{TABLE}")
+    assert TABLE in figures.marked(page, lambda figure: None)
+
+
 def git(folder: Path, *command: str) -> str:
     name = ("-c", "user.name=x", "-c", "user.email=x@localhost", "-c", "commit.gpgsign=false")
     done = subprocess.run(

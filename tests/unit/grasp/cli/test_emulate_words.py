@@ -76,7 +76,7 @@ def test_words_of_a_person_are_requests(typed: int, capsys: pytest.CaptureFixtur
 
 
 def test_rotation_in_the_hand_is_seen_where_there_is_any() -> None:
-    assert look({**TRUTH, "turn_rad": -0.1}).endswith("5.0 mm from its mark, turned by 5.7 deg")
+    assert look({**TRUTH, "turn_rad": -0.1}).endswith("5.0 mm from its mark, turned 5.7 deg")
     assert "turned" not in look(TRUTH)
 
 
