@@ -31,9 +31,9 @@ def doctor(args: argparse.Namespace) -> int:
     from scenarios.rigs.doctor import examine
 
     def load(rig: str, detector: str) -> Any:
-        from scenarios.campaign.config import load_config
+        from scenarios.campaign.config import load_for_devices
 
-        return load_config("can", rig, detector, args.config)
+        return load_for_devices("can", rig, args.config, detector=detector)
 
     checks = examine(args.rig, args.config, load)
     failed = [c for c in checks if c.status == "fail"]

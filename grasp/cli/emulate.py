@@ -39,12 +39,12 @@ def add_parser(verbs: Any) -> None:
 
 def emulate(args: argparse.Namespace) -> int:
     from grasp.cli.emulate_words import Words
-    from scenarios.campaign.config import load_config
+    from scenarios.campaign.config import load_for_devices
     from scenarios.rigs.emulated_cell import CellOrder, end_on_signals, serve
 
     if args.host is not None:
         _check_host(args.host)
-    config = load_config(args.object, "emulated", "energy", args.config, args.set)
+    config = load_for_devices(args.object, "emulated", args.config, args.set)
     print("cell: starts; the first time, the world is compiled", file=sys.stderr, flush=True)
     words = Words(config.for_tap(), args.seed)
     order, ended = CellOrder.of(config, args.seed), end_on_signals()

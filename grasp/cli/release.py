@@ -36,11 +36,11 @@ def add_parser(verbs: Any) -> None:
 def release(args: argparse.Namespace) -> int:
     import json
 
-    from scenarios.campaign.config import load_config
+    from scenarios.campaign.config import load_for_devices
     from scenarios.rigs.permission import HARDWARE, gripper_address
     from scenarios.rigs.release import other_devices, release_gripper
 
-    config = load_config("can", args.rig, "energy", args.config, args.set)
+    config = load_for_devices("can", args.rig, args.config, args.set)
     permit = motion_permit(config, args)
     positions = release_gripper(config, config.controller.approach_speed_mps, permit, args.activate)
     real = args.rig == HARDWARE

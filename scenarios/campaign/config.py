@@ -7,9 +7,10 @@ from grasp.settings import load
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import ScoringSettings
 from scenarios.rigs.config import part
+from scenarios.rigs.own_settings import own_layers
 from scenarios.tap.config import TapConfig
 from scenarios.tap.settings import TapScoringSettings, TapSettings
-from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig, trial_layers
+from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig, check_read, trial_layers
 
 
 class RunConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -35,5 +36,19 @@ def load_config(
     profile: str = DEFAULT_PROFILE,
 ) -> RunConfig:
     """From the layers of ``trial_layers``. Raises ConfigError for an unknown name or the first
-    setting that is not allowed."""
-    return load(RunConfig, trial_layers(object_name, rig, detector, file, assignments, profile))
+    setting that is not allowed, or that the detector does not read."""
+    layers = trial_layers(object_name, rig, detector, file, assignments, profile)
+    config = load(RunConfig, layers)
+    check_read(config.detector_name, own_layers(file, assignments))
+    return config
+
+
+def load_for_devices(
+    object_name: str,
+    rig: str,
+    file: Path | None = None,
+    assignments: Sequence[str] = (),
+    detector: str = "energy",
+) -> RunConfig:
+    """For who runs no trial: the user's file may speak of any detector. Raises as `load_config`."""
+    return load(RunConfig, trial_layers(object_name, rig, detector, file, assignments))

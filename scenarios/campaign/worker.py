@@ -48,6 +48,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     result: str | None = None
     error: str | None = None
     config_hash: str
+    detector_hash: str
     versions: str | None = None
     wall_s: float | None = None
     cpu_s: float | None = None
@@ -180,6 +181,7 @@ def _identity(trial: Task) -> dict[str, Any]:
         "repetition": trial.repetition,
         "seed": trial.seed,
         "config_hash": trial.config.digest(),
+        "detector_hash": trial.config.detector_hash(),
     }
 
 

@@ -13,6 +13,7 @@ from detector.interface import DetectorSettings, SlipDetector, load_detector, me
 from detector.network import NetworkSettings
 from detector.network_file import weights_digest, weights_path
 from detector.psd import PsdFairSettings, PsdSettings
+from drivers.errors import ConfigError
 from grasp.controller_settings import ControllerSettings
 from grasp.doubt_settings import DoubtSettings
 from grasp.guard import GuardSettings
@@ -108,22 +109,53 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
         """Hash of all that a result depends on: equal digests and seeds mean equal runs."""
         return digest_of(msgspec.to_builtins(self))
 
+    def detector_hash(self) -> str:
+        """Fingerprint of what decides on slip: weights or formula, and rule. Equal in trials
+        that differ otherwise."""
+        table = _read(msgspec.to_builtins(self))
+        return _hashed({key: table[key] for key in (self.detector_section, "rule")})
+
 
 def digest_of(settings: Mapping[str, Any]) -> str:
     """``TrialConfig.digest`` of settings as a recording carries them."""
-    name, rig = settings["detector_name"], settings["rig"]
-    own = FORMULAS.get(name, NETWORK)
-    others = {*FORMULAS.values(), NETWORK} - {own}
-    unused = {"simulated": ADDRESSES, HARDWARE: MODELS}.get(rig, ())
-    hidden = {*UNHASHED, *others, *unused}
-    table = {key: value for key, value in sorted(settings.items()) if key not in hidden}
+    unused = {"simulated": ADDRESSES, HARDWARE: MODELS}.get(settings["rig"], ())
+    hidden = {*UNHASHED, *unused}
+    table = {key: value for key, value in sorted(_read(settings).items()) if key not in hidden}
     for section, keys in (NAMES | ADDRESSES).items():
         if table.get(section):  # hardware has no calibration at first
             table[section] = {k: v for k, v in table[section].items() if k not in keys}
-    if own == NETWORK:
+    return _hashed(table)
+
+
+def _read(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Without the sections of other detectors, a network by what is in its file."""
+    name = settings["detector_name"]
+    others = _sections_of_others(name)
+    table = {key: value for key, value in settings.items() if key not in others}
+    if NETWORK in table:
         chosen = table[NETWORK]["weights"] or name
         table[NETWORK] = {"weights": weights_digest(weights_path(chosen))}
+    return table
+
+
+def _hashed(table: Mapping[str, Any]) -> str:
     return hashlib.sha256(msgspec.json.encode(table)).hexdigest()[:16]
+
+
+def _sections_of_others(detector: str) -> set[str]:
+    return {*FORMULAS.values(), NETWORK} - {FORMULAS.get(detector, NETWORK)}
+
+
+def check_read(detector: str, own: Sequence[Layer]) -> None:
+    """Raises ConfigError where the user's own layers set what that detector does not read."""
+    for layer in own:
+        for section in sorted(_sections_of_others(detector) & layer.table.keys()):
+            said = layer.table[section]
+            key = next(iter(said), "") if isinstance(said, dict) else ""
+            raise ConfigError(
+                layer.source, f"{section}.{key}".rstrip("."), f"is not read by {detector}",
+                f"[{FORMULAS.get(detector, NETWORK)}] alone, or another --detector",
+            )  # fmt: skip
 
 
 def trial_layers(

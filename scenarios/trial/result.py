@@ -86,6 +86,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     recording: str | None
     versions: dict[str, str]
     config_hash: str
+    detector_hash: str  # of weights or formula, and rule
     end: End | None = None  # where it ended in a safe state
     bug: Bug | None = None  # where an internal error ended it
     home_m: Vector3 | None = None  # of the arm, which its descents end at; None: it never began

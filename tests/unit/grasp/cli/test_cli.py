@@ -82,8 +82,8 @@ def test_json_verdict_has_every_promised_field(
     assert list(result) == [
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
         "slip_registered_s", "detection_latency_ms", "peak_force_n", "peak_measured_n",
-        "commanded_force_n", "phases", "timing", "recording", "versions", "config_hash", "end",
-        "bug", "home_m", "physics", "taxels_at_rail",
+        "commanded_force_n", "phases", "timing", "recording", "versions", "config_hash",
+        "detector_hash", "end", "bug", "home_m", "physics", "taxels_at_rail",
         "first_detection_s", "reaction_latency_ms", "slip_distance_m", "turned_rad",
         "settled_force_n",
         "alarm_stayed",
@@ -103,7 +103,7 @@ def test_taps_are_shown_counted_and_left_as_runs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, out, _ = call(
-        "run", "tap", "--trials", "2", "--runs", str(tmp_path), "--set",
+        "run", "tap", "--trials", "2", "--runs", str(tmp_path), "--detector", "energy", "--set",
         "energy.threshold_counts=12", capsys=capsys,
     )  # fmt: skip
     assert code == 0
@@ -154,8 +154,8 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
     assert list(series["taps"][0]) == [
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
         "slip_registered_s", "detection_latency_ms", "peak_force_n", "peak_measured_n",
-        "commanded_force_n", "phases", "timing", "recording", "versions", "config_hash", "end",
-        "bug", "home_m", "physics", "taxels_at_rail",
+        "commanded_force_n", "phases", "timing", "recording", "versions", "config_hash",
+        "detector_hash", "end", "bug", "home_m", "physics", "taxels_at_rail",
         "direction", "moved", "displacement_m", "down_m", "across_m", "turned_rad", "impulse_n_s",
         "mallet_mps", "struck_s",
         "slip_end_s", "slip_duration_ms", "nominal_again_s", "nominal_again_ms", "alarms",

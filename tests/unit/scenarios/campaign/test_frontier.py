@@ -93,7 +93,7 @@ def rows() -> list[Row]:
                 Row(
                     trial=len(found), scenario="lift", object="can", profile="default",
                     detector="energy", swept=swept, repetition=0, seed=0, status="done",
-                    success=outcome == "held", outcome=outcome, config_hash="",
+                    success=outcome == "held", outcome=outcome, config_hash="", detector_hash="",
                 )
             )  # fmt: skip
     return found

@@ -80,7 +80,7 @@ def rows(rates: list[float], n: int = 20) -> list[Row]:
                         trial=len(found), scenario="lift", object=name, profile="paper",
                         detector="energy", swept=swept, repetition=i, seed=i, status="done",
                         success=i < rate * n, outcome="held" if i < rate * n else "dropped",
-                        config_hash="",
+                        config_hash="", detector_hash="",
                     )
                 )  # fmt: skip
     return found

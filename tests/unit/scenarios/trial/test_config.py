@@ -6,7 +6,8 @@ import msgspec
 import pytest
 
 from detector.network_file import weights_path
-from scenarios.campaign.config import RunConfig, load_config
+from drivers.errors import ConfigError
+from scenarios.campaign.config import RunConfig, load_config, load_for_devices
 from scenarios.trial.config import MODELS, TrialConfig
 
 COVERED = {
@@ -105,6 +106,38 @@ def test_the_hash_covers_the_detector_that_is_asked_for_and_no_other() -> None:
     psd = load_config("can", "simulated", "psd")
     assert with_other(psd, "energy", "").digest() == psd.digest()
     assert with_other(psd, "psd", "").digest() != psd.digest()
+
+
+def test_the_detector_s_hash_covers_weights_and_rule_and_nothing_else() -> None:
+    def of(*words: str, object_name: str = "can", detector: str = "gru") -> str:
+        return load_config(object_name, "simulated", detector, None, words).detector_hash()
+
+    weights = f"network.weights={weights_path('gru')}"
+    assert of() == of(weights) == of("guard.force_limit_n=8", object_name="ball")
+    others = {of(), of("rule.threshold=0.4"), of(f"network.weights={weights_path('tcn')}"),
+              of(detector="energy"), of("energy.window=9", detector="energy")}  # fmt: skip
+    assert len(others) == 5
+
+
+@pytest.mark.parametrize(
+    ("detector", "word"),
+    [
+        ("tcn", "energy.threshold_counts=4"),
+        ("energy", "network.weights=x.onnx"),
+        ("psd", "psd_fair.threshold_counts=4"),
+    ],
+)
+def test_a_setting_that_the_detector_does_not_read_is_refused(detector: str, word: str) -> None:
+    with pytest.raises(ConfigError, match=f"is not read by {detector}") as refused:
+        load_config("can", "simulated", detector, None, [word])
+    assert word.partition("=")[0] in str(refused.value)
+
+
+def test_who_runs_no_trial_takes_a_file_that_speaks_of_any_detector(tmp_path: Path) -> None:
+    """A hand is opened, whatever detector the settings of the last run were for."""
+    own = tmp_path / "own.toml"
+    own.write_text('[network]\nweights = "x.onnx"\n[psd]\nthreshold_power = 3.0\n')
+    assert load_for_devices("can", "simulated", own).psd.threshold_power == 3.0
 
 
 def test_every_hashed_name_is_a_section_of_a_trial() -> None:

@@ -47,7 +47,7 @@ def row(name: str, swept: dict[str, float], i: int, near: int, far: int) -> Row:
         trial=0, scenario="lift", object=name, profile="paper", detector="energy",
         swept=msgspec.json.encode(swept).decode(), repetition=i, seed=i, status="done",
         success=success, outcome=held if success and name in LONG else str(success),
-        config_hash="",
+        config_hash="", detector_hash="",
     )  # fmt: skip
 
 
