@@ -10,7 +10,7 @@ import pytest
 from scenarios.rigs.cell_control import ControlClient
 from tests.wire.scenarios.test_rigs import ENVIRONMENT, GRASP, call, emulate, lab_file, sets
 
-QUICK_TAP = ("tap.watch_s=1.6", "tap.wait_s=0", "energy.threshold_counts=12")
+QUICK_TAP = ("tap.watch_s=1.6", "tap.wait_s=0")
 
 
 def tap_sets() -> list[str]:
