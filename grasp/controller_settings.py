@@ -6,6 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from drivers.interfaces import Counts3, Vector3
+from grasp.stiffness import Stiffness
 
 
 class GripPlan(msgspec.Struct, frozen=True):
@@ -15,6 +16,7 @@ class GripPlan(msgspec.Struct, frozen=True):
     preshape_counts: Counts3  # just short of the object, the thumb further back
     grip_counts: Counts3  # in contact, with too little force
     force_cap_n: float  # to close with when slip is registered: the guard's limit (paper: 10 N)
+    stiffness: Stiffness  # of the object's contact
     home: Vector3 | None = None  # of the arm, from an earlier run; None: where it stands
 
 

@@ -19,6 +19,7 @@ from msgspec import Meta
 from drivers.errors import ConfigError
 from drivers.interfaces import Counts3, GripperState, Vector3
 from grasp.commands import CloseFast, GripperCommand, HoldFingers, MoveFingers
+from grasp.stiffness import Stiffness
 
 THUMB_ALONE = (True, False, False)
 
@@ -41,8 +42,8 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         Meta(
             ge=100.0,
             le=1e5,
-            description="force rise a metre of thumb travel on a rigid object; "
-            "assumed, 600-10000 N/m",
+            description="force rise a metre of thumb travel on a rigid object: the worst case, "
+            "where the object states none of its own; assumed, 600-10000 N/m",
         ),
     ] = 2500.0
     tip_mass_kg: Annotated[
@@ -85,10 +86,12 @@ class ForceGuard:
         self,
         settings: GuardSettings,
         least_force_n: float,
-        m_per_count: float,
+        stiffness: Stiffness,
         least_speed_mps: float = 0.0,
     ) -> None:
-        """Raises ConfigError when the gripper's least force is above the limit, or when even its
+        """``stiffness``: of the object's contact, or the worst case.
+
+        Raises ConfigError when the gripper's least force is above the limit, or when even its
         least speed carries the tip further past the limit than the overshoot allows."""
         if least_force_n > settings.force_limit_n:
             raise ConfigError(
@@ -109,7 +112,7 @@ class ForceGuard:
                 f"{least_speed_mps:g} m/s, carries a tip of {settings.tip_mass_kg:g} kg further",
                 f"guard.overshoot_n >= {least_speed_mps * momentum:.2f}",
             )
-        self._m_per_count = m_per_count
+        self._stiffness = stiffness
         self._anchor: tuple[Counts3, Vector3] | None = None
 
     @property
@@ -177,10 +180,9 @@ class ForceGuard:
         s = self._settings
         if not s.travel_bound or self._anchor is None:
             return targets
-        step_n = s.contact_stiffness_npm * self._m_per_count
         positions, forces_n = self._anchor
         a, b, c = (
-            min(target, position + max(0, math.floor((s.force_limit_n - force_n) / step_n)))
+            min(target, position + self._stiffness.counts_within(s.force_limit_n - force_n))
             for target, position, force_n in zip(targets, positions, forces_n, strict=True)
         )
         return a, b, c

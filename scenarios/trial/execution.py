@@ -21,6 +21,7 @@ from grasp.phases import Phase
 from grasp.realtime import real_time
 from grasp.slip import SlipMonitor
 from grasp.step import GraspStep
+from grasp.stiffness import Stiffness
 from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.ending import End, end_of, happened, remedy_of, stood_still
@@ -51,7 +52,7 @@ def make_guard(config: TrialConfig) -> ForceGuard:
     check_arm(config)
     check_waits(config)
     known = calibration(config)
-    guard = ForceGuard(config.guard, known.least_force_n, known.m_per_count, known.least_speed_mps)
+    guard = ForceGuard(config.guard, known.least_force_n, stiffness(config), known.least_speed_mps)
     if config.controller.firm and config.guard.travel_bound:
         raise ConfigError(
             "guard",
@@ -122,7 +123,13 @@ def grip_plan(config: TrialConfig, home: Vector3 | None = None) -> GripPlan:
     a, b, c = grip = config.object.grip_counts
     margin, back = config.controller.preshape_margin_counts, config.controller.thumb_back_counts
     preshape = (max(0, a - margin - back), max(0, b - margin), max(0, c - margin))
-    return GripPlan(preshape, grip, config.guard.force_limit_n, home)
+    return GripPlan(preshape, grip, config.guard.force_limit_n, stiffness(config), home)
+
+
+def stiffness(config: TrialConfig) -> Stiffness:
+    """Of the contact: what the object states, or the worst case."""
+    stated_npm = config.object.contact_stiffness_npm or config.guard.contact_stiffness_npm
+    return Stiffness(stated_npm * calibration(config).m_per_count)
 
 
 def patience_s(config: TrialConfig) -> float:

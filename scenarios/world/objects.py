@@ -43,6 +43,17 @@ class GraspObject(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     wall_stiffness_npm: Annotated[
         float, Meta(ge=200.0, le=1e7, description="of one side, N/m; assumed")
     ]
+    contact_stiffness_npm: (
+        Annotated[
+            float,
+            Meta(
+                ge=100.0, le=1e5,
+                description="force rise a metre of thumb travel, to be measured with this hand; "
+                "without one, guard.contact_stiffness_npm",
+            ),
+        ]
+        | None
+    ) = None  # fmt: skip
     shape: Literal["straight", "ellipsoid"] = "straight"
     half_width_m: Annotated[
         float,

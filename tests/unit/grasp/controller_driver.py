@@ -13,6 +13,7 @@ from grasp.controller import Decision, GraspController
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.phases import Phase
 from grasp.slip import SlipMonitor, SlipSettings
+from grasp.stiffness import Stiffness
 from tests.unit.grasp.builders import arm, gripper, seen
 
 TICK = 10_000_000
@@ -29,7 +30,7 @@ class Driver:
     def __init__(self, home: Vector3 | None = None, **settings: object) -> None:
         merged = msgspec.structs.replace(ControllerSettings(), **settings)
         monitor = SlipMonitor(ConsecutiveRule(RuleSettings(), 3), SlipSettings())
-        plan = GripPlan((25, 40, 40), (55, 55, 55), 10.0, home)
+        plan = GripPlan((25, 40, 40), (55, 55, 55), 10.0, Stiffness(1.9), home)
         self.controller = GraspController(merged, plan, monitor)
         self.t_ns = 0
         self.height_m = 0.0

@@ -10,6 +10,7 @@ from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
 from grasp.guard import ForceGuard, GuardSettings
 from grasp.phases import Phase
 from grasp.slip import SlipMonitor, SlipSettings
+from grasp.stiffness import Stiffness
 from tests.unit.grasp.builders import arm, gripper
 from tests.unit.grasp.controller_driver import TICK, Driver
 
@@ -22,7 +23,7 @@ STOOD_N = 2.0  # what the thumb feels unless said otherwise
 
 
 def guard(**settings: Any) -> ForceGuard:
-    return ForceGuard(GuardSettings(**settings), least_force_n=1.0, m_per_count=0.001)
+    return ForceGuard(GuardSettings(**settings), least_force_n=1.0, stiffness=Stiffness(2.5))
 
 
 def admitted(measured_n: float = 0.0, **settings: Any) -> CloseFast | None:

@@ -10,8 +10,11 @@ from hypothesis import strategies as st
 from drivers.errors import ConfigError
 from grasp.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
 from grasp.guard import ForceGuard, GuardSettings
+from grasp.stiffness import Stiffness
 from tests.unit.grasp.builders import gripper
 
+M_PER_COUNT = 0.00077
+RIGID = Stiffness(2500.0 * M_PER_COUNT)
 NO_FORCE = (0.0, 0.0, 0.0)
 ALL = (True, True, True)
 AROUND_THE_LIMIT = [9.0, 9.9, math.nextafter(10, 0), 10.0, math.nextafter(10, 11), 10.1, 11, 60.0]
@@ -19,7 +22,8 @@ AROUND_THE_LIMIT = [9.0, 9.9, math.nextafter(10, 0), 10.0, math.nextafter(10, 11
 
 def guard(**changes: object) -> ForceGuard:
     settings = msgspec.structs.replace(GuardSettings(), **changes)
-    return ForceGuard(settings, least_force_n=10.0, m_per_count=0.00077)
+    stiffness = Stiffness(settings.contact_stiffness_npm * M_PER_COUNT)
+    return ForceGuard(settings, least_force_n=10.0, stiffness=stiffness)
 
 
 def close(force_n: float = 10.0, speed: float = 0.11, limit: int = 255) -> CloseFast:
@@ -38,13 +42,13 @@ def test_no_force_above_the_limit_is_admitted(asked_n: float) -> None:
 
 def test_calibration_that_cannot_keep_the_limit_is_refused_with_the_remedy() -> None:
     with pytest.raises(ConfigError) as caught:
-        ForceGuard(GuardSettings(), least_force_n=15.0, m_per_count=0.00077)
+        ForceGuard(GuardSettings(), least_force_n=15.0, stiffness=RIGID)
     assert "15 N" in caught.value.message
     assert "calibration" in caught.value.remedy
 
 
 def test_least_force_equal_to_the_limit_is_accepted() -> None:
-    ForceGuard(GuardSettings(), least_force_n=10.0, m_per_count=0.00077)
+    ForceGuard(GuardSettings(), least_force_n=10.0, stiffness=RIGID)
 
 
 def test_thumb_closes_alone_when_every_finger_must_keep_the_limit() -> None:
@@ -146,9 +150,9 @@ def test_every_finger_has_its_own_limit_of_measured_force(
 
 def test_least_speed_that_just_keeps_the_overshoot_is_accepted() -> None:
     fastest_mps = guard().closing_speed_mps
-    ForceGuard(GuardSettings(), 10.0, 0.00077, fastest_mps)
+    ForceGuard(GuardSettings(), 10.0, RIGID, fastest_mps)
     with pytest.raises(ConfigError, match="overshoot_n"):
-        ForceGuard(GuardSettings(), 10.0, 0.00077, math.nextafter(fastest_mps, 1.0))
+        ForceGuard(GuardSettings(), 10.0, RIGID, math.nextafter(fastest_mps, 1.0))
 
 
 def test_repeated_commands_do_not_ratchet_past_the_bound() -> None:

@@ -19,6 +19,7 @@ from grasp.observation import Observation, StepInput
 from grasp.phases import Phase
 from grasp.slip import DISARMED
 from grasp.step import GraspStep
+from grasp.stiffness import Stiffness
 from tests.unit.grasp.builders import arm, frame, gripper
 from tests.unit.grasp.controller_driver import TICK, Driver
 
@@ -174,7 +175,7 @@ def test_codes_that_are_not_believed_leave_the_force_as_it_was_measured_last() -
 
 def test_what_was_closed_last_is_what_the_guard_admitted() -> None:
     controller = cast(GraspController, Told(Phase.LIFT, CloseFast(60.0, *ANY_CLOSE)))
-    step = GraspStep(Ears(), controller, ForceGuard(GuardSettings(), 2.0, 0.0005))
+    step = GraspStep(Ears(), controller, ForceGuard(GuardSettings(), 2.0, Stiffness(1.25)))
     assert step.decide(told(frame(-1))).observation.last_close is None
     closed = step.decide(told(frame(-1), 2 * TICK)).observation.last_close
     assert closed is not None
@@ -258,7 +259,7 @@ def test_controller_is_told_all_that_the_step_was_told() -> None:
 
 
 def fresh() -> GraspStep:
-    return GraspStep(Ears(), Driver().controller, ForceGuard(GuardSettings(), 2.0, 0.0005))
+    return GraspStep(Ears(), Driver().controller, ForceGuard(GuardSettings(), 2.0, Stiffness(1.25)))
 
 
 def test_equal_inputs_to_two_fresh_steps_give_equal_results() -> None:
