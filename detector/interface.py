@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.energy import EnergyDetector, EnergySettings
+from detector.forte import ForteDetector, ForteSettings
 from detector.network import NetworkSettings, load_network
 from detector.network_file import packaged_networks
 from detector.psd import PsdDetector, PsdFairDetector, PsdFairSettings, PsdSettings
@@ -35,12 +36,13 @@ class SlipDetector(Protocol):
         """Take counts (fingers, taxels), raw minus rest, pressing negative; give (fingers,)."""
 
 
-DetectorSettings = EnergySettings | PsdSettings | PsdFairSettings | NetworkSettings
+DetectorSettings = EnergySettings | PsdSettings | PsdFairSettings | ForteSettings | NetworkSettings
 
 _FORMULAS: dict[str, tuple[type[msgspec.Struct], Callable[[Any, int, int], SlipDetector]]] = {
     "energy": (EnergySettings, EnergyDetector),
     "psd": (PsdSettings, PsdDetector),
     "psd-fair": (PsdFairSettings, PsdFairDetector),
+    "forte": (ForteSettings, ForteDetector),
 }
 DETECTORS = (*_FORMULAS, *packaged_networks())
 

@@ -53,7 +53,7 @@ class PsdFairSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     ] = 4.0
 
 
-class _Window:
+class SampleWindow:
     """The last samples (fingers, length, taxels); the first one stands for those before it."""
 
     def __init__(self, fingers: int, length: int, taxels: int) -> None:
@@ -85,7 +85,7 @@ class PsdDetector:
     def __init__(self, settings: PsdSettings, fingers: int, taxels: int = KIT_TAXELS) -> None:
         check_layout(self.name, len(settings.mean_counts), taxels)
         self.settings = settings
-        self._window = _Window(fingers, PAPER_WINDOW, taxels)
+        self._window = SampleWindow(fingers, PAPER_WINDOW, taxels)
         self._mean, self._std = np.array(settings.mean_counts), np.array(settings.std_counts)
 
     def reset(self) -> None:
@@ -108,7 +108,7 @@ class PsdFairDetector:
     def __init__(self, settings: PsdFairSettings, fingers: int, taxels: int = KIT_TAXELS) -> None:
         self.settings = settings
         self.memory = settings.window
-        self._window = _Window(fingers, settings.window, taxels)
+        self._window = SampleWindow(fingers, settings.window, taxels)
 
     def reset(self) -> None:
         self._window.reset()

@@ -63,9 +63,15 @@ def _add_tune(actions: Any) -> None:
         description=text + ". With --data: kind, threshold and length of the decision rule of any "
         "detector, on the split `validation`. Without: the least threshold of `energy`, on "
         "simulated lifts of drawn objects in which nothing slips, or on recordings of your own in "
-        "which nothing slips.",
+        "which nothing slips. With --data and --by accuracy: the threshold of a detector of one "
+        "number, by balanced accuracy on the split `train`, as the paper swept it.",
     )
     parser.add_argument("detector", nargs="?", default="energy", metavar="NAME")
+    parser.add_argument(
+        "--by", choices=("delay", "accuracy"), default="delay",
+        help="with --data: the rule by its delay within the budget, or the threshold by how many "
+        "samples are told right (default: %(default)s)",
+    )  # fmt: skip
     parser.add_argument(
         "--budget", type=decimal(0, 6000), default=1.0, metavar="N",
         help="false events a minute, three fingers together (default: %(default)s)",
@@ -226,7 +232,7 @@ def _quantiles(q: Any, unit: str, digits: int = 0) -> str:
 
 def tune(args: argparse.Namespace) -> int:
     if args.data:
-        return _tune_rule(args)
+        return _tune_threshold(args) if args.by == "accuracy" else _tune_rule(args)
     if args.detector != "energy":
         remedy = "give --data, folders made by `grasp dataset build`"
         raise UsageError(f"{args.detector} is tuned on data sets", remedy)
@@ -259,6 +265,25 @@ def _tune_rule(args: argparse.Namespace) -> int:
     print(f"# split validation: {point_text(chosen)}\n[rule]")
     for key, value in msgspec.to_builtins(chosen.rule).items():
         print(f"{key} = {json.dumps(value if isinstance(value, str) else round(value, 4))}")
+    return exits.SUCCESS
+
+
+def _tune_threshold(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from scenarios.studies.detectors.benchmark import contender, read_split, sweep_threshold
+
+    recordings = read_split(args.data, "train")
+    (name,) = [args.detector]
+    for _ in one_by_one([name], "tuning", hidden=args.json):
+        made = contender(name, recordings, "train", "slip", args.config, args.set)
+        found = sweep_threshold(made)
+    if args.json:
+        print(msgspec.json.encode(found).decode())
+    else:
+        print(f"# split train, {found.samples} samples: balanced accuracy "
+              f"{100 * found.balanced_accuracy:.1f} %\n"
+              f"[{found.section}]\n{found.setting} = {found.value:.4g}")  # fmt: skip
     return exits.SUCCESS
 
 

@@ -9,6 +9,7 @@ import msgspec
 
 from detector.decision import RuleSettings
 from detector.energy import EnergySettings
+from detector.forte import ForteSettings
 from detector.interface import DetectorSettings, SlipDetector, load_detector, memory_of
 from detector.network import NetworkSettings
 from detector.network_file import weights_digest, weights_path
@@ -28,7 +29,8 @@ from scenarios.rigs.permission import HARDWARE
 from scenarios.world.ladder.runs import RunPlan
 
 DEFAULT_PROFILE = "default"
-FORMULAS = {"energy": "energy", "psd": "psd", "psd-fair": "psd_fair"}  # and their sections
+# detectors that are formulas, and their sections
+FORMULAS = {"energy": "energy", "psd": "psd", "psd-fair": "psd_fair", "forte": "forte"}
 NETWORK = "network"  # the section of every other detector
 
 # What no result depends on: where devices are, names of settings that are resolved here, what only
@@ -44,8 +46,8 @@ MODELS = ("board", "arm_model", "fingertip", "hand", "variation", "pull", "damag
 class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Rig and control of one trial; ``rig``, ``profile`` and ``detector_name`` are names.
 
-    Of the sections `energy`, `psd`, `psd_fair` and `network`, the one counts that the detector
-    asked for takes.
+    Of the sections `energy`, `psd`, `psd_fair`, `forte` and `network`, the one counts that the
+    detector asked for takes.
     """
 
     profile: str = DEFAULT_PROFILE
@@ -58,6 +60,7 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     energy: EnergySettings = EnergySettings()
     psd: PsdSettings = PsdSettings()
     psd_fair: PsdFairSettings = PsdFairSettings()
+    forte: ForteSettings = ForteSettings()
     network: NetworkSettings = NetworkSettings()
     loop: LoopSettings = LoopSettings()
     realtime: RealTimeSettings = RealTimeSettings()

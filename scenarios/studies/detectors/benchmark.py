@@ -5,19 +5,39 @@ from pathlib import Path
 from typing import Literal
 
 import msgspec
+import numpy as np
 
 from detector.interface import SlipDetector
 from detector.recordings import LabelName, Recording, Split, read_dataset
 from detector.scores.evaluation import (
+    WARM_UP_SAMPLES,
     Evaluation,
     Streamed,
     evaluate_streams,
+    spoken,
     stream_recordings,
 )
+from detector.scores.metrics import best_border
 from detector.scores.sweep import SweepPoint, best, rules, sweep
+from drivers.errors import UsageError
 from grasp.clock import stopwatch_ns
 from scenarios.campaign.config import load_config
-from scenarios.trial.config import TrialConfig
+from scenarios.trial.config import FORMULAS, TrialConfig
+
+
+class SweptThreshold(msgspec.Struct, frozen=True):
+    """What makes the mean recall of both classes greatest, of a detector of one number."""
+
+    section: str
+    setting: str
+    value: float
+    balanced_accuracy: float
+    samples: int
+
+    @property
+    def assignment(self) -> str:
+        """For `--set`."""
+        return f"{self.section}.{self.setting}={self.value:g}"
 
 
 class Contender(msgspec.Struct, frozen=True, eq=False):
@@ -62,3 +82,26 @@ def contender(
 def tune_rule(made: Contender, budget_per_min: float) -> SweepPoint | None:
     """The quickest rule within the budget of false events a minute over three fingers."""
     return best(made.points(), budget_per_min)
+
+
+def sweep_threshold(made: Contender) -> SweptThreshold:
+    """The threshold with which a detector of one number has the best balanced accuracy on what was
+    streamed: unbalanced, one that hears nothing is best told to say the commoner class.
+
+    Its probability is logistic in the log of that number, so one stream tells all thresholds.
+    Raises UsageError for a network.
+    """
+    name = made.config.detector_name
+    if name not in FORMULAS:
+        raise UsageError(f"{name} has no threshold of its own", f"one of: {', '.join(FORMULAS)}")
+    section = made.config.detector_section
+    settings = getattr(made.config, section)
+    (setting,) = (f for f in settings.__struct_fields__ if f.startswith("threshold"))
+    p = np.concatenate([spoken(s, made.config.rule)[WARM_UP_SAMPLES:] for s in made.streams])
+    labels = np.concatenate([s.labels[WARM_UP_SAMPLES:] for s in made.streams])
+    border = best_border(p, labels)
+    odds = border / (1.0 - border)
+    value = getattr(settings, setting) * odds ** (1.0 / settings.steepness)
+    said = p > border
+    balanced = float(said[labels].mean() + (~said[~labels]).mean()) / 2.0
+    return SweptThreshold(section, setting, float(value), balanced, len(labels))

@@ -69,6 +69,34 @@ def test_a_tuned_rule_is_toml_that_the_next_run_takes(
     assert sheet["false_events_per_min_hand"] <= 6.0  # type: ignore[operator]
 
 
+def test_a_threshold_is_swept_on_the_split_train_and_the_next_run_takes_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for recording in toys("train", 4, 20):
+        write(tmp_path / f"{recording.source}.npz", recording)
+    words = ["detector", "tune", "psd-fair", "--by", "accuracy", "--data", str(tmp_path)]
+    (found,) = answers(capsys, *words, "--json")
+    assert main(words) == 0
+    path = tmp_path / "swept.toml"
+    path.write_text(capsys.readouterr().out)
+    scored = ["detector", "evaluate", "psd-fair", "--data", str(tmp_path), "--split", "train"]
+    (sheet,) = answers(capsys, *scored, "--config", str(path), "--json")
+    assert sheet["balanced_accuracy"] == pytest.approx(found["balanced_accuracy"], abs=0.002)
+    for worse in ("30", "600"):
+        other = ("--set", f"psd_fair.threshold_counts={worse}", "--json")
+        (sheet,) = answers(capsys, *scored, *other)
+        assert sheet["balanced_accuracy"] < found["balanced_accuracy"]  # type: ignore[operator]
+
+
+def test_a_network_has_no_threshold_to_sweep(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write(tmp_path / "one.npz", toy(0, "train"))
+    words = ["detector", "tune", "gru", "--by", "accuracy", "--data", str(tmp_path)]
+    assert main(words) == 2
+    assert "one of: energy, psd, psd-fair, forte" in capsys.readouterr().err
+
+
 def test_a_network_is_not_tuned_without_data(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["detector", "tune", "psd"]) == 2
     assert "--data" in capsys.readouterr().err

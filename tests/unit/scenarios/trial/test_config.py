@@ -17,7 +17,15 @@ COVERED = {
     "tap_scoring",
 }  # fmt: skip
 WITHOUT_ADDRESSES = {"modbus": "timeout_s", "ur": "tcp_offset"}  # and a key that is covered
-LEFT_OUT = {"profile", "usb", "realtime", "psd", "psd_fair", "network"}  # `energy` is asked for
+LEFT_OUT = {
+    "profile",
+    "usb",
+    "realtime",
+    "psd",
+    "psd_fair",
+    "forte",
+    "network",
+}  # `energy` is asked for
 
 
 def whole(rig: str = "simulated") -> RunConfig:
