@@ -156,9 +156,37 @@ def named_layer(kind: str, name: str) -> Layer:
     return read_toml(config_dir() / kind / f"{name}.toml")
 
 
+def by_path(word: str) -> bool:
+    """Whether a word is the path of a file of one's own rather than a name."""
+    return word.endswith(".toml")
+
+
+def thing_layer(kind: str, section: str, word: str) -> Layer:
+    """A thing by its name in config/<kind>, or from a file of one's own by its path, which has that
+    section alone and a name that is not taken. Raises ConfigError."""
+    if not by_path(word):
+        return named_layer(kind, word)
+    layer = read_toml(Path(word))
+    others = [key for key in layer.table if key != section]
+    table = layer.table.get(section)
+    if others:
+        raise ConfigError(
+            word, others[0], f"is not of the {section}", f"[{section}] alone; --config"
+        )
+    if not isinstance(table, dict):
+        raise ConfigError(word, section, "missing", f"a section [{section}]")
+    name = table.get("name")
+    if name in [*names(kind), *names(f"{kind}/{UNSEEN}")]:
+        taken = f"is {name!r}, as one of config/{kind} is called"
+        raise ConfigError(
+            word, f"{section}.name", taken, f"a name of its own, or --{section} {name}"
+        )
+    return layer
+
+
 def file_of(kind: str, word: str) -> Path:
     """A file by its path, or by its name in config/<kind>; raises ConfigError for no known name."""
-    if word.endswith(".toml") or os.sep in word:
+    if by_path(word) or os.sep in word:
         return Path(word)
     named_layer(kind, word)
     return config_dir() / kind / f"{word}.toml"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from grasp.cli import exits
 from grasp.cli.options import (
+    OBJECT_HELP,
     add_workers,
     decimal,
     need,
@@ -246,7 +247,7 @@ def _add_reaction(charts: Any) -> None:
 def _add_reaction_choices(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--objects", nargs="+", default=OBJECTS, metavar="NAME",
-        help="of config/objects (default: the paper's six)",
+        help=f"{OBJECT_HELP} (default: the paper's six)",
     )  # fmt: skip
     parser.add_argument(
         "--profile", default="default", metavar="NAME",
@@ -304,7 +305,9 @@ def draw_reactions(args: argparse.Namespace) -> int:
         found.append(each)
         if len(found) * 10 // total > (len(found) - 1) * 10 // total:
             print(f"{len(found)}/{total} lifts tried", file=sys.stderr)
-    summary = summarize(args.profile, configs[0].detector_name, args.objects, found)
+    summary = summarize(
+        args.profile, configs[0].detector_name, [c.object.name for c in configs], found
+    )
     draw_reaction(summary, args.out)
     text = msgspec.json.format(msgspec.json.encode(summary), indent=1)
     write_whole(args.out.with_suffix(".json"), text + b"\n")

@@ -7,7 +7,7 @@ from typing import Any
 
 from drivers.errors import LinkLost, UsageError
 from grasp.cli import exits
-from grasp.cli.options import add_settings, seed, whole
+from grasp.cli.options import OBJECT_HELP, add_settings, seed, whole
 
 HELP = "run the emulated cell: gripper on Modbus TCP, fingertips over USB transfers, arm on RTDE"
 
@@ -31,7 +31,7 @@ def add_parser(verbs: Any) -> None:
         "--gripper-port", type=whole(0, 65_535), default=0, metavar="PORT",
         help="Modbus TCP port (default: a free one; 502 needs privileges)",
     )  # fmt: skip
-    parser.add_argument("--object", default="can", metavar="NAME", help="one of config/objects")
+    parser.add_argument("--object", default="can", metavar="NAME", help=OBJECT_HELP)
     parser.add_argument("--seed", type=seed, default=0, metavar="N")
     add_settings(parser)
     parser.set_defaults(handler=emulate)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from scenarios.campaign.falls import Place
-    from scenarios.campaign.frontier import Frontier, Line
+    from scenarios.campaign.frontier import Frontier, Line, Tried
     from scenarios.campaign.spread import Column, Spread
 
 
@@ -35,19 +35,24 @@ def _axis(lines: "list[Line]") -> Any:
     table.add_column("value")
     table.add_column("share of the bound")
     for line in lines:
-        table.add_column(f"{line.profile}, {line.detector}: held")
+        table.add_column(f"{line.profile}, {line.detector}: held in spite of slip")
+        table.add_column("never slipped")
     for i, first in enumerate(lines[0].tried):
         value = "as configured" if first.value is None else f"{first.value:g}"
         share = f"{first.share[0]:.2f}-{first.share[1]:.2f}"
-        table.add_row(value, share, *(_held(line, i) for line in lines))
+        tried = [line.tried[i] for line in lines]
+        cells = [text for at in tried for text in (_held(at), str(at.never_slipped or "-"))]
+        table.add_row(value, share, *cells)
     return table
 
 
-def _held(line: "Line", place: int) -> str:
-    at = line.tried[place]
+def _held(at: "Tried") -> str:
+    if not at.tested:
+        return "-"
     low, high = at.interval
     lost = {name: n for name, n in at.outcomes.items() if not name.startswith("held")}
-    text = f"{at.held / at.trials:4.0%} ({low * 100:.0f}-{high * 100:.0f})  n {at.trials}"
+    lost.pop("never_slipped", None)
+    text = f"{at.held / at.tested:4.0%} ({low * 100:.0f}-{high * 100:.0f})  n {at.tested}"
     return text + "".join(f", {n} {name}" for name, n in lost.items())
 
 

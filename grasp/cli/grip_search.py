@@ -74,7 +74,7 @@ def search(args: argparse.Namespace) -> int:
     found = best.meets(wanted) and slipped == args.verify
     if args.json:
         out = {
-            "object": args.object, "found": found, "best": msgspec.to_builtins(best),
+            "object": config.object.name, "found": found, "best": msgspec.to_builtins(best),
             "present": msgspec.to_builtins(present_grip(config, wanted, args.seed)),
             "lifts": args.verify, "slipped": slipped,
             "grips": msgspec.to_builtins(grips[: args.shown]),

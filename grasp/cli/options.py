@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 MOST_JOBS = 256
 LINES = 10  # where there is no terminal: a line for each tenth
+OBJECT_HELP = "one of config/objects, or the path of a .toml file of one's own"
 PICTURES = (".svg", ".png", ".pdf")
 
 

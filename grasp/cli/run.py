@@ -6,7 +6,15 @@ from typing import Any
 
 from drivers.errors import UsageError
 from grasp.cli import exits
-from grasp.cli.options import add_confirmation, add_runs, add_settings, decimal, motion_permit, seed
+from grasp.cli.options import (
+    OBJECT_HELP,
+    add_confirmation,
+    add_runs,
+    add_settings,
+    decimal,
+    motion_permit,
+    seed,
+)  # fmt: skip
 from grasp.cli.trials import add_series_options, paced, run_trials
 
 HELP = "run a scenario"
@@ -59,8 +67,8 @@ def _add_acquire(scenarios: Any) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--surface", default="planar", metavar="NAME",
-        help="one of config/surfaces: planar, sphere, cylinder-x, cylinder-y (default: "
-        "%(default)s)",
+        help="one of config/surfaces: planar, sphere, cylinder-x, cylinder-y, or the "
+        "path of a .toml file (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--direction", default="0", metavar="DIR",
@@ -102,7 +110,7 @@ def add_trial_options(parser: argparse.ArgumentParser, rig: str) -> None:
         "--object",
         default="can",
         metavar="NAME",
-        help="one of config/objects (default: %(default)s)",
+        help=f"{OBJECT_HELP} (default: %(default)s)",
     )
     parser.add_argument(
         "--profile",

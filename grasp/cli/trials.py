@@ -177,7 +177,7 @@ def _report_series(
     table = summarize(experiment.spec().name, rows)
     summary = of_taps(seen.results) if tap else table
     series = {
-        "scenario": args.scenario, "object": args.object, "rig": args.rig,
+        "scenario": args.scenario, "object": experiment.config.object.name, "rig": args.rig,
         "detector": args.detector, "seed": args.seed, "summary": msgspec.to_builtins(summary),
         f"{args.scenario}s": msgspec.to_builtins(seen.results),
     }  # fmt: skip

@@ -10,7 +10,17 @@ from typing import Any
 
 from drivers.errors import BadFile, UsageError
 from grasp.cli import exits, yardstick
-from grasp.cli.options import add_workers, need, own_or_new, picture, progress, seed, whole, workers
+from grasp.cli.options import (
+    OBJECT_HELP,
+    add_workers,
+    need,
+    own_or_new,
+    picture,
+    progress,
+    seed,
+    whole,
+    workers,
+)  # fmt: skip
 from grasp.files import write_whole
 
 HELP = "fit and judge the simulated world, choose its physics"
@@ -301,7 +311,9 @@ def _add_plan(actions: Any) -> None:
     about = "choose the cheapest contact model and step that answer within a tolerance, and say why"
     parser = actions.add_parser("plan", help=about, description=about)
     parser.add_argument("scene", metavar="SCENARIO", type=_scene, help=", ".join(SCENES))
-    parser.add_argument("--object", default="can", metavar="NAME", help="default: %(default)s")
+    parser.add_argument(
+        "--object", default="can", metavar="NAME", help=f"{OBJECT_HELP} (default: %(default)s)"
+    )
     parser.add_argument(
         "--direction", metavar="DIR", help="of the blow of a tap: top or side (default: top)"
     )
@@ -338,6 +350,9 @@ def _add_check(actions: Any) -> None:
         help="objects with a lift or a tap each (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="of the first draw")
+    parser.add_argument(
+        "--objects", nargs="+", metavar="NAME", help=f"{OBJECT_HELP} (default: the paper's six)"
+    )
     parser.add_argument("--detector", metavar="NAME", help="default: that of every run")
     parser.add_argument(
         "--tolerance", type=quantity("m", "mm", "um", "cm"), metavar="LENGTH",
@@ -358,12 +373,14 @@ def check(args: argparse.Namespace) -> int:
     from scenarios.campaign.config import load_config
     from scenarios.studies.physics import levels
 
-    detector = load_config(levels.OBJECTS[0], "simulated", args.detector).detector_name
+    objects = args.objects or levels.OBJECTS
+    configs = [load_config(name, "simulated", args.detector) for name in objects]
+    detector = configs[0].detector_name
     seeds = range(args.seed, args.seed + args.draws)
     with progress("draws") as show:
         draws = list(
             levels.check(
-                seeds, detector, args.tolerance, args.control, workers(args),
+                seeds, objects, detector, args.tolerance, args.control, workers(args),
                 lambda done, total: show(done, total, "draws"),
             )
         )  # fmt: skip
@@ -404,7 +421,7 @@ def quantity(*units: str) -> Any:
 def show_plan(args: argparse.Namespace) -> int:
     import msgspec
 
-    from grasp.settings import Layer, assignment_layer, load, named_layer, read_toml
+    from grasp.settings import Layer, assignment_layer, load, read_toml, thing_layer
     from scenarios.world.ladder.experiments import SCENES as BUILD
     from scenarios.world.ladder.experiments import World
     from scenarios.world.ladder.planner import Tolerance, plan
@@ -414,7 +431,7 @@ def show_plan(args: argparse.Namespace) -> int:
         if args.scene != "tap":
             raise UsageError(f"--direction is that of a tap, not of a {args.scene}", "leave it out")
         assignments.append(f"scene.direction={args.direction}")
-    layers = [named_layer("objects", args.object)]
+    layers = [thing_layer("objects", "object", args.object)]
     if args.config is not None:
         file = read_toml(args.config)
         known = {k: file.table[k] for k in World.__struct_fields__ if k in file.table}

@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from drivers.interfaces import PERIOD_S
 from grasp.realtime import RealTimeSettings
-from grasp.settings import Layer, load, named_layer, not_chosen
+from grasp.settings import Layer, load, named_layer, not_chosen, thing_layer
 from scenarios.acquire.press import PressControlSettings
 from scenarios.rigs.config import PressRigConfig
 from scenarios.rigs.own_settings import own_layers
@@ -94,7 +94,7 @@ def load_acquire_config(
     layers = [
         Layer("acquisition", {"arm": dict(ARM)}),
         _of_this_scenario(not_chosen(named_layer("rigs", rig))),
-        not_chosen(named_layer("surfaces", surface)),
+        not_chosen(thing_layer("surfaces", "surface", surface)),
     ]
     *files, assigned = own_layers(file, assignments)
     layers += [*map(_of_this_scenario, files), assigned, Layer("command line", {"rig": rig})]

@@ -48,7 +48,7 @@ def falling(won: Floats, trials: Floats) -> Floats:
         while len(blocks) > 1 and _rate(blocks[-1]) > _rate(blocks[-2]):
             (w1, n1, k1), (w0, n0, k0) = blocks.pop(), blocks.pop()
             blocks.append((w0 + w1, n0 + n1, k0 + k1))
-    return np.repeat([_rate(b) for b in blocks], [k for _, _, k in blocks])
+    return np.repeat([_rate(b) for b in blocks], np.array([k for _, _, k in blocks], int))
 
 
 def _rate(block: tuple[float, float, int]) -> float:

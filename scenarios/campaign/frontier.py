@@ -17,12 +17,13 @@ NEVER_SLIPPED = LiftOutcome.NEVER_SLIPPED.value
 
 class Tried(msgspec.Struct, frozen=True, kw_only=True):
     """One place of an axis. ``value``: in its unit; of the settings as they are None where objects
-    differ in it."""
+    differ in it. A grip that never slipped was not put to the test: it stands apart."""
 
     value: float | None
-    trials: int
-    held: int
-    interval: tuple[float, float]  # Wilson, 95 %
+    tested: int  # trials out of which the rate is
+    held: int  # in spite of slip
+    never_slipped: int
+    interval: tuple[float, float]  # Wilson, 95 %, of held out of tested
     share: tuple[float, float]  # of what 10 N can hold, least and most over the objects
     outcomes: dict[str, int]
 
@@ -59,13 +60,13 @@ class _Stood(msgspec.Struct, frozen=True):
     row: Row
 
     @property
+    def tested(self) -> bool:
+        """Whether there was anything to answer."""
+        return self.row.outcome != NEVER_SLIPPED
+
+    @property
     def held(self) -> bool:
-        return holds(self.row)
-
-
-def holds(row: Row) -> bool:
-    """The lift's verdict, or a grip that never slipped: nothing was left to answer."""
-    return bool(row.success) or row.outcome == NEVER_SLIPPED
+        return bool(self.row.success)
 
 
 def summarize(name: str, rows: Sequence[Row]) -> Frontier:
@@ -87,13 +88,13 @@ def summarize(name: str, rows: Sequence[Row]) -> Frontier:
 def _line(name: str, profile: str, detector: str, stood: Sequence[_Stood]) -> Line:
     axis = AXES[name]
     sign = -1.0 if axis.harder is Harder.DOWN else 1.0
-    held = [s.held for s in stood]
-    by_unit = places([sign * s.value for s in stood], held)
+    tested = [s for s in stood if s.tested]
+    held = [s.held for s in tested]
     return Line(
         axis=name, title=axis.title, unit=axis.unit, profile=profile, detector=detector,
         tried=_tried(stood, sign), bound=_bound(axis, stood),
-        falls=[_in_unit(place, sign) for place in by_unit],
-        falls_share=places([s.share for s in stood], held),
+        falls=[_in_unit(p, sign) for p in places([sign * s.value for s in tested], held)],
+        falls_share=places([s.share for s in tested], held),
     )  # fmt: skip
 
 
@@ -109,13 +110,14 @@ def _tried(stood: Sequence[_Stood], sign: float) -> list[Tried]:
 
 def _at(stood: Sequence[_Stood]) -> Tried:
     values, shares = {s.value for s in stood}, [s.share for s in stood]
-    held = sum(s.held for s in stood)
+    held, tested = sum(s.held for s in stood), sum(s.tested for s in stood)
     outcomes: dict[str, int] = {}
     for s in stood:
         outcomes[str(s.row.outcome)] = outcomes.get(str(s.row.outcome), 0) + 1
     return Tried(
         value=values.pop() if len(values) == 1 else None,
-        trials=len(stood), held=held, interval=wilson(held, len(stood)),
+        tested=tested, held=held, never_slipped=len(stood) - tested,
+        interval=wilson(held, tested),
         share=(min(shares), max(shares)),
         outcomes=dict(sorted(outcomes.items(), key=lambda item: -item[1])),
     )  # fmt: skip

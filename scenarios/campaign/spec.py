@@ -11,7 +11,7 @@ from msgspec import Meta
 
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
-from grasp.settings import load, read_toml
+from grasp.settings import by_path, load, read_toml
 from scenarios.campaign.axes import AXES
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.campaign.unknowns import Unknown, latin_hypercube
@@ -34,7 +34,12 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     name: Name
     scenarios: Annotated[tuple[Literal["lift", "tap"], ...], Meta(min_length=1)] = ("lift",)
-    objects: Annotated[tuple[str, ...], Meta(min_length=1, description="of config/objects")]
+    objects: Annotated[
+        tuple[str, ...],
+        Meta(
+            min_length=1, description="of config/objects, or paths of files beside the campaign's"
+        ),
+    ]
     profiles: Annotated[tuple[str, ...], Meta(min_length=1, description="of config/profiles")] = (
         "default",
     )
@@ -92,7 +97,9 @@ class Combination(msgspec.Struct, frozen=True):
 
 def read_spec(path: Path) -> CampaignSpec:
     """Raises ConfigError for a file that is missing, malformed or says something unknown."""
-    return load(CampaignSpec, [read_toml(path)])
+    spec = load(CampaignSpec, [read_toml(path)])
+    objects = (str(path.parent / word) if by_path(word) else word for word in spec.objects)
+    return msgspec.structs.replace(spec, objects=tuple(objects))
 
 
 def combinations(spec: CampaignSpec) -> list[Combination]:
@@ -103,13 +110,16 @@ def combinations(spec: CampaignSpec) -> list[Combination]:
     loaded.
     """
     _check_axes(spec)
-    found = []
+    found, called = [], dict[str, str]()
     for scenario, profile, detector, name, *values in itertools.product(
         spec.scenarios, spec.profiles, spec.detectors or (None,), spec.objects, *spec.sweep.values()
     ):
         swept = dict(zip(spec.sweep, values, strict=True))
         words = [*spec.settings, *(f"{key}={_literal(value)}" for key, value in swept.items())]
         base = load_config(name, "simulated", detector, None, words, profile)
+        if called.setdefault(base.object.name, name) != name:
+            both = f"{called[base.object.name]} and {name} are both called {base.object.name!r}"
+            raise ConfigError("campaign", "objects", both, "an object.name of its own for each")
         for said, more in _shifts(spec, base):
             whole = load_config(name, "simulated", detector, None, [*words, *more], profile)
             found.append(Combination(scenario, {**swept, **said}, _of(scenario, whole)))

@@ -39,7 +39,7 @@ def draw_frontier(found: Sequence[Frontier], out: Path) -> None:
     for panel in panels.flat[len(shown) :]:
         panel.set_visible(False)
     for panel in panels[:, 0]:
-        panel.set_ylabel("held")
+        panel.set_ylabel("held in spite of slip")
     panels[0, 0].legend(fontsize=7, loc="lower left")
     figure.suptitle("How much harder a lift may become, simulated", fontsize=11)
     figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=110)
@@ -47,9 +47,9 @@ def draw_frontier(found: Sequence[Frontier], out: Path) -> None:
 
 
 def _draw_line(panel: Any, line: Line, colour: str) -> None:
-    tried = [each for each in line.tried if each.value is not None]
+    tried = [each for each in line.tried if each.value is not None and each.tested]
     x = [each.value for each in tried]
-    rate = [each.held / each.trials for each in tried]
+    rate = [each.held / each.tested for each in tried]
     below = [max(0.0, r - each.interval[0]) for r, each in zip(rate, tried, strict=True)]
     above = [max(0.0, each.interval[1] - r) for r, each in zip(rate, tried, strict=True)]
     dashed = line.axis in DASHED

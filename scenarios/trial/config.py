@@ -20,7 +20,7 @@ from grasp.doubt_settings import DoubtSettings
 from grasp.guard import GuardSettings
 from grasp.loop_settings import LoopSettings
 from grasp.realtime import RealTimeSettings
-from grasp.settings import CHOSEN, Layer, named_layer, not_chosen
+from grasp.settings import CHOSEN, Layer, named_layer, not_chosen, thing_layer
 from grasp.slip import SlipSettings
 from scenarios.rigs.calibration import calibration_layers
 from scenarios.rigs.config import GraspRigConfig
@@ -169,19 +169,20 @@ def trial_layers(
     assignments: Sequence[str] = (),
     profile: str = DEFAULT_PROFILE,
 ) -> list[Layer]:
-    """Class defaults <- rig <- profile <- object (by its name, or as it is) <- detector <- file (or
-    $GRASP_CONFIG) <- assignments. Without a name of its own, the detector is the profile's.
+    """Class defaults <- rig <- profile <- object (by name or path, or as it is) <- detector <- file
+    (or $GRASP_CONFIG) <- assignments. Without a name of its own, the detector is the profile's.
 
     Raises ConfigError for an unknown name, and where a file or an assignment says one.
     """
     whole = named_layer("profiles", profile)
-    held = object_name if isinstance(object_name, Layer) else named_layer("objects", object_name)
+    if not isinstance(object_name, Layer):
+        object_name = thing_layer("objects", "object", object_name)
     if detector is None:
         detector = str(whole.table["detector_name"])
     layers = [
         not_chosen(named_layer("rigs", rig)),
         not_chosen(whole, {key: CHOSEN[key] for key in ("rig", "profile")}),
-        not_chosen(held),
+        not_chosen(object_name),
         not_chosen(named_layer("detectors", detector)),
         *own_layers(file, assignments),
         Layer("command line", {"rig": rig, "profile": profile, "detector_name": detector}),

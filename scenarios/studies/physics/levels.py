@@ -82,6 +82,7 @@ class _Task(msgspec.Struct, frozen=True):
     """One draw to be made."""
 
     seed: int
+    objects: tuple[str, ...]
     detector: str
     tolerance: float | None
     control: bool
@@ -134,7 +135,7 @@ def drawn(config: RunConfig, kind: Kind, rng: np.random.Generator) -> LiftConfig
 def one(task: _Task) -> Draw | None:
     """A draw at all levels; None where no blow moves its object and leaves it in the hand."""
     rng = np.random.default_rng(task.seed)
-    kind, name = KINDS[task.seed % len(KINDS)], str(rng.choice(OBJECTS))
+    kind, name = KINDS[task.seed % len(KINDS)], str(rng.choice(task.objects))
     assignments = () if task.tolerance is None else (f"world.tolerance={task.tolerance}",)
     base = load_config(name, "simulated", task.detector, None, assignments)
     config = drawn(base, kind, rng)
@@ -152,8 +153,8 @@ def one(task: _Task) -> Draw | None:
     if task.control:
         loops[CONTROL] = _loop(with_shorter_steps(config), task.seed, REFERENCE)
     return Draw(
-        kind, name, task.seed, plan.tolerance_m, plan.tolerance_rad, plan.level, plan.blow_level,
-        plan_s, loops,
+        kind, base.object.name, task.seed, plan.tolerance_m, plan.tolerance_rad, plan.level,
+        plan.blow_level, plan_s, loops,
     )  # fmt: skip
 
 
@@ -191,11 +192,12 @@ def _loop(config: LiftConfig | TapConfig, seed: int, level: str) -> Loop:
 
 
 def check(
-    seeds: Sequence[int], detector: str, tolerance: float | None, control: bool, workers: Workers,
+    seeds: Sequence[int], objects: Sequence[str], detector: str, tolerance: float | None,
+    control: bool, workers: Workers,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Iterator[Draw]:  # fmt: skip
     """All draws as they finish."""
-    tasks = [_Task(seed, detector, tolerance, control) for seed in seeds]
+    tasks = [_Task(seed, tuple(objects), detector, tolerance, control) for seed in seeds]
     for done, found in enumerate(results(one, tasks, workers), 1):
         progress(done, len(tasks))
         if found is not None:

@@ -113,7 +113,7 @@ def test_check_runs_the_detector_of_every_run_and_names_it(
     from scenarios.studies.physics import levels
 
     asked: list[object] = []
-    monkeypatch.setattr(levels, "check", lambda *told: asked.append(told[1]) or iter(()))
+    monkeypatch.setattr(levels, "check", lambda *told: asked.append(told[2]) or iter(()))
     monkeypatch.setattr(levels, "table", lambda draws: "table")
     assert main(["world", "check", "--draws", "2"]) == exits.SUCCESS
     assert main(["world", "check", "--draws", "2", "--detector", "energy"]) == exits.SUCCESS

@@ -99,18 +99,42 @@ def rows() -> list[Row]:
     return found
 
 
-def test_line_has_the_settings_as_they_are_first_and_counts_what_never_slipped_as_held() -> None:
+def test_line_has_the_settings_as_they_are_first_and_what_never_slipped_apart() -> None:
     frontier = summarize("x", rows())
     lines = {line.axis: line for line in frontier.lines}
     mass = lines["mass"]
-    assert [(t.value, t.held, t.trials) for t in mass.tried] == [
-        (0.6, 10, 10), (1.0, 10, 10), (1.6, 1, 10),
+    assert [(t.value, t.held, t.tested, t.never_slipped) for t in mass.tried] == [
+        (0.6, 9, 9, 1), (1.0, 10, 10, 0), (1.6, 1, 10, 0),
     ]  # fmt: skip
     assert mass.tried[0].outcomes == {"held": 9, "never_slipped": 1}
     assert mass.bound == pytest.approx((1.0 / 0.7, 0.6 / 0.4))
     half = mass.falls[1]
     assert half.at == pytest.approx(1.0 + 0.5 / 0.9 * 0.6)
     assert mass.falls_share[1].at == pytest.approx(0.7 + 0.5 / 0.9 * 0.4)
+
+
+def test_grips_that_never_slip_are_no_proof_of_holding() -> None:
+    """Were they successes, nine of them at the hardest place would move the fall beyond it."""
+    rested = [
+        msgspec.structs.replace(row, outcome="never_slipped", success=False)
+        if row.outcome == "dropped"
+        else row
+        for row in rows()
+    ]
+    (mass,) = (line for line in summarize("x", rested).lines if line.axis == "mass")
+    assert [(t.held, t.tested) for t in mass.tried] == [(9, 9), (10, 10), (1, 1)]
+    assert mass.falls[0].at is None and mass.falls[0].high is None
+
+
+def test_line_on_which_nothing_slips_has_no_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    still = [msgspec.structs.replace(r, outcome="never_slipped", success=False) for r in rows()]
+    frontier = summarize("x", still)
+    assert all(p.at is None and p.low is None for line in frontier.lines for p in line.falls)
+    print_frontier(frontier)
+    assert "100%" not in capsys.readouterr().out
+    draw_frontier([frontier], tmp_path / "f.svg")
 
 
 def test_axis_that_gets_harder_downwards_is_told_in_its_own_unit() -> None:
@@ -130,7 +154,7 @@ def test_errors_are_no_failures() -> None:
     broken = [msgspec.structs.replace(row, status="error", success=None) for row in rows()[20:]]
     frontier = summarize("x", rows()[:20] + broken)
     assert frontier.errors == 10
-    assert sum(t.trials for line in frontier.lines if line.axis == "mass" for t in line.tried) == 20
+    assert sum(t.tested for line in frontier.lines if line.axis == "mass" for t in line.tried) == 19
 
 
 def test_tables_and_picture_show_every_axis(
@@ -170,7 +194,7 @@ def test_campaign_with_axes_is_summed_up_as_a_frontier_and_drawn(
 ) -> None:
     out = run_small(tmp_path, monkeypatch, "[axes]\nmass = [0.8, 1.2]\n")
     (line,) = json.loads(capsys.readouterr().out)["lines"]
-    assert [(t["value"], t["held"], t["trials"]) for t in line["tried"]] == [
+    assert [(t["value"], t["held"], t["tested"]) for t in line["tried"]] == [
         (None, 8, 8), (0.8, 8, 8), (1.2, 0, 8),
     ]  # fmt: skip
     assert line["falls"][1]["at"] == pytest.approx(1.0)

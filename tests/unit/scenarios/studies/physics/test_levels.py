@@ -12,7 +12,7 @@ HERE = Workers(0)
 
 @pytest.fixture(scope="module")
 def draws() -> list[Draw]:
-    return list(check((0, 3), "gru", None, False, HERE))
+    return list(check((0, 3), levels.OBJECTS, "gru", None, False, HERE))
 
 
 def test_each_draw_runs_at_three_choices_of_level(draws: list[Draw]) -> None:
@@ -27,7 +27,7 @@ def test_each_draw_runs_at_three_choices_of_level(draws: list[Draw]) -> None:
 
 
 def test_equal_seeds_draw_alike(draws: list[Draw]) -> None:
-    again = next(iter(check((3,), "gru", None, True, HERE)))
+    again = next(iter(check((3,), levels.OBJECTS, "gru", None, True, HERE)))
     control = again.loops.pop(levels.CONTROL)
     assert control.slip_m == pytest.approx(again.loops["L4"].slip_m, abs=1e-4)
     assert control.slip_m != again.loops["L4"].slip_m
