@@ -37,6 +37,8 @@ class Architecture(msgspec.Struct, frozen=True, kw_only=True):
     outputs: int = 2  # 2: softmax of static and slip, 1: log-odds
     streaming: bool = False  # dense outputs, explicit state; otherwise the window's last step
     scrambled: bool = False  # freq-cnn: the published reshape that mixes time and taxels
+    window: int = WINDOW  # samples that a tcn sees which is no stream
+    norm: bool = True  # of a tcn: layer norm, as the paper has it
 
     @property
     def receptive_field(self) -> int:

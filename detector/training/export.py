@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from detector.network_file import FORMAT, Mode, NetworkCard
 from detector.recordings import Recording
-from detector.training.architecture import WINDOW
 from detector.training.fit import Training
 from detector.training.graph import make_model
 from detector.training.networks import parameter_count
@@ -37,7 +36,7 @@ def export(training: Training, validation: list[Recording], path: Path, commit: 
     before = training.arch.memory - 1 if training.arch.family == "tcn" else 0
     card = NetworkCard(
         format=FORMAT, name=training.name, mode=mode,
-        window=before if mode == "stream" else WINDOW, threshold=THRESHOLD,
+        window=before if mode == "stream" else training.arch.window, threshold=THRESHOLD,
         parameters=parameter_count(training.network),
         mean_counts=training.statistics.mean, std_counts=training.statistics.std,
         change_scale_counts=training.statistics.change_scale,

@@ -66,7 +66,9 @@ class Training:
         self.data_digest = data_digest
         self._validation = validation
         self._fingers = fingers_of(train, settings.label, settings.moved_m)
-        self.arch = of_layout(name, self._fingers.taxels)
+        self.arch = msgspec.structs.replace(
+            of_layout(name, self._fingers.taxels), window=settings.window, norm=settings.norm
+        )
         self.statistics = statistics(self._fingers, per_taxel=not self.arch.streaming)
         self.network = build(self.arch)
         self._standardise()
@@ -222,7 +224,7 @@ class _Batches:
 
     def __init__(self, settings: TrainSettings, fingers: FingerSequences) -> None:
         self._settings, self._fingers = settings, fingers
-        self._windows = None if settings.dense else Windows(fingers)
+        self._windows = None if settings.dense else Windows(fingers, settings.window)
         self._epoch = -1
         self._chosen = np.empty(0, np.intp)
 

@@ -64,6 +64,8 @@ class _Graph:
         return self.op("Add", self.op("MatMul", x, matrix), bias)
 
     def norm(self, x: str, prefix: str) -> str:
+        if f"{prefix}.weight" not in self.weights:
+            return x  # trained without
         scale, bias = (self.const(self.weights[f"{prefix}.{w}"]) for w in ("weight", "bias"))
         return self.op("LayerNormalization", x, scale, bias, axis=-1, epsilon=NORM_EPS)
 
@@ -87,7 +89,7 @@ def make_model(arch: Architecture, mode: Mode, weights: Weights, card: NetworkCa
     else:
         window = {"tcn": _tcn_window, "gru": _gru_window, "freq-cnn": _frequency_window}
         logit = window[arch.family](g, arch)
-        samples = "samples" if arch.streaming else WINDOW
+        samples = "samples" if arch.streaming else arch.window
         inputs = {"counts": ("fingers", samples, arch.taxels)}
     _probability(g, logit, card)
     ends_in: dict[str, Shape] = {**inputs, **{k: ("fingers", *s) for k, s in states.items()}}

@@ -64,24 +64,28 @@ def shifts(changes: Tensor) -> Tensor:
     return summed.reshape(batch, taxels, time).transpose(1, 2) / SHIFT_MEAN
 
 
+def layer_norm(width: int, norm: bool) -> nn.Module:
+    """Over channels; without: what goes in."""
+    return nn.LayerNorm(width, eps=NORM_EPS) if norm else nn.Identity()
+
+
 class CausalConv(nn.Module):
     """Convolution, layer norm over channels, SELU, channel dropout: half a residual block."""
 
-    def __init__(
-        self, width: int, channels: int, kernel: int, dilation: int, dropout: float
-    ) -> None:
+    def __init__(self, width: int, arch: Architecture) -> None:
         super().__init__()
-        self.padding = (kernel - 1) * dilation
-        self.conv = nn.Conv1d(width, channels, kernel, dilation=dilation)
-        self.norm = nn.LayerNorm(channels, eps=NORM_EPS)
-        self.drop = nn.Dropout1d(dropout)
+        self.conv = nn.Conv1d(width, arch.channels, arch.kernel)
+        self.norm = layer_norm(arch.channels, arch.norm)
+        self.drop = nn.Dropout1d(arch.dropout)
         nn.init.kaiming_normal_(self.conv.weight, nonlinearity="relu")
         if self.conv.bias is not None:
             nn.init.zeros_(self.conv.bias)
 
-    def forward(self, x: Tensor) -> Tensor:
+    def forward(self, x: Tensor, dilation: int) -> Tensor:
         """(batch, width, time) to (batch, channels, time), zeros before the beginning."""
-        y = self.conv(nn.functional.pad(x, (self.padding, 0)))
+        conv = self.conv
+        padded = nn.functional.pad(x, ((conv.kernel_size[0] - 1) * dilation, 0))
+        y = nn.functional.conv1d(padded, conv.weight, conv.bias, dilation=dilation)
         y = self.norm(y.transpose(1, 2)).transpose(1, 2)
         return self.drop(nn.functional.selu(y))
 
@@ -89,28 +93,27 @@ class CausalConv(nn.Module):
 class Block(nn.Module):
     """Two convolutions of one dilation and the way around them."""
 
-    def __init__(
-        self, width: int, channels: int, kernel: int, dilation: int, dropout: float
-    ) -> None:
+    def __init__(self, width: int, arch: Architecture) -> None:
         super().__init__()
-        self.first = CausalConv(width, channels, kernel, dilation, dropout)
-        self.second = CausalConv(channels, channels, kernel, dilation, dropout)
-        self.skip = nn.Conv1d(width, channels, 1) if width != channels else None
+        self.first = CausalConv(width, arch)
+        self.second = CausalConv(arch.channels, arch)
+        self.skip = nn.Conv1d(width, arch.channels, 1) if width != arch.channels else None
 
-    def forward(self, x: Tensor) -> Tensor:
+    def forward(self, x: Tensor, dilation: int) -> Tensor:
         around = x if self.skip is None else self.skip(x)
-        return nn.functional.selu(around + self.second(self.first(x)))
+        return nn.functional.selu(around + self.second(self.first(x, dilation), dilation))
 
 
 class Head(nn.Module):
     """Two dense layers with layer norm, SELU and dropout, and the output."""
 
-    def __init__(self, width: int, hidden: int, outputs: int, dropout: float) -> None:
+    def __init__(self, arch: Architecture) -> None:
         super().__init__()
-        self.dense1, self.norm1 = nn.Linear(width, hidden), nn.LayerNorm(hidden, eps=NORM_EPS)
-        self.dense2, self.norm2 = nn.Linear(hidden, hidden), nn.LayerNorm(hidden, eps=NORM_EPS)
-        self.out = nn.Linear(hidden, outputs)
-        self.drop = nn.Dropout(dropout)
+        self.dense1 = nn.Linear(arch.channels, arch.head)
+        self.dense2 = nn.Linear(arch.head, arch.head)
+        self.norm1, self.norm2 = (layer_norm(arch.head, arch.norm) for _ in range(2))
+        self.out = nn.Linear(arch.head, arch.outputs)
+        self.drop = nn.Dropout(arch.dropout)
 
     def forward(self, x: Tensor) -> Tensor:
         """(..., width) to log-odds (...)."""
@@ -126,18 +129,19 @@ class SlipTcn(nn.Module):
         super().__init__()
         self.arch = arch
         self.features = Features(arch.inputs, arch.taxels)
-        widths = [self.features.width] + [arch.channels] * len(arch.dilations)
-        self.blocks = nn.ModuleList(
-            Block(width, arch.channels, arch.kernel, dilation, arch.dropout)
-            for width, dilation in zip(widths, arch.dilations, strict=False)
-        )
-        self.head = Head(arch.channels, arch.head, arch.outputs, arch.dropout)
+        widths = [self.features.width] + [arch.channels] * (len(arch.dilations) - 1)
+        self.blocks = nn.ModuleList(Block(width, arch) for width in widths)
+        self.head = Head(arch)
 
     def forward(self, counts: Tensor, last: bool = False) -> Tensor:
         """Log-odds (batch, time), or (batch, 1) of the last step."""
         x = self.features(counts).transpose(1, 2)
-        for block in self.blocks:
-            x = block(x)
+        every = 1  # samples from one column of x to the next
+        for block, dilation in zip(self.blocks, self.arch.dilations, strict=True):
+            step = dilation // every if last else 1
+            if step > 1:  # the last step hears of no others, here and further on
+                x, every = x[:, :, (x.shape[2] - 1) % step :: step], dilation
+            x = block(x, dilation // every)
         x = x.transpose(1, 2)
         return self.head(x[:, -1:] if last else x)
 

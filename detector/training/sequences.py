@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from detector.blows import blows_of
 from detector.recordings import MOVED_M, LabelName, Recording
-from detector.training.architecture import WINDOW
 from drivers.errors import UsageError
 
 Floats = NDArray[np.float32]
@@ -169,14 +168,14 @@ def crops(
 
 
 class Windows:
-    """All windows of a hundred samples, each with the label of its last one."""
+    """All windows of so many samples, each with the label of its last one."""
 
-    def __init__(self, fingers: FingerSequences) -> None:
-        self._fingers = fingers
-        ends = [np.arange(WINDOW - 1, len(c)) for c in fingers.counts]
+    def __init__(self, fingers: FingerSequences, window: int) -> None:
+        self._fingers, self._window = fingers, window
+        ends = [np.arange(window - 1, len(c)) for c in fingers.counts]
         self._finger = np.repeat(np.arange(len(ends)), [len(e) for e in ends])
         self._end = np.concatenate(ends)
-        self.labels = np.concatenate([label[WINDOW - 1 :] for label in fingers.labels])
+        self.labels = np.concatenate([label[window - 1 :] for label in fingers.labels])
 
     def epoch(self, rng: np.random.Generator, balance: Balance) -> NDArray[np.intp]:
         """All windows in random order, or (paper) as many static as slipping ones."""
@@ -190,7 +189,7 @@ class Windows:
     def take(self, chosen: NDArray[np.intp]) -> Batch:
         """The chosen windows; only their last sample has a weight."""
         counts = np.stack([
-            self._fingers.counts[i][end - WINDOW + 1 : end + 1]
+            self._fingers.counts[i][end - self._window + 1 : end + 1]
             for i, end in zip(self._finger[chosen], self._end[chosen], strict=True)
         ])  # fmt: skip
         labels = self.labels[chosen].astype(np.float32)[:, None]

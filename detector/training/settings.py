@@ -6,6 +6,7 @@ import msgspec
 from msgspec import Meta
 
 from detector.recordings import MOVED_M, LabelName
+from detector.training.architecture import WINDOW
 from detector.training.augment import Augmentation
 from detector.training.sequences import Balance
 
@@ -29,6 +30,10 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         Meta(gt=0.0, le=0.1, description="of the label moved: further from where it last rested"),
     ] = MOVED_M
     seed: Annotated[int, Meta(ge=0, le=2**53)] = 0
+    window: Annotated[
+        int, Meta(ge=2, le=WINDOW, description="samples that `tcn-paper` sees; the paper's: 100")
+    ] = WINDOW
+    norm: Annotated[bool, Meta(description="layer norm in `tcn-paper`, as in the paper")] = True
     batch: Annotated[int, Meta(ge=2, le=4096, description="stretches or windows a step")] = 16
     crop: Annotated[int, Meta(ge=1, le=4096, description="samples learnt from a stretch")] = 160
     warm: Annotated[

@@ -12,7 +12,7 @@ from detector.decision import RuleSettings
 from detector.recordings import MOVED_M, LabelName, Recording
 from detector.scores.evaluation import Streamed
 from detector.scores.sweep import MISS_MS, best, rules, sweep
-from detector.training.architecture import WINDOW, Architecture
+from detector.training.architecture import Architecture
 
 WINDOWS_AT_ONCE = 512
 BUDGETS = (0.5, 1.0, 2.0, 4.0)  # parts of the one asked for
@@ -42,17 +42,17 @@ def odds_of(
     with torch.inference_mode():
         for recording in recordings:
             counts = torch.from_numpy(recording.counts.astype(np.float32)).permute(1, 0, 2)
-            odds = network(counts) if arch.streaming else _windowed(network, counts)
+            odds = network(counts) if arch.streaming else _windowed(network, counts, arch.window)
             found.append(odds.T.double().numpy())
     network.train()
     return found
 
 
-def _windowed(network: nn.Module, counts: torch.Tensor) -> torch.Tensor:
+def _windowed(network: nn.Module, counts: torch.Tensor, window: int) -> torch.Tensor:
     """(fingers, n) from (fingers, n, 6); the first frame stands for those before it."""
-    before = counts[:, :1].expand(-1, WINDOW - 1, -1)
-    windows = torch.cat([before, counts], dim=1).unfold(1, WINDOW, 1).transpose(2, 3)
-    flat = windows.reshape(-1, WINDOW, windows.shape[3])
+    before = counts[:, :1].expand(-1, window - 1, -1)
+    windows = torch.cat([before, counts], dim=1).unfold(1, window, 1).transpose(2, 3)
+    flat = windows.reshape(-1, window, windows.shape[3])
     parts = [network(part, last=True)[:, 0] for part in flat.split(WINDOWS_AT_ONCE)]
     return torch.cat(parts).reshape(len(counts), -1)
 

@@ -3,6 +3,7 @@
 from itertools import pairwise
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -22,11 +23,11 @@ STEPS, RESETS, LOST = 1000, (0, 333, 700), 500
 TOLERANCE = 1e-5
 
 
-def network(name: str) -> "torch.nn.Module":
+def network(name: str, **changes: object) -> "torch.nn.Module":
     """Random weights and statistics, as after training."""
     torch.set_num_threads(1)
     torch.manual_seed(7)
-    made = build(ARCHITECTURES[name]).eval()
+    made = build(msgspec.structs.replace(ARCHITECTURES[name], **changes)).eval()
     made.features.mean.fill_(-20.0)
     made.features.std.fill_(60.0)
     made.features.change_scale.fill_(2.0)
@@ -40,7 +41,8 @@ def network(name: str) -> "torch.nn.Module":
 def exported(folder: Path, name: str, mode: Mode, made: "torch.nn.Module") -> Path:
     weights = {k: v.numpy() for k, v in made.state_dict().items()}
     path = folder / f"{mode}.onnx"
-    path.write_bytes(make_model(ARCHITECTURES[name], mode, weights, card(name, mode, 100)))
+    arch = made.arch
+    path.write_bytes(make_model(arch, mode, weights, card(name, mode, arch.window)))
     return path
 
 
@@ -82,16 +84,33 @@ def test_torch_window_and_stream_agree_over_a_thousand_steps(tmp_path: Path, nam
     assert worst_window < TOLERANCE
 
 
-@pytest.mark.parametrize("name", ["tcn-paper", "freq-cnn-paper", "freq-cnn"])
-def test_torch_and_onnx_agree_on_windows(tmp_path: Path, name: str) -> None:
-    made, counts = network(name), frames()
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("tcn-paper", {}), ("tcn-paper", {"window": 30}), ("tcn-paper", {"norm": False}),
+        ("freq-cnn-paper", {}), ("freq-cnn", {}),
+    ],
+)  # fmt: skip
+def test_torch_and_onnx_agree_on_windows(
+    tmp_path: Path, name: str, changes: dict[str, object]
+) -> None:
+    made, counts = network(name, **changes), frames()
     windowed = run_network(read_network(exported(tmp_path, name, "window", made)), 3)
     p = np.array([windowed.update(frame) for frame in counts])
-    windows = np.lib.stride_tricks.sliding_window_view(counts, 100, axis=0)  # (n, 3, 6, 100)
-    batch = torch.tensor(windows.transpose(0, 1, 3, 2).reshape(-1, 100, 6).astype(np.float32))
+    samples = made.arch.window
+    windows = np.lib.stride_tricks.sliding_window_view(counts, samples, axis=0)
+    batch = torch.tensor(windows.transpose(0, 1, 3, 2).reshape(-1, samples, 6).astype(np.float32))
     with torch.no_grad():
         expected = probability(made(batch, last=True)[:, 0]).reshape(-1, 3)
-    assert np.abs(p[99:] - expected).max() < TOLERANCE
+    assert np.abs(p[samples - 1 :] - expected).max() < TOLERANCE
+
+
+@pytest.mark.parametrize("samples", [30, 99, 100])
+def test_the_last_step_alone_is_the_last_of_all_steps(samples: int) -> None:
+    made = network("tcn-paper")
+    batch = as_batch(walk(samples))
+    with torch.no_grad():
+        assert torch.allclose(made(batch, last=True), made(batch)[:, -1:], atol=TOLERANCE)
 
 
 def test_the_paper_s_networks_have_the_parameters_their_authors_counted() -> None:

@@ -150,7 +150,7 @@ def test_crops_are_learnt_from_after_their_warm_up_or_from_a_reset() -> None:
 
 
 def test_an_undersampled_epoch_has_as_many_windows_of_each_kind() -> None:
-    windows = Windows(fingers_of(TRAIN, "slip"))
+    windows = Windows(fingers_of(TRAIN, "slip"), 100)
     chosen = windows.epoch(np.random.default_rng(0), "undersample")
     assert windows.labels[chosen].mean() == 0.5
     assert len(np.unique(chosen)) == len(chosen)
