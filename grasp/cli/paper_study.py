@@ -1,0 +1,183 @@
+"""`grasp detector windows`, `ablations`, `table3`, `latency`: the paper's study of detection."""
+
+import argparse
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from grasp.cli import exits
+from grasp.cli.options import need, one_by_one, picture, progress, whole
+from grasp.files import write_whole
+
+WINDOWS = (10, 30, 50, 70, 100)
+STEPS = 800
+
+
+def add_parser(actions: Any) -> None:
+    _add_windows(actions)
+    _add_ablations(actions)
+    _add_latency(actions)
+
+
+def _add_windows(actions: Any) -> None:
+    text = "the paper's network in windows of several lengths: accuracy, delay, cost"
+    parser = actions.add_parser(
+        "windows", help=text,
+        description=text + ". All are trained anew on the same budget, and scored on the split "
+        "`test` with the paper's rule. Needs the extras `train` and `charts`.",
+    )  # fmt: skip
+    parser.add_argument(
+        "--windows", type=whole(2, 100), nargs="+", default=WINDOWS, metavar="N",
+        help=f"samples of 10 ms (default: {' '.join(map(str, WINDOWS))})",
+    )  # fmt: skip
+    _add_training(parser)
+    parser.add_argument(
+        "--out", type=picture, default=Path("windows.svg"), metavar="FILE",
+        help="picture to write; the numbers go beside it as .json (default: %(default)s)",
+    )  # fmt: skip
+    parser.set_defaults(handler=windows)
+
+
+def _add_ablations(actions: Any) -> None:
+    text = "the paper's network without layer norm, and with each augmentation or none"
+    parser = actions.add_parser(
+        "ablations", help=text,
+        description=text + ". All are trained anew on the same budget, and scored on the split "
+        "`test` with the paper's rule. Needs the extra `train`.",
+    )  # fmt: skip
+    _add_training(parser)
+    parser.set_defaults(handler=ablations)
+
+
+def _add_training(parser: argparse.ArgumentParser) -> None:
+    _add_data(parser)
+    parser.add_argument(
+        "--steps", type=whole(1, 10**7), default=STEPS, metavar="N",
+        help="of each training, 6,400 samples each (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--seeds", type=whole(1, 100), default=2, metavar="N", help="(default: %(default)s)"
+    )
+    parser.add_argument(
+        "--networks", type=Path, metavar="DIR",
+        help="keep the weights here; what is there already is not trained again",
+    )  # fmt: skip
+
+
+def _add_latency(actions: Any) -> None:
+    text = "how long after its beginning each slip is registered, beside the paper's 113 ms"
+    parser = actions.add_parser(
+        "latency", help=text,
+        description=text + ", by the detector's own rule on the split `test`. Needs the extra "
+        "`charts`.",
+    )  # fmt: skip
+    parser.add_argument(
+        "detector", nargs="?", default="tcn-paper", metavar="NAME", help="(default: %(default)s)"
+    )
+    _add_data(parser)
+    parser.add_argument(
+        "--label", choices=("slip", "slip_true"), default="slip",
+        help="beginning: of the fingertip's motion, as in the paper, or of the contact's own "
+        "(default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--out", type=picture, default=Path("latency.svg"), metavar="FILE",
+        help="picture to write; the numbers go beside it as .json (default: %(default)s)",
+    )  # fmt: skip
+    parser.set_defaults(handler=latency)
+
+
+def _add_data(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--data", type=Path, nargs="+", required=True, metavar="DIR",
+        help="folders made by `grasp dataset build`",
+    )  # fmt: skip
+
+
+def windows(args: argparse.Namespace) -> int:
+    need("train", "torch", "onnx")
+    need("charts", "matplotlib")
+    from scenarios.studies.detectors.paper_figures import draw_windows
+    from scenarios.studies.detectors.variants import table, window_variants
+
+    rows = _trained(args, window_variants(args.windows))
+    draw_windows(rows, args.out)
+    _write_numbers(args.out, rows)
+    print(table(rows))
+    print(args.out)
+    return exits.SUCCESS
+
+
+def ablations(args: argparse.Namespace) -> int:
+    need("train", "torch", "onnx")
+    from scenarios.studies.detectors.variants import ABLATIONS, table
+
+    print(table(_trained(args, ABLATIONS)))
+    return exits.SUCCESS
+
+
+def _trained(args: argparse.Namespace, variants: Any) -> list[Any]:
+    """A row for every variant and seed."""
+    from scenarios.studies.detectors.benchmark import read_split
+    from scenarios.studies.detectors.variants import Sets, train
+
+    sets = Sets(*(read_split(args.data, split) for split in ("train", "validation", "test")))
+    rows = []
+    with _folder(args.networks) as folder, progress("training") as show:
+        for variant in variants:
+            for seed in range(args.seeds):
+                tell = partial(_tell, show, f"{variant.name}, seed {seed}")
+                rows.append(train(variant, args.steps, seed, sets, folder, tell))
+    return rows
+
+
+def _tell(show: Any, what: str, step: int, steps: int) -> None:
+    show(step, steps, what)
+
+
+@contextmanager
+def _folder(kept: Path | None) -> Iterator[Path]:
+    if kept is not None:
+        kept.mkdir(parents=True, exist_ok=True)
+        yield kept
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder)
+
+
+def latency(args: argparse.Namespace) -> int:
+    need("charts", "matplotlib")
+    from scenarios.studies.detectors.benchmark import contender, read_split
+    from scenarios.studies.detectors.latency import latency as measure
+    from scenarios.studies.detectors.paper_figures import draw_latency
+
+    recordings = read_split(args.data, "test")
+    for name in one_by_one([args.detector], "streaming", hidden=False):
+        found = measure(contender(name, recordings, "test", args.label))
+    draw_latency(found, args.out)
+    _write_numbers(args.out, found)
+    print(latency_text(found))
+    print(args.out)
+    return exits.SUCCESS
+
+
+def latency_text(found: Any) -> str:
+    """Delays as a person reads them."""
+    q = found.of_all
+    return (
+        f"{found.detector}, {found.rule}, label {found.label}: mean of those caught "
+        f"{found.mean_ms:.0f} ms (authors: 113); of all p50 {q.p50:.0f} p90 {q.p90:.0f} p99 "
+        f"{q.p99:.0f} ms; {found.missed} of {q.count} missed, "
+        f"{100 * found.later_than_authors:.0f} % later than 113 ms; false events a minute of a "
+        f"hand {found.false_per_min_hand:.1f}, accuracy {100 * found.accuracy:.1f} %"
+    )
+
+
+def _write_numbers(out: Path, found: Any) -> None:
+    import msgspec
+
+    text = msgspec.json.format(msgspec.json.encode(found), indent=1)
+    write_whole(out.with_suffix(".json"), text + b"\n")
