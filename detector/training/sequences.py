@@ -35,9 +35,14 @@ class FingerSequences(msgspec.Struct, frozen=True, eq=False):
         return self.counts[0].shape[1]
 
     @property
+    def firsts(self) -> NDArray[np.intp]:
+        """The first finger (hands,) of each hand."""
+        return np.unique(self.hands, return_index=True)[1]
+
+    @property
     def slip_share(self) -> float:
-        """Share of slip among all samples."""
-        return float(np.concatenate(self.labels).mean())
+        """Share of slip among all samples, those of a hand's fingers counted once."""
+        return float(np.concatenate([self.labels[i] for i in self.firsts]).mean())
 
 
 class Statistics(msgspec.Struct, frozen=True):
@@ -142,10 +147,13 @@ def crops(
     """Stretches of ``warm + crop`` samples, of all fingers of a hand; the first ``warm`` are not
     learnt from. ``batch`` or, with the last hand's fingers, a few more.
 
-    A share ``fresh`` of them is learnt from the first sample on: so looks the time after a reset.
+    Hands are drawn as often as they have samples, and the fingers of one weigh as much as a finger
+    that is alone: they are given one answer. A share ``fresh`` is learnt from the first sample on:
+    so looks the time after a reset.
     """
     lengths = np.array([len(c) for c in fingers.counts])
-    drawn = fingers.hands[rng.choice(len(lengths), batch, p=lengths / lengths.sum())]
+    samples = lengths[fingers.firsts]
+    drawn = rng.choice(len(samples), batch, p=samples / samples.sum())
     of_hand = [np.flatnonzero(fingers.hands == hand) for hand in drawn]
     enough = int(np.searchsorted(np.cumsum([len(each) for each in of_hand]), batch)) + 1
     rows, time = sum(len(each) for each in of_hand[:enough]), warm + crop
@@ -161,7 +169,7 @@ def crops(
             counts[row, :n] = fingers.counts[i][part]
             counts[row, n:] = counts[row, n - 1]
             labels[row, :n] = fingers.labels[i][part]
-            weights[row, learnt:n] = fingers.weights[i][part][learnt:]
+            weights[row, learnt:n] = fingers.weights[i][part][learnt:] / len(each)
             row += 1
     hands = np.repeat(np.arange(enough), [len(each) for each in of_hand[:enough]])
     return Batch(counts, labels, weights, hands)

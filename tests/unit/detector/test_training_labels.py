@@ -2,6 +2,7 @@
 
 import msgspec
 import numpy as np
+import pytest
 
 from detector.training.sequences import UNMOVED_WEIGHT, crops, digest, fingers_of, targets
 from detector.training.settings import DEFAULTS
@@ -55,3 +56,20 @@ def test_the_fingers_of_a_hand_are_drawn_together() -> None:
         rows = np.flatnonzero(batch.hands == hand)
         assert len(rows) in (1, 3)
         assert (batch.counts[rows] == batch.counts[rows[0]]).all()
+
+
+def test_a_hand_teaches_as_much_as_a_finger_alone_of_as_many_samples() -> None:
+    """Drawn and weighed finger by finger, a hand of three would count nine times."""
+    single = toys("train", 1, 0)
+    fingers = fingers_of([*single, struck((2.0, 0.003))], "slip_true")
+    rng = np.random.default_rng(0)
+    taught = np.zeros(2)
+    for _ in range(300):
+        batch = crops(fingers, rng, 6, 40, 20, fresh=0.0)
+        for hand in range(int(batch.hands[-1]) + 1):
+            rows = batch.hands == hand
+            taught[int(rows.sum() > 1)] += batch.weights[rows].sum()
+    samples = np.array([len(single[0].t_s), 900])
+    assert taught[1] / taught[0] == pytest.approx(samples[1] / samples[0], rel=0.25)
+    whole = np.concatenate([r.label("slip_true") for r in (*single, struck((2.0, 0.003)))])
+    assert fingers.slip_share == pytest.approx(whole.mean())
