@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import add_workers, decimal, need, picture, workers
+from grasp.cli.options import add_workers, decimal, need, picture, whole, workers
 
 HELP = "build and describe data sets of labelled fingertip recordings"
 
@@ -34,6 +34,10 @@ def _add_build(actions: Any) -> None:
     parser.add_argument(
         "--share", type=decimal(1e-4, 1), default=1.0, metavar="X",
         help="build so much of it, at most 1, with the same distribution (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--seed", type=whole(1, 2**31 - 1), metavar="N",
+        help="draw other recordings of the same distribution (default: the file's seed)",
     )  # fmt: skip
     _add_json(parser)
     parser.set_defaults(handler=build)
@@ -63,11 +67,15 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
 def build(args: argparse.Namespace) -> int:
     import json
 
+    import msgspec
+
     from grasp.settings import file_of
     from scenarios.acquire.datasets import build as datasets
     from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
 
     config = reduced(load_dataset_config(file_of("datasets", args.config)), args.share)
+    if args.seed is not None:
+        config = msgspec.structs.replace(config, seed=args.seed)
     jobs = plan(config)
     with _Bar(args.json) as bar:
         try:

@@ -10,7 +10,9 @@ from grasp.cli import exits, paper_study, train
 from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
 
 HELP = "score, tune and train slip detectors"
-TABLE2 = ("psd", "freq-cnn-paper", "tcn-paper", "energy", "psd-fair", "freq-cnn", "gru", "tcn")
+TABLE2 = (
+    "psd", "freq-cnn-paper", "tcn-paper", "energy", "psd-fair", "forte", "freq-cnn", "gru", "tcn",
+)  # fmt: skip
 
 
 def add_parser(verbs: Any) -> None:
@@ -94,10 +96,15 @@ def _add_tune(actions: Any) -> None:
 
 
 def _add_table2(actions: Any) -> None:
-    text = "the paper's tables of detection, its figures beside ours"
-    parser = actions.add_parser("table2", help=text, description=text + ", as Markdown")
+    text = "the paper's table of methods, its figures beside ours"
+    parser = actions.add_parser(
+        "table2", help=text,
+        description=text + ", as Markdown, with confusion matrices and the variance of "
+        "predictions. Detectors of one number have their threshold swept on the split `train`, as "
+        "in the paper.",
+    )  # fmt: skip
     parser.add_argument(
-        "detector", nargs="*", metavar="NAME", default=TABLE2,
+        "detector", nargs="*", metavar="NAME|FILE.onnx", default=TABLE2,
         help=f"(default: {' '.join(TABLE2)})",
     )  # fmt: skip
     parser.add_argument(
@@ -162,18 +169,20 @@ def _sheets(args: argparse.Namespace) -> Any:
 
 
 def table2(args: argparse.Namespace) -> int:
-    from detector.scores.tables import cell_f1, cells_table, methods_table
-    from scenarios.studies.detectors.benchmark import contender, read_split
+    from detector.scores.tables import confusions_table, methods_table, variances_table
+    from detector.scores.variance import variance_of
+    from scenarios.studies.detectors.benchmark import named, read_split
 
     recordings = read_split(args.data, "test")
     made = [
-        contender(name, recordings, "test")
+        named(name, recordings, "test", args.data)
         for name in one_by_one(args.detector, "streaming", hidden=False)
     ]
-    print(methods_table([m.evaluation() for m in made]))
-    for m in made:
-        if m.detector.name in ("tcn-paper", "tcn"):
-            print(f"\n{cells_table(m.detector.name, cell_f1(m.streams, m.detector.threshold))}")
+    sheets = [m.evaluation() for m in made]
+    print(methods_table(sheets))
+    print(f"\n{confusions_table(sheets)}")
+    varied = [variance_of(m.detector.name, m.config.rule, m.streams) for m in made]
+    print(f"\n{variances_table(varied)}")
     return exits.SUCCESS
 
 

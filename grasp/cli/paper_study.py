@@ -19,6 +19,7 @@ STEPS = 800
 def add_parser(actions: Any) -> None:
     _add_windows(actions)
     _add_ablations(actions)
+    _add_table3(actions)
     _add_latency(actions)
 
 
@@ -65,6 +66,26 @@ def _add_training(parser: argparse.ArgumentParser) -> None:
         "--networks", type=Path, metavar="DIR",
         help="keep the weights here; what is there already is not trained again",
     )  # fmt: skip
+
+
+def _add_table3(actions: Any) -> None:
+    text = "the paper's table by motion, speed and surface, with intervals and its five statements"
+    parser = actions.add_parser(
+        "table3", help=text,
+        description=text + ", as Markdown. Each cell needs five recordings: a set built for it by "
+        "`grasp dataset build paper --seed N`.",
+    )  # fmt: skip
+    parser.add_argument(
+        "detector", nargs="*", metavar="NAME|FILE.onnx", default=("tcn-paper",),
+        help="(default: tcn-paper)",
+    )  # fmt: skip
+    _add_data(parser)
+    parser.add_argument(
+        "--split", choices=("test", "all"), default="all",
+        help="what to score; all is fair on a set of a seed of its own (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="one JSON object a detector")
+    parser.set_defaults(handler=table3)
 
 
 def _add_latency(actions: Any) -> None:
@@ -146,6 +167,21 @@ def _folder(kept: Path | None) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory() as folder:
         yield Path(folder)
+
+
+def table3(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from detector.scores.cells import cell_table
+    from detector.scores.tables import cells_table
+    from scenarios.studies.detectors.benchmark import named, read_split
+
+    recordings = read_split(args.data, args.split)
+    for name in one_by_one(args.detector, "streaming", hidden=args.json):
+        m = named(name, recordings, args.split)
+        found = cell_table(m.detector.name, m.detector.threshold, m.config.rule, m.streams)
+        print(msgspec.json.encode(found).decode() if args.json else cells_table(found) + "\n")
+    return exits.SUCCESS
 
 
 def latency(args: argparse.Namespace) -> int:

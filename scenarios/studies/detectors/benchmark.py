@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 
 from detector.interface import SlipDetector
+from detector.network_file import read_network
 from detector.recordings import LabelName, Recording, Split, read_dataset
 from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
@@ -23,6 +24,8 @@ from drivers.errors import UsageError
 from grasp.clock import stopwatch_ns
 from scenarios.campaign.config import load_config
 from scenarios.trial.config import FORMULAS, TrialConfig
+
+SUFFIX = ".onnx"  # of a network of one's own
 
 
 class SweptThreshold(msgspec.Struct, frozen=True):
@@ -77,6 +80,20 @@ def contender(
     return Contender(
         config, config.make_detector(recordings[0].fingers, recordings[0].taxels), streams, data
     )
+
+
+def named(
+    name: str, recordings: Sequence[Recording], data: str, swept_on: Sequence[Path] = ()
+) -> Contender:
+    """A contender by name, or by the file of its weights; the threshold of a detector of one number
+    swept on the split `train` of some folders, where they are given."""
+    if name.endswith(SUFFIX):
+        card = read_network(Path(name)).card
+        return contender(card.name, recordings, data, assignments=(f"network.weights={name}",))
+    if name not in FORMULAS or not swept_on:
+        return contender(name, recordings, data)
+    swept = sweep_threshold(contender(name, read_split(swept_on, "train"), "train"))
+    return contender(name, recordings, data, assignments=(swept.assignment,))
 
 
 def tune_rule(made: Contender, budget_per_min: float) -> SweepPoint | None:

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from detector.recordings import write
@@ -102,11 +103,43 @@ def test_a_network_is_not_tuned_without_data(capsys: pytest.CaptureFixture[str])
     assert "--data" in capsys.readouterr().err
 
 
-def test_the_tables_name_every_method(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["detector", "table2", "psd", "energy", "--data", str(data)]) == 0
+def test_the_tables_name_every_method(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for recording in [*toys("train", 3, 0), *toys("test", 3, 50)]:
+        write(tmp_path / f"{recording.source}.npz", recording)
+    network = write_network(tmp_path, "gru", "stream")
+    words = ["psd", "energy", str(network)]
+    assert main(["detector", "table2", *words, "--data", str(tmp_path)]) == 0
     text = capsys.readouterr().out
     assert "| `psd` | 57.4 / " in text
     assert "| `energy` | – / " in text
+    assert "| `gru` | – / " in text
+    assert "static: called static" in text
+    assert "variance within a label" in text
+
+
+def test_the_table_of_methods_sweeps_thresholds_on_the_split_train(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Recordings in which rest is as loud as slip elsewhere: the packaged threshold hears all."""
+    for recording in [
+        *(toy(k, "train", loudness=60.0) for k in range(3)),
+        *(toy(50 + k, "test", loudness=60.0) for k in range(3)),
+    ]:
+        loud = msgspec.structs.replace(recording, counts=(recording.counts * 6).clip(-1000, 1000))
+        write(tmp_path / f"{recording.source}.npz", loud)
+    words = ["--data", str(tmp_path)]
+    (sheet,) = answers(capsys, "detector", "evaluate", "energy", *words, "--json")
+    assert main(["detector", "table2", "energy", *words]) == 0
+    row = next(line for line in capsys.readouterr().out.splitlines() if "`energy`" in line)
+    swept = float(row.split("|")[2].split("/")[1])
+    assert swept > 100 * sheet["accuracy"] + 5  # type: ignore[operator]
+
+
+def test_cells_without_enough_recordings_are_refused_with_what_to_build(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["detector", "table3", "energy", "--data", str(data)]) == 2
+    assert "grasp dataset build paper --seed N" in capsys.readouterr().err
 
 
 def test_the_chart_leaves_its_numbers_beside_the_picture(

@@ -31,6 +31,7 @@ from scenarios.acquire.datasets.describe import (
 from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.datasets.plan import (
     DIRECTIONS,
+    SEEDS,
     DatasetConfig,
     Job,
     apportion,
@@ -249,6 +250,25 @@ def test_a_build_that_was_killed_leaves_whole_files_only_and_goes_on(tmp_path: P
     build(nearly[:2], {}, again, HERE, quiet)
     for job in nearly[:2]:
         assert (again / job.path).read_bytes() == left[out / job.path]
+
+
+def test_another_seed_draws_other_recordings_of_the_same_distribution(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[list[Job]] = []
+
+    def told(jobs: list[Job], config: object, out: Path, workers: object, show: Progress) -> int:
+        asked.append(jobs)
+        return 0
+
+    monkeypatch.setattr(datasets, "build", told)
+    words = ["dataset", "build", str(PAPER), "--share", "0.02", "--out", str(tmp_path)]
+    assert main(words) == main([*words, "--seed", "77"]) == 0
+    of_file, anew = asked
+    assert [job.samples for job in anew] == [job.samples for job in of_file]
+    seeds = [{job.metadata.seed for job in jobs} for jobs in asked]
+    assert not seeds[0] & seeds[1]
+    assert {seed // SEEDS for seed in seeds[1]} == {77}
 
 
 def test_a_build_that_is_interrupted_says_what_there_is_and_how_to_go_on(
