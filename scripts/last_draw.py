@@ -1,24 +1,30 @@
 """Detectors on a draw that nothing was settled on: taps, lifts, data sets, the real clip.
 
-    python scripts/last_draw.py --data DIR... [--recording FILE] [--out FILE.json]
+    python scripts/last_draw.py --data DIR... [--recording FILE [--weights FILE...]] [--out FILE]
     python scripts/last_draw.py --first-seed 90000 --objects can box        a look on other seeds
 
 Taps of the six objects and of the second half dozen at five strengths are run once, with nobody
 answering; every detector hears the same counts and decides by its packaged rule. Lifts are run in
-the loop, each with every detector. Prints a Markdown table a kind; whatever it says is reported,
-and nothing is tuned on it: looks are taken on other seeds.
+the loop, each with every detector. Data sets are new draws too: every recording under the folders
+is scored. Prints Markdown tables, each under the entry that the pages ask for; whatever they say is
+reported, and nothing is tuned on it: looks are taken on other seeds.
 """
 
 import argparse
+import shlex
 import sys
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from detector.decision import registered_events
+from detector.interface import DETECTORS
+from detector.network_file import read_network
 from detector.recordings import read
 from detector.scores.evaluation import Evaluation, evaluate_recording, stream
 from detector.scores.quantiles import Quantiles, quantiles
@@ -27,11 +33,12 @@ from grasp.settings import UNSEEN, names
 from scenarios.campaign.config import load_config
 from scenarios.campaign.paper import wilson
 from scenarios.lift import lift
+from scenarios.rigs.workers import Workers, results
 from scenarios.studies.detectors.benchmark import contender, read_split
 from scenarios.tap import tap
+from scenarios.trial.result import versions
 from scenarios.trial.series import Bench
 
-DETECTORS = ("tcn", "gru", "energy", "psd-fair", "tcn-paper")
 STRENGTHS = (0.2, 0.4, 0.6, 0.8, 1.0)  # of the blow that moves the object 7 mm
 FIRST_SEED = 50_000  # of the draw; no campaign, figure or test has it
 SOON_MS = 100.0
@@ -39,7 +46,7 @@ CLASSES = {"2 mm or more": (2.0, np.inf), "1-2 mm": (1.0, 2.0), "0.5-1 mm": (0.5
            "within 0.5 mm": (0.0, 0.5)}  # fmt: skip
 
 
-class Struck(msgspec.Struct, frozen=True, eq=False):
+class Struck(NamedTuple):  # a struct of this file would not reach a worker
     """A tap as every detector hears it: frames since the detector was last reset."""
 
     object: str
@@ -51,7 +58,7 @@ class Struck(msgspec.Struct, frozen=True, eq=False):
     counts: NDArray[np.int16]
 
 
-class Lifted(msgspec.Struct, frozen=True):
+class Lifted(NamedTuple):
     """A lift in the loop."""
 
     object: str
@@ -61,7 +68,7 @@ class Lifted(msgspec.Struct, frozen=True):
     slip_mm: float | None
 
 
-def taps(name: str, seeds: range) -> Iterator[Struck]:
+def taps(seeds: range, name: str) -> Iterator[Struck]:
     for strength in STRENGTHS:
         words = [f"tap.strength={strength}"]
         config = load_config(name, "simulated", None, None, words).for_tap()
@@ -103,7 +110,17 @@ def answers_ms(detector: str, struck: Sequence[Struck]) -> NDArray[np.float64]:
     return np.array(found)
 
 
-def lifts(name: str, detector: str, seeds: range) -> Iterator[Lifted]:
+def all_taps(seeds: range, name: str) -> list[Struck]:
+    """Of one object: a task of a worker's."""
+    return list(taps(seeds, name))
+
+
+def all_lifts(seeds: range, task: tuple[str, str]) -> tuple[str, list[Lifted]]:
+    """Of one object and detector, and that detector: a task of a worker's."""
+    return task[1], list(lifts(seeds, *task))
+
+
+def lifts(seeds: range, name: str, detector: str) -> Iterator[Lifted]:
     config = load_config(name, "simulated", detector).for_lift()
     for seed in seeds:
         r = lift.run(config, seed, None).result
@@ -123,59 +140,126 @@ def of(q: Quantiles | None, digits: int = 0) -> str:
     return "–" if q is None else " / ".join(f"{v:.{digits}f}" for v in (q.p50, q.p90, q.p99))
 
 
+def entry(kind: str) -> str:
+    """The comment that stands above a table of the pages; its code is what a trial rests on."""
+    command = shlex.join(["python", "scripts/last_draw.py", *sys.argv[1:]])
+    said = f'id=last-draw-{kind} command="{command}" detector=all commit={versions()["commit"]}'
+    return f"\n<!-- figure: {said} code=@trial,scenarios/lift,scenarios/tap -->\n"
+
+
+def table(*heads: str) -> list[str]:
+    return [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+
+
 def tap_table(struck: Sequence[Struck], answers: dict[str, NDArray[np.float64]]) -> str:
     moved = np.array([s.moved_mm for s in struck])
-    held = np.array([s.object for s in struck])
-    lines = ["| detector | 2 mm or more, within 100 ms | 1-2 mm | 0.5-1 mm | "
-             "within 0.5 mm (false) | ms after first motion, p50 / p90 / p99 of those of 2 mm | "
-             "worst object |",
-             "|---|---|---|---|---|---|---|"]  # fmt: skip
+    lines = table(
+        "detector", "2 mm or more, within 100 ms", "1-2 mm", "0.5-1 mm", "within 0.5 mm (false)",
+        "ms after first motion, p50 / p90 / p99 of those of 2 mm",
+    )  # fmt: skip
     for name, delay in answers.items():
-        cells, soon = [], delay <= SOON_MS
+        cells = []
         for title, (low, high) in CLASSES.items():
             which = (moved >= low) & (moved < high)
-            heard = soon if title == "2 mm or more" else np.isfinite(delay)
+            heard = delay <= SOON_MS if title == "2 mm or more" else np.isfinite(delay)
             cells.append(share(int((which & heard).sum()), int(which.sum())))
         far = moved >= CLASSES["2 mm or more"][0]
-        worst = min((float(soon[far & (held == o)].mean()), str(o)) for o in sorted(set(held[far])))
-        lines.append(f"| `{name}` | {' | '.join(cells)} | {of(quantiles(delay[far]))} | "
-                     f"{worst[1]} {100 * worst[0]:.0f} % |")  # fmt: skip
+        lines.append(f"| `{name}` | {' | '.join(cells)} | {of(quantiles(delay[far]))} |")
+    return "\n".join(lines)
+
+
+def tap_objects(struck: Sequence[Struck], answers: dict[str, NDArray[np.float64]]) -> str:
+    moved = np.array([s.moved_mm for s in struck])
+    held = np.array([s.object for s in struck])
+    far, near = (moved >= low for low in (CLASSES["2 mm or more"][0], CLASSES["1-2 mm"][0] / 2))
+    lines = table("object", *(f"`{name}`" for name in answers))
+    for o in sorted(set(held)):
+        mine = held == o
+        cells = [
+            f"{(mine & far & (d <= SOON_MS)).sum()} of {(mine & far).sum()}, "
+            f"{(mine & ~near & np.isfinite(d)).sum()} of {(mine & ~near).sum()}"
+            for d in answers.values()
+        ]
+        lines.append(f"| {o} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
 def lift_table(lifted: dict[str, list[Lifted]]) -> str:
-    lines = ["| detector | held | force rises after onset, ms, p50 / p90 / p99 | slipped, mm | "
-             "otherwise |", "|---|---|---|---|---|"]  # fmt: skip
+    lines = table(
+        "detector", "held", "force rises after onset, ms, p50 / p90 / p99", "slipped, mm",
+        "otherwise",
+    )  # fmt: skip
     for name, every in lifted.items():
-        reaction = quantiles(r.reaction_ms for r in every if r.slip_mm is not None)
-        slipped = quantiles(r.slip_mm for r in every if r.slip_mm is not None)
         lost = [r.outcome for r in every if not r.held]
         other = ", ".join(f"{lost.count(o)} {o}" for o in sorted(set(lost)))
         held = share(sum(r.held for r in every), len(every))
-        lines.append(f"| `{name}` | {held} | {of(reaction)} | {of(slipped, 1)} | {other or '–'} |")
+        slipped = quantiles(r.slip_mm for r in every if r.slip_mm is not None)
+        lines.append(
+            f"| `{name}` | {held} | {of(reaction(every))} | {of(slipped, 1)} | {other or '–'} |"
+        )
     return "\n".join(lines)
 
 
-def data_table(detectors: Sequence[str], folders: Sequence[Path], clip: Path | None) -> str:
-    lines = ["| detector | data | accuracy, % | AUC | recall | false a minute, hand | delay, ms, "
-             "p50 / p90 / p99 | us |", "|---|---|---|---|---|---|---|---|"]  # fmt: skip
+def reaction(every: Sequence[Lifted]) -> Quantiles | None:
+    """Of what slipped; infinite where the force never rose."""
+    return quantiles(r.reaction_ms for r in every if r.slip_mm is not None)
+
+
+def lift_objects(lifted: dict[str, list[Lifted]]) -> str:
+    lines = table("object", *(f"`{name}`" for name in lifted))
+    for o in sorted({r.object for every in lifted.values() for r in every}):
+        cells = []
+        for every in lifted.values():
+            mine = [r for r in every if r.object == o]
+            cells.append(f"{sum(r.held for r in mine)} of {len(mine)}, {of(reaction(mine))}")
+        lines.append(f"| {o} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def data_table(detectors: Sequence[str], folders: Sequence[Path]) -> str:
+    lines = table(
+        "detector", "data", "accuracy, %", "AUC", "recall", "false a minute, hand",
+        "delay, ms, p50 / p90 / p99", "blows of 2 mm within 100 ms; idle ones",
+    )  # fmt: skip
     parts = [[folder] for folder in folders] + [list(folders)]
     for name in detectors:
         for part in parts:
-            s = contender(name, read_split(part, "test"), "test").evaluation()
-            lines.append(_row(name, "all" if len(part) > 1 else part[0].name, s))
-        if clip is not None:
-            config = load_config("can", "simulated", name)
-            s = evaluate_recording(config.make_detector(1), config.rule, read(clip))
-            lines.append(_row(name, "real clip", s))
+            s = contender(name, read_split(part, "all"), "last draw").evaluation()
+            blows = s.blows and (f"{s.blows.far_registered} of {s.blows.far}; "
+                                 f"{s.blows.unmoved_registered} of {s.blows.unmoved}")  # fmt: skip
+            lines.append(
+                f"| `{name}` | {'all' if len(part) > 1 else part[0].name} "
+                f"| {_with(s, 'accuracy', 100.0, 1)} | {_with(s, 'auc')} "
+                f"| {s.event_recall or 0:.3f} | {s.false_events_per_min_hand or 0:.2f} "
+                f"| {of(s.delay_ms)} | {blows or '–'} |"
+            )
     return "\n".join(lines)
 
 
-def _row(name: str, data: str, s: Evaluation) -> str:
-    low, high = s.intervals.get("auc", (np.nan, np.nan))
-    return (f"| `{name}` | {data} | {100 * s.accuracy:.1f} | {s.auc or 0:.3f} [{low:.3f}, "
-            f"{high:.3f}] | {s.event_recall or 0:.3f} | {s.false_events_per_min_hand or 0:.2f} | "
-            f"{of(s.delay_ms)} | {s.compute_us.p50 if s.compute_us else 0:.0f} |")  # fmt: skip
+def clip_table(detectors: Sequence[str], clip: Path, weights: Sequence[Path]) -> str:
+    """The packaged ones, then every seed of those whose weights are given, and their means."""
+    lines = table("detector", "AUC", "accuracy at the deployed threshold, %", "caught", "false")
+    areas: dict[str, list[float]] = {}
+    named: list[tuple[str, Path | None]] = [(name, None) for name in detectors]
+    named += [(read_network(file).card.name, file) for file in weights]
+    for name, file in named:
+        words = [] if file is None else [f"network.weights={file}"]
+        config = load_config("can", "simulated", name, None, words)
+        s = evaluate_recording(config.make_detector(1), config.rule, read(clip))
+        if file is not None:
+            areas.setdefault(name, []).append(s.auc or 0.0)
+        said = f"`{name}`" if file is None else file.stem
+        caught = f"{s.true_events - s.missed_events} of {s.true_events}"
+        lines.append(f"| {said} | {_with(s, 'auc')} | {_with(s, 'accuracy', 100.0, 1)} | {caught} "
+                     f"| {s.false_events} |")  # fmt: skip
+    means = [f"`{n}`, mean of {len(a)} seeds: AUC {np.mean(a):.3f}" for n, a in areas.items()]
+    return "\n".join([*lines, "", *means])
+
+
+def _with(s: Evaluation, name: str, times: float = 1.0, digits: int = 3) -> str:
+    low, high = s.intervals.get(name, (np.nan, np.nan))
+    value, low, high = (times * x for x in (getattr(s, name) or 0.0, low, high))
+    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
 
 def main() -> int:
@@ -184,6 +268,7 @@ def main() -> int:
     )
     parser.add_argument("--data", type=Path, nargs="*", default=[])
     parser.add_argument("--recording", type=Path)
+    parser.add_argument("--weights", type=Path, nargs="*", default=[], help="other seeds, for it")
     parser.add_argument("--detectors", nargs="+", default=DETECTORS)
     parser.add_argument(
         "--objects", nargs="+", default=[*names("objects"), *names(f"objects/{UNSEEN}")]
@@ -191,24 +276,43 @@ def main() -> int:
     parser.add_argument("--taps", type=int, default=8, help="an object and strength")
     parser.add_argument("--lifts", type=int, default=10, help="an object and detector")
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
+    parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
-    struck = [
-        s for o in args.objects
-        for s in taps(o, range(args.first_seed, args.first_seed + args.taps))
-    ]  # fmt: skip
-    answers = {d: answers_ms(d, struck) for d in args.detectors} if struck else {}
-    print(f"{len(struck)} taps\n\n{tap_table(struck, answers)}\n" if struck else "", flush=True)
-    seeds = range(args.first_seed, args.first_seed + args.lifts)
-    lifted = {d: [r for o in args.objects for r in lifts(o, d, seeds)] for d in args.detectors}
-    print(lift_table(lifted), flush=True)
-    if args.data:
-        print(f"\n{data_table(args.detectors, args.data, args.recording)}", flush=True)
-    if args.out is not None:
+    workers = Workers(args.jobs)
+    rows: list[dict[str, object]] = []
+    if args.taps:
+        seeds = range(args.first_seed, args.first_seed + args.taps)
+        found = results(partial(all_taps, seeds), args.objects, workers)
+        struck = sorted((s for of_object in found for s in of_object), key=lambda s: s.object)
+        answers = {d: answers_ms(d, struck) for d in args.detectors}
+        print(f"{len(struck)} taps\n{entry('taps')}\n{tap_table(struck, answers)}")
+        print(f"{entry('taps-objects')}\n{tap_objects(struck, answers)}", flush=True)
         rows = [{"object": s.object, "moved_mm": s.moved_mm,
                  "answers_ms": {d: float(a[i]) for d, a in answers.items()}}
                 for i, s in enumerate(struck)]  # fmt: skip
-        args.out.write_bytes(msgspec.json.encode({"taps": rows, "lifts": lifted}))
+    lifted: dict[str, list[Lifted]] = {d: [] for d in args.detectors}
+    if args.lifts:
+        seeds = range(args.first_seed, args.first_seed + args.lifts)
+        tasks = [(o, d) for o in args.objects for d in args.detectors]
+        for detector, made in results(partial(all_lifts, seeds), tasks, workers):
+            lifted[detector] += made
+        print(f"{entry('lifts')}\n{lift_table(lifted)}")
+        print(f"{entry('lifts-objects')}\n{lift_objects(lifted)}", flush=True)
+    if args.data:
+        print(f"{entry('data')}\n{data_table(args.detectors, args.data)}", flush=True)
+    if args.recording is not None:
+        clip = clip_table(args.detectors, args.recording, args.weights)
+        print(f"{entry('clip')}\n{clip}", flush=True)
+    if args.out is not None:
+        args.out.write_bytes(
+            msgspec.json.encode(
+                {
+                    "taps": rows,
+                    "lifts": {d: [r._asdict() for r in made] for d, made in lifted.items()},
+                }
+            )
+        )
     return 0
 
 
