@@ -197,8 +197,16 @@ def registered_events(
 
     Each row is the sample that registered slip and the one that released it, n if none did.
     """
-    if settings.fusion == "mean":
-        probabilities = mean_probability(probabilities)
+    return events_of(fused(probabilities, settings), settings)
+
+
+def fused(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray[np.float64]:
+    """What decides of (n, fingers): each finger, or (n, 1) the mean of their log-odds."""
+    return mean_probability(probabilities) if settings.fusion == "mean" else probabilities
+
+
+def events_of(probabilities: NDArray[np.float64], settings: RuleSettings) -> NDArray[np.intp]:
+    """`registered_events` of probabilities that are fused already, where the rule asks for it."""
     if settings.kind == "cusum":
         quiet = _quiet(np.greater(probabilities, settings.threshold), settings.release)
         sums = cusum(probabilities, settings)

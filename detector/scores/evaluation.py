@@ -13,10 +13,13 @@ from detector.interface import SlipDetector
 from detector.recordings import MOVED_M, LabelName, Recording
 from detector.scores.blows import BlowScore, answers, blow_score, within
 from detector.scores.events import (
+    Events,
     EventSettings,
     Judgement,
+    Slips,
     judge,
     pooled,
+    slips_of,
 )
 from detector.scores.intervals import Interval, recording_intervals, stroke_intervals
 from detector.scores.metrics import (
@@ -136,27 +139,49 @@ class Judged(msgspec.Struct, frozen=True, eq=False):
     answers_ms: Floats  # see `scores.blows.answers`
 
 
+class Scored(msgspec.Struct, frozen=True, eq=False):
+    """What any rule is judged by on one recording."""
+
+    slips: Slips
+    blows: list[Blow]
+    moved_m: Floats  # of each blow
+
+    def judged(self, registered: Events) -> Judged:
+        """By the events (m, 2) that a rule makes."""
+        heard = answers(registered, self.blows, self.slips.t_s)
+        return Judged(judge(registered, self.slips), self.moved_m, heard)
+
+
+def scored(
+    streamed: Streamed,
+    events: EventSettings,
+    first_sample: int,
+    blows: Sequence[Blow],
+    apart: bool = False,
+) -> Scored:
+    """``apart``: what begins in a blow is judged as its answer alone, neither as a slip nor as
+    false."""
+    recording = streamed.recording
+    speed = recording.contact_speed_mps
+    slips = slips_of(
+        streamed.labels, recording.t_s, events, first_sample=first_sample,
+        speed_mps=None if speed is None else speed.astype(np.float64),
+        left_out=within(blows, len(recording.t_s)) if apart and blows else None,
+    )  # fmt: skip
+    counted = [blow for blow in blows if blow.struck >= first_sample]
+    return Scored(slips, counted, np.array([blow.moved_m for blow in counted]))
+
+
 def judge_stream(
     streamed: Streamed,
     rule: RuleSettings,
     events: EventSettings,
     first_sample: int,
     blows: Sequence[Blow],
-    apart: bool = False,
 ) -> Judged:
-    """The events that the rule makes of one recording; ``apart``: what begins in a blow is judged
-    as its answer alone, neither as a slip nor as false."""
-    recording = streamed.recording
-    speed = recording.contact_speed_mps
+    """The events that the rule makes of one recording."""
     registered = registered_events(streamed.probabilities, rule)
-    scored = [blow for blow in blows if blow.struck >= first_sample]
-    judgement = judge(
-        registered, streamed.labels, recording.t_s, events, first_sample=first_sample,
-        speed_mps=None if speed is None else speed.astype(np.float64),
-        left_out=within(blows, len(recording.t_s)) if apart and blows else None,
-    )  # fmt: skip
-    moved_m = np.array([blow.moved_m for blow in scored])
-    return Judged(judgement, moved_m, answers(registered, scored, recording.t_s))
+    return scored(streamed, events, first_sample, blows).judged(registered)
 
 
 # as both a confusion and an evaluation call them

@@ -73,8 +73,18 @@ class Judgement(msgspec.Struct, frozen=True, eq=False):
     static_s: float
 
 
-def judge(
-    registered: Events,
+class Slips(msgspec.Struct, frozen=True, eq=False):
+    """What is to be found in one stretch of data, the same for every rule."""
+
+    truth: Events
+    t_s: Floats
+    early_s: float
+    counted: Labels  # (n,) samples in which slips and false events count if they begin there
+    static_s: float
+    path_mm: Floats | None  # (n,) slid until each sample
+
+
+def slips_of(
     slip: Labels,
     t_s: Floats,
     settings: EventSettings,
@@ -82,8 +92,8 @@ def judge(
     first_sample: int = 0,
     speed_mps: Floats | None = None,
     left_out: Labels | None = None,
-) -> Judgement:
-    """Judge registered events (m, 2) against labels (n,) at times (n,).
+) -> Slips:
+    """Of labels (n,) at times (n,).
 
     Slips and false events count if they begin at ``first_sample`` or later, and not in what is
     ``left_out`` (n,), which is no rest either. ``speed_mps`` (n,) is the sliding speed; with it
@@ -93,7 +103,16 @@ def judge(
     if left_out is not None:
         counted &= ~left_out
     truth = true_events(slip, t_s, settings.merge_gap_s)
-    owner = _owners(registered, truth, t_s, settings.early_s)
+    return Slips(
+        truth, t_s, settings.early_s, counted, _static_s(truth, t_s, counted),
+        None if speed_mps is None else _path_mm(speed_mps, t_s),
+    )  # fmt: skip
+
+
+def judge(registered: Events, slips: Slips) -> Judgement:
+    """Judge registered events (m, 2)."""
+    truth, t_s, counted, path_mm = slips.truth, slips.t_s, slips.counted, slips.path_mm
+    owner = _owners(registered, truth, t_s, slips.early_s)
     scored = np.flatnonzero(counted[truth[:, 0]])
     first = [registered[owner == i][:1, 0] for i in scored]
     answered = np.array([len(f) > 0 for f in first], np.bool_)
@@ -103,13 +122,13 @@ def judge(
     return Judgement(
         delays_ms=np.where(answered, _time(t_s, at) * 1e3 - _time(t_s, onset) * 1e3, np.inf),
         delays_mm=None
-        if speed_mps is None
-        else np.where(answered, _slipped_mm(speed_mps, t_s, onset, at), np.inf),
+        if path_mm is None
+        else np.where(answered, _slipped_mm(path_mm, onset, at), np.inf),
         releases_ms=(_time(t_s, released) - _time(t_s, end[answered])) * 1e3,
         missed=int((~answered).sum()),
         good=int(np.isin(owner, scored).sum()),
         false=int(((owner < 0) & counted[registered[:, 0]]).sum()),
-        static_s=_static_s(truth, t_s, counted),
+        static_s=slips.static_s,
     )
 
 
@@ -159,10 +178,15 @@ def _static_s(truth: Events, t_s: Floats, counted: Labels) -> float:
     return float(static.sum() * period_s)
 
 
-def _slipped_mm(speed_mps: Floats, t_s: Floats, onset: Events, at: Events) -> Floats:
-    """Distance slid between two samples each, a speed holding until the next one; early is 0."""
+def _path_mm(speed_mps: Floats, t_s: Floats) -> Floats:
+    """Distance slid until each sample, a speed holding until the next one."""
     steps_mm = np.abs(speed_mps[:-1]) * np.diff(t_s) * 1e3
     path_mm: Floats = np.concatenate([[0.0], np.cumsum(steps_mm)])
-    last = len(t_s) - 1
+    return path_mm
+
+
+def _slipped_mm(path_mm: Floats, onset: Events, at: Events) -> Floats:
+    """Distance slid between two samples each; early is 0."""
+    last = len(path_mm) - 1
     slipped = path_mm[np.minimum(at, last)] - path_mm[np.minimum(onset, last)]
     return np.maximum(slipped, 0.0)

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from detector.blows import MOVED_M, blows_of
-from detector.decision import RuleSettings
+from detector.decision import RuleSettings, events_of, fused
 from detector.scores.blows import BlowScore
 from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
@@ -22,8 +22,8 @@ from detector.scores.evaluation import (
     Streamed,
     events_by_label,
     hand_rate,
-    judge_stream,
     score_blows,
+    scored,
 )
 from detector.scores.metrics import Floats
 from detector.scores.quantiles import quantile
@@ -105,15 +105,18 @@ def sweep(
     tried: Iterable[RuleSettings],
     first_sample: int = WARM_UP_SAMPLES,
 ) -> list[SweepPoint]:
-    """A point for every rule."""
-    blows = [blows_of(s.recording) for s in streams]
+    """A point for every rule, in their order; rules of one fusion follow one another best."""
+    every = [
+        scored(s, events_by_label(s.label), first_sample, blows_of(s.recording), apart=True)
+        for s in streams
+    ]
     found = []
-    for rule in tried:
-        judged = [
-            judge_stream(s, rule, events_by_label(s.label), first_sample, its, apart=True)
-            for s, its in zip(streams, blows, strict=True)
-        ]
-        found.append(point(streams, rule, judged))
+    for _, alike in itertools.groupby(tried, key=lambda rule: rule.fusion):
+        of_fusion = list(alike)
+        decide = [fused(s.probabilities, of_fusion[0]) for s in streams]
+        for rule in of_fusion:
+            judged = [s.judged(events_of(p, rule)) for s, p in zip(every, decide, strict=True)]
+            found.append(point(streams, rule, judged))
     return [p for p in found if p is not None]
 
 

@@ -25,6 +25,7 @@ from detector.scores.events import (
     EventMetrics,
     EventSettings,
     pooled,
+    slips_of,
 )
 from detector.scores.events import judge as judged
 from detector.scores.events import true_events as slips
@@ -67,7 +68,8 @@ def times(n: int) -> NDArray[np.float64]:
 def judge(slip: NDArray[np.bool_], events: list[list[int]], **more: object) -> EventMetrics:
     settings = more.pop("settings", EventSettings(merge_gap_s=0.1, early_s=0.02))
     registered = np.array(events, np.intp).reshape(-1, 2)
-    return pooled([judged(registered, slip, times(len(slip)), settings, **more)])  # type: ignore[arg-type]
+    found = slips_of(slip, times(len(slip)), settings, **more)  # type: ignore[arg-type]
+    return pooled([judged(registered, found)])
 
 
 class Scripted:
