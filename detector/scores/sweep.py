@@ -34,6 +34,7 @@ CONSECUTIVE = (1, 2, 3, 5, 8)
 DRIFTS = (0.0, 2.0)
 FUSIONS: tuple[Literal["any", "mean"], ...] = ("any", "mean")
 RELEASES = (3, 8)  # a pad that settles after a slip is no new one
+BETWEEN = 3  # thresholds tried between two at the budget
 MISS_MS = 500.0  # what a miss counts, and the most that any delay does
 MOST_FALSE_BLOWS = 0.05  # of those that move nothing
 
@@ -75,6 +76,10 @@ def rules(base: RuleSettings) -> Iterator[RuleSettings]:
 
 def _logistic(odds: float) -> float:
     return 1.0 / (1.0 + math.exp(-odds))
+
+
+def _odds(probability: float) -> float:
+    return math.log(probability / (1.0 - probability))
 
 
 def point(
@@ -123,11 +128,37 @@ def sweep(
 def best(points: Iterable[SweepPoint], budget_per_min: float) -> SweepPoint | None:
     """The quickest on average that keeps to the budget over three fingers, and answers hardly a
     blow that moves nothing; None if none does."""
-    allowed = [
-        p for p in points
-        if p.false_per_min <= budget_per_min and p.false_blows <= MOST_FALSE_BLOWS
-    ]  # fmt: skip
-    return min(allowed, key=lambda p: (p.mean_delay_ms, p.false_per_min), default=None)
+    kept = [p for p in points if allowed(p, budget_per_min)]
+    return min(kept, key=lambda p: (p.mean_delay_ms, p.false_per_min), default=None)
+
+
+def allowed(p: SweepPoint, budget_per_min: float) -> bool:
+    """Whether a point keeps to the budget, and answers hardly a blow that moves nothing."""
+    return p.false_per_min <= budget_per_min and p.false_blows <= MOST_FALSE_BLOWS
+
+
+def at_the_budget(points: Iterable[SweepPoint], budget_per_min: float) -> list[RuleSettings]:
+    """Thresholds between the least that is allowed and the next below it, of every rule of
+    consecutive samples: what the sweep's own steps leave of the budget."""
+
+    def family(p: SweepPoint) -> tuple[str, int, int]:
+        return (p.rule.fusion, p.rule.release, p.rule.consecutive)
+
+    found = []
+    consecutive = sorted(
+        (p for p in points if p.rule.kind == "consecutive"),
+        key=lambda p: (*family(p), p.rule.threshold),
+    )
+    for _, alike in itertools.groupby(consecutive, key=family):
+        for below, above in itertools.pairwise(alike):
+            if not allowed(below, budget_per_min) and allowed(above, budget_per_min):
+                low, high = (_odds(p.rule.threshold) for p in (below, above))
+                found += [
+                    msgspec.structs.replace(above.rule, threshold=_logistic(float(odds)))
+                    for odds in np.linspace(low, high, BETWEEN + 2)[1:-1]
+                ]
+                break
+    return found
 
 
 def frontier(points: Iterable[SweepPoint]) -> list[SweepPoint]:

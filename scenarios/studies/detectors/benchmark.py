@@ -19,7 +19,7 @@ from detector.scores.evaluation import (
     stream_recordings,
 )
 from detector.scores.metrics import best_border
-from detector.scores.sweep import SweepPoint, best, rules, sweep
+from detector.scores.sweep import SweepPoint, at_the_budget, best, rules, sweep
 from drivers.errors import UsageError
 from grasp.clock import stopwatch_ns
 from scenarios.campaign.config import load_config
@@ -98,7 +98,9 @@ def named(
 
 def tune_rule(made: Contender, budget_per_min: float) -> SweepPoint | None:
     """The quickest rule within the budget of false events a minute over three fingers."""
-    return best(made.points(), budget_per_min)
+    points = made.points()
+    points += sweep(made.streams, at_the_budget(points, budget_per_min))
+    return best(points, budget_per_min)
 
 
 def sweep_threshold(made: Contender) -> SweptThreshold:

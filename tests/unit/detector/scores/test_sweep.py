@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from detector.decision import RuleSettings
 from detector.recordings import Recording
 from detector.scores.evaluation import Streamed, evaluate_streams
-from detector.scores.sweep import best, frontier, rules, sweep
+from detector.scores.sweep import at_the_budget, best, frontier, rules, sweep
 from tests.unit.detector.scores.test_evaluation import Scripted, flags, times
 
 
@@ -45,6 +45,21 @@ def test_the_best_rule_keeps_to_the_budget_and_no_other_that_does_is_quicker() -
         quicker = [p for p in points if p.mean_delay_ms < chosen.mean_delay_ms]
         assert all(p.false_per_min > budget for p in quicker)
     assert best([], 1.0) is None
+
+
+def test_what_the_steps_leave_of_the_budget_is_tried_too() -> None:
+    points = sweep(STREAMS, rules(RuleSettings()))
+    gained = []
+    for budget in (2.0, 5.0, 20.0, 60.0):
+        more = sweep(STREAMS, at_the_budget(points, budget))
+        assert more
+        coarse, fine = best(points, budget), best([*points, *more], budget)
+        assert coarse is not None and fine is not None
+        assert fine.false_per_min <= budget
+        gained.append(coarse.mean_delay_ms - fine.mean_delay_ms)
+    assert min(gained) >= 0.0
+    assert max(gained) > 1.0
+    assert at_the_budget(points, 1e9) == []  # all are allowed
 
 
 def test_more_false_events_buy_less_delay_along_the_frontier() -> None:
