@@ -226,8 +226,7 @@ def _object(row: CauseRow, name: str, seed: int) -> dict[str, Any]:
         bodies.body_ranges(name), row.load, config.contact, config.hand.m_per_count,
         sum(config.guard.full_grip_n), np.random.default_rng([seed, 4]),
     )  # fmt: skip
-    table: dict[str, Any] = msgspec.to_builtins(body)
-    return table
+    return {key: value for key, value in msgspec.to_builtins(body).items() if value is not None}
 
 
 def _slide_jobs(config: DatasetConfig) -> list[Job]:

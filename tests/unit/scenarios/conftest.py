@@ -16,7 +16,8 @@ from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
 
-QUIET = "fingertip.holding_share=0.1"  # of its range the end at which `energy` is no false alarm
+QUIET = "fingertip.holding_share=0.1"  # of its range the end at which EAGER is no false alarm
+EAGER = "energy.threshold_counts=3"  # a detector that hears a slip at once
 
 # A fingertip as the rigid part of the paper's set has it: what tests are staged on that were found
 # by searching for a lift in which something rare happens
@@ -34,7 +35,7 @@ RIGID = tuple(
 
 
 def config(*assignments: str, object_name: str = "can") -> LiftConfig:
-    told = (QUIET, *assignments)
+    told = (QUIET, EAGER, *assignments)
     return load_config(object_name, "simulated", "energy", None, told).for_lift()
 
 

@@ -27,6 +27,7 @@ from scenarios.acquire.rig import open_acquire_rig
 from scenarios.acquire.session import Sample, Session
 from scenarios.rigs.rig import PressRig
 from scenarios.trial.replay import replay_run
+from tests.unit.scenarios.conftest import EAGER
 
 
 def config(surface: str = "planar", *assignments: str) -> AcquireConfig:
@@ -158,7 +159,8 @@ def test_its_samples_are_fed_to_a_detector(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     finished = acquired(tmp_path)
-    assert main(["replay", "--tactile", finished.recordings[0], "--detector", "energy"]) == 0
+    assert main(["replay", "--tactile", finished.recordings[0], "--detector", "energy",
+                 "--set", EAGER]) == 0  # fmt: skip
     assert "registered at finger" in capsys.readouterr().out
 
 

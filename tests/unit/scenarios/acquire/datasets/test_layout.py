@@ -19,7 +19,7 @@ from scenarios.acquire.datasets.plan import load_dataset_config, plan
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.rigs.workers import Workers
-from tests.unit.scenarios.conftest import QUIET
+from tests.unit.scenarios.conftest import EAGER, QUIET
 
 EIGHT = layout_file("eight")
 PAPER = config_dir() / "datasets" / "paper.toml"
@@ -74,7 +74,7 @@ def test_formulas_hear_any_number_of_taxels(folder: Path) -> None:
 
 
 def test_an_object_is_lifted_with_eight_taxels_a_finger() -> None:
-    config = load_config("can", "simulated", "energy", EIGHT, [QUIET]).for_lift()
+    config = load_config("can", "simulated", "energy", EIGHT, [QUIET, EAGER]).for_lift()
     result = lift.run(config, 0, None).result
     assert result is not None
     assert result.outcome == "held_within_6cm"

@@ -12,10 +12,11 @@ from grasp.cli.main import main
 from scenarios.studies.detectors.benchmark import contender
 from scenarios.studies.detectors.latency import latency
 from tests.unit.detector.toys import toy, toys
+from tests.unit.scenarios.conftest import EAGER
 
 
 def test_the_mean_is_of_those_caught_and_a_miss_is_later_than_any() -> None:
-    made = contender("energy", toys("test", 3, 50), "test")
+    made = contender("energy", toys("test", 3, 50), "test", assignments=[EAGER])
     found = latency(made)
     sheet = made.evaluation()
     caught = [d for d in found.delays_ms if d is not None]
