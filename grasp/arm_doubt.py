@@ -27,13 +27,19 @@ class ArmDoubt:
     def told(self, command: MoveArm | StopArm, arm: ArmState) -> None:
         """A command goes out while the arm is like this."""
         if isinstance(command, StopArm):
+            if not self._stopping:
+                self._anchor = (arm.t_ns, arm.position_m)
             self._command, self._stopping = None, True
+            self._spare_s = self._ramp_s(command.deceleration_mps2)
             return
         self._command, self._started, self._stopping = command, False, False
         self._old_way, self._way = self._way, self._way_of(command, arm)
-        ramp = command.acceleration_mps2
-        self._spare_s = 2.0 * math.sqrt(2.0 * self._settings.arm_moved_m / ramp)
+        self._spare_s = self._ramp_s(command.acceleration_mps2)
         self._anchor = (arm.t_ns, arm.position_m)
+
+    def _ramp_s(self, ramp_mps2: float) -> float:
+        """Twice as long as an arm that begins or ends to move takes for what counts as motion."""
+        return 2.0 * math.sqrt(2.0 * self._settings.arm_moved_m / ramp_mps2)
 
     def _way_of(self, command: MoveArm, arm: ArmState) -> "_Way":
         """With room to brake in where it has to turn round."""
@@ -96,13 +102,14 @@ class ArmDoubt:
             self._anchor = (arm.t_ns, arm.position_m)
             self._started = self._command is not None and not pending
             return ""
-        command = self._command
+        command, still_s = self._command, (arm.t_ns - since_ns) * 1e-9
+        if self._stopping and arm.moving and still_s > s.arm_frozen_s + self._spare_s:
+            return f"arm_frozen: {still_s:.2f} s at one place, and it says that it moves"
         if command is None or math.dist(arm.position_m, command.position_m) <= s.arm_there_m:
             return ""
         limit_s = s.arm_frozen_s if self._started else s.arm_start_s
         if self._way.turns or not self._started:
             limit_s += self._spare_s
-        still_s = (arm.t_ns - since_ns) * 1e-9
         if still_s > limit_s:
             return f"arm_frozen: {still_s:.2f} s at one place while told to move"
         return ""

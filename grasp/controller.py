@@ -22,6 +22,7 @@ from grasp.felt import Felt
 from grasp.landing import Landing, Way
 from grasp.lift_line import LiftLine
 from grasp.observation import Observation
+from grasp.pause import Pause
 from grasp.phases import (
     AIRBORNE_PHASES,
     END_PHASES,
@@ -69,6 +70,7 @@ class GraspController:
         self._line = LiftLine(settings, plan.home or (0.0, 0.0, 0.0))  # without one, set by `_idle`
         self._felt = Felt(settings)
         self._landing = Landing(settings, self._line, self._felt)
+        self._pause = Pause(settings, self._line)
         self._out: list[Command] = []
         self._reset_detector = False
         self._anchor = False
@@ -315,6 +317,8 @@ class GraspController:
         if not self._settings.reactions or not (lost or (slip.registered and not borne)):
             return False
         cause = f"slip registered at finger {FINGER_NAMES[slip.finger]}"
+        if self.phase is Phase.LIFT:  # at the top it stands
+            self._out += self._pause.begin(seen)
         self._fire(Trigger.SLIP_REGISTERED, seen, "contact lost" if lost else cause)
         if not seen.at_cap:
             self.closings += 1
@@ -323,24 +327,34 @@ class GraspController:
 
     def _compensate(self, seen: Observation) -> None:
         slip = self.monitor.status
+        self._out += self._pause.take(seen, slip.registered or slip.masked or not seen.hand_rests)
         if not seen.hand_rests:
             self.monitor.closing(seen.t_ns)
         elif self._felt.contact_lost(seen.t_ns):
             self._lose(seen, "the hand closed and met nothing")
         elif slip.masked:
             return
+        elif self._pause.tired and not self._settings.hold_by_clock:
+            self._give_up(seen, "slip comes back and the force can rise no more")
         elif not slip.registered:
-            self._go_on(seen, Trigger.SLIP_STOPPED, "slip has stopped")
+            if self._pause.over(seen):
+                self._go_on(seen, Trigger.SLIP_STOPPED, "slip has stopped")
         elif self._settings.hold_by_clock:
             self._go_on(seen, Trigger.SLIP_BORNE, "slip goes on, and the hold ends by its clock")
         elif self._patience_ended(seen):
-            self.cap_reached = True
-            cause = "slip goes on and the force can rise no more"
-            self._set_down(Trigger.CAP_REACHED, seen, cause)
+            self._give_up(seen, "slip goes on and the force can rise no more")
+
+    def _give_up(self, seen: Observation, cause: str) -> None:
+        self.cap_reached = True
+        self._set_down(Trigger.CAP_REACHED, seen, cause)
 
     def _go_on(self, seen: Observation, rising: Trigger, cause: str) -> None:
-        at_top = self._line.stands_at(seen, self._settings.lift_height_m)
-        self._fire(Trigger.LIFTED if at_top else rising, seen, cause)
+        on = self._pause.end()
+        if self._line.stands_at(seen, self._settings.lift_height_m):
+            self._fire(Trigger.LIFTED, seen, cause)
+        else:
+            self._fire(rising, seen, cause)
+            self._out += on
 
     def _patience_ended(self, seen: Observation) -> bool:
         since_ns = max(self._entered_ns, self.monitor.masked_until_ns)

@@ -1,6 +1,6 @@
 """What a grasp is told beforehand: where, how fast, how patient."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
@@ -57,6 +57,36 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     lift_acceleration_mps2: Annotated[
         float, Meta(ge=0.05, le=5.0, description="assumed, 0.3-1.2")
     ] = 0.5
+    answer: Annotated[
+        Literal["stop_and_jump", "jump"],
+        Meta(
+            description="to slip: the hand closes as fast as it may; in the lift the arm stops and "
+            "goes on when slip is over, or with `jump` goes on rising (the paper's loop)"
+        ),
+    ] = "stop_and_jump"
+    answer_stop_mps2: Annotated[
+        float,
+        Meta(
+            ge=0.1, le=9.0,
+            description="of that stop; below gravity, as on the way up it takes load off the grip; "
+            "no MoveArm, so arm.max_acceleration_mps2 does not bound it; assumed",
+        ),
+    ] = 3.0  # fmt: skip
+    resume_mps2: Annotated[
+        float,
+        Meta(ge=0.05, le=5.0, description="at most, when the arm goes on: a twentieth of gravity"),
+    ] = 0.5
+    resume_quiet_s: Annotated[
+        float, Meta(ge=0.0, le=2.0, description="slip is over for so long when it does; assumed")
+    ] = 0.05
+    useless_pause_s: Annotated[
+        float,
+        Meta(
+            ge=0.1, le=30.0,
+            description="the arm may stand in all of a lift for alarms that no closing answers; "
+            "then it is cap_reached; assumed",
+        ),
+    ] = 1.5  # fmt: skip
     lower_speed_mps: Annotated[float, Meta(ge=0.005, le=0.5, description="assumed")] = 0.05
     landing_speed_mps: Annotated[
         float,

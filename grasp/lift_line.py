@@ -22,7 +22,10 @@ class LiftLine:
         away_m = abs(self.height_m(seen) - height_m)
         return not seen.pending and not seen.arm.moving and away_m < self._settings.at_height_m
 
-    def move(self, height_m: float, speed_mps: float) -> MoveArm:
-        """The arm to that height."""
+    def move(
+        self, height_m: float, speed_mps: float, acceleration_mps2: float | None = None
+    ) -> MoveArm:
+        """The arm to that height; without an acceleration of its own at that of the lift."""
         x, y, z = self.home
-        return MoveArm((x, y, z + height_m), speed_mps, self._settings.lift_acceleration_mps2)
+        ramp_mps2 = acceleration_mps2 or self._settings.lift_acceleration_mps2
+        return MoveArm((x, y, z + height_m), speed_mps, ramp_mps2)

@@ -181,6 +181,8 @@ def answered(config: LiftConfig, seed: int) -> tuple[int, CloseFast, int] | None
 def _answer(config: LiftConfig, seed: int) -> tuple[int, CloseFast, int, Truth] | None:
     """None where the full path never answered, or nothing had slipped by its end."""
     sent: list[tuple[int, CloseFast]] = []
+    on = msgspec.structs.replace(config.controller, answer="jump")  # the hand alone answers
+    config = msgspec.structs.replace(config, controller=on)
 
     def watch(tick: Tick, truth: Truth | None, controller: GraspController) -> None:
         for issued in tick.issued:

@@ -6,8 +6,10 @@ from detector.decision import ConsecutiveRule, RuleSettings
 from drivers.interfaces import Counts3, Detection, GripperState, Vector3
 from grasp.commands import (
     CloseFast,
+    MoveArm,
     MoveFingers,
     OpenFingers,
+    StopArm,
 )
 from grasp.controller import Decision, GraspController
 from grasp.controller_settings import ControllerSettings, GripPlan
@@ -35,6 +37,7 @@ class Driver:
         self.t_ns = 0
         self.height_m = 0.0
         self.closed = False
+        self.stopped = False  # the arm was told to, last
         self.last_close: CloseFast | None = None
         self.requested: Counts3 = (0, 0, 0)
         self.commands: list[object] = []
@@ -55,6 +58,8 @@ class Driver:
             self.last_close = CloseFast(10.0, (True, False, False), (255, 255, 255), 0.06)
         elif isinstance(command, OpenFingers):
             self.requested, self.closed = (6, 6, 6), False
+        elif isinstance(command, MoveArm | StopArm):
+            self.stopped = isinstance(command, StopArm)
 
     def rest(self) -> None:
         """Steps until nothing that was told before can set the hand going any more."""
@@ -85,8 +90,10 @@ class Driver:
         return self
 
     def climb(self, p: float = 0.0, **changes: object) -> Decision:
-        """One step with the arm on its way up."""
-        return self.step(p, arm=arm(self.t_ns + TICK, 0.05, moving=True), **changes)
+        """One step with the arm on its way up, or where it was stopped there to answer slip."""
+        stands = self.stopped and self.controller.phase is Phase.COMPENSATE
+        there = arm(self.t_ns + TICK, 0.05, moving=not stands)
+        return self.step(p, arm=there, **changes)
 
     def slip(self) -> "Driver":
         self.lift()

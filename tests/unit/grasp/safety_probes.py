@@ -185,6 +185,50 @@ def stopped_at_mps2(v: float) -> float:
     return found
 
 
+def paused_at_mps2(v: float) -> float:
+    d = Driver(answer_stop_mps2=v).slip()
+    (stop,) = (c for c in d.commands if isinstance(c, StopArm))
+    return stop.deceleration_mps2
+
+
+def resumed(**settings: Any) -> Driver:
+    """It slipped, and the arm goes on."""
+    d = Driver(**settings).slip()
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb()
+    return d
+
+
+def resumed_at_mps2(v: float) -> float:
+    (on,) = (c for c in resumed(resume_mps2=v).commands if isinstance(c, MoveArm))
+    return on.acceleration_mps2
+
+
+def quiet_before_it_goes_on_s(v: float) -> float:
+    """From the last sample that was loud, at a hand that has closed out before."""
+    d = resumed(resume_quiet_s=v)
+    while not d.controller.monitor.status.registered:
+        d.climb(0.9)
+    quiet_ns = None
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb()
+        if quiet_ns is None and not d.controller.monitor.status.registered:
+            quiet_ns = d.t_ns - TICK
+    assert quiet_ns is not None
+    return (d.t_ns - quiet_ns) * 1e-9
+
+
+def paused_for_nothing_s(v: float) -> float:
+    """In all, while slip comes and goes at the cap."""
+    d = resumed(useless_pause_s=v)
+    paused = 0
+    while d.controller.phase in (Phase.LIFT, Phase.COMPENSATE):
+        paused += d.controller.phase is Phase.COMPENSATE
+        d.climb(0.9 if d.t_ns // TICK % 30 < 5 else 0.0)
+    assert d.controller.cap_reached
+    return paused * TICK * 1e-9
+
+
 def listened_s(**settings: Any) -> tuple[float, float]:
     """From the fingers' rest to listening, and on to the lift."""
     d = Driver(**settings)

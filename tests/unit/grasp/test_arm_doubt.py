@@ -267,3 +267,20 @@ def stopped_and_gone(m: float, moving: bool = False) -> str:
 def test_arm_that_was_stopped_and_says_that_it_stands_does_not_go_on() -> None:
     assert (stopped_and_gone(0.0019), stopped_and_gone(0.0021)) == ("", "arm_goes_on")
     assert stopped_and_gone(0.0021, moving=True) == ""
+
+
+def test_arm_that_was_stopped_and_says_that_it_moves_does_not_keep_its_place() -> None:
+    """As one whose values have frozen while it slowed down: nobody would know when it stands."""
+
+    def after(s: float, moving: bool = True) -> str:
+        doubt = ArmDoubt(DoubtSettings())
+        for t_s, height_m in ((0.0, 0.1), (0.01, 0.101)):
+            doubt.see(at(t_s, height_m, speed_mps=0.1), False)
+        doubt.told(StopArm(3.0), at(0.01, 0.101, speed_mps=0.1))
+        doubt.told(StopArm(3.0), at(0.05, 0.101, speed_mps=0.1))  # again
+        told = msgspec.structs.replace(at(0.01 + s, 0.101, speed_mps=0.1), moving=moving)
+        return doubt.see(told, False).partition(":")[0]
+
+    braking_s = 2 * math.sqrt(2 * 1e-4 / 3.0)
+    assert (after(0.059 + braking_s), after(0.061 + braking_s)) == ("", "arm_frozen")
+    assert after(1.0, moving=False) == ""

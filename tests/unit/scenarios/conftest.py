@@ -72,6 +72,7 @@ class Staged:
 
 # on the way down, as often as what is felt has it
 LANDING = ("land", "touch", "probe")
+HAND_ALONE = "controller.answer=jump"  # answers slip, the arm goes on
 
 
 def phases_but_landing(result: Any) -> list[str]:
@@ -88,6 +89,11 @@ def in_phase(phase: Phase, after_ticks: int = 10) -> Callable[[Tick], bool]:
         return seen > after_ticks
 
     return check
+
+
+def well_in(phase: Phase) -> Callable[[Tick], bool]:
+    """Some ticks into a phase; of the lift so many that the arm goes on after its pauses."""
+    return in_phase(phase, 40 if phase is Phase.LIFT else 5)
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,7 @@
 import pytest
 
 from grasp.phases import Phase
-from tests.unit.scenarios.conftest import Staged, in_phase
+from tests.unit.scenarios.conftest import HAND_ALONE, Staged, in_phase
 from tests.unit.scenarios.lift import device_faults as fault
 from tests.unit.scenarios.lift.doubt_delays import delay_ms
 
@@ -38,7 +38,7 @@ CASE_IDS = [
 
 def staged(act: fault.Act, phase: Phase, after: int = 5, seed: int = 0) -> tuple[Staged, str]:
     """The lift in which this was done, and the name of the fault that came of it."""
-    lift = Staged(seed=seed)
+    lift = Staged(HAND_ALONE, seed=seed)
     trial = lift.run(in_phase(phase, after), act)
     return lift, trial.controller.fault_cause.partition(":")[0]
 

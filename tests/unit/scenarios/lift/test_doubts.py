@@ -8,7 +8,7 @@ from grasp.loop import Tick
 from grasp.phases import AIRBORNE_PHASES, Phase
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import FinishedTrial
-from tests.unit.scenarios.conftest import Staged, in_phase
+from tests.unit.scenarios.conftest import Staged, in_phase, well_in
 from tests.unit.scenarios.lift import device_faults as fault
 
 P = Phase
@@ -32,7 +32,8 @@ CASES = [
     (fault.let_thumb_leap, ALL, "gripper_impossible", 3),
     (fault.let_finger_b_leap, ALL, "gripper_impossible", 3),
     (fault.lose_arm_position, ALL, "arm_position_nan", 2),
-    (fault.freeze_arm_values, (P.LIFT, P.COMPENSATE, P.LOWER), "arm_frozen", 14),
+    (fault.freeze_arm_values, (P.LIFT, P.LOWER), "arm_frozen", 14),
+    (fault.freeze_arm_values, (P.COMPENSATE,), "arm_frozen", 90),  # it stands until it goes on
     (fault.push_arm, (P.APPROACH, P.GRASP), "arm_wrong_way", 16),
     (fault.push_arm, (P.LIFT, P.HOLD), "arm_wrong_way", 40),  # it brakes before it turns
     (fault.let_arm_leap, ALL, "arm_jump", 2),
@@ -81,7 +82,7 @@ def test_what_cannot_be_is_a_named_fault_soon_and_the_safe_state_follows(
     act: fault.Act, phase: Phase, name: str, steps: int
 ) -> None:
     staged = Staged()
-    trial = staged.run(in_phase(phase, 5), act)
+    trial = staged.run(well_in(phase), act)
     in_safe_state(staged, trial, name)
     done = next(i for i, t in enumerate(staged.ticks) if t.t_ns == staged.done_at_ns)
     assert fault_at(staged) - done <= steps
@@ -190,7 +191,7 @@ def test_a_gripper_that_does_not_answer_a_command_is_a_fault_within_its_deadline
     phase: Phase, act: fault.Act
 ) -> None:
     staged = Staged()
-    trial = staged.run(in_phase(phase, 5), act)
+    trial = staged.run(well_in(phase), act)
     in_safe_state(staged, trial, "gripper_silent")
     first = next(
         t.t_ns for t in staged.ticks if not t.gripper.fresh and t.t_ns > (staged.done_at_ns or 0)

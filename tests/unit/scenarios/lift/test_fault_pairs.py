@@ -17,7 +17,7 @@ from scenarios.rigs.rig import Rig
 from scenarios.trial.ending import End
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
 from scenarios.world.cell import Truth
-from tests.unit.scenarios.conftest import config
+from tests.unit.scenarios.conftest import HAND_ALONE, config
 from tests.unit.scenarios.lift import device_faults as fault
 from tests.unit.scenarios.lift.test_faults import FAULTS as LINK_FAULTS
 
@@ -28,7 +28,7 @@ PHASES = tuple(p for p in Phase if p not in SAFE_PHASES | END_PHASES | NOT_IN_EV
 # a ball that slips all the way stands before the arm is down, and tightens the grip
 LANDING = (Phase.LAND, Phase.TOUCH, Phase.PROBE)
 SLIDING = ("object.friction_static=0.35", "object.friction_kinetic=0.3",
-           "controller.lift_height_m=0.03")  # fmt: skip
+           "controller.lift_height_m=0.03", HAND_ALONE)  # fmt: skip
 SLIDING_SEEDS = 6  # in the first of which all three phases come
 FAULTS: tuple[fault.Act, ...] = (
     *LINK_FAULTS, fault.freeze_fingertips, fault.freeze_thumb, fault.fingertips_read(0),

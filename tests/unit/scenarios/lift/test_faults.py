@@ -7,7 +7,7 @@ from grasp.commands import CloseFast, HoldFingers, MoveArm, StopArm
 from grasp.phases import Phase
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import FinishedTrial
-from tests.unit.scenarios.conftest import Staged, in_phase
+from tests.unit.scenarios.conftest import Staged, in_phase, well_in
 
 CONTACT = [Phase.LIFT, Phase.COMPENSATE, Phase.HOLD]
 
@@ -51,7 +51,7 @@ def sent_after(staged: Staged) -> list[object]:
 @pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.REST, Phase.GRASP, Phase.LISTEN, *CONTACT])
 def test_every_fault_in_every_phase_ends_in_its_safe_state(phase: Phase, fault: object) -> None:
     staged = Staged()
-    trial = staged.run(in_phase(phase, 5), fault)  # type: ignore[arg-type]
+    trial = staged.run(well_in(phase), fault)  # type: ignore[arg-type]
     assert trial.controller.phase is Phase.FAULT
     assert trial.controller.fault_cause
     commands = sent_after(staged)

@@ -15,7 +15,7 @@ from scenarios.rigs.rig import GraspRig
 from scenarios.trial.execution import make_guard, run_trial
 from scenarios.world.cell import Truth
 from scenarios.world.contact import initial_state
-from tests.unit.scenarios.conftest import Staged, config, in_phase
+from tests.unit.scenarios.conftest import HAND_ALONE, Staged, config, in_phase
 from tests.unit.scenarios.lift import device_faults as fault
 
 OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
@@ -69,7 +69,7 @@ SLIPPERY = ("object.friction_static=0.25", "object.friction_kinetic=0.2")
 
 
 def test_closed_empty_hand_is_never_lowered_onto_the_object_that_it_lost() -> None:
-    settings = config(*SLIPPERY, object_name="ball")
+    settings = config(*SLIPPERY, HAND_ALONE, object_name="ball")
     result = lift.run(settings, 0, None).result
     assert result is not None
     assert result.phases[-1].phase == "lost"

@@ -14,7 +14,7 @@ from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
 from scenarios.world.cell import Truth
-from tests.unit.scenarios.conftest import EAGER, RIGID
+from tests.unit.scenarios.conftest import EAGER, HAND_ALONE, RIGID
 from tests.unit.scenarios.lift.test_asked_again import lose_stops
 
 SLIPPED_M = 0.015
@@ -22,7 +22,9 @@ BOUND_N = 11.0  # limit and stated overshoot
 
 
 def ball(detector: str, *assignments: str, speed_mps: float = 0.1) -> LiftConfig:
-    assignments = (*RIGID, *((EAGER,) if detector == "energy" else ()), *assignments)
+    """The hand alone answers, so that it slips far."""
+    eager = (EAGER,) if detector == "energy" else ()
+    assignments = (*RIGID, HAND_ALONE, *eager, *assignments)
     plain = load_config("ball", "simulated", detector, None, assignments)
     quicker = AXES["speed"].moved(plain, speed_mps)
     return load_config("ball", "simulated", detector, None, [*assignments, *quicker]).for_lift()

@@ -1,0 +1,66 @@
+"""Pause: the arm stands while slip in the lift is answered, and then goes on gently.
+
+An object that slips there mostly still stands on the table, and the fingers slide up along it: when
+the arm stops, slip ends, some 30 ms later, while the hand needs 100 to 200 ms to press harder.
+"""
+
+from grasp.commands import Command, StopArm
+from grasp.controller_settings import ControllerSettings
+from grasp.lift_line import LiftLine
+from grasp.observation import Observation
+
+
+class Pause:
+    """One at a time; ``useless_s`` adds up those in which no closing could do anything."""
+
+    def __init__(self, settings: ControllerSettings, line: LiftLine) -> None:
+        self._settings = settings
+        self._line = line
+        self._lasts = False
+        self._useless = False
+        self._seen_ns = self._asked_ns = self._alarm_ns = 0
+        self.useless_s = 0.0
+
+    @property
+    def tired(self) -> bool:
+        """Whether the arm has stood for long enough in all while nothing could be done."""
+        return self.useless_s >= self._settings.useless_pause_s
+
+    def begin(self, seen: Observation) -> tuple[Command, ...]:
+        """Stop the arm, if that is the answer and it is on its way."""
+        if self._settings.answer == "jump":
+            return ()
+        self._lasts, self._useless = True, seen.closed_out
+        self._seen_ns = self._alarm_ns = seen.t_ns
+        return self._ask(seen)
+
+    def take(self, seen: Observation, alarm: bool) -> tuple[Command, ...]:
+        """One sample of it; ``alarm``: slip is not known to be over. A stop may be lost on its
+        way."""
+        if not self._lasts:
+            return ()
+        if self._useless:
+            self.useless_s += (seen.t_ns - self._seen_ns) * 1e-9
+        self._seen_ns = seen.t_ns
+        if alarm:
+            self._alarm_ns = seen.t_ns
+        due = seen.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9
+        return self._ask(seen) if due and seen.arm.moving and not seen.pending else ()
+
+    def over(self, seen: Observation) -> bool:
+        """Whether the arm stands and slip has been over for long enough."""
+        quiet = seen.t_ns - self._alarm_ns >= self._settings.resume_quiet_s * 1e9
+        return not self._lasts or (quiet and not seen.pending and not seen.arm.moving)
+
+    def end(self) -> tuple[Command, ...]:
+        """The arm goes on, no faster than that a grip which only just holds goes on holding."""
+        if not self._lasts:
+            return ()
+        self._lasts = False
+        s = self._settings
+        gently_mps2 = min(s.lift_acceleration_mps2, s.resume_mps2)
+        return (self._line.move(s.lift_height_m, s.lift_speed_mps, gently_mps2),)
+
+    def _ask(self, seen: Observation) -> tuple[Command, ...]:
+        self._asked_ns = seen.t_ns
+        return (StopArm(self._settings.answer_stop_mps2),)
