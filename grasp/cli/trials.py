@@ -76,8 +76,9 @@ def run_trials(args: argparse.Namespace, config: Any, permit: Any) -> int:
 
     alone = args.scenario == "lift" and args.trials is None and args.out is None
     experiment = Experiment(config, args.seed, args.trials or TRIALS[args.scenario])
-    if args.keep and experiment.trials > 1:
-        raise UsageError("--keep holds one object and ends", "leave out --trials")
+    if config.controller.keep and experiment.trials > 1:
+        told = "--keep, or controller.keep, holds one object and ends"
+        raise UsageError(told, "leave it out, or --trials 1")
     if args.resume and args.out is None:
         raise UsageError("--resume goes on with a file", "name it with --out FILE")
     out = args.out

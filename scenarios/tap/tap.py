@@ -64,7 +64,7 @@ def tap_config(config: TapConfig) -> TapConfig:
         config,
         object=replace(config.object, added_mass_kg=0.0),
         controller=replace(
-            config.controller, firm=True, reactions=False, keep=False, hold_s=person.HOLD_S,
+            config.controller, firm=True, reactions=False, hold_s=person.HOLD_S,
             retreat_m=0.0, lift_height_m=config.tap.height_m,
         ),
     )  # fmt: skip

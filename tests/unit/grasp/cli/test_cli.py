@@ -170,6 +170,8 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
         (["lift", "--direction", "top"], "`grasp run lift` does not take --direction top"),
         (["tap", "--keep"], "`grasp run tap` does not take --keep"),
         (["tap", "--trials", "0"], "a whole number"),
+        (["tap", "--set", "controller.keep=true"], "holds one object and ends"),
+        (["lift", "--trials", "2", "--set", "controller.keep=true"], "holds one object and ends"),
         (["tap", "--direction", "up"], "top"),
         (["tap", "--set", "tap.watch_s=1"], "too short to judge"),
         (["tap", "--set", "tap.spread=3"], "<= 0.5"),

@@ -54,6 +54,14 @@ def result_of(*assignments: str, seed: int = 0) -> TapResult:
     return _result(assignments, seed)
 
 
+def test_a_tap_that_ends_in_the_air_has_the_verdict_of_one_that_sets_down() -> None:
+    whole, kept = result_of(), result_of("controller.keep=true")
+    assert [whole.phases[-1].phase, kept.phases[-1].phase] == ["done", "kept"]
+    assert kept.phases[-1].t_s < whole.phases[-1].t_s - 1.0
+    for what in ("outcome", "moved", "displacement_m", "detection_latency_ms", "nominal_again_ms"):
+        assert getattr(kept, what) == getattr(whole, what)
+
+
 class Staged:
     """One tap trial with a watcher, on a rig that stays open to look at."""
 
