@@ -13,7 +13,7 @@ from grasp.cli.options import need, one_by_one, picture, progress, whole
 from grasp.files import write_whole
 
 WINDOWS = (10, 30, 50, 70, 100)
-STEPS = 800
+STEPS = 1500
 
 
 def add_parser(actions: Any) -> None:
@@ -57,7 +57,7 @@ def _add_training(parser: argparse.ArgumentParser) -> None:
     _add_data(parser)
     parser.add_argument(
         "--steps", type=whole(1, 10**7), default=STEPS, metavar="N",
-        help="of each training, 6,400 samples each (default: %(default)s)",
+        help="of each training, 3,200 samples a step (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--seeds", type=whole(1, 100), default=2, metavar="N", help="(default: %(default)s)"

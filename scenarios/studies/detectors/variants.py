@@ -27,7 +27,7 @@ from scenarios.studies.detectors.benchmark import contender
 from scenarios.trial.result import versions
 
 NETWORK = "tcn-paper"
-SAMPLES_PER_STEP = 6400  # of which half are learnt from
+SAMPLES_PER_STEP = 3200  # of which half are learnt from
 
 
 class Variant(msgspec.Struct, frozen=True):
