@@ -9,8 +9,6 @@ from drivers.interfaces import KIT_TAXELS
 
 WINDOW = 100  # samples: one second, the paper's
 NORM_EPS = 1e-3  # of the authors' layer norms
-# columns of rows of taxels: 0 1 2 in the lower row, 5 4 3 in the upper
-GRID = ((0, 1, 2), (5, 4, 3))
 
 Input = Literal["counts", "changes", "shifts"]
 
@@ -36,7 +34,6 @@ class Architecture(msgspec.Struct, frozen=True, kw_only=True):
     dropout: float = 0.2  # the authors'
     outputs: int = 2  # 2: softmax of static and slip, 1: log-odds
     streaming: bool = False  # dense outputs, explicit state; otherwise the window's last step
-    scrambled: bool = False  # freq-cnn: the published reshape that mixes time and taxels
     window: int = WINDOW  # samples that a tcn sees which is no stream
     norm: bool = True  # of a tcn: layer norm, as the paper has it
 
@@ -79,6 +76,5 @@ ARCHITECTURES = {
         family="tcn", inputs=EVERY, kernel=3, channels=16, dropout=0.0, outputs=1, streaming=True
     ),
     "gru": Architecture(family="gru", inputs=EVERY, channels=32, outputs=1, streaming=True),
-    "freq-cnn-paper": Architecture(family="freq-cnn", scrambled=True),
-    "freq-cnn": Architecture(family="freq-cnn"),
+    "freq-cnn-paper": Architecture(family="freq-cnn"),
 }

@@ -15,7 +15,6 @@ from onnx import TensorProto, helper, numpy_helper
 
 from detector.network_file import CARD_KEY, Mode, NetworkCard
 from detector.training.architecture import (
-    GRID,
     NORM_EPS,
     SHIFT_MEAN,
     SHIFT_SCALE_COUNTS,
@@ -301,12 +300,7 @@ def _gru_window(g: _Graph, arch: Architecture) -> str:
 
 def _frequency_window(g: _Graph, arch: Architecture) -> str:
     """The spectrum is a product with cosines and sines: 100 samples, 51 frequencies."""
-    x = _window_features(g, arch)
-    if arch.scrambled:
-        series = g.reshape(x, -1, arch.taxels, WINDOW)
-    else:
-        at = g.const([taxel for row in GRID for taxel in row], np.int64)
-        series = g.op("Transpose", g.op("Gather", x, at, axis=2), perm=[0, 2, 1])
+    series = g.reshape(_window_features(g, arch), -1, arch.taxels, WINDOW)
     angle = 2.0 * np.pi / WINDOW * np.outer(np.arange(WINDOW), np.arange(WINDOW // 2 + 1))
     parts = [g.op("MatMul", series, g.const(f(angle))) for f in (np.cos, np.sin)]
     power = g.op("Add", *(g.op("Mul", part, part) for part in parts))

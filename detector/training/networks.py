@@ -2,14 +2,13 @@
 
 `SlipTcn` is the network of Grover, Nadeau, Grebe and Kelly 2022 as its authors built it, and ours
 of the same family; `SlipGru` keeps one state instead of a history; `FrequencyCnn` is the paper's
-second method (after Meier et al. 2016), as published and with its reshape mended.
+second method (after Meier et al. 2016), as published.
 """
 
 import torch
 from torch import Tensor, nn
 
 from detector.training.architecture import (
-    GRID,
     NORM_EPS,
     SHIFT_MEAN,
     SHIFT_SCALE_COUNTS,
@@ -180,13 +179,10 @@ class FrequencyCnn(nn.Module):
         """Amplitudes (batch, 51, 2, 3) of a window (batch, 100, 6).
 
         The authors' reshape keeps the order of the numbers in memory, so that a "taxel" of theirs
-        is 16 2/3 samples of all six taxels; kept for comparison.
+        is 16 2/3 samples of all six taxels. With every taxel in its place nothing is learnt: the
+        amplitudes of a second do not say when in it there was slip (docs/paper-study.md).
         """
-        x = self.features(counts)
-        if self.arch.scrambled:
-            series = x.reshape(-1, 2, 3, WINDOW)
-        else:
-            series = x[:, :, torch.tensor(GRID)].permute(0, 2, 3, 1)
+        series = self.features(counts).reshape(-1, 2, 3, WINDOW)
         return torch.fft.rfft(series, dim=3).abs().permute(0, 3, 1, 2)
 
     def forward(self, counts: Tensor, last: bool = True) -> Tensor:

@@ -67,10 +67,9 @@ DEFAULTS = {
         steps=12_000, augmentation="as-run", batch=64, crop=100, warm=0, fresh=1.0,
         learning_rate=0.002, validations=2,
     ),
-    "freq-cnn": TrainSettings(
+    "freq-cnn-paper": TrainSettings(
         steps=10_000, dense=False, augmentation="none", balance="undersample", batch=256,
         learning_rate=0.002, validations=4,
     ),
 }  # fmt: skip
-DEFAULTS["freq-cnn-paper"] = DEFAULTS["freq-cnn"]
-WINDOWS = {"dense": False, "balance": "undersample", "batch": 256}
+WINDOWS = {"dense": False, "balance": "undersample", "batch": 256, "final_rate": 1.0}

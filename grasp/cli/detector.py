@@ -11,7 +11,7 @@ from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
 
 HELP = "score, tune and train slip detectors"
 TABLE2 = (
-    "psd", "freq-cnn-paper", "tcn-paper", "energy", "psd-fair", "forte", "freq-cnn", "gru", "tcn",
+    "psd", "freq-cnn-paper", "tcn-paper", "energy", "psd-fair", "forte", "gru", "tcn",
 )  # fmt: skip
 
 

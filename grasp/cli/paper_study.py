@@ -1,6 +1,7 @@
 """`grasp detector windows`, `ablations`, `table3`, `latency`: the paper's study of detection."""
 
 import argparse
+import itertools
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -141,17 +142,16 @@ def ablations(args: argparse.Namespace) -> int:
 
 
 def _trained(args: argparse.Namespace, variants: Any) -> list[Any]:
-    """A row for every variant and seed."""
+    """A row for every variant and seed; all variants of a seed before the next."""
     from scenarios.studies.detectors.benchmark import read_split
     from scenarios.studies.detectors.variants import Sets, train
 
     sets = Sets(*(read_split(args.data, split) for split in ("train", "validation", "test")))
     rows = []
     with _folder(args.networks) as folder, progress("training") as show:
-        for variant in variants:
-            for seed in range(args.seeds):
-                tell = partial(_tell, show, f"{variant.name}, seed {seed}")
-                rows.append(train(variant, args.steps, seed, sets, folder, tell))
+        for seed, variant in itertools.product(range(args.seeds), variants):
+            tell = partial(_tell, show, f"{variant.name}, seed {seed}")
+            rows.append(train(variant, args.steps, seed, sets, folder, tell))
     return rows
 
 

@@ -8,8 +8,10 @@ from typing import Any
 from grasp.cli import exits
 from grasp.cli.options import decimal, need, seed, whole
 
-NETWORKS = ("tcn", "gru", "tcn-paper", "freq-cnn", "freq-cnn-paper")
+NETWORKS = ("tcn", "gru", "tcn-paper", "freq-cnn-paper")
 NO_LIMIT_MINUTES = 1e9
+# options that are settings of a training
+ASKED = ("seed", "steps", "augmentation", "balance", "label", "moved_m", "validations")
 
 
 def add_parser(actions: Any) -> None:
@@ -32,6 +34,10 @@ def add_parser(actions: Any) -> None:
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="(default: %(default)s)")
     parser.add_argument("--steps", type=whole(1, 10**9), metavar="N", help="optimiser steps")
     parser.add_argument(
+        "--validations", type=whole(1, 1000), metavar="N",
+        help="evenly over the steps: the log's learning curve (default: the network's)",
+    )  # fmt: skip
+    parser.add_argument(
         "--minutes", type=decimal(0, NO_LIMIT_MINUTES), default=NO_LIMIT_MINUTES, metavar="M",
         help="processor minutes after which it ends with what it has (default: no limit)",
     )  # fmt: skip
@@ -48,7 +54,8 @@ def add_parser(actions: Any) -> None:
     )
     parser.add_argument(
         "--windows", action="store_true",
-        help="tcn-paper: learn from the last sample of windows alone, as its authors did",
+        help="tcn-paper: learn from the last sample of windows alone, at one rate, as "
+        "its authors did",
     )  # fmt: skip
     parser.add_argument(
         "--label", choices=("slip", "slip_true", "moved"),
@@ -103,11 +110,7 @@ def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
 
     learnt = [r for folder in args.data for r in read_dataset(folder, "train")]
     validation = [r for folder in args.data for r in read_dataset(folder, "validation")]
-    asked = {
-        name: getattr(args, name)
-        for name in ("seed", "steps", "augmentation", "balance", "label", "moved_m")
-        if getattr(args, name) is not None
-    }
+    asked = {name: getattr(args, name) for name in ASKED if getattr(args, name) is not None}
     if args.windows:
         asked = WINDOWS | asked
     table = msgspec.structs.asdict(DEFAULTS[args.network]) | asked

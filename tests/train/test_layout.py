@@ -56,8 +56,8 @@ def test_a_network_of_eight_taxels_is_trained_exported_and_refused_by_six(
 
 
 def test_an_image_of_taxels_has_no_place_for_more() -> None:
-    with pytest.raises(UsageError, match="'freq-cnn' was made for fingertips of 6 taxels"):
-        Training("freq-cnn", QUICK, TRAIN, VALIDATION, digest(TRAIN))
+    with pytest.raises(UsageError, match="'freq-cnn-paper' was made for fingertips of 6 taxels"):
+        Training("freq-cnn-paper", QUICK, TRAIN, VALIDATION, digest(TRAIN))
 
 
 def test_recordings_of_two_layouts_train_nothing() -> None:

@@ -153,11 +153,11 @@ def test_variance_is_within_a_label_and_compared_over_the_same_draws() -> None:
         noise = rng.normal(0.0, 1.0, (200, 1))
         quiet.append(msgspec.structs.replace(made, probabilities=0.5 + 0.05 * noise))
         loud.append(msgspec.structs.replace(made, probabilities=0.5 + 0.10 * noise))
-    found = [variance_of(n, RULE, s) for n, s in (("tcn-paper", quiet), ("freq-cnn", loud))]
+    found = [variance_of(n, RULE, s) for n, s in (("tcn-paper", quiet), ("freq-cnn-paper", loud))]
     p = np.concatenate([s.probabilities[100:, 0] for s in quiet])
     labels = np.concatenate([s.labels[100:] for s in quiet])
     expected = (p[labels].var() + p[~labels].var()) / 2
     assert found[0].estimate.value == pytest.approx(expected)
     low, high = (found[1].drawn - found[0].drawn).estimate.interval
     assert 0.0 < low < 3 * expected < high
-    assert "| `freq-cnn` | 0.0" in variances_table(found)
+    assert "| `freq-cnn-paper` | 0.0" in variances_table(found)
