@@ -14,12 +14,16 @@ class MoveFingers(msgspec.Struct, frozen=True, tag=True):
 
 
 class CloseFast(msgspec.Struct, frozen=True, tag=True):
-    """The marked fingers close until ``force_cap_n`` or their count limit; the others hold."""
+    """The marked fingers close until ``force_cap_n`` or their count limit; the others hold.
+
+    ``more``: a first stage, short of the cap; another closing follows when it rests.
+    """
 
     force_cap_n: float
     closing: tuple[bool, bool, bool]
     limits_counts: Counts3
     speed_mps: float
+    more: bool = False
 
 
 class OpenFingers(msgspec.Struct, frozen=True, tag=True):
@@ -59,9 +63,10 @@ def describe(command: Command) -> str:
     match command:
         case MoveFingers(targets, speed, force):
             return f"fingers to {targets} counts at {speed * 1e3:.0f} mm/s, at most {force:g} N"
-        case CloseFast(cap, closing, _, speed):
+        case CloseFast(cap, closing, limits, speed, more):
             names = "".join(n for n, c in zip(FINGER_NAMES, closing, strict=True) if c)
-            return f"close {names} at {speed * 1e3:.0f} mm/s, at most {cap:g} N"
+            to = f" to {limits} counts" if more else ""
+            return f"close {names}{to} at {speed * 1e3:.0f} mm/s, at most {cap:g} N"
         case OpenFingers():
             return "open all fingers"
         case HoldFingers():

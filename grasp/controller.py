@@ -10,9 +10,9 @@ from collections.abc import Callable
 import msgspec
 
 from drivers.interfaces import FINGER_NAMES, OPEN_COUNTS, Counts3, Detection, Vector3
+from grasp.closing import Closing
 from grasp.commands import (
     BeginRest,
-    CloseFast,
     Command,
     MoveFingers,
     StopArm,
@@ -34,8 +34,6 @@ from grasp.phases import (
 from grasp.safe_state import Pursuit, SafeState
 from grasp.slip import SlipMonitor, SlipStatus
 
-CLOSED_COUNTS: Counts3 = (255, 255, 255)
-ALL_FINGERS = (True, True, True)
 UNTIMED_PHASES = END_PHASES | {Phase.IDLE, Phase.HOLD}
 
 
@@ -69,6 +67,7 @@ class GraspController:
         self._pursuit: Pursuit | None = None  # of the safe state that was entered
         self._line = LiftLine(settings, plan.home or (0.0, 0.0, 0.0))  # without one, set by `_idle`
         self._felt = Felt(settings)
+        self._closing = Closing(settings, plan.force_cap_n)
         self._landing = Landing(settings, self._line, self._felt)
         self._pause = Pause(settings, self._line)
         self._out: list[Command] = []
@@ -157,7 +156,7 @@ class GraspController:
         fault = SafeState(Phase.FAULT, self.phase, self._entered_ns, "")
         safe = self._pursuit.safe if self._pursuit else fault
         stop = StopArm(self._settings.stop_deceleration_mps2)
-        return (stop, *safe.of_hand(self._fastest_closure()))
+        return (stop, *safe.of_hand(self._closing.slowly()))
 
     def _trouble(self, seen: Observation) -> str:
         if seen.trouble or seen.doubt:
@@ -190,12 +189,9 @@ class GraspController:
     def _move_fingers(self, targets: Counts3, speed_mps: float) -> None:
         self._out.append(MoveFingers(targets, speed_mps, self._settings.grip_force_n))
 
-    def _close_to_cap(self) -> None:
-        self._out.append(self._fastest_closure())
-
-    def _fastest_closure(self) -> CloseFast:
-        speed_mps = self._settings.closing_speed_mps
-        return CloseFast(self._plan.force_cap_n, ALL_FINGERS, CLOSED_COUNTS, speed_mps)
+    def _close_to_cap(self, seen: Observation) -> None:
+        lost = self._felt.contact_lost(seen.t_ns)
+        self._out.append(self._closing.command(seen, lost))
 
     def _idle(self, seen: Observation) -> None:
         if any(f.detection is Detection.CONTACT_CLOSING for f in seen.gripper.fingers):
@@ -248,7 +244,7 @@ class GraspController:
             return
         if self._settings.firm:
             self._fire(Trigger.POSITIONED, seen, "fingers rest at their positions")
-            self._close_to_cap()
+            self._out.append(self._closing.slowly())
         else:
             self._gripped(seen, "fingers rest at their positions")
 
@@ -322,7 +318,7 @@ class GraspController:
         self._fire(Trigger.SLIP_REGISTERED, seen, "contact lost" if lost else cause)
         if not seen.at_cap:
             self.closings += 1
-            self._close_to_cap()
+            self._close_to_cap(seen)
         return True
 
     def _compensate(self, seen: Observation) -> None:
@@ -330,6 +326,9 @@ class GraspController:
         self._out += self._pause.take(seen, slip.registered or slip.masked or not seen.hand_rests)
         if not seen.hand_rests:
             self.monitor.closing(seen.t_ns)
+        elif seen.unfinished:  # the same answer goes on
+            self.monitor.closing(seen.t_ns)
+            self._close_to_cap(seen)
         elif self._felt.contact_lost(seen.t_ns):
             self._lose(seen, "the hand closed and met nothing")
         elif slip.masked:
@@ -426,6 +425,8 @@ class GraspController:
 
     def _enter_safe_state(self, trigger: Trigger, seen: Observation, cause: str) -> None:
         self._fire(trigger, seen, cause)
-        safe = SafeState(self.phase, self.machine.before, seen.t_ns, cause)
-        self._pursuit = Pursuit(safe, self._settings, self._fastest_closure())
+        before = self.machine.before
+        half_closed = before is Phase.COMPENSATE and seen.first_stage
+        safe = SafeState(self.phase, before, seen.t_ns, cause, half_closed)
+        self._pursuit = Pursuit(safe, self._settings, self._closing)
         self._out += self._pursuit.ask(seen)

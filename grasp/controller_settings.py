@@ -46,6 +46,16 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     closing_speed_mps: Annotated[
         float, Meta(ge=0.022, le=0.11, description="asked for when slip is registered")
     ] = 0.11
+    closing: Annotated[
+        Literal["two_stage", "constant"],
+        Meta(
+            description="to the force cap: fast by position to just short of the limit, then "
+            "slowly; or at one speed (the paper's). With guard.cap_mode = each_motor at one speed"
+        ),
+    ] = "two_stage"
+    top_up_speed_mps: Annotated[
+        float, Meta(ge=0.022, le=0.11, description="of the second stage, to the force cap")
+    ] = 0.022
     relax_s: Annotated[
         float, Meta(ge=0.02, le=5.0, description="the pads relax, from the fingers' rest on")
     ] = 0.3

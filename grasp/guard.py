@@ -11,6 +11,7 @@ the limit for itself, which can put twice the limit on the thumb.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 import msgspec
@@ -46,6 +47,18 @@ class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
             "where the object states none of its own; assumed, 600-10000 N/m",
         ),
     ] = 2500.0
+    stiffness_margin: Annotated[
+        float,
+        Meta(
+            ge=1.0, le=3.0,
+            description="the contact may be this many times stiffer than stated: full speed ends "
+            "where the limit and overshoot_n would still be kept",
+        ),
+    ] = 1.3  # fmt: skip
+    first_force_margin_n: Annotated[
+        float,
+        Meta(ge=0.0, le=5.0, description="and the first grasp this much stronger than measured"),
+    ] = 1.0
     tip_mass_kg: Annotated[
         float,
         Meta(ge=0.001, le=5.0, description="finger and motor inertia seen at the tip; assumed"),
@@ -88,8 +101,10 @@ class ForceGuard:
         least_force_n: float,
         stiffness: Stiffness,
         least_speed_mps: float = 0.0,
+        free_counts: Counts3 = (0, 0, 0),
     ) -> None:
-        """``stiffness``: of the object's contact, or the worst case.
+        """``stiffness``: of the object's contact, or the worst case. ``free_counts``: up to there
+        the fingers touch nothing.
 
         Raises ConfigError when the gripper's least force is above the limit, or when even its
         least speed carries the tip further past the limit than the overshoot allows."""
@@ -113,6 +128,7 @@ class ForceGuard:
                 f"guard.overshoot_n >= {least_speed_mps * momentum:.2f}",
             )
         self._stiffness = stiffness
+        self._free_counts = free_counts
         self._anchor: tuple[Counts3, Vector3] | None = None
 
     @property
@@ -128,6 +144,30 @@ class ForceGuard:
     def anchor(self, positions: Counts3, measured_n: Vector3) -> None:
         """Remember the first grasp: travel is bounded from here."""
         self._anchor = (positions, measured_n)
+
+    def reach(self, state: GripperState, measured_n: Vector3) -> Counts3 | None:
+        """Counts up to which each finger may close at any speed: position alone keeps the limit
+        there by the stiffness stated, and limit plus overshoot by a contact and a first grasp as
+        much worse as the margins say. None before the first grasp, and where several motors press
+        at once.
+
+        A grip that is measured to be stronger than it was, by more than it has been closed, counts
+        as the first one.
+        """
+        if self._anchor is None or self._settings.cap_mode == "each_motor":
+            return None
+        fingers = zip(*self._anchor, state.requested, measured_n, strict=True)
+        a, b, c = (self._reach(*finger) for finger in fingers)
+        return a, b, c
+
+    def _reach(self, position: int, first_n: float, requested: int, measured_n: float) -> int:
+        s, per_count_n = self._settings, self._stiffness.newtons_per_count
+        grown_n = measured_n - per_count_n * max(0, requested - position)
+        worst_n = max(first_n + s.first_force_margin_n, grown_n)
+        worst = Stiffness(s.stiffness_margin * per_count_n)
+        counts = worst.counts_within(s.force_limit_n + s.overshoot_n - worst_n)
+        expected_n = max(first_n, grown_n)
+        return position + min(counts, self._stiffness.counts_within(s.force_limit_n - expected_n))
 
     def admit(
         self, command: GripperCommand, state: GripperState, measured_n: Vector3
@@ -156,9 +196,10 @@ class ForceGuard:
         closes = any(t > p for t, p in zip(command.targets_counts, state.positions, strict=True))
         if closes and self.overloaded(measured_n):
             return HoldFingers()
+        targets = self._bounded(command.targets_counts)
         return MoveFingers(
-            targets_counts=self._bounded(command.targets_counts),
-            speed_mps=command.speed_mps,
+            targets_counts=targets,
+            speed_mps=self._slowed(command.speed_mps, targets, state, measured_n),
             force_n=min(command.force_n, self._settings.force_limit_n),
         )
 
@@ -168,12 +209,25 @@ class ForceGuard:
         s = self._settings
         if self.overloaded(measured_n) or (s.travel_bound and self._anchor is None):
             return HoldFingers()
+        limits = self._bounded(command.limits_counts)
+        closing = THUMB_ALONE if s.cap_mode == "every_finger" else command.closing
+        moved = tuple(n if closes else 0 for n, closes in zip(limits, closing, strict=True))
         return CloseFast(
             force_cap_n=min(command.force_cap_n, s.force_limit_n),
-            closing=THUMB_ALONE if s.cap_mode == "every_finger" else command.closing,
-            limits_counts=self._bounded(command.limits_counts),
-            speed_mps=min(command.speed_mps, self.closing_speed_mps),
+            closing=closing,
+            limits_counts=limits,
+            speed_mps=self._slowed(command.speed_mps, moved, state, measured_n),
+            more=command.more,
         )
+
+    def _slowed(
+        self, asked_mps: float, targets: Sequence[int], state: GripperState, measured_n: Vector3
+    ) -> float:
+        """The one law of speed: any where position alone keeps the limit, and beyond that no more
+        than what the overshoot allows."""
+        free = self.reach(state, measured_n) or self._free_counts
+        within = all(target <= most for target, most in zip(targets, free, strict=True))
+        return asked_mps if within else min(asked_mps, self.closing_speed_mps)
 
     def _bounded(self, targets: Counts3) -> Counts3:
         """Targets cut to where each finger's force would reach the limit, whole counts down."""

@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.interfaces import ArmState, Detection, GripperState, TactileFrame, Vector3
+from drivers.interfaces import ArmState, Counts3, Detection, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast
 
 
@@ -40,6 +40,7 @@ class Observation(StepInput, frozen=True, kw_only=True):
     device says that cannot be believed; empty when all can. ``overloaded``: measured force is above
     the limit and its margin. ``felt_n``: of taxels alone that would feel it end, none of them at a
     rail or stuck. ``last_close``: the closing that was admitted last.
+    ``reach_counts``: how far each finger may close at any speed; None where that is not known.
     """
 
     probabilities: NDArray[np.float64]
@@ -48,6 +49,7 @@ class Observation(StepInput, frozen=True, kw_only=True):
     felt_n: Vector3 = (0.0, 0.0, 0.0)
     overloaded: bool = False
     last_close: CloseFast | None = None
+    reach_counts: Counts3 | None = None
 
     @property
     def tactile_stale(self) -> bool:
@@ -77,15 +79,27 @@ class Observation(StepInput, frozen=True, kw_only=True):
         return self.at_cap or (self.overloaded and self.hand_rests)
 
     @property
+    def unfinished(self) -> bool:
+        """Whether a first stage rests short of the force cap, and another closing is due."""
+        return self.first_stage and self.hand_rests and not self.closed_out
+
+    @property
+    def first_stage(self) -> bool:
+        """Whether the closing that was admitted last was a first stage."""
+        return self.last_close is not None and self.last_close.more
+
+    @property
     def at_cap(self) -> bool:
         """Whether another closing would do nothing: each finger that closed last is latched in
-        contact, or stands at the last count that the guard lets it have."""
+        contact, or stands at the last count that the guard lets it have; after a first stage that
+        is not the last."""
         close = self.last_close
         if close is None or not self.hand_rests:
             return False
         fingers = zip(self.gripper.fingers, close.closing, close.limits_counts, strict=True)
         return all(
-            f.detection is Detection.CONTACT_CLOSING or f.position_counts >= limit
+            f.detection is Detection.CONTACT_CLOSING
+            or (f.position_counts >= limit and not close.more)
             for f, closes, limit in fingers
             if closes
         )

@@ -6,6 +6,7 @@ in docs/architecture.md, "Safe states". Pursuit asks for one until it is seen.
 
 import msgspec
 
+from grasp.closing import Closing
 from grasp.commands import CloseFast, Command, HoldFingers, StopArm
 from grasp.controller_settings import ControllerSettings
 from grasp.observation import Observation
@@ -19,12 +20,14 @@ def doubts_arm(cause: str) -> bool:
 
 class SafeState(msgspec.Struct, frozen=True):
     """One that was entered: its phase (lost, stopped or fault), the phase before, when, and the
-    cause, whose parts are joined by "; "."""
+    cause, whose parts are joined by "; ". ``half_closed``: the first stage of an answer to slip was
+    asked for, and its second was not yet."""
 
     phase: Phase
     before: Phase
     since_ns: int
     cause: str
+    half_closed: bool = False
 
     @property
     def arm_is_doubted(self) -> bool:
@@ -34,7 +37,10 @@ class SafeState(msgspec.Struct, frozen=True):
 
     @property
     def closes_hand(self) -> bool:
-        """The object may be in the air: the hand closes to the limit."""
+        """The object may be in the air, or an answer to slip is to be finished: the hand closes to
+        the limit."""
+        if self.phase is Phase.STOPPED:
+            return self.half_closed
         return self.phase is Phase.FAULT and self.before in AIRBORNE_PHASES
 
     @property
@@ -43,10 +49,11 @@ class SafeState(msgspec.Struct, frozen=True):
         or there is nothing left to grip."""
         if self.before in UNMOVED_PHASES or self.phase is Phase.LOST:
             return True
-        return self.phase is Phase.STOPPED and self.before in CONTACT_PHASES - CLOSING_PHASES
+        kept = self.before in CONTACT_PHASES - CLOSING_PHASES and not self.half_closed
+        return self.phase is Phase.STOPPED and kept
 
     def of_hand(self, closure: CloseFast) -> tuple[Command, ...]:
-        """What is asked of the hand; ``closure``: the fastest there is, to the limit."""
+        """What is asked of the hand; ``closure``: the one that is due, to the limit."""
         if self.leaves_hand:
             return ()
         return (closure,) if self.closes_hand else (HoldFingers(),)
@@ -87,9 +94,9 @@ class Pursuit:
     ``further``: doubts since it was entered; they are told, and change nothing that is asked for.
     """
 
-    def __init__(self, safe: SafeState, settings: ControllerSettings, closure: CloseFast) -> None:
+    def __init__(self, safe: SafeState, settings: ControllerSettings, closing: Closing) -> None:
         self._settings = settings
-        self._closure = closure
+        self._closing = closing
         self.safe = safe
         self.over = False
         self.unreached: tuple[str, ...] = ()
@@ -120,7 +127,7 @@ class Pursuit:
         stop = seen.arm.moving or seen.t_ns == safe.since_ns or safe.arm_is_doubted
         arm = (StopArm(self._settings.stop_deceleration_mps2),) if stop else ()
         tell_hand = not seen.gripper_lost and not safe.hand_is_safe(seen)
-        return (*arm, *safe.of_hand(self._closure)) if tell_hand else arm
+        return (*arm, *safe.of_hand(self._closing.command(seen))) if tell_hand else arm
 
     def _doubt_further(self, doubt: str) -> None:
         told = {part.partition(":")[0] for part in self.safe.cause.split("; ")}

@@ -92,6 +92,7 @@ class GraspStep:
             felt_n=self._felt_n,
             overloaded=self._guard.overloaded(self._measured_n),
             last_close=self._last_close,
+            reach_counts=self._guard.reach(told.gripper, self._measured_n),
         )
 
     def _listen(self, frame: TactileFrame | None) -> tuple[NDArray[np.float64], str]:

@@ -304,7 +304,8 @@ class RobotiqDriver:
     ) -> Applied:
         """Close some fingers to their limits, within a force; the others hold where they are.
 
-        Nothing opens: a limit behind a finger leaves it where it is.
+        Nothing opens: a limit behind a finger leaves it where it is. Where that is doubtful it goes
+        on to where it was told to, and no faster than it was told.
         """
         byte = self._calibration.byte_at_most(force_cap_n)
         limits = checked_counts(limits_counts)
@@ -313,7 +314,17 @@ class RobotiqDriver:
             max(limit, here) if closes else here
             for closes, limit, here in zip(closing, limits, held, strict=True)
         )
+        if self._doubtful(self._known()):
+            speed_mps = self._no_faster(speed_mps)
         return self._move(targets, speed_mps, tuple(byte if closes else 0 for closes in closing))
+
+    def _no_faster(self, speed_mps: float) -> float:
+        """Than the fingers were told last."""
+        wanted = self._exchange.wanted
+        if wanted is None or not wanted.go_to:
+            return speed_mps
+        told_mps = self._calibration.speed_mps(max(axis.speed for axis in wanted.axes[:FINGERS]))
+        return min(speed_mps, told_mps)
 
     def hold(self) -> Applied:
         """Stay: every target becomes the position the finger has. Never refused once connected.

@@ -176,6 +176,8 @@ def _closed(tick: Tick, close: CloseFast) -> str:
     fingers = zip(tick.gripper.fingers, close.closing, strict=True)
     if any(closes and f.detection is Detection.CONTACT_CLOSING for f, closes in fingers):
         return f"closed to the limit of {close.force_cap_n:g} N"
+    if close.more:
+        return f"closed by position, short of the limit of {close.force_cap_n:g} N"
     return f"closed to its last count, within the limit of {close.force_cap_n:g} N"
 
 

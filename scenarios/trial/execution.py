@@ -52,7 +52,13 @@ def make_guard(config: TrialConfig) -> ForceGuard:
     check_arm(config)
     check_waits(config)
     known = calibration(config)
-    guard = ForceGuard(config.guard, known.least_force_n, stiffness(config), known.least_speed_mps)
+    guard = ForceGuard(
+        config.guard,
+        known.least_force_n,
+        stiffness(config),
+        known.least_speed_mps,
+        grip_plan(config).preshape_counts,
+    )
     if config.controller.firm and config.guard.travel_bound:
         raise ConfigError(
             "guard",

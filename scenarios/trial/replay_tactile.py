@@ -26,6 +26,7 @@ from drivers.interfaces import (
     TactileFrame,
     Vector3,
 )
+from grasp.closing import CLOSED_COUNTS
 from grasp.commands import (
     BeginRest,
     CloseFast,
@@ -35,7 +36,6 @@ from grasp.commands import (
     OpenFingers,
     describe,
 )
-from grasp.controller import CLOSED_COUNTS
 from grasp.doubt import Doubts
 from grasp.observation import StepInput
 from grasp.step import StepResult
@@ -67,8 +67,9 @@ class TactileReplay(msgspec.Struct, frozen=True):
 
 
 class ObedientDevices:
-    """A gripper that obeys at once (closing takes 80 ms and ends in contact), and an arm that does
-    so too, or is for ever on its way: then the lift lasts as long as the recording."""
+    """A gripper that obeys at once (closing takes 80 ms and ends in contact, a first stage half of
+    that and ends at its target), and an arm that does so too, or is for ever on its way: then the
+    lift lasts as long as the recording."""
 
     def __init__(self, arm_arrives: bool) -> None:
         self.rest_taken = False
@@ -83,7 +84,7 @@ class ObedientDevices:
         if isinstance(command, MoveFingers):
             self._targets, self._latched = command.targets_counts, False
         elif isinstance(command, CloseFast) and not self._latched:
-            self._closes_until_ns, self._latched = now_ns + CLOSING_NS, True
+            self._close(command, now_ns)
         elif isinstance(command, OpenFingers):
             self._targets, self._latched = (0, 0, 0), False
         elif isinstance(command, BeginRest):
@@ -91,6 +92,12 @@ class ObedientDevices:
         elif isinstance(command, MoveArm):
             self.lifting = True
             self._arm_m = command.position_m if self._arm_arrives else self._arm_m
+
+    def _close(self, command: CloseFast, now_ns: int) -> None:
+        self._latched = not command.more
+        self._closes_until_ns = now_ns + (CLOSING_NS if self._latched else CLOSING_NS // 2)
+        if command.more:
+            self._targets = (command.limits_counts[0], *self._targets[1:])
 
     def gripper(self, now_ns: int) -> GripperState:
         """A thumb that closed stands on its object, short of where it was told to go."""

@@ -159,6 +159,11 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
      lambda v: 0.1 / on_grasp.overshoot_n(tip_mass_kg=v) ** 2, 1e-9),
     ("GuardSettings.travel_bound", (False, True),
      lambda v: on_grasp.admitted(travel_bound=v) is None, 0),
+    ("GuardSettings.stiffness_margin", (1.6, 2.0),
+     lambda v: 80 / 2.5 / on_grasp.reach_counts(
+         stiffness_margin=v, force_limit_n=60.0, overshoot_n=20.0, first_force_margin_n=0.0
+     ), 1e-9),
+    ("GuardSettings.first_force_margin_n", (0.5, 1.0), on_grasp.worst_first_n, 0.011),
     ("GuardSettings.counts_per_newton", (100.0, 300.0),
      lambda v: 600.0 / on_grasp.guard(counts_per_newton=v).measured_n((-600.0, 0.0, 0.0))[0], 1e-9),
     ("ControllerSettings.preshape_margin_counts", (10, 20), on_run.margin_counts, 0),
@@ -176,6 +181,10 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
      lambda v: on_grasp.fingers_moved(1, grip_force_n=v).force_n, 0.0),
     ("ControllerSettings.closing_speed_mps", (0.03, 0.1),
      lambda v: on_grasp.closed(closing_speed_mps=v).speed_mps, 0.0),
+    ("ControllerSettings.closing", ("two_stage", "constant"),
+     lambda v: {2: "two_stage", 1: "constant"}[len(on_grasp.stages(closing=v))], 0),
+    ("ControllerSettings.top_up_speed_mps", (0.03, 0.06),
+     lambda v: on_grasp.stages(top_up_speed_mps=v)[1].speed_mps, 0.0),
     ("ControllerSettings.relax_s", (0.1, 0.6), lambda v: on_grasp.listened_s(relax_s=v)[0], 0.011),
     ("ControllerSettings.listen_s", (0.1, 0.6),
      lambda v: on_grasp.listened_s(listen_s=v)[1], 0.011),

@@ -14,8 +14,9 @@ from typing import cast
 import msgspec
 
 from drivers.interfaces import PERIOD_NS, Gripper
+from grasp.closing import CLOSED_COUNTS
 from grasp.commands import CloseFast
-from grasp.controller import CLOSED_COUNTS, GraspController
+from grasp.controller import GraspController
 from grasp.guard import THUMB_ALONE
 from grasp.loop import Tick
 from grasp.phases import Phase
@@ -179,7 +180,9 @@ def answered(config: LiftConfig, seed: int) -> tuple[int, CloseFast, int] | None
 
 
 def _answer(config: LiftConfig, seed: int) -> tuple[int, CloseFast, int, Truth] | None:
-    """None where the full path never answered, or nothing had slipped by its end."""
+    """In one closing; None where the full path never answered, or nothing had slipped."""
+    controller_settings = msgspec.structs.replace(config.controller, closing="constant")
+    config = msgspec.structs.replace(config, controller=controller_settings)
     sent: list[tuple[int, CloseFast]] = []
     on = msgspec.structs.replace(config.controller, answer="jump")  # the hand alone answers
     config = msgspec.structs.replace(config, controller=on)

@@ -39,6 +39,7 @@ class Driver:
         self.closed = False
         self.stopped = False  # the arm was told to, last
         self.last_close: CloseFast | None = None
+        self.reach: Counts3 | None = None
         self.requested: Counts3 = (0, 0, 0)
         self.commands: list[object] = []
 
@@ -53,6 +54,10 @@ class Driver:
     def obey(self, command: object) -> None:
         if isinstance(command, MoveFingers):
             self.requested, self.closed = command.targets_counts, False
+        elif isinstance(command, CloseFast) and command.more:
+            _, b, c = self.requested
+            self.requested = (command.limits_counts[0], b, c)
+            self.last_close = msgspec.structs.replace(command, closing=(True, False, False))
         elif isinstance(command, CloseFast):
             self.closed = True
             self.last_close = CloseFast(10.0, (True, False, False), (255, 255, 255), 0.06)
@@ -71,6 +76,7 @@ class Driver:
         self.t_ns += TICK
         changes.setdefault("arm", arm(self.t_ns, self.height_m))
         changes.setdefault("last_close", self.last_close)
+        changes.setdefault("reach_counts", self.reach)
         decision = self.controller.step(seen(self.t_ns, p, **changes))
         self.commands += decision.commands
         for command in decision.commands:

@@ -40,7 +40,34 @@ def overshoot_n(**settings: Any) -> float:
     return close.speed_mps * math.sqrt(2500.0 * 0.1)
 
 
+def reach_counts(first_n: float = 0.0, **settings: Any) -> int:
+    """Counts of 2.5 N that the thumb may close at any speed after a first grasp."""
+    g = guard(**settings)
+    g.anchor((0, 0, 0), (first_n, 0.0, 0.0))
+    reach = g.reach(gripper(positions=(0, 0, 0)), (first_n, 0.0, 0.0))
+    assert reach is not None
+    return reach[0]
+
+
+def worst_first_n(v: float) -> float:
+    """By how much less than would reach limit and overshoot a first grasp has a count less."""
+    settings: dict[str, Any] = {"force_limit_n": 40.0, "overshoot_n": 1.0}
+    steps = (n / 100 for n in range(200))
+    first_n = next(n for n in steps if reach_counts(n, first_force_margin_n=v, **settings) < 12)
+    return 41.0 - 12 * 1.3 * 2.5 - first_n
+
+
 # Controller
+
+
+def stages(**settings: Any) -> list[CloseFast]:
+    """Of the answer to slip."""
+    d = Driver(**settings)
+    d.reach = (58, 57, 57)
+    d.slip()
+    for _ in range(3):
+        d.climb(0.9)
+    return [c for c in d.commands if isinstance(c, CloseFast)]
 
 
 def lifted(**settings: Any) -> Driver:

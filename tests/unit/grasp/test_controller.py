@@ -104,7 +104,7 @@ def test_detector_is_reset_and_armed_only_once_the_fingers_rest() -> None:
 def test_firm_grip_squeezes_to_the_cap_and_relaxes_once_the_thumb_stopped_on_the_object() -> None:
     d = Driver(firm=True)
     d.until(Phase.SQUEEZE)
-    assert d.commands[-1] == CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)
+    assert d.commands[-1] == CloseFast(10.0, (True, True, True), (255, 255, 255), 0.022)
     d.step(gripper=d.hand(detections=MOVING))
     assert d.controller.phase is Phase.SQUEEZE
     for _ in range(70):

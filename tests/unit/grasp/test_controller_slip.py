@@ -21,6 +21,83 @@ def test_registered_slip_closes_as_fast_as_it_may_in_the_same_step() -> None:
     assert d.commands == [StopArm(3.0), CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)]
 
 
+REACH = (58, 57, 57)
+FIRST = CloseFast(10.0, (True, True, True), REACH, 0.11, more=True)
+TOP_UP = CloseFast(10.0, (True, True, True), (255, 255, 255), 0.022)
+
+
+def staged() -> Driver:
+    d = Driver(answer="jump")
+    d.reach = REACH
+    return d
+
+
+def test_known_reach_is_closed_to_at_full_speed_and_from_rest_there_slowly_to_the_cap() -> None:
+    d = staged().slip()
+    assert d.commands == [FIRST]
+    for _ in range(5):
+        d.climb(0.9, gripper=d.hand(positions=(57, 55, 55), detections=MOVING))
+    assert d.commands == [FIRST]
+    d.climb(0.9)
+    assert d.commands == [FIRST, TOP_UP]
+    for _ in range(5):
+        d.climb(0.9, gripper=d.hand(positions=(59, 55, 55), detections=MOVING))
+    d.climb(0.9)
+    assert d.commands == [FIRST, TOP_UP]
+
+
+def test_both_stages_are_one_answer_though_slip_ends_between_them() -> None:
+    d = staged().slip()
+    for _ in range(40):
+        d.climb(0.0)
+    assert d.commands == [FIRST, TOP_UP]
+    assert d.controller.closings == 1
+    assert len(d.controller.monitor.events) == 1
+    assert d.controller.phase is Phase.LIFT
+
+
+def test_thumb_that_meets_the_cap_in_the_first_stage_needs_no_second() -> None:
+    d = staged().slip()
+    for _ in range(30):
+        d.climb(gripper=d.hand(positions=(57, 55, 55), detections=LATCHED))
+    assert d.commands == [FIRST]
+    assert d.controller.phase is Phase.LIFT
+
+
+def test_first_stage_whose_top_up_is_overloaded_is_left_at_that() -> None:
+    d = staged().slip()
+    for _ in range(2):
+        d.climb(0.9, overloaded=True)
+    assert d.commands == [FIRST]
+
+
+def test_contact_lost_in_the_first_stage_is_sought_at_the_speed_that_the_guard_allows() -> None:
+    d = staged().slip()
+    for _ in range(10):
+        d.climb(gripper=d.hand(detections=MOVING), measured_n=(0.0, 0.0, 0.0))
+    d.climb(measured_n=(0.0, 0.0, 0.0))
+    assert d.commands == [FIRST, CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)]
+    assert d.controller.phase is Phase.COMPENSATE
+
+
+def test_second_answer_has_no_reach_left_and_rises_slowly() -> None:
+    d = staged().slip()
+    for _ in range(30):
+        d.climb()
+    d.commands.clear()
+    rests = {"positions": (60, 55, 55), "requested": (255, 55, 55), "detections": RESTING}
+    for _ in range(2):
+        d.climb(0.9, gripper=d.hand(**rests))
+    assert d.commands == [TOP_UP]
+
+
+def test_constant_closing_goes_to_the_cap_in_one() -> None:
+    d = Driver(answer="jump", closing="constant")
+    d.reach = REACH
+    d.slip()
+    assert d.commands == [CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)]
+
+
 def test_own_closing_cannot_trigger_itself() -> None:
     d = Driver().slip()
     d.commands.clear()

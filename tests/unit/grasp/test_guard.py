@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import ConfigError
+from drivers.interfaces import Counts3
 from grasp.commands import CloseFast, HoldFingers, MoveFingers, OpenFingers
 from grasp.guard import ForceGuard, GuardSettings
 from grasp.stiffness import Stiffness
@@ -16,6 +17,7 @@ from tests.unit.grasp.builders import gripper
 M_PER_COUNT = 0.00077
 RIGID = Stiffness(2500.0 * M_PER_COUNT)
 NO_FORCE = (0.0, 0.0, 0.0)
+FIRST_N = (2.0, 1.0, 1.0)  # of a first grasp
 ALL = (True, True, True)
 AROUND_THE_LIMIT = [9.0, 9.9, math.nextafter(10, 0), 10.0, math.nextafter(10, 11), 10.1, 11, 60.0]
 
@@ -153,6 +155,82 @@ def test_least_speed_that_just_keeps_the_overshoot_is_accepted() -> None:
     ForceGuard(GuardSettings(), 10.0, RIGID, fastest_mps)
     with pytest.raises(ConfigError, match="overshoot_n"):
         ForceGuard(GuardSettings(), 10.0, RIGID, math.nextafter(fastest_mps, 1.0))
+
+
+def speed(g: ForceGuard, targets: Counts3, asked_mps: float = 0.11) -> float:
+    moved = g.admit(MoveFingers(targets, asked_mps, 10.0), gripper(), FIRST_N)
+    closed = g.admit(CloseFast(10.0, ALL, targets, asked_mps), gripper(), FIRST_N)
+    assert isinstance(moved, MoveFingers) and isinstance(closed, CloseFast)
+    assert moved.speed_mps == closed.speed_mps
+    return moved.speed_mps
+
+
+def anchored(**changes: object) -> ForceGuard:
+    g = guard(**changes)
+    g.anchor((55, 55, 55), FIRST_N)
+    return g
+
+
+def test_every_finger_command_obeys_one_law_of_speed() -> None:
+    g = anchored()
+    reach = g.reach(gripper(), FIRST_N)
+    assert reach is not None and reach[0] == 58
+    slow = g.closing_speed_mps
+    assert [speed(g, (a, 55, 55)) for a in (20, 55, 58, 59, 255)] == [0.11, 0.11, 0.11, slow, slow]
+    assert speed(g, (255, 55, 55), 0.03) == 0.03
+
+
+def test_fingers_that_a_closing_leaves_alone_do_not_slow_it() -> None:
+    g = anchored()
+    admitted = g.admit(CloseFast(10.0, ALL, (58, 255, 255), 0.11), gripper(), FIRST_N)
+    assert isinstance(admitted, CloseFast)
+    assert admitted.speed_mps == 0.11
+    moved = g.admit(MoveFingers((58, 255, 55), 0.11, 10.0), gripper(), FIRST_N)
+    assert isinstance(moved, MoveFingers)
+    assert moved.speed_mps == g.closing_speed_mps
+
+
+def test_before_the_first_grasp_only_where_nothing_is_touched_may_be_fast() -> None:
+    g = ForceGuard(GuardSettings(), 10.0, RIGID, free_counts=(25, 40, 40))
+    assert g.reach(gripper(), FIRST_N) is None
+    slow = g.closing_speed_mps
+    assert [speed(g, (a, 40, 40)) for a in (25, 26)] == [0.11, slow]
+
+
+def test_motors_that_press_at_once_have_no_reach() -> None:
+    assert anchored(cap_mode="each_motor").reach(gripper(), FIRST_N) is None
+
+
+@given(
+    first_n=st.floats(0, 12), stiffness=st.floats(600, 10_000), stiffer=st.floats(1.0, 1.3),
+    stronger_n=st.floats(0.0, 1.0), overshoot_n=st.floats(0.8, 2.0),
+)  # fmt: skip
+def test_reach_keeps_the_limit_as_stated_and_the_overshoot_if_contact_and_grasp_are_worse(
+    first_n: float, stiffness: float, stiffer: float, stronger_n: float, overshoot_n: float
+) -> None:
+    g = guard(contact_stiffness_npm=stiffness, overshoot_n=overshoot_n)
+    measured_n = (first_n, first_n / 2, first_n / 2)
+    g.anchor((55, 55, 55), measured_n)
+    reach = g.reach(gripper(), measured_n)
+    assert reach is not None
+    rise_n = (reach[0] - 55) * M_PER_COUNT * stiffness
+    assert rise_n == 0 or first_n + rise_n <= 10.0 + 1e-9
+    assert rise_n == 0 or first_n + stronger_n + stiffer * rise_n <= 10.0 + overshoot_n + 1e-9
+
+
+def test_reach_is_far_enough_to_be_worth_it() -> None:
+    assert anchored().reach(gripper(), FIRST_N) == (58, 58, 58)
+    soft = ForceGuard(GuardSettings(), 10.0, Stiffness(0.55))
+    soft.anchor((53, 54, 54), FIRST_N)
+    assert soft.reach(gripper(), FIRST_N) == (64, 66, 66)
+
+
+def test_grip_that_has_grown_by_itself_counts_as_the_first_one() -> None:
+    g = anchored()
+    assert g.reach(gripper(), (2.9, 1.0, 1.0)) == (58, 58, 58)  # within the margin
+    assert g.reach(gripper(), (5.9, 1.0, 1.0)) == (57, 58, 58)
+    closed = gripper(positions=(57, 55, 55))
+    assert g.reach(closed, (5.9, 1.0, 1.0)) == (58, 58, 58)  # by closing, as expected
 
 
 def test_repeated_commands_do_not_ratchet_past_the_bound() -> None:

@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.errors import DeviceFault, Refused
-from drivers.interfaces import Gripper
+from drivers.interfaces import Detection, Gripper
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import GripperModel, HandSettings, ModelTransport
 from drivers.robotiq.model.registers import Request
@@ -156,6 +156,21 @@ def test_golden_bytes_of_every_motion_verb(rig) -> None:
         "0904007800005a000050000000000000",
         "09040000000000000000000000000000",
     ]
+
+
+def test_finger_whose_position_is_doubtful_goes_on_no_faster_than_it_was_told(rig) -> None:
+    made = rig()
+    made.driver.close_fast(10.0, THUMB, (200, 0, 0), 0.022)
+    made.step(40)
+    kept = made.model.read(made.now_ns)
+    assert made.driver.close_fast(10.0, THUMB, (60, 0, 0), FAST).speed_mps > 0.1
+    made.driver.close_fast(10.0, THUMB, (200, 0, 0), 0.022)
+    made.model.misreport(lambda words: kept)
+    made.step(20)
+    assert made.state.fingers[0].detection is Detection.MOVING
+    applied = made.driver.close_fast(10.0, THUMB, (60, 0, 0), FAST)
+    assert applied.targets_counts[0] == 200, "it may be anywhere on its way there"
+    assert applied.speed_mps == 0.022
 
 
 def test_applied_tells_what_the_bytes_say_after_rounding(rig) -> None:

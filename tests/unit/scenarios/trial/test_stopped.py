@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.errors import LinkLost
+from drivers.interfaces import Detection
 from grasp import interruption
 from grasp.commands import CloseFast, StopArm
 from grasp.loop import Tick
@@ -76,9 +77,20 @@ def test_signal_in_any_phase_ends_the_run_without_a_verdict(phase: Phase, tmp_pa
     assert replay.complete and not replay.differences
 
 
-@pytest.mark.parametrize("phase", [Phase.COMPENSATE, Phase.LOWER])
-def test_grip_is_kept_as_it_is(phase: Phase) -> None:
-    _, ticks = stopped_lift(None, phase, signal.SIGHUP)
+def test_answer_to_slip_that_has_begun_is_finished() -> None:
+    _, ticks = stopped_lift(None, Phase.COMPENSATE, signal.SIGHUP)
+    last = ticks[-1]
+    assert last.decision.phase is Phase.STOPPED
+    assert last.gripper.fingers[0].detection is Detection.CONTACT_CLOSING
+    assert not last.arm.moving
+
+
+@pytest.mark.parametrize(
+    ("phase", "settings"),
+    [(Phase.COMPENSATE, (*QUICK, 'controller.closing="constant"')), (Phase.LOWER, QUICK)],
+)
+def test_grip_is_kept_as_it_is(phase: Phase, settings: tuple[str, ...]) -> None:
+    _, ticks = stopped_lift(None, phase, signal.SIGHUP, settings=settings)
     stopped = [t for t in ticks if t.decision.phase is Phase.STOPPED]
     assert not any(isinstance(c, CloseFast) for t in stopped for c in t.decision.commands)
     before, after = stopped[0].gripper.positions, ticks[-1].gripper.positions

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from grasp.closing import CLOSED_COUNTS
 from grasp.commands import CloseFast
-from grasp.controller import CLOSED_COUNTS
 from grasp.guard import THUMB_ALONE
 from scenarios.studies.reaction.copies import (
     Copy,
