@@ -43,6 +43,9 @@ class Traced(GraspStep):
         guard = SimpleNamespace(
             measured_n=lambda sums: self.hears("guard", *sums) or (1.0, 2.0, len(self.kept)),
             overloaded=lambda forces: self.of("guard", "overloaded", object()),
+            reach=lambda state, forces: (
+                self.hears("guard", state) or self.of("guard", "reach_counts", object())
+            ),
             anchor=lambda where, forces: self.hears("guard", where, ("Decision", "anchor")),
             admit=lambda command, state, forces: self.hears("guard", command, state) or self.let,
         )
