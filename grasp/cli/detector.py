@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import BadFile, UsageError
-from grasp.cli import exits, paper_study, train
+from grasp.cli import detector_study, exits, paper_study, train
 from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
 
 HELP = "score, tune and train slip detectors"
@@ -23,6 +23,7 @@ def add_parser(verbs: Any) -> None:
     _add_table2(actions)
     _add_card(actions)
     paper_study.add_parser(actions)
+    detector_study.add_robustness(actions)
     train.add_parser(actions)
 
 

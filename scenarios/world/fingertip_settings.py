@@ -61,7 +61,7 @@ class FingertipSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     ] = 0.0  # fmt: skip
     tilt_y_rad: Annotated[float, Meta(ge=-0.4, le=0.4, description="likewise along y")] = 0.0
     foundation_n_per_mm3: Annotated[
-        float, Meta(ge=0.02, le=1.0, description="spring bed, normal; CLIP, 0.35-0.8")
+        float, Meta(ge=0.02, le=2.0, description="spring bed, normal; CLIP, 0.35-0.8")
     ] = 0.575
     shear_share: Annotated[
         float, Meta(ge=0.1, le=1.0, description="of it, tangential stiffness; assumed from layer "

@@ -1,0 +1,115 @@
+"""`grasp detector robustness` and `grasp chart observer`: what is endured, and what is possible."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from grasp.cli import exits
+from grasp.cli.options import add_workers, decimal, need, picture, progress, whole, workers
+from grasp.files import write_whole
+
+COMPARED = ("tcn", "gru", "energy", "psd-fair")
+
+
+def add_robustness(actions: Any) -> None:
+    text = "detectors on recordings with something wrong: gain, taxels, noise, samples, rate, pad"
+    parser = actions.add_parser(
+        "robustness", help=text,
+        description=text + ". A fixed part of the split `test`, by the packaged rules; prints a "
+        "Markdown table. Needs the extra `charts`.",
+    )  # fmt: skip
+    _add_names(parser)
+    parser.add_argument(
+        "--data", type=Path, nargs="+", required=True, metavar="DIR",
+        help="folders made by `grasp dataset build`",
+    )  # fmt: skip
+    parser.add_argument(
+        "--recordings", type=whole(1, 100_000), default=150, metavar="N",
+        help="at most about so many, the same share of every cause (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--no-pad", action="store_true", help="leave out the stiffer pad, which is simulated anew"
+    )
+    _add_out(parser, "robustness")
+    parser.set_defaults(handler=robustness)
+
+
+def add_observer(charts: Any) -> None:
+    text = "how good any detector could be: an ideal observer of blows and lifts, and detectors"
+    parser = charts.add_parser(
+        "observer", help=text,
+        description=text + ". Draws and records objects of its own, some 3,000 blows (minutes), "
+        "and trains on them. Needs the extras `train` and `charts`.",
+    )  # fmt: skip
+    _add_names(parser)
+    parser.add_argument(
+        "--data", type=Path, required=True, metavar="DIR",
+        help="where its recordings are kept; what is there already is not made again",
+    )  # fmt: skip
+    parser.add_argument(
+        "--share", type=decimal(1e-3, 1), default=0.75, metavar="X",
+        help="of the recordings of config/datasets/observer.toml (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--share-of-others", type=decimal(1e-3, 1), default=0.15, metavar="X",
+        help="likewise, of each other fingertip (default: %(default)s)",
+    )  # fmt: skip
+    add_workers(parser)
+    _add_out(parser, "observer")
+    parser.set_defaults(handler=observer)
+
+
+def _add_names(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "detector", nargs="*", metavar="NAME", default=COMPARED,
+        help=f"some of config/detectors (default: {' '.join(COMPARED)})",
+    )  # fmt: skip
+
+
+def _add_out(parser: argparse.ArgumentParser, name: str) -> None:
+    parser.add_argument(
+        "--out", type=picture, default=Path(f"{name}.svg"), metavar="FILE",
+        help="picture to write; the numbers go beside it as .json (default: %(default)s)",
+    )  # fmt: skip
+
+
+def robustness(args: argparse.Namespace) -> int:
+    need("charts", "matplotlib")
+    from scenarios.studies.detectors.benchmark import read_split
+    from scenarios.studies.detectors.robustness import chosen, made_stiffer, study, table
+    from scenarios.studies.detectors.robustness_figure import draw_robustness
+
+    recordings = chosen(read_split(args.data, "test"), args.recordings)
+    with progress("a stiffer pad") as show:
+        stiffer = [] if args.no_pad else made_stiffer(args.data, recordings, show)
+    with progress("streaming") as show:
+        found = study(args.detector, recordings, stiffer, show)
+    draw_robustness(found, args.out)
+    _write_numbers(args.out, found)
+    print(table(found))
+    print(args.out)
+    return exits.SUCCESS
+
+
+def observer(args: argparse.Namespace) -> int:
+    need("train", "torch")
+    need("charts", "matplotlib")
+    from scenarios.studies.detectors.observer_figure import draw_observer
+    from scenarios.studies.detectors.observer_study import study, tables
+
+    with progress("recordings") as show:
+        found = study(
+            args.detector, args.data, args.share, args.share_of_others, workers(args), show
+        )
+    draw_observer(found, args.out)
+    _write_numbers(args.out, found)
+    print(tables(found))
+    print(args.out)
+    return exits.SUCCESS
+
+
+def _write_numbers(out: Path, found: Any) -> None:
+    import msgspec
+
+    text = msgspec.json.format(msgspec.json.encode(found), indent=1)
+    write_whole(out.with_suffix(".json"), text + b"\n")

@@ -1,0 +1,81 @@
+"""The bound as lines, detectors as points and thin lines. Needs the extra `charts`."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from scenarios.studies.detectors.observer import BLOW_TITLES, LIFT_TITLES, TIMES_S, Told
+from scenarios.studies.detectors.observer_study import Study
+
+COLOURS = ("#1f5f99", "#c2571a", "#3a7d44", "#7a4fa3", "#b00020", "#777777", "#a8862b")
+STYLES = (":", "--", "-")  # of the classes, rising
+
+
+def draw_observer(found: Study, out: Path) -> None:
+    """Blows by time, hits against idle blows, lifts by time; the observer in black."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    plt.rcParams["svg.hashsalt"] = "grasp"
+    figure, (blows, trade, lifts) = plt.subplots(1, 3, figsize=(13, 4.4), layout="constrained")
+    _by_time(blows, found.blows, BLOW_TITLES[1:])
+    for name, colour in zip(found.detectors, COLOURS, strict=False):
+        _line(blows, found.detectors[name], BLOW_TITLES[-1], colour, f"`{name}`, 2 mm or more")
+    blows.set(
+        xlabel="ms since the blow, whose time is known", ylabel="hits at 5 % of idle blows, %",
+        title="blows", xscale="log",
+    )  # fmt: skip
+    _trade(trade, found)
+    _by_time(lifts, found.lifts, LIFT_TITLES[1:])
+    for name, colour in zip(found.detectors, COLOURS, strict=False):
+        for title, style in zip(LIFT_TITLES[1:], STYLES, strict=True):
+            own = [p for p in found.lift_points if (p.detector, p.title) == (name, title)]
+            lifts.plot(
+                [1e3 * p.within_s for p in own], [100 * p.hits for p in own], color=colour,
+                lw=0.9, ls=style, marker="o", ms=3,
+            )  # fmt: skip
+    lifts.set(
+        xlabel="ms since the first motion", ylabel="hits, %", xscale="log",
+        title="lifts (detectors by their own rule)",
+    )  # fmt: skip
+    for panel in (blows, trade, lifts):
+        panel.set_ylim(0, 101)
+        panel.legend(fontsize=7, frameon=False)
+    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
+    plt.close(figure)
+
+
+def _by_time(panel: Any, every: Sequence[Told], titles: Sequence[str]) -> None:
+    for title, style in zip(titles, STYLES, strict=True):
+        _line(panel, every, title, "black", f"observer, {title}", style, 1.8)
+    marks = [1e3 * t for t in TIMES_S]
+    panel.set_xticks(marks, [f"{m:.0f}" for m in marks], minor=False)
+    panel.minorticks_off()
+
+
+def _line(
+    panel: Any, every: Sequence[Told], title: str, colour: str, label: str, style: str = "-",
+    width: float = 0.9,
+) -> None:  # fmt: skip
+    own = [t for t in every if t.title == title]
+    panel.plot(
+        [1e3 * t.time_s for t in own], [100 * t.hits for t in own], color=colour, ls=style,
+        lw=width, label=label,
+    )  # fmt: skip
+
+
+def _trade(panel: Any, found: Study) -> None:
+    for (name, curve), colour in zip(found.curves.items(), ("black", *COLOURS), strict=False):
+        panel.plot(
+            [100 * idle for idle, _ in curve], [100 * hit for _, hit in curve], color=colour,
+            lw=1.8 if name == "observer" else 0.9, label=name,
+        )  # fmt: skip
+    for name, colour in zip(found.detectors, COLOURS, strict=False):
+        own = next(p for p in found.points if (p.detector, p.title) == (name, BLOW_TITLES[-1]))
+        panel.plot(100 * own.idle, 100 * own.hits, "o", color=colour, ms=6)
+    panel.set(
+        xlabel="idle blows registered, %", ylabel="of those of 2 mm or more, within 100 ms, %",
+        title="blows (points: by their own rule)", xlim=(0, 30),
+    )  # fmt: skip

@@ -1,0 +1,68 @@
+"""What detectors endure, as curves. Needs the extra `charts`."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from scenarios.studies.detectors.robustness import AMOUNTS, PAD, STIFFER, UNITS, WHOLE, Endured
+
+COLOURS = ("#1f5f99", "#c2571a", "#3a7d44", "#7a4fa3", "#b00020", "#777777", "#a8862b")
+FIGURES = (
+    ("accuracy", "accuracy a sample, %", 100.0),
+    ("p90_delay_ms", "p90 delay, ms", 1.0),
+    ("false_per_min", "false a minute, hand", 1.0),
+    ("far_share", "blows of 2 mm\nwithin 100 ms, %", 100.0),
+)
+BROKEN = ("dead", "stuck", "swapped", PAD)  # drawn side by side in one column
+LATEST_MS = 600.0  # a miss is drawn there
+
+
+def draw_robustness(found: Mapping[str, Sequence[Endured]], out: Path) -> None:
+    """A row a figure, a column a perturbation; a line a detector."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    plt.rcParams["svg.hashsalt"] = "grasp"
+    curves = [kind for kind in AMOUNTS if kind not in BROKEN]
+    figure, panels = plt.subplots(
+        len(FIGURES), len(curves) + 1, figsize=(15, 8.5), sharey="row", layout="constrained"
+    )
+    for row, (key, title, scale) in zip(panels, FIGURES, strict=True):
+        row[0].set_ylabel(title, fontsize=8)
+        for (_, every), colour in zip(found.items(), COLOURS, strict=False):
+            for panel, kind in zip(row, curves, strict=False):
+                at = {WHOLE.get(kind, 0.0): every[0]}
+                at |= {e.amount: e for e in every if e.kind == kind}
+                panel.plot(sorted(at), [_value(at[a], key, scale) for a in sorted(at)], "o-",
+                           color=colour, ms=3, lw=1)  # fmt: skip
+            which = {"nothing": every[0]} | {e.kind: e for e in every if e.kind in BROKEN}
+            row[-1].plot(
+                list(which), [_value(e, key, scale) for e in which.values()], "o", color=colour,
+                ms=4,
+            )  # fmt: skip
+        for panel in row:
+            panel.tick_params(labelsize=7)
+    for panel, kind in zip(panels[-1], curves, strict=False):
+        panel.set_xlabel(f"{kind}, {UNITS[kind]}", fontsize=8)
+    panels[-1][-1].set_xlabel(f"a taxel of 18; the pad {STIFFER:g} times as stiff", fontsize=8)
+    panels[-1][-1].tick_params(axis="x", labelrotation=45)
+    _legend(figure, found)
+    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
+    plt.close(figure)
+
+
+def _value(e: Endured, key: str, scale: float) -> float:
+    value: float | None = getattr(e, key)
+    if value is None:
+        return math.nan
+    return min(value, LATEST_MS) if key == "p90_delay_ms" else scale * value
+
+
+def _legend(figure: Any, found: Mapping[str, Sequence[Endured]]) -> None:
+    from matplotlib.lines import Line2D
+
+    lines = [Line2D([], [], color=c) for _, c in zip(found, COLOURS, strict=False)]
+    figure.legend(lines, list(found), loc="outside upper center", ncols=len(found), fontsize=8)
