@@ -76,6 +76,17 @@ class GripperState(msgspec.Struct, frozen=True):
         return stand and max(self.positions) <= OPEN_COUNTS
 
     @property
+    def thumb_latched(self) -> bool:
+        """Whether finger A has stopped on what it closed on: it obeys no further closing."""
+        return self.fingers[0].detection is Detection.CONTACT_CLOSING
+
+    @property
+    def not_at_target(self) -> str:
+        """Name of the first finger that did not end where it was told to; empty if all did."""
+        named = zip(FINGER_NAMES, self.fingers, strict=True)
+        return next((name for name, f in named if f.detection is not Detection.AT_TARGET), "")
+
+    @property
     def requested(self) -> Counts3:
         a, b, c = self.fingers
         return (a.requested_counts, b.requested_counts, c.requested_counts)

@@ -26,6 +26,7 @@ from grasp.pause import Pause
 from grasp.phases import (
     AIRBORNE_PHASES,
     END_PHASES,
+    LOWERING_PHASES,
     OPEN_PHASES,
     Phase,
     PhaseMachine,
@@ -33,6 +34,7 @@ from grasp.phases import (
 )
 from grasp.safe_state import Pursuit, SafeState
 from grasp.slip import SlipMonitor, SlipStatus
+from grasp.steps import Steps
 
 UNTIMED_PHASES = END_PHASES | {Phase.IDLE, Phase.HOLD}
 
@@ -70,6 +72,7 @@ class GraspController:
         self._closing = Closing(settings, plan.force_cap_n)
         self._landing = Landing(settings, self._line, self._felt)
         self._pause = Pause(settings, self._line)
+        self._steps = Steps(settings, plan, self._line)
         self._out: list[Command] = []
         self._reset_detector = False
         self._anchor = False
@@ -87,14 +90,10 @@ class GraspController:
             Phase.LIFT: self._lift,
             Phase.COMPENSATE: self._compensate,
             Phase.HOLD: self._hold,
-            Phase.LOWER: self._go_down,
-            Phase.LAND: self._go_down,
-            Phase.TOUCH: self._go_down,
-            Phase.PROBE: self._go_down,
+            **dict.fromkeys(LOWERING_PHASES, self._go_down),
             Phase.RELEASE: self._release,
             Phase.RETREAT: self._retreat,
-            Phase.DONE: self._rest_at_end,
-            Phase.KEPT: self._rest_at_end,
+            **dict.fromkeys(END_PHASES, self._rest_at_end),
         }
 
     @property
@@ -131,7 +130,8 @@ class GraspController:
         self._reset_detector = self._anchor = False
         self.monitor.update(seen.t_ns, seen.probabilities)
         self._felt.take(seen, self.phase in AIRBORNE_PHASES)
-        if self.phase is Phase.COMPENSATE or self.monitor.status.registered:
+        answering = self.phase is Phase.COMPENSATE and not self._steps.securing
+        if answering or self.monitor.status.registered:
             self._landing.slipping(seen)
         if self._pursuit:
             self._out += self._pursuit.step(seen)
@@ -142,13 +142,9 @@ class GraspController:
         else:
             self._handlers[self.phase](seen)
         return Decision(
-            phase=self.phase,
-            slip=self.monitor.status,
-            commands=tuple(self._out),
-            reset_detector=self._reset_detector,
-            anchor=self._anchor,
-            finished=self.finished,
-        )
+            phase=self.phase, slip=self.monitor.status, commands=tuple(self._out),
+            reset_detector=self._reset_detector, anchor=self._anchor, finished=self.finished,
+        )  # fmt: skip
 
     def aborted(self) -> tuple[Command, ...]:
         """What is asked for when no step can be taken any more: a fault's safe state, or that which
@@ -267,9 +263,8 @@ class GraspController:
         if not self._stands(seen):
             return
         if self._felt.contact_lost(seen.t_ns):
-            self._fail(
-                seen, "the thumb feels nothing at its position: no object, or a narrower one"
-            )
+            nothing = "the thumb feels nothing at its position: no object, or a narrower one"
+            self._fail(seen, nothing)
         elif self._lasted(seen, s.listen_s):
             self._fire(Trigger.LISTENED, seen, "the detector has listened")
             self._anchor = True
@@ -282,26 +277,35 @@ class GraspController:
 
     def _positioned(self, seen: Observation) -> bool:
         """False, and a fault, when a finger at rest did not end by position."""
-        for name, finger in zip(FINGER_NAMES, seen.gripper.fingers, strict=True):
-            if finger.detection is not Detection.AT_TARGET:
-                self._fail(
-                    seen,
-                    f"finger {name} stopped on contact short of its position: it is latched and "
-                    "could not be closed further at this force",
-                )
-                return False
-        return True
+        if name := seen.gripper.not_at_target:
+            self._fail(
+                seen,
+                f"finger {name} stopped on contact short of its position: it is latched and "
+                "could not be closed further at this force",
+            )
+        return not name
 
     def _stopped_on_contact(self, seen: Observation) -> bool:
         """False, and a fault, when the thumb at rest did not end on the object."""
-        if seen.gripper.fingers[0].detection is Detection.CONTACT_CLOSING:
-            return True
-        self._fail(seen, "the thumb closed as far as it goes and met nothing")
-        return False
+        if not seen.gripper.thumb_latched:
+            self._fail(seen, "the thumb closed as far as it goes and met nothing")
+        return seen.gripper.thumb_latched
 
     def _lift(self, seen: Observation) -> None:
-        if not self._answers(seen) and self._line.stands_at(seen, self._settings.lift_height_m):
+        if self._answers(seen) or self._secures(seen):
+            return
+        if self._line.stands_at(seen, self._settings.lift_height_m):
             self._fire(Trigger.LIFTED, seen, "arm at the top")
+
+    def _secures(self, seen: Observation) -> bool:
+        """A force that was found, and has carried the object, gets its margin."""
+        rising = self.phase is Phase.LIFT
+        if not self._steps.margin_due(seen, at_top=not rising):
+            return False
+        self._out += self._pause.begin(seen) if rising else ()
+        self._fire(Trigger.FOUND, seen, "the force that was found has carried the object")
+        self._out.append(self._steps.margin(seen))
+        return True
 
     def _answers(self, seen: Observation) -> bool:
         """Answer slip and lost contact by the fastest closure, where one can still do something."""
@@ -313,13 +317,23 @@ class GraspController:
         if not self._settings.reactions or not (lost or (slip.registered and not borne)):
             return False
         cause = f"slip registered at finger {FINGER_NAMES[slip.finger]}"
-        if self.phase is Phase.LIFT:  # at the top it stands
-            self._out += self._pause.begin(seen)
+        rising = self.phase is Phase.LIFT  # at the top the arm stands
+        steps = rising and not lost and self._steps.may(seen)
+        self._out += self._pause.begin(seen) if rising else ()
         self._fire(Trigger.SLIP_REGISTERED, seen, "contact lost" if lost else cause)
+        if steps:
+            self.closings += 1
+            self._out.append(self._steps.step(seen))
+        else:
+            self._jump(seen)
+        return True
+
+    def _jump(self, seen: Observation) -> None:
+        """To the force cap, where that is any further."""
+        self._steps.forget()
         if not seen.at_cap:
             self.closings += 1
             self._close_to_cap(seen)
-        return True
 
     def _compensate(self, seen: Observation) -> None:
         slip = self.monitor.status
@@ -338,9 +352,11 @@ class GraspController:
         elif not slip.registered:
             if self._pause.over(seen):
                 self._go_on(seen, Trigger.SLIP_STOPPED, "slip has stopped")
+        elif self._steps.lasts and self._patience_ended(seen, self._settings.step_patience_s):
+            self._jump(seen)
         elif self._settings.hold_by_clock:
             self._go_on(seen, Trigger.SLIP_BORNE, "slip goes on, and the hold ends by its clock")
-        elif self._patience_ended(seen):
+        elif self._patience_ended(seen, self._settings.cap_patience_s):
             self._give_up(seen, "slip goes on and the force can rise no more")
 
     def _give_up(self, seen: Observation, cause: str) -> None:
@@ -348,6 +364,7 @@ class GraspController:
         self._set_down(Trigger.CAP_REACHED, seen, cause)
 
     def _go_on(self, seen: Observation, rising: Trigger, cause: str) -> None:
+        self._steps.end()
         on = self._pause.end()
         if self._line.stands_at(seen, self._settings.lift_height_m):
             self._fire(Trigger.LIFTED, seen, cause)
@@ -355,9 +372,9 @@ class GraspController:
             self._fire(rising, seen, cause)
             self._out += on
 
-    def _patience_ended(self, seen: Observation) -> bool:
+    def _patience_ended(self, seen: Observation, patience_s: float) -> bool:
         since_ns = max(self._entered_ns, self.monitor.masked_until_ns)
-        return seen.t_ns - since_ns >= self._settings.cap_patience_s * 1e9
+        return seen.t_ns - since_ns >= patience_s * 1e9
 
     def _hold(self, seen: Observation) -> None:
         """Ends a while after slip was answered last, or where alarms that no closing can answer
@@ -366,7 +383,7 @@ class GraspController:
         held_ns = seen.t_ns - self.machine.first_ns(Phase.HOLD)
         over = s.hold_by_clock and held_ns >= s.hold_s * 1e9
         tired = seen.closed_out and held_ns >= (s.hold_s + s.alarm_hold_s) * 1e9
-        if not (over or tired) and self._answers(seen):
+        if not (over or tired) and (self._answers(seen) or self._secures(seen)):
             return
         if over or tired or seen.set_down or self._lasted(seen, s.hold_s):
             self._end_hold(seen)

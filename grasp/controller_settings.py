@@ -68,12 +68,45 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float, Meta(ge=0.05, le=5.0, description="assumed, 0.3-1.2")
     ] = 0.5
     answer: Annotated[
-        Literal["stop_and_jump", "jump"],
+        Literal["stop_and_jump", "jump", "stop_and_step"],
         Meta(
             description="to slip: the hand closes as fast as it may; in the lift the arm stops and "
-            "goes on when slip is over, or with `jump` goes on rising (the paper's loop)"
+            "goes on when slip is over, or with `jump` goes on rising (the paper's loop); with "
+            "`stop_and_step` the hand presses no harder there than it has to"
         ),
     ] = "stop_and_jump"
+    step_n: Annotated[
+        float,
+        Meta(ge=0.1, le=10.0, description="more force a step, in whole counts, one at least"),
+    ] = 1.5
+    step_patience_s: Annotated[
+        float,
+        Meta(
+            ge=0.05, le=5.0,
+            description="slip that is still registered so long after the mask of a step is "
+            "answered by a jump: longer than the detector needs to hear that slip is over; assumed",
+        ),
+    ] = 0.25  # fmt: skip
+    step_below_m: Annotated[
+        float,
+        Meta(
+            ge=0.0, le=1.0,
+            description="height of the arm above which slip is in the air, and answered by a jump; "
+            "assumed",
+        ),
+    ] = 0.03  # fmt: skip
+    margin_steps: Annotated[
+        int,
+        Meta(
+            ge=0, le=20,
+            description="more than the force found: without any, a third of objects fall at a pull "
+            "of 2 N",
+        ),
+    ] = 2  # fmt: skip
+    margin_after_m: Annotated[
+        float,
+        Meta(ge=0.0, le=1.0, description="a force is found when it has carried so far; assumed"),
+    ] = 0.01
     answer_stop_mps2: Annotated[
         float,
         Meta(

@@ -52,6 +52,7 @@ class Trigger(StrEnum):
     RELAXED = "relaxed"  # the detector may listen
     LISTENED = "listened"  # long enough: the arm may move
     SLIP_REGISTERED = "slip_registered"
+    FOUND = "found"  # by steps: a force that carries the object; it gets its margin
     SLIP_STOPPED = "slip_stopped"  # the arm is still on its way up
     SLIP_BORNE = "slip_borne"  # so it is; slip goes on at the force cap, and nobody minds
     LIFTED = "lifted"  # the arm is at the top, and nothing slips or nobody minds
@@ -95,6 +96,7 @@ TRANSITIONS: tuple[tuple[Trigger, tuple[Phase, ...], Phase], ...] = (
     (Trigger.RELAXED, (Phase.RELAX,), Phase.LISTEN),
     (Trigger.LISTENED, (Phase.LISTEN,), Phase.LIFT),
     (Trigger.SLIP_REGISTERED, (Phase.LIFT, Phase.HOLD), Phase.COMPENSATE),
+    (Trigger.FOUND, (Phase.LIFT, Phase.HOLD), Phase.COMPENSATE),
     (Trigger.SLIP_STOPPED, (Phase.COMPENSATE,), Phase.LIFT),
     (Trigger.SLIP_BORNE, (Phase.COMPENSATE,), Phase.LIFT),
     (Trigger.LIFTED, (Phase.LIFT, Phase.COMPENSATE), Phase.HOLD),

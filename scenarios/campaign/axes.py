@@ -87,6 +87,11 @@ def _fastest_mps(config: RunConfig) -> float:
     return most_mps2 / _per_speed(config)
 
 
+def _pulled(config: RunConfig, force_n: float) -> list[str]:
+    """At the top: an arm that pauses to answer slip stands lower."""
+    return [f"pull.force_n={force_n:g}", f"pull.above_m={config.controller.lift_height_m / 2:g}"]
+
+
 def _hardest_pull_n(config: RunConfig) -> float:
     return _holds_n(config) - _mass_kg(config) * contact.GRAVITY_MPS2
 
@@ -134,7 +139,7 @@ AXES = {
         Axis("speed", "arm speed, acceleration with it", "m/s", Harder.UP,
              lambda c: c.controller.lift_speed_mps, _quicker, _fastest_mps),
         Axis("pull", "pull in the hold", "N", Harder.UP,
-             lambda c: c.pull.force_n, _setting("pull.force_n"), _hardest_pull_n),
+             lambda c: c.pull.force_n, _pulled, _hardest_pull_n),
         Axis("wider", "wider than expected", "mm a side", Harder.UP,
              lambda c: max(0.0, 1e3 * c.variation.width_error_m),
              _setting("variation.width_error_m", 1e-3), _widest_mm),

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Codes = NDArray[np.int16]
-AIR_M = 0.005  # off the table by more than this is in the air
 
 
 class PullSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -23,6 +22,14 @@ class PullSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     after_s: Annotated[
         float, Meta(ge=0.0, le=60.0, description="the arm has stood in the air so long; assumed")
     ] = 0.2
+    above_m: Annotated[
+        float,
+        Meta(
+            ge=0.0, le=1.0,
+            description="the object is so high then at least: off the table; more than an arm that "
+            "pauses to answer slip has risen, where the top is meant",
+        ),
+    ] = 0.005  # fmt: skip
     ramp_s: Annotated[
         float, Meta(ge=0.001, le=10.0, description="from nothing to all, and back; assumed")
     ] = 0.1
@@ -43,7 +50,7 @@ class Pull:
         """Take how high the object is and how fast the arm rises now."""
         if self._over:
             return False
-        if rise_mps != 0.0 or height_m < AIR_M:
+        if rise_mps != 0.0 or height_m < self.settings.above_m:
             self._since_ns = now_ns
         self._over = now_ns - self._since_ns >= self.settings.after_s * 1e9
         return self._over

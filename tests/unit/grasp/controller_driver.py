@@ -25,14 +25,21 @@ RESTING = (Detection.AT_TARGET, Detection.AT_TARGET, Detection.AT_TARGET)
 LATCHED = (Detection.CONTACT_CLOSING, Detection.AT_TARGET, Detection.AT_TARGET)
 
 
+STIFF = Stiffness(1.9)  # as of a rigid object: a step is one count
+
+
 class Driver:
     """Steps a controller through ticks of 10 ms, and has the hand obey at once: a finger told to a
     position is there, a thumb told to close stops on the object."""
 
-    def __init__(self, home: Vector3 | None = None, **settings: object) -> None:
+    grip = 55  # counts of every finger in the first grasp
+
+    def __init__(
+        self, home: Vector3 | None = None, stiffness: Stiffness = STIFF, **settings: object
+    ) -> None:
         merged = msgspec.structs.replace(ControllerSettings(), **settings)
         monitor = SlipMonitor(ConsecutiveRule(RuleSettings(), 3), SlipSettings())
-        plan = GripPlan((25, 40, 40), (55, 55, 55), 10.0, Stiffness(1.9), home)
+        plan = GripPlan((25, 40, 40), (self.grip,) * 3, 10.0, stiffness, home)
         self.controller = GraspController(merged, plan, monitor)
         self.t_ns = 0
         self.height_m = 0.0

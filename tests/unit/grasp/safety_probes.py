@@ -256,6 +256,52 @@ def paused_for_nothing_s(v: float) -> float:
     return paused * TICK * 1e-9
 
 
+def stepping(**settings: Any) -> Driver:
+    """It slipped, and is answered by a step of the thumb, of 1 N a count."""
+    low: dict[str, Any] = {"answer": "stop_and_step", "step_below_m": 1.0}
+    return Driver(stiffness=Stiffness(1.0), **low | settings).slip()
+
+
+def stepped_n(v: float) -> float:
+    d = stepping(step_n=v)
+    return float(d.requested[0] - d.grip)
+
+
+def steps_at(v: float, height_m: float) -> bool:
+    d = Driver(answer="stop_and_step", step_below_m=v).lift()
+    for _ in range(2):
+        d.step(0.9, arm=arm(d.t_ns + TICK, height_m, moving=True))
+    assert d.controller.phase is Phase.COMPENSATE
+    return any(isinstance(c, MoveFingers) for c in d.commands)
+
+
+def seconds_to_jump(v: float) -> float:
+    """From the end of a step at which slip goes on."""
+    d = stepping(step_patience_s=v, cap_patience_s=5.0)
+    began_ns = d.t_ns
+    while not any(isinstance(c, CloseFast) for c in d.commands):
+        d.climb(0.9)
+    return (d.t_ns - began_ns) * 1e-9
+
+
+def found_after(v: float, risen_m: float) -> bool:
+    """Whether the force gets its margin when it has carried so far from 5 cm on."""
+    d = stepping(margin_after_m=v)
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb()
+    d.step(arm=arm(d.t_ns + TICK, 0.05 + risen_m, moving=True))
+    return d.controller.phase is Phase.COMPENSATE
+
+
+def margin_in_steps(v: int) -> int:
+    d = stepping(margin_steps=v, step_n=1.0)
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb()
+    found = d.requested[0]
+    d.step(arm=arm(d.t_ns + TICK, 0.1, moving=True))
+    return d.requested[0] - found
+
+
 def listened_s(**settings: Any) -> tuple[float, float]:
     """From the fingers' rest to listening, and on to the lift."""
     d = Driver(**settings)

@@ -46,9 +46,11 @@ class Told:
         return p
 
 
-def run(script: list[tuple[int, Said]], *words: str) -> tuple[GraspController, list[Tick], bool]:
+def run(
+    script: list[tuple[int, Said]], *words: str, object_name: str = "can"
+) -> tuple[GraspController, list[Tick], bool]:
     """Controller at its end, its ticks, and whether the object was held all the time in the air."""
-    base = config(*SETTINGS, *words)
+    base = config(*SETTINGS, *words, object_name=object_name)
     ticks: list[Tick] = []
     with open_rig(base, 0, paced=False) as rig:
         assert rig.cell is not None
@@ -65,7 +67,10 @@ SCRIPT = st.lists(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("words", [(), ("controller.hold_by_clock=true",)])
+STEPS = "controller.answer=stop_and_step"
+
+
+@pytest.mark.parametrize("words", [(), ("controller.hold_by_clock=true",), (STEPS,)])
 @settings(max_examples=12)
 @given(script=SCRIPT)
 def test_every_phase_ends_in_its_time_whatever_the_detector_says(
@@ -95,6 +100,24 @@ def test_alarms_on_and_off_for_ever_cost_one_closing_and_no_time_without_end() -
     controller, ticks, held = run([(3, ALARM), (3, QUIET)])
     assert controller.finished and held
     assert closes(ticks) == 1
+
+
+@pytest.mark.parametrize("pattern", [(3, 3), (4, 46), (2, 10), (6, 20)])
+@pytest.mark.parametrize("name", ["can", "foam"])
+@pytest.mark.parametrize("answer", ["stop_and_jump", "stop_and_step"])
+def test_alarms_that_come_and_go_are_answered_while_force_can_rise_and_end_in_ten_seconds(
+    answer: str, name: str, pattern: tuple[int, int]
+) -> None:
+    loud, silent = pattern
+    script = [(loud, ALARM), (silent, QUIET)]
+    words = (f"controller.answer={answer}", "controller.hold_s=1.0")
+    controller, ticks, held = run(script, *words, object_name=name)
+    assert held
+    began_ns = next(t.t_ns for t in ticks if t.decision.slip.event)
+    down_ns = next(t.t_ns for t in ticks if t.decision.phase is Phase.LOWER)
+    assert down_ns - began_ns < 10e9
+    steps = 0 if answer == "stop_and_jump" else 5 if name == "can" else 9
+    assert controller.closings <= 1 + steps  # (cap - first force) / step, and to the cap at last
 
 
 def test_burst_every_half_second_costs_one_closing() -> None:

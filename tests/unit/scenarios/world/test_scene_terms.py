@@ -65,6 +65,12 @@ def test_pull_begins_once_when_the_arm_has_stood_long_enough_in_the_air() -> Non
     assert not Pull(PullSettings(), 0).begins(10**12, 1.0, 0.0)
 
 
+def test_pull_waits_for_an_arm_that_pauses_on_its_way_up() -> None:
+    pull = Pull(PullSettings(force_n=5.0, after_s=0.2, above_m=0.1), 0)
+    told = [(t, 0.09, 0.0) for t in (0, 500, 1000)] + [(t, 0.11, 0.0) for t in (1199, 1200)]
+    assert [pull.begins(t * MS, height, rise) for t, height, rise in told] == [False] * 4 + [True]
+
+
 def test_force_of_a_pull_ramps_up_stands_and_ramps_down() -> None:
     held = Contact(ContactSettings(), body(), Level.SLIDER)
     assert laws.pull_force(held.state, 1.0) == 0.0

@@ -1,0 +1,63 @@
+"""Steps: slip in the lift is answered by as little force as ends it, and then a margin.
+
+While the arm stands, slip is over whatever the hand does; only when the arm rises again does the
+object say whether the force is enough. So each attempt is one step, and once it has carried the
+object for a way it gets its margin, for what may still come. Force is never given back: to search
+for the least by letting go is to drop what slips meanwhile.
+"""
+
+from grasp.commands import MoveFingers
+from grasp.controller_settings import ControllerSettings, GripPlan
+from grasp.lift_line import LiftLine
+from grasp.observation import Observation
+
+
+class Steps:
+    """``lasts``: the present answer is a step, and a jump may follow. ``securing``: a margin."""
+
+    def __init__(self, settings: ControllerSettings, plan: GripPlan, line: LiftLine) -> None:
+        self._settings = settings
+        self._plan = plan
+        self._line = line
+        self._found_m: float | None = None  # how high the arm was when force was last found
+        self.lasts = False
+        self.securing = False
+
+    def may(self, seen: Observation) -> bool:
+        """Whether a step is an answer here: what slips still stands on the table, and the thumb,
+        not latched by the force cap, can press harder."""
+        s = self._settings
+        low = self._line.height_m(seen) < s.step_below_m
+        return s.answer == "stop_and_step" and low and not seen.gripper.thumb_latched
+
+    def step(self, seen: Observation) -> MoveFingers:
+        """The thumb one step further, and a margin to follow."""
+        self.lasts, self._found_m = True, self._line.height_m(seen)
+        return self._further(seen, 1)
+
+    def end(self) -> None:
+        """A jump follows, or the arm goes on."""
+        self.lasts = self.securing = False
+
+    def margin_due(self, seen: Observation, at_top: bool) -> bool:
+        """Whether the force that was found has carried the object for long enough."""
+        if self._found_m is None or self._settings.margin_steps == 0:
+            return False
+        risen_m = self._line.height_m(seen) - self._found_m
+        return at_top or risen_m >= self._settings.margin_after_m
+
+    def margin(self, seen: Observation) -> MoveFingers:
+        """The thumb all steps of the margin further."""
+        self.securing, self._found_m = True, None
+        return self._further(seen, self._settings.margin_steps)
+
+    def forget(self) -> None:
+        """There is no force to give a margin to: the hand closes to its cap."""
+        self._found_m = None
+        self.end()
+
+    def _further(self, seen: Observation, steps: int) -> MoveFingers:
+        s, (a, b, c) = self._settings, seen.gripper.requested
+        counts = max(1, self._plan.stiffness.counts_within(s.step_n))
+        targets = (min(255, a + steps * counts), b, c)
+        return MoveFingers(targets, s.grip_speed_mps, self._plan.force_cap_n)

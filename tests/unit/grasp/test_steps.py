@@ -1,0 +1,142 @@
+"""Least force: steps of the thumb while the arm stands, a margin once they have carried, a jump
+where a step is not enough."""
+
+import pytest
+
+from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
+from grasp.phases import Phase
+from grasp.stiffness import Stiffness
+from tests.unit.grasp.builders import arm
+from tests.unit.grasp.controller_driver import HEIGHT, LATCHED, TICK, Driver
+from tests.unit.grasp.test_pause import told
+
+
+def stepping(**settings: object) -> Driver:
+    low: dict[str, object] = {"answer": "stop_and_step", "step_below_m": 0.06}
+    return Driver(**(low | settings)).slip()  # type: ignore[arg-type]
+
+
+def over(d: Driver) -> Driver:
+    """Slip ends with the pause, and the arm goes on."""
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb()
+    return d
+
+
+def rises(d: Driver, height_m: float, p: float = 0.0) -> None:
+    d.step(p, arm=arm(d.t_ns + TICK, height_m, moving=True))
+
+
+@pytest.mark.parametrize(("newtons_per_count", "counts"), [(1.9, 1), (0.55, 2), (0.3, 5)])
+def test_step_is_newtons_in_whole_counts_of_the_thumb_alone_and_one_at_least(
+    newtons_per_count: float, counts: int
+) -> None:
+    d = stepping(stiffness=Stiffness(newtons_per_count), step_n=1.5)
+    assert told(d, StopArm, MoveFingers, CloseFast) == [
+        StopArm(3.0), MoveFingers((55 + counts, 55, 55), 0.022, 10.0),
+    ]  # fmt: skip
+
+
+def test_slip_that_comes_back_is_answered_by_another_step() -> None:
+    d = over(stepping())
+    for _ in range(3):
+        rises(d, 0.052, 0.9)
+    over(d)
+    assert [c.targets_counts[0] for c in told(d, MoveFingers)] == [56, 57]  # type: ignore[attr-defined]
+    assert len(told(d, StopArm)) == len(told(d, MoveArm)) == 2
+    assert told(d, CloseFast) == []
+
+
+def test_force_that_has_carried_the_object_gets_its_margin_while_the_arm_stands() -> None:
+    d = over(stepping(margin_steps=2, margin_after_m=0.01))
+    rises(d, 0.055)
+    assert d.controller.phase is Phase.LIFT
+    d.commands.clear()
+    rises(d, 0.061)
+    assert d.commands == [StopArm(3.0), MoveFingers((58, 55, 55), 0.022, 10.0)]
+    over(d)
+    rises(d, 0.1)
+    assert len(told(d, MoveFingers)) == 1  # once
+    assert len(told(d, MoveArm)) == 1
+
+
+def test_without_a_margin_the_arm_goes_on() -> None:
+    d = over(stepping(margin_steps=0))
+    rises(d, 0.1)
+    assert d.controller.phase is Phase.LIFT
+    assert len(told(d, MoveFingers)) == 1
+
+
+def test_margin_that_is_still_due_at_the_top_is_given_there() -> None:
+    d = over(stepping(margin_after_m=1.0, lift_height_m=0.06))
+    d.height_m = 0.06
+    d.until(Phase.HOLD)
+    d.until(Phase.COMPENSATE)
+    assert d.requested[0] == 58
+    d.until(Phase.HOLD)
+
+
+def test_slip_that_a_step_does_not_end_in_its_time_is_answered_by_the_fastest_closure() -> None:
+    d = stepping(step_patience_s=0.25)
+    for _ in range(24):
+        d.climb(0.9)
+    assert told(d, CloseFast) == []
+    for _ in range(3):
+        d.climb(0.9)
+    assert len(told(d, CloseFast)) == 1
+    over(d)
+    rises(d, 0.1)
+    assert len(told(d, MoveFingers)) == 1  # no margin on the cap
+    assert d.controller.phase is Phase.LIFT
+
+
+def test_slip_in_the_air_is_answered_by_the_fastest_closure() -> None:
+    high = stepping(step_below_m=0.03)
+    assert told(high, MoveFingers) == []
+    assert len(told(high, CloseFast)) == 1
+    top = Driver(answer="stop_and_step", step_below_m=1.0, hold_s=5.0).lift()
+    top.height_m = HEIGHT
+    top.until(Phase.HOLD)
+    top.until(Phase.COMPENSATE, 0.9)
+    assert told(top, MoveFingers) == []
+    assert len(told(top, CloseFast)) == 1
+
+
+def test_lost_contact_is_answered_by_the_fastest_closure() -> None:
+    d = Driver(answer="stop_and_step", step_below_m=1.0).lift()
+    while d.controller.phase is Phase.LIFT:
+        d.climb(measured_n=(0.0, 0.0, 0.0))
+    assert told(d, MoveFingers) == []
+    assert len(told(d, CloseFast)) == 1
+
+
+def test_thumb_that_is_latched_takes_no_step() -> None:
+    d = over(stepping(margin_steps=0))
+    d.commands.clear()
+    for _ in range(2):
+        d.climb(0.9, gripper=d.hand(detections=LATCHED))
+    assert d.controller.phase is Phase.COMPENSATE
+    assert told(d, MoveFingers) == []
+
+
+def test_height_of_a_margin_is_none_of_slip() -> None:
+    d = over(stepping(hold_s=0.1, margin_after_m=0.01))
+    rises(d, 0.061)
+    assert d.controller.phase is Phase.COMPENSATE
+    while d.controller.phase is Phase.COMPENSATE:
+        d.step(arm=arm(d.t_ns + TICK, 0.065))
+    d.height_m = HEIGHT
+    d.until(Phase.LOWER)
+    (down,) = (c for c in told(d, MoveArm)[-1:] if isinstance(c, MoveArm))
+    assert down.position_m[2] == pytest.approx(0.45)
+
+
+@pytest.mark.parametrize(("changes", "hand"), [({"trouble": "unplugged"}, 1), ({"stop": "x"}, 0)])
+def test_fault_closes_the_hand_to_the_limit_in_a_step_and_a_person_leaves_it(
+    changes: dict[str, str], hand: int
+) -> None:
+    d = stepping()
+    d.commands.clear()
+    d.climb(**changes)
+    assert len(told(d, CloseFast)) == hand
+    assert told(d, MoveFingers) == []
