@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from grasp.cli import detector_study, exits
+from grasp.cli import answers, detector_study, exits
 from grasp.cli.options import (
     OBJECT_HELP,
     add_workers,
@@ -52,6 +52,7 @@ def add_parser(verbs: Any) -> None:
     _add_detectors(charts)
     detector_study.add_observer(charts)
     _add_physics(charts)
+    answers.add_parser(charts)
     _add_reaction(charts)
     _add_hunting(charts)
     _add_frontier(charts)

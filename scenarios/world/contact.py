@@ -215,6 +215,11 @@ class Contact:
         s[laws.PULL_START_S], s[laws.PULL_N] = start_s, settings.force_n
         s[laws.PULL_RAMP_S], s[laws.PULL_S] = settings.ramp_s, settings.lasts_s
 
+    def wet(self, share: float) -> None:
+        """From now on the pads have so much of their friction left."""
+        self._parameters[laws.P_MU_S] *= share
+        self._parameters[laws.P_MU_K] *= share
+
     def push(self, down_n: float, start_s: float) -> None:
         """A steady force downwards from start_s on, in place of any pull."""
         s = self.state

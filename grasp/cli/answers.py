@@ -1,0 +1,122 @@
+"""`grasp chart answers`: what the hand and the arm may answer to slip, and what that is worth."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from grasp.cli import exits
+from grasp.cli.options import (
+    OBJECT_HELP,
+    add_workers,
+    need,
+    picture,
+    progress,
+    whole,
+    workers,
+)
+from grasp.files import write_whole
+
+if TYPE_CHECKING:
+    from scenarios.studies.answers.summary import Answers, Cell
+
+OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
+EASY, HARD = "easy", "hard"
+
+
+def add_parser(charts: Any) -> None:
+    parser = charts.add_parser(
+        "answers",
+        help="force against slip, and success against severity, by what answers slip",
+        description="Lifts every object under every answer to slip (controller.answer), as "
+        "configured and in harder scenes, and holds it in the air.",
+    )
+    parser.add_argument(
+        "--objects", nargs="+", default=OBJECTS, metavar="NAME",
+        help=f"{OBJECT_HELP} (default: the paper's six)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--scenes",
+        choices=(EASY, HARD, "all"),
+        default="all",
+        help="as configured, the harder ones, or both (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--policies", nargs="+", metavar="NAME", help="of the answers only these (default: all)"
+    )
+    parser.add_argument("--detector", metavar="NAME", help="default: the profile's")
+    parser.add_argument(
+        "--rig", choices=("simulated", "emulated"), default="simulated",
+        help="emulated: over real wires, in wall time, without the wet scenes",
+    )  # fmt: skip
+    parser.add_argument(
+        "--seeds", type=whole(1, 100_000), default=20, metavar="N",
+        help="of each object (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--first-seed", type=whole(0, 1_000_000_000), default=0, metavar="N",
+        help="of these (default: %(default)s)",
+    )  # fmt: skip
+    add_workers(parser)
+    parser.add_argument(
+        "--out", type=picture, default=Path("answers.svg"), metavar="FILE",
+        help="picture to write, .svg, .png or .pdf; all lifts go beside it as .json "
+        "(default: %(default)s)",
+    )  # fmt: skip
+    parser.set_defaults(handler=draw)
+
+
+def draw(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from drivers.errors import UsageError
+    from scenarios.campaign.config import load_config
+    from scenarios.studies.answers.figure import draw_answers
+    from scenarios.studies.answers.study import BASE, POLICIES, SCENES, lifts
+    from scenarios.studies.answers.summary import summarize
+
+    need("charts", "matplotlib")
+    known = {p.name: p for p in POLICIES}
+    if unknown := set(args.policies or ()) - known.keys():
+        raise UsageError(f"no answer {min(unknown)!r}", f"one of: {', '.join(known)}")
+    policies = [p for name, p in known.items() if name in (args.policies or known)]
+    asked = {EASY: (BASE,), HARD: SCENES[1:], "all": SCENES}[args.scenes]
+    scenes = [s for s in asked if args.rig == "simulated" or s.wet == 1.0]
+    seeds = range(args.first_seed, args.first_seed + args.seeds)
+    total = len(seeds) * len(args.objects) * len(policies) * len(scenes)
+    found = []
+    with progress("lifts") as show:
+        for each in lifts(
+            args.objects, seeds, policies, scenes, args.detector, workers(args), args.rig
+        ):
+            found.append(each)
+            show(len(found), total, each.scene)
+    detector = load_config(args.objects[0], "simulated", args.detector).detector_name
+    answers = summarize(detector, args.rig, seeds, args.objects, found)
+    draw_answers(answers, args.out)
+    text = msgspec.json.format(msgspec.json.encode(answers), indent=1)
+    write_whole(args.out.with_suffix(".json"), text + b"\n")
+    _print(answers)
+    print(args.out)
+    return exits.SUCCESS
+
+
+def _print(answers: "Answers") -> None:
+    print(
+        f"{'scene':42} {'answer':24} {'held':>9} {'of feasible':>11} {'slip, mm p50 p90':>17} "
+        f"{'in the air p50 p90':>19} {'force/least p50 p90':>20} {'peak N':>7} {'closings':>8} "
+        f"{'paused s':>9}"
+    )
+    for cell in answers.cells:
+        print(_row(cell))
+
+
+def _row(c: "Cell") -> str:
+    slip, air, force = (
+        "-" if q is None else f"{q.p50:.{digits}f} {q.p90:.{digits}f}"
+        for q, digits in ((c.slip_mm, 1), (c.air_slip_mm, 1), (c.over_least, 2))
+    )
+    return (
+        f"{c.scene:42} {c.policy:24} {c.held:>5}/{c.trials:<3} "
+        f"{c.feasible_held:>7}/{c.feasible:<3} {slip:>17} {air:>19} {force:>20} {c.peak_n:7.1f} "
+        f"{c.closings:8.1f} {c.paused_s:9.2f}"
+    )
