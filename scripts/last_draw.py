@@ -216,23 +216,31 @@ def lift_objects(lifted: dict[str, list[Lifted]]) -> str:
     return "\n".join(lines)
 
 
-def data_table(detectors: Sequence[str], folders: Sequence[Path]) -> str:
+def data_rows(folders: Sequence[Path], name: str) -> list[str]:
+    """Of one detector, on each data set and on all: a task of a worker's."""
+    each = [contender(name, read_split([folder], "all"), folder.name) for folder in folders]
+    streams = [stream for made in each for stream in made.streams]
+    whole = msgspec.structs.replace(each[0], streams=streams, data="all")
+    return [_data_row(name, made.data, made.evaluation()) for made in (*each, whole)]
+
+
+def _data_row(name: str, data: str, s: Evaluation) -> str:
+    blows = s.blows and (f"{s.blows.far_registered} of {s.blows.far}; "
+                         f"{s.blows.unmoved_registered} of {s.blows.unmoved}")  # fmt: skip
+    return (
+        f"| `{name}` | {data} | {_with(s, 'accuracy', 100.0, 1)} | {_with(s, 'auc')} "
+        f"| {s.event_recall or 0:.3f} | {s.false_events_per_min_hand or 0:.2f} "
+        f"| {of(s.delay_ms)} | {blows or '–'} |"
+    )
+
+
+def data_table(detectors: Sequence[str], folders: Sequence[Path], workers: Workers) -> str:
     lines = table(
         "detector", "data", "accuracy, %", "AUC", "recall", "false a minute, hand",
         "delay, ms, p50 / p90 / p99", "blows of 2 mm within 100 ms; idle ones",
     )  # fmt: skip
-    parts = [[folder] for folder in folders] + [list(folders)]
-    for name in detectors:
-        for part in parts:
-            s = contender(name, read_split(part, "all"), "last draw").evaluation()
-            blows = s.blows and (f"{s.blows.far_registered} of {s.blows.far}; "
-                                 f"{s.blows.unmoved_registered} of {s.blows.unmoved}")  # fmt: skip
-            lines.append(
-                f"| `{name}` | {'all' if len(part) > 1 else part[0].name} "
-                f"| {_with(s, 'accuracy', 100.0, 1)} | {_with(s, 'auc')} "
-                f"| {s.event_recall or 0:.3f} | {s.false_events_per_min_hand or 0:.2f} "
-                f"| {of(s.delay_ms)} | {blows or '–'} |"
-            )
+    for rows in results(partial(data_rows, folders), detectors, workers):
+        lines += rows
     return "\n".join(lines)
 
 
@@ -300,7 +308,7 @@ def main() -> int:
         print(f"{entry('lifts')}\n{lift_table(lifted)}")
         print(f"{entry('lifts-objects')}\n{lift_objects(lifted)}", flush=True)
     if args.data:
-        print(f"{entry('data')}\n{data_table(args.detectors, args.data)}", flush=True)
+        print(f"{entry('data')}\n{data_table(args.detectors, args.data, workers)}", flush=True)
     if args.recording is not None:
         clip = clip_table(args.detectors, args.recording, args.weights)
         print(f"{entry('clip')}\n{clip}", flush=True)
