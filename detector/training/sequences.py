@@ -18,8 +18,7 @@ LEAST_CHANGE_COUNTS = 0.5  # no scale is finer than the noise of a taxel at rest
 
 BLOW_SAMPLES = 15  # a blow that moved it is slip so long: over at once, felt by what it leaves
 UNSURE_M = 0.0006  # from here to MOVED_M a blow teaches nothing: the pads cannot tell, nor need to
-BLOW_WEIGHT = 3.0  # of a blow: half of what a rule is chosen by, and few samples
-UNMOVED_WEIGHT = 2.5  # times that of one that moved nothing: rarer still, and else an alarm
+UNMOVED_WEIGHT = 2.5  # of a blow that moved nothing: rare, and what else would be an alarm
 
 
 class FingerSequences(msgspec.Struct, frozen=True, eq=False):
@@ -100,11 +99,10 @@ def targets(
     known = known.copy()
     for blow in blows_of(recording):
         its = slice(blow.struck, blow.until)
-        weights[its] = BLOW_WEIGHT
         if blow.moved:
             known[blow.onset : min(blow.onset + BLOW_SAMPLES, blow.until)] = True
         elif blow.moved_m < UNSURE_M:
-            known[its], weights[its] = False, BLOW_WEIGHT * UNMOVED_WEIGHT
+            known[its], weights[its] = False, UNMOVED_WEIGHT
         else:
             weights[its] = 0.0
     return known, weights
