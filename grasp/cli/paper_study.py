@@ -122,8 +122,8 @@ def _add_data(parser: argparse.ArgumentParser) -> None:
 def windows(args: argparse.Namespace) -> int:
     need("train", "torch", "onnx")
     need("charts", "matplotlib")
-    from scenarios.studies.detectors.paper_figures import draw_windows
     from scenarios.studies.detectors.variants import table, window_variants
+    from scenarios.studies.detectors.window_figure import draw_windows
 
     rows = _trained(args, window_variants(args.windows))
     draw_windows(rows, args.out)
@@ -188,7 +188,7 @@ def latency(args: argparse.Namespace) -> int:
     need("charts", "matplotlib")
     from scenarios.studies.detectors.benchmark import contender, read_split
     from scenarios.studies.detectors.latency import latency as measure
-    from scenarios.studies.detectors.paper_figures import draw_latency
+    from scenarios.studies.detectors.latency_figure import draw_latency
 
     recordings = read_split(args.data, "test")
     for name in one_by_one([args.detector], "streaming", hidden=False):

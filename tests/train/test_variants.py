@@ -63,7 +63,7 @@ def test_a_network_without_layer_norm_has_fewer_parameters(tmp_path: Path) -> No
 
 def test_the_picture_has_a_point_for_every_training(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    from scenarios.studies.detectors.paper_figures import draw_windows
+    from scenarios.studies.detectors.window_figure import draw_windows
 
     rows = [
         train(v, 1, 0, SETS, tmp_path, lambda step, steps: None) for v in window_variants((10, 20))

@@ -31,15 +31,7 @@ def curve(sheet: Evaluation, points: Sequence[SweepPoint]) -> DetectorCurve:
 
 def draw_detectors(curves: Mapping[str, DetectorCurve], out: Path) -> None:
     """False events against delay, accuracy against compute, into ``out``; numbers beside it."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
-    plt.rcParams["svg.hashsalt"] = "grasp"
-    figure, (speed, cost) = plt.subplots(
-        1, 2, figsize=(12, 5), width_ratios=(3, 2), layout="constrained"
-    )
+    figure, (speed, cost) = panels(2, (12, 5), (3, 2))
     for (name, c), colour in zip(curves.items(), COLOURS, strict=False):
         x = [max(p.false_per_min, LEAST_SHOWN_PER_MIN) for p in c.points]
         speed.step(x, [p.delay_ms for p in c.points], color=colour, label=name, where="post")
@@ -49,8 +41,7 @@ def draw_detectors(curves: Mapping[str, DetectorCurve], out: Path) -> None:
             cost.annotate(name, at, xytext=(6, 3), textcoords="offset points", fontsize=8)
     _frame_speed(speed)
     _frame_cost(cost)
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
-    plt.close(figure)
+    save(figure, out)
     out.with_suffix(".json").write_bytes(
         msgspec.json.format(msgspec.json.encode(curves), indent=1) + b"\n"
     )
@@ -79,3 +70,24 @@ def _frame_cost(axes: Any) -> None:
     axes.annotate("paper, real data: 91.3 %, 21 ms", (PAPER_COMPUTE_US, 100 * PAPER_ACCURACY),
                   xytext=(-4, 6), textcoords="offset points", fontsize=8, ha="right")  # fmt: skip
     axes.set(xscale="log", xlabel="one update, µs (median)", ylabel="accuracy a sample, %")
+
+
+def panels(
+    columns: int, size: tuple[float, float], widths: tuple[float, ...] | None = None
+) -> tuple[Any, Any]:
+    """A figure of so many panels side by side, inches; equal content gives equal files."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    plt.rcParams["svg.hashsalt"] = "grasp"
+    return plt.subplots(1, columns, figsize=size, width_ratios=widths, layout="constrained")
+
+
+def save(figure: Any, out: Path) -> None:
+    """Write and close it."""
+    from matplotlib import pyplot as plt
+
+    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
+    plt.close(figure)
