@@ -73,6 +73,7 @@ class Staged:
 # on the way down, as often as what is felt has it
 LANDING = ("land", "touch", "probe")
 HAND_ALONE = "controller.answer=jump"  # answers slip, the arm goes on
+ONE_SPEED = "controller.closing=constant"
 
 
 def phases_but_landing(result: Any) -> list[str]:

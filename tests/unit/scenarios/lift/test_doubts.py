@@ -8,7 +8,7 @@ from grasp.loop import Tick
 from grasp.phases import AIRBORNE_PHASES, Phase
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import FinishedTrial
-from tests.unit.scenarios.conftest import Staged, in_phase, well_in
+from tests.unit.scenarios.conftest import HAND_ALONE, ONE_SPEED, Staged, in_phase, well_in
 from tests.unit.scenarios.lift import device_faults as fault
 
 P = Phase
@@ -28,12 +28,11 @@ CASES = [
     (fault.freeze_gripper_status, (P.APPROACH, P.GRASP), "gripper_stands", 32),
     (fault.jam_gripper, (P.APPROACH, P.GRASP), "gripper_stands", 32),
     (fault.power_cycle_gripper, ALL, "gripper_inactive", 4),
-    (fault.always_contact, (P.COMPENSATE,), "gripper_impossible", 20),
     (fault.let_thumb_leap, ALL, "gripper_impossible", 3),
     (fault.let_finger_b_leap, ALL, "gripper_impossible", 3),
     (fault.lose_arm_position, ALL, "arm_position_nan", 2),
     (fault.freeze_arm_values, (P.LIFT, P.LOWER), "arm_frozen", 14),
-    (fault.freeze_arm_values, (P.COMPENSATE,), "arm_frozen", 90),  # it stands until it goes on
+    (fault.freeze_arm_values, (P.COMPENSATE,), "arm_frozen", 120),  # it stands until it goes on
     (fault.push_arm, (P.APPROACH, P.GRASP), "arm_wrong_way", 16),
     (fault.push_arm, (P.LIFT, P.HOLD), "arm_wrong_way", 40),  # it brakes before it turns
     (fault.let_arm_leap, ALL, "arm_jump", 2),
@@ -94,6 +93,13 @@ def test_what_cannot_be_is_a_named_fault_soon_and_the_safe_state_follows(
         assert truth.normal_n[0] > 8.0  # closed to the limit, not left at 2.4 N
     if before in (P.GRASP, P.APPROACH):
         assert max(truth.normal_n) < 4.0  # stays as it is
+
+
+def test_hand_that_says_contact_while_it_closes_is_a_named_fault() -> None:
+    """Further than doubt.contact_counts, which a first stage by position need not be."""
+    staged = Staged(HAND_ALONE, ONE_SPEED)
+    trial = staged.run(well_in(P.COMPENSATE), fault.always_contact)
+    in_safe_state(staged, trial, "gripper_impossible")
 
 
 @pytest.mark.parametrize("phase", [P.OPPOSE, P.COMPENSATE, P.RELEASE])

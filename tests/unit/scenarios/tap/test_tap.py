@@ -242,7 +242,7 @@ def test_blow_is_searched_at_the_force_that_the_hand_really_holds(name: str, mod
     grip_n = tap.run(config(HEARS, *words, object_name=name), 0, None).result.grip_force_n
     held = blows.held_at(c.object, c.contact, c.guard.full_grip_n, Level.SLIDER)
     assert grip_n is not None
-    assert held.contact.normal_n[0] == pytest.approx(grip_n["A"], rel=0.05)
+    assert held.contact.normal_n[0] == pytest.approx(grip_n["A"], rel=0.06)
 
 
 def test_search_says_so_when_every_blow_that_moves_it_so_far_knocks_it_out() -> None:

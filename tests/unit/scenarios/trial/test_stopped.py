@@ -22,7 +22,7 @@ from scenarios.tap.summary import summarise
 from scenarios.trial.replay import replay_run
 from scenarios.trial.result import FinishedRun
 from scenarios.trial.series import Bench
-from tests.unit.scenarios.conftest import RIGID, config, in_phase
+from tests.unit.scenarios.conftest import HAND_ALONE, ONE_SPEED, RIGID, config, in_phase
 
 QUICK = ("controller.hold_s=0.3", "controller.lift_height_m=0.08", "hand.activation_s=0.5")
 PHASES = [
@@ -60,7 +60,7 @@ def stopped_lift(
 @pytest.mark.parametrize("phase", PHASES)
 def test_signal_in_any_phase_ends_the_run_without_a_verdict(phase: Phase, tmp_path: Path) -> None:
     stands = phase in (Phase.TOUCH, Phase.PROBE)  # phases of a lift that was searched for
-    settings = (*QUICK, *RIGID) if stands else QUICK
+    settings = (*QUICK, *RIGID, HAND_ALONE, ONE_SPEED) if stands else QUICK
     finished, ticks = stopped_lift(tmp_path, phase, signal.SIGTERM, settings=settings)
     result = finished.result
     assert result is not None and finished.failure is not None
