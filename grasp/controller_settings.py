@@ -114,7 +114,7 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             description="of that stop; below gravity, as on the way up it takes load off the grip; "
             "no MoveArm, so arm.max_acceleration_mps2 does not bound it; assumed",
         ),
-    ] = 5.0  # fmt: skip
+    ] = 8.0  # fmt: skip
     resume_mps2: Annotated[
         float,
         Meta(ge=0.05, le=5.0, description="at most, when the arm goes on: a twentieth of gravity"),

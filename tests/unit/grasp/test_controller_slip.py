@@ -18,7 +18,7 @@ def test_registered_slip_closes_as_fast_as_it_may_in_the_same_step() -> None:
     d.climb(0.9)
     assert d.commands == []
     d.climb(0.9)
-    assert d.commands == [StopArm(5.0), CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)]
+    assert d.commands == [StopArm(8.0), CloseFast(10.0, (True, True, True), (255, 255, 255), 0.11)]
 
 
 REACH = (58, 57, 57)

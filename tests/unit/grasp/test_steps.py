@@ -33,7 +33,7 @@ def test_step_is_newtons_in_whole_counts_of_the_thumb_alone_and_one_at_least(
 ) -> None:
     d = stepping(stiffness=Stiffness(newtons_per_count), step_n=1.5)
     assert told(d, StopArm, MoveFingers, CloseFast) == [
-        StopArm(5.0), MoveFingers((55 + counts, 55, 55), 0.022, 10.0),
+        StopArm(8.0), MoveFingers((55 + counts, 55, 55), 0.022, 10.0),
     ]  # fmt: skip
 
 
@@ -53,7 +53,7 @@ def test_force_that_has_carried_the_object_gets_its_margin_while_the_arm_stands(
     assert d.controller.phase is Phase.LIFT
     d.commands.clear()
     rises(d, 0.061)
-    assert d.commands == [StopArm(5.0), MoveFingers((58, 55, 55), 0.022, 10.0)]
+    assert d.commands == [StopArm(8.0), MoveFingers((58, 55, 55), 0.022, 10.0)]
     over(d)
     rises(d, 0.1)
     assert len(told(d, MoveFingers)) == 1  # once
