@@ -60,6 +60,7 @@ def stiffness_npm(body: GraspObject) -> float:
 
 
 @pytest.mark.bench
+@pytest.mark.timeout(3600)
 def test_true_peak_force_of_the_thumb() -> None:
     print("\n| hand | one closing: peak, N | slip, mm | two stages: peak, N | settled, N | "
           "slip, mm | outcome |")  # fmt: skip
@@ -76,6 +77,7 @@ def test_true_peak_force_of_the_thumb() -> None:
 
 
 @pytest.mark.bench
+@pytest.mark.timeout(3600)
 def test_true_peak_force_where_the_contact_is_not_what_is_believed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
