@@ -1,6 +1,7 @@
 """What the hand, and what is believed of a contact, do to the true peak force, as tables."""
 
 from collections.abc import Sequence
+from statistics import median
 
 import pytest
 
@@ -28,6 +29,8 @@ CASES = [
     ("no current clamp, travel_bound", ("hand.current_clamp=false", "guard.travel_bound=true")),
     ("each_motor", ("guard.cap_mode=each_motor",)),
 ]
+OBJECTS = ("can", "box", "cardboard", "ball", "football", "foam", "book", "bottle", "jar", "mug",
+           "orange", "sponge")  # fmt: skip
 SEEDS = range(5)
 FEWER = range(3)
 STAGES = ("constant", "two_stage")
@@ -109,3 +112,19 @@ def test_true_peak_force_where_the_contact_is_not_what_is_believed(
                 f"{peak_n(free):.1f} | {slip_mm(right):.1f} | {peak_n(high):.1f} | "
                 f"{slip_mm(high):.1f} |"
             )
+
+
+@pytest.mark.bench
+@pytest.mark.timeout(7200)
+def test_slip_of_every_object_in_one_closing_and_in_two_stages() -> None:
+    print("\n| object | one closing: peak, N | slip p50, mm | p90 | two stages: peak, N | "
+          "slip p50, mm | p90 |")  # fmt: skip
+    print("|---|---|---|---|---|---|---|")
+    for name in OBJECTS:
+        cells = []
+        for closing in STAGES:
+            found = lifts(name, f'controller.closing="{closing}"', seeds=range(9000, 9020))
+            slips = sorted((r.slip_distance_m or 0.0) * 1e3 for r in found)
+            p50, p90 = median(slips), slips[17]
+            cells.append(f"{peak_n(found):.1f} | {p50:.1f} | {p90:.1f}")
+        print(f"| {name} | {' | '.join(cells)} |")
