@@ -140,6 +140,14 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
             "take it goes 0.5 mm, 0.5-1 N on a steep flank",
         ),
     ] = 0.005  # fmt: skip
+    landing_margin_m: Annotated[
+        float,
+        Meta(
+            ge=0.0, le=0.1,
+            description="the slow way begins so much above the height at which slip had ended; "
+            "assumed: a slip that ends by itself before a detector hears it",
+        ),
+    ] = 0.003  # fmt: skip
     landing_rise_n: Annotated[
         float,
         Meta(

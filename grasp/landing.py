@@ -115,8 +115,12 @@ class Landing:
     @property
     def _near_m(self) -> float:
         """Higher than this no object stands: it rose with the hand from when slip had ended, so it
-        has slipped less than the arm had risen by then."""
-        return min(max(self._slipped_m, 0.0), self._settings.lift_height_m)
+        has slipped no more than the arm had risen by then, which is all of that where the arm
+        stopped while the object still stood; with a margin for what nobody heard."""
+        if self._slipped_m <= 0.0:
+            return 0.0
+        margin_m = self._settings.landing_margin_m
+        return min(self._slipped_m + margin_m, self._settings.lift_height_m)
 
     def _take_grip(self) -> None:
         self._grip_n = self._felt.level_n

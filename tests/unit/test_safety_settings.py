@@ -199,6 +199,7 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
     ("ControllerSettings.lower_speed_mps", (0.03, 0.2),
      lambda v: on_grasp.arm_moved(1, lower_speed_mps=v).speed_mps, 0.0),
     ("ControllerSettings.landing_speed_mps", (0.01, 0.03), on_grasp.landing_mps, 0.0),
+    ("ControllerSettings.landing_margin_m", (0.002, 0.01), on_grasp.landing_margin_m, 1e-9),
     ("ControllerSettings.landing_step_m", (0.0005, 0.002), on_grasp.landing_step_m, 1e-9),
     ("ControllerSettings.landing_still_s", (0.2, 0.6), on_grasp.stood_s, 0.011),
     ("ControllerSettings.landing_tries", (1, 4), on_grasp.tries, 0),

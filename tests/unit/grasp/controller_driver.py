@@ -41,6 +41,7 @@ class Driver:
         monitor = SlipMonitor(ConsecutiveRule(RuleSettings(), 3), SlipSettings())
         plan = GripPlan((25, 40, 40), (self.grip,) * 3, 10.0, stiffness, home)
         self.controller = GraspController(merged, plan, monitor)
+        self.margin_m = merged.landing_margin_m  # of the slow way down
         self.t_ns = 0
         self.height_m = 0.0
         self.closed = False

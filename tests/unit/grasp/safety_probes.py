@@ -93,9 +93,18 @@ def near(**settings: Any) -> Driver:
         d.climb()
     d.height_m = 0.2
     d.until(Phase.LOWER)
-    d.height_m = 0.05
+    d.height_m = 0.05 + d.margin_m
     d.until(Phase.LAND)
     return d
+
+
+def landing_margin_m(v: float) -> float:
+    """By which the quick way down from a slip at 5 cm ends above that."""
+    d = resumed(landing_margin_m=v, hold_s=0.1)
+    d.height_m = 0.2
+    d.until(Phase.LOWER)
+    down = next(c for c in reversed(d.commands) if isinstance(c, MoveArm))
+    return down.position_m[2] - arm(0, 0.05).position_m[2]
 
 
 def tightened(felt_n: float, **settings: Any) -> Driver:

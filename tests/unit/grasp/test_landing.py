@@ -19,7 +19,7 @@ def moves(d: Driver) -> list[MoveArm]:
 
 def test_the_arm_goes_slowly_from_the_height_at_which_slip_had_ended() -> None:
     fast, slow = moves(near())[-2:]
-    assert (fast.position_m[2], fast.speed_mps) == (pytest.approx(HOME_M + 0.05), 0.05)
+    assert (fast.position_m[2], fast.speed_mps) == (pytest.approx(HOME_M + 0.053), 0.05)
     assert (slow.position_m[2], slow.speed_mps) == (pytest.approx(HOME_M), 0.005)
 
 
@@ -32,7 +32,7 @@ def test_what_never_slipped_is_set_down_in_one_go() -> None:
 
 def test_slow_way_ends_within_the_time_that_a_phase_has() -> None:
     d = near(phase_timeout_s=4.0)
-    assert moves(d)[-1].speed_mps == pytest.approx(0.05 / 3.2)
+    assert moves(d)[-1].speed_mps == pytest.approx(0.053 / 3.2)
 
 
 def test_grip_that_tightens_where_nobody_expects_the_object_to_stand_stops_the_arm_too() -> None:

@@ -128,7 +128,7 @@ def test_height_of_a_margin_is_none_of_slip() -> None:
     d.height_m = HEIGHT
     d.until(Phase.LOWER)
     (down,) = (c for c in told(d, MoveArm)[-1:] if isinstance(c, MoveArm))
-    assert down.position_m[2] == pytest.approx(0.45)
+    assert down.position_m[2] == pytest.approx(0.453)
 
 
 @pytest.mark.parametrize(("changes", "hand"), [({"trouble": "unplugged"}, 1), ({"stop": "x"}, 0)])
