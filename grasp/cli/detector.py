@@ -91,6 +91,12 @@ def _add_tune(actions: Any) -> None:
         "--static", type=Path, nargs="+", metavar="PATH.csv",
         help="tune on these recordings instead; samples labelled slip are an error",
     )  # fmt: skip
+    parser.add_argument(
+        "--unlabelled", type=Path, nargs="+", metavar="RUN|FILE",
+        help="set the threshold of any detector's rule without labels, by minutes of hold in which "
+        "nothing slips, each ended by opening the hand: folders of lifts with a long "
+        "controller.hold_s, .npz or .csv",
+    )  # fmt: skip
     add_settings(parser)
     _add_json(parser)
     parser.set_defaults(handler=tune)
@@ -242,6 +248,8 @@ def _quantiles(q: Any, unit: str, digits: int = 0) -> str:
 
 
 def tune(args: argparse.Namespace) -> int:
+    if args.unlabelled:
+        return _tune_unlabelled(args)
     if args.data:
         return _tune_threshold(args) if args.by == "accuracy" else _tune_rule(args)
     if args.detector != "energy":
@@ -273,9 +281,8 @@ def _tune_rule(args: argparse.Namespace) -> int:
     if args.json:
         print(msgspec.json.encode(chosen).decode())
         return exits.SUCCESS
-    print(f"# split validation: {point_text(chosen)}\n[rule]")
-    for key, value in msgspec.to_builtins(chosen.rule).items():
-        print(f"{key} = {json.dumps(value if isinstance(value, str) else round(value, 4))}")
+    print(f"# split validation: {point_text(chosen)}")
+    _print_rule(chosen.rule)
     return exits.SUCCESS
 
 
@@ -296,6 +303,34 @@ def _tune_threshold(args: argparse.Namespace) -> int:
               f"{100 * found.balanced_accuracy:.1f} %\n"
               f"[{found.section}]\n{found.setting} = {found.value:.4g}")  # fmt: skip
     return exits.SUCCESS
+
+
+def _tune_unlabelled(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from scenarios.campaign.config import load_config
+    from scenarios.studies.detectors.unlabelled import tune_unlabelled
+
+    config = load_config("can", "simulated", args.detector, args.config, args.set)
+    found = tune_unlabelled(config, args.unlabelled, args.budget)
+    if args.json:
+        print(msgspec.json.encode(found).decode())
+        return exits.SUCCESS
+    what = "limit" if found.rule.kind == "cusum" else "log-odds of the threshold"
+    low, high = found.interval
+    print(f"# {found.minutes:.1f} minutes of hold, {found.load_counts:.0f} counts of load; "
+          f"{args.budget:g} false events a minute: {what} {found.level:.2f} "
+          f"[{low:.2f}, {high:.2f}]")  # fmt: skip
+    _print_rule(found.rule)
+    return exits.SUCCESS
+
+
+def _print_rule(rule: Any) -> None:
+    import msgspec
+
+    print("[rule]")
+    for key, value in msgspec.to_builtins(rule).items():
+        print(f"{key} = {json.dumps(value if isinstance(value, str) else round(value, 4))}")
 
 
 def point_text(p: Any) -> str:

@@ -51,8 +51,8 @@ def add_observer(charts: Any) -> None:
         help="of the recordings of config/datasets/observer.toml (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--share-of-others", type=decimal(1e-3, 1), default=0.15, metavar="X",
-        help="likewise, of each other fingertip (default: %(default)s)",
+        "--share-of-others", type=decimal(0, 1), default=0.15, metavar="X",
+        help="likewise, of each other fingertip; 0: none (default: %(default)s)",
     )  # fmt: skip
     add_workers(parser)
     _add_out(parser, "observer")

@@ -126,9 +126,11 @@ def study(
     lifted = [r for r in made if r.metadata and r.metadata.cause != STRUCK]
     blows = cases(struck, blow_moments(struck), heard(names, struck))
     lifts = cases(lifted, lift_moments(lifted), heard(names, lifted))
-    others = {AS_IT_IS: _few(struck, share_of_others / share)}
-    for name, other in OTHERS.items():
-        others[name] = drawn(folder, share_of_others, workers, other, tell)
+    others = {}
+    if share_of_others > 0.0:
+        others = {AS_IT_IS: _few(struck, share_of_others / share)}
+        for name, other in OTHERS.items():
+            others[name] = drawn(folder, share_of_others, workers, other, tell)
     ends = len(TIMES_S) * 2 + len(others)
     found: dict[str, list[tuple[Told, Any]]] = {"blows": [], "lifts": []}
     for kind, its, titles in (("blows", blows, BLOW_TITLES), ("lifts", lifts, LIFT_TITLES)):
@@ -186,6 +188,8 @@ def tables(found: Study) -> str:
     parts = [_by_time(found.blows, BLOW_TITLES[1:], "blow that moved it")]
     parts.append(_of_detectors(found))
     parts.append(_by_time(found.lifts, LIFT_TITLES[1:], "lift that slips"))
+    if not found.others:
+        return "\n\n".join(parts)
     lines = ["| fingertip | 2 mm or more: AUC | hits | 1-2 mm: AUC | hits | blows |",
              "|---|---|---|---|---|---|"]  # fmt: skip
     for name, every in found.others.items():

@@ -1,0 +1,59 @@
+"""A lab's own recordings of a hold and its unloading, as `grasp detector tune --unlabelled` takes
+them: a lift that was held for long, or a file of counts."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detector.recordings import SUFFIX, read
+from detector.scores.evaluation import stream
+from detector.scores.unlabelled import SETTLED, Unlabelled, hold_of, set_rule
+from drivers.errors import UsageError
+from drivers.interfaces import FINGERS
+from grasp.messages import CONTROL, TACTILE, ControlMessage, TactileMessage
+from grasp.phases import Phase
+from scenarios.trial.config import TrialConfig
+from scenarios.trial.run_folder import open_trial
+
+Counts = NDArray[np.int16]  # (n, fingers, taxels)
+
+
+def hold_in(path: Path) -> tuple[Counts, slice, float]:
+    """Counts of a recording, the samples of its static hold, and the load that came off after it.
+
+    Raises BadFile for what is no recording, UsageError for one without a hold or an unloading.
+    """
+    if path.suffix in (SUFFIX, ".csv"):
+        counts = read(path).counts
+        return counts, *hold_of(counts)
+    counts, phases = _of_run(path)
+    held = np.flatnonzero([phase == Phase.HOLD for phase in phases])
+    _, load = hold_of(counts)
+    if not len(held):
+        raise UsageError(f"{path} has no hold", "give a lift, with a long controller.hold_s")
+    return counts, slice(int(held[0]) + SETTLED, int(held[-1])), load
+
+
+def _of_run(path: Path) -> tuple[Counts, list[str]]:
+    counts: list[list[int]] = []
+    phases: list[str] = []
+    latest: list[int] | None = None
+    for topic, _, message in open_trial(path):
+        if topic == TACTILE and isinstance(message, TactileMessage):
+            latest = message.counts
+        elif topic == CONTROL and isinstance(message, ControlMessage) and latest is not None:
+            counts.append(latest)
+            phases.append(message.phase)
+    return np.array(counts, np.int16).reshape(len(counts), FINGERS, -1), phases
+
+
+def tune_unlabelled(config: TrialConfig, paths: list[Path], budget_per_min: float) -> Unlabelled:
+    """The configured detector's rule, its threshold set by holds in which nothing slips."""
+    holds, loads = [], []
+    for path in paths:
+        counts, hold, load = hold_in(path)
+        detector = config.make_detector(counts.shape[1], counts.shape[2])
+        holds.append(stream(detector, counts)[0][hold])
+        loads.append(load)
+    return set_rule(holds, config.rule, budget_per_min, min(loads))

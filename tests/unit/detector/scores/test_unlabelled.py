@@ -1,0 +1,90 @@
+import numpy as np
+import pytest
+
+from detector.decision import RuleSettings, registered_events
+from detector.scores.unlabelled import SETTLED, compared, hold_of, level_of, set_rule
+from drivers.errors import UsageError
+
+
+def quiet(minutes, seed=0, scale=1.0, fingers=3):
+    """Probabilities of slip of a hand that holds: log-odds about -4, with an exponential tail."""
+    rng = np.random.default_rng(seed)
+    odds = -5.0 + scale * rng.exponential(0.5, (round(6000 * minutes), fingers))
+    return 1.0 / (1.0 + np.exp(-odds))
+
+
+def held(n=3000, load=-60, unload_at=2600):
+    counts = np.zeros((n, 3, 6), np.int16)
+    counts[300:unload_at] = load
+    return counts
+
+
+@pytest.mark.parametrize("rule", [
+    RuleSettings(kind="consecutive", consecutive=1),
+    RuleSettings(kind="consecutive", consecutive=2, fusion="mean"),
+    RuleSettings(kind="cusum", drift=-4.5, threshold=0.0111, release=3),
+])  # fmt: skip
+@pytest.mark.parametrize("budget", [1.0, 4.0])
+def test_on_hours_more_of_the_same_hold_the_rule_keeps_to_about_its_budget(rule, budget):
+    rates = []
+    for seed in range(8):
+        found = set_rule([quiet(3.0, seed)], rule, budget, 300.0)
+        rates.append(len(registered_events(quiet(20.0, 100 + seed), found.rule)) / 20.0)
+    assert 0.4 * budget < np.median(rates) < 2.0 * budget
+
+
+def test_a_budget_of_less_than_was_seen_is_reached_by_the_tail():
+    strict = [set_rule([quiet(3.0, s)], RuleSettings(consecutive=1), 0.05, 300.0) for s in range(6)]
+    seen = max(compared(quiet(3.0, 0), RuleSettings(consecutive=1)))
+    assert np.median([f.level for f in strict]) > seen - 0.3
+    rates = [len(registered_events(quiet(60.0, 50 + i), f.rule)) / 60 for i, f in enumerate(strict)]
+    assert np.median(rates) < 0.3
+
+
+def test_the_interval_holds_the_level_and_is_narrower_with_more_minutes():
+    short, long = (
+        set_rule([quiet(m, 1)], RuleSettings(), 1.0, 300.0) for m in (1.0, 12.0)
+    )  # fmt: skip
+    for found in (short, long):
+        assert found.interval[0] <= found.level <= found.interval[1]
+    assert np.ptp(long.interval) < 0.6 * np.ptp(short.interval)
+    assert long.minutes == pytest.approx(12.0, abs=0.05)
+
+
+def test_a_restless_hand_gets_a_higher_threshold():
+    calm, restless = (
+        set_rule([quiet(3.0, 2, scale)], RuleSettings(), 1.0, 300.0).rule.threshold
+        for scale in (0.5, 2.0)
+    )
+    assert restless > calm
+
+
+def test_the_level_falls_as_the_budget_grows():
+    maxima = np.random.default_rng(0).exponential(1.0, 180)
+    levels = [level_of(maxima, budget) for budget in (0.1, 1.0, 10.0)]
+    assert levels == sorted(levels, reverse=True)
+
+
+def test_what_cannot_be_told_from_slip_or_is_too_short_is_refused():
+    loud = np.full((6000, 3), 0.9999)
+    with pytest.raises(UsageError, match="still looks like slip"):
+        set_rule([loud], RuleSettings(), 1.0, 300.0)
+    with pytest.raises(UsageError, match="too few"):
+        set_rule([quiet(0.3)], RuleSettings(), 1.0, 300.0)
+    with pytest.raises(UsageError, match="a tail never ends"):
+        set_rule([quiet(3.0)], RuleSettings(), 0.0, 300.0)
+
+
+def test_a_hold_lies_between_grip_and_unloading():
+    hold, load = hold_of(held())
+    assert (hold.start, hold.stop) == (300 + SETTLED, 2599 - SETTLED)
+    assert load == 18 * 60
+
+
+def test_fingertips_that_feel_nothing_and_a_hand_that_never_opens_are_refused():
+    with pytest.raises(UsageError, match="presses nothing"):
+        hold_of(held(load=-1))
+    with pytest.raises(UsageError, match="presses nothing"):
+        hold_of(held(load=0))
+    with pytest.raises(UsageError, match="does not end unloaded"):
+        hold_of(held(unload_at=3000))

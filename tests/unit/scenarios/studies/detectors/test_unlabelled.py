@@ -1,0 +1,75 @@
+"""From a lab's own recordings to a rule: a long lift, and a file of counts."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from detector.recordings import write
+from grasp.cli.main import main
+from scenarios.campaign.config import load_config
+from scenarios.lift import lift
+from tests.unit.detector.toys import toy
+
+
+@pytest.fixture
+def hold(tmp_path: Path) -> Path:
+    """Three fingers that press for 50 s, restlessly, and open."""
+    n = 6000
+    counts = np.random.default_rng(0).normal(0.0, 1.5, (n, 3, 6))
+    counts[200:5500] -= 60.0
+    one = toy(0, "test")
+    made = msgspec.structs.replace(
+        one, t_s=np.arange(n) * 0.01, counts=counts.round().astype(np.int16),
+        slip=np.zeros(n, bool), slip_true=None,
+    )  # fmt: skip
+    path = tmp_path / "hold.npz"
+    write(path, made)
+    return path
+
+
+def test_a_rule_without_labels_is_toml_that_the_next_run_takes(
+    hold: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["detector", "tune", "energy", "--unlabelled", str(hold)]) == 0
+    text = capsys.readouterr().out
+    assert "1080 counts of load" in text
+    rule = tomllib.loads(text)["rule"]
+    own = tmp_path / "own.toml"
+    own.write_text(text)
+    words = ["detector", "evaluate", "energy", "--recording", str(hold), "--config", str(own)]
+    assert main([*words, "--json"]) == 0
+    sheet = json.loads(capsys.readouterr().out)
+    assert 0.0 < rule["threshold"] < 0.5  # lower than the packaged one: this hand is calm
+    assert sheet["registered_events"] <= 4  # a budget of one a minute, and the hand's own motion
+
+
+def test_a_hold_that_never_ends_is_refused(
+    hold: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    from detector.recordings import read
+
+    made = read(hold)
+    cut = tmp_path / "cut.npz"
+    write(cut, msgspec.structs.replace(
+        made, t_s=made.t_s[:5000], counts=made.counts[:5000], slip=made.slip[:5000]
+    ))  # fmt: skip
+    assert main(["detector", "tune", "energy", "--unlabelled", str(cut)]) == 2
+    assert "does not end unloaded" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_the_threshold_is_set_by_a_lift_that_was_held_for_long(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["object.added_mass_kg=0", "controller.hold_s=40"]
+    lift.run(load_config("can", "simulated", None, None, words).for_lift(), 0, tmp_path)
+    (folder,) = tmp_path.iterdir()
+    assert main(["detector", "tune", "tcn", "--unlabelled", str(folder), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["minutes"] == pytest.approx(39 / 60, abs=0.05)
+    assert found["load_counts"] > 100
