@@ -1,4 +1,4 @@
-"""`grasp dataset`: build a data set of labelled recordings, and say what one holds."""
+"""`grasp dataset`: build a data set of labelled recordings, collect one, say what one holds."""
 
 import argparse
 import sys
@@ -16,6 +16,7 @@ def add_parser(verbs: Any) -> None:
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     _add_build(actions)
     _add_describe(actions)
+    _add_collect(actions)
 
 
 def _add_build(actions: Any) -> None:
@@ -58,6 +59,21 @@ def _add_describe(actions: Any) -> None:
     parser.set_defaults(handler=describe)
 
 
+def _add_collect(actions: Any) -> None:
+    text = "make a data set of your own recordings"
+    parser = actions.add_parser(
+        "collect", help=text,
+        description=text + ": labelled samples of acquisitions, and .npz or .csv files. Of each "
+        "five, three are for training, one for validation, one for test.",
+    )  # fmt: skip
+    parser.add_argument(
+        "source", type=Path, nargs="+", metavar="RUN|FILE", help="folders of `grasp run acquire`"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to fill")
+    _add_json(parser)
+    parser.set_defaults(handler=collect)
+
+
 def _add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, nothing else"
@@ -90,6 +106,19 @@ def build(args: argparse.Namespace) -> int:
                           "samples": samples}))  # fmt: skip
     else:
         print(f"{args.out}: {len(jobs)} recordings, {samples} samples; {made} made now")
+    return exits.SUCCESS
+
+
+def collect(args: argparse.Namespace) -> int:
+    import json
+
+    from scenarios.acquire.datasets.collect import collect as collected
+
+    counts = collected(args.source, args.out)
+    if args.json:
+        print(json.dumps({"folder": str(args.out), **counts}))
+    else:
+        print(f"{args.out}: " + ", ".join(f"{n} for {split}" for split, n in counts.items()))
     return exits.SUCCESS
 
 
