@@ -79,6 +79,9 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float,
         Meta(ge=0.1, le=10.0, description="more force a step, in whole counts, one at least"),
     ] = 1.5
+    step_tries: Annotated[
+        int, Meta(ge=1, le=50, description="steps of a lift; slip after them is answered by a jump")
+    ] = 5
     step_patience_s: Annotated[
         float,
         Meta(

@@ -20,18 +20,21 @@ class Steps:
         self._plan = plan
         self._line = line
         self._found_m: float | None = None  # how high the arm was when force was last found
+        self._taken = 0
         self.lasts = False
         self.securing = False
 
     def may(self, seen: Observation) -> bool:
-        """Whether a step is an answer here: what slips still stands on the table, and the thumb,
-        not latched by the force cap, can press harder."""
+        """Whether a step is an answer here: what slips still stands on the table, the thumb, not
+        latched by the force cap, can press harder, and not too many were too small."""
         s = self._settings
         low = self._line.height_m(seen) < s.step_below_m
-        return s.answer == "stop_and_step" and low and not seen.gripper.thumb_latched
+        some = self._taken < s.step_tries and not seen.gripper.thumb_latched
+        return s.answer == "stop_and_step" and low and some
 
     def step(self, seen: Observation) -> MoveFingers:
         """The thumb one step further, and a margin to follow."""
+        self._taken += 1
         self.lasts, self._found_m = True, self._line.height_m(seen)
         return self._further(seen, 1)
 

@@ -207,6 +207,7 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
     ("ControllerSettings.answer_stop_mps2", (0.5, 3.0), on_grasp.paused_at_mps2, 0.0),
     ("ControllerSettings.step_n", (2.0, 6.0), on_grasp.stepped_n, 0.0),
     ("ControllerSettings.step_patience_s", (0.2, 0.6), on_grasp.seconds_to_jump, 0.011),
+    ("ControllerSettings.step_tries", (1, 4), on_grasp.steps_taken, 0),
     ("ControllerSettings.margin_steps", (1, 3), on_grasp.margin_in_steps, 0),
     ("ControllerSettings.resume_mps2", (0.1, 0.4), on_grasp.resumed_at_mps2, 0.0),
     ("ControllerSettings.resume_quiet_s", (0.05, 0.3), on_grasp.quiet_before_it_goes_on_s, 0.011),

@@ -276,6 +276,14 @@ def stepped_n(v: float) -> float:
     return float(d.requested[0] - d.grip)
 
 
+def steps_taken(v: int) -> int:
+    """Before slip that comes back again and again is answered by a jump."""
+    d = stepping(step_tries=v, margin_steps=0)
+    while not any(isinstance(c, CloseFast) for c in d.commands):
+        d.climb(0.9 if d.controller.phase is Phase.LIFT else 0.0)
+    return sum(isinstance(c, MoveFingers) for c in d.commands)
+
+
 def steps_at(v: float, height_m: float) -> bool:
     d = Driver(answer="stop_and_step", step_below_m=v).lift()
     for _ in range(2):

@@ -116,8 +116,8 @@ def test_alarms_that_come_and_go_are_answered_while_force_can_rise_and_end_in_te
     began_ns = next(t.t_ns for t in ticks if t.decision.slip.event)
     down_ns = next(t.t_ns for t in ticks if t.decision.phase is Phase.LOWER)
     assert down_ns - began_ns < 10e9
-    steps = 0 if answer == "stop_and_jump" else 5 if name == "can" else 9
-    assert controller.closings <= 1 + steps  # (cap - first force) / step, and to the cap at last
+    steps = 0 if answer == "stop_and_jump" else 5  # controller.step_tries
+    assert controller.closings <= 1 + steps  # and to the cap at last
 
 
 def test_burst_every_half_second_costs_one_closing() -> None:
