@@ -104,10 +104,13 @@ def progress(doing: str, hidden: bool = False) -> "Iterator[Callable[..., None]]
 
 
 def _lines(doing: str) -> Callable[..., None]:
-    start_s, shown = time.monotonic(), 0
+    start_s, shown, last = time.monotonic(), 0, 0
 
     def show(done: int, total: int, text: str = doing) -> None:
-        nonlocal shown
+        nonlocal start_s, shown, last
+        if done < last:  # the next of several
+            start_s, shown = time.monotonic(), 0
+        last = done
         if LINES * done // max(1, total) <= shown:
             return
         shown = LINES * done // total

@@ -206,22 +206,6 @@ class Told(msgspec.Struct, frozen=True):
     idle: int
 
 
-def observed(cases: Cases, time_s: float, titles: Sequence[str]) -> list[tuple[Told, Floats]]:
-    """Of each class but rest, how well the observer tells it, with its scores (n,) of that class;
-    cases that were over before so long are left out, and score nan."""
-    from detector.training.observer import held_out  # torch is an extra
-
-    own = np.flatnonzero(cases.lasts >= cases.samples(time_s))
-    part = cases.part(own)
-    odds = held_out(features(part, time_s), part.classes, part.groups, FOLDS)
-    found = []
-    for kind in range(1, odds.shape[1]):
-        score = np.full(len(cases.classes), np.nan)
-        score[own] = odds[:, kind] - odds[:, 0]
-        found.append((told(cases, score, kind, time_s, titles), score))
-    return found
-
-
 def told(cases: Cases, score: Floats, kind: int, time_s: float, titles: Sequence[str]) -> Told:
     """How well a score (n,) tells a class from rest; nan is left out. Intervals: 95 %, by bootstrap
     over recordings."""

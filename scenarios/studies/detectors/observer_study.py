@@ -1,6 +1,7 @@
 """The ideal observer beside the detectors, and what it would see of another fingertip.
 
-Drawn objects are struck and lifted for it alone (config/datasets/observer.toml).
+Drawn objects are struck and lifted for it alone (config/datasets/observer.toml). Needs the extra
+`train`.
 """
 
 import math
@@ -13,12 +14,20 @@ import numpy as np
 
 from detector.recordings import Recording, read_dataset
 from detector.scores.quantiles import quantile
+from detector.training.observer import held_out
 from grasp.settings import file_of
 from scenarios.acquire.datasets.build import build
-from scenarios.acquire.datasets.plan import DatasetConfig, Job, Range, load_dataset_config, plan
+from scenarios.acquire.datasets.plan import (
+    DatasetConfig,
+    Range,
+    first_of_each,
+    load_dataset_config,
+    plan,
+)
 from scenarios.rigs.workers import Workers
 from scenarios.studies.detectors.observer import (
     BLOW_TITLES,
+    FOLDS,
     LIFT_TITLES,
     TIMES_S,
     Cases,
@@ -26,10 +35,10 @@ from scenarios.studies.detectors.observer import (
     Told,
     blow_moments,
     cases,
+    features,
     heard,
     lift_moments,
     loudest,
-    observed,
     point,
     told,
 )
@@ -79,15 +88,6 @@ class Study(msgspec.Struct, frozen=True):
     points: list[Point]
     lift_points: list[Point]
     others: dict[str, list[Told]]
-
-
-def first_of_each(jobs: Sequence[Job], share: float) -> list[Job]:
-    """So many of the recordings of every cause, the first in the plan."""
-    found: list[Job] = []
-    for cause in dict.fromkeys(job.metadata.cause for job in jobs):
-        its = [job for job in jobs if job.metadata.cause == cause]
-        found += its[: math.ceil(share * len(its))]
-    return found
 
 
 Tell = Callable[[int, int, str], None]
@@ -158,6 +158,20 @@ def study(
             for name, r in others.items()
         },
     )  # fmt: skip
+
+
+def observed(cases: Cases, time_s: float, titles: Sequence[str]) -> list[tuple[Told, Any]]:
+    """Of each class but rest, how well the observer tells it, with its scores (n,) of that class;
+    cases that were over before so long are left out, and score nan."""
+    own = np.flatnonzero(cases.lasts >= cases.samples(time_s))
+    part = cases.part(own)
+    odds = held_out(features(part, time_s), part.classes, part.groups, FOLDS)
+    found = []
+    for kind in range(1, odds.shape[1]):
+        score = np.full(len(cases.classes), np.nan)
+        score[own] = odds[:, kind] - odds[:, 0]
+        found.append((told(cases, score, kind, time_s, titles), score))
+    return found
 
 
 def _few(recordings: Sequence[Recording], share: float) -> list[Recording]:

@@ -111,3 +111,16 @@ def test_progress_without_a_terminal_is_a_line_for_each_tenth(
     with progress("draws", hidden=True) as show:
         show(1, 1)
     assert not capsys.readouterr().err
+
+
+def test_lines_of_progress_begin_anew_with_the_next_of_several(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with progress("training") as show:
+        for name in ("first", "second"):
+            for step in (1, 10):
+                show(step, 10, name)
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split(",")[0] for line in lines] == [
+        "first: 1 of 10", "first: 10 of 10", "second: 1 of 10", "second: 10 of 10",
+    ]  # fmt: skip

@@ -4,7 +4,7 @@ import pytest
 
 from detector.recordings import Recording
 from grasp.settings import file_of
-from scenarios.acquire.datasets.plan import load_dataset_config, plan
+from scenarios.acquire.datasets.plan import first_of_each, load_dataset_config, plan
 from scenarios.studies.detectors.observer import (
     BLOW_TITLES,
     Cases,
@@ -17,7 +17,6 @@ from scenarios.studies.detectors.observer import (
     point,
     told,
 )
-from scenarios.studies.detectors.observer_study import first_of_each
 from tests.unit.detector.blow_toys import struck
 from tests.unit.detector.toys import toy
 
