@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from grasp.phases import Phase
+from scenarios.campaign.config import load_config
 from tests.wire.scenarios.cell.staged import FAULTS, PHASES, Row, run
 
 TABLE = Path(__file__).parents[4] / "docs" / "faults.md"
@@ -35,7 +36,7 @@ Exit codes: 3 device, 4 safety stop.
 BY_HAND = "# What devices say is doubted\n"
 ENTRY = (
     '<!-- figure: id=faults command="pytest -m slow tests/wire/scenarios/cell/test_faults.py" '
-    "detector=tcn commit={} code=@trial,scenarios/lift tables={} -->"
+    "detector={} commit={} code=@trial,scenarios/lift tables={} -->"
 )
 
 
@@ -45,7 +46,9 @@ def document(rows: list[Row]) -> str:
     for name, fault in FAULTS.items():
         parts.append(f"\n## {fault.title[0].upper()}{fault.title[1:]}\n")
         if len(parts) == 2:  # one entry for all (scripts/figures.py)
-            parts.append(ENTRY.format(_commit(), len(FAULTS)))
+            parts.append(
+                ENTRY.format(load_config("can", "emulated").detector_name, _commit(), len(FAULTS))
+            )
         parts.append("| phase | outcome | kind | exit | arm | hand | object | peak, N | message |")
         parts.append("|---|---|---|---|---|---|---|---|---|")
         parts += [_line(row) for row in rows if row.fault == name]
