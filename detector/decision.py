@@ -54,6 +54,12 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
              "end an event; assumed"),
     ] = 3  # fmt: skip
 
+    @property
+    def unread(self) -> frozenset[str]:
+        """The settings that this kind of rule has no use for."""
+        of_kind = {"drift", "limit"} if self.kind == "consecutive" else {"consecutive"}
+        return frozenset(of_kind | ({"fingers"} if self.fusion == "mean" else set()))
+
 
 class ConsecutiveRule:
     """So many samples in a row register slip on a finger; ``release`` quiet ones on all end it.

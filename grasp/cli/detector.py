@@ -329,7 +329,8 @@ def _print_rule(rule: Any) -> None:
     import msgspec
 
     print("[rule]")
-    for key, value in msgspec.to_builtins(rule).items():
+    read = {k: v for k, v in msgspec.to_builtins(rule).items() if k not in rule.unread}
+    for key, value in read.items():
         print(f"{key} = {json.dumps(value if isinstance(value, str) else round(value, 4))}")
 
 

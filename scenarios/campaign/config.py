@@ -39,7 +39,7 @@ def load_config(
     setting that is not allowed, or that the detector does not read."""
     layers = trial_layers(object_name, rig, detector, file, assignments, profile)
     config = load(RunConfig, layers)
-    check_read(config.detector_name, own_layers(file, assignments))
+    check_read(config.detector_name, config.rule, own_layers(file, assignments))
     return config
 
 

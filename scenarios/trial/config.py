@@ -149,9 +149,16 @@ def _sections_of_others(detector: str) -> set[str]:
     return {*FORMULAS.values(), NETWORK} - {FORMULAS.get(detector, NETWORK)}
 
 
-def check_read(detector: str, own: Sequence[Layer]) -> None:
-    """Raises ConfigError where the user's own layers set what that detector does not read."""
+def check_read(detector: str, rule: RuleSettings, own: Sequence[Layer]) -> None:
+    """Raises ConfigError where the user's own layers set what that detector or its rule does not
+    read."""
     for layer in own:
+        for key in sorted(rule.unread & layer.table.get("rule", {}).keys()):
+            raise ConfigError(
+                layer.source, f"rule.{key}",
+                f"is not read by a rule of kind {rule.kind} and fusion {rule.fusion}",
+                "leave it out, or set rule.kind or rule.fusion",
+            )  # fmt: skip
         for section in sorted(_sections_of_others(detector) & layer.table.keys()):
             said = layer.table[section]
             key = next(iter(said), "") if isinstance(said, dict) else ""

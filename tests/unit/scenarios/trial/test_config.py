@@ -141,6 +141,21 @@ def test_a_setting_that_the_detector_does_not_read_is_refused(detector: str, wor
     assert word.partition("=")[0] in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("rule.limit=3", "rule.kind=consecutive"),
+        ("rule.drift=1", "rule.kind=consecutive"),
+        ("rule.consecutive=2", "rule.kind=cusum"),
+        ("rule.fingers=2", "rule.fusion=mean"),
+    ],
+)
+def test_a_setting_that_the_rule_does_not_read_is_refused(words: tuple[str, str]) -> None:
+    with pytest.raises(ConfigError, match="is not read by a rule of kind") as refused:
+        load_config("can", "simulated", "gru", None, words)
+    assert words[0].partition("=")[0] in str(refused.value)
+
+
 def test_who_runs_no_trial_takes_a_file_that_speaks_of_any_detector(tmp_path: Path) -> None:
     """A hand is opened, whatever detector the settings of the last run were for."""
     own = tmp_path / "own.toml"
