@@ -59,6 +59,16 @@ def test_tighter_tolerance_takes_no_lesser_level_and_no_larger_step() -> None:
     assert tight.blow_step_s < loose.blow_step_s
 
 
+@pytest.mark.parametrize("level", ["auto", "L4"])
+def test_what_no_level_has_is_said_of_a_blow_along_the_closing_axis(level: str) -> None:
+    along, across = (
+        plan_run(tapped(direction=direction), told(level=level)).why
+        for direction in ("closing", "side")
+    )
+    assert "no level has" in along[-1]
+    assert not any("no level has" in line for line in across)
+
+
 def test_level_that_is_told_is_taken_without_a_plan() -> None:
     found = plan_run(LIFT, told(level="L4"))
     assert (found.level, found.blow_level, found.why) == ("L4", "L4", ())
