@@ -1,7 +1,6 @@
 """`grasp chart answers`: what the hand and the arm may answer to slip, and what that is worth."""
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from grasp.cli import exits
@@ -9,12 +8,11 @@ from grasp.cli.options import (
     OBJECT_HELP,
     add_workers,
     need,
-    picture,
     progress,
     whole,
     workers,
 )
-from grasp.files import write_whole
+from grasp.cli.pictures import add_picture, write_numbers
 
 if TYPE_CHECKING:
     from scenarios.studies.answers.summary import Answers, Cell
@@ -57,16 +55,11 @@ def add_parser(charts: Any) -> None:
         help="of these (default: %(default)s)",
     )  # fmt: skip
     add_workers(parser)
-    parser.add_argument(
-        "--out", type=picture, default=Path("answers.svg"), metavar="FILE",
-        help="picture to write, .svg, .png or .pdf; all lifts go beside it as .json "
-        "(default: %(default)s)",
-    )  # fmt: skip
+    add_picture(parser, "answers", "all lifts go")
     parser.set_defaults(handler=draw)
 
 
 def draw(args: argparse.Namespace) -> int:
-    import msgspec
 
     from drivers.errors import UsageError
     from scenarios.campaign.config import load_config
@@ -93,8 +86,7 @@ def draw(args: argparse.Namespace) -> int:
     detector = load_config(args.objects[0], "simulated", args.detector).detector_name
     answers = summarize(detector, args.rig, seeds, args.objects, found)
     draw_answers(answers, args.out)
-    text = msgspec.json.format(msgspec.json.encode(answers), indent=1)
-    write_whole(args.out.with_suffix(".json"), text + b"\n")
+    write_numbers(args.out, answers)
     _print(answers)
     print(args.out)
     return exits.SUCCESS

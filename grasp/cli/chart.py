@@ -13,12 +13,11 @@ from grasp.cli.options import (
     decimal,
     need,
     one_by_one,
-    picture,
     progress,
     whole,
     workers,
 )
-from grasp.files import write_whole
+from grasp.cli.pictures import add_picture, picture, write_numbers
 
 if TYPE_CHECKING:
     from scenarios.studies.reaction.summary import ReactionSummary
@@ -68,10 +67,7 @@ def _add_detectors(charts: Any) -> None:
         "--data", type=Path, nargs="+", required=True, metavar="DIR",
         help="folders made by `grasp dataset build`; the split `test` is drawn",
     )  # fmt: skip
-    parser.add_argument(
-        "--out", type=picture, default=Path("detectors.svg"), metavar="FILE",
-        help="picture to write; the numbers go beside it as .json (default: %(default)s)",
-    )  # fmt: skip
+    add_picture(parser, "detectors")
     parser.set_defaults(handler=draw_detectors)
 
 
@@ -115,11 +111,7 @@ def _add_physics(charts: Any) -> None:
 
 def _add_computed(charts: Any, name: str, handler: Any, text: str) -> None:
     parser = charts.add_parser(name, help=text, description=text)
-    parser.add_argument(
-        "--out", type=picture, default=Path(f"{name}.svg"), metavar="FILE",
-        help="picture to write, .svg, .png or .pdf; its numbers go beside it, as .json "
-        "(default: %(default)s)",
-    )  # fmt: skip
+    add_picture(parser, name)
     parser.set_defaults(handler=handler)
 
 
@@ -131,7 +123,7 @@ def draw_physics(args: argparse.Namespace) -> int:
     with progress("reference") as show:
         chart = physics_chart.compute(lambda text, done, total: show(done, total, text))
     physics_chart.draw(chart, args.out)
-    _write_numbers(args.out, chart)
+    write_numbers(args.out, chart)
     print(physics_chart.table(chart))
     print(args.out)
     return exits.SUCCESS
@@ -145,17 +137,11 @@ def draw_stability(args: argparse.Namespace) -> int:
     with progress("reference") as show:
         found = stability.compute(lambda text, done, total: show(done, total, text))
     stability.draw(found, args.out)
-    _write_numbers(args.out, found)
+    write_numbers(args.out, found)
     for name, share in found.broken().items():
         print(f"{name:40} broken on {share:4.0%} of the map")
     print(args.out)
     return exits.SUCCESS
-
-
-def _write_numbers(out: Path, numbers: Any) -> None:
-    import msgspec
-
-    write_whole(out.with_suffix(".json"), msgspec.json.encode(numbers) + b"\n")
 
 
 def _add_hunting(charts: Any) -> None:
@@ -206,11 +192,7 @@ def _add_frontier(charts: Any) -> None:
     parser.add_argument(
         "file", type=Path, nargs="+", metavar="FILE", help="SQLite file of a campaign with axes"
     )
-    parser.add_argument(
-        "--out", type=picture, default=Path("frontier.svg"), metavar="FILE",
-        help="picture to write, .svg, .png or .pdf; its numbers go beside it, as .json "
-        "(default: %(default)s)",
-    )  # fmt: skip
+    add_picture(parser, "frontier")
     parser.set_defaults(handler=draw_frontiers)
 
 
@@ -228,7 +210,7 @@ def draw_frontiers(args: argparse.Namespace) -> int:
                 raise BadFile(path, "a campaign without axes", "one of `campaign run frontier`")
             found.append(summarize(store.spec.name, store.rows()))
     draw_frontier(found, args.out)
-    _write_numbers(args.out, found)
+    write_numbers(args.out, found)
     print(args.out)
     return exits.SUCCESS
 
@@ -279,15 +261,10 @@ def _add_reaction_size(parser: argparse.ArgumentParser) -> None:
         help="of these, run in full as well (default: %(default)s)",
     )  # fmt: skip
     add_workers(parser)
-    parser.add_argument(
-        "--out", type=picture, default=Path("reaction.svg"), metavar="FILE",
-        help="picture to write, .svg, .png or .pdf; the figures go beside it as .json "
-        "(default: %(default)s)",
-    )  # fmt: skip
+    add_picture(parser, "reaction")
 
 
 def draw_reactions(args: argparse.Namespace) -> int:
-    import msgspec
 
     from scenarios.campaign.config import load_config
     from scenarios.studies.reaction.copies import Grid, studies
@@ -311,8 +288,7 @@ def draw_reactions(args: argparse.Namespace) -> int:
         args.profile, configs[0].detector_name, [c.object.name for c in configs], found
     )
     draw_reaction(summary, args.out)
-    text = msgspec.json.format(msgspec.json.encode(summary), indent=1)
-    write_whole(args.out.with_suffix(".json"), text + b"\n")
+    write_numbers(args.out, summary)
     _print_reactions(summary)
     print(args.out)
     return exits.SUCCESS

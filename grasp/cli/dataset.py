@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import add_workers, decimal, need, picture, whole, workers
+from grasp.cli.options import add_workers, decimal, need, whole, workers
+from grasp.cli.pictures import picture
 
 HELP = "build and describe data sets of labelled fingertip recordings"
 

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import add_workers, decimal, need, picture, progress, whole, workers
-from grasp.files import write_whole
+from grasp.cli.options import add_workers, decimal, need, progress, whole, workers
+from grasp.cli.pictures import add_picture, write_numbers
 
 COMPARED = ("tcn", "gru", "energy", "psd-fair")
 
@@ -30,7 +30,7 @@ def add_robustness(actions: Any) -> None:
     parser.add_argument(
         "--no-pad", action="store_true", help="leave out the stiffer pad, which is simulated anew"
     )
-    _add_out(parser, "robustness")
+    add_picture(parser, "robustness")
     parser.set_defaults(handler=robustness)
 
 
@@ -55,7 +55,7 @@ def add_observer(charts: Any) -> None:
         help="likewise, of each other fingertip; 0: none (default: %(default)s)",
     )  # fmt: skip
     add_workers(parser)
-    _add_out(parser, "observer")
+    add_picture(parser, "observer")
     parser.set_defaults(handler=observer)
 
 
@@ -63,13 +63,6 @@ def _add_names(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "detector", nargs="*", metavar="NAME", default=COMPARED,
         help=f"some of config/detectors (default: {' '.join(COMPARED)})",
-    )  # fmt: skip
-
-
-def _add_out(parser: argparse.ArgumentParser, name: str) -> None:
-    parser.add_argument(
-        "--out", type=picture, default=Path(f"{name}.svg"), metavar="FILE",
-        help="picture to write; the numbers go beside it as .json (default: %(default)s)",
     )  # fmt: skip
 
 
@@ -85,7 +78,7 @@ def robustness(args: argparse.Namespace) -> int:
     with progress("streaming") as show:
         found = study(args.detector, recordings, stiffer, show)
     draw_robustness(found, args.out)
-    _write_numbers(args.out, found)
+    write_numbers(args.out, found)
     print(table(found))
     print(args.out)
     return exits.SUCCESS
@@ -102,14 +95,7 @@ def observer(args: argparse.Namespace) -> int:
             args.detector, args.data, args.share, args.share_of_others, workers(args), show
         )
     draw_observer(found, args.out)
-    _write_numbers(args.out, found)
+    write_numbers(args.out, found)
     print(tables(found))
     print(args.out)
     return exits.SUCCESS
-
-
-def _write_numbers(out: Path, found: Any) -> None:
-    import msgspec
-
-    text = msgspec.json.format(msgspec.json.encode(found), indent=1)
-    write_whole(out.with_suffix(".json"), text + b"\n")

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 MOST_JOBS = 256
 LINES = 10  # where there is no terminal: a line for each tenth
 OBJECT_HELP = "one of config/objects, or the path of a .toml file of one's own"
-PICTURES = (".svg", ".png", ".pdf")
 
 
 def whole(least: int, most: int) -> Callable[[str], int]:
@@ -48,17 +47,6 @@ def decimal(least: float, most: float) -> Callable[[str], float]:
         return value
 
     return number
-
-
-def picture(text: str) -> Path:
-    """Reads the name of a picture: one of a kind that can be drawn, before anything is computed."""
-    path = Path(text)
-    if path.suffix not in PICTURES:
-        kinds = f"{', '.join(PICTURES[:-1])} or {PICTURES[-1]}"
-        raise argparse.ArgumentTypeError(f"{text!r}: a name that ends in {kinds}")
-    if not path.parent.is_dir():
-        raise argparse.ArgumentTypeError(f"{text!r}: there is no folder {path.parent}")
-    return path
 
 
 seed = whole(0, 2**63 - 1)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import need, one_by_one, picture, progress, whole
-from grasp.files import write_whole
+from grasp.cli.options import need, one_by_one, progress, whole
+from grasp.cli.pictures import add_picture, write_numbers
 
 WINDOWS = (10, 30, 50, 70, 100)
 STEPS = 1500
@@ -36,10 +36,7 @@ def _add_windows(actions: Any) -> None:
         help=f"samples of 10 ms (default: {' '.join(map(str, WINDOWS))})",
     )  # fmt: skip
     _add_training(parser)
-    parser.add_argument(
-        "--out", type=picture, default=Path("windows.svg"), metavar="FILE",
-        help="picture to write; the numbers go beside it as .json (default: %(default)s)",
-    )  # fmt: skip
+    add_picture(parser, "windows")
     parser.set_defaults(handler=windows)
 
 
@@ -105,10 +102,7 @@ def _add_latency(actions: Any) -> None:
         help="beginning: of the fingertip's motion, as in the paper, or of the contact's own "
         "(default: %(default)s)",
     )  # fmt: skip
-    parser.add_argument(
-        "--out", type=picture, default=Path("latency.svg"), metavar="FILE",
-        help="picture to write; the numbers go beside it as .json (default: %(default)s)",
-    )  # fmt: skip
+    add_picture(parser, "latency")
     parser.set_defaults(handler=latency)
 
 
@@ -127,7 +121,7 @@ def windows(args: argparse.Namespace) -> int:
 
     rows = _trained(args, window_variants(args.windows))
     draw_windows(rows, args.out)
-    _write_numbers(args.out, rows)
+    write_numbers(args.out, rows)
     print(table(rows))
     print(args.out)
     return exits.SUCCESS
@@ -194,7 +188,7 @@ def latency(args: argparse.Namespace) -> int:
     for name in one_by_one([args.detector], "streaming", hidden=False):
         found = measure(contender(name, recordings, "test", args.label))
     draw_latency(found, args.out)
-    _write_numbers(args.out, found)
+    write_numbers(args.out, found)
     print(latency_text(found))
     print(args.out)
     return exits.SUCCESS
@@ -210,10 +204,3 @@ def latency_text(found: Any) -> str:
         f"{100 * found.later_than_authors:.0f} % later than 113 ms; false events a minute of a "
         f"hand {found.false_per_min_hand:.1f}, accuracy {100 * found.accuracy:.1f} %"
     )
-
-
-def _write_numbers(out: Path, found: Any) -> None:
-    import msgspec
-
-    text = msgspec.json.format(msgspec.json.encode(found), indent=1)
-    write_whole(out.with_suffix(".json"), text + b"\n")

@@ -15,16 +15,17 @@ from grasp.cli.options import (
     add_workers,
     need,
     own_or_new,
-    picture,
     progress,
     seed,
     whole,
     workers,
 )  # fmt: skip
+from grasp.cli.pictures import picture
 from grasp.files import write_whole
 
 HELP = "fit and judge the simulated world, choose its physics"
 SCENES = ("lift", "tap", "hold")
+
 MOST_QUANTITY = 1000.0  # m, rad or N
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "rad": 1.0,
          "deg": math.pi / 180, "N": 1.0, "mN": 1e-3}  # fmt: skip

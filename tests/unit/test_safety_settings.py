@@ -29,6 +29,7 @@ from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.settings import TapScoringSettings
 from tests.unit.detector import safety_probes as on_rule
 from tests.unit.drivers import safety_probes as on_driver
+from tests.unit.grasp import answer_probes as on_answer
 from tests.unit.grasp import safety_probes as on_grasp
 from tests.unit.grasp.builders import arm
 from tests.unit.scenarios import safety_probes as on_run
@@ -86,7 +87,7 @@ MOST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
      lambda v, x: on_grasp.admitted(10.0 + x, measured_margin_n=v) is not None, 0.01),
     ("ControllerSettings.stale_after_s", (0.1, 0.3), on_grasp.both_trusted, 1e-3),
     ("ControllerSettings.contact_n", (0.2, 0.6), lambda v, x: not on_grasp.touches(v, x), 1e-6),
-    ("ControllerSettings.step_below_m", (0.02, 0.08), on_grasp.steps_at, 1e-6),
+    ("ControllerSettings.step_below_m", (0.02, 0.08), on_answer.steps_at, 1e-6),
     ("ControllerSettings.at_height_m", (0.001, 0.005), on_grasp.at_the_top, 1e-5),
     ("ControllerSettings.landing_rise_n", (0.4, 1.5), on_grasp.goes_on_down, 0.001),
     ("ControllerSettings.landing_most_share", (0.4, 1.5), on_grasp.goes_on_tighter, 0.01),
@@ -120,7 +121,7 @@ LEAST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
      lambda v, x: on_driver.moves_along_any(x, workspace_low_m=(v, v, v)), 1e-3),
     ("TakkTileSettings.rest_min_counts", (410, 430),
      lambda v, x: on_driver.rest_taken(x, rest_min_counts=v), 1),
-    ("ControllerSettings.margin_after_m", (0.005, 0.02), on_grasp.found_after, 1e-6),
+    ("ControllerSettings.margin_after_m", (0.005, 0.02), on_answer.found_after, 1e-6),
     ("ControllerSettings.landing_check_n", (0.15, 0.6), on_grasp.let_go, 0.01),
     ("ScoringSettings.felt_n", (0.5, 2.0),
      lambda v, x: on_run.lift_verdict({"felt_n": v}, None, felt_n=x) in SUCCESSES, 1e-6),
@@ -204,14 +205,14 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
     ("ControllerSettings.landing_still_s", (0.2, 0.6), on_grasp.stood_s, 0.011),
     ("ControllerSettings.landing_tries", (1, 4), on_grasp.tries, 0),
     ("ControllerSettings.retreat_m", (0.02, 0.1), lambda v: on_grasp.risen_m(2, retreat_m=v), 1e-9),
-    ("ControllerSettings.answer_stop_mps2", (0.5, 3.0), on_grasp.paused_at_mps2, 0.0),
-    ("ControllerSettings.step_n", (2.0, 6.0), on_grasp.stepped_n, 0.0),
-    ("ControllerSettings.step_patience_s", (0.2, 0.6), on_grasp.seconds_to_jump, 0.011),
-    ("ControllerSettings.step_tries", (1, 4), on_grasp.steps_taken, 0),
-    ("ControllerSettings.margin_steps", (1, 3), on_grasp.margin_in_steps, 0),
-    ("ControllerSettings.resume_mps2", (0.1, 0.4), on_grasp.resumed_at_mps2, 0.0),
-    ("ControllerSettings.resume_quiet_s", (0.05, 0.3), on_grasp.quiet_before_it_goes_on_s, 0.011),
-    ("ControllerSettings.useless_pause_s", (0.5, 2.0), on_grasp.paused_for_nothing_s, 0.011),
+    ("ControllerSettings.answer_stop_mps2", (0.5, 3.0), on_answer.paused_at_mps2, 0.0),
+    ("ControllerSettings.step_n", (2.0, 6.0), on_answer.stepped_n, 0.0),
+    ("ControllerSettings.step_patience_s", (0.2, 0.6), on_answer.seconds_to_jump, 0.011),
+    ("ControllerSettings.step_tries", (1, 4), on_answer.steps_taken, 0),
+    ("ControllerSettings.margin_steps", (1, 3), on_answer.margin_in_steps, 0),
+    ("ControllerSettings.resume_mps2", (0.1, 0.4), on_answer.resumed_at_mps2, 0.0),
+    ("ControllerSettings.resume_quiet_s", (0.05, 0.3), on_answer.quiet_before_it_goes_on_s, 0.011),
+    ("ControllerSettings.useless_pause_s", (0.5, 2.0), on_answer.paused_for_nothing_s, 0.011),
     ("ControllerSettings.stop_deceleration_mps2", (0.5, 3.0), on_grasp.stopped_at_mps2, 0.0),
     ("ControllerSettings.hold_s", (0.5, 2.0), lambda v: on_grasp.held_s(hold_s=v), 0.021),
     ("ControllerSettings.cap_patience_s", (0.2, 0.6), on_grasp.patience_s, 0.011),

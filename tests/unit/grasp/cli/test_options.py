@@ -8,7 +8,8 @@ import pytest
 
 from drivers.errors import UsageError
 from grasp.cli.main import build_parser, main
-from grasp.cli.options import decimal, need, picture, progress, whole
+from grasp.cli.options import decimal, need, progress, whole
+from grasp.cli.pictures import picture
 
 
 def options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Action]]:
