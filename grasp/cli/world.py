@@ -363,6 +363,7 @@ def _add_check(actions: Any) -> None:
         "--control", action="store_true",
         help="always L4 once more, with shorter steps: how often a verdict hangs on that alone",
     )  # fmt: skip
+    parser.add_argument("--keep", action="store_true", help="end in the air, where all is judged")
     add_workers(parser)
     parser.add_argument("--out", type=Path, metavar="FILE.json", help="write every draw")
     parser.set_defaults(handler=check)
@@ -381,7 +382,7 @@ def check(args: argparse.Namespace) -> int:
     with progress("draws") as show:
         draws = list(
             levels.check(
-                seeds, objects, detector, args.tolerance, args.control, workers(args),
+                seeds, objects, detector, args.tolerance, args.control, args.keep, workers(args),
                 lambda done, total: show(done, total, "draws"),
             )
         )  # fmt: skip

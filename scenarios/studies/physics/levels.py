@@ -86,6 +86,7 @@ class _Task(msgspec.Struct, frozen=True):
     detector: str
     tolerance: float | None
     control: bool
+    keep: bool
 
 
 def _apart(a: float | None, b: float | None) -> float | None:
@@ -136,7 +137,8 @@ def one(task: _Task) -> Draw | None:
     """A draw at all levels; None where no blow moves its object and leaves it in the hand."""
     rng = np.random.default_rng(task.seed)
     kind, name = KINDS[task.seed % len(KINDS)], str(rng.choice(task.objects))
-    assignments = () if task.tolerance is None else (f"world.tolerance={task.tolerance}",)
+    assignments = [] if task.tolerance is None else [f"world.tolerance={task.tolerance}"]
+    assignments += ["controller.keep=true"] if task.keep else []
     base = load_config(name, "simulated", task.detector, None, assignments)
     config = drawn(base, kind, rng)
     start = time.thread_time()
@@ -193,11 +195,11 @@ def _loop(config: LiftConfig | TapConfig, seed: int, level: str) -> Loop:
 
 def check(
     seeds: Sequence[int], objects: Sequence[str], detector: str, tolerance: float | None,
-    control: bool, workers: Workers,
+    control: bool, keep: bool, workers: Workers,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Iterator[Draw]:  # fmt: skip
-    """All draws as they finish."""
-    tasks = [_Task(seed, tuple(objects), detector, tolerance, control) for seed in seeds]
+    """All draws as they finish; with `keep` each ends in the air, where it is judged."""
+    tasks = [_Task(seed, tuple(objects), detector, tolerance, control, keep) for seed in seeds]
     for done, found in enumerate(results(one, tasks, workers), 1):
         progress(done, len(tasks))
         if found is not None:

@@ -12,7 +12,7 @@ HERE = Workers(0)
 
 @pytest.fixture(scope="module")
 def draws() -> list[Draw]:
-    return list(check((0, 3), levels.OBJECTS, "gru", None, False, HERE))
+    return list(check((0, 3), levels.OBJECTS, "gru", None, False, False, HERE))
 
 
 def test_each_draw_runs_at_three_choices_of_level(draws: list[Draw]) -> None:
@@ -27,13 +27,22 @@ def test_each_draw_runs_at_three_choices_of_level(draws: list[Draw]) -> None:
 
 
 def test_equal_seeds_draw_alike(draws: list[Draw]) -> None:
-    again = next(iter(check((3,), levels.OBJECTS, "gru", None, True, HERE)))
+    again = next(iter(check((3,), levels.OBJECTS, "gru", None, True, False, HERE)))
     control = again.loops.pop(levels.CONTROL)
     assert control.slip_m == pytest.approx(again.loops["L4"].slip_m, abs=1e-4)
     assert control.slip_m != again.loops["L4"].slip_m
     for name, loop in again.loops.items():
         assert loop.verdict == draws[1].loops[name].verdict
         assert loop.slip_m == draws[1].loops[name].slip_m
+
+
+def test_draws_that_end_in_the_air_are_judged_as_whole_ones(draws: list[Draw]) -> None:
+    for whole, kept in zip(
+        draws, check((0, 3), levels.OBJECTS, "gru", None, False, True, HERE), strict=True
+    ):
+        for name, loop in kept.loops.items():
+            assert loop.verdict == whole.loops[name].verdict
+            assert loop.slip_m == pytest.approx(whole.loops[name].slip_m, abs=1e-9)
 
 
 def loop(outcome: str, slip_m: float | None, turned_rad: float, cpu_s: float = 1.0) -> Loop:
