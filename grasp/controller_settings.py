@@ -115,7 +115,7 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         Meta(
             ge=0.1, le=9.0,
             description="of that stop; below gravity, as on the way up it takes load off the grip; "
-            "no MoveArm, so arm.max_acceleration_mps2 does not bound it; assumed",
+            "assumed: a lab begins with 1 (docs/hardware.md)",
         ),
     ] = 8.0  # fmt: skip
     resume_mps2: Annotated[

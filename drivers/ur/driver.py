@@ -23,6 +23,13 @@ class ArmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     max_acceleration_mps2: Annotated[
         float, Meta(gt=0.0, le=10.0, description="m/s2, of the tool; UR manual: movel's default")
     ] = 1.2
+    max_stop_mps2: Annotated[
+        float,
+        Meta(
+            gt=0.0, le=10.0,
+            description="m/s2, of the tool, that a stop may brake at; ur_rtde: stopL's default",
+        ),
+    ] = 10.0  # fmt: skip
     workspace_low_m: Annotated[
         tuple[float, float, float], Meta(description="m, lowest x, y, z from the start; assumed")
     ] = (-0.05, -0.05, -0.01)
@@ -175,11 +182,13 @@ class ArmDriver:
         self._driven_ns, self._acceleration_mps2 = self._now_ns, acceleration_mps2
 
     def stop(self, deceleration_mps2: float) -> None:
-        """Always allowed; a deceleration that makes no sense is replaced by the highest limit."""
-        most = self._settings.max_acceleration_mps2
+        """Always allowed: no harder than ``max_stop_mps2``, and where the deceleration makes no
+        sense at that of the hardest move."""
+        s = self._settings
         self._target_m = self._driven_ns = None
         sane = 0.0 < deceleration_mps2 < math.inf
-        self._link.stop_l(deceleration_mps2 if sane else most, self._now_ns)
+        asked_mps2 = deceleration_mps2 if sane else s.max_acceleration_mps2
+        self._link.stop_l(min(asked_mps2, s.max_stop_mps2), self._now_ns)
 
     def _ready(self, acceleration_mps2: float) -> ArmState:
         most = self._settings.max_acceleration_mps2

@@ -98,6 +98,7 @@ def check_arm(config: TrialConfig) -> None:
     limits = {
         "max_speed_mps": ("lower_speed_mps", "lift_speed_mps"),
         "max_acceleration_mps2": ("lift_acceleration_mps2", "stop_deceleration_mps2"),
+        "max_stop_mps2": ("answer_stop_mps2", "stop_deceleration_mps2"),
     }
     for limit, keys in limits.items():
         most = getattr(arm, limit)

@@ -205,6 +205,7 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
     ("ControllerSettings.landing_still_s", (0.2, 0.6), on_grasp.stood_s, 0.011),
     ("ControllerSettings.landing_tries", (1, 4), on_grasp.tries, 0),
     ("ControllerSettings.retreat_m", (0.02, 0.1), lambda v: on_grasp.risen_m(2, retreat_m=v), 1e-9),
+    ("ArmSettings.max_stop_mps2", (0.5, 3.0), on_driver.hardest_stop_mps2, 0.0),
     ("ControllerSettings.answer_stop_mps2", (0.5, 3.0), on_answer.paused_at_mps2, 0.0),
     ("ControllerSettings.step_n", (2.0, 6.0), on_answer.stepped_n, 0.0),
     ("ControllerSettings.step_patience_s", (0.2, 0.6), on_answer.seconds_to_jump, 0.011),

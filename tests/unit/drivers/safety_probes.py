@@ -28,6 +28,7 @@ class StandingArm:
     def __init__(self) -> None:
         self.sample = ArmSample(0, ZERO, ZERO, moving=False, protective_stop=False)
         self.stopped = False
+        self.braked_mps2 = 0.0
 
     def move_l(self, *_: object) -> bool:
         return True
@@ -35,8 +36,8 @@ class StandingArm:
     def speed_l(self, *_: object) -> bool:
         return True
 
-    def stop_l(self, *_: object) -> None:
-        self.stopped = True
+    def stop_l(self, deceleration_mps2: float, now_ns: int) -> None:
+        self.stopped, self.braked_mps2 = True, deceleration_mps2
 
     def set_payload(self, mass_kg: float) -> None: ...
 
@@ -82,6 +83,12 @@ def turns(spin_radps: float, **settings: Any) -> bool:
 def turns_as_far_as(x: float, v: float) -> bool:
     """A spin whose worst end, timed out and braked at 1 rad/s2, is x."""
     return turns(math.sqrt(0.01 + 2 * x) - 0.1, max_turn_rad=v, max_spin_radps=3.0)
+
+
+def hardest_stop_mps2(v: float) -> float:
+    driver, link = arm_driver(max_stop_mps2=v)
+    driver.stop(9.0)
+    return link.braked_mps2
 
 
 def drives_on(v: float, after_s: float) -> bool:

@@ -132,6 +132,14 @@ def test_a_stop_is_never_refused(wire, driver, deceleration):
     assert wire.sent == [("stop", 1.2, 0)]
 
 
+@pytest.mark.parametrize(
+    ("most", "asked", "sent"), [(4.0, 8.0, 4.0), (10.0, 8.0, 8.0), (0.5, math.nan, 0.5)]
+)
+def test_a_stop_is_no_harder_than_the_arm_may_brake(wire, most, asked, sent):
+    ArmDriver(wire, ArmSettings(max_stop_mps2=most)).stop(asked)
+    assert wire.sent == [("stop", sent, 0)]
+
+
 def test_a_stop_may_precede_the_first_sample(wire):
     ArmDriver(wire, ArmSettings()).stop(0.7)
     assert wire.sent == [("stop", 0.7, 0)]

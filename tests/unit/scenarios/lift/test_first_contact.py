@@ -200,6 +200,8 @@ def test_settings_that_cannot_be_kept_together_are_refused_before_anything_moves
         (("controller.lift_speed_mps=0.2", "arm.max_speed_mps=0.15"), "lift_speed_mps"),
         (("controller.lift_acceleration_mps2=1.3",), "lift_acceleration_mps2"),
         (("controller.stop_deceleration_mps2=1.3",), "stop_deceleration_mps2"),
+        (("arm.max_stop_mps2=7.9",), "answer_stop_mps2"),
+        (("arm.max_stop_mps2=0.9", "controller.answer_stop_mps2=0.9"), "stop_deceleration_mps2"),
         (("doubt.arm_there_m=0.002",), "arm_there_m"),
         (("controller.at_height_m=0.0005",), "arm_there_m"),
     ],
@@ -217,6 +219,7 @@ def test_settings_at_the_limits_of_the_arm_are_kept() -> None:
         config(
             "controller.lower_speed_mps=0.25", "controller.lift_speed_mps=0.25",
             "controller.lift_acceleration_mps2=1.2", "controller.stop_deceleration_mps2=1.2",
+            "arm.max_stop_mps2=8",
         )
     )  # fmt: skip
 
