@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from grasp.cli import exits
 from grasp.cli.options import (
     OBJECT_HELP,
+    add_settings,
     add_workers,
     need,
     progress,
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from scenarios.studies.answers.summary import Answers, Cell
 
 OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
-EASY, HARD = "easy", "hard"
+EASY, HARD, ALARMS = "easy", "hard", "alarms"
 
 
 def add_parser(charts: Any) -> None:
@@ -34,9 +35,10 @@ def add_parser(charts: Any) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--scenes",
-        choices=(EASY, HARD, "all"),
+        choices=(EASY, HARD, ALARMS, "all"),
         default="all",
-        help="as configured, the harder ones, or both (default: %(default)s)",
+        help="as configured, the harder ones, the first with false alarms beside it, or all "
+        "(default: %(default)s)",
     )
     parser.add_argument(
         "--policies", nargs="+", metavar="NAME", help="of the answers only these (default: all)"
@@ -54,6 +56,7 @@ def add_parser(charts: Any) -> None:
         "--first-seed", type=whole(0, 1_000_000_000), default=0, metavar="N",
         help="of these (default: %(default)s)",
     )  # fmt: skip
+    add_settings(parser)
     add_workers(parser)
     add_picture(parser, "answers", "all lifts go")
     parser.set_defaults(handler=draw)
@@ -72,15 +75,18 @@ def draw(args: argparse.Namespace) -> int:
     if unknown := set(args.policies or ()) - known.keys():
         raise UsageError(f"no answer {min(unknown)!r}", f"one of: {', '.join(known)}")
     policies = [p for name, p in known.items() if name in (args.policies or known)]
-    asked = {EASY: (BASE,), HARD: SCENES[1:], "all": SCENES}[args.scenes]
+    alarms = [s for s in SCENES if s.alarms]
+    hard = [s for s in SCENES[1:] if not s.alarms]
+    asked = {EASY: (BASE,), HARD: hard, ALARMS: (BASE, *alarms), "all": SCENES}[args.scenes]
     scenes = [s for s in asked if args.rig == "simulated" or s.wet == 1.0]
     seeds = range(args.first_seed, args.first_seed + args.seeds)
     total = len(seeds) * len(args.objects) * len(policies) * len(scenes)
     found = []
     with progress("lifts") as show:
         for each in lifts(
-            args.objects, seeds, policies, scenes, args.detector, workers(args), args.rig
-        ):
+            args.objects, seeds, policies, scenes, args.detector, workers(args), args.rig,
+            args.config, args.set,
+        ):  # fmt: skip
             found.append(each)
             show(len(found), total, each.scene)
     detector = load_config(args.objects[0], "simulated", args.detector).detector_name
@@ -94,9 +100,9 @@ def draw(args: argparse.Namespace) -> int:
 
 def _print(answers: "Answers") -> None:
     print(
-        f"{'scene':42} {'answer':24} {'held':>9} {'of feasible':>11} {'slip, mm p50 p90':>17} "
-        f"{'in the air p50 p90':>19} {'force/least p50 p90':>20} {'peak N':>7} {'closings':>8} "
-        f"{'paused s':>9}"
+        f"{'scene':42} {'answer':24} {'held':>9} {'lost':>4} {'of feasible':>11} "
+        f"{'slip, mm p50 p90':>17} {'in the air p50 p90':>19} {'force/least p50 p90':>20} "
+        f"{'peak N':>7} {'closings':>8} {'paused s':>9} {'lift s':>7} {'false alarms':>12}"
     )
     for cell in answers.cells:
         print(_row(cell))
@@ -108,7 +114,7 @@ def _row(c: "Cell") -> str:
         for q, digits in ((c.slip_mm, 1), (c.air_slip_mm, 1), (c.over_least, 2))
     )
     return (
-        f"{c.scene:42} {c.policy:24} {c.held:>5}/{c.trials:<3} "
+        f"{c.scene:42} {c.policy:24} {c.held:>5}/{c.trials:<3} {c.lost:>4} "
         f"{c.feasible_held:>7}/{c.feasible:<3} {slip:>17} {air:>19} {force:>20} {c.peak_n:7.1f} "
-        f"{c.closings:8.1f} {c.paused_s:9.2f}"
+        f"{c.closings:8.1f} {c.paused_s:9.2f} {c.seconds:7.2f} {c.alarms:12.2f}"
     )

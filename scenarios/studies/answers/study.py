@@ -5,6 +5,7 @@ carries the weight in sliding, m g / 2 mu, at the thumb, of that trial's draw.
 """
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from detector.interface import SlipDetector
 from drivers.interfaces import FINGERS
+from grasp.clock import Clock
 from grasp.loop import ControlLoop, Tick
 from grasp.phases import Phase
 from grasp.step import GraspStep
@@ -28,6 +30,8 @@ from scenarios.world.contact_settings import GROSS_SLIP_MPS
 
 AIR_M = 0.005  # off the table
 FEASIBLE = 0.95  # of the force limit: what more than that is asked of, no answer holds
+ALARM_NS = 100_000_000  # a false alarm lasts
+DRAWN = 1000  # of them, more than a lift may hear
 WET_M = 0.1  # a wet patch begins where the object is so high
 
 
@@ -41,7 +45,8 @@ class Policy(msgspec.Struct, frozen=True):
 
 class Scene(msgspec.Struct, frozen=True):
     """What makes a lift harder. ``axis`` and ``value``: where it stands in a picture. Friction and
-    mass are multiplied; ``wet``: share of the friction that is left from 10 cm on."""
+    mass are multiplied; ``wet``: share of the friction that is left from 10 cm on; ``alarms``: so
+    many a minute that no slip causes, beside those of the detector."""
 
     name: str
     axis: str
@@ -50,6 +55,7 @@ class Scene(msgspec.Struct, frozen=True):
     friction: float = 1.0
     mass: float = 1.0
     wet: float = 1.0
+    alarms: float = 0.0
 
 
 PAPER = ('controller.answer="jump"', 'controller.closing="constant"')
@@ -82,6 +88,8 @@ SCENES = (
     Scene("0.4 m/s, 4 m/s2", "speed, m/s", 0.4, _quick(0.4, 4.0)),
     Scene("friction x.7, mass x1.5, 0.25 m/s, 3 m/s2", "heavy, slippery, quick", 1.0,
           _quick(0.25, 3.0), friction=0.7, mass=1.5),
+    *(Scene(f"{n:g} false alarms a minute", "false alarms a minute", n, alarms=n)
+      for n in (1.0, 4.0, 12.0)),
 )  # fmt: skip
 
 
@@ -101,6 +109,7 @@ class Answered(msgspec.Struct, frozen=True, kw_only=True):
     least_n: float
     peak_n: float
     closings: int
+    alarms: int  # false ones, from the beginning of the lift to its end
     paused_s: float  # the arm, in the lift
     seconds: float  # from the beginning of the lift to its end
 
@@ -115,18 +124,20 @@ class Task(msgspec.Struct, frozen=True):
 
 
 def configured(
-    name: str, scene: Scene, policy: Policy, detector: str | None, rig: str = "simulated"
-) -> LiftConfig:
-    """Settings of an object in a scene under an answer, held in the air at the end."""
-    plain = load_config(name, rig, detector, None, ()).object
+    name: str, scene: Scene, policy: Policy, detector: str | None, rig: str = "simulated",
+    file: Path | None = None, assignments: Sequence[str] = (),
+) -> LiftConfig:  # fmt: skip
+    """Settings of an object in a scene under an answer, held in the air at the end; ``file`` and
+    ``assignments``: what the user sets beneath."""
+    plain = load_config(name, rig, detector, file, assignments).object
     scaled = (
         f"object.friction_static={plain.friction_static * scene.friction}",
         f"object.friction_kinetic={plain.friction_kinetic * scene.friction}",
         f"object.mass_kg={plain.mass_kg * scene.mass}",
         f"object.added_mass_kg={plain.added_mass_kg * scene.mass}",
     )
-    words = (*scaled, *scene.words, *policy.words, "controller.keep=true")
-    return load_config(name, rig, detector, None, words).for_lift()
+    words = (*assignments, *scaled, *scene.words, *policy.words, "controller.keep=true")
+    return load_config(name, rig, detector, file, words).for_lift()
 
 
 class Oracle:
@@ -141,6 +152,30 @@ class Oracle:
         truth = self._rig.truth()
         slips = truth is not None and abs(truth.slip_speed_mps) > GROSS_SLIP_MPS
         return np.full(FINGERS, float(slips))
+
+
+class FalseAlarms:
+    """What a detector says, and at times drawn by the seed, for 0.1 s each, that slip is certain
+    at every finger. Without a rate there are none."""
+
+    def __init__(self, of: SlipDetector | Oracle, clock: Clock, a_minute: float, seed: int) -> None:
+        self._of, self._clock = of, clock
+        draw = np.random.default_rng(seed)
+        gaps_s = draw.exponential(60.0, DRAWN) / a_minute if a_minute else np.empty(0)
+        self._begun_ns = clock.now_ns + np.cumsum(gaps_s * 1e9)
+
+    def reset(self) -> None:
+        self._of.reset()
+
+    def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
+        said, now_ns = self._of.update(counts), self._clock.now_ns
+        if self.between(now_ns - ALARM_NS, now_ns):
+            return np.ones(FINGERS)
+        return said
+
+    def between(self, from_ns: int, to_ns: int) -> int:
+        """How many have begun after the one time and up to the other."""
+        return int(np.count_nonzero((self._begun_ns > from_ns) & (self._begun_ns <= to_ns)))
 
 
 class _Seen:
@@ -178,9 +213,8 @@ def lift(task: Task) -> Answered:
     config, scene = task.config, task.scene
     with open_rig(config.built_for(task.seed), task.seed, paced=config.rig != "simulated") as rig:
         seen = _Seen(scene, rig)
-        detector: SlipDetector | Oracle = config.make_detector(FINGERS)
-        if task.policy.oracle:
-            detector = Oracle(rig)
+        heard = Oracle(rig) if task.policy.oracle else config.make_detector(FINGERS)
+        detector = FalseAlarms(heard, rig.clock, scene.alarms, task.seed)
         controller = make_controller(config)
         step = GraspStep(detector, controller, make_guard(config))
         loop = ControlLoop(rig.devices, rig.clock, step, config.loop, seen.take)
@@ -200,6 +234,7 @@ def lift(task: Task) -> Answered:
         else None,
         force_n=end.normal_n[0] if end else 0.0, least_n=least_n,
         peak_n=max(end.peak_n) if end else 0.0, closings=controller.closings,
+        alarms=detector.between(seen.begun_ns, seen.ended_ns),
         paused_s=seen.paused * config.loop.period_s,
         seconds=(seen.ended_ns - seen.begun_ns) * 1e-9,
     )  # fmt: skip
@@ -213,10 +248,11 @@ def _stands_in_the_air(end: Truth) -> bool:
 def lifts(
     names: Sequence[str], seeds: Sequence[int], policies: Sequence[Policy],
     scenes: Sequence[Scene], detector: str | None, workers: Workers, rig: str = "simulated",
+    file: Path | None = None, assignments: Sequence[str] = (),
 ) -> Iterator[Answered]:  # fmt: skip
     """All of them as they finish."""
     tasks = [
-        Task(configured(name, scene, policy, detector, rig), policy, scene, seed)
+        Task(configured(name, scene, policy, detector, rig, file, assignments), policy, scene, seed)
         for scene in scenes
         for policy in policies
         for name in names

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import msgspec
 
 from detector.scores.quantiles import Quantiles, quantiles
+from grasp.phases import Phase
 from scenarios.campaign.paper import wilson
 from scenarios.studies.answers.study import SCENES, Answered
 
@@ -19,6 +20,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     value: float
     trials: int
     held: int
+    lost: int  # left the hand in the air
     interval: tuple[float, float]
     feasible: int
     feasible_held: int
@@ -27,6 +29,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     over_least: Quantiles | None
     peak_n: float
     closings: float
+    alarms: float
     paused_s: float
     seconds: float
 
@@ -66,10 +69,12 @@ def _cell(lifts: Sequence[Answered]) -> Cell:
     feasible = [a for a in lifts if a.feasible]
     return Cell(
         policy=lifts[0].policy, scene=scene.name, axis=scene.axis, value=scene.value, trials=n,
-        held=len(held), interval=wilson(len(held), n), feasible=len(feasible),
+        held=len(held), lost=sum(a.ended == Phase.LOST for a in lifts),
+        interval=wilson(len(held), n), feasible=len(feasible),
         feasible_held=sum(a.held for a in feasible), slip_mm=quantiles(a.slip_mm for a in lifts),
         air_slip_mm=quantiles(a.air_slip_mm for a in lifts),
         over_least=quantiles(a.force_n / a.least_n for a in held),
         peak_n=max(a.peak_n for a in lifts), closings=sum(a.closings for a in lifts) / n,
+        alarms=sum(a.alarms for a in lifts) / n,
         paused_s=sum(a.paused_s for a in lifts) / n, seconds=sum(a.seconds for a in lifts) / n,
     )  # fmt: skip

@@ -4,15 +4,20 @@ import json
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from drivers.interfaces import PERIOD_NS
 from grasp.cli.main import main
+from grasp.clock import VirtualClock
 from scenarios.rigs.workers import Workers
 from scenarios.studies.answers.study import (
     BASE,
     POLICIES,
     SCENES,
     Answered,
+    FalseAlarms,
     configured,
     lifts,
 )
@@ -20,6 +25,15 @@ from scenarios.studies.answers.summary import summarize
 
 NAMES = [policy.name for policy in POLICIES]
 LONE = Workers(0)
+
+
+class Quiet:
+    """A detector of which one word is known."""
+
+    def reset(self) -> None: ...
+
+    def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
+        return np.full(3, 0.25)
 
 
 def answered(policy: str, scene: str = BASE.name, seed: int = 9000) -> Answered:
@@ -75,11 +89,50 @@ def test_wet_patch_in_the_air_lets_slip_what_was_held_by_the_least_force() -> No
     assert wet.least_n == pytest.approx(2 * answered("jump").least_n)
 
 
+def test_false_alarms_come_at_the_rate_stated_and_cost_time() -> None:
+    seeds = range(9000, 9006)
+    scene = next(s for s in SCENES if s.alarms == 12.0)
+    policies = [p for p in POLICIES if p.name == "stop_and_jump"]
+    plain, alarmed = (
+        list(lifts(("can",), seeds, policies, (s,), "gru", LONE)) for s in (BASE, scene)
+    )
+    assert sum(a.alarms for a in plain) == 0
+    heard = sum(a.alarms for a in alarmed)
+    assert heard == pytest.approx(12.0 / 60.0 * sum(a.seconds for a in alarmed), rel=0.5)
+    assert sum(a.seconds for a in alarmed) > sum(a.seconds for a in plain)
+    assert all(a.held for a in alarmed)
+
+
+def test_false_alarm_is_said_for_as_long_as_it_lasts_and_the_detector_is_heard_beside_it() -> None:
+    clock = VirtualClock(lambda now_ns: None)
+    detector = FalseAlarms(Quiet(), clock, a_minute=60.0, seed=1)
+    said = []
+    for _ in range(6000):
+        clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
+        said.append(detector.update(np.zeros((3, 5), np.int16)))
+    assert set(np.unique(said)) == {0.25, 1.0}
+    begun = detector.between(0, clock.now_ns)
+    assert begun == pytest.approx(60, abs=25)
+    assert 5 * begun < (np.array(said)[:, 0] == 1.0).sum() <= 10 * begun
+
+
+def test_what_the_user_sets_lies_beneath_scene_and_answer() -> None:
+    own = ("controller.answer_stop_mps2=1", "controller.answer=jump", "object.mass_kg=0.2")
+    slippery = next(s for s in SCENES if s.friction < 1.0)
+    policy = next(p for p in POLICIES if p.name == "stop_and_jump")
+    made = configured("can", slippery, policy, "gru", assignments=own)
+    assert made.controller.answer_stop_mps2 == 1.0
+    assert made.controller.answer == "stop_and_jump"
+    assert made.object.mass_kg == pytest.approx(0.3)
+
+
 def test_lost_object_has_slipped_for_ever_and_adds_nothing_to_force() -> None:
     held = answered("jump")
-    lost = msgspec.structs.replace(held, seed=9001, held=False, slip_mm=None, air_slip_mm=None)
+    lost = msgspec.structs.replace(
+        held, seed=9001, held=False, ended="lost", slip_mm=None, air_slip_mm=None
+    )
     (cell,) = summarize("gru", "simulated", (9000, 9001), ("can",), (held, lost)).cells
-    assert (cell.held, cell.trials) == (1, 2)
+    assert (cell.held, cell.trials, cell.lost) == (1, 2, 1)
     assert cell.slip_mm is not None and cell.slip_mm.p90 == float("inf")
     assert cell.over_least is not None and cell.over_least.count == 1
 
