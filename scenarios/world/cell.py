@@ -134,7 +134,7 @@ class SimulatedCell:
     def _near(self, until_ns: int) -> bool:
         """True when moving fingers could reach the object by then, or touch it now."""
         reach_m = CLOSING_MPS * (until_ns - self._now_ns) * 1e-9
-        touched = bool(self.contact.normal_n[0] > 0.0)
+        touched = bool(self.contact.normal_n.max() > 0.0)
         return touched or self.contact.clearance_m(self._travel_m) <= reach_m
 
     def _advance_to(self, end_ns: int) -> None:

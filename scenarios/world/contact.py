@@ -61,7 +61,7 @@ def held_radps(contact: ContactSettings, body: GraspObject) -> float:
 
 
 def parameters(contact: ContactSettings, body: GraspObject, level: Level = Level.SLIDER) -> Floats:
-    """Parameter vector (26,) of the compiled laws."""
+    """Parameter vector (27,) of the compiled laws."""
     out = np.empty(laws.PARAMETER_SIZE)
     out[: laws.P_STIFFNESS] = (
         body.total_kg, body.friction_static, body.friction_kinetic,
@@ -75,18 +75,26 @@ def parameters(contact: ContactSettings, body: GraspObject, level: Level = Level
     out[laws.P_GROSS_SLIP :] = (
         contact.gross_slip_mps, contact.force_rise_n, contact.gross_turn_radps,
         body.inertia_kgm2, body.centre_aside_m, body.centre_above_m,
-        float(level), contact.blow_step_s,
+        float(level), contact.blow_step_s, contact.normal_loss_s,
     )  # fmt: skip
     return out
 
 
 def initial_state(present: bool = True) -> Floats:
-    """State vector (45,): object at rest on the table, nothing touched; or no object yet."""
+    """State vector (50,): object at rest on the table, nothing touched; or no object yet."""
     state = np.zeros(laws.STATE_SIZE)
     state[laws.PRESENT] = 1.0 if present else 0.0
     for never in (laws.ONSET_S, laws.RISE_S, laws.MOVED_FROM_S, laws.MOVED_UNTIL_S):
         state[never] = laws.NOT_YET
     return state
+
+
+def let_along(p: Floats, state: Floats, normal_n: Floats) -> None:
+    """From now on the object has its inertia along the closing axis: parameters p (27,), state
+    (50,), what the fingers press with (3,), N, at rest."""
+    state[laws.INERT], state[laws.LATERAL_SPEED] = 1.0, 0.0
+    stiffness = p[laws.P_STIFFNESS : laws.P_STIFFNESS + FINGERS]
+    state[laws.SQUEEZE : laws.SQUEEZE + FINGERS] = normal_n / stiffness
 
 
 def finger_places(contact: ContactSettings) -> Floats:
@@ -192,21 +200,25 @@ class Contact:
         moved_m = s[laws.COM_RISE if blow.direction == "side" else laws.COM_ACROSS]
         s[laws.TAP_OFFSET] = blow.offset_m - moved_m
         s[laws.MOVED_FROM_S] = s[laws.MOVED_UNTIL_S] = laws.NOT_YET
+        if blow.direction == "closing" and s[laws.INERT] == 0.0:
+            let_along(self._parameters, s, self.normal_n)
         self._moved_s = start_s + blow.duration_s + blow.follow_s
 
     def _rests(self, t_s: float) -> bool:
         """Whether what the last blow moved stands in the hand; asked again and again."""
         s, pads = self.state, self._settings
-        speed_mps = max(abs(s[laws.ACROSS_SPEED]), abs(s[laws.SLIP_SPEED]))
+        ways = laws.ACROSS_SPEED, laws.SLIP_SPEED, laws.LATERAL_SPEED
+        speed_mps = max(abs(s[way]) for way in ways)
         slow = speed_mps < REST_SHARE * pads.gross_slip_mps
         if not (slow and abs(s[laws.TURN_RATE]) < REST_SHARE * pads.gross_turn_radps):
             self._moved_s = t_s
         return t_s > self._moved_s + REST_S
 
     def _come_to_rest(self) -> None:
-        """On at the level before the blow: nothing is left that would turn or go across."""
+        """On as before the blow: nothing is left that would turn, go across or along."""
         s = self.state
         s[laws.ACROSS_SPEED] = s[laws.TURN_RATE] = s[laws.SPIN] = 0.0
+        s[laws.INERT] = s[laws.LATERAL_SPEED] = 0.0
         self._go_on_at(self._before)
 
     def pull(self, settings: PullSettings, start_s: float) -> None:
@@ -234,7 +246,8 @@ class Contact:
         close from travel0 to travel1, (3,) m."""
         if self.state[laws.PRESENT] == 0.0:  # as when the hand is activated
             return
-        if self.level is not self._before and self._rests(t_s):
+        struck = self.level is not self._before or self.state[laws.INERT] != 0.0
+        if struck and self._rests(t_s):
             self._come_to_rest()
         laws.advance(
             self._parameters, self.state, self._elements, t_s, dt_s, self._settings.step_s,

@@ -37,6 +37,14 @@ class ContactSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     shear_damping_nspm: Annotated[
         float, Meta(ge=0.0, le=200.0, description="pad, tangential; assumed, 5-16 N s/m")
     ] = 12.0
+    normal_loss_s: Annotated[
+        float,
+        Meta(
+            ge=0.0, le=0.01,
+            description="damping over stiffness of finger and pad along the closing axis, of what "
+            "a blow along it has struck; as the pad's in shear, assumed, 0.5-3 ms",
+        ),
+    ] = 1.5e-3  # fmt: skip
     relaxation_fraction: Annotated[
         float, Meta(ge=0.0, le=0.5, description="of the normal force; real clip 0.05-0.15")
     ] = 0.1

@@ -3,9 +3,11 @@
 Numba's cache sees no change in an imported kernel, so all of them are in this file.
 
 Normal forces: finger, pad and object wall in series, a linear spring each; one relaxation term a
-finger (rubber, Prony form); the object is free along the closing axis, so that the thumb carries
-the sum of the other two (quasi-static balance). Below the object is a table that can push but not
-pull; while it does, it keeps the object from turning and sliding.
+finger (rubber, Prony form); the object is free along the closing axis x, so that the thumb carries
+the sum of the other two (quasi-static balance). What a blow along that axis has struck has its own
+inertia there too, m x'' = push - N_A + N_B + N_C, and a damper beside each finger's spring. Below
+the object is a table that can push but not pull; while it does, it keeps the object from turning
+and sliding.
 
 Friction: a pad is one or more elements, each a Kelvin-Voigt spring behind a friction limit (Jenkins
 element). L0 has rigid ones; L1 a point a finger and moves along z, or, once it is struck from the
@@ -41,9 +43,11 @@ Floats = NDArray[np.float64]
     SPIN,  # the turning rate while at most one pad holds on, else 0
     COM_ACROSS, COM_RISE,  # how the centre of mass has moved against the hand
     PULL_START_S, PULL_N, PULL_RAMP_S, PULL_S,  # a steady pull down: ramp, full force, ramp
-) = range(30)  # fmt: skip
-# of each finger; the last: how its force rises with its travel, the others still
-RELAXED, NORMAL, SHEAR, PEAK, STIFFNESS = 30, 33, 36, 39, 42
+    INERT, LATERAL_SPEED,  # 1 while x is not the forces' balance alone; and dx/dt then
+) = range(32)  # fmt: skip
+# of each finger; compression of its spring while INERT; the last: how its force rises with its
+# travel, the others still
+RELAXED, NORMAL, SHEAR, PEAK, SQUEEZE, STIFFNESS = 32, 35, 38, 41, 44, 47
 STATE_SIZE = STIFFNESS + FINGERS
 # of the elements (E, 9): place on the pads, spin radius, share of its finger's force, the finger,
 # 1 while it slides, stretch along y, z and turn,
@@ -55,8 +59,8 @@ ELEMENT_SIZE = 9
     P_SHAPE, P_HALF_WIDTH, P_HALF_HEIGHT, P_GRIP_HEIGHT, P_BODY_TOP, P_STIFFNESS,
 ) = range(15)  # fmt: skip
 P_GROSS_SLIP, P_FORCE_RISE, P_GROSS_TURN = 18, 19, 20
-P_INERTIA, P_COM_Y, P_COM_Z, P_LEVEL, P_BLOW_STEP = 21, 22, 23, 24, 25
-PARAMETER_SIZE = 26
+P_INERTIA, P_COM_Y, P_COM_Z, P_LEVEL, P_BLOW_STEP, P_LOSS = 21, 22, 23, 24, 25, 26
+PARAMETER_SIZE = 27
 NOT_YET = -1.0
 TOP, SIDE, CLOSING = 0, 1, 2  # a blow downwards; across; along the closing axis, onto the thumb
 BLOW_LASTS_S = 0.3  # a blow and what it sets off is stepped more finely
@@ -100,24 +104,28 @@ def centre_on_pad(p: Floats, slip: float) -> float:
 
 
 @njit(cache=True)
-def normal_forces(
-    p: Floats, width: float, travel: Floats, state: Floats, out: Floats, push: float = 0.0
-) -> None:
-    """Normal force of each finger (3,), N, into ``out``; the lateral position into the state.
-
-    Compression of finger i: wall minus pad surface, minus what has relaxed. The balance
-    N_A = N_B + N_C + push (of a blow along the closing axis, onto the thumb) is piecewise linear in
-    the lateral position: of B and C the one that reaches less far lets go first.
-    """
-    for i in range(FINGERS):  # compression at lateral position zero
+def _compressions(p: Floats, width: float, travel: Floats, state: Floats, out: Floats) -> None:
+    """Of each finger (3,), m, at lateral position zero: wall minus pad surface, minus what has
+    relaxed."""
+    for i in range(FINGERS):
         relaxed = p[P_RELAX] * state[RELAXED + i]
         out[i] = width - (p[P_APERTURE] - travel[i]) - relaxed
+
+
+@njit(cache=True)
+def normal_forces(p: Floats, width: float, travel: Floats, state: Floats, out: Floats) -> None:
+    """Normal force of each finger (3,), N, into ``out``; the lateral position into the state.
+
+    The balance N_A = N_B + N_C is piecewise linear in the lateral position: of B and C the one that
+    reaches less far lets go first.
+    """
+    _compressions(p, width, travel, state, out)
     if width < 0.0:
         out[:] = 0.0
         return
     k = p[P_STIFFNESS:]
     far, near = (1, 2) if out[1] >= out[2] else (2, 1)
-    thumb = k[0] * out[0] - push
+    thumb = k[0] * out[0]
     lateral = (k[far] * out[far] + k[near] * out[near] - thumb) / (k[0] + k[far] + k[near])
     if out[near] <= lateral:
         lateral = (k[far] * out[far] - thumb) / (k[0] + k[far])
@@ -133,6 +141,55 @@ def normal_forces(
 
 
 @njit(cache=True)
+def inert_forces(
+    p: Floats, s: Floats, h: float, width: float, travel: Floats, push: float, out: Floats
+) -> None:
+    """The same after a step of h seconds of an object that has its inertia along the closing axis,
+    pushed onto the thumb by ``push``, N; its speed and the fingers' springs into the state.
+
+    A pad that lets go springs back as its damper lets it, compression x tau / (h + tau), and
+    presses again where the wall meets it, so that it never pulls: its force (k + k tau / h)
+    max(0, wall - pad) is the slope of a convex function of the object's place, and so is the
+    inertia. The root is unique, and exact between the places at which the three pads touch.
+    """
+    tau = p[P_LOSS]
+    _compressions(p, width, travel, s, out)
+    if width < 0.0:
+        out[:], s[LATERAL_SPEED] = 0.0, 0.0
+        return
+    inertia = p[P_MASS] / (h * h)
+    slope, total = inertia, push + inertia * (s[LATERAL] + h * s[LATERAL_SPEED])
+    low, high = -np.inf, np.inf  # of the place, between those at which a pad touches
+    for i in range(FINGERS):
+        out[i] -= s[SQUEEZE + i] * tau / (h + tau)  # of the wall beyond the free pad, at x = 0
+    for i in range(FINGERS):
+        at = -out[0] if i == 0 else out[i]
+        rest = total - inertia * at
+        for j in range(FINGERS):
+            side = -1.0 if j == 0 else 1.0
+            rest += side * p[P_STIFFNESS + j] * (1.0 + tau / h) * max(0.0, out[j] - side * at)
+        if rest >= 0.0:  # the object comes to lie beyond it
+            low = max(low, at)
+        else:
+            high = min(high, at)
+    for i in range(FINGERS):
+        side = -1.0 if i == 0 else 1.0
+        if (-out[0] <= low) if i == 0 else (out[i] >= high):
+            k = p[P_STIFFNESS + i] * (1.0 + tau / h)
+            slope += k
+            total += side * k * out[i]
+    lateral = total / slope
+    if s[HEIGHT] == 0.0 and lateral <= -out[0] and lateral >= max(out[1], out[2]):
+        lateral = s[LATERAL]  # the table keeps what no finger holds
+    s[LATERAL_SPEED] = (lateral - s[LATERAL]) / h
+    s[LATERAL] = lateral
+    for i in range(FINGERS):
+        beyond = max(0.0, out[i] + lateral if i == 0 else out[i] - lateral)
+        out[i] = p[P_STIFFNESS + i] * (1.0 + tau / h) * beyond
+        s[SQUEEZE + i] = s[SQUEEZE + i] * tau / (h + tau) + beyond
+
+
+@njit(cache=True)
 def clearance(p: Floats, s: Floats, travel: Floats) -> float:
     """How far thumb and nearest opposing finger may close in all before both sides touch, m."""
     width, _ = width_and_slope(p, s[SLIP])
@@ -143,9 +200,10 @@ def clearance(p: Floats, s: Floats, travel: Floats) -> float:
 
 
 @njit(cache=True)
-def normal_stiffness(p: Floats, forces: Floats, out: Floats) -> None:
-    """dN_i/dtravel_i (3,), N/m, with the other fingers still and the object free to the side."""
-    total = 0.0
+def normal_stiffness(p: Floats, forces: Floats, inertia: float, out: Floats) -> None:
+    """dN_i/dtravel_i (3,), N/m, with the other fingers still and the object free to the side but
+    for its inertia, N/m."""
+    total = inertia
     for i in range(FINGERS):
         if forces[i] > 0.0:
             total += p[P_STIFFNESS + i]
@@ -513,10 +571,13 @@ def _step(
     n: Floats, work: Floats, small: Floats,
 ) -> None:  # fmt: skip
     """One backward Euler step of h seconds. ``blow`` (4,): force along y, z and the closing axis,
-    onto the thumb, N; torque about the middle of the grip, N m."""
+    onto the thumb, N (the last only while INERT); torque about the middle of the grip, N m."""
     gone = s[PRESENT] == 0.0 or abs(s[ACROSS]) > p[P_HALF_WIDTH]
     width, slope = (-1.0, 0.0) if gone else width_and_slope(p, s[SLIP])
-    normal_forces(p, width, travel, s, n, blow[2])
+    if s[INERT] == 0.0:
+        normal_forces(p, width, travel, s, n)
+    else:
+        inert_forces(p, s, h, width, travel, blow[2], n)
     cos = 1.0 / math.sqrt(1.0 + slope * slope)
     push = p[P_MASS] * (GRAVITY_MPS2 - s[SPEED] / h) - blow[1]
     for i in range(FINGERS):
@@ -597,7 +658,7 @@ def advance(
         v_hand = mean + (v1 - v0) * (middle - 0.5)
         _step(p, s, e, h, v_hand, travel, blow, n, work, small)
         _note(p, s, t_s + (j + 1) * h)
-    normal_stiffness(p, n, s[STIFFNESS:])
+    normal_stiffness(p, n, s[INERT] * p[P_MASS] / dt_s**2, s[STIFFNESS:])
 
 
 @njit(cache=True)

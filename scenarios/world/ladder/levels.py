@@ -11,6 +11,7 @@ from scenarios.world.contact import (
     Level,
     elements,
     initial_state,
+    let_along,
     parameters,
 )
 from scenarios.world.ladder import rigid
@@ -71,7 +72,7 @@ def _rigid(scene: Scene) -> SceneOutcome:
 
 
 def begin(scene: Scene, first_mps: float) -> Floats:
-    """State (45,) of a scene at its start, the object as fast as the hand."""
+    """State (50,) of a scene at its start, the object as fast as the hand."""
     s = initial_state()
     s[laws.HEIGHT] = 0.0 if scene.on_table else laws.IN_THE_AIR_M
     s[laws.SPEED] = first_mps
@@ -83,6 +84,8 @@ def _compliant(scene: Scene, d: Drive, level: Level, brush_points: int) -> Scene
     s, e = begin(scene, d.first_mps), elements(scene.contact, level, brush_points)
     travel, normal = np.array(scene.grip.travel_m), np.zeros(FINGERS)
     laws.normal_forces(p, laws.width_and_slope(p, 0.0)[0], travel, s, normal)
+    if scene.tap is not None and scene.tap.direction == "closing":
+        let_along(p, s, normal)
     stretch = scene.initial_stretch(normal)
     e[:, laws.E_STRETCH_Z] = stretch[e[:, laws.E_FINGER].astype(int)]
     laws.follow(p, s, e, d.steps, d.step_s, d.hand_mps, d.load, scene.closing_vector(), travel)

@@ -27,10 +27,6 @@ LIFT_S, FIRM_S, TAP_S, STRUCK_S, SETTLES_S = 1.6, 0.6, 0.4, 0.02, 0.1
 DECIDED_S = 1.0  # after so long a pull the object is lost, or stands
 NEARLY = (1.02, 1.1)  # a pull that the pads just bear decides whether the object slips; assumed
 LEAST_STEP_S = 1e-5
-BEYOND = (  # docs/physics.md, "The closing axis and tilts"
-    "a blow along the closing axis: no level has the object's inertia there, and the thumb is "
-    "pushed up to twice as hard as in MuJoCo"
-)
 REACTION_S = (0.1, 0.6)  # start of the rise to first closing; assumed, as in experiments.py
 
 
@@ -222,12 +218,11 @@ def plan_run(scene: RunScene, world: WorldSettings) -> RunPlan:
             raise ValueError(
                 f"{before.level.label} before the blow, and {struck.level.label} is less"
             )
-    beyond = (BEYOND,) if scene.blow is not None and scene.blow.direction == "closing" else ()
     return RunPlan(
         level=before.level.label, step_s=before.step_s, blow_level=struck.level.label,
         blow_step_s=struck.step_s, asked=world.level, blow_asked=world.blow_level,
         tolerance_m=asked.slip_m, tolerance_rad=asked.rotation_rad or 0.0,
-        why=before.why + struck.why + beyond,
+        why=before.why + struck.why,
     )  # fmt: skip
 
 

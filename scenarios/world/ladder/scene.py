@@ -73,6 +73,11 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         float, Meta(ge=-0.2, le=0.3, description="tape mark above the grip, where slip is read")
     ] = 0.05
 
+    def __post_init__(self) -> None:
+        along = self.tap is not None and self.tap.direction == "closing"
+        if along and self.grip.closing is not None:
+            raise ValueError("fingers that close are no part of a blow along the closing axis")
+
     @property
     def mass_kg(self) -> float:
         return self.body.total_kg

@@ -59,14 +59,11 @@ def test_tighter_tolerance_takes_no_lesser_level_and_no_larger_step() -> None:
     assert tight.blow_step_s < loose.blow_step_s
 
 
-@pytest.mark.parametrize("level", ["auto", "L4"])
-def test_what_no_level_has_is_said_of_a_blow_along_the_closing_axis(level: str) -> None:
-    along, across = (
-        plan_run(tapped(direction=direction), told(level=level)).why
-        for direction in ("closing", "side")
+def test_step_of_a_blow_along_the_closing_axis_is_as_short_as_the_peak_force_asks() -> None:
+    loose, tight = (
+        plan_run(tapped(direction="closing"), told(force_tolerance_n=n)) for n in (5.0, 0.1)
     )
-    assert "no level has" in along[-1]
-    assert not any("no level has" in line for line in across)
+    assert tight.blow_step_s < loose.blow_step_s
 
 
 def test_level_that_is_told_is_taken_without_a_plan() -> None:
