@@ -129,7 +129,8 @@ def physics_lines(result: Any) -> list[str]:
         step = f"step {found.blow_step_s * 1e3:g} ms"
         parts.append(f"{found.blow_level}{told}, {step}, while a blow moves the object")
     within = f"{found.tolerance_m * 1e3:g} mm, {math.degrees(found.tolerance_rad):.1f} deg"
-    checked = f"within {within} of L4" if not told else "what was told is not held against L4"
+    within = f"{within}, {found.tolerance_n:g} N of L4, held or lost as there"
+    checked = f"within {within}" if not told else "what was told is not held against L4"
     first = f"  physics: {'; '.join(parts)}; {checked}"
     return [first, *(f"    {line}" for line in found.why)]
 

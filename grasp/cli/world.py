@@ -316,7 +316,7 @@ def _add_plan(actions: Any) -> None:
         "--object", default="can", metavar="NAME", help=f"{OBJECT_HELP} (default: %(default)s)"
     )
     parser.add_argument(
-        "--direction", metavar="DIR", help="of the blow of a tap: top or side (default: top)"
+        "--direction", metavar="DIR", help="of a tap's blow: top, side or closing (default: top)"
     )
     parser.add_argument(
         "--tolerance", type=quantity("m", "mm", "um", "cm"), default=1e-3, metavar="LENGTH",

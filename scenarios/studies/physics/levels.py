@@ -65,6 +65,7 @@ class Draw(msgspec.Struct, frozen=True):
     blow_level: str
     plan_s: float
     loops: dict[str, Loop]
+    tolerance_n: float = WorldSettings().force_tolerance_n  # on the peak force
 
     def differs(self, name: str) -> bool:
         """Whether its verdict is another than the reference's."""
@@ -76,6 +77,12 @@ class Draw(msgspec.Struct, frozen=True):
 
     def turn_error_rad(self, name: str) -> float | None:
         return _apart(self.loops[name].turned_rad, self.loops[REFERENCE].turned_rad)
+
+    def peak_error_n(self, name: str) -> float | None:
+        """Of the largest force of any finger; None where the slip was not judged."""
+        if self.slip_error_m(name) is None:
+            return None
+        return _apart(self.loops[name].peak_n, self.loops[REFERENCE].peak_n)
 
 
 class _Task(msgspec.Struct, frozen=True):
@@ -156,7 +163,7 @@ def one(task: _Task) -> Draw | None:
         loops[CONTROL] = _loop(with_shorter_steps(config), task.seed, REFERENCE)
     return Draw(
         kind, base.object.name, task.seed, plan.tolerance_m, plan.tolerance_rad, plan.level,
-        plan.blow_level, plan_s, loops,
+        plan.blow_level, plan_s, loops, plan.tolerance_n,
     )  # fmt: skip
 
 
@@ -212,8 +219,9 @@ def table(draws: Sequence[Draw]) -> str:
         "| draws | n | levels chosen | verdict differs: planned | always L1 | control "
         "| slip off by more than the tolerance: planned | always L1 | median, worst of 95 %, mm "
         "| rotation off by more: planned | always L1 | median, worst of 95 %, deg "
+        "| peak force off by more: planned | always L1 | median, worst of 95 %, N "
         "| time over always L4 | over always L1 | ms to plan |",
-        "|---" * 15 + "|",
+        "|---" * 18 + "|",
     ]
     for kind in (*KINDS, "all"):
         of = [d for d in draws if kind in (d.kind, "all")]
@@ -233,12 +241,14 @@ def _row(kind: str, draws: Sequence[Draw]) -> str:
     control = f"{sum(again)} of {len(again)}" if again else "-"
     slip = [_over(draws, name, Draw.slip_error_m, "tolerance_m") for name in (PLANNED, "L1")]
     turn = [_over(draws, name, Draw.turn_error_rad, "tolerance_rad") for name in (PLANNED, "L1")]
+    peak = [_over(draws, name, Draw.peak_error_n, "tolerance_n") for name in (PLANNED, "L1")]
     slip_mm = _spread([d.slip_error_m(PLANNED) for d in draws], 1e3)
     turn_deg = _spread([d.turn_error_rad(PLANNED) for d in draws], 180 / np.pi)
+    peak_n = _spread([d.peak_error_n(PLANNED) for d in draws], 1.0)
     plan_ms = 1e3 * float(np.median([d.plan_s for d in draws]))
     cells = [
         kind, len(draws), chosen, *verdicts, control, *slip, slip_mm, *turn, turn_deg,
-        _cost(draws, "L4"), _cost(draws, "L1"), f"{plan_ms:.0f}",
+        *peak, peak_n, _cost(draws, "L4"), _cost(draws, "L1"), f"{plan_ms:.0f}",
     ]  # fmt: skip
     return "| " + " | ".join(map(str, cells)) + " |"
 

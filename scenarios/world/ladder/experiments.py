@@ -1,5 +1,7 @@
-"""Scenes of the experiments for the contact ladder: the trial's own object, pads and arm, without
-its controller. The reaction comes at a stated time; what the loop does is `grasp run`'s affair."""
+"""Scenes of the experiments for the contact ladder, the same as a run's (``runs``) with numbers of
+their own: what a run takes from its trial's settings, from its seeds and from a search for the blow
+is stated here, so that the planner can be asked where there is neither hand nor controller.
+"""
 
 from collections.abc import Callable
 from typing import Annotated, Literal
@@ -9,7 +11,8 @@ from msgspec import Meta
 
 from scenarios.world.blow import Blow
 from scenarios.world.contact_settings import ContactSettings
-from scenarios.world.ladder.scene import ArmRise, Closing, Grip, Scene, Vibration, squeeze
+from scenarios.world.ladder.runs import REACTION_S, RunScene
+from scenarios.world.ladder.scene import ArmRise, Scene, Vibration, squeeze
 from scenarios.world.objects import GraspObject
 
 
@@ -23,14 +26,15 @@ class SceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     reaction_s: Annotated[
         float,
         Meta(ge=0.0, le=2.0, description="start of the rise to first closing; assumed, 0.1-0.6"),
-    ] = 0.35
+    ] = 0.5 * sum(REACTION_S)
     closing_mps: Annotated[
         float, Meta(gt=0.0, le=0.11, description="the guard's bound for a rigid object")
     ] = 0.063
     arm_mps: Annotated[float, Meta(gt=0.0, le=1.0, description="assumed, 0.1-0.25")] = 0.1
     arm_mps2: Annotated[float, Meta(gt=0.0, le=5.0, description="assumed, 0.3-1.2")] = 0.5
     direction: Annotated[
-        Literal["top", "side"], Meta(description="of a tap: onto the top, or on the side")
+        Literal["top", "side", "closing"],
+        Meta(description="of a tap; closing: along that axis, as hard as on the top"),
     ] = "top"
     top_impulse_n_s: Annotated[float, Meta(gt=0.0, le=2.0, description="assumed, 0.08-0.45")] = 0.2
     side_impulse_n_s: Annotated[float, Meta(gt=0.0, le=2.0, description="assumed, 0.08-0.45")] = (
@@ -57,47 +61,41 @@ class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
 
 def lift(world: World) -> Scene:
     """Too weak a grasp on the table, an arm that rises, a thumb that closes after the reaction."""
-    body, contact, chosen = world.object, world.contact, world.scene
-    closing = Closing(
-        start_s=chosen.reaction_s, speed_mps=chosen.closing_mps, force_stop_n=chosen.final_thumb_n
-    )
-    half = 0.5 * chosen.first_thumb_n
-    return Scene(
-        name="lift", duration_s=1.6, body=body, contact=contact, on_table=True,
-        grip=Grip(travel_m=squeeze(body, contact, half, half), closing=closing),
-        arm=ArmRise(speed_mps=chosen.arm_mps, acceleration_mps2=chosen.arm_mps2),
-    )  # fmt: skip
+    return _described(world).lift()
 
 
 def tap(world: World) -> Scene:
-    """A blow on a held object: on its top, beside the middle of the grip, or on its side, above
-    it."""
+    """A blow on a held object: on its top, beside the middle of the grip, on its side, above it, or
+    along the closing axis."""
     chosen = world.scene
-    aside = chosen.direction == "side"
-    blow = Blow(
-        impulse_n_s=chosen.side_impulse_n_s if aside else chosen.top_impulse_n_s,
-        duration_s=chosen.blow_s, delay_s=0.05,
-        offset_m=chosen.side_offset_m if aside else chosen.top_offset_m,
-        direction=chosen.direction,
+    impulse_n_s, offset_m = {
+        "top": (chosen.top_impulse_n_s, chosen.top_offset_m),
+        "side": (chosen.side_impulse_n_s, chosen.side_offset_m),
+        "closing": (chosen.top_impulse_n_s, 0.0),
+    }[chosen.direction]
+    return _described(world).tap(
+        Blow(
+            direction=chosen.direction, impulse_n_s=impulse_n_s, duration_s=chosen.blow_s,
+            offset_m=offset_m,
+        )
     )  # fmt: skip
-    return _held(f"tap ({chosen.direction})", world, 0.5, blow)
 
 
 def hold(world: World) -> Scene:
     """A held object whose hand shakes."""
     shake = Vibration(acceleration_mps2=world.scene.shake_mps2, frequency_hz=world.scene.shake_hz)
-    return _held("hold", world, 1.0, None, shake)
+    return _described(world).shaken(shake)
 
 
-def _held(
-    name: str, world: World, duration_s: float, blow: Blow | None,
-    shake: Vibration | None = None,
-) -> Scene:  # fmt: skip
-    half = 0.5 * world.scene.final_thumb_n
-    return Scene(
-        name=name, duration_s=duration_s, body=world.object, contact=world.contact,
-        grip=Grip(travel_m=squeeze(world.object, world.contact, half, half)),
-        tap=blow, vibration=shake,
+def _described(world: World) -> RunScene:
+    """As a run's scene, with one reaction, and nothing that a seed draws."""
+    body, contact, chosen = world.object, world.contact, world.scene
+    first, final = 0.5 * chosen.first_thumb_n, 0.5 * chosen.final_thumb_n
+    return RunScene(
+        body=body, contact=contact, first_travel_m=squeeze(body, contact, first, first),
+        full_grip_n=(chosen.final_thumb_n, final, final), closing_mps=chosen.closing_mps,
+        arm=ArmRise(speed_mps=chosen.arm_mps, acceleration_mps2=chosen.arm_mps2),
+        reaction_s=(chosen.reaction_s, chosen.reaction_s),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ built from; verdict (held or lost), slip distance, rotation and peak force are a
 import itertools
 from collections.abc import Iterable
 from functools import cache
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta
@@ -18,16 +18,16 @@ from scenarios.world.contact import GRAVITY_MPS2, Level, finger_stiffness
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.planner import MODEL_SHARE, Plan, Tolerance, choose, gap
-from scenarios.world.ladder.scene import ArmRise, Closing, Grip, Scene, Three, squeeze
+from scenarios.world.ladder.scene import ArmRise, Closing, Grip, Scene, Three, Vibration, squeeze
 from scenarios.world.objects import GraspObject
 from scenarios.world.scene_terms import PullSettings
 from scenarios.world.world_settings import WorldSettings
 
-LIFT_S, FIRM_S, TAP_S, STRUCK_S, SETTLES_S = 1.6, 0.6, 0.4, 0.02, 0.1
+LIFT_S, FIRM_S, TAP_S, STRUCK_S, SETTLES_S, SHAKEN_S = 1.6, 0.6, 0.4, 0.02, 0.1, 1.0
 DECIDED_S = 1.0  # after so long a pull the object is lost, or stands
 NEARLY = (1.02, 1.1)  # a pull that the pads just bear decides whether the object slips; assumed
 LEAST_STEP_S = 1e-5
-REACTION_S = (0.1, 0.6)  # start of the rise to first closing; assumed, as in experiments.py
+REACTION_S = (0.1, 0.6)  # start of the rise to first closing; assumed
 
 
 class Ranges(msgspec.Struct, frozen=True, kw_only=True):
@@ -52,7 +52,8 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
     full_grip_n: Three
     closing_mps: float
     arm: ArmRise
-    ranges: Ranges
+    ranges: Ranges = Ranges()
+    reaction_s: tuple[float, float] = REACTION_S  # the first and the last
     blow: Blow | None = None
     pull: PullSettings = PullSettings()
     mark_height_m: float = 0.05
@@ -62,15 +63,15 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
         either side, early and late answers; of a tap the rise in a firm grip. With a pull also
         that, on what is held firmly: weak, firm, and where the pads just bear it."""
         if self.blow is not None:
-            return [self._firm(self._body(grip, 1.0)) for grip in (-1.0, 1.0)] + self._pulls()
-        return self._pulls() + [self._lift(self._body(a, b), b, c) for a, b, c in self._signs()]
+            return [self._firm(grip) for grip in (-1.0, 1.0)] + self._pulls()
+        return self._pulls() + [self.lift(*signs) for signs in self._signs()]
 
     def _pulls(self) -> list[Scene]:
         if self.pull.force_n == 0.0:
             return []
         grips = (*map(self._grip_that_bears, NEARLY), -1.0, 1.0)
         sides = (1.0,) if self._mirrored else (-1.0, 1.0)
-        return [self._pulled(self._body(a, b), b) for a in grips for b in sides]
+        return [self._pulled(a, b) for a in grips for b in sides]
 
     def _grip_that_bears(self, share: float) -> float:
         """From weak (-1) to firm (1): in which relaxed pads bear so much of weight and pull; the
@@ -86,7 +87,7 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
         """Likewise of a blow: weak and firm grips, either side, strong and weak blows."""
         if self.blow is None:
             return []
-        return [self._tap(self.blow, self._body(a, b), b, c) for a, b, c in self._signs()]
+        return [self.tap(self.blow, *signs) for signs in self._signs()]
 
     def _signs(self) -> Iterable[tuple[float, float, float]]:
         """Grip, side and path of each corner, the worst first, and at last the middle of grip and
@@ -123,49 +124,52 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
         off = side * self.ranges.scatter_m
         return Grip(travel_m=(a, b + off, c - off))
 
-    def _lift(self, body: GraspObject, aside: float, path: float) -> Scene:
-        early, late = REACTION_S
-        every = self.full_grip_n[0] > self.full_grip_n[1] + self.full_grip_n[2]
+    def lift(self, grip: float = 0.0, aside: float = 0.0, path: float = 0.0) -> Scene:
+        """A corner of a lift; as it stands, the middle of its ranges."""
+        (a_n, b_n, c_n), (early, late) = self.full_grip_n, self.reaction_s
         closing = Closing(
             start_s=early + 0.5 * (1 + path) * (late - early), speed_mps=self.closing_mps,
-            force_stop_n=self.full_grip_n[0], fingers="all" if every else "thumb",
+            force_stop_n=a_n, fingers="all" if a_n > b_n + c_n else "thumb",
         )  # fmt: skip
-        grip = self._uneven(self.first_travel_m, aside)
-        return Scene(
-            name="lift", duration_s=LIFT_S, body=body, contact=self.contact, on_table=True,
-            grip=msgspec.structs.replace(grip, closing=closing), arm=self.arm,
-            mark_height_m=self.mark_height_m,
-        )  # fmt: skip
+        first = msgspec.structs.replace(self._uneven(self.first_travel_m, aside), closing=closing)
+        return self._scene(
+            "lift", LIFT_S, self._body(grip, aside), grip=first, on_table=True, arm=self.arm
+        )
 
-    def _held(self, body: GraspObject, aside: float) -> Grip:
-        _, b_n, c_n = self.full_grip_n
-        return self._uneven(squeeze(body, self.contact, b_n, c_n), aside)
+    def _firm(self, grip: float) -> Scene:
+        return self._held("firm lift", FIRM_S, grip, 1.0, on_table=True, arm=self.arm)
 
-    def _pulled(self, body: GraspObject, aside: float) -> Scene:
-        lasts_s = min(self.pull.lasts_s, DECIDED_S)
-        pull = msgspec.structs.replace(self.pull, after_s=STRUCK_S, lasts_s=lasts_s)
-        return Scene(
-            name="pull", duration_s=2 * (STRUCK_S + pull.ramp_s) + pull.lasts_s + SETTLES_S,
-            body=body, contact=self.contact, grip=self._held(body, aside), pull=pull,
-            mark_height_m=self.mark_height_m,
-        )  # fmt: skip
-
-    def _firm(self, body: GraspObject) -> Scene:
-        return Scene(
-            name="firm lift", duration_s=FIRM_S, body=body, contact=self.contact, on_table=True,
-            grip=self._held(body, 1.0), arm=self.arm, mark_height_m=self.mark_height_m,
-        )  # fmt: skip
-
-    def _tap(self, blow: Blow, body: GraspObject, aside: float, path: float) -> Scene:
+    def tap(self, blow: Blow, grip: float = 0.0, aside: float = 0.0, path: float = 0.0) -> Scene:
+        """A corner of a blow on what is held."""
         share, r = 1 + path * self.ranges.impulse, self.ranges
         struck = msgspec.structs.replace(
             blow, impulse_n_s=max(0.0, share * blow.impulse_n_s), delay_s=STRUCK_S,
             follow_n_s=max(0.0, share * blow.follow_n_s),
             offset_m=blow.offset_m + aside * r.offset_m,
         )  # fmt: skip
+        return self._held(f"tap ({blow.direction})", TAP_S, grip, aside, tap=struck)
+
+    def _pulled(self, grip: float, aside: float) -> Scene:
+        lasts_s = min(self.pull.lasts_s, DECIDED_S)
+        pull = msgspec.structs.replace(self.pull, after_s=STRUCK_S, lasts_s=lasts_s)
+        seconds = 2 * (STRUCK_S + pull.ramp_s) + pull.lasts_s + SETTLES_S
+        return self._held("pull", seconds, grip, aside, pull=pull)
+
+    def shaken(self, shake: Vibration) -> Scene:
+        """What is held, in a hand that shakes."""
+        return self._held("hold", SHAKEN_S, 0.0, 0.0, vibration=shake)
+
+    def _held(self, name: str, seconds: float, grip: float, aside: float, **terms: Any) -> Scene:
+        """In the firm grip."""
+        _, b_n, c_n = self.full_grip_n
+        body = self._body(grip, aside)
+        fingers = self._uneven(squeeze(body, self.contact, b_n, c_n), aside)
+        return self._scene(name, seconds, body, grip=fingers, **terms)
+
+    def _scene(self, name: str, seconds: float, body: GraspObject, **terms: Any) -> Scene:
         return Scene(
-            name=f"tap ({blow.direction})", duration_s=TAP_S, body=body, contact=self.contact,
-            grip=self._held(body, aside), tap=struck, mark_height_m=self.mark_height_m,
+            name=name, duration_s=seconds, body=body, contact=self.contact,
+            mark_height_m=self.mark_height_m, **terms,
         )  # fmt: skip
 
 
@@ -181,6 +185,7 @@ class RunPlan(msgspec.Struct, frozen=True, kw_only=True):
     blow_asked: str = "same"
     tolerance_m: float
     tolerance_rad: float
+    tolerance_n: float  # on the peak force of a finger
     why: tuple[str, ...] = ()  # of the corners that decided, in the planner's words
 
 
@@ -222,7 +227,7 @@ def plan_run(scene: RunScene, world: WorldSettings) -> RunPlan:
         level=before.level.label, step_s=before.step_s, blow_level=struck.level.label,
         blow_step_s=struck.step_s, asked=world.level, blow_asked=world.blow_level,
         tolerance_m=asked.slip_m, tolerance_rad=asked.rotation_rad or 0.0,
-        why=before.why + struck.why,
+        tolerance_n=world.force_tolerance_n, why=before.why + struck.why,
     )  # fmt: skip
 
 

@@ -128,6 +128,7 @@ def test_verbose_tap_says_its_levels_and_why_and_how_far_the_object_turned(
     words = "run", "tap", "--trials", "1", "--direction", "side", "--runs", str(tmp_path)
     _, out, _ = call(*words, "-v", capsys=capsys)
     assert "physics: L1, step 0.5 ms; L4, step 0.1 ms, while a blow moves the object; within" in out
+    assert "within 1 mm, 3.8 deg, 0.2 N of L4, held or lost as there" in out
     assert "firm lift, in the corner that asks for most: L1" in out
     assert "tap (side), in the corner that asks for most: L4" in out
     assert "L1 and L3 do not agree" in out

@@ -94,6 +94,18 @@ def test_a_blow_is_named_as_in_a_run(capsys: pytest.CaptureFixture[str]) -> None
     assert capsys.readouterr().out != side
 
 
+def test_blow_along_the_closing_axis_is_planned_for_the_peak_force_that_it_ends_in(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = ["world", "plan", "tap", "--direction", "closing", "--json"]
+    assert main([*words, "--force", "0.2N"]) == exits.SUCCESS
+    exact = json.loads(capsys.readouterr().out)["answer"]
+    assert main(words) == exits.SUCCESS
+    rough = json.loads(capsys.readouterr().out)["answer"]
+    assert 15.0 < exact["peak_force_n"] < 30.0
+    assert exact["step_s"] < rough["step_s"]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [(["side-tap"], "tap --direction side"), (["nap"], "one of lift, tap, hold"),

@@ -21,6 +21,7 @@ def test_each_draw_runs_at_three_choices_of_level(draws: list[Draw]) -> None:
         assert set(d.loops) == {"planned", "L1", "L4"}
         assert d.loops["L1"].turned_rad in (0.0, None)
         assert d.tolerance_rad == pytest.approx(d.tolerance_m / 0.015)
+        assert d.tolerance_n == 0.2
     side = draws[1].loops
     assert side["L4"].turned_rad != 0.0
     assert side["planned"].turned_rad == pytest.approx(side["L4"].turned_rad, abs=0.05)
@@ -45,15 +46,17 @@ def test_draws_that_end_in_the_air_are_judged_as_whole_ones(draws: list[Draw]) -
             assert loop.slip_m == pytest.approx(whole.loops[name].slip_m, abs=1e-9)
 
 
-def loop(outcome: str, slip_m: float | None, turned_rad: float, cpu_s: float = 1.0) -> Loop:
-    return Loop(outcome, True, slip_m, turned_rad, 10.0, cpu_s)
+def loop(
+    outcome: str, slip_m: float | None, turned_rad: float, cpu_s: float = 1.0, peak_n: float = 10.0
+) -> Loop:
+    return Loop(outcome, True, slip_m, turned_rad, peak_n, cpu_s)
 
 
 def test_table_counts_verdicts_and_errors_beyond_the_tolerance() -> None:
     draw = Draw(
         "side", "can", 7, 1e-3, 0.06, "L1", "L3", 0.1,
-        {"planned": loop("registered", 5e-3, 0.1), "L1": loop("late", 8e-3, 0.0, 0.8),
-         "L4": loop("registered", 5.1e-3, 0.1, 2.0)},
+        {"planned": loop("registered", 5e-3, 0.1), "L1": loop("late", 8e-3, 0.0, 0.8, 10.3),
+         "L4": loop("registered", 5.1e-3, 0.1, 2.0, 10.05)},
     )  # fmt: skip
     lost = msgspec.structs.replace(
         draw, kind="lift",
@@ -63,6 +66,7 @@ def test_table_counts_verdicts_and_errors_beyond_the_tolerance() -> None:
     side = rows["| side"]
     assert side[2:8] == ["L1, L3: 1", "0", "1", "-", "0 of 1", "1 of 1"]
     assert side[9:11] == ["0 of 1", "1 of 1"]
+    assert side[12:15] == ["0 of 1", "1 of 1", "0.05, 0.05"]
     assert rows["| lift"][3:8] == ["1", "0", "-", "0 of 0", "0 of 0"]
     held = {**draw.loops, levels.CONTROL: loop("late", 5.1e-3, 0.1)}
     told = table([msgspec.structs.replace(draw, loops=held)]).splitlines()[2].split(" | ")
