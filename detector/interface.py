@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from detector.energy import EnergyDetector, EnergySettings
 from detector.forte import ForteDetector, ForteSettings
-from detector.network import NetworkSettings, load_network
+from detector.motion import Motion
+from detector.network import NetworkSettings, StreamingNetwork, load_network
 from detector.network_file import packaged_networks
 from detector.psd import PsdDetector, PsdFairDetector, PsdFairSettings, PsdSettings
 from drivers.errors import UsageError
@@ -77,3 +78,8 @@ def load_detector(
     if name not in DETECTORS and not made.weights:
         raise UsageError(f"unknown detector {name!r}", f"one of: {', '.join(DETECTORS)}")
     return load_network(name, made, fingers, taxels)
+
+
+def motion_told_by(detector: SlipDetector) -> Callable[[], Motion | None]:
+    """Asks a detector what kind of slip its latest frame is of; None of one that has no heads."""
+    return detector.motion if isinstance(detector, StreamingNetwork) else lambda: None

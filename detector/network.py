@@ -12,8 +12,10 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from detector.heads import Teller, read_heads
 from detector.layout import check_layout
-from detector.network_file import LoadedNetwork, read_network, weights_path
+from detector.motion import Motion
+from detector.network_file import LoadedNetwork, read_network, weights_digest, weights_path
 from drivers.interfaces import KIT_TAXELS
 
 Float32s = NDArray[np.float32]
@@ -36,9 +38,10 @@ class StreamingNetwork:
     no change. A repeated frame (a missed sample) is a frame like any other.
     """
 
-    def __init__(self, loaded: LoadedNetwork, fingers: int) -> None:
+    def __init__(self, loaded: LoadedNetwork, fingers: int, heads: Teller | None = None) -> None:
         self.name = loaded.card.name
         self.threshold = loaded.card.threshold
+        self._heads = heads
         window = loaded.card.window
         self.memory = window + 1 if window else 0
         self.card = loaded.card
@@ -84,6 +87,12 @@ class StreamingNetwork:
         self._session.run_with_iobinding(self._bindings[turn])
         self._turn = 1 - turn
         return self._probability.astype(np.float64)
+
+    def motion(self) -> Motion | None:
+        """What the heads make of the latest frame; None without heads, or without a frame."""
+        if self._heads is None or not self._started:
+            return None
+        return self._heads.tell(self._states[self._turn], self._frames[1 - self._turn])
 
 
 class WindowedNetwork:
@@ -131,18 +140,21 @@ def _bind_output(binding: Any, name: str, array: Float32s) -> None:
     binding.bind_output(name, "cpu", 0, np.float32, array.shape, array.ctypes.data)
 
 
-def run_network(loaded: LoadedNetwork, fingers: int) -> StreamingNetwork | WindowedNetwork:
+def run_network(
+    loaded: LoadedNetwork, fingers: int, heads: Teller | None = None
+) -> StreamingNetwork | WindowedNetwork:
     """The detector of a loaded file, reset."""
     if loaded.card.mode == "stream":
-        return StreamingNetwork(loaded, fingers)
+        return StreamingNetwork(loaded, fingers, heads)
     return WindowedNetwork(loaded, fingers)
 
 
 def load_network(
     name: str, settings: NetworkSettings, fingers: int, taxels: int = KIT_TAXELS
 ) -> StreamingNetwork | WindowedNetwork:
-    """Detector from its weights; raises BadFile, and UsageError for fingertips of another layout
-    than it was trained on."""
-    loaded = read_network(weights_path(settings.weights or name))
+    """Detector from its weights and the heads beside them; raises BadFile, and UsageError for
+    fingertips of another layout than it was trained on."""
+    path = weights_path(settings.weights or name)
+    loaded = read_network(path)
     check_layout(name, loaded.taxels, taxels)
-    return run_network(loaded, fingers)
+    return run_network(loaded, fingers, read_heads(path, weights_digest(path), loaded))

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
+from detector.motion import Motion
 from drivers.interfaces import FINGERS, Applied, ArmState, GripperState, TactileFrame, Vector3
 from grasp.commands import Command
 from grasp.controller import Decision
@@ -79,8 +80,8 @@ class CommandMessage(msgspec.Struct, frozen=True):
     refused: str
 
 
-TACTILE, GRIPPER, ARM, CONTROL, COMMANDS, PHASES, TRUTH = (
-    "/tactile", "/gripper", "/arm", "/control", "/commands", "/phases", "/truth",
+TACTILE, GRIPPER, ARM, CONTROL, MOTION, COMMANDS, PHASES, TRUTH = (
+    "/tactile", "/gripper", "/arm", "/control", "/motion", "/commands", "/phases", "/truth",
 )  # fmt: skip
 
 CHANNELS: dict[str, type[msgspec.Struct]] = {
@@ -88,6 +89,7 @@ CHANNELS: dict[str, type[msgspec.Struct]] = {
     GRIPPER: GripperState,
     ARM: ArmMessage,
     CONTROL: ControlMessage,
+    MOTION: Motion,
     COMMANDS: CommandMessage,
     PHASES: PhaseChange,
 }
@@ -105,6 +107,8 @@ def write_tick(write: Write, tick: Tick) -> None:
     write(GRIPPER, t_ns, tick.gripper)
     write(ARM, t_ns, arm_message(tick.arm))
     write(CONTROL, t_ns, control_message(tick.observation, tick.decision))
+    if tick.observation.motion is not None:
+        write(MOTION, t_ns, tick.observation.motion)
 
 
 def tactile_message(frame: TactileFrame) -> TactileMessage:

@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.motion import Motion
 from drivers.interfaces import ArmState, Counts3, Detection, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast
 
@@ -41,6 +42,8 @@ class Observation(StepInput, frozen=True, kw_only=True):
     the limit and its margin. ``felt_n``: of taxels alone that would feel it end, none of them at a
     rail or stuck. ``last_close``: the closing that was admitted last.
     ``reach_counts``: how far each finger may close at any speed; None where that is not known.
+    ``motion``: what kind of slip it is, where some is heard and the detector can tell; shown and
+    recorded, and nothing is decided by it.
     """
 
     probabilities: NDArray[np.float64]
@@ -50,6 +53,7 @@ class Observation(StepInput, frozen=True, kw_only=True):
     overloaded: bool = False
     last_close: CloseFast | None = None
     reach_counts: Counts3 | None = None
+    motion: Motion | None = None
 
     @property
     def tactile_stale(self) -> bool:

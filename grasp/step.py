@@ -5,12 +5,15 @@ of them repeats anything of it. No clock is read, nothing sleeps, nothing does I
 concludes follows from what it is told now and was told before.
 """
 
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Protocol
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.motion import Motion
 from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController
@@ -19,6 +22,8 @@ from grasp.doubt_settings import DoubtSettings
 from grasp.guard import ForceGuard
 from grasp.observation import Observation, StepInput
 from grasp.phases import OPEN_PHASES
+
+HEARD = 0.5  # likelier slip than not: heads have learnt from slip alone, and say nothing of rest
 
 
 class Detector(Protocol):
@@ -46,8 +51,11 @@ class GraspStep:
         controller: GraspController,
         guard: ForceGuard,
         doubts: Doubts | None = None,
+        motion: Callable[[], Motion | None] = lambda: None,
     ) -> None:
+        """``motion``: what kind of slip the detector's latest frame is of."""
         self.controller = controller
+        self._motion = motion
         self._detector = detector
         self._guard = guard
         self._doubts = doubts or Doubts(DoubtSettings())
@@ -93,6 +101,7 @@ class GraspStep:
             overloaded=self._guard.overloaded(self._measured_n),
             last_close=self._last_close,
             reach_counts=self._guard.reach(told.gripper, self._measured_n),
+            motion=self._kind_of_slip(probabilities),
         )
 
     def _listen(self, frame: TactileFrame | None) -> tuple[NDArray[np.float64], str]:
@@ -109,6 +118,13 @@ class GraspStep:
             self._detector.reset()
             return np.zeros(FINGERS), ""
         return self._ask(frame.counts)
+
+    def _kind_of_slip(self, probabilities: NDArray[np.float64]) -> Motion | None:
+        """Nothing is decided by it, and no bug of it may end a run."""
+        if probabilities.max() > HEARD:
+            with suppress(Exception):
+                return self._motion()
+        return None
 
     def _force_n(self, counts: NDArray[np.int16]) -> Vector3:
         a, b, c = counts.sum(axis=1).tolist()

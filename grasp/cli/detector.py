@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import BadFile, UsageError
-from grasp.cli import detector_study, exits, paper_study, train
+from grasp.cli import detector_study, exits, heads, paper_study, train
 from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
 
 HELP = "score, tune and train slip detectors"
@@ -25,6 +25,7 @@ def add_parser(verbs: Any) -> None:
     paper_study.add_parser(actions)
     detector_study.add_robustness(actions)
     train.add_parser(actions)
+    heads.add_parser(actions)
 
 
 def _add_evaluate(actions: Any) -> None:

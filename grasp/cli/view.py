@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
+from detector.motion import SECTOR_DEG, Motion
 from drivers.interfaces import FINGER_NAMES, Counts3, Vector3
 from grasp.loop import Tick
 from grasp.phases import Phase
@@ -18,9 +19,11 @@ from grasp.watch import leave_signals_to_the_run
 if TYPE_CHECKING:
     from rich.status import Status
 
-BAR_CELLS, TEXT_CELLS = 30, 45  # of a bar at most; of a panel's line beside its two bars
+BAR_CELLS, TEXT_CELLS = 30, 47  # of a bar at most; of a panel's line beside its two bars
 FORCE_FULL_N = 12.0
 LEAST_TURN_DEG = 0.1  # less is not told
+ARROWS = "→↗↑↖←↙↓↘"  # of eight directions, from a fingertip's x to its y
+NO_ARROW = " "
 _STYLE: dict[str, str] = {
     Phase.COMPENSATE: "bold yellow", Phase.HOLD: "bold green", Phase.KEPT: "bold green",
     Phase.FAULT: "bold red",
@@ -57,6 +60,8 @@ class Glimpse(msgspec.Struct, frozen=True, tag=True):
     probabilities: list[float]
     positions: Counts3
     arm_m: float | None  # None: no number, which JSON cannot say
+    kind: str = ""  # of slip, of the hand
+    ways: str = 3 * NO_ARROW  # that each fingertip slides
 
 
 Message = Begin | Busy | Note | Glimpse
@@ -73,6 +78,8 @@ def glimpse(tick: Tick, news: bool) -> Glimpse:
         probabilities=tick.observation.probabilities.tolist(),
         positions=tick.gripper.positions,
         arm_m=tick.arm.position_m[2],
+        kind=kind_text(tick.observation.motion),
+        ways=ways_text(tick.observation.motion),
     )
 
 
@@ -83,6 +90,18 @@ def status_text(tick: Tick) -> str:
         return "-"
     text = "REGISTERED" if slip.registered else "nominal"
     return f"{text} (masked)" if slip.masked else text
+
+
+def kind_text(motion: Motion | None) -> str:
+    """How fast what is held slides in the hand; empty where nobody says."""
+    return "" if motion is None else f"some {1e3 * motion.hand_mps:.0f} mm/s"
+
+
+def ways_text(motion: Motion | None) -> str:
+    """An arrow a finger, in the frame of its own pad: where that slides to, over the object."""
+    if motion is None:
+        return 3 * NO_ARROW
+    return "".join(ARROWS[deg // SECTOR_DEG] for deg in motion.direction_deg)
 
 
 def turned_text(turned_rad: float | None) -> str:
@@ -184,7 +203,8 @@ def _line(seen: Glimpse) -> str:
         f"{name} {force:5.1f} N p {p:4.2f}"
         for name, force, p in zip(FINGER_NAMES, seen.measured_n, seen.probabilities, strict=True)
     )
-    return f"{seen.t_s:7.2f} s  {seen.phase:<10}  {fingers}  slip {seen.slip}"
+    kind = f", {seen.kind}" if seen.kind else ""
+    return f"{seen.t_s:7.2f} s  {seen.phase:<10}  {fingers}  slip {seen.slip}{kind}"
 
 
 def short_line(seen: Glimpse) -> str:
@@ -203,14 +223,16 @@ def panel(seen: Glimpse, width: int) -> Any:
 
     cells = max(1, min(BAR_CELLS, (width - TEXT_CELLS) // 2))
     table = Table.grid(padding=(0, 2))
-    rows = zip(FINGER_NAMES, seen.measured_n, seen.probabilities, seen.positions, strict=True)
-    for name, force_n, p, position in rows:
+    rows = zip(
+        FINGER_NAMES, seen.measured_n, seen.probabilities, seen.positions, seen.ways, strict=True
+    )
+    for name, force_n, p, position, way in rows:
         table.add_row(
             f"finger {name}",
             Text(_bar(force_n / FORCE_FULL_N, cells), style="cyan"),
             f"{force_n:5.1f} N",
             Text(_bar(p, cells), style="red" if p > 0.5 else "blue"),
-            f"p {p:4.2f}",
+            f"p {p:4.2f} {way}",
             f"{position:3d} counts",
         )
     arm = " no number" if seen.arm_m is None else f"{seen.arm_m:6.3f} m"
@@ -220,7 +242,7 @@ def panel(seen: Glimpse, width: int) -> Any:
         (seen.slip, "bold red" if seen.registered else "green"),
         " ",
     )
-    return Frame(table, title=title, title_align="left", expand=False)
+    return Frame(table, title=title, title_align="left", subtitle=seen.kind or None, expand=False)
 
 
 def _bar(part: float, cells: int) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 
 from detector.decision import make_rule
+from detector.interface import motion_told_by
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp import interruption
@@ -165,6 +166,7 @@ def make_step(
         controller or make_controller(config),
         guard or make_guard(config),
         doubts or Doubts(config.doubt),
+        motion_told_by(detector),
     )
 
 

@@ -4,6 +4,7 @@
 `slip` says whether the object slides, as a detector can feel it (``as_felt``).
 """
 
+import math
 from collections.abc import Sequence
 from functools import cache
 from typing import Any, Literal, get_args
@@ -30,6 +31,7 @@ from scenarios.rigs.opening import open_rig
 from scenarios.trial.config import trial_layers
 from scenarios.trial.execution import make_guard, run_trial
 from scenarios.world.cell import SimulatedCell, Truth
+from scenarios.world.contact import PadFrames
 
 GraspedCause = Literal[
     "grasped_closing_and_tightening", "grasped_lift_acceleration", "grasped_uneven_load",
@@ -102,7 +104,8 @@ def make_grasped(metadata: Metadata, samples: int, acts: Acts | None, source: st
             return performer is not None and performer.take(tick, truth)
 
         run_trial(config, rig, make_guard(config), watch, follow)
-    made = _of_lift(seen[-samples:], metadata, source)
+    frames = PadFrames.at(math.radians(config.fingertip.slip_direction_deg))
+    made = _of_lift(seen[-samples:], frames, metadata, source)
     done = performer.done if performer is not None else []
     return msgspec.structs.replace(
         made, metadata=msgspec.structs.replace(metadata, acts=_acts(done, seen[-samples:]))
@@ -143,15 +146,18 @@ def _places(truths: Sequence[Truth]) -> NDArray[np.float64]:
     ])  # fmt: skip
 
 
-def _of_lift(seen: Sequence[tuple[Tick, Truth]], metadata: Metadata, source: str) -> Recording:
+def _of_lift(
+    seen: Sequence[tuple[Tick, Truth]], frames: PadFrames, metadata: Metadata, source: str
+) -> Recording:
     ticks = [tick for tick, _ in seen]
     t_s = np.array([(tick.t_ns - ticks[0].t_ns) * 1e-9 for tick in ticks])
     places = _places([truth for _, truth in seen])
     # a hand that has let go may graze what it leaves: nobody listens, and nothing is slip
     held = np.array([t.touched and tick.decision.phase not in OPEN_PHASES for tick, t in seen])
-    steps = abs(np.diff(places, axis=0, prepend=places[:1])) * held[:, None]
+    steps = np.diff(places, axis=0, prepend=places[:1]) * held[:, None]
     steps /= np.diff(t_s, prepend=t_s[0] - PERIOD_S)[:, None]  # a blow's slip lies between samples
-    speed, turn = np.hypot(*steps[:, :2].T), steps[:, 2] / TURN_LEVER_M
+    speed, turn = np.hypot(*steps[:, :2].T), abs(steps[:, 2]) / TURN_LEVER_M
+    velocity, spin = _of_thumb(steps, frames)
     slides = slip_label(speed, turn, SamplingSettings())
     return Recording(
         t_s=t_s,
@@ -162,8 +168,23 @@ def _of_lift(seen: Sequence[tuple[Tick, Truth]], metadata: Metadata, source: str
         metadata=metadata,
         contact_speed_mps=speed.astype(np.float32),
         contact_turn_radps=turn.astype(np.float32),
+        velocity_mps=velocity.astype(np.float32),
+        spin_radps=spin.astype(np.float32),
         moved_m=moved(t_s, places, held).astype(np.float32),
     )
+
+
+def _of_thumb(
+    steps_mps: NDArray[np.float64], frames: PadFrames
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Velocity (n, 2) along x and y of the thumb's fingertip, and spin (n,), of that fingertip over
+    the object, whose own motion down, across and round the hand is ``steps_mps`` (n, 3).
+
+    The other two face it: theirs is mirrored at the line that is upwards in the scene.
+    """
+    down, across, turn = steps_mps.T
+    velocity = np.outer(down, frames.up[0]) - np.outer(across, frames.across[0])
+    return velocity, -frames.turns[0] * turn / TURN_LEVER_M
 
 
 def as_felt(slides: NDArray[np.bool_], places_m: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from detector.motion import Motion
 from drivers.interfaces import Counts3, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand, MoveArm, OpenFingers, StopArm
 from grasp.controller import Decision, GraspController
@@ -248,6 +249,31 @@ def test_detector_that_fails_with_the_hand_open_is_silent_and_no_doubt(
 ) -> None:
     seen = Bench(Told(Phase.IDLE), Ears(answer)).decide(frame(-1))
     assert (seen.probabilities.tolist(), seen.doubt) == ([0.0] * 3, "")
+
+
+MOTION = Motion([0.01] * 3, [90] * 3, [0.2] * 3)
+
+
+def motion_after(answer: NDArray[np.float64], tell: Callable[[], Motion | None]) -> Observation:
+    """What is observed of a frame by a detector with heads."""
+    gate, controller = cast(ForceGuard, Gate()), cast(GraspController, Told())
+    step = GraspStep(Ears(lambda: answer), controller, gate, motion=tell)
+    return step.decide(told(frame(-1))).observation
+
+
+def test_kind_of_slip_is_asked_for_only_where_slip_is_heard() -> None:
+    assert motion_after(SURE, lambda: MOTION).motion == MOTION
+    assert motion_after(np.array([0.5, 0.1, 0.2]), lambda: MOTION).motion is None
+    assert Bench().decide(frame(-1)).motion is None  # of a detector that cannot tell
+
+
+def test_heads_that_fail_are_silent_and_nobody_doubts_the_detector() -> None:
+    def fails() -> Motion | None:
+        raise ZeroDivisionError
+
+    seen = motion_after(SURE, fails)
+    assert (seen.motion, seen.doubt) == (None, "")
+    assert seen.probabilities.tolist() == SURE.tolist()
 
 
 def test_controller_is_told_all_that_the_step_was_told() -> None:

@@ -2,9 +2,11 @@
 
 from types import SimpleNamespace
 
+import msgspec
 import pytest
 from rich.console import Console
 
+from detector.motion import Motion
 from grasp.cli import live, view
 
 SLIPPING = view.Glimpse(
@@ -14,10 +16,10 @@ SLIPPING = view.Glimpse(
 )  # fmt: skip
 
 
-def drawn(width: int) -> list[str]:
+def drawn(width: int, seen: view.Glimpse = SLIPPING) -> list[str]:
     console = Console(width=width, force_terminal=True, color_system=None)
     with console.capture() as capture:
-        console.print(view.panel(SLIPPING, console.width))
+        console.print(view.panel(seen, console.width))
     return capture.get().splitlines()
 
 
@@ -30,6 +32,20 @@ def test_bars_are_whole_whatever_the_width(width: int) -> None:
     cells = min((width - view.TEXT_CELLS) // 2, view.BAR_CELLS)
     assert [line.count("█") + line.count("·") for line in lines[1:4]] == [2 * cells] * 3
     assert "155 counts" in lines[1]
+
+
+def test_what_kind_of_slip_it_is_stands_with_the_finger_that_feels_it_and_below() -> None:
+    motion = Motion([0.012, 0.02, 0.05], [45, 180, 0], [0.1, 0.2, 0.3])
+    seen = msgspec.structs.replace(
+        SLIPPING, kind=view.kind_text(motion), ways=view.ways_text(motion)
+    )
+    for width in (60, 80, 200):
+        lines = drawn(width, seen)
+        assert len(lines) == 5 and all(len(line) <= width for line in lines)
+        for line, way in zip(lines[1:4], "↗←→", strict=True):
+            assert f"{way} " in line
+        assert "some 20 mm/s" in lines[4]  # the finger in the middle speaks for the hand
+    assert (view.kind_text(None), view.ways_text(None)) == ("", "   ")
 
 
 def test_line_above_the_panel_fits_eighty_columns() -> None:

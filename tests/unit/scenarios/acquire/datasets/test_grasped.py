@@ -200,6 +200,26 @@ def test_what_is_too_heavy_slips_in_the_hand_and_nobody_reacts(slips: list[Job])
         assert changes(r)[r.slip[1:]].mean() > 2 * changes(r)[~r.slip[1:]].mean()
 
 
+def test_fingertips_that_leave_an_object_behind_move_upwards_on_their_pads(
+    slips: list[Job],
+) -> None:
+    for r in of(slips, "grasped_slip", 3):
+        assert r.metadata and r.velocity_mps is not None and r.contact_speed_mps is not None
+        fast = r.contact_speed_mps > 0.03
+        up = np.radians(r.metadata.parameters["fingertip.slip_direction_deg"])
+        assert np.hypot(*r.velocity_mps.T) == pytest.approx(r.contact_speed_mps, abs=1e-6)
+        along = r.velocity_mps[fast] @ [np.cos(up), np.sin(up)]
+        assert along == pytest.approx(r.contact_speed_mps[fast], rel=0.05)
+
+
+def test_fingertips_turn_with_the_object_and_the_thumb_s_spin_is_told() -> None:
+    turning = plan(load_dataset_config(SETS / "turning.toml"))
+    for r in of(turning, "grasped_blow", 2):
+        assert r.spin_radps is not None and r.contact_turn_radps is not None
+        assert abs(r.spin_radps) == pytest.approx(r.contact_turn_radps, abs=1e-4)
+        assert r.contact_turn_radps.max() > 0.5
+
+
 def test_how_far_it_moved_is_no_less_than_how_far_it_slid(slips: list[Job]) -> None:
     """Over every stretch of slip: the distance at its end holds what its speed sums up to."""
     checked = 0
