@@ -36,11 +36,15 @@ class Architecture(msgspec.Struct, frozen=True, kw_only=True):
     streaming: bool = False  # dense outputs, explicit state; otherwise the window's last step
     window: int = WINDOW  # samples that a tcn sees which is no stream
     norm: bool = True  # of a tcn: layer norm, as the paper has it
+    gated: bool = False  # of a tcn: one gated convolution a block, a linear head on all of them
+    held: int = 1  # of a gated tcn: samples whose greatest features its head hears
 
     @property
     def receptive_field(self) -> int:
-        """Inputs that one output of a `tcn` depends on: two convolutions a block."""
-        return 1 + 2 * (self.kernel - 1) * sum(self.dilations)
+        """Inputs that one output of a `tcn` depends on; a block has two convolutions, or a gated
+        one."""
+        convolutions = 1 if self.gated else 2
+        return self.held + convolutions * (self.kernel - 1) * sum(self.dilations)
 
     @property
     def memory(self) -> int:
@@ -71,9 +75,19 @@ def of_layout(name: str, taxels: int) -> Architecture:
 ARCHITECTURES = {
     # 10,070 parameters; its receptive field of 211 exceeds the window, so the zero padding counts
     "tcn-paper": Architecture(family="tcn"),
-    # 99 samples at most: window and stream are equal
+    # 99 samples at most: window and stream are equal. What is heard is held as long as a blow is
+    # slip (`sequences.BLOW_SAMPLES`): so the fingers of a hand, struck one after another, agree
     "tcn": Architecture(
-        family="tcn", inputs=EVERY, kernel=3, channels=16, dropout=0.0, outputs=1, streaming=True
+        family="tcn",
+        gated=True,
+        inputs=EVERY,
+        kernel=3,
+        dilations=(1, 2, 4, 8, 8),
+        channels=17,
+        held=15,
+        dropout=0.0,
+        outputs=1,
+        streaming=True,
     ),
     "gru": Architecture(family="gru", inputs=EVERY, channels=32, outputs=1, streaming=True),
     "freq-cnn-paper": Architecture(family="freq-cnn"),

@@ -83,10 +83,11 @@ def make_model(arch: Architecture, mode: Mode, weights: Weights, card: NetworkCa
     g = _Graph(weights)
     states: States = {}
     if mode == "stream":
-        logit, states = {"tcn": _tcn_step, "gru": _gru_step}[arch.family](g, arch)
+        logit, states = {"tcn": _gated_step, "gru": _gru_step}[arch.family](g, arch)
         inputs: dict[str, Shape] = dict.fromkeys(("counts", "previous"), ("fingers", arch.taxels))
     else:
-        window = {"tcn": _tcn_window, "gru": _gru_window, "freq-cnn": _frequency_window}
+        tcn = _gated_window if arch.gated else _tcn_window
+        window = {"tcn": tcn, "gru": _gru_window, "freq-cnn": _frequency_window}
         logit = window[arch.family](g, arch)
         samples = "samples" if arch.streaming else arch.window
         inputs = {"counts": ("fingers", samples, arch.taxels)}
@@ -182,57 +183,100 @@ def _layers(arch: Architecture) -> list[tuple[int, str, int]]:
     ]
 
 
-def _tcn_step(g: _Graph, arch: Architecture) -> tuple[str, States]:
-    """One frame. The state is what every layer was given before: (samples x all widths), flat.
+def _gated_blocks(
+    g: _Graph, arch: Architecture, x: str, convolve: Callable[[str, int], str]
+) -> tuple[str, list[str]]:
+    """What all blocks have found, summed, and what each was given; ``convolve`` gives value and
+    gate of a block, along the last axis."""
+    total, given = "", []
+    sizes = g.const([arch.channels] * 2, np.int64)
+    for i in range(len(arch.dilations)):
+        given.append(g.op("Add", x, total) if total else x)
+        value, gate = f"value{i}", f"gate{i}"
+        both = convolve(given[-1], i)
+        g.nodes.append(helper.make_node("Split", [both, sizes], [value, gate], axis=-1))
+        found = g.op("Mul", g.op("Tanh", value), g.op("Sigmoid", gate))
+        total = g.op("Add", total, found) if total else found
+    return total, given
 
-    All that the past contributes to all layers is one product before the first of them; along the
-    chain of layers only the newest tap is left.
+
+def _gated_step(g: _Graph, arch: Architecture) -> tuple[str, States]:
+    """One frame. The state is what every block was given before, and what all found of late.
+
+    All that the past contributes to all blocks is one product before the first of them; along the
+    chain of blocks only the newest tap is left.
     """
-    layers = _layers(arch)
-    kernels = [g.weights[f"blocks.{i}.{half}.conv.weight"] for i, half, _ in layers]
-    width = sum(kernel.shape[1] for kernel in kernels)
+    kernels = [_kernel(g, arch, i) for i in range(len(arch.dilations))]
+    width = arch.channels * len(kernels)
     length = (arch.kernel - 1) * max(arch.dilations)
-    past = _past(g, arch, kernels, width, length)
-    states: States = {"state0": (length * width,)}
-    x = _frame_features(g, arch, states)
-    around, given = x, []
-    for (i, half, _), kernel, before in zip(layers, kernels, past, strict=True):
-        given.append(x)
-        if half == "first":
-            around = _skip(g, x, i)
-        y = g.op("Gemm", x, g.const(kernel[:, :, -1].T), before)
-        x = g.op("Selu", g.norm(y, f"blocks.{i}.{half}.norm"))
-        if half == "second":
-            x = g.op("Selu", g.op("Add", around, x))
+    past = _past(g, arch, kernels, length)
+    states: States = {
+        "state0": (length * width,), "state2": ((arch.held - 1) * arch.channels,),
+    }  # fmt: skip
+    x = g.dense(_frame_features(g, arch, states), "enter")
+
+    def convolve(given: str, block: int) -> str:
+        return g.op("Gemm", given, g.const(kernels[block][:, :, -1].T), past[block])
+
+    total, given = _gated_blocks(g, arch, x, convolve)
     kept = g.slice("state0", width, 2**31, 1)
     g.op("Concat", kept, *given, axis=1, out="next_state0")
-    return _head(g, x, arch.outputs), states
+    late = g.op("Concat", "state2", total, axis=1)
+    g.slice(late, arch.channels, 2**31, 1, out="next_state2")
+    most = g.op("ReduceMax", g.reshape(late, -1, arch.held, arch.channels), axes=[1], keepdims=0)
+    both = g.op("Concat", total, most, axis=1)
+    return _log_odds(g, both, "out", arch.outputs), states
+
+
+def _kernel(g: _Graph, arch: Architecture, block: int) -> NDArray[np.float32]:
+    """(2 channels, channels, kernel) of a gated block, whose weights have the taps side by side."""
+    flat = g.weights[f"blocks.{block}.conv.weight"]
+    return flat.reshape(len(flat), arch.kernel, arch.channels).transpose(0, 2, 1)
 
 
 def _past(
-    g: _Graph, arch: Architecture, kernels: list[NDArray[np.float32]], width: int, length: int
+    g: _Graph, arch: Architecture, kernels: list[NDArray[np.float32]], length: int
 ) -> list[str]:
-    """What the older taps and the biases add to each layer (fingers, channels)."""
-    rows, blocks, first = [], [], 0
-    for (_, _, dilation), kernel in zip(_layers(arch), kernels, strict=True):
-        own = kernel.shape[1]
+    """What the older taps and the biases add to each block (fingers, 2 channels)."""
+    own, width = arch.channels, arch.channels * len(kernels)
+    rows, blocks = [], []
+    for i, (dilation, kernel) in enumerate(zip(arch.dilations, kernels, strict=True)):
         back = np.arange(arch.kernel - 1, 0, -1) * dilation  # samples ago, the oldest tap first
-        rows.append(((length - back)[:, None] * width + first + np.arange(own)).ravel())
-        blocks.append(kernel[:, :, :-1].transpose(2, 1, 0).reshape(-1, kernel.shape[0]))
-        first += own
-    matrix = np.zeros((sum(map(len, blocks)), arch.channels * len(blocks)), np.float32)
+        rows.append(((length - back)[:, None] * width + i * own + np.arange(own)).ravel())
+        blocks.append(kernel[:, :, :-1].transpose(2, 1, 0).reshape(-1, 2 * own))
+    matrix = np.zeros((sum(map(len, blocks)), 2 * width), np.float32)
     at = 0
-    for layer, block in enumerate(blocks):
-        columns = slice(layer * arch.channels, (layer + 1) * arch.channels)
-        matrix[at : at + len(block), columns] = block
+    for i, block in enumerate(blocks):
+        matrix[at : at + len(block), 2 * own * i : 2 * own * (i + 1)] = block
         at += len(block)
-    biases = [g.weights[f"blocks.{i}.{half}.conv.bias"] for i, half, _ in _layers(arch)]
+    biases = [g.weights[f"blocks.{i}.conv.bias"] for i in range(len(blocks))]
     taps = g.op("Gather", "state0", g.const(np.concatenate(rows), np.int64), axis=1)
     every = g.op("Gemm", taps, g.const(matrix), g.const(np.concatenate(biases)))
-    names = [f"past{layer}" for layer in range(len(blocks))]
-    sizes = g.const([arch.channels] * len(blocks), np.int64)
+    names = [f"past{i}" for i in range(len(blocks))]
+    sizes = g.const([2 * own] * len(blocks), np.int64)
     g.nodes.append(helper.make_node("Split", [every, sizes], names, axis=1))
     return names
+
+
+def _gated_window(g: _Graph, arch: Architecture) -> str:
+    """A whole window; zeros before its beginning in every block, the last step is read."""
+
+    def convolve(given: str, block: int) -> str:
+        dilation = arch.dilations[block]
+        y = g.op(
+            "Conv", g.op("Transpose", given, perm=[0, 2, 1]), g.const(_kernel(g, arch, block)),
+            g.const(g.weights[f"blocks.{block}.conv.bias"]),
+            dilations=[dilation], pads=[(arch.kernel - 1) * dilation, 0],
+        )  # fmt: skip
+        return g.op("Transpose", y, perm=[0, 2, 1])
+
+    x = g.dense(_window_features(g, arch), "enter")
+    total, _ = _gated_blocks(g, arch, x, convolve)
+    before = g.const([0, arch.held - 1, 0, 0, 0, 0], np.int64)
+    late = g.slice(g.op("Pad", total, before), -arch.held, 2**31, 1)
+    most = g.op("ReduceMax", late, axes=[1], keepdims=1)
+    both = g.op("Concat", g.slice(total, -1, 2**31, 1), most, axis=2)
+    return _log_odds(g, both, "out", arch.outputs)
 
 
 def _skip(g: _Graph, x: str, block: int) -> str:

@@ -1,8 +1,8 @@
 """The networks in torch: counts (batch, time, taxels) in, log-odds of slip (batch, time) out.
 
-`SlipTcn` is the network of Grover, Nadeau, Grebe and Kelly 2022 as its authors built it, and ours
-of the same family; `SlipGru` keeps one state instead of a history; `FrequencyCnn` is the paper's
-second method (after Meier et al. 2016), as published.
+`SlipTcn` is the network of Grover, Nadeau, Grebe and Kelly 2022 as its authors built it, `GatedTcn`
+ours; `SlipGru` keeps one state instead of a history; `FrequencyCnn` is the paper's second method
+(after Meier et al. 2016), as published.
 """
 
 import torch
@@ -145,6 +145,55 @@ class SlipTcn(nn.Module):
         return self.head(x[:, -1:] if last else x)
 
 
+class GatedBlock(nn.Module):
+    """A convolution, half of it as a gate of the other half (WaveNet, van den Oord et al. 2016).
+
+    The samples that a step hears are laid side by side first: one product, several times quicker
+    to learn through than torch's dilated convolution of so few channels.
+    """
+
+    def __init__(self, arch: Architecture) -> None:
+        super().__init__()
+        self.kernel = arch.kernel
+        self.conv = nn.Linear(arch.kernel * arch.channels, 2 * arch.channels)
+
+    def forward(self, x: Tensor, dilation: int) -> Tensor:
+        """What is found in (batch, time, channels), between -1 and 1; zeros before the start."""
+        padded = nn.functional.pad(x, (0, 0, (self.kernel - 1) * dilation, 0))
+        taps = [padded[:, i * dilation :][:, : x.shape[1]] for i in range(self.kernel)]
+        value, gate = self.conv(torch.cat(taps, dim=2)).chunk(2, dim=2)
+        return torch.tanh(value) * torch.sigmoid(gate)
+
+
+class GatedTcn(nn.Module):
+    """Gated temporal convolutions without layer norm, which would take away how strong a signal is.
+    The head is linear, on the sum of what all blocks have found, now and at most of late."""
+
+    def __init__(self, arch: Architecture) -> None:
+        super().__init__()
+        self.arch = arch
+        self.features = Features(arch.inputs, arch.taxels)
+        self.enter = nn.Linear(self.features.width, arch.channels)
+        self.blocks = nn.ModuleList(GatedBlock(arch) for _ in arch.dilations)
+        self.out = nn.Linear(2 * arch.channels, arch.outputs)
+
+    def forward(self, counts: Tensor, last: bool = False) -> Tensor:
+        """Log-odds (batch, time), or (batch, 1) of the last step."""
+        x = self.enter(self.features(counts))
+        total = torch.zeros_like(x)
+        for block, dilation in zip(self.blocks, self.arch.dilations, strict=True):
+            total = total + block(x + total, dilation)
+        both = torch.cat([total, greatest(total, self.arch.held)], dim=2)
+        return log_odds(self.out(both[:, -1:] if last else both))
+
+
+def greatest(x: Tensor, samples: int) -> Tensor:
+    """Of each channel of (batch, time, channels) the greatest of so many samples up to now; zeros
+    before the beginning."""
+    padded = nn.functional.pad(x, (0, 0, samples - 1, 0)).transpose(1, 2)
+    return nn.functional.max_pool1d(padded, samples, stride=1).transpose(1, 2)
+
+
 class SlipGru(nn.Module):
     """One gated recurrent layer and a linear output."""
 
@@ -201,7 +250,8 @@ def log_odds(scores: Tensor) -> Tensor:
 
 def build(arch: Architecture) -> nn.Module:
     """The network, with random weights."""
-    return {"tcn": SlipTcn, "gru": SlipGru, "freq-cnn": FrequencyCnn}[arch.family](arch)
+    tcn = GatedTcn if arch.gated else SlipTcn
+    return {"tcn": tcn, "gru": SlipGru, "freq-cnn": FrequencyCnn}[arch.family](arch)
 
 
 def parameter_count(network: nn.Module) -> int:

@@ -61,7 +61,7 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 # `tcn-paper` too learns from every sample of stretches as long as its window, each with the zeros
 # before it that the network will see; `--windows` trains it as its authors did.
 DEFAULTS = {
-    "tcn": TrainSettings(steps=9_000, validations=6),
+    "tcn": TrainSettings(steps=16_000, validations=6, learning_rate=0.008),
     "gru": TrainSettings(steps=7_000, validations=5),
     "tcn-paper": TrainSettings(
         steps=12_000, augmentation="as-run", batch=64, crop=100, warm=0, fresh=1.0,

@@ -46,6 +46,12 @@ def random_weights(arch: Architecture, seed: int = 0) -> Weights:
             found[f"gru.bias_{k}_l0"] = rng.normal(0, 0.2, 96).astype(np.float32)
         layer("out", arch.outputs, arch.channels)
         return found
+    if arch.gated:
+        layer("enter", arch.channels, width)
+        for i in range(len(arch.dilations)):
+            layer(f"blocks.{i}.conv", 2 * arch.channels, arch.kernel * arch.channels)
+        layer("out", arch.outputs, 2 * arch.channels)
+        return found
     layer("blocks.0.skip", arch.channels, width, 1)
     for i in range(len(arch.dilations)):
         for half, n in (("first", width if i == 0 else arch.channels), ("second", arch.channels)):
