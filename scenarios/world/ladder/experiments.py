@@ -15,6 +15,8 @@ from scenarios.world.ladder.runs import REACTION_S, RunScene
 from scenarios.world.ladder.scene import ArmRise, Scene, Vibration, squeeze
 from scenarios.world.objects import GraspObject
 
+TAP_S = 0.47  # longer than a run's corner: what a blow set swinging hardly moves any more
+
 
 class SceneSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What the scenes add to object and pads. All assumed; nothing here is measured."""
@@ -73,12 +75,11 @@ def tap(world: World) -> Scene:
         "side": (chosen.side_impulse_n_s, chosen.side_offset_m),
         "closing": (chosen.top_impulse_n_s, 0.0),
     }[chosen.direction]
-    return _described(world).tap(
-        Blow(
-            direction=chosen.direction, impulse_n_s=impulse_n_s, duration_s=chosen.blow_s,
-            offset_m=offset_m,
-        )
+    blow = Blow(
+        direction=chosen.direction, impulse_n_s=impulse_n_s, duration_s=chosen.blow_s,
+        offset_m=offset_m,
     )  # fmt: skip
+    return msgspec.structs.replace(_described(world).tap(blow), duration_s=TAP_S)
 
 
 def hold(world: World) -> Scene:
