@@ -140,13 +140,20 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
 def card(args: argparse.Namespace) -> int:
     import msgspec
 
-    from detector.network_file import read_network, weights_path
+    from detector.heads import read_heads
+    from detector.network_file import read_network, weights_digest, weights_path
 
-    found = read_network(weights_path(args.network)).card
+    weights = weights_path(args.network)
+    loaded = read_network(weights)
+    found = msgspec.to_builtins(loaded.card)
+    heads = read_heads(weights, weights_digest(weights), loaded)
+    if heads is not None:
+        told = msgspec.to_builtins(heads.heads)
+        found["heads"] = {key: value for key, value in told.items() if key != "layers"}
     if args.json:
-        print(msgspec.json.encode(found).decode())
+        print(json.dumps(found))
     else:
-        for key, value in msgspec.to_builtins(found).items():
+        for key, value in found.items():
             print(f"{key}: {json.dumps(value)}")
     return exits.SUCCESS
 

@@ -68,6 +68,7 @@ Message = Begin | Busy | Note | Glimpse
 
 
 def glimpse(tick: Tick, news: bool) -> Glimpse:
+    motion = tick.observation.motion if tick.decision.slip.armed else None
     return Glimpse(
         t_s=tick.t_ns * 1e-9,
         phase=tick.decision.phase.value,
@@ -78,8 +79,8 @@ def glimpse(tick: Tick, news: bool) -> Glimpse:
         probabilities=tick.observation.probabilities.tolist(),
         positions=tick.gripper.positions,
         arm_m=tick.arm.position_m[2],
-        kind=kind_text(tick.observation.motion),
-        ways=ways_text(tick.observation.motion),
+        kind=kind_text(motion),
+        ways=ways_text(motion),
     )
 
 

@@ -1,5 +1,6 @@
 """Heads beside a network: what they tell, what they leave as it is, and what is refused."""
 
+import shutil
 from pathlib import Path
 
 import msgspec
@@ -9,7 +10,7 @@ import pytest
 from detector.heads import OUTPUTS, Dense, Heads, Teller, heads_path, inputs_of, width_of
 from detector.interface import load_detector, motion_told_by
 from detector.network import NetworkSettings, StreamingNetwork, load_network
-from detector.network_file import read_network, weights_digest
+from detector.network_file import read_network, weights_digest, weights_path
 from drivers.errors import BadFile
 from tests.unit.detector.networks import walk, write_network
 
@@ -133,3 +134,24 @@ def test_layers_of_other_sizes_and_what_is_no_number_are_refused(weights: Path) 
         heads_path(weights).write_bytes(msgspec.json.encode(made))
         with pytest.raises(BadFile, match="do not lead"):
             loaded(weights)
+
+
+def test_packaged_default_says_the_same_as_a_copy_of_its_weights_without_heads(
+    tmp_path: Path,
+) -> None:
+    alone = tmp_path / "gru.onnx"
+    shutil.copy(weights_path("gru"), alone)
+    packaged = loaded(weights_path("gru"))
+    counts = walk(300)
+    said = probabilities(packaged, counts, ask=True)
+    assert packaged.motion() is not None
+    assert (said == probabilities(loaded(alone), counts, ask=False)).all()
+
+
+def test_packaged_heads_say_on_what_they_were_scored() -> None:
+    content = heads_path(weights_path("gru")).read_bytes()
+    heads = msgspec.json.decode(content, type=Heads)
+    assert heads.network == weights_digest(weights_path("gru"))
+    assert heads.commit and heads.data_digest and heads.samples > 10_000
+    assert all(low <= value <= high for value, low, high in heads.scores.values())
+    assert any("direction" in name for name in heads.scores)
