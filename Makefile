@@ -3,7 +3,7 @@
 # make lift      one lift of a can, simulated        make test-slow  the slow tests
 # make bench     measurements                        make test-train the tests that need torch
 # make lock      renew requirements/*.txt (with uv)  make test-cluster the test that needs Dask
-# make clean     remove what make made
+# make clean     remove what make made               make test-browser pages, in a Chromium
 #
 # PYTHON=/path/to/python picks the interpreter of a new .venv.
 
@@ -28,7 +28,7 @@ PYTHON ?= python3.12 python3.11 python3
 OBJECT ?= can
 
 .PHONY: install install-dev install-train install-cluster lift test test-unit test-wire test-slow \
-        test-train test-cluster bench check check-style check-types check-imports lock clean
+        test-train test-cluster test-browser bench check check-style check-types check-imports lock clean
 
 install: $(BASE)
 install-dev: $(DEV)
@@ -77,7 +77,7 @@ $(CLUSTER): $(DEV) requirements/cluster.txt
 	@touch $@
 
 lift: install
-	$(BIN)/grasp run lift --object $(OBJECT)
+	$(BIN)/grasp run lift --object $(OBJECT) --report
 
 # lint-imports' cache keeps old answers when a module is new; without it takes no longer
 check: install-dev
@@ -105,6 +105,10 @@ test-slow: install-dev
 
 test-train: install-train
 	$(BIN)/python -m pytest -m train
+
+# without Chromium (on Debian: apt-get install chromium) they skip and say so
+test-browser: install-dev
+	$(BIN)/python -m pytest -m browser tests/browser
 
 test-cluster: install-cluster
 	$(BIN)/python -m pytest -m "slow or not slow" tests/wire/scenarios/test_cluster.py

@@ -22,6 +22,7 @@ from grasp.cli import (
     grip_search,
     release,
     replay,
+    report,
     run,
     runs,
     tactile,
@@ -30,8 +31,8 @@ from grasp.cli import (
 from grasp.cli.output import only_json, open_standard_streams
 
 VERBS = (
-    run, campaign, grip_search, replay, runs, chart, dataset, detector, tactile, world, config,
-    doctor, emulate, release,
+    run, campaign, grip_search, replay, runs, report, chart, dataset, detector, tactile, world,
+    config, doctor, emulate, release,
 )  # fmt: skip
 
 NUMBA_CACHE = ("numba", "core", "caching.py")

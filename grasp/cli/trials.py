@@ -32,6 +32,10 @@ def add_series_options(parser: argparse.ArgumentParser, scenario: str) -> None:
         "--resume", action="store_true",
         help="go on with --out: run what is missing or a device ended",
     )  # fmt: skip
+    parser.add_argument(
+        "--report", action="store_true",
+        help="leave a page beside each recording, as `grasp report` does",
+    )  # fmt: skip
 
 
 def paced(args: argparse.Namespace) -> bool:
@@ -91,8 +95,12 @@ def run_trials(args: argparse.Namespace, config: Any, permit: Any) -> int:
             rows = seen.rows if store is None else store.rows()
         with interruption.watched():
             if alone and seen.results:
-                return _report(seen.results[0], seen.failure, args, config)
-            return _report_series(args, experiment, seen, rows, out)
+                code = _report(seen.results[0], seen.failure, args, config)
+            else:
+                code = _report_series(args, experiment, seen, rows, out)
+            if args.report:
+                _write_pages(seen.results, args.json)
+            return code
 
 
 def _follow(
@@ -130,6 +138,22 @@ def _follow(
             seen.failure = Failure(error.kind, error.message, error.remedy)
         display.close()
     return seen
+
+
+def _write_pages(results: list[Any], quiet: bool) -> None:
+    """A page beside each recording; what goes wrong there changes no verdict."""
+    from grasp.cli.report import write_page
+
+    for result in results:
+        if result.recording is None:
+            continue
+        try:
+            page = write_page(Path(result.recording))
+        except (GraspError, OSError) as error:
+            exits.report_line(f"no page of seed {result.seed}: {error}")
+        else:
+            if not quiet:
+                print(f"  page: {page}")
 
 
 def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) -> int:

@@ -54,6 +54,12 @@ def test_wheel_holds_the_configuration_inside_grasp(wheel_files: set[str]) -> No
     assert {name for name in wheel_files if name.startswith("grasp/_config/")} >= config
 
 
+def test_wheel_holds_what_pages_are_made_of(wheel_files: set[str]) -> None:
+    parts = {path for path in tracked("scenarios/report/page", "*") if "." in path.split("/")[-1]}
+    assert len(parts) > 8
+    assert parts <= wheel_files
+
+
 def test_wheel_holds_no_leftovers(wheel_files: set[str]) -> None:
     assert not [name for name in wheel_files if "__pycache__" in name or "test" in name.split("/")]
 

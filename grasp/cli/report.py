@@ -1,0 +1,82 @@
+"""`grasp report`: a run as one page that opens in any browser, from disk."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from drivers.errors import BadFile, UsageError
+from grasp.cli import exits
+from grasp.cli.options import own_or_new
+from grasp.files import write_whole
+
+HELP = "one page that shows a run, in one file that opens from disk"
+
+
+def add_parser(verbs: Any) -> None:
+    parser = verbs.add_parser(
+        "report", help=HELP,
+        description="Writes a page that shows a run: verdict, a picture that plays, forces, slip "
+        "probability, commands, settings. It is one file, asks for nothing from elsewhere, and "
+        "needs no more than the run's folder.",
+    )  # fmt: skip
+    parser.add_argument(
+        "run", type=Path, metavar="RUN",
+        help="folder or recording.mcap of a lift or a tap, or a folder of such folders: each gets "
+        "a page of its own",
+    )  # fmt: skip
+    parser.add_argument(
+        "--out", type=_html, metavar="FILE",
+        help="page to write, .html (default: report.html beside the recording)",
+    )  # fmt: skip
+    parser.set_defaults(handler=report)
+
+
+def _html(text: str) -> Path:
+    path = Path(text)
+    if path.suffix != ".html":
+        raise argparse.ArgumentTypeError(f"{text!r}: a name that ends in .html")
+    if not path.parent.is_dir():
+        raise argparse.ArgumentTypeError(f"{text!r}: there is no folder {path.parent}")
+    return path
+
+
+def report(args: argparse.Namespace) -> int:
+    runs = _runs(args.run)
+    if args.out is not None and len(runs) > 1:
+        raise UsageError(f"{args.run} holds {len(runs)} runs", "leave --out out, or name one run")
+    code = exits.SUCCESS
+    for run in runs:
+        try:
+            print(write_page(run, args.out))
+        except (BadFile, UsageError) as error:
+            if len(runs) == 1:
+                raise
+            code = exits.report(error.kind, error.message, error.remedy, as_json=False)
+    return code
+
+
+def _runs(path: Path) -> list[Path]:
+    """The run at a path, or those in it; raises BadFile where there is none."""
+    from scenarios.trial.run_folder import RECORDING
+
+    if not path.exists():
+        raise BadFile(path, "is not there", "give the folder of a run; `grasp runs` lists them")
+    if not path.is_dir() or (path / RECORDING).exists():
+        return [path]
+    runs = [file.parent for file in sorted(path.glob(f"*/{RECORDING}"))]
+    if not runs:
+        wanted = f"the folder of a run, with a {RECORDING}; `grasp runs` lists them"
+        raise BadFile(path, "is no run: there is no recording in it", f"give {wanted}")
+    return runs
+
+
+def write_page(run: Path, out: Path | None = None) -> Path:
+    """The page of one run. Raises BadFile where it is none, UsageError where something else than a
+    page of ours stands in the way."""
+    from scenarios.report.page import BEGINS
+    from scenarios.report.run_page import page_path, run_page
+
+    path = page_path(run) if out is None else out
+    own_or_new(path, BEGINS)
+    write_whole(path, run_page(run).encode(), private=True)
+    return path

@@ -1,0 +1,118 @@
+// One instant of the run, shown everywhere at once; slider, keys, clicks and play choose it.
+
+async function showRun() {
+  const series = await unpack(data.series);
+  const times = series.t[0], last = times.length - 1;
+  const at = (id) => document.getElementById(id);
+  const slider = at("slider"), play = at("play"), speed = at("speed");
+  let index = -1, playing = 0, t = 0;
+
+  const seek = (wanted) => {
+    t = Math.min(Math.max(wanted, times[0]), times[last]);
+    show(sampleAt(times, t));
+  };
+  const plots = makePlots(series, (wanted) => { stop(); seek(wanted); });
+  const drawn = [makeScene(series), makeRuler(series), makeTaxels(series)];
+  const rows = [...document.querySelectorAll("tr[data-from]")].map((row) => [row, Number(row.dataset.from)]);
+
+  function show(i) {
+    if (i === index) return;
+    index = i;
+    slider.value = i;
+    const phase = phaseAt(times[i]);
+    at("clock").textContent = `${times[i].toFixed(2)} s`;
+    slider.setAttribute("aria-valuetext", `${times[i].toFixed(2)} seconds, ${phase}`);
+    drawn.forEach((draw) => draw(i));
+    plots.at(times[i]);
+    tell(i, phase);
+    // the newest row of each table whose time has come
+    rows.forEach(([row, from], n) => {
+      const next = rows[n + 1];
+      const current = from <= times[i] + 1e-9 && (!next || next[0].parentElement !== row.parentElement || next[1] > times[i] + 1e-9);
+      row.classList.toggle("current", current);
+    });
+  }
+
+  function tell(i, phase) {
+    data.fingers.forEach((finger, f) => {
+      if (series.true) at(`true-${finger}`).textContent = digits(series.true[f][i], 2);
+      at(`felt-${finger}`).textContent = digits(series.felt[f][i], 2);
+      at(`probability-${finger}`).textContent = digits(series.probability[f][i], 3);
+      at(`positions-${finger}`).textContent = digits(series.positions[f][i], 0);
+    });
+    const status = series.status[0][i];
+    at("phase").textContent = phase;
+    at("status").textContent = !(status & 1) ? "not listening" : `slip ${status & 4 ? "REGISTERED" : "nominal"}${status & 2 ? " (not asked: own closing)" : ""}`;
+    at("status").className = status & 4 ? "registered" : "";
+    if (!series.slip) return;
+    const aside = series.across[0][i] * 1e3;
+    const turned = series.turn[0][i] * 180 / Math.PI;
+    at("world").textContent = (held(i) ? ` · slid ${digits(series.slip[0][i] * 1e3, 1)} mm` : " · not touched") +
+      (Math.abs(aside) >= 0.1 ? `, ${aside.toFixed(1)} mm aside` : "") +
+      (Math.abs(turned) >= 0.1 ? `, turned ${turned.toFixed(1)}°` : "") + ` · ${digits(series.height[0][i] * 1e3, 0)} mm above the table`;
+  }
+
+  const held = (i) => series.true.some((finger) => finger[i] > TOUCH_N);
+  const digits = (value, n) => (Number.isFinite(value) ? value.toFixed(n) : "–");
+  const phaseAt = (time) => data.phases.reduce((name, phase) => (phase.t <= time + 1e-9 ? phase.name : name), "");
+
+  function start() {
+    if (index === last) seek(times[0]);
+    let before = performance.now();
+    const frame = (now) => {
+      seek(t + (now - before) * 1e-3 * Number(speed.value));
+      before = now;
+      if (index === last) stop();
+      else playing = requestAnimationFrame(frame);
+    };
+    playing = requestAnimationFrame(frame);
+    play.textContent = "pause";
+  }
+  function stop() {
+    cancelAnimationFrame(playing);
+    playing = 0;
+    play.textContent = "play";
+  }
+  const step = (samples) => { stop(); seek(times[Math.min(Math.max(index + samples, 0), last)]); };
+  const next = () => { stop(); seek((data.phases.find((p) => p.t > times[index] + 1e-9) || {t: times[last]}).t); };
+  const before = () => { stop(); seek((data.phases.findLast((p) => p.t < times[index] - 1e-9) || {t: times[0]}).t); };
+  const toggle = () => (playing ? stop() : start());
+
+  slider.max = last;
+  slider.addEventListener("input", () => { stop(); seek(times[slider.value]); });
+  play.addEventListener("click", toggle);
+  at("span").addEventListener("change", (event) => plots.zoom(event.target.value === "near"));
+  at("on").addEventListener("click", next);
+  at("back").addEventListener("click", before);
+  document.addEventListener("click", (event) => {
+    if (event.target.matches("button.at")) { stop(); seek(Number(event.target.dataset.t)); }
+  });
+  document.addEventListener("keydown", (event) => {
+    const where = event.target;
+    if (event.ctrlKey || event.altKey || event.metaKey || where.matches("select")) return;
+    if (event.key === " " && where.matches("button, summary")) return; // they answer it themselves
+    const actions = {
+      " ": toggle, n: next, p: before, Home: () => step(-last), End: () => step(last),
+      ArrowLeft: () => step(event.shiftKey ? -10 : -1), ArrowRight: () => step(event.shiftKey ? 10 : 1),
+    };
+    if (!(event.key in actions)) return;
+    event.preventDefault();
+    actions[event.key]();
+  });
+  // canvases keep the colours they were drawn with: again when light changes, and in light for paper
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", plots.recolour);
+  for (const [event, paper] of [["beforeprint", true], ["afterprint", false]]) {
+    addEventListener(event, () => {
+      document.documentElement.classList.toggle("paper", paper);
+      plots.recolour();
+    });
+  }
+  seek(data.start);
+  document.documentElement.dataset.ready = "yes";
+}
+
+showRun().catch((error) => {
+  const trouble = document.getElementById("trouble");
+  trouble.textContent = `Pictures and plots cannot be drawn in this browser: ${error.message}`;
+  trouble.hidden = false;
+});

@@ -1,0 +1,216 @@
+// The plots over time, by uPlot: one time scale for all, one playhead through all.
+
+const AXIS_PX = 46;
+const TOUCH_N = 1e-3; // less is no touch
+const NEAR_S = [-0.3, 0.7]; // of the instant that is looked at closely
+const HEIGHTS = {force: 210, probability: 150, decided: 130, slip: 120};
+
+function makePlots(series, seek) {
+  const times = Array.from(series.t[0], (t) => t);
+  const shown = (values) => Array.from(values, (v) => (Number.isNaN(v) ? null : v));
+  const plots = {}, heads = [];
+  let linked = false; // while one plot hands its scale to the others
+
+  function add(name, lines, bounds, draw = []) {
+    const holder = document.getElementById(`plot-${name}`);
+    if (!holder) return;
+    legend(name, lines);
+    const options = {
+      width: holder.clientWidth,
+      height: HEIGHTS[name],
+      legend: {show: false},
+      cursor: {points: {show: false}, y: false, drag: {x: true, y: false}, focus: {prox: -1}},
+      scales: {x: {time: false}, y: {range: bounds}},
+      axes: [axis({values: (u, ticks) => ticks.map((t) => `${+t.toFixed(3)}`), size: 26}), axis({size: AXIS_PX})],
+      series: [{}, ...lines.map((line) => ({
+        stroke: () => colour(line.colour), width: line.width || 1.5, dash: line.dash, points: {show: false},
+      }))],
+      hooks: {drawClear: draw, setScale: [(u, key) => key === "x" && share(u)], draw: [drawMarks]},
+    };
+    const plot = new uPlot(options, [times, ...lines.map((line) => shown(line.values))], holder);
+    const head = document.createElement("div");
+    head.className = "playhead";
+    plot.over.append(head);
+    heads.push([plot, head]);
+    // a click is where nothing was dragged
+    let down = 0;
+    plot.over.addEventListener("mousedown", (event) => { down = event.clientX; });
+    plot.over.addEventListener("mouseup", (event) => {
+      if (Math.abs(event.clientX - down) < 4) seek(plot.posToVal(event.clientX - plot.over.getBoundingClientRect().left, "x"));
+    });
+    plots[name] = plot;
+  }
+
+  function share(from) {
+    if (linked) return;
+    linked = true;
+    const {min, max} = from.scales.x;
+    for (const plot of Object.values(plots)) if (plot !== from) plot.setScale("x", {min, max});
+    linked = false;
+    drawStrip(min, max);
+    placeHeads();
+  }
+
+  let now = 0;
+  function placeHeads() {
+    for (const [plot, head] of heads) {
+      const left = plot.valToPos(now, "x");
+      head.style.transform = `translateX(${left}px)`;
+      head.hidden = left < 0 || left > plot.over.clientWidth;
+    }
+  }
+
+  const fingers = data.fingers.map((name, i) => ({name, colour: `finger${i}`}));
+  const limit = times.map(() => data.limit_n), bound = times.map(() => data.rule.limit);
+  const limitLine = {name: `limit ${data.limit_n} N`, colour: "limit", dash: [6, 4], width: 1, values: limit};
+  const boundLine = (name) => ({name, colour: "limit", dash: [6, 4], width: 1, values: bound});
+  const felt = fingers.map((finger, i) => ({...finger, values: series.felt[i], width: 1, dash: series.true ? [2, 2] : undefined}));
+  const trueLines = series.true ? fingers.map((finger, i) => ({...finger, values: series.true[i]})) : [];
+
+  add("force", [...felt, ...trueLines, limitLine], (u, low, high) => [0, Math.max(1.08 * high, 1.15 * data.limit_n)], [shadePhases]);
+  const each = fingers.map((finger, i) => ({...finger, values: series.probability[i], width: 1}));
+  const own = data.rule.probable ? [boundLine(`threshold ${data.rule.limit}`)] : [];
+  if (series.decided && data.rule.probable) own.unshift({name: data.rule.label, colour: "ink", width: 1.8, values: series.decided[0]});
+  add("probability", [...each, ...own], () => [0, 1.02], [shadePhases, shadeStatus(series)]);
+  if (series.decided && !data.rule.probable) {
+    const alone = series.decided.length === 1;
+    const sums = series.decided.map((values, i) => (alone ? {name: "all fingers", colour: "ink", values} : {...fingers[i], values}));
+    add("decided", [...sums, boundLine(`limit ${data.rule.limit}`)], (u, low, high) => [0, 1.15 * Math.min(Math.max(high, data.rule.limit), 8 * data.rule.limit)], [shadePhases, shadeStatus(series)]);
+  }
+  if (series.slip) {
+    const lines = [{name: "down", colour: "ink", values: inHand(series, series.slip[0])}];
+    const aside = inHand(series, series.across[0]);
+    if (aside.some((mm) => Math.abs(mm) > 0.1)) lines.push({name: "aside", colour: "ink", dash: [5, 3], values: aside});
+    add("slip", lines, (u, low, high) => [Math.min(-0.2, 1.1 * low), Math.max(2, 1.1 * high)], [shadePhases]);
+  }
+
+  new ResizeObserver(() => {
+    for (const plot of Object.values(plots)) {
+      const holder = plot.root.parentElement;
+      if (holder.clientWidth !== plot.width) plot.setSize({width: holder.clientWidth, height: plot.height});
+    }
+    drawStrip(plots.force.scales.x.min, plots.force.scales.x.max);
+    placeHeads();
+  }).observe(document.getElementById("plot-force"));
+  drawStrip(times[0], times[times.length - 1]);
+
+  return {
+    at: (t) => { now = t; placeHeads(); },
+    zoom: (near) => {
+      const [min, max] = near ? NEAR_S.map((s) => now + s) : [times[0], times[times.length - 1]];
+      plots.force.setScale("x", {min, max});
+    },
+    recolour: () => Object.values(plots).forEach((plot) => plot.redraw()),
+  };
+}
+
+// In mm, while a finger touches the object: what the hand does without it is no slip.
+function inHand(series, metres) {
+  return metres.map((m, i) => (series.true.some((finger) => finger[i] > TOUCH_N) ? m * 1e3 : NaN));
+}
+
+function axis(more) {
+  return {
+    stroke: () => colour("soft"), font: "12px system-ui, sans-serif", ...more,
+    grid: {stroke: () => colour("grid"), width: 1}, ticks: {stroke: () => colour("grid"), width: 1, size: 4},
+  };
+}
+
+function legend(name, lines) {
+  const root = document.getElementById(`legend-${name}`);
+  const named = new Set();
+  for (const line of lines) {
+    if (named.has(line.name)) continue; // felt and true of a finger have one colour
+    named.add(line.name);
+    const sample = document.createElement("i");
+    sample.className = `line ${line.colour}${line.dash && line.colour !== "ink" && name !== "force" || line.colour === "limit" || line.name === "aside" ? " dashed" : ""}`;
+    const item = document.createElement("span");
+    item.append(sample, line.name);
+    root.append(item);
+  }
+  if (name === "force" && lines.length > 4) root.append(" (full: true, dotted: felt)");
+}
+
+// Behind the lines: every other phase, and in which the rule was not asked.
+function shadePhases(u) {
+  const {left, width, top, height} = u.bbox;
+  u.ctx.save();
+  u.ctx.fillStyle = colour("shade");
+  data.phases.forEach((phase, i) => {
+    if (i % 2) return;
+    const next = data.phases[i + 1];
+    const from = Math.max(left, u.valToPos(phase.t, "x", true));
+    const to = Math.min(left + width, next ? u.valToPos(next.t, "x", true) : left + width);
+    if (to > from) u.ctx.fillRect(from, top, to - from, height);
+  });
+  u.ctx.restore();
+}
+
+function shadeStatus(series) {
+  const spans = [];
+  series.status[0].forEach((status, i) => {
+    const kind = status & 2 ? "masked" : status & 4 ? "registered" : "";
+    const last = spans[spans.length - 1];
+    const t = series.t[0][i];
+    if (last && last.kind === kind) last.to = t;
+    else { if (last) last.to = t; spans.push({kind, from: t, to: t}); }
+  });
+  return (u) => {
+    const {left, width, top, height} = u.bbox;
+    u.ctx.save();
+    for (const span of spans.filter((s) => s.kind)) {
+      const from = Math.max(left, u.valToPos(span.from, "x", true)), to = Math.min(left + width, u.valToPos(span.to, "x", true));
+      u.ctx.fillStyle = colour(span.kind);
+      if (to > from) u.ctx.fillRect(from, top, to - from, height);
+    }
+    u.ctx.restore();
+  };
+}
+
+function drawMarks(u) {
+  const {left, width, top, height} = u.bbox, ratio = devicePixelRatio || 1;
+  u.ctx.save();
+  u.ctx.strokeStyle = u.ctx.fillStyle = colour("limit");
+  u.ctx.font = `${11 * ratio}px system-ui, sans-serif`;
+  u.ctx.lineWidth = ratio;
+  const first = u.root.parentElement.id === "plot-force";
+  data.marks.forEach((mark, row) => {
+    const x = u.valToPos(mark.t, "x", true);
+    if (x < left || x > left + width) return;
+    u.ctx.beginPath();
+    u.ctx.moveTo(x, top);
+    u.ctx.lineTo(x, top + height);
+    u.ctx.stroke();
+    if (!first) return;
+    // instants lie close together: their names stand one below the other, on the side with room
+    const right = x < left + 110 * ratio;
+    u.ctx.textAlign = right ? "left" : "right";
+    const place = [mark.name, x + (right ? 4 : -4) * ratio, top + height - (6 + 13 * row) * ratio];
+    u.ctx.strokeStyle = colour("paper");
+    u.ctx.lineWidth = 3 * ratio;
+    u.ctx.strokeText(...place);
+    u.ctx.fillText(...place);
+    u.ctx.strokeStyle = colour("limit");
+    u.ctx.lineWidth = ratio;
+  });
+  u.ctx.restore();
+}
+
+// Names of the phases above the plots, where there is room for them.
+function drawStrip(from, to) {
+  const strip = document.getElementById("strip");
+  strip.replaceChildren();
+  const wide = strip.clientWidth - AXIS_PX;
+  data.phases.forEach((phase, i) => {
+    const end = i + 1 < data.phases.length ? data.phases[i + 1].t : to;
+    const left = Math.max(0, (phase.t - from) / (to - from)), right = Math.min(1, (end - from) / (to - from));
+    if (right <= left) return;
+    const box = document.createElement("span");
+    box.className = `phase ${i % 2 ? "" : "even"}`;
+    box.style.left = `${AXIS_PX + left * wide}px`;
+    box.style.width = `${(right - left) * wide}px`;
+    box.title = phase.name;
+    if ((right - left) * wide > 7 * phase.name.length) box.textContent = phase.name;
+    strip.append(box);
+  });
+}

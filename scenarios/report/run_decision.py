@@ -1,0 +1,74 @@
+"""What a decision rule went by, sample by sample, beside the bound that it had to pass."""
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from detector.decision import RuleSettings, cusum, fused
+
+
+class Decided(msgspec.Struct, frozen=True):
+    """``values`` (n, k) of k fingers, or of all together; NaN where nothing was decided.
+
+    ``limit`` is what registers slip. ``probable``: they are probabilities.
+    """
+
+    values: NDArray[np.float64]
+    limit: float
+    probable: bool
+    label: str
+    rule: str  # in words
+
+
+def decided(
+    settings: RuleSettings,
+    probabilities: NDArray[np.float64],
+    armed: NDArray[np.bool_],
+    masked: NDArray[np.bool_],
+) -> Decided:
+    """Of probabilities (n, fingers) and the status (n,) after each, as recorded.
+
+    A sum begins anew wherever the slip monitor's did: when it is armed, and after every mask.
+    """
+    probable = settings.kind == "consecutive"
+    values = fused(probabilities, settings)
+    # the sample that armed the monitor was not shown to the rule
+    shown = armed & np.roll(armed, 1) & ~masked
+    shown[:1] = False
+    if not probable:
+        sums = np.full(values.shape, np.nan)
+        edges = np.flatnonzero(np.diff(shown, prepend=False, append=False))
+        for first, after in edges.reshape(-1, 2):
+            sums[first:after] = cusum(values[first:after], settings)
+        values = sums
+    together = settings.fusion == "mean"
+    return Decided(
+        values=values,
+        limit=settings.threshold if probable else settings.limit,
+        probable=probable,
+        label=_label(probable, together),
+        rule=in_words(settings),
+    )
+
+
+def _label(probable: bool, together: bool) -> str:
+    if probable:
+        return "all fingers, mean of log-odds" if together else "each finger"
+    return "summed log-odds, " + ("all fingers" if together else "each finger")
+
+
+def in_words(settings: RuleSettings) -> str:
+    """When that rule registers slip."""
+    who = "the mean of the fingers' log-odds" if settings.fusion == "mean" else "a finger"
+    if settings.fusion == "any" and settings.fingers > 1:
+        who = f"each of {settings.fingers} fingers"
+    if settings.kind == "cusum":
+        return (
+            f"slip is registered when the summed log-odds of {who} pass {settings.limit:g} "
+            f"(less {settings.drift:g} a sample)"
+        )
+    row = "one sample" if settings.consecutive == 1 else f"{settings.consecutive} samples in a row"
+    return (
+        f"slip is registered when {who} stays above {settings.threshold:g} for {row}, and ends "
+        f"after {settings.release} below it"
+    )

@@ -1,0 +1,163 @@
+"""Chromium without a window, spoken to over two pipes in the DevTools protocol: no driver, no port.
+
+https://chromedevtools.github.io/devtools-protocol/, messages end with a zero byte.
+"""
+
+import base64
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+BROWSER = next(filter(None, map(shutil.which, NAMES)), None)
+TO_BROWSER, FROM_BROWSER = 3, 4  # descriptors that --remote-debugging-pipe uses
+KEYS = {" ": "Space", "n": "KeyN", "p": "KeyP"}
+
+
+class Chromium:
+    """One page in one browser; what it asks for and complains of is kept.
+
+    with Chromium(folder) as page: page.open(file); page.value("1 + 1")
+    """
+
+    def __init__(
+        self, profile: Path, dark: bool = False, size: tuple[int, int] = (1280, 900)
+    ) -> None:
+        assert BROWSER is not None
+        self.requests: list[str] = []
+        self.complaints: list[str] = []
+        self._number = 0
+        self._received = b""
+        self._session: str | None = None
+        command = [
+            BROWSER, "--headless=new", "--remote-debugging-pipe", "--no-sandbox", "--disable-gpu",
+            "--no-first-run", "--disable-background-networking", "--disable-extensions",
+            "--disable-component-update", "--disable-sync", "--hide-scrollbars",
+            "--force-color-profile=srgb", "--disable-dev-shm-usage",
+            f"--window-size={size[0]},{size[1]}", f"--user-data-dir={profile}", "about:blank",
+        ]  # fmt: skip
+        read, self._to = os.pipe()
+        self._from, write = os.pipe()
+        # the shell moves the two ends to where the browser looks for them
+        moved = f'exec "$@" {TO_BROWSER}<&{read} {FROM_BROWSER}>&{write}'
+        self._process = subprocess.Popen(
+            ["bash", "-c", moved, "bash", *command], pass_fds=(read, write),
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        os.close(read)
+        os.close(write)
+        self._size = size
+        self._attach(dark)
+
+    def _attach(self, dark: bool) -> None:
+        targets = self.call("Target.getTargets")["targetInfos"]
+        page = next(target for target in targets if target["type"] == "page")
+        attached = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)
+        self._session = attached["sessionId"]
+        for domain in ("Page", "Runtime", "Network", "Log"):
+            self.call(f"{domain}.enable")
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.call("Emulation.setEmulatedMedia", features=[scheme])
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        at: TracebackType | None,
+    ) -> None:
+        self._session = None
+        if kind is None:
+            self.call("Browser.close")
+        else:
+            self._process.kill()
+        os.close(self._to)
+        os.close(self._from)
+        self._process.wait(timeout=20)
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """One command, and its answer."""
+        self._number += 1
+        message: dict[str, Any] = {"id": self._number, "method": method, "params": parameters}
+        if self._session is not None:
+            message["sessionId"] = self._session
+        os.write(self._to, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._next()
+            if answer.get("id") == self._number:
+                assert "error" not in answer, f"{method}: {answer['error']}"
+                result: dict[str, Any] = answer["result"]
+                return result
+            self._note(answer)
+
+    def _next(self) -> dict[str, Any]:
+        while b"\0" not in self._received:
+            more = os.read(self._from, 1 << 20)
+            assert more, "the browser has gone"
+            self._received += more
+        text, _, self._received = self._received.partition(b"\0")
+        message: dict[str, Any] = json.loads(text)
+        return message
+
+    def _note(self, event: dict[str, Any]) -> None:
+        told = event.get("params", {})
+        match event.get("method"):
+            case "Network.requestWillBeSent":
+                self.requests.append(told["request"]["url"])
+            case "Runtime.exceptionThrown":
+                details = told["exceptionDetails"]
+                self.complaints.append(
+                    details.get("exception", {}).get("description", str(details))
+                )
+            case "Log.entryAdded":
+                self.complaints.append(told["entry"]["text"])
+            case "Runtime.consoleAPICalled":
+                self.complaints.append(str(told["args"]))
+
+    def open(self, page: Path) -> None:
+        """Load a file and wait until its scripts say that they are ready."""
+        self.call("Page.navigate", url=page.as_uri())
+        waiting = """new Promise((done) => { const look = () =>
+            document.documentElement?.dataset.ready && document.readyState === "complete"
+            ? done(true) : setTimeout(look, 20); look(); setTimeout(() => done(false), 20000); })"""
+        assert self.value(waiting), f"{page} was never ready: {self.complaints}"
+
+    def value(self, expression: str) -> Any:
+        """Of a JavaScript expression; a promise is waited for."""
+        answer = self.call(
+            "Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True
+        )
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
+
+    def text(self, selector: str) -> str:
+        return str(self.value(f"document.querySelector({json.dumps(selector)}).textContent"))
+
+    def press(self, key: str, shift: bool = False) -> None:
+        """A key goes down and up again."""
+        told = {"key": key, "code": KEYS.get(key, key), "modifiers": 8 if shift else 0}
+        text = {"text": key} if len(key) == 1 else {}
+        self.call("Input.dispatchKeyEvent", type="keyDown", **told, **text)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **told)
+
+    def click(self, x: float, y: float) -> None:
+        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+            self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    def picture(self, whole: bool = False) -> bytes:
+        """A PNG of the window, or of the whole page."""
+        told: dict[str, Any] = {"format": "png"}
+        if whole:
+            size = self.call("Page.getLayoutMetrics")["cssContentSize"]
+            told |= {"captureBeyondViewport": True, "clip": {**size, "x": 0, "y": 0, "scale": 1}}
+        return base64.b64decode(self.call("Page.captureScreenshot", **told)["data"])
+
+    def printed(self) -> bytes:
+        """The page as PDF."""
+        return base64.b64decode(self.call("Page.printToPDF", printBackground=True)["data"])

@@ -1,0 +1,158 @@
+"""The page of a run in a real browser: quiet, and moved by mouse and keys alike."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scenarios.report.run_record import RunRecord, read_run
+from tests.browser.chromium import BROWSER, Chromium
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(BROWSER is None, reason="no Chromium (on Debian: apt-get install chromium)"),
+]
+
+
+def index(page: Chromium) -> int:
+    """Of the sample that is shown."""
+    return int(page.value("Number(document.getElementById('slider').value)"))
+
+
+def move(page: Chromium, to: int) -> None:
+    """As a hand on the slider does."""
+    page.value(
+        f"(() => {{ const s = document.getElementById('slider'); s.value = {to};"
+        "s.dispatchEvent(new Event('input', {bubbles: true})); })()"
+    )
+
+
+def told(page: Chromium, what: str) -> list[float]:
+    return [float(page.text(f"#{what}-{finger}")) for finger in "ABC"]
+
+
+def agrees(page: Chromium, run: RunRecord, at: int) -> None:
+    assert run.truth is not None
+    assert index(page) == at
+    assert told(page, "true") == pytest.approx(run.truth.normal_n[at], abs=0.0056)
+    assert told(page, "felt") == pytest.approx(run.felt_n[at], abs=0.0056)
+    assert told(page, "probability") == pytest.approx(run.probabilities[at], abs=0.00051)
+    assert page.text("#clock") == f"{run.t_s[at]:.2f} s"
+
+
+@pytest.mark.parametrize("name", ["lifted", "tapped"])
+@pytest.mark.parametrize("dark", [False, True])
+def test_a_page_asks_for_nothing_and_complains_of_nothing(
+    name: str, dark: bool, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    file = request.getfixturevalue(name) / "report.html"
+    with Chromium(tmp_path, dark) as page:
+        page.open(file)
+        page.press("n")
+        page.printed()
+        assert page.complaints == []
+        assert page.requests == [file.as_uri()]
+        assert page.value("document.getElementById('trouble').hidden")
+
+
+def test_forces_at_the_cursor_are_the_recordings(lifted: Path, browser: Chromium) -> None:
+    run = read_run(lifted)
+    browser.open(lifted / "report.html")
+    assert run.truth is not None
+    for at in (
+        0,
+        len(run.t_s) // 3,
+        int(run.truth.normal_n.max(axis=1).argmax()),
+        len(run.t_s) - 1,
+    ):
+        move(browser, at)
+        agrees(browser, run, at)
+
+
+def test_keys_go_by_samples_and_phases(lifted: Path, browser: Chromium) -> None:
+    run = read_run(lifted)
+    browser.open(lifted / "report.html")
+    last = len(run.t_s) - 1
+    browser.press("Home")
+    assert index(browser) == 0
+    browser.press("ArrowRight")
+    browser.press("ArrowRight", shift=True)
+    assert index(browser) == 11
+    browser.press("ArrowLeft")
+    assert index(browser) == 10
+    browser.press("End")
+    assert index(browser) == last
+    browser.press("p")
+    phase = run.phases[-2]
+    assert run.t_s[index(browser)] == pytest.approx(phase.t_ns * 1e-9)
+    assert browser.text("#phase") == phase.phase
+    browser.press("n")
+    assert browser.text("#phase") == run.phases[-1].phase
+    browser.value("document.getElementById('slider').focus()")
+    browser.press("ArrowLeft")  # once, though the slider would take it as well
+    assert index(browser) == last - 1
+
+
+def test_space_plays_and_stops(lifted: Path, browser: Chromium) -> None:
+    browser.open(lifted / "report.html")
+    browser.press("Home")
+    browser.value("document.getElementById('speed').value = '1'")
+    browser.press(" ")
+    assert browser.text("#play") == "pause"
+    waited = """new Promise((done) => { const look = () =>
+        Number(document.getElementById("slider").value) > 20 ? done(true) : setTimeout(look, 20);
+        look(); setTimeout(() => done(false), 20000); })"""
+    assert browser.value(waited)
+    browser.press(" ")
+    assert browser.text("#play") == "play"
+    stopped = index(browser)
+    browser.value("new Promise((done) => setTimeout(done, 200))")
+    assert index(browser) == stopped
+
+
+def test_a_click_on_a_plot_or_a_time_goes_there(lifted: Path, browser: Chromium) -> None:
+    run = read_run(lifted)
+    browser.open(lifted / "report.html")
+    x, y = browser.value(
+        "(() => { const r = document.querySelector('#plot-force .u-over').getBoundingClientRect();"
+        "return [r.left + r.width / 2, r.top + r.height / 2]; })()"
+    )
+    browser.click(x, y)
+    middle = int(np.searchsorted(run.t_s, (run.t_s[0] + run.t_s[-1]) / 2))
+    assert abs(index(browser) - middle) <= 2
+    agrees(browser, run, index(browser))
+    browser.value("document.querySelectorAll('button.at')[3].click()")
+    assert browser.text("#phase") == run.phases[3].phase
+
+
+def test_the_threshold_that_is_drawn_is_the_rules(
+    lifted: Path, tapped: Path, browser: Chromium
+) -> None:
+    browser.open(lifted / "report.html")
+    limit = read_run(lifted).told.rule.threshold
+    assert f"threshold {limit:g}" in browser.text("#legend-probability")
+    browser.open(tapped / "report.html")
+    assert "threshold" not in browser.text("#legend-probability")
+    assert "limit 8" in browser.text("#legend-decided")
+
+
+def test_the_scene_follows_the_arm(lifted: Path, browser: Chromium) -> None:
+    run = read_run(lifted)
+    browser.open(lifted / "report.html")
+    moved = "document.querySelector('#scene .hand').getAttribute('transform')"
+    up = f"Number({moved}.match(/ (.*)\\)/)[1])"
+    browser.press("Home")
+    low = browser.value(up)
+    top = int(run.arm_m[:, 2].argmax())
+    move(browser, top)
+    assert low - browser.value(up) == pytest.approx(1e3 * np.ptp(run.arm_m[:, 2]), abs=0.1)
+
+
+@pytest.mark.parametrize("width", [320, 700, 1280])
+def test_nothing_is_wider_than_the_window(lifted: Path, browser: Chromium, width: int) -> None:
+    browser.call(
+        "Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1,
+        mobile=False,
+    )  # fmt: skip
+    browser.open(lifted / "report.html")
+    assert browser.value("document.documentElement.scrollWidth") <= width

@@ -1,0 +1,71 @@
+"""A recorded lift, and the same with something changed in it."""
+
+import base64
+import json
+import re
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from grasp.recording import RunRecorder, RunRecording
+from scenarios.lift import lift
+from scenarios.trial.run_folder import RESULT, RUN_CHANNELS
+from tests.unit.scenarios.conftest import config
+
+Message = tuple[str, int, Any]
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a lift."""
+    result = lift.run(config(), 0, tmp_path_factory.mktemp("runs")).result
+    assert result is not None and result.recording is not None
+    return Path(result.recording).parent
+
+
+def changed(
+    run: Path,
+    out: Path,
+    change: Callable[[Message], Message | None] = lambda message: message,
+    settings: Callable[[dict[str, Any]], None] = lambda settings: None,
+) -> Path:
+    """A copy of a run's folder, message by message (None leaves one out), with other settings."""
+    recording = RunRecording.open(run / "recording.mcap", RUN_CHANNELS)
+    told = json.loads(recording.metadata["config"])
+    settings(told)
+    metadata = {**recording.metadata, "config": json.dumps(told)}
+    out.mkdir()
+    with RunRecorder(out / "recording.mcap", RUN_CHANNELS, metadata) as writer:
+        for message in recording:
+            kept = change(message)
+            if kept is not None:
+                writer.write(*kept)
+    assert writer.failure is None
+    (out / RESULT).write_bytes((run / RESULT).read_bytes())
+    return out
+
+
+def data_of(page: str) -> dict[str, Any]:
+    """What the scripts of a page are given."""
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    assert found is not None
+    told: dict[str, Any] = json.loads(found[1])
+    return told
+
+
+def unpacked(packed: dict[str, Any]) -> dict[str, NDArray[np.float64]]:
+    """Columns (n, width), as `unpack()` of the page's `data.js` reads them."""
+    steps = np.frombuffer(zlib.decompress(base64.b64decode(packed["deflated"])), "<i4")
+    columns, place = {}, 0
+    for name, width, step in packed["columns"]:
+        part = steps[place : place + width * packed["rows"]].reshape(width, -1)
+        place += part.size
+        counts = np.cumsum(part, axis=1, dtype=np.int32).astype(np.float64)
+        columns[name] = np.where(counts == -(2**31), np.nan, counts * step).T
+    assert place == len(steps)
+    return columns
