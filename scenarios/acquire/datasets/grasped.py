@@ -51,6 +51,7 @@ TRUSTED = {
     "doubt.frozen_samples": 1000, "doubt.dead_samples": 10_000,
     "doubt.dead_unloaded_samples": 10_000, "doubt.rail_samples": 100, "doubt.jump_counts": 1023,
     "guard.measured_margin_n": 50.0, "controller.contact_n": 0.1,
+    "tactile.rest_max_std_counts": 20.0,  # a drawn fingertip may be restless; a run would refuse it
 }  # fmt: skip
 NOTHING = {  # stands in for an object that is not drawn yet
     "name": "nothing", "grip_counts": [0, 0, 0], "mass_kg": 1.0, "friction_static": 1.0,

@@ -53,6 +53,12 @@ def test_a_grasp_is_recorded_with_three_fingers_and_holds(jobs: list[Job], cause
     assert (r.counts.astype(int).sum(axis=2) < -15).all(axis=1).any()  # all three pressed
 
 
+def test_a_fingertip_too_restless_for_a_run_is_recorded_all_the_same(slips: list[Job]) -> None:
+    (r,) = of(slips, "grasped_slip", **{"fingertip.noise_counts": 3.0})
+    assert len(r.t_s) > 100
+    assert r.slip.any()
+
+
 @pytest.mark.parametrize(
     "cause", ["grasped_lift_acceleration", "grasped_uneven_load", "grasped_set_down"]
 )
