@@ -17,7 +17,7 @@ from detector.network_file import LoadedNetwork
 from detector.recordings import Recording
 from detector.scores.intervals import HIGH, LOW, RESAMPLES_OF_A_SET
 from detector.scores.metrics import auc
-from detector.scores.motion import motion_of, sector_of, speed_of, turning_of
+from detector.scores.motion import left_behind, motion_of, sector_of, speed_of, turning_of
 from detector.scores.quantiles import quantile
 from drivers.errors import BadFile
 
@@ -41,6 +41,7 @@ class Felt(msgspec.Struct, frozen=True, eq=False):
     energy: Floats  # (n,) counts a sample
     shift: Floats  # (n, 2) of the pressure's centre, taxels
     recording: Whole  # (n,)
+    mount: Whole  # (n,) direction in which fingertips slide over what goes down; -1: not known
 
     @property
     def slides(self) -> Whole:
@@ -139,6 +140,7 @@ def _of_recording(recording: Recording, inputs: Float32s, where: Whole, number: 
         inputs, motion[sample, finger],
         energy_series(recording.counts, ENERGY_SAMPLES)[sample, finger],
         centre_shift(recording.counts)[sample, finger], np.full(len(where), number),
+        np.full(len(where), left_behind(recording)),
     )  # fmt: skip
 
 
@@ -163,7 +165,8 @@ def told_by_heads(teller: Teller, samples: Felt) -> Told:
 
 def told_without(learnt: Felt, asked: Felt) -> dict[str, Told]:
     """What can be said without a network, learnt on other samples: always the same; speed and
-    turning by the energy; a direction by the pressure's centre."""
+    turning by the energy; a direction by the pressure's centre, or downwards where it is known how
+    the fingertips are mounted."""
     n = len(asked.recording)
     speed = np.log(speed_of(learnt.motion))
     sectors = sector_of(learnt.motion[learnt.slides])
@@ -173,11 +176,14 @@ def told_without(learnt: Felt, asked: Felt) -> dict[str, Told]:
     moves = learnt.motion[learnt.slides, :2]
     ways: Floats = moves / np.linalg.norm(moves, axis=1, keepdims=True)
     by_centre = _fitted(_with_one(learnt.shift[learnt.slides]), ways)
-    return {
+    found = {
         "always the same": Told(np.full(n, np.median(speed)), None, np.full(n, commonest)),
         "energy": Told((_powers(asked.energy) @ by_energy)[:, 0], sign * asked.energy, None),
         "pressure's centre": Told(None, None, sector_of(_with_one(asked.shift) @ by_centre)),
     }
+    if (asked.mount >= 0).all():
+        found["down, by the mount"] = Told(None, None, asked.mount)
+    return found
 
 
 def _powers(energy: Floats) -> Floats:

@@ -41,6 +41,16 @@ def motion_of(recording: Recording) -> Floats | None:
     return np.stack([thumb, mirrored, mirrored], axis=1)
 
 
+def left_behind(recording: Recording) -> int:
+    """Which of eight directions all fingertips slide over an object that goes straight down; -1
+    where the recording does not say which way is up."""
+    known = recording.metadata.parameters if recording.metadata else {}
+    if recording.fingers != HAND_FINGERS or UPWARDS not in known:
+        return -1
+    up = math.radians(known[UPWARDS])
+    return int(sector_of(np.array([math.cos(up), math.sin(up), 0.0])))
+
+
 def opposed(motion: Floats, up_rad: float) -> Floats:
     """Motion (n, 3) of a fingertip as one that faces it has it."""
     up = np.array([math.cos(up_rad), math.sin(up_rad)])

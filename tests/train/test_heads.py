@@ -26,7 +26,7 @@ def samples(seed: int, n: int = 2000) -> Felt:
     zeros = np.zeros((n, 2))
     return Felt(
         (5.0 * known + 3.0).astype(np.float32), np.exp(log_speed)[:, None] * ways, zeros[:, 0],
-        zeros, np.arange(n) // 50,
+        zeros, np.arange(n) // 50, np.full(n, -1),
     )  # fmt: skip
 
 

@@ -35,7 +35,7 @@ def samples(n: int = 600, seed: int = 0) -> Felt:
     return Felt(
         rng.normal(size=(n, 4)).astype(np.float32), motion,
         1000.0 * speed * np.where(turns, 3.0, 1.0), -motion[:, :2] / speed[:, None],
-        np.arange(n) // 30,
+        np.arange(n) // 30, np.full(n, 3),
     )  # fmt: skip
 
 
@@ -66,6 +66,11 @@ def test_what_always_says_the_same_is_bettered_by_energy_and_the_pressures_centr
     assert energy.turning_auc is not None and energy.turning_auc[0] > 0.6  # either way round
     assert same.direction is not None and centre.direction is not None
     assert centre.direction[1] > 0.9 > same.direction[2]
+    down = told["down, by the mount"].direction
+    slid = sector_of(asked.motion[asked.slides])
+    assert down is not None and down[0] == (slid == 3).mean()
+    unknown = msgspec.structs.replace(asked, mount=np.full(600, -1))
+    assert "down, by the mount" not in told_without(samples(), unknown)
 
 
 def test_recordings_are_drawn_for_an_interval_and_not_samples() -> None:

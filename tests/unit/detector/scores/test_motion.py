@@ -11,6 +11,7 @@ from detector.scores.motion import (
     SPAN,
     TURN_LEVER_M,
     UPWARDS,
+    left_behind,
     motion_of,
     opposed,
     sector_of,
@@ -63,6 +64,11 @@ def test_a_recording_that_does_not_say_how_it_moved_has_no_motion() -> None:
     assert motion_of(msgspec.structs.replace(made, velocity_mps=None)) is None
     bare = msgspec.structs.replace(made.metadata, parameters={})
     assert motion_of(msgspec.structs.replace(made, metadata=bare)) is None
+
+
+def test_over_what_goes_down_all_fingertips_slide_upwards_on_their_pads() -> None:
+    assert left_behind(recording(3, (0.0, 0.0), 0.0)) == 2
+    assert left_behind(recording(1, (0.0, 0.0), 0.0)) == -1  # pressed: there is no up
 
 
 def test_directions_are_eight_and_a_turn_counts_by_its_lever() -> None:

@@ -12,8 +12,9 @@ from drivers.errors import BadFile
 from grasp.commands import CloseFast
 from grasp.controller_settings import ControllerSettings
 from grasp.guard import THUMB_ALONE
-from grasp.messages import CONTROL
+from grasp.messages import CONTROL, MOTION
 from grasp.recording import RunRecorder, RunRecording
+from grasp.step import HEARD
 from scenarios.lift import lift
 from scenarios.report.run_figure import _draw_slip, read_series
 from scenarios.trial.replay import replay_run
@@ -65,6 +66,22 @@ def bounded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     result = lift.run(settings, 0, tmp_path_factory.mktemp("bounded")).result
     assert result is not None and result.recording is not None
     return Path(result.recording)
+
+
+def test_kind_of_slip_is_recorded_while_it_is_heard_and_plays_no_part_in_a_replay(
+    bounded: Path, tmp_path: Path
+) -> None:
+    recording = RunRecording.open(bounded, RUN_CHANNELS)
+    heard = [t_ns for t_ns, message in recording.of(CONTROL) if max(message.probabilities) > HEARD]
+    assert len(heard) > 10
+    assert [t_ns for t_ns, _ in recording.of(MOTION)] == heard
+    before_heads = tmp_path / "older.mcap"
+    with RunRecorder(before_heads, RUN_CHANNELS, recording.metadata) as writer:
+        for topic, t_ns, message in recording:
+            if topic != MOTION:
+                writer.write(topic, t_ns, message)
+    for path in (bounded, before_heads):
+        assert replay_run(path).differences == []
 
 
 def only_at_first(self: StreamingNetwork) -> None:
