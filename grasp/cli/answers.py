@@ -91,8 +91,8 @@ def draw(args: argparse.Namespace) -> int:
             show(len(found), total, each.scene)
     detector = load_config(args.objects[0], "simulated", args.detector).detector_name
     answers = summarize(detector, args.rig, seeds, args.objects, found)
-    draw_answers(answers, args.out)
     write_numbers(args.out, answers)
+    draw_answers(answers, args.out)
     _print(answers)
     print(args.out)
     return exits.SUCCESS

@@ -24,9 +24,8 @@ def draw_answers(found: Answers, out: Path) -> None:
     rows: Any = figure.subfigures(2 if axes_of else 1, 1, squeeze=False)
     _draw_force(rows[0, 0].subplots(), [c for c in found.cells if c.scene == BASE.name])
     if axes_of:
-        for axes, axis in zip(
-            rows[1, 0].subplots(1, len(axes_of), sharey=True), axes_of, strict=True
-        ):
+        panels = rows[1, 0].subplots(1, len(axes_of), sharey=True, squeeze=False)[0]
+        for axes, axis in zip(panels, axes_of, strict=True):
             _draw_axis(axes, [c for c in found.cells if c.axis in (axis, BASE.axis)], axis)
     figure.suptitle(
         f"Answers to slip: {found.seeds} seeds of {len(found.objects)} objects, detector "

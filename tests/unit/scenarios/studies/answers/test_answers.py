@@ -149,6 +149,19 @@ def test_chart_leaves_a_picture_and_every_lift(
     assert len(json.loads(out.with_suffix(".json").read_text())["lifts"]) == 2
 
 
+def test_chart_of_false_alarms_says_how_many_were_heard(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "alarms.svg"
+    words = "--objects can --seeds 1 --first-seed 9009 --detector gru --jobs 1 --scenes alarms"
+    told = ["--policies", "stop_and_jump", "--set", "controller.hold_s=3.0"]
+    assert main(["chart", "answers", *words.split(), *told, "--out", str(out)]) == 0
+    assert "12 false alarms a minute" in capsys.readouterr().out
+    rows = {a["scene"]: a for a in json.loads(out.with_suffix(".json").read_text())["lifts"]}
+    assert rows["12 false alarms a minute"]["alarms"] > 0 == rows[BASE.name]["alarms"]
+    assert rows[BASE.name]["seconds"] > 5.0
+
+
 def test_unknown_answer_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["chart", "answers", "--policies", "pray"]) == 2
     assert "stop_and_jump" in capsys.readouterr().err
