@@ -1,4 +1,4 @@
-"""`grasp report`: a run as one page that opens in any browser, from disk."""
+"""`grasp report`: a run or a campaign as one page that opens in any browser, from disk."""
 
 import argparse
 from pathlib import Path
@@ -9,24 +9,26 @@ from grasp.cli import exits
 from grasp.cli.options import own_or_new
 from grasp.files import write_whole
 
-HELP = "one page that shows a run, in one file that opens from disk"
+HELP = "one page that shows a run or a campaign, in one file that opens from disk"
 
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser(
         "report", help=HELP,
-        description="Writes a page that shows a run: verdict, a picture that plays, forces, slip "
-        "probability, commands, settings. It is one file, asks for nothing from elsewhere, and "
-        "needs no more than the run's folder.",
+        description="Writes a page that shows a run (verdict, a picture that plays, forces, slip "
+        "probability, commands, settings) or a campaign (Table IV, distributions, what was varied, "
+        "failures). It is one file, asks for nothing from elsewhere, and needs no more than what "
+        "is named.",
     )  # fmt: skip
     parser.add_argument(
         "run", type=Path, metavar="RUN",
-        help="folder or recording.mcap of a lift or a tap, or a folder of such folders: each gets "
-        "a page of its own",
+        help="folder or recording.mcap of a lift or a tap, a folder of such folders (each gets a "
+        "page of its own), or the SQLite file of a campaign",
     )  # fmt: skip
     parser.add_argument(
         "--out", type=_html, metavar="FILE",
-        help="page to write, .html (default: report.html beside the recording)",
+        help="page to write, .html (default: report.html beside the recording; beside a campaign's "
+        "file, with its name)",
     )  # fmt: skip
     parser.set_defaults(handler=report)
 
@@ -71,12 +73,15 @@ def _runs(path: Path) -> list[Path]:
 
 
 def write_page(run: Path, out: Path | None = None) -> Path:
-    """The page of one run. Raises BadFile where it is none, UsageError where something else than a
-    page of ours stands in the way."""
+    """The page of one run or campaign. Raises BadFile where it is none, UsageError where something
+    else than a page of ours stands in the way."""
+    from scenarios.campaign.store import is_database
+    from scenarios.report import campaign_page, run_page
     from scenarios.report.page import BEGINS
-    from scenarios.report.run_page import page_path, run_page
 
-    path = page_path(run) if out is None else out
+    campaign = is_database(run)
+    path = out or (campaign_page if campaign else run_page).page_path(run)
     own_or_new(path, BEGINS)
-    write_whole(path, run_page(run).encode(), private=True)
+    page = campaign_page.campaign_page(run, path) if campaign else run_page.run_page(run)
+    write_whole(path, page.encode(), private=True)
     return path

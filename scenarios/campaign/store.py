@@ -220,6 +220,12 @@ class CampaignStore:
     def _hashes(self) -> set[str]:
         return {digest for digest, _ in self._table("configs", ("config_hash", "settings"))}
 
+    def settings(self) -> dict[str, dict[str, Any]]:
+        """The resolved settings of every combination by their hash, as they were given."""
+        found = self._table("configs", ("config_hash", "settings"))
+        with _read(self.path):
+            return {digest: msgspec.json.decode(text) for digest, text in found}
+
     def finished(self) -> set[int]:
         """Numbers of the trials that ran; those that errored are not among them."""
         return {row.trial for row in self.rows() if row.status == "done"}

@@ -17,16 +17,15 @@ from markupsafe import Markup
 PARTS = Path(__file__).parent / "page"
 BEGINS = "<!doctype html>\n<!-- made by grasp report -->"  # how a page of ours is told from others
 STYLES = ("uplot/uPlot.min.css", "page.css")
-LIBRARIES = ("uplot/uPlot.iife.min.js", "data.js")
 
 
 def render(template: str, scripts: Sequence[str], **context: Any) -> str:
-    """The page of a template in `page/`, with these scripts of there after the libraries.
+    """The page of a template in `page/`, with these scripts of there; most need `data.js` first.
 
     ``context`` goes to the template; `data` of it becomes JSON for the scripts (`data.js`).
     """
     style = "\n".join(_part(name) for name in STYLES)
-    script = "\n".join(_part(name) for name in (*LIBRARIES, *scripts))
+    script = "\n".join(_part(name) for name in scripts)
     policy = (
         f"default-src 'none'; img-src data:; style-src {_fingerprint(style)}; "
         f"script-src {_fingerprint(script)}; base-uri 'none'; form-action 'none'"

@@ -21,10 +21,11 @@ from scenarios.report.run_settings import (
     shell,
 )
 from scenarios.report.run_words import badge, remarks, sentence
-from scenarios.trial.run_folder import find_recording
+from scenarios.trial.run_folder import RECORDING, find_recording
 
 PAGE = "report.html"
-SCRIPTS = ("run_scene.js", "run_plots.js", "run.js")
+LIBRARY = "uplot/uPlot.iife.min.js"
+SCRIPTS = (LIBRARY, "data.js", "run_scene.js", "run_plots.js", "run.js")
 MOST_ROWS = 6_000  # a minute at 100 Hz; a longer run is thinned, its peaks kept
 LEAD_S = 0.15  # the page begins so long after slip was registered: the fingers have closed
 
@@ -35,7 +36,8 @@ PROBABILITY, LOG_ODDS = 1e-5, 1e-3
 
 def page_path(run: Path) -> Path:
     """Where the page of a run goes when nobody says: beside its recording."""
-    return find_recording(run).with_name(PAGE)
+    recording = find_recording(run)
+    return recording.with_name(PAGE if recording.name == RECORDING else f"{recording.stem}.html")
 
 
 def run_page(path: Path) -> str:
@@ -43,7 +45,7 @@ def run_page(path: Path) -> str:
     run = read_run(path)
     told = run.told
     by_rule = decided(told.rule, run.probabilities, run.armed, run.masked)
-    settings = settings_of(run)
+    settings = settings_of(run.settings)
     return render(
         "run.html",
         SCRIPTS,
@@ -60,8 +62,8 @@ def run_page(path: Path) -> str:
         other_settings=[setting for setting in settings if not setting.own],
         origins=_origins(run),
         timing=_timing(run),
-        command=shell(command_of(run)),
-        object_file=object_file(run),
+        command=shell(command_of(run.settings, run.seed)),
+        object_file=object_file(run.settings),
         data=_data(run, by_rule),
     )
 

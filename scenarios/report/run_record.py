@@ -28,6 +28,7 @@ from grasp.messages import (
 )
 from grasp.phases import PhaseChange
 from grasp.recording import RunRecording
+from scenarios.report.run_settings import scenario_of
 from scenarios.trial.run_folder import RESULT, open_trial
 from scenarios.world.cell import Truth
 
@@ -174,8 +175,12 @@ class RunRecord(msgspec.Struct, frozen=True):
 
     @property
     def scenario(self) -> str:
-        """Of which experiment the settings are."""
-        return "tap" if "tap" in self.settings else "lift"
+        """Of which experiment it is."""
+        return scenario_of(self.settings)
+
+    @property
+    def seed(self) -> str:
+        return self.metadata.get("seed", "0")
 
 
 def read_run(path: Path) -> RunRecord:
@@ -234,7 +239,10 @@ def _verdict(path: Path) -> tuple[Verdict | None, str]:
     try:
         return msgspec.json.decode(path.read_bytes(), type=Verdict), ""
     except FileNotFoundError:
-        return None, f"There is no {RESULT} beside the recording: the run did not come to its end."
+        return None, (
+            f"There is no {RESULT} beside the recording: the run did not come to its end, or it is "
+            "one of a campaign, whose file has its verdict."
+        )
     except (OSError, msgspec.MsgspecError, RecursionError) as error:
         return None, f"The {RESULT} beside the recording cannot be read: {error}."
 

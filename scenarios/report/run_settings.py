@@ -1,4 +1,8 @@
-"""The settings of a recorded run beside those that nobody chose, and the command that runs it."""
+"""The settings of a trial beside those that nobody chose, and the command that runs it again.
+
+Settings are the resolved table that a recording or a campaign keeps: of a recording (``begun``)
+with what the experiment itself sets before it begins.
+"""
 
 import json
 import shlex
@@ -10,14 +14,19 @@ import msgspec
 from drivers.errors import ConfigError
 from grasp.settings import UNSEEN, Layer, load, named_layer, names
 from scenarios.campaign.config import RunConfig
-from scenarios.report.run_record import RunRecord
 from scenarios.rigs.calibration import calibration_layers
 from scenarios.tap.settings import TapSettings
 from scenarios.tap.tap import tap_config
 from scenarios.trial import person
 from scenarios.trial.config import DEFAULT_PROFILE
 
+Told = Mapping[str, Any]
 NAMED = ("rig", "profile", "detector_name", "object.name")  # by options of their own
+
+
+def scenario_of(told: Told) -> str:
+    """Of which experiment they are."""
+    return "tap" if "tap" in told else "lift"
 
 
 class Setting(msgspec.Struct, frozen=True):
@@ -32,41 +41,39 @@ class Setting(msgspec.Struct, frozen=True):
         return self.usual is not None and self.value != self.usual
 
 
-def settings_of(run: RunRecord) -> list[Setting]:
+def settings_of(told: Told, begun: bool = True) -> list[Setting]:
     """All of them, in their order, as TOML writes values."""
-    usual = dict(_leaves(_usual(run)))
+    usual = dict(_leaves(_usual(told, begun)))
     known = bool(usual)
     return [
         Setting(key, toml(value), toml(usual.get(key)) if known else None)
-        for key, value in _leaves(run.settings)
+        for key, value in _leaves(told)
         if key not in NAMED
     ]
 
 
-def command_of(run: RunRecord) -> list[str]:
+def command_of(told: Told, seed: str, begun: bool = True) -> list[str]:
     """Words that run the same trial again with this version and its packaged configuration."""
-    told = run.told
-    own_object = not _packaged(told.object.name)
-    words = ["grasp", "run", run.scenario, "--rig", told.rig]
-    words += ["--object", f"{told.object.name}.toml" if own_object else told.object.name]
-    if told.profile != DEFAULT_PROFILE:
-        words += ["--profile", told.profile]
-    if told.detector_name != _detector_of(told.profile):
-        words += ["--detector", told.detector_name]
-    words += ["--seed", run.metadata.get("seed", "0")]
-    words += ["--trials", "1"] if run.scenario == "tap" else []
-    for setting in settings_of(run):
+    body, profile, scenario = told["object"]["name"], told["profile"], scenario_of(told)
+    words = ["grasp", "run", scenario, "--rig", told["rig"]]
+    words += ["--object", body if _packaged(body) else f"{body}.toml"]
+    if profile != DEFAULT_PROFILE:
+        words += ["--profile", profile]
+    if told["detector_name"] != _detector_of(profile):
+        words += ["--detector", told["detector_name"]]
+    words += ["--seed", seed, *(("--trials", "1") if scenario == "tap" else ())]
+    for setting in settings_of(told, begun):
         # a calibration is chosen by its name alone, and null is what a setting is without a word
         if setting.own and not setting.key.startswith("calibration.") and setting.value != "null":
             words += ["--set", f"{setting.key}={setting.value}"]
     return words
 
 
-def object_file(run: RunRecord) -> str:
+def object_file(told: Told) -> str:
     """The TOML of an object that is not a packaged one; empty for one that is."""
-    if _packaged(run.told.object.name):
+    if _packaged(told["object"]["name"]):
         return ""
-    lines = [f"{k} = {toml(v)}" for k, v in run.settings["object"].items() if v is not None]
+    lines = [f"{k} = {toml(v)}" for k, v in told["object"].items() if v is not None]
     return "\n".join(["[object]", *lines]) + "\n"
 
 
@@ -90,39 +97,34 @@ def _detector_of(profile: str) -> str:
         return ""
 
 
-def _usual(run: RunRecord) -> dict[str, Any]:
+def _usual(told: Told, begun: bool) -> dict[str, Any]:
     """What the same names give with nothing of one's own; empty where this version cannot tell."""
-    told = run.told
-    body = told.object.name
-    own_object = Layer("recording", {"object": run.settings["object"]})
+    body = told["object"]["name"]
+    own_object = Layer("recording", {"object": told["object"]})
     try:
         layers = [
-            named_layer("rigs", told.rig),
-            named_layer("profiles", told.profile),
+            named_layer("rigs", told["rig"]),
+            named_layer("profiles", told["profile"]),
             named_layer("objects", body) if _packaged(body) else own_object,
-            named_layer("detectors", told.detector_name),
-            Layer("names", {key: run.settings[key] for key in ("rig", "profile", "detector_name")}),
+            named_layer("detectors", told["detector_name"]),
+            Layer("names", {key: told[key] for key in ("rig", "profile", "detector_name")}),
         ]
         config = load(RunConfig, [*calibration_layers(layers), *layers])
-        return _as_run(run, config)
+        return _as_begun(told, config) if begun else msgspec.to_builtins(config)
     except ConfigError:
         return {}
 
 
-def _as_run(run: RunRecord, config: RunConfig) -> dict[str, Any]:
-    """With what the experiment itself sets before it begins, and keeps in its recording."""
+def _as_begun(told: Told, config: RunConfig) -> dict[str, Any]:
+    """With what the experiment itself sets before it begins."""
     table: dict[str, Any] = msgspec.to_builtins(config)
-    if run.scenario == "tap":
-        tap = load(TapSettings, [Layer("recording", run.settings["tap"])])
+    if scenario_of(told) == "tap":
+        tap = load(TapSettings, [Layer("recording", told["tap"])])
         begun = tap_config(msgspec.structs.replace(config.for_tap(), tap=tap))
         return {**msgspec.to_builtins(begun), "tap": table["tap"]}
-    if _at(run.settings, "controller", "hold_s") == person.HOLD_S:  # until it has been read
+    if told.get("controller", {}).get("hold_s") == person.HOLD_S:  # until it has been read
         table["controller"]["hold_s"] = person.HOLD_S
     return table
-
-
-def _at(table: Mapping[str, Any], section: str, key: str) -> Any:
-    return table.get(section, {}).get(key)
 
 
 def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -121,11 +121,13 @@ class Chromium:
                 self.complaints.append(str(told["args"]))
 
     def open(self, page: Path) -> None:
-        """Load a file and wait until its scripts say that they are ready."""
+        """Load a file and wait until its scripts, if it has any, say that they are ready."""
         self.call("Page.navigate", url=page.as_uri())
-        waiting = """new Promise((done) => { const look = () =>
-            document.documentElement?.dataset.ready && document.readyState === "complete"
-            ? done(true) : setTimeout(look, 20); look(); setTimeout(() => done(false), 20000); })"""
+        waiting = f"""new Promise((done) => {{ const look = () =>
+            location.href === {json.dumps(page.as_uri())} && document.readyState === "complete" &&
+            (document.documentElement.dataset.ready || !document.scripts.length)
+            ? done(true) : setTimeout(look, 20);
+            look(); setTimeout(() => done(false), 20000); }})"""
         assert self.value(waiting), f"{page} was never ready: {self.complaints}"
 
     def value(self, expression: str) -> Any:

@@ -26,13 +26,18 @@ def meant(words: list[str]) -> TrialConfig:
     return tap.tap_config(own.for_tap()) if args.scenario == "tap" else own.for_lift()
 
 
+def command_again(folder: Path) -> list[str]:
+    run = read_run(folder)
+    return command_of(run.settings, run.seed)
+
+
 def told(run: RunRecord) -> str:
     return run.metadata["config_hash"]
 
 
 def test_the_command_has_the_settings_of_the_run(recorded: Path) -> None:
     run = read_run(recorded)
-    words = shlex.split(shell(command_of(run)))
+    words = shlex.split(shell(command_of(run.settings, run.seed)))
     assert meant(words).digest() == told(run)
     assert "--detector" in words and "energy.threshold_counts=3" in " ".join(words)
 
@@ -42,12 +47,14 @@ def test_so_has_that_of_a_tap(tmp_path: Path) -> None:
     result = tap.run(own.for_tap(), 3, tmp_path).result
     assert result is not None and result.recording is not None
     run = read_run(Path(result.recording))
-    words = command_of(run)
+    words = command_of(run.settings, run.seed)
     assert meant(words).digest() == told(run)
     assert words[-2:] == ["--set", "tap.height_m=0.1"]
     assert words[words.index("--seed") + 1] == "3"
     # the tap itself chooses these
-    assert not {"controller.firm", "controller.hold_s"} & {s.key for s in settings_of(run) if s.own}
+    assert not {"controller.firm", "controller.hold_s"} & {
+        s.key for s in settings_of(run.settings) if s.own
+    }
 
 
 def test_an_object_of_ones_own_is_given_as_the_file_that_the_command_names(
@@ -58,12 +65,12 @@ def test_an_object_of_ones_own_is_given_as_the_file_that_the_command_names(
     result = lift.run(own, 0, tmp_path).result
     assert result is not None and result.recording is not None
     run = read_run(Path(result.recording))
-    words = command_of(run)
+    words = command_of(run.settings, run.seed)
     assert "flask-of-mine.toml" in words and not [
         word for word in words if word.startswith("object.")
     ]
     monkeypatch.chdir(tmp_path)
-    Path("flask-of-mine.toml").write_text(object_file(run))
+    Path("flask-of-mine.toml").write_text(object_file(run.settings))
     assert meant(words).digest() == told(run)
 
 
@@ -74,12 +81,14 @@ def test_an_object_that_is_kept_for_testing_is_called_by_its_name(
         told["object"] = msgspec.to_builtins(config(object_name="mug").object)
 
     run = read_run(changed(recorded, tmp_path / "run", settings=settings))
-    assert not object_file(run)
-    assert command_of(run)[5:8] == ["--object", "mug", "--detector"]
+    assert not object_file(run.settings)
+    assert command_of(run.settings, run.seed)[5:8] == ["--object", "mug", "--detector"]
 
 
 def test_only_what_differs_is_called_ones_own(recorded: Path) -> None:
-    own = {setting.key: setting for setting in settings_of(read_run(recorded)) if setting.own}
+    own = {
+        setting.key: setting for setting in settings_of(read_run(recorded).settings) if setting.own
+    }
     assert own.keys() == {"energy.threshold_counts", "fingertip.holding_share"}
     assert json.loads(own["energy.threshold_counts"].value) == 3
     usual = load_config("can", "simulated", "energy").energy.threshold_counts
@@ -92,13 +101,13 @@ def test_what_this_version_cannot_tell_is_not_called_ones_own(
     other = changed(
         recorded, tmp_path / "run", settings=lambda told: told.update(profile="of-tomorrow")
     )
-    assert not [setting for setting in settings_of(read_run(other)) if setting.own]
+    assert not [setting for setting in settings_of(read_run(other).settings) if setting.own]
 
 
 def test_the_environment_has_no_say_in_what_is_usual(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before = command_of(read_run(recorded))
+    before = command_again(recorded)
     (tmp_path / "mine.toml").write_text("[controller]\nhold_s = 3\n")
     monkeypatch.setenv("GRASP_CONFIG", str(tmp_path / "mine.toml"))
-    assert command_of(read_run(recorded)) == before
+    assert command_again(recorded) == before
