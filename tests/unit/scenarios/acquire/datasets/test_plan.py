@@ -24,7 +24,7 @@ from scenarios.rigs.world_of_seed import any_cell
 from scenarios.world import fingertip
 from scenarios.world.fingertip_settings import FingertipSettings, Surface
 
-SETS = ("paper", "confusers", "grasped-slip")
+SETS = ("paper", "confusers", "grasped-slip", "turning")
 
 
 def jobs_of(name: str, share: float = 1.0) -> list[Job]:
