@@ -3,19 +3,19 @@
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import FINGER_NAMES
-from grasp.messages import CONTROL, PHASES, TRUTH
-from grasp.recording import RunRecording
-from scenarios.trial.run_folder import open_trial
+from scenarios.report.run_decision import decided
+from scenarios.report.run_record import RunRecord, read_run
 
 COLOURS = {"A": "#1f5f99", "B": "#c2571a", "C": "#3a7d44"}
+LIMIT_COLOUR, TURN_COLOUR = "#b00020", "#7a4a9e"
 LOWERING_SHOWN_S = 0.3
-TURN_COLOUR, LEAST_TURN_DEG = "#7a4a9e", 0.1
+LEAST_TURN_DEG = 0.1
 LEAST_ACROSS_MM = 0.1
+NAMES_APART = 0.03  # of phases, as a share of what is shown: less and they would overlap
 SHADES = {
     "grasp": "#eef3f8", "squeeze": "#e8eff5", "relax": "#eef3f8", "listen": "#e8eff5",
     "lift": "#e0eaf4", "compensate": "#fde3c8", "hold": "#e3f1e3", "lower": "#f3f3f3",
@@ -24,140 +24,124 @@ SHADES = {
 }  # fmt: skip
 
 
-class Series(msgspec.Struct, frozen=True):
-    """Time series of a run; t_s (n,), others (n,) or (n, 3)."""
-
-    t_s: NDArray[np.float64]
-    probabilities: NDArray[np.float64]
-    measured_n: NDArray[np.float64]
-    true_n: NDArray[np.float64] | None
-    slip_mm: NDArray[np.float64] | None
-    across_mm: NDArray[np.float64] | None
-    turned_deg: NDArray[np.float64] | None
-    onset_s: float | None
-    phases: list[tuple[float, str]]
-    force_limit_n: float | None  # None where the recording does not say
-
-
-def read_series(path: Path) -> Series:
-    """What the figure needs of a recording; raises BadFile when it is none."""
-    recording = open_trial(path)
-    control = list(recording.of(CONTROL))
-    truth = [message for _, message in recording.of(TRUTH)]
-    return Series(
-        t_s=np.array([t for t, _ in control]) * 1e-9,
-        probabilities=np.array([m.probabilities for _, m in control]),
-        measured_n=np.array([m.measured_n for _, m in control]),
-        true_n=np.array([m.normal_n for m in truth]) if truth else None,
-        slip_mm=np.array([m.slip_distance_m for m in truth]) * 1e3 if truth else None,
-        across_mm=np.array([m.across_m for m in truth]) * 1e3 if truth else None,
-        turned_deg=np.degrees([m.turn_rad for m in truth]) if truth else None,
-        onset_s=truth[-1].slip_onset_s if truth else None,
-        phases=[(t * 1e-9, m.phase) for t, m in recording.of(PHASES)],
-        force_limit_n=_force_limit_n(recording),
-    )
-
-
-class _Limit(msgspec.Struct):
-    force_limit_n: float
-
-
-class _Settings(msgspec.Struct):
-    guard: _Limit
-
-
-def _force_limit_n(recording: RunRecording) -> float | None:
-    """That the guard had in this run."""
-    try:
-        said = msgspec.json.decode(recording.metadata.get("config", ""), type=_Settings)
-    except msgspec.MsgspecError:
-        return None
-    return said.guard.force_limit_n
-
-
 def draw_run(path: Path, out: Path) -> None:
-    """Force, slip probability and slip distance of a run over time, phases shaded, into ``out``."""
+    """Force, slip probability and slip distance of a run over time, phases shaded, into ``out``.
+    Raises BadFile as ``read_run``."""
     import matplotlib as mpl
 
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    series = read_series(path)
+    run = read_run(path)
     plt.rcParams["svg.hashsalt"] = "grasp"  # the same run gives the same file
     figure, (force, p, slip) = plt.subplots(
-        3, 1, sharex=True, figsize=(9, 6), height_ratios=(3, 2, 2), layout="constrained"
+        3, 1, sharex=True, figsize=(9, 6.4), height_ratios=(3, 2, 2), layout="constrained"
     )
-    _draw_force(force, series)
-    for i, name in enumerate(FINGER_NAMES):
-        p.plot(series.t_s, series.probabilities[:, i], color=COLOURS[name], lw=1)
-    p.axhline(0.5, color="black", lw=0.6, ls=":")
-    p.set_ylabel("slip probability")
-    _draw_slip(slip, series)
+    figure.suptitle(title(run), fontsize=10)
+    _draw_force(force, run)
+    _draw_decision(p, run)
+    _draw_slip(slip, run)
     slip.set(ylabel="slip, mm (true)", xlabel="time, s")
-    _draw_turn(slip, series)
+    _draw_turn(slip, run)
     for axes in (force, p, slip):
-        _shade(axes, series, named=axes is force)
+        _shade(axes, run, named=axes is force)
+    force.legend(loc="lower right", ncols=5, fontsize=8, frameon=False)
     figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
     plt.close(figure)
 
 
-def _draw_force(axes: Any, series: Series) -> None:
+def title(run: RunRecord) -> str:
+    """What was run, and what came of it."""
+    told = f"{run.scenario} of {run.told.object.name}, seed {run.seed}, {run.told.detector_name}"
+    return told if run.verdict is None else f"{told}: {run.verdict.outcome.replace('_', ' ')}"
+
+
+def _draw_force(axes: Any, run: RunRecord) -> None:
     for i, name in enumerate(FINGER_NAMES):
-        axes.plot(series.t_s, series.measured_n[:, i], color=COLOURS[name], lw=0.7, alpha=0.6)
-        if series.true_n is not None:
-            axes.plot(series.t_s, series.true_n[:, i], color=COLOURS[name], lw=1.4, label=f"{name}")
-    if (limit_n := series.force_limit_n) is not None:
-        axes.axhline(limit_n, color="#b00020", lw=1, ls="--", label=f"limit {limit_n:g} N")
-    axes.set_ylabel("grip force, N\n(thin: felt, thick: true)")
-    axes.legend(loc="lower right", ncols=4, fontsize=8, frameon=False)
+        label = f"{name} (thumb)" if i == 0 else name
+        felt = None if run.truth is not None else label
+        axes.plot(run.t_s, run.felt_n[:, i], color=COLOURS[name], lw=0.7, alpha=0.6, label=felt)
+        if run.truth is not None:
+            axes.plot(run.t_s, run.truth.normal_n[:, i], color=COLOURS[name], lw=1.4, label=label)
+    limit_n = run.told.guard.force_limit_n
+    axes.axhline(limit_n, color=LIMIT_COLOUR, lw=1, ls="--", label=f"limit {limit_n:g} N")
+    known = "(thin: felt, thick: true)" if run.truth is not None else "(felt)"
+    axes.set_ylabel(f"grip force, N\n{known}")
 
 
-def _draw_slip(axes: Any, series: Series) -> None:
+def _draw_decision(axes: Any, run: RunRecord) -> None:
+    """Probabilities, and what the rule made of them beside what it had to pass."""
+    by_rule = decided(run.told.rule, run.probabilities, run.armed, run.masked)
+    for i, name in enumerate(FINGER_NAMES):
+        axes.plot(run.t_s, run.probabilities[:, i], color=COLOURS[name], lw=0.8)
+    axes.set(ylabel="slip probability", ylim=(0, 1.05))
+    judged, what = axes, "threshold"
+    if not by_rule.probable:
+        judged, what = axes.twinx(), "limit"
+        judged.set(ylabel="summed log-odds", ylim=(0, 4 * by_rule.limit))
+    if by_rule.values.shape[1] == 1:
+        judged.plot(run.t_s, by_rule.values, color="black", lw=1.2, label=by_rule.label)
+    elif not by_rule.probable:
+        for i, name in enumerate(FINGER_NAMES):
+            judged.plot(run.t_s, by_rule.values[:, i], color=COLOURS[name], lw=1.2, ls="--")
+    label = f"{what} {by_rule.limit:g}"
+    judged.axhline(by_rule.limit, color=LIMIT_COLOUR, lw=0.8, ls=":", label=label)
+    judged.legend(loc="upper right", ncols=2, fontsize=8, frameon=False)
+
+
+def _draw_slip(axes: Any, run: RunRecord) -> None:
     """How far the object slid down through the fingers, and aside where it did."""
-    if series.slip_mm is None or series.across_mm is None:
+    if run.truth is None:
         return
-    axes.plot(series.t_s, series.slip_mm, color="black", lw=1.2, label="down")
-    first, last = _shown(series)
-    seen = (series.t_s >= first) & (series.t_s <= last)
-    least, most = -1.0, max(2.0, float(series.slip_mm[seen].max()))
-    aside = series.across_mm[seen]
+    down_mm, across_mm = 1e3 * run.truth.slip_m, 1e3 * run.truth.across_m
+    axes.plot(run.t_s, down_mm, color="black", lw=1.2, label="down")
+    first, last = _shown(run)
+    seen = (run.t_s >= first) & (run.t_s <= last)
+    least, most = -1.0, max(2.0, float(down_mm[seen].max()))
+    aside = across_mm[seen]
     if np.abs(aside).max() >= LEAST_ACROSS_MM:
-        axes.plot(series.t_s, series.across_mm, color="black", lw=1.2, ls="--", label="aside")
+        axes.plot(run.t_s, across_mm, color="black", lw=1.2, ls="--", label="aside")
         axes.legend(loc="upper left", fontsize=8, frameon=False)
         least, most = min(least, 1.15 * float(aside.min())), max(most, float(aside.max()))
     axes.set_ylim(least, 1.15 * most)
 
 
-def _draw_turn(slip: Any, series: Series) -> None:
+def _draw_turn(slip: Any, run: RunRecord) -> None:
     """Rotation in the hand, on a scale of its own, where there is any."""
-    turned = series.turned_deg
+    turned = None if run.truth is None else np.degrees(run.truth.turn_rad)
     if turned is None or np.abs(turned).max() < LEAST_TURN_DEG:
         return
     axes = slip.twinx()
-    axes.plot(series.t_s, turned, color=TURN_COLOUR, lw=1.2)
+    axes.plot(run.t_s, turned, color=TURN_COLOUR, lw=1.2)
     axes.set_ylabel("turned, deg (true)", color=TURN_COLOUR)
 
 
-def _shown(series: Series) -> tuple[float, float]:
-    begins = {name: t for t, name in series.phases}
-    end = begins.get("lower", float(series.t_s[-1]) - LOWERING_SHOWN_S)
-    return begins.get("grasp", float(series.t_s[0])), end + LOWERING_SHOWN_S
+def _shown(run: RunRecord) -> tuple[float, float]:
+    begins = {change.phase: change.t_ns * 1e-9 for change in run.phases}
+    end = begins.get("lower", float(run.t_s[-1]) - LOWERING_SHOWN_S)
+    return begins.get("grasp", float(run.t_s[0])), end + LOWERING_SHOWN_S
 
 
-def _shade(axes: Any, series: Series, named: bool) -> None:
-    """Phases as background, from the grasp until the object is set down."""
-    starts = [t for t, _ in series.phases] + [float(series.t_s[-1])]
-    axes.set_xlim(*_shown(series))
-    for (start, name), end in zip(series.phases, starts[1:], strict=True):
-        if name in SHADES:
-            axes.axvspan(start, end, color=SHADES[name], lw=0, zorder=0)
-            if named:
-                axes.annotate(
-                    name, (start, 1.0), xycoords=("data", "axes fraction"), xytext=(2, 2),
-                    textcoords="offset points", fontsize=8, rotation=20, annotation_clip=True,
-                )  # fmt: skip
-    if series.onset_s is not None:
-        axes.axvline(series.onset_s, color="#b00020", lw=0.8)
+def _shade(axes: Any, run: RunRecord, named: bool) -> None:
+    """Phases as background, from the grasp until the object is set down, and when slip began."""
+    starts = [change.t_ns * 1e-9 for change in run.phases]
+    first, last = _shown(run)
+    axes.set_xlim(first, last)
+    beside = first - NAMES_APART * (last - first)  # of the name before
+    for change, start, end in zip(
+        run.phases, starts, [*starts[1:], float(run.t_s[-1])], strict=True
+    ):
+        if change.phase not in SHADES:
+            continue
+        axes.axvspan(start, end, color=SHADES[change.phase], lw=0, zorder=0)
+        if named and start <= last:
+            beside = max(start, beside + NAMES_APART * (last - first))
+            axes.annotate(
+                change.phase, (beside, 1.0), xycoords=("data", "axes fraction"), xytext=(2, 2),
+                textcoords="offset points", fontsize=8, rotation=40, annotation_clip=True,
+            )  # fmt: skip
+    if run.truth is not None and run.truth.onset_s is not None:
+        axes.axvline(run.truth.onset_s, color=LIMIT_COLOUR, lw=0.8, label="slip begins")
 
 
 def draw_clips(

@@ -16,7 +16,6 @@ from grasp.messages import CONTROL, MOTION
 from grasp.recording import RunRecorder, RunRecording
 from grasp.step import HEARD
 from scenarios.lift import lift
-from scenarios.report.run_figure import _draw_slip, read_series
 from scenarios.trial.replay import replay_run
 from scenarios.trial.replay_tactile import replay_tactile
 from scenarios.trial.run_folder import RUN_CHANNELS
@@ -206,32 +205,3 @@ def test_guard_limits_what_a_fingertip_recording_would_have_sent() -> None:
     assert all(c.force_cap_n == 10.0 and c.closing == THUMB_ALONE for c in closings)
     full_mps = ControllerSettings().closing_speed_mps
     assert all((c.speed_mps < full_mps) is (c.limits_counts[0] > 200) for c in closings)
-
-
-def test_figure_reads_forces_probabilities_and_phases(recorded: Path) -> None:
-    series = read_series(recorded)
-    assert series.probabilities.shape == (len(series.t_s), 3)
-    assert series.true_n is not None
-    assert series.true_n.max() > 10.0
-    assert series.force_limit_n == config().guard.force_limit_n
-    assert series.onset_s is not None
-    assert series.turned_deg is not None and not series.turned_deg.any()  # L1 turns nothing
-    assert series.across_mm is not None and not series.across_mm.any()  # nor moves it aside
-    assert [name for _, name in series.phases][:6] == [
-        "approach", "rest", "grasp", "oppose", "relax", "listen",
-    ]  # fmt: skip
-
-
-def test_figure_shows_motion_aside_where_there_is_any(recorded: Path) -> None:
-    pytest.importorskip("matplotlib")
-    from matplotlib import pyplot as plt
-
-    series = read_series(recorded)
-    assert series.across_mm is not None
-    aside = msgspec.structs.replace(series, across_mm=series.across_mm - 3.0)
-    for shown, labels in ((series, ["down"]), (aside, ["down", "aside"])):
-        figure, axes = plt.subplots()
-        _draw_slip(axes, shown)
-        assert [line.get_label() for line in axes.lines] == labels
-        assert axes.get_ylim()[0] <= float(shown.across_mm.min())
-        plt.close(figure)
