@@ -4,9 +4,11 @@ import msgspec
 import pytest
 
 from detector.decision import RuleSettings
+from detector.network_file import read_network, weights_path
 from detector.recordings import Recording
 from detector.scores.evaluation import stream_recordings
 from detector.scores.sweep import SweepPoint, sweep
+from detector.training.settings import DEFAULTS
 from grasp.settings import config_dir
 from scenarios.acquire.datasets.build import make
 from scenarios.acquire.datasets.plan import load_dataset_config, plan
@@ -36,6 +38,12 @@ def point(recordings: list[Recording], rule: RuleSettings) -> SweepPoint:
 
 def test_the_default_is_the_gru() -> None:
     assert DEFAULT.detector_name == "gru"
+
+
+def test_the_default_was_trained_to_its_end() -> None:
+    """Those of half the steps may do as well in what is asked of them below."""
+    card = read_network(weights_path(DEFAULT.detector_name)).card
+    assert card.steps == DEFAULTS[DEFAULT.detector_name].steps
 
 
 def test_the_default_registers_what_moves_and_hardly_what_does_not(
