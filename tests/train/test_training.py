@@ -93,7 +93,7 @@ def test_an_interrupted_training_ends_as_one_that_was_not(name: str, tmp_path: P
 
 def test_another_seed_gives_another_network() -> None:
     networks = [training(seed=seed).network.state_dict() for seed in (0, 0, 1)]
-    key = "head.out.weight"
+    key = "out.weight"
     assert torch.equal(networks[0][key], networks[1][key])
     assert not torch.equal(networks[0][key], networks[2][key])
 
