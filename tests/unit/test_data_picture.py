@@ -65,7 +65,7 @@ class Traced(GraspStep):
             doubts.of = lambda *told: ""
         super().__init__(
             detector, cast(GraspController, controller), cast(ForceGuard, guard),
-            cast(Doubts, doubts),
+            cast(Doubts, doubts), lambda: self.of("detector", "motion", cast(Any, object())),
         )  # fmt: skip
 
     def of(self, part: str, field: str, value: Any) -> Any:
@@ -83,7 +83,7 @@ class Traced(GraspStep):
         self.hears("detector", counts)
         if self.failing:
             raise ZeroDivisionError
-        return self.of("detector", "probabilities", np.zeros(3))
+        return self.of("detector", "probabilities", np.ones(3))
 
     def told(self) -> StepInput:
         """One of a kind each."""
