@@ -230,20 +230,24 @@ def _at(table: dict[str, Any], key: str) -> Any:
     return value
 
 
-TIMES = {
-    "frame_to_decision_us": ("frame to decision", 1e-3),
-    "decision_to_ack_us": ("decision to acknowledgement", 1e-3),
-    "frame_age_ms": ("age of a frame", 1.0),
-}
-
-
 def _timing(run: RunRecord) -> list[tuple[str, str]]:
-    """Of the machine that ran it, in ms; nothing where the result does not say."""
-    told = [] if run.verdict is None else [(k, run.verdict.timing.get(k)) for k in TIMES]
-    rows = []
-    for key, value in told:
-        if isinstance(value, dict) and {"p50", "p99"} <= value.keys():
-            name, factor = TIMES[key]
-            p50, p99 = (factor * float(value[q]) for q in ("p50", "p99"))
-            rows.append((name, f"{p50:.2f} ms (99 %: {p99:.2f} ms)"))
-    return rows
+    """How the machine that ran it kept up; nothing where the result does not say."""
+    if run.verdict is None:
+        return []
+    timing = run.verdict.timing
+    spreads = (
+        ("frame to decision", timing.frame_to_decision_us, 1e-3),
+        ("decision to acknowledgement", timing.decision_to_ack_us, 1e-3),
+        ("age of a frame", timing.frame_age_ms, 1.0),
+    )
+    counts = (
+        ("periods slept through", timing.missed_periods),
+        ("periods without a new frame", timing.repeated_frames),
+        ("times that the emulated cell stood still", timing.cell_stalls),
+    )
+    rows = [
+        (name, f"{factor * spread.p50:.2f} ms (99 %: {factor * spread.p99:.2f} ms)")
+        for name, spread, factor in spreads
+        if spread is not None and spread.p50 is not None and spread.p99 is not None
+    ]
+    return [*rows, *((name, str(count)) for name, count in counts if count)]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.decision import RuleSettings
-from drivers.errors import BadFile
+from drivers.errors import BadFile, ConfigError
 from drivers.interfaces import FINGERS, KIT_TAXELS, Applied, GripperState
 from grasp.commands import Command
 from grasp.messages import (
@@ -28,6 +28,7 @@ from grasp.messages import (
 )
 from grasp.phases import PhaseChange
 from grasp.recording import RunRecording
+from grasp.settings import Layer, checked
 from scenarios.report.run_settings import scenario_of
 from scenarios.trial.run_folder import RESULT, open_trial
 from scenarios.world.cell import Truth
@@ -78,6 +79,8 @@ class Told(msgspec.Struct, frozen=True):
     guard: _Guard
     rule: RuleSettings
     calibration: _Calibration
+    controller: dict[str, Any] = {}
+    tap: dict[str, Any] | None = None
     fingertip: _Fingertip = _Fingertip()
 
 
@@ -94,6 +97,24 @@ class Raised(msgspec.Struct, frozen=True):
 
     name: str = ""
     text: str = ""
+
+
+class Spread(msgspec.Struct, frozen=True):
+    """Of many times; None: never came."""
+
+    p50: float | None = None
+    p99: float | None = None
+
+
+class Timing(msgspec.Struct, frozen=True):
+    """How the machine kept up: ``scenarios.trial.result.TimingResult``."""
+
+    frame_to_decision_us: Spread | None = None
+    decision_to_ack_us: Spread | None = None
+    frame_age_ms: Spread | None = None
+    missed_periods: int = 0
+    repeated_frames: int = 0
+    cell_stalls: int = 0
 
 
 class Verdict(msgspec.Struct, frozen=True):
@@ -114,7 +135,7 @@ class Verdict(msgspec.Struct, frozen=True):
     nominal_again_ms: float | None = None
     peak_force_n: dict[str, float] | None = None
     peak_measured_n: dict[str, float] | None = None
-    timing: dict[str, Any] = {}
+    timing: Timing = Timing()
     versions: dict[str, str] = {}
     config_hash: str = ""
     detector_hash: str = ""
@@ -225,8 +246,9 @@ def read_run(path: Path) -> RunRecord:
 def _settings(recording: RunRecording) -> tuple[Told, dict[str, Any]]:
     text = recording.metadata.get("config", "")
     try:
-        return msgspec.json.decode(text, type=Told), msgspec.json.decode(text)
-    except (msgspec.MsgspecError, RecursionError) as error:
+        told, settings = msgspec.json.decode(text, type=Told), msgspec.json.decode(text)
+        return told, checked(Layer("config", settings)).table
+    except (msgspec.MsgspecError, RecursionError, ConfigError) as error:
         raise BadFile(
             recording.path,
             f"its settings do not fit this version: {error}",

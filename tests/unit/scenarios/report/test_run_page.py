@@ -109,7 +109,17 @@ def test_a_recording_without_a_result_says_so(recorded: Path, tmp_path: Path) ->
     assert "no result.json beside the recording" in remarks(page)
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"outcome": 3}', b"\xff"])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"{",
+        b"[]",
+        b'{"outcome": 3}',
+        b"\xff",
+        b'{"outcome": "held", "timing": {"frame_age_ms": {"p50": "a"}}}',
+    ],
+)
 def test_a_damaged_result_is_said(recorded: Path, tmp_path: Path, content: bytes) -> None:
     shutil.copy(recorded / "recording.mcap", tmp_path)
     (tmp_path / RESULT).write_bytes(content)
@@ -135,8 +145,15 @@ def test_a_damaged_recording_is_refused_with_what_to_do(recorded: Path, tmp_path
     assert caught.value.remedy
 
 
-def test_settings_of_another_version_are_refused_with_it(recorded: Path, tmp_path: Path) -> None:
-    run = changed(recorded, tmp_path / "run", settings=lambda told: told.pop("contact"))
+def nested(levels: int) -> dict[str, Any]:
+    return {"a": nested(levels - 1)} if levels else {}
+
+
+@pytest.mark.parametrize("more", [{"contact": None}, {"tap": 3}, {"loop": nested(20)}])
+def test_settings_that_cannot_be_are_refused_with_their_version(
+    more: dict[str, Any], recorded: Path, tmp_path: Path
+) -> None:
+    run = changed(recorded, tmp_path / "run", settings=lambda told: told.update(more))
     with pytest.raises(BadFile, match="settings do not fit"):
         run_page(run)
 
