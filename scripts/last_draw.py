@@ -40,7 +40,7 @@ from scenarios.trial.result import versions
 from scenarios.trial.series import Bench
 
 STRENGTHS = (0.2, 0.4, 0.6, 0.8, 1.0)  # of the blow that moves the object 7 mm
-FIRST_SEED = 50_000  # of the draw; no campaign, figure or test has it
+FIRST_SEED = 70_000  # of the draw; no campaign, figure or test has it, and 50,000 is spent
 SOON_MS = 100.0
 CLASSES = {"2 mm or more": (2.0, np.inf), "1-2 mm": (1.0, 2.0), "0.5-1 mm": (0.5, 1.0),
            "within 0.5 mm": (0.0, 0.5)}  # fmt: skip

@@ -129,7 +129,7 @@ def test_check_runs_the_detector_of_every_run_and_names_it(
     monkeypatch.setattr(levels, "table", lambda draws: "table")
     assert main(["world", "check", "--draws", "2"]) == exits.SUCCESS
     assert main(["world", "check", "--draws", "2", "--detector", "energy"]) == exits.SUCCESS
-    assert asked == ["gru", "energy"]
+    assert asked == ["tcn", "energy"]
     assert capsys.readouterr().out.startswith("detector gru\n")
     assert main(["world", "check", "--draws", "2", "--detector", "ear"]) == exits.USAGE
     assert len(asked) == 2
