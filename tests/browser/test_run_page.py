@@ -156,3 +156,19 @@ def test_nothing_is_wider_than_the_window(lifted: Path, browser: Chromium, width
     )  # fmt: skip
     browser.open(lifted / "report.html")
     assert browser.value("document.documentElement.scrollWidth") <= width
+
+
+def test_on_paper_plots_fit_the_sheet_and_are_as_before_afterwards(
+    lifted: Path, tmp_path: Path
+) -> None:
+    with Chromium(tmp_path, dark=True) as page:
+        page.open(lifted / "report.html")
+        width = "document.querySelector('#plot-force .u-wrap').getBoundingClientRect().width"
+        paper = "getComputedStyle(document.body).backgroundColor"
+        before, dark = page.value(width), page.value(paper)
+        page.value("void dispatchEvent(new Event('beforeprint'))")
+        assert page.value(width) <= 400 < before
+        assert page.value(paper) == "rgb(255, 255, 255)" != dark
+        page.value("void dispatchEvent(new Event('afterprint'))")
+        assert page.value(width) == before
+        assert page.value(paper) == dark

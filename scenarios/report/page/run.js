@@ -104,6 +104,7 @@ async function showRun() {
   for (const [event, paper] of [["beforeprint", true], ["afterprint", false]]) {
     addEventListener(event, () => {
       document.documentElement.classList.toggle("paper", paper);
+      plots.print(paper);
       plots.recolour();
     });
   }

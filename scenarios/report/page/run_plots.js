@@ -1,6 +1,7 @@
 // The plots over time, by uPlot: one time scale for all, one playhead through all.
 
 const AXIS_PX = 46;
+const PAPER_PX = 400; // of a plot beside the side view on an upright sheet of A4 or Letter
 const TOUCH_N = 1e-3; // less is no touch
 const NEAR_S = [-0.3, 0.7]; // of the instant that is looked at closely
 const HEIGHTS = {force: 210, probability: 150, decided: 130, slip: 120};
@@ -47,7 +48,7 @@ function makePlots(series, seek) {
     const {min, max} = from.scales.x;
     for (const plot of Object.values(plots)) if (plot !== from) plot.setScale("x", {min, max});
     linked = false;
-    drawStrip(min, max);
+    drawStrip(min, max, from.width);
     placeHeads();
   }
 
@@ -84,15 +85,14 @@ function makePlots(series, seek) {
     add("slip", lines, (u, low, high) => [Math.min(-0.2, 1.1 * low), Math.max(2, 1.1 * high)], [shadePhases]);
   }
 
-  new ResizeObserver(() => {
-    for (const plot of Object.values(plots)) {
-      const holder = plot.root.parentElement;
-      if (holder.clientWidth !== plot.width) plot.setSize({width: holder.clientWidth, height: plot.height});
-    }
-    drawStrip(plots.force.scales.x.min, plots.force.scales.x.max);
+  function resize(width) {
+    for (const plot of Object.values(plots)) if (plot.width !== width) plot.setSize({width, height: plot.height});
+    drawStrip(plots.force.scales.x.min, plots.force.scales.x.max, width);
     placeHeads();
-  }).observe(document.getElementById("plot-force"));
-  drawStrip(times[0], times[times.length - 1]);
+  }
+  const holder = document.getElementById("plot-force");
+  new ResizeObserver(() => resize(holder.clientWidth)).observe(holder);
+  drawStrip(times[0], times[times.length - 1], plots.force.width);
 
   return {
     at: (t) => { now = t; placeHeads(); },
@@ -101,6 +101,8 @@ function makePlots(series, seek) {
       plots.force.setScale("x", {min, max});
     },
     recolour: () => Object.values(plots).forEach((plot) => plot.redraw()),
+    // nobody tells how wide a sheet is before it is laid out
+    print: (paper) => resize(paper ? Math.min(PAPER_PX, holder.clientWidth) : holder.clientWidth),
   };
 }
 
@@ -197,10 +199,10 @@ function drawMarks(u) {
 }
 
 // Names of the phases above the plots, where there is room for them.
-function drawStrip(from, to) {
+function drawStrip(from, to, width) {
   const strip = document.getElementById("strip");
   strip.replaceChildren();
-  const wide = strip.clientWidth - AXIS_PX;
+  const wide = width - AXIS_PX;
   data.phases.forEach((phase, i) => {
     const end = i + 1 < data.phases.length ? data.phases[i + 1].t : to;
     const left = Math.max(0, (phase.t - from) / (to - from)), right = Math.min(1, (end - from) / (to - from));
