@@ -16,7 +16,7 @@ from grasp.messages import ARM, PHASES, TRUTH
 from grasp.phases import PhaseChange
 from scenarios.lift.scoring import LiftOutcome
 from scenarios.report.page import PARTS
-from scenarios.report.run_page import run_page
+from scenarios.report.run_page import page_path, run_page
 from scenarios.report.run_record import read_run
 from scenarios.report.run_words import HEADS
 from scenarios.tap.scoring import TapOutcome
@@ -211,3 +211,9 @@ def test_the_library_is_the_one_that_its_page_names() -> None:
         assert hashlib.sha256((PARTS / "uplot" / name).read_bytes()).hexdigest() == wanted
     assert "MIT License" in (PARTS / "uplot" / "LICENSE").read_text()
     assert "1.6.32" in text and "v1.6.32" in (PARTS / "uplot" / "uPlot.iife.min.js").read_text()
+
+
+def test_a_page_is_called_as_its_recording_where_that_has_a_name_of_its_own(tmp_path: Path) -> None:
+    assert page_path(tmp_path) == tmp_path / "report.html"
+    assert page_path(tmp_path / "recording.mcap") == tmp_path / "report.html"
+    assert page_path(tmp_path / "000010-tap-foam.mcap") == tmp_path / "000010-tap-foam.html"
