@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.decision import RuleSettings
-from drivers.errors import BadFile, ConfigError
+from drivers.errors import BadFile, ConfigError, GraspError
 from drivers.interfaces import FINGERS, KIT_TAXELS, Applied, GripperState
 from grasp.commands import Command
 from grasp.messages import (
@@ -29,6 +29,7 @@ from grasp.messages import (
 from grasp.phases import PhaseChange
 from grasp.recording import RunRecording
 from grasp.settings import Layer, checked
+from scenarios.campaign.store import CampaignStore
 from scenarios.report.run_settings import scenario_of
 from scenarios.trial.run_folder import RESULT, open_trial
 from scenarios.world.cell import Truth
@@ -212,7 +213,7 @@ def read_run(path: Path) -> RunRecord:
     steps: list[tuple[int, ControlMessage]] = list(recording.of(CONTROL))
     times = [t_ns for t_ns, _ in steps]
     states: list[GripperState] = [state for _, state in recording.of(GRIPPER)]
-    verdict, problem = _verdict(recording.path.with_name(RESULT))
+    verdict, problem = _verdict(recording.path)
 
     def flags(of: Callable[[ControlMessage], bool]) -> Flags:
         return np.array([of(message) for _, message in steps])
@@ -256,17 +257,28 @@ def _settings(recording: RunRecording) -> tuple[Told, dict[str, Any]]:
         ) from error
 
 
-def _verdict(path: Path) -> tuple[Verdict | None, str]:
-    """The result beside a recording, or why there is none."""
+def _verdict(recording: Path) -> tuple[Verdict | None, str]:
+    """The result beside a recording, or in its campaign's file, or why there is none."""
+    campaign = recording.parent.with_suffix(".sqlite")
+    kept = recording.parent.suffix == ".recordings" and campaign.is_file()
+    place = campaign if kept else recording.with_name(RESULT)
     try:
-        return msgspec.json.decode(path.read_bytes(), type=Verdict), ""
+        content = _of_a_row(campaign, recording) if kept else place.read_bytes()
+        return msgspec.json.decode(content, type=Verdict), ""
     except FileNotFoundError:
         return None, (
             f"There is no {RESULT} beside the recording: the run did not come to its end, or it is "
             "one of a campaign, whose file has its verdict."
         )
-    except (OSError, msgspec.MsgspecError, RecursionError) as error:
-        return None, f"The {RESULT} beside the recording cannot be read: {error}."
+    except (OSError, GraspError, msgspec.MsgspecError, RecursionError) as error:
+        return None, f"The {place.name} beside the recording cannot be read: {error}."
+
+
+def _of_a_row(campaign: Path, recording: Path) -> str:
+    """The result of the row that kept a recording; empty where it has none."""
+    with CampaignStore.open(campaign) as store:
+        name = f"{recording.parent.name}/{recording.name}"
+        return next((row.result or "" for row in store.rows() if row.recording == name), "")
 
 
 def _rows(
