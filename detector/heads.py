@@ -21,7 +21,10 @@ from drivers.errors import BadFile, UsageError
 
 FORMAT = 1
 SUFFIX = ".heads.json"
-STATE, CHANGES = "state0", "state1"  # what a network makes of all it felt; changes, newest last
+CHANGES = "state1"  # that a network keeps, newest last
+SUMMARY = "state0"  # all that a recurrent network makes of what it felt
+FOUND = "state2"  # of a gated tcn: what all its blocks found in the latest samples, newest last
+HELD = 14  # samples of it; its head hears the next one as well
 LARGEST_BYTES = 500_000  # ours are a thirtieth of it
 OUTPUTS = 2 + SECTORS  # logarithm of the speed, log-odds of turning, scores of the directions
 ENERGY_SAMPLES, LEAST_ENERGY = 10, 0.1  # counts a sample: a tenth of what a taxel at rest has
@@ -83,18 +86,31 @@ class Teller:
 
 
 def inputs_of(states: Mapping[str, Float32s], counts: Counts) -> Float32s:
-    """What heads are given (n, width): the network's state (n, numbers), the frame that led to it,
-    (n, taxels) counts, and of the changes that the network keeps the energy of the last 100 ms."""
+    """What heads are given (n, width): what the network made of what it felt, of its states
+    (n, numbers); the frame that led to them, (n, taxels) counts; and of the changes that it keeps
+    the energy of the last 100 ms."""
     latest = abs(states[CHANGES][:, -ENERGY_SAMPLES * counts.shape[1] :])
     energy = np.log(latest.mean(axis=1, keepdims=True) + np.float32(LEAST_ENERGY))
-    return np.concatenate([states[STATE], counts / np.float32(COUNTS_SCALE), energy], axis=1)
+    return np.concatenate([*made_of(states), counts / np.float32(COUNTS_SCALE), energy], axis=1)
+
+
+def made_of(states: Mapping[str, Float32s]) -> tuple[Float32s, ...]:
+    """What a network made of what it felt, (n, numbers) each: a recurrent one its state; a gated
+    tcn its features of now and the greatest of those that its head holds, as that head hears."""
+    if FOUND not in states:
+        return (states[SUMMARY],)
+    found = states[FOUND].reshape(len(states[FOUND]), HELD, -1)
+    return found[:, -1], found.max(axis=1)
 
 
 def width_of(loaded: LoadedNetwork) -> int:
     """How many numbers that is; raises UsageError of a network that keeps no such state."""
-    if not {STATE, CHANGES} <= loaded.states.keys():
+    if not {SUMMARY, CHANGES} <= loaded.states.keys():
         raise UsageError(f"{loaded.card.name} keeps no state", "give a network that streams")
-    return math.prod(loaded.states[STATE]) + loaded.taxels + 1
+    if math.prod(loaded.states.get(FOUND, (HELD,))) % HELD:
+        raise UsageError(f"{loaded.card.name} holds other samples", f"give one of {HELD} and now")
+    one = {name: np.zeros((1, *shape), np.float32) for name, shape in loaded.states.items()}
+    return len(inputs_of(one, np.zeros((1, loaded.taxels), np.float32))[0])
 
 
 def selu(x: Float32s) -> Float32s:

@@ -7,11 +7,22 @@ import msgspec
 import numpy as np
 import pytest
 
-from detector.heads import OUTPUTS, Dense, Heads, Teller, heads_path, inputs_of, width_of
+from detector.heads import (
+    HELD,
+    OUTPUTS,
+    Dense,
+    Heads,
+    Teller,
+    heads_path,
+    inputs_of,
+    made_of,
+    width_of,
+)
 from detector.interface import load_detector, motion_told_by
 from detector.network import NetworkSettings, StreamingNetwork, load_network
 from detector.network_file import read_network, weights_digest, weights_path
-from drivers.errors import BadFile
+from detector.training.architecture import ARCHITECTURES
+from drivers.errors import BadFile, UsageError
 from tests.unit.detector.networks import walk, write_network
 
 HIDDEN = 7
@@ -32,16 +43,16 @@ def heads_of(weights: Path, seed: int = 0, **changes: object) -> Heads:
     return Heads(**(fields | changes))  # type: ignore[arg-type]
 
 
-@pytest.fixture
-def weights(tmp_path: Path) -> Path:
-    """A recurrent network with heads beside it."""
-    path = write_network(tmp_path, "gru", "stream")
+@pytest.fixture(params=["gru", "tcn"])
+def weights(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A network that streams, with heads beside it."""
+    path = write_network(tmp_path, request.param, "stream")
     heads_path(path).write_bytes(msgspec.json.encode(heads_of(path)))
     return path
 
 
 def loaded(weights: Path) -> StreamingNetwork:
-    found = load_network("gru", NetworkSettings(weights=str(weights)), 3)
+    found = load_network(weights.stem, NetworkSettings(weights=str(weights)), 3)
     assert isinstance(found, StreamingNetwork)
     return found
 
@@ -95,6 +106,45 @@ def test_detector_without_heads_goes_on_and_tells_nothing(name: str) -> None:
     for frame in walk(5):
         detector.update(frame)
     assert tell() is None
+
+
+def test_heads_of_a_gated_tcn_read_what_its_head_hears_of_now_and_of_late() -> None:
+    held = np.random.default_rng(0).normal(size=(3, HELD, 17)).astype(np.float32)
+    states = {
+        "state0": np.zeros((3, 1360), np.float32), "state1": np.zeros((3, 222), np.float32),
+        "state2": held.reshape(3, -1),
+    }  # fmt: skip
+    found = inputs_of(states, np.zeros((3, 6), np.int16))
+    assert found.shape == (3, 41)
+    assert (found[:, :17] == held[:, -1]).all()
+    assert (found[:, 17:34] == held.max(axis=1)).all()
+    assert ARCHITECTURES["tcn"].held == HELD + 1  # which the next sample is one of
+
+
+def test_packaged_tcn_says_slip_by_a_line_through_what_its_heads_read() -> None:
+    """So they read the features themselves: the line of the packaged weights is found anew."""
+    network = read_network(weights_path("tcn"))
+    counts = walk(2000, 1).astype(np.float32)
+    states = {k: np.zeros((1, *shape), np.float32) for k, shape in network.states.items()}
+    seen, said = [], []
+    for t, frame in enumerate(counts):
+        fed = {"counts": frame, "previous": counts[max(t - 1, 0)], **states}
+        oldest = states["state2"][:, :17]
+        p, *found = network.session.run(["probability", *(f"next_{k}" for k in states)], fed)
+        states = dict(zip(states, found, strict=True))
+        now, late = made_of(states)
+        seen.append(np.concatenate([now[0], np.maximum(late, oldest)[0], [1.0]]))
+        said.append(np.log(p[0] / (1.0 - p[0])))
+    x, y = np.array(seen, np.float64), np.array(said, np.float64)
+    line = np.linalg.lstsq(x, y, rcond=None)[0]
+    assert x @ line == pytest.approx(y, abs=1e-3)
+
+
+def test_network_that_holds_other_samples_has_no_heads() -> None:
+    network = read_network(weights_path("tcn"))
+    other = msgspec.structs.replace(network, states=network.states | {"state2": (17 * 13,)})
+    with pytest.raises(UsageError, match="other samples"):
+        width_of(other)
 
 
 def test_heads_are_told_by_the_detector_that_has_them(weights: Path) -> None:
