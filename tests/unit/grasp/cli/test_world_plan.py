@@ -130,7 +130,7 @@ def test_check_runs_the_detector_of_every_run_and_names_it(
     assert main(["world", "check", "--draws", "2"]) == exits.SUCCESS
     assert main(["world", "check", "--draws", "2", "--detector", "energy"]) == exits.SUCCESS
     assert asked == ["tcn", "energy"]
-    assert capsys.readouterr().out.startswith("detector gru\n")
+    assert capsys.readouterr().out.startswith("detector tcn\n")
     assert main(["world", "check", "--draws", "2", "--detector", "ear"]) == exits.USAGE
     assert len(asked) == 2
 
