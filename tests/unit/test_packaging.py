@@ -60,6 +60,12 @@ def test_wheel_holds_what_pages_are_made_of(wheel_files: set[str]) -> None:
     assert parts <= wheel_files
 
 
+def test_wheel_holds_the_networks_and_the_heads_beside_them(wheel_files: set[str]) -> None:
+    weights = tracked("detector/weights", "*.*")
+    assert {"detector/weights/tcn.onnx", "detector/weights/tcn.heads.json"} <= weights
+    assert weights <= wheel_files
+
+
 def test_wheel_holds_no_leftovers(wheel_files: set[str]) -> None:
     assert not [name for name in wheel_files if "__pycache__" in name or "test" in name.split("/")]
 

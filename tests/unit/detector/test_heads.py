@@ -26,6 +26,7 @@ from drivers.errors import BadFile, UsageError
 from tests.unit.detector.networks import walk, write_network
 
 HIDDEN = 7
+PACKAGED = ("gru", "tcn")  # that come with heads
 
 
 def heads_of(weights: Path, seed: int = 0, **changes: object) -> Heads:
@@ -99,7 +100,7 @@ def test_motion_is_that_of_the_latest_frame_and_of_the_state_it_led_to(weights: 
     assert motion.turning == pytest.approx(1.0 / (1.0 + np.exp(-out[:, 1])))
 
 
-@pytest.mark.parametrize("name", ["tcn", "tcn-paper", "energy"])
+@pytest.mark.parametrize("name", ["freq-cnn-paper", "tcn-paper", "energy"])
 def test_detector_without_heads_goes_on_and_tells_nothing(name: str) -> None:
     detector = load_detector(name, {}, 3)
     tell = motion_told_by(detector)
@@ -186,22 +187,24 @@ def test_layers_of_other_sizes_and_what_is_no_number_are_refused(weights: Path) 
             loaded(weights)
 
 
-def test_packaged_default_says_the_same_as_a_copy_of_its_weights_without_heads(
-    tmp_path: Path,
+@pytest.mark.parametrize("name", PACKAGED)
+def test_packaged_network_says_the_same_as_a_copy_of_its_weights_without_heads(
+    name: str, tmp_path: Path
 ) -> None:
-    alone = tmp_path / "gru.onnx"
-    shutil.copy(weights_path("gru"), alone)
-    packaged = loaded(weights_path("gru"))
+    alone = tmp_path / f"{name}.onnx"
+    shutil.copy(weights_path(name), alone)
+    packaged = loaded(weights_path(name))
     counts = walk(300)
     said = probabilities(packaged, counts, ask=True)
     assert packaged.motion() is not None
     assert (said == probabilities(loaded(alone), counts, ask=False)).all()
 
 
-def test_packaged_heads_say_on_what_they_were_scored() -> None:
-    content = heads_path(weights_path("gru")).read_bytes()
+@pytest.mark.parametrize("name", PACKAGED)
+def test_packaged_heads_say_on_what_they_were_scored(name: str) -> None:
+    content = heads_path(weights_path(name)).read_bytes()
     heads = msgspec.json.decode(content, type=Heads)
-    assert heads.network == weights_digest(weights_path("gru"))
+    assert heads.network == weights_digest(weights_path(name))
     assert heads.commit and heads.data_digest and heads.samples > 10_000
     assert all(low <= value <= high for value, low, high in heads.scores.values())
     assert any("direction" in name for name in heads.scores)

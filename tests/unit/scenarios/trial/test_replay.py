@@ -61,7 +61,7 @@ def test_folder_and_file_are_both_accepted(recorded: Path) -> None:
 def bounded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A lift that closes by position too, so that the anchor matters; its detector has a memory."""
     settings = config("guard.travel_bound=true")
-    settings = msgspec.structs.replace(settings, detector_name="gru")
+    settings = msgspec.structs.replace(settings, detector_name="tcn")
     result = lift.run(settings, 0, tmp_path_factory.mktemp("bounded")).result
     assert result is not None and result.recording is not None
     return Path(result.recording)
