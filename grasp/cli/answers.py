@@ -41,8 +41,9 @@ def add_parser(charts: Any) -> None:
         "(default: %(default)s)",
     )
     parser.add_argument(
-        "--policies", nargs="+", metavar="NAME", help="of the answers only these (default: all)"
-    )
+        "--policies", nargs="+", metavar="NAME",
+        help="of the answers only these, such as 'stop_and_step, margin 2', quoted (default: all)",
+    )  # fmt: skip
     parser.add_argument("--detector", metavar="NAME", help="default: the profile's")
     parser.add_argument(
         "--rig", choices=("simulated", "emulated"), default="simulated",
@@ -73,7 +74,7 @@ def draw(args: argparse.Namespace) -> int:
     need("charts", "matplotlib")
     known = {p.name: p for p in POLICIES}
     if unknown := set(args.policies or ()) - known.keys():
-        raise UsageError(f"no answer {min(unknown)!r}", f"one of: {', '.join(known)}")
+        raise UsageError(f"no answer {min(unknown)!r}", f"one of: {'; '.join(known)}, quoted")
     policies = [p for name, p in known.items() if name in (args.policies or known)]
     alarms = [s for s in SCENES if s.alarms]
     hard = [s for s in SCENES[1:] if not s.alarms]
@@ -110,7 +111,7 @@ def _print(answers: "Answers") -> None:
 
 def _row(c: "Cell") -> str:
     slip, air, force = (
-        "-" if q is None else f"{q.p50:.{digits}f} {q.p90:.{digits}f}"
+        "-" if q is None else f"{q.p50:z.{digits}f} {q.p90:z.{digits}f}"
         for q, digits in ((c.slip_mm, 1), (c.air_slip_mm, 1), (c.over_least, 2))
     )
     return (

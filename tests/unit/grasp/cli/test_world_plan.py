@@ -138,7 +138,7 @@ def test_check_runs_the_detector_of_every_run_and_names_it(
 def test_plan_takes_the_object_of_a_file_that_runs_take(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file = tmp_path / "bottle.toml"
+    file = tmp_path / "flask.toml"
     file.write_text('[object]\ncentre_aside_m = 0.009\n[tap]\ndirection = "side"\n')
     assert main(["world", "plan", "lift"]) == exits.SUCCESS
     plain = capsys.readouterr().out

@@ -9,6 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.interfaces import PERIOD_NS
+from grasp.cli import exits
+from grasp.cli.answers import _row
 from grasp.cli.main import main
 from grasp.clock import VirtualClock
 from scenarios.rigs.workers import Workers
@@ -135,6 +137,19 @@ def test_lost_object_has_slipped_for_ever_and_adds_nothing_to_force() -> None:
     assert (cell.held, cell.trials, cell.lost) == (1, 2, 1)
     assert cell.slip_mm is not None and cell.slip_mm.p90 == float("inf")
     assert cell.over_least is not None and cell.over_least.count == 1
+
+
+def test_chart_tells_names_of_answers_apart_that_have_commas(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["chart", "answers", "--policies", "jump,", "one", "speed"]) == exits.USAGE
+    assert "one of: jump, one speed; jump; stop_and_jump;" in capsys.readouterr().err
+
+
+def test_slip_of_nothing_has_no_sign() -> None:
+    lift = msgspec.structs.replace(answered("jump"), air_slip_mm=-1e-4)
+    (cell,) = summarize("gru", "simulated", (9000,), ("can",), (lift,)).cells
+    assert "-0.0" not in _row(cell)
 
 
 def test_chart_leaves_a_picture_and_every_lift(
