@@ -30,6 +30,7 @@ class ArmDoubt:
             if not self._stopping:
                 self._anchor = (arm.t_ns, arm.position_m)
             self._command, self._stopping = None, True
+            self._way.stop(arm, command.deceleration_mps2)
             self._spare_s = self._ramp_s(command.deceleration_mps2)
             return
         self._command, self._started, self._stopping = command, False, False
@@ -121,9 +122,28 @@ class _Way:
     def __init__(self, start_m: Vector3, end_m: Vector3, spare_m: float | None = None) -> None:
         """``spare_m``: to brake in, as it has to turn round first."""
         self._start_m, self._end_m = start_m, end_m
+        self._target_m = end_m  # of the move; told to stop, the arm may end beyond it
+        self._stop_mps2 = math.inf
         self._spare_m = spare_m or 0.0
         self._least_m = self._most_m = math.dist(start_m, end_m)  # from its end, so far
         self.turns = spare_m is not None  # and has not yet
+
+    def stop(self, arm: ArmState, deceleration_mps2: float) -> None:
+        """The arm is told to on it: it may end past the target by what braking takes, where that is
+        gentler than the end of the move. One that is past it already gets no more room by being
+        told again."""
+        way_m = math.dist(self._start_m, self._target_m)
+        past_m = math.dist(arm.position_m, self._start_m) - way_m
+        again = past_m > 0.0 and deceleration_mps2 >= self._stop_mps2
+        if self.turns or again or not way_m:
+            return
+        self._stop_mps2 = deceleration_mps2
+        braking_m = math.hypot(*arm.velocity_mps) ** 2 / (2.0 * deceleration_mps2)
+        over = (max(0.0, past_m) + braking_m) / way_m
+        ends = zip(self._start_m, self._target_m, strict=True)
+        x, y, z = (b + over * (b - a) for a, b in ends)
+        self._end_m = (x, y, z)
+        self._least_m = self._most_m = math.dist(arm.position_m, self._end_m)
 
     def beyond_m(self, at_m: Vector3, moved_m: float) -> float:
         """How far from the line, or back on it, that is, beyond what braking takes. It has turned

@@ -13,6 +13,7 @@ from drivers.interfaces import FINGER_NAMES, OPEN_COUNTS, Counts3, Detection, Ve
 from grasp.closing import Closing
 from grasp.commands import (
     BeginRest,
+    CloseFast,
     Command,
     MoveFingers,
     StopArm,
@@ -185,9 +186,8 @@ class GraspController:
     def _move_fingers(self, targets: Counts3, speed_mps: float) -> None:
         self._out.append(MoveFingers(targets, speed_mps, self._settings.grip_force_n))
 
-    def _close_to_cap(self, seen: Observation) -> None:
-        lost = self._felt.contact_lost(seen.t_ns)
-        self._out.append(self._closing.command(seen, lost))
+    def _to_cap(self, seen: Observation) -> CloseFast:
+        return self._closing.command(seen, self._felt.contact_lost(seen.t_ns))
 
     def _idle(self, seen: Observation) -> None:
         if any(f.detection is Detection.CONTACT_CLOSING for f in seen.gripper.fingers):
@@ -202,7 +202,7 @@ class GraspController:
             self._shape(seen, Trigger.START, "run started")
         else:
             self._fire(Trigger.RETURN, seen, "run started")
-            self._out.append(self._line.move(0.0, self._settings.lower_speed_mps))
+            self._out.append(self._line.down(0.0, self._settings.lower_speed_mps))
 
     def _return(self, seen: Observation) -> None:
         if seen.hand_rests and self._line.stands_at(seen, 0.0):
@@ -304,7 +304,7 @@ class GraspController:
             return False
         self._out += self._pause.begin(seen) if rising else ()
         self._fire(Trigger.FOUND, seen, "the force that was found has carried the object")
-        self._out.append(self._steps.margin(seen))
+        self._out.append(self._steps.margin(seen) or self._to_cap(seen))
         return True
 
     def _answers(self, seen: Observation) -> bool:
@@ -333,7 +333,7 @@ class GraspController:
         self._steps.forget()
         if not seen.at_cap:
             self.closings += 1
-            self._close_to_cap(seen)
+            self._out.append(self._to_cap(seen))
 
     def _compensate(self, seen: Observation) -> None:
         slip = self.monitor.status
@@ -342,7 +342,7 @@ class GraspController:
             self.monitor.closing(seen.t_ns)
         elif seen.unfinished:  # the same answer goes on
             self.monitor.closing(seen.t_ns)
-            self._close_to_cap(seen)
+            self._out.append(self._to_cap(seen))
         elif self._felt.contact_lost(seen.t_ns):
             self._lose(seen, "the hand closed and met nothing")
         elif slip.masked:

@@ -147,7 +147,7 @@ class Landing:
 
     def _quickly(self, trigger: Trigger, cause: str) -> Way:
         self._take_grip()
-        return Way(trigger, cause, (self._line.move(self._near_m, self._settings.lower_speed_mps),))
+        return Way(trigger, cause, (self._line.down(self._near_m, self._settings.lower_speed_mps),))
 
     def _slowly(self, seen: Observation, trigger: Trigger, cause: str) -> Way:
         self._take_grip()
@@ -155,13 +155,13 @@ class Landing:
             return Way(trigger, cause)
         in_time_mps = self._line.height_m(seen) / (LANDING_SHARE * self._settings.phase_timeout_s)
         speed_mps = max(self._settings.landing_speed_mps, in_time_mps)
-        return Way(trigger, cause, (self._line.move(0.0, speed_mps),))
+        return Way(trigger, cause, (self._line.down(0.0, speed_mps),))
 
     def _touch(self, seen: Observation, level_n: float) -> Way:
         height_m = self._line.height_m(seen)
         step_m = self._step_m(self._tight_m - height_m, level_n - self._grip_n)
         self._grip_n = level_n
-        step = self._line.move(height_m - step_m, self._settings.landing_speed_mps)
+        step = self._line.down(height_m - step_m, self._settings.landing_speed_mps)
         return Way(Trigger.SETTLED, "the arm has stood for long enough", (step,))
 
     def _step_m(self, braking_m: float, rise_n: float) -> float:

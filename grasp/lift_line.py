@@ -29,3 +29,10 @@ class LiftLine:
         x, y, z = self.home
         ramp_mps2 = acceleration_mps2 or self._settings.lift_acceleration_mps2
         return MoveArm((x, y, z + height_m), speed_mps, ramp_mps2)
+
+    def down(self, height_m: float, speed_mps: float) -> MoveArm:
+        """To a height at which something may stand: the arm brakes for it no harder than a safe
+        state's stop does, so that one that is stopped on the way ends no lower."""
+        s = self._settings
+        gently_mps2 = min(s.lift_acceleration_mps2, s.stop_deceleration_mps2)
+        return self.move(height_m, speed_mps, gently_mps2)

@@ -35,6 +35,7 @@ from grasp.commands import (
 from grasp.controller import Decision
 from grasp.loop_settings import LoopSettings
 from grasp.observation import Observation, StepInput
+from grasp.phases import Phase
 from grasp.step import GraspStep, StepResult
 
 # No settings, since no result depends on them: a command due this soon is sent before anyone
@@ -178,15 +179,17 @@ class ControlLoop:
         self._queue.append(_Waiting(now_ns, now_ns, now_ns, command, admitted))
 
     def stop(self, cause: str) -> bool:
-        """The run shall end now: forget what was queued, and tick until the safe state is reached
-        in which a grip is kept. No signal cuts this short.
+        """The run shall end now: forget what was queued, but a closing that answers slip, and tick
+        until the safe state is reached in which a grip is kept. No signal cuts this short.
 
         False when there was nothing to stop: it had finished, or a fault's safe state goes before.
         """
         controller = self._step.controller
         stopped = not controller.finished and not controller.in_safe_state
         if stopped:
-            self._queue.clear()
+            answering = controller.phase is Phase.COMPENSATE
+            kept = (w for w in self._queue if answering and isinstance(w.admitted, CloseFast))
+            self._queue = deque(kept)
         self._stop = cause
         end_ns = self._clock.now_ns + round(self._settings.stop_s * 1e9)
         while not controller.finished and self._clock.now_ns < end_ns:

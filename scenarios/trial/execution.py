@@ -1,5 +1,6 @@
 """One controller on an open rig, run to its end and recorded: what every scenario shares."""
 
+import math
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
@@ -12,9 +13,10 @@ from detector.decision import make_rule
 from detector.interface import motion_told_by
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
+from drivers.ur.driver import ArmSettings
 from grasp import interruption
 from grasp.controller import GraspController
-from grasp.controller_settings import GripPlan
+from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.doubt import Doubts
 from grasp.guard import ForceGuard
 from grasp.loop import ControlLoop, Tick
@@ -97,7 +99,7 @@ def check_arm(config: TrialConfig) -> None:
     """Raises ConfigError for what the arm would refuse in the midst of a run, or wait for."""
     controller, arm, doubt = config.controller, config.arm, config.doubt
     limits = {
-        "max_speed_mps": ("lower_speed_mps", "lift_speed_mps"),
+        "max_speed_mps": ("lower_speed_mps", "lift_speed_mps", "landing_speed_mps"),
         "max_acceleration_mps2": ("lift_acceleration_mps2", "stop_deceleration_mps2"),
         "max_stop_mps2": ("answer_stop_mps2", "stop_deceleration_mps2"),
     }
@@ -107,12 +109,34 @@ def check_arm(config: TrialConfig) -> None:
             if (asked := getattr(controller, key)) > most:
                 problem = f"{asked:g} is more than the arm may be told"
                 raise ConfigError("controller", key, problem, f"<= {most:g}, arm.{limit}")
+    _check_height(controller, arm)
     there_m, at_m = doubt.arm_there_m, controller.at_height_m
     if there_m > at_m:
         raise ConfigError(
             "doubt", "arm_there_m",
             f"an arm that stands {there_m:g} m from its target would be neither doubted nor there",
             f"<= {at_m:g}, controller.at_height_m",
+        )  # fmt: skip
+
+
+def _check_height(controller: ControllerSettings, arm: ArmSettings) -> None:
+    """Raises ConfigError where the lift leaves the workspace, or an answer's stop near its top."""
+    s, high_m = controller, arm.workspace_high_m[2]
+    most_m = min(high_m, arm.max_jump_m)
+    if s.lift_height_m > most_m:
+        problem = f"{s.lift_height_m:g} m is further than the arm may be told"
+        where = "the least of arm.workspace_high_m (z) and arm.max_jump_m"
+        raise ConfigError("controller", "lift_height_m", problem, f"<= {most_m:g}, {where}")
+    braking_m = s.lift_speed_mps**2 / (2.0 * s.answer_stop_mps2)
+    beyond_m = braking_m - s.lift_speed_mps**2 / (2.0 * s.lift_acceleration_mps2)
+    if s.answer != "jump" and s.lift_height_m + beyond_m > high_m:
+        least_mps2 = 1.0 / (
+            2.0 * (high_m - s.lift_height_m) / s.lift_speed_mps**2 + 1.0 / s.lift_acceleration_mps2
+        )
+        raise ConfigError(
+            "controller", "answer_stop_mps2",
+            f"{s.answer_stop_mps2:g} would carry the arm {beyond_m:.3f} m past the top of the lift",
+            f">= {math.ceil(least_mps2 * 100) / 100:g}, or a lower controller.lift_height_m",
         )  # fmt: skip
 
 

@@ -284,3 +284,42 @@ def test_arm_that_was_stopped_and_says_that_it_moves_does_not_keep_its_place() -
     braking_s = 2 * math.sqrt(2 * 1e-4 / 3.0)
     assert (after(0.059 + braking_s), after(0.061 + braking_s)) == ("", "arm_frozen")
     assert after(1.0, moving=False) == ""
+
+
+def going(t_s: float, height_m: float, speed_mps: float = 0.0) -> ArmState:
+    return msgspec.structs.replace(at(t_s, height_m, speed_mps=speed_mps), moving=True)
+
+
+def stopped_at(height_m: float, deceleration_mps2: float = 1.0) -> ArmDoubt:
+    """Told to rise to 0.2 m, and to stop gently when it is there, at 0.1 m/s."""
+    doubt = ArmDoubt(DoubtSettings(arm_jump_m=0.3))
+    assert doubt.see(at(0.0, 0.0), False) == ""
+    x, y, z = arm(0).position_m
+    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 5.0), at(0.0, 0.0))
+    rising = going(1.9, height_m, speed_mps=0.1)
+    assert doubt.see(rising, False) == ""
+    doubt.told(StopArm(deceleration_mps2), rising)
+    return doubt
+
+
+def test_an_arm_that_is_stopped_gently_may_end_past_where_it_was_told_to_be() -> None:
+    doubt = stopped_at(0.195)
+    assert doubt.see(going(2.0, 0.202, speed_mps=0.05), False) == ""
+    assert doubt.see(going(2.1, 0.2065), False) == ""
+    assert doubt.see(going(2.2, 0.2071), False).startswith("arm_wrong_way: ")  # 5 mm, and 2
+
+
+def test_an_arm_that_does_not_stop_gets_no_more_room_by_being_told_again() -> None:
+    doubt = stopped_at(0.195)
+    past = going(2.0, 0.2068, speed_mps=0.1)
+    assert doubt.see(past, False) == ""
+    doubt.told(StopArm(1.0), past)
+    assert doubt.see(going(2.1, 0.2075, speed_mps=0.1), False).startswith("arm_wrong_way: ")
+
+
+def test_an_arm_past_its_target_may_brake_for_a_gentler_stop() -> None:
+    doubt = stopped_at(0.195)
+    past = going(2.0, 0.204, speed_mps=0.05)
+    doubt.told(StopArm(0.5), past)
+    assert doubt.see(going(2.1, 0.2075, speed_mps=0.01), False) == ""
+    assert doubt.see(going(2.2, 0.2090), False).startswith("arm_wrong_way: ")

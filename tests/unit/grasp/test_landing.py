@@ -182,3 +182,10 @@ def test_hand_that_feels_nothing_any_more_makes_no_step_down(phase: Phase) -> No
         d.step(measured_n=bears(0.0))
     assert d.controller.phase is Phase.LOST
     assert moves(d) == []
+
+
+def test_the_arm_brakes_on_its_way_down_no_harder_than_a_stop_that_would_end_below() -> None:
+    fast, slow = moves(near(stop_deceleration_mps2=0.2))[-2:]
+    assert (fast.acceleration_mps2, slow.acceleration_mps2) == (0.2, 0.2)
+    usual, _ = moves(near())[-2:]
+    assert usual.acceleration_mps2 == 0.5

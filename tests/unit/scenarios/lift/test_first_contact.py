@@ -201,6 +201,17 @@ def test_settings_that_cannot_be_kept_together_are_refused_before_anything_moves
         (("controller.lift_acceleration_mps2=1.3",), "lift_acceleration_mps2"),
         (("controller.stop_deceleration_mps2=1.3",), "stop_deceleration_mps2"),
         (("arm.max_stop_mps2=7.9",), "answer_stop_mps2"),
+        (
+            (
+                "controller.landing_speed_mps=0.1",
+                "controller.lift_speed_mps=0.05",
+                "arm.max_speed_mps=0.09",
+            ),
+            "landing_speed_mps",
+        ),
+        (("controller.lift_height_m=0.51",), "lift_height_m"),
+        (("controller.lift_height_m=0.3", "arm.max_jump_m=0.29"), "lift_height_m"),
+        (("controller.lift_height_m=0.5", "controller.answer_stop_mps2=0.4"), "answer_stop_mps2"),
         (("arm.max_stop_mps2=0.9", "controller.answer_stop_mps2=0.9"), "stop_deceleration_mps2"),
         (("doubt.arm_there_m=0.002",), "arm_there_m"),
         (("controller.at_height_m=0.0005",), "arm_there_m"),

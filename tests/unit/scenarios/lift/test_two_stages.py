@@ -146,3 +146,23 @@ def test_hand_whose_status_stands_still_is_closed_to_the_cap_without_being_seen(
     assert not stages(staged.ticks)[-1].more
     assert trial.final is not None
     assert 9.0 < trial.final.normal_n[0] <= trial.final.peak_n[0] <= BOUND_N
+
+
+@pytest.mark.parametrize("closing", [(), (CONSTANT,)])
+def test_closing_that_is_on_its_way_to_the_hand_when_a_person_stops_is_not_forgotten(
+    closing: tuple[str, ...],
+) -> None:
+    staged = Staged("loop.decision_delay_s=0.03", *closing)
+
+    def to_the_cap(tick: Tick) -> bool:
+        told = [c for c in tick.decision.commands if isinstance(c, CloseFast)]
+        return any(not c.more for c in told)
+
+    def interrupt(rig: object) -> None:
+        raise KeyboardInterrupt
+
+    trial = staged.run(to_the_cap, interrupt)
+    assert trial.controller.phase is Phase.STOPPED
+    assert trial.interrupted
+    assert trial.final is not None
+    assert trial.final.normal_n[0] > 9.0
