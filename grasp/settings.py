@@ -175,11 +175,18 @@ def thing_layer(kind: str, section: str, word: str) -> Layer:
         )
     if not isinstance(table, dict):
         raise ConfigError(word, section, "missing", f"a section [{section}]")
-    name = table.get("name")
-    if name in [*names(kind), *names(f"{kind}/{UNSEEN}")]:
+    return own_name(layer, kind, section)
+
+
+def own_name(layer: Layer, kind: str, section: str, chosen: Any = None) -> Layer:
+    """The layer, if it gives its thing no name of one in config/<kind>, for which the results would
+    be taken; ``chosen`` is the one that it may keep. Raises ConfigError."""
+    table = layer.table.get(section)
+    name = table.get("name") if isinstance(table, dict) else None
+    if name != chosen and name in [*names(kind), *names(f"{kind}/{UNSEEN}")]:
         taken = f"is {name!r}, as one of config/{kind} is called"
         raise ConfigError(
-            word, f"{section}.name", taken, f"a name of its own, or --{section} {name}"
+            layer.source, f"{section}.name", taken, f"a name of its own, or --{section} {name}"
         )
     return layer
 

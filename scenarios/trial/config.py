@@ -20,7 +20,7 @@ from grasp.doubt_settings import DoubtSettings
 from grasp.guard import GuardSettings
 from grasp.loop_settings import LoopSettings
 from grasp.realtime import RealTimeSettings
-from grasp.settings import CHOSEN, Layer, named_layer, not_chosen, thing_layer
+from grasp.settings import CHOSEN, Layer, named_layer, not_chosen, own_name, thing_layer
 from grasp.slip import SlipSettings
 from scenarios.rigs.calibration import calibration_layers
 from scenarios.rigs.config import GraspRigConfig
@@ -186,12 +186,13 @@ def trial_layers(
         object_name = thing_layer("objects", "object", object_name)
     if detector is None:
         detector = str(whole.table["detector_name"])
+    chosen = object_name.table.get("object", {}).get("name")
     layers = [
         not_chosen(named_layer("rigs", rig)),
         not_chosen(whole, {key: CHOSEN[key] for key in ("rig", "profile")}),
         not_chosen(object_name),
         not_chosen(named_layer("detectors", detector)),
-        *own_layers(file, assignments),
+        *(own_name(own, "objects", "object", chosen) for own in own_layers(file, assignments)),
         Layer("command line", {"rig": rig, "profile": profile, "detector_name": detector}),
     ]
     return [*calibration_layers(layers), *layers]

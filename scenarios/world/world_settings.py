@@ -46,7 +46,8 @@ class WorldSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ] = 0.2
 
     def __post_init__(self) -> None:
-        if self.forced is not None and (self.from_blow_on or self.forced) < self.forced:
+        before = Level.SLIDER if self.forced is None else self.forced  # auto never takes less
+        if self.from_blow_on is not None and self.from_blow_on < before:
             raise ValueError(f"blow_level: {self.blow_level} is less than level, {self.level}")
 
     @property

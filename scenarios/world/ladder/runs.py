@@ -213,7 +213,7 @@ def plan_run(scene: RunScene, world: WorldSettings) -> RunPlan:
     before = _chosen(world.forced, scene.lifts(), contact.step_s, asked)
     struck = _Chosen(before.level, contact.blow_step_s)
     if scene.blow is not None:
-        told = world.from_blow_on or world.forced
+        told = world.forced if world.from_blow_on is None else world.from_blow_on
         struck = _chosen(told, scene.blows(), contact.blow_step_s, asked)
         if told is None and struck.level < before.level:
             struck = msgspec.structs.replace(struck, level=before.level)

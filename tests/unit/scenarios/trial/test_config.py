@@ -156,6 +156,16 @@ def test_a_setting_that_the_rule_does_not_read_is_refused(words: tuple[str, str]
     assert words[0].partition("=")[0] in str(refused.value)
 
 
+@pytest.mark.parametrize("name", ["ball", "bottle"])
+def test_settings_call_no_object_by_the_name_of_another(name: str) -> None:
+    """Its results would be taken for that one's."""
+    with pytest.raises(ConfigError, match=f"object.name: is '{name}'") as refused:
+        load_config("can", "simulated", None, None, [f"object.name={name}"])
+    assert f"--object {name}" in refused.value.remedy
+    assert load_config(name, "simulated", None, None, [f"object.name={name}"]).object.name == name
+    assert load_config("can", "simulated", None, None, ["object.name=x"]).object.name == "x"
+
+
 def test_who_runs_no_trial_takes_a_file_that_speaks_of_any_detector(tmp_path: Path) -> None:
     """A hand is opened, whatever detector the settings of the last run were for."""
     own = tmp_path / "own.toml"

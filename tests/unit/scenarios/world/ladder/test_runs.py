@@ -176,6 +176,10 @@ def test_mark_of_a_tap_is_where_its_settings_say() -> None:
 def test_lesser_level_from_a_blow_on_is_refused() -> None:
     with pytest.raises(ValueError, match="L1 is less than level, L4"):
         told(level="L4", blow_level="L1")
+    for level in ("L1", "auto"):
+        with pytest.raises(ValueError, match=f"L0 is less than level, {level}"):
+            told(level=level, blow_level="L0")
+    assert plan_run(tapped(), told(level="L0", blow_level="L0")).blow_level == "L0"
     aside = msgspec.structs.replace(tapped(), ranges=Ranges(aside_m=0.05, scatter_m=5e-4))
     assert plan_run(aside, told()).level in ("L3", "L4")
     with pytest.raises(ValueError, match="L1 is less"):
