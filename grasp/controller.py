@@ -304,7 +304,7 @@ class GraspController:
             return False
         self._out += self._pause.begin(seen) if rising else ()
         self._fire(Trigger.FOUND, seen, "the force that was found has carried the object")
-        self._out.append(self._steps.margin(seen) or self._to_cap(seen))
+        self._out.append(self._steps.margin(seen))
         return True
 
     def _answers(self, seen: Observation) -> bool:

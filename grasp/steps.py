@@ -26,12 +26,11 @@ class Steps:
 
     def may(self, seen: Observation) -> bool:
         """Whether a step is an answer here: what slips still stands on the table, the thumb, not
-        latched by the force cap, can press harder by position alone, and not too many were too
-        small."""
+        latched by the force cap, can press harder, and not too many were too small."""
         s = self._settings
         low = self._line.height_m(seen) < s.step_below_m
         some = self._taken < s.step_tries and not seen.gripper.thumb_latched
-        return s.answer == "stop_and_step" and low and some and self._within_reach(seen, 1)
+        return s.answer == "stop_and_step" and low and some
 
     def step(self, seen: Observation) -> MoveFingers:
         """The thumb one step further, and a margin to follow."""
@@ -50,28 +49,18 @@ class Steps:
         risen_m = self._line.height_m(seen) - self._found_m
         return at_top or risen_m >= self._settings.margin_after_m
 
-    def margin(self, seen: Observation) -> MoveFingers | None:
-        """The thumb all steps of the margin further; None where that leads to the force cap."""
+    def margin(self, seen: Observation) -> MoveFingers:
+        """The thumb all steps of the margin further."""
         self.securing, self._found_m = True, None
-        steps = self._settings.margin_steps
-        return self._further(seen, steps) if self._within_reach(seen, steps) else None
+        return self._further(seen, self._settings.margin_steps)
 
     def forget(self) -> None:
         """There is no force to give a margin to: the hand closes to its cap."""
         self._found_m = None
         self.end()
 
-    def _within_reach(self, seen: Observation, steps: int) -> bool:
-        """Each step begins at rest, where a hand may override its force: beyond the guard's reach
-        position no longer keeps the limit, and one closing to the cap is all that may be asked."""
-        reach = seen.reach_counts
-        return reach is None or self._thumb_after(seen, steps) <= reach[0]
-
-    def _thumb_after(self, seen: Observation, steps: int) -> int:
-        counts = max(1, self._plan.stiffness.counts_within(self._settings.step_n))
-        return min(255, seen.gripper.requested[0] + steps * counts)
-
     def _further(self, seen: Observation, steps: int) -> MoveFingers:
-        _, b, c = seen.gripper.requested
-        targets = (self._thumb_after(seen, steps), b, c)
-        return MoveFingers(targets, self._settings.grip_speed_mps, self._plan.force_cap_n)
+        s, (a, b, c) = self._settings, seen.gripper.requested
+        counts = max(1, self._plan.stiffness.counts_within(s.step_n))
+        targets = (min(255, a + steps * counts), b, c)
+        return MoveFingers(targets, s.grip_speed_mps, self._plan.force_cap_n)

@@ -140,27 +140,3 @@ def test_fault_closes_the_hand_to_the_limit_in_a_step_and_a_person_leaves_it(
     d.climb(**changes)
     assert len(told(d, CloseFast)) == hand
     assert told(d, MoveFingers) == []
-
-
-@pytest.mark.parametrize(("reach", "steps"), [(56, [56]), (55, [])])
-def test_step_that_position_alone_does_not_keep_within_the_limit_is_one_closing_to_the_cap(
-    reach: int, steps: list[int]
-) -> None:
-    """Every step begins at rest, where a hand may override its force."""
-    d = Driver(answer="stop_and_step", step_below_m=0.06)
-    d.reach = (reach, 55, 55)
-    d.slip()
-    assert [c.targets_counts[0] for c in told(d, MoveFingers)] == steps  # type: ignore[attr-defined]
-    assert bool(told(d, CloseFast)) is not bool(steps)
-
-
-def test_margin_that_position_alone_does_not_keep_within_the_limit_leads_to_the_cap() -> None:
-    d = Driver(answer="stop_and_step", step_below_m=0.06, margin_steps=2, margin_after_m=0.01)
-    d.reach = (57, 55, 55)
-    over(d.slip())
-    d.commands.clear()
-    rises(d, 0.061)
-    stop, close = d.commands
-    assert stop == StopArm(8.0)
-    assert isinstance(close, CloseFast)
-    assert d.controller.closings == 1  # a margin is no answer

@@ -25,7 +25,7 @@ EVERYWHERE = (1.0, 1.0, 1.0)  # the rule of the default detector wants more than
 LONGEST_S = {
     Phase.APPROACH: 1.0, Phase.REST: 1.0, Phase.GRASP: 1.5, Phase.OPPOSE: 2.0, Phase.RELAX: 0.5,
     Phase.LISTEN: 0.5, Phase.DONE: 0.1,
-    Phase.LIFT: 3.0, Phase.COMPENSATE: 1.5, Phase.HOLD: 3.0, Phase.LOWER: 5.0, Phase.LAND: 21.0,
+    Phase.LIFT: 3.0, Phase.COMPENSATE: 2.5, Phase.HOLD: 3.0, Phase.LOWER: 5.0, Phase.LAND: 21.0,
     Phase.TOUCH: 1.0, Phase.PROBE: 1.0, Phase.RELEASE: 2.0,
     Phase.RETREAT: 3.0, Phase.LOST: 3.1, Phase.FAULT: 3.1,
 }  # fmt: skip
