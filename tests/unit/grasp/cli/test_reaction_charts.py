@@ -16,7 +16,7 @@ def test_reaction_chart_leaves_a_picture_and_its_figures(
     assert main(["chart", "reaction", *words.split(), "--out", str(out)]) == 0
     shown = capsys.readouterr().out
     assert "cliff: ball at 110 mm/s: 100% held at 0 ms, 0% at 600 ms" in shown
-    assert "gru x4" in shown and "1 of 1 verdicts" in shown
+    assert "tcn x4" in shown and "1 of 1 verdicts" in shown
     assert out.read_text().startswith("<?xml")
     figures = json.loads(out.with_suffix(".json").read_text())
     assert [point["success"] for point in figures["curves"][0]["points"]] == [1.0, 0.0]

@@ -96,6 +96,7 @@ LINES = {
     ("replay",): ["replay", "--tactile", "strokes.csv", "--detector", "energy"],
     ("detector", "evaluate"): ["detector", "evaluate", "energy", "--recording", "strokes.csv"],
     ("detector", "tune"): ["detector", "tune", "energy"],
+    ("chart", "answers"): ["chart", "answers", "--seeds", "1", "--objects", "can", "--jobs", "1"],
 }
 
 
