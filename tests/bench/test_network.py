@@ -12,6 +12,7 @@ from detector.interface import SlipDetector
 from detector.network import run_network
 from detector.network_file import read_network
 from detector.scores.quantiles import quantile
+from detector.training.architecture import ARCHITECTURES
 from tests.unit.detector.networks import walk, write_network
 
 UPDATES, MILLION = 5_000, 1_000_000
@@ -39,8 +40,12 @@ def test_streaming_against_the_full_window_for_three_fingers(tmp_path: Path) -> 
         p50, p99 = (quantile(np.sort(spent), share) for share in (0.5, 0.99))
         print(f"\n{name} {mode}: {p50:.0f} us p50, {p99:.0f} p99 of the thread's time", end="")
     ratio = cost["tcn", "window"] / cost["tcn", "stream"]
-    print(f"\nwindow / stream: {ratio:.1f} times")
-    assert ratio > 2.0
+    rest = ", ".join(
+        f"{cost[name, mode] / cost['tcn', 'stream']:.1f} times by {name}"
+        for name, mode in (("gru", "stream"), ("tcn-paper", "window"))
+    )
+    print(f"\nwindow / stream: {ratio:.1f} times; an update of the tcn takes {rest}")
+    assert ratio > 4.0
 
 
 def resident_kb(detector: SlipDetector, updates: int) -> int:
@@ -51,15 +56,16 @@ def resident_kb(detector: SlipDetector, updates: int) -> int:
 
 
 @pytest.mark.bench
-@pytest.mark.timeout(600)
-@pytest.mark.parametrize("name", ["tcn", "gru"])
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("name", ["tcn", "gru", "tcn-paper", "freq-cnn-paper"])
 def test_a_million_steps_take_no_memory_and_do_not_drift(tmp_path: Path, name: str) -> None:
-    detector = run_network(read_network(write_network(tmp_path, name, "stream")), 3)
+    mode = "stream" if ARCHITECTURES[name].streaming else "window"
+    detector = run_network(read_network(write_network(tmp_path, name, mode)), 3)
     before = resident_kb(detector, 20_000)
     after = resident_kb(detector, MILLION)
     print(f"\n{name}: {after - before:+d} kB over a million steps")
     assert after - before < 1000
-    fresh = run_network(read_network(write_network(tmp_path, name, "stream")), 3)
+    fresh = run_network(read_network(write_network(tmp_path, name, mode)), 3)
     for frame in walk(1000):
         old, new = detector.update(frame), fresh.update(frame)
     assert np.abs(old - new).max() < 1e-5
