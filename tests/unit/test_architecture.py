@@ -33,8 +33,11 @@ def pictures() -> list[str]:
 
 
 def room(module: str) -> str:
-    """Short name of the room that a module is in; empty for `scenarios` itself."""
+    """Short name of the room that a module is in; empty for `scenarios` itself. What `import grasp`
+    is stands with the library, whose names it lends."""
     parts = module.split(".")
+    if module == "grasp":
+        return "library"
     if parts[0] == "scenarios":
         return ".".join(parts[1:2])
     return parts[1] if ".".join(parts[:2]) in PARTS else parts[0]

@@ -66,6 +66,10 @@ def test_wheel_holds_the_networks_and_the_heads_beside_them(wheel_files: set[str
     assert weights <= wheel_files
 
 
+def test_wheel_says_that_its_packages_are_typed(wheel_files: set[str]) -> None:
+    assert {f"{package}/py.typed" for package in PACKAGES} <= wheel_files
+
+
 def test_wheel_holds_no_leftovers(wheel_files: set[str]) -> None:
     assert not [name for name in wheel_files if "__pycache__" in name or "test" in name.split("/")]
 

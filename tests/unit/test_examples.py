@@ -1,0 +1,62 @@
+"""Every script and notebook of `examples` runs as it stands, from anywhere."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
+MOST_LINES = 40
+
+
+def test_there_are_scripts_and_a_notebook() -> None:
+    assert len(SCRIPTS) >= 4
+    assert NOTEBOOKS
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_a_script_runs_and_says_something(script: Path, tmp_path: Path) -> None:
+    assert len(script.read_text().splitlines()) <= MOST_LINES
+    done = subprocess.run(
+        [sys.executable, "-P", "-W", "error", str(script)], cwd=tmp_path, capture_output=True,
+        text=True, timeout=110, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout
+    assert done.stderr == ""
+
+
+def run_notebook(path: Path) -> list[Any]:
+    """What the last expression of each cell gives, as a kernel would show it."""
+    import ast
+
+    names: dict[str, Any] = {"__name__": "__main__"}
+    shown = []
+    for cell in json.loads(path.read_text())["cells"]:
+        if cell["cell_type"] != "code":
+            continue
+        tree = ast.parse("".join(cell["source"]))
+        last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+        exec(compile(tree, path.name, "exec"), names)
+        if isinstance(last, ast.Expr):
+            shown.append(eval(compile(ast.Expression(last.value), path.name, "eval"), names))
+    return shown
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs_from_top_to_bottom_and_shows_pictures(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert json.loads(path.read_text())["nbformat"] == 4
+    shown = run_notebook(path)
+    pictures = [value._repr_html_() for value in shown if hasattr(value, "_repr_html_")]
+    assert any("<svg" in picture for picture in pictures)
+    assert not any("<script" in picture or "http" in picture for picture in pictures)
