@@ -112,11 +112,37 @@ def best_border(values: Floats, labels: Labels) -> float:
     return float(tried[len(tried) - 1 - score[::-1].argmax()])
 
 
+class ReliabilityBin(msgspec.Struct, frozen=True):
+    """Samples whose probability lies in one of ten equal bins: how sure the detector was of slip on
+    average, and which share of them slipped."""
+
+    n: int
+    said: float
+    slipped: float
+
+
+def reliability(probabilities: Floats, labels: Labels) -> list[ReliabilityBin]:
+    """The bins, of (n,) each, that hold anything."""
+    bins = _calibration_bins(probabilities)
+    counts, said, slipped = (
+        np.bincount(bins, weights, CALIBRATION_BINS)
+        for weights in (np.ones(len(labels)), probabilities, labels.astype(np.float64))
+    )
+    return [
+        ReliabilityBin(int(n), float(p / n), float(slip / n))
+        for n, p, slip in zip(counts, said, slipped, strict=True)
+        if n
+    ]
+
+
 def calibration_error(probabilities: Floats, labels: Labels) -> float:
     """Expected calibration error over ten equal bins of probability."""
-    bins = np.minimum((probabilities * CALIBRATION_BINS).astype(np.intp), CALIBRATION_BINS - 1)
-    gap = np.bincount(bins, probabilities - labels)
+    gap = np.bincount(_calibration_bins(probabilities), probabilities - labels)
     return float(np.abs(gap).sum() / len(labels))
+
+
+def _calibration_bins(probabilities: Floats) -> NDArray[np.intp]:
+    return np.minimum((probabilities * CALIBRATION_BINS).astype(np.intp), CALIBRATION_BINS - 1)
 
 
 def edge_distance_ms(t_s: Floats, labels: Labels) -> Floats:

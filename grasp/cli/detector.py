@@ -7,7 +7,8 @@ from typing import Any
 
 from drivers.errors import BadFile, UsageError
 from grasp.cli import detector_study, exits, heads, paper_study, train
-from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
+from grasp.cli.options import add_settings, decimal, one_by_one, own_or_new, progress, whole
+from grasp.files import write_whole
 
 HELP = "score, tune and train slip detectors"
 TABLE2 = (
@@ -54,6 +55,11 @@ def _add_evaluate(actions: Any) -> None:
         "--label", choices=("slip", "slip_true", "moved"), default="slip",
         help="slip: by the fingertip's speed, as in the paper; slip_true: the contact itself "
         "slides; moved: 1 mm from where it last rested (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE.json",
+        help="keep the scores, with what each rule of the sweep of `tune` would make of them and "
+        "the worst misses; `grasp report FILE.json` makes a page of it",
     )  # fmt: skip
     add_settings(parser)
     _add_json(parser)
@@ -161,26 +167,62 @@ def card(args: argparse.Namespace) -> int:
 def evaluate(args: argparse.Namespace) -> int:
     import msgspec
 
-    for sheet in _sheets(args):
+    from scenarios.studies.detectors.evaluated import BEGINS, evaluated
+
+    if args.out is not None:
+        own_or_new(args.out, BEGINS)
+    kept = []
+    for made in _contenders(args):
+        sheet = made.evaluation()
         if args.json:
             print(msgspec.json.encode(sheet).decode(), flush=True)
         else:
             print(scores_text(sheet), flush=True)
+        if args.out is not None:
+            kept.append(evaluated(made, sheet))
+    if args.out is not None:
+        _keep(args, kept)
     return exits.SUCCESS
 
 
-def _sheets(args: argparse.Namespace) -> Any:
-    """The sheet of each detector, as soon as it is made."""
+def _keep(args: argparse.Namespace, kept: list[Any]) -> None:
+    """The file of an evaluation, and where it is."""
+    import shlex
+
+    import msgspec
+
+    from scenarios.studies.detectors.evaluated import EvaluationFile, command_of
+    from scenarios.trial.result import versions
+
+    source = args.data or [args.recording]
+    more = {"--split": [args.split] if args.data else [], "--set": args.set}
+    more["--config"] = [str(args.config)] if args.config else []
+    command = shlex.join(command_of(args.detector, source, args.label, more))
+    file = EvaluationFile(
+        data=_data_name(args), label=args.label, command=command, versions=versions(),
+        detectors=kept,
+    )  # fmt: skip
+    write_whole(args.out, msgspec.json.encode(file), private=True)
+    if not args.json:
+        print(args.out)
+
+
+def _data_name(args: argparse.Namespace) -> str:
+    if args.recording is not None:
+        return str(args.recording)
+    return f"{' '.join(folder.name for folder in args.data)}, {args.split}"
+
+
+def _contenders(args: argparse.Namespace) -> Any:
+    """Each detector, as soon as it has been streamed."""
     from detector.recordings import read
     from scenarios.studies.detectors.benchmark import contender, read_split
 
-    if args.recording is not None:
-        recordings, data = [read(args.recording)], str(args.recording)
-    else:
-        recordings = read_split(args.data, args.split)
-        data = f"{' '.join(folder.name for folder in args.data)}, {args.split}"
+    alone = args.recording is not None
+    recordings = [read(args.recording)] if alone else read_split(args.data, args.split)
+    data = _data_name(args)
     for name in one_by_one(args.detector, "streaming", hidden=args.json):
-        yield contender(name, recordings, data, args.label, args.config, args.set).evaluation()
+        yield contender(name, recordings, data, args.label, args.config, args.set)
 
 
 def table2(args: argparse.Namespace) -> int:

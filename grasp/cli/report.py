@@ -1,4 +1,4 @@
-"""`grasp report`: a run or a campaign as one page that opens in any browser, from disk."""
+"""`grasp report`: a run, a campaign or an evaluation as one page that opens from disk."""
 
 import argparse
 from pathlib import Path
@@ -9,26 +9,29 @@ from grasp.cli import exits
 from grasp.cli.options import own_or_new
 from grasp.files import write_whole
 
-HELP = "one page that shows a run or a campaign, in one file that opens from disk"
+HELP = "one page that shows a run, a campaign or an evaluation, in one file that opens from disk"
+EVALUATION = ".json"
 
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser(
         "report", help=HELP,
         description="Writes a page that shows a run (verdict, a picture that plays, forces, slip "
-        "probability, commands, settings) or a campaign (Table IV, distributions, what was varied, "
-        "failures). It is one file, asks for nothing from elsewhere, and needs no more than what "
-        "is named.",
+        "probability, commands, settings), a campaign (Table IV, distributions, what was varied, "
+        "failures) or an evaluation of detectors (false events against delay, calibration, the "
+        "worst misses). It is one file, asks for nothing from elsewhere, and needs no more than "
+        "what is named.",
     )  # fmt: skip
     parser.add_argument(
         "run", type=Path, metavar="RUN",
         help="folder or recording.mcap of a lift or a tap, a folder of such folders (each gets a "
-        "page of its own), or the SQLite file of a campaign",
+        "page of its own), the SQLite file of a campaign, or the .json file of `grasp detector "
+        "evaluate --out`",
     )  # fmt: skip
     parser.add_argument(
         "--out", type=_html, metavar="FILE",
-        help="page to write, .html (default: report.html beside the recording; beside a campaign's "
-        "file, with its name)",
+        help="page to write, .html (default: report.html beside the recording, or beside the "
+        "file of a campaign or an evaluation, with its name)",
     )  # fmt: skip
     parser.set_defaults(handler=report)
 
@@ -73,15 +76,19 @@ def _runs(path: Path) -> list[Path]:
 
 
 def write_page(run: Path, out: Path | None = None) -> Path:
-    """The page of one run or campaign. Raises BadFile where it is none, UsageError where something
-    else than a page of ours stands in the way."""
+    """The page of one run, campaign or evaluation. Raises BadFile where it is none, UsageError
+    where something else than a page of ours stands in the way."""
     from scenarios.campaign.store import is_database
-    from scenarios.report import campaign_page, run_page
+    from scenarios.report import campaign_page, evaluation_page, run_page
     from scenarios.report.page import BEGINS
 
-    campaign = is_database(run)
-    path = out or (campaign_page if campaign else run_page).page_path(run)
+    evaluation = run.suffix == EVALUATION
+    kind = campaign_page if is_database(run) else evaluation_page if evaluation else run_page
+    path = out or kind.page_path(run)
     own_or_new(path, BEGINS)
-    page = campaign_page.campaign_page(run, path) if campaign else run_page.run_page(run)
+    if kind is campaign_page:
+        page = campaign_page.campaign_page(run, path)
+    else:
+        page = evaluation_page.evaluation_page(run) if evaluation else run_page.run_page(run)
     write_whole(path, page.encode(), private=True)
     return path

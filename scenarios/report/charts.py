@@ -29,21 +29,32 @@ class Dot(msgspec.Struct, frozen=True):
 
 
 class Line(msgspec.Struct, frozen=True):
-    """One of a plot: its name, `x,y x,y ...` of SVG, and dots on it."""
+    """One of a plot: its name, `x,y x,y ...` of SVG, and dots on it. ``style``: a class of
+    `page.css`; empty: the next of its colours."""
 
     name: str
     points: str
     dots: list[Dot] = []
+    style: str = ""
+
+
+class Span(msgspec.Struct, frozen=True):
+    """A part of the x axis that is shaded, in the plot's units."""
+
+    x: float
+    width: float
 
 
 class Plot(msgspec.Struct, frozen=True):
-    """Everything that `plot()` of `page/campaign.html` draws."""
+    """Everything that `plot()` of `page/plots.html` draws."""
 
     title: str
     x_label: str
+    y_label: str
     x_ticks: list[Tick]
     y_ticks: list[Tick]
     lines: list[Line]
+    spans: list[Span] = []
 
 
 class Rate(msgspec.Struct, frozen=True):
@@ -74,7 +85,7 @@ def shares(title: str, unit: str, named: Sequence[tuple[str, Sequence[float]]]) 
         every = max(1, len(steps) // MOST_POINTS)
         kept = [step for i, step in enumerate(steps) if i % every == 0 or i == len(steps) - 1]
         lines.append(Line(name, _stairs(kept, low, high)))
-    return Plot(title, unit, _numbers(low, high), _percents(), lines)
+    return Plot(title, unit, "share of trials", _numbers(low, high), _percents(), lines)
 
 
 def rates(title: str, unit: str, named: Sequence[tuple[str, Sequence[Rate]]]) -> Plot:
@@ -99,10 +110,10 @@ def rates(title: str, unit: str, named: Sequence[tuple[str, Sequence[Rate]]]) ->
         ]
         lines.append(Line(name, " ".join(f"{dot.x},{dot.y}" for dot in dots), dots))
     ticks = [Tick(_x(x, low, high), known[x]) for x in sorted(known)]
-    return Plot(title, unit, _apart(ticks), _percents(), lines)
+    return Plot(title, unit, "success, 95 %", apart(ticks), _percents(), lines)
 
 
-def _apart(ticks: Sequence[Tick]) -> list[Tick]:
+def apart(ticks: Sequence[Tick]) -> list[Tick]:
     """Those that do not run into the one before."""
     kept: list[Tick] = []
     for tick in ticks:

@@ -31,7 +31,7 @@ LEAD_S = 0.15  # the page begins so long after slip was registered: the fingers 
 
 # steps to which columns are kept: well below what is drawn, felt or told in digits
 TIME_S, FORCE_N, LENGTH_M, SPEED_MPS, ANGLE_RAD = 1e-5, 1e-3, 1e-5, 1e-4, 1e-4
-PROBABILITY, LOG_ODDS = 1e-5, 1e-3
+PROBABILITY, SHARE, LOG_ODDS = 1e-5, 1e-3, 1e-3
 
 
 def page_path(run: Path) -> Path:
@@ -56,6 +56,7 @@ def run_page(path: Path) -> str:
         run=run,
         fingers=FINGER_NAMES,
         decided=by_rule,
+        phases=_phase_rows(run),
         commands=[_command_row(sent) for sent in run.commands],
         own_settings=[setting for setting in settings if setting.own],
         compared=any(setting.usual is not None for setting in settings),
@@ -100,6 +101,12 @@ def _columns(run: RunRecord, by_rule: Decided) -> dict[str, Column]:
     if by_rule.values.shape != run.probabilities.shape or not by_rule.probable:
         step = PROBABILITY if by_rule.probable else LOG_ODDS
         columns["decided"] = Column(by_rule.values, step)
+    if run.motion is not None:
+        columns |= {
+            "told_speed": Column(run.motion.speed_mps, SPEED_MPS),
+            "told_way": Column(run.motion.direction_deg, 1.0),
+            "told_turning": Column(run.motion.turning, SHARE),
+        }
     if run.truth is not None:
         columns |= {
             "true": Column(run.truth.normal_n, FORCE_N),
@@ -175,6 +182,16 @@ def _scene(run: RunRecord) -> dict[str, Any]:
         "grip_m": grip_m if np.isfinite(grip_m) else 0.0,
         "top_m": float(known.max()) if len(known) else 0.0,
     }
+
+
+def _phase_rows(run: RunRecord) -> list[dict[str, Any]]:
+    """Each phase, when it began and how long it lasted, in seconds."""
+    begins = [change.t_ns * 1e-9 for change in run.phases]
+    ends = [*begins[1:], float(run.t_s[-1])]
+    return [
+        {"t": t, "lasted_s": max(0.0, end - t), "phase": change.phase, "cause": change.cause}
+        for change, t, end in zip(run.phases, begins, ends, strict=True)
+    ]
 
 
 def _command_row(sent: Sent) -> dict[str, Any]:

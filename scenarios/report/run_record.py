@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.decision import RuleSettings
+from detector.motion import Motion
 from drivers.errors import BadFile, ConfigError, GraspError
 from drivers.interfaces import FINGERS, KIT_TAXELS, Applied, GripperState
 from grasp.commands import Command
@@ -18,6 +19,7 @@ from grasp.messages import (
     COMMANDS,
     CONTROL,
     GRIPPER,
+    MOTION,
     PHASES,
     TACTILE,
     TRUTH,
@@ -171,9 +173,18 @@ class TrueWorld(msgspec.Struct, frozen=True):
     struck_s: float | None
 
 
+class ToldMotion(msgspec.Struct, frozen=True):
+    """What heads told of each fingertip, (n, fingers); NaN where they were not asked."""
+
+    speed_mps: Floats
+    direction_deg: Floats
+    turning: Floats  # probability
+
+
 class RunRecord(msgspec.Struct, frozen=True):
     """One trial. Arrays are (n,) or (n, fingers), ``counts`` (n, fingers, taxels) with NaN before
-    rest counts were taken; ``truth`` is None where nobody knows it."""
+    rest counts were taken; ``truth`` is None where nobody knows it, ``motion`` where no head tells
+    it."""
 
     path: Path
     complete: bool
@@ -192,6 +203,7 @@ class RunRecord(msgspec.Struct, frozen=True):
     masked: Flags
     registered: Flags
     truth: TrueWorld | None
+    motion: ToldMotion | None
     phases: list[PhaseChange]
     commands: list[Sent]
 
@@ -239,6 +251,7 @@ def read_run(path: Path) -> RunRecord:
         masked=flags(lambda m: m.masked),
         registered=flags(lambda m: m.registered),
         truth=_truth(recording, times),
+        motion=_motion(recording, times),
         phases=[change for _, change in recording.of(PHASES)],
         commands=_commands(list(recording.of(COMMANDS)), states),
     )
@@ -296,6 +309,16 @@ def _counts(recording: RunRecording, times: Sequence[int]) -> Floats:
     width = FINGERS * KIT_TAXELS if first is None else len(first.counts)
     rows = _rows(recording, TACTILE, times, lambda message: message.counts, width)
     return rows.reshape(len(times), FINGERS, -1)
+
+
+def _motion(recording: RunRecording, times: Sequence[int]) -> ToldMotion | None:
+    if next(recording.of(MOTION), None) is None:
+        return None
+
+    def row(told: Motion) -> Sequence[float]:
+        return [*told.speed_mps, *told.direction_deg, *told.turning]
+
+    return ToldMotion(*np.split(_rows(recording, MOTION, times, row, 3 * FINGERS), 3, axis=1))
 
 
 def _truth(recording: RunRecording, times: Sequence[int]) -> TrueWorld | None:

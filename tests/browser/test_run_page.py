@@ -136,6 +136,20 @@ def test_the_threshold_that_is_drawn_is_the_rules(
     assert "limit 8" in browser.text("#legend-decided")
 
 
+def test_heads_are_read_at_the_cursor(lifted: Path, browser: Chromium) -> None:
+    run = read_run(lifted)
+    assert run.motion is not None
+    at = int(np.flatnonzero(np.isfinite(run.motion.speed_mps[:, 0]))[0])
+    browser.open(lifted / "report.html")
+    move(browser, at)
+    text = browser.text("#told-A")
+    assert text.startswith(f"{1e3 * run.motion.speed_mps[at, 0]:.0f} ")
+    assert text.endswith(f"; {run.motion.turning[at, 0]:.2f}")
+    move(browser, at - 1)
+    assert browser.text("#told-A") == "–"
+    assert browser.complaints == []
+
+
 def test_the_scene_follows_the_arm(lifted: Path, browser: Chromium) -> None:
     run = read_run(lifted)
     browser.open(lifted / "report.html")

@@ -1,5 +1,7 @@
 // One instant of the run, shown everywhere at once; slider, keys, clicks and play choose it.
 
+const ARROWS = "→↗↑↖←↙↓↘";
+
 async function showRun() {
   const series = await unpack(data.series);
   const times = series.t[0], last = times.length - 1;
@@ -38,6 +40,7 @@ async function showRun() {
       if (series.true) at(`true-${finger}`).textContent = digits(series.true[f][i], 2);
       at(`felt-${finger}`).textContent = digits(series.felt[f][i], 2);
       at(`probability-${finger}`).textContent = digits(series.probability[f][i], 3);
+      if (series.told_speed) at(`told-${finger}`).textContent = told(f, i);
       at(`positions-${finger}`).textContent = digits(series.positions[f][i], 0);
     });
     const status = series.status[0][i];
@@ -51,6 +54,13 @@ async function showRun() {
       (Math.abs(aside) >= 0.1 ? `, ${aside.toFixed(1)} mm aside` : "") +
       (Math.abs(turned) >= 0.1 ? `, turned ${turned.toFixed(1)}°` : "") + ` · ${digits(series.height[0][i] * 1e3, 0)} mm above the table`;
   }
+
+  // speed, an arrow in the frame of the fingertip's own pad (x to the right, y up), whether it turns rather
+  const told = (f, i) => {
+    const speed = series.told_speed[f][i];
+    if (!Number.isFinite(speed)) return "–";
+    return `${(speed * 1e3).toFixed(0)} ${ARROWS[Math.round(series.told_way[f][i] / 45) % 8]}; ${series.told_turning[f][i].toFixed(2)}`;
+  };
 
   const held = (i) => series.true.some((finger) => finger[i] > TOUCH_N);
   const digits = (value, n) => (Number.isFinite(value) ? value.toFixed(n) : "–");

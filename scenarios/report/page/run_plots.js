@@ -4,7 +4,7 @@ const AXIS_PX = 46;
 const PAPER_PX = 400; // of a plot beside the side view on an upright sheet of A4 or Letter
 const TOUCH_N = 1e-3; // less is no touch
 const NEAR_S = [-0.3, 0.7]; // of the instant that is looked at closely
-const HEIGHTS = {force: 210, probability: 150, decided: 130, slip: 120};
+const HEIGHTS = {force: 210, probability: 150, decided: 130, told: 110, slip: 120};
 
 function makePlots(series, seek) {
   const times = Array.from(series.t[0], (t) => t);
@@ -77,6 +77,11 @@ function makePlots(series, seek) {
     const alone = series.decided.length === 1;
     const sums = series.decided.map((values, i) => (alone ? {name: "all fingers", colour: "ink", values} : {...fingers[i], values}));
     add("decided", [...sums, boundLine(`limit ${data.rule.limit}`)], (u, low, high) => [0, 1.15 * Math.min(Math.max(high, data.rule.limit), 8 * data.rule.limit)], [shadePhases, shadeStatus(series)]);
+  }
+  if (series.told_speed) {
+    const lines = fingers.map((finger, i) => ({...finger, width: 1.2, values: series.told_speed[i].map((v) => v * 1e3)}));
+    if (series.slip_speed) lines.unshift({name: "true, down", colour: "soft", width: 1, values: inHand(series, series.slip_speed[0])});
+    add("told", lines, (u, low, high) => [Math.min(0, 1.1 * low), Math.max(20, 1.1 * high)], [shadePhases]);
   }
   if (series.slip) {
     const lines = [{name: "down", colour: "ink", values: inHand(series, series.slip[0])}];

@@ -36,6 +36,7 @@ from detector.scores.metrics import (
     calibration_error,
     confusion,
     edge_distance_ms,
+    reliability,
 )
 from detector.scores.quantiles import Quantiles
 from detector.scores.sweep import sweep
@@ -148,6 +149,15 @@ def test_the_calibration_error_is_the_gap_between_saying_and_happening() -> None
     assert calibration_error(np.array([0.25, 0.25, 0.95, 0.95]), labels) == pytest.approx(0.15)
     assert calibration_error(np.array([1.0, 1.0, 0.0, 0.0]), labels) == 1.0
     assert calibration_error(np.full(4, 0.5), labels) == 0.0
+
+
+def test_bins_of_reliability_hold_what_was_said_beside_what_happened() -> None:
+    p, labels = np.array([0.22, 0.28, 0.95, 1.0]), np.array([False, True, True, True])
+    low, high = reliability(p, labels)
+    assert (low.n, low.said, low.slipped) == (2, pytest.approx(0.25), 0.5)
+    assert (high.n, high.said, high.slipped) == (2, pytest.approx(0.975), 1.0)
+    gaps = sum(each.n * abs(each.said - each.slipped) for each in (low, high))
+    assert gaps / len(p) == pytest.approx(calibration_error(p, labels))
 
 
 def test_distance_is_counted_to_the_nearer_change_of_label() -> None:

@@ -11,8 +11,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from detector.motion import Motion
 from drivers.errors import BadFile
-from grasp.messages import ARM, PHASES, TRUTH
+from grasp.messages import ARM, GRIPPER, MOTION, PHASES, TRUTH
 from grasp.phases import PhaseChange
 from scenarios.lift.scoring import LiftOutcome
 from scenarios.report.page import PARTS
@@ -217,3 +218,30 @@ def test_a_page_is_called_as_its_recording_where_that_has_a_name_of_its_own(tmp_
     assert page_path(tmp_path) == tmp_path / "report.html"
     assert page_path(tmp_path / "recording.mcap") == tmp_path / "report.html"
     assert page_path(tmp_path / "000010-tap-foam.mcap") == tmp_path / "000010-tap-foam.html"
+
+
+def test_what_heads_tell_is_shown_where_they_were_asked(
+    recorded: Path, page: str, tmp_path: Path
+) -> None:
+    assert "by the heads" not in page and "told_speed" not in unpacked(data_of(page)["series"])
+    at_ns = round(read_run(recorded).t_s[100] * 1e9)
+
+    def told(message: Message) -> Message:
+        topic, t_ns, _ = message
+        if topic == GRIPPER and abs(t_ns - at_ns) < 1000:  # gives up its place
+            return MOTION, t_ns, Motion([0.01, 0.02, 0.03], [0, 45, 315], [0.1, 0.9, 0.5])
+        return message
+
+    with_heads = run_page(changed(recorded, tmp_path / "told", told))
+    shown = unpacked(data_of(with_heads)["series"])
+    assert "by the heads" in with_heads and 'id="plot-told"' in with_heads
+    np.testing.assert_allclose(shown["told_speed"][100], [0.01, 0.02, 0.03])
+    np.testing.assert_allclose(shown["told_way"][100], [0, 45, 315])
+    np.testing.assert_allclose(shown["told_turning"][100], [0.1, 0.9, 0.5])
+    assert np.isnan(np.delete(shown["told_speed"], 100, axis=0)).all()
+
+
+def test_phases_say_how_long_they_lasted(recorded: Path, page: str) -> None:
+    first, second, *_ = read_run(recorded).phases
+    lasted_s = (second.t_ns - first.t_ns) * 1e-9
+    assert f'<th scope="row">{first.phase}</th><td>{lasted_s:.2f}</td>' in page

@@ -1,0 +1,209 @@
+"""What an evaluation leaves behind: sheets, and what a page of them is drawn from.
+
+`grasp detector evaluate --out FILE` writes it, `grasp report FILE` reads it.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from detector.blows import blows_of
+from detector.decision import RuleSettings, registered_events
+from detector.recordings import LabelName
+from detector.scores.evaluation import (
+    WARM_UP_SAMPLES,
+    Evaluation,
+    Streamed,
+    events_by_label,
+    scored,
+    spoken,
+)
+from detector.scores.metrics import ReliabilityBin, reliability
+from detector.scores.sweep import frontier
+from drivers.errors import BadFile
+from scenarios.studies.detectors.benchmark import Contender
+
+FORMAT: Literal["grasp-evaluation"] = "grasp-evaluation"
+BEGINS = f'{{"format":"{FORMAT}"'  # how a file of ours is told from others
+MOST_TRACES = 6  # of a detector
+BEFORE_S, AFTER_S = 0.5, 1.0  # of a trace, around the begin of slip
+
+
+class Choice(msgspec.Struct, frozen=True):
+    """What one rule of the sweep makes of a detector; None: so many slips were missed."""
+
+    false_per_min: float
+    delay_ms: float | None
+    p90_delay_ms: float | None
+
+
+class SlipHeard(msgspec.Struct, frozen=True):
+    """One slip: where, how fast, and how late it was registered; ``delay_ms`` None: never."""
+
+    recording: str
+    onset_s: float
+    delay_ms: float | None
+    kind: str  # of motion, or what was done to what is held
+    speed_mps: float | None  # as commanded, or the fastest that the contact slid
+    slid_mm: float | None  # in all
+
+
+class SlipTrace(msgspec.Struct, frozen=True):
+    """Samples around one slip, times in seconds from its begin."""
+
+    slip: SlipHeard
+    t_s: list[float]
+    pressed: list[list[float]]  # of each finger, counts over its mean before slip began
+    probabilities: list[float]
+    slipping: list[tuple[float, float]]  # from, to
+
+
+class Evaluated(msgspec.Struct, frozen=True):
+    """One detector by one rule; ``sheet`` is what `--json` prints."""
+
+    detector: str
+    rule: RuleSettings
+    sheet: dict[str, Any]
+    choices: list[Choice]  # from few false events to many
+    reliability: list[ReliabilityBin]
+    slips: list[SlipHeard]
+    worst: list[SlipTrace]
+
+
+class EvaluationFile(msgspec.Struct, frozen=True, kw_only=True):
+    """The file."""
+
+    format: Literal["grasp-evaluation"] = FORMAT
+    version: Literal[1] = 1
+    data: str
+    label: LabelName
+    command: str
+    versions: dict[str, str]
+    detectors: list[Evaluated]
+
+
+def read_evaluation(path: Path) -> EvaluationFile:
+    """Raises BadFile for what is none."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=EvaluationFile)
+    except (msgspec.MsgspecError, RecursionError) as error:
+        remedy = "make one: `grasp detector evaluate NAME --data DIR --out FILE.json`"
+        raise BadFile(path, f"is no evaluation: {error}", remedy) from None
+
+
+def evaluated(made: Contender, sheet: Evaluation) -> Evaluated:
+    """Of what was streamed; ``sheet`` is its evaluation."""
+    rule, streams = made.config.rule, made.streams
+    parts = [(spoken(s, rule)[WARM_UP_SAMPLES:], s.labels[WARM_UP_SAMPLES:]) for s in streams]
+    p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
+    found = [(s, slip) for s in streams for slip in slips_heard(s, rule)]
+    worst = sorted(found, key=lambda each: _badness(each[1]), reverse=True)[:MOST_TRACES]
+    return Evaluated(
+        detector=made.detector.name,
+        rule=rule,
+        sheet=msgspec.json.decode(msgspec.json.encode(sheet)),
+        choices=[
+            Choice(c.false_per_min, _known(c.delay_ms), _known(c.p90_delay_ms))
+            for c in frontier(made.points())
+        ],
+        reliability=reliability(p, labels),
+        slips=[slip for _, slip in found],
+        worst=[trace(s, slip, rule) for s, slip in worst],
+    )
+
+
+def slips_heard(streamed: Streamed, rule: RuleSettings) -> list[SlipHeard]:
+    """Every slip that counts in one recording, as `evaluate_streams` counts."""
+    recording = streamed.recording
+    how = events_by_label(streamed.label)
+    found = scored(streamed, how, WARM_UP_SAMPLES, blows_of(recording))
+    delays_ms = found.judged(registered_events(streamed.probabilities, rule)).events.delays_ms
+    slips = found.slips
+    events = slips.truth[slips.counted[slips.truth[:, 0]]]
+    last = len(recording.t_s) - 1
+    return [
+        SlipHeard(
+            recording=_name(recording.source),
+            onset_s=float(recording.t_s[first]),
+            delay_ms=_known(float(delay)),
+            kind=_kind(streamed),
+            speed_mps=_speed_mps(streamed, first, after),
+            slid_mm=None if slips.path_mm is None
+            else float(slips.path_mm[min(after, last)] - slips.path_mm[first]),
+        )
+        for (first, after), delay in zip(events, delays_ms, strict=True)
+    ]  # fmt: skip
+
+
+def trace(streamed: Streamed, slip: SlipHeard, rule: RuleSettings) -> SlipTrace:
+    """The samples around a slip of that recording."""
+    recording = streamed.recording
+    t_s = recording.t_s - slip.onset_s
+    inside = (t_s >= -BEFORE_S) & (t_s <= AFTER_S)
+    before = inside & (t_s < 0.0)
+    # a slip at the very begin has nothing before it
+    rest = recording.counts[before if before.any() else inside].mean(axis=0)
+    pressed = (rest - recording.counts[inside]).sum(axis=2)  # pressing is negative
+    labels = streamed.labels[inside]
+    edges = np.flatnonzero(np.diff(labels, prepend=False, append=False)).reshape(-1, 2)
+    times = t_s[inside]
+    return SlipTrace(
+        slip=slip,
+        t_s=_rounded(times, 4),
+        pressed=[_rounded(finger, 1) for finger in pressed.T],
+        probabilities=_rounded(spoken(streamed, rule)[inside], 4),
+        slipping=[
+            (float(times[first]), float(times[min(after, len(times) - 1)]))
+            for first, after in edges
+        ],
+    )
+
+
+def _badness(slip: SlipHeard) -> tuple[float, float]:
+    """Misses first, of these the furthest; then the latest."""
+    late_ms = math.inf if slip.delay_ms is None else slip.delay_ms
+    return late_ms, slip.slid_mm or 0.0
+
+
+def _kind(streamed: Streamed) -> str:
+    told = streamed.recording.metadata
+    return "" if told is None else told.cause or told.motion
+
+
+def _speed_mps(streamed: Streamed, first: int, after: int) -> float | None:
+    told, speed = streamed.recording.metadata, streamed.recording.contact_speed_mps
+    if told is not None and told.speed_mps > 0.0:
+        return told.speed_mps
+    turns = told is not None and told.spin_radps > 0.0  # its speed is no one number
+    return None if speed is None or turns else float(speed[first:after].max())
+
+
+def _name(source: str) -> str:
+    path = Path(source)
+    return f"{path.parent.name}/{path.name}" if path.parent.name else path.name
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _rounded(values: Any, digits: int) -> list[float]:
+    out: list[float] = np.round(np.asarray(values, np.float64), digits).tolist()
+    return out
+
+
+def command_of(
+    names: Sequence[str], source: Sequence[Path], label: str, more: Mapping[str, Sequence[str]]
+) -> list[str]:
+    """Words that evaluate the same again; ``more``: options and their values."""
+    words = ["grasp", "detector", "evaluate", *names]
+    kind = "--data" if all(path.is_dir() for path in source) else "--recording"
+    words += [kind, *map(str, source), "--label", label]
+    for option, values in more.items():
+        for value in values:
+            words += [option, value]
+    return words

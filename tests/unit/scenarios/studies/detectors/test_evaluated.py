@@ -1,0 +1,95 @@
+"""What an evaluation keeps for its page: every slip, and the worst of them as traces."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from detector.decision import RuleSettings
+from detector.recordings import Recording
+from detector.scores.evaluation import Streamed, evaluate_streams
+from drivers.errors import BadFile
+from scenarios.studies.detectors.benchmark import contender
+from scenarios.studies.detectors.evaluated import (
+    MOST_TRACES,
+    EvaluationFile,
+    evaluated,
+    read_evaluation,
+    slips_heard,
+    trace,
+)
+from tests.unit.detector.toys import toys
+
+RULE = RuleSettings(kind="consecutive", consecutive=1, threshold=0.5, fusion="any", release=1)
+
+
+def streamed(heard: dict[int, int]) -> Streamed:
+    """Two slips, of 50 samples from 200 and 400 on, at 50 mm/s; each is heard so many samples
+    late."""
+    slip = np.zeros(600, bool)
+    slip[200:250] = slip[400:450] = True
+    p = np.full((600, 1), 0.1)
+    for onset, late in heard.items():
+        p[onset + late : onset + 50] = 0.9
+    counts = np.zeros((600, 1, 6), np.int16)
+    counts[200:, :, 0] = -30
+    speed = np.where(slip, 0.05, 0.0).astype(np.float32)
+    recording = Recording(
+        np.arange(600) * 0.01, counts, slip, slip, "set/surface/one.npz", contact_speed_mps=speed
+    )
+    return Streamed(recording, p, np.zeros(0))
+
+
+def test_every_slip_has_its_delay_its_speed_and_how_far_it_slid() -> None:
+    soon, never = slips_heard(streamed({200: 7}), RULE)
+    assert (soon.recording, soon.onset_s) == ("surface/one.npz", 2.0)
+    assert soon.delay_ms == pytest.approx(70.0)
+    assert soon.speed_mps == pytest.approx(0.05)
+    assert soon.slid_mm == pytest.approx(25.0)
+    assert never.delay_ms is None
+
+
+def test_a_trace_is_of_the_samples_around_its_slip_pressing_upwards() -> None:
+    one = streamed({200: 7})
+    (slip, _) = slips_heard(one, RULE)
+    shown = trace(one, slip, RULE)
+    assert shown.t_s[0] == pytest.approx(-0.5) and shown.t_s[-1] == pytest.approx(1.0)
+    at = shown.t_s.index(0.0)
+    assert shown.pressed[0][at - 1 : at + 1] == [0.0, 30.0]
+    assert shown.probabilities[at + 6 : at + 8] == [0.1, 0.9]
+    assert shown.slipping == [(0.0, pytest.approx(0.5))]
+
+
+def test_the_worst_are_those_missed_and_then_the_latest() -> None:
+    made = contender("energy", toys("test", 6, 50), "toys")
+    kept = evaluated(made, made.evaluation())
+    delays = [t.slip.delay_ms for t in kept.worst]
+    late = [np.inf if ms is None else ms for ms in delays]
+    every = sorted((np.inf if s.delay_ms is None else s.delay_ms for s in kept.slips), reverse=True)
+    assert len(late) == MOST_TRACES
+    assert late == every[:MOST_TRACES]
+
+
+def test_slips_and_misses_are_those_of_the_sheet() -> None:
+    made = contender("psd-fair", toys("test", 4, 50), "toys")
+    sheet = evaluate_streams(made.detector, made.config.rule, made.streams, made.data)
+    kept = evaluated(made, sheet)
+    assert len(kept.slips) == sheet.true_events
+    assert sum(slip.delay_ms is None for slip in kept.slips) == sheet.missed_events
+    assert sum(each.n for each in kept.reliability) == sheet.n_samples
+    assert kept.choices
+
+
+def test_a_file_is_read_as_it_was_written_and_another_is_refused(tmp_path: Path) -> None:
+    made = contender("energy", toys("test", 2, 50), "toys")
+    file = EvaluationFile(
+        data="toys", label="slip", command="grasp", versions={},
+        detectors=[evaluated(made, made.evaluation())],
+    )  # fmt: skip
+    path = tmp_path / "one.json"
+    path.write_bytes(msgspec.json.encode(file))
+    assert read_evaluation(path) == file
+    path.write_text('{"format": "something"}')
+    with pytest.raises(BadFile, match="is no evaluation"):
+        read_evaluation(path)
