@@ -1,6 +1,7 @@
 """`grasp campaign`: experiments by the hundred, in parallel, none of them lost."""
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -187,55 +188,27 @@ def calibrate_lengths(args: argparse.Namespace) -> int:
 
     from grasp.cli.campaign_view import View
     from scenarios.studies.table4.calibrate import calibrate
+    from scenarios.studies.table4.cause import explain
 
+    by, out = workers(args), args.out
     with View("calibrate", quiet=args.json) as view:
         try:
-            result = calibrate(
-                args.detector, args.profile, args.repetitions, args.out, workers(args), view.show
-            )
+            result = calibrate(args.detector, args.profile, args.repetitions, out, by, view.show)
+            causes = explain(result, out, by, view.show)
         except KeyboardInterrupt:
             view.close()
             return exits.report(
-                "interrupted", view.kept(args.out), "run the same command again", args.json
+                "interrupted", view.kept(out), "run the same command again", args.json
             )
-    causes = _causes(result, args)
     table = {"calibration": result, "causes": causes}
     text = msgspec.json.encode(table)
-    write_whole(args.out / "calibration.json", msgspec.json.format(text, indent=1) + b"\n")
+    write_whole(out / "calibration.json", msgspec.json.format(text, indent=1) + b"\n")
     if args.json:
         print(text.decode())
     else:
         _print_calibration(result, causes)
-        print(args.out / "calibration.json")
+        print(out / "calibration.json")
     return exits.SUCCESS
-
-
-def _causes(result: "Calibration", args: argparse.Namespace) -> "list[Cause]":
-    """For the objects that even the best values do not explain."""
-    from scenarios.campaign.config import load_config
-    from scenarios.campaign.spec import SEEDS_APART
-    from scenarios.campaign.store import CampaignStore
-    from scenarios.studies.table4.calibrate import SEED, assignments, candidates, spread_of
-    from scenarios.studies.table4.cause import explain
-
-    rows = []
-    for path in sorted(args.out.glob("calibrate-*.sqlite")):
-        with CampaignStore.open(path) as store:
-            rows += store.rows()
-    found = candidates(rows)
-    words = assignments(result)
-    seeds = range(SEED * SEEDS_APART, SEED * SEEDS_APART + args.repetitions)
-    causes = []
-    for each in result.best:
-        if each.p_value < 0.05:
-            own = [text for name, text in words if name in ("", each.object)]
-            config = load_config(
-                each.object, "simulated", result.detector, None, own, result.profile
-            )
-            causes.append(
-                explain(config.for_lift(), seeds, each.rate, spread_of(found, each.object))
-            )
-    return causes
 
 
 def _print_calibration(result: "Calibration", causes: "list[Cause]") -> None:
@@ -279,10 +252,15 @@ def _print_trade_off(trade: "TradeOff") -> None:
 
 
 def _print_cause(cause: "Cause") -> None:
-    low, high = cause.paper
-    print(
-        f"{cause.object}: {cause.rate:.0%} instead of {low:.0%}-{high:.0%}. Alone, over its range:"
-    )
+    shown = _by_class((f"{share:.0%}" for share in cause.shares), cause)
+    paper = _by_class((f"{low:.0%}-{high:.0%}" for low, high in cause.paper), cause)
+    print(f"{cause.object}: {shown}; the paper {paper}. Alone, over its range:")
     for each in cause.ranges:
         verdict = "could be the cause" if each.reaches else "cannot be the cause"
-        print(f"  {each.cause:<24} gives {each.low:.0%} to {each.high:.0%}: {verdict}")
+        spans = (f"{a:.0%} to {b:.0%}" for a, b in zip(each.low, each.high, strict=True))
+        print(f"  {each.cause:<24} gives {_by_class(spans, cause)}: {verdict}")
+
+
+def _by_class(texts: Iterable[str], cause: "Cause") -> str:
+    names = ("within 6 cm", "within 12 cm", "lost") if len(cause.paper) == 3 else ("held", "lost")
+    return ", ".join(f"{text} {name}" for text, name in zip(texts, names, strict=True))

@@ -102,7 +102,7 @@ def spent(wall: float, cpu: float) -> dict[str, Any]:
 def error_row(trial: Task, error: str, finished: AnyRun | None = None) -> Row:
     """The row of a trial that could not be judged, with what it left, if it left something."""
     result = None if finished is None or finished.result is None else _table(finished.result)
-    return Row(**_identity(trial), status="error", error=error, result=result)
+    return Row(**identity(trial), status="error", error=error, result=result)
 
 
 def _run(trial: Task) -> Finished:
@@ -131,7 +131,7 @@ def judged(trial: Task, finished: AnyRun) -> Row:
     if result is None:
         raise RuntimeError(finished.failure.message if finished.failure else "no result")
     return Row(
-        **_identity(trial),
+        **identity(trial),
         **_figures(result),
         status="done",
         success=result.success,
@@ -170,7 +170,8 @@ def _figures(result: LiftResult | TapResult) -> dict[str, Any]:
     }
 
 
-def _identity(trial: Task) -> dict[str, Any]:
+def identity(trial: Task) -> dict[str, Any]:
+    """The columns that a row has before its trial has run."""
     return {
         "trial": trial.number,
         "scenario": trial.scenario,

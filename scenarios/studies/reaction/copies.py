@@ -21,7 +21,7 @@ from grasp.guard import THUMB_ALONE
 from grasp.loop import Tick
 from grasp.phases import Phase
 from scenarios.lift.config import LiftConfig
-from scenarios.lift.scoring import SUCCESSES, LiftFacts, ScoringSettings, outcome
+from scenarios.lift.scoring import SUCCESSES, LiftFacts, LiftOutcome, ScoringSettings, outcome
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.workers import Workers, results
 from scenarios.rigs.world_of_seed import cell_settings
@@ -38,9 +38,13 @@ Copy = tuple[SimulatedCell, Gripper]
 class Reaction(msgspec.Struct, frozen=True):
     """What became of one answer."""
 
-    success: bool
+    outcome: LiftOutcome
     slip_distance_m: float | None  # None: lost
     rise_ms: float | None  # true onset of slip to the first rise of grip force
+
+    @property
+    def success(self) -> bool:
+        return self.outcome in SUCCESSES
 
 
 class GridPoint(msgspec.Struct, frozen=True):
@@ -166,11 +170,12 @@ def _judged(end: Truth, body: GraspObject, scoring: ScoringSettings) -> Reaction
         onset_s=end.slip_onset_s or 0.0, twin_onset_s=None, peak_force_n=None,
         force_bound_n=math.inf, cap_reached=False, alarm_stayed=False, fault="",
     )  # fmt: skip
-    success = outcome(facts, body, scoring) in SUCCESSES
+    verdict = outcome(facts, body, scoring)
     rise_ms = None
     if end.force_rise_s is not None and end.slip_onset_s is not None:
         rise_ms = (end.force_rise_s - end.slip_onset_s) * 1e3
-    return Reaction(success, end.slip_distance_m if success else None, rise_ms)
+    held = verdict in SUCCESSES
+    return Reaction(verdict, end.slip_distance_m if held else None, rise_ms)
 
 
 def answered(config: LiftConfig, seed: int) -> tuple[int, CloseFast, int] | None:

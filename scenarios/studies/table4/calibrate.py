@@ -229,10 +229,14 @@ def trades(trade_off: TradeOff) -> bool:
     return len(speeds) > 1 and len(lengths) > 1
 
 
-def spread_of(found: Sequence[Candidate], name: str) -> tuple[float, float]:
-    """Least and greatest success rate of an object over its whole grid."""
-    rates = [c.rate for c in found if c.object == name]
-    return min(rates), max(rates)
+def counts_over_grid(folder: Path, name: str) -> list[tuple[int, ...]]:
+    """Of an object's lifts by the classes of the paper's cell, place by place, as the folder's
+    files have them."""
+    rows: list[Row] = []
+    for path in sorted(folder.glob("calibrate-*.sqlite")):
+        with CampaignStore.open(path) as store:
+            rows += [row for row in store.rows() if row.object == name]
+    return [candidate.counts for candidate in candidates(rows)]
 
 
 def assignments(result: Calibration) -> list[tuple[str, str]]:

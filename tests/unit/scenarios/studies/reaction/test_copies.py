@@ -7,6 +7,7 @@ import pytest
 from grasp.closing import CLOSED_COUNTS
 from grasp.commands import CloseFast
 from grasp.guard import THUMB_ALONE
+from scenarios.lift.scoring import LiftOutcome
 from scenarios.studies.reaction.copies import (
     Copy,
     Grid,
@@ -80,7 +81,8 @@ def test_what_never_slips_has_no_reaction() -> None:
 
 
 def test_curves_name_their_cliff_and_count_a_loss_as_infinite() -> None:
-    held, lost = Reaction(True, 0.01, 50.0), Reaction(False, None, None)
+    held = Reaction(LiftOutcome.HELD, 0.01, 50.0)
+    lost = Reaction(LiftOutcome.DROPPED, None, None)
     grid = [GridPoint(50.0, 0.1, held), GridPoint(100.0, 0.1, lost)]
     summary = summarize("default", "energy", ["ball"], [SeedStudy("ball", 0, True, grid)])
     (curve,) = summary.curves

@@ -19,7 +19,6 @@ from scenarios.studies.table4.calibrate import (
     specs,
     trades,
 )
-from scenarios.studies.table4.cause import explain, signal_range
 from tests.unit.scenarios.conftest import config
 
 TRUE_MPS = 0.2
@@ -105,22 +104,6 @@ def test_the_arm_accelerates_in_proportion_to_the_speed_that_is_tried() -> None:
     assert ("", "controller.lift_acceleration_mps2=1") in assignments(found)
 
 
-def test_a_full_run_that_fails_where_its_copy_holds_has_failed_by_an_alarm() -> None:
-    found = explain(config(object_name="box"), [0, 1], rate=0.0, geometry=(0.0, 0.0))
-    ranges = {each.cause: each for each in found.ranges}
-    assert (ranges["detection: alarms"].low, ranges["detection: alarms"].high) == (0.0, 1.0)
-    assert ranges["detection: alarms"].reaches
-    assert not ranges["geometry"].reaches
-
-
-def test_a_ball_is_lost_by_slow_detection_or_reaction() -> None:
-    settings = config("controller.lift_speed_mps=0.25", object_name="ball")
-    found = explain(settings, [0, 1], rate=1.0, geometry=(1.0, 1.0))
-    ranges = {each.cause: each for each in found.ranges}
-    assert ranges["reaction"].low == 0.0 and ranges["reaction"].high == 1.0
-    assert not ranges["geometry"].reaches
-
-
 @pytest.mark.parametrize("name", list(LENGTHS_M))
 def test_every_length_that_is_tried_is_allowed(name: str) -> None:
     key, values = LENGTHS_M[name]
@@ -133,9 +116,3 @@ def test_calibration_on_fewer_than_twenty_lifts_a_place_says_that_it_is_coarse(
     lifts: int, coarse: bool
 ) -> None:
     assert fit(rows_of(as_in_the_paper_at_the_true_place), "paper", lifts).coarse is coarse
-
-
-def test_signal_can_be_the_cause_where_a_detector_hears_the_hand_shake_or_not_the_surface() -> None:
-    hears = signal_range(config("energy.threshold_counts=4"), [0, 1])
-    assert hears[0] < hears[1]
-    assert signal_range(config("energy.threshold_counts=400"), [0]) == (0.0, 0.0)
