@@ -33,6 +33,11 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         Meta(ge=10, le=10000, description="a taxel that has repeated itself so often in a row "
              "cannot tell; assumed: at 0.3 counts of noise it comes by chance once in a day"),
     ] = 100  # fmt: skip
+    living_share: Annotated[
+        float,
+        Meta(ge=0.0, le=1.0, description="of each fingertip's taxels, so many live or the arm does "
+             "not lift; assumed: detectors learn with one of six dead, next to never with four"),
+    ] = 0.5  # fmt: skip
     rail_samples: Annotated[
         int,
         Meta(ge=1, le=100, description="samples in a row with a whole fingertip at code 0 or 1023; "

@@ -14,6 +14,7 @@ from grasp.phases import CONTACT_PHASES, OPEN_PHASES, Phase
 
 Flags = NDArray[np.bool_]
 Taxels = frozenset[int]
+GRIPPED_PHASES = frozenset({Phase.RELAX, Phase.LISTEN})  # all is touched, and nothing moves yet
 NONE: Taxels = frozenset()
 NO_FINGER = (False,) * FINGERS
 
@@ -50,7 +51,9 @@ class FingertipDoubt:
             return self._absent(phase)
         if not frame.missed:
             self.take(frame.raw, frame.counts)
-        return "" if phase in OPEN_PHASES else self.wrong()
+        if phase in OPEN_PHASES:
+            return ""
+        return self.wrong() or (self._deafened() if phase in GRIPPED_PHASES else "")
 
     def _absent(self, phase: Phase) -> str:
         if phase in CONTACT_PHASES:
@@ -113,6 +116,20 @@ class FingertipDoubt:
         if any(dead):
             names = ", ".join(compress(FINGER_NAMES, dead))
             return f"fingertip_dead: finger {names} gives the same codes for ever"
+        return ""
+
+    def _deafened(self) -> str:
+        """A fingertip of which too few taxels live: what it holds is not entrusted to it. In the
+        air it would be too late, and a rail is none of it: there a taxel is pressed."""
+        if not self._deaf or self._before is None:
+            return ""
+        s, rails = self._settings, self._before[1]
+        still = [n >= s.stuck_samples and i not in rails for i, n in enumerate(self._still)]
+        for name, own in zip(FINGER_NAMES, _by_finger(still), strict=True):
+            if len(own) - sum(own) < s.living_share * len(own):
+                return (
+                    f"fingertip_deaf: {sum(own)} of finger {name}'s {len(own)} taxels stand still"
+                )
         return ""
 
     def _patience(self, finger: int) -> int:

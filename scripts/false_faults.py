@@ -52,13 +52,13 @@ REST = 450  # counts of a recording are without it
 BATCH = 12  # runs that a worker takes at a time
 # where every check of grasp/doubt.py can speak; of the others a simulated rig gives no occasion
 CHECKS = (
-    "fingertips_frozen", "fingertip_dead", "fingertips_at_rail", "fingertips_jump",
-    "fingertips_absent", "detector_failed", "gripper_silent", "gripper_stands",
+    "fingertips_frozen", "fingertip_dead", "fingertip_deaf", "fingertips_at_rail",
+    "fingertips_jump", "fingertips_absent", "detector_failed", "gripper_silent", "gripper_stands",
     "gripper_inactive", "gripper_impossible", "arm_position_nan", "arm_frozen", "arm_wrong_way",
     "arm_goes_on", "arm_jump",
 )  # fmt: skip
 PATIENCE = ("1", "1/2", "1/4")
-RANGES = ("soft_low_counts", "soft_high_counts", "pressing_ma", "stuck_samples")
+RANGES = ("soft_low_counts", "soft_high_counts", "pressing_ma", "stuck_samples", "living_share")
 Trial = tuple[LiftConfig | TapConfig, int]  # settings and seed
 
 

@@ -233,7 +233,8 @@ def _print_calibration(result: "Calibration", causes: "list[Cause]") -> None:
 def _print_profile(profile: "LikelihoodProfile") -> None:
     pairs = zip(profile.values, profile.log_likelihood, strict=True)
     shown = ", ".join(f"{value:g}: {score:.1f}" for value, score in pairs)
-    border = "; best at the border of its range: not identified" if profile.at_border else ""
+    plausible = ", ".join(f"{value:g}" for value in profile.plausible)
+    border = f"; {plausible} plausible, the best at the border" if profile.at_border else ""
     flat = "; flat: not identified" if len(profile.plausible) == len(profile.values) else ""
     print(f"profile of {profile.object} {profile.setting}: {shown}{flat or border}")
 

@@ -141,6 +141,32 @@ def test_stuck_samples(value: int) -> None:
     assert doubt.can_tell.all()
 
 
+def said_of(dead: int, phase: Phase, code: int = 420, **settings: Any) -> str:
+    """Of finger B with so many taxels that stand still for longer than ``stuck_samples``."""
+    doubt = FingertipDoubt(DoubtSettings(stuck_samples=20, **settings))
+    said = ""
+    for k in range(25):
+        said = doubt.see(frame(rails(k, code, taxels=dead)), phase)
+    return said
+
+
+@pytest.mark.parametrize("share, dead", [(0.5, 4), (0.34, 4), (0.33, 5), (1.0, 1), (0.84, 1)])
+def test_living_share(share: float, dead: int) -> None:
+    said = said_of(dead, Phase.LISTEN, living_share=share)
+    assert said == f"fingertip_deaf: {dead} of finger B's 6 taxels stand still"
+    assert said_of(dead - 1, Phase.LISTEN, living_share=share) == ""
+
+
+def test_dead_taxels_are_looked_for_in_the_grip_before_the_arm_lifts() -> None:
+    said = {phase for phase in Phase if said_of(5, phase)}
+    assert said == {Phase.RELAX, Phase.LISTEN}
+
+
+@pytest.mark.parametrize("code", [0, 1023])
+def test_taxels_that_are_pressed_to_the_rail_are_not_dead(code: int) -> None:
+    assert said_of(5, Phase.LISTEN, code=code) == ""
+
+
 def test_taxels_at_the_rail_cannot_tell() -> None:
     doubt = FingertipDoubt(DoubtSettings())
     doubt.see(frame(rails(0, 0, taxels=2)), Phase.LIFT)

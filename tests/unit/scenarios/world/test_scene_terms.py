@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from scenarios.lift import lift
 from scenarios.rigs.variation import VariationSettings, draw
 from scenarios.world import laws
 from scenarios.world.contact import Contact, Level
@@ -116,3 +117,12 @@ def test_lift_with_half_its_taxels_and_gain_is_another_lift_of_the_same_object()
 
 def test_fingertips_that_have_lost_every_taxel_are_refused_not_trusted() -> None:
     assert judged("damage.taxels_lost=1").outcome == "fault"
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_hand_with_one_living_taxel_a_finger_is_refused_although_that_one_feels_the_object(
+    seed: int,
+) -> None:
+    finished = lift.run(config("damage.taxels_lost=0.84"), seed, None)
+    assert finished.failure is not None
+    assert finished.failure.message.startswith("fingertip_deaf: 5 of finger A's 6 taxels")
