@@ -12,7 +12,8 @@ from detector.energy import EnergyDetector, EnergySettings
 from detector.forte import ForteDetector, ForteSettings
 from detector.motion import Motion
 from detector.network import NetworkSettings, StreamingNetwork, load_network
-from detector.network_file import packaged_networks
+from detector.network_file import is_weights, packaged_networks
+from detector.own import OwnSettings, is_own, load_own
 from detector.psd import PsdDetector, PsdFairDetector, PsdFairSettings, PsdSettings
 from drivers.errors import UsageError
 from drivers.interfaces import KIT_TAXELS
@@ -37,7 +38,9 @@ class SlipDetector(Protocol):
         """Take counts (fingers, taxels), raw minus rest, pressing negative; give (fingers,)."""
 
 
-DetectorSettings = EnergySettings | PsdSettings | PsdFairSettings | ForteSettings | NetworkSettings
+DetectorSettings = (
+    EnergySettings | PsdSettings | PsdFairSettings | ForteSettings | NetworkSettings | OwnSettings
+)
 
 _FORMULAS: dict[str, tuple[type[msgspec.Struct], Callable[[Any, int, int], SlipDetector]]] = {
     "energy": (EnergySettings, EnergyDetector),
@@ -62,12 +65,13 @@ def load_detector(
 ) -> SlipDetector:
     """Make the named detector, reset, for so many fingers of so many taxels.
 
-    A name that is not packaged is taken for a network of one's own if ``weights`` says where it is.
+    A name is that of a packaged one, of one that an installed package offers, `FILE.py:NAME`, or
+    `FILE.onnx`. Another one is taken for a network of one's own if ``weights`` says where it is.
     Raises UsageError for an unknown name and for one that was made for another layout,
     msgspec.ValidationError for settings out of range, BadFile for a network whose file is damaged
-    or foreign.
+    or foreign, and for code that does not what it should.
     """
-    wanted: type[Any] = _FORMULAS[name][0] if name in _FORMULAS else NetworkSettings
+    wanted = _settings_of(name)
     made: Any = settings
     if isinstance(settings, Mapping):
         made = msgspec.convert(dict(settings), wanted)
@@ -75,9 +79,17 @@ def load_detector(
         raise ValueError(f"{name} takes {wanted.__name__}, not {type(made).__name__}")
     if name in _FORMULAS:
         return _FORMULAS[name][1](made, fingers, taxels)
-    if name not in DETECTORS and not made.weights:
+    if isinstance(made, OwnSettings):
+        return load_own(name, made, fingers, taxels)
+    if name not in DETECTORS and not made.weights and not is_weights(name):
         raise UsageError(f"unknown detector {name!r}", f"one of: {', '.join(DETECTORS)}")
     return load_network(name, made, fingers, taxels)
+
+
+def _settings_of(name: str) -> type[Any]:
+    if name in _FORMULAS:
+        return _FORMULAS[name][0]
+    return OwnSettings if name not in DETECTORS and is_own(name) else NetworkSettings
 
 
 def motion_told_by(detector: SlipDetector) -> Callable[[], Motion | None]:

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from detector.heads import Teller, read_heads
 from detector.layout import check_layout
 from detector.motion import Motion
-from detector.network_file import LoadedNetwork, read_network, weights_digest, weights_path
+from detector.network_file import (
+    LoadedNetwork,
+    is_weights,
+    read_network,
+    weights_digest,
+    weights_path,
+)
 from drivers.interfaces import KIT_TAXELS
 
 Float32s = NDArray[np.float32]
@@ -47,6 +53,7 @@ class StreamingNetwork:
         self.card = loaded.card
         self._shape = (fingers, loaded.taxels)
         self._session = loaded.session
+        self._takes_previous = loaded.previous
         # two frames and two sets of states: what one call wrote, the next one reads
         self._frames = [np.zeros(self._shape, np.float32) for _ in range(2)]
         self._states = [
@@ -61,7 +68,8 @@ class StreamingNetwork:
         """Reads the frame and states of this turn, writes the states of the other."""
         binding = self._session.io_binding()
         _bind_input(binding, "counts", self._frames[turn])
-        _bind_input(binding, "previous", self._frames[1 - turn])
+        if self._takes_previous:
+            _bind_input(binding, "previous", self._frames[1 - turn])
         for name, state in self._states[turn].items():
             _bind_input(binding, name, state)
         for name, state in self._states[1 - turn].items():
@@ -154,7 +162,12 @@ def load_network(
 ) -> StreamingNetwork | WindowedNetwork:
     """Detector from its weights and the heads beside them; raises BadFile, and UsageError for
     fingertips of another layout than it was trained on."""
-    path = weights_path(settings.weights or name)
+    chosen = settings.weights or name
+    path = weights_path(chosen)
     loaded = read_network(path)
+    if is_weights(chosen):  # two files may say the same name of themselves
+        loaded = msgspec.structs.replace(
+            loaded, card=msgspec.structs.replace(loaded.card, name=path.name)
+        )
     check_layout(name, loaded.taxels, taxels)
     return run_network(loaded, fingers, read_heads(path, weights_digest(path), loaded))

@@ -20,6 +20,7 @@ from drivers.interfaces import FINGERS
 
 FORMAT = 1
 CARD_KEY = "grasp"
+SUFFIX = ".onnx"
 LARGEST_BYTES = 4_000_000  # ours are a tenth of a megabyte
 MOST_SAMPLES = 10_000  # of a window; ours have a hundred
 MOST_STATE = 1_000_000  # numbers of a state a finger; ours have a thousand
@@ -56,11 +57,13 @@ class NetworkCard(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LoadedNetwork(msgspec.Struct, frozen=True):
-    """A checked file: its card, an ONNX Runtime session, and the states' shapes a finger."""
+    """A checked file: its card, an ONNX Runtime session, the states' shapes a finger, and whether
+    it takes the frame before, too."""
 
     card: NetworkCard
     session: Any
     states: dict[str, tuple[int, ...]]
+    previous: bool = True
 
     @property
     def taxels(self) -> int:
@@ -68,9 +71,14 @@ class LoadedNetwork(msgspec.Struct, frozen=True):
         return len(self.card.mean_counts)
 
 
+def is_weights(word: str) -> bool:
+    """Whether a word is the path of a weights file rather than a name."""
+    return word.endswith(SUFFIX)
+
+
 def weights_path(weights: str) -> Path:
     """A packaged network's name, or the path of a file that ends in .onnx."""
-    return Path(weights) if weights.endswith(".onnx") else WEIGHTS / f"{weights}.onnx"
+    return Path(weights) if is_weights(weights) else WEIGHTS / f"{weights}{SUFFIX}"
 
 
 def packaged_networks() -> tuple[str, ...]:
@@ -87,7 +95,8 @@ def weights_digest(path: Path) -> str:
 
 
 def read_network(path: Path) -> LoadedNetwork:
-    """Load, check and try a weights file; raises BadFile for anything that is not one of ours."""
+    """Load, check and try a weights file, of ours or of the same form (docs/extending.md); raises
+    BadFile for anything else."""
     content = _content(path)
     try:
         if names_other_files(content):
@@ -131,19 +140,21 @@ def _session(content: bytes) -> Any:
 
 
 def _loaded(path: Path, session: Any) -> LoadedNetwork:
-    card = _card(path, session)
     inputs = {i.name: (i.type, tuple(i.shape)) for i in session.get_inputs()}
     outputs = {o.name: (o.type, tuple(o.shape)) for o in session.get_outputs()}
+    card = _card(path, session) or _card_of_shapes(path, inputs)
     _check_ends(path, card, inputs, outputs)
     states = {name: shape[1:] for name, (_, shape) in inputs.items() if name.startswith("state")}
     _check_states(path, card, inputs, outputs, states)
-    return LoadedNetwork(card, session, states)
+    return LoadedNetwork(card, session, states, "previous" in inputs)
 
 
 def _try(path: Path, loaded: LoadedNetwork) -> None:
     """A graph that cannot run, or gives no probability, is found here and not in a lift."""
     frame = (FINGERS, loaded.taxels)
-    shapes: dict[str, tuple[int, ...]] = {"counts": frame, "previous": frame}
+    shapes: dict[str, tuple[int, ...]] = {"counts": frame}
+    if loaded.previous:
+        shapes["previous"] = frame
     if loaded.card.mode == "window":
         shapes = {"counts": (FINGERS, loaded.card.window, loaded.taxels)}
     shapes |= {name: (FINGERS, *shape) for name, shape in loaded.states.items()}
@@ -157,10 +168,10 @@ def _try(path: Path, loaded: LoadedNetwork) -> None:
             raise _bad(path, f"{name} does not come out as it went in")
 
 
-def _card(path: Path, session: Any) -> NetworkCard:
+def _card(path: Path, session: Any) -> NetworkCard | None:
     text = session.get_modelmeta().custom_metadata_map.get(CARD_KEY)
     if text is None:
-        raise _bad(path, "an ONNX file without this project's card")
+        return None
     try:
         card = msgspec.json.decode(text, type=NetworkCard)
     except (msgspec.DecodeError, msgspec.ValidationError) as error:
@@ -173,11 +184,41 @@ def _card(path: Path, session: Any) -> NetworkCard:
 Ends = dict[str, tuple[str, tuple[Any, ...]]]
 
 
+def _card_of_shapes(path: Path, inputs: Ends) -> NetworkCard:
+    """What the shapes of a file without a card say: (fingers, taxels) is a frame at a time,
+    (fingers, samples, taxels) a window."""
+    shape = inputs["counts"][1] if "counts" in inputs else ()
+    if len(shape) not in (2, 3) or not all(isinstance(n, int) for n in shape[1:]):
+        raise _bad(
+            path, f"without a card, and no input `counts` of a frame or a window, but {inputs}"
+        )
+    window = min(shape[1], MOST_SAMPLES) if len(shape) == 3 else 0
+    taxels = min(shape[-1], MOST_SAMPLES)
+    return NetworkCard(
+        format=FORMAT, name=path.stem, mode="window" if window else "stream", window=window,
+        threshold=0.5, parameters=0, mean_counts=(0.0,) * taxels, std_counts=(1.0,) * taxels,
+        change_scale_counts=1.0, temperature=1.0, shift=0.0, data_digest="", label="",
+        augmentation="", balance="", seed=0, commit="", steps=0, training_minutes=0.0,
+        validation={},
+    )  # fmt: skip
+
+
+def _fits(found: tuple[str, tuple[Any, ...]] | None, wanted: tuple[str | int, ...]) -> bool:
+    """Whether it is of that shape, floats; an axis that is named may have any name, but no number
+    of its own."""
+    if found is None or found[0] != "tensor(float)" or len(found[1]) != len(wanted):
+        return False
+    pairs = zip(found[1], wanted, strict=True)
+    return all(n == m if isinstance(m, int) else not isinstance(n, int) for n, m in pairs)
+
+
 def _check_ends(path: Path, card: NetworkCard, inputs: Ends, outputs: Ends) -> None:
     """The frame or window that goes in, and the probability that comes out."""
     taxels = len(card.mean_counts)
     frame: tuple[str | int, ...] = ("fingers", taxels)
-    wanted = {"counts": frame, "previous": frame}
+    wanted = {"counts": frame}
+    if "previous" in inputs:
+        wanted["previous"] = frame
     if card.mode == "window":
         wanted = {"counts": ("fingers", card.window, taxels)}
         if card.window < 1:
@@ -185,9 +226,9 @@ def _check_ends(path: Path, card: NetworkCard, inputs: Ends, outputs: Ends) -> N
     for name, shape in wanted.items():
         found = inputs.get(name)
         variable = found is not None and found[1][1:2] == ("samples",)
-        if found != ("tensor(float)", shape) and not (variable and card.mode == "window"):
+        if not _fits(found, shape) and not (variable and card.mode == "window"):
             raise _bad(path, f"input {name!r} is {found}, not float {shape}")
-    if outputs.get("probability") != ("tensor(float)", ("fingers",)):
+    if not _fits(outputs.get("probability"), ("fingers",)):
         raise _bad(path, f"output is {outputs.get('probability')}, not float ('fingers',)")
 
 
@@ -195,11 +236,11 @@ def _check_states(
     path: Path, card: NetworkCard, inputs: Ends, outputs: Ends, states: dict[str, tuple[Any, ...]]
 ) -> None:
     """Every state goes in and comes out with one shape, and there is nothing else."""
-    known = {"counts", *(["previous"] if card.mode == "stream" else []), *states}
-    if set(inputs) != known or bool(states) != (card.mode == "stream"):
+    known = {"counts", *states}
+    if set(inputs) - {"previous"} != known or (card.mode == "window" and set(inputs) != {"counts"}):
         raise _bad(path, f"inputs {sorted(inputs)} do not fit mode {card.mode!r}")
     for name, shape in states.items():
-        if outputs.get(f"next_{name}") != inputs[name]:
+        if not _fits(outputs.get(f"next_{name}"), ("fingers", *shape)):
             raise _bad(path, f"{name} goes in as {inputs[name]}, out otherwise")
         if any(type(n) is not int or n < 1 for n in shape):
             raise _bad(path, f"{name} has no fixed shape: {shape}")
@@ -208,4 +249,7 @@ def _check_states(
 
 
 def _bad(path: Path, problem: str) -> BadFile:
-    return BadFile(path, problem, "give a file that `grasp detector train` wrote with this version")
+    remedy = (
+        "give one that `grasp detector train` wrote, or whose tensors are as in docs/extending.md"
+    )
+    return BadFile(path, problem, remedy)

@@ -143,13 +143,13 @@ def not_chosen(layer: Layer, options: Mapping[str, str] = CHOSEN) -> Layer:
     return layer
 
 
-def named_layer(kind: str, name: str) -> Layer:
+def named_layer(kind: str, name: str, others: Sequence[str] = ()) -> Layer:
     """config/<kind>/<name>.toml, or of those kept for testing; raises ConfigError listing the known
-    names."""
-    known = names(kind)
+    names, and the ``others`` that the caller knows of."""
+    known = [*names(kind), *others]
     if name in names(f"{kind}/{UNSEEN}"):
         kind = f"{kind}/{UNSEEN}"
-    elif name not in known:
+    elif name not in names(kind):
         close = difflib.get_close_matches(name, known, n=1)
         hint = f" (did you mean {close[0]!r}?)" if close else ""
         raise ConfigError(f"config/{kind}", name, f"unknown{hint}", ", ".join(known))

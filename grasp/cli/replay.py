@@ -32,7 +32,8 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         "--detector",
         metavar="NAME",
-        help="with --tactile: one of config/detectors (default: that of profile default)",
+        help="with --tactile: a detector's name or path (default: that of profile default); else "
+        "where that of one's own is which the run was recorded with",
     )
     parser.add_argument(
         "--set",
@@ -58,7 +59,7 @@ def _run(args: argparse.Namespace) -> int:
 
     from scenarios.trial.replay import replay_run
 
-    done = replay_run(args.run)
+    done = replay_run(args.run, args.detector)
     same = not done.differences
     if args.json:
         print(json.dumps({**msgspec.to_builtins(done), "same": same}))

@@ -122,7 +122,8 @@ def add_trial_options(parser: argparse.ArgumentParser, rig: str) -> None:
     parser.add_argument(
         "--detector",
         metavar="NAME",
-        help="one of config/detectors (default: the profile's)",
+        help="one of config/detectors, one that an installed package offers, or one of your own: "
+        "FILE.py:NAME or FILE.onnx (default: the profile's)",
     )
     _add_rig(parser, rig)
 

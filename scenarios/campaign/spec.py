@@ -9,6 +9,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from detector.network_file import is_weights
+from detector.own import is_code
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
 from grasp.settings import by_path, load, read_toml
@@ -43,7 +45,10 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     profiles: Annotated[tuple[str, ...], Meta(min_length=1, description="of config/profiles")] = (
         "default",
     )
-    detectors: Annotated[tuple[str, ...], Meta(description="of config/detectors")] = ()
+    detectors: Annotated[
+        tuple[str, ...],
+        Meta(description="of config/detectors, or FILE.py:NAME or FILE.onnx beside the campaign's"),
+    ] = ()
     sweep: Annotated[
         dict[str, tuple[Any, ...]], Meta(description="settings, section.key = [values]")
     ] = {}
@@ -99,7 +104,12 @@ def read_spec(path: Path) -> CampaignSpec:
     """Raises ConfigError for a file that is missing, malformed or says something unknown."""
     spec = load(CampaignSpec, [read_toml(path)])
     objects = (str(path.parent / word) if by_path(word) else word for word in spec.objects)
-    return msgspec.structs.replace(spec, objects=tuple(objects))
+    own = (is_code(word) or is_weights(word) for word in spec.detectors)
+    detectors = (
+        str(path.parent / word) if mine else word
+        for word, mine in zip(spec.detectors, own, strict=True)
+    )
+    return msgspec.structs.replace(spec, objects=tuple(objects), detectors=tuple(detectors))
 
 
 def combinations(spec: CampaignSpec) -> list[Combination]:

@@ -177,7 +177,7 @@ def identity(trial: Task) -> dict[str, Any]:
         "scenario": trial.scenario,
         "object": trial.config.object.name,
         "profile": trial.config.profile,
-        "detector": trial.config.detector_name,
+        "detector": trial.config.detector_label,
         "swept": _json(trial.swept),
         "repetition": trial.repetition,
         "seed": trial.seed,

@@ -103,7 +103,8 @@ def replay(
         recording: the folder or `recording.mcap` of a run, which is compared with what was
             recorded; or a fingertip's `.csv` or `.npz`, of which detector and controller say what
             they make of it.
-        detector: for a fingertip's recording; None: the default one.
+        detector: for a fingertip's recording; None: the default one. For a run, where the code
+            or weights of one's own are that it was recorded with.
         settings: likewise, as for `lift`.
 
     Raises:
@@ -113,12 +114,12 @@ def replay(
     path = Path(recording)
     if path.suffix in TACTILE:
         return _heard(path, detector, settings)
-    if detector is not None or settings:
+    if settings:
         raise UsageError(
-            "a run is replayed with the detector and settings that it was recorded with",
+            "a run is replayed with the settings that it was recorded with",
             "leave them out, or give the .csv or .npz of a fingertip",
         )
-    return Replayed(replay_run(path))
+    return Replayed(replay_run(path, detector))
 
 
 def _heard(path: Path, detector: str | None, settings: Settings | None) -> Heard:

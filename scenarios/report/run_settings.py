@@ -18,7 +18,7 @@ from scenarios.rigs.calibration import calibration_layers
 from scenarios.tap.settings import TapSettings
 from scenarios.tap.tap import tap_config
 from scenarios.trial import person
-from scenarios.trial.config import DEFAULT_PROFILE
+from scenarios.trial.config import DEFAULT_PROFILE, detector_layer
 
 Told = Mapping[str, Any]
 NAMED = ("rig", "profile", "detector_name", "object.name")  # by options of their own
@@ -106,7 +106,7 @@ def _usual(told: Told, begun: bool) -> dict[str, Any]:
             named_layer("rigs", told["rig"]),
             named_layer("profiles", told["profile"]),
             named_layer("objects", body) if _packaged(body) else own_object,
-            named_layer("detectors", told["detector_name"]),
+            detector_layer(told["detector_name"]),
             Layer("names", {key: told[key] for key in ("rig", "profile", "detector_name")}),
         ]
         config = load(RunConfig, [*calibration_layers(layers), *layers])

@@ -127,10 +127,11 @@ def _detectors(load: Load) -> Iterator[Check]:
 
     try:
         from detector.interface import DETECTORS
+        from detector.own import offered
     except ImportError as error:
         yield Check("detectors", "fail", str(error), "run `make install`")
         return
-    for name in DETECTORS:
+    for name in dict.fromkeys([*DETECTORS, *offered()]):
         yield _guarded(f"detector {name}", lambda n=name: look(n))  # type: ignore[misc]
 
 

@@ -3,16 +3,18 @@
 import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import msgspec
+from msgspec import Meta
 
 from detector.decision import RuleSettings
 from detector.energy import EnergySettings
 from detector.forte import ForteSettings
 from detector.interface import DetectorSettings, SlipDetector, load_detector, memory_of
 from detector.network import NetworkSettings
-from detector.network_file import weights_digest, weights_path
+from detector.network_file import is_weights, weights_digest, weights_path
+from detector.own import MARK, OwnSettings, Scalar, code_digest, is_code, is_own, offered
 from detector.psd import PsdFairSettings, PsdSettings
 from drivers.errors import ConfigError
 from grasp.controller_settings import ControllerSettings
@@ -20,7 +22,16 @@ from grasp.doubt_settings import DoubtSettings
 from grasp.guard import GuardSettings
 from grasp.loop_settings import LoopSettings
 from grasp.realtime import RealTimeSettings
-from grasp.settings import CHOSEN, Layer, named_layer, not_chosen, own_name, thing_layer
+from grasp.settings import (
+    CHOSEN,
+    Layer,
+    named_layer,
+    names,
+    not_chosen,
+    own_name,
+    read_toml,
+    thing_layer,
+)
 from grasp.slip import SlipSettings
 from scenarios.rigs.calibration import calibration_layers
 from scenarios.rigs.config import GraspRigConfig
@@ -31,7 +42,8 @@ from scenarios.world.ladder.runs import RunPlan
 DEFAULT_PROFILE = "default"
 # detectors that are formulas, and their sections
 FORMULAS = {"energy": "energy", "psd": "psd", "psd-fair": "psd_fair", "forte": "forte"}
-NETWORK = "network"  # the section of every other detector
+NETWORK = "network"  # the section of packaged networks, and of weights of one's own
+OWN = "own"  # of code of one's own
 
 # What no result depends on: where devices are, names of settings that are resolved here, what only
 # people read, and how the machine is asked to be quick. Without wires, nor how they are used; on
@@ -46,8 +58,8 @@ MODELS = ("board", "arm_model", "fingertip", "hand", "variation", "pull", "damag
 class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Rig and control of one trial; ``rig``, ``profile`` and ``detector_name`` are names.
 
-    Of the sections `energy`, `psd`, `psd_fair`, `forte` and `network`, the one counts that the
-    detector asked for takes.
+    Of the sections `energy`, `psd`, `psd_fair`, `forte`, `network` and `own`, the one counts that
+    the detector asked for takes.
     """
 
     profile: str = DEFAULT_PROFILE
@@ -62,13 +74,23 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     psd_fair: PsdFairSettings = PsdFairSettings()
     forte: ForteSettings = ForteSettings()
     network: NetworkSettings = NetworkSettings()
+    own: Annotated[
+        dict[str, Scalar],
+        Meta(description="what a detector of one's own is made with, by name: its own affair"),
+    ] = msgspec.field(default_factory=dict)
     loop: LoopSettings = LoopSettings()
     realtime: RealTimeSettings = RealTimeSettings()
 
     @property
     def detector_section(self) -> str:
         """Of the settings that the detector asked for takes."""
-        return FORMULAS.get(self.detector_name, NETWORK)
+        return section_of(self.detector_name)
+
+    @property
+    def detector_label(self) -> str:
+        """Its name as results give it: with the weights, where they are another's."""
+        weights = self.network.weights if self.detector_section == NETWORK else ""
+        return f"{self.detector_name} ({weights})" if weights else self.detector_name
 
     def make_detector(self, fingers: int, taxels: int | None = None) -> SlipDetector:
         """The detector asked for, for this hand's taxels or so many; raises BadFile for a network's
@@ -87,6 +109,8 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
 
     @property
     def _of_detector(self) -> DetectorSettings:
+        if self.detector_section == OWN:
+            return OwnSettings(tuple(sorted(self.own.items())), code_digest(self.detector_name))
         settings: DetectorSettings = getattr(self, self.detector_section)
         return settings
 
@@ -119,6 +143,24 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
         return _hashed({key: table[key] for key in (self.detector_section, "rule")})
 
 
+def section_of(detector: str) -> str:
+    """The section of the settings that a detector takes."""
+    if detector in FORMULAS or is_weights(detector) or detector in names("detectors"):
+        return FORMULAS.get(detector, NETWORK)
+    return OWN if is_own(detector) else NETWORK
+
+
+def detector_layer(word: str) -> Layer:
+    """What is set for a detector: its file of config/detectors; of one's own the `.toml` beside it,
+    if there is one, of the same name. Raises ConfigError for an unknown name."""
+    if is_code(word) or is_weights(word):
+        beside = Path(word.rpartition(":")[0] if is_code(word) else word).with_suffix(".toml")
+        return read_toml(beside) if beside.is_file() else Layer(word, {})
+    if word in offered() and word not in names("detectors"):
+        return Layer(word, {})
+    return named_layer("detectors", word, (*offered(), f"FILE{MARK}NAME", "FILE.onnx"))
+
+
 def digest_of(settings: Mapping[str, Any]) -> str:
     """``TrialConfig.digest`` of settings as a recording carries them."""
     unused = {"simulated": ADDRESSES, HARDWARE: MODELS}.get(settings["rig"], ())
@@ -131,13 +173,17 @@ def digest_of(settings: Mapping[str, Any]) -> str:
 
 
 def _read(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Without the sections of other detectors, a network by what is in its file."""
+    """Without the sections of other detectors, a network or code by what is in its file."""
     name = settings["detector_name"]
     others = _sections_of_others(name)
     table = {key: value for key, value in settings.items() if key not in others}
+    if is_code(name) or is_weights(name):
+        del table["detector_name"]  # wherever it lies
     if NETWORK in table:
         chosen = table[NETWORK]["weights"] or name
         table[NETWORK] = {"weights": weights_digest(weights_path(chosen))}
+    if OWN in table:
+        table[OWN] = {"code": code_digest(name), **table[OWN]}
     return table
 
 
@@ -146,7 +192,7 @@ def _hashed(table: Mapping[str, Any]) -> str:
 
 
 def _sections_of_others(detector: str) -> set[str]:
-    return {*FORMULAS.values(), NETWORK} - {FORMULAS.get(detector, NETWORK)}
+    return {*FORMULAS.values(), NETWORK, OWN} - {section_of(detector)}
 
 
 def check_read(detector: str, rule: RuleSettings, own: Sequence[Layer]) -> None:
@@ -164,7 +210,7 @@ def check_read(detector: str, rule: RuleSettings, own: Sequence[Layer]) -> None:
             key = next(iter(said), "") if isinstance(said, dict) else ""
             raise ConfigError(
                 layer.source, f"{section}.{key}".rstrip("."), f"is not read by {detector}",
-                f"[{FORMULAS.get(detector, NETWORK)}] alone, or another --detector",
+                f"[{section_of(detector)}] alone, or another --detector",
             )  # fmt: skip
 
 
@@ -191,7 +237,7 @@ def trial_layers(
         not_chosen(named_layer("rigs", rig)),
         not_chosen(whole, {key: CHOSEN[key] for key in ("rig", "profile")}),
         not_chosen(object_name),
-        not_chosen(named_layer("detectors", detector)),
+        not_chosen(detector_layer(detector)),
         *(own_name(own, "objects", "object", chosen) for own in own_layers(file, assignments)),
         Layer("command line", {"rig": rig, "profile": profile, "detector_name": detector}),
     ]

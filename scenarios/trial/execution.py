@@ -282,7 +282,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "scenario": scenario,
             "object": config.object.name,
             "rig": config.rig,
-            "detector": config.detector_name,
+            "detector": config.detector_label,
             "seed": seed,
             "peak_force_n": named(self.final.peak_n) if self.final is not None else None,
             "peak_measured_n": named(self.trace.peak_measured_n),

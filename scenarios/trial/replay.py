@@ -7,7 +7,9 @@ from typing import Any
 
 import msgspec
 
-from drivers.errors import BadFile, ConfigError
+from detector.network_file import is_weights
+from detector.own import is_code
+from drivers.errors import BadFile, ConfigError, UsageError
 from drivers.interfaces import ArmState, GripperState, TactileFrame, Vector3
 from grasp.commands import Command, describe
 from grasp.messages import (
@@ -51,10 +53,14 @@ class Replay(msgspec.Struct, frozen=True):
     differences: list[Difference]
 
 
-def replay_run(path: Path) -> Replay:
-    """Replay a run; raises BadFile when it is none, or was made with other settings."""
+def replay_run(path: Path, detector: str | None = None) -> Replay:
+    """Replay a run; raises BadFile when it is none, or was made with other settings, and UsageError
+    for a recording that names code which the caller has not named.
+
+    ``detector``: where the code, or the weights, of one's own are that it was recorded with.
+    """
     recording = open_trial(path)
-    config, settings = _config(recording)
+    config, settings = _config(recording, detector)
     stepper = _Stepper(config, _home(recording))
     stepper.compare(0, "hash of the settings", recording.metadata.get("config_hash"), settings)
     for topic, t_ns, message in recording:
@@ -65,11 +71,12 @@ def replay_run(path: Path) -> Replay:
     return Replay(str(path), stepper.steps, recording.complete, stepper.events, stepper.differences)
 
 
-def _config(recording: RunRecording) -> tuple[TrialConfig, str]:
+def _config(recording: RunRecording, detector: str | None) -> tuple[TrialConfig, str]:
     """The settings of rig and control, for those of the scenario play no part in a replay; and the
     hash of all."""
     try:
         table = msgspec.json.decode(recording.metadata["config"], type=dict[str, Any])
+        table["detector_name"] = _trusted(str(table["detector_name"]), detector)
         known = {k: v for k, v in table.items() if k in TrialConfig.__struct_fields__ or renamed(k)}
         return load(TrialConfig, [Layer("metadata", known)]), digest_of(table)
     except (KeyError, RecursionError, msgspec.MsgspecError, ConfigError) as error:
@@ -78,6 +85,21 @@ def _config(recording: RunRecording) -> tuple[TrialConfig, str]:
             f"its settings do not fit this version: {error}",
             f"replay with grasp {recording.metadata.get('version.grasp', 'of its time')}",
         ) from error
+
+
+def _trusted(recorded: str, given: str | None) -> str:
+    """The detector to replay with: no file of somebody else's runs code by being replayed."""
+    own = is_code(recorded) or is_weights(recorded)
+    if given is None and is_code(recorded):
+        raise UsageError(
+            f"it was recorded with {recorded}, code that no replay runs by itself",
+            "if you trust it, name it: --detector FILE.py:NAME",
+        )
+    if given is not None and not own and given != recorded:
+        raise UsageError(
+            f"it was recorded with {recorded}, and is replayed with that", "leave --detector out"
+        )
+    return given or recorded
 
 
 def _home(recording: RunRecording) -> Vector3 | None:

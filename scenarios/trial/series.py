@@ -61,6 +61,7 @@ def run_series(
     no result. So does, with its verdict, a trial that leaves such a rig's hand closed (an object
     that was lost).
     """
+    _ = config.memory_s  # a detector that cannot be loaded is told before anything is opened
     begun = bench.begun or Begun(tuple(range(1, len(seeds) + 1)), len(seeds))
     with interruption.held():
         if config.rig == "simulated":

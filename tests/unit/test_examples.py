@@ -16,8 +16,8 @@ NOTEBOOKS = sorted(EXAMPLES.glob("*.ipynb"))
 MOST_LINES = 40
 
 
-def test_there_are_scripts_and_a_notebook() -> None:
-    assert len(SCRIPTS) >= 4
+def test_there_are_five_scripts_and_a_notebook() -> None:
+    assert len(SCRIPTS) == 5
     assert NOTEBOOKS
 
 

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from detector.interface import SlipDetector
-from detector.network_file import read_network
+from detector.network_file import is_weights, read_network
 from detector.recordings import LabelName, Recording, Split, read_dataset
 from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
@@ -22,10 +22,9 @@ from detector.scores.metrics import best_border
 from detector.scores.sweep import SweepPoint, at_the_budget, best, rules, sweep
 from drivers.errors import UsageError
 from grasp.clock import stopwatch_ns
+from grasp.settings import names
 from scenarios.campaign.config import load_config
 from scenarios.trial.config import FORMULAS, TrialConfig
-
-SUFFIX = ".onnx"  # of a network of one's own
 
 
 class SweptThreshold(msgspec.Struct, frozen=True):
@@ -87,8 +86,7 @@ def named(
 ) -> Contender:
     """A contender by name, or by the file of its weights; the threshold of a detector of one number
     swept on the split `train` of some folders, where they are given."""
-    if name.endswith(SUFFIX):
-        card = read_network(Path(name)).card
+    if is_weights(name) and (card := read_network(Path(name)).card).name in names("detectors"):
         return contender(card.name, recordings, data, assignments=(f"network.weights={name}",))
     if name not in FORMULAS or not swept_on:
         return contender(name, recordings, data)

@@ -112,7 +112,7 @@ def test_the_tables_name_every_method(tmp_path: Path, capsys: pytest.CaptureFixt
     text = capsys.readouterr().out
     assert "| `psd` | 57.4 / " in text
     assert "| `energy` | – / " in text
-    assert "| `gru` | – / " in text
+    assert "| `gru-stream.onnx` | – / " in text
     assert "static: called static" in text
     assert "variance within a label" in text
 

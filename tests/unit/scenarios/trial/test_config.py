@@ -25,6 +25,7 @@ LEFT_OUT = {
     "psd_fair",
     "forte",
     "network",
+    "own",
 }  # `energy` is asked for
 
 
@@ -38,6 +39,8 @@ def with_other(config: RunConfig, section: str, key: str) -> RunConfig:
     part = getattr(config, section)
     if isinstance(part, str):
         return replace(config, **{section: "psd" if section == "detector_name" else "other"})
+    if isinstance(part, dict):
+        return replace(config, **{section: {**part, "mine": 1}})
     key = key or part.__struct_fields__[-1]
     value = getattr(part, key)  # what a setting is said to be is not checked here
     other = f"{value}!" if isinstance(value, str | tuple | None) else value * 2 + 1

@@ -1,0 +1,32 @@
+"""A detector of one's own, in a file of its own: how much does a fingertip tremble?
+
+grasp run lift --object can --detector own_detector.py:Tremble --set own.counts=9
+"""
+
+import numpy as np
+
+
+class Tremble:
+    """A running mean of the change from frame to frame, as a probability."""
+
+    threshold = 0.5  # above which a sample reads as slip
+    memory = 0  # samples that play a part in an answer; 0: it fades, and never ends
+
+    def __init__(self, fingers, counts=12.0):  # given what it asks for: fingers, taxels, own.*
+        self.fingers, self.counts = fingers, counts
+
+    def reset(self):
+        self.last, self.mean = None, np.zeros(self.fingers)
+
+    def update(self, counts):  # (fingers, taxels) int16, raw minus rest, every 10 ms
+        frame = counts.astype(float)
+        change = np.abs(frame - (frame if self.last is None else self.last)).mean(axis=1)
+        self.last, self.mean = frame, 0.8 * self.mean + 0.2 * change
+        return self.mean**4 / (self.mean**4 + self.counts**4)  # (fingers,), 0 to 1
+
+
+if __name__ == "__main__":
+    import grasp
+
+    for name in ("can", "box"):
+        print(grasp.lift(object=name, detector=f"{__file__}:Tremble").verdict)
