@@ -30,7 +30,9 @@ from detector.scores.evaluation import (
     judge_stream,
 )
 from detector.scores.intervals import HIGH, LOW, Interval
-from scenarios.studies.detectors.benchmark import contender, read_split
+from scenarios.campaign.config import load_config
+from scenarios.studies.detectors.benchmark import read_split
+from scenarios.studies.detectors.robustness import stream_together
 
 MARGIN = -0.03  # not inferior: the lower bound of each difference above it
 RESAMPLES = 2000
@@ -84,13 +86,11 @@ MEASURES: dict[str, Callable[[Recording, Judged], tuple[int, int]]] = {
 def judged_by(name: str, weights: Path, recordings: Sequence[Recording]) -> list[Judged]:
     """What one seed's weights and their tuned rule make of each recording."""
     words = (f"network.weights={weights}",)
-    made = contender(
-        name, recordings, "validation", file=weights.with_suffix(".toml"), assignments=words
-    )
+    config = load_config("can", "simulated", name, weights.with_suffix(".toml"), words)
     return [
-        judge_stream(s, made.config.rule, events_by_label(s.label), WARM_UP_SAMPLES,
+        judge_stream(s, config.rule, events_by_label(s.label), WARM_UP_SAMPLES,
                      blows_of(s.recording))
-        for s in made.streams
+        for s in stream_together(config.make_detector, recordings)
     ]  # fmt: skip
 
 

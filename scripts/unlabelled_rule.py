@@ -4,10 +4,10 @@
 
 Lifts of light objects are held for three minutes and set down; counts of those and of the data are
 scaled. Each hold sets the detector's own rule by `detector.scores.unlabelled`. The rule it is
-measured against has labels: of all that `grasp detector tune` tries on the split `validation`, at
-the same gain, the one of least mean delay among those with no more false events there than the rule
-without labels has, or than the packaged one, which a lab keeps where it is the higher. All are
-scored on the split `test`.
+measured against has labels: of those that `grasp detector tune` tries on the split `validation`, of
+the same kind and end, at the same gain, the one of least mean delay among those with no more false
+events there than the rule without labels has, or than the packaged one, which a lab keeps where it
+is the higher. All are scored on the split `test`.
 """
 
 import argparse
@@ -62,6 +62,11 @@ def streams(config: TrialConfig, recordings: Sequence[Recording], factor: float)
     return stream_together(config.make_detector, [perturbed(r, "gain", factor) for r in recordings])
 
 
+def tried(base: RuleSettings) -> Iterator[RuleSettings]:
+    """Thresholds, samples in a row (or limits and drifts) and fusions."""
+    return (r for r in rules(base) if (r.kind, r.release) == (base.kind, base.release))
+
+
 def tuned(points: Sequence[SweepPoint], false_per_min: float) -> SweepPoint:
     """The quickest on average with no more false events."""
     kept = [p for p in points if p.false_per_min <= false_per_min]
@@ -103,7 +108,7 @@ def main() -> int:
             low, high = found.interval
             made[f"{name}: log-odds {found.level:.2f} [{low:.2f}, {high:.2f}]"] = found.rule
         known, asked = (streams(config, part, factor) for part in (validation, test))
-        points = sweep(known, rules(config.rule))
+        points = sweep(known, tried(config.rule))
         every = []
         for (title, rule), p in zip(made.items(), sweep(known, made.values()), strict=True):
             every += [(title, rule), ("tuned to as many", tuned(points, p.false_per_min).rule)]
