@@ -10,9 +10,8 @@ import pytest
 
 from detector.interface import SlipDetector
 from detector.network import run_network
-from detector.network_file import read_network
+from detector.network_file import packaged_networks, read_network, weights_path
 from detector.scores.quantiles import quantile
-from detector.training.architecture import ARCHITECTURES
 from tests.unit.detector.networks import walk, write_network
 
 UPDATES, MILLION = 5_000, 1_000_000
@@ -57,15 +56,15 @@ def resident_kb(detector: SlipDetector, updates: int) -> int:
 
 @pytest.mark.bench
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize("name", ["tcn", "gru", "tcn-paper", "freq-cnn-paper"])
-def test_a_million_steps_take_no_memory_and_do_not_drift(tmp_path: Path, name: str) -> None:
-    mode = "stream" if ARCHITECTURES[name].streaming else "window"
-    detector = run_network(read_network(write_network(tmp_path, name, mode)), 3)
+@pytest.mark.parametrize("name", packaged_networks())
+def test_a_million_steps_take_no_memory_and_do_not_drift(name: str) -> None:
+    packaged = read_network(weights_path(name))
+    detector = run_network(packaged, 3)
     before = resident_kb(detector, 20_000)
     after = resident_kb(detector, MILLION)
     print(f"\n{name}: {after - before:+d} kB over a million steps")
     assert after - before < 1000
-    fresh = run_network(read_network(write_network(tmp_path, name, mode)), 3)
+    fresh = run_network(packaged, 3)
     for frame in walk(1000):
         old, new = detector.update(frame), fresh.update(frame)
     assert np.abs(old - new).max() < 1e-5
