@@ -3,11 +3,15 @@
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
+
 from drivers.robotiq.driver import RegisterTransport, RobotiqDriver
 from drivers.robotiq.model.gripper import ModelTransport
 from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.model.link import ModelLink
-from drivers.ur.driver import ArmDriver
+from drivers.takktile.receiver import UsbBoard
+from drivers.ur.driver import ArmDriver, ArmLink
+from drivers.ur.model import ArmModel
 from grasp.clock import PacedClock, VirtualClock
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
 from scenarios.rigs.rig import Rig, calibration, connect
@@ -15,19 +19,25 @@ from scenarios.rigs.world_of_seed import any_cell
 from scenarios.world.cell import SimulatedCell
 from scenarios.world.pressed_cell import PressedCell
 
-Wrap = Callable[[RegisterTransport], RegisterTransport]
+
+class Wires(msgspec.Struct, frozen=True):
+    """Who sees all that passes between a driver and its device's model, both ways."""
+
+    gripper: Callable[[RegisterTransport], RegisterTransport] = lambda transport: transport
+    arm: Callable[[ArmModel], ArmLink] = lambda model: model
+    fingertips: Callable[[UsbBoard], UsbBoard] = lambda usb: usb
 
 
-def simulated(
-    config: AnyRigConfig, seed: int, paced: bool, wrap: Wrap = lambda transport: transport
-) -> Rig[Any, Any]:
-    """In virtual time; ``paced`` at the wall's pace. ``wrap`` sees every register of the gripper's
-    wire, both ways."""
+DIRECT = Wires()
+
+
+def simulated(config: AnyRigConfig, seed: int, paced: bool, wires: Wires = DIRECT) -> Rig[Any, Any]:
+    """In virtual time; ``paced`` at the wall's pace."""
     cell = any_cell(config, seed)
-    fingertips = ModelLink(cell.board, config.tactile, cell.advance)
+    fingertips = ModelLink(cell.board, config.tactile, cell.advance, wires.fingertips)
     tactile = TakkTileDriver(fingertips, config.tactile).start()
-    arm = ArmDriver(cell.arm, config.arm)
-    gripper = _gripper(config, cell, wrap)
+    arm = ArmDriver(wires.arm(cell.arm), config.arm)
+    gripper = _gripper(config, cell, wires)
     fast = VirtualClock(fingertips.advance)
     connect(arm, tactile, gripper, fast)
     arm.set_payload(config.arm.payload_kg)
@@ -40,9 +50,9 @@ def simulated(
 
 
 def _gripper(
-    config: AnyRigConfig, cell: SimulatedCell | PressedCell, wrap: Wrap
+    config: AnyRigConfig, cell: SimulatedCell | PressedCell, wires: Wires
 ) -> RobotiqDriver | None:
     if not isinstance(config, GraspRigConfig) or not isinstance(cell, SimulatedCell):
         return None
-    wire = wrap(ModelTransport(cell.gripper))
+    wire = wires.gripper(ModelTransport(cell.gripper))
     return RobotiqDriver(wire, config.gripper, calibration(config))

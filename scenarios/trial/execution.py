@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from detector.decision import make_rule
-from detector.interface import motion_told_by
+from detector.interface import SlipDetector, motion_told_by
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from drivers.ur.driver import ArmSettings
@@ -182,9 +182,10 @@ def make_step(
     controller: GraspController | None = None,
     guard: ForceGuard | None = None,
     doubts: Doubts | None = None,
+    detector: SlipDetector | None = None,
 ) -> GraspStep:
     """What stands between a frame and the commands, as the configuration says."""
-    detector = config.make_detector(FINGERS)
+    detector = detector or config.make_detector(FINGERS)
     return GraspStep(
         detector,
         controller or make_controller(config),
@@ -195,10 +196,11 @@ def make_step(
 
 
 def make_loop(
-    config: TrialConfig, rig: GraspRig, controller: GraspController, guard: ForceGuard, take: OnTick
-) -> ControlLoop:
+    config: TrialConfig, rig: GraspRig, controller: GraspController, guard: ForceGuard,
+    take: OnTick, detector: SlipDetector | None = None,
+) -> ControlLoop:  # fmt: skip
     """The control loop of one trial on an open rig."""
-    step = make_step(config, controller, guard)
+    step = make_step(config, controller, guard, detector=detector)
     return ControlLoop(rig.devices, rig.clock, step, config.loop, take)
 
 
@@ -314,13 +316,14 @@ def kind_of(cause: str) -> str:
 def run_trial(
     config: TrialConfig, rig: GraspRig, guard: ForceGuard, watch: Watch,
     follow: Follow = lambda tick, truth: False, deadline_s: float | None = None,
-    home: Vector3 | None = None,
+    home: Vector3 | None = None, detector: SlipDetector | None = None,
 ) -> FinishedTrial:  # fmt: skip
     """Run a controller to its end on an open rig; Ctrl-C stops the arm and keeps the grip, and an
     exception of our own code ends as a fault does.
 
     ``deadline_s``: in place of ``loop.deadline_s``, where a person is waited for. ``home``: of the
-    arm, from an earlier trial on this rig (``controller.home``).
+    arm, from an earlier trial on this rig (``controller.home``). ``detector``: in place of the one
+    that is asked for.
     """
     controller = make_controller(config, home)
     trace = Trace()
@@ -347,7 +350,7 @@ def run_trial(
         watch(tick, truth, controller)
 
     bugs: list[Bug] = []
-    loop = make_loop(config, rig, controller, guard, take)
+    loop = make_loop(config, rig, controller, guard, take, detector)
     interrupted, granted = _run_to_end(
         config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs, trace
     )

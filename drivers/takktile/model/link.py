@@ -7,7 +7,7 @@ from drivers.takktile.board import READ_TIMEOUT_MS, Transfer
 from drivers.takktile.link import trouble
 from drivers.takktile.model.board import BoardModel, Hung, Stall, Unplugged
 from drivers.takktile.protocol import Layout
-from drivers.takktile.receiver import Readings, Receiver, ReceiverCounts
+from drivers.takktile.receiver import Readings, Receiver, ReceiverCounts, UsbBoard
 from drivers.takktile.settings import TakkTileSettings
 
 _NEVER = 1 << 62
@@ -64,10 +64,12 @@ class ModelLink:
         model: BoardModel,
         settings: TakkTileSettings,
         advance_world: Callable[[int], None] = lambda now_ns: None,
+        wrap: Callable[[UsbBoard], UsbBoard] = lambda usb: usb,
     ) -> None:
+        """``wrap`` sees every transfer, both ways."""
         self._model = model
         self._receiver = Receiver(
-            lambda serial: ModelUsb(model), settings.conversion_ms, lambda: self._now_ns
+            lambda serial: wrap(ModelUsb(model)), settings.conversion_ms, lambda: self._now_ns
         )
         self._advance_world = advance_world
         self._now_ns = 0

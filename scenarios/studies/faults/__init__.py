@@ -1,0 +1,1 @@
+"""What a lift does when something fails: generated faults at the devices, in virtual time."""

@@ -1,0 +1,65 @@
+"""Fields of the hand's status words, to be changed one at a time, and what a command asks for.
+
+Written from the manual's register map (2014, p. 39-57), apart from the driver's codec.
+"""
+
+from collections.abc import Sequence
+
+import msgspec
+
+Words = Sequence[int]
+
+
+class Field(msgspec.Struct, frozen=True):
+    """Some bits of one of the eight words."""
+
+    word: int
+    shift: int
+    bits: int
+
+    @property
+    def most(self) -> int:
+        return (1 << self.bits) - 1
+
+    def of(self, words: Words) -> int:
+        return words[self.word] >> self.shift & self.most
+
+    def set(self, words: Words, value: int) -> tuple[int, ...]:
+        kept = words[self.word] & ~(self.most << self.shift)
+        changed = kept | (value & self.most) << self.shift
+        return (*words[: self.word], changed, *words[self.word + 1 :])
+
+
+FIELDS = {
+    "gACT": Field(0, 8, 1), "gMOD": Field(0, 9, 2), "gGTO": Field(0, 11, 1),
+    "gIMC": Field(0, 12, 2), "gSTA": Field(0, 14, 2), "gDTA": Field(0, 0, 2),
+    "gDTB": Field(0, 2, 2), "gDTC": Field(0, 4, 2), "gDTS": Field(0, 6, 2),
+    "gFLT": Field(1, 8, 4),
+    "gPRA": Field(1, 0, 8), "gPOA": Field(2, 8, 8), "gCUA": Field(2, 0, 8),
+    "gPRB": Field(3, 8, 8), "gPOB": Field(3, 0, 8), "gCUB": Field(4, 8, 8),
+    "gPRC": Field(4, 0, 8), "gPOC": Field(5, 8, 8), "gCUC": Field(5, 0, 8),
+    "gPRS": Field(6, 8, 8), "gPOS": Field(6, 0, 8), "gCUS": Field(7, 8, 8),
+}  # fmt: skip
+_LEAP = 90  # counts, or as many steps of 10 mA
+_RESERVED_FAULT, _WORST_FAULT = 0x01, 0x0E
+
+
+def wrong(name: str, kind: str, value: int) -> int:
+    """What a field says that leaps, or is beyond its range."""
+    field = FIELDS[name]
+    if name == "gFLT":
+        return _WORST_FAULT if kind == "jump" else _RESERVED_FAULT
+    if kind == "out of range":
+        return field.most
+    return value + _LEAP if field.bits == 8 else value + 1  # the field keeps what fits
+
+
+def verb(first: int, words: Words) -> str:
+    """What a write of command words from ``first`` on asks of the fingers."""
+    whole = [0] * first + list(words)
+    code = b"".join(word.to_bytes(2, "big") for word in whole)
+    axes = [code[at : at + 3] for at in (3, 6, 9)]  # position, speed, force
+    goes = first > 0 or code[0] & 0b1000  # a write without the first word leaves it as it is
+    if not goes or all(speed == 0 and force == 0 for _, speed, force in axes):
+        return "hold"
+    return "open" if all(position == 0 for position, _, _ in axes) else "close"

@@ -1,0 +1,224 @@
+"""One lift in which something fails, and what came of it: by what was said, and by what only the
+simulation knows, until long after the run has ended."""
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from drivers.interfaces import FINGERS
+from grasp.loop import Tick
+from grasp.phases import END_PHASES, SAFE_PHASES, Phase
+from scenarios.campaign.config import load_config
+from scenarios.lift import lift
+from scenarios.lift.config import LiftConfig
+from scenarios.rigs.rig import Rig
+from scenarios.rigs.simulated import Wires, simulated
+from scenarios.studies.faults.cases import STANDSTILLS_S, Case, Fault
+from scenarios.studies.faults.struck import Struck
+from scenarios.studies.faults.wires import (
+    HEARTBEAT_NS,
+    ArmWire,
+    FailingDetector,
+    HandWire,
+    PadWire,
+    Wire,
+)
+from scenarios.trial.ending import End
+from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
+from scenarios.world.cell import SimulatedCell, Truth
+
+LATER_NS, STEP_NS = 1_500_000_000, 10_000_000  # all that was still under way has ended by then
+OFF_TABLE_M = 0.001
+SLIDES_MPS = 1e-3
+
+
+class Ended(msgspec.Struct, frozen=True, kw_only=True):
+    """What came of one run. Heights and ways in m, forces in N, times in s."""
+
+    case: Case
+    struck: bool  # whether the phase ever came
+    outcome: str
+    phase: str  # the last one but for the safe state
+    cause: str
+    message: str  # the last line, without the remedy; empty where nothing failed
+    arm: str = ""  # as the last line has it
+    hand: str = ""
+    unreached: tuple[str, ...] = ()
+    finished: bool
+    safe_s: float | None  # from the (last) fault until arm and fingers stood for good
+    arm_mps: float  # at the end of the run
+    later_arm_mps: float
+    later_fingers_mps: float
+    peak_n: float
+    pressed_n: float  # at the end, by the most loaded finger
+    later_pressed_n: float
+    held_before: bool  # in the air and at rest in the hand when it struck
+    lifted_m: float  # the highest that the object came
+    let_go_m: float  # height at which the hand lost it; 0: it did not, or on the table
+    slid_m: float  # in the hand, in the air, since the fault
+    height_m: float  # long after
+    slip_mps: float
+    ran_s: float
+
+
+class Attack:
+    """The wires of a rig, and when they are struck."""
+
+    def __init__(self, case: Case) -> None:
+        self._case = case
+        self.hand, self.arm, self.pads = HandWire(), ArmWire(), PadWire()
+        self.detector: FailingDetector | None = None
+        self.rig: Rig[Any, Any] | None = None
+        self._waits = [case.ticks, case.then_ticks]
+        self._left = [(case.fault, case.recovers), (case.then, case.then_recovers)]
+        self._left = [(fault, recovers) for fault, recovers in self._left if fault is not None]
+        self.struck_ns: list[int] = []
+
+    @property
+    def wires(self) -> Wires:
+        return Wires(self.hand.around, self.arm.around, self.pads.around)
+
+    def take(self, phase: Phase, now_ns: int) -> None:
+        """After every step."""
+        begun = self.struck_ns or phase is self._case.phase
+        while self._left and begun and self._waits[0] <= 0:
+            self._waits.pop(0)
+            fault, recovers = self._left.pop(0)
+            self.struck_ns.append(now_ns)
+            if fault is not None:
+                self._strike(fault, recovers, now_ns)
+        if self._left and begun:
+            self._waits[0] -= 1
+        self.pads.tick(now_ns)
+
+    def flush(self, now_ns: int) -> None:
+        """What was held back arrives, though no driver speaks any more."""
+        self.hand.flush(now_ns)
+        self.arm.flush(now_ns)
+
+    def _strike(self, fault: Fault, recovers: bool, now_ns: int) -> None:
+        if fault.device == "loop":
+            self._stand_still(STANDSTILLS_S[fault.kind])
+            return
+        wires: dict[str, Wire | None] = {
+            "gripper": self.hand, "arm": self.arm, "fingertips": self.pads,
+            "detector": self.detector,
+        }  # fmt: skip
+        wire = wires[fault.device]
+        if wire is not None:
+            wire.struck.append(Struck(fault, now_ns, recovers))
+
+    def _stand_still(self, seconds: float) -> None:
+        """Nobody is in control; the arm's link takes its client for dead after a while."""
+        if self.rig is None:
+            return
+        clock = self.rig.clock
+        start_ns, end_ns = clock.now_ns, clock.now_ns + round(seconds * 1e9)
+        clock.sleep_until_ns(min(end_ns, start_ns + HEARTBEAT_NS))
+        if end_ns > clock.now_ns:
+            self.arm.unheard(clock.now_ns)
+            clock.sleep_until_ns(end_ns)
+
+
+class Seen:
+    """What the simulation knew, instant by instant."""
+
+    def __init__(self, cell: SimulatedCell) -> None:
+        self._cell = cell
+        self._last: Truth | None = None
+        self.moved_ns = 0
+        self.lifted_m = self.let_go_m = self.slid_m = 0.0
+        self.at_strike: Truth | None = None
+
+    def take(self, truth: Truth, struck: bool) -> None:
+        fingers = np.abs(self._cell.gripper.velocity_mps).max()
+        if speed(self._cell, truth.t_ns) > 0.0 or fingers > 0.0:
+            self.moved_ns = truth.t_ns
+        self.lifted_m = max(self.lifted_m, truth.height_m)
+        last, self._last = self._last, truth
+        if not struck or last is None:
+            return
+        self.at_strike = self.at_strike or truth
+        if last.touched and not truth.touched and last.height_m > OFF_TABLE_M:
+            self.let_go_m = max(self.let_go_m, last.height_m)
+        if last.touched and truth.touched and min(last.height_m, truth.height_m) > OFF_TABLE_M:
+            self.slid_m += abs(truth.slip_distance_m - last.slip_distance_m)
+
+    @property
+    def held_before(self) -> bool:
+        t = self.at_strike
+        return t is not None and t.touched and t.height_m > OFF_TABLE_M and rests(t)
+
+
+def rests(truth: Truth) -> bool:
+    return abs(truth.slip_speed_mps) < SLIDES_MPS
+
+
+def speed(cell: SimulatedCell, t_ns: int) -> float:
+    return float(np.linalg.norm(cell.arm.velocity(t_ns)))
+
+
+def config_of(case: Case) -> LiftConfig:
+    """As a plain `grasp run lift --rig simulated --object NAME` has it."""
+    return load_config(case.object, "simulated").for_lift().built_for(case.seed)
+
+
+def run(case: Case) -> Ended:
+    """The case, in virtual time; what it tells is the same whenever and wherever it is run."""
+    config, attack = config_of(case), Attack(case)
+    rig = attack.rig = simulated(config, case.seed, paced=False, wires=attack.wires)
+    cell = rig.cell
+    assert isinstance(cell, SimulatedCell)  # noqa: S101
+    attack.pads.of(cell.board)
+    attack.detector = FailingDetector(config.make_detector(FINGERS), rig.clock)
+    seen = Seen(cell)
+
+    def watch(tick: Tick, truth: Truth | None, controller: Any) -> None:
+        attack.take(tick.decision.phase, rig.clock.now_ns)
+        if truth is not None:
+            seen.take(truth, bool(attack.struck_ns))
+
+    guard = make_guard(config)
+    trial = run_trial(config, rig, guard, watch, detector=attack.detector)
+    end_ns, at_end = rig.clock.now_ns, cell.truth()
+    arm_mps = speed(cell, end_ns)
+    _wait(rig, attack.flush, lambda: seen.take(cell.truth(), bool(attack.struck_ns)))
+    later = cell.truth()
+    outcome = lift.judge(config, case.seed, trial, None).outcome
+    failure, said = trial.failure(config, outcome), trial.end(config) or End("", "", "")
+    safe_ns = seen.moved_ns - attack.struck_ns[-1] if attack.struck_ns else 0
+    ended_early = trial.controller.phase in SAFE_PHASES and attack.struck_ns
+    return Ended(
+        case=case, struck=bool(attack.struck_ns), outcome=outcome, phase=_phase(trial),
+        cause=trial.controller.fault_cause, message="" if failure is None else failure.message,
+        arm=said.arm, hand=said.hand, unreached=said.unreached,
+        finished=trial.controller.finished and _in_time(trial),
+        safe_s=max(0.0, safe_ns * 1e-9) if ended_early else None,
+        arm_mps=arm_mps, later_arm_mps=speed(cell, rig.clock.now_ns),
+        later_fingers_mps=float(np.abs(cell.gripper.velocity_mps).max()),
+        peak_n=max(later.peak_n), pressed_n=max(at_end.normal_n),
+        later_pressed_n=max(later.normal_n), held_before=seen.held_before,
+        lifted_m=seen.lifted_m, let_go_m=seen.let_go_m, slid_m=seen.slid_m,
+        height_m=later.height_m, slip_mps=abs(later.slip_speed_mps), ran_s=end_ns * 1e-9,
+    )  # fmt: skip
+
+
+def _wait(rig: Rig[Any, Any], flush: Callable[[int], None], look: Callable[[], None]) -> None:
+    for _ in range(LATER_NS // STEP_NS):
+        rig.clock.sleep_until_ns(rig.clock.now_ns + STEP_NS)
+        flush(rig.clock.now_ns)
+        look()
+
+
+def _phase(trial: FinishedTrial) -> str:
+    """The end it came to, or the phase that its safe state followed."""
+    if trial.controller.phase in END_PHASES:
+        return trial.controller.phase.value
+    going = [e.phase for e in trial.controller.machine.log if e.phase not in SAFE_PHASES]
+    return going[-1] if going else Phase.IDLE.value
+
+
+def _in_time(trial: FinishedTrial) -> bool:
+    return "did not end in time" not in trial.controller.fault_cause
