@@ -144,3 +144,16 @@ def in_turn(cases: list[Case], seed: int = 0) -> list[Case]:
     mixed = list(cases)
     random.Random(seed).shuffle(mixed)
     return mixed
+
+
+def by_scene(cases: list[Case], most: int) -> list[list[Case]]:
+    """In lots of one scene each, which share the lift up to their faults; in the same order."""
+    lots: list[list[Case]] = []
+    open_lots: dict[tuple[str, int], list[Case]] = {}
+    for case in cases:
+        lot = open_lots.get((case.object, case.seed))
+        if lot is None or len(lot) == most:
+            lot = open_lots[case.object, case.seed] = []
+            lots.append(lot)
+        lot.append(case)
+    return lots

@@ -65,7 +65,7 @@ DECLARED = (
     Declared(
         "nobody is in control", r"loop stands still (0.3|1|3) s", AIR,
         frozenset({"dropped"}), r"loop_stood_still|dropped|expelled",
-        "the arm's link stops the arm; slip that begins meanwhile is answered once the loop is back",
+        "the arm's link stops the arm; slip that begins meanwhile is answered when that is back",
         lasting=False,
     ),
     Declared(

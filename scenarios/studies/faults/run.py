@@ -1,7 +1,12 @@
-"""One lift in which something fails, and what came of it: by what was said, and by what only the
-simulation knows, until long after the run has ended."""
+"""Lifts in which something fails, and what came of them: by what was said, and by what only the
+simulation knows, until long after the run has ended.
 
-from collections.abc import Callable
+Up to the fault a lift is the plain one, so many cases of one scene share it: where one is struck
+the process forks, and the child goes on with the fault.
+"""
+
+import os
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgspec
@@ -29,7 +34,7 @@ from scenarios.trial.ending import End
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
 from scenarios.world.cell import SimulatedCell, Truth
 
-LATER_NS, STEP_NS = 1_500_000_000, 10_000_000  # all that was still under way has ended by then
+LATER_NS, STEP_NS = 1_500_000_000, 50_000_000  # all that was still under way has ended by then
 OFF_TABLE_M = 0.001
 SLIDES_MPS = 1e-3
 
@@ -47,7 +52,8 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True):
     hand: str = ""
     unreached: tuple[str, ...] = ()
     finished: bool
-    safe_s: float | None  # from the (last) fault until arm and fingers stood for good
+    noticed_s: float | None  # from the fault to the safe state
+    safe_s: float | None  # from there until arm and fingers stood for good
     arm_mps: float  # at the end of the run
     later_arm_mps: float
     later_fingers_mps: float
@@ -66,31 +72,32 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True):
 class Attack:
     """The wires of a rig, and when they are struck."""
 
-    def __init__(self, case: Case) -> None:
-        self._case = case
+    def __init__(self) -> None:
         self.hand, self.arm, self.pads = HandWire(), ArmWire(), PadWire()
         self.detector: FailingDetector | None = None
         self.rig: Rig[Any, Any] | None = None
-        self._waits = [case.ticks, case.then_ticks]
-        self._left = [(case.fault, case.recovers), (case.then, case.then_recovers)]
-        self._left = [(fault, recovers) for fault, recovers in self._left if fault is not None]
+        self._second: tuple[Fault, bool, int] | None = None  # of a pair, and ticks until then
         self.struck_ns: list[int] = []
 
     @property
     def wires(self) -> Wires:
         return Wires(self.hand.around, self.arm.around, self.pads.around)
 
-    def take(self, phase: Phase, now_ns: int) -> None:
+    def begin(self, case: Case, now_ns: int) -> None:
+        """The case's fault strikes now, its second one as long after as it says."""
+        if case.then is not None:
+            self._second = case.then, case.then_recovers, case.then_ticks
+        if case.fault is not None:
+            self._strike(case.fault, case.recovers, now_ns)
+
+    def tick(self, now_ns: int) -> None:
         """After every step."""
-        begun = self.struck_ns or phase is self._case.phase
-        while self._left and begun and self._waits[0] <= 0:
-            self._waits.pop(0)
-            fault, recovers = self._left.pop(0)
-            self.struck_ns.append(now_ns)
-            if fault is not None:
+        if self._second is not None:
+            fault, recovers, ticks = self._second
+            self._second = fault, recovers, ticks - 1
+            if ticks <= 0:
+                self._second = None
                 self._strike(fault, recovers, now_ns)
-        if self._left and begun:
-            self._waits[0] -= 1
         self.pads.tick(now_ns)
 
     def flush(self, now_ns: int) -> None:
@@ -99,6 +106,7 @@ class Attack:
         self.arm.flush(now_ns)
 
     def _strike(self, fault: Fault, recovers: bool, now_ns: int) -> None:
+        self.struck_ns.append(now_ns)
         if fault.device == "loop":
             self._stand_still(STANDSTILLS_S[fault.kind])
             return
@@ -160,15 +168,87 @@ def speed(cell: SimulatedCell, t_ns: int) -> float:
     return float(np.linalg.norm(cell.arm.velocity(t_ns)))
 
 
-def config_of(case: Case) -> LiftConfig:
+def config_of(name: str, seed: int) -> LiftConfig:
     """As a plain `grasp run lift --rig simulated --object NAME` has it."""
-    return load_config(case.object, "simulated").for_lift().built_for(case.seed)
+    return load_config(name, "simulated").for_lift().built_for(seed)
+
+
+class Branches:
+    """The cases of one scene, each of which leaves the plain lift when its moment has come."""
+
+    def __init__(self, cases: Sequence[Case]) -> None:
+        self._waiting = list(cases)
+        self._begun: dict[Phase, int] = {}  # when each phase first came, in ticks
+        self._ticks = 0
+        self.case = cases[0] if len(cases) == 1 else None  # that this process goes on with
+        self.ended: list[Ended] = []  # by children
+        self.write: int | None = None  # of a child: where it tells what came of it
+
+    @property
+    def is_child(self) -> bool:
+        return self.write is not None
+
+    @property
+    def left(self) -> list[Case]:
+        """Those that were not struck."""
+        return self._waiting
+
+    def due(self, phase: Phase) -> Case | None:
+        """After every step: a case that this process shall go on with from now on."""
+        self._ticks += 1
+        self._begun.setdefault(phase, self._ticks)
+        if self.is_child:
+            return None
+        for case in [case for case in self._waiting if self._comes(case)]:
+            self._waiting.remove(case)
+            if self.case is case or self._is_forked(case):
+                return case
+        return None
+
+    def _comes(self, case: Case) -> bool:
+        if case.phase is None or case.phase not in self._begun:
+            return False
+        return self._ticks - self._begun[case.phase] >= case.ticks
+
+    def _is_forked(self, case: Case) -> bool:
+        """In the child: true. In its parent, when it has ended: false."""
+        read, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.close(read)
+            self.case, self.write, self._waiting = case, write, []
+            return True
+        os.close(write)
+        with os.fdopen(read, "rb") as told:
+            text = told.read()
+        os.waitpid(child, 0)
+        if text:
+            self.ended.append(msgspec.json.decode(text, type=Ended))
+        return False
 
 
 def run(case: Case) -> Ended:
-    """The case, in virtual time; what it tells is the same whenever and wherever it is run."""
-    config, attack = config_of(case), Attack(case)
-    rig = attack.rig = simulated(config, case.seed, paced=False, wires=attack.wires)
+    """One case, in virtual time; what it tells is the same whenever and wherever it is run."""
+    return run_scene([case])[0]
+
+
+def run_scene(cases: Sequence[Case]) -> list[Ended]:
+    """Cases of one object and seed; one that could not be run is left out."""
+    branches = Branches(cases)
+    try:
+        ended = _run(cases[0].object, cases[0].seed, branches)
+        if branches.write is not None:
+            os.write(branches.write, msgspec.json.encode(ended))
+    finally:
+        if branches.is_child:
+            os._exit(0)
+    own = cases if branches.case is not None else branches.left  # a plain lift, or never struck
+    return [*branches.ended, *(msgspec.structs.replace(ended, case=case) for case in own)]
+
+
+def _run(name: str, seed: int, branches: Branches) -> Ended:
+    config, attack = config_of(name, seed), Attack()
+    rig = attack.rig = simulated(config, seed, paced=False, wires=attack.wires)
     cell = rig.cell
     assert isinstance(cell, SimulatedCell)  # noqa: S101
     attack.pads.of(cell.board)
@@ -176,33 +256,44 @@ def run(case: Case) -> Ended:
     seen = Seen(cell)
 
     def watch(tick: Tick, truth: Truth | None, controller: Any) -> None:
-        attack.take(tick.decision.phase, rig.clock.now_ns)
+        if (case := branches.due(tick.decision.phase)) is not None:
+            attack.begin(case, rig.clock.now_ns)
+        attack.tick(rig.clock.now_ns)
         if truth is not None:
             seen.take(truth, bool(attack.struck_ns))
 
-    guard = make_guard(config)
-    trial = run_trial(config, rig, guard, watch, detector=attack.detector)
-    end_ns, at_end = rig.clock.now_ns, cell.truth()
-    arm_mps = speed(cell, end_ns)
+    trial = run_trial(config, rig, make_guard(config), watch, detector=attack.detector)
+    at_end, arm_mps, ran_s = cell.truth(), speed(cell, rig.clock.now_ns), rig.clock.now_ns * 1e-9
     _wait(rig, attack.flush, lambda: seen.take(cell.truth(), bool(attack.struck_ns)))
     later = cell.truth()
-    outcome = lift.judge(config, case.seed, trial, None).outcome
+    outcome = lift.judge(config, seed, trial, None).outcome
     failure, said = trial.failure(config, outcome), trial.end(config) or End("", "", "")
-    safe_ns = seen.moved_ns - attack.struck_ns[-1] if attack.struck_ns else 0
-    ended_early = trial.controller.phase in SAFE_PHASES and attack.struck_ns
+    noticed_s, safe_s = _delays(trial, attack.struck_ns, seen.moved_ns)
     return Ended(
-        case=case, struck=bool(attack.struck_ns), outcome=outcome, phase=_phase(trial),
+        case=branches.case or Case(0, name, seed, None), struck=bool(attack.struck_ns),
+        outcome=outcome, phase=_phase(trial),
         cause=trial.controller.fault_cause, message="" if failure is None else failure.message,
         arm=said.arm, hand=said.hand, unreached=said.unreached,
         finished=trial.controller.finished and _in_time(trial),
-        safe_s=max(0.0, safe_ns * 1e-9) if ended_early else None,
+        noticed_s=noticed_s, safe_s=safe_s,
         arm_mps=arm_mps, later_arm_mps=speed(cell, rig.clock.now_ns),
         later_fingers_mps=float(np.abs(cell.gripper.velocity_mps).max()),
         peak_n=max(later.peak_n), pressed_n=max(at_end.normal_n),
         later_pressed_n=max(later.normal_n), held_before=seen.held_before,
         lifted_m=seen.lifted_m, let_go_m=seen.let_go_m, slid_m=seen.slid_m,
-        height_m=later.height_m, slip_mps=abs(later.slip_speed_mps), ran_s=end_ns * 1e-9,
+        height_m=later.height_m, slip_mps=abs(later.slip_speed_mps), ran_s=ran_s,
     )  # fmt: skip
+
+
+def _delays(
+    trial: FinishedTrial, struck_ns: Sequence[int], moved_ns: int
+) -> tuple[float | None, float | None]:
+    """From the first fault to the safe state, and from there until nothing moved any more, s; None
+    where no safe state was entered."""
+    entered = [e.t_ns for e in trial.controller.machine.log if e.phase in SAFE_PHASES]
+    if not entered or not struck_ns:
+        return None, None
+    return (entered[0] - struck_ns[0]) * 1e-9, max(0, moved_ns - entered[0]) * 1e-9
 
 
 def _wait(rig: Rig[Any, Any], flush: Callable[[int], None], look: Callable[[], None]) -> None:
