@@ -104,9 +104,12 @@ class ArmDoubt:
             self._started = self._command is not None and not pending
             return ""
         command, still_s = self._command, (arm.t_ns - since_ns) * 1e-9
-        if self._stopping and arm.moving and still_s > s.arm_frozen_s + self._spare_s:
-            return f"arm_frozen: {still_s:.2f} s at one place, and it says that it moves"
         if command is None or math.dist(arm.position_m, command.position_m) <= s.arm_there_m:
+            patience_s = (s.arm_frozen_s if self._stopping else s.arm_start_s) + self._spare_s
+            if arm.moving and still_s > patience_s:
+                return f"arm_frozen: {still_s:.2f} s at one place, and it says that it moves"
+            if not arm.moving:
+                self._anchor = (arm.t_ns, arm.position_m)
             return ""
         limit_s = s.arm_frozen_s if self._started else s.arm_start_s
         if self._way.turns or not self._started:

@@ -5,6 +5,7 @@ Up to the fault a lift is the plain one, so many cases of one scene share it: wh
 the process forks, and the child goes on with the fault.
 """
 
+import gc
 import os
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -213,6 +214,7 @@ class Branches:
     def _is_forked(self, case: Case) -> bool:
         """In the child: true. In its parent, when it has ended: false."""
         read, write = os.pipe()
+        gc.freeze()  # what there is stays: to look through it would copy it
         child = os.fork()
         if child == 0:
             os.close(read)

@@ -241,6 +241,11 @@ class ArmWire(Wire):
         return msgspec.structs.replace(sample, **{name: value})
 
 
+def coded(frame: bytes) -> Codes:
+    """(cells, 2) words of pressure and temperature."""
+    return np.frombuffer(frame, ">u2").astype(np.int16).reshape(-1, 2)
+
+
 class PadWire(Wire):
     """Transfers of the tactile board. Its link is struck at the board itself, which alone can be
     unplugged or keep a read waiting."""
@@ -248,7 +253,7 @@ class PadWire(Wire):
     def __init__(self) -> None:
         super().__init__()
         self._usb: Any = None
-        self._past: Past[Codes] = Past()
+        self._past: Past[bytes] = Past()
         self._kept: dict[int, Codes] = {}
         self._board: Any = None
 
@@ -279,11 +284,14 @@ class PadWire(Wire):
             self._board.silence(now_ns + SLOW_FRAME_NS)
         if transfer is None:
             return None
-        words = np.frombuffer(transfer.data, ">u2").astype(np.int16).reshape(-1, 2)
-        self._past.add(now_ns, words)
+        self._past.add(now_ns, transfer.data)
+        words = None
         for lie in self.lies(now_ns):
-            if len(words) == len(self._past.behind()):  # no other has cut it short
+            words = coded(transfer.data) if words is None else words
+            if 2 * words.size == len(transfer.data):  # no other has cut it short
                 words = self._said(lie, words)
+        if words is None:
+            return transfer
         return Transfer(words.astype(">u2").tobytes(), transfer.done_ns)
 
     def tick(self, now_ns: int) -> None:
@@ -308,7 +316,7 @@ class PadWire(Wire):
         if kind == "frozen":
             true = self._kept.setdefault(id(lie), true.copy())
         elif kind == "late":
-            true = self._past.behind()[cells, column]
+            true = coded(self._past.behind())[cells, column]
         else:
             codes = (true.astype(np.uint16) >> WIDTH).astype(np.int32)
             codes = np.full_like(codes, RAIL) if kind == "out of range" else codes - SHIFT

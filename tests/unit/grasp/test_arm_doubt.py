@@ -47,6 +47,18 @@ def test_arm_start_s(value: float) -> None:
     assert (after(value - 1e-4), after(value + 1e-4)) == ("", "arm_frozen")
 
 
+@pytest.mark.parametrize("told", [True, False])
+def test_arm_that_stands_where_it_shall_and_says_that_it_moves_is_doubted(told: bool) -> None:
+    """Else only the time-out of a phase would end a run in which its flag sticks."""
+    doubt = ArmDoubt(DoubtSettings(arm_start_s=0.3))
+    moving = [msgspec.structs.replace(at(t_s, 0.0), moving=True) for t_s in (0.0, 0.29, 0.35)]
+    assert doubt.see(moving[0], False) == ""
+    if told:
+        doubt.told(MoveArm(moving[0].position_m, 0.1, 0.5), moving[0])
+    assert doubt.see(moving[1], False) == ""
+    assert doubt.see(moving[2], False).startswith("arm_frozen: 0.35 s at one place, and it says")
+
+
 @pytest.mark.parametrize("value", [0.05, 0.3])
 def test_arm_frozen_s(value: float) -> None:
     def after(s: float) -> str:
