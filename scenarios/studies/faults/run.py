@@ -214,9 +214,9 @@ class Branches:
     def _is_forked(self, case: Case) -> bool:
         """In the child: true. In its parent, when it has ended: false."""
         read, write = os.pipe()
-        gc.freeze()  # what there is stays: to look through it would copy it
         child = os.fork()
         if child == 0:
+            gc.disable()  # it ends soon, and to look through all there is would copy it
             os.close(read)
             self.case, self.write, self._waiting = case, write, []
             return True
