@@ -2,6 +2,7 @@
 # make check     style, types, imports               make test-unit  what computes, make test-wire what waits
 # make lift      one lift of a can, simulated        make test-slow  the slow tests
 # make bench     measurements                        make test-train the tests that need torch
+# make faults    every fault at every phase of a lift; writes docs/faults.md
 # make lock      renew requirements/*.txt (with uv)  make test-cluster the test that needs Dask
 # make clean     remove what make made               make test-browser pages, in a Chromium
 #
@@ -27,7 +28,7 @@ CLUSTER := .venv/.installed-cluster
 PYTHON ?= python3.12 python3.11 python3
 OBJECT ?= can
 
-.PHONY: install install-dev install-train install-cluster lift test test-unit test-wire test-slow \
+.PHONY: install install-dev install-train install-cluster lift test test-unit test-wire test-slow faults \
         test-train test-cluster test-browser bench check check-style check-types check-imports lock clean
 
 install: $(BASE)
@@ -112,6 +113,12 @@ test-browser: install-dev
 
 test-cluster: install-cluster
 	$(BIN)/python -m pytest -m "slow or not slow" tests/wire/scenarios/test_cluster.py
+
+# what is lacking is run, and what was ended goes on; half an hour on an idle core
+JOBS ?= 1
+faults: install-dev
+	$(BIN)/python scripts/faults.py run --jobs $(JOBS); fell=$$?; \
+	$(BIN)/python scripts/faults.py page && exit $$fell
 
 bench: install-dev
 	$(BIN)/python -m pytest -m bench -s

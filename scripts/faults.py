@@ -21,6 +21,7 @@ from pathlib import Path
 import msgspec
 
 from drivers.errors import GraspError
+from scenarios.campaign.config import load_config
 from scenarios.rigs.workers import Workers, outcomes
 from scenarios.studies.faults.cases import Case, by_scene, in_turn, plan
 from scenarios.studies.faults.page import generated
@@ -82,7 +83,8 @@ def list_fallen(every: list[Ended], broken: list[Case]) -> int:
 def write_page(out: Path) -> None:
     """Put what the runs gave between the two marks of the page."""
     with FaultStore(out) as store:
-        text = generated(store.ended(), store.codes())
+        detector = load_config("can", "simulated").detector_name
+        text = generated(store.ended(), store.codes(), detector)
     before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGINS)
     _, _, after = rest.partition(ENDS)
     PAGE.write_text(f"{before}{BEGINS}\n\n{text}\n{ENDS}{after}", encoding="utf-8")

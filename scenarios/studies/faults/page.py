@@ -1,10 +1,159 @@
-"""The generated part of docs/faults.md."""
+"""The generated part of docs/faults.md: what the campaign's runs gave."""
 
-from collections.abc import Sequence
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from statistics import median
 
-from scenarios.studies.faults.run import Ended
+from grasp.phases import Phase
+from scenarios.studies.faults.cases import PHASES, plan
+from scenarios.studies.faults.declared import DECLARED
+from scenarios.studies.faults.run import OFF_TABLE_M, Ended
+from scenarios.studies.faults.verdict import CHECKS, declared, fell, problems
+
+COMMAND = "make faults"
+CODE = "@trial,scenarios/lift,scenarios/studies/faults"
+OPEN_N = 0.05
+LONGEST = 90  # characters of a message
+NOT_ON_THE_WAY = re.compile(r"\d+(\.\d+)?")
 
 
-def generated(ended: Sequence[Ended], codes: Sequence[str]) -> str:
-    """In Markdown."""
-    return f"{len(ended)} runs at {codes}\n"
+def generated(ended: Sequence[Ended], codes: Sequence[str], detector: str) -> str:
+    """In Markdown; ``codes``: what the runs were made with."""
+    alone = [e for e in ended if e.case.fault is not None and e.case.then is None]
+    parts = [
+        _head(ended, codes),
+        _entry(codes, detector, 3),
+        *_summary(ended), *_by_phase(alone), *_by_fault(alone),
+        "## Named beforehand\n",
+        "What may happen is named in `scenarios/studies/faults/declared.py`, which was committed "
+        "before any run was\nlooked at. A run in which something else happens, or in which the "
+        "user is not told, fell.\n",
+        _entry(codes, detector, 1),
+        *_named(ended),
+        *_fallen(ended),
+    ]  # fmt: skip
+    return "\n".join(parts)
+
+
+def _head(ended: Sequence[Ended], codes: Sequence[str]) -> str:
+    fallen = sum(bool(fell(e)) for e in ended)
+    return (
+        f"{len(ended)} of {len(plan())} planned runs, {fallen} fell; made at {', '.join(codes)}.\n"
+    )
+
+
+def _entry(codes: Sequence[str], detector: str, tables: int) -> str:
+    name = "fault-campaign" if tables > 1 else "faults-named"
+    commit = codes[0].removesuffix("-dirty") if codes else "0000000"
+    return (
+        f'<!-- figure: id={name} command="{COMMAND}" detector={detector} commit={commit} '
+        f"code={CODE} tables={tables} -->"
+    )
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> list[str]:
+    lines = ["| " + " | ".join(map(str, row)) + " |" for row in (head, *rows)]
+    return [lines[0], "|" + "---|" * len(head), *lines[1:], ""]
+
+
+def _seconds(values: Iterable[float | None]) -> str:
+    known = sorted(value for value in values if value is not None)
+    return f"{median(known):.2f}, {known[-1]:.2f}" if known else ""
+
+
+def _figures(runs: Sequence[Ended]) -> list[object]:
+    safe = [e for e in runs if e.noticed_s is not None]
+    stood = sum(e.later_arm_mps == 0.0 and e.later_fingers_mps == 0.0 for e in runs)
+    return [
+        len(runs), len(safe), _seconds(e.noticed_s for e in safe), _seconds(e.safe_s for e in safe),
+        stood, f"{max(e.peak_n for e in runs):.1f}",
+    ]  # fmt: skip
+
+
+FIGURES = (
+    "runs", "safe state", "after, s", "stands after, s", "nothing moves", "peak, N",
+)  # fmt: skip
+PARTS = {"state": ": a field of its state", "command": ": a command", "link": ": its link"}
+
+
+def _summary(ended: Sequence[Ended]) -> list[str]:
+    groups: dict[str, list[Ended]] = {}
+    for e in ended:
+        first = e.case.fault
+        name = "nothing" if first is None else f"{first.device}{PARTS.get(first.part, '')}"
+        groups.setdefault("two of all" if e.case.then is not None else name, []).append(e)
+    rows = (
+        [name, *_figures(runs), sum(not fell(e) and bool(problems(e)) for e in runs),
+         sum(bool(fell(e)) for e in runs)]
+        for name, runs in groups.items()
+    )  # fmt: skip
+    return _table(("what fails", *FIGURES, "named beforehand", "fell"), rows)
+
+
+def _by_phase(alone: Sequence[Ended]) -> list[str]:
+    def row(phase: Phase) -> list[object]:
+        runs = [e for e in alone if e.case.phase is phase]
+        objects = Counter(_object(e) for e in runs)
+        told = ", ".join(f"{n} {name}" for name, n in objects.most_common())
+        return [phase, *_figures(runs), told]
+
+    present = [p for p in PHASES if any(e.case.phase is p for e in alone)]
+    return _table(("phase", *FIGURES, "the object, long after"), map(row, present))
+
+
+def _by_fault(alone: Sequence[Ended]) -> list[str]:
+    groups: dict[str, list[Ended]] = {}
+    for e in sorted(alone, key=lambda e: e.case.number):
+        groups.setdefault(str(e.case.fault), []).append(e)
+    rows = (
+        [name, *_figures(runs), _slid(runs), _told(runs)] for name, runs in groups.items()
+    )  # fmt: skip
+    return _table(("fault", *FIGURES, "slid, mm", "told most often"), rows)
+
+
+def _object(end: Ended) -> str:
+    if end.let_go_m > OFF_TABLE_M:
+        return "fell"
+    if end.height_m > OFF_TABLE_M:
+        return "held in the air"
+    return "in the hand, on the table" if end.later_pressed_n > OPEN_N else "on the table"
+
+
+def _slid(runs: Sequence[Ended]) -> str:
+    most = max(e.slid_m for e in runs) * 1e3
+    return f"{most:.0f}" if most >= 1.0 else ""
+
+
+def _told(runs: Sequence[Ended]) -> str:
+    """What the last line begins with, figures left out."""
+    said = Counter(NOT_ON_THE_WAY.sub("N", e.message.partition("; then ")[0]) for e in runs)
+    said.pop("", None)
+    if not said:
+        return ""
+    text, times = said.most_common(1)[0]
+    cut = text if len(text) <= LONGEST else text[:LONGEST] + " ..."
+    return f"{cut.replace('|', ' ')} ({times})"
+
+
+def _named(ended: Sequence[Ended]) -> list[str]:
+    used = Counter(
+        case.name for e in ended if (found := problems(e)) and (case := declared(e, found))
+    )
+    rows = (
+        [d.name, f"`{d.faults}`".replace("|", "\\|"), ", ".join(sorted(d.may)),
+         d.why, f"`{d.told}`".replace("|", "\\|"), used[d.name]]
+        for d in DECLARED
+    )  # fmt: skip
+    return _table(("case", "faults", "what may be", "why", "the user is told", "runs"), rows)
+
+
+def _fallen(ended: Sequence[Ended]) -> list[str]:
+    fallen = [e for e in ended if fell(e)]
+    if not fallen:
+        return ["Nothing fell: no run showed anything else of " + ", ".join(CHECKS) + ".\n"]
+    lines = ["## What fell\n"]
+    for e in fallen:
+        found = "; ".join(f"{name}: {text}" for name, text in fell(e).items())
+        lines.append(f"- {e.case.number} ({e.case}): {found}")
+    return [*lines, ""]

@@ -15,8 +15,8 @@ SAMPLE = [  # one device, one kind of trouble and one phase each; the slow test 
     ("protective-stop", Phase.LIFT),
     ("fingertips-unplugged", Phase.GRASP),
 ]
-HEAD = """# Faults on the wire
-
+TITLE = "# Faults on the wire\n"
+HEAD = f"""{TITLE}
 Generated, down to "What devices say is doubted", by `pytest -m slow
 tests/wire/scenarios/cell/test_faults.py`: one lift each on the emulated rig, over Modbus TCP, USB
 transfers and RTDE; the fault strikes at the first control step of the phase. Arm and object are
@@ -42,7 +42,8 @@ ENTRY = (
 
 def document(rows: list[Row]) -> str:
     """The table, a section a fault."""
-    parts = [HEAD.rstrip()]
+    before, _, _ = TABLE.read_text(encoding="utf-8").partition(TITLE)
+    parts = [before + HEAD.rstrip()]
     for name, fault in FAULTS.items():
         parts.append(f"\n## {fault.title[0].upper()}{fault.title[1:]}\n")
         if len(parts) == 2:  # one entry for all (scripts/figures.py)
