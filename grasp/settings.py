@@ -5,6 +5,7 @@ allowed there.
 """
 
 import difflib
+import hashlib
 import math
 import os
 import re
@@ -62,7 +63,9 @@ MOST_BYTES = 1_000_000  # of a file; ours are a few thousand
 MOST_DEEP = 16  # tables and lists in one another; ours are three
 
 # What is chosen by an option of its own: with each comes a file of settings, or more
-CHOSEN = {"rig": "--rig", "profile": "--profile", "detector_name": "--detector"}
+CHOSEN = {
+    "rig": "--rig", "profile": "--profile", "detector_name": "--detector", "files": "--config",
+}  # fmt: skip
 
 
 # Of a kind, kept for testing: found by name, in no list, so what goes over a kind never meets them
@@ -70,10 +73,12 @@ UNSEEN = "unseen"
 
 
 class Layer(msgspec.Struct, frozen=True):
-    """Settings from one place; ``source`` names it in error messages."""
+    """Settings from one place; ``source`` names it in error messages, ``digest`` tells what a file
+    held."""
 
     source: str
     table: Table
+    digest: str = ""
 
 
 def config_dir() -> Path:
@@ -102,7 +107,18 @@ def read_toml(path: Path) -> Layer:
         raise ConfigError(str(path), "-", "is nested too deeply", f"{MOST_DEEP} levels") from None
     except (OSError, ValueError) as error:
         raise ConfigError(str(path), "-", f"cannot be read: {error}", "valid TOML, UTF-8") from None
-    return checked(Layer(str(path), table))
+    return checked(Layer(str(path), table, fingerprint(content)))
+
+
+def fingerprint(content: bytes) -> str:
+    """Of what a file holds."""
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def own_files(layers: Sequence[Layer]) -> dict[str, str]:
+    """The files of one's own among the layers, each with its fingerprint."""
+    told = {layer.source: layer.digest for layer in layers if layer.digest}
+    return {p: digest for p, digest in told.items() if not Path(p).is_relative_to(config_dir())}
 
 
 def checked(layer: Layer) -> Layer:

@@ -59,6 +59,11 @@ def _add_run(actions: Any) -> None:
         "--profile", metavar="NAME", help="in place of the profiles of the campaign file"
     )
     run.add_argument(
+        "--config", type=Path, action="append", metavar="FILE",
+        help="TOML over the packaged settings and the campaign's `config`, for every trial; "
+        "several: later ones on top",
+    )  # fmt: skip
+    run.add_argument(
         "--repetitions",
         type=whole(1, MOST_REPETITIONS),
         metavar="N",
@@ -86,7 +91,9 @@ def _spec(args: argparse.Namespace) -> "CampaignSpec":
         "repetitions": args.repetitions,
     }
     wanted = {key: value for key, value in changes.items() if value is not None}
-    return msgspec.structs.replace(read_spec(file_of("campaigns", args.campaign)), **wanted)
+    spec = read_spec(file_of("campaigns", args.campaign))
+    own = (*spec.config, *map(str, args.config or ()))
+    return msgspec.structs.replace(spec, config=own, **wanted)
 
 
 def run_campaign(args: argparse.Namespace) -> int:

@@ -1,14 +1,16 @@
-"""`grasp config show`: every setting with its value, allowed range and source."""
+"""`grasp config show`: every setting with its value, allowed range and source; `check`: are files
+of one's own what they should be?"""
 
 import argparse
 import json
+from pathlib import Path
 from typing import Any
 
-from drivers.errors import UsageError
+from drivers.errors import GraspError, UsageError
 from grasp.cli import exits
 from grasp.cli.run import add_trial_options
 
-HELP = "show the resolved settings"
+HELP = "show the resolved settings, check files of your own"
 
 
 def add_parser(verbs: Any) -> None:
@@ -21,6 +23,74 @@ def add_parser(verbs: Any) -> None:
         "--json", action="store_true", help="the resolved settings as one JSON object"
     )
     show.set_defaults(handler=run)
+    text = "are files of your own what they should be? Runs nothing"
+    check = actions.add_parser(
+        "check", help=text,
+        description=text + ". What a file is, an object, surface, calibration, rig, campaign, data "
+        "set, or settings for --config, is told by what is in it. Exit code 2 if one is wrong.",
+    )  # fmt: skip
+    check.add_argument("file", nargs="+", metavar="FILE", help="path of a .toml file")
+    check.set_defaults(handler=check_files)
+
+
+def check_files(args: argparse.Namespace) -> int:
+    code = exits.SUCCESS
+    for word in args.file:
+        try:
+            print(f"{word}: {_checked(word)}")
+        except GraspError as error:
+            code = exits.report(error.kind, error.message, error.remedy, as_json=False)
+    return code
+
+
+def _checked(word: str) -> str:
+    """What a file is; raises ConfigError, or what its own reader raises, where it is wrong."""
+    from grasp.settings import by_path, fingerprint, read_toml
+    from scenarios.acquire.config import load_acquire_config
+    from scenarios.acquire.datasets.plan import DatasetConfig, load_dataset_config
+    from scenarios.campaign.config import load_config, load_for_devices
+    from scenarios.campaign.spec import CampaignSpec, combinations, read_spec
+
+    if not by_path(word):
+        raise UsageError(f"{word} is no .toml file", "give the path of one")
+    path = Path(word)
+    keys = set(read_toml(path).table)
+    whose = fingerprint(path.read_bytes())
+    if keys == {"object"} and "name" in read_toml(path).table["object"]:
+        config = load_config(word, "simulated")
+        return f"an object for --object, {config.object.name!r}; fingerprint {whose}"
+    if keys == {"surface"}:
+        name = load_acquire_config(word, "simulated").surface.name
+        return f"a surface for --surface, {name!r}; fingerprint {whose}"
+    if keys == {"calibration"}:
+        load_for_devices("can", "simulated", None, [f"gripper.calibration={word}"])
+        return f"a calibration for gripper.calibration; fingerprint {whose}"
+    if "rig" in keys:
+        like = load_for_devices("can", word).rig
+        return f"a rig for --rig, opened as {like}; fingerprint {whose}"
+    if keys & {"objects", "scenarios"} and keys <= set(CampaignSpec.__struct_fields__):
+        places = combinations(read_spec(path))
+        return f"a campaign of {len(places)} places; fingerprint {whose}"
+    if keys & {"rows", "causes"} and keys <= set(DatasetConfig.__struct_fields__):
+        load_dataset_config(path)
+        return f"a data set for `grasp dataset build`; fingerprint {whose}"
+    return f"settings for --config, {_settings(path)}; fingerprint {whose}"
+
+
+def _settings(path: Path) -> str:
+    """Which sections; each must be one of a trial or of an acquisition."""
+    from grasp.settings import read_toml
+    from scenarios.acquire.config import AcquireConfig, load_acquire_config
+    from scenarios.campaign.config import RunConfig, load_for_devices
+
+    sections = read_toml(path).table
+    pressed = sections.keys() & (set(AcquireConfig.__struct_fields__))
+    if pressed - set(RunConfig.__struct_fields__):  # checks what a trial does not know
+        load_acquire_config("planar", "simulated", path)
+    if sections.keys() <= pressed and pressed - set(RunConfig.__struct_fields__):
+        return f"of an acquisition: {', '.join(sections)}"
+    load_for_devices("can", "simulated", path)
+    return ", ".join(sections) or "none"
 
 
 def run(args: argparse.Namespace) -> int:

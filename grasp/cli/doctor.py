@@ -15,11 +15,11 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("doctor", help=HELP, description=HELP + ". Reads only.")
     parser.add_argument(
         "--rig", metavar="NAME",
-        help="also ask the devices of this rig (one of config/rigs)",
+        help="also ask the devices of this rig (one of config/rigs, or a .toml file)",
     )  # fmt: skip
     parser.add_argument(
-        "--config", type=Path, metavar="FILE",
-        help="TOML over the packaged settings (default: $GRASP_CONFIG)",
+        "--config", type=Path, action="append", metavar="FILE",
+        help="TOML over the packaged settings; several: later ones on top (default: $GRASP_CONFIG)",
     )  # fmt: skip
     parser.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, nothing else"

@@ -130,8 +130,8 @@ def add_runs(parser: argparse.ArgumentParser) -> None:
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """`--config FILE`, `--set SECTION.KEY=VALUE`."""
     parser.add_argument(
-        "--config", type=Path, metavar="FILE",
-        help="TOML over the packaged settings (default: $GRASP_CONFIG)",
+        "--config", type=Path, action="append", metavar="FILE",
+        help="TOML over the packaged settings; several: later ones on top (default: $GRASP_CONFIG)",
     )  # fmt: skip
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
@@ -150,10 +150,9 @@ def add_confirmation(parser: argparse.ArgumentParser) -> None:
 def motion_permit(config: "AnyRigConfig", args: argparse.Namespace) -> "MotionPermit | None":
     """Leave to move real devices, by what `add_settings` and `add_confirmation` read; None where
     the rig has none. For verbs made for a lab alone."""
-    from scenarios.rigs.own_settings import own_file
     from scenarios.rigs.permission import permit
 
-    return permit(config, args.confirm_motion, own_file(args.config), args.set)
+    return permit(config, args.confirm_motion, args.config, args.set, args.rig)
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:

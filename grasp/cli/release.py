@@ -43,7 +43,7 @@ def release(args: argparse.Namespace) -> int:
     config = load_for_devices("can", args.rig, args.config, args.set)
     permit = motion_permit(config, args)
     positions = release_gripper(config, config.controller.approach_speed_mps, permit, args.activate)
-    real = args.rig == HARDWARE
+    real = config.rig == HARDWARE
     which = f"gripper at {gripper_address(config)}" if real else "gripper of a cell of its own"
     if not args.json:
         print(f"released on rig {args.rig}: {which}, fingers open at {positions} counts")

@@ -134,7 +134,7 @@ def _add_rig(parser: argparse.ArgumentParser, rig: str) -> None:
         default=rig,
         metavar="NAME",
         help="emulated (real protocols to a cell in another process), simulated (virtual time), "
-        "or hardware (default: %(default)s)",
+        "hardware, or a .toml file that says which it is like (default: %(default)s)",
     )
     parser.add_argument(
         "--seed",
@@ -185,7 +185,7 @@ def _acquire(args: argparse.Namespace) -> int:
     config = load_acquire_config(args.surface, args.rig, args.config, args.set)
     course = motion(args.direction, args.speed, acquire.TURN_RADPS)
     permit = _permit(config, args)
-    with Display(args.rig, quiet=args.json) as display:
+    with Display(config.rig, quiet=args.json) as display:
         display.setting_up(hand=False)
         finished = acquire.run(
             config, course, args.seed, args.seconds, args.runs, paced(args),

@@ -117,7 +117,7 @@ def _follow(
     asked = experiment.config.rig == "hardware" and (not alone or sys.stdin.isatty())
     operator = TerminalOperator() if asked else None
     seen = _Seen()
-    with Display(args.rig, args.json, plain=asked, brief=not alone) as display:
+    with Display(experiment.config.rig, args.json, plain=asked, brief=not alone) as display:
         display.setting_up()
         bench = Bench(args.runs, paced(args), display.tick, operator, permit)
         try:

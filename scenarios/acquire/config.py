@@ -1,7 +1,6 @@
 """Everything that an acquisition can be told, one section a room, put together from layers."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Annotated
 
 import msgspec
@@ -9,10 +8,10 @@ from msgspec import Meta
 
 from drivers.interfaces import PERIOD_S
 from grasp.realtime import RealTimeSettings
-from grasp.settings import Layer, load, named_layer, not_chosen, thing_layer
+from grasp.settings import Layer, load, not_chosen, thing_layer
 from scenarios.acquire.press import PressControlSettings
 from scenarios.rigs.config import PressRigConfig
-from scenarios.rigs.own_settings import own_layers
+from scenarios.rigs.own_settings import Files, own_layers, rig_layers
 from scenarios.world.contact_settings import GROSS_SLIP_MPS
 
 
@@ -84,20 +83,21 @@ class AcquireConfig(PressRigConfig, frozen=True, forbid_unknown_fields=True, kw_
 
 
 def load_acquire_config(
-    surface: str, rig: str, file: Path | None = None, assignments: Sequence[str] = ()
+    surface: str, rig: str, files: Files = None, assignments: Sequence[str] = ()
 ) -> AcquireConfig:
-    """Class defaults <- ARM <- rig <- surface <- file (or $GRASP_CONFIG) <- assignments.
+    """Class defaults <- ARM <- rig <- surface <- files (or $GRASP_CONFIG) <- assignments.
 
     Of the rig's settings and of a file those of other scenarios are left out. Raises ConfigError
     for an unknown name or the first setting that is not allowed.
     """
+    like, of_rig = rig_layers(rig)
     layers = [
         Layer("acquisition", {"arm": dict(ARM)}),
-        _of_this_scenario(not_chosen(named_layer("rigs", rig))),
+        *map(_of_this_scenario, of_rig),
         not_chosen(thing_layer("surfaces", "surface", surface)),
     ]
-    *files, assigned = own_layers(file, assignments)
-    layers += [*map(_of_this_scenario, files), assigned, Layer("command line", {"rig": rig})]
+    *own, assigned = own_layers(files, assignments)
+    layers += [*map(_of_this_scenario, own), assigned, Layer("command line", {"rig": like})]
     return load(AcquireConfig, layers)
 
 

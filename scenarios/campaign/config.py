@@ -1,13 +1,12 @@
 """The union of what lift and tap can be told: what a file or a command line may say of either."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from grasp.settings import load
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import ScoringSettings
 from scenarios.rigs.config import part
-from scenarios.rigs.own_settings import own_layers
+from scenarios.rigs.own_settings import Files, own_layers
 from scenarios.tap.config import TapConfig
 from scenarios.tap.settings import TapScoringSettings, TapSettings
 from scenarios.trial.config import DEFAULT_PROFILE, TrialConfig, check_read, trial_layers
@@ -31,24 +30,24 @@ def load_config(
     object_name: str,
     rig: str,
     detector: str | None = None,
-    file: Path | None = None,
+    files: Files = None,
     assignments: Sequence[str] = (),
     profile: str = DEFAULT_PROFILE,
 ) -> RunConfig:
     """From the layers of ``trial_layers``. Raises ConfigError for an unknown name or the first
     setting that is not allowed, or that the detector does not read."""
-    layers = trial_layers(object_name, rig, detector, file, assignments, profile)
+    layers = trial_layers(object_name, rig, detector, files, assignments, profile)
     config = load(RunConfig, layers)
-    check_read(config.detector_name, config.rule, own_layers(file, assignments))
+    check_read(config.detector_name, config.rule, own_layers(files, assignments))
     return config
 
 
 def load_for_devices(
     object_name: str,
     rig: str,
-    file: Path | None = None,
+    files: Files = None,
     assignments: Sequence[str] = (),
     detector: str = "energy",
 ) -> RunConfig:
-    """For who runs no trial: the user's file may speak of any detector. Raises as `load_config`."""
-    return load(RunConfig, trial_layers(object_name, rig, detector, file, assignments))
+    """For who runs no trial: one's own files may speak of any detector. Raises as `load_config`."""
+    return load(RunConfig, trial_layers(object_name, rig, detector, files, assignments))

@@ -65,6 +65,10 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     draws: Annotated[
         int, Meta(ge=0, le=10_000, description="Latin hypercube over the unknowns")
     ] = 0
+    config: Annotated[
+        tuple[str, ...],
+        Meta(description="TOML files beside the campaign's, for every trial; later ones on top"),
+    ] = ()
     settings: Annotated[
         tuple[str, ...], Meta(description="section.key=value, for every trial")
     ] = ()
@@ -103,13 +107,17 @@ class Combination(msgspec.Struct, frozen=True):
 def read_spec(path: Path) -> CampaignSpec:
     """Raises ConfigError for a file that is missing, malformed or says something unknown."""
     spec = load(CampaignSpec, [read_toml(path)])
-    objects = (str(path.parent / word) if by_path(word) else word for word in spec.objects)
-    own = (is_code(word) or is_weights(word) for word in spec.detectors)
-    detectors = (
-        str(path.parent / word) if mine else word
-        for word, mine in zip(spec.detectors, own, strict=True)
+
+    def found(word: str) -> str:
+        own = by_path(word) or is_code(word) or is_weights(word)
+        return str(path.parent / word) if own else word
+
+    return msgspec.structs.replace(
+        spec,
+        objects=tuple(map(found, spec.objects)),
+        detectors=tuple(map(found, spec.detectors)),
+        config=tuple(str(path.parent / word) for word in spec.config),
     )
-    return msgspec.structs.replace(spec, objects=tuple(objects), detectors=tuple(detectors))
 
 
 def combinations(spec: CampaignSpec) -> list[Combination]:
@@ -121,17 +129,18 @@ def combinations(spec: CampaignSpec) -> list[Combination]:
     """
     _check_axes(spec)
     found, called = [], dict[str, str]()
+    files = [Path(word) for word in spec.config]
     for scenario, profile, detector, name, *values in itertools.product(
         spec.scenarios, spec.profiles, spec.detectors or (None,), spec.objects, *spec.sweep.values()
     ):
         swept = dict(zip(spec.sweep, values, strict=True))
         words = [*spec.settings, *(f"{key}={_literal(value)}" for key, value in swept.items())]
-        base = load_config(name, "simulated", detector, None, words, profile)
+        base = load_config(name, "simulated", detector, files, words, profile)
         if called.setdefault(base.object.name, name) != name:
             both = f"{called[base.object.name]} and {name} are both called {base.object.name!r}"
             raise ConfigError("campaign", "objects", both, "an object.name of its own for each")
         for said, more in _shifts(spec, base):
-            whole = load_config(name, "simulated", detector, None, [*words, *more], profile)
+            whole = load_config(name, "simulated", detector, files, [*words, *more], profile)
             found.append(Combination(scenario, {**swept, **said}, _of(scenario, whole)))
     _check_detectors([each.config for each in found])
     return found

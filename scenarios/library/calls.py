@@ -2,7 +2,7 @@
 
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +44,7 @@ def lift(
     *,
     detector: str | None = None,
     profile: str = DEFAULT_PROFILE,
-    config: File | None = None,
+    config: File | Sequence[File] | None = None,
     settings: Settings | None = None,
     runs: File | None = None,
 ) -> Lift:
@@ -52,11 +52,12 @@ def lift(
 
     Args:
         object: a name of `config/objects`, or the path of a `.toml` file.
-        rig: `simulated` (virtual time) or `emulated` (real protocols, wall time).
+        rig: `simulated` (virtual time) or `emulated` (real protocols, wall time), or a `.toml` file
+            that is like one of them.
         seed: of everything random, 0 or more.
         detector: a name of `config/detectors`; None: the profile's.
         profile: a name of `config/profiles`.
-        config: a TOML file over the packaged settings.
+        config: a TOML file over the packaged settings, or several, later ones on top.
         settings: single values over that, as `{"object.mass_kg": 0.3}`.
         runs: the folder in which the run leaves one of its own; None: a temporary one, which
             goes when the result goes.
@@ -81,7 +82,7 @@ def tap(
     *,
     detector: str | None = None,
     profile: str = DEFAULT_PROFILE,
-    config: File | None = None,
+    config: File | Sequence[File] | None = None,
     settings: Settings | None = None,
     runs: File | None = None,
 ) -> Tap:
@@ -181,12 +182,13 @@ def _config(
     rig: str,
     detector: str | None,
     profile: str,
-    config: File | None,
+    config: File | Sequence[File] | None,
     settings: Settings | None,
 ) -> RunConfig:
     """Resolved settings of a rig that is none of real devices."""
-    file = None if config is None else Path(config)
-    chosen = load_config(name, rig, detector, file, _words(settings), profile)
+    given = [config] if isinstance(config, str | Path) else config or ()
+    files = [Path(file) for file in given]
+    chosen = load_config(name, rig, detector, files, _words(settings), profile)
     if chosen.rig == HARDWARE:
         raise UsageError(
             "the library moves no real devices", f"`grasp run --rig {rig} --confirm-motion` does"

@@ -12,13 +12,13 @@ from typing import Any
 import msgspec
 
 from drivers.errors import ConfigError
-from grasp.settings import UNSEEN, Layer, load, named_layer, names
+from grasp.settings import CHOSEN, UNSEEN, Layer, load, named_layer, names
 from scenarios.campaign.config import RunConfig
 from scenarios.rigs.calibration import calibration_layers
 from scenarios.tap.settings import TapSettings
 from scenarios.tap.tap import tap_config
 from scenarios.trial import person
-from scenarios.trial.config import DEFAULT_PROFILE, detector_layer
+from scenarios.trial.config import DEFAULT_PROFILE, detector_layers
 
 Told = Mapping[str, Any]
 NAMED = ("rig", "profile", "detector_name", "object.name")  # by options of their own
@@ -48,7 +48,7 @@ def settings_of(told: Told, begun: bool = True) -> list[Setting]:
     return [
         Setting(key, toml(value), toml(usual.get(key)) if known else None)
         for key, value in _leaves(told)
-        if key not in NAMED
+        if key not in NAMED and not key.startswith("files.")
     ]
 
 
@@ -106,8 +106,8 @@ def _usual(told: Told, begun: bool) -> dict[str, Any]:
             named_layer("rigs", told["rig"]),
             named_layer("profiles", told["profile"]),
             named_layer("objects", body) if _packaged(body) else own_object,
-            detector_layer(told["detector_name"]),
-            Layer("names", {key: told[key] for key in ("rig", "profile", "detector_name")}),
+            *detector_layers(told["detector_name"]),
+            Layer("names", {key: told[key] for key in CHOSEN if key in told}),
         ]
         config = load(RunConfig, [*calibration_layers(layers), *layers])
         return _as_begun(told, config) if begun else msgspec.to_builtins(config)

@@ -8,7 +8,7 @@ import platform
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
@@ -36,9 +36,9 @@ class Check(NamedTuple):
     remedy: str = ""
 
 
-def examine(rig: str | None, file: Path | None, load: Load) -> list[Check]:
+def examine(rig: str | None, files: Sequence[Path] | None, load: Load) -> list[Check]:
     """All checks of this machine, then those of the rig's devices if one is named."""
-    checks = [_python(), *_packages(), *_shadows(), _configuration(rig, file, load)]
+    checks = [_python(), *_packages(), *_shadows(), _configuration(rig, files, load)]
     readable = checks[-1].status == "ok"
     checks += _detectors(load) if readable else [_unseen("detectors")]
     checks.append(_guarded("usb", _usb))
@@ -100,12 +100,13 @@ def _guarded(name: str, look: Callable[[], Check]) -> Check:
         return Check(name, "fail", f"{type(error).__name__}: {error}", "see the message")
 
 
-def _configuration(rig: str | None, file: Path | None, load: Load) -> Check:
+def _configuration(rig: str | None, files: Sequence[Path] | None, load: Load) -> Check:
     def look() -> Check:
         from grasp.settings import config_dir
 
         config = load(rig or "simulated", "energy")
-        extra = file or os.environ.get("GRASP_CONFIG") or "no further file"
+        own = ", ".join(map(str, files or ()))
+        extra = own or os.environ.get("GRASP_CONFIG") or "no further file"
         return Check("configuration", "ok", f"{config_dir()}, {extra}, hash {config.digest()}")
 
     return _guarded("configuration", look)
@@ -168,7 +169,9 @@ def _devices(rig: str | None, load: Load) -> list[Check]:
         return []
     try:
         config = load(rig, "energy")
-        if rig != "emulated":
+        if config.rig == "simulated":
+            return []
+        if config.rig != "emulated":
             return _ask_devices(config)
         from scenarios.rigs.cell_process import at_endpoints, cell_process
 

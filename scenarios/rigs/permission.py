@@ -6,12 +6,12 @@ moves real devices can be opened, whatever settings say.
 
 import shlex
 from collections.abc import Sequence
-from pathlib import Path
 
 import msgspec
 
 from drivers.errors import ConfigError, UsageError
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
+from scenarios.rigs.own_settings import Files, own_files_of
 from scenarios.rigs.rig import calibration
 
 HARDWARE = "hardware"
@@ -31,19 +31,19 @@ class MotionPermit(msgspec.Struct, frozen=True):
 
 
 def permit(
-    config: AnyRigConfig, confirmed: bool, file: Path | None, assignments: Sequence[str]
+    config: AnyRigConfig, confirmed: bool, files: Files, assignments: Sequence[str], rig: str = ""
 ) -> MotionPermit | None:
     """For the rig of a verb's settings; None where there is no real device to move.
 
-    ``file`` and ``assignments`` are what the command line said. Raises UsageError without a
-    confirmation.
+    ``files``, ``assignments`` and ``rig`` (a name or a path; empty: the settings') are what the
+    command line said. Raises UsageError without a confirmation.
     """
     if config.rig != HARDWARE:
         return None
     if not confirmed:
         remedy = "clear the cell, have the emergency stop at hand, then add --confirm-motion"
         raise UsageError("the hardware rig moves real devices", remedy)
-    return MotionPermit(release_command(config.rig, file, assignments))
+    return MotionPermit(release_command(rig or config.rig, files, assignments))
 
 
 def require(permit: MotionPermit | None) -> MotionPermit:
@@ -54,11 +54,11 @@ def require(permit: MotionPermit | None) -> MotionPermit:
     return permit
 
 
-def release_command(rig: str, file: Path | None, assignments: Sequence[str]) -> str:
-    """What to type to open the hand of a rig: rig, file and settings included."""
-    words = ["grasp", "release", "--rig", rig]
-    words += ["--confirm-motion"] if rig == HARDWARE else []
-    words += [] if file is None else ["--config", str(file)]
+def release_command(rig: str, files: Files, assignments: Sequence[str]) -> str:
+    """What to type to open the hand of real devices: rig, files and settings included."""
+    words = ["grasp", "release", "--rig", rig, "--confirm-motion"]
+    for file in own_files_of(files):
+        words += ["--config", str(file)]
     for text in assignments:
         if text.strip().split(".")[0] in DEVICE_SECTIONS:
             words += ["--set", text]

@@ -25,9 +25,11 @@ from grasp.realtime import RealTimeSettings
 from grasp.settings import (
     CHOSEN,
     Layer,
+    fingerprint,
     named_layer,
     names,
     not_chosen,
+    own_files,
     own_name,
     read_toml,
     thing_layer,
@@ -35,7 +37,7 @@ from grasp.settings import (
 from grasp.slip import SlipSettings
 from scenarios.rigs.calibration import calibration_layers
 from scenarios.rigs.config import GraspRigConfig
-from scenarios.rigs.own_settings import own_layers
+from scenarios.rigs.own_settings import Files, own_layers, rig_layers
 from scenarios.rigs.permission import HARDWARE
 from scenarios.world.ladder.runs import RunPlan
 
@@ -48,7 +50,7 @@ OWN = "own"  # of code of one's own
 # What no result depends on: where devices are, names of settings that are resolved here, what only
 # people read, and how the machine is asked to be quick. Without wires, nor how they are used; on
 # hardware, no model.
-UNHASHED = ("profile", "usb", "realtime")
+UNHASHED = ("profile", "files", "usb", "realtime")
 NAMES = {"gripper": ("calibration",), "calibration": ("name",), "object": ("description",)}
 ADDRESSES = {"modbus": ("host", "port", "unit", "serial_port", "slave"), "ur": ("host",)}
 # Of devices and scene; `contact` is none of these: it says how hard a tap shall be.
@@ -63,6 +65,7 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     """
 
     profile: str = DEFAULT_PROFILE
+    files: dict[str, str] = msgspec.field(default_factory=dict)  # one's own, and a fingerprint
     detector_name: str
     controller: ControllerSettings = ControllerSettings()
     guard: GuardSettings = GuardSettings()
@@ -150,15 +153,18 @@ def section_of(detector: str) -> str:
     return OWN if is_own(detector) else NETWORK
 
 
-def detector_layer(word: str) -> Layer:
-    """What is set for a detector: its file of config/detectors; of one's own the `.toml` beside it,
-    if there is one, of the same name. Raises ConfigError for an unknown name."""
+def detector_layers(word: str) -> list[Layer]:
+    """What is set for a detector: its file of config/detectors; of one's own its fingerprint, and
+    the `.toml` of the same name beside it, if there is one. Raises ConfigError for an unknown
+    name."""
     if is_code(word) or is_weights(word):
-        beside = Path(word.rpartition(":")[0] if is_code(word) else word).with_suffix(".toml")
-        return read_toml(beside) if beside.is_file() else Layer(word, {})
+        file = Path(word.rpartition(":")[0] if is_code(word) else word)
+        beside = file.with_suffix(".toml")
+        digest = fingerprint(file.read_bytes()) if file.is_file() else ""
+        return [Layer(str(file), {}, digest), *([read_toml(beside)] if beside.is_file() else ())]
     if word in offered() and word not in names("detectors"):
-        return Layer(word, {})
-    return named_layer("detectors", word, (*offered(), f"FILE{MARK}NAME", "FILE.onnx"))
+        return []
+    return [named_layer("detectors", word, (*offered(), f"FILE{MARK}NAME", "FILE.onnx"))]
 
 
 def digest_of(settings: Mapping[str, Any]) -> str:
@@ -218,12 +224,13 @@ def trial_layers(
     object_name: str | Layer,
     rig: str,
     detector: str | None = None,
-    file: Path | None = None,
+    files: Files = None,
     assignments: Sequence[str] = (),
     profile: str = DEFAULT_PROFILE,
 ) -> list[Layer]:
-    """Class defaults <- rig <- profile <- object (by name or path, or as it is) <- detector <- file
-    (or $GRASP_CONFIG) <- assignments. Without a name of its own, the detector is the profile's.
+    """Class defaults <- rig <- profile <- object (or as it is) <- detector <- files (or
+    $GRASP_CONFIG), later ones on top <- assignments; rig, object and detector by name or path.
+    Without a name of its own, the detector is the profile's.
 
     Raises ConfigError for an unknown name, and where a file or an assignment says one.
     """
@@ -233,12 +240,14 @@ def trial_layers(
     if detector is None:
         detector = str(whole.table["detector_name"])
     chosen = object_name.table.get("object", {}).get("name")
+    like, of_rig = rig_layers(rig)
     layers = [
-        not_chosen(named_layer("rigs", rig)),
-        not_chosen(whole, {key: CHOSEN[key] for key in ("rig", "profile")}),
+        *of_rig,
+        not_chosen(whole, {key: CHOSEN[key] for key in ("rig", "profile", "files")}),
         not_chosen(object_name),
-        not_chosen(detector_layer(detector)),
-        *(own_name(own, "objects", "object", chosen) for own in own_layers(file, assignments)),
-        Layer("command line", {"rig": rig, "profile": profile, "detector_name": detector}),
+        *map(not_chosen, detector_layers(detector)),
+        *(own_name(own, "objects", "object", chosen) for own in own_layers(files, assignments)),
     ]
-    return [*calibration_layers(layers), *layers]
+    layers = [*calibration_layers(layers), *layers]
+    told = {"rig": like, "profile": profile, "detector_name": detector, "files": own_files(layers)}
+    return [*layers, Layer("command line", told)]

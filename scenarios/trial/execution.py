@@ -297,6 +297,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "versions": versions(),
             "config_hash": config.digest(),
             "detector_hash": config.detector_hash(),
+            "files": config.files,
             "end": self.end(config),
             "bug": self.bug,
             "home_m": self.home,

@@ -87,6 +87,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     versions: dict[str, str]
     config_hash: str
     detector_hash: str  # of weights or formula, and rule
+    files: dict[str, str] = {}  # one's own that settings came from, each with a fingerprint
     end: End | None = None  # where it ended in a safe state
     bug: Bug | None = None  # where an internal error ended it
     home_m: Vector3 | None = None  # of the arm, which its descents end at; None: it never began

@@ -133,3 +133,177 @@ def test_two_objects_of_a_campaign_that_are_called_the_same_are_refused(
     file.write_text(f'name = "c"\nobjects = ["{first}", "{second}"]\n')
     with pytest.raises(ConfigError, match="both called 'mine'"):
         combinations(read_spec(file))
+
+
+# Rigs
+
+
+def rig_file(folder: Path, like: str, more: str = "") -> str:
+    file = folder / f"cell-{like}.toml"
+    file.write_text(f'rig = "{like}"\n{more}')
+    return str(file)
+
+
+def test_a_rig_of_ones_own_is_opened_as_the_one_that_it_is_like(tmp_path: Path) -> None:
+    file = rig_file(tmp_path, "simulated", "[hand]\nactivation_s = 0.7\n")
+    config = load_config("can", file, "energy")
+    assert (config.rig, config.hand.activation_s) == ("simulated", 0.7)
+    over = load_config("can", file, "energy", None, ["hand.activation_s=0.9"])
+    assert over.hand.activation_s == 0.9
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "rig: missing"),
+        ('rig = "mine"\n', "rig: 'mine' is none"),
+        ("rig = 3\n", "rig: 3 is none"),
+        ('rig = "simulated"\nprofile = "paper"\n', "profile: is no setting"),
+        ('rig = "simulated"\n[gripper]\ncalibrations = "x"\n', "did you mean 'calibration'"),
+    ],
+)
+def test_a_file_that_is_no_rig_is_refused_by_its_path(text: str, told: str, tmp_path: Path) -> None:
+    file = tmp_path / "cell.toml"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=told) as caught:
+        load_config("can", str(file), "energy")
+    assert str(file) in caught.value.message
+
+
+# Files of settings
+
+
+def test_later_files_lie_on_top_of_earlier_ones(
+    own: Own, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, second = tmp_path / "a.toml", tmp_path / "b.toml"
+    first.write_text("[guard]\nforce_limit_n = 8.0\n[object]\nmass_kg = 0.2\n")
+    second.write_text("[object]\nmass_kg = 0.3\n")
+    config = load_config("can", "simulated", "energy", [first, second])
+    assert (config.guard.force_limit_n, config.object.mass_kg) == (8.0, 0.3)
+    words = ["config", "show", "object", "--rig", "simulated", "--json"]
+    assert main([*words, "--config", str(second), "--config", str(first)]) == 0
+    assert json.loads(capsys.readouterr().out)["object"]["mass_kg"] == 0.2
+
+
+def test_results_tell_the_files_that_they_come_from(own: Own, tmp_path: Path) -> None:
+    config = tmp_path / "heavy.toml"
+    config.write_text("[object]\nmass_kg = 0.2\n")
+    calibration = tmp_path / "hand.toml"
+    calibration.write_text((config_dir() / "calibrations" / "paper.toml").read_text())
+    rig = rig_file(tmp_path, "simulated", f'[gripper]\ncalibration = "{calibration}"\n')
+    thing = str(own())
+    loaded = load_config(thing, rig, "energy", config)
+    assert set(loaded.files) == {thing, rig, str(config), str(calibration)}
+    assert all(len(digest) == 16 for digest in loaded.files.values())
+    before = loaded.files[str(config)]
+    config.write_text("[object]\nmass_kg = 0.25\n")
+    assert load_config(thing, rig, "energy", config).files[str(config)] != before
+    assert load_config("can", "simulated", "energy").files == {}
+
+
+def test_where_a_file_lies_is_no_part_of_the_hash(tmp_path: Path) -> None:
+    hashes = set()
+    for name in ("a.toml", "b.toml"):
+        (tmp_path / name).write_text("[object]\nmass_kg = 0.2\n")
+        config = load_config("can", "simulated", "energy", tmp_path / name)
+        hashes |= {config.digest(), config.for_lift().digest()}
+    assert len(hashes) == 2
+
+
+def test_nobody_but_the_command_line_says_which_files_there_are(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="is no setting"):
+        load_config("can", "simulated", "energy", None, ["files.x=y"])
+
+
+def test_a_campaign_takes_files_and_its_rows_tell_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("lab.toml").write_text("[object]\nmass_kg = 0.2\n[guard]\novershoot_n = 1.5\n")
+    Path("top.toml").write_text("[object]\nmass_kg = 0.25\n")
+    Path("c.toml").write_text(
+        'name = "c"\nobjects = ["can"]\ndetectors = ["energy"]\nrepetitions = 1\n'
+        'config = ["lab.toml"]\n'
+    )
+    words = ["campaign", "run", "c.toml", "--out", "c.sqlite", "--jobs", "1", "--json"]
+    assert main([*words, "--config", "top.toml"]) == 0
+    with sqlite3.connect("c.sqlite") as db:
+        (settings,) = db.execute("SELECT settings FROM configs").fetchone()
+        (result,) = db.execute("SELECT result FROM trials").fetchone()
+    db.close()
+    told = json.loads(settings)
+    assert (told["object"]["mass_kg"], told["guard"]["overshoot_n"]) == (0.25, 1.5)
+    assert set(json.loads(result)["files"]) == {"lab.toml", "top.toml"}
+    Path("top.toml").write_text("[object]\nmass_kg = 0.24\n")
+    assert main([*words, "--config", "top.toml", "--resume"]) == 2
+
+
+# `grasp config check`
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (None, "an object for --object, 'mine'"),
+        ('rig = "hardware"\n[modbus]\nhost = "10.0.0.7"\n', "a rig for --rig, opened as hardware"),
+        ('name = "c"\nobjects = ["can", "ball"]\n', "a campaign of 2 places"),
+        ("[guard]\nforce_limit_n = 9.0\n[rule]\nconsecutive = 3\n", "settings for --config, guard"),
+        ("[control]\nsettle_s = 1.0\n", "settings for --config, of an acquisition: control"),
+    ],
+)
+def test_a_file_is_told_by_what_is_in_it(
+    text: str | None, told: str, own: Own, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = own()
+    if text is not None:
+        file.write_text(text)
+    assert main(["config", "check", str(file)]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith(f"{file}: {told}")
+    assert "fingerprint" in said
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "told"),
+    [
+        ("surfaces", "sphere", "a surface"),
+        ("calibrations", "paper", "a calibration"),
+        ("campaigns", "table4", "a campaign"),
+        ("datasets", "confusers", "a data set"),
+        ("layouts", "eight", "settings"),
+    ],
+)
+def test_packaged_files_pass_the_check(
+    kind: str, name: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (config_dir() / kind / f"{name}.toml").read_text()
+    file = tmp_path / "mine.toml"
+    file.write_text(text.replace(f'name = "{name}"', 'name = "mine"'))
+    assert main(["config", "check", str(file)]) == 0, capsys.readouterr().err
+    assert told in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[guard]\nforce_limit_n = 99.0\n", "guard.force_limit_n"),
+        ("[gard]\nforce_limit_n = 9.0\n", "did you mean 'guard'"),
+        ("x = = 1", "cannot be read"),
+        ('name = "c"\nobjects = ["elephant"]\n', "elephant"),
+        ('rig = "lab"\n', "'lab' is none"),
+        ('rig = "hardware"\ndetector_name = "tcn"\n', "is no setting"),
+    ],
+)
+def test_a_wrong_file_is_one_line_and_the_others_are_checked_too(
+    text: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong, right = tmp_path / "wrong.toml", tmp_path / "right.toml"
+    wrong.write_text(text)
+    right.write_text("[guard]\nforce_limit_n = 9.0\n")
+    assert main(["config", "check", str(wrong), str(right)]) == 2
+    said = capsys.readouterr()
+    assert told in said.err
+    assert "Traceback" not in said.err
+    assert f"{right}: settings" in said.out
+    assert main(["config", "check", "can"]) == 2

@@ -5,7 +5,6 @@ carries the weight in sliding, m g / 2 mu, at the thumb, of that trial's draw.
 """
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -20,6 +19,7 @@ from grasp.step import GraspStep
 from scenarios.campaign.config import load_config
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig
+from scenarios.rigs.own_settings import Files
 from scenarios.rigs.rig import GraspRig
 from scenarios.rigs.workers import Workers, results
 from scenarios.rigs.world_of_seed import cell_settings
@@ -125,11 +125,11 @@ class Task(msgspec.Struct, frozen=True):
 
 def configured(
     name: str, scene: Scene, policy: Policy, detector: str | None, rig: str = "simulated",
-    file: Path | None = None, assignments: Sequence[str] = (),
+    files: Files = None, assignments: Sequence[str] = (),
 ) -> LiftConfig:  # fmt: skip
-    """Settings of an object in a scene under an answer, held in the air at the end; ``file`` and
+    """Settings of an object in a scene under an answer, held in the air at the end; ``files`` and
     ``assignments``: what the user sets beneath."""
-    plain = load_config(name, rig, detector, file, assignments).object
+    plain = load_config(name, rig, detector, files, assignments).object
     scaled = (
         f"object.friction_static={plain.friction_static * scene.friction}",
         f"object.friction_kinetic={plain.friction_kinetic * scene.friction}",
@@ -137,7 +137,7 @@ def configured(
         f"object.added_mass_kg={plain.added_mass_kg * scene.mass}",
     )
     words = (*assignments, *scaled, *scene.words, *policy.words, "controller.keep=true")
-    return load_config(name, rig, detector, file, words).for_lift()
+    return load_config(name, rig, detector, files, words).for_lift()
 
 
 class Oracle:
@@ -248,11 +248,13 @@ def _stands_in_the_air(end: Truth) -> bool:
 def lifts(
     names: Sequence[str], seeds: Sequence[int], policies: Sequence[Policy],
     scenes: Sequence[Scene], detector: str | None, workers: Workers, rig: str = "simulated",
-    file: Path | None = None, assignments: Sequence[str] = (),
+    files: Files = None, assignments: Sequence[str] = (),
 ) -> Iterator[Answered]:  # fmt: skip
     """All of them as they finish."""
     tasks = [
-        Task(configured(name, scene, policy, detector, rig, file, assignments), policy, scene, seed)
+        Task(
+            configured(name, scene, policy, detector, rig, files, assignments), policy, scene, seed
+        )
         for scene in scenes
         for policy in policies
         for name in names

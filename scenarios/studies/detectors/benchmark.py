@@ -24,6 +24,7 @@ from drivers.errors import UsageError
 from grasp.clock import stopwatch_ns
 from grasp.settings import names
 from scenarios.campaign.config import load_config
+from scenarios.rigs.own_settings import Files
 from scenarios.trial.config import FORMULAS, TrialConfig
 
 
@@ -70,11 +71,11 @@ def contender(
     recordings: Sequence[Recording],
     data: str,
     label: LabelName = "slip",
-    file: Path | None = None,
+    files: Files = None,
     assignments: Sequence[str] = (),
 ) -> Contender:
     """Stream the named detector, as configured, over the recordings."""
-    config = load_config("can", "simulated", name, file, assignments)
+    config = load_config("can", "simulated", name, files, assignments)
     streams = stream_recordings(config.make_detector, recordings, stopwatch_ns, label)
     return Contender(
         config, config.make_detector(recordings[0].fingers, recordings[0].taxels), streams, data

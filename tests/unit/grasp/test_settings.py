@@ -10,7 +10,7 @@ from drivers.errors import ConfigError
 from grasp import settings
 from grasp.settings import Layer, assignment_layer, file_of, load, named_layer, read_toml
 from scenarios.campaign.config import RunConfig, load_config
-from scenarios.rigs.own_settings import own_file
+from scenarios.rigs.own_settings import own_files_of
 
 
 def lift(*assignments: str, file: Path | None = None) -> RunConfig:
@@ -38,7 +38,7 @@ def test_configuration_file_of_the_environment_is_used(
 def test_empty_variable_of_the_environment_names_no_file(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GRASP_CONFIG", "")
     assert lift().controller.hold_s == 1.0
-    assert own_file(None) is None
+    assert own_files_of(None) == []
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 import pytest
 
+import grasp
 from drivers.errors import ConfigError, UsageError
 from grasp.cli.main import build_parser, main
 from scenarios.acquire.acquire import run as acquire
@@ -96,6 +97,7 @@ LINES = {
     ("replay",): ["replay", "--tactile", "strokes.csv", "--detector", "energy"],
     ("detector", "evaluate"): ["detector", "evaluate", "energy", "--recording", "strokes.csv"],
     ("detector", "tune"): ["detector", "tune", "energy"],
+    ("campaign", "run"): ["campaign", "run", "c.toml", "--jobs", "1", "--out", "c.sqlite"],
     ("chart", "answers"): ["chart", "answers", "--seeds", "1", "--objects", "can", "--jobs", "1"],
 }
 
@@ -149,6 +151,7 @@ def test_no_file_and_no_assignment_chooses_what_the_command_line_alone_may(
     file = tmp_path / "lab.toml"
     file.write_text(f"{choice}\n{LAB}")
     stroke_csv(tmp_path / "strokes.csv")
+    (tmp_path / "c.toml").write_text('name = "c"\nobjects = ["can"]\nrepetitions = 1\n')
     monkeypatch.chdir(tmp_path)
     more = {"--config": ["--config", str(file)], "GRASP_CONFIG": [], "--set": ["--set", choice]}
     if layer == "GRASP_CONFIG":
@@ -201,6 +204,67 @@ def test_trial_of_a_campaign_refuses_real_devices_though_its_settings_name_them(
     assert row.status == "error"
     assert "may not open the rig hardware" in (row.error or "")
     assert devices == []
+
+
+@pytest.mark.parametrize("said", ["config", "rig"])
+def test_campaign_takes_a_lab_s_file_to_no_real_device(
+    said: str, tmp_path: Path, devices: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Not as settings, and there is no place for a rig."""
+    (tmp_path / "lab.toml").write_text('rig = "hardware"\n' + LAB)
+    word = '["lab.toml"]' if said == "config" else '"lab.toml"'
+    file = tmp_path / "c.toml"
+    file.write_text(f'name = "c"\nobjects = ["can"]\nrepetitions = 1\n{said} = {word}\n')
+    assert main(["campaign", "run", str(file), "--out", str(tmp_path / "c.sqlite")]) == 2
+    assert devices == []
+    with pytest.raises(ConfigError):
+        grasp.campaign(file, jobs=0)
+    assert devices == []
+
+
+# Rigs of one's own
+
+
+@pytest.fixture
+def lab_rig(tmp_path: Path) -> str:
+    """The file of a lab, by a name that tells nothing."""
+    file = tmp_path / "simulated.toml"
+    file.write_text('rig = "hardware"\n' + LAB)
+    return str(file)
+
+
+@pytest.mark.parametrize("scenario", ["lift", "tap"])
+def test_a_rig_file_for_real_devices_is_hardware_under_any_name(
+    scenario: str, lab_rig: str, tmp_path: Path, devices: list[str],
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    words = ["run", scenario, "--rig", lab_rig, "--runs", str(tmp_path / "runs")]
+    assert main(words) == 2
+    assert "--confirm-motion" in capsys.readouterr().err
+    config = load_config("can", lab_rig, "energy")
+    assert config.rig == "hardware"
+    with pytest.raises(UsageError, match="may not open the rig hardware"):
+        opening.open_rig(config, 0, paced=False).__enter__()
+    for call in (grasp.lift, grasp.tap):
+        with pytest.raises(UsageError, match="moves no real devices"):
+            call(rig=lab_rig)
+    assert main(["chart", "answers", "--rig", lab_rig, "--seeds", "1", "--objects", "can"]) != 0
+    assert devices == []
+
+
+def test_a_rig_file_with_a_lab_s_addresses_that_is_like_a_simulated_one_reaches_nobody(
+    tmp_path: Path, devices: list[str]
+) -> None:
+    file = tmp_path / "lab.toml"
+    file.write_text('rig = "simulated"\n' + LAB)
+    assert grasp.lift(rig=str(file), detector="energy").result.rig == "simulated"
+    assert devices == []
+
+
+def test_the_way_out_names_the_rig_s_file(lab_rig: str) -> None:
+    leave = permit(load_config("can", lab_rig, "energy"), True, None, (), lab_rig)
+    assert leave is not None
+    assert leave.release == f"grasp release --rig {lab_rig} --confirm-motion"
 
 
 # Library calls

@@ -24,6 +24,7 @@ LEFT_OUT = {
     "psd",
     "psd_fair",
     "forte",
+    "files",
     "network",
     "own",
 }  # `energy` is asked for
