@@ -28,7 +28,10 @@ class Onlooker:
     ``screen``: descriptor that it draws on; by default the standard output of this process.
     """
 
-    def __init__(self, module: ModuleType, screen: int | None = None) -> None:
+    def __init__(
+        self, module: ModuleType, screen: int | None = None, inherited: tuple[int, ...] = ()
+    ) -> None:
+        """``inherited``: descriptors that it finds under the same numbers."""
         assert module.__spec__ is not None  # noqa: S101  (it was imported)
         home = str(Path(__file__).parents[1])
         # -P: a folder called `grasp` where the user happens to stand must not shadow ours
@@ -36,6 +39,7 @@ class Onlooker:
             [sys.executable, "-P", "-m", module.__spec__.name],
             stdin=subprocess.PIPE,
             stdout=screen,
+            pass_fds=inherited,
             env={**os.environ, "PYTHONPATH": home},
         )
         assert self._child.stdin is not None  # noqa: S101
@@ -55,18 +59,19 @@ class Onlooker:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def show(self, message: msgspec.Struct) -> None:
-        """Hand it over, or count it as lost."""
-        if self._gone:
-            self.lost += 1
-            return
-        try:
-            os.write(self._pipe, self._encode(message) + b"\n")
-        except BlockingIOError:
-            self.lost += 1
-        except OSError:  # the onlooker has ended: a run goes on unseen
-            self._gone = True
-            self.lost += 1
+    def show(self, message: msgspec.Struct) -> bool:
+        """Hand it over, or count it as lost; tells whether it was taken."""
+        taken = False
+        if not self._gone:
+            try:
+                os.write(self._pipe, self._encode(message) + b"\n")
+                taken = True
+            except BlockingIOError:
+                pass
+            except OSError:  # the onlooker has ended: a run goes on unseen
+                self._gone = True
+        self.lost += not taken
+        return taken
 
     def tell(self, message: msgspec.Struct) -> None:
         """As ``show``, but between two runs: waits a moment for a reader that is behind."""

@@ -3,8 +3,10 @@
 import contextlib
 import math
 import sys
-from typing import Any, Self
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol, Self, TypeVar
 
+from drivers.errors import UsageError
 from grasp.cli import view
 from grasp.loop import Tick
 from grasp.phases import Phase
@@ -23,6 +25,16 @@ _HAND = {  # where there is one
     "emulated": ", the gripper activates (10 s, the first time 20 s)",
     "hardware": "; an inactive gripper opens and closes",
 }
+
+
+class Live(Protocol):
+    """A page that follows a run: ``scenarios.report.live``."""
+
+    @property
+    def feed(self) -> Any: ...
+
+
+LiveT = TypeVar("LiveT", bound=Live)
 
 
 class Display:
@@ -115,6 +127,23 @@ def _tell_lost(pictures: int) -> None:
     if pictures:
         with contextlib.suppress(OSError):
             print(f"{pictures} pictures of the run were not drawn in time", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def viewed(args: Any, make: Callable[[], LiveT]) -> Iterator[LiveT | None]:
+    """What `--view` shows a run on, made by ``make`` and ended with it; None without."""
+    if not args.view:
+        yield None
+        return
+    try:
+        live = make()
+    except OSError as error:
+        raise UsageError(f"--view: no page can be served here: {error}", "leave it out") from None
+    try:
+        print(f"view: {live.feed.address}", file=sys.stderr, flush=True)
+        yield live
+    finally:
+        live.feed.close()
 
 
 def physics_lines(result: Any) -> list[str]:

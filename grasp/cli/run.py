@@ -93,10 +93,15 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
         help="say also by how much physics the simulated world was computed, and why",
     )  # fmt: skip
     parser.add_argument(
+        "--view", action="store_true",
+        help="follow it on a page in a browser, on this machine alone: opened where there is a "
+        "display, its address said on standard error",
+    )  # fmt: skip
+    parser.add_argument(
         "--pace",
         choices=("real", "max"),
         help="on the simulated rig: virtual time at the wall's pace, or as fast as it can "
-        "(default: real in a terminal, max otherwise)",
+        "(default: real in a terminal and with --view, max otherwise)",
     )
     parser.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, nothing else"
@@ -177,20 +182,32 @@ def _permit(config: Any, args: argparse.Namespace) -> Any:
 
 
 def _acquire(args: argparse.Namespace) -> int:
-    from grasp.cli.live import Display
+    from grasp.cli.live import Display, viewed
     from scenarios.acquire import acquire
     from scenarios.acquire.config import load_acquire_config
     from scenarios.acquire.press import motion
+    from scenarios.report.live.acquisition import LiveAcquisition
 
     config = load_acquire_config(args.surface, args.rig, args.config, args.set)
     course = motion(args.direction, args.speed, acquire.TURN_RADPS)
     permit = _permit(config, args)
-    with Display(config.rig, quiet=args.json) as display:
+    title = f"acquisition on {config.surface.name} · seed {args.seed}"
+    with (
+        Display(config.rig, quiet=args.json) as display,
+        viewed(args, lambda: LiveAcquisition(config, title, args.seconds)) as live,
+    ):
         display.setting_up(hand=False)
+
+        def show(sample: Any) -> None:
+            display.sample(sample)
+            if live is not None:
+                live.watch(sample)
+
         finished = acquire.run(
-            config, course, args.seed, args.seconds, args.runs, paced(args),
-            display.sample, permit,
-        )  # fmt: skip
+            config, course, args.seed, args.seconds, args.runs, paced(args), show, permit
+        )
+        if live is not None:
+            live.feed.say(finished.in_short())
     failure = finished.failure
     if not args.json:
         print(finished.as_text())

@@ -40,7 +40,8 @@ def add_series_options(parser: argparse.ArgumentParser, scenario: str) -> None:
 
 def paced(args: argparse.Namespace) -> bool:
     """Whether virtual time goes at the wall's pace."""
-    return args.pace == "real" or (args.pace is None and sys.stdout.isatty() and not args.json)
+    seen = args.view or (sys.stdout.isatty() and not args.json)
+    return args.pace == "real" or (args.pace is None and seen)
 
 
 class _Seen:
@@ -107,9 +108,10 @@ def _follow(
     args: argparse.Namespace, experiment: Any, permit: Any, store: Any, alone: bool
 ) -> _Seen:
     """Run what the store lacks and show it."""
-    from grasp.cli.live import Display, physics_lines, trial_line
+    from grasp.cli.live import Display, physics_lines, trial_line, viewed
     from grasp.cli.operator import TerminalOperator
     from scenarios.campaign.experiment import run
+    from scenarios.report.live.trials import LiveTrials
     from scenarios.trial.result import Failure
     from scenarios.trial.series import Bench
 
@@ -117,12 +119,20 @@ def _follow(
     asked = experiment.config.rig == "hardware" and (not alone or sys.stdin.isatty())
     operator = TerminalOperator() if asked else None
     seen = _Seen()
-    with Display(experiment.config.rig, args.json, plain=asked, brief=not alone) as display:
+    config, of = experiment.config, experiment.trials
+    title = f"{args.scenario} · {config.object.name} · {config.rig} rig"
+    with (
+        Display(config.rig, args.json, plain=asked, brief=not alone) as display,
+        viewed(args, lambda: LiveTrials(config, title, of)) as live,
+    ):
         display.setting_up()
-        bench = Bench(args.runs, paced(args), display.tick, operator, permit)
+        watch = None if live is None else live.watch
+        bench = Bench(args.runs, paced(args), display.tick, operator, permit, watch=watch)
         try:
             for finished, row in run(experiment, bench, store):
                 seen.take(finished, row)
+                if live is not None and finished.result is not None:
+                    live.feed.say(trial_line(finished.result))
                 if finished.result is not None and not alone:
                     display.note(trial_line(finished.result))
                     if args.verbose and seen.first_of_its_physics(finished.result):

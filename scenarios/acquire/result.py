@@ -48,6 +48,11 @@ class AcquireResult(msgspec.Struct, frozen=True, kw_only=True):
     def as_json(self) -> str:
         return msgspec.json.encode(self).decode()
 
+    def in_short(self) -> str:
+        """One line, without a path of this machine."""
+        true = "" if self.slip_true is None else f" (the contact truly slid in {self.slip_true})"
+        return f"{self.outcome}: {self.samples} samples, {self.slip} labelled slip{true}"
+
     def as_text(self) -> str:
         session = "" if self.recording is None else f"\nsession: {self.recording}"
         if not self.recordings:

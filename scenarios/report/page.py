@@ -19,16 +19,18 @@ BEGINS = "<!doctype html>\n<!-- made by grasp report -->"  # how a page of ours 
 STYLES = ("uplot/uPlot.min.css", "page.css")
 
 
-def render(template: str, scripts: Sequence[str], **context: Any) -> str:
+def render(template: str, scripts: Sequence[str], connect: str = "'none'", **context: Any) -> str:
     """The page of a template in `page/`, with these scripts of there; most need `data.js` first.
 
-    ``context`` goes to the template; `data` of it becomes JSON for the scripts (`data.js`).
+    ``connect``: the one address that they may speak to. ``context`` goes to the template; `data` of
+    it becomes JSON for the scripts (`data.js`).
     """
     style = "\n".join(_part(name) for name in STYLES)
     script = "\n".join(_part(name) for name in scripts)
     policy = (
         f"default-src 'none'; img-src data:; style-src {_fingerprint(style)}; "
-        f"script-src {_fingerprint(script)}; base-uri 'none'; form-action 'none'"
+        f"script-src {_fingerprint(script)}; connect-src {connect}; "
+        "base-uri 'none'; form-action 'none'"
     )
     page = _templates().get_template(template)
     # none of this is foreign text

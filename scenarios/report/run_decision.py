@@ -7,17 +7,26 @@ from numpy.typing import NDArray
 from detector.decision import RuleSettings, cusum, fused
 
 
-class Decided(msgspec.Struct, frozen=True):
-    """``values`` (n, k) of k fingers, or of all together; NaN where nothing was decided.
+class Bound(msgspec.Struct, frozen=True):
+    """What a rule goes by: ``limit`` is what registers slip. ``probable``: of probabilities."""
 
-    ``limit`` is what registers slip. ``probable``: they are probabilities.
-    """
-
-    values: NDArray[np.float64]
     limit: float
     probable: bool
     label: str
     rule: str  # in words
+
+
+class Decided(Bound, frozen=True, kw_only=True):
+    """``values`` (n, k) of k fingers, or of all together; NaN where nothing was decided."""
+
+    values: NDArray[np.float64]
+
+
+def bound_of(settings: RuleSettings) -> Bound:
+    """Of a rule, whatever it is shown."""
+    probable = settings.kind == "consecutive"
+    limit = settings.threshold if probable else settings.limit
+    return Bound(limit, probable, _label(probable, settings.fusion == "mean"), in_words(settings))
 
 
 def decided(
@@ -41,14 +50,7 @@ def decided(
         for first, after in edges.reshape(-1, 2):
             sums[first:after] = cusum(values[first:after], settings)
         values = sums
-    together = settings.fusion == "mean"
-    return Decided(
-        values=values,
-        limit=settings.threshold if probable else settings.limit,
-        probable=probable,
-        label=_label(probable, together),
-        rule=in_words(settings),
-    )
+    return Decided(**msgspec.structs.asdict(bound_of(settings)), values=values)
 
 
 def _label(probable: bool, together: bool) -> str:

@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from drivers.interfaces import FINGER_NAMES
 from grasp.commands import describe
 from grasp.phases import Phase
+from scenarios.report.drawn import Seen, scene, taxel_places
 from scenarios.report.packed import Column, pack, thinned
 from scenarios.report.page import render
 from scenarios.report.run_decision import Decided, decided
@@ -25,7 +25,7 @@ from scenarios.trial.run_folder import RECORDING, find_recording
 
 PAGE = "report.html"
 LIBRARY = "uplot/uPlot.iife.min.js"
-SCRIPTS = (LIBRARY, "data.js", "run_scene.js", "run_plots.js", "run.js")
+SCRIPTS = (LIBRARY, "data.js", "run_scene.js", "run_plots.js", "run.js", "whole.js")
 MOST_ROWS = 6_000  # a minute at 100 Hz; a longer run is thinned, its peaks kept
 LEAD_S = 0.15  # the page begins so long after slip was registered: the fingers have closed
 
@@ -55,7 +55,14 @@ def run_page(path: Path) -> str:
         remarks=remarks(run),
         run=run,
         fingers=FINGER_NAMES,
-        decided=by_rule,
+        view=Seen(
+            hand=True,
+            truth=run.truth is not None,
+            motion=run.motion is not None,
+            limit_n=run.told.guard.force_limit_n,
+            rule=by_rule,
+            evidence=not by_rule.probable,
+        ),
         phases=_phase_rows(run),
         commands=[_command_row(sent) for sent in run.commands],
         own_settings=[setting for setting in settings if setting.own],
@@ -77,7 +84,7 @@ def _data(run: RunRecord, by_rule: Decided) -> dict[str, Any]:
     return {
         "series": pack(thin),
         "fingers": FINGER_NAMES,
-        "taxels": _taxel_places(run),
+        "taxels": taxel_places(run.told.fingertip.taxels_mm, run.counts.shape[2]),
         "limit_n": run.told.guard.force_limit_n,
         "rule": {"limit": by_rule.limit, "probable": by_rule.probable, "label": by_rule.label},
         "phases": [{"t": c.t_ns * 1e-9, "name": c.phase} for c in run.phases],
@@ -128,18 +135,6 @@ def _kept(run: RunRecord) -> np.ndarray[Any, np.dtype[np.intp]]:
     return thinned(len(run.t_s), MOST_ROWS, peaks)
 
 
-def _taxel_places(run: RunRecord) -> list[tuple[float, float]]:
-    """Column and row of each taxel of a fingertip, from 0: where the settings say, or in the two
-    rows of the kit, 0 1 2 below and 5 4 3 above."""
-    told = run.told.fingertip.taxels_mm
-    taxels = run.counts.shape[2]
-    if len(told) != taxels:
-        half = (taxels + 1) // 2
-        told = [(i, 0.0) if i < half else (2 * half - 1 - i, 1.0) for i in range(taxels)]
-    columns, rows = (sorted({place[axis] for place in told}) for axis in (0, 1))
-    return [(columns.index(x), rows.index(y)) for x, y in told]
-
-
 def _marks(run: RunRecord) -> list[dict[str, Any]]:
     """Instants that plots name."""
     verdict, truth = run.verdict, run.truth
@@ -168,20 +163,16 @@ def _start_s(run: RunRecord) -> float:
 
 
 def _scene(run: RunRecord) -> dict[str, Any]:
-    """Of the side view, in metres. Heights count from where the arm was when the lift began."""
-    told = run.told
+    """Of the side view. Heights count from where the arm was when the lift began."""
     known = run.arm_m[:, 2][np.isfinite(run.arm_m[:, 2])]
     begun_ns = [change.t_ns for change in run.phases if change.phase == Phase.LIFT][:1]
     first = int(np.searchsorted(run.t_s, begun_ns[0] * 1e-9)) if begun_ns else 0
     grip_m = float(run.arm_m[min(first, len(run.t_s) - 1), 2])
-    return {
-        "object": msgspec.to_builtins(told.object),
-        "half_aperture_m": told.contact.half_aperture_m,
-        "pad_half_m": told.contact.pad_half_length_m,
-        "m_per_count": told.calibration.m_per_count,
-        "grip_m": grip_m if np.isfinite(grip_m) else 0.0,
-        "top_m": float(known.max()) if len(known) else 0.0,
-    }
+    return scene(
+        run.told,
+        grip_m if np.isfinite(grip_m) else 0.0,
+        float(known.max()) if len(known) else 0.0,
+    )
 
 
 def _phase_rows(run: RunRecord) -> list[dict[str, Any]]:

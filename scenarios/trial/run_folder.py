@@ -20,7 +20,7 @@ from grasp.messages import CHANNELS, CONTROL, PHASES, TRUTH, Write, write_tick
 from grasp.phases import PhaseChange
 from grasp.recording import Channels, RunRecorder, RunRecording
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.execution import FinishedTrial, OnTick
+from scenarios.trial.execution import FinishedTrial, Watch
 from scenarios.trial.result import Failure, FinishedRun, ResultT, Wanted, versions
 from scenarios.world.cell import Truth
 
@@ -116,7 +116,7 @@ class Record:
     """What one run leaves: a folder of its own in ``runs``, or nothing where that is None. With
     ``wanted`` the run is kept in memory, and has a folder only if its result is wanted.
 
-        with Record(config, "lift", seed, runs, on_tick) as record:
+        with Record(config, "lift", seed, runs, watch) as record:
             trial = run_trial(config, rig, guard, record.tick)
             return record.finish(trial, judge(config, seed, trial, record.path))
 
@@ -124,7 +124,7 @@ class Record:
     """
 
     def __init__(
-        self, config: TrialConfig, scenario: str, seed: int, runs: Path | None, on_tick: OnTick,
+        self, config: TrialConfig, scenario: str, seed: int, runs: Path | None, watch: Watch,
         home: Vector3 | None = None, wanted: Wanted | None = None,
     ) -> None:  # fmt: skip
         """``home``: of the arm, from an earlier trial on this rig."""
@@ -135,7 +135,7 @@ class Record:
         self._kept: list[tuple[Tick, Truth | None, Sequence[PhaseChange]]] = []
         self._phases_written = 0
         self._config = config
-        self._on_tick = on_tick
+        self._watch = watch
         self._uncut = ExitStack()
 
     def __enter__(self) -> Self:
@@ -170,7 +170,7 @@ class Record:
                 _write(self._folder.write, tick, truth, changes)
             else:
                 self._kept.append((tick, truth, changes))
-        self._on_tick(tick)
+        self._watch(tick, truth, controller)
 
     def _write_kept(self, result: ResultT) -> ResultT:
         """The folder of a run that turned out to be wanted, and its result with the path."""

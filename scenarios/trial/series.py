@@ -9,14 +9,17 @@ import msgspec
 from drivers.errors import GraspError, Refused
 from drivers.interfaces import Vector3
 from grasp import interruption
+from grasp.controller import GraspController
+from grasp.loop import Tick
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.ending import between_trials
-from scenarios.trial.execution import DOUBTED, INTERRUPTED, STALE, OnTick
+from scenarios.trial.execution import DOUBTED, INTERRUPTED, STALE, OnTick, Watch
 from scenarios.trial.person import Operator, place_object
 from scenarios.trial.result import Failure, FinishedRun, ResultT, Wanted
+from scenarios.world.cell import Truth
 
 MOST_AGAIN = 3  # times that a person is asked for the same trial anew
 NEAR_M = 0.005  # from there the arm goes to the first trial's home by itself; assumed
@@ -44,6 +47,13 @@ class Bench(msgspec.Struct, frozen=True):
     permit: MotionPermit | None = None
     begun: Begun | None = None
     wanted: Wanted | None = None  # only those are recorded, once they are over; None: each
+    watch: Watch | None = None  # as on_tick, but shown the truth and the controller too
+
+    def look(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
+        """Let whoever watches see a tick."""
+        self.on_tick(tick)
+        if self.watch is not None:
+            self.watch(tick, truth, controller)
 
 
 def run_series(

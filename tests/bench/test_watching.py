@@ -1,13 +1,16 @@
-"""What watching costs a command: from the decision to the acknowledged write, watched and not.
+"""What watching costs a command: frame to decision, decision to acknowledged write.
 
 A bench controller asks for another finger speed in every frame, through the real loop, detector and
-guard, on the emulated rig. Blocks of one run alternate: nobody, a recorder, and a recorder, the
-truth of the world and the live panel on a terminal of its own.
+guard, on the emulated rig. Blocks of one run alternate: nobody; a recorder; a recorder, the truth
+of the world and the live panel on a terminal of its own; and these with the live page in place of
+the panel, in a browser where there is one.
 """
 
 import os
 import subprocess
 from bisect import bisect_right
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -27,12 +30,14 @@ from grasp.slip import DISARMED
 from grasp.step import GraspStep
 from grasp.watch import Onlooker
 from scenarios.campaign.config import load_config
+from scenarios.report.live.trials import LiveTrials
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import make_guard
+from tests.browser.chromium import BROWSER, Chromium
 
-BLOCK, BLOCKS, COMMANDS = 60, 51, 2000
-WHO = ("nobody", "recorder", "recorder, truth and panel")
+BLOCK, BLOCKS, COMMANDS = 60, 68, 2700
+WHO = ("nobody", "recorder", "recorder, truth and panel", "recorder, truth and page")
 SHORT_OF_ANYTHING: Counts3 = (20, 20, 20)
 
 
@@ -60,8 +65,10 @@ class Restless:
 class Watchers:
     """Who watches a tick, by block."""
 
-    def __init__(self, rig: Rig, folder: Path, screen: int) -> None:
+    def __init__(self, rig: Rig, folder: Path, screen: int, live: LiveTrials) -> None:
         self.rig = rig
+        self.live = live
+        self.controller = Restless()
         self.ticks = 0
         self.recorder = RunRecorder(folder / "bench.mcap", CHANNELS, {})
         self.onlooker = Onlooker(view, screen)
@@ -75,6 +82,23 @@ class Watchers:
         if who == 2:
             self.rig.truth()
             self.onlooker.show(view.glimpse(tick, news=self.ticks % 20 == 0))
+        if who == 3:
+            self.live.watch(tick, self.rig.truth(), self.controller)  # type: ignore[arg-type]
+
+
+@contextmanager
+def looked_at(address: str, folder: Path) -> Iterator[None]:
+    """In a browser, or without one by nobody."""
+    if BROWSER is None:
+        print("\nno Chromium: nobody looks at the page")
+        yield
+        return
+    with Chromium(folder / "profile") as page:
+        page.call("Page.navigate", url=address)
+        yield
+        rows = page.value("document.documentElement.dataset.rows")
+        print(f"\n{rows} instants in the browser")
+        assert page.complaints == []
 
 
 @pytest.mark.bench
@@ -83,12 +107,14 @@ def test_watched_and_unwatched_commands(tmp_path: Path) -> None:
     master, slave = os.openpty()
     sets = ("hand.activation_s=0.5", "gripper.write_interval_s=0.008")
     config = load_config("can", "emulated", None, None, sets).for_lift()
+    live = LiveTrials(config, "watched", 1)
     with (
+        looked_at(live.feed.address, tmp_path),
         subprocess.Popen(["cat"], stdin=master, stdout=subprocess.DEVNULL) as reader,
         open_rig(config, 0, paced=False) as rig,
         real_time(config.realtime),
     ):
-        watchers = Watchers(rig, tmp_path, slave)
+        watchers = Watchers(rig, tmp_path, slave, live)
         step = GraspStep(config.make_detector(FINGERS), Restless(), make_guard(config))
         loop = ControlLoop(rig.devices, rig.clock, step, config.loop, watchers.take)
         began = len(rig.acknowledgements())
@@ -97,6 +123,7 @@ def test_watched_and_unwatched_commands(tmp_path: Path) -> None:
         loop.abort()
         replies = rig.acknowledgements()[began:]
         watchers.onlooker.close()
+        live.feed.close()
         watchers.recorder.close()
         os.close(slave)
         os.close(master)
@@ -112,17 +139,23 @@ def report(loop: ControlLoop, replies: list[tuple[int, int]], watchers: Watchers
         i = bisect_right(sent, called_ns) - 1
         found[WHO[i // BLOCK % len(WHO)]].append((reply_ns - commands[i][0]) * 1e-6)
     print(
-        f"\n{len(commands)} commands, {len(replies)} acknowledged; decision to acknowledged write"
+        f"\n{len(commands)} commands, {len(replies)} acknowledged; p50 / p90 / p99 / max of frame "
+        "to decision, and of decision to acknowledged write, ms"
     )
-    for who, values in found.items():
-        values.sort()
-        p50, p90, p99, most = (quantile(values, share) for share in (0.5, 0.9, 0.99, 1.0))
-        figures = f"p50 {p50:.2f}  p90 {p90:.2f}  p99 {p99:.2f}  max {most:.2f}"
-        print(f"{who:26} {len(values):5}: {figures}")
-    decided_us = quantile(sorted(loop.timing.frame_to_decision_ns), 0.5) * 1e-3
+    decided: dict[str, list[float]] = {who: [] for who in WHO}
+    for i, took_ns in enumerate(loop.timing.frame_to_decision_ns[: BLOCK * BLOCKS]):
+        decided[WHO[i // BLOCK % len(WHO)]].append(took_ns * 1e-3)
+    for who in WHO:
+        acknowledged = quantiles_text(found[who], 2)
+        print(f"{who:26} {len(found[who]):5}: {quantiles_text(decided[who], 0)} us; {acknowledged}")
     print(
-        f"frame to decision p50 {decided_us:.0f} us, periods missed "
-        f"{loop.timing.missed_periods}, frames repeated {loop.timing.repeated_frames}, "
-        f"pictures lost {watchers.onlooker.lost}"
+        f"periods missed {loop.timing.missed_periods}, frames repeated "
+        f"{loop.timing.repeated_frames}, pictures lost {watchers.onlooker.lost} and "
+        f"{watchers.live.feed.lost}"
     )
     assert len(replies) > COMMANDS
+
+
+def quantiles_text(values: list[float], digits: int) -> str:
+    ordered = sorted(values)
+    return " / ".join(f"{quantile(ordered, share):.{digits}f}" for share in (0.5, 0.9, 0.99, 1.0))

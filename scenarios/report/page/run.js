@@ -2,23 +2,42 @@
 
 const ARROWS = "→↗↑↖←↙↓↘";
 
-async function showRun() {
-  const series = await unpack(data.series);
-  const times = series.t[0], last = times.length - 1;
+// `begin` shows a run, `grow` what has come to it since, `seek` an instant of it.
+function makePlayer() {
   const at = (id) => document.getElementById(id);
   const slider = at("slider"), play = at("play"), speed = at("speed");
-  let index = -1, playing = 0, t = 0;
+  let series = null, times = [], last = 0, plots = null, drawn = [], rows = [];
+  let index = -1, playing = 0, t = 0, moved = () => {};
+
+  function begin(columns) {
+    stop();
+    if (plots) plots.remove();
+    series = columns;
+    times = series.t[0];
+    index = -1;
+    plots = makePlots(series, (wanted) => { choose(wanted); });
+    drawn = [makeScene(series), makeRuler(series), makeTaxels(series)];
+    rows = [...document.querySelectorAll("tr[data-from]")].map((row) => [row, Number(row.dataset.from)]);
+    measure();
+  }
+  function grow() {
+    measure();
+    plots.grow();
+  }
+  function measure() {
+    last = times.length - 1;
+    slider.max = last;
+  }
 
   const seek = (wanted) => {
     t = Math.min(Math.max(wanted, times[0]), times[last]);
     show(sampleAt(times, t));
   };
-  const plots = makePlots(series, (wanted) => { stop(); seek(wanted); });
-  const drawn = [makeScene(series), makeRuler(series), makeTaxels(series)];
-  const rows = [...document.querySelectorAll("tr[data-from]")].map((row) => [row, Number(row.dataset.from)]);
+  // by hand
+  const choose = (wanted) => { stop(); moved(); seek(wanted); };
 
   function show(i) {
-    if (i === index) return;
+    if (i === index && !data.live) return;
     index = i;
     slider.value = i;
     const phase = phaseAt(times[i]);
@@ -39,12 +58,13 @@ async function showRun() {
     data.fingers.forEach((finger, f) => {
       if (series.true) at(`true-${finger}`).textContent = digits(series.true[f][i], 2);
       at(`felt-${finger}`).textContent = digits(series.felt[f][i], 2);
-      at(`probability-${finger}`).textContent = digits(series.probability[f][i], 3);
+      if (series.probability) at(`probability-${finger}`).textContent = digits(series.probability[f][i], 3);
       if (series.told_speed) at(`told-${finger}`).textContent = told(f, i);
-      at(`positions-${finger}`).textContent = digits(series.positions[f][i], 0);
+      if (series.positions) at(`positions-${finger}`).textContent = digits(series.positions[f][i], 0);
     });
-    const status = series.status[0][i];
     at("phase").textContent = phase;
+    if (!series.status) return;
+    const status = series.status[0][i];
     at("status").textContent = !(status & 1) ? "not listening" : `slip ${status & 4 ? "REGISTERED" : "nominal"}${status & 2 ? " (not asked: own closing)" : ""}`;
     at("status").className = status & 4 ? "registered" : "";
     if (!series.slip) return;
@@ -59,7 +79,8 @@ async function showRun() {
   const told = (f, i) => {
     const speed = series.told_speed[f][i];
     if (!Number.isFinite(speed)) return "–";
-    return `${(speed * 1e3).toFixed(0)} ${ARROWS[Math.round(series.told_way[f][i] / 45) % 8]}; ${series.told_turning[f][i].toFixed(2)}`;
+    const way = series.told_way ? ` ${ARROWS[Math.round(series.told_way[f][i] / 45) % 8]}; ${series.told_turning[f][i].toFixed(2)}` : "";
+    return `${(speed * 1e3).toFixed(0)}${way}`;
   };
 
   const held = (i) => series.true.some((finger) => finger[i] > TOUCH_N);
@@ -67,6 +88,7 @@ async function showRun() {
   const phaseAt = (time) => data.phases.reduce((name, phase) => (phase.t <= time + 1e-9 ? phase.name : name), "");
 
   function start() {
+    moved();
     if (index === last) seek(times[0]);
     let before = performance.now();
     const frame = (now) => {
@@ -83,47 +105,49 @@ async function showRun() {
     playing = 0;
     play.textContent = "play";
   }
-  const step = (samples) => { stop(); seek(times[Math.min(Math.max(index + samples, 0), last)]); };
-  const next = () => { stop(); seek((data.phases.find((p) => p.t > times[index] + 1e-9) || {t: times[last]}).t); };
-  const before = () => { stop(); seek((data.phases.findLast((p) => p.t < times[index] - 1e-9) || {t: times[0]}).t); };
+  const step = (samples) => choose(times[Math.min(Math.max(index + samples, 0), last)]);
+  const next = () => choose((data.phases.find((p) => p.t > times[index] + 1e-9) || {t: times[last]}).t);
+  const before = () => choose((data.phases.findLast((p) => p.t < times[index] - 1e-9) || {t: times[0]}).t);
   const toggle = () => (playing ? stop() : start());
 
-  slider.max = last;
-  slider.addEventListener("input", () => { stop(); seek(times[slider.value]); });
-  play.addEventListener("click", toggle);
-  at("span").addEventListener("change", (event) => plots.zoom(event.target.value === "near"));
-  at("on").addEventListener("click", next);
-  at("back").addEventListener("click", before);
-  document.addEventListener("click", (event) => {
-    if (event.target.matches("button.at")) { stop(); seek(Number(event.target.dataset.t)); }
-  });
-  document.addEventListener("keydown", (event) => {
-    const where = event.target;
-    if (event.ctrlKey || event.altKey || event.metaKey || where.matches("select")) return;
-    if (event.key === " " && where.matches("button, summary")) return; // they answer it themselves
-    const actions = {
-      " ": toggle, n: next, p: before, Home: () => step(-last), End: () => step(last),
-      ArrowLeft: () => step(event.shiftKey ? -10 : -1), ArrowRight: () => step(event.shiftKey ? 10 : 1),
-    };
-    if (!(event.key in actions)) return;
-    event.preventDefault();
-    actions[event.key]();
-  });
-  // canvases keep the colours they were drawn with: again when light changes, and in light for paper
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", plots.recolour);
-  for (const [event, paper] of [["beforeprint", true], ["afterprint", false]]) {
-    addEventListener(event, () => {
-      document.documentElement.classList.toggle("paper", paper);
-      plots.print(paper);
-      plots.recolour();
+  function listen() {
+    slider.addEventListener("input", () => choose(times[slider.value]));
+    play.addEventListener("click", toggle);
+    at("span").addEventListener("change", (event) => plots.zoom(event.target.value === "near"));
+    at("on").addEventListener("click", next);
+    at("back").addEventListener("click", before);
+    document.addEventListener("click", (event) => {
+      if (event.target.matches("button.at")) choose(Number(event.target.dataset.t));
     });
+    document.addEventListener("keydown", (event) => {
+      const where = event.target;
+      if (!series || event.ctrlKey || event.altKey || event.metaKey || where.matches("select")) return;
+      if (event.key === " " && where.matches("button, summary")) return; // they answer it themselves
+      const actions = {
+        " ": toggle, n: next, p: before, Home: () => step(-last), End: () => step(last),
+        ArrowLeft: () => step(event.shiftKey ? -10 : -1), ArrowRight: () => step(event.shiftKey ? 10 : 1),
+      };
+      if (!(event.key in actions)) return;
+      event.preventDefault();
+      actions[event.key]();
+    });
+    // canvases keep the colours they were drawn with: again when light changes, and in light for paper
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => plots && plots.recolour());
+    for (const [event, paper] of [["beforeprint", true], ["afterprint", false]]) {
+      addEventListener(event, () => {
+        document.documentElement.classList.toggle("paper", paper);
+        if (!plots) return;
+        plots.print(paper);
+        plots.recolour();
+      });
+    }
   }
-  seek(data.start);
-  document.documentElement.dataset.ready = "yes";
+  listen();
+  return {begin, grow, seek, latest: () => seek(times[last]), onMove: (hook) => { moved = hook; }};
 }
 
-showRun().catch((error) => {
+function complain(error) {
   const trouble = document.getElementById("trouble");
   trouble.textContent = `Pictures and plots cannot be drawn in this browser: ${error.message}`;
   trouble.hidden = false;
-});
+}

@@ -6,10 +6,11 @@ const TOUCH_N = 1e-3; // less is no touch
 const NEAR_S = [-0.3, 0.7]; // of the instant that is looked at closely
 const HEIGHTS = {force: 210, probability: 150, decided: 130, told: 110, slip: 120};
 
+// Lines give their values when asked, for a run that is still going on grows.
 function makePlots(series, seek) {
-  const times = Array.from(series.t[0], (t) => t);
+  const times = () => Array.from(series.t[0], (t) => t);
   const shown = (values) => Array.from(values, (v) => (Number.isNaN(v) ? null : v));
-  const plots = {}, heads = [];
+  const plots = {}, heads = [], drawn = {};
   let linked = false; // while one plot hands its scale to the others
 
   function add(name, lines, bounds, draw = []) {
@@ -28,7 +29,8 @@ function makePlots(series, seek) {
       }))],
       hooks: {drawClear: draw, setScale: [(u, key) => key === "x" && share(u)], draw: [drawMarks]},
     };
-    const plot = new uPlot(options, [times, ...lines.map((line) => shown(line.values))], holder);
+    drawn[name] = () => [times(), ...lines.map((line) => shown(line.values()))];
+    const plot = new uPlot(options, drawn[name](), holder);
     const head = document.createElement("div");
     head.className = "playhead";
     plot.over.append(head);
@@ -62,31 +64,36 @@ function makePlots(series, seek) {
   }
 
   const fingers = data.fingers.map((name, i) => ({name, colour: `finger${i}`}));
-  const limit = times.map(() => data.limit_n), bound = times.map(() => data.rule.limit);
-  const limitLine = {name: `limit ${data.limit_n} N`, colour: "limit", dash: [6, 4], width: 1, values: limit};
-  const boundLine = (name) => ({name, colour: "limit", dash: [6, 4], width: 1, values: bound});
-  const felt = fingers.map((finger, i) => ({...finger, values: series.felt[i], width: 1, dash: series.true ? [2, 2] : undefined}));
-  const trueLines = series.true ? fingers.map((finger, i) => ({...finger, values: series.true[i]})) : [];
+  const of = (column, i) => () => series[column][i];
+  const level = (name, value) => ({name, colour: "limit", dash: [6, 4], width: 1, values: () => times().map(() => value)});
+  const probable = data.rule && data.rule.probable;
 
-  add("force", [...felt, ...trueLines, limitLine], (u, low, high) => [0, Math.max(1.08 * high, 1.15 * data.limit_n)], [shadePhases]);
-  const each = fingers.map((finger, i) => ({...finger, values: series.probability[i], width: 1}));
-  const own = data.rule.probable ? [boundLine(`threshold ${data.rule.limit}`)] : [];
-  if (series.decided && data.rule.probable) own.unshift({name: data.rule.label, colour: "ink", width: 1.8, values: series.decided[0]});
-  add("probability", [...each, ...own], () => [0, 1.02], [shadePhases, shadeStatus(series)]);
-  if (series.decided && !data.rule.probable) {
+  const trueLines = series.true ? fingers.map((finger, i) => ({...finger, values: of("true", i)})) : [];
+  const felt = fingers.map((finger, i) => ({...finger, values: of("felt", i), width: 1, dash: series.true ? [2, 2] : undefined}));
+  const limits = data.limit_n ? [level(`limit ${data.limit_n} N`, data.limit_n)] : [];
+  add("force", [...felt, ...trueLines, ...limits], (u, low, high) => [0, Math.max(1.08 * high, 1.15 * (data.limit_n || 1))], [shadePhases]);
+
+  if (data.rule) {
+    const each = fingers.map((finger, i) => ({...finger, values: of("probability", i), width: 1}));
+    const own = probable ? [level(`threshold ${data.rule.limit}`, data.rule.limit)] : [];
+    if (series.decided && probable) own.unshift({name: data.rule.label, colour: "ink", width: 1.8, values: of("decided", 0)});
+    add("probability", [...each, ...own], () => [0, 1.02], [shadePhases, shadeStatus(series)]);
+  }
+  if (series.decided && !probable) {
     const alone = series.decided.length === 1;
-    const sums = series.decided.map((values, i) => (alone ? {name: "all fingers", colour: "ink", values} : {...fingers[i], values}));
-    add("decided", [...sums, boundLine(`limit ${data.rule.limit}`)], (u, low, high) => [0, 1.15 * Math.min(Math.max(high, data.rule.limit), 8 * data.rule.limit)], [shadePhases, shadeStatus(series)]);
+    const sums = series.decided.map((_, i) => ({...(alone ? {name: "all fingers", colour: "ink"} : fingers[i]), values: of("decided", i)}));
+    add("decided", [...sums, level(`limit ${data.rule.limit}`, data.rule.limit)], (u, low, high) => [0, 1.15 * Math.min(Math.max(high, data.rule.limit), 8 * data.rule.limit)], [shadePhases, shadeStatus(series)]);
   }
   if (series.told_speed) {
-    const lines = fingers.map((finger, i) => ({...finger, width: 1.2, values: series.told_speed[i].map((v) => v * 1e3)}));
-    if (series.slip_speed) lines.unshift({name: "true, down", colour: "soft", width: 1, values: inHand(series, series.slip_speed[0])});
+    const lines = data.fingers.length === series.told_speed.length
+      ? fingers.map((finger, i) => ({...finger, width: 1.2, values: () => Array.from(series.told_speed[i], (v) => v * 1e3)})) : [];
+    if (series.slip_speed) lines.unshift({name: "true, down", colour: "soft", width: 1, values: () => inHand(series, series.slip_speed[0])});
     add("told", lines, (u, low, high) => [Math.min(0, 1.1 * low), Math.max(20, 1.1 * high)], [shadePhases]);
   }
   if (series.slip) {
-    const lines = [{name: "down", colour: "ink", values: inHand(series, series.slip[0])}];
-    const aside = inHand(series, series.across[0]);
-    if (aside.some((mm) => Math.abs(mm) > 0.1)) lines.push({name: "aside", colour: "ink", dash: [5, 3], values: aside});
+    const lines = [{name: "down", colour: "ink", values: () => inHand(series, series.slip[0])}];
+    const aside = () => inHand(series, series.across[0]);
+    if (data.live || aside().some((mm) => Math.abs(mm) > 0.1)) lines.push({name: "aside", colour: "ink", dash: [5, 3], values: aside});
     add("slip", lines, (u, low, high) => [Math.min(-0.2, 1.1 * low), Math.max(2, 1.1 * high)], [shadePhases]);
   }
 
@@ -96,13 +103,23 @@ function makePlots(series, seek) {
     placeHeads();
   }
   const holder = document.getElementById("plot-force");
-  new ResizeObserver(() => resize(holder.clientWidth)).observe(holder);
-  drawStrip(times[0], times[times.length - 1], plots.force.width);
+  const watched = new ResizeObserver(() => resize(holder.clientWidth));
+  watched.observe(holder);
+  const ends = () => [series.t[0][0], series.t[0][series.t[0].length - 1]];
+  drawStrip(...ends(), plots.force.width);
 
   return {
     at: (t) => { now = t; placeHeads(); },
+    // what has come since
+    grow: () => {
+      for (const [name, plot] of Object.entries(plots)) plot.setData(drawn[name]());
+    },
+    remove: () => {
+      Object.values(plots).forEach((plot) => plot.destroy());
+      watched.disconnect();
+    },
     zoom: (near) => {
-      const [min, max] = near ? NEAR_S.map((s) => now + s) : [times[0], times[times.length - 1]];
+      const [min, max] = near ? NEAR_S.map((s) => now + s) : ends();
       plots.force.setScale("x", {min, max});
     },
     recolour: () => Object.values(plots).forEach((plot) => plot.redraw()),
@@ -113,7 +130,7 @@ function makePlots(series, seek) {
 
 // In mm, while a finger touches the object: what the hand does without it is no slip.
 function inHand(series, metres) {
-  return metres.map((m, i) => (series.true.some((finger) => finger[i] > TOUCH_N) ? m * 1e3 : NaN));
+  return Array.from(metres, (m, i) => (series.true.some((finger) => finger[i] > TOUCH_N) ? m * 1e3 : NaN));
 }
 
 function axis(more) {
@@ -125,6 +142,7 @@ function axis(more) {
 
 function legend(name, lines) {
   const root = document.getElementById(`legend-${name}`);
+  root.replaceChildren();
   const named = new Set();
   for (const line of lines) {
     if (named.has(line.name)) continue; // felt and true of a finger have one colour
@@ -154,6 +172,19 @@ function shadePhases(u) {
 }
 
 function shadeStatus(series) {
+  return (u) => {
+    const {left, width, top, height} = u.bbox;
+    u.ctx.save();
+    for (const span of statusSpans(series)) {
+      const from = Math.max(left, u.valToPos(span.from, "x", true)), to = Math.min(left + width, u.valToPos(span.to, "x", true));
+      u.ctx.fillStyle = colour(span.kind);
+      if (to > from) u.ctx.fillRect(from, top, to - from, height);
+    }
+    u.ctx.restore();
+  };
+}
+
+function statusSpans(series) {
   const spans = [];
   series.status[0].forEach((status, i) => {
     const kind = status & 2 ? "masked" : status & 4 ? "registered" : "";
@@ -162,16 +193,7 @@ function shadeStatus(series) {
     if (last && last.kind === kind) last.to = t;
     else { if (last) last.to = t; spans.push({kind, from: t, to: t}); }
   });
-  return (u) => {
-    const {left, width, top, height} = u.bbox;
-    u.ctx.save();
-    for (const span of spans.filter((s) => s.kind)) {
-      const from = Math.max(left, u.valToPos(span.from, "x", true)), to = Math.min(left + width, u.valToPos(span.to, "x", true));
-      u.ctx.fillStyle = colour(span.kind);
-      if (to > from) u.ctx.fillRect(from, top, to - from, height);
-    }
-    u.ctx.restore();
-  };
+  return spans.filter((span) => span.kind);
 }
 
 function drawMarks(u) {

@@ -7,9 +7,11 @@ const SLIPPING_MPS = 0.003; // the paper's bound of slip
 const PAD_MM = 8; // thick, as drawn
 const SIDE = [-1, 1, 1]; // of the object, where the thumb, B and C are
 const APART_MM = [0, -6, 6]; // B and C stand one behind the other: their arrows are drawn one above the other
+const LIVE_SLIP_M = 0.1; // of a run that goes on: as far as the ruler reaches
 const PALM_MM = 105, ARM_MM = 70; // the palm above the pads and what is seen of the arm above it, as drawn
 
 function makeScene(series) {
+  if (!data.scene) return () => {};
   const scene = data.scene, body = scene.object;
   const known = "height" in series;
   const half = body.half_width_m * MM;
@@ -21,6 +23,7 @@ function makeScene(series) {
   const wide = Math.max(150, half + PAD_MM + data.limit_n * FORCE_MM + 52); // with room for what an arrow is called
 
   const root = document.getElementById("scene");
+  root.replaceChildren();
   set(root, {viewBox: `${-wide} ${-top} ${2 * wide} ${top + below + 24}`});
   const table = svg("g", {class: "table"}, root);
   svg("line", {x1: -wide, x2: wide, y1: below, y2: below}, table);
@@ -110,7 +113,9 @@ function drawScale(root, wide, below, perNewton) {
 function makeRuler(series) {
   const root = document.getElementById("ruler");
   if (!root) return () => {};
-  const zoom = 4, tall = 100, most = Math.ceil(Math.max(...series.slip[0]) * MM) + 15;
+  root.replaceChildren();
+  const furthest = data.live ? LIVE_SLIP_M : Math.max(...series.slip[0]);
+  const zoom = 4, tall = 100, most = Math.ceil(furthest * MM) + 15;
   set(root, {viewBox: `0 0 200 ${tall}`});
   const surface = svg("g", {class: "surface"}, root);
   svg("rect", {x: 70, width: 130, y: -(most + 15) * zoom, height: (most + 30) * zoom}, surface);
@@ -135,9 +140,10 @@ function makeTaxels(series) {
   const places = data.taxels;
   const columns = 1 + Math.max(...places.map((p) => p[0])), rows = 1 + Math.max(...places.map((p) => p[1]));
   const counts = series.counts;
-  const deepest = Math.max(50, ...counts.map((values) => values.reduce((most, v) => (-v > most ? -v : most), 0)));
+  let deepest = Math.max(50, ...counts.map((values) => values.reduce((most, v) => (-v > most ? -v : most), 0)));
   const cells = data.fingers.map((finger) => {
     const root = document.getElementById(`taxels-${finger}`);
+    root.replaceChildren();
     set(root, {viewBox: `0 0 ${columns * 34} ${rows * 20}`});
     return places.map(([column, row]) => {
       const x = column * 34, y = (rows - 1 - row) * 20;
@@ -148,6 +154,7 @@ function makeTaxels(series) {
   });
   return (i) => cells.forEach((finger, f) => finger.forEach(([heat, text], taxel) => {
     const count = counts[f * places.length + taxel][i];
+    if (-count > deepest) deepest = -count;
     const depth = Math.min(1, Math.max(0, -count / deepest)) || 0;
     set(heat, {"fill-opacity": depth.toFixed(2)});
     set(text, {class: depth > 0.55 ? "deep" : ""});

@@ -1,0 +1,48 @@
+"""What `page/view.html` draws of a run, whether it is over or still goes on."""
+
+from typing import Any
+
+import msgspec
+
+from drivers.interfaces import KIT_TAXELS
+from scenarios.report.run_decision import Bound
+from scenarios.report.run_record import Told
+
+
+class Seen(msgspec.Struct, frozen=True):
+    """What there is to be drawn, as `page/view.html` asks. ``hand``: a grasp, not an
+    acquisition."""
+
+    hand: bool
+    truth: bool
+    motion: bool
+    limit_n: float | None
+    rule: Bound | None
+    evidence: bool = False  # sums of a rule, for a run that is over
+
+
+def taxel_places(told: list[tuple[float, float]], taxels: int) -> list[tuple[int, int]]:
+    """Column and row of each taxel of a fingertip, from 0: where settings say, or in the two rows
+    of the kit, 0 1 2 below and 5 4 3 above."""
+    if len(told) != taxels:
+        half = (taxels + 1) // 2
+        told = [(i, 0.0) if i < half else (2 * half - 1 - i, 1.0) for i in range(taxels)]
+    columns, rows = (sorted({place[axis] for place in told}) for axis in (0, 1))
+    return [(columns.index(x), rows.index(y)) for x, y in told]
+
+
+def taxels_of(told: Told) -> int:
+    """How many a fingertip has."""
+    return len(told.fingertip.taxels_mm) or KIT_TAXELS
+
+
+def scene(told: Told, grip_m: float, top_m: float) -> dict[str, Any]:
+    """Of the side view, in metres; heights count from ``grip_m``, the arm's when a lift begins."""
+    return {
+        "object": msgspec.to_builtins(told.object),
+        "half_aperture_m": told.contact.half_aperture_m,
+        "pad_half_m": told.contact.pad_half_length_m,
+        "m_per_count": told.calibration.m_per_count,
+        "grip_m": grip_m,
+        "top_m": top_m,
+    }

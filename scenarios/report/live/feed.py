@@ -1,0 +1,85 @@
+"""The side of the run: what it tells a live page, never waiting for anybody.
+
+`grasp.watch.Onlooker` hands it to a process of its own; what that cannot take in time is lost.
+"""
+
+import os
+import secrets
+import socket
+from typing import Any, Self
+
+from grasp.clock import stopwatch_ns
+from grasp.watch import Onlooker
+from scenarios.report.drawn import Seen
+from scenarios.report.live import server
+from scenarios.report.live.messages import Begin, Row, Said, Serve
+
+LOOPBACK = "127.0.0.1"
+EVERY = 4  # ticks between two rows: 25 a second
+TOKEN_BYTES = 16
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+
+
+class Feed:
+    """One page for all trials of a call. ``address`` is where it is."""
+
+    def __init__(self, title: str, fingers: tuple[str, ...], seen: Seen, of: int) -> None:
+        """``of``: how many trials there will be. Raises OSError where nobody may listen."""
+        token = secrets.token_urlsafe(TOKEN_BYTES)
+        with socket.create_server((LOOPBACK, 0)) as listening:
+            host = "{}:{}".format(*listening.getsockname())
+            self._onlooker = Onlooker(server, inherited=(listening.fileno(),))
+            shown = any(os.environ.get(name) for name in DISPLAYS)
+            self._onlooker.tell(Serve(listening.fileno(), host, token, title, fingers, seen, shown))
+        self.address = f"http://{host}/{token}/"
+        self._of = of
+        self._number = 0
+        self._ticks = 0
+        self._began_ns = stopwatch_ns()
+        self._begin: Begin | None = None  # that nobody has taken yet
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def pid(self) -> int:
+        """Of the process that serves."""
+        return self._onlooker.pid
+
+    @property
+    def lost(self) -> int:
+        """Messages that were not taken."""
+        return self._onlooker.lost
+
+    def say(self, text: str) -> None:
+        """A line between two trials."""
+        self._onlooker.tell(Said(text))
+
+    def close(self) -> None:
+        """The page stays as it is in whichever browser shows it; safe to call twice."""
+        self._onlooker.close()
+
+    def begin(self, data: dict[str, Any]) -> None:
+        """Another trial, of which rows follow."""
+        self._number += 1
+        self._ticks = 0
+        done = self._number - 1
+        spent_s = (stopwatch_ns() - self._began_ns) * 1e-9
+        left_s = None if done == 0 else spent_s / done * (self._of - done)
+        self._begin = Begin(self._number, max(self._of, self._number), left_s, data)
+
+    def due(self, news: bool) -> bool:
+        """Whether this tick is shown."""
+        self._ticks += 1
+        return news or self._ticks % EVERY == 1
+
+    def show(self, phase: str, values: list[float | None], left_s: float | None = None) -> None:
+        """One instant. A trial of which nobody heard that it began is begun first."""
+        if self._begin is not None:
+            if not self._onlooker.show(self._begin):
+                return
+            self._begin = None
+        self._onlooker.show(Row(phase, values, left_s))

@@ -1,0 +1,10 @@
+// A run that is over: all of it is in the page.
+
+async function showRun() {
+  const player = makePlayer();
+  player.begin(await unpack(data.series));
+  player.seek(data.start);
+  document.documentElement.dataset.ready = "yes";
+}
+
+showRun().catch(complain);

@@ -1,0 +1,70 @@
+"""A live page in a real browser: it follows the run, and shows the numbers that it was told."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scenarios.campaign.config import load_config
+from scenarios.lift import lift
+from scenarios.report.live.trials import LiveTrials
+from scenarios.trial.series import Bench
+from tests.browser.chromium import BROWSER, Chromium
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(BROWSER is None, reason="no Chromium (on Debian: apt-get install chromium)"),
+]
+LONG_S = 30.0
+
+
+def until(page: Chromium, expression: str) -> None:
+    deadline = time.monotonic() + LONG_S
+    while not page.value(expression):
+        assert time.monotonic() < deadline, (expression, page.complaints)
+        time.sleep(0.05)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_a_run_is_followed_and_its_last_instant_stays(
+    dark: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    config = load_config("can", "simulated").for_lift()
+    live = LiveTrials(config, "a lift", 1)
+    shown: list[Any] = []
+
+    def watch(tick: Any, truth: Any, controller: Any) -> None:
+        if tick.decision.phase != "lower":  # the last that is shown holds the object
+            live.watch(tick, truth, controller)
+            shown.append((tick, truth))
+            time.sleep(0.002)
+
+    with Chromium(tmp_path, dark) as page:
+        page.call("Page.navigate", url=live.feed.address)
+        until(page, "document.documentElement?.dataset.ready")
+        list(lift.run_series(config, [0], Bench(None, watch=watch)))
+        until(page, "document.documentElement.dataset.rows > 100")
+        live.feed.say("it was held")
+        until(page, "document.getElementById('said').textContent === 'it was held'")
+        at = float(page.text("#clock").removesuffix(" s"))
+        tick, truth = min(shown, key=lambda each: abs(each[0].t_ns * 1e-9 - at))
+        for i, finger in enumerate("ABC"):
+            assert float(page.text(f"#true-{finger}")) == pytest.approx(
+                truth.normal_n[i], abs=0.006
+            )
+            assert float(page.text(f"#felt-{finger}")) == pytest.approx(
+                tick.measured_n[i], abs=0.006
+            )
+        page.press("Home")  # by hand: the page no longer follows
+        assert page.value("Number(document.getElementById('slider').value)") == 0
+        page.value("document.getElementById('follow').click()")
+        until(page, "Number(document.getElementById('slider').value) > 100")
+        live.feed.close()
+        until(page, "document.getElementById('state').textContent === 'over'")
+        assert page.complaints == []
+        host = live.feed.address.split("/")[2]
+        assert {url.split("/")[2] for url in page.requests} == {host}
+        assert page.value("document.documentElement.scrollWidth") <= 1280

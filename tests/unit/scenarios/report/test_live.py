@@ -1,0 +1,172 @@
+"""A run that is looked at is the run that nobody looks at; and what a page is told of it."""
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from grasp.recording import RunRecording
+from scenarios.acquire import acquire
+from scenarios.acquire.config import load_acquire_config
+from scenarios.acquire.press import motion
+from scenarios.campaign.config import load_config
+from scenarios.lift import lift
+from scenarios.report.live.acquisition import LiveAcquisition
+from scenarios.report.live.messages import Begin, Message, Row
+from scenarios.report.live.trials import LiveTrials
+from scenarios.trial.run_folder import RUN_CHANNELS
+from scenarios.trial.series import Bench
+from tests.unit.scenarios.conftest import config
+
+
+class Listener:
+    """In place of the process that serves: keeps what it is handed."""
+
+    def __init__(self, *_: object, **__: object) -> None:
+        self.told: list[Message] = []
+        self.lost, self.pid = 0, 0
+
+    def show(self, message: Message) -> bool:
+        self.told.append(message)
+        return True
+
+    def tell(self, message: Message) -> None:
+        self.show(message)
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.fixture
+def listener(monkeypatch: pytest.MonkeyPatch) -> Listener:
+    made = Listener()
+    monkeypatch.setattr("scenarios.report.live.feed.Onlooker", lambda *_, **__: made)
+    return made
+
+
+def messages(runs: Path, watch: Any) -> list[Any]:
+    """Of one lift, in virtual time."""
+    (finished,) = lift.run_series(config(), [0], Bench(runs, watch=watch))
+    assert finished.result is not None and finished.result.recording is not None
+    return list(RunRecording.open(Path(finished.result.recording), RUN_CHANNELS))
+
+
+@pytest.mark.parametrize("fate", [None, signal.SIGSTOP, signal.SIGKILL])
+def test_a_viewer_changes_no_message_of_a_run_whatever_becomes_of_it(
+    fate: int | None, tmp_path: Path
+) -> None:
+    alone = messages(tmp_path / "alone", None)
+    live = LiveTrials(config(), "a lift", 1)
+    seen = 0
+
+    def watch(*told: Any) -> None:
+        nonlocal seen
+        seen += 1
+        if seen == 100 and fate is not None:
+            os.kill(live.feed.pid, fate)
+        live.watch(*told)
+
+    assert messages(tmp_path / "watched", watch) == alone
+    if fate is not None:
+        os.kill(live.feed.pid, signal.SIGKILL)
+    live.feed.close()
+
+
+def columns(begin: Begin, row: Row) -> dict[str, list[float | None]]:
+    found, place = {}, 0
+    for name, width in begin.data["columns"]:
+        found[name] = row.values[place : place + width]
+        place += width
+    assert place == len(row.values)
+    return found
+
+
+@pytest.mark.parametrize("detector", ["tcn", "energy"])
+def test_rows_say_what_the_tick_and_the_world_said(
+    detector: str, listener: Listener, tmp_path: Path
+) -> None:
+    told = load_config("can", "simulated", detector).for_lift()
+    live = LiveTrials(told, "a lift", 1)
+    ticks: list[Any] = []
+
+    def watch(tick: Any, truth: Any, controller: Any) -> None:
+        ticks.append((tick, truth))
+        live.watch(tick, truth, controller)
+
+    list(lift.run_series(told, [0], Bench(None, watch=watch)))
+    _, begin, *rows = listener.told
+    assert isinstance(begin, Begin)
+    by_time = {tick.t_ns * 1e-9: (tick, truth) for tick, truth in ticks}
+    assert len(ticks) / 4 <= len(rows) < len(ticks) / 3
+    for row in rows:
+        assert isinstance(row, Row)
+        found = columns(begin, row)
+        tick, truth = by_time[found["t"][0]]
+        assert row.phase == tick.decision.phase
+        assert found["felt"] == list(tick.measured_n)
+        assert found["probability"] == tick.observation.probabilities.tolist()
+        assert found["true"] == list(truth.normal_n)
+        assert found["slip"] == [truth.slip_distance_m]
+        assert ("told_speed" in found) == (detector == "tcn")
+    phases = list(dict.fromkeys(row.phase for row in rows))
+    assert {"lift", "compensate", "hold", "lower"} <= set(phases)
+
+
+def test_a_line_is_shorter_than_a_pipe_takes_at_once(listener: Listener) -> None:
+    told = load_config("can", "simulated").for_lift()
+    live = LiveTrials(told, "a lift", 20)
+    list(lift.run_series(told, [0], Bench(None, watch=live.watch)))
+    assert max(len(msgspec.json.encode(message)) for message in listener.told[1:]) < 3000
+
+
+def test_what_nobody_knows_on_hardware_is_no_column(listener: Listener) -> None:
+    told = msgspec.structs.replace(config(), rig="hardware")
+    live = LiveTrials(told, "a lift", 1)
+    list(lift.run_series(config(), [0], Bench(None, watch=live.watch)))
+    serve, begin, *_ = listener.told
+    assert not serve.seen.truth  # type: ignore[union-attr]
+    assert isinstance(begin, Begin)
+    names = {name for name, _ in begin.data["columns"]}
+    assert not names & {"true", "shear", "slip", "height", "onset", "struck"}
+
+
+def test_an_acquisition_says_how_long_it_will_last(listener: Listener, tmp_path: Path) -> None:
+    told = load_acquire_config("planar", "simulated")
+    live = LiveAcquisition(told, "an acquisition", 3.0)
+    acquire.run(told, motion("0", 0.05, 1.0), 0, 3.0, tmp_path, False, live.watch)
+    rows = [message for message in listener.told if isinstance(message, Row)]
+    left = [row.left_s for row in rows]
+    assert left[0] == 3.0 and left[-1] is not None and left[-1] < 1.0
+    assert left == sorted(left, reverse=True)  # type: ignore[type-var]
+    assert max(row.values[1] or 0.0 for row in rows) > 3.0  # N
+
+
+def test_the_command_line_says_where_the_page_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from grasp.cli.main import main
+
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    words = ["run", "lift", "--rig", "simulated", "--detector", "energy", "--pace", "max"]
+    assert main([*words, "--view", "--json", "--runs", str(tmp_path)]) in (0, 1)
+    told = capsys.readouterr()
+    assert told.err.startswith("view: http://127.0.0.1:")
+    assert msgspec.json.decode(told.out)["scenario"] == "lift"
+
+
+def test_where_nobody_may_listen_nothing_is_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from grasp.cli.main import main
+
+    def refused(*_: object, **__: object) -> None:
+        raise OSError(1, "not permitted")
+
+    monkeypatch.setattr("socket.create_server", refused)
+    assert main(["run", "lift", "--rig", "simulated", "--view", "--runs", str(tmp_path)]) == 2
+    assert "no page can be served here" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
