@@ -30,12 +30,15 @@ def driving(*devices: str) -> Iterator[None]:
 def devices_of(config: AnyRigConfig) -> list[str]:
     """What moves on a rig, by its address; raises ConfigError where nobody has said it."""
     gripper = [gripper_of(config)] if isinstance(config, GraspRigConfig) else []
-    return [*gripper, f"arm at {_resolved(arm_address(config))}"]
+    arm = arm_address(config)
+    return [*gripper, f"arm {arm}" if config.devices.arm else f"arm at {_resolved(arm)}"]
 
 
 def gripper_of(config: GraspRigConfig) -> str:
     """The gripper, by its address; raises ConfigError where nobody has said it."""
     address = gripper_address(config)
+    if config.devices.gripper:
+        return f"gripper {address}"
     if config.gripper.link == "rtu":
         return f"gripper at {os.path.realpath(address)}"
     return f"gripper at {_resolved(config.modbus.host)}:{config.modbus.port}"

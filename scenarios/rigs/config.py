@@ -15,6 +15,7 @@ from drivers.takktile.settings import TakkTileSettings, UsbSettings
 from drivers.ur.driver import ArmSettings
 from drivers.ur.link.client import UrSettings
 from drivers.ur.model import ArmModelSettings
+from scenarios.rigs.own_devices import OwnDeviceSettings
 from scenarios.rigs.variation import VariationSettings, wider
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.fingertip_settings import FingertipSettings
@@ -30,6 +31,7 @@ class RigConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """Arm and fingertips, which every rig has: drivers, wires and models."""
 
     rig: str
+    devices: OwnDeviceSettings = OwnDeviceSettings()
     arm: ArmSettings = ArmSettings()
     tactile: TakkTileSettings = TakkTileSettings()
     usb: UsbSettings = UsbSettings()
@@ -39,6 +41,12 @@ class RigConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     fingertip: FingertipSettings = FingertipSettings()
 
     def __post_init__(self) -> None:
+        if self.rig != "hardware" and self.devices.chosen:
+            device, name = next(iter(self.devices.chosen.items()))
+            raise ValueError(
+                f"devices.{device}: {name!r} is of another package and counts as real: it is "
+                f"opened on the rig hardware alone, not on {self.rig}"
+            )
         felt = len(self.fingertip.taxels_mm) or KIT_TAXELS
         if felt != self.tactile.taxels:
             raise ValueError(

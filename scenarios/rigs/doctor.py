@@ -217,6 +217,8 @@ def _board(config: Any) -> Check:
     from scenarios.rigs.wired import board_finder
 
     board_address(config)  # raises where nobody has said which
+    if config.devices.fingertips:
+        return _foreign("fingertips", config)
     board = board_finder(config, time.monotonic_ns)(None)
     board.close()
     return Check("fingertips", "ok", f"board {board.serial} is there")
@@ -235,6 +237,8 @@ def _gripper(config: Any) -> Check:
     from scenarios.rigs.permission import gripper_address
 
     gripper_address(config)  # raises where nobody has said which
+    if config.devices.gripper:
+        return _foreign("gripper", config)
     link = TCP if config.gripper.link == "tcp" else RTU
     transport = ModbusTransport(config.modbus, config.gripper.link)
     try:
@@ -251,6 +255,8 @@ def _gripper(config: Any) -> Check:
 
 def arm_checks(config: Any) -> list[Check]:
     """Ask the arm's controller how it is; moves nothing, raises nothing."""
+    if config.devices.arm:
+        return [_guarded("arm", lambda: _foreign("arm", config))]
     from drivers.ur.link.preflight import preflight
     from scenarios.rigs.permission import arm_address
 
@@ -259,6 +265,14 @@ def arm_checks(config: Any) -> list[Check]:
     except GraspError as error:
         return [Check("arm", "fail", error.message, error.remedy)]
     return [Check(f"arm {c.name}", c.status, c.detail, c.remedy) for c in report.checks]
+
+
+def _foreign(device: str, config: Any) -> Check:
+    """A device of another package: is it installed? Opening it might move it."""
+    from scenarios.rigs.own_devices import check_offered
+
+    check_offered(config.devices)
+    return Check(device, "warn", f"{config.devices.called(device)}: of another package, not asked")
 
 
 def _jitter() -> Check:

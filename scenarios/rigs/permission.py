@@ -11,6 +11,7 @@ import msgspec
 
 from drivers.errors import ConfigError, UsageError
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
+from scenarios.rigs.own_devices import check_offered
 from scenarios.rigs.own_settings import Files, own_files_of
 from scenarios.rigs.rig import calibration
 
@@ -70,6 +71,7 @@ def check_devices(config: AnyRigConfig) -> None:
     have no default."""
     if config.rig != HARDWARE:
         return
+    check_offered(config.devices)
     if isinstance(config, GraspRigConfig):
         calibration(config)
         gripper_address(config)
@@ -79,6 +81,8 @@ def check_devices(config: AnyRigConfig) -> None:
 
 def gripper_address(config: GraspRigConfig) -> str:
     """Where the gripper is; raises ConfigError where nobody has said it."""
+    if config.devices.gripper:
+        return config.devices.called("gripper")
     if config.gripper.link == "rtu":
         return _given("modbus.serial_port", config.modbus.serial_port, "/dev/ttyUSB0, or another")
     host = _given("modbus.host", config.modbus.host, "the gripper's address, as 192.168.1.11")
@@ -87,11 +91,15 @@ def gripper_address(config: GraspRigConfig) -> str:
 
 def arm_address(config: AnyRigConfig) -> str:
     """Where the arm's controller is; raises ConfigError where nobody has said it."""
+    if config.devices.arm:
+        return config.devices.called("arm")
     return _given("ur.host", config.ur.host, "the address of the arm's controller")
 
 
 def board_address(config: AnyRigConfig) -> str:
     """Which fingertip board; raises ConfigError where nobody has said it."""
+    if config.devices.fingertips:
+        return config.devices.called("fingertips")
     return config.usb.url or _given(
         "usb.serial", config.usb.serial,
         "the board's serial number, which `grasp doctor` shows, or any for the first one found",

@@ -16,7 +16,7 @@ from scenarios.rigs.doctor import arm_checks
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import HARDWARE, MotionPermit, board_address, require
 from scenarios.rigs.rig import activate, calibration
-from scenarios.rigs.wired import board_finder, wired_gripper
+from scenarios.rigs.wired import board_finder, open_gripper
 
 TIMEOUT_S = 15.0
 POLL_NS = 50_000_000
@@ -36,7 +36,7 @@ def release_gripper(
     permit = require(permit)
     calibration(config)
     clock = WallClock(WallClock().now_ns)
-    with driving(gripper_of(config)), wired_gripper(config, lambda: clock.now_ns) as gripper:
+    with driving(gripper_of(config)), open_gripper(config, lambda: clock.now_ns) as gripper:
         _make_ready(gripper, clock, permit, activating)
         return _opened(gripper, clock, speed_mps)
 
@@ -49,6 +49,8 @@ def other_devices(config: GraspRigConfig) -> dict[str, str]:
 
 
 def _fingertips(config: GraspRigConfig) -> str:
+    if config.devices.fingertips:
+        return "of another package: not asked"
     try:
         board_address(config)
         board = board_finder(config, time.monotonic_ns)(None)

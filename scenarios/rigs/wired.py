@@ -5,6 +5,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager, suppre
 from typing import TypeVar
 
 from drivers.errors import GraspError
+from drivers.interfaces import Arm, Gripper, TactileSensor
 from drivers.robotiq.driver import RobotiqDriver
 from drivers.robotiq.link.modbus import ModbusTransport
 from drivers.robotiq.link.thread import ThreadedGripper
@@ -17,6 +18,7 @@ from drivers.ur.driver import ArmDriver
 from drivers.ur.link.client import UrLink
 from grasp.clock import WallClock
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
+from scenarios.rigs.own_devices import own_device
 from scenarios.rigs.rig import calibration
 
 DeviceT = TypeVar("DeviceT")
@@ -26,17 +28,43 @@ ANY_BOARD = "any"  # of `usb.serial`
 @contextmanager
 def wired_devices(
     config: AnyRigConfig, clock: WallClock
-) -> Iterator[tuple[ArmDriver, TakkTileDriver, ThreadedGripper | None]]:
-    """Drivers on real wires, at the addresses of the configuration. Raises what opening raises."""
+) -> Iterator[tuple[Arm, TactileSensor, Gripper | None]]:
+    """Drivers on real wires, at the addresses of the configuration, ours or those of other
+    packages. Raises what opening raises."""
     now: Callable[[], int] = lambda: clock.now_ns  # noqa: E731
     with ExitStack() as stack:
         gripper = None
         if isinstance(config, GraspRigConfig):
-            gripper = stack.enter_context(_letting_go(wired_gripper(config, now)))
-        reading = ReadingThread(board_finder(config, now), config.tactile, now)
-        tactile = stack.enter_context(_letting_go(TakkTileDriver(reading, config.tactile)))
-        link = stack.enter_context(UrLink(config.ur))
-        yield ArmDriver(link, config.arm), tactile, gripper
+            gripper = stack.enter_context(_letting_go(open_gripper(config, now)))
+        tactile = stack.enter_context(_letting_go(_fingertips(config, now)))
+        arm = stack.enter_context(_arm(config, now))
+        yield arm, tactile, gripper
+
+
+def open_gripper(config: GraspRigConfig, now: Callable[[], int]) -> AbstractContextManager[Gripper]:
+    """The gripper that the settings name, connected once it is entered."""
+    if config.devices.gripper:
+        return own_device(config.devices, "gripper", now)
+    return wired_gripper(config, now)
+
+
+def _fingertips(
+    config: AnyRigConfig, now: Callable[[], int]
+) -> AbstractContextManager[TactileSensor]:
+    if config.devices.fingertips:
+        return own_device(config.devices, "fingertips", now)
+    reading = ReadingThread(board_finder(config, now), config.tactile, now)
+    return TakkTileDriver(reading, config.tactile)
+
+
+@contextmanager
+def _arm(config: AnyRigConfig, now: Callable[[], int]) -> Iterator[Arm]:
+    if config.devices.arm:
+        with own_device(config.devices, "arm", now) as arm:
+            yield arm
+        return
+    with UrLink(config.ur) as link:
+        yield ArmDriver(link, config.arm)
 
 
 @contextmanager
@@ -69,9 +97,10 @@ def wired_gripper(config: GraspRigConfig, now: Callable[[], int]) -> ThreadedGri
     )  # fmt: skip
 
 
-def acknowledgements(gripper: ThreadedGripper | None) -> Callable[[], Sequence[tuple[int, int]]]:
-    """Pairs of times since now, ns: of a verb, and of the reply to its write."""
-    if gripper is None:
+def acknowledgements(gripper: Gripper | None) -> Callable[[], Sequence[tuple[int, int]]]:
+    """Pairs of times since now, ns: of a verb, and of the reply to its write; none of a gripper
+    that keeps none."""
+    if not isinstance(gripper, ThreadedGripper):
         return tuple
     before = len(gripper.acknowledgements_ns)
     return lambda: gripper.acknowledgements_ns[before:]

@@ -172,10 +172,18 @@ def digest_of(settings: Mapping[str, Any]) -> str:
     unused = {"simulated": ADDRESSES, HARDWARE: MODELS}.get(settings["rig"], ())
     hidden = {*UNHASHED, *unused}
     table = {key: value for key, value in sorted(_read(settings).items()) if key not in hidden}
+    _keep_names_alone(table)
     for section, keys in (NAMES | ADDRESSES).items():
         if table.get(section):  # hardware has no calibration at first
             table[section] = {k: v for k, v in table[section].items() if k not in keys}
     return _hashed(table)
+
+
+def _keep_names_alone(table: dict[str, Any]) -> None:
+    """Of devices of other packages which they are, not where; nothing where all are ours."""
+    named = {k: v for k, v in table.pop("devices", {}).items() if isinstance(v, str) and v}
+    if named:
+        table["devices"] = named
 
 
 def _read(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -19,6 +19,7 @@ COVERED = {
 WITHOUT_ADDRESSES = {"modbus": "timeout_s", "ur": "tcp_offset"}  # and a key that is covered
 LEFT_OUT = {
     "profile",
+    "devices",  # but their names, of which the defaults have none
     "usb",
     "realtime",
     "psd",
@@ -44,6 +45,8 @@ def with_other(config: RunConfig, section: str, key: str) -> RunConfig:
         return replace(config, **{section: {**part, "mine": 1}})
     key = key or part.__struct_fields__[-1]
     value = getattr(part, key)  # what a setting is said to be is not checked here
+    if isinstance(value, dict):
+        return replace(config, **{section: replace(part, **{key: {**value, "mine": 1}})})
     other = f"{value}!" if isinstance(value, str | tuple | None) else value * 2 + 1
     return replace(config, **{section: replace(part, **{key: other})})
 

@@ -1,0 +1,380 @@
+"""Does a driver keep to a protocol of `drivers.interfaces`? For a stranger's own tests.
+
+A project that offers a gripper, an arm or fingertips runs these against its own emulator, or, with
+somebody at the emergency stop, against the device:
+
+    from scenarios.testing.conformance import Bench, GripperConformance
+
+    class TestAcme(GripperConformance):
+        @pytest.fixture
+        def bench(self):
+            with AcmeEmulator() as emulator, AcmeGripper(emulator.address) as gripper:
+                yield Bench(gripper, time.monotonic_ns, time.sleep, cut=emulator.stop)
+
+Nothing may stand between the fingers, and the arm needs room above it.
+Each test gets a bench of its own. See docs/extending.md.
+"""
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Generic, TypeVar
+
+import msgspec
+import numpy as np
+import pytest
+
+from drivers.errors import GraspError, LinkLost, Refused, Stale
+from drivers.interfaces import (
+    CODE_MAX,
+    FINGERS,
+    PERIOD_NS,
+    Arm,
+    ArmState,
+    Gripper,
+    GripperState,
+    TactileFrame,
+    TactileSensor,
+    Vector3,
+)
+
+DeviceT = TypeVar("DeviceT")
+STEP_S = 0.01
+SOON_S = 5.0  # for whatever should come at once
+ACTIVATION_S = 60.0
+NEAR_COUNTS = 3  # of a target; a count is 0.8 mm
+NEAR_M = 0.002
+
+
+class Bench(msgspec.Struct, Generic[DeviceT], frozen=True):
+    """A device that is connected, its clock, and what makes time pass."""
+
+    device: DeviceT
+    now_ns: Callable[[], int]
+    wait: Callable[[float], object]  # seconds; in virtual time it advances the emulator
+    cut: Callable[[], object] | None = None  # takes the link away; None: cannot be tried
+    press: Callable[[], object] | None = None  # loads fingertip A; None: cannot be tried
+
+    def until(
+        self, pump: Callable[[int], None], seen: Callable[[], bool], seconds: float = SOON_S
+    ) -> None:
+        """Pump every 10 ms until something is seen; fails where that takes longer."""
+        end_ns = self.now_ns() + round(seconds * 1e9)
+        pump(self.now_ns())
+        while not seen():
+            assert self.now_ns() < end_ns, f"not seen within {seconds:g} s"
+            self.wait(STEP_S)
+            pump(self.now_ns())
+
+    def errors(self, pump: Callable[[int], None], seconds: float = SOON_S) -> list[GraspError]:
+        """The first error of a cut link, if one comes; anything but a GraspError passes through."""
+        end_ns = self.now_ns() + round(seconds * 1e9)
+        while self.now_ns() < end_ns:
+            try:
+                pump(self.now_ns())
+            except GraspError as error:
+                return [error]
+            self.wait(STEP_S)
+        return []
+
+
+class GripperConformance:
+    """Of ``drivers.interfaces.Gripper``. Give a fixture ``bench``: a `Bench` of a gripper that is
+    on and not activated, empty."""
+
+    speed_mps = 0.05
+    force_n = 15.0  # that the hand can be set to
+    far = (60, 60, 60)  # counts that every finger can reach without meeting anything
+    further = (100, 60, 60)
+
+    def ready(self, bench: Bench[Gripper]) -> Gripper:
+        """Active, and at rest."""
+        gripper = bench.device
+        bench.until(gripper.pump, lambda: gripper.state is not None)
+        gripper.activate()
+        bench.until(gripper.pump, lambda: self.state(gripper).active, ACTIVATION_S)
+        bench.until(gripper.pump, lambda: self.state(gripper).at_rest)
+        return gripper
+
+    @staticmethod
+    def state(gripper: Gripper) -> GripperState:
+        """The latest; there must be one."""
+        state = gripper.state
+        assert state is not None
+        return state
+
+    def test_it_tells_its_state_soon_and_how_old_it_is(self, bench: Bench[Gripper]) -> None:
+        gripper = bench.device
+        bench.until(gripper.pump, lambda: gripper.state is not None)
+        first = self.state(gripper)
+        assert 0 <= first.age_ns(bench.now_ns()) < 1_000_000_000
+        bench.wait(STEP_S)
+        bench.until(gripper.pump, lambda: self.state(gripper).seq > first.seq)
+        assert self.state(gripper).t_ns > first.t_ns
+        with pytest.raises(AttributeError):
+            first.seq = 0  # type: ignore[misc]
+
+    def test_it_is_activated_by_its_verb_alone(self, bench: Bench[Gripper]) -> None:
+        gripper = bench.device
+        bench.until(gripper.pump, lambda: gripper.state is not None)
+        assert not self.state(gripper).active
+        assert self.state(self.ready(bench)).fault == 0
+
+    def test_fingers_go_where_they_are_told(self, bench: Bench[Gripper]) -> None:
+        gripper = self.ready(bench)
+        told = gripper.move_to(self.far, self.speed_mps, self.force_n)
+        assert told.targets_counts == self.far
+        bench.until(gripper.pump, lambda: self.state(gripper).requested == self.far)
+        bench.until(gripper.pump, lambda: self.state(gripper).at_rest, 20.0)
+        self.stands_at(gripper, self.far)
+
+    def stands_at(self, gripper: Gripper, counts: tuple[int, int, int]) -> None:
+        """Each finger, near its count."""
+        pairs = zip(self.state(gripper).positions, counts, strict=True)
+        assert all(abs(at - there) <= NEAR_COUNTS for at, there in pairs)
+
+    def test_no_status_from_before_a_command_passes_for_its_answer(
+        self, bench: Bench[Gripper]
+    ) -> None:
+        gripper = self.ready(bench)
+        gripper.move_to(self.far, self.speed_mps, self.force_n)
+        assert not self.state(gripper).at_rest
+        bench.until(gripper.pump, lambda: self.state(gripper).at_rest, 20.0)
+        self.stands_at(gripper, self.far)
+
+    def test_it_says_what_force_it_applies_and_never_more_than_it_may(
+        self, bench: Bench[Gripper]
+    ) -> None:
+        gripper = self.ready(bench)
+        least_n = gripper.least_force_n
+        for asked_n in (least_n, least_n + 0.3, self.force_n):
+            told = gripper.move_to(self.far, self.speed_mps, asked_n)
+            assert least_n <= told.force_n <= asked_n + 1e-9
+            bench.until(gripper.pump, lambda: self.state(gripper).fresh)
+        with pytest.raises(Refused):
+            gripper.move_to(self.far, self.speed_mps, 0.9 * least_n)
+        with pytest.raises(Refused):
+            gripper.close_fast(0.9 * least_n, (True, False, False), self.further, self.speed_mps)
+
+    def test_only_the_fingers_that_close_move_and_none_beyond_its_limit(
+        self, bench: Bench[Gripper]
+    ) -> None:
+        gripper = self.ready(bench)
+        gripper.move_to(self.far, self.speed_mps, self.force_n)
+        bench.until(gripper.pump, lambda: self.state(gripper).at_rest, 20.0)
+        before = self.state(gripper).positions
+        gripper.close_fast(self.force_n, (True, False, False), self.further, self.speed_mps)
+        bench.until(gripper.pump, lambda: self.state(gripper).at_rest, 20.0)
+        self.stands_at(gripper, (self.further[0], before[1], before[2]))
+        assert self.state(gripper).positions[0] <= self.further[0]
+
+    def test_hold_stops_fingers_on_their_way(self, bench: Bench[Gripper]) -> None:
+        gripper = self.ready(bench)
+        gripper.move_to(self.far, 0.022, self.force_n)
+        bench.until(gripper.pump, lambda: self.state(gripper).positions[0] > self.far[0] // 3)
+        gripper.hold()
+        bench.until(gripper.pump, lambda: self.state(gripper).at_rest)
+        assert self.state(gripper).positions[0] < self.far[0] - NEAR_COUNTS
+
+    def test_an_open_hand_is_seen_to_be_open(self, bench: Bench[Gripper]) -> None:
+        gripper = self.ready(bench)
+        gripper.move_to(self.far, self.speed_mps, self.force_n)
+        bench.until(gripper.pump, lambda: self.state(gripper).at_rest, 20.0)
+        gripper.open(self.speed_mps)
+        bench.until(
+            gripper.pump, lambda: self.state(gripper).at_rest and self.state(gripper).is_open, 20.0
+        )
+
+    def test_a_lost_link_is_told_by_pump_and_by_no_verb(self, bench: Bench[Gripper]) -> None:
+        gripper = self.ready(bench)
+        if bench.cut is None:
+            pytest.skip("this bench cannot cut the link")
+        bench.cut()
+        (error,) = bench.errors(gripper.pump)
+        assert isinstance(error, LinkLost)
+        gripper.hold()
+        gripper.open(self.speed_mps)
+
+
+class FingertipConformance:
+    """Of ``drivers.interfaces.TactileSensor``. Give a fixture ``bench``: a `Bench` of fingertips
+    that nothing touches."""
+
+    taxels = 6
+
+    def heard(self, bench: Bench[TactileSensor]) -> TactileSensor:
+        """With rest counts taken, and a frame there."""
+        sensor = bench.device
+        bench.until(sensor.pump, lambda: True)
+        sensor.begin_rest()
+        bench.until(sensor.pump, lambda: sensor.rest_taken and sensor.frame is not None)
+        return sensor
+
+    @staticmethod
+    def frame(sensor: TactileSensor) -> TactileFrame:
+        """The latest; there must be one."""
+        frame = sensor.frame
+        assert frame is not None
+        return frame
+
+    def test_there_is_no_frame_before_rest_counts_are_taken(
+        self, bench: Bench[TactileSensor]
+    ) -> None:
+        sensor = bench.device
+        bench.until(sensor.pump, lambda: True)
+        assert not sensor.rest_taken
+        assert sensor.frame is None
+        self.heard(bench)
+
+    def test_frames_come_on_a_grid_of_10_ms(self, bench: Bench[TactileSensor]) -> None:
+        sensor = self.heard(bench)
+        found = [self.frame(sensor)]
+        for _ in range(50):
+            bench.wait(STEP_S)
+            sensor.pump(bench.now_ns())
+            if self.frame(sensor).seq > found[-1].seq:
+                found.append(self.frame(sensor))
+        assert all(b.t_ns > a.t_ns for a, b in pairwise(found))
+        assert all(f.sampled_ns <= f.t_ns <= bench.now_ns() for f in found)
+        first, last = found[0], found[-1]
+        period_ns = (last.t_ns - first.t_ns) / (last.seq - first.seq)
+        assert abs(period_ns - PERIOD_NS) < 0.1 * PERIOD_NS
+
+    def test_counts_are_raw_minus_rest(self, bench: Bench[TactileSensor]) -> None:
+        frame = self.frame(self.heard(bench))
+        for array in (frame.counts, frame.raw, frame.rest, frame.temperature):
+            assert array.shape == (FINGERS, self.taxels)
+            assert array.dtype == np.int16
+        assert np.array_equal(frame.counts, frame.raw - frame.rest)
+        assert 0 <= frame.raw.min() <= frame.raw.max() <= CODE_MAX
+
+    def test_a_frame_that_was_handed_over_does_not_change(
+        self, bench: Bench[TactileSensor]
+    ) -> None:
+        sensor = self.heard(bench)
+        frame = self.frame(sensor)
+        counts, raw, seq = frame.counts.copy(), frame.raw.copy(), frame.seq
+        bench.until(sensor.pump, lambda: self.frame(sensor).seq > seq + 5)
+        assert np.array_equal(frame.counts, counts) and np.array_equal(frame.raw, raw)
+
+    def test_pressing_is_negative(self, bench: Bench[TactileSensor]) -> None:
+        sensor = self.heard(bench)
+        if bench.press is None:
+            pytest.skip("this bench cannot press a fingertip")
+        bench.press()
+        bench.until(sensor.pump, lambda: bool(self.frame(sensor).counts[0].min() < -20))
+
+    def test_lost_samples_are_stale_before_long(self, bench: Bench[TactileSensor]) -> None:
+        sensor = self.heard(bench)
+        if bench.cut is None:
+            pytest.skip("this bench cannot cut the link")
+        bench.cut()
+
+        def pump(now_ns: int) -> None:
+            sensor.pump(now_ns)
+            if self.frame(sensor).stale:
+                raise Stale("the frame is stale", "none")
+
+        (error,) = bench.errors(pump)
+        assert isinstance(error, LinkLost | Stale)
+
+
+class ArmConformance:
+    """Of ``drivers.interfaces.Arm``. Give a fixture ``bench``: a `Bench` of an arm that stands,
+    with ``up_m`` of room above it."""
+
+    up_m = 0.03
+    speed_mps = 0.05
+    acceleration_mps2 = 0.5
+    outside_m: Vector3 = (5.0, 0.0, 0.0)  # from where it stands: beyond every limit
+
+    def standing(self, bench: Bench[Arm]) -> Arm:
+        """Heard, and standing."""
+        arm = bench.device
+        bench.until(arm.pump, lambda: arm.state is not None and not self.state(arm).moving)
+        return arm
+
+    @staticmethod
+    def state(arm: Arm) -> ArmState:
+        """The latest; there must be one."""
+        state = arm.state
+        assert state is not None
+        return state
+
+    @staticmethod
+    def above(at_m: Vector3, up_m: float) -> Vector3:
+        return (at_m[0], at_m[1], at_m[2] + up_m)
+
+    def rises(self, arm: Arm) -> Vector3:
+        """Told to; gives where to."""
+        there_m = self.above(self.state(arm).position_m, self.up_m)
+        arm.move_to(there_m, self.speed_mps, self.acceleration_mps2)
+        return there_m
+
+    def test_it_tells_where_it_is_and_how_old_that_is(self, bench: Bench[Arm]) -> None:
+        state = self.state(self.standing(bench))
+        assert 0 <= state.age_ns(bench.now_ns()) < 1_000_000_000
+        told = (*state.position_m, *state.velocity_mps)
+        assert all(math.isfinite(value) for value in told)
+
+    def test_a_move_is_under_way_at_once_and_ends_where_it_was_told(
+        self, bench: Bench[Arm]
+    ) -> None:
+        arm = self.standing(bench)
+        there_m = self.rises(arm)
+        assert self.state(arm).moving
+        fastest = 0.0
+
+        def arrived() -> bool:
+            nonlocal fastest
+            fastest = max(fastest, math.hypot(*self.state(arm).velocity_mps))
+            return not self.state(arm).moving
+
+        bench.until(arm.pump, arrived, 10.0)
+        assert math.dist(self.state(arm).position_m, there_m) < NEAR_M
+        assert fastest < 1.1 * self.speed_mps
+
+    def test_a_stop_stands_it_on_its_way(self, bench: Bench[Arm]) -> None:
+        arm = self.standing(bench)
+        before_m = self.state(arm).position_m
+        there_m = self.rises(arm)
+        bench.until(
+            arm.pump, lambda: math.dist(self.state(arm).position_m, before_m) > self.up_m / 5
+        )
+        arm.stop(self.acceleration_mps2 * 2)
+        bench.until(arm.pump, lambda: not self.state(arm).moving, 1.0)
+        stood_m = self.state(arm).position_m
+        assert math.dist(stood_m, there_m) > self.up_m / 5
+        bench.wait(0.3)
+        arm.pump(bench.now_ns())
+        assert math.dist(self.state(arm).position_m, stood_m) < 0.001
+
+    def test_a_drive_that_is_not_renewed_is_stopped(self, bench: Bench[Arm]) -> None:
+        arm = self.standing(bench)
+        arm.drive((0.0, 0.0, 0.02), 0.0, self.acceleration_mps2)
+        bench.until(arm.pump, lambda: self.state(arm).velocity_mps[2] > 0.01)
+        bench.until(arm.pump, lambda: abs(self.state(arm).velocity_mps[2]) < 0.001, 2.0)
+
+    @pytest.mark.parametrize("wrong", ["place", "speed", "acceleration"])
+    def test_what_is_beyond_its_limits_is_refused_before_it_moves(
+        self, wrong: str, bench: Bench[Arm]
+    ) -> None:
+        arm = self.standing(bench)
+        at_m = self.state(arm).position_m
+        x, y, z = (a + b for a, b in zip(at_m, self.outside_m, strict=True))
+        there_m = (x, y, z) if wrong == "place" else self.above(at_m, self.up_m)
+        speed_mps = 50.0 if wrong == "speed" else self.speed_mps
+        acceleration_mps2 = 500.0 if wrong == "acceleration" else self.acceleration_mps2
+        with pytest.raises(Refused):
+            arm.move_to(there_m, speed_mps, acceleration_mps2)
+        bench.wait(0.2)
+        arm.pump(bench.now_ns())
+        assert math.dist(self.state(arm).position_m, at_m) < 0.001
+
+    def test_a_lost_link_is_told(self, bench: Bench[Arm]) -> None:
+        arm = self.standing(bench)
+        if bench.cut is None:
+            pytest.skip("this bench cannot cut the link")
+        bench.cut()
+        (error,) = bench.errors(arm.pump)
+        assert isinstance(error, LinkLost | Stale)

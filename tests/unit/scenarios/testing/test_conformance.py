@@ -1,0 +1,165 @@
+"""Our three drivers keep to the protocols that a stranger's are asked to; the kit sees one that
+does not."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from drivers.errors import LinkLost
+from drivers.interfaces import Applied, Arm, Gripper, TactileSensor
+from drivers.robotiq.driver import RobotiqDriver
+from drivers.robotiq.model.gripper import ModelTransport
+from drivers.takktile.driver import TakkTileDriver
+from drivers.takktile.model.board import BoardModel
+from drivers.takktile.model.link import ModelLink
+from drivers.ur.driver import ArmDriver
+from grasp.clock import VirtualClock
+from scenarios.campaign.config import load_config
+from scenarios.rigs.rig import calibration
+from scenarios.rigs.world_of_seed import make_cell
+from scenarios.testing import conformance
+from scenarios.testing.conformance import Bench
+
+
+class Wire:
+    """What a driver reaches its model by; cut, nothing answers."""
+
+    def __init__(self, inner: Any) -> None:
+        self._inner, self.is_cut = inner, False
+
+    def cut(self) -> None:
+        self.is_cut = True
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._inner, name)
+        if not callable(found):
+            return found
+
+        def call(*args: Any, **given: Any) -> Any:
+            if self.is_cut:
+                raise LinkLost("cut", "join it")
+            return found(*args, **given)
+
+        return call
+
+
+class Cell:
+    """The models around no object, in virtual time."""
+
+    def __init__(self) -> None:
+        self.config = load_config("can", "simulated", "energy", None, ["hand.activation_s=0.5"])
+        self.cell = make_cell(self.config, 0)
+        self.fingertips = ModelLink(self.cell.board, self.config.tactile, self.cell.advance)
+        self.clock = VirtualClock(self.fingertips.advance)
+
+    def bench(self, device: Any, cut: Callable[[], object] | None = None) -> Bench[Any]:
+        def wait(seconds: float) -> None:
+            self.clock.sleep_until_ns(self.clock.now_ns + round(seconds * 1e9))
+
+        return Bench(device, lambda: self.clock.now_ns, wait, cut)
+
+    def gripper(self) -> tuple[RobotiqDriver, Wire]:
+        wire = Wire(ModelTransport(self.cell.gripper))
+        return RobotiqDriver(wire, self.config.gripper, calibration(self.config)), wire
+
+
+@pytest.fixture
+def cell() -> Cell:
+    return Cell()
+
+
+class TestRobotiq(conformance.GripperConformance):
+    @pytest.fixture
+    def bench(self, cell: Cell) -> Bench[Gripper]:
+        gripper, wire = cell.gripper()
+        return cell.bench(gripper, wire.cut)
+
+
+class TestUniversalRobots(conformance.ArmConformance):
+    @pytest.fixture
+    def bench(self, cell: Cell) -> Bench[Arm]:
+        wire = Wire(cell.cell.arm)
+        return cell.bench(ArmDriver(wire, cell.config.arm), wire.cut)
+
+
+class TestTakkTile(conformance.FingertipConformance):
+    @pytest.fixture
+    def bench(self, cell: Cell) -> Iterator[Bench[TactileSensor]]:
+        """A board whose codes are at rest until it is pressed."""
+        codes = np.full(18, 450, np.int16)
+        warm = np.full(18, 500, np.int16)
+        board = BoardModel(cell.config.board, lambda t_ns: lambda: (codes.copy(), warm))
+        link = ModelLink(board, cell.config.tactile)
+        clock = VirtualClock(link.advance)
+
+        def press() -> None:
+            codes[:6] -= 100
+
+        driver = TakkTileDriver(link, cell.config.tactile).start()
+        yield Bench(
+            driver, lambda: clock.now_ns,
+            lambda s: clock.sleep_until_ns(clock.now_ns + round(s * 1e9)), board.unplug, press,
+        )  # fmt: skip
+
+
+# What the kit is for
+
+
+class Liar:
+    """Our gripper with one thing wrong."""
+
+    def __init__(self, inner: RobotiqDriver, **wrong: Any) -> None:
+        self._inner, self._wrong = inner, wrong
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._inner, name)
+        return self._wrong[name](found) if name in self._wrong else found
+
+
+def stronger(move_to: Callable[..., Applied]) -> Callable[..., Applied]:
+    def applied(*args: Any) -> Applied:
+        told = move_to(*args)
+        return msgspec.structs.replace(told, force_n=told.force_n + 5.0)
+
+    return applied
+
+
+def eager(state: Any) -> Any:
+    return None if state is None else msgspec.structs.replace(state, fresh=True)
+
+
+def nothing(verb: Any) -> Callable[..., None]:
+    return lambda *args: None
+
+
+def stubborn(verb: Any) -> Callable[..., Any]:
+    def refuse(*args: Any) -> Any:
+        raise RuntimeError("the socket is closed")
+
+    return refuse
+
+
+@pytest.mark.parametrize(
+    ("wrong", "test"),
+    [
+        ({"move_to": stronger}, "test_it_says_what_force_it_applies_and_never_more_than_it_may"),
+        ({"state": eager}, "test_no_status_from_before_a_command_passes_for_its_answer"),
+        ({"hold": nothing}, "test_hold_stops_fingers_on_their_way"),
+        ({"open": nothing}, "test_an_open_hand_is_seen_to_be_open"),
+        ({"hold": stubborn}, "test_a_lost_link_is_told_by_pump_and_by_no_verb"),
+        ({"activate": nothing}, "test_it_is_activated_by_its_verb_alone"),
+    ],
+)
+def test_the_kit_sees_a_driver_that_does_not_keep_to_it(
+    wrong: dict[str, Any], test: str, cell: Cell
+) -> None:
+    gripper, wire = cell.gripper()
+    kit = conformance.GripperConformance()
+    getattr(kit, test)(cell.bench(gripper, wire.cut))  # ours passes
+    other = Cell()
+    gripper, wire = other.gripper()
+    with pytest.raises((AssertionError, RuntimeError)):
+        getattr(kit, test)(other.bench(Liar(gripper, **wrong), wire.cut))
