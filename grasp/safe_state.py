@@ -82,7 +82,7 @@ class SafeState(msgspec.Struct, frozen=True):
             return ("the hand is not heard: it holds as it stands",)
         if self.hand_is_safe(seen):
             return ()
-        if seen.gripper.fault:
+        if seen.gripper.fault and not seen.gripper.active:
             return ("the hand reports a fault and moves no more: it holds as it stands",)
         return ("the hand is not as it should be",)
 

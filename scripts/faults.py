@@ -53,7 +53,7 @@ def told(ended: Ended) -> str:
 def run_all(out: Path, jobs: int, most: int | None, again: bool) -> int:
     """Exit code."""
     made_with = code()
-    with FaultStore(out) as store:
+    with FaultStore(out, writes=True) as store:
         cases = in_turn(plan())
         if again:
             todo = [ended.case for ended in store.ended() if fell(ended)]

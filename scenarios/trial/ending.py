@@ -145,13 +145,15 @@ def _hand(tick: Tick, asked: Issued | None, felt: str, deaf: bool, doubted: bool
     if deaf:
         alone = "the hand cannot be told anything and holds by itself"
         return f"{alone}: when last heard it was {state}"
-    if gripper.fault:
+    if gripper.fault and not gripper.active:
         alone = f"the hand refuses every motion ({gripper.fault_text}) and holds by itself"
         return f"{alone}: it is {state}"
     if doubted:
         return f"the hand is not believed, and may still move: it says that it is {state}"
     if not gripper.active:
         return f"the hand is not activated and holds by itself: it is {state}"
+    if gripper.fault:  # one that keeps it from nothing
+        return f"the hand reports {gripper.fault_text}: it is {state}"
     return f"the hand is {state}"
 
 

@@ -18,20 +18,26 @@ CREATE = "CREATE TABLE IF NOT EXISTS runs (number INTEGER PRIMARY KEY, code TEXT
 
 
 class FaultStore:
-    """One writer at a time. What a row says of another plan's case is not taken for a run."""
+    """One writer at a time, and readers beside it. What a row says of another plan's case is not
+    taken for a run."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, writes: bool = False) -> None:
         self._path = path
+        self._writes = writes
         self._held = ExitStack()
 
     def __enter__(self) -> Self:
-        make_private_folder(self._path.parent)
-        self._held.enter_context(writing(self._path))
-        make_private_file(self._path)
-        self._db = sqlite3.connect(self._path, isolation_level=None)
+        if self._writes:
+            make_private_folder(self._path.parent)
+            self._held.enter_context(writing(self._path))
+            make_private_file(self._path)
+        elif not self._path.is_file():
+            raise BadFile(self._path, "no such file", "run the campaign first")
+        self._db = sqlite3.connect(self._path, isolation_level=None, timeout=30.0)
         self._held.callback(self._db.close)
         try:
-            self._db.execute(CREATE)
+            if self._writes:
+                self._db.execute(CREATE)
         except sqlite3.Error as error:
             self._held.close()
             raise BadFile(self._path, str(error), "name another file with --out") from None

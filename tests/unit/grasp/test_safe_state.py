@@ -1,5 +1,6 @@
 """What a safe state asks of arm and hand, and what it says it has not seen."""
 
+import msgspec
 import pytest
 
 from drivers.interfaces import Detection
@@ -111,4 +112,5 @@ def test_how_the_hand_stood_when_the_safe_state_began_proves_nothing() -> None:
 def test_hand_that_cannot_be_told_anything_is_said_to_hold_as_it_stands() -> None:
     safe = state(Phase.FAULT, Phase.LIFT)
     assert "not heard" in safe.missing_of_hand(later(gripper_lost=True))[0]
-    assert "reports a fault" in safe.missing_of_hand(later(gripper=gripper(fault=13)))[0]
+    refusing = msgspec.structs.replace(gripper(fault=13), active=False)
+    assert "reports a fault" in safe.missing_of_hand(later(gripper=refusing))[0]

@@ -161,6 +161,17 @@ def test_gripper_that_reports_a_fault_refuses_every_motion() -> None:
     assert end.hand.startswith("the hand refuses every motion (")
 
 
+def test_gripper_whose_fault_keeps_it_from_nothing_does_not_refuse() -> None:
+    def report(rig: Rig) -> None:
+        assert rig.cell is not None
+        rig.cell.gripper.inject_fault(0x01)  # of which no manual speaks
+
+    trial, _, end = ended(Phase.HOLD, report)
+    assert trial.controller.fault_cause == "gripper fault: unknown fault 0x01"
+    assert end.hand.startswith("the hand reports unknown fault 0x01: it is closed to the limit")
+    assert not end.unreached
+
+
 def test_hand_that_lost_its_activation_stands() -> None:
     _, _, end = ended(Phase.HOLD, power_cycle_gripper)
     assert end.hand.startswith("the hand is not activated and holds by itself: it is closed as it")

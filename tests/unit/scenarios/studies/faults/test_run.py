@@ -87,10 +87,12 @@ def test_only_what_was_named_beforehand_and_is_told_does_not_count(lifted: list[
 def test_rows_are_kept_and_only_what_lacks_is_run(lifted: list[Ended], tmp_path: Path) -> None:
     cases = plan()[:3]
     row = ended(lifted[0], case=cases[1])
-    with FaultStore(tmp_path / "a.sqlite") as store:
+    with FaultStore(tmp_path / "a.sqlite", writes=True) as store:
         assert store.lacking(cases) == cases
         store.add(row, "abc")
         store.add(ended(row, case=msgspec.structs.replace(cases[2], ticks=99)), "def")
+        with FaultStore(tmp_path / "a.sqlite") as beside:
+            assert len(beside.ended()) == 1
     with FaultStore(tmp_path / "a.sqlite") as store:
         assert store.ended() == [row]
         assert store.lacking(cases) == [cases[0], cases[2]]  # another plan's is none
