@@ -229,15 +229,28 @@ class ForceGuard:
         within = all(target <= most for target, most in zip(targets, free, strict=True))
         return asked_mps if within else min(asked_mps, self.closing_speed_mps)
 
+    @property
+    def thumb_end(self) -> int | None:
+        """The last count that the thumb may have; None where force alone ends a closing, and where
+        others press beside it."""
+        alone = self._settings.cap_mode == "every_finger"
+        return self._ends[0] if alone and self._ends is not None else None
+
     def _bounded(self, targets: Counts3) -> Counts3:
-        """Targets cut to where each finger's force would reach the limit, whole counts down."""
+        if self._ends is None:
+            return targets
+        a, b, c = (min(target, end) for target, end in zip(targets, self._ends, strict=True))
+        return a, b, c
+
+    @property
+    def _ends(self) -> Counts3 | None:
+        """Where each finger's force would reach the limit by position, whole counts down."""
         s = self._settings
         if not s.travel_bound or self._anchor is None:
-            return targets
-        positions, forces_n = self._anchor
+            return None
         a, b, c = (
-            min(target, position + self._stiffness.counts_within(s.force_limit_n - force_n))
-            for target, position, force_n in zip(targets, positions, forces_n, strict=True)
+            position + self._stiffness.counts_within(s.force_limit_n - force_n)
+            for position, force_n in zip(*self._anchor, strict=True)
         )
         return a, b, c
 

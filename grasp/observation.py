@@ -42,6 +42,8 @@ class Observation(StepInput, frozen=True, kw_only=True):
     the limit and its margin. ``felt_n``: of taxels alone that would feel it end, none of them at a
     rail or stuck. ``last_close``: the closing that was admitted last.
     ``reach_counts``: how far each finger may close at any speed; None where that is not known.
+    ``thumb_end``: the last count that the guard lets the thumb have; None where force alone ends a
+    closing.
     ``motion``: what kind of slip it is, where some is heard and the detector can tell; shown and
     recorded, and nothing is decided by it.
     """
@@ -53,6 +55,7 @@ class Observation(StepInput, frozen=True, kw_only=True):
     overloaded: bool = False
     last_close: CloseFast | None = None
     reach_counts: Counts3 | None = None
+    thumb_end: int | None = None
     motion: Motion | None = None
 
     @property
@@ -97,8 +100,12 @@ class Observation(StepInput, frozen=True, kw_only=True):
         """Whether another closing would do nothing: each finger that closed last is latched in
         contact, or stands at the last count that the guard lets it have; after a first stage that
         is not the last."""
-        close = self.last_close
-        if close is None or not self.hand_rests:
+        close, thumb = self.last_close, self.gripper.fingers[0]
+        if not self.hand_rests:
+            return False
+        if self.thumb_end is not None and thumb.position_counts >= self.thumb_end:
+            return True
+        if close is None:
             return False
         fingers = zip(self.gripper.fingers, close.closing, close.limits_counts, strict=True)
         return all(

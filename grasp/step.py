@@ -101,6 +101,7 @@ class GraspStep:
             overloaded=self._guard.overloaded(self._measured_n),
             last_close=self._last_close,
             reach_counts=self._guard.reach(told.gripper, self._measured_n),
+            thumb_end=self._guard.thumb_end,
             motion=self._kind_of_slip(probabilities),
         )
 

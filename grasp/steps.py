@@ -11,6 +11,8 @@ from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.lift_line import LiftLine
 from grasp.observation import Observation
 
+OPEN_ENDED = 255  # counts: as far as fingers close
+
 
 class Steps:
     """``lasts``: the present answer is a step, and a jump may follow. ``securing``: a margin."""
@@ -26,11 +28,11 @@ class Steps:
 
     def may(self, seen: Observation) -> bool:
         """Whether a step is an answer here: what slips still stands on the table, the thumb, not
-        latched by the force cap, can press harder, and not too many were too small."""
+        latched by the force cap, may go a whole step further, and not too many were too small."""
         s = self._settings
         low = self._line.height_m(seen) < s.step_below_m
         some = self._taken < s.step_tries and not seen.gripper.thumb_latched
-        return s.answer == "stop_and_step" and low and some
+        return s.answer == "stop_and_step" and low and some and self._room(seen) >= self._counts
 
     def step(self, seen: Observation) -> MoveFingers:
         """The thumb one step further, and a margin to follow."""
@@ -46,6 +48,8 @@ class Steps:
         """Whether the force that was found has carried the object for long enough."""
         if self._found_m is None or self._settings.margin_steps == 0:
             return False
+        if self._room(seen) == 0:
+            return False
         risen_m = self._line.height_m(seen) - self._found_m
         return at_top or risen_m >= self._settings.margin_after_m
 
@@ -59,8 +63,19 @@ class Steps:
         self._found_m = None
         self.end()
 
+    @property
+    def _counts(self) -> int:
+        """Of a step."""
+        return max(1, self._plan.stiffness.counts_within(self._settings.step_n))
+
+    def _room(self, seen: Observation) -> int:
+        """Counts that the guard lets the thumb go further."""
+        end = OPEN_ENDED if seen.thumb_end is None else seen.thumb_end
+        return max(0, end - seen.gripper.requested[0])
+
     def _further(self, seen: Observation, steps: int) -> MoveFingers:
-        s, (a, b, c) = self._settings, seen.gripper.requested
-        counts = max(1, self._plan.stiffness.counts_within(s.step_n))
-        targets = (min(255, a + steps * counts), b, c)
-        return MoveFingers(targets, s.grip_speed_mps, self._plan.force_cap_n)
+        """As far as it may."""
+        a, b, c = seen.gripper.requested
+        counts = min(steps * self._counts, self._room(seen))
+        cap_n = self._plan.force_cap_n
+        return MoveFingers((a + counts, b, c), self._settings.grip_speed_mps, cap_n)

@@ -25,6 +25,7 @@ from grasp.realtime import real_time
 from grasp.slip import SlipMonitor
 from grasp.step import GraspStep
 from grasp.stiffness import Stiffness
+from scenarios.rigs.permission import HARDWARE
 from scenarios.rigs.rig import GraspRig, Stalls, calibration
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.ending import End, end_of, happened, remedy_of, stood_still
@@ -54,6 +55,7 @@ def make_guard(config: TrialConfig) -> ForceGuard:
     the arm cannot do what the controller will ask."""
     check_arm(config)
     check_waits(config)
+    check_override(config)
     known = calibration(config)
     guard = ForceGuard(
         config.guard,
@@ -71,6 +73,19 @@ def make_guard(config: TrialConfig) -> ForceGuard:
         )
     check_grip(config, guard)
     return guard
+
+
+def check_override(config: TrialConfig) -> None:
+    """Raises ConfigError for steps by a hand that is known to override its force: each begins at
+    rest, and from where the last has ended, so that force alone bounds none of them."""
+    overrides = config.rig != HARDWARE and config.hand.override_s > 0.0
+    if overrides and config.controller.answer == "stop_and_step" and not config.guard.travel_bound:
+        raise ConfigError(
+            "hand", "override_s",
+            f"a hand that overrides its force for {config.hand.override_s:g} s whenever it starts "
+            "passes the limit by steps (controller.answer), each of which begins at rest",
+            "guard.travel_bound = true, or another controller.answer",
+        )  # fmt: skip
 
 
 def check_grip(config: TrialConfig, guard: ForceGuard) -> None:

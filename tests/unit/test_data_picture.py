@@ -46,6 +46,7 @@ class Traced(GraspStep):
             reach=lambda state, forces: (
                 self.hears("guard", state) or self.of("guard", "reach_counts", object())
             ),
+            thumb_end=self.of("guard", "thumb_end", object()),
             anchor=lambda where, forces: self.hears("guard", where, ("Decision", "anchor")),
             admit=lambda command, state, forces: self.hears("guard", command, state) or self.let,
         )

@@ -48,6 +48,7 @@ class Driver:
         self.stopped = False  # the arm was told to, last
         self.last_close: CloseFast | None = None
         self.reach: Counts3 | None = None
+        self.end: int | None = None  # of the thumb
         self.requested: Counts3 = (0, 0, 0)
         self.commands: list[object] = []
 
@@ -85,6 +86,7 @@ class Driver:
         changes.setdefault("arm", arm(self.t_ns, self.height_m))
         changes.setdefault("last_close", self.last_close)
         changes.setdefault("reach_counts", self.reach)
+        changes.setdefault("thumb_end", self.end)
         decision = self.controller.step(seen(self.t_ns, p, **changes))
         self.commands += decision.commands
         for command in decision.commands:

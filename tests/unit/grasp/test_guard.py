@@ -233,6 +233,18 @@ def test_grip_that_has_grown_by_itself_counts_as_the_first_one() -> None:
     assert g.reach(closed, (5.9, 1.0, 1.0)) == (58, 58, 58)  # by closing, as expected
 
 
+@pytest.mark.parametrize(
+    ("changes", "end"),
+    [({}, None), ({"travel_bound": True}, 59),
+     ({"travel_bound": True, "cap_mode": "each_motor"}, None)],
+)  # fmt: skip
+def test_last_count_of_a_thumb_that_closes_alone_is_told_where_position_bounds_it(
+    changes: dict[str, object], end: int | None
+) -> None:
+    assert guard(travel_bound=True).thumb_end is None  # no first grasp is known yet
+    assert anchored(**changes).thumb_end == end
+
+
 def test_repeated_commands_do_not_ratchet_past_the_bound() -> None:
     g = guard(travel_bound=True)
     g.anchor((55, 55, 55), (2.0, 1.0, 1.0))

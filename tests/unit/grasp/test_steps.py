@@ -131,6 +131,40 @@ def test_height_of_a_margin_is_none_of_slip() -> None:
     assert down.position_m[2] == pytest.approx(0.453)
 
 
+def held_by(end: int, **settings: object) -> Driver:
+    """A thumb that may go no further than that; the first grasp is at 55 counts."""
+    d = Driver(answer="stop_and_step", step_below_m=0.06, **settings)
+    d.end = end
+    return d
+
+
+@pytest.mark.parametrize(("end", "targets"), [(57, [57]), (56, [])])
+def test_step_that_the_thumb_may_not_take_whole_is_one_closing_to_its_last_count(
+    end: int, targets: list[int]
+) -> None:
+    d = held_by(end, stiffness=Stiffness(0.75)).slip()
+    assert [c.targets_counts[0] for c in told(d, MoveFingers)] == targets  # type: ignore[attr-defined]
+    assert len(told(d, CloseFast)) == (not targets)
+
+
+def test_thumb_at_its_last_count_is_told_nothing() -> None:
+    d = held_by(55).slip()
+    assert told(d, StopArm, MoveFingers, CloseFast) == [StopArm(8.0)]
+    assert d.controller.closings == 0
+
+
+def test_margin_ends_where_the_thumb_must() -> None:
+    d = over(held_by(57, margin_steps=2, margin_after_m=0.01).slip())
+    rises(d, 0.061)
+    assert [c.targets_counts[0] for c in told(d, MoveFingers)] == [56, 57]  # type: ignore[attr-defined]
+
+
+def test_without_room_for_a_margin_the_arm_does_not_pause_for_one() -> None:
+    d = over(held_by(56, margin_steps=2, margin_after_m=0.01).slip())
+    rises(d, 0.061)
+    assert d.controller.phase is Phase.LIFT
+
+
 @pytest.mark.parametrize(("changes", "hand"), [({"trouble": "unplugged"}, 1), ({"stop": "x"}, 0)])
 def test_fault_closes_the_hand_to_the_limit_in_a_step_and_a_person_leaves_it(
     changes: dict[str, str], hand: int

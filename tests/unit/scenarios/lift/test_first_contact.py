@@ -183,6 +183,7 @@ def risen(rig: GraspRig, settings: LiftConfig, home: Vector3 | None) -> Risen:
         (("guard.overshoot_n=0.1",), "overshoot_n"),
         (("controller.firm=true", "guard.travel_bound=true"), "travel_bound"),
         (("loop.stop_s=3", "controller.safe_state_s=3"), "stop_s"),
+        (("hand.override_s=0.05", "controller.answer=stop_and_step"), "override_s"),
     ],
 )
 def test_settings_that_cannot_be_kept_together_are_refused_before_anything_moves(

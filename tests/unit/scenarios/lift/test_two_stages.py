@@ -64,6 +64,20 @@ def test_position_alone_keeps_the_limit(hand: tuple[str, ...]) -> None:
     assert thumb_n(judged(*hand, "guard.travel_bound=true")) <= 9.8
 
 
+@pytest.mark.parametrize("object_name", ["ball", "box", "can", "cardboard", "foam", "football"])
+@pytest.mark.parametrize("override_s", [0.05, 0.1, 0.2])
+def test_steps_a_margin_and_a_jump_each_from_rest_keep_the_limit_by_position(
+    override_s: float, object_name: str
+) -> None:
+    """A pull of 6 N at the top is answered by a jump."""
+    result = judged(
+        f"hand.override_s={override_s}", "hand.override_n=30", "guard.travel_bound=true",
+        "controller.answer=stop_and_step", "pull.force_n=6", "pull.above_m=0.1",
+        object_name=object_name, seed=1,
+    )  # fmt: skip
+    assert thumb_n(result) <= BOUND_N
+
+
 @pytest.mark.parametrize("object_name", ["can", "foam", "football"])
 def test_slip_is_no_more_than_with_one_closing(object_name: str) -> None:
     two, one = (judged(*w, object_name=object_name, seed=1) for w in ((), (CONSTANT,)))
