@@ -72,7 +72,7 @@ class GraspController:
         self._felt = Felt(settings)
         self._closing = Closing(settings, plan.force_cap_n)
         self._landing = Landing(settings, self._line, self._felt)
-        self._pause = Pause(settings, self._line)
+        self.pause = Pause(settings, self._line)
         self._steps = Steps(settings, plan, self._line)
         self._out: list[Command] = []
         self._reset_detector = False
@@ -302,7 +302,7 @@ class GraspController:
         rising = self.phase is Phase.LIFT
         if not self._steps.margin_due(seen, at_top=not rising):
             return False
-        self._out += self._pause.begin(seen) if rising else ()
+        self._out += self.pause.begin(seen) if rising else ()
         self._fire(Trigger.FOUND, seen, "the force that was found has carried the object")
         self._out.append(self._steps.margin(seen))
         return True
@@ -319,7 +319,7 @@ class GraspController:
         cause = f"slip registered at finger {FINGER_NAMES[slip.finger]}"
         rising = self.phase is Phase.LIFT  # at the top the arm stands
         steps = rising and not lost and self._steps.may(seen)
-        self._out += self._pause.begin(seen) if rising else ()
+        self._out += self.pause.begin(seen) if rising else ()
         self._fire(Trigger.SLIP_REGISTERED, seen, "contact lost" if lost else cause)
         if steps:
             self.closings += 1
@@ -337,7 +337,7 @@ class GraspController:
 
     def _compensate(self, seen: Observation) -> None:
         slip = self.monitor.status
-        self._out += self._pause.take(seen, slip.registered or slip.masked or not seen.hand_rests)
+        self._out += self.pause.take(seen, slip.registered or slip.masked or not seen.hand_rests)
         if not seen.hand_rests:
             self.monitor.closing(seen.t_ns)
         elif seen.unfinished:  # the same answer goes on
@@ -347,10 +347,10 @@ class GraspController:
             self._lose(seen, "the hand closed and met nothing")
         elif slip.masked:
             return
-        elif self._pause.tired and not self._settings.hold_by_clock:
+        elif self.pause.tired and not self._settings.hold_by_clock:
             self._give_up(seen, "slip comes back and the force can rise no more")
         elif not slip.registered:
-            if self._pause.over(seen):
+            if self.pause.over(seen):
                 self._go_on(seen, Trigger.SLIP_STOPPED, "slip has stopped")
         elif self._steps.lasts and self._patience_ended(seen, self._settings.step_patience_s):
             self._jump(seen)
@@ -365,7 +365,7 @@ class GraspController:
 
     def _go_on(self, seen: Observation, rising: Trigger, cause: str) -> None:
         self._steps.end()
-        on = self._pause.end()
+        on = self.pause.end()
         if self._line.stands_at(seen, self._settings.lift_height_m):
             self._fire(Trigger.LIFTED, seen, cause)
         else:

@@ -8,6 +8,13 @@ from msgspec import Meta
 from drivers.interfaces import Counts3, Vector3
 from grasp.stiffness import Stiffness
 
+# Settings that only one answer reads, those that only arms which pause do, and only two stages
+OF_STEPS = frozenset(
+    {"step_n", "step_tries", "step_patience_s", "step_below_m", "margin_steps", "margin_after_m"}
+)
+OF_PAUSES = frozenset({"answer_stop_mps2", "resume_mps2", "resume_quiet_s", "useless_pause_s"})
+OF_STAGES = frozenset({"top_up_speed_mps"})
+
 
 class GripPlan(msgspec.Struct, frozen=True):
     """Predetermined finger positions of one object, motor counts A, B, C (paper, section V-B), and
@@ -274,3 +281,14 @@ class ControllerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         bool,
         Meta(description="answer registered slip; off in the twin run that judges false starts"),
     ] = True
+
+    @property
+    def unread(self) -> dict[str, str]:
+        """Settings for which this answer and this closing have no use, and what does not read
+        them."""
+        of_answer = OF_STEPS if self.answer != "stop_and_step" else frozenset()
+        of_answer |= OF_PAUSES if self.answer == "jump" else frozenset()
+        of_closing = OF_STAGES if self.closing == "constant" else frozenset()
+        return dict.fromkeys(of_answer, f"controller.answer = {self.answer}") | dict.fromkeys(
+            of_closing, f"controller.closing = {self.closing}"
+        )

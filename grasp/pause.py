@@ -11,7 +11,8 @@ from grasp.observation import Observation
 
 
 class Pause:
-    """One at a time; ``useless_s`` adds up those in which no closing could do anything."""
+    """One at a time. ``stood_s``: how long the arm has stood in them, ``useless_s``: how long those
+    have lasted in which no closing could do anything."""
 
     def __init__(self, settings: ControllerSettings, line: LiftLine) -> None:
         self._settings = settings
@@ -19,7 +20,8 @@ class Pause:
         self._lasts = False
         self._useless = False
         self._seen_ns = self._asked_ns = self._alarm_ns = 0
-        self.useless_s = 0.0
+        self._stands = False
+        self.stood_s = self.useless_s = 0.0
 
     @property
     def tired(self) -> bool:
@@ -31,6 +33,7 @@ class Pause:
         if self._settings.answer == "jump":
             return ()
         self._lasts, self._useless = True, seen.closed_out
+        self._stands = not seen.arm.moving
         self._seen_ns = self._alarm_ns = seen.t_ns
         return self._ask(seen)
 
@@ -39,9 +42,10 @@ class Pause:
         way."""
         if not self._lasts:
             return ()
-        if self._useless:
-            self.useless_s += (seen.t_ns - self._seen_ns) * 1e-9
-        self._seen_ns = seen.t_ns
+        lasted_s = (seen.t_ns - self._seen_ns) * 1e-9
+        self.useless_s += lasted_s * self._useless
+        self.stood_s += lasted_s * self._stands
+        self._stands, self._seen_ns = not seen.arm.moving, seen.t_ns
         if alarm:
             self._alarm_ns = seen.t_ns
         due = seen.t_ns - self._asked_ns >= self._settings.repeat_s * 1e9

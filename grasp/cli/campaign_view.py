@@ -189,7 +189,15 @@ def _times(variants: "list[Variant]") -> Any:
     tap = variants[0].scenario == "tap"
     third = "nominal after motion, ms" if tap else "force rises after onset, ms"
     fourth = "moved, mm" if tap else "slip, mm"
-    headings = ("variant", "object", "registered after onset, ms", third, fourth, "turned, deg")
+    headings = (
+        "variant",
+        "object",
+        "registered after onset, ms",
+        third,
+        fourth,
+        "turned, deg",
+        "arm stood, s",
+    )
     for heading in headings:
         table.add_column(heading)
     for variant in variants:
@@ -200,6 +208,7 @@ def _times(variants: "list[Variant]") -> Any:
                 _three(cell.nominal_again_ms if tap else cell.reaction_latency_ms),
                 _three(cell.slip_distance_mm),
                 _three(cell.turned_deg, ".1f"),
+                _three(cell.paused_s, ".2f"),
             )  # fmt: skip
     return table
 

@@ -193,6 +193,8 @@ def facts(result: Any) -> list[str]:
     if result.slip_distance_m is not None:
         slipped = f"the object slipped {result.slip_distance_m * 1e3:.0f} mm"
         facts.append(", ".join(t for t in (slipped, view.turned_text(result.turned_rad)) if t))
+    if result.paused_s:
+        facts.append(f"the arm stood {result.paused_s:.2f} s for answers to slip")
     true_n, felt_n = result.peak_force_n, result.peak_measured_n
     peaks = ", ".join(f"{name} {force:.1f}" for name, force in (true_n or felt_n).items())
     known = "true" if true_n else "measured"

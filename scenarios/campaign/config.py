@@ -35,10 +35,11 @@ def load_config(
     profile: str = DEFAULT_PROFILE,
 ) -> RunConfig:
     """From the layers of ``trial_layers``. Raises ConfigError for an unknown name or the first
-    setting that is not allowed, or that the detector does not read."""
+    setting that is not allowed, or that the detector or the answer to slip does not read."""
     layers = trial_layers(object_name, rig, detector, files, assignments, profile)
     config = load(RunConfig, layers)
-    check_read(config.detector_name, config.rule, own_layers(files, assignments))
+    own = own_layers(files, assignments)
+    check_read(config.detector_name, config.rule, config.controller, own)
     return config
 
 

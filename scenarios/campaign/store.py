@@ -21,7 +21,7 @@ from scenarios.campaign.lock import writing
 from scenarios.campaign.spec import CampaignSpec, Combination
 from scenarios.campaign.worker import Finished, Row
 
-FORMAT = "grasp-campaign 5"
+FORMAT = "grasp-campaign 6"
 _TYPES = {int: "INTEGER", float: "REAL", bool: "INTEGER", str: "TEXT"}
 COLUMNS = Row.__struct_fields__
 FOREIGN = "name the file of a campaign"

@@ -42,6 +42,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     nominal_again_ms: Quantiles | None  # after the end of motion; taps
     slip_distance_mm: Quantiles | None
     turned_deg: Quantiles | None  # in the hand, either way
+    paused_s: Quantiles | None  # the arm, for answers to slip
     p_value: float | None  # of the paper's counts under this model; None: the paper has none
 
     @property
@@ -140,6 +141,7 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
         nominal_again_ms=quantiles([row.nominal_again_ms for row in done]),
         slip_distance_mm=quantiles([_slip_mm(scenario, row) for row in done]),
         turned_deg=_of_a_world([_turned_deg(scenario, row) for row in done], done),
+        paused_s=quantiles([row.paused_s for row in done]),
         p_value=p_value(paper_counts(scenario, name), class_counts(scenario, name, done))
         if known
         else None,

@@ -45,6 +45,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     turned_rad: float | None = None  # in the hand, about the closing axis
     peak_force_n: float | None = None
     commanded_force_n: float | None = None
+    paused_s: float | None = None  # the arm, for answers to slip
     result: str | None = None
     error: str | None = None
     config_hash: str
@@ -140,6 +141,7 @@ def judged(trial: Task, finished: AnyRun) -> Row:
         turned_rad=result.turned_rad,
         peak_force_n=max(result.peak_force_n.values()) if result.peak_force_n else None,
         commanded_force_n=result.commanded_force_n,
+        paused_s=result.paused_s,
         result=_table(result),
         error=finished.failure.message if finished.failure else None,
         timing=_json(result.timing),

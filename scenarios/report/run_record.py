@@ -131,6 +131,7 @@ class Verdict(msgspec.Struct, frozen=True):
     detection_latency_ms: float | None = None
     slip_distance_m: float | None = None
     turned_rad: float | None = None
+    paused_s: float | None = None
     moved: bool | None = None
     displacement_m: float | None = None
     direction: str | None = None

@@ -53,7 +53,7 @@ def sentence(run: RunRecord) -> str:
     if verdict is None:
         return "There is no verdict: the run left no result that can be read."
     head = HEADS[run.scenario].get(verdict.outcome, verdict.outcome)
-    facts = [_moved(run, verdict), _registered(verdict), _forces(run, verdict)]
+    facts = [_moved(run, verdict), _registered(verdict), _paused(verdict), _forces(run, verdict)]
     told = [fact for fact in facts if fact]
     return f"{head}: {_listed(told)}." if told else f"{head}."
 
@@ -80,6 +80,10 @@ def _registered(verdict: Verdict) -> str:
         return ""
     side = "after" if late_ms >= 0.0 else "before"
     return f"slip was registered {abs(late_ms):.0f} ms {side} it began"
+
+
+def _paused(verdict: Verdict) -> str:
+    return f"the arm stood {verdict.paused_s:.2f} s to answer it" if verdict.paused_s else ""
 
 
 def _forces(run: RunRecord, verdict: Verdict) -> str:

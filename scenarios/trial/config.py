@@ -209,10 +209,18 @@ def _sections_of_others(detector: str) -> set[str]:
     return {*FORMULAS.values(), NETWORK, OWN} - {section_of(detector)}
 
 
-def check_read(detector: str, rule: RuleSettings, own: Sequence[Layer]) -> None:
-    """Raises ConfigError where the user's own layers set what that detector or its rule does not
-    read."""
+def check_read(
+    detector: str, rule: RuleSettings, controller: ControllerSettings, own: Sequence[Layer]
+) -> None:
+    """Raises ConfigError where the user's own layers set what that detector, its rule or the
+    chosen answer to slip does not read."""
     for layer in own:
+        for key in sorted(controller.unread.keys() & layer.table.get("controller", {}).keys()):
+            chosen = controller.unread[key]
+            raise ConfigError(
+                layer.source, f"controller.{key}", f"is not read by {chosen}",
+                f"leave it out, or set another {chosen.partition(' ')[0]}",
+            )  # fmt: skip
         for key in sorted(rule.unread & layer.table.get("rule", {}).keys()):
             raise ConfigError(
                 layer.source, f"rule.{key}",

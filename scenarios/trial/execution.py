@@ -120,7 +120,7 @@ def check_arm(config: TrialConfig) -> None:
     }
     for limit, keys in limits.items():
         most = getattr(arm, limit)
-        for key in keys:
+        for key in (key for key in keys if key not in controller.unread):
             if (asked := getattr(controller, key)) > most:
                 problem = f"{asked:g} is more than the arm may be told"
                 raise ConfigError("controller", key, problem, f"<= {most:g}, arm.{limit}")
@@ -304,6 +304,7 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "peak_force_n": named(self.final.peak_n) if self.final is not None else None,
             "peak_measured_n": named(self.trace.peak_measured_n),
             "commanded_force_n": self.trace.commanded_force_n,
+            "paused_s": round(self.controller.pause.stood_s, 3),
             "taxels_at_rail": dict(zip(FINGER_NAMES, self.trace.taxels_at_rail, strict=True)),
             "phases": phase_entries(self.controller.machine.log),
             "timing": timing_result(

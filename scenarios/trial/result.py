@@ -81,6 +81,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     peak_force_n: dict[str, float] | None  # true, from first contact to last; None on hardware
     peak_measured_n: dict[str, float]  # by the fingertips, likewise
     commanded_force_n: float
+    paused_s: float  # the arm has stood in the lift so that slip might be answered
     phases: list[PhaseEntry]
     timing: TimingResult
     recording: str | None

@@ -129,7 +129,7 @@ def configured(
 ) -> LiftConfig:  # fmt: skip
     """Settings of an object in a scene under an answer, held in the air at the end; ``files`` and
     ``assignments``: what the user sets beneath."""
-    plain = load_config(name, rig, detector, files, assignments).object
+    plain = load_config(name, rig, detector, files, (*assignments, *policy.words)).object
     scaled = (
         f"object.friction_static={plain.friction_static * scene.friction}",
         f"object.friction_kinetic={plain.friction_kinetic * scene.friction}",
@@ -186,7 +186,6 @@ class _Seen:
         self.end: Truth | None = None
         self.top_slip_m: float | None = None
         self.begun_ns = self.ended_ns = 0
-        self.paused = 0
         self._rising = False
         self._wet = scene.wet == 1.0
 
@@ -200,9 +199,6 @@ class _Seen:
             self.end, self.ended_ns = truth, tick.t_ns
         if phase is Phase.HOLD and self.top_slip_m is None:
             self.top_slip_m = truth.slip_distance_m
-        self.paused += (
-            phase is Phase.COMPENSATE and self.top_slip_m is None and (not tick.arm.moving)
-        )
         if not self._wet and truth.height_m >= WET_M and self._rig.cell is not None:
             self._rig.cell.contact.wet(self._scene.wet)
             self._wet = True
@@ -235,7 +231,7 @@ def lift(task: Task) -> Answered:
         force_n=end.normal_n[0] if end else 0.0, least_n=least_n,
         peak_n=max(end.peak_n) if end else 0.0, closings=controller.closings,
         alarms=detector.between(seen.begun_ns, seen.ended_ns),
-        paused_s=seen.paused * config.loop.period_s,
+        paused_s=controller.pause.stood_s,
         seconds=(seen.ended_ns - seen.begun_ns) * 1e-9,
     )  # fmt: skip
 

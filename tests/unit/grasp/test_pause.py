@@ -105,6 +105,22 @@ def test_slip_that_comes_back_at_the_cap_ends_the_lift_however_often_it_stops(
     assert d.controller.closings == 1
 
 
+def test_it_is_counted_how_long_the_arm_stands_in_pauses_and_not_how_long_it_brakes() -> None:
+    d = Driver().slip()
+    for _ in range(5):
+        d.step(arm=on_its_way(d))
+    assert d.controller.pause.stood_s == 0.0
+    begun_ns = d.t_ns
+    while d.controller.phase is Phase.COMPENSATE:
+        d.climb()
+    assert d.controller.pause.stood_s == pytest.approx((d.t_ns - begun_ns) * 1e-9 - 0.01)
+    quiet(d, 40)
+    assert d.controller.pause.stood_s < 0.5
+    goes_on = Driver(answer="jump").slip()
+    quiet(goes_on, 40)
+    assert goes_on.controller.pause.stood_s == 0.0
+
+
 def test_pause_in_which_the_hand_closes_costs_nothing_of_that_patience() -> None:
     d = Driver(useless_pause_s=0.1).slip()
     quiet(d, 40)

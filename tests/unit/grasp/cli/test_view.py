@@ -83,5 +83,6 @@ def test_slip_registered_before_its_onset_is_told_so(late_ms: float, says: str) 
     result = SimpleNamespace(
         detection_latency_ms=late_ms, reaction_latency_ms=None, slip_distance_m=None,
         peak_force_n={"A": 1.0}, peak_measured_n={"A": 1.0}, commanded_force_n=10.0,
+        paused_s=0.0,
     )  # fmt: skip
     assert live.facts(result)[0] == f"slip registered {says} its onset"

@@ -175,6 +175,7 @@ def test_a_row_repeats_with_its_seed() -> None:
     assert repeatable([first]) == repeatable([second])
     assert first.outcome == "held"
     assert first.slip_distance_m is not None and first.cpu_s is not None
+    assert first.paused_s is not None and first.paused_s > 0.0
 
 
 def test_a_trial_that_crashes_is_a_row_with_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:

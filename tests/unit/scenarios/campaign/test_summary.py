@@ -70,6 +70,13 @@ def test_a_lost_object_counts_as_infinitely_far() -> None:
     assert (cell.slip_distance_mm.p10, cell.slip_distance_mm.p90) == (20.0, math.inf)
 
 
+def test_how_long_the_arm_stood_for_answers_is_told_of_every_object() -> None:
+    rows = [row(i, "ball", "held", paused_s=s) for i, s in enumerate((0.0, 0.5, 1.0))]
+    (cell,) = summarize("x", rows).variants[0].cells
+    assert cell.paused_s is not None
+    assert (cell.paused_s.p50, cell.paused_s.max) == (0.5, 1.0)
+
+
 def test_rotation_is_told_either_way_and_not_of_real_devices() -> None:
     turns = (-0.02, 0.01, 0.03)
     rows = [row(i, "ball", "held", turned_rad=turn) for i, turn in enumerate(turns)]

@@ -234,6 +234,7 @@ def test_settings_at_the_limits_of_the_arm_are_kept() -> None:
             "arm.max_stop_mps2=8",
         )
     )  # fmt: skip
+    make_guard(config("controller.answer=jump", "arm.max_stop_mps2=1"))  # it stops for no answer
 
 
 def test_with_closing_bounded_by_travel_the_object_is_still_held() -> None:

@@ -27,6 +27,9 @@ def test_weak_grasp_on_the_can_is_felt_and_saved(plain_lift: LiftResult) -> None
     assert r.slip_onset_s < r.first_detection_s < r.slip_registered_s
     assert r.slip_distance_m is not None
     assert 0.0002 < r.slip_distance_m < 0.06
+    following = zip(r.phases, r.phases[1:], strict=False)
+    answers_s = sum(b.t_s - a.t_s for a, b in following if a.phase == "compensate")
+    assert 0.9 * answers_s < r.paused_s < answers_s  # but for what the arm braked
 
 
 @pytest.mark.parametrize("name", ["box", "cardboard", "ball", "football", "foam"])

@@ -65,6 +65,7 @@ def test_a_page_says_the_verdict_with_its_figures(recorded: Path, page: str) -> 
     assert HEADS["lift"][result["outcome"]] in title
     assert f"{result['slip_distance_m'] * 1e3:.1f} mm" in title
     assert f"{max(result['peak_force_n'].values()):.1f} N (limit 10 N)" in title
+    assert f"the arm stood {result['paused_s']:.2f} s to answer it" in title
     assert not remarks(page)
 
 

@@ -163,6 +163,24 @@ def test_a_setting_that_the_rule_does_not_read_is_refused(words: tuple[str, str]
     assert words[0].partition("=")[0] in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("word", "chosen"),
+    [
+        ("step_n=2", "answer=stop_and_jump"),
+        ("margin_steps=0", "answer=jump"),
+        ("answer_stop_mps2=1", "answer=jump"),
+        ("useless_pause_s=1", "answer=jump"),
+        ("top_up_speed_mps=0.03", "closing=constant"),
+    ],
+)
+def test_a_setting_that_the_answer_to_slip_does_not_read_is_refused(word: str, chosen: str) -> None:
+    words = [f"controller.{chosen}", f"controller.{word}"]
+    told = f"is not read by controller.{chosen.replace('=', ' = ')}"
+    with pytest.raises(ConfigError, match=told) as refused:
+        load_config("can", "simulated", "gru", None, words)
+    assert word.partition("=")[0] in str(refused.value)
+
+
 @pytest.mark.parametrize("name", ["ball", "bottle"])
 def test_settings_call_no_object_by_the_name_of_another(name: str) -> None:
     """Its results would be taken for that one's."""

@@ -128,6 +128,12 @@ def test_what_the_user_sets_lies_beneath_scene_and_answer() -> None:
     assert made.object.mass_kg == pytest.approx(0.3)
 
 
+def test_what_one_answer_alone_reads_may_be_set_where_that_is_drawn() -> None:
+    steps = next(p for p in POLICIES if p.name == "stop_and_step, margin 0")
+    made = configured("can", BASE, steps, "gru", assignments=("controller.step_n=2",))
+    assert made.controller.step_n == 2.0
+
+
 def test_lost_object_has_slipped_for_ever_and_adds_nothing_to_force() -> None:
     held = answered("jump")
     lost = msgspec.structs.replace(
