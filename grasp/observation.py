@@ -99,9 +99,9 @@ class Observation(StepInput, frozen=True, kw_only=True):
     def at_cap(self) -> bool:
         """Whether another closing would do nothing: each finger that closed last is latched in
         contact, or stands at the last count that the guard lets it have; after a first stage that
-        is not the last."""
+        is not the last. What is on its way, mostly to the arm, changes nothing of that."""
         close, thumb = self.last_close, self.gripper.fingers[0]
-        if not self.hand_rests:
+        if not self.gripper.at_rest:
             return False
         if self.thumb_end is not None and thumb.position_counts >= self.thumb_end:
             return True

@@ -148,6 +148,18 @@ def test_burst_every_half_second_costs_one_closing() -> None:
     assert closes(ticks) == 1
 
 
+@pytest.mark.parametrize("answer", ["stop_and_jump", "stop_and_step"])
+def test_alarm_that_never_ends_is_borne_by_the_clock_though_commands_take_their_time(
+    answer: str,
+) -> None:
+    words = (f"controller.answer={answer}", "controller.hold_by_clock=true",
+             "loop.decision_delay_s=0.02")  # fmt: skip
+    controller, ticks, held = run([(1, ALARM)], *words)
+    assert controller.phase is Phase.DONE and held
+    assert closes(ticks) == 1
+    assert answered_s(ticks) < 10.0
+
+
 def test_alarm_that_never_ends_sets_the_object_down_and_lets_nothing_fall() -> None:
     controller, _, held = run([(1, ALARM)])
     assert controller.cap_reached
