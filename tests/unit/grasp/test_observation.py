@@ -18,7 +18,11 @@ CAPS: list[tuple[str, dict[str, Any], bool]] = [
     ("short of it", {"gripper": SHORT, "last_close": THUMB}, False),
     ("in contact", {"gripper": gripper(detections=LATCHED), "last_close": THUMB}, True),
     ("nothing was closed", {"gripper": AT_60}, False),
-    ("a command on its way", {"gripper": AT_60, "last_close": THUMB, "pending": True}, False),
+    (
+        "a command on its way to the arm",
+        {"gripper": AT_60, "last_close": THUMB, "pending": True},
+        True,
+    ),
     (
         "still moving",
         {"gripper": gripper(positions=(60, 55, 55), detections=MOVING), "last_close": THUMB},
