@@ -84,6 +84,8 @@ class Gate:
     def anchor(self, positions: Counts3, measured_n: Vector3) -> None:
         self.anchors.append((positions, measured_n))
 
+    thumb_end = 61
+
     def reach(self, state: GripperState, measured_n: Vector3) -> Counts3:
         return (state.positions[0] + 3, 60, round(measured_n[0]))
 
