@@ -11,6 +11,7 @@ from grasp.cli import exits
 from grasp.cli.run import add_trial_options
 
 HELP = "show the resolved settings, check files of your own"
+FINGERPRINT = "a file of your own that settings came from, and its fingerprint"
 
 
 def add_parser(verbs: Any) -> None:
@@ -111,6 +112,7 @@ def run(args: argparse.Namespace) -> int:
     for name in shown:
         print(f"[{name}]")
         for key, value in table[name].items():
-            print(f"{key} = {json.dumps(value)}  # {allowed(type(config), f'{name}.{key}')}")
+            told = FINGERPRINT if name == "files" else allowed(type(config), f"{name}.{key}")
+            print(f"{key} = {json.dumps(value)}  # {told}")
         print()
     return exits.SUCCESS

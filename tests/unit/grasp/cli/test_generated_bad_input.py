@@ -131,3 +131,13 @@ def test_the_same_number_is_the_same_input(kept: dict[str, bytes]) -> None:
     verbs = {given.words[0] for given in inputs}
     assert {"config", "run", "campaign", "replay", "detector", "report", "chart"} <= verbs
     assert sum(given.sure for given in inputs) > QUICK / 2
+
+
+def test_settings_from_a_good_file_of_one_s_own_are_shown(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "lab.toml"
+    file.write_text("[guard]\nforce_limit_n = 9.0\n", encoding="utf-8")
+    assert main(["config", "show", "--config", str(file)]) == 0
+    out, err = capsys.readouterr()
+    assert "force_limit_n = 9.0" in out and "lab.toml" in out and err == ""
