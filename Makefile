@@ -5,6 +5,7 @@
 # make faults    every fault at every phase of a lift; writes docs/faults.md
 # make lock      renew requirements/*.txt (with uv)  make test-cluster the test that needs Dask
 # make clean     remove what make made               make test-browser pages, in a Chromium
+# make docs      the site, into build/site           make install-charts, -train, -cluster  extras
 #
 # PYTHON=/path/to/python picks the interpreter of a new .venv.
 
@@ -25,14 +26,17 @@ BASE := .venv/.installed-base
 DEV := .venv/.installed-dev
 TRAIN := .venv/.installed-train
 CLUSTER := .venv/.installed-cluster
+CHARTS := .venv/.installed-charts
+DOCS := .venv/.installed-docs
 PYTHON ?= python3.12 python3.11 python3
 OBJECT ?= can
 
-.PHONY: install install-dev install-train install-cluster lift test test-unit test-wire test-slow faults \
+.PHONY: install install-dev install-charts install-train install-cluster docs lift test test-unit test-wire test-slow faults \
         test-train test-cluster test-browser bench check check-style check-types check-imports lock clean
 
 install: $(BASE)
 install-dev: $(DEV)
+install-charts: $(CHARTS)
 install-train: $(TRAIN)
 install-cluster: $(CLUSTER)
 
@@ -76,6 +80,21 @@ $(CLUSTER): $(DEV) requirements/cluster.txt
 	@echo "installing requirements/cluster.txt"
 	@$(PIP) --require-hashes -r requirements/cluster.txt
 	@touch $@
+
+$(CHARTS): $(BASE) requirements/charts.txt
+	@echo "installing requirements/charts.txt"
+	@$(PIP) --require-hashes -r requirements/charts.txt
+	@touch $@
+
+$(DOCS): $(BASE) requirements/docs.txt
+	@echo "installing requirements/docs.txt"
+	@$(PIP) --require-hashes -r requirements/docs.txt
+	@touch $@
+
+# warnings are errors (mkdocs.yml); nothing of ours is run, docstrings are read
+docs: $(DOCS)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -P -m mkdocs build --strict --clean
+	@echo "$(CURDIR)/build/site/index.html"
 
 lift: install
 	$(BIN)/grasp run lift --object $(OBJECT) --report
@@ -132,6 +151,8 @@ lock:
 	@command -v $(UV) >/dev/null || { echo "make lock needs uv: pip install uv, or make lock UV=/path/to/uv" >&2; exit 1; }
 	$(COMPILE) --generate-hashes --extra charts --extra dev --group build pyproject.toml -o requirements/dev.txt
 	$(COMPILE) --generate-hashes --group build pyproject.toml -c requirements/dev.txt -o requirements/base.txt
+	$(COMPILE) --generate-hashes --extra charts --group build pyproject.toml -c requirements/dev.txt -o requirements/charts.txt
+	$(COMPILE) --generate-hashes requirements/docs.in -c requirements/dev.txt -o requirements/docs.txt
 	$(COMPILE) --generate-hashes --extra cluster --group build pyproject.toml -c requirements/dev.txt -o requirements/cluster.txt
 	$(COMPILE) requirements/train.in -c requirements/dev.txt -o requirements/train.txt
 	printf 'torch==2.13.0\n' >> requirements/train.txt

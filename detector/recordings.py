@@ -28,6 +28,8 @@ VERSION = 2
 SUFFIX = ".npz"
 LABEL = "slip"
 OPTIONAL = "slip_true"
+MOST_OFF = 1.2  # a period of a CSV against the detectors', either way
+TELLING = 20  # samples from which a rate can be told; no detector makes anything of fewer
 MOVED_M = 0.001  # further than this has moved, where nobody says how far
 
 
@@ -282,6 +284,7 @@ def read_csv(path: Path | str) -> Recording:
     if len(rows) < 2:
         raise BadFile(source, f"{len(rows)} samples", "at least 2 are needed")
     table = np.array(rows)
+    _check_rate(table[:, 0], source)
     _check_times(table[:, 0], [i for i, _ in numbered], source)
     slip_true = table[:, -1] == 1.0 if columns[-1] == OPTIONAL else None
     label = columns.index(LABEL)
@@ -348,6 +351,20 @@ def _objection(column: str, value: float) -> str:
     if not value.is_integer():
         return "counts must be whole: write raw minus rest, unscaled"
     return "" if abs(value) <= COUNTS_LIMIT else f"counts must lie within +-{COUNTS_LIMIT}"
+
+
+def _check_rate(t_s: NDArray[np.float64], source: str) -> None:
+    """Raises BadFile for a recording at another rate than that for which detectors are made; a few
+    lost or uneven samples are no other rate, and a few samples in all tell none."""
+    if len(t_s) < TELLING:
+        return
+    period_s = float(np.median(np.diff(t_s)))
+    if period_s > 0.0 and not 1.0 / MOST_OFF < period_s / PERIOD_S < MOST_OFF:
+        raise BadFile(
+            source, f"its samples are {period_s * 1e3:.3g} ms apart, {1.0 / period_s:.4g} Hz",
+            f"record at {1.0 / PERIOD_S:.0f} Hz, or resample it (with a filter): detectors, rules "
+            "and delays count samples of 10 ms",
+        )  # fmt: skip
 
 
 def _check_times(t_s: NDArray[np.float64], lines: list[int] | None, source: str) -> None:

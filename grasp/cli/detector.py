@@ -177,7 +177,7 @@ def evaluate(args: argparse.Namespace) -> int:
         if args.json:
             print(msgspec.json.encode(sheet).decode(), flush=True)
         else:
-            print(scores_text(sheet), flush=True)
+            print(scores_text(sheet, made.config.rule), flush=True)
         if args.out is not None:
             kept.append(evaluated(made, sheet))
     if args.out is not None:
@@ -196,7 +196,7 @@ def _keep(args: argparse.Namespace, kept: list[Any]) -> None:
 
     source = args.data or [args.recording]
     more = {"--split": [args.split] if args.data else [], "--set": args.set}
-    more["--config"] = [str(args.config)] if args.config else []
+    more["--config"] = [str(file) for file in args.config or ()]
     command = shlex.join(command_of(args.detector, source, args.label, more))
     file = EvaluationFile(
         data=_data_name(args), label=args.label, command=command, versions=versions(),
@@ -243,13 +243,16 @@ def table2(args: argparse.Namespace) -> int:
     return exits.SUCCESS
 
 
-def scores_text(s: Any) -> str:
-    """The score sheet as a person reads it."""
+def scores_text(s: Any, rule: Any) -> str:
+    """The score sheet as a person reads it, with the rule that makes events of samples."""
+    from scenarios.report.run_decision import in_words
+
     lines = [
         f"{s.detector} on {s.data}: {s.n_samples} samples, label {s.label}",
         f"  AUC {_number(s.auc)}{_interval(s, 'auc')}  accuracy {s.accuracy:.3f}"
-        f"{_interval(s, 'accuracy')} at the deployed threshold ({_threshold(s)})  "
+        f"{_interval(s, 'accuracy')} of samples, slip above {_threshold(s)}  "
         f"F1 slip {s.slip_f1:.3f}, weighted {s.weighted_f1:.3f}  ECE {s.ece:.3f}",
+        f"  events: {in_words(rule)}",
         f"  slip events: {s.true_events - s.missed_events} of {s.true_events} caught, "
         f"{s.false_events} false ({_number(s.false_events_per_min)} a minute of rest"
         f"{_interval(s, 'false_events_per_min')}, {_number(s.false_events_per_min_hand)} of a "

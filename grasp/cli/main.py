@@ -1,23 +1,24 @@
 """The `grasp` command. Heavy imports live inside the verbs, so that `--help` answers at once."""
 
-import argparse
+import os
 import sys
 import traceback
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, NoReturn
 
-from drivers.errors import GraspError, UsageError
+from drivers.errors import GraspError
 from grasp import interruption
 from grasp.cli import (
     campaign,
     chart,
+    completion,
     config,
     dataset,
     detector,
     doctor,
     emulate,
+    examples,
     exits,
     grip_search,
     release,
@@ -29,11 +30,18 @@ from grasp.cli import (
     world,
 )
 from grasp.cli.output import only_json, open_standard_streams
+from grasp.cli.parser import EXAMPLES, Parser, RootParser
 
 VERBS = (
     run, campaign, grip_search, replay, runs, report, chart, dataset, detector, tactile, world,
-    config, doctor, emulate, release,
+    config, doctor, emulate, release, completion,
 )  # fmt: skip
+GROUPS = {
+    "try": ("run", "replay", "runs", "report"),
+    "measure": ("campaign", "chart", "grip-search", "dataset", "detector", "world"),
+    "a lab's devices": ("doctor", "release", "tactile", "emulate"),
+    "set up": ("config", "completion"),
+}
 
 NUMBA_CACHE = ("numba", "core", "caching.py")
 BAD_CACHE = (
@@ -42,44 +50,30 @@ BAD_CACHE = (
 )
 
 
-class Parser(argparse.ArgumentParser):
-    """Raises usage errors, so that they are reported as every other error is; the parser of a verb
-    those of its own options, so that the help it names is the verb's."""
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
-        namespace, unknown = super().parse_known_args(args, namespace)
-        if unknown:
-            self.error(f"`{self.prog}` does not take {' '.join(unknown)}")
-        for action in self._actions:
-            if action.nargs in ("+", "*"):
-                self._check_once(action, getattr(namespace, action.dest, None) or ())
-        return namespace, unknown
-
-    def _check_once(self, action: argparse.Action, values: Sequence[object]) -> None:
-        """What is listed twice would be counted twice."""
-        for value in dict.fromkeys(values):
-            if values.count(value) > 1:
-                name = "/".join(action.option_strings) or action.metavar or action.dest
-                self.error(f"argument {name}: {value} twice")
-
-    def error(self, message: str) -> NoReturn:
-        raise UsageError(message, f"see `{self.prog} --help`")
-
-
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> Parser:
     """The whole command line; builds no device and imports nothing heavy."""
-    parser = Parser(
+    parser = RootParser(
         prog="grasp",
+        groups=GROUPS,
         description="Closed-loop grasp controller: feels slip with barometric fingertips and "
         "closes a Robotiq 3-Finger gripper as fast as it can within a force limit.",
-        epilog="Exit codes: 0 success, 1 trial failed, 2 usage or configuration, 3 device, "
-        "4 safety stop, 5 could not record or internal error, 130 interrupted (143 told to end, "
-        "129 terminal closed).",
+        epilog="`grasp VERB --help` has a verb's options and examples. Exit codes: 0 success, 1 "
+        "trial failed, 2 usage or configuration, 3 device, 4 safety stop, 5 could not record or "
+        "internal error, 130 interrupted (143 told to end, 129 terminal closed).",
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {_version()}")
-    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    verbs = parser.add_subparsers(metavar="VERB", required=True, parser_class=Parser)
     for verb in VERBS:
         verb.add_parser(verbs)
+    for name, lines in examples.EXAMPLES.items():
+        _leaf(parser, name).epilog = EXAMPLES + "\n".join(f"  {line}" for line in lines)
+    return parser
+
+
+def _leaf(parser: Parser, name: str) -> Parser:
+    """The parser of a verb, by the words that lead to it."""
+    for word in name.split():
+        parser = parser.verbs()[word]
     return parser
 
 
@@ -94,6 +88,8 @@ def _version() -> str:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code. Expected errors become one line, no traceback."""
+    if completion.ASKED in os.environ:
+        completion.complete(build_parser())
     open_standard_streams()
     words = sys.argv[1:] if argv is None else argv
     as_json = "--json" in words

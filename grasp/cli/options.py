@@ -70,7 +70,7 @@ def need(extra: str, *packages: str) -> None:
     """Raises UsageError, with the remedy, where packages of an extra are not installed."""
     missing = [name for name in packages if find_spec(name) is None]
     if missing:
-        remedy = f"pip install 'grasp-controller[{extra}]'"
+        remedy = f"make install-{extra}, or elsewhere pip install 'grasp-controller[{extra}]'"
         raise UsageError(f"this needs {' and '.join(missing)}", remedy)
 
 

@@ -92,11 +92,11 @@ def _tactile(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({**msgspec.to_builtins(done), "evaluation": msgspec.to_builtins(scores)}))
         return exits.SUCCESS
-    _print_tactile(done, recording, scores)
+    _print_tactile(done, recording, scores, config.rule)
     return exits.SUCCESS
 
 
-def _print_tactile(done: Any, recording: Any, scores: Any) -> None:
+def _print_tactile(done: Any, recording: Any, scores: Any, rule: Any) -> None:
     """Labels, registered events and commands on one time line, then the score."""
     edges = [
         (float(recording.t_s[i]), f"label: slip {'begins' if recording.slip[i] else 'ends'}")
@@ -110,4 +110,4 @@ def _print_tactile(done: Any, recording: Any, scores: Any) -> None:
     ]
     for t_s, text in sorted(lines, key=lambda line: line[0]):
         print(f"{t_s:8.3f} s  {text}")
-    print(scores_text(scores))
+    print(scores_text(scores, rule))

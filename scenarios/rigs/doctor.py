@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,7 +38,7 @@ class Check(NamedTuple):
 
 def examine(rig: str | None, files: Sequence[Path] | None, load: Load) -> list[Check]:
     """All checks of this machine, then those of the rig's devices if one is named."""
-    checks = [_python(), *_packages(), *_shadows(), _configuration(rig, files, load)]
+    checks = [_python(), *_packages(), *_shadows(), *_rivals(), _configuration(rig, files, load)]
     readable = checks[-1].status == "ok"
     checks += _detectors(load) if readable else [_unseen("detectors")]
     checks.append(_guarded("usb", _usb))
@@ -83,6 +83,19 @@ def _shadows() -> Iterator[Check]:
             yield Check(
                 "own packages", "fail", f"{name} comes from {origin}",
                 "start `grasp` from another folder, or rename yours",
+            )  # fmt: skip
+
+
+def _rivals() -> Iterator[Check]:
+    """Another distribution with a top-level name of ours: which files are imported then is a matter
+    of who was installed last."""
+    known = packages_distributions()
+    for name in OWN_PACKAGES:
+        others = sorted(set(known.get(name, ())) - {DISTRIBUTION})
+        if others:
+            yield Check(
+                "own packages", "warn", f"{name} is also provided by {', '.join(others)}",
+                f"keep {DISTRIBUTION} in an environment of its own, or uninstall {others[0]}",
             )  # fmt: skip
 
 

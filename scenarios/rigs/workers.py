@@ -168,7 +168,7 @@ def _cluster(work: Callable[[T], R], tasks: Sequence[T], address: str) -> Iterat
     try:
         from distributed import Client
     except ImportError:
-        remedy = "pip install 'grasp-controller[cluster]'"
+        remedy = "make install-cluster, or elsewhere pip install 'grasp-controller[cluster]'"
         raise UsageError("--cluster needs Dask", remedy) from None
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)

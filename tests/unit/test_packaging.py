@@ -142,7 +142,19 @@ def test_lock_names_every_requirement(lock: str) -> None:
     assert "hatchling" in pins(lock)  # the editable install builds with it
 
 
-@pytest.mark.parametrize("lock", ["base", "dev", "cluster"])
+@pytest.mark.parametrize("lock", ["charts", "docs"])
+def test_what_is_installed_beside_base_disagrees_with_nobody(lock: str) -> None:
+    base, dev = pins("base"), pins("dev")
+    assert all(dev.get(name, version) == version for name, version in pins(lock).items())
+    if lock == "charts":
+        assert base.items() <= pins(lock).items()
+        assert "matplotlib" in pins(lock)
+    else:
+        wanted = (ROOT / "requirements" / "docs.in").read_text().split()
+        assert {normal(requirement) for requirement in wanted} <= pins(lock).keys()
+
+
+@pytest.mark.parametrize("lock", ["base", "dev", "cluster", "charts", "docs"])
 def test_every_pin_has_a_hash(lock: str) -> None:
     entries = re.split(r"\n(?=\S)", LOCKS[lock].read_text().strip())
     entries = [entry for entry in entries if not entry.startswith("#")]
@@ -150,7 +162,7 @@ def test_every_pin_has_a_hash(lock: str) -> None:
     assert all("--hash=sha256:" in entry for entry in entries)
 
 
-@pytest.mark.parametrize("lock", ["base", "dev", "cluster", "train"])
+@pytest.mark.parametrize("lock", ["base", "dev", "cluster", "charts", "docs", "train"])
 def test_lock_names_no_place(lock: str) -> None:
     text = LOCKS[lock].read_text()
     assert not re.search(r"://|--index|--extra-index|--find-links|@ file|^-", text, re.MULTILINE)

@@ -160,3 +160,21 @@ def test_the_authors_recording_has_jitter_and_one_missed_sample(felt: Recording)
     assert felt.counts.shape == (416, 1, 6)
     assert felt.missed == 1
     assert np.diff(felt.t_s).min() < 0.0065
+
+
+@pytest.mark.parametrize(
+    ("hz", "told"), [(50, "20 ms apart, 50 Hz"), (500, "2 ms"), (1000, "1 ms")]
+)
+def test_a_recording_at_another_rate_is_refused_with_what_it_has(
+    hz: int, told: str, tmp_path: Path
+) -> None:
+    rows = [f"{k / hz:.4f},{','.join(['-100'] * 6)},0" for k in range(200)]
+    with pytest.raises(BadFile, match=told) as raised:
+        read_csv(write(tmp_path, "t_s,p0,p1,p2,p3,p4,p5,slip", *rows))
+    assert "100 Hz" in raised.value.remedy
+
+
+@pytest.mark.parametrize("hz", [90, 100, 110])
+def test_a_rate_that_is_a_little_off_is_read(hz: int, tmp_path: Path) -> None:
+    rows = [f"{k / hz:.4f},{','.join(['-100'] * 6)},0" for k in range(200)]
+    assert len(read_csv(write(tmp_path, "t_s,p0,p1,p2,p3,p4,p5,slip", *rows)).t_s) == 200

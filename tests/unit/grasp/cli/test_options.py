@@ -77,6 +77,7 @@ def test_a_package_that_is_not_installed_is_refused_with_its_extra() -> None:
     with pytest.raises(UsageError, match="no_such_package") as caught:
         need("charts", "no_such_package")
     assert "grasp-controller[charts]" in caught.value.remedy
+    assert "make install-charts" in caught.value.remedy
 
 
 @pytest.mark.parametrize("name", ["x", ".", "", "run.xyz", "/"])

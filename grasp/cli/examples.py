@@ -1,0 +1,39 @@
+"""Examples at the end of a verb's help; a test reads each of them as the command line would."""
+
+EXAMPLES = {
+    "run lift": (
+        "grasp run lift --object can",
+        "grasp run lift --object ./mug.toml --rig simulated --seed 7 --report",
+        "grasp run lift --detector mine.py:Tremble --set object.mass_kg=0.3 --json",
+        "grasp run lift --rig cell.toml --config grip.toml --trials 20 --confirm-motion",
+    ),
+    "run tap": (
+        "grasp run tap --object ball",
+        "grasp run tap --object can --rig simulated --trials 5 --direction side",
+    ),
+    "run acquire": ("grasp run acquire --surface sphere --direction 45 --seconds 10",),
+    "campaign run": (
+        "grasp campaign run paper",
+        "grasp campaign run mine.toml --jobs 4 --config lab.toml",
+        "grasp campaign run mine.toml --resume",
+    ),
+    "replay": (
+        "grasp replay runs/20260102-101500-lift-can --check",
+        "grasp replay --tactile fingertip.csv --detector energy",
+    ),
+    "report": ("grasp report runs/20260102-101500-lift-can",),
+    "config show": (
+        "grasp config show object --object ball",
+        "grasp config show --config lab.toml --config grip.toml",
+    ),
+    "config check": ("grasp config check mug.toml cell.toml lab.toml",),
+    "detector evaluate": (
+        "grasp detector evaluate tcn energy --recording fingertip.csv",
+        "grasp detector evaluate mine.onnx mine.py:Tremble --data sets/paper",
+    ),
+    "detector tune": ("grasp detector tune mine.py:Tremble --data sets/paper sets/confusers",),
+    "release": ("grasp release --rig cell.toml --confirm-motion",),
+    "doctor": ("grasp doctor", "grasp doctor --rig hardware --config lab.toml"),
+    "emulate": ("grasp emulate --host 127.0.0.2 --gripper-port 5020",),
+    "completion": ('eval "$(grasp completion bash)"',),
+}

@@ -1,0 +1,112 @@
+"""Help in groups with examples that can be typed, and words that a shell completes."""
+
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from grasp.cli.examples import EXAMPLES
+from grasp.cli.main import GROUPS, build_parser, main
+from grasp.cli.parser import ABOUT
+from grasp.settings import names
+
+ROOT = Path(__file__).parents[4]
+
+
+def helped(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit) as ended:
+        main([*words, "--help"])
+    assert ended.value.code == 0
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize("line", [line for lines in EXAMPLES.values() for line in lines])
+def test_every_example_is_a_command_of_this_program(line: str) -> None:
+    if line.startswith("eval"):
+        line = line.partition("$(")[2].partition(")")[0]
+    first, *words = shlex.split(line)
+    assert first == "grasp"
+    assert callable(build_parser().parse_args(words).handler)
+
+
+def test_examples_stand_on_lines_of_their_own(capsys: pytest.CaptureFixture[str]) -> None:
+    text = helped("run", "lift", capsys=capsys)
+    assert "\nexamples:\n  grasp run lift --object can\n" in text
+
+
+def test_every_verb_is_in_one_group_of_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    grouped = [name for verbs in GROUPS.values() for name in verbs]
+    assert sorted(grouped) == sorted(build_parser().verbs())
+    text = helped(capsys=capsys)
+    for title, verbs in GROUPS.items():
+        assert f"\n{title}:\n" in text
+        assert all(f"\n  {name} " in text for name in verbs)
+    assert len(text.splitlines()) < 45
+
+
+def test_options_stand_in_groups(capsys: pytest.CaptureFixture[str]) -> None:
+    text = helped("run", "tap", capsys=capsys)
+    for title, option in (
+        ("options", "--direction"), ("rig and settings", "--config"),
+        ("what is shown and kept", "--json"),
+    ):  # fmt: skip
+        section = text.partition(f"\n{title}:\n")[2].partition("\n\n")[0]
+        assert f"{option}" in section
+    assert set(ABOUT["who works"]) == {"--jobs", "--cluster"}
+
+
+def test_a_scenario_is_helped_with_its_own_options_alone(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert "--direction" not in helped("run", "lift", capsys=capsys)
+    assert "--keep" not in helped("run", "tap", capsys=capsys)
+    assert "--object" not in helped("run", "acquire", capsys=capsys)
+
+
+# Completion
+
+
+def completed(line: str, folder: Path) -> list[str]:
+    """What a shell is offered at the end of a line."""
+    out = folder / "out"
+    program = "import sys; from grasp.cli.main import main; sys.exit(main())"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program], cwd=folder, check=False, timeout=60,
+        capture_output=True, text=True,
+        env={
+            **os.environ, "PYTHONPATH": str(ROOT), "_ARGCOMPLETE": "1", "_ARGCOMPLETE_IFS": "\n",
+            "COMP_LINE": line, "COMP_POINT": str(len(line)), "COMP_TYPE": "9",
+            "_ARGCOMPLETE_STDOUT_FILENAME": str(out), "_ARGCOMPLETE_SUPPRESS_SPACE": "1",
+        },
+    )  # fmt: skip
+    assert done.stderr == ""
+    return out.read_text().split("\n")
+
+
+def test_a_shell_completes_verbs_and_options(tmp_path: Path) -> None:
+    assert completed("grasp cam", tmp_path) == ["campaign"]
+    assert {"lift", "tap", "acquire"} <= set(completed("grasp run ", tmp_path))
+    assert "--confirm-motion" in completed("grasp run lift --con", tmp_path)
+
+
+def test_a_shell_completes_names_and_files_of_one_s_own(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").touch()
+    (tmp_path / "mug.toml").touch()
+    (tmp_path / "notes.txt").touch()
+    objects = completed("grasp run lift --object ", tmp_path)
+    assert set(objects) == {*names("objects"), "mug.toml"}
+    assert completed("grasp run lift --object ca", tmp_path) == ["can", "cardboard"]
+    detectors = completed("grasp run lift --detector ", tmp_path)
+    assert {"tcn", "mine.py"} <= set(detectors)
+    assert "paper" in completed("grasp campaign run ", tmp_path)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_prints_what_a_shell_reads(
+    shell: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["completion", shell]) == 0
+    assert "grasp" in capsys.readouterr().out
