@@ -55,6 +55,8 @@ LATE_COUNTS = 2  # by which a position lags that was read and refreshed
 _LOST = "the link is lost: nothing is sent until it answers again"
 _ACTIVATES = "the gripper lost its activation, and a command that met it so set it activating"
 _NOT_ACTIVATED = "activation did not complete: verify that nothing interferes with the fingers"
+_OTHER_MODE = "the gripper says that it is in mode {}, and was taken over in mode {}"
+_WHO_ELSE = "does anybody else command it? Switch it off and on, activate it"
 
 
 class _Step(Enum):
@@ -85,6 +87,8 @@ class RobotiqDriver:
         self._calibration = calibration
         self._exchange = Exchange(transport, settings, log)
         self._status: StatusRegisters | None = None
+        self._mode = 0  # it was taken over in: to be told another would open it
+        self._other_mode = False  # it says that it is in another
         self._fingers: tuple[FingerState, FingerState, FingerState] | None = None
         self._state: GripperState | None = None
         self._now_ns = 0
@@ -153,6 +157,8 @@ class RobotiqDriver:
         if status is None:
             return
         changed, self._status = status is not self._status, status
+        if self._step is not _Step.NONE or self._exchange.wanted is None:  # not ours to say yet
+            self._mode = status.mode
         unasked = self._activates_unasked(status, was_lost)
         if unasked:
             self._exchange.want(RESET)
@@ -202,7 +208,7 @@ class RobotiqDriver:
         self._exchange.want(None)
         if pending:  # it may wait in the hand, which would take it up when it has booted
             self._exchange.want(RESET)
-        if status.ready and status.mode != _SCISSOR_MODE:
+        if status.ready and self._mode != _SCISSOR_MODE:
             where = tuple(finger.position for finger in status.fingers)
             self._exchange.want(self._image(where, 0, (0, 0, 0)))
 
@@ -241,6 +247,9 @@ class RobotiqDriver:
             if self._step is not _Step.RESTARTING:
                 self._step = _Step.NONE
             raise DeviceFault(f"gripper fault 0x{fault.code:02X}: {fault.text}", fault.remedy)
+        was_other, self._other_mode = self._other_mode, status.ready and status.mode != self._mode
+        if self._other_mode and not was_other:
+            raise DeviceFault(_OTHER_MODE.format(status.mode, self._mode), _WHO_ELSE)
         if self._step is not _Step.NONE and now_ns > self._deadline_ns:
             self._step = _Step.NONE
             raise DeviceFault(_NOT_ACTIVATED + (fault.text and f" ({fault.text})"), "activate")
@@ -401,8 +410,7 @@ class RobotiqDriver:
     def _image(
         self, targets: Sequence[int], speed: int, force_bytes: Sequence[int]
     ) -> CommandRegisters:
-        mode = self._status.mode if self._status else 0
-        return motion_image(mode, targets, speed, force_bytes)
+        return motion_image(self._mode, targets, speed, force_bytes)
 
     def _why_still(self, i: int, axis: AxisCommand, state: GripperState) -> str:
         if not self._fresh:
@@ -427,7 +435,7 @@ class RobotiqDriver:
             raise Refused(f"gripper fault: {state.fault_text}", FAULTS[state.fault].remedy)
         if not state.active:
             raise Refused("the hand is not activated", "activate it first")
-        if self._status is not None and self._status.mode == _SCISSOR_MODE:
+        if self._mode == _SCISSOR_MODE:
             raise Refused("the hand is in scissor mode", "set it to basic mode")
         return state
 

@@ -65,6 +65,11 @@ class ArmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         Meta(gt=0.0, le=0.01, description="m from the target at which a move is over; assumed"),
     ] = 0.0005
 
+    def __post_init__(self) -> None:
+        if self.payload_kg > self.max_payload_kg:
+            most = f"max_payload_kg {self.max_payload_kg:g}"
+            raise ValueError(f"payload_kg {self.payload_kg:g} is more than {most}")
+
 
 class ArmSample(msgspec.Struct, frozen=True):
     """What the controller reports of one cycle; t_ns is its own timestamp."""

@@ -42,6 +42,20 @@ def test_minor_faults_are_told_not_raised(rig) -> None:
     assert made.state.active
 
 
+def test_a_hand_that_says_it_is_in_another_mode_is_a_fault_and_is_not_told_that_mode(rig) -> None:
+    """To be told another mode opens the fingers, whatever they hold."""
+    made = rig()
+    made.driver.move_to((60, 60, 60), 0.02, 15.0)
+    made.step(200)
+    made.model.misreport(lambda words: (words[0] ^ 0x0200, *words[1:]))
+    with pytest.raises(DeviceFault, match="in mode 1, and was taken over in mode 0"):
+        made.step()
+    made.step()  # once
+    made.driver.move_to((80, 80, 80), 0.02, 15.0)
+    made.step(200)
+    assert min(made.state.positions) > 70
+
+
 @pytest.mark.parametrize("reply", [(), (1, 2, 3), (0,) * 9, (70000,) * 8, (-1,) * 8])
 def test_garbage_is_counted_and_the_last_state_grows_old(rig, reply) -> None:
     made = rig()

@@ -54,6 +54,7 @@ BAD_SETTINGS = [
     f"object.name={'a' * 300}",
     "hand.offset_counts=[0,0,9]",
     "tactile.cells=[[9]]",
+    "arm.max_payload_kg=1.0",
     "gripper.calibration=/dev/zero",
     "gripper.calibration=/",
     "a\nb=1",

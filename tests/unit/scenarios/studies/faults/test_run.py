@@ -48,6 +48,20 @@ def test_what_a_fault_led_to_is_told(lifted: list[Ended]) -> None:
     assert (none.outcome, none.struck) == ("held_within_6cm", False)
 
 
+# what fell once
+MENDED = [
+    Case(0, "foam", 0, Fault("gripper", "state", "gMOD", "jump"), Phase.GRASP),
+    Case(0, "can", 0, Fault("gripper", "state", "gMOD", "jump"), Phase.LISTEN, 20),
+    Case(0, "ball", 1, FROZEN, Phase.RETREAT),
+]
+
+
+@pytest.mark.parametrize("case", MENDED, ids=str)
+def test_what_fell_once_stands(case: Case) -> None:
+    found = run(case)
+    assert found.outcome == "fault" and fell(found) == {}
+
+
 def ended(plain: Ended, **changed: object) -> Ended:
     return msgspec.structs.replace(plain, **changed)
 
