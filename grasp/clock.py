@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 stopwatch_ns = time.perf_counter_ns
+VIRTUAL_EPOCH_NS = 946_684_800_000_000_000  # 2000-01-01T00:00:00Z: when virtual time is nought
 
 
 class Clock(Protocol):
@@ -12,6 +13,9 @@ class Clock(Protocol):
 
     @property
     def virtual(self) -> bool: ...
+
+    @property
+    def unix_ns(self) -> int: ...  # nanoseconds since 1970 at which it stood at nought
 
     @property
     def now_ns(self) -> int: ...
@@ -26,6 +30,7 @@ class WallClock:
 
     def __init__(self, epoch_ns: int = 0) -> None:
         self._epoch_ns = epoch_ns
+        self.unix_ns = time.time_ns() - self.now_ns
 
     @property
     def now_ns(self) -> int:
@@ -41,6 +46,7 @@ class VirtualClock:
     """Time that passes only when somebody waits for it: waiting is what advances the world."""
 
     virtual = True
+    unix_ns = VIRTUAL_EPOCH_NS
 
     def __init__(self, advance_world: Callable[[int], None], start_ns: int = 0) -> None:
         self._advance_world = advance_world

@@ -27,10 +27,11 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from drivers.errors import BadFile
 from grasp.files import private_opener
 from grasp.settings import renamed
-from grasp.viewer_schema import viewer_schema
+from grasp.viewer_schema import schema_name, viewer_schema
 
 LIBRARY = "grasp-controller"  # fixed: the libraries' versions belong in the metadata
 METADATA_NAME = "run"
+UNIX_NS = "unix_ns"  # of the metadata; a file without it counts from nought
 FILE_WANTED = "give the path of a run's .mcap file"
 CHUNK_BYTES = 32 * 1024  # at most this much is lost to a kill: about half a second of a run
 
@@ -43,8 +44,9 @@ class RunRecorder:
     """Writes one run to ``path``. No method raises; look at ``failure`` when the run is over.
 
     channels: topic to message type; a type that has no JSON form is a TypeError here, before
-    anything runs. A message that is not written is a ``failure``. Message times are integer
-    nanoseconds of the run's own clock.
+    anything runs. A message that is not written is a ``failure``. Times are integer nanoseconds of
+    the run's own clock; in the file they count from 1970, by ``unix_ns`` of the metadata, the
+    instant at which that clock stood at nought.
     """
 
     def __init__(
@@ -61,6 +63,7 @@ class RunRecorder:
         self._stream: _Unbuffered | None = None
         self._writer: Writer | None = None
         self._topics: dict[str, tuple[int, Iterator[int]]] = {}
+        self._unix_ns = int(metadata.get(UNIX_NS, "0"))
         schemas = {
             topic: msgspec.json.encode(viewer_schema(kind)) for topic, kind in channels.items()
         }
@@ -86,7 +89,19 @@ class RunRecorder:
             if not isinstance(message, self._kinds[topic]):
                 raise TypeError(f"{topic} takes {self._kinds[topic].__name__}, not {message!r:.80}")
             channel_id, sequence = self._topics[topic]
-            self._writer.add_message(channel_id, t_ns, self._encode(message), t_ns, next(sequence))
+            at_ns = self._unix_ns + t_ns
+            data = self._encode(message)
+            self._writer.add_message(channel_id, at_ns, data, at_ns, next(sequence))
+        except Exception as error:
+            self._fail(error)
+
+    def attach(self, name: str, media_type: str, content: bytes) -> None:
+        """Put a file into the recording, dated like its first instant."""
+        if self._writer is None:
+            return
+        try:
+            at_ns = self._unix_ns
+            self._writer.add_attachment(at_ns, at_ns, name, media_type, content)
         except Exception as error:
             self._fail(error)
 
@@ -109,7 +124,9 @@ class RunRecorder:
         writer.start(profile="", library=LIBRARY)
         writer.add_metadata(METADATA_NAME, dict(sorted(metadata.items())))
         for topic, schema in schemas.items():
-            schema_id = writer.register_schema(self._kinds[topic].__name__, "jsonschema", schema)
+            schema_id = writer.register_schema(
+                schema_name(self._kinds[topic]), "jsonschema", schema
+            )
             channel_id = writer.register_channel(topic, "json", schema_id)
             self._topics[topic] = channel_id, itertools.count()
         self._writer = writer
@@ -209,18 +226,28 @@ class _Contents(msgspec.Struct):
 def _read(path: Path) -> _Contents:
     contents = _Contents({}, [], complete=False)
     topics: dict[int, str] = {}
+    unix_ns = 0
     for record in _records(path):
         match record:
             case Message():
                 topic = topics[record.channel_id]
-                contents.messages.append((topic, record.log_time, record.data))
+                contents.messages.append((topic, record.log_time - unix_ns, record.data))
             case Channel():
                 topics[record.id] = record.topic
             case Metadata(name=name) if name == METADATA_NAME:
                 contents.metadata = record.metadata
+                unix_ns = _unix_ns(path, record.metadata)
             case Footer():
                 contents.complete = True
     return contents
+
+
+def _unix_ns(path: Path, metadata: Mapping[str, str]) -> int:
+    text = metadata.get(UNIX_NS, "0")
+    try:
+        return int(text)
+    except ValueError:
+        raise BadFile(path, f"damaged recording: {UNIX_NS} is {text!r:.40}", FILE_WANTED) from None
 
 
 def _records(path: Path) -> Iterator[McapRecord]:

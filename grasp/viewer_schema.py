@@ -15,10 +15,23 @@ def viewer_schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
     mixed types) is left undescribed, which a schema allows; it is recorded all the same.
     """
     schema = msgspec.json.schema(kind)
+    if hasattr(kind, "schema_name"):  # viewers have words of their own for these
+        schema = _wordless(schema)
     plain = _plain_schema(schema, schema.get("$defs", {}), ())
     if plain is None or plain["type"] != "object":
         raise TypeError(f"{kind.__name__} is no JSON object")
     return plain
+
+
+def schema_name(kind: type[msgspec.Struct]) -> str:
+    """What viewers know it by: a type of theirs says so itself."""
+    return str(getattr(kind, "schema_name", kind.__name__))
+
+
+def _wordless(schema: Any) -> Any:
+    if isinstance(schema, dict):
+        return {k: _wordless(v) for k, v in schema.items() if k not in ("title", "description")}
+    return [_wordless(each) for each in schema] if isinstance(schema, list) else schema
 
 
 def _plain_schema(schema: _Schema, defs: _Schema, seen: tuple[str, ...]) -> _Schema | None:
@@ -42,7 +55,8 @@ def _plain_type(schema: _Schema, defs: _Schema, seen: tuple[str, ...]) -> _Schem
         case "array":
             return _plain_array(schema, defs, seen)
         case "boolean" | "integer" | "number" | "string" as simple:
-            return {"type": simple}
+            encoding = {"contentEncoding": "base64"} if "contentEncoding" in schema else {}
+            return {"type": simple, **encoding}
     return _plain_enum(schema.get("enum", []))
 
 

@@ -21,7 +21,12 @@ EXAMPLES = {
         "grasp replay runs/20260102-101500-lift-can --check",
         "grasp replay --tactile fingertip.csv --detector energy",
     ),
-    "report": ("grasp report runs/20260102-101500-lift-can",),
+    "report": (
+        "grasp report runs/20260102-101500-lift-can",
+        "grasp report runs/campaigns/paper.sqlite",
+        "grasp report scores.json",
+    ),
+    "export": ("grasp export runs/20260102-101500-lift-can --to csv",),
     "config show": (
         "grasp config show object --object ball",
         "grasp config show --config lab.toml --config grip.toml",

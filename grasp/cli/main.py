@@ -20,6 +20,7 @@ from grasp.cli import (
     emulate,
     examples,
     exits,
+    export,
     grip_search,
     release,
     replay,
@@ -33,11 +34,11 @@ from grasp.cli.output import only_json, open_standard_streams
 from grasp.cli.parser import EXAMPLES, Parser, RootParser
 
 VERBS = (
-    run, campaign, grip_search, replay, runs, report, chart, dataset, detector, tactile, world,
-    config, doctor, emulate, release, completion,
+    run, campaign, grip_search, replay, runs, report, export, chart, dataset, detector, tactile,
+    world, config, doctor, emulate, release, completion,
 )  # fmt: skip
 GROUPS = {
-    "try": ("run", "replay", "runs", "report"),
+    "try": ("run", "replay", "runs", "report", "export"),
     "measure": ("campaign", "chart", "grip-search", "dataset", "detector", "world"),
     "a lab's devices": ("doctor", "release", "tactile", "emulate"),
     "set up": ("config", "completion"),

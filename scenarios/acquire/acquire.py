@@ -14,9 +14,11 @@ from detector.recordings import SUFFIX, Metadata, Recording, write
 from drivers.errors import CouldNotRecord, GraspError
 from grasp import interruption
 from grasp.realtime import real_time
+from scenarios.acquire import pictures
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.labels import parts_of, recording
 from scenarios.acquire.messages import CHANNELS, write_sample
+from scenarios.acquire.pictures import PressPictures
 from scenarios.acquire.press import StrokeMotion
 from scenarios.acquire.result import AcquireOutcome, AcquireResult, figures
 from scenarios.acquire.rig import open_acquire_rig
@@ -26,7 +28,7 @@ from scenarios.rigs.rig import PressRig
 from scenarios.trial.ending import End
 from scenarios.trial.execution import REPORT
 from scenarios.trial.result import Bug, Failure, versions
-from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, metadata
+from scenarios.trial.run_folder import RunFolder, check_runs, could_not_record, dated, metadata
 
 SCENARIO = "acquire"
 SAMPLES = "samples"  # the labelled ones, beside the recording
@@ -47,12 +49,15 @@ def run(
     """
     check_runs(runs)
     with interruption.held(), open_acquire_rig(config, seed, paced, permit) as rig:
-        known = {**metadata(config, seed), "motion": msgspec.json.encode(motion).decode()}
+        dates = dated(rig.clock.virtual, rig.clock.unix_ns)
+        known = {**metadata(config, seed), **dates, "motion": msgspec.json.encode(motion).decode()}
         name = f"{SCENARIO}-{config.surface.name}"
-        with RunFolder(runs, name, CHANNELS, known) as folder:
+        drawn = PressPictures(config, rig.clock.unix_ns)
+        with RunFolder(runs, name, {**CHANNELS, **pictures.CHANNELS}, known) as folder:
 
             def take(sample: Sample) -> None:
                 write_sample(folder.write, sample)
+                drawn.write(folder.write, sample)
                 on_tick(sample)
 
             session = Session(config, motion, seed, rig, take)

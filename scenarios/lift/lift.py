@@ -61,7 +61,9 @@ def run_series(config: LiftConfig, seeds: Sequence[int], bench: Bench) -> Series
         seed: int, rig: GraspRig, home: Vector3 | None
     ) -> tuple[FinishedRun[LiftResult], Vector3]:
         reading = None if operator is None else SlipReading(operator, config.controller.hold_s)
-        with Record(held, SCENARIO, seed, bench.runs, bench.look, home, bench.wanted) as record:
+        with Record(
+            held, SCENARIO, seed, bench.runs, bench.look, home, bench.wanted, rig.clock
+        ) as record:
             trial = _run_trial(held, rig, guard, record.tick, reading, home)
             mark = None if reading is None else reading.mark
             result = judge(held, seed, trial, record.path, mark)

@@ -21,16 +21,6 @@ class Seen(msgspec.Struct, frozen=True):
     evidence: bool = False  # sums of a rule, for a run that is over
 
 
-def taxel_places(told: list[tuple[float, float]], taxels: int) -> list[tuple[int, int]]:
-    """Column and row of each taxel of a fingertip, from 0: where settings say, or in the two rows
-    of the kit, 0 1 2 below and 5 4 3 above."""
-    if len(told) != taxels:
-        half = (taxels + 1) // 2
-        told = [(i, 0.0) if i < half else (2 * half - 1 - i, 1.0) for i in range(taxels)]
-    columns, rows = (sorted({place[axis] for place in told}) for axis in (0, 1))
-    return [(columns.index(x), rows.index(y)) for x, y in told]
-
-
 def taxels_of(told: Told) -> int:
     """How many a fingertip has."""
     return len(told.fingertip.taxels_mm) or KIT_TAXELS

@@ -8,7 +8,7 @@ import numpy as np
 from drivers.interfaces import FINGER_NAMES
 from grasp.commands import describe
 from grasp.phases import Phase
-from scenarios.report.drawn import Seen, scene, taxel_places
+from scenarios.report.drawn import Seen, scene
 from scenarios.report.packed import Column, pack, thinned
 from scenarios.report.page import render
 from scenarios.report.run_decision import Decided, decided
@@ -21,6 +21,7 @@ from scenarios.report.run_settings import (
     shell,
 )
 from scenarios.report.run_words import badge, remarks, sentence
+from scenarios.trial.pictures import taxel_places
 from scenarios.trial.run_folder import RECORDING, find_recording
 
 PAGE = "report.html"

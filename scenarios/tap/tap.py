@@ -121,7 +121,9 @@ def run_series(config: TapConfig, seeds: Sequence[int], bench: Bench) -> Series[
     def attempt(
         seed: int, rig: GraspRig, home: Vector3 | None
     ) -> tuple[FinishedRun[TapResult], Vector3]:
-        with Record(config, SCENARIO, seed, bench.runs, bench.look, home, bench.wanted) as record:
+        with Record(
+            config, SCENARIO, seed, bench.runs, bench.look, home, bench.wanted, rig.clock
+        ) as record:
             trial = run_trial(config, seed, rig, guard, record.tick, bench.operator, home)
             result = judge(config, seed, trial, record.path)
             return record.finish(trial, result), trial.controller.home

@@ -6,28 +6,37 @@ from datetime import datetime
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Self
+from typing import Any, Self
 
 import msgspec
 
 from drivers.errors import BadFile, CouldNotRecord
 from drivers.interfaces import Vector3
 from grasp import interruption
+from grasp.clock import VIRTUAL_EPOCH_NS, Clock
 from grasp.controller import GraspController
 from grasp.files import make_private_folder, write_whole
 from grasp.loop import Tick
 from grasp.messages import CHANNELS, CONTROL, PHASES, TRUTH, Write, write_tick
 from grasp.phases import PhaseChange
-from grasp.recording import Channels, RunRecorder, RunRecording
+from grasp.recording import UNIX_NS, Channels, RunRecorder, RunRecording
+from scenarios.trial import pictures
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import FinishedTrial, Watch
+from scenarios.trial.pictures import Pictures
 from scenarios.trial.result import Failure, FinishedRun, ResultT, Wanted, versions
 from scenarios.world.cell import Truth
 
 RECORDING = "recording.mcap"
 RESULT = "result.json"
+OF_THE_MACHINE = ("timing", "recording", "recordings")  # of a result
 TRIED_BYTES = 65_536  # a second of a run
 RUN_CHANNELS: dict[str, type[msgspec.Struct]] = {**CHANNELS, TRUTH: Truth}
+WRITTEN: dict[str, type[msgspec.Struct]] = {**RUN_CHANNELS, **pictures.CHANNELS}
+EPOCHS = {
+    True: "virtual: 2000-01-01T00:00:00Z is when the rig was switched on",
+    False: "wall clock",
+}
 
 
 def find_recording(path: Path) -> Path:
@@ -56,6 +65,7 @@ class RunFolder:
         self.path = _new_folder(runs, name)
         self._recorder = RunRecorder(self.recording, channels, known)
         self._empty = True
+        self._virtual = known.get(UNIX_NS) == str(VIRTUAL_EPOCH_NS)
 
     def __enter__(self) -> Self:
         return self
@@ -76,6 +86,7 @@ class RunFolder:
 
     def finish(self, result: msgspec.Struct) -> None:
         """Close the recording, write the result; raises CouldNotRecord, and leaves neither."""
+        self._recorder.attach(RESULT, "application/json", _pretty(_attached(result, self._virtual)))
         self._recorder.close()
         failure: BaseException | None = self._recorder.failure
         if failure is None:
@@ -125,12 +136,16 @@ class Record:
 
     def __init__(
         self, config: TrialConfig, scenario: str, seed: int, runs: Path | None, watch: Watch,
-        home: Vector3 | None = None, wanted: Wanted | None = None,
+        home: Vector3 | None = None, wanted: Wanted | None = None, clock: Clock | None = None,
     ) -> None:  # fmt: skip
-        """``home``: of the arm, from an earlier trial on this rig."""
+        """``home``: of the arm, from an earlier trial on this rig; ``clock``: of the rig, virtual
+        where nobody says."""
         self._folder: RunFolder | None = None
         self._runs, self._name = runs, f"{scenario}-{config.object.name}"
-        self._known = partial(_known, config, seed, home)
+        virtual, unix_ns = clock is None or clock.virtual, VIRTUAL_EPOCH_NS
+        unix_ns = unix_ns if clock is None else clock.unix_ns
+        self._known = partial(_known, config, seed, home, (virtual, unix_ns))
+        self._pictures = Pictures(config, unix_ns)
         self._wanted = None if runs is None else wanted
         self._kept: list[tuple[Tick, Truth | None, Sequence[PhaseChange]]] = []
         self._phases_written = 0
@@ -149,12 +164,13 @@ class Record:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         with self._uncut:
             if kind is not None and self._folder is not None:
+                self._draw_the_last(self._folder)
                 self._folder.abandon()
 
     def _begun(self) -> RunFolder | None:
         if self._runs is None:
             return None
-        return RunFolder(self._runs, self._name, RUN_CHANNELS, self._known())
+        return RunFolder(self._runs, self._name, WRITTEN, self._known())
 
     @property
     def path(self) -> str | None:
@@ -167,10 +183,28 @@ class Record:
             changes = controller.machine.log[self._phases_written :]
             self._phases_written += len(changes)
             if self._folder is not None:
-                _write(self._folder.write, tick, truth, changes)
+                self._write(self._folder.write, tick, truth, changes)
             else:
                 self._kept.append((tick, truth, changes))
         self._watch(tick, truth, controller)
+
+    def _write(
+        self, write: Write, tick: Tick, truth: Truth | None, changes: Sequence[PhaseChange]
+    ) -> None:
+        """One tick, with the phase changes that it brought, and what viewers draw of it."""
+        write_tick(write, tick)
+        for change in changes:
+            write(PHASES, change.t_ns, change)
+        if truth is not None:
+            write(TRUTH, tick.t_ns, truth)
+        try:
+            self._pictures.write(write, tick, truth, changes)
+        except Exception as error:  # no run shall end for a picture
+            self._pictures.end(write, tick.t_ns, error)
+
+    def _draw_the_last(self, folder: RunFolder) -> None:
+        with suppress(Exception):  # whatever a picture lacks, the result is written
+            self._pictures.flush(folder.write)
 
     def _write_kept(self, result: ResultT) -> ResultT:
         """The folder of a run that turned out to be wanted, and its result with the path."""
@@ -179,7 +213,7 @@ class Record:
         self._folder = folder = self._begun()
         assert folder is not None  # noqa: S101  (nobody wants what has no place)
         for tick, truth, changes in self._kept:
-            _write(folder.write, tick, truth, changes)
+            self._write(folder.write, tick, truth, changes)
         return msgspec.structs.replace(result, recording=str(folder.recording))
 
     def finish(self, trial: FinishedTrial, result: ResultT) -> FinishedRun[ResultT]:
@@ -189,6 +223,7 @@ class Record:
             try:
                 result = self._write_kept(result)
                 if self._folder is not None:
+                    self._draw_the_last(self._folder)
                     self._folder.finish(result)
             except CouldNotRecord as error:
                 result = msgspec.structs.replace(result, recording=None)
@@ -196,19 +231,23 @@ class Record:
         return FinishedRun(result, failure)
 
 
-def _write(
-    write: Write, tick: Tick, truth: Truth | None, changes: Sequence[PhaseChange]
-) -> None:  # fmt: skip
-    """One tick, with the phase changes that it brought."""
-    write_tick(write, tick)
-    for change in changes:
-        write(PHASES, change.t_ns, change)
-    if truth is not None:
-        write(TRUTH, tick.t_ns, truth)
+def _known(
+    config: TrialConfig, seed: int, home: Vector3 | None, epoch: tuple[bool, int]
+) -> dict[str, str]:
+    return {**metadata(config, seed, home), **stated(config, seed), **dated(*epoch)}
 
 
-def _known(config: TrialConfig, seed: int, home: Vector3 | None) -> dict[str, str]:
-    return {**metadata(config, seed, home), **stated(config, seed)}
+def dated(virtual: bool, unix_ns: int) -> dict[str, str]:
+    """From when on the times of a recording count."""
+    return {UNIX_NS: str(unix_ns), "epoch": EPOCHS[virtual]}
+
+
+def _attached(result: msgspec.Struct, virtual: bool) -> dict[str, Any]:
+    """The result as a recording holds it: in virtual time without what is this machine's and no
+    part of the run, so that equal runs give equal files."""
+    told: dict[str, Any] = msgspec.to_builtins(result)
+    left_out = OF_THE_MACHINE if virtual else ()
+    return {key: value for key, value in told.items() if key not in left_out}
 
 
 def metadata(config: msgspec.Struct, seed: int, home: Vector3 | None = None) -> dict[str, str]:
@@ -237,7 +276,7 @@ def could_not_record(path: Path, cause: BaseException) -> CouldNotRecord:
     )
 
 
-def _pretty(result: msgspec.Struct) -> bytes:
+def _pretty(result: msgspec.Struct | dict[str, Any]) -> bytes:
     return msgspec.json.format(msgspec.json.encode(result), indent=2) + b"\n"
 
 

@@ -5,8 +5,9 @@ import math
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.press import PressPhase
 from scenarios.acquire.session import Sample
-from scenarios.report.drawn import Seen, taxel_places
+from scenarios.report.drawn import Seen
 from scenarios.report.live.feed import Feed
+from scenarios.trial.pictures import taxel_places
 
 NAMES = ("fingertip",)  # in place of fingers
 

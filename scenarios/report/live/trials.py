@@ -10,11 +10,12 @@ from detector.interface import motion_told_by
 from drivers.interfaces import FINGER_NAMES, FINGERS
 from grasp.controller import GraspController
 from grasp.loop import Tick
-from scenarios.report.drawn import Seen, scene, taxel_places, taxels_of
+from scenarios.report.drawn import Seen, scene, taxels_of
 from scenarios.report.live.feed import Feed
 from scenarios.report.run_decision import bound_of
 from scenarios.report.run_record import Told
 from scenarios.trial.config import TrialConfig
+from scenarios.trial.pictures import taxel_places
 from scenarios.world.cell import Truth
 
 Values = list[float | None]

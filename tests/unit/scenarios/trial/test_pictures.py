@@ -1,0 +1,183 @@
+"""What viewers draw by themselves: their own schemas, the run's own numbers, and little room."""
+
+import json
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Grid_pb2 import Grid
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.json_format import ParseDict
+from mcap.reader import make_reader
+
+from grasp.clock import VIRTUAL_EPOCH_NS
+from grasp.messages import ARM, GRIPPER, PHASES, TACTILE, TRUTH
+from grasp.recording import RunRecording
+from scenarios.acquire import acquire
+from scenarios.acquire.config import load_acquire_config
+from scenarios.acquire.press import motion
+from scenarios.lift import lift
+from scenarios.trial.pictures import EVERY, Pictures, taxel_places
+from scenarios.trial.run_folder import OF_THE_MACHINE, RESULT, RUN_CHANNELS
+from tests.unit.scenarios.conftest import config
+
+THEIRS = {
+    "foxglove.Log": Log, "foxglove.FrameTransforms": FrameTransforms,
+    "foxglove.SceneUpdate": SceneUpdate, "foxglove.Grid": Grid,
+}  # fmt: skip
+
+
+def lifted(runs: Path, *settings: str) -> Path:
+    """The recording of a lift."""
+    result = lift.run(config(*settings), 0, runs).result
+    assert result is not None and result.recording is not None
+    return Path(result.recording)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return lifted(tmp_path_factory.mktemp("runs"))
+
+
+def messages(path: Path) -> dict[str, list[tuple[str, int, dict[str, Any]]]]:
+    """By topic: name of the schema, time since 1970, and the JSON object."""
+    found = defaultdict(list)
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert schema is not None
+            found[channel.topic].append((schema.name, message.log_time, json.loads(message.data)))
+    return dict(found)
+
+
+def as_protobuf_has_it(told: Any) -> Any:
+    """Times are texts there."""
+    if isinstance(told, dict):
+        if told.keys() == {"sec", "nsec"}:
+            seconds = np.datetime64(told["sec"], "s")
+            return f"{seconds}.{told['nsec']:09d}Z"
+        return {key: as_protobuf_has_it(value) for key, value in told.items()}
+    return [as_protobuf_has_it(each) for each in told] if isinstance(told, list) else told
+
+
+def test_foxglove_s_own_package_knows_every_field(recording: Path) -> None:
+    seen = set()
+    for topic, of_topic in messages(recording).items():
+        for name, at_ns, told in of_topic:
+            if name not in THEIRS:
+                assert not name.startswith("foxglove."), topic
+                continue
+            read = ParseDict(as_protobuf_has_it(told), THEIRS[name]())  # raises for what it lacks
+            seen.add(name)
+            if isinstance(read, Log | Grid):
+                assert read.timestamp.seconds * 10**9 + read.timestamp.nanos <= at_ns
+    assert seen == THEIRS.keys()
+
+
+def test_an_acquisition_is_drawn_too(tmp_path: Path) -> None:
+    done = acquire.run(
+        load_acquire_config("planar", "simulated"), motion("0", 0.05, 1.0), 0, 1.0, tmp_path,
+        False, lambda sample: None,
+    )  # fmt: skip
+    assert done.recording is not None
+    found = messages(Path(done.recording))
+    for topic in ("/log", "/tf", "/taxels"):
+        for name, _, told in found[topic]:
+            ParseDict(as_protobuf_has_it(told), THEIRS[name]())
+    assert [told["message"] for _, _, told in found["/log"]][:2] == ["approach", "settle"]
+
+
+def test_the_log_has_the_phases_with_their_causes(recording: Path) -> None:
+    told = [told for _, _, told in messages(recording)["/log"]]
+    changes = RunRecording.open(recording, RUN_CHANNELS).of(PHASES)
+    lines = [line["message"] for line in told if line["name"] == "phase"]
+    assert lines == [f"{change.phase}: {change.cause}" for _, change in changes]
+    assert {line["level"] for line in told} == {2}
+    assert any(line["name"] == "slip" for line in told)
+
+
+def test_how_a_run_was_ended_stands_out_in_the_log(tmp_path: Path) -> None:
+    told = [told for _, _, told in messages(lifted(tmp_path, "loop.deadline_s=2"))["/log"]]
+    assert told[-1]["message"] == "stopped: the run did not end in time"
+    assert [line["level"] for line in told] == [2] * (len(told) - 1) + [3]
+
+
+def test_frames_stand_where_arm_and_fingers_were(recording: Path) -> None:
+    own = RunRecording.open(recording, RUN_CHANNELS)
+    arm, gripper = dict(own.of(ARM)), dict(own.of(GRIPPER))
+    truth = dict(own.of(TRUTH))
+    settings = config()
+    assert settings.calibration is not None
+    heights = []
+    for _, at_ns, told in messages(recording)["/tf"]:
+        t_ns = at_ns - VIRTUAL_EPOCH_NS
+        place = {each["child_frame_id"]: each["translation"] for each in told["transforms"]}
+        assert place["hand"]["z"] == pytest.approx(arm[t_ns].position_m[2], abs=1e-4)
+        for i, (name, side) in enumerate({"A": -1.0, "B": 1.0, "C": 1.0}.items()):
+            closed_m = gripper[t_ns].positions[i] * settings.calibration.m_per_count
+            reach_m = side * (settings.contact.half_aperture_m - closed_m)
+            assert place[f"finger_{name}"].get("x", 0.0) == pytest.approx(reach_m, abs=1e-4)
+        heights.append((place["object"]["z"], truth[t_ns].height_m))
+    drawn, known = np.array(heights).T
+    np.testing.assert_allclose(drawn - drawn[0], known - known[0], atol=2e-4)
+    assert np.ptp(known) > 0.1
+
+
+def test_the_grid_has_every_taxel_where_it_is(recording: Path) -> None:
+    frames = dict(RunRecording.open(recording, RUN_CHANNELS).of(TACTILE))
+    pressed = 0
+    for _, at_ns, told in messages(recording)["/taxels"]:
+        counts = np.array(frames[at_ns - VIRTUAL_EPOCH_NS].counts).reshape(3, 6)
+        grid = ParseDict(as_protobuf_has_it(told), Grid())
+        cells = np.frombuffer(grid.data, "<i2").reshape(-1, grid.column_count)
+        assert grid.row_stride == 2 * grid.column_count
+        for finger in range(3):
+            for taxel, (column, row) in enumerate(taxel_places([], 6)):
+                assert cells[row, 4 * finger + column] == -counts[finger, taxel]
+        pressed = max(pressed, int(cells.max()))
+    assert pressed > 100
+
+
+def test_virtual_time_begins_at_a_stated_epoch_and_is_read_back_as_before(recording: Path) -> None:
+    own = RunRecording.open(recording, RUN_CHANNELS)
+    assert own.metadata["epoch"].startswith("virtual: 2000-01-01T00:00:00Z")
+    assert all(t_ns == state.t_ns for t_ns, state in own.of(ARM))
+    assert all(at > VIRTUAL_EPOCH_NS for of in messages(recording).values() for _, at, _ in of)
+
+
+def test_the_result_is_attached_and_equal_runs_are_equal_files(
+    recording: Path, tmp_path: Path
+) -> None:
+    with recording.open("rb") as file:
+        (attachment,) = make_reader(file).iter_attachments()
+    beside = json.loads((recording.parent / RESULT).read_bytes())
+    assert attachment.name == RESULT
+    told = json.loads(attachment.data)
+    assert told == {key: value for key, value in beside.items() if key not in OF_THE_MACHINE}
+    assert told["outcome"]
+    assert lifted(tmp_path).read_bytes() == recording.read_bytes()
+
+
+def test_a_bug_of_a_picture_ends_the_pictures_and_not_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise RuntimeError("no paint")
+
+    monkeypatch.setattr(Pictures, "_transforms", broken)
+    path = lifted(tmp_path)
+    found = messages(path)
+    assert [told["message"] for _, _, told in found["/log"]][-1].endswith("RuntimeError: no paint")
+    assert "/tf" not in found
+    assert list(RunRecording.open(path, RUN_CHANNELS).of(PHASES))[-1][1].phase == "done"
+
+
+def test_pictures_take_no_more_than_a_tenth_of_the_room(
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Pictures, "write", lambda *_: None)
+    assert recording.stat().st_size <= 1.1 * lifted(tmp_path).stat().st_size
+    assert EVERY == 10
