@@ -106,6 +106,11 @@ class TakkTileSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         twice = {cell for cell in mapped if mapped.count(cell) > 1}
         if twice:
             raise ValueError(f"cells: {sorted(twice)} named for more than one taxel")
+        if self.rest_min_counts >= self.rest_max_counts:
+            raise ValueError(
+                f"rest_min_counts {self.rest_min_counts} is not below rest_max_counts "
+                f"{self.rest_max_counts}: no fingertip could rest"
+            )
 
 
 class UsbSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

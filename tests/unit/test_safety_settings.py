@@ -66,7 +66,7 @@ MOST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
      lambda v, x: on_driver.moves((0, 0, x), max_jump_m=v), 1e-6),
     ("ArmSettings.max_payload_kg", (2.0, 5.0),
      lambda v, x: on_driver.taken(
-         lambda: on_driver.arm_driver(max_payload_kg=v)[0].set_payload(x)
+         lambda: on_driver.arm_driver(payload_kg=1.0, max_payload_kg=v)[0].set_payload(x)
      ), 1e-3),
     ("ArmSettings.stale_after_s", (0.05, 0.2), on_driver.trusted, 1e-3),
     ("ArmSettings.arrived_within_m", (0.0005, 0.002), on_driver.arrived, 1e-5),

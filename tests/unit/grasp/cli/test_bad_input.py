@@ -55,6 +55,7 @@ BAD_SETTINGS = [
     "hand.offset_counts=[0,0,9]",
     "tactile.cells=[[9]]",
     "arm.max_payload_kg=1.0",
+    "tactile.rest_min_counts=1023",
     "gripper.calibration=/dev/zero",
     "gripper.calibration=/",
     "a\nb=1",
