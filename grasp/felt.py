@@ -19,6 +19,7 @@ class Felt:
         self._lost_ns = settings.contact_lost_s * 1e9
         self._seen_ns = 0
         self._touched_ns = 0
+        self._felt_ns = 0
         self._within_ns = 0
         self.level_n = 0.0
         self.gap_ns = 0
@@ -30,6 +31,8 @@ class Felt:
             self._touched_ns = seen.t_ns
         elif airborne:
             self.gap_ns = max(self.gap_ns, seen.t_ns - self._touched_ns)
+        if max(seen.felt_n) >= self._contact_n:
+            self._felt_ns = seen.t_ns
         weight = min(1.0, (seen.t_ns - self._seen_ns) / LEVEL_NS)
         self.level_n += weight * (grip_n(seen) - self.level_n)
         self._seen_ns = seen.t_ns
@@ -39,6 +42,11 @@ class Felt:
     def contact_lost(self, now_ns: int) -> bool:
         """Whether the thumb has touched nothing for too long."""
         return now_ns - self._touched_ns >= self._lost_ns
+
+    def nothing_felt(self, now_ns: int) -> bool:
+        """Whether no finger has felt anything for too long: on the way down a thumb that bears the
+        object by a taxel or two may feel nothing once it stands, and be pressed as before."""
+        return now_ns - self._felt_ns >= self._lost_ns
 
     def overload_ns(self, now_ns: int) -> int:
         """How long measured force has been above the limit and its margin."""

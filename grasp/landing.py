@@ -96,7 +96,7 @@ class Landing:
 
     def step(self, phase: Phase, seen: Observation) -> Way | None:
         """Out of that phase; None while it goes on."""
-        if self._felt.contact_lost(seen.t_ns):
+        if self._felt.nothing_felt(seen.t_ns):
             return Way(Trigger.LOSE, "contact lost on the way down")
         if phase in (Phase.LOWER, Phase.LAND):
             return self._go_down(phase, seen)

@@ -229,6 +229,15 @@ def test_contact_lost_on_the_way_down_stops_the_arm() -> None:
     assert isinstance(d.commands[0], StopArm)
 
 
+def test_thumb_that_feels_nothing_on_the_way_down_is_no_loss_while_the_others_do() -> None:
+    d = Driver(hold_s=0.1).lift()
+    d.height_m = HEIGHT
+    d.until(Phase.LOWER)
+    for _ in range(20):
+        d.step(measured_n=(0.1, 1.0, 1.0), arm=arm(d.t_ns + TICK, 0.1, moving=True))
+    assert d.controller.phase is Phase.LOWER
+
+
 def test_close_that_could_do_nothing_is_not_sent() -> None:
     d = Driver().slip()
     for _ in range(40):

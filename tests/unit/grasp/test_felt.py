@@ -24,6 +24,12 @@ def test_contact_is_the_thumbs_alone_and_lost_after_its_time() -> None:
     assert tracker.contact_lost(5 * TICK)
 
 
+def test_a_hand_that_feels_something_at_any_finger_has_not_lost_what_it_holds() -> None:
+    assert not felt(GRIP, *[NOTHING] * 9).nothing_felt(9 * TICK)
+    assert felt(GRIP, *[(0.1, 0.1, 0.1)] * 5).nothing_felt(5 * TICK)
+    assert not felt(GRIP, *[(0.1, 0.1, 0.1)] * 5).nothing_felt(5 * TICK - 1)
+
+
 def test_force_of_taxels_that_cannot_tell_is_no_contact_unless_others_feel_something() -> None:
     assert felt(GRIP, *[GRIP] * 5, felt_n=(0.0, 0.1, 0.1)).contact_lost(5 * TICK)
     assert not felt(GRIP, *[GRIP] * 5, felt_n=(0.1, 0.1, 0.1)).contact_lost(5 * TICK)
