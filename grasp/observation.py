@@ -105,8 +105,8 @@ class Observation(StepInput, frozen=True, kw_only=True):
             return False
         if self.thumb_end is not None and thumb.position_counts >= self.thumb_end:
             return True
-        if close is None:
-            return False
+        if close is None:  # only a step to the cap latches a thumb that nobody has told to close
+            return self.gripper.thumb_latched
         fingers = zip(self.gripper.fingers, close.closing, close.limits_counts, strict=True)
         return all(
             f.detection is Detection.CONTACT_CLOSING

@@ -15,7 +15,8 @@ OPEN_ENDED = 255  # counts: as far as fingers close
 
 
 class Steps:
-    """``lasts``: the present answer is a step, and a jump may follow. ``securing``: a margin."""
+    """``lasts``: the present answer is a step or a margin, and a jump may follow. ``securing``: a
+    margin."""
 
     def __init__(self, settings: ControllerSettings, plan: GripPlan, line: LiftLine) -> None:
         self._settings = settings
@@ -55,7 +56,8 @@ class Steps:
 
     def margin(self, seen: Observation) -> MoveFingers:
         """The thumb all steps of the margin further."""
-        self.securing, self._found_m = True, None
+        self.securing = self.lasts = True
+        self._found_m = None
         return self._further(seen, self._settings.margin_steps)
 
     def forget(self) -> None:

@@ -275,6 +275,7 @@ def test_slip_that_a_closing_can_still_answer_is_answered_however_long_it_comes_
     d.height_m = HEIGHT
     began = d.t_ns
     while d.controller.phase is not Phase.LOWER and d.t_ns - began < 4_000_000_000:
-        d.step(0.9 if d.t_ns // TICK % 40 < 3 else 0.0, last_close=None)  # not at the cap
+        short = d.hand(detections=RESTING)  # of the cap
+        d.step(0.9 if d.t_ns // TICK % 40 < 3 else 0.0, last_close=None, gripper=short)
     assert d.controller.phase is not Phase.LOWER
     assert d.controller.closings > 5

@@ -110,13 +110,29 @@ def test_lost_contact_is_answered_by_the_fastest_closure() -> None:
     assert len(told(d, CloseFast)) == 1
 
 
-def test_thumb_that_is_latched_takes_no_step() -> None:
+def test_thumb_that_a_step_has_latched_at_the_cap_is_told_nothing_more() -> None:
     d = over(stepping(margin_steps=0))
     d.commands.clear()
     for _ in range(2):
         d.climb(0.9, gripper=d.hand(detections=LATCHED))
     assert d.controller.phase is Phase.COMPENSATE
-    assert told(d, MoveFingers) == []
+    assert told(d, MoveFingers, CloseFast) == []
+    assert d.controller.closings == 1
+
+
+def test_slip_in_the_pause_of_a_margin_that_does_not_end_is_answered_by_the_fastest_closure() -> (
+    None
+):
+    d = over(stepping(margin_steps=1, margin_after_m=0.01, step_patience_s=0.25))
+    rises(d, 0.061)
+    assert d.controller.phase is Phase.COMPENSATE
+    for _ in range(50):
+        if not told(d, CloseFast):
+            d.climb(0.9)
+    assert len(told(d, CloseFast)) == 1
+    over(d)
+    assert d.controller.phase is Phase.LIFT
+    assert not d.controller.cap_reached
 
 
 def test_height_of_a_margin_is_none_of_slip() -> None:
