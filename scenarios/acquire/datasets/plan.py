@@ -105,7 +105,8 @@ class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
     name: Name
     seed: Annotated[int, Meta(ge=1, lt=2**31)]
-    layout: Name | Literal[""] = ""  # of taxels, from config/layouts; empty: the kit's
+    # of taxels, from config/layouts; empty: the kit's
+    layout: Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_-]{0,80}\Z")] = ""
     static_samples: Annotated[int, Meta(ge=0)] = 0
     slip_samples: Annotated[int, Meta(ge=0)] = 0
     recording_samples: Annotated[int, Meta(ge=100, le=100_000)] = 1200

@@ -14,6 +14,7 @@ from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.datasets.grasped import GRASPED, lift_config
 from scenarios.acquire.datasets.plan import (
     SEEDS,
+    DatasetConfig,
     Job,
     load_dataset_config,
     plan,
@@ -45,6 +46,12 @@ def test_no_seed_of_one_split_comes_again_in_another_whatever_the_sets_size(name
     assert not seeds["train"] & seeds["test"]
     assert not seeds["train"] & seeds["validation"]
     assert not seeds["validation"] & seeds["test"]
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_how_a_set_was_made_is_read_back_from_its_index(name: str) -> None:
+    config = load_dataset_config(config_dir() / "datasets" / f"{name}.toml")
+    assert msgspec.json.decode(msgspec.json.encode(config), type=DatasetConfig) == config
 
 
 def test_seeds_are_unique_over_all_sets_and_above_those_of_trials() -> None:
