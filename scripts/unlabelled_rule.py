@@ -6,8 +6,8 @@ Lifts of light objects are held for three minutes and set down; counts of those 
 scaled. Each hold sets the detector's own rule by `detector.scores.unlabelled`. The rule it is
 measured against has labels: of those that `grasp detector tune` tries on the split `validation`, of
 the same kind and end, at the same gain, the one of least mean delay among those with no more false
-events there than the rule without labels has, or than the packaged one, which a lab keeps where it
-is the higher. All are scored on the split `test`.
+events there than the rule without labels has, or than the packaged one, which is kept where it is
+the higher. All are scored on the split `test`.
 """
 
 import argparse

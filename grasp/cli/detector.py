@@ -374,6 +374,9 @@ def _tune_unlabelled(args: argparse.Namespace) -> int:
     print(f"# {found.minutes:.1f} minutes of hold, {found.load_counts:.0f} counts of load; "
           f"{args.budget:g} false events a minute: {what} {found.level:.2f} "
           f"[{low:.2f}, {high:.2f}]")  # fmt: skip
+    if found.rule == config.rule:
+        print("# less than the rule has, which is kept: a still hand knows nothing of closing, of "
+              "lifting or of blows")  # fmt: skip
     _print_rule(found.rule)
     return exits.SUCCESS
 

@@ -3,6 +3,7 @@ them: a lift that was held for long, or a file of counts."""
 
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -49,11 +50,17 @@ def _of_run(path: Path) -> tuple[Counts, list[str]]:
 
 
 def tune_unlabelled(config: TrialConfig, paths: list[Path], budget_per_min: float) -> Unlabelled:
-    """The configured detector's rule, its threshold set by holds in which nothing slips."""
+    """The configured detector's rule, its threshold set by holds in which nothing slips, and never
+    below the configured one: a still hand knows nothing of closing, of lifting or of blows."""
     holds, loads = [], []
     for path in paths:
         counts, hold, load = hold_in(path)
         detector = config.make_detector(counts.shape[1], counts.shape[2])
         holds.append(stream(detector, counts)[0][hold])
         loads.append(load)
-    return set_rule(holds, config.rule, budget_per_min, min(loads))
+    found, own = set_rule(holds, config.rule, budget_per_min, min(loads)), config.rule
+    higher = msgspec.structs.replace(
+        own, threshold=max(own.threshold, found.rule.threshold),
+        limit=max(own.limit, found.rule.limit),
+    )  # fmt: skip
+    return msgspec.structs.replace(found, rule=higher)
