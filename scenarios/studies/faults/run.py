@@ -254,6 +254,7 @@ def _run(name: str, seed: int, branches: Branches) -> Ended:
     cell = rig.cell
     assert isinstance(cell, SimulatedCell)  # noqa: S101
     attack.pads.of(cell.board)
+    attack.arm.clock = rig.clock
     attack.detector = FailingDetector(config.make_detector(FINGERS), rig.clock)
     seen = Seen(cell)
 

@@ -146,6 +146,7 @@ class ArmWire(Wire):
         self._kept: dict[int, Any] = {}
         self._due: list[tuple[int, str, tuple[Any, ...]]] = []
         self._bitten: set[int] = set()
+        self.clock: Clock | None = None
 
     def around(self, model: ArmModel) -> "ArmWire":
         self._model = model
@@ -202,6 +203,10 @@ class ArmWire(Wire):
             )
 
     def _told(self, what: str, name: str, words: tuple[Any, ...], now_ns: int) -> bool:
+        """A driver's time is that of its last sample, which is long ago where the loop stood
+        still: nothing can have moved since then because of what is told now."""
+        if self.clock is not None:
+            now_ns = max(now_ns, self.clock.now_ns)
         self._reach(now_ns)
         kind = self.taken(what, now_ns)
         held = self.slow(now_ns) or kind == "late"

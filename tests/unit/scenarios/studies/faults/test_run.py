@@ -39,6 +39,13 @@ def test_a_run_that_shares_its_lift_with_others_is_the_run_alone(lifted: list[En
     assert run(lifted[0].case) == lifted[0]
 
 
+def test_an_arm_that_is_told_after_a_standstill_has_not_moved_before() -> None:
+    still = Fault("loop", "whole", "", "stands still 3 s")
+    found = run(Case(0, "box", 1, still, Phase.LIFT))
+    assert found.message.startswith("loop_stood_still")
+    assert found.lifted_m == 0.0 and found.slid_m == 0.0 and problems(found) == {}
+
+
 def test_what_a_fault_led_to_is_told(lifted: list[Ended]) -> None:
     cut, frozen, none = lifted
     assert (cut.outcome, cut.phase, cut.struck) == ("fault", "lift", True)
