@@ -111,14 +111,14 @@ def load_own(word: str, settings: OwnSettings, fingers: int, taxels: int) -> Own
 
 def code_digest(word: str) -> str:
     """SHA-256 of the file that the detector is in; its word where that cannot be read."""
-    if not is_code(word):
-        spec = importlib.util.find_spec(offered()[word].module)
-        origin = spec.origin if spec is not None else None
-    else:
-        origin = word.rpartition(":")[0]
     try:
-        return hashlib.sha256(Path(origin or "").read_bytes()).hexdigest()
-    except OSError:
+        if is_code(word):
+            origin = word.rpartition(":")[0]
+        else:
+            spec = importlib.util.find_spec(offered()[word].module)
+            origin = (spec.origin if spec is not None else None) or ""
+        return hashlib.sha256(Path(origin).read_bytes()).hexdigest()
+    except (OSError, ImportError, ValueError):  # told where it is loaded
         return word
 
 

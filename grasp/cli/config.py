@@ -24,10 +24,11 @@ def add_parser(verbs: Any) -> None:
         "--json", action="store_true", help="the resolved settings as one JSON object"
     )
     show.set_defaults(handler=run)
-    text = "are files of your own what they should be? Runs nothing"
+    text = "are files of your own what they should be?"
     check = actions.add_parser(
         "check", help=text,
-        description=text + ". What a file is, an object, surface, calibration, rig, campaign, data "
+        description=text + " Opens no device and runs no trial; the detectors of a campaign are "
+        "loaded. What a file is, an object, surface, calibration, rig, campaign, data "
         "set, or settings for --config, is told by what is in it. Exit code 2 if one is wrong.",
     )  # fmt: skip
     check.add_argument("file", nargs="+", metavar="FILE", help="path of a .toml file")

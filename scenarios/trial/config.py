@@ -160,8 +160,8 @@ def detector_layers(word: str) -> list[Layer]:
     if is_code(word) or is_weights(word):
         file = Path(word.rpartition(":")[0] if is_code(word) else word)
         beside = file.with_suffix(".toml")
-        digest = fingerprint(file.read_bytes()) if file.is_file() else ""
-        return [Layer(str(file), {}, digest), *([read_toml(beside)] if beside.is_file() else ())]
+        code = Layer(str(file), {}, _fingerprint(file))
+        return [code, *([read_toml(beside)] if beside.is_file() else ())]
     if word in offered() and word not in names("detectors"):
         return []
     return [named_layer("detectors", word, (*offered(), f"FILE{MARK}NAME", "FILE.onnx"))]
@@ -184,6 +184,14 @@ def _keep_names_alone(table: dict[str, Any]) -> None:
     named = {k: v for k, v in table.pop("devices", {}).items() if isinstance(v, str) and v}
     if named:
         table["devices"] = named
+
+
+def _fingerprint(file: Path) -> str:
+    """Of what a file holds; empty where none can be read: who loads it says so."""
+    try:
+        return fingerprint(file.read_bytes()) if file.is_file() else ""
+    except OSError:
+        return ""
 
 
 def _read(settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -146,6 +146,7 @@ def test_what_an_installed_package_offers_is_found_by_its_name(
     told.mkdir()
     write(told, "Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n", "METADATA")
     write(told, "[grasp.detectors]\nacme = acme_slip:Mine\nbroken = acme_slip:None_of_it\n"
+          "gone = acme_none.part:Mine\n"
           "energy = acme_slip:Mine\n", "entry_points.txt")  # fmt: skip
     monkeypatch.syspath_prepend(str(tmp_path))
     own.offered.cache_clear()
@@ -154,6 +155,9 @@ def test_what_an_installed_package_offers_is_found_by_its_name(
         assert len(code_digest("acme")) == 64
         with pytest.raises(BadFile, match="broken: cannot be imported: AttributeError"):
             load("broken")
+        with pytest.raises(BadFile, match="gone: cannot be imported: ModuleNotFoundError"):
+            load("gone")
+        assert code_digest("gone") == "gone"
         packaged = load_detector("energy", {}, 3)  # nobody takes the place of a packaged one
         assert packaged.threshold == 0.5
     finally:

@@ -252,6 +252,34 @@ def test_a_rig_file_for_real_devices_is_hardware_under_any_name(
     assert devices == []
 
 
+WITH_A_RIG = {
+    ("run", "lift"): [], ("run", "tap"): [], ("run", "acquire"): [], ("config", "show"): [],
+    ("grip-search",): ["--object", "can"], ("release",): [], ("doctor",): [],
+    ("chart", "answers"): ["--seeds", "1", "--objects", "can", "--jobs", "1"],
+}  # fmt: skip
+
+
+def test_every_verb_that_takes_a_rig_is_tried_here() -> None:
+    found = {
+        words
+        for words, parser in verbs(build_parser())
+        if any("--rig" in action.option_strings for action in parser._actions)
+    }
+    assert found == set(WITH_A_RIG)
+
+
+@pytest.mark.parametrize("words", WITH_A_RIG, ids=" ".join)
+def test_no_verb_opens_real_devices_of_a_rig_file_unconfirmed(
+    words: tuple[str, ...], lab_rig: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    devices: list[str], capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    code = main([*words, *WITH_A_RIG[words], "--rig", lab_rig])
+    assert "Traceback" not in "".join(capsys.readouterr())
+    assert code == {("config", "show"): 0, ("grip-search",): 0, ("doctor",): 3}.get(words, 2)
+    assert devices == []
+
+
 def test_a_rig_file_with_a_lab_s_addresses_that_is_like_a_simulated_one_reaches_nobody(
     tmp_path: Path, devices: list[str]
 ) -> None:
