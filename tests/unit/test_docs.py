@@ -93,6 +93,27 @@ def test_links_between_documents_lead_somewhere() -> None:
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def anchors(page: Path) -> set[str]:
+    """Of its headings, as the site and Git's web pages make them."""
+    text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    heads = (re.sub(r"[^\w\s-]", "", head) for head in re.findall(r"^#+ (.+)$", text, re.MULTILINE))
+    return {re.sub(r"[-\s]+", "-", head.strip().lower()) for head in heads}
+
+
+def test_links_into_a_document_lead_to_a_heading_of_it() -> None:
+    for page in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")):
+        found = re.findall(r"\]\((?!https?:)([^)#]*)#([^)]+)\)", page.read_text(encoding="utf-8"))
+        for target, anchor in found:
+            there = page.parent / target if target else page
+            assert anchor in anchors(there), f"{page.name}: {target}#{anchor}"
+
+
+def test_every_page_is_in_the_navigation_of_the_site() -> None:
+    pages = {path.name for path in (ROOT / "docs").glob("*.md")}
+    told = re.findall(r"- (\S+\.md)$", read("mkdocs.yml"), re.MULTILINE)
+    assert sorted(told) == sorted(pages)
+
+
 def test_files_that_the_guides_name_are_there() -> None:
     rooms = "grasp|drivers|detector|scenarios|config|tests|docs|scripts|requirements"
     for guide in ("CONTRIBUTING.md", "docs/architecture.md"):
