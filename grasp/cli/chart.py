@@ -91,7 +91,8 @@ def draw_detectors(args: argparse.Namespace) -> int:
     recordings = read_split(args.data, "test")
     curves = {}
     for name in one_by_one(args.detector or DETECTORS, "sweeping", hidden=False):
-        made = contender(name, recordings, "test")
+        data = f"{' '.join(folder.name for folder in args.data)}, test"
+        made = contender(name, recordings, data)
         curves[name] = curve(made.evaluation(), made.points())
     draw_detectors(curves, args.out)
     print(args.out)

@@ -112,13 +112,13 @@ def _add_strokes(actions: Any) -> None:
 
 def strokes(args: argparse.Namespace) -> int:
     need("charts", "matplotlib")
-    from scenarios.report.run_figure import draw_clips
+    from scenarios.report.run_figure import draw_clips, simulated
     from scenarios.studies.signal.calibrate import FitSetup
     from scenarios.studies.signal.strokes import simulate
 
     setup = FitSetup()
     clips = simulate(setup.fingertip, setup.strokes, 2, args.seed)
-    draw_clips(args.out, [("simulated", clips.t_s, counts, clips.slip) for counts in clips.counts])
+    draw_clips(args.out, simulated(clips))
     print(args.out)
     return exits.SUCCESS
 
@@ -256,7 +256,7 @@ def _ablate(setup: Any, args: argparse.Namespace) -> dict[str, dict[str, float]]
 
 
 def _draw(out: Path, setup: Any, recording: Any) -> None:
-    from scenarios.report.run_figure import draw_clips
+    from scenarios.report.run_figure import draw_clips, simulated
     from scenarios.studies.signal.calibrate import JUDGE_SEED
     from scenarios.studies.signal.strokes import simulate
 
@@ -265,7 +265,7 @@ def _draw(out: Path, setup: Any, recording: Any) -> None:
         out,
         [
             ("recorded", recording.t_s - recording.t_s[0], recording.counts[:, 0], recording.slip),
-            *(("simulated", clips.t_s, counts, clips.slip) for counts in clips.counts[:2]),
+            *simulated(clips)[:2],
         ],
     )
 

@@ -17,9 +17,9 @@ LEAST_TURN_DEG = 0.1
 LEAST_ACROSS_MM = 0.1
 NAMES_APART = 0.03  # of phases, as a share of what is shown: less and they would overlap
 SHADES = {
-    "grasp": "#eef3f8", "squeeze": "#e8eff5", "relax": "#eef3f8", "listen": "#e8eff5",
-    "lift": "#e0eaf4", "compensate": "#fde3c8", "hold": "#e3f1e3", "lower": "#f3f3f3",
-    "land": "#f3f3f3", "touch": "#fde3c8", "probe": "#fde3c8",
+    "grasp": "#eef3f8", "oppose": "#e8eff5", "squeeze": "#e8eff5", "relax": "#eef3f8",
+    "listen": "#e8eff5", "lift": "#e0eaf4", "compensate": "#fde3c8", "hold": "#e3f1e3",
+    "lower": "#f3f3f3", "land": "#f3f3f3", "touch": "#fde3c8", "probe": "#fde3c8",
     "fault": "#f8d7d7",
 }  # fmt: skip
 
@@ -53,7 +53,10 @@ def draw_run(path: Path, out: Path) -> None:
 def title(run: RunRecord) -> str:
     """What was run, and what came of it."""
     told = f"{run.scenario} of {run.told.object.name}, seed {run.seed}, {run.told.detector_name}"
-    return told if run.verdict is None else f"{told}: {run.verdict.outcome.replace('_', ' ')}"
+    if run.verdict is None:
+        return told
+    words = run.verdict.outcome.replace("_", " ")
+    return f"{told}: {words[:-2]} cm" if words.endswith("cm") else f"{told}: {words}"
 
 
 def _draw_force(axes: Any, run: RunRecord) -> None:
@@ -144,10 +147,16 @@ def _shade(axes: Any, run: RunRecord, named: bool) -> None:
         axes.axvline(run.truth.onset_s, color=LIMIT_COLOUR, lw=0.8, label="slip begins")
 
 
-def draw_clips(
-    out: Path,
-    clips: list[tuple[str, NDArray[np.float64], NDArray[np.int16], NDArray[np.bool_]]],
-) -> None:
+Clip = tuple[str, NDArray[np.float64], NDArray[np.int16], NDArray[np.bool_]]
+
+
+def simulated(clips: Any) -> list[Clip]:
+    """Each of `Clips` of `scenarios.studies.signal.strokes` with a title of its own."""
+    draws = enumerate(clips.counts, 1)
+    return [(f"simulated, draw {i}", clips.t_s, counts, clips.slip) for i, counts in draws]
+
+
+def draw_clips(out: Path, clips: list[Clip]) -> None:
     """Counts of one fingertip over time, one clip under the other, slip shaded: each a title,
     (n,) times, (n, 6) counts and (n,) labels."""
     import matplotlib as mpl

@@ -49,6 +49,7 @@ def draw_robustness(found: Mapping[str, Sequence[Endured]], out: Path) -> None:
         panel.set_xlabel(f"{kind}, {UNITS[kind]}", fontsize=8)
     panels[-1][-1].set_xlabel(f"a taxel of 18; the pad {STIFFER:g} times as stiff", fontsize=8)
     panels[-1][-1].tick_params(axis="x", labelrotation=45)
+    figure.suptitle("What detectors endure: one thing wrong at a time", fontsize=11)
     _legend(figure, found)
     figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
     plt.close(figure)
@@ -65,4 +66,4 @@ def _legend(figure: Any, found: Mapping[str, Sequence[Endured]]) -> None:
     from matplotlib.lines import Line2D
 
     lines = [Line2D([], [], color=c) for _, c in zip(found, COLOURS, strict=False)]
-    figure.legend(lines, list(found), loc="outside upper center", ncols=len(found), fontsize=8)
+    figure.legend(lines, list(found), loc="outside lower center", ncols=len(found), fontsize=8)

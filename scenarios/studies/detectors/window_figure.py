@@ -34,6 +34,7 @@ def draw_windows(rows: Sequence[Trained], out: Path) -> None:
         panel.set_xlabel("window, samples of 10 ms")
     for panel in (accuracy, delay):
         panel.legend(fontsize=8, frameon=False)
+    figure.suptitle("What a longer window is worth: the paper's network", fontsize=11)
     save(figure, out)
 
 

@@ -174,9 +174,10 @@ def draw(chart: PhysicsChart, out: Path) -> None:
     panels[0, 0].set_ylim(0.5 * FLOOR_MM, 300.0)
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=6, fontsize=8, frameon=False)
+    figure.suptitle("Error of contact models against what they cost", fontsize=11)
     if chart.note:
-        figure.text(0.5, 0.97, chart.note, ha="center", fontsize=9, color="#b00020")
-    figure.tight_layout(rect=(0, 0.11, 1, 0.97))
+        figure.text(0.5, 0.94, chart.note, ha="center", fontsize=9, color="#b00020")
+    figure.tight_layout(rect=(0, 0.11, 1, 0.96))
     figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=110)
     plt.close(figure)
 

@@ -100,6 +100,7 @@ def draw(found: StabilityMap, out: Path) -> None:
         axes.set_xlabel("step, ms")
     for axes in panels[:, 0]:
         axes.set_ylabel("stiffness over load, 1/m")
+    figure.suptitle("Which step breaks which method, and its error where it does not", fontsize=11)
     bar = figure.colorbar(mesh, ax=panels, extend="max", shrink=0.8)
     bar.set_label("error of the slip distance, mm (black: broken)")
     figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=110)

@@ -37,7 +37,11 @@ def draw_reaction(summary: ReactionSummary, out: Path) -> None:
     lines, labels = axes[0, 0].get_legend_handles_labels()
     axes[0, -1].legend(lines[:curves], labels[:curves], fontsize=7, loc="lower left")
     axes[1, -1].legend(lines[curves:], labels[curves:], fontsize=7, loc="upper left")
-    _draw_faster(rows[1].subplots(1, 2), summary)
+    held = all(each.success == 1.0 for each in summary.faster)
+    rows[1].suptitle(
+        f"What a faster detector is worth{': all are held with each' if held else ''}", fontsize=10
+    )
+    _draw_faster(rows[1], summary, held)
     figure.suptitle(
         f"What a millisecond is worth: profile {summary.profile}, {summary.seeds} seeds, simulated",
         fontsize=11,
@@ -82,8 +86,10 @@ def _draw_marks(axes: Any, summary: ReactionSummary) -> None:
         axes.axvspan(min(ours), max(ours), color="#1f5f9922", lw=0, label=label)
 
 
-def _draw_faster(axes: Any, summary: ReactionSummary) -> None:
-    held, slip = axes
+def _draw_faster(figure: Any, summary: ReactionSummary, all_held: bool) -> None:
+    """Success and slip distance; where all are held, that is no picture."""
+    axes = figure.subplots(1, 1 if all_held else 2, squeeze=False)[0]
+    slip = axes[-1]
     factors = sorted({each.factor for each in summary.faster})
     names = list(dict.fromkeys(each.object for each in summary.faster))
     width = 0.8 / max(1, len(factors))
@@ -92,17 +98,18 @@ def _draw_faster(axes: Any, summary: ReactionSummary) -> None:
         at = [k + (i - (len(factors) - 1) / 2) * width for k in range(len(names))]
         shade = ("#b8c7d9", "#5d8ab5", "#153f6b")[min(i, 2)]
         label = f"{summary.detector} as it is" if factor == 1 else f"{factor:g} times as fast"
-        held.bar(at, [got[n].success for n in names], width, color=shade, label=label)
+        if not all_held:
+            axes[0].bar(at, [got[n].success for n in names], width, color=shade)
+            axes[0].set_ylabel("held")
         slips = [got[n].slip_mm for n in names]
-        slip.bar(at, [_mm(s.p50) for s in slips], width, color=shade)
+        slip.bar(at, [_mm(s.p50) for s in slips], width, color=shade, label=label)
         slip.errorbar(
             at, [_mm(s.p50) for s in slips], _spread(slips), fmt="none", ecolor="black", lw=0.7
         )
     tops = [_mm(each.slip_mm.p90) for each in summary.faster]
     slip.set_ylim(0, min(SLIP_TOP_MM, 1.15 * max(tops, default=SLIP_TOP_MM)))
-    held.set_ylabel("held")
     slip.set_ylabel("slip distance, mm (10-50-90 %)")
-    slip.legend(*held.get_legend_handles_labels(), fontsize=7, loc="upper right")
+    slip.legend(fontsize=7, loc="upper right")
     for each in axes:
         each.set_xticks(range(len(names)), names)
 

@@ -150,7 +150,9 @@ def test_the_chart_leaves_its_numbers_beside_the_picture(
     assert (
         main(["chart", "detectors", "energy", "psd", "--data", str(data), "--out", str(out)]) == 0
     )
-    assert "human grip reflex" in out.read_text()
+    drawn = out.read_text()
+    assert "human grip reflex" in drawn and f"at what cost: {data.name}, test" in drawn
+    assert drawn.count("<!-- psd -->") + drawn.count("<!-- psd (later than 300 ms) -->") == 2
     numbers = json.loads(out.with_suffix(".json").read_text())
     assert set(numbers) == {"energy", "psd"}
     rates = [p["false_per_min"] for p in numbers["energy"]["points"]]

@@ -59,7 +59,7 @@ def test_names_of_phases_do_not_overlap_and_the_onset_has_one(run: RunRecord, ax
 
 
 def test_the_title_says_what_was_run_and_what_came_of_it(run: RunRecord) -> None:
-    assert title(run) == "lift of can, seed 0, energy: held within 6cm"
+    assert title(run) == "lift of can, seed 0, energy: held within 6 cm"
 
 
 def test_motion_aside_is_shown_where_there_is_any(run: RunRecord, axes: "Axes") -> None:
