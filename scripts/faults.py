@@ -43,6 +43,16 @@ def code() -> str:
     return done.stdout.strip() or "unknown"
 
 
+def in_order(commits: list[str]) -> list[str]:
+    """The oldest first; raises CalledProcessError for one that is none of this history."""
+
+    def before(commit: str) -> int:
+        command = ("git", "rev-list", "--count", commit.removesuffix("-dirty"))
+        return int(subprocess.run(command, cwd=HOME, check=True, capture_output=True).stdout)
+
+    return sorted(commits, key=before)
+
+
 def told(ended: Ended) -> str:
     """In a few lines."""
     found = "; ".join(f"{name}: {text}" for name, text in fell(ended).items())
@@ -84,7 +94,7 @@ def write_page(out: Path) -> None:
     """Put what the runs gave between the two marks of the page."""
     with FaultStore(out) as store:
         detector = load_config("can", "simulated").detector_name
-        text = generated(store.ended(), store.codes(), detector)
+        text = generated(store.ended(), in_order(store.codes()), detector)
     before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGINS)
     _, _, after = rest.partition(ENDS)
     PAGE.write_text(f"{before}{BEGINS}\n\n{text}\n{ENDS}{after}", encoding="utf-8")

@@ -19,7 +19,7 @@ NOT_ON_THE_WAY = re.compile(r"\d+(\.\d+)?")
 
 
 def generated(ended: Sequence[Ended], codes: Sequence[str], detector: str) -> str:
-    """In Markdown; ``codes``: what the runs were made with."""
+    """In Markdown; ``codes``: what the runs were made with, the oldest first."""
     alone = [e for e in ended if e.case.fault is not None and e.case.then is None]
     parts = [
         _head(ended, codes),
