@@ -92,7 +92,7 @@ def _of_answer(given: Input, code: int, said: str, told: str, left: list[str]) -
     if code != 2:
         return f"exit code {code}: {told[-400:]}"
     if given.words[0] == "doctor":  # tells of this machine all the same
-        return "" if "fail" in said and not told else f"told {told[-400:]!r}"
+        return "" if "fail" in said.lower() and not told else f"told {told[-400:]!r}"
     if said or not told.startswith("grasp: ") or not told.endswith(")\n") or told.count("\n") != 1:
         return f"said {said[:200]!r}, told {told[-400:]!r}"
     if not all(c.isprintable() for c in told[:-1]) or len(told) > 4_000:
