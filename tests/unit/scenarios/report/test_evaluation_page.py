@@ -51,7 +51,9 @@ def test_the_threshold_of_a_trace_is_the_rules_own(tmp_path: Path) -> None:
     told = msgspec.json.decode(made(tmp_path / "one.json", ("psd-fair",)).read_bytes())
     told["detectors"][0]["rule"] |= {"threshold": 0.765, "kind": "consecutive"}
     (tmp_path / "one.json").write_bytes(msgspec.json.encode(told))
-    assert "threshold 0.765" in evaluation_page(tmp_path / "one.json")
+    page = evaluation_page(tmp_path / "one.json")
+    y = round(BOTTOM - 0.765 * (BOTTOM - TOP), 1)
+    assert "threshold 0.765" in page and f'points="{LEFT},{y} {RIGHT},{y}"' in page
     told["detectors"][0]["rule"]["kind"] = "cusum"
     (tmp_path / "one.json").write_bytes(msgspec.json.encode(told))
     assert "threshold 0.765" not in evaluation_page(tmp_path / "one.json")

@@ -31,6 +31,7 @@ def numbers(table: list[dict[str, str]], column: str) -> Any:
 
 def test_a_table_has_a_row_a_step_and_the_numbers_of_the_recording(recorded: Path) -> None:
     run, table = read_run(recorded), rows(as_csv(recorded))
+    assert "nan" not in as_csv(recorded)
     assert run.truth is not None
     np.testing.assert_allclose(numbers(table, "t_s"), run.t_s, atol=1e-6)
     for i, finger in enumerate("ABC"):
