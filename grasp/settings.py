@@ -341,6 +341,8 @@ def _type_at(cls: type, key: str) -> type:
 def allowed(cls: type, key: str) -> str:
     """What the field's declaration says is allowed: type, range and description."""
     owner_key, _, name = PLACE.sub("", key).rpartition(".")
+    if owner_key and not hasattr(_type_at(cls, owner_key), "__struct_fields__"):
+        return allowed(cls, owner_key)  # a table of any names
     hints = get_type_hints(_type_at(cls, owner_key), include_extras=True)
     annotation = hints.get(name, "?")
     base, *metas = get_args(annotation) or (annotation,)

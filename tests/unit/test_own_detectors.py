@@ -188,6 +188,17 @@ def test_a_name_that_nobody_knows_is_told_what_else_it_may_be(capsys: Capture) -
     assert "FILE.py:NAME" in said
 
 
+def test_its_settings_are_shown_and_what_they_cannot_be_is_refused(
+    mine: str, capsys: Capture
+) -> None:
+    words = ["config", "show", "own", "--detector", mine, "--set"]
+    assert main([*words, "own.counts=9"]) == 0
+    assert "counts = 9  # dict[str, bool | int | float | str]" in capsys.readouterr().out
+    for wrong in ("own.counts=[9]", "own.counts={a=1}", "own=3", "devices.gripper_settings=[1]"):
+        assert main([*words, wrong]) == 2
+        assert "Traceback" not in capsys.readouterr().err
+
+
 def test_two_networks_are_told_apart_by_name(tmp_path: Path) -> None:
     file = weights(tmp_path / "lab.onnx", ["n", 6])
     config = load_config("can", "simulated", "gru", None, [f"network.weights={file}"])
