@@ -15,6 +15,7 @@ from scenarios.report.live import server
 from scenarios.report.live.messages import Begin, Row, Said, Serve
 
 LOOPBACK = "127.0.0.1"
+STDERR = 2
 EVERY = 4  # ticks between two rows: 25 a second
 TOKEN_BYTES = 16
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
@@ -28,7 +29,8 @@ class Feed:
         token = secrets.token_urlsafe(TOKEN_BYTES)
         with socket.create_server((LOOPBACK, 0)) as listening:
             host = "{}:{}".format(*listening.getsockname())
-            self._onlooker = Onlooker(server, inherited=(listening.fileno(),))
+            # what a browser says of itself is no part of a result on standard output
+            self._onlooker = Onlooker(server, STDERR, (listening.fileno(),))
             shown = any(os.environ.get(name) for name in DISPLAYS)
             self._onlooker.tell(Serve(listening.fileno(), host, token, title, fingers, seen, shown))
         self.address = f"http://{host}/{token}/"

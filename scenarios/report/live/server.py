@@ -10,6 +10,7 @@ import hmac
 import os
 import socket
 import sys
+import threading
 import webbrowser
 from collections import deque
 from http import HTTPStatus
@@ -164,17 +165,14 @@ async def _serve(told: Serve) -> None:
             origins=[Origin(f"http://{told.address}")], compression=None, server_header=None,
             close_timeout=END_S,
         ) as made:  # fmt: skip
-            if told.open:
+            if told.open:  # in a thread, for that may wait for the browser
                 url = f"http://{told.address}/{told.token}/"
-                opening = asyncio.to_thread(webbrowser.open, url)  # which may wait for a browser
-                story_opened = asyncio.create_task(opening)
+                threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
             await _read(story)
             story.end()
             told_all = [asyncio.create_task(c.wait_closed()) for c in made.connections]
             if told_all:
                 await asyncio.wait(told_all, timeout=END_S)
-            if told.open:
-                story_opened.cancel()
 
 
 def main() -> None:
@@ -190,7 +188,6 @@ def main() -> None:
         first += byte
     told = msgspec.json.decode(first, type=Serve)
     asyncio.run(_serve(told))
-    os._exit(0)  # whatever a browser that was opened still waits for
 
 
 if __name__ == "__main__":

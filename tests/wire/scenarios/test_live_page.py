@@ -169,6 +169,23 @@ def test_who_takes_nothing_holds_nobody_up(feed: Feed) -> None:
         assert told(good, 3_000)[-1]["values"][0] == pytest.approx(29.99)
 
 
+def test_where_there_is_a_display_a_browser_is_opened_and_never_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    browser, opened = tmp_path / "browser", tmp_path / "opened"
+    browser.write_text(f'#!/bin/sh\necho noise\necho "$1" > {opened}.part\n'
+                       f"mv {opened}.part {opened}\nsleep 30\n")  # fmt: skip
+    browser.chmod(0o700)
+    monkeypatch.setenv("DISPLAY", ":9")
+    monkeypatch.setenv("BROWSER", str(browser))
+    with Feed("a run", ("fingertip",), SEEN, of=1) as feed:
+        deadline = time.monotonic() + LONG_S
+        while not opened.exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert opened.read_text().strip() == feed.address
+    assert "noise" not in capfd.readouterr().out
+
+
 def until_lost(feed: Feed) -> None:
     deadline = time.monotonic() + LONG_S
     while feed.lost == 0 and time.monotonic() < deadline:
