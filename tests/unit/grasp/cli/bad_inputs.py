@@ -69,7 +69,7 @@ def leaves(kind: Any, way: tuple[str, ...] = ()) -> Iterator[Leaf]:
     elif isinstance(kind, inspect.StructType):
         for field in kind.fields:
             yield from leaves(field.type, (*way, field.encode_name))
-    else:
+    elif not isinstance(kind, inspect.DictType):  # one's own devices': whatever those read
         yield Leaf(way, kind)
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -80,7 +81,7 @@ def found(given: Input, folder: Path) -> str:
     left = sorted(path.name for path in folder.iterdir() if path != file)
     wrong = _of_answer(given, code, said.getvalue(), told.getvalue(), left)
     for path in folder.iterdir():
-        path.unlink() if path.is_file() else None
+        path.unlink() if path.is_file() else shutil.rmtree(path)
     return wrong
 
 
@@ -91,7 +92,7 @@ def _of_answer(given: Input, code: int, said: str, told: str, left: list[str]) -
         return "" if "Traceback" not in told else told
     if code != 2:
         return f"exit code {code}: {told[-400:]}"
-    if given.words[0] == "doctor":  # tells of this machine all the same
+    if given.words[0] == "doctor" and said:  # tells of this machine all the same
         return "" if "fail" in said.lower() and not told else f"told {told[-400:]!r}"
     if said or not told.startswith("grasp: ") or not told.endswith(")\n") or told.count("\n") != 1:
         return f"said {said[:200]!r}, told {told[-400:]!r}"
