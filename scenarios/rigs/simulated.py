@@ -54,5 +54,5 @@ def _gripper(
 ) -> RobotiqDriver | None:
     if not isinstance(config, GraspRigConfig) or not isinstance(cell, SimulatedCell):
         return None
-    wire = wires.gripper(ModelTransport(cell.gripper))
+    wire = wires.gripper(ModelTransport(cell.gripper, config.gripper.link))
     return RobotiqDriver(wire, config.gripper, calibration(config))
