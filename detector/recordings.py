@@ -66,7 +66,8 @@ class Metadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     direction: str
     seed: Annotated[int, Meta(ge=0)]
     cause: str = ""
-    layout: str = ""  # of the taxels, by its name; empty: the kit's
+    layout: str = ""  # of the taxels, by its name or path; empty: the kit's
+    files: dict[str, str] = {}  # of one's own that it was made with, and a fingerprint of each
     part: str = ""  # of a data set that draws from several sets of ranges
     parameters: dict[str, float] = {}
     object: dict[str, float | str | bool | list[int]] = {}

@@ -49,7 +49,7 @@ def _checked(word: str) -> str:
     """What a file is; raises ConfigError, or what its own reader raises, where it is wrong."""
     from grasp.settings import by_path, fingerprint, read_toml
     from scenarios.acquire.config import load_acquire_config
-    from scenarios.acquire.datasets.plan import DatasetConfig, load_dataset_config
+    from scenarios.acquire.datasets.plan import DatasetConfig, load_dataset_config, plan
     from scenarios.campaign.config import load_config, load_for_devices
     from scenarios.campaign.spec import CampaignSpec, combinations, read_spec
 
@@ -74,8 +74,8 @@ def _checked(word: str) -> str:
         places = combinations(read_spec(path))
         return f"a campaign of {len(places)} places; fingerprint {whose}"
     if keys & {"rows", "causes"} and keys <= set(DatasetConfig.__struct_fields__):
-        load_dataset_config(path)
-        return f"a data set for `grasp dataset build`; fingerprint {whose}"
+        jobs = plan(load_dataset_config(path))
+        return f"a data set of {len(jobs)} recordings; fingerprint {whose}"
     return f"settings for --config, {_settings(path)}; fingerprint {whose}"
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from drivers.errors import ConfigError
 from drivers.interfaces import Counts3
-from grasp.settings import UNSEEN, load, named_layer, names
+from grasp.settings import UNSEEN, load, named_layer, names, thing_layer
 from scenarios.world import contact, laws
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject, Name
@@ -87,8 +87,8 @@ class _Objects(msgspec.Struct, frozen=True):
 
 @cache
 def body_ranges(name: str) -> BodyRanges:
-    """config/bodies/NAME.toml; raises ConfigError."""
-    return load(_File, [named_layer("bodies", name)]).body
+    """By its name in config/bodies, or the path of a file; raises ConfigError."""
+    return load(_File, [thing_layer("bodies", "body", name)]).body
 
 
 @cache

@@ -21,6 +21,7 @@ from grasp.files import make_private_folder, write_whole
 from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.datasets.grasped import GRASPED, make_grasped
+from scenarios.acquire.datasets.own import check_unchanged
 from scenarios.acquire.datasets.plan import Job, pressing
 from scenarios.acquire.datasets.pressed import make_pressed
 from scenarios.acquire.labels import recording
@@ -39,17 +40,19 @@ Progress = Callable[[int, int], None]
 def make(job: Job) -> Recording:
     """The recording of a job: a session on the simulated rig, of which the part is taken that
     holds so many samples of either label."""
-    wanted = job.samples
-    if job.metadata.cause:
-        if job.metadata.cause in GRASPED:
-            return make_grasped(job.metadata, wanted, job.acts, job.path)
-        return make_pressed(job.metadata, wanted, job.motion, job.path)
-    config = with_values(pressing(job.surface, job.metadata.layout), job.metadata.parameters)
+    wanted, metadata = job.samples, job.metadata
+    check_unchanged(metadata.files)
+    if metadata.cause in GRASPED:
+        return make_grasped(metadata, wanted, job.acts, job.path)
+    bare = pressing(job.surface, metadata.layout)
+    if metadata.cause:
+        return make_pressed(bare, metadata, wanted, job.motion, job.path)
+    config = with_values(bare, metadata.parameters)
     for spare in SPARE:
-        with open_acquire_rig(config, job.metadata.seed, paced=False) as rig:
-            session = Session(config, job.motion, job.metadata.seed, rig)
+        with open_acquire_rig(config, metadata.seed, paced=False) as rig:
+            session = Session(config, job.motion, metadata.seed, rig)
             session.run(round(wanted * spare) + SPARE_SAMPLES)
-        whole = recording(session.ticks, config, job.metadata, job.path)
+        whole = recording(session.ticks, config, metadata, job.path)
         first = window(whole.slip, wanted, job.slip)
         if first is not None:
             return part_of(whole, first, first + wanted)

@@ -7,14 +7,14 @@ from typing import Any, TypeVar
 import msgspec
 
 from drivers.errors import ConfigError
-from grasp.settings import Layer, config_dir, load, renamed
+from grasp.settings import Layer, file_of, load, renamed
 
 C = TypeVar("C", bound=msgspec.Struct)
 
 
 def layout_file(name: str) -> Path | None:
-    """Settings of a layout of taxels, by its name in config/layouts; none: the kit's."""
-    return config_dir() / "layouts" / f"{name}.toml" if name else None
+    """Settings of a layout of taxels, by path or by a name in config/layouts; none: the kit's."""
+    return file_of("layouts", name) if name else None
 
 
 def with_values(config: C, values: Mapping[str, Any]) -> C:

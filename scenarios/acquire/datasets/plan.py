@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 from detector.recordings import SUFFIX, Metadata, Split
 from drivers.errors import ConfigError
 from drivers.interfaces import PERIOD_S
-from grasp.settings import load, named_layer, read_toml
+from grasp.settings import load, read_toml
 from scenarios.acquire.config import AcquireConfig, load_acquire_config
 from scenarios.acquire.datasets import bodies
 from scenarios.acquire.datasets.acts import Acts
 from scenarios.acquire.datasets.draws import layout_file, with_values
 from scenarios.acquire.datasets.grasped import GRASPED, GraspedCause, bare_config
+from scenarios.acquire.datasets.own import beside, called, check, fingerprints
 from scenarios.acquire.datasets.pressed import FixedCause
 from scenarios.acquire.press import TURNS, StrokeMotion, motion
 from scenarios.trial.result import versions
@@ -47,7 +48,7 @@ class DatasetRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
     motion: Literal["primary", "oblique", "rotation"]
     speed: Annotated[float, Meta(gt=0.0, le=2.0)]
-    percent: dict[Name, Annotated[float, Meta(ge=0.0, le=100.0)]]
+    percent: dict[str, Annotated[float, Meta(ge=0.0, le=100.0)]]
 
 
 def _check_ranges(*tables: Mapping[str, Range]) -> None:
@@ -66,7 +67,7 @@ class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     name: Name
     share: Annotated[float, Meta(gt=0.0, le=1.0)]  # of the recordings
     randomise: dict[str, Range] = {}
-    on: dict[Name, dict[str, Range]] = {}  # of one surface
+    on: dict[str, dict[str, Range]] = {}  # of one surface
 
     def __post_init__(self) -> None:
         _check_ranges(self.randomise, *self.on.values())
@@ -79,7 +80,7 @@ class CauseRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """Recordings in which something shakes or moves what is touched: ``pressed``, ``grasped``."""
 
     cause: FixedCause | GraspedCause
-    on: Annotated[list[Name], Meta(min_length=1)]  # surfaces, or bodies (config/bodies) of a grasp
+    on: Annotated[list[str], Meta(min_length=1)]  # surfaces, or bodies (config/bodies) of a grasp
     share: Annotated[float, Meta(gt=0.0, le=1.0)]  # of the recordings, in proportion to the others
     seconds: Annotated[float, Meta(ge=1.0, le=600.0)]
     strokes: bool = False
@@ -101,12 +102,12 @@ class CauseRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A data set's TOML file: rows of Table I, or causes, or both."""
+    """A data set's TOML file: rows of Table I, or causes, or both. Surfaces, layout and bodies are
+    named, or are files of one's own by their paths."""
 
     name: Name
     seed: Annotated[int, Meta(ge=1, lt=2**31)]
-    # of taxels, from config/layouts; empty: the kit's
-    layout: Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_-]{0,80}\Z")] = ""
+    layout: str = ""  # of taxels; empty: the kit's
     static_samples: Annotated[int, Meta(ge=0)] = 0
     slip_samples: Annotated[int, Meta(ge=0)] = 0
     recording_samples: Annotated[int, Meta(ge=100, le=100_000)] = 1200
@@ -117,7 +118,7 @@ class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     causes: list[CauseRow] = []
     recordings: Annotated[int, Meta(ge=0, le=100_000)] = 0  # of the causes, each at least three
     randomise: dict[str, Range] = {}
-    on: dict[Name, dict[str, Range]] = {}  # of one surface
+    on: dict[str, dict[str, Range]] = {}  # of one surface
 
     def __post_init__(self) -> None:
         _check_ranges(self.randomise, *self.on.values())
@@ -127,7 +128,7 @@ class Job(msgspec.Struct, frozen=True):
     """One recording to be made."""
 
     path: str  # in the data set's folder
-    surface: str
+    surface: str  # its name or path, or that of what is held
     motion: StrokeMotion | None  # None: no strokes
     static: int
     slip: int  # of a cause, static and slip are not told apart
@@ -143,18 +144,19 @@ WHOLE = Part(name="whole", share=1.0)  # of a set that has no parts
 
 
 def load_dataset_config(path: Path) -> DatasetConfig:
-    """Raises ConfigError for a file that is missing or not allowed, or names what is unknown."""
-    config = load(DatasetConfig, [read_toml(path)])
-    for row in config.rows:
-        for surface in row.percent:
-            named_layer("surfaces", surface)
-    if config.layout:
-        named_layer("layouts", config.layout)
-    for surface in [*config.on, *(name for part in config.parts for name in part.on)]:
-        named_layer("surfaces", surface)
+    """Raises ConfigError for a file that is missing or not allowed, or names what is unknown; of
+    its own files too, and where two of them give one name."""
+    config = beside(load(DatasetConfig, [read_toml(path)]), path.parent)
+    pressed = [word for row in config.rows for word in row.percent]
+    pressed += [*config.on, *(word for part in config.parts for word in part.on)]
     for cause in config.causes:
-        for name in cause.on:
-            named_layer("bodies" if cause.cause in GRASPED else "surfaces", name)
+        if cause.cause not in GRASPED:
+            pressed += cause.on
+    held = [word for cause in config.causes if cause.cause in GRASPED for word in cause.on]
+    check(pressed, held)
+    pressing("planar", config.layout)
+    if held:
+        bare_config(config.layout)
     if not config.causes and not any(sum(row.percent.values()) for row in config.rows):
         raise ConfigError(str(path), "rows", "there is nothing to record", "percent above 0")
     return config
@@ -188,7 +190,8 @@ def _cause_jobs(config: DatasetConfig, first: int) -> list[Job]:
         for k, split in enumerate(splits):
             seed = _seed(config, split, first + len(jobs))
             course = motion(DIRECTIONS["primary"][k % 4], 0.05, 1.0) if row.strokes else None
-            name = row.on[k % len(row.on)]
+            word = row.on[k % len(row.on)]
+            name = called("bodies" if row.cause in GRASPED else "surfaces", word)
             part = part_of_job(config.parts, first + len(jobs))
             metadata = Metadata(
                 set="confusers", split=split, surface=name, cause=row.cause,
@@ -197,12 +200,13 @@ def _cause_jobs(config: DatasetConfig, first: int) -> list[Job]:
                 direction=course.direction if course else "", seed=seed, commit=commit,
                 layout=config.layout,
                 part=part.name if config.parts else "",
-                parameters=_parameters(config, row, part, name, seed),
-                object=_object(row, name, seed) if row.cause in GRASPED else {},
+                parameters=_parameters(config, row, part, word, seed),
+                object=_object(row, word, seed) if row.cause in GRASPED else {},
+                files=fingerprints(word, config.layout),
             )  # fmt: skip
             path = f"{row.cause}/{k:03d}-{name}{SUFFIX}"
             samples = round(row.seconds / PERIOD_S)
-            jobs.append(Job(path, name, course, samples, 0, metadata, row.acts))
+            jobs.append(Job(path, word, course, samples, 0, metadata, row.acts))
     return jobs
 
 
@@ -211,20 +215,20 @@ def _seed(config: DatasetConfig, split: Split, index: int) -> int:
 
 
 def _parameters(
-    config: DatasetConfig, row: CauseRow, part: Part, name: str, seed: int
+    config: DatasetConfig, row: CauseRow, part: Part, word: str, seed: int
 ) -> dict[str, float]:
-    ranges = config.randomise | config.on.get(name, {}) | part.ranges(name) | row.randomise
+    ranges = config.randomise | config.on.get(word, {}) | part.ranges(word) | row.randomise
     if row.cause in GRASPED:
         held = {key: bounds for key, bounds in ranges.items() if not key.startswith(PRESSED)}
         return drawn(held, seed)
-    return drawn_on(pressing(name, config.layout), ranges, seed)
+    return drawn_on(pressing(word, config.layout), ranges, seed)
 
 
-def _object(row: CauseRow, name: str, seed: int) -> dict[str, Any]:
+def _object(row: CauseRow, word: str, seed: int) -> dict[str, Any]:
     """What is held, drawn far from the objects of the experiments; its settings by their names."""
     config = bare_config("")
     body = bodies.draw_object(
-        bodies.body_ranges(name), row.load, config.contact, config.hand.m_per_count,
+        bodies.body_ranges(word), row.load, config.contact, config.hand.m_per_count,
         sum(config.guard.full_grip_n), np.random.default_rng([seed, 4]),
     )  # fmt: skip
     return {key: value for key, value in msgspec.to_builtins(body).items() if value is not None}
@@ -237,9 +241,10 @@ def _slide_jobs(config: DatasetConfig) -> list[Job]:
     statics = apportion(config.static_samples, shares)
     jobs: list[Job] = []
     commit = versions()["commit"]
-    for (row, surface, share), slip, static in zip(groups, slips, statics, strict=True):
+    for (row, word, share), slip, static in zip(groups, slips, statics, strict=True):
         if share == 0.0:
             continue
+        surface = called("surfaces", word)
         wanted = round((slip + static) / config.recording_samples)
         count = max(config.least_recordings, wanted)
         parts = zip(
@@ -258,11 +263,12 @@ def _slide_jobs(config: DatasetConfig) -> list[Job]:
                 speed_mps=course.speed_mps, spin_radps=course.spin_radps,
                 direction=course.direction, seed=seed, commit=commit, layout=config.layout,
                 parameters=drawn_on(
-                    pressing(surface, config.layout), config.randomise | part.ranges(surface), seed
+                    pressing(word, config.layout), config.randomise | part.ranges(word), seed
                 ),
+                files=fingerprints(word, config.layout),
             )  # fmt: skip
             name = f"{surface}/{row.motion}-{row.speed:g}-{k:02d}-{course.direction}{SUFFIX}"
-            jobs.append(Job(name, surface, course, static_part, slip_part, metadata))
+            jobs.append(Job(name, word, course, static_part, slip_part, metadata))
     return jobs
 
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from detector.recordings import Metadata, Recording
 from drivers.interfaces import PERIOD_S
-from scenarios.acquire.config import load_acquire_config
-from scenarios.acquire.datasets.draws import layout_file, with_values
+from scenarios.acquire.config import AcquireConfig
+from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.datasets.grasped import LEAST_SLIP_M
 from scenarios.acquire.labels import recording
 from scenarios.acquire.press import PressController, StrokeMotion
@@ -41,15 +41,13 @@ KNOCKS_S = (0.004, 0.015)
 
 
 def make_pressed(
-    metadata: Metadata, samples: int, motion: StrokeMotion | None, source: str
+    bare: AcquireConfig, metadata: Metadata, samples: int, motion: StrokeMotion | None, source: str
 ) -> Recording:
-    """So many samples of a pressed fingertip."""
+    """So many samples of a pressed fingertip. ``bare``: before anything is drawn."""
     values = dict(metadata.parameters)
     if metadata.cause == "lost_samples":
         values["tactile.stale_after_missed"] = MOST_LOST
-    config = with_values(
-        load_acquire_config(metadata.surface, "simulated", layout_file(metadata.layout)), values
-    )
+    config = with_values(bare, values)
     rng = np.random.default_rng([metadata.seed, 3])
     script = _script(metadata.cause, rng)
     with open_acquire_rig(config, metadata.seed, paced=False) as rig:

@@ -356,10 +356,10 @@ def test_a_full_disk_at_the_first_file_leaves_an_empty_folder(
 @pytest.mark.parametrize(
     ("says", "named"),
     [
-        ('[[rows]]\nmotion = "primary"\nspeed = 0.1\npercent = {"../../x" = 100}', "rows"),
+        ('[[rows]]\nmotion = "primary"\nspeed = 0.1\npercent = {"../../x" = 100}', "../../x"),
         ('[[rows]]\nmotion = "primary"\nspeed = 0.1\npercent = {moon = 100}', "moon"),
         ('[[rows]]\nmotion = "primary"\nspeed = 0.1\npercent = {planar = 0}', "nothing to record"),
-        ('[[causes]]\ncause = "tap"\non = ["a/b"]\nshare = 1\nseconds = 1', "causes"),
+        ('[[causes]]\ncause = "tap"\non = ["a/b"]\nshare = 1\nseconds = 1', "a/b"),
         ('[[causes]]\ncause = "tap"\non = ["can"]\nshare = 1\nseconds = 1', "can"),
         ('[[causes]]\ncause = "grasped_tap"\non = ["can"]\nshare = 1\nseconds = 1\nload = [0.1, 1]',
          "straight"),
