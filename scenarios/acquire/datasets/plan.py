@@ -146,7 +146,7 @@ WHOLE = Part(name="whole", share=1.0)  # of a set that has no parts
 def load_dataset_config(path: Path) -> DatasetConfig:
     """Raises ConfigError for a file that is missing or not allowed, or names what is unknown; of
     its own files too, and where two of them give one name."""
-    config = beside(load(DatasetConfig, [read_toml(path)]), path.parent)
+    config: DatasetConfig = beside(load(DatasetConfig, [read_toml(path)]), path.parent)
     pressed = [word for row in config.rows for word in row.percent]
     pressed += [*config.on, *(word for part in config.parts for word in part.on)]
     for cause in config.causes:
