@@ -35,7 +35,12 @@ def doctor(args: argparse.Namespace) -> int:
 
         return load_for_devices("can", rig, args.config, detector=detector)
 
-    checks = examine(args.rig, args.config, load)
+    def would_run(config: Any) -> object:
+        from scenarios.trial.execution import make_guard
+
+        return make_guard(config)
+
+    checks = examine(args.rig, args.config, load, would_run)
     failed = [c for c in checks if c.status == "fail"]
     code = _code(failed)
     if args.json:

@@ -38,6 +38,7 @@ EXAMPLES = {
     ),
     "detector tune": ("grasp detector tune mine.py:Tremble --data sets/paper sets/confusers",),
     "release": ("grasp release --rig cell.toml --confirm-motion",),
+    "find": ("grasp find 192.168.1.11 192.168.1.10",),
     "doctor": ("grasp doctor", "grasp doctor --rig hardware --config lab.toml"),
     "emulate": ("grasp emulate --host 127.0.0.2 --gripper-port 5020",),
     "completion": ('eval "$(grasp completion bash)"',),

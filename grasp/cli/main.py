@@ -21,6 +21,7 @@ from grasp.cli import (
     examples,
     exits,
     export,
+    find,
     grip_search,
     release,
     replay,
@@ -35,12 +36,12 @@ from grasp.cli.parser import EXAMPLES, Parser, RootParser
 
 VERBS = (
     run, campaign, grip_search, replay, runs, report, export, chart, dataset, detector, tactile,
-    world, config, doctor, emulate, release, completion,
+    world, config, doctor, find, emulate, release, completion,
 )  # fmt: skip
 GROUPS = {
     "try": ("run", "replay", "runs", "report", "export"),
     "measure": ("campaign", "chart", "grip-search", "dataset", "detector", "world"),
-    "a lab's devices": ("doctor", "release", "tactile", "emulate"),
+    "a lab's devices": ("find", "doctor", "release", "tactile", "emulate"),
     "set up": ("config", "completion"),
 }
 

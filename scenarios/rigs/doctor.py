@@ -9,12 +9,12 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires, version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from drivers.errors import ConfigError, GraspError
+from drivers.errors import GraspError
+from scenarios.rigs.checks import Check, guarded
 
 JITTER_S = 2.0
 JITTER_WARN_MS = 5.0
@@ -25,25 +25,19 @@ OWN_PACKAGES = ("grasp", "drivers", "detector", "scenarios")
 
 # a rig's name and a detector's in, the settings of a trial out; raises ConfigError
 Load = Callable[[str, str], Any]
+WouldRun = Callable[[Any], object]  # raises where a run with such settings would be refused
 
 
-class Check(NamedTuple):
-    """One finding: status is ok, warn or fail; the remedy is empty when all is well."""
-
-    name: str
-    status: str
-    detail: str
-    remedy: str = ""
-
-
-def examine(rig: str | None, files: Sequence[Path] | None, load: Load) -> list[Check]:
+def examine(
+    rig: str | None, files: Sequence[Path] | None, load: Load, would_run: WouldRun
+) -> list[Check]:
     """All checks of this machine, then those of the rig's devices if one is named."""
     checks = [_python(), *_packages(), *_shadows(), *_rivals(), _configuration(rig, files, load)]
     readable = checks[-1].status == "ok"
     checks += _detectors(load) if readable else [_unseen("detectors")]
-    checks.append(_guarded("usb", _usb))
-    checks += _devices(rig, load) if readable or rig is None else [_unseen("devices")]
-    checks += [_guarded("loop jitter", _jitter), _guarded("real-time scheduling", _scheduling)]
+    checks.append(guarded("usb", _usb))
+    checks += _devices(rig, load, would_run) if readable or rig is None else [_unseen("devices")]
+    checks += [guarded("loop jitter", _jitter), guarded("real-time scheduling", _scheduling)]
     return [*checks, _disk()]
 
 
@@ -103,16 +97,6 @@ def _unseen(name: str) -> Check:
     return Check(name, "warn", "not looked at: the configuration comes first")
 
 
-def _guarded(name: str, look: Callable[[], Check]) -> Check:
-    """The finding, or a failure made of whatever error came instead."""
-    try:
-        return look()
-    except GraspError as error:
-        return Check(name, "fail", error.message, error.remedy)
-    except Exception as error:  # a doctor reports, whatever it meets
-        return Check(name, "fail", f"{type(error).__name__}: {error}", "see the message")
-
-
 def _configuration(rig: str | None, files: Sequence[Path] | None, load: Load) -> Check:
     def look() -> Check:
         from grasp.settings import config_dir
@@ -122,7 +106,7 @@ def _configuration(rig: str | None, files: Sequence[Path] | None, load: Load) ->
         extra = own or os.environ.get("GRASP_CONFIG") or "no further file"
         return Check("configuration", "ok", f"{config_dir()}, {extra}, hash {config.digest()}")
 
-    return _guarded("configuration", look)
+    return guarded("configuration", look)
 
 
 def _detectors(load: Load) -> Iterator[Check]:
@@ -146,37 +130,27 @@ def _detectors(load: Load) -> Iterator[Check]:
         yield Check("detectors", "fail", str(error), "run `make install`")
         return
     for name in dict.fromkeys([*DETECTORS, *offered()]):
-        yield _guarded(f"detector {name}", lambda n=name: look(n))  # type: ignore[misc]
+        yield guarded(f"detector {name}", lambda n=name: look(n))  # type: ignore[misc]
 
 
 def _usb() -> Check:
     """Is a fingertip board on the bus, and may this user open it? Reads sysfs alone."""
-    from drivers.takktile.protocol import PRODUCT_ID, VENDOR_ID
+    from drivers.takktile.link.sysfs import DEVICES, IDS, boards
 
-    board = f"{VENDOR_ID:04x}:{PRODUCT_ID:04x}"
-    base = Path("/sys/bus/usb/devices")
-    if not base.is_dir():
-        return Check("usb", "warn", "no USB bus on this machine", "")
-    for entry in base.iterdir():
-        try:
-            ids = ":".join((entry / name).read_text().strip() for name in ("idVendor", "idProduct"))
-            bus, number = (int((entry / name).read_text()) for name in ("busnum", "devnum"))
-        except (OSError, ValueError):
-            continue
-        if ids != board:
-            continue
-        node = f"/dev/bus/usb/{bus:03d}/{number:03d}"
-        if os.access(node, os.R_OK | os.W_OK):
-            serial = entry / "serial"
-            known = serial.read_text().strip() if serial.is_file() else "none"
-            return Check("usb", "ok", f"fingertip board at {node}, serial number: {known}")
-        return Check(
-            "usb", "fail", f"{node}: no permission", "install the rule of `grasp tactile udev`"
-        )
-    return Check("usb", "warn", f"no fingertip board ({board}) on the bus", "plug it in")
+    if not DEVICES.is_dir():
+        return Check("usb", "warn", "no USB bus on this machine")
+    found = list(boards())
+    for board in found:
+        if board.allowed:
+            serial = board.serial or "none"
+            return Check("usb", "ok", f"fingertip board at {board.node}, serial number: {serial}")
+    if found:
+        remedy = "install the rule of `grasp tactile udev`"
+        return Check("usb", "fail", f"{found[0].node}: no permission", remedy)
+    return Check("usb", "warn", f"no fingertip board ({IDS}) on the bus", "plug it in")
 
 
-def _devices(rig: str | None, load: Load) -> list[Check]:
+def _devices(rig: str | None, load: Load, would_run: WouldRun) -> list[Check]:
     """Ask gripper, arm and fingertips of a wired rig; an emulated one gets a cell meanwhile."""
     if rig is None or rig == "simulated":
         return []
@@ -184,108 +158,19 @@ def _devices(rig: str | None, load: Load) -> list[Check]:
         config = load(rig, "energy")
         if config.rig == "simulated":
             return []
+        from scenarios.rigs.device_checks import ask_devices
+
         if config.rig != "emulated":
-            return _ask_devices(config)
+            return ask_devices(config, would_run)
         from scenarios.rigs.cell_process import at_endpoints, cell_process
 
         with cell_process(config, 0) as cell:
-            return _ask_devices(at_endpoints(config, cell.endpoints))
+            return ask_devices(at_endpoints(config, cell.endpoints), would_run)
     except GraspError as error:
         return [Check("devices", "fail", error.message, error.remedy)]
     except Exception as error:
         message = f"{type(error).__name__}: {error}"
         return [Check("devices", "fail", message, "see the message")]
-
-
-def _ask_devices(config: Any) -> list[Check]:
-    hand = [_guarded(name, partial(look, config)) for name, look in
-            (("calibration", _calibration), ("cell", _cell), ("gripper", _gripper))]  # fmt: skip
-    return [*hand, *arm_checks(config), _guarded("fingertips", lambda: _board(config))]
-
-
-def _calibration(config: Any) -> Check:
-    """Has somebody said which hand this is? A run is refused where nobody has."""
-    from scenarios.rigs.rig import calibration
-
-    chosen = calibration(config)
-    least = f"force byte 0 is {chosen.least_force_n:g} N"
-    return Check("calibration", "ok", f"{config.gripper.calibration}: {least}")
-
-
-def _cell(config: Any) -> Check:
-    """Does a run drive it? Its locks are held for an instant, and let go."""
-    from scenarios.rigs.cell_lock import devices_of, driving
-
-    try:
-        devices = devices_of(config)
-    except ConfigError:  # told by whoever asks the device
-        return Check("cell", "warn", "not looked at: an address is missing")
-    with driving(*devices):  # raises the name of who does
-        return Check("cell", "ok", "driven by no run of this machine")
-
-
-def _board(config: Any) -> Check:
-    """Find and open the board that the rig names, and let it go again."""
-    from scenarios.rigs.permission import board_address
-    from scenarios.rigs.wired import board_finder
-
-    board_address(config)  # raises where nobody has said which
-    if config.devices.fingertips:
-        return _foreign("fingertips", config)
-    board = board_finder(config, time.monotonic_ns)(None)
-    board.close()
-    return Check("fingertips", "ok", f"board {board.serial} is there")
-
-
-def _gripper(config: Any) -> Check:
-    """Read the status registers once; write nothing."""
-    from drivers.robotiq.link.modbus import ModbusTransport
-    from drivers.robotiq.protocol import (
-        FAULTS,
-        REGISTERS,
-        RTU,
-        TCP,
-        StatusRegisters,
-    )
-    from scenarios.rigs.permission import gripper_address
-
-    gripper_address(config)  # raises where nobody has said which
-    if config.devices.gripper:
-        return _foreign("gripper", config)
-    link = TCP if config.gripper.link == "tcp" else RTU
-    transport = ModbusTransport(config.modbus, config.gripper.link)
-    try:
-        words = transport.read(link.status_register, REGISTERS, time.monotonic_ns())
-    finally:
-        transport.close()
-    status = StatusRegisters.from_registers(words)
-    fault = FAULTS[status.fault]
-    state = "active" if status.ready else "not activated"
-    if fault.code:
-        return Check("gripper", "fail", f"answers, {state}; {fault.text}", fault.remedy)
-    return Check("gripper", "ok", f"answers, {state}, no fault")
-
-
-def arm_checks(config: Any) -> list[Check]:
-    """Ask the arm's controller how it is; moves nothing, raises nothing."""
-    if config.devices.arm:
-        return [_guarded("arm", lambda: _foreign("arm", config))]
-    from drivers.ur.link.preflight import preflight
-    from scenarios.rigs.permission import arm_address
-
-    try:
-        report = preflight(arm_address(config), config.ur.step_timeout_s)
-    except GraspError as error:
-        return [Check("arm", "fail", error.message, error.remedy)]
-    return [Check(f"arm {c.name}", c.status, c.detail, c.remedy) for c in report.checks]
-
-
-def _foreign(device: str, config: Any) -> Check:
-    """A device of another package: is it installed? Opening it might move it."""
-    from scenarios.rigs.own_devices import check_offered
-
-    check_offered(config.devices)
-    return Check(device, "warn", f"{config.devices.called(device)}: of another package, not asked")
 
 
 def _jitter() -> Check:

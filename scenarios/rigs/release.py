@@ -12,7 +12,7 @@ from drivers.interfaces import Counts3, Gripper
 from grasp.clock import Clock, WallClock
 from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
-from scenarios.rigs.doctor import arm_checks
+from scenarios.rigs.device_checks import arm_checks
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import HARDWARE, MotionPermit, board_address, require
 from scenarios.rigs.rig import activate, calibration

@@ -30,6 +30,8 @@ VIOLATIONS = [
     ("scenario-rooms", "scenarios.campaign.planted", "scenarios.acquire.planted_other"),
     ("scenario-rooms", "scenarios.acquire.planted", "scenarios.campaign.planted_other"),
     ("scenario-rooms", "scenarios.lift.planted", "scenarios.campaign.planted_other"),
+    ("scenario-rooms", "scenarios.lift.planted", "scenarios.lab.planted_other"),
+    ("scenario-rooms", "scenarios.lab.planted", "scenarios.campaign.planted_other"),
     ("scenario-rooms", "scenarios.lift.planted", "scenarios.tap.planted_other"),
     ("scenario-rooms", "scenarios.tap.planted", "scenarios.lift.planted_other"),
     ("scenario-rooms", "scenarios.trial.planted", "scenarios.lift.planted_other"),

@@ -144,14 +144,14 @@ def _reason(error: Exception) -> str:
     return "no answer in time" if isinstance(error, TimeoutError) else str(error) or "no answer"
 
 
-class _Rtde:
-    """One RTDE connection for a handful of questions."""
+class Rtde:
+    """One RTDE connection for a handful of questions; they raise OSError and ValueError."""
 
     def __init__(self, host: str, timeout_s: float) -> None:
         self._timeout_s = timeout_s
         self._socket = socket.create_connection((host, RTDE_PORT), timeout_s)
 
-    def __enter__(self) -> "_Rtde":
+    def __enter__(self) -> "Rtde":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -167,9 +167,13 @@ class _Rtde:
 
     def ask(self, kind: bytes, body: bytes = b"") -> bytes:
         """Body of the answer of the same kind; other packets (messages) are skipped."""
-        deadline = time.monotonic() + self._timeout_s
         self._socket.settimeout(self._timeout_s)
         self._socket.sendall(struct.pack(">Hc", 3 + len(body), kind) + body)
+        return self.wait(kind)
+
+    def wait(self, kind: bytes) -> bytes:
+        """Body of the next packet of a kind."""
+        deadline = time.monotonic() + self._timeout_s
         while True:
             size, found = struct.unpack(">Hc", self._exactly(3, deadline))
             if size < 3:
@@ -196,12 +200,22 @@ def _receive(peer: socket.socket, count: int, deadline: float) -> bytes:
     return data
 
 
+def peek(host: str, port: int, count: int, timeout_s: float) -> bytes:
+    """The first bytes that a port sends unasked; raises OSError."""
+    deadline = time.monotonic() + timeout_s
+    with socket.create_connection((host, port), timeout_s) as peer:
+        data = b""
+        while len(data) < count:
+            data += _receive(peer, count - len(data), deadline)
+        return data
+
+
 def _ask_rtde(host: str, timeout_s: float) -> tuple[Version | None, list[PreflightCheck]]:
     """Protocol, then version, then claims: each needs the one before."""
     checks: list[PreflightCheck] = []
     version = None
     try:
-        with _Rtde(host, timeout_s) as rtde:
+        with Rtde(host, timeout_s) as rtde:
             (accepted,) = struct.unpack(">B", rtde.ask(b"V", struct.pack(">H", 2)))
             if accepted:
                 checks.append(PreflightCheck("rtde protocol", "ok", "RTDE protocol version 2"))
@@ -219,7 +233,7 @@ def _ask_rtde(host: str, timeout_s: float) -> tuple[Version | None, list[Preflig
     return version, checks
 
 
-def _claims(rtde: _Rtde, timeout_s: float) -> PreflightCheck:
+def _claims(rtde: Rtde, timeout_s: float) -> PreflightCheck:
     """Ask for the registers; what is in use is asked for again while the step's time lasts."""
     deadline = time.monotonic() + timeout_s
     while True:
@@ -248,15 +262,15 @@ def _shortened(names: list[str]) -> str:
     return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
-class _Dashboard:
-    """Line by line: one command, one answer."""
+class Dashboard:
+    """Line by line: one command, one answer; raises OSError and ValueError."""
 
     def __init__(self, host: str, timeout_s: float) -> None:
         self._timeout_s = timeout_s
         self._socket = socket.create_connection((host, DASHBOARD_PORT), timeout_s)
         self._rest = b""
 
-    def __enter__(self) -> "_Dashboard":
+    def __enter__(self) -> "Dashboard":
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -280,7 +294,7 @@ class _Dashboard:
 def _ask_dashboard(host: str, version: Version | None, timeout_s: float) -> list[PreflightCheck]:
     checks: list[PreflightCheck] = []
     try:
-        with _Dashboard(host, timeout_s) as dashboard:
+        with Dashboard(host, timeout_s) as dashboard:
             checks.append(_banner(dashboard.line()))
             if version is not None and version >= (5, 6):  # CB3 has no such switch
                 checks.append(_remote(dashboard.ask("is in remote control")))

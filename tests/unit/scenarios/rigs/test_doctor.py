@@ -9,8 +9,9 @@ import pytest
 from drivers.errors import ConfigError
 from grasp.cli.main import main
 from scenarios.campaign.config import load_config
-from scenarios.rigs import doctor
+from scenarios.rigs import device_checks, doctor
 from scenarios.rigs.cell_lock import devices_of, driving
+from scenarios.trial.execution import make_guard
 
 ADDRESSES = """
 [modbus]
@@ -25,7 +26,7 @@ url = "tcp://127.0.0.99:9"
 
 @pytest.fixture
 def no_arm(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "arm_checks", lambda config: [])
+    monkeypatch.setattr(device_checks, "arm_checks", lambda config: [])
 
 
 @pytest.mark.usefixtures("no_arm")
@@ -37,7 +38,9 @@ def test_hand_that_nobody_has_chosen_stands_against_a_run(
 ) -> None:
     lab = tmp_path / "lab.toml"
     lab.write_text(chosen + ADDRESSES)
-    checks = doctor._devices("hardware", lambda rig, name: load_config("can", rig, name, lab))
+    checks = doctor._devices(
+        "hardware", lambda rig, name: load_config("can", rig, name, lab), make_guard
+    )
     found = next(check for check in checks if check.name == "calibration")
     assert found.status == status
     assert ("chosen by hand" in found.detail) == (status == "fail")
@@ -49,7 +52,9 @@ def test_cell_that_a_run_drives_is_told_with_how_to_end_that(tmp_path: Path) -> 
     lab.write_text(ADDRESSES)
 
     def found() -> doctor.Check:
-        checks = doctor._devices("hardware", lambda rig, name: load_config("can", rig, name, lab))
+        checks = doctor._devices(
+            "hardware", lambda rig, name: load_config("can", rig, name, lab), make_guard
+        )
         return next(check for check in checks if check.name == "cell")
 
     with driving(*devices_of(load_config("can", "hardware", "energy", lab))):
@@ -66,7 +71,7 @@ def test_configuration_that_cannot_be_read_is_told_once(
     def load(rig: str, name: str) -> Any:
         return load_config("can", rig, name, tmp_path / "none.toml")
 
-    checks = doctor.examine("hardware", None, load)
+    checks = doctor.examine("hardware", None, load, make_guard)
     assert [check.name for check in checks if "none.toml" in check.detail] == ["configuration"]
     unseen = {check.name for check in checks if check.detail.startswith("not looked at")}
     assert unseen == {"detectors", "devices"}

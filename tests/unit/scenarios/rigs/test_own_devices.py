@@ -12,8 +12,9 @@ from drivers.errors import ConfigError, LinkLost, UsageError
 from grasp.cli.main import main
 from grasp.clock import WallClock
 from scenarios.campaign.config import RunConfig, load_config
-from scenarios.rigs import doctor, opening, own_devices
+from scenarios.rigs import opening, own_devices
 from scenarios.rigs.cell_lock import devices_of
+from scenarios.rigs.device_checks import ask_devices
 from scenarios.rigs.permission import MotionPermit, check_devices
 from scenarios.rigs.wired import acknowledgements, wired_devices
 
@@ -146,7 +147,7 @@ def test_which_they_are_is_in_the_hash_and_where_they_are_is_not() -> None:
 
 
 def test_doctor_says_that_it_does_not_ask_them(opened: list[Any]) -> None:
-    found = {check.name: check for check in doctor._ask_devices(lab(*ALL))}
+    found = {check.name: check for check in ask_devices(lab(*ALL), lambda config: None)}
     assert found["gripper"].status == found["arm"].status == found["fingertips"].status == "warn"
     assert "of another package, not asked" in found["gripper"].detail
     assert opened == []

@@ -1,0 +1,47 @@
+"""Registers in words, and what no hand says."""
+
+import msgspec
+import pytest
+
+from drivers.robotiq.protocol import AxisStatus, StatusRegisters
+from drivers.robotiq.words import doubts, lines
+
+# open, and done: manual, 2014 p. 74
+OPEN = StatusRegisters.from_bytes(bytes.fromhex("F9FF0000070000060000060000890000"))
+replace = msgspec.structs.replace
+
+
+def test_every_register_of_the_manual_s_example_is_told() -> None:
+    told = "\n".join(lines(OPEN))
+    for name in ("gACT 1", "gMOD 0: basic", "gGTO 1", "gIMC 3: ready", "gSTA 3", "gFLT 0x00: no"):
+        assert name in told
+    assert "finger A: at 7 counts, told 0, 0 mA, where it was told to be (gDT 3)" in told
+    assert "scissor: at 137 counts" in told
+
+
+def test_a_fault_is_told_in_its_own_words() -> None:
+    assert any("automatic release in progress" in line for line in lines(replace(OPEN, fault=0x0B)))
+
+
+def test_hands_of_the_manual_are_not_doubted() -> None:
+    reset = StatusRegisters()
+    moving = StatusRegisters.from_bytes(bytes.fromhex("39C000FF080F00081000080F00890000"))
+    closed = StatusRegisters.from_bytes(bytes.fromhex("B9EA00FFBC0000C10000BD0000890000"))
+    for status in (OPEN, reset, moving, closed):
+        assert doubts(status, status) == []
+    further = replace(moving, a=replace(moving.a, position=60))
+    assert doubts(further, moving) == []  # it moves
+
+
+@pytest.mark.parametrize(
+    ("said", "word"),
+    [
+        (replace(OPEN, active=False), "not activated, and that it obeys"),
+        (replace(OPEN, fault=0x03), "unknown fault"),
+        (replace(OPEN, a=AxisStatus(0, 7, 255, 3)), "draws 2550 mA"),
+        (replace(OPEN, b=AxisStatus(0, 255, 0, 3)), "beyond its mechanical end"),
+        (replace(OPEN, c=AxisStatus(0, 60, 0, 3)), "is said to stand"),
+    ],
+)
+def test_what_no_hand_says_is_doubted(said: StatusRegisters, word: str) -> None:
+    assert any(word in doubt for doubt in doubts(said, OPEN))

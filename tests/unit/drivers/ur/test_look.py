@@ -1,0 +1,40 @@
+"""What an arm says of itself is doubted where it cannot be."""
+
+import math
+
+import msgspec
+import pytest
+
+from drivers.ur.link.look import ArmLook, doubts, lines
+
+STANDS = ArmLook(1.0, (0.1, -1.5, 1.6, -1.6, -1.5, 0.0), (0.5, 0.1, 0.3, 0.0, 3.1, 0.0),
+                 (0.0,) * 6, 7, 1, 1)  # fmt: skip
+LATER = msgspec.structs.replace(STANDS, t_s=1.08)
+replace = msgspec.structs.replace
+
+
+def test_an_arm_that_stands_is_believed_and_told() -> None:
+    assert doubts(LATER, STANDS) == []
+    told = "\n".join(lines(LATER))
+    assert "robot mode 7: running" in told
+    assert "shoulder -85.9" in told
+    assert "x 500.0, y 100.0, z 300.0" in told
+
+
+@pytest.mark.parametrize(
+    ("said", "word"),
+    [
+        (replace(LATER, t_s=1.0), "stands still"),
+        (replace(LATER, joints_rad=(7.0, *STANDS.joints_rad[1:])), "joint base at 401 degrees"),
+        (replace(LATER, joints_rad=(0.0,) * 6), "exactly 0"),
+        (replace(LATER, pose=(math.nan, *STANDS.pose[1:])), "no numbers"),
+        (replace(LATER, pose=(0.5, 3.0, *STANDS.pose[2:])), "beyond any arm's reach"),
+        (replace(LATER, pose=(0.6, *STANDS.pose[1:])), "100 mm at no speed"),
+    ],
+)
+def test_what_no_arm_says_is_doubted(said: ArmLook, word: str) -> None:
+    assert any(word in doubt for doubt in doubts(said, STANDS))
+
+
+def test_pose_of_an_arm_without_power_is_not_asked_about() -> None:
+    assert doubts(replace(LATER, robot_mode=3, joints_rad=(0.0,) * 6), STANDS) == []

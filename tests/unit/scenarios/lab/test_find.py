@@ -1,0 +1,30 @@
+"""Addresses are asked one by one; nothing is searched for."""
+
+import pytest
+
+from drivers.errors import UsageError
+from grasp.cli.main import main
+from scenarios.lab.find import Asked, ask, settings_of
+
+
+@pytest.mark.parametrize(
+    "word", ["10.0.0.0/24", "10.0.0.1:x", "http://10.0.0.1", "tcp://10.0.0.1", "", "a:b:c"]
+)
+def test_what_is_no_address_of_one_device_is_refused(word: str) -> None:
+    with pytest.raises(UsageError, match=r"address|[Pp]ort"):
+        list(ask([word], 0.1))
+
+
+def test_nobody_at_an_address_is_told_for_each_port(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["find", "127.0.0.99", "tcp://127.0.0.99:9", "--timeout", "0.2"]) == 3
+    shown = capsys.readouterr()
+    assert [line.split()[0] for line in shown.out.splitlines()] == ["no"] * 5
+    assert "nobody answers" in shown.err
+
+
+def test_file_of_what_answered_leaves_the_rest_out() -> None:
+    found = [
+        Asked("gripper", "", True, "", (("modbus", "host", "h"), ("modbus", "port", 502))),
+        Asked("arm", "", False, "", (("ur", "host", "h"),)),
+    ]
+    assert settings_of(found) == '[modbus]\nhost = "h"\nport = 502\n'

@@ -1,0 +1,82 @@
+"""`grasp find` and `grasp doctor` at an emulated lab: what is there, and what is wrong with it."""
+
+import json
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.wire.scenarios.test_rigs import ENVIRONMENT, GRASP, emulate, lab_file
+
+
+@pytest.fixture(scope="module")
+def endpoints() -> Iterator[dict[str, Any]]:
+    with emulate() as found:
+        yield found
+
+
+def grasp(*words: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [*GRASP, *words], env=ENVIRONMENT, capture_output=True, text=True, check=False, timeout=100,
+        stdin=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+def doctor(lab: Path, *words: str) -> tuple[int, dict[str, dict[str, str]]]:
+    done = grasp("doctor", "--rig", "hardware", "--config", str(lab), "--json", *words)
+    told = json.loads(done.stdout)
+    return done.returncode, {check["name"]: check for check in told["checks"]}
+
+
+def test_devices_that_answer_are_found_with_what_to_write_down(endpoints: dict[str, Any]) -> None:
+    gripper, url = endpoints["gripper"], endpoints["tactile"]["url"]
+    done = grasp("find", endpoints["host"], f"{gripper['host']}:{gripper['port']}", url)
+    assert done.returncode == 0, done.stderr
+    assert "not activated, no fault" in done.stdout
+    assert "robot mode 7: running" in done.stdout
+    assert "serial number" in done.stdout
+    for line in (f"port = {gripper['port']}", f'url = "{url}"', f'host = "{endpoints["host"]}"'):
+        assert line in done.stdout
+
+
+def test_doctor_hears_every_device_and_says_what_a_run_would_do_first(
+    endpoints: dict[str, Any], tmp_path: Path
+) -> None:
+    code, checks = doctor(lab_file(tmp_path / "lab.toml", endpoints))
+    assert code == 0, checks
+    assert "18 taxels, rest 4" in checks["fingertips"]["detail"]
+    assert checks["arm pose"]["detail"].startswith("stands, tool at x 500")
+    assert checks["force guard"]["status"] == "ok"
+    assert "`grasp gripper activate`" in checks["gripper"]["remedy"]
+
+
+def test_doctor_fails_where_the_board_at_its_url_does_not_answer(
+    endpoints: dict[str, Any], tmp_path: Path
+) -> None:
+    lab = lab_file(tmp_path / "lab.toml", endpoints)
+    lab.write_text(lab.read_text().replace(endpoints["tactile"]["url"], "tcp://127.0.0.99:9"))
+    code, checks = doctor(lab)
+    assert code == 3
+    assert checks["fingertips"]["status"] == "fail"
+
+
+def test_doctor_fails_where_the_force_guard_of_a_run_would_refuse(
+    endpoints: dict[str, Any], tmp_path: Path
+) -> None:
+    lab = lab_file(tmp_path / "lab.toml", endpoints)
+    lab.write_text(lab.read_text().replace('"paper"', '"manual"'))
+    code, checks = doctor(lab)
+    assert code == 3
+    assert "cannot close with less than 15 N" in checks["force guard"]["detail"]
+
+
+def test_doctor_fails_on_fingertips_that_cannot_be_at_rest(
+    endpoints: dict[str, Any], tmp_path: Path
+) -> None:
+    lab = lab_file(tmp_path / "lab.toml", endpoints)
+    lab.write_text(lab.read_text().replace("[tactile]", "[tactile]\nrest_min_counts = 460"))
+    code, checks = doctor(lab)
+    assert code == 3
+    assert "outside 460..512" in checks["fingertips"]["detail"]
