@@ -3,6 +3,7 @@
 # make lift      one lift of a can, simulated        make test-slow  the slow tests
 # make bench     measurements                        make test-train the tests that need torch
 # make faults    every fault at every phase of a lift; writes docs/faults.md
+# make mutants   what the tests would not see; writes docs/mutants.md     make soak  an hour of lifts
 # make lock      renew requirements/*.txt (with uv)  make test-cluster the test that needs Dask
 # make clean     remove what make made               make test-browser pages, in a Chromium
 # make docs      the site, into build/site           make install-charts, -train, -cluster  extras
@@ -31,7 +32,7 @@ DOCS := .venv/.installed-docs
 PYTHON ?= python3.12 python3.11 python3
 OBJECT ?= can
 
-.PHONY: install install-dev install-charts install-train install-cluster docs lift test test-unit test-wire test-slow faults \
+.PHONY: install install-dev install-charts install-train install-cluster docs lift test test-unit test-wire test-slow faults mutants soak \
         test-train test-cluster test-browser bench check check-style check-types check-imports lock clean
 
 install: $(BASE)
@@ -140,6 +141,15 @@ faults: install-dev
 	$(BIN)/python scripts/faults.py run --jobs $(JOBS); fell=$$?; \
 	$(BIN)/python scripts/faults.py page && exit $$fell
 	CHAOS_PLANS=200 $(BIN)/python -m pytest -s -m slow tests/wire/scenarios/chaos
+
+# each mutant of what safety rests on, and a sample of the rest
+mutants: install-dev
+	$(BIN)/python scripts/mutants.py run; lived=$$?; \
+	$(BIN)/python scripts/mutants.py sample || lived=$$?; \
+	$(BIN)/python scripts/mutants.py page && exit $$lived
+
+soak: install-dev
+	$(BIN)/python scripts/soak.py run
 
 bench: install-dev
 	$(BIN)/python -m pytest -m bench -s

@@ -253,4 +253,51 @@ def test_repeated_commands_do_not_ratchet_past_the_bound() -> None:
 
 
 def test_force_is_estimated_from_the_sum_of_counts_and_never_negative() -> None:
-    assert guard(counts_per_newton=160.0).measured_n((-320.0, 16.0, 0.0)) == (2.0, 0.0, 0.0)
+    g = guard(counts_per_newton=160.0)
+    assert g.measured_n((-320.0, -160.0, -16.0)) == (2.0, 1.0, 0.1)
+    assert g.measured_n((16.0, 160.0, 320.0)) == (0.0, 0.0, 0.0)
+
+
+def test_defaults_are_those_that_every_result_rests_on() -> None:
+    assert msgspec.structs.asdict(GuardSettings()) == {
+        "force_limit_n": 10.0, "cap_mode": "every_finger", "overshoot_n": 1.0,
+        "contact_stiffness_npm": 2500.0, "stiffness_margin": 1.3, "first_force_margin_n": 1.0,
+        "tip_mass_kg": 0.1, "travel_bound": False, "counts_per_newton": 160.0,
+        "measured_margin_n": 5.0,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("mode", "grip_n"), [("every_finger", (10.0, 5.0, 5.0)), ("each_motor", (20.0, 10.0, 10.0))]
+)
+def test_thumb_of_a_full_grip_carries_the_sum_of_both_others(mode: str, grip_n: object) -> None:
+    assert msgspec.structs.replace(GuardSettings(), cap_mode=mode).full_grip_n == grip_n
+
+
+@pytest.mark.parametrize("targets", [(1, 0, 0), (0, 1, 0), (0, 0, 1)])
+def test_where_no_count_is_known_to_be_free_no_finger_closes_fast(targets: Counts3) -> None:
+    g = guard()
+    moved = g.admit(MoveFingers(targets, 0.11, 10.0), gripper(), NO_FORCE)
+    assert isinstance(moved, MoveFingers) and moved.speed_mps == g.closing_speed_mps
+    assert speed(g, (0, 0, 0)) == 0.11
+    thumb = g.admit(CloseFast(10.0, ALL, (0, 255, 255), 0.11), gripper(), NO_FORCE)
+    assert isinstance(thumb, CloseFast) and thumb.speed_mps == 0.11
+
+
+def test_overshoot_that_cannot_be_kept_is_refused_with_the_least_that_can() -> None:
+    settings = GuardSettings(contact_stiffness_npm=2500.0, tip_mass_kg=0.1)
+    with pytest.raises(ConfigError, match="overshoot_n") as caught:
+        ForceGuard(settings, 10.0, RIGID, least_speed_mps=0.1)
+    assert caught.value.remedy == f"allowed: guard.overshoot_n >= {0.1 * math.sqrt(250.0):.2f}"
+
+
+def test_reach_is_that_of_the_grip_as_it_has_grown_up_to_the_limit_itself() -> None:
+    assert anchored().reach(gripper(), (7.0, 1.0, 1.0)) == (56, 58, 58)
+    generous = anchored(overshoot_n=5.0)  # what the limit alone allows decides
+    assert generous.reach(gripper(), (5.9, 1.0, 1.0)) == (57, 59, 59)
+
+
+def test_end_of_the_thumb_is_its_own() -> None:
+    g = guard(travel_bound=True)
+    g.anchor((50, 60, 70), FIRST_N)
+    assert g.thumb_end == 54

@@ -4,10 +4,12 @@ import msgspec
 import pytest
 
 from drivers.interfaces import Detection
+from grasp.closing import Closing
 from grasp.commands import CloseFast, Command, HoldFingers
+from grasp.controller_settings import ControllerSettings
 from grasp.observation import Observation
 from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, SAFE_PHASES, UNMOVED_PHASES, Phase
-from grasp.safe_state import SafeState
+from grasp.safe_state import Pursuit, SafeState
 from tests.unit.grasp.builders import arm, gripper, seen
 
 CLOSURE = CloseFast(10.0, (True, False, False), (255, 255, 255), 0.06)
@@ -68,6 +70,7 @@ def test_arm_is_doubted_wherever_among_the_causes_that_is_said(cause: str, doubt
         ({}, ()),
         ({"arm": arm(LATER_NS, moving=True)}, ("the arm still moves",)),
         ({"pending": True}, ("the arm still moves",)),
+        ({"arm": arm(LATER_NS - 100_000_000)}, ()),
         ({"arm": arm(LATER_NS - 101_000_000)},
          ("the arm is not heard: whether it stands is unknown",)),
     ],
@@ -114,3 +117,42 @@ def test_hand_that_cannot_be_told_anything_is_said_to_hold_as_it_stands() -> Non
     assert "not heard" in safe.missing_of_hand(later(gripper_lost=True))[0]
     refusing = msgspec.structs.replace(gripper(fault=13), active=False)
     assert "reports a fault" in safe.missing_of_hand(later(gripper=refusing))[0]
+    warning = later(gripper=gripper(fault=13))  # it obeys all the same
+    assert safe.missing_of_hand(warning) == ("the hand is not as it should be",)
+
+
+def test_answer_to_slip_that_is_half_done_is_finished_when_a_person_stops_the_run() -> None:
+    half = SafeState(Phase.STOPPED, Phase.LIFT, ENTERED_NS, "x", half_closed=True)
+    assert half.of_hand(CLOSURE) == (CLOSURE,)
+
+
+SETTINGS = ControllerSettings(stale_after_s=0.1, repeat_s=0.1, safe_state_s=3.0)
+
+
+def pursuit(since_ns: int = 0) -> Pursuit:
+    safe = SafeState(Phase.FAULT, Phase.LIFT, since_ns, "x")
+    return Pursuit(safe, SETTINGS, Closing(SETTINGS, 10.0))
+
+
+def unsafe(t_ns: int, **changes: object) -> Observation:
+    return seen(t_ns, **{"arm": arm(t_ns, moving=True), **changes})
+
+
+def test_what_is_missing_is_asked_for_again_once_the_time_between_two_requests_is_over() -> None:
+    for t_ns, asked in ((99_999_999, False), (100_000_000, True)):
+        assert bool(pursuit().step(unsafe(t_ns))) is asked
+
+
+def test_safe_state_is_given_up_once_its_time_is_over() -> None:
+    for t_ns, over in ((2_999_999_999, False), (3_000_000_000, True)):
+        pursued = pursuit()
+        pursued.step(unsafe(t_ns))
+        assert pursued.over is over
+
+
+def test_arm_is_not_heard_once_its_state_is_older_than_it_may_be() -> None:
+    for old_ns, heard in ((100_000_000, True), (100_000_001, False)):
+        pursued = pursuit()
+        pursued.step(later(arm=arm(LATER_NS - old_ns)))
+        told = any("the arm is not heard" in missing for missing in pursued.unreached)
+        assert told is not heard

@@ -1,7 +1,7 @@
 """One step as a pure unit: what it tells the controller, the detector and the guard, and what it
 lets out. The parts beside it are small fakes that write down what they are told."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import msgspec
@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from detector.motion import Motion
-from drivers.interfaces import Counts3, GripperState, TactileFrame, Vector3
+from drivers.interfaces import ArmState, Counts3, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand, MoveArm, OpenFingers, StopArm
 from grasp.controller import Decision, GraspController
 from grasp.doubt import Doubts
@@ -118,6 +118,7 @@ def test_detector_hears_the_counts_and_the_controller_its_answer() -> None:
     assert seen.probabilities.tolist() == SURE.tolist()
     assert seen is b.controller.seen[0]
     assert (seen.measured_n, seen.overloaded, seen.doubt) == ((6.0, 6.0, 6.0), False, "")
+    assert seen.felt_n == seen.measured_n
 
 
 def test_taxels_at_a_rail_count_as_measured_and_not_as_felt() -> None:
@@ -145,6 +146,7 @@ def test_before_the_first_frame_nothing_is_heard_felt_or_doubted() -> None:
     assert b.ears.heard == []
     assert seen.probabilities.tolist() == [0.0] * 3
     assert (seen.tactile_stale, seen.measured_n, seen.doubt) == (False, (0.0,) * 3, "")
+    assert seen.felt_n == (0.0,) * 3
 
 
 def test_detector_is_reset_after_its_sample_when_the_decision_says_so() -> None:
@@ -195,6 +197,20 @@ def test_doubts_are_those_that_the_step_was_given() -> None:
         doubts = Doubts(DoubtSettings(), stand_ins=stand_ins)
         step = GraspStep(Ears(), controller, guard, doubts)
         assert bool(step.decide(told(frame(-1), gripper=inactive)).observation.doubt) is doubted
+
+
+def test_doubts_are_told_what_goes_out_and_how_the_arm_stood_then() -> None:
+    heard: list[object] = []
+
+    class Noting(Doubts):
+        def sent(self, commands: Sequence[Command], arm: ArmState) -> None:
+            heard.append((commands, arm))
+
+    controller = cast(GraspController, Told(Phase.LIFT, CLOSE, RISE))
+    step = GraspStep(Ears(), controller, cast(ForceGuard, Gate()), Noting(DoubtSettings()))
+    given = told(frame(-1))
+    step.decide(given)
+    assert heard == [((LET, RISE), given.arm)]
 
 
 def test_gripper_commands_go_out_as_the_guard_lets_them_by_the_force_just_measured() -> None:

@@ -1,0 +1,298 @@
+"""Runs chosen tests against mutants: the fewest that can see each, the likeliest first.
+
+Tests are collected once. For each mutant of what a function does the process forks, and the child
+puts the changed code into the functions as they are and runs the tests that call them. What runs on
+import is written to a copy of the checkout instead, and tests run there in a process of their own.
+"""
+
+import ast
+import gc
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from types import CodeType, FrameType, FunctionType
+from typing import Any
+
+import msgspec
+import pytest
+
+from scripts.mutation import HOME, Mutant, Place, mutants, mutated
+
+LEAST_CPU_S = 10.0  # of processor time: a mutant that takes longer than this and five times what
+TIMES = 5.0  # the tests take is killed by its time-out
+WALL_TIMES = 20.0  # of wall time: one that waits for ever
+COPIED = ("grasp", "drivers", "detector", "scenarios", "scripts", "tests", "config", "docs")
+ENVIRONMENT = {"CI": "1", "PYTHONHASHSEED": "0", "OMP_NUM_THREADS": "1"}
+
+
+class Fate(msgspec.Struct, frozen=True):
+    """What became of a mutant: the test that killed it, "time-out", or empty: it survived."""
+
+    mutant: Mutant
+    killer: str
+    tests: int  # that can see it
+
+
+class Test(msgspec.Struct):
+    """What a test called of the modules, and the processor time that it took, s."""
+
+    name: str
+    seconds: float
+    called: list[tuple[str, str]]  # paths and qualified names
+
+
+Told = Callable[[Fate], None]
+
+
+def run(paths: Sequence[str], tests: Sequence[str], chosen: Sequence[Mutant], tell: Told) -> int:
+    """Fates of the chosen mutants of these modules, by these tests; exit code of pytest."""
+    os.environ.update(ENVIRONMENT)
+    plugin = Attack(paths, chosen, tell)
+    options = ("-q", "-p", "no:cacheprovider", "-p", "no:xdist")
+    return int(pytest.main([*options, *tests], plugins=[plugin]))
+
+
+class Attack:
+    """A plugin of pytest: in place of running the tests, run them against each mutant."""
+
+    def __init__(self, paths: Sequence[str], chosen: Sequence[Mutant], tell: Told) -> None:
+        self._paths = {str(HOME / path): path for path in paths}
+        self._chosen, self._tell = chosen, tell
+        self._failed = ""
+        self._killers: dict[str, list[str]] = {}  # of a function, the latest first
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.failed and not self._failed:
+            self._failed = report.nodeid
+
+    def pytest_collection_finish(self, session: pytest.Session) -> None:
+        if session.testsfailed:
+            raise pytest.UsageError("tests could not be collected")
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        self._items = {item.nodeid: item for item in session.items}
+        gc.collect()
+        gc.freeze()
+        tests = self._measured()
+        functions = _functions(self._paths)
+        places: dict[Mutant, Place] = {}
+        for path in self._paths.values():
+            places.update(mutants(path))
+        for mutant in self._chosen:
+            place = places[mutant]
+            if place.on_import:
+                names, seconds = self._on_import(mutant, tests)
+                killer = self._in_copy(mutant, place, names, seconds) if names else ""
+            else:
+                names, seconds = self._seeing(mutant, tests)
+                swap = _swaps(mutant, place, functions)
+                killer = self._forked(names, swap, seconds) if names else ""
+            if killer in self._items:
+                latest = self._killers.setdefault(mutant.path + mutant.where, [])
+                latest[:] = [killer, *(name for name in latest if name != killer)][:5]
+            self._tell(Fate(mutant, killer, len(names)))
+        return True
+
+    def _seeing(self, mutant: Mutant, tests: Sequence[Test]) -> tuple[list[str], float]:
+        """Tests that call its function, those first that have killed others of it, then the
+        quickest; and the time that all take."""
+        key = mutant.path, mutant.where
+        seeing = [test for test in tests if key in test.called]
+        return self._in_turn(mutant, seeing)
+
+    def _on_import(self, mutant: Mutant, tests: Sequence[Test]) -> tuple[list[str], float]:
+        """Tests that call anything of its module, or whose name is like the module's."""
+        stem = f"test_{Path(mutant.path).stem}"
+        seeing = [
+            test for test in tests
+            if stem in test.name or any(path == mutant.path for path, _ in test.called)
+        ]  # fmt: skip
+        return self._in_turn(mutant, seeing)
+
+    def _in_turn(self, mutant: Mutant, seeing: Sequence[Test]) -> tuple[list[str], float]:
+        latest = self._killers.get(mutant.path + mutant.where, [])
+        rank = {name: i for i, name in enumerate(latest)}
+        stem = f"test_{Path(mutant.path).stem}"
+        order = sorted(
+            seeing, key=lambda t: (rank.get(t.name, len(rank)), stem not in t.name, t.seconds)
+        )
+        return [test.name for test in order], sum(test.seconds for test in seeing)
+
+    def _measured(self) -> list[Test]:
+        """All tests without a mutant, in a child; raises UsageError for one that fails."""
+        read, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.close(read)
+            with os.fdopen(write, "wb") as told:
+                told.write(msgspec.json.encode(list(self._watched())))
+                told.flush()
+            os._exit(0)
+        os.close(write)
+        with os.fdopen(read, "rb") as told:
+            text = told.read()
+        os.waitpid(child, 0)
+        tests = msgspec.json.decode(text or b"[]", type=list[Test])
+        if not tests or not tests[-1].name:
+            raise pytest.UsageError(f"without a mutant fails: {tests[-1].called if tests else '?'}")
+        return tests
+
+    def _watched(self) -> Iterator[Test]:
+        _quiet()
+        called: set[tuple[str, str]] = set()
+        paths = self._paths
+
+        def called_now(frame: FrameType, event: str, argument: Any) -> None:
+            code = frame.f_code
+            if event == "call" and code.co_filename in paths:
+                called.add((paths[code.co_filename], _outermost(code.co_qualname)))
+
+        items = list(self._items.values())
+        for item, following in zip(items, [*items[1:], None], strict=True):
+            called.clear()
+            start_s = time.process_time()
+            sys.setprofile(called_now)
+            item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+            sys.setprofile(None)
+            if self._failed:
+                yield Test("", 0.0, [(self._failed, "")])
+                return
+            yield Test(item.nodeid, time.process_time() - start_s, sorted(called))
+
+    def _forked(
+        self, names: Sequence[str], swap: Sequence[tuple[FunctionType, CodeType]], seconds: float
+    ) -> str:
+        """What killed the mutant, in a child; empty: nothing."""
+        read, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.close(read)
+            _limit(0, seconds)
+            _quiet()
+            try:
+                for function, code in swap:
+                    function.__code__ = code
+                os.write(write, self._first_failing(names).encode())
+            finally:
+                os._exit(0)
+        os.close(write)
+        ended = _waited(child, seconds)
+        with os.fdopen(read, "rb") as told:
+            text = told.read().decode()
+        if not ended or not text:
+            return "time-out"
+        return "" if text == "none" else text
+
+    def _first_failing(self, names: Sequence[str]) -> str:
+        items = [self._items[name] for name in names]
+        for item, following in zip(items, [*items[1:], None], strict=True):
+            item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+            if self._failed:
+                return self._failed
+        return "none"
+
+    def _in_copy(self, mutant: Mutant, place: Place, names: Sequence[str], seconds: float) -> str:
+        """What killed it, in a copy of the checkout."""
+        home = _copy()
+        path = home / mutant.path
+        source = path.read_text(encoding="utf-8")
+        path.write_text(ast.unparse(mutated(mutant.path, place)), encoding="utf-8")
+        files = list(dict.fromkeys(name.partition("::")[0] for name in names))
+        command = (sys.executable, "-P", "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider")
+        child = subprocess.Popen(
+            [*command, *files], cwd=home, env=os.environ | {"PYTHONPATH": str(home)},
+            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True,
+        )  # fmt: skip
+        _limit(child.pid, seconds + LEAST_CPU_S)
+        try:
+            said, _ = child.communicate(timeout=WALL_TIMES * (seconds + LEAST_CPU_S))
+        except subprocess.TimeoutExpired:
+            os.killpg(child.pid, signal.SIGKILL)
+            child.wait()
+            return "time-out"
+        finally:
+            path.write_text(source, encoding="utf-8")
+        if child.returncode == 0:
+            return ""
+        failed = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
+        return failed[0].split()[1] if failed else "time-out" if child.returncode < 0 else "broken"
+
+
+def _functions(paths: Iterable[str]) -> list[FunctionType]:
+    """All that are of these files."""
+    wanted = set(paths)
+    gc.unfreeze()
+    every = [f for f in gc.get_objects() if type(f) is FunctionType]
+    gc.freeze()
+    return [f for f in every if f.__code__.co_filename in wanted]
+
+
+def _swaps(
+    mutant: Mutant, place: Place, functions: Iterable[FunctionType]
+) -> list[tuple[FunctionType, CodeType]]:
+    """The functions whose code a mutant changes."""
+    path = str(HOME / mutant.path)
+    codes = dict(_codes(compile(mutated(mutant.path, place), path, "exec")))
+    found = []
+    for function in functions:
+        code = function.__code__
+        key = code.co_qualname, code.co_firstlineno
+        mine = code.co_filename == path and _outermost(code.co_qualname) == mutant.where
+        if mine and key in codes and codes[key].co_freevars == code.co_freevars:
+            found.append((function, codes[key]))
+    return found
+
+
+def _codes(code: CodeType) -> Iterator[tuple[tuple[str, int], CodeType]]:
+    for inner in code.co_consts:
+        if isinstance(inner, CodeType):
+            yield (inner.co_qualname, inner.co_firstlineno), inner
+            yield from _codes(inner)
+
+
+def _outermost(qualified: str) -> str:
+    """Name of the function that something was defined in, or of itself."""
+    return qualified.partition(".<locals>")[0]
+
+
+def _limit(pid: int, seconds: float) -> None:
+    """So much processor time may a process take, this one if 0."""
+    most = round(LEAST_CPU_S + TIMES * seconds)
+    resource.prlimit(pid, resource.RLIMIT_CPU, (most, most + 5))
+
+
+def _waited(child: int, seconds: float) -> bool:
+    """Whether it ended by itself."""
+    until = time.monotonic() + WALL_TIMES * (seconds + LEAST_CPU_S)
+    while time.monotonic() < until:
+        if os.waitpid(child, os.WNOHANG)[0]:
+            return True
+        time.sleep(0.002)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return False
+
+
+def _quiet() -> None:
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (0, 1, 2):
+        os.dup2(nowhere, descriptor)
+
+
+def _copy() -> Path:
+    """Of the checkout, made when it is first asked for."""
+    home = HOME / "build" / "mutants"
+    if not hasattr(_copy, "made"):
+        shutil.rmtree(home, ignore_errors=True)
+        for name in COPIED:
+            shutil.copytree(HOME / name, home / name, ignore=shutil.ignore_patterns("__pycache__"))
+        for name in ("pyproject.toml", "README.md", "Makefile", "CHANGELOG.md"):
+            shutil.copy(HOME / name, home / name)
+        _copy.made = True  # type: ignore[attr-defined]
+    return home
