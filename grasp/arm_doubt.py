@@ -29,14 +29,22 @@ class ArmDoubt:
         if isinstance(command, StopArm):
             if not self._stopping:
                 self._anchor = (arm.t_ns, arm.position_m)
+            self._way.stop(arm, self._fastest_mps(arm), command.deceleration_mps2)
             self._command, self._stopping = None, True
-            self._way.stop(arm, command.deceleration_mps2)
             self._spare_s = self._ramp_s(command.deceleration_mps2)
             return
         self._command, self._started, self._stopping = command, False, False
         self._old_way, self._way = self._way, self._way_of(command, arm)
         self._spare_s = self._ramp_s(command.acceleration_mps2)
         self._anchor = (arm.t_ns, arm.position_m)
+
+    def _fastest_mps(self, arm: ArmState) -> float:
+        """That it may come to before a stop, which is told now, has reached it."""
+        speed_mps, command = math.hypot(*arm.velocity_mps), self._command
+        if command is None:
+            return speed_mps
+        later_mps = speed_mps + command.acceleration_mps2 * self._settings.arm_frozen_s
+        return max(speed_mps, min(command.speed_mps, later_mps))
 
     def _ramp_s(self, ramp_mps2: float) -> float:
         """Twice as long as an arm that begins or ends to move takes for what counts as motion."""
@@ -131,17 +139,17 @@ class _Way:
         self._least_m = self._most_m = math.dist(start_m, end_m)  # from its end, so far
         self.turns = spare_m is not None  # and has not yet
 
-    def stop(self, arm: ArmState, deceleration_mps2: float) -> None:
-        """The arm is told to on it: it may end past the target by what braking takes, where that is
-        gentler than the end of the move. One that is past it already gets no more room by being
-        told again."""
+    def stop(self, arm: ArmState, speed_mps: float, deceleration_mps2: float) -> None:
+        """The arm is told to on it: it may end past the target by what braking takes from that
+        speed, where that is gentler than the end of the move. One that is past it already gets no
+        more room by being told again."""
         way_m = math.dist(self._start_m, self._target_m)
         past_m = math.dist(arm.position_m, self._start_m) - way_m
         again = past_m > 0.0 and deceleration_mps2 >= self._stop_mps2
         if self.turns or again or not way_m:
             return
         self._stop_mps2 = deceleration_mps2
-        braking_m = math.hypot(*arm.velocity_mps) ** 2 / (2.0 * deceleration_mps2)
+        braking_m = speed_mps**2 / (2.0 * deceleration_mps2)
         over = (max(0.0, past_m) + braking_m) / way_m
         ends = zip(self._start_m, self._target_m, strict=True)
         x, y, z = (b + over * (b - a) for a, b in ends)

@@ -57,12 +57,13 @@ class Pause:
         return not self._lasts or (quiet and not seen.pending and not seen.arm.moving)
 
     def end(self) -> tuple[Command, ...]:
-        """The arm goes on, no faster than that a grip which only just holds goes on holding."""
+        """The arm goes on, no faster than that a grip which only just holds goes on holding, and
+        brakes no harder than an answer stops it, so that one on the way carries it past no end."""
         if not self._lasts:
             return ()
         self._lasts = False
         s = self._settings
-        gently_mps2 = min(s.lift_acceleration_mps2, s.resume_mps2)
+        gently_mps2 = min(s.lift_acceleration_mps2, s.resume_mps2, s.answer_stop_mps2)
         return (self._line.move(s.lift_height_m, s.lift_speed_mps, gently_mps2),)
 
     def _ask(self, seen: Observation) -> tuple[Command, ...]:

@@ -6,6 +6,8 @@ object for a way it gets its margin, for what may still come. Force is never giv
 for the least by letting go is to drop what slips meanwhile.
 """
 
+import math
+
 from grasp.commands import MoveFingers
 from grasp.controller_settings import ControllerSettings, GripPlan
 from grasp.lift_line import LiftLine
@@ -28,10 +30,12 @@ class Steps:
         self.securing = False
 
     def may(self, seen: Observation) -> bool:
-        """Whether a step is an answer here: what slips still stands on the table, the thumb, not
-        latched by the force cap, may go a whole step further, and not too many were too small."""
+        """Whether a step is an answer here: what slips still stands on the table, and the arm's
+        stop, which ends slip, fits in the time of a step; the thumb, not latched by the force cap,
+        may go a whole step further, and not too many were too small."""
         s = self._settings
-        low = self._line.height_m(seen) < s.step_below_m
+        stops_s = math.hypot(*seen.arm.velocity_mps) / s.answer_stop_mps2
+        low = self._line.height_m(seen) < s.step_below_m and stops_s <= s.step_patience_s
         some = self._taken < s.step_tries and not seen.gripper.thumb_latched
         return s.answer == "stop_and_step" and low and some and self._room(seen) >= self._counts
 

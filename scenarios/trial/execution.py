@@ -156,13 +156,37 @@ def _check_height(controller: ControllerSettings, arm: ArmSettings) -> None:
 
 
 def check_waits(config: TrialConfig) -> None:
-    """Raises ConfigError where a wait would cut another one short."""
-    stop_s, safe_s = config.loop.stop_s, config.controller.safe_state_s
+    """Raises ConfigError where a wait would cut another one short, or the way up or down."""
+    s, stop_s, safe_s = config.controller, config.loop.stop_s, config.controller.safe_state_s
     if stop_s <= safe_s:
         raise ConfigError(
             "loop", "stop_s", f"{stop_s:g} s would end a run before its safe state is given up",
             f"> {safe_s:g}, controller.safe_state_s",
         )  # fmt: skip
+    ramp_mps2 = s.lift_acceleration_mps2
+    gently_mps2 = min(ramp_mps2, s.resume_mps2, s.answer_stop_mps2)
+    up_mps2 = ramp_mps2 if s.answer == "jump" else gently_mps2
+    down_mps2 = min(ramp_mps2, s.stop_deceleration_mps2)
+    ways = {
+        "lift_speed_mps": _way_s(s.lift_height_m, s.lift_speed_mps, up_mps2),
+        "lower_speed_mps": _way_s(s.lift_height_m, s.lower_speed_mps, down_mps2),
+    }
+    key, longest_s = max(ways.items(), key=lambda way: way[1])
+    if longest_s > s.phase_timeout_s:
+        raise ConfigError(
+            "controller", key,
+            f"{s.lift_height_m:g} m take {longest_s:.1f} s, and a phase may last "
+            f"{s.phase_timeout_s:g}: an object would be left in the air",
+            f"faster, or a lower controller.lift_height_m, or controller.phase_timeout_s >= "
+            f"{math.ceil(longest_s)}",
+        )  # fmt: skip
+
+
+def _way_s(way_m: float, speed_mps: float, ramp_mps2: float) -> float:
+    """How long an arm takes from rest to rest."""
+    if way_m < speed_mps**2 / ramp_mps2:  # it never comes to that speed
+        return 2.0 * math.sqrt(way_m / ramp_mps2)
+    return way_m / speed_mps + speed_mps / ramp_mps2
 
 
 def grip_plan(config: TrialConfig, home: Vector3 | None = None) -> GripPlan:

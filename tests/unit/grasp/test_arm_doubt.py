@@ -335,3 +335,18 @@ def test_an_arm_past_its_target_may_brake_for_a_gentler_stop() -> None:
     doubt.told(StopArm(0.5), past)
     assert doubt.see(going(2.1, 0.2075, speed_mps=0.01), False) == ""
     assert doubt.see(going(2.2, 0.2090), False).startswith("arm_wrong_way: ")
+
+
+def test_an_arm_that_still_speeds_up_when_it_is_told_to_stop_may_brake_from_there() -> None:
+    def ends(at_mps: float, height_m: float) -> str:
+        doubt = ArmDoubt(DoubtSettings())
+        doubt.see(at(0.0, 0.0), False)
+        x, y, z = arm(0).position_m
+        doubt.told(MoveArm((x, y, z + 0.01), 0.2, 5.0), at(0.0, 0.0))
+        rising = going(0.03, 0.0025, speed_mps=at_mps)
+        assert doubt.see(rising, False) == ""
+        doubt.told(StopArm(1.0), rising)
+        assert doubt.see(going(0.2, 0.01 + height_m / 2), False) == ""
+        return doubt.see(going(0.3, 0.01 + height_m), False).partition(":")[0]
+
+    assert (ends(0.15, 0.0219), ends(0.15, 0.0221)) == ("", "arm_wrong_way")  # 0.2 m/s, and 2 mm

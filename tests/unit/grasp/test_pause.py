@@ -53,6 +53,13 @@ def test_arm_that_lifts_more_gently_than_it_might_go_on_keeps_to_that() -> None:
     assert on == MoveArm((0.3, 0.2, 0.4 + HEIGHT), 0.1, 0.3)
 
 
+def test_arm_goes_on_no_harder_than_an_answer_could_stop_it_before_the_top() -> None:
+    d = Driver(lift_acceleration_mps2=1.0, resume_mps2=0.8, answer_stop_mps2=0.3).slip()
+    quiet(d, 40)
+    (on,) = told(d, MoveArm)
+    assert on == MoveArm((0.3, 0.2, 0.4 + HEIGHT), 0.1, 0.3)
+
+
 def test_arm_that_still_moves_is_told_to_stop_again_and_does_not_go_on() -> None:
     d = Driver(repeat_s=0.1).slip()
     for _ in range(40):

@@ -90,6 +90,15 @@ def test_slip_that_a_step_does_not_end_in_its_time_is_answered_by_the_fastest_cl
     assert d.controller.phase is Phase.LIFT
 
 
+def test_slip_that_outlasts_a_step_while_the_arm_brakes_is_answered_by_the_fastest_closure() -> (
+    None
+):
+    """At 0.05 m/s."""
+    gently, more_gently = stepping(answer_stop_mps2=0.21), stepping(answer_stop_mps2=0.19)
+    assert [len(told(d, MoveFingers)) for d in (gently, more_gently)] == [1, 0]
+    assert [len(told(d, CloseFast)) for d in (gently, more_gently)] == [0, 1]
+
+
 def test_slip_in_the_air_is_answered_by_the_fastest_closure() -> None:
     high = stepping(step_below_m=0.03)
     assert told(high, MoveFingers) == []

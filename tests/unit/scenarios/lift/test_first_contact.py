@@ -1,5 +1,7 @@
 """The limit from first contact to last: objects that are not as expected, or not there any more."""
 
+from contextlib import nullcontext
+
 import msgspec
 import pytest
 
@@ -184,6 +186,16 @@ def risen(rig: GraspRig, settings: LiftConfig, home: Vector3 | None) -> Risen:
         (("controller.firm=true", "guard.travel_bound=true"), "travel_bound"),
         (("loop.stop_s=3", "controller.safe_state_s=3"), "stop_s"),
         (("hand.override_s=0.05", "controller.answer=stop_and_step"), "override_s"),
+        (("controller.lift_speed_mps=0.006",), "lift_speed_mps"),
+        (("controller.lower_speed_mps=0.006",), "lower_speed_mps"),
+        (
+            (
+                "controller.resume_mps2=0.05",
+                "controller.lower_speed_mps=0.1",
+                "controller.phase_timeout_s=3",
+            ),
+            "lift_speed_mps",
+        ),
     ],
 )
 def test_settings_that_cannot_be_kept_together_are_refused_before_anything_moves(
@@ -192,6 +204,17 @@ def test_settings_that_cannot_be_kept_together_are_refused_before_anything_moves
     with pytest.raises(ConfigError) as caught:
         make_guard(config(*assignments))
     assert caught.value.key == key
+
+
+@pytest.mark.parametrize(("phase_s", "refused"), [(22.06, True), (22.08, False)])
+def test_way_down_takes_no_longer_than_a_phase_may_last(phase_s: float, refused: bool) -> None:
+    """0.22 m at 0.01 m/s, and what it takes to come to that and from it at 0.15 m/s2."""
+    slow = config(
+        "controller.lift_height_m=0.22", "controller.lower_speed_mps=0.01",
+        "controller.stop_deceleration_mps2=0.15", f"controller.phase_timeout_s={phase_s}",
+    )  # fmt: skip
+    with pytest.raises(ConfigError) if refused else nullcontext():
+        make_guard(slow)
 
 
 @pytest.mark.parametrize(
