@@ -108,7 +108,7 @@ def test_further_signals_leave_nothing_half_done(tmp_path: Path) -> None:
 
 
 def test_fault_before_a_signal_stays_a_fault() -> None:
-    slow = ("controller.phase_timeout_s=1.5", "controller.lift_speed_mps=0.02")
+    slow = ("controller.phase_timeout_s=2", "controller.relax_s=3")
     finished, ticks = stopped_lift(None, Phase.FAULT, signal.SIGTERM, settings=(*QUICK, *slow))
     assert "lasted longer" in str(finished.result)
     assert Phase.STOPPED not in {t.decision.phase for t in ticks}
