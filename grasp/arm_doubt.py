@@ -75,6 +75,10 @@ class ArmDoubt:
             self._jumped(before, arm) or strayed or self._went_on(arm) or self._froze(arm, pending)
         )
 
+    def begin_anew(self, arm: ArmState) -> None:
+        """How long it has stood at one place was not seen: that counts from now."""
+        self._anchor = (arm.t_ns, arm.position_m)
+
     def _went_on(self, arm: ArmState) -> str:
         """Told to stop, it says that it stands."""
         if not self._stopping or arm.moving:

@@ -66,6 +66,9 @@ class Doubts:
         """
         if self._stand_ins:
             return ""
+        if self._slept(phase, late_ns):  # in that time nobody saw what the devices did
+            self._arm.begin_anew(arm)
+            self._gripper.begin_anew(gripper)
         found = (
             self._loop(phase, late_ns, took_ns),
             self._arm.see(arm, pending),
@@ -80,11 +83,14 @@ class Doubts:
             if isinstance(command, MoveArm | StopArm):
                 self._arm.told(command, arm)
 
+    def _slept(self, phase: Phase, late_ns: int) -> bool:
+        return phase is not Phase.IDLE and late_ns > self._settings.standstill_s * 1e9
+
     def _loop(self, phase: Phase, late_ns: int, took_ns: int) -> str:
         s = self._settings
         if phase in CONTACT_PHASES and took_ns > s.detector_s * 1e9:
             return f"detector_late: a step took {took_ns * 1e-9:.3f} s"
-        if phase is not Phase.IDLE and late_ns > s.standstill_s * 1e9:
+        if self._slept(phase, late_ns):
             return f"{STOOD_STILL}: for {late_ns * 1e-9:.3f} s nobody was in control"
         return ""
 

@@ -19,6 +19,11 @@ class GripperDoubt:
         self._under_way = [False] * FINGERS  # it has moved since it was told to
         self._touched_at: list[int | None] = [None] * FINGERS  # where it first reported contact
 
+    def begin_anew(self, state: GripperState) -> None:
+        """How long it has been silent, or stood, was not seen: that counts from now."""
+        self._fresh_ns = state.t_ns
+        self._moved_ns = [state.t_ns] * FINGERS
+
     def see(self, state: GripperState) -> str:
         """What is wrong with it."""
         before, self._before = self._before or state, state

@@ -140,7 +140,7 @@ class ControlLoop:
         self._trouble = ""
         self._stop = ""
         self._gripper_lost = False
-        self._late_ns = self._took_ns = 0
+        self._late_ns = self._took_ns = self._arm_ns = 0
 
     def run(self, deadline_s: float) -> None:
         """Tick until the controller has finished; at the latest until deadline_s from now.
@@ -261,6 +261,10 @@ class ControlLoop:
     def _pump(self, now_ns: int) -> None:
         self._guarded("tactile board", lambda: self._devices.tactile.pump(now_ns))
         self._pump_gripper(now_ns)
+        self._pump_arm(now_ns)
+
+    def _pump_arm(self, now_ns: int) -> None:
+        self._arm_ns = now_ns
         self._guarded("arm", lambda: self._devices.arm.pump(now_ns))
 
     def _pump_gripper(self, now_ns: int) -> None:
@@ -352,6 +356,9 @@ class ControlLoop:
             applied = self._to_gripper(command)
             self._pump_gripper(self._clock.now_ns)
             return applied
+        now_ns = self._clock.now_ns
+        if isinstance(command, MoveArm | StopArm) and now_ns - self._arm_ns > SOON_NS:
+            self._pump_arm(now_ns)  # for it acts from where and when the arm was asked last
         if isinstance(command, MoveArm):
             self._devices.arm.move_to(
                 command.position_m, command.speed_mps, command.acceleration_mps2

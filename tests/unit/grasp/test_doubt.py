@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from drivers.interfaces import Detection, GripperState, TactileFrame
+from grasp.commands import MoveArm
 from grasp.doubt import Doubts, wrong_probabilities
 from grasp.doubt_settings import DoubtSettings
 from grasp.fingertip_doubt import FingertipDoubt
@@ -242,6 +243,23 @@ def test_standstill_s(value: float) -> None:
     late = of(Phase.APPROACH, settings, late_ns=round((value + 1e-6) * 1e9))
     assert late.startswith("loop_stood_still: ")
     assert of(Phase.IDLE, settings, late_ns=10**10) == ""  # a run begins when it begins
+
+
+def test_after_a_standstill_of_the_loop_no_device_is_blamed_for_the_time_that_nobody_saw() -> None:
+    doubts, s = Doubts(DoubtSettings()), DoubtSettings()
+    there = (0.3, 0.2, 0.6)
+    unheard = [gripper(t, detections=MOVING, fresh=False) for t in (0, 10**10, 10**10 + TICK)]
+    rising = [arm(t, moving=True) for t in (0, 10**10, 10**10 + TICK)]
+    sees = [frame(codes(k)) for k in range(3)]
+    assert doubts.of(Phase.LIFT, sees[0], unheard[0], rising[0]) == ""
+    doubts.sent((MoveArm(there, 0.1, 0.5),), rising[0])
+    slept = doubts.of(Phase.LIFT, sees[1], unheard[1], rising[1], late_ns=10**10 - TICK)
+    assert slept == "loop_stood_still: for 9.990 s nobody was in control"
+    assert doubts.of(Phase.FAULT, sees[2], unheard[2], rising[2]) == ""
+    later_ns = 10**10 + round(max(s.echo_s, s.arm_start_s, s.arm_frozen_s) * 1e9) + 10**9
+    hand = gripper(later_ns, detections=MOVING, fresh=False)
+    blamed = doubts.of(Phase.FAULT, sees[0], hand, arm(later_ns, moving=True))
+    assert "arm_frozen" in blamed and "gripper_silent" in blamed
 
 
 @pytest.mark.parametrize("phase", sorted(SAFE_PHASES))

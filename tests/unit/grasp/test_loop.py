@@ -6,9 +6,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from drivers.interfaces import Gripper
+from drivers.interfaces import Arm, ArmState, Gripper
 from grasp.clock import Clock
-from grasp.commands import CloseFast, GripperCommand
+from grasp.commands import CloseFast, GripperCommand, StopArm
 from grasp.loop import ControlLoop, Tick
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
@@ -137,3 +137,38 @@ def test_what_waits_to_be_sent_is_forgotten_when_the_run_is_stopped() -> None:
         assert loop.stop("a person")
         assert issued
         assert not any(isinstance(i.asked, CloseFast) for i in issued)
+
+
+class Noting:
+    """An arm that writes down when it is asked and told."""
+
+    def __init__(self, arm: Arm, clock: Clock) -> None:
+        self._arm, self._clock = arm, clock
+        self.asked_ns = 0
+        self.stopped_ns: list[tuple[int, int]] = []  # and when it was asked last
+
+    @property
+    def state(self) -> ArmState | None:
+        return self._arm.state
+
+    def pump(self, now_ns: int) -> None:
+        self.asked_ns = now_ns
+        self._arm.pump(now_ns)
+
+    def stop(self, deceleration_mps2: float) -> None:
+        self.stopped_ns.append((self._clock.now_ns, self.asked_ns))
+        self._arm.stop(deceleration_mps2)
+
+
+@pytest.mark.parametrize("late_ns", [0, 5_000_000, 3_000_000_000])
+def test_arm_acts_on_a_command_when_it_is_sent_however_long_ago_it_was_asked(late_ns: int) -> None:
+    with open_rig(config("hand.activation_s=0.5"), 0, paced=False) as rig:
+        arm = Noting(rig.devices.arm, rig.clock)
+        devices = msgspec.structs.replace(rig.devices, arm=arm)
+        loop = ControlLoop(devices, rig.clock, make_step(config()), config().loop)
+        loop.tick()
+        loop.submit(StopArm(1.0))
+        rig.clock.sleep_until_ns(rig.clock.now_ns + late_ns)
+        loop.tick()
+    ((sent_ns, asked_ns),) = arm.stopped_ns
+    assert sent_ns - asked_ns <= 1_000_000
