@@ -20,6 +20,7 @@ from scenarios.report.live.trials import LiveTrials
 from scenarios.trial.run_folder import RUN_CHANNELS
 from scenarios.trial.series import Bench
 from tests.unit.scenarios.conftest import config
+from tests.unit.scenarios.report.viewers import Viewers
 
 
 class Listener:
@@ -54,11 +55,16 @@ def messages(runs: Path, watch: Any) -> list[Any]:
     return list(RunRecording.open(Path(finished.result.recording), RUN_CHANNELS))
 
 
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> list[Any]:
+    """Of a run that nobody looks at."""
+    return messages(tmp_path_factory.mktemp("alone"), None)
+
+
 @pytest.mark.parametrize("fate", [None, signal.SIGSTOP, signal.SIGKILL])
-def test_a_viewer_changes_no_message_of_a_run_whatever_becomes_of_it(
-    fate: int | None, tmp_path: Path
+def test_a_server_changes_no_message_of_a_run_whatever_becomes_of_it(
+    fate: int | None, alone: list[Any], tmp_path: Path
 ) -> None:
-    alone = messages(tmp_path / "alone", None)
     live = LiveTrials(config(), "a lift", 1)
     seen = 0
 
@@ -72,6 +78,30 @@ def test_a_viewer_changes_no_message_of_a_run_whatever_becomes_of_it(
     assert messages(tmp_path / "watched", watch) == alone
     if fate is not None:
         os.kill(live.feed.pid, signal.SIGKILL)
+    live.feed.close()
+
+
+def test_a_run_has_the_same_messages_whoever_looks_on(alone: list[Any], tmp_path: Path) -> None:
+    live = LiveTrials(config(), "a lift", 1)
+    viewers, seen = Viewers(), 0
+    late = list(viewers.kinds)  # one after the other, the run being under way
+
+    def watch(*told: Any) -> None:
+        nonlocal seen
+        seen += 1
+        live.watch(*told)
+        if seen % 50 == 0 and late:
+            viewers.look(late.pop(0), live.feed.address)
+        viewers.go_on()
+
+    assert messages(tmp_path, watch) == alone
+    assert not late
+    upgraded, not_found, too_many = b"HTTP/1.1 101", b"HTTP/1.1 404", b"HTTP/1.1 503"
+    assert viewers.answers == {
+        "takes nothing": {upgraded}, "is killed": {upgraded}, "guesses the token": {not_found},
+        "sends giant frames": {upgraded}, "talks nonsense": set(), "are many": {upgraded, too_many},
+    }  # fmt: skip
+    viewers.close()
     live.feed.close()
 
 
