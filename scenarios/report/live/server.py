@@ -7,6 +7,7 @@ who is slow sees less, and nobody else does. Nothing that a browser says is list
 
 import asyncio
 import hmac
+import logging
 import os
 import socket
 import sys
@@ -179,6 +180,8 @@ def main() -> None:
     """Serve what comes on standard input until it ends."""
     leave_signals_to_the_run()
     os.nice(NICE)
+    # more viewers than there are descriptors: no tracebacks on the terminal of a run
+    logging.getLogger("asyncio").setLevel(logging.CRITICAL)
     # not buffered: what follows is read elsewhere
     first = b""
     while not first.endswith(b"\n"):

@@ -3,6 +3,7 @@
 import http.client
 import json
 import os
+import resource
 import signal
 import socket
 import time
@@ -23,6 +24,7 @@ from scenarios.report.live.server import MOST_BYTES, MOST_VIEWERS
 SEEN = Seen(False, False, False, None, None)
 DATA: dict[str, Any] = {"fingers": ["fingertip"], "taxels": [], "columns": [["t", 1], ["felt", 1]]}
 LONG_S = 20.0
+FEW = 32  # descriptors
 
 
 @pytest.fixture
@@ -167,6 +169,26 @@ def test_who_takes_nothing_holds_nobody_up(feed: Feed) -> None:
         )
         shown(feed, 3_000)
         assert told(good, 3_000)[-1]["values"][0] == pytest.approx(29.99)
+
+
+def test_more_viewers_than_descriptors_are_turned_away_without_a_word(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with Feed("a run", ("fingertip",), SEEN, of=1) as feed, ExitStack() as silent:
+        at = urlsplit(feed.address)
+        assert asked(feed, at.path).status == 200  # it is up
+        resource.prlimit(feed.pid, resource.RLIMIT_NOFILE, (FEW, FEW))
+        for _ in range(2 * FEW):
+            silent.enter_context(socket.create_connection((at.hostname, at.port), LONG_S))
+        deadline = time.monotonic() + LONG_S
+        while len(os.listdir(f"/proc/{feed.pid}/fd")) < FEW - 1 and time.monotonic() < deadline:
+            time.sleep(0.05)
+        time.sleep(0.5)
+        silent.close()
+        assert asked(feed, at.path).status == 200
+    assert capfd.readouterr().err == ""
 
 
 def test_where_there_is_a_display_a_browser_is_opened_and_never_waited_for(
