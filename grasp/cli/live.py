@@ -53,6 +53,7 @@ class Display:
         self._brief = brief and not self._panel
         self._phase: Phase | None = None
         self._ticks = 0
+        self._trial = ""
         self._there: Onlooker | None = None
         self._here: view.View | None = None
         if quiet:
@@ -74,6 +75,10 @@ class Display:
         more = _HAND[self._rig] if hand else ""
         self.tell(view.Busy(f"setting up: {_SETTING_UP[self._rig]}{more}"))
 
+    def trial(self, number: int, of: int) -> None:
+        """Which of several trials is shown from now on."""
+        self._trial = f"trial {number} of {of}" if of > 1 else ""
+
     def tick(self, tick: Tick) -> None:
         """Show one tick, if it is time or something happened."""
         changed = tick.decision.phase is not self._phase
@@ -83,7 +88,7 @@ class Display:
         self._phase = tick.decision.phase
         self._ticks += 1
         if news or due:
-            self._show(view.glimpse(tick, news))
+            self._show(view.glimpse(tick, news, self._trial))
 
     def sample(self, sample: Any) -> None:
         """Show one sample of ``scenarios.acquire.session``."""

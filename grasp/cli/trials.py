@@ -127,7 +127,15 @@ def _follow(
     ):
         display.setting_up()
         watch = None if live is None else live.watch
-        bench = Bench(args.runs, paced(args), display.tick, operator, permit, watch=watch)
+
+        def begins(number: int, of: int) -> None:
+            display.trial(number, of)
+            if live is not None:
+                live.trial(number)
+
+        bench = Bench(
+            args.runs, paced(args), display.tick, operator, permit, watch=watch, on_trial=begins
+        )
         try:
             for finished, row in run(experiment, bench, store):
                 seen.take(finished, row)

@@ -62,12 +62,13 @@ class Glimpse(msgspec.Struct, frozen=True, tag=True):
     arm_m: float | None  # None: no number, which JSON cannot say
     kind: str = ""  # of slip, of the hand
     ways: str = 3 * NO_ARROW  # that each fingertip slides
+    trial: str = ""  # which of several
 
 
 Message = Begin | Busy | Note | Glimpse
 
 
-def glimpse(tick: Tick, news: bool) -> Glimpse:
+def glimpse(tick: Tick, news: bool, trial: str = "") -> Glimpse:
     motion = tick.observation.motion if tick.decision.slip.armed else None
     return Glimpse(
         t_s=tick.t_ns * 1e-9,
@@ -81,6 +82,7 @@ def glimpse(tick: Tick, news: bool) -> Glimpse:
         arm_m=tick.arm.position_m[2],
         kind=kind_text(motion),
         ways=ways_text(motion),
+        trial=trial,
     )
 
 
@@ -243,7 +245,8 @@ def panel(seen: Glimpse, width: int) -> Any:
         (seen.slip, "bold red" if seen.registered else "green"),
         " ",
     )
-    return Frame(table, title=title, title_align="left", subtitle=seen.kind or None, expand=False)
+    below = " · ".join(filter(None, (seen.trial, seen.kind)))
+    return Frame(table, title=title, title_align="left", subtitle=below or None, expand=False)
 
 
 def _bar(part: float, cells: int) -> str:

@@ -48,6 +48,7 @@ class Bench(msgspec.Struct, frozen=True):
     begun: Begun | None = None
     wanted: Wanted | None = None  # only those are recorded, once they are over; None: each
     watch: Watch | None = None  # as on_tick, but shown the truth and the controller too
+    on_trial: Callable[[int, int], None] = lambda number, of: None  # before each: which, of all
 
     def look(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
         """Let whoever watches see a tick."""
@@ -75,21 +76,21 @@ def run_series(
     begun = bench.begun or Begun(tuple(range(1, len(seeds) + 1)), len(seeds))
     with interruption.held():
         if config.rig == "simulated":
-            yield from _anew(config, seeds, bench.paced, attempt)
+            yield from _anew(config, seeds, bench, attempt, begun)
             return
         with open_rig(config.built_for(seeds[0]), seeds[0], bench.paced, bench.permit) as rig:
-            yield from _on_one_rig(config, seeds, rig, bench.operator, attempt, begun)
+            yield from _on_one_rig(config, seeds, rig, bench, attempt, begun)
 
 
 def _on_one_rig(
-    config: TrialConfig, seeds: Sequence[int], rig: GraspRig, operator: Operator | None,
+    config: TrialConfig, seeds: Sequence[int], rig: GraspRig, bench: Bench,
     attempt: Attempt[ResultT], begun: Begun,
 ) -> Series[ResultT]:  # fmt: skip
-    home, first = begun.home, True
+    home, first, operator = begun.home, True, bench.operator
     _check_hand(rig)
     _check_home(rig, home)
-    for seed, title in _asked(seeds, begun):
-        for words in _times(title):
+    for seed, number in zip(seeds, begun.numbers, strict=True):
+        for words in _times(f"Trial {number} of {begun.of}"):
             if operator is None:
                 interruption.check()
             if not first and rig.load is not None:
@@ -98,6 +99,7 @@ def _on_one_rig(
             if ended is not None:
                 yield FinishedRun(None, ended)
                 return
+            bench.on_trial(number, begun.of)
             finished, found = attempt(seed, rig, home)
             first = False
             if finished.result is not None and finished.result.home_m is not None:
@@ -136,11 +138,6 @@ def _ended_while_placed(
     old_s = config.controller.stale_after_s
     end = between_trials(rig.arm.state, gripper, rig.clock.now_ns, old_s, rig.way_out)
     return Failure(kind, message, remedy, end)
-
-
-def _asked(seeds: Sequence[int], begun: Begun) -> Iterator[tuple[int, str]]:
-    for seed, number in zip(seeds, begun.numbers, strict=True):
-        yield seed, f"Trial {number} of {begun.of}"
 
 
 def _times(title: str) -> Iterator[str]:
@@ -182,10 +179,11 @@ def _check_home(rig: GraspRig, home: Vector3 | None) -> None:
 
 
 def _anew(
-    config: TrialConfig, seeds: Sequence[int], paced: bool, attempt: Attempt[ResultT]
+    config: TrialConfig, seeds: Sequence[int], bench: Bench, attempt: Attempt[ResultT], begun: Begun
 ) -> Series[ResultT]:
-    for seed in seeds:
-        with open_rig(config.built_for(seed), seed, paced) as rig:
+    for seed, number in zip(seeds, begun.numbers, strict=True):
+        bench.on_trial(number, begun.of)
+        with open_rig(config.built_for(seed), seed, bench.paced) as rig:
             finished, _ = attempt(seed, rig, None)
         yield finished
         if finished.failure is not None:

@@ -35,7 +35,7 @@ class Feed:
             self._onlooker.tell(Serve(listening.fileno(), host, token, title, fingers, seen, shown))
         self.address = f"http://{host}/{token}/"
         self._of = of
-        self._number = 0
+        self._begun = 0  # trials, also those of which nobody heard
         self._ticks = 0
         self._began_ns = stopwatch_ns()
         self._begin: Begin | None = None  # that nobody has taken yet
@@ -64,14 +64,13 @@ class Feed:
         """The page stays as it is in whichever browser shows it; safe to call twice."""
         self._onlooker.close()
 
-    def begin(self, data: dict[str, Any]) -> None:
-        """Another trial, of which rows follow."""
-        self._number += 1
+    def begin(self, data: dict[str, Any], number: int = 1) -> None:
+        """Another trial, of which rows follow; ``number``: which of all, from 1."""
         self._ticks = 0
-        done = self._number - 1
         spent_s = (stopwatch_ns() - self._began_ns) * 1e-9
-        left_s = None if done == 0 else spent_s / done * (self._of - done)
-        self._begin = Begin(self._number, max(self._of, self._number), left_s, data)
+        left_s = spent_s / self._begun * (self._of - number + 1) if self._begun else None
+        self._begun += 1
+        self._begin = Begin(number, self._of, left_s, data)
 
     def due(self, news: bool) -> bool:
         """Whether this tick is shown."""

@@ -45,13 +45,18 @@ class LiveTrials:
         )
         self._controller: GraspController | None = None
         self._phase = ""
+        self._number = 1
+
+    def trial(self, number: int) -> None:
+        """Which of all of them comes next, from 1."""
+        self._number = number
 
     def watch(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
         """Show one tick, if it is time or something happened; another controller is another
         trial."""
         if controller is not self._controller:
             self._controller = controller
-            self.feed.begin(self._data(tick))
+            self.feed.begin(self._data(tick), self._number)
         phase = tick.decision.phase.value
         news = phase != self._phase or tick.decision.slip.event
         self._phase = phase

@@ -113,7 +113,7 @@ def test_another_trial_begins_anew_with_what_is_left(feed: Feed) -> None:
     feed.begin(DATA)
     shown(feed, 3)
     feed.say("the first one held")
-    feed.begin(DATA)
+    feed.begin(DATA, 2)
     shown(feed, 1, first=100)
     with looking_on(feed) as viewer:
         begin, row = told(viewer, 1)
@@ -229,7 +229,7 @@ def test_a_trial_whose_begin_was_lost_is_begun_with_a_later_row(feed: Feed) -> N
     os.kill(feed.pid, signal.SIGSTOP)
     feed.begin(DATA)
     until_lost(feed)
-    feed.begin(DATA)
+    feed.begin(DATA, 2)
     feed.show("lift", [7.0, 1.0])
     os.kill(feed.pid, signal.SIGCONT)
     with looking_on(feed) as viewer:

@@ -1,6 +1,7 @@
 """What a series of trials says with its exit code, and at its end."""
 
 import signal
+import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from grasp.cli import view
 from grasp.cli.main import main
 from scenarios.campaign import experiment as experiments
 from scenarios.trial.ending import End
@@ -41,6 +43,46 @@ def test_series_that_was_complete_says_so_and_why_it_failed(
     said = capsys.readouterr().err
     assert "1 trial is in" in said and "none is left to run" in said and "--resume" not in said
     assert "1 of 1 trials did not succeed: exit code 1" in said
+
+
+def test_a_panel_says_which_of_all_trials_is_shown_also_of_those_that_are_gone_on_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+
+    class Panel:
+        """In place of what draws."""
+
+        def take(self, message: Any) -> None:
+            if isinstance(message, view.Glimpse) and told[-1:] != [message.trial]:
+                told.append(message.trial)
+
+        def close(self) -> None:
+            pass
+
+    monkeypatch.setattr(view, "make", lambda _: Panel())
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    words = [
+        *LIFTS,
+        *DEAF,
+        "--pace",
+        "max",
+        "--runs",
+        str(tmp_path),
+        "--out",
+        str(tmp_path / "rows.sqlite"),
+    ]
+    assert main(words) == 1
+    assert told == ["trial 1 of 2", "trial 2 of 2"]
+    with sqlite3.connect(tmp_path / "rows.sqlite") as db:
+        db.execute("DELETE FROM trials WHERE trial = 1")
+    db.close()
+    told.clear()
+    assert main([*words, "--resume"]) == 1
+    assert told == ["trial 2 of 2"]
+    told.clear()
+    main(["run", "lift", "--rig", "simulated", *DEAF, "--pace", "max", "--runs", str(tmp_path)])
+    assert told == [""]
 
 
 def altered(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:

@@ -48,6 +48,15 @@ def test_what_kind_of_slip_it_is_stands_with_the_finger_that_feels_it_and_below(
     assert (view.kind_text(None), view.ways_text(None)) == ("", "   ")
 
 
+@pytest.mark.parametrize("width", [60, 80, 200])
+def test_which_of_several_trials_it_is_stands_below(width: int) -> None:
+    seen = msgspec.structs.replace(SLIPPING, trial="trial 3 of 20", kind="some 20 mm/s")
+    lines = drawn(width, seen)
+    assert len(lines) == 5 and all(len(line) <= width for line in lines)
+    assert "trial 3 of 20 · some 20 mm/s" in lines[4]
+    assert "trial" not in "".join(drawn(width))
+
+
 def test_line_above_the_panel_fits_eighty_columns() -> None:
     line = view.short_line(SLIPPING)
     assert len(line) <= 80

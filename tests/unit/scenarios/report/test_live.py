@@ -18,7 +18,7 @@ from scenarios.report.live.acquisition import LiveAcquisition
 from scenarios.report.live.messages import Begin, Message, Row
 from scenarios.report.live.trials import LiveTrials
 from scenarios.trial.run_folder import RUN_CHANNELS
-from scenarios.trial.series import Bench
+from scenarios.trial.series import Begun, Bench
 from tests.unit.scenarios.conftest import config
 from tests.unit.scenarios.report.viewers import Viewers
 
@@ -143,6 +143,20 @@ def test_rows_say_what_the_tick_and_the_world_said(
         assert ("told_speed" in found) == (detector == "tcn")
     phases = list(dict.fromkeys(row.phase for row in rows))
     assert {"lift", "compensate", "hold", "lower"} <= set(phases)
+
+
+def test_a_page_is_told_which_of_all_trials_it_shows(listener: Listener) -> None:
+    live = LiveTrials(config(), "a lift", 5)
+    bench = Bench(
+        None,
+        watch=live.watch,
+        begun=Begun((4, 5), 5),
+        on_trial=lambda number, of: live.trial(number),
+    )
+    list(lift.run_series(config(), [3, 4], bench))
+    begun = [message for message in listener.told if isinstance(message, Begin)]
+    assert [(message.number, message.of) for message in begun] == [(4, 5), (5, 5)]
+    assert begun[0].left_s is None and begun[1].left_s is not None
 
 
 def test_a_line_is_shorter_than_a_pipe_takes_at_once(listener: Listener) -> None:

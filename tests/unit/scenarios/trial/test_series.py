@@ -71,9 +71,13 @@ def told(
         result = msgspec.structs.replace(lifted.result, end=ends)
         return FinishedRun(result, failure), lifted.result.home_m
 
+    def begins(number: int, of: int) -> None:
+        assert person.heard[-1].startswith(f"Trial {number} of {of}")
+
     with patch.context() as patched:
         patched.setattr(series, "open_rig", opened)
-        list(series.run_series(wired, (0, 1), Bench(operator=person, begun=begun), attempt))
+        bench = Bench(operator=person, begun=begun, on_trial=begins)
+        list(series.run_series(wired, (0, 1), bench, attempt))
     return person.heard, homes
 
 
