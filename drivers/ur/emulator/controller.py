@@ -7,7 +7,9 @@ arm off. States and bits: "RTDE Guide".
 
 from collections import deque
 from enum import IntEnum
+from functools import partial
 
+from drivers.fairness import Budget, Slowly
 from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.rtde_wire import REGISTERS, Scalar, Values
 from drivers.ur.emulator.settings import EmulatorSettings
@@ -17,6 +19,8 @@ from drivers.ur.emulator.urscript.parse import ScriptError
 from drivers.ur.emulator.urscript.run import Compiled, Program
 
 _KEPT_PROGRAMS = 8
+_KEPT_CHARS = 300_000  # of all these together
+ENDLESS = Budget()
 _KEPT_MESSAGES = 200
 _MESSAGE_CHARS = 500
 
@@ -113,11 +117,13 @@ class Controller:
         self._program: Program | None = None
         self._watchdog: Watchdog | None = None
         self._compiled: dict[str, Compiled | ScriptError] = {}
+        self._compiling: tuple[str, Slowly[Compiled]] | None = None
         self._true_wrench: tuple[float, ...] = (0.0,) * 6
         self._zero_wrench: tuple[float, ...] = (0.0,) * 6
 
-    def step(self, now_ns: int, inputs: dict[str, Values]) -> None:
-        """One cycle: take the inputs, renew the arm's state, run the program."""
+    def step(self, now_ns: int, inputs: dict[str, Values], budget: Budget = ENDLESS) -> None:
+        """One cycle: take the inputs, renew the arm's state, run the program, which is interrupted
+        when ``budget`` is spent."""
         self._now_ns = now_ns
         self.cycles += 1
         for name, values in inputs.items():
@@ -128,8 +134,9 @@ class Controller:
         if self.motion.tripped and self.safety_mode is SafetyMode.NORMAL:
             self.protective_stop()
         self._watch(inputs)
+        self._compile(budget)
         if self.runtime_state is RuntimeState.PLAYING:
-            self._run()
+            self._run(budget)
         self.motion.brake_if_unowned()
 
     def skip(self, cycles: int) -> None:
@@ -144,12 +151,12 @@ class Controller:
         elif self._watchdog.expired(self._now_ns):
             self.stop_program(f"watchdog on {self._watchdog.name}")
 
-    def _run(self) -> None:
+    def _run(self, budget: Budget) -> None:
         program = self._program
         if program is None:
             return
         try:
-            if not program.step():
+            if not program.step(budget.spent):
                 self.stop_program("program ended")
         except ScriptError as error:
             self.script_errors += 1
@@ -158,30 +165,49 @@ class Controller:
     # program
 
     def load(self, text: str) -> None:
-        """Replace the program; one that does not compile leaves the controller without any."""
+        """Replace the program; one that does not compile leaves the controller without any. A new
+        one starts in one of the next cycles, once it is compiled."""
         self.stop_program("replaced")
         if self.robot_mode is not RobotMode.RUNNING or self.safety_mode is not SafetyMode.NORMAL:
             self.log("program refused: the robot is not ready")
-            return
-        compiled = self._compile(text)
+        elif text in self._compiled:
+            self._start(self._compiled[text])
+        else:
+            work = partial(compile_program, text, BUILTINS)
+            self._compiling = text, Slowly(work)
+
+    def _start(self, compiled: Compiled | ScriptError) -> None:
         if isinstance(compiled, ScriptError):
             self.script_errors += 1
             self.log(f"script error: {compiled}")
-            return
-        self._program = Program(compiled, self)
-        self.runtime_state = RuntimeState.PLAYING
+        elif self.safety_mode is SafetyMode.NORMAL:
+            self._program = Program(compiled, self)
+            self.runtime_state = RuntimeState.PLAYING
 
-    def _compile(self, text: str) -> Compiled | ScriptError:
-        if text not in self._compiled:
-            if len(self._compiled) >= _KEPT_PROGRAMS:
-                del self._compiled[next(iter(self._compiled))]
-            try:
-                self._compiled[text] = compile_program(text, BUILTINS)
-            except ScriptError as error:
-                self._compiled[text] = error
-        return self._compiled[text]
+    def _compile(self, budget: Budget) -> None:
+        """Go on with the program that was loaded, where one is."""
+        if self._compiling is None or not self._compiling[1].go_on(budget.left_s):
+            return
+        (text, done), self._compiling = self._compiling, None
+        try:
+            compiled: Compiled | ScriptError = done.result()
+        except ScriptError as error:
+            compiled = error
+        self._keep(text, compiled)
+        self._start(compiled)
+
+    def _keep(self, text: str, compiled: Compiled | ScriptError) -> None:
+        """For the next time that a client sends it; the oldest ones are forgotten."""
+        self._compiled[text] = compiled
+        while len(self._compiled) > 1 and (
+            len(self._compiled) > _KEPT_PROGRAMS or sum(map(len, self._compiled)) > _KEPT_CHARS
+        ):
+            del self._compiled[next(iter(self._compiled))]
 
     def stop_program(self, why: str) -> None:
+        if self._compiling is not None:
+            self._compiling[1].cancel()
+            self._compiling = None
         if self._program is not None:
             self.log(f"{self._program.name} stopped: {why}")
             self._program.close()

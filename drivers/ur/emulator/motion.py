@@ -26,6 +26,17 @@ _STEADY_NS = 500_000_000  # URScript manual: is_steady, standing still for 500 m
 _STANDING: Joints = (0.0,) * kinematics.JOINTS
 
 
+# no arm moves faster, or changes its speed more slowly; what follows from them stays finite
+_SPEEDS = (1e-6, 100.0)  # m/s, rad/s
+_ACCELERATIONS = (1e-3, 1e4)
+
+
+def _check(what: str, value: float, within: tuple[float, float]) -> None:
+    least, most = within
+    if not least <= value <= most:
+        raise ScriptError(f"{what} {value:g} is not within {least:g} and {most:g}")
+
+
 class RobotMotion:
     """The arm as the controller sees it, renewed once per cycle by ``update``."""
 
@@ -173,8 +184,8 @@ class RobotMotion:
         self._go(target, speed_radps * ratio, acceleration_radps2 * ratio)
 
     def _go(self, flange: Frame, speed_mps: float, acceleration_mps2: float) -> None:
-        if speed_mps <= 0.0 or acceleration_mps2 <= 0.0:
-            raise ScriptError("speed and acceleration of a motion must be positive")
+        _check("speed", speed_mps, _SPEEDS)
+        _check("acceleration", acceleration_mps2, _ACCELERATIONS)
         if kinematics.turn_between(flange, self.flange) > _TURN_TOLERANCE_RAD:
             raise ScriptError("this emulator keeps the orientation of the tool")
         x, y, z = flange[:3, 3].tolist()
@@ -185,8 +196,8 @@ class RobotMotion:
 
     def speed_line(self, velocity: Vector3, turning: Vector3, acceleration_mps2: float) -> None:
         """Keep this velocity (m/s; rad/s, base frame) until told otherwise. Raises ScriptError."""
-        if acceleration_mps2 <= 0.0:
-            raise ScriptError("the acceleration of a motion must be positive")
+        _check("acceleration", acceleration_mps2, _ACCELERATIONS)
+        _check("speed", math.hypot(*velocity, *turning), (0.0, _SPEEDS[1]))
         spin = self._spin(turning)
         if self._speed == (velocity, spin, acceleration_mps2):
             return
@@ -204,6 +215,8 @@ class RobotMotion:
         return spin
 
     def stop(self, deceleration_mps2: float) -> None:
+        """Brake. Raises ScriptError."""
+        _check("deceleration", deceleration_mps2, _ACCELERATIONS)
         self._target = self._speed = None
         self._command(lambda arm: arm.stop_l(deceleration_mps2, self._now_ns))
 

@@ -16,11 +16,13 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from functools import partial
 from ipaddress import ip_address
 from typing import Self
 
 import msgspec
 
+from drivers.fairness import Budget
 from drivers.ur.emulator.controller import Controller
 from drivers.ur.emulator.dashboard import BANNER, Dashboard
 from drivers.ur.emulator.faults import FaultChannel
@@ -28,12 +30,16 @@ from drivers.ur.emulator.fields import output_values
 from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer
 from drivers.ur.emulator.rtde_wire import PORT as RTDE_PORT
+from drivers.ur.emulator.rtde_wire import text_packet
 from drivers.ur.emulator.settings import PROFILES, EmulatorSettings
 from drivers.ur.emulator.sockets import LineTalk, ScriptTalk, Server
 from drivers.ur.model import ArmModel, ArmModelSettings
 
 DASHBOARD_PORT = 29999
 SCRIPT_PORTS = (30001, 30002, 30003)
+SWITCH_S = 5e-4  # a thread that answers a client does not wait for others for longer
+MOST_CLIENTS = 32  # of each port
+_PROGRAM_PART = 0.3  # of the time, for the program and for compiling it
 _LONGEST_LAG_NS = 100_000_000  # cycles missed by more than this are skipped, not caught up
 
 
@@ -69,7 +75,8 @@ class UrEmulator:
         self._rtde = RtdeServer(settings.controller)
         self._dashboard = Dashboard(settings, self.controller)
         self._faults = FaultChannel(self.controller, self._rtde, self)
-        self._server = Server()
+        self._budget = Budget(_PROGRAM_PART)
+        self._server = Server(self.controller.log)
         try:
             self.fault_port = self._listen(settings)
         except OSError:
@@ -77,13 +84,15 @@ class UrEmulator:
             raise
 
     def _listen(self, settings: EmulatorSettings) -> int:
-        host, listen = settings.host, self._server.listen
-        listen(host, RTDE_PORT, lambda: (RtdeConnection(self._rtde), b""))
-        listen(host, DASHBOARD_PORT, lambda: (LineTalk(self._dashboard.answer), BANNER))
+        host, listen = settings.host, partial(self._server.listen, most=MOST_CLIENTS)
+        listen(host, RTDE_PORT, lambda: (RtdeConnection(self._rtde), b""), refusal=text_packet)
+        listen(
+            host, DASHBOARD_PORT, lambda: (LineTalk(self._dashboard.answer), BANNER), refusal=_line
+        )
         for port in SCRIPT_PORTS:
             listen(host, port, lambda: (ScriptTalk(self._load), b""))
         faults = lambda: (LineTalk(self._faults.answer), b"")  # noqa: E731
-        return listen(host, settings.fault_port, faults, ours=True)
+        return listen(host, settings.fault_port, faults, refusal=_line, ours=True)
 
     def _load(self, text: str) -> None:
         if self.controller.remote_control:
@@ -118,7 +127,10 @@ class UrEmulator:
         now_ns = self._now_ns + self._period_ns
         if self._advance is not None:
             self._advance(now_ns)
-        self.controller.step(now_ns, self._rtde.take_inputs())
+        self._server.renew()
+        self._budget.begin(self._period_ns * 1e-9)
+        self.controller.step(now_ns, self._rtde.take_inputs(), self._budget)
+        self._budget.end()
         values = output_values(self.controller)
         cycle = self.controller.cycles
         self._server.broadcast(lambda connection: connection.sample(cycle, values))
@@ -131,6 +143,7 @@ class UrEmulator:
         self._frozen_until_ns = time.monotonic_ns() + round(seconds * 1e9)
 
     def close(self) -> None:
+        self.controller.stop_program("the emulator ends")
         self._server.close()
 
     def __enter__(self) -> Self:
@@ -138,6 +151,10 @@ class UrEmulator:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _line(text: str) -> bytes:
+    return text.encode() + b"\n"
 
 
 def _arm(settings: EmulatorSettings, now_ns: int) -> ArmModel:
@@ -168,6 +185,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _serve(settings: EmulatorSettings) -> None:
+    sys.setswitchinterval(SWITCH_S)
     parent = os.getppid()
     asked_to_end = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

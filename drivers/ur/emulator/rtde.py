@@ -21,6 +21,9 @@ from drivers.ur.emulator.rtde_wire import (
 from drivers.ur.emulator.settings import Profile
 
 _MAX_RECIPES = 255
+_MAX_NAMES = 1000  # of one recipe; all outputs together are fewer
+_MAX_HELD = 5000  # of all input recipes of one client
+_SLOWEST_HZ = 1.0  # RTDE Guide: 1 to 125 or 500
 _FREQUENCY = struct.Struct(">d")
 
 
@@ -57,6 +60,7 @@ class RtdeConnection:
         self._server = server
         self._splitter = Splitter()
         self._inputs: dict[int, Recipe] = {}
+        self._held = 0  # names of all these
         self._output: Recipe | None = None
         self._every = 1  # cycles per data packet
         self._started = False
@@ -107,19 +111,22 @@ class RtdeConnection:
         wanted = _FREQUENCY.unpack_from(body)[0] if len(body) >= _FREQUENCY.size else 0.0
         names = split_names(body[_FREQUENCY.size :])
         known = self._server.profile.output_types
-        types = [known.get(name, NOT_FOUND) for name in names]
-        valid = 0.0 < wanted <= rate and names and NOT_FOUND not in types
+        types = [known.get(name, NOT_FOUND) for name in names[:_MAX_NAMES]]
+        valid = _SLOWEST_HZ <= wanted <= rate and 0 < len(names) <= _MAX_NAMES
+        valid = valid and NOT_FOUND not in types
         self._output = Recipe(1, names, known) if valid else None
-        self._every = max(1, round(rate / wanted)) if valid else 1
-        return bytes([bool(valid)]) + ",".join(types).encode()
+        self._every = round(rate / wanted) if valid else 1
+        return bytes([valid]) + ",".join(types).encode()
 
     def _set_up_inputs(self, body: bytes) -> bytes:
         names = split_names(body)
-        types = [self._input_type(name) for name in names]
-        valid = names and NOT_FOUND not in types and IN_USE not in types
+        types = [self._input_type(name) for name in names[:_MAX_NAMES]]
+        valid = 0 < len(names) <= _MAX_NAMES and self._held + len(names) <= _MAX_HELD
+        valid = valid and NOT_FOUND not in types and IN_USE not in types
         number = len(self._inputs) + 1 if valid and len(self._inputs) < _MAX_RECIPES else 0
         if number:
             self._inputs[number] = Recipe(number, names, INPUT_TYPES)
+            self._held += len(names)
             self._server.claim(names, self)
         return bytes([number]) + ",".join(types).encode()
 

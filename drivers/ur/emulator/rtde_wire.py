@@ -10,6 +10,7 @@ from enum import IntEnum
 PORT = 30004
 PROTOCOL_VERSION = 2
 HEADER = struct.Struct(">HB")
+MOST_BYTES = 65535 - HEADER.size  # of a body
 
 NOT_FOUND = "NOT_FOUND"
 IN_USE = "IN_USE"
@@ -93,7 +94,18 @@ INPUT_TYPES: dict[str, str] = {
 
 
 def packet(kind: PacketType, body: bytes = b"") -> bytes:
+    """Raises ValueError for a body beyond ``MOST_BYTES``."""
+    if len(body) > MOST_BYTES:
+        raise ValueError(f"a packet of {len(body)} bytes")
     return HEADER.pack(HEADER.size + len(body), kind) + body
+
+
+def text_packet(message: str) -> bytes:
+    """A message for people, of level "error" (RTDE Guide, "Text message", protocol 2)."""
+    said, source = message.encode()[:200], b"emulator"
+    level = 1
+    body = bytes([len(said)]) + said + bytes([len(source)]) + source + bytes([level])
+    return packet(PacketType.TEXT, body)
 
 
 def split_names(text: bytes) -> list[str]:

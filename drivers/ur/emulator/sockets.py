@@ -1,17 +1,28 @@
-"""Sockets of the emulator: listeners, connections and their bytes; no thread of its own."""
+"""Sockets of the emulator: listeners, connections and their bytes; no thread of its own.
+
+Clients share the time that a cycle leaves for them (`drivers.fairness`): one that floods, or asks
+for much, waits, and its bytes wait in its socket. A port has so many places; who finds none is told
+so and closed.
+"""
 
 import contextlib
 import selectors
 import socket
+import time
 from collections.abc import Callable
 from typing import Protocol
 
+from drivers.fairness import Places, Shares
 from drivers.ur.emulator.rtde import RtdeConnection
 from drivers.ur.emulator.urscript.parse import MAX_CHARS, depth_change
 
-_CHUNK = 65536
+_CHUNK = 1024  # what is taken at a time: a millisecond's work at most
 _MAX_LINE = 65536
 _MAX_UNSENT = 1 << 20  # a client that does not read is cut off beyond this
+_BACKLOG = 128
+_PART = 0.4  # of the time, for all clients that ask for more than a little
+_LEAST_S = 0.001  # of serving, however late a cycle is
+_FAREWELL_S = 1.0  # a client that was refused has so long to read why
 
 
 class Talk(Protocol):
@@ -59,6 +70,8 @@ class ScriptTalk:
         for line in lines:
             self._take(line.decode("utf-8", "replace") + "\n")
         self.broken = len(self._held) + self._chars > MAX_CHARS
+        if self.broken:  # which is refused for its length
+            self._load("".join(self._program) + self._held.decode("utf-8", "replace"))
         return b""
 
     def _take(self, line: str) -> None:
@@ -75,13 +88,26 @@ class ScriptTalk:
     def close(self) -> None: ...
 
 
+class Farewell:
+    """Says nothing more to a client that was refused, and does not listen."""
+
+    broken = False
+
+    def feed(self, data: bytes) -> bytes:
+        return b""
+
+    def close(self) -> None: ...
+
+
 class Connection:
     """A client's socket, never blocking, and what waits to be sent to it."""
 
-    def __init__(self, sock: socket.socket, talk: Talk, *, ours: bool) -> None:
+    def __init__(self, sock: socket.socket, talk: Talk, places: "Places[Connection]") -> None:
         self.sock = sock
         self.talk = talk
-        self.ours = ours
+        self.places = places
+        self.waits = False  # has used up its share
+        self.closed = False
         self._unsent = bytearray()
 
     def receive(self) -> bool:
@@ -110,64 +136,149 @@ class Connection:
 class Server:
     """All listeners and connections; ``serve`` handles what is ready within a time."""
 
-    def __init__(self) -> None:
-        # select() takes microseconds; epoll would round up to whole milliseconds
-        self._selector = selectors.SelectSelector()
-        self._connections: list[Connection] = []
+    def __init__(self, refused: Callable[[str], None] = lambda why: None) -> None:
+        """``refused`` is told of each client that found no place."""
+        self._selector = selectors.DefaultSelector()
+        self._shares: Shares[Connection] = Shares(_PART)
+        self._refused = refused
+        self._connections: dict[Connection, bool] = {}  # whether they are of our own channel
+        self._farewells: dict[Connection, float] = {}  # when they are closed
 
     def listen(
-        self, host: str, port: int, talk: Callable[[], tuple[Talk, bytes]], *, ours: bool = False
+        self,
+        host: str,
+        port: int,
+        talk: Callable[[], tuple[Talk, bytes]],
+        *,
+        most: int,
+        refusal: Callable[[str], bytes] = lambda why: b"",
+        ours: bool = False,
     ) -> int:
-        """Returns the port; ``talk`` makes the dialogue of a new connection and its greeting."""
-        sock = socket.create_server((host, port), backlog=16, reuse_port=False)
+        """Returns the port; ``talk`` makes the dialogue of a new connection and its greeting. More
+        than ``most`` connections are refused, with what ``refusal`` makes of the reason."""
+        sock = socket.create_server((host, port), backlog=_BACKLOG, reuse_port=False)
         sock.setblocking(False)
+        number = int(sock.getsockname()[1])
+        places: Places[Connection] = Places(most)
 
         def accept() -> None:
             with contextlib.suppress(OSError):
                 client, _ = sock.accept()
-                self._welcome(client, *talk(), ours)
+                client.setblocking(False)
+                client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                connection = Connection(client, Farewell(), places)
+                try:
+                    leaves = places.enter(connection, time.monotonic())
+                except OverflowError as error:
+                    self._refused(f"port {number}: a client was refused, {error}")
+                    self._part_from(connection, refusal(str(error)))
+                    return
+                if leaves is not None:
+                    self._refused(f"port {number}: the client silent for longest had to leave")
+                    self._keep(leaves, False)
+                connection.talk, greeting = talk()
+                self._welcome(connection, greeting, ours)
 
         self._selector.register(sock, selectors.EVENT_READ, accept)
-        return int(sock.getsockname()[1])
+        return number
 
-    def _welcome(self, client: socket.socket, talk: Talk, greeting: bytes, ours: bool) -> None:
-        client.setblocking(False)
-        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connection = Connection(client, talk, ours=ours)
-        self._connections.append(connection)
-        self._selector.register(
-            client, selectors.EVENT_READ, lambda: self._keep(connection, connection.receive())
-        )
+    def _welcome(self, connection: Connection, greeting: bytes, ours: bool) -> None:
+        self._connections[connection] = ours
+        self._watch(connection)
         self._keep(connection, connection.send(greeting))
 
-    def _keep(self, connection: Connection, alive: bool) -> None:
-        if not alive and connection in self._connections:
-            self._connections.remove(connection)
+    def _watch(self, connection: Connection) -> None:
+        self._selector.register(
+            connection.sock, selectors.EVENT_READ, lambda: self._attend(connection)
+        )
+
+    def _attend(self, connection: Connection) -> None:
+        started_s = time.thread_time()
+        self._keep(connection, connection.receive())
+        self._charge(connection, time.thread_time() - started_s)
+
+    def _charge(self, connection: Connection, used_s: float) -> None:
+        if connection.closed:
+            return
+        now_s = time.monotonic()
+        connection.places.heard(connection, now_s)
+        self._shares.charge(connection, used_s, now_s)
+        if not connection.waits and self._shares.wait_s(connection, now_s):
+            connection.waits = True
             self._selector.unregister(connection.sock)
+
+    def _part_from(self, connection: Connection, last: bytes) -> None:
+        """Close, but not before the client has read why."""
+        alive = connection.send(last) and len(self._farewells) < connection.places.most
+        if not alive:
             connection.sock.close()
-            connection.talk.close()
+            return
+        with contextlib.suppress(OSError):
+            connection.sock.shutdown(socket.SHUT_WR)
+        self._farewells[connection] = time.monotonic() + _FAREWELL_S
+
+    def _keep(self, connection: Connection, alive: bool) -> None:
+        if alive or connection.closed:
+            return
+        connection.closed = True
+        del self._connections[connection]
+        connection.places.leave(connection)
+        self._shares.forget(connection)
+        if not connection.waits:
+            self._selector.unregister(connection.sock)
+        connection.sock.close()
+        connection.talk.close()
+
+    def renew(self) -> None:
+        """Once a cycle: clients who have waited long enough are heard again."""
+        now_s = time.monotonic()
+        for connection in self._connections:
+            if connection.waits and not self._shares.wait_s(connection, now_s):
+                connection.waits = False
+                self._watch(connection)
+        for connection in [one for one, until_s in self._farewells.items() if until_s < now_s]:
+            del self._farewells[connection]
+            connection.sock.close()
 
     def serve(self, seconds: float) -> None:
         """Wait up to this long for something to come, and handle it."""
-        for key, _ in self._selector.select(max(0.0, seconds)):
-            key.data()
+        until_s = time.monotonic() + max(seconds, _LEAST_S)
+        ready = self._selector.select(_whole_ms(seconds))
+        if not ready and seconds > 0.0:
+            time.sleep(max(0.0, min(seconds, until_s - time.monotonic())))
+            ready = self._selector.select(0)
+        for key, _ in ready:
+            if time.monotonic() > until_s:
+                return
+            if key.fileobj.fileno() != -1:  # type: ignore[union-attr] # closed by one before it
+                key.data()
 
     def broadcast(self, sample: Callable[[RtdeConnection], bytes]) -> None:
-        """Send every RTDE client its data packet of this cycle."""
+        """Send every RTDE client its data packet of this cycle; one that waits gets none."""
         for connection in list(self._connections):
-            if isinstance(connection.talk, RtdeConnection):
-                data = sample(connection.talk)
-                self._keep(connection, not data or connection.send(data))
+            if isinstance(connection.talk, RtdeConnection) and not connection.waits:
+                started_s = time.thread_time()
+                if data := sample(connection.talk):
+                    self._keep(connection, connection.send(data))
+                    self._charge(connection, time.thread_time() - started_s)
 
     def drop_links(self) -> None:
         """Close the connections of all clients but those of the control channel."""
-        for connection in [one for one in self._connections if not one.ours]:
+        for connection in [one for one, ours in self._connections.items() if not ours]:
             self._keep(connection, False)
 
     def close(self) -> None:
         for connection in list(self._connections):
             self._keep(connection, False)
+        for connection in self._farewells:
+            connection.sock.close()
         for key in list(self._selector.get_map().values()):
             self._selector.unregister(key.fileobj)
             key.fileobj.close()  # type: ignore[union-attr]
         self._selector.close()
+
+
+def _whole_ms(seconds: float) -> float:
+    """Rounded down: epoll would round up, past the end of a cycle."""
+    milliseconds = int(seconds * 1e3)
+    return (milliseconds - 0.5) * 1e-3 if milliseconds > 0 else 0.0

@@ -9,7 +9,15 @@ from collections.abc import Callable, Sequence
 
 from drivers.ur import kinematics
 from drivers.ur.emulator.urscript.parse import ScriptError
-from drivers.ur.emulator.urscript.run import Builtin, PoseValue, Steps, Thread, Value, finite
+from drivers.ur.emulator.urscript.run import (
+    Builtin,
+    PoseValue,
+    Steps,
+    Thread,
+    Value,
+    finite,
+    quantity,
+)
 
 BUILTINS: dict[str, Builtin] = {}
 _MAX_SLEEP_S = 3600.0
@@ -25,13 +33,13 @@ def six(values: Value) -> tuple[float, ...]:
     """Six finite numbers."""
     if not isinstance(values, list) or len(values) != kinematics.JOINTS:
         raise ScriptError("six numbers expected")
-    return tuple(finite(value) for value in values)
+    return tuple(quantity(value) for value in values)
 
 
 def three(values: Value) -> tuple[float, ...]:
     if not isinstance(values, list) or len(values) != 3:
         raise ScriptError("three numbers expected")
-    return tuple(finite(value) for value in values)
+    return tuple(quantity(value) for value in values)
 
 
 def _moving(thread: Thread, start: Callable[[], None]) -> Steps:
@@ -101,8 +109,6 @@ def speedl(thread: Thread, xd: Value, a: Value = 1.2, t: Value = 0, aRot: Value 
 @_known
 def stopl(thread: Thread, a: Value, aRot: Value = "a") -> Steps:
     motion, deceleration = thread.robot.motion, finite(a)
-    if deceleration <= 0.0:
-        raise ScriptError("a deceleration must be positive")
     yield from _moving(thread, lambda: motion.stop(deceleration))
 
 
@@ -162,7 +168,7 @@ def rtde_set_watchdog(
 ) -> None:
     if action != "stop":
         raise ScriptError("a watchdog with another action than stop is not emulated")
-    thread.robot.set_watchdog(str(variable_name), finite(min_frequency))
+    thread.robot.set_watchdog(str(variable_name), quantity(min_frequency))
 
 
 # state
@@ -215,12 +221,12 @@ def get_tcp_offset(thread: Thread) -> PoseValue:
 
 @_known
 def set_payload(thread: Thread, m: Value, cog: Value = None) -> None:
-    thread.robot.set_payload(finite(m), (0.0, 0.0, 0.0) if cog is None else three(cog))
+    thread.robot.set_payload(quantity(m), (0.0, 0.0, 0.0) if cog is None else three(cog))
 
 
 @_known
 def set_target_payload(thread: Thread, m: Value, cog: Value, inertia: Value = None) -> None:
-    thread.robot.set_payload(finite(m), three(cog))
+    thread.robot.set_payload(quantity(m), three(cog))
 
 
 @_known

@@ -5,10 +5,12 @@ import inspect
 from collections.abc import Mapping
 
 import drivers.ur.emulator.urscript.syntax as syntax
-from drivers.ur.emulator.urscript.parse import ScriptError, parse
+from drivers.ur.emulator.urscript.parse import Breathe, ScriptError, no_pause, parse
 from drivers.ur.emulator.urscript.run import (
     BREAK,
     CONTINUE,
+    INTERRUPTED,
+    MOST_AT_ONCE,
     OPERATORS,
     RETURN,
     Builtin,
@@ -30,9 +32,11 @@ from drivers.ur.emulator.urscript.run import (
 )
 
 
-def compile_program(text: str, builtins: Mapping[str, Builtin]) -> Compiled:
+def compile_program(
+    text: str, builtins: Mapping[str, Builtin], breathe: Breathe = no_pause
+) -> Compiled:
     """Raises ScriptError for text that is no program, or that names what does not exist."""
-    body = parse(text)
+    body = parse(text, breathe)
     if len(body) == 1 and isinstance(body[0], syntax.Function):
         main = body[0]
     else:
@@ -40,7 +44,7 @@ def compile_program(text: str, builtins: Mapping[str, Builtin]) -> Compiled:
     if main.parameters:
         raise ScriptError("a program takes no parameters")
     try:
-        return _Compiler(main, builtins).program()
+        return _Compiler(main, builtins, breathe).program()
     except RecursionError:
         raise ScriptError("nested too deep") from None
 
@@ -48,10 +52,13 @@ def compile_program(text: str, builtins: Mapping[str, Builtin]) -> Compiled:
 class _Compiler:
     """Knows all functions and global names of one program."""
 
-    def __init__(self, main: syntax.Function, builtins: Mapping[str, Builtin]) -> None:
+    def __init__(
+        self, main: syntax.Function, builtins: Mapping[str, Builtin], breathe: Breathe
+    ) -> None:
         self._main = main
         self._builtins = builtins
-        statements = list(syntax.inside(main.body))
+        self._breathe = breathe
+        statements = list(syntax.inside(main.body, breathe))
         defined = [one for one in statements if isinstance(one, syntax.Function)]
         self._functions = {one.name: UserFunction(one) for one in defined}
         self._definitions = defined
@@ -63,11 +70,14 @@ class _Compiler:
 
     def program(self) -> Compiled:
         for definition in self._definitions:
-            function = self._functions[definition.name]
-            function.body = _Body(self._functions, self._builtins, self._shared, definition).code()
+            self._functions[definition.name].body = self._code(definition)
         main = UserFunction(self._main)
-        main.body = _Body(self._functions, self._builtins, self._shared, self._main).code()
+        main.body = self._code(self._main)
         return Compiled(self._main.name, main)
+
+    def _code(self, definition: syntax.Function) -> Code:
+        body = _Body(self._functions, self._builtins, self._shared, definition, self._breathe)
+        return body.code()
 
 
 class _Body:
@@ -79,11 +89,14 @@ class _Body:
         builtins: Mapping[str, Builtin],
         shared: set[str],
         definition: syntax.Function,
+        breathe: Breathe,
     ) -> None:
         self._functions = functions
         self._builtins = builtins
         self._body = definition.body
-        own = [one for one in syntax.inside(definition.body) if isinstance(one, syntax.Assign)]
+        self._breathe = breathe
+        inside = syntax.inside(definition.body, breathe)
+        own = [one for one in inside if isinstance(one, syntax.Assign)]
         local = {one.target for one in own if one.scope == "local"} | set(definition.parameters)
         self._shared = shared - local
         self._known = self._shared | local | {one.target for one in own}
@@ -93,8 +106,33 @@ class _Body:
 
     # statements
 
-    def _block(self, body: syntax.Body) -> Code:
-        codes = [self._statement(one) for one in body if not isinstance(one, syntax.Function)]
+    def _cost(self, body: syntax.Body) -> int:
+        """Statements to count before the body is run; a long one counts its own."""
+        size = syntax.size(body, self._breathe)
+        return size if size <= MOST_AT_ONCE else 0
+
+    def _long_block(self, body: list[syntax.Statement]) -> Code:
+        """One that can be interrupted between its statements."""
+        codes = [(self._statement(one), max(1, self._cost((one,)))) for one in body]
+
+        def steps(scope: Scope) -> Steps:
+            for code, cost in codes:
+                if scope.thread.spend(cost):
+                    yield INTERRUPTED
+                signal = code.now(scope) if code.now else (yield from code.steps(scope))
+                if signal is not None:
+                    return signal
+            return None
+
+        return Code(None, steps)
+
+    def _block(self, block: syntax.Body) -> Code:
+        body: list[syntax.Statement] = [
+            one for one in block if not isinstance(one, syntax.Function)
+        ]
+        if body and not self._cost(tuple(body)):
+            return self._long_block(body)
+        codes = [self._statement(one) for one in body]
         plain = [code.now for code in codes if code.now is not None]
 
         def now(scope: Scope) -> Value:
@@ -113,6 +151,7 @@ class _Body:
         return Code(now) if len(plain) == len(codes) else Code(None, steps)
 
     def _statement(self, statement: syntax.Statement) -> Code:
+        self._breathe()
         match statement:
             case syntax.Assign():
                 return self._assign(statement)
@@ -168,11 +207,12 @@ class _Body:
 
     def _while(self, statement: syntax.While) -> Code:
         condition, body = self._expression(statement.condition), self._block(statement.body)
-        statements = 1 + syntax.size(statement.body)
+        statements = 1 + self._cost(statement.body)
 
         def steps(scope: Scope) -> Steps:
             while (yield from condition.steps(scope)):
-                scope.thread.spend(statements)
+                if scope.thread.spend(statements):
+                    yield INTERRUPTED
                 signal = yield from body.steps(scope)
                 if signal == BREAK:
                     break

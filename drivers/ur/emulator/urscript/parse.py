@@ -34,12 +34,22 @@ from drivers.ur.emulator.urscript.syntax import (
     While,
 )
 
-MAX_CHARS = 1_000_000
+MAX_CHARS = 250_000
+MAX_STATEMENTS = 10_000
+MAX_BRANCHES = 1000  # of one if
 MAX_NESTING = 40
 MAX_TOKENS = 500  # of one chain of operators or indices
 MAX_ITEMS = 100  # of one list or call
+MAX_EXPRESSION = 3000  # tokens, with all that is nested in it
 _MAX_DIGITS = 40
 _INT_END = 2**31
+
+
+Breathe = Callable[[], None]  # called often; returns at once, or after others have had their time
+
+
+def no_pause() -> None:
+    """For who has all the time there is."""
 
 
 class ScriptError(Exception):
@@ -59,7 +69,6 @@ _WORDS = """
     and def elif else end False global if kill local not or return run sec thread True while xor
 """
 _KEYWORDS = _PLAIN | frozenset(_WORDS.split())
-OPENING = frozenset(("def", "sec", "thread", "if", "while"))
 _TOKEN = re.compile(
     r"(?P<space>[ \t\r\f]+|#[^\n]*)"
     r"|(?P<line>\n)"
@@ -69,19 +78,23 @@ _TOKEN = re.compile(
     r"|(?P<sign>==|!=|<=|>=|[-+*/%<>=()\[\],:])",
     re.ASCII,
 )
+_BLOCKS = re.compile(  # what opens or ends one; other words, strings and comments are skipped
+    r'#[^\n]*|"[^"\n]*"|(def|sec|thread|if|while|end)\b|[A-Za-z_]\w*', re.ASCII
+)
 _BINDING = {"or": 1, "xor": 2, "and": 3}
 _BINDING |= dict.fromkeys(("==", "!=", "<", ">", "<=", ">="), 5)
 _BINDING |= {"+": 6, "-": 6, "*": 7, "/": 7, "%": 7}
 _NOT_BINDING, _MINUS_BINDING = 4, 8
 
 
-def tokens(text: str) -> list[Token]:
+def tokens(text: str, breathe: Breathe = no_pause) -> list[Token]:
     """Raises ScriptError at the first character that begins no token."""
     if len(text) > MAX_CHARS:
         raise ScriptError(f"program longer than {MAX_CHARS} characters")
     found: list[Token] = []
     at, line = 0, 1
     while at < len(text):
+        breathe()
         match = _TOKEN.match(text, at)
         if match is None:
             raise ScriptError(f"line {line}: unexpected character {text[at]!r}")
@@ -98,22 +111,26 @@ def tokens(text: str) -> list[Token]:
 
 def depth_change(line: str) -> int:
     """Blocks that one line of a program opens, less those that it closes."""
-    words = [match.group() for match in _TOKEN.finditer(line) if match.lastgroup == "name"]
-    return sum((word in OPENING) - (word == "end") for word in words)
+    words = [word for word in _BLOCKS.findall(line) if word]
+    return len(words) - 2 * words.count("end")
 
 
-def parse(text: str) -> Body:
+def parse(text: str, breathe: Breathe = no_pause) -> Body:
     """Syntax tree of a whole program. Raises ScriptError."""
-    return _Parser(tokens(text)).program()
+    return _Parser(tokens(text, breathe), breathe).program()
 
 
 class _Parser:
     """Recursive descent; nesting is bounded, so that no text can exhaust Python's stack."""
 
-    def __init__(self, found: list[Token]) -> None:
+    def __init__(self, found: list[Token], breathe: Breathe) -> None:
         self._tokens = found
+        self._breathe = breathe
         self._at = 0
         self._depth = 0
+        self._statements = 0
+        self._open = 0  # expressions around the present one
+        self._outermost = 0  # where the outermost of them begins
 
     def program(self) -> Body:
         body = self._body("end of program")
@@ -163,6 +180,10 @@ class _Parser:
         return self._body("end", *ends)
 
     def _statement(self) -> Statement:
+        self._breathe()
+        self._statements += 1
+        if self._statements > MAX_STATEMENTS:
+            raise ScriptError(f"program of more than {MAX_STATEMENTS} statements")
         kind = self._next.kind
         if kind in _PLAIN:
             self._at += 1
@@ -200,6 +221,8 @@ class _Parser:
         while self._took("elif" if branches else "if"):
             condition = self._expression()
             branches.append((condition, self._block("elif", "else")))
+            if len(branches) > MAX_BRANCHES:
+                raise ScriptError(f"line {self._next.line}: more than {MAX_BRANCHES} branches")
         if self._took("else"):
             otherwise = self._block()
         self._take("end")
@@ -240,6 +263,8 @@ class _Parser:
 
     def _expression(self, binding: int = 0) -> Expression:
         self._deeper()
+        self._outermost = self._outermost if self._open else self._at
+        self._open += 1
         left = self._operand()
         start = self._at
         while (mine := _BINDING.get(self._next.kind, 0)) > binding:
@@ -248,6 +273,9 @@ class _Parser:
             self._at += 1
             left = Binary(operator, left, self._expression(mine))
         self._depth -= 1
+        self._open -= 1
+        if self._at - self._outermost > MAX_EXPRESSION:
+            raise ScriptError(f"line {self._next.line}: expression too long")
         return left
 
     def _operand(self) -> Expression:

@@ -3,6 +3,7 @@
 An expression or statement that can wait for a later controller cycle becomes a generator function,
 every other one a plain function. A thread that loops or calls without ever waiting is ended, as
 the controller does ("infinite loop without time"), and so is a program that uses an unknown name.
+One that computes for longer than a cycle has time for is interrupted, and goes on in the next.
 """
 
 import functools
@@ -17,14 +18,25 @@ import drivers.ur.emulator.urscript.syntax as syntax
 from drivers.ur.emulator.urscript.parse import ScriptError
 
 Value = Any  # int, float, bool, str, list of values, PoseValue, or None of a function without value
-Steps = Generator[None, None, Value]
+Steps = Generator[Any, None, Value]  # what is yielded: see INTERRUPTED
 Builtin = Callable[..., Any]
 
 MAX_THREADS = 32
-MAX_STATEMENTS = 100_000  # of one thread in one cycle
+MAX_STATEMENTS = 100_000  # of one thread between two waits
+MOST_AT_ONCE = 300  # statements; a longer block can be interrupted
 MAX_CALLS_DEEP = 40
+MOST = 1e6  # of whatever an arm is told, in its unit: what is made of it stays finite
+_LOOK_EACH = 20  # statements; looking costs as much as some of them
 _MAX_TEXT = 10_000
 _INT_RANGE = 2**31
+
+
+INTERRUPTED = True  # yielded by a thread that does not wait, but has no time left
+
+
+def never() -> bool:
+    """Time without end."""
+    return False
 
 
 class PoseValue(list[float]):
@@ -43,7 +55,9 @@ class Thread:
         self.handle = handle
         self.steps = steps
         self.deep = 0
+        self.interrupted = False
         self._spent = 0
+        self._unseen = 0  # statements since the clock was looked at
 
     @property
     def robot(self) -> Any:
@@ -51,19 +65,27 @@ class Thread:
         return self.program.robot
 
     def step(self) -> bool:
-        """Run until the thread waits for the next cycle; False when it has ended."""
-        self._spent = 0
+        """Run until the thread waits for the next cycle or is interrupted; False when it has
+        ended."""
+        if not self.interrupted:
+            self._spent = 0
         try:
-            next(self.steps)
+            self.interrupted = next(self.steps) is INTERRUPTED
         except StopIteration:
+            self.interrupted = False
             return False
         return True
 
-    def spend(self, statements: int) -> None:
-        """Count what a loop pass or a call may run at most."""
+    def spend(self, statements: int) -> bool:
+        """Count what a loop pass or a call may run at most; True when it has to wait for time."""
         self._spent += statements
         if self._spent > MAX_STATEMENTS:
             raise ScriptError("infinite loop without time")
+        self._unseen += statements
+        if self._unseen < _LOOK_EACH:
+            return False
+        self._unseen = 0
+        return self.program.out_of_time()
 
 
 class Scope:
@@ -209,11 +231,11 @@ class UserFunction:
         self.name = definition.name
         self.parameters = definition.parameters
         self.thread = definition.thread
-        self.statements = 1 + syntax.size(definition.body)
         self.body = Code()
 
     def call(self, thread: Thread, arguments: tuple[Value, ...]) -> Steps:
-        thread.spend(self.statements)
+        if thread.spend(1):
+            yield INTERRUPTED
         if thread.deep >= MAX_CALLS_DEEP:
             raise ScriptError("calls nested too deep")
         values = map(copied, arguments)
@@ -251,6 +273,8 @@ class Program:
         self.critical: Thread | None = None
         self._handles = 0
         self._threads: list[Thread] = []
+        self._turn: list[Thread] = []  # who has not waited yet in this turn
+        self.out_of_time = never
         self.start(compiled.main)
 
     def start(self, function: UserFunction) -> int:
@@ -270,24 +294,32 @@ class Program:
                 raise ScriptError("a thread cannot kill itself")
             self._end(thread)
 
-    def step(self) -> bool:
-        """One cycle; False once the main thread has ended. Raises ScriptError."""
-        main = self._threads[0]
+    def step(self, out_of_time: Callable[[], bool] = never) -> bool:
+        """One cycle; False once the main thread has ended. Raises ScriptError.
+
+        Each thread runs until it waits, in turn. When there is no time left, the turn is continued
+        in the next cycle.
+        """
+        main, self.out_of_time = self._threads[0], out_of_time
         try:
-            for thread in list(self._threads):
-                self._step(thread)
+            self._turn = self._turn or list(self._threads)
+            while self._turn and not out_of_time():
+                if not self._step(self._turn[0]):
+                    del self._turn[0]
         except Halt:
             return False
         except (ArithmeticError, RecursionError, TypeError, ValueError) as error:
             raise ScriptError(f"{type(error).__name__}: {error}") from error
         return main in self._threads
 
-    def _step(self, thread: Thread) -> None:
+    def _step(self, thread: Thread) -> bool:
+        """True when the thread was interrupted."""
         waiting = self.critical is not None and self.critical is not thread
         if waiting or thread not in self._threads:
-            return
+            return False
         if not thread.step():
             self._end(thread)
+        return thread.interrupted
 
     def _end(self, thread: Thread) -> None:
         self._threads.remove(thread)
@@ -299,6 +331,14 @@ class Program:
         """End all threads, so that what they hold is let go of."""
         for thread in list(self._threads):
             self._end(thread)
+
+
+def quantity(value: Value, least: float = -MOST, most: float = MOST) -> float:
+    """A number that an arm may be given; anything else ends the program."""
+    number = finite(value)
+    if not least <= number <= most:
+        raise ScriptError(f"{number:g} is beyond {least:g} to {most:g}")
+    return number
 
 
 def finite(value: Value) -> float:

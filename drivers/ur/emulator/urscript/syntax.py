@@ -1,6 +1,6 @@
 """Syntax tree of URScript: what `urscript.parse` gives and `urscript.compile` takes."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from msgspec import Struct
 
@@ -123,18 +123,19 @@ Statement = Assign | Evaluate | If | While | Return | Kill | Plain | Function
 Body = tuple[Statement, ...]
 
 
-def inside(body: Body) -> Iterator[Statement]:
-    """All statements, those of inner blocks and functions too."""
+def inside(body: Body, breathe: Callable[[], None]) -> Iterator[Statement]:
+    """All statements, those of inner blocks and functions too; ``breathe`` is called at each."""
     for statement in body:
+        breathe()
         yield statement
         if isinstance(statement, Function | While):
-            yield from inside(statement.body)
+            yield from inside(statement.body, breathe)
         elif isinstance(statement, If):
             for _, inner in statement.branches:
-                yield from inside(inner)
-            yield from inside(statement.otherwise)
+                yield from inside(inner, breathe)
+            yield from inside(statement.otherwise, breathe)
 
 
-def size(body: Body) -> int:
+def size(body: Body, breathe: Callable[[], None]) -> int:
     """Number of statements, inner ones included."""
-    return sum(1 for _ in inside(body))
+    return sum(1 for _ in inside(body, breathe))
