@@ -1,6 +1,7 @@
 """`grasp emulate`: the emulated cell for other people's clients."""
 
 import argparse
+import secrets
 import sys
 from ipaddress import ip_address
 from typing import Any
@@ -31,6 +32,11 @@ def add_parser(verbs: Any) -> None:
         "--gripper-port", type=whole(0, 65_535), default=0, metavar="PORT",
         help="Modbus TCP port (default: a free one; 502 needs privileges)",
     )  # fmt: skip
+    parser.add_argument(
+        "--beyond-loopback", action="store_true",
+        help="let --host be any address of this machine, e.g. in a container; what the control and "
+        "fault channels are asked then needs the token that is printed with the endpoints",
+    )  # fmt: skip
     parser.add_argument("--object", default="can", metavar="NAME", help=OBJECT_HELP)
     parser.add_argument("--seed", type=seed, default=0, metavar="N")
     add_settings(parser)
@@ -42,14 +48,14 @@ def emulate(args: argparse.Namespace) -> int:
     from scenarios.campaign.config import load_for_devices
     from scenarios.rigs.emulated_cell import CellOrder, end_on_signals, serve
 
-    if args.host is not None:
-        _check_host(args.host)
+    _check_host(args.host, args.beyond_loopback)
+    token = secrets.token_hex(16) if args.beyond_loopback else ""
     config = load_for_devices(args.object, "emulated", args.config, args.set)
     print("cell: starts; the first time, the world is compiled", file=sys.stderr, flush=True)
     words = Words(config.for_tap(), args.seed)
     order, ended = CellOrder.of(config, args.seed), end_on_signals()
     try:
-        serve(order, args.host, args.gripper_port, ended, words.listen)
+        serve(order, args.host, args.gripper_port, ended, words.listen, token)
     except OSError as error:
         raise LinkLost(
             f"cannot listen on {args.host or 'loopback'}: {error.strerror}",
@@ -58,13 +64,18 @@ def emulate(args: argparse.Namespace) -> int:
     return exits.SUCCESS
 
 
-def _check_host(host: str) -> None:
+def _check_host(host: str | None, beyond_loopback: bool) -> None:
     another = "choose another loopback address, e.g. 127.0.0.2"
+    if host is None:
+        if beyond_loopback:
+            raise UsageError("--beyond-loopback needs --host", "name the address to listen on")
+        return
     if host == "127.0.0.1":
         raise UsageError("127.0.0.1 is not for a cell: ur_rtde skips a check there", another)
     try:
-        here = ip_address(host).is_loopback
+        here = ip_address(host).is_loopback or beyond_loopback
     except ValueError:
         here = False
     if not here:
-        raise UsageError(f"{host!r} is no loopback address", another)
+        what = "address" if beyond_loopback else "loopback address"
+        raise UsageError(f"{host!r} is no {what}", f"{another}; others with --beyond-loopback")

@@ -1,44 +1,135 @@
 """The cell's control channel: JSON lines on a loopback port. Ours alone, never part of a driver.
 
 A request is an object with a ``verb``; the reply is an object, with ``error`` when it was refused.
+Where the cell is not on loopback alone, a request needs the cell's ``token``.
 """
 
+import contextlib
 import json
+import secrets
 import socket
 import socketserver
 import threading
+import time
 from collections.abc import Callable
 from typing import Any, Self
 
+import msgspec
+
 from drivers.errors import LinkLost
+from drivers.fairness import Places, Shares
 
 Obey = Callable[[dict[str, Any]], dict[str, Any]]
 TIMEOUT_S = 5.0
+_CLIENTS = 16
+_PART = 0.2  # of the time, for all clients that ask for more than a little
+_LONGEST = 65_536  # bytes of a request
+_SHOWN = 500  # characters of what was wrong
+_LONGEST_WAIT_S = 1.0
 
 
 class _Handler(socketserver.StreamRequestHandler):
     disable_nagle_algorithm = True
+    server: "_Server"
 
     def handle(self) -> None:
-        for line in self.rfile:
-            try:
-                reply = self.server.obey(json.loads(line))  # type: ignore[attr-defined]
-            except Exception as error:  # a client's mistake must not end the cell
-                reply = {"error": f"{type(error).__name__}: {error}"}
-            self.wfile.write(json.dumps(reply).encode() + b"\n")
+        self.connection.settimeout(None)
+        why = self.server.enter(self.connection)
+        if why:
+            self.connection.settimeout(1.0)  # the first request is answered with the reason
+            self.rfile.readline(_LONGEST)
+            self._say({"error": why})
+            return
+        with contextlib.suppress(OSError):
+            while (line := self.rfile.readline(_LONGEST)) and self._answer(line):
+                pass
+
+    def finish(self) -> None:
+        with contextlib.suppress(OSError):
+            super().finish()
+        self.server.leave(self.connection)
+
+    def _answer(self, line: bytes) -> bool:
+        """False when there is no sense in reading on."""
+        started_s = time.thread_time()
+        whole = line.endswith(b"\n") or len(line) < _LONGEST
+        try:
+            reply = self.server.obey(self._request(line)) if whole else {"error": "line too long"}
+        except Exception as error:  # a client's mistake must not end the cell
+            reply = {"error": f"{type(error).__name__}: {error}"[:_SHOWN]}
+        self._say(reply)
+        self.server.charge(self.connection, time.thread_time() - started_s)
+        return whole
+
+    def _request(self, line: bytes) -> dict[str, Any]:
+        request = msgspec.json.decode(line, type=dict[str, Any])
+        token = str(request.pop("token", ""))
+        if not secrets.compare_digest(token.encode(), self.server.token.encode()):
+            raise PermissionError("the cell's token is asked for")
+        return request
+
+    def _say(self, reply: dict[str, Any]) -> None:
+        self.wfile.write(json.dumps(reply).encode() + b"\n")
 
 
 class _Server(socketserver.ThreadingTCPServer):
     daemon_threads = True
     allow_reuse_address = True
+    request_queue_size = 128
+
+    def __init__(self, host: str, obey: Obey, token: str) -> None:
+        super().__init__((host, 0), _Handler)
+        self.obey = obey
+        self.token = token
+        self.ending = threading.Event()
+        self._crowd = threading.Lock()
+        self._places: Places[socket.socket] = Places(_CLIENTS)
+        self._shares: Shares[socket.socket] = Shares(_PART)
+        self._open = 0
+
+    def verify_request(self, request: Any, client_address: Any) -> bool:
+        """Those for whom there is no place hear why, but not any number of them at a time."""
+        with self._crowd:
+            return self._open < 2 * _CLIENTS
+
+    def enter(self, connection: socket.socket) -> str:
+        """Take a place; returns why there is none."""
+        with self._crowd:
+            self._open += 1
+            try:
+                leaves = self._places.enter(connection, time.monotonic())
+            except OverflowError as error:
+                return str(error)
+        if leaves is not None:
+            with contextlib.suppress(OSError):
+                leaves.shutdown(socket.SHUT_RDWR)
+        return ""
+
+    def leave(self, connection: socket.socket) -> None:
+        with self._crowd:
+            self._open -= 1
+            self._places.leave(connection)
+            self._shares.forget(connection)
+
+    def charge(self, connection: socket.socket, used_s: float) -> None:
+        """Note what a request has cost; returns once the client is within its share."""
+        with self._crowd:
+            now_s = time.monotonic()
+            self._places.heard(connection, now_s)
+            self._shares.charge(connection, used_s, now_s)
+            wait_s = self._shares.wait_s(connection, now_s)
+        if wait_s > 0.0:
+            self.ending.wait(min(wait_s, _LONGEST_WAIT_S))
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that went away is no news."""
 
 
 class ControlServer:
     """Serves ``obey`` on a free port of the cell's address."""
 
-    def __init__(self, host: str, obey: Obey) -> None:
-        self._server = _Server((host, 0), _Handler)
-        self._server.obey = obey  # type: ignore[attr-defined]
+    def __init__(self, host: str, obey: Obey, token: str = "") -> None:
+        self._server = _Server(host, obey, token)
         self.port: int = self._server.server_address[1]
         self._thread = threading.Thread(
             target=self._server.serve_forever, name="cell-control", daemon=True
@@ -49,6 +140,7 @@ class ControlServer:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._server.ending.set()
         self._server.shutdown()
         self._server.server_close()
         self._thread.join(TIMEOUT_S)

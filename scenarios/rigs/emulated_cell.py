@@ -24,7 +24,7 @@ import msgspec
 
 from drivers.robotiq.emulator.tcp import GripperEmulator
 from drivers.takktile.emulator.server import BoardServer
-from drivers.ur.emulator.robot import UrEmulator
+from drivers.ur.emulator.robot import SWITCH_S, UrEmulator
 from drivers.ur.emulator.settings import EmulatorSettings
 from scenarios.rigs.cell_control import ControlServer
 from scenarios.rigs.cell_faults import CellFaults
@@ -71,9 +71,11 @@ class CellOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 class EmulatedCell:
     """One world behind real wires and a control channel."""
 
-    def __init__(self, order: CellOrder, host: str, gripper_port: int = 0) -> None:
-        """Raises OSError when the address is taken."""
+    def __init__(self, order: CellOrder, host: str, gripper_port: int = 0, token: str = "") -> None:
+        """Raises OSError when the address is taken, ValueError for one beyond loopback without a
+        token, which whoever controls the cell then has to give."""
         self.host = host
+        self._token = token
         self._lock = threading.RLock()
         self._stalls = 0
         self._worst_stall_ns = 0
@@ -84,7 +86,7 @@ class EmulatedCell:
         of_a_grasp = {} if self._hand is None else self._verbs_of_a_grasp(self._hand)
         self._verbs = {**of_a_grasp, "truth": self._truth, "fault": self._fault}
         self._home_m = order.config.arm_model.start_m
-        arm = EmulatorSettings(host=host, start_m=order.config.arm_model.start_m)
+        arm = EmulatorSettings(host=host, start_m=order.config.arm_model.start_m, token=token)
         with ExitStack() as stack:
             self.arm = stack.enter_context(
                 UrEmulator(arm, self.cell.arm, self._lock, self._arm_cycle)
@@ -101,7 +103,7 @@ class EmulatedCell:
                 BoardServer(self.cell.board, self._lock, host, clock=self._advanced)
             )
             self.faults = CellFaults(self.cell.board, self.arm, self.gripper)
-            self.control = stack.enter_context(ControlServer(host, self.obey))
+            self.control = stack.enter_context(ControlServer(host, self.obey, token))
             self._stack = stack.pop_all()
 
     def close(self) -> None:
@@ -162,6 +164,7 @@ class EmulatedCell:
                 "faults": self.arm.fault_port,
             },
             "control": {"host": self.host, "port": self.control.port},
+            **({"token": self._token} if self._token else {}),
         }
 
     def obey(self, request: dict[str, Any]) -> dict[str, Any]:
@@ -213,9 +216,11 @@ class EmulatedCell:
 
 
 @contextmanager
-def open_cell(order: CellOrder, host: str | None, gripper_port: int) -> Iterator[EmulatedCell]:
+def open_cell(
+    order: CellOrder, host: str | None, gripper_port: int, token: str = ""
+) -> Iterator[EmulatedCell]:
     """A cell on the address given, or on a free one of its own, chosen by binding."""
-    make = partial(EmulatedCell, order, gripper_port=gripper_port)
+    make = partial(EmulatedCell, order, gripper_port=gripper_port, token=token)
     cell = at_free_address(make) if host is None else make(host)
     try:
         yield cell
@@ -237,12 +242,13 @@ def at_free_address(make: Callable[[str], T]) -> T:
 
 def serve(
     order: CellOrder, host: str | None, gripper_port: int, ended: threading.Event,
-    opened: Callable[[EmulatedCell], None] = lambda cell: None,
+    opened: Callable[[EmulatedCell], None] = lambda cell: None, token: str = "",
 ) -> None:  # fmt: skip
     """Open a cell, say where it is, and serve until ``ended`` is set. ``opened`` takes the cell
     before it serves, and must not wait."""
+    sys.setswitchinterval(SWITCH_S)
     any_cell(order.config, order.seed).compile()
-    with open_cell(order, host, gripper_port) as cell:
+    with open_cell(order, host, gripper_port, token) as cell:
         print(json.dumps({"ready": True, "pid": os.getpid(), **cell.endpoints()}), flush=True)
         opened(cell)
         cell.run(ended.is_set)

@@ -100,8 +100,10 @@ class RtuEmulator:
 
     def _run(self) -> None:
         heard_s = time.monotonic()
+        readable = select.poll()
+        readable.register(self._master, select.POLLIN)
         while not self._stopping.is_set():
-            ready, _, _ = select.select([self._master], [], [], _KEEP_UP_S)
+            ready = readable.poll(_KEEP_UP_S * 1e3)
             self.hand.keep_up()
             now_s = time.monotonic()
             if ready:

@@ -1,8 +1,9 @@
 """A gripper on Modbus TCP: the model behind a real socket, with framing of its own.
 
 Every unit number is answered and echoed, as the hardware does. Requests that arrive together are
-all answered, in order. A header that is none (another protocol, an absurd length) closes its
-connection and no other.
+all answered, in order; a client that sends more than its share is read later. A header that is none
+(another protocol, an absurd length) closes its connection and no other. A client for whom there is
+no place is answered with exception 6, server busy, and closed.
 """
 
 import asyncio
@@ -13,6 +14,7 @@ from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from typing import Any, Final, Self
 
+from drivers.fairness import Places, Shares
 from drivers.robotiq.emulator.faults import Trouble, WireFault, WireFaults, damaged
 from drivers.robotiq.emulator.pdu import Guard, Hand, TcpGripper, Unanswerable
 from drivers.robotiq.model.gripper import GripperModel, HandSettings
@@ -22,6 +24,10 @@ __all__ = ["GripperEmulator", "Hand", "Trouble", "WireFault", "WireFaults"]
 _HEADER: Final = 7  # transaction, protocol, length, unit
 _LONGEST: Final = 254  # unit and request
 _CLIENTS: Final = 16
+_BUSY: Final = 6  # exception: server device busy
+_FAREWELL_S: Final = 1.0  # for the first request of a client that is turned away
+_PART: Final = 0.4  # of the time, for all clients that ask for more than a little
+_AT_ONCE: Final = 8  # requests of one client, before others have their turn
 _UNREAD: Final = 65536  # bytes of replies that a client may leave lying
 _KEEP_UP_S: Final = 0.01
 _JOIN_S: Final = 5.0
@@ -57,44 +63,64 @@ class _Connection(asyncio.Protocol):
         self._server = server
         self._received = bytearray()
         self._transport: asyncio.Transport | None = None
-        self._thaw: asyncio.TimerHandle | None = None
+        self._later: asyncio.TimerHandle | None = None  # work that waits
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         if isinstance(transport, asyncio.Transport):
             self._transport = transport
-            self._server.joined(self, transport)
+            self._server.joined(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._transport = None
-        if self._thaw is not None:
-            self._thaw.cancel()
+        if self._later is not None:
+            self._later.cancel()
         self._server.left(self)
 
     def abort(self) -> None:
-        if self._transport is not None:
-            self._transport.abort()
+        """End; nothing is written or carried out any more."""
+        transport, self._transport = self._transport, None
+        if transport is not None:
+            transport.abort()
 
     def data_received(self, data: bytes) -> None:
         self._received += data
-        self._work()
+        if self._later is None:
+            self._work()
 
     def _work(self) -> None:
-        self._thaw = None
-        while self._transport is not None:
+        self._later = None
+        started_s = time.thread_time()
+        for _ in range(_AT_ONCE):
             frozen_s = self._server.frozen_for_s()
             if frozen_s > 0:
-                self._thaw = asyncio.get_running_loop().call_later(frozen_s, self._work)
+                self._work_in(frozen_s)
                 return
             frame = self._next_frame()
             if frame is None:
-                return
+                break
             if not self._server.serve(frame, self):
                 self._received[:0] = frame
+        wait_s = self._server.charge(self, time.thread_time() - started_s)
+        if wait_s or frame is not None:
+            self._work_in(wait_s)
+
+    def _work_in(self, seconds: float) -> None:
+        """Go on then; up to then the client's bytes wait in its socket."""
+        transport = self._transport
+        if transport is None:
+            return
+        transport.pause_reading()
+        self._later = asyncio.get_running_loop().call_later(seconds, self._go_on, transport)
+
+    def _go_on(self, transport: asyncio.Transport) -> None:
+        if self._transport is transport:
+            transport.resume_reading()
+            self._work()
 
     def _next_frame(self) -> bytes | None:
         """One whole request, or None where there is none yet; closes on what is no request."""
         received = self._received
-        if len(received) < _HEADER:
+        if self._transport is None or len(received) < _HEADER:
             return None
         protocol = int.from_bytes(received[2:4], "big")
         length = int.from_bytes(received[4:6], "big")
@@ -112,8 +138,15 @@ class _Connection(asyncio.Protocol):
         if transport is None:
             return
         transport.write(data)
-        if transport.get_write_buffer_size() > _UNREAD:
-            transport.abort()
+        if transport.is_closing() or transport.get_write_buffer_size() > _UNREAD:
+            self.abort()
+
+    def end(self, data: bytes) -> None:
+        """Send this and close."""
+        transport, self._transport = self._transport, None
+        if transport is not None:
+            transport.write(data)
+            transport.close()
 
 
 class GripperEmulator:
@@ -142,6 +175,9 @@ class GripperEmulator:
         self._gripper = TcpGripper(self.hand)
         self._on_frame = on_frame
         self._connections: set[_Connection] = set()
+        self._places: Places[_Connection] = Places(_CLIENTS)
+        self._shares: Shares[_Connection] = Shares(_PART)
+        self._refused: set[_Connection] = set()  # who has not heard it yet
         self._frozen_until_s = 0.0
         self._listener: socket.socket | None = None
         self._keeper: asyncio.Task[None] | None = None
@@ -247,15 +283,40 @@ class GripperEmulator:
 
     # What connections ask for
 
-    def joined(self, connection: _Connection, transport: asyncio.Transport) -> None:
+    def joined(self, connection: _Connection) -> None:
         """Take in a client, or turn it away when there are too many."""
-        if len(self._connections) >= _CLIENTS:
-            transport.abort()
+        try:
+            leaves = self._places.enter(connection, time.monotonic())
+        except OverflowError:
+            self._turn_away(connection)
             return
+        if leaves is not None:
+            leaves.abort()
         self._connections.add(connection)
+
+    def _turn_away(self, connection: _Connection) -> None:
+        if len(self._refused) >= _CLIENTS:
+            connection.abort()
+            return
+        self._refused.add(connection)
+        self._connections.add(connection)  # ends with the others
+        asyncio.get_running_loop().call_later(_FAREWELL_S, self._forget, connection)
+
+    def _forget(self, connection: _Connection) -> None:
+        if connection in self._refused:
+            connection.abort()
 
     def left(self, connection: _Connection) -> None:
         self._connections.discard(connection)
+        self._refused.discard(connection)
+        self._places.leave(connection)
+        self._shares.forget(connection)
+
+    def charge(self, connection: _Connection, used_s: float) -> float:
+        """The client has taken so much time; returns for how long it has to wait."""
+        now_s = time.monotonic()
+        self._shares.charge(connection, used_s, now_s)
+        return self._shares.wait_s(connection, now_s)
 
     def frozen_for_s(self) -> float:
         """How long nothing will be carried out."""
@@ -263,6 +324,10 @@ class GripperEmulator:
 
     def serve(self, frame: bytes, connection: _Connection) -> bool:
         """Carry out one request and answer it; False: it has to wait for the end of a freeze."""
+        if connection in self._refused:
+            connection.end(_exception(frame, _BUSY))
+            return True
+        self._places.heard(connection, time.monotonic())
         fault = self.faults.take(frame[_HEADER], self.hand.clock())
         trouble = fault.trouble if fault is not None else None
         if fault is not None and trouble is Trouble.FREEZE:

@@ -7,7 +7,7 @@ needs two: one for bulk transfers, one for everything else.
 
 import socket
 from enum import IntEnum
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import msgspec
 
@@ -32,17 +32,21 @@ class Op(IntEnum):
     RESET = 11
 
 
+_Field = Annotated[int, msgspec.Meta(ge=0, lt=1 << 31)]
+_Size = Annotated[int, msgspec.Meta(ge=0, le=_MOST_BYTES)]
+
+
 class HopRequest(msgspec.Struct, frozen=True, array_like=True):
     """One operation; fields that it does not use are zero."""
 
     op: Op
-    handle: int = 0
-    request_type: int = 0  # or the endpoint of a bulk transfer
-    request: int = 0
-    value: int = 0
-    index: int = 0
-    size: int = 0
-    timeout_ms: int = 0  # 0: none
+    handle: _Field = 0
+    request_type: _Field = 0  # or the endpoint of a bulk transfer
+    request: _Field = 0
+    value: _Field = 0
+    index: _Field = 0
+    size: _Size = 0
+    timeout_ms: _Field = 0  # 0: none
 
 
 class HopReply(msgspec.Struct, frozen=True, array_like=True):
@@ -88,10 +92,10 @@ def decode(data: bytes, kind: type[Message]) -> Message:
 
 
 def _exactly(connection: socket.socket, size: int) -> bytes:
-    data = b""
+    data = bytearray()
     while len(data) < size:
         part = connection.recv(size - len(data))
         if not part:
             raise ConnectionResetError("the other side has closed the connection")
         data += part
-    return data
+    return bytes(data)

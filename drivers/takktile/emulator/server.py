@@ -3,11 +3,12 @@
 There is no USB bus without hardware, so the seam is the one where pyusb hands a transfer to its
 back end: everything above it, pyusb included, is what a lab runs. Source of the behaviour: the
 TakkTile-usb firmware; libusb and Linux usbfs for what a host says to claims, replugs, time-outs.
+A connection for which there is no place is answered EBUSY and closed.
 """
 
 import contextlib
 import errno
-import itertools
+import secrets
 import select
 import socket
 import threading
@@ -17,6 +18,7 @@ from contextlib import AbstractContextManager
 from types import TracebackType
 from typing import Any, Self
 
+from drivers.fairness import Places, Shares
 from drivers.takktile.emulator import descriptors, hop
 from drivers.takktile.emulator.bus import backend
 from drivers.takktile.emulator.hop import HopReply, HopRequest, Op
@@ -26,6 +28,11 @@ __all__ = ["BoardServer", "backend"]
 
 _LOOK_AGAIN_S = 0.01  # while a read is pending: whether the board was unplugged or started
 _JOIN_S = 5.0
+_CLIENTS = 32
+_OPENED = 16  # handles of one connection
+_FAREWELL_S = 1.0  # for the first request of a client that is turned away
+_PART = 0.3  # of the time, for all clients that ask for more than a little
+_LONGEST_WAIT_S = 1.0  # of a client beyond its share, before it is looked at again
 
 
 class _Failure(Exception):
@@ -59,9 +66,13 @@ class BoardServer:
         self._serial = serial
         self._listener: socket.socket | None = None
         self._connections: dict[socket.socket, threading.Thread] = {}  # until the next comes
+        self._crowd = threading.Lock()  # guards the next three
+        self._places: Places[socket.socket] = Places(_CLIENTS)
+        self._shares: Shares[socket.socket] = Shares(_PART)
+        self._refused = 0  # who has not heard it yet
+        self._ending = threading.Event()
         self._acceptor = threading.Thread(target=self._accept, name="takktile-server", daemon=True)
         self._handles: dict[int, int] = {}  # handle -> ``plugs`` of the board when it was opened
-        self._new_handle = itertools.count(1)
         self._owner: int | None = None  # handle that has claimed the interface
 
     @property
@@ -81,6 +92,7 @@ class BoardServer:
         """End every connection and thread; pending transfers fail as if the board were gone."""
         if self._listener is None:
             return
+        self._ending.set()
         _shut(self._listener)
         self._acceptor.join(_JOIN_S)
         self._listener.close()
@@ -108,31 +120,74 @@ class BoardServer:
             except OSError:
                 return
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            work = self._serve if self._enter(connection) else self._turn_away
+            if self._refused > _CLIENTS:
+                connection.close()
+                continue
             thread = threading.Thread(
-                target=self._serve, args=(connection,), name="takktile-connection", daemon=True
+                target=work, args=(connection,), name="takktile-connection", daemon=True
             )
             thread.start()
             living = {c: t for c, t in self._connections.items() if t.is_alive()}
             self._connections = {**living, connection: thread}
 
+    def _enter(self, connection: socket.socket) -> bool:
+        """Give a place to a newcomer; False when there is none."""
+        with self._crowd:
+            try:
+                leaves = self._places.enter(connection, time.monotonic())
+            except OverflowError:
+                self._refused += 1
+                return False
+        if leaves is not None:
+            _shut(leaves)
+        return True
+
+    def _turn_away(self, connection: socket.socket) -> None:
+        connection.settimeout(_FAREWELL_S)
+        with contextlib.suppress(OSError):
+            hop.receive(connection, HopRequest)
+            hop.send(connection, HopReply(errno.EBUSY))
+        connection.close()
+        with self._crowd:
+            self._refused -= 1
+
     def _serve(self, connection: socket.socket) -> None:
         opened: list[int] = []  # handles, which end with this connection
         try:
-            while True:
+            while not self._ending.is_set():
                 request = hop.receive(connection, HopRequest)
+                started_s = time.thread_time()
                 hop.send(connection, self._answer(request, connection, opened))
+                self._charge(connection, time.thread_time() - started_s)
         except OSError:
             pass
         finally:
             with self._lock:
                 for handle in opened:
                     self._forget(handle)
+            with self._crowd:
+                self._places.leave(connection)
+                self._shares.forget(connection)
             connection.close()
+
+    def _charge(self, connection: socket.socket, used_s: float) -> None:
+        """A client that has used more than its share waits before it is heard again."""
+        now_s = time.monotonic()
+        with self._crowd:
+            self._places.heard(connection, now_s)
+            self._shares.charge(connection, used_s, now_s)
+            wait_s = self._shares.wait_s(connection, now_s)
+        while wait_s > 0.0 and not self._ending.wait(min(wait_s, _LONGEST_WAIT_S)):
+            with self._crowd:
+                wait_s = self._shares.wait_s(connection, time.monotonic())
 
     def _answer(self, r: HopRequest, connection: socket.socket, opened: list[int]) -> HopReply:
         try:
             match r.op:
                 case Op.OPEN:
+                    if len(opened) >= _OPENED:
+                        return HopReply(errno.EMFILE)
                     opened.append(self._open(r.index))
                     return HopReply(0, hop.encode(opened[-1]))
                 case Op.CONTROL:
@@ -154,7 +209,7 @@ class BoardServer:
         with self._lock:
             if not self._board.plugged or plugs != self._board.plugs:
                 raise _Failure(errno.ENODEV)
-            handle = next(self._new_handle)
+            handle = secrets.randbelow(1 << 31)  # nobody guesses another's
             self._handles[handle] = plugs
             return handle
 
@@ -283,8 +338,13 @@ class BoardServer:
 
 def _wait(connection: socket.socket, wait_ns: int) -> None:
     """Sleep, but not past the next look; ``OSError`` when the client goes away meanwhile."""
-    timeout_s = min(max(wait_ns, 0) * 1e-9, _LOOK_AGAIN_S)
-    if select.select([connection], [], [], timeout_s)[0]:
+    wait_s = min(max(wait_ns, 0) * 1e-9, _LOOK_AGAIN_S)
+    readable = select.poll()
+    readable.register(connection, select.POLLIN)
+    whole_ms = int(wait_s * 1e3)  # poll would round up, and the frame be late
+    spoke = readable.poll(whole_ms)
+    time.sleep(wait_s - whole_ms * 1e-3)
+    if spoke:
         raise ConnectionAbortedError("the client has gone")
 
 

@@ -1,7 +1,8 @@
 """The emulator's own control channel: faults on demand, one JSON object a line each way.
 
-This is no part of any UR interface. A request is ``{"do": verb, ...}``, the answer ``{"ok": true,
-...}`` or ``{"ok": false, "error": text}``. Verbs:
+This is no part of any UR interface. Where the emulator is not on loopback alone, a request needs
+its ``token``. A request is ``{"do": verb, ...}``, the answer ``{"ok": true, ...}`` or
+``{"ok": false, "error": text}``. Verbs:
 
 - ``state``: position, modes, counters and the last messages
 - ``protective_stop``; ``emergency_stop`` with ``pressed`` (default true); ``kill_program``
@@ -12,6 +13,7 @@ This is no part of any UR interface. A request is ``{"do": verb, ...}``, the ans
 """
 
 import math
+import secrets
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -19,6 +21,7 @@ import msgspec
 
 from drivers.ur.emulator.controller import Controller
 from drivers.ur.emulator.rtde import RtdeServer
+from drivers.ur.emulator.rtde_wire import INPUT_TYPES
 
 _STRANGER = object()  # owner of the inputs that ``claim`` takes
 _MAX_FREEZE_S = 60.0
@@ -37,6 +40,7 @@ class FaultRequest(msgspec.Struct, forbid_unknown_fields=True):
     """One line."""
 
     do: str
+    token: str = ""
     pressed: bool = True
     on: bool = True
     names: list[str] = []
@@ -47,7 +51,10 @@ class FaultRequest(msgspec.Struct, forbid_unknown_fields=True):
 class FaultChannel:
     """Carries out requests."""
 
-    def __init__(self, controller: Controller, rtde: RtdeServer, links: Links) -> None:
+    def __init__(
+        self, controller: Controller, rtde: RtdeServer, links: Links, token: str = ""
+    ) -> None:
+        self._token = token.encode()
         self._controller = controller
         self._rtde = rtde
         self._links = links
@@ -57,7 +64,7 @@ class FaultChannel:
             "emergency_stop": lambda request: controller.emergency_stop(request.pressed),
             "kill_program": lambda request: controller.stop_program("killed by request"),
             "remote_control": self._remote_control,
-            "claim": lambda request: rtde.claim(request.names, _STRANGER),
+            "claim": self._claim,
             "unclaim": lambda request: rtde.release(_STRANGER),
             "wrench": self._wrench,
             "drop_link": lambda request: links.drop_links(),
@@ -67,6 +74,8 @@ class FaultChannel:
     def answer(self, line: str) -> str:
         try:
             request = msgspec.json.decode(line, type=FaultRequest)
+            if not secrets.compare_digest(request.token.encode(), self._token):
+                raise ValueError("the emulator's token is asked for")
             verb = self._verbs.get(request.do)
             if verb is None:
                 raise ValueError(f"unknown verb {request.do!r}")
@@ -89,6 +98,11 @@ class FaultChannel:
             "ignored_packets": self._rtde.ignored_packets,
             "messages": list(controller.messages)[-_SHOWN_MESSAGES:],
         }
+
+    def _claim(self, request: FaultRequest) -> None:
+        if unknown := [name for name in request.names if name not in INPUT_TYPES]:
+            raise ValueError(f"no input {unknown[0]!r:.60}")
+        self._rtde.claim(request.names, _STRANGER)
 
     def _remote_control(self, request: FaultRequest) -> None:
         self._controller.remote_control = request.on

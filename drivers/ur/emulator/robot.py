@@ -48,7 +48,7 @@ class UrEmulator:
 
     A process that owns the world of several devices passes the arm of that world, the lock that
     guards it and ``advance``, which is called with the time of each cycle before the arm is read.
-    Raises ValueError for a host that is not this machine's own, OSError for a port that is taken.
+    Raises ValueError for a host beyond loopback without a token, OSError for a port that is taken.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class UrEmulator:
         lock: AbstractContextManager[object] | None = None,
         advance: Callable[[int], None] | None = None,
     ) -> None:
-        if not ip_address(settings.host).is_loopback:
+        if not (ip_address(settings.host).is_loopback or settings.token):
             raise ValueError(f"{settings.host} is no loopback address")
         self._period_ns = settings.controller.period_ns
         # whole cycles of the clock, as the arm model counts them
@@ -74,7 +74,7 @@ class UrEmulator:
         self.controller = Controller(settings, motion, self._start_ns)
         self._rtde = RtdeServer(settings.controller)
         self._dashboard = Dashboard(settings, self.controller)
-        self._faults = FaultChannel(self.controller, self._rtde, self)
+        self._faults = FaultChannel(self.controller, self._rtde, self, settings.token)
         self._budget = Budget(_PROGRAM_PART)
         self._server = Server(self.controller.log)
         try:

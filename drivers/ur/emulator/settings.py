@@ -39,6 +39,9 @@ class EmulatorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     """The emulated controller. Ports are those of the real one; port 0 lets the system choose."""
 
     host: Annotated[str, Meta(description="loopback address of its own; not 127.0.0.1")]
+    token: Annotated[
+        str, Meta(description="of the control channel; with one, any address may be the host")
+    ] = ""
     profile: Literal["cb3", "e-series"] = "cb3"
     fault_port: Annotated[
         int, Meta(ge=0, le=65535, description="the emulator's own control channel; 0: any")

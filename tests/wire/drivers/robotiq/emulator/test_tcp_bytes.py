@@ -1,6 +1,7 @@
 """The emulator on Modbus TCP, byte by byte over plain sockets."""
 
 import asyncio
+import contextlib
 import socket
 import time
 
@@ -174,13 +175,52 @@ def test_clients_share_one_hand(emulator, wire, now, dial) -> None:
 
 def test_too_many_clients_are_turned_away(emulator, dial) -> None:
     wires = [dial(emulator) for _ in range(17)]
-    shut = []
-    for made in wires:
-        try:
-            made.ask(POLL, 11)
-        except OSError:
-            shut.append(made)
-    assert len(shut) == 1
+    for made in wires[:-1]:
+        assert made.ask(POLL, 11).endswith("02 00 00")
+    assert wires[-1].ask(POLL, 9).endswith("84 06")  # server busy
+    assert wires[-1].closed()
+    assert wires[0].ask(POLL, 11).endswith("02 00 00")
+
+
+def test_who_is_silent_for_longest_makes_room(emulator, dial, monkeypatch) -> None:
+    monkeypatch.setattr("drivers.fairness.IDLE_S", 0.0)
+    wires = [dial(emulator) for _ in range(16)]
+    for made in (*wires[1:], *wires[2:]):
+        made.ask(POLL, 11)
+    assert dial(emulator).ask(POLL, 11).endswith("02 00 00")
+    assert wires[0].closed()
+    assert wires[1].ask(POLL, 11).endswith("02 00 00")
+
+
+def test_a_client_that_floods_leaves_the_others_their_share(emulator, dial) -> None:
+    """Twenty answers within what the flood needs of time for a few hundred."""
+    flood = dial(emulator)
+    flood.socket.setblocking(False)
+    other, request = dial(emulator), bytes.fromhex(POLL)
+    served = emulator.requests
+    for _ in range(20):
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                flood.socket.send(request * 500)
+        with contextlib.suppress(BlockingIOError):
+            flood.socket.recv(1 << 20)
+        assert other.ask(POLL, 11).endswith("02 00 00")
+    assert emulator.requests - served < 20 * 200
+
+
+def test_nothing_is_carried_out_for_a_client_that_reads_nothing(emulator, dial, caplog) -> None:
+    deaf = dial(emulator)
+    deaf.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    deaf.socket.settimeout(20)
+    with pytest.raises(ConnectionError):  # cut off
+        while True:
+            deaf.socket.sendall(bytes.fromhex(POLL) * 1000)
+    served = emulator.requests
+    assert dial(emulator).ask(POLL, 11).endswith("02 00 00")
+    time.sleep(0.1)
+    assert emulator.requests == served + 1
+    deaf.socket.close()
+    assert "socket.send() raised" not in caplog.text
 
 
 # Planned troubles

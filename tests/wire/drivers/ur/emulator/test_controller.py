@@ -8,8 +8,10 @@ from contextlib import nullcontext
 import pytest
 
 from drivers.ur.emulator.controller import Controller, RuntimeState, SafetyMode
+from drivers.ur.emulator.faults import FaultChannel
 from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.robot import UrEmulator
+from drivers.ur.emulator.rtde import RtdeServer
 from drivers.ur.emulator.settings import EmulatorSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 
@@ -162,3 +164,12 @@ def test_world_of_somebody_else_is_advanced_before_it_is_read(emulate):
 def test_only_loopback_addresses_are_served(host):
     with pytest.raises(ValueError, match="address"):
         UrEmulator(EmulatorSettings(host=host))
+
+
+def test_beyond_loopback_its_control_channel_asks_for_a_token(bench):
+    rtde = RtdeServer(EmulatorSettings(host="").controller)
+    channel = FaultChannel(bench.controller, rtde, None, "secret")
+    for wrong in ('{"do": "state"}', '{"do": "state", "token": "secre"}'):
+        assert "token" in channel.answer(wrong)
+    assert '"ok":true' in channel.answer('{"do": "protective_stop", "token": "secret"}')
+    assert bench.controller.safety_mode is SafetyMode.PROTECTIVE_STOP

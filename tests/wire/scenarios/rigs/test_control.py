@@ -1,0 +1,78 @@
+"""The control channel of a cell: whoever speaks to it, it lives, stays small, and serves others."""
+
+import json
+import socket
+
+import pytest
+
+from scenarios.rigs.cell_control import ControlClient, ControlServer
+
+HOST = "127.0.0.9"
+
+
+@pytest.fixture
+def heard():
+    return []
+
+
+@pytest.fixture
+def serve(heard):
+    opened = []
+
+    def start(token=""):
+        opened.append(ControlServer(HOST, lambda request: heard.append(request) or {}, token))
+        return opened[-1].__enter__()
+
+    yield start
+    for server in opened:
+        server.__exit__()
+
+
+def ask(server, line, more=""):
+    with (
+        socket.create_connection((HOST, server.port), timeout=10) as sock,
+        sock.makefile("rw") as f,
+    ):
+        f.write(line + "\n" + more)
+        f.flush()
+        return json.loads(f.readline())
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["", "null", "[]", "{", '{"verb": NaN}', "[" * 60_000, '{"verb": "a", "x": 1e999}', "\x00"],
+)
+def test_what_is_no_request_is_answered_with_an_error(serve, heard, line) -> None:
+    server = serve()
+    assert "error" in ask(server, line)
+    assert not heard
+    assert ask(server, '{"verb": "truth"}') == {}
+
+
+def test_line_without_end_is_not_kept(serve) -> None:
+    server = serve()
+    with socket.create_connection((HOST, server.port), timeout=10) as sock:
+        sock.sendall(b"a" * 70_000)
+        assert b"line too long" in sock.recv(1000)
+
+
+def test_client_for_whom_there_is_no_place_hears_why(serve) -> None:
+    server = serve()
+    clients = [ControlClient(HOST, server.port) for _ in range(17)]
+    try:
+        for client in clients[:-1]:
+            client.ask("truth")
+        with pytest.raises(ValueError, match="too many connections"):
+            clients[-1].ask("truth")
+    finally:
+        for client in clients:
+            client.close()
+
+
+def test_without_its_token_a_cell_obeys_nobody(serve, heard) -> None:
+    server = serve("secret")
+    for wrong in ("{}", '{"token": "secre"}', '{"token": null}', '{"token": ["secret"]}'):
+        assert "token" in ask(server, wrong)["error"]
+    assert not heard
+    assert ask(server, '{"verb": "truth", "token": "secret"}') == {}
+    assert heard == [{"verb": "truth"}]
