@@ -10,6 +10,7 @@ from pathlib import Path
 from drivers.errors import GraspError
 from grasp import interruption
 from grasp.cli import (
+    arm,
     campaign,
     chart,
     completion,
@@ -23,6 +24,7 @@ from grasp.cli import (
     export,
     find,
     grip_search,
+    gripper,
     release,
     replay,
     report,
@@ -36,12 +38,13 @@ from grasp.cli.parser import EXAMPLES, Parser, RootParser
 
 VERBS = (
     run, campaign, grip_search, replay, runs, report, export, chart, dataset, detector, tactile,
-    world, config, doctor, find, emulate, release, completion,
+    world, config, doctor, find, gripper, arm, emulate, release,
+    completion,
 )  # fmt: skip
 GROUPS = {
     "try": ("run", "replay", "runs", "report", "export"),
     "measure": ("campaign", "chart", "grip-search", "dataset", "detector", "world"),
-    "a lab's devices": ("find", "doctor", "release", "tactile", "emulate"),
+    "a lab's devices": ("find", "doctor", "gripper", "arm", "tactile", "release", "emulate"),
     "set up": ("config", "completion"),
 }
 

@@ -1,7 +1,7 @@
 """Who may open the rig `hardware`: a verb made for a lab, told so on its command line.
 
-`grasp run` and `grasp release` alone ask for a permit and hand it down; without one nothing that
-moves real devices can be opened, whatever settings say.
+Such verbs (`grasp run`, `release`, `gripper`, `arm`, `calibrate`) alone ask for a permit and hand
+it down; without one nothing that moves real devices can be opened, whatever settings say.
 """
 
 import shlex
@@ -50,7 +50,7 @@ def permit(
 def require(permit: MotionPermit | None) -> MotionPermit:
     """The permit; raises UsageError for whoever would move real devices without one."""
     if not isinstance(permit, MotionPermit):
-        remedy = "only `grasp run` and `grasp release` do, with --confirm-motion"
+        remedy = "only verbs made for a lab do, as `grasp run`, with --confirm-motion"
         raise UsageError("this may not open the rig hardware", remedy)
     return permit
 

@@ -37,7 +37,7 @@ def wired_devices(
         if isinstance(config, GraspRigConfig):
             gripper = stack.enter_context(_letting_go(open_gripper(config, now)))
         tactile = stack.enter_context(_letting_go(_fingertips(config, now)))
-        arm = stack.enter_context(_arm(config, now))
+        arm = stack.enter_context(open_arm(config, now))
         yield arm, tactile, gripper
 
 
@@ -58,7 +58,8 @@ def _fingertips(
 
 
 @contextmanager
-def _arm(config: AnyRigConfig, now: Callable[[], int]) -> Iterator[Arm]:
+def open_arm(config: AnyRigConfig, now: Callable[[], int]) -> Iterator[Arm]:
+    """The arm that the settings name, its program running."""
     if config.devices.arm:
         with own_device(config.devices, "arm", now) as arm:
             yield arm

@@ -51,7 +51,7 @@ CHOICES = (
     'detector_name = "psd"',
     'detector_name = "zzz"',
 )
-LAB_VERBS = {"run", "release"}  # may move real devices, with --confirm-motion
+LAB_VERBS = {"run", "release", "gripper", "arm"}  # may move real devices, with --confirm-motion
 
 
 @pytest.fixture(autouse=True)
@@ -84,6 +84,9 @@ def verbs(parser: argparse.ArgumentParser) -> Iterator[tuple[tuple[str, ...], An
             yield from (((name, *rest), leaf) for rest, leaf in verbs(sub))
 
 
+GRIPPER = ("status", "activate", "open", "close", "step")
+ARM = ("status", "step", "stop")
+
 # a command line of every verb that reads settings of one's own, less the settings
 LINES = {
     ("run", "lift"): ["run", "lift", "--rig", "simulated", "--pace", "max"],
@@ -94,6 +97,8 @@ LINES = {
     ("doctor",): ["doctor", "--rig", "simulated"],
     ("emulate",): ["emulate"],
     ("release",): ["release", "--rig", "simulated"],
+    **{("gripper", name): ["gripper", name] for name in GRIPPER},
+    **{("arm", name): ["arm", name] for name in ARM},
     ("replay",): ["replay", "--tactile", "strokes.csv", "--detector", "energy"],
     ("detector", "evaluate"): ["detector", "evaluate", "energy", "--recording", "strokes.csv"],
     ("detector", "tune"): ["detector", "tune", "energy"],
@@ -256,7 +261,10 @@ WITH_A_RIG = {
     ("run", "lift"): [], ("run", "tap"): [], ("run", "acquire"): [], ("config", "show"): [],
     ("grip-search",): ["--object", "can"], ("release",): [], ("doctor",): [],
     ("chart", "answers"): ["--seeds", "1", "--objects", "can", "--jobs", "1"],
+    **{("gripper", name): [] for name in GRIPPER}, ("arm", "status"): [],
+    ("arm", "step"): ["--z", "1"], ("arm", "stop"): [],
 }  # fmt: skip
+LOOKS = {("doctor",), ("gripper", "status"), ("arm", "status"), ("arm", "stop")}  # nobody answers
 
 
 def test_every_verb_that_takes_a_rig_is_tried_here() -> None:
@@ -276,7 +284,8 @@ def test_no_verb_opens_real_devices_of_a_rig_file_unconfirmed(
     monkeypatch.chdir(tmp_path)
     code = main([*words, *WITH_A_RIG[words], "--rig", lab_rig])
     assert "Traceback" not in "".join(capsys.readouterr())
-    assert code == {("config", "show"): 0, ("grip-search",): 0, ("doctor",): 3}.get(words, 2)
+    expected = {("config", "show"): 0, ("grip-search",): 0, **dict.fromkeys(LOOKS, 3)}
+    assert code == expected.get(words, 2)
     assert devices == []
 
 

@@ -1,27 +1,20 @@
 """`grasp find` and `grasp doctor` at an emulated lab: what is there, and what is wrong with it."""
 
 import json
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.wire.scenarios.test_rigs import ENVIRONMENT, GRASP, emulate, lab_file
+from tests.wire.scenarios.lab.terminal import grasp
+from tests.wire.scenarios.test_rigs import emulate, lab_file
 
 
 @pytest.fixture(scope="module")
 def endpoints() -> Iterator[dict[str, Any]]:
     with emulate() as found:
         yield found
-
-
-def grasp(*words: str) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        [*GRASP, *words], env=ENVIRONMENT, capture_output=True, text=True, check=False, timeout=100,
-        stdin=subprocess.DEVNULL,
-    )  # fmt: skip
 
 
 def doctor(lab: Path, *words: str) -> tuple[int, dict[str, dict[str, str]]]:

@@ -1,0 +1,176 @@
+"""`grasp gripper`: the hand alone, looked at, activated, and moved slowly in finite steps."""
+
+import argparse
+import json
+from typing import Any
+
+from drivers.errors import UsageError
+from grasp import interruption
+from grasp.cli import exits
+from grasp.cli.lab import FINGERS, add_lab, confirm, lab_config, say
+from grasp.cli.options import decimal, motion_permit, whole
+
+HELP = "look at a lab's gripper, activate it, move it slowly"
+SLOW = "slowly, at its least force"
+FULLY = "activation opens and closes the hand fully, with a force that nobody sets."
+
+
+def add_parser(verbs: Any) -> None:
+    parser = verbs.add_parser("gripper", help=HELP, description=HELP)
+    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    _action(actions, "status", status, "every register in words; moves nothing", moves=False)
+    active = _action(
+        actions, "activate", activate, "make the hand ready, which opens and closes it fully"
+    )
+    active.add_argument(
+        "--empty", action="store_true", help="the hand is empty: do not ask whether it is"
+    )
+    _action(actions, "open", open_fingers, f"open all fingers {SLOW}: what they hold falls")
+    close = _action(
+        actions, "close", close_fingers,
+        f"close fingers {SLOW}: B and C until anything is felt, then the thumb alone, under the "
+        "force guard of a run, and refused where a run would be",
+    )  # fmt: skip
+    _add_finger(close, "all")
+    close.add_argument(
+        "--to", type=whole(0, 255), default=255, metavar="COUNTS",
+        help="no further than this (default: %(default)s, closed)",
+    )  # fmt: skip
+    step = _action(actions, "step", step_fingers, f"move a finger by a few millimetres {SLOW}")
+    _add_finger(step, "A")
+    step.add_argument(
+        "--mm", type=decimal(0.01, 5), default=2.0, metavar="MM",
+        help="travel of the fingertip, at most 5 (default: %(default)g)",
+    )  # fmt: skip
+    step.add_argument("--open", action="store_true", help="open by that instead of closing")
+
+
+def _action(
+    actions: Any, name: str, handler: Any, text: str, moves: bool = True
+) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = actions.add_parser(name, help=text, description=text)
+    add_lab(parser, moves)
+    parser.set_defaults(handler=handler)
+    return parser
+
+
+def _add_finger(parser: argparse.ArgumentParser, default: str) -> None:
+    parser.add_argument(
+        "--finger", choices=(*FINGERS, "all"), default=default,
+        help="A is the thumb (default: %(default)s)",
+    )  # fmt: skip
+
+
+def status(args: argparse.Namespace) -> int:
+    from drivers.robotiq.words import doubts, lines
+    from scenarios.rigs.device_checks import STRANGE
+
+    where, before, now = _looked(args)
+    strange = doubts(now, before)
+    code = exits.DEVICE if strange else exits.SUCCESS
+    if args.json:
+        told = {"gripper": where, "registers": lines(now), "doubts": strange, "exit_code": code}
+        print(json.dumps(told))
+        return code
+    print("\n".join((f"gripper at {where}", *(f"  {line}" for line in lines(now)))))
+    for doubt in strange:
+        exits.report_line(f"{doubt} ({STRANGE})")
+    return code
+
+
+def _looked(args: argparse.Namespace) -> tuple[str, Any, Any]:
+    """Its address, and two looks at its registers."""
+    from scenarios.rigs.device_checks import read_gripper
+    from scenarios.rigs.permission import gripper_address
+
+    config = lab_config(args)
+    where = gripper_address(config)
+    if config.devices.gripper:
+        raise UsageError(f"{where} is of another package", "look at it by that")
+    return (where, *read_gripper(config))
+
+
+def activate(args: argparse.Namespace) -> int:
+    from scenarios.lab.hand import activate_hand
+
+    if args.dry_run:
+        _, _, now = _looked(args)
+        ready = now.ready and not now.fault
+        would = "do nothing: it is active" if ready else "open and close all fingers fully"
+        return _tell(args, {"would": would})
+    config = lab_config(args)
+    permit = motion_permit(config, args)
+    confirm(f"{FULLY} Is it empty, and everybody's hands away?", "empty", args.empty)
+    with interruption.held():
+        positions = activate_hand(config, permit, say)
+    if positions is None:
+        return _tell(args, {"done": "it was active already: nothing was moved"})
+    return _tell(args, {"done": f"active, fingers at {positions} counts"})
+
+
+def open_fingers(args: argparse.Namespace) -> int:
+    from scenarios.lab.hand import open_hand
+
+    if args.dry_run:
+        return _would(args, "ABC", 0, "open")
+    config = lab_config(args)
+    permit = motion_permit(config, args)
+    with interruption.held(), open_hand(config, permit, closing=False) as hand:
+        moved = hand.move((0, 0, 0), say)
+    return _tell(args, {"done": moved.in_words()})
+
+
+def close_fingers(args: argparse.Namespace) -> int:
+    from scenarios.lab.hand import fingers_of, open_hand, targets_of
+
+    fingers = fingers_of(args.finger)
+    if args.dry_run:
+        return _would(args, fingers, args.to, "close")
+    config = lab_config(args)
+    permit = motion_permit(config, args)
+    with interruption.held(), open_hand(config, permit, closing=True) as hand:
+        moved = hand.close(targets_of(hand.state.positions, fingers, args.to), say)
+    return _tell(args, {"done": moved.in_words()}, bool(moved.stopped_by))
+
+
+def step_fingers(args: argparse.Namespace) -> int:
+    from scenarios.lab.hand import fingers_of, open_hand, step_counts, step_targets
+
+    fingers, config = fingers_of(args.finger), lab_config(args)
+    counts = step_counts(config, args.mm * 1e-3) * (-1 if args.open else 1)
+    if args.dry_run:
+        return _would(args, fingers, counts, "step")
+    permit = motion_permit(config, args)
+    with interruption.held(), open_hand(config, permit, closing=not args.open) as hand:
+        moved = hand.step(step_targets(hand.state.positions, fingers, counts), say)
+    return _tell(args, {"done": moved.in_words()}, bool(moved.stopped_by))
+
+
+def _would(args: argparse.Namespace, fingers: str, counts: int, what: str) -> int:
+    """Of a dry run: where which fingers would go, from where they are, and how hard at most."""
+    from scenarios.lab.hand import guard_of, step_targets, targets_of
+    from scenarios.rigs.rig import calibration
+
+    config = lab_config(args)
+    known = calibration(config)
+    _, _, now = _looked(args)
+    at = tuple(finger.position for finger in now.fingers)
+    if what != "open" and counts > 0:
+        guard_of(config)  # raises where a run would be refused
+    if what == "step":
+        to = step_targets(at, fingers, counts)
+    else:
+        to = targets_of(at, fingers, counts) if what == "close" else (0, 0, 0)
+    ready = "" if now.ready else ", once it has been activated"
+    how = f"{known.least_speed_mps * 1e3:g} mm/s, at most {known.least_force_n:g} N a motor"
+    return _tell(args, {"would": f"move fingers from {at} to {to} counts at {how}{ready}"})
+
+
+def _tell(args: argparse.Namespace, told: dict[str, str], stopped: bool = False) -> int:
+    code = exits.SAFETY_STOP if stopped else exits.SUCCESS
+    if args.json:
+        print(json.dumps({**told, "exit_code": code}))
+    else:
+        for key, text in told.items():
+            print(f"would {text}" if key == "would" else text)
+    return code

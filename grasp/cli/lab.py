@@ -1,0 +1,61 @@
+"""What verbs of a lab's own devices share: options, settings, questions, how they end."""
+
+import argparse
+import sys
+from typing import Any
+
+from drivers.errors import UsageError
+from grasp.cli import exits
+from grasp.cli.options import add_confirmation, add_settings
+
+FINGERS = ("A", "B", "C")
+
+
+def add_lab(parser: argparse.ArgumentParser, moves: bool) -> None:
+    """`--rig`, settings and `--json`; of what ``moves`` something, `--confirm-motion` and
+    `--dry-run` too."""
+    parser.add_argument(
+        "--rig", default="hardware", metavar="NAME",
+        help="hardware, or a .toml file of a rig that is like it (default: %(default)s)",
+    )  # fmt: skip
+    add_settings(parser)
+    parser.add_argument(
+        "--json", action="store_true", help="one JSON object on standard output, nothing else"
+    )
+    if moves:
+        add_confirmation(parser)
+        parser.add_argument(
+            "--dry-run", action="store_true", help="say what would move, and move nothing"
+        )
+
+
+def lab_config(args: argparse.Namespace) -> Any:
+    """Settings for a lab's own devices; raises UsageError for a rig that has none."""
+    from scenarios.campaign.config import load_for_devices
+    from scenarios.rigs.permission import HARDWARE
+
+    config = load_for_devices("can", args.rig, args.config, args.set)
+    if config.rig != HARDWARE:
+        raise UsageError(
+            f"rig {args.rig} has no devices of a lab",
+            "to rehearse, point the rig hardware at `grasp emulate` (docs/hardware.md)",
+        )
+    return config
+
+
+def confirm(question: str, word: str, given: bool) -> None:
+    """Ask a person to type a word, unless it was given on the command line; raises UsageError for
+    anything else, and where nobody can be asked."""
+    if given:
+        return
+    option = f"--{word}"
+    if not sys.stdin.isatty():
+        raise UsageError(f"nobody is there to be asked: {question}", f"if so, add {option}")
+    print(f"{question} Type {word}: ", end="", file=sys.stderr, flush=True)
+    if sys.stdin.readline().strip().lower() != word:
+        raise UsageError(f"{word!r} was not typed: nothing was moved", "start again when it is so")
+
+
+def say(text: str) -> None:
+    """What became of something that was stopped."""
+    exits.report_line(text)

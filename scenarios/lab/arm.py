@@ -1,0 +1,114 @@
+"""The arm moved by itself on real devices: one short slow step, or stopped."""
+
+import math
+import time
+from contextlib import suppress
+
+from drivers.errors import DeviceFault, GraspError, LinkLost, Refused, UsageError
+from drivers.interfaces import PERIOD_NS, Arm, Vector3
+from drivers.ur.link import look as arm_look
+from drivers.ur.link.preflight import CONNECT_AGAIN, DASHBOARD_PORT, Dashboard
+from grasp import interruption
+from grasp.clock import Clock, WallClock
+from scenarios.lab.hand import Say
+from scenarios.rigs.cell_lock import devices_of, driving
+from scenarios.rigs.permission import MotionPermit, arm_address, require
+from scenarios.rigs.wired import open_arm
+from scenarios.trial.config import TrialConfig
+
+MOST_STEP_M = 0.005
+SPEED_MPS, ACCELERATION_MPS2 = 0.01, 0.1  # slow; assumed
+STOP_MPS2 = 1.0  # as in a safe state
+MOVE_S, STAND_S = 5.0, 3.0
+PRESS = "press the emergency stop if it still moves"
+
+
+def checked_step(step_m: Vector3) -> float:
+    """Its length, m; raises Refused for none, or one too long."""
+    length_m = math.hypot(*step_m)
+    if not 0.0 < length_m <= MOST_STEP_M + 1e-9:
+        most = f"above 0, to {MOST_STEP_M * 1e3:g} mm in all"
+        raise Refused(f"a step of {length_m * 1e3:g} mm", most)
+    return length_m
+
+
+def step_arm(
+    config: TrialConfig, permit: MotionPermit | None, step_m: Vector3, say: Say
+) -> Vector3:
+    """One straight step in the base frame, at 10 mm/s; where the tool stands then, m. Ctrl-C stops
+    it: that is told by ``say`` once it is seen.
+
+    Raises UsageError without a permit, Refused for too long a step, and the drivers' errors.
+    """
+    require(permit)
+    checked_step(step_m)
+    clock = WallClock(WallClock().now_ns)
+    with driving(devices_of(config)[-1]), open_arm(config, lambda: clock.now_ns) as arm:
+        arm.pump(clock.now_ns)
+        arm.set_payload(config.arm.payload_kg)
+        arm.pump(clock.now_ns)
+        x, y, z = _place(arm)
+        dx, dy, dz = step_m
+        try:
+            arm.move_to((x + dx, y + dy, z + dz), SPEED_MPS, ACCELERATION_MPS2)
+            _until_stands(arm, clock, MOVE_S, watching=True)
+        except BaseException:
+            with interruption.sealed():
+                say(_stopped(arm, clock))
+            raise
+        return _place(arm)
+
+
+def _place(arm: Arm) -> Vector3:
+    if arm.state is None:
+        raise LinkLost("the arm sends no state", CONNECT_AGAIN)
+    return arm.state.position_m
+
+
+def _until_stands(arm: Arm, clock: Clock, within_s: float, watching: bool) -> None:
+    end_ns = clock.now_ns + round(within_s * 1e9)
+    while clock.now_ns < end_ns:
+        if watching:
+            interruption.check()
+        clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
+        arm.pump(clock.now_ns)
+        if arm.state is not None and not arm.state.moving:
+            return
+    raise DeviceFault("the arm did not come to stand in time", PRESS)
+
+
+def _stopped(arm: Arm, clock: Clock) -> str:
+    """How the arm is once it was told to stop; raises nothing."""
+    with suppress(GraspError):
+        arm.stop(STOP_MPS2)
+        _until_stands(arm, clock, STAND_S, watching=False)
+        return "the arm stands"
+    if arm.state is not None and arm.state.stopped_by_safety:
+        return "the arm is stopped by its own safety system"
+    return f"NOT SEEN TO STAND: {PRESS}"
+
+
+def stop_arm(config: TrialConfig) -> Vector3:
+    """End whatever program moves the arm, by its dashboard, and look until it stands; where, m.
+
+    Whoever drives it is not asked. Raises LinkLost, and DeviceFault where it is not seen to stand.
+    """
+    if config.devices.arm:
+        raise UsageError("an arm of another package has no dashboard", PRESS)
+    host, timeout_s = arm_address(config), config.ur.step_timeout_s
+    try:
+        with Dashboard(host, timeout_s) as dashboard:
+            dashboard.line()
+            dashboard.ask("stop")
+    except (OSError, ValueError) as error:
+        raise LinkLost(
+            f"dashboard at {host}:{DASHBOARD_PORT}: {str(error) or 'no answer'}",
+            f"{PRESS}; {CONNECT_AGAIN}",
+        ) from None
+    end_s = time.monotonic() + STAND_S
+    while time.monotonic() < end_s:
+        before, now = arm_look.look(host, timeout_s)
+        if before.stands and now.stands:
+            x, y, z = now.pose[:3]
+            return x, y, z
+    raise DeviceFault("the arm is not seen to stand", PRESS)

@@ -1,0 +1,332 @@
+"""The hand moved by itself, slowly, on real devices: what closes goes through the guard of a run.
+
+One finger opposes two. So B and C close only while the thumb is open, and stand as soon as anything
+is felt, for they may push an object against the thumb; the thumb closes last and alone, to the
+least force (`guard.cap_mode` each_motor says otherwise, here as in a run).
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+
+import msgspec
+
+from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
+from drivers.interfaces import (
+    FINGER_NAMES,
+    OPEN_COUNTS,
+    PERIOD_NS,
+    Counts3,
+    Detection,
+    Gripper,
+    GripperState,
+    Vector3,
+)
+from drivers.robotiq.exchange import RESET
+from drivers.robotiq.link.modbus import ModbusTransport
+from drivers.robotiq.protocol import RTU, TCP
+from grasp import interruption
+from grasp.clock import Clock, WallClock
+from grasp.commands import HoldFingers, MoveFingers
+from grasp.guard import ForceGuard
+from grasp.stiffness import Stiffness
+from scenarios.lab.touch import Touch, open_touch
+from scenarios.rigs.cell_lock import driving, gripper_of
+from scenarios.rigs.device_checks import read_gripper
+from scenarios.rigs.permission import MotionPermit, require
+from scenarios.rigs.rig import ACTIVATION_TIMEOUT_S, calibration
+from scenarios.rigs.wired import open_gripper
+from scenarios.trial.config import TrialConfig
+from scenarios.trial.execution import make_guard
+
+MOST_STEP_M = 0.005
+MOVE_S = 15.0  # that a finger takes at most at its least speed
+STAND_S = 3.0  # within which fingers that were told to stand are seen to
+AT_REST = 2  # looks in a row
+TOUCH_N = 1.0  # felt by any finger: there B and C stand; above what a still pad's wander feels like
+THUMB = 0
+
+Say = Callable[[str], None]
+
+
+class Moved(msgspec.Struct, frozen=True):
+    """Where the fingers came to stand, what each met, and the force felt there, N; None: not
+    felt."""
+
+    positions_counts: Counts3
+    met: str  # names of fingers that stopped on something
+    force_n: Vector3 | None
+    stopped_by: str = ""  # what ended it early
+
+    def in_words(self) -> str:
+        met = f"finger {' and '.join(self.met)} met something" if self.met else "nothing was met"
+        newtons = "" if self.force_n is None else f", {max(self.force_n):.1f} N felt"
+        early = f"; {self.stopped_by}" if self.stopped_by else ""
+        return f"fingers at {self.positions_counts} counts; {met}{newtons}{early}"
+
+
+def guard_of(config: TrialConfig) -> ForceGuard:
+    """That of a run, for a hand around nobody knows what: nothing is known to be free, and the
+    contact is the stiffest. Raises ConfigError where a run would be refused."""
+    make_guard(config)
+    known = calibration(config)
+    worst = Stiffness(config.guard.contact_stiffness_npm * known.m_per_count)
+    return ForceGuard(config.guard, known.least_force_n, worst, known.least_speed_mps)
+
+
+def step_counts(config: TrialConfig, step_m: float) -> int:
+    """A step in whole counts, rounded down; raises Refused for one that is none, or too long."""
+    per_count_m = calibration(config).m_per_count
+    counts = int(step_m / per_count_m + 1e-9)
+    if counts <= 0 or step_m > MOST_STEP_M:
+        raise Refused(
+            f"a step of {step_m * 1e3:g} mm: one count of this hand is {per_count_m * 1e3:g} mm",
+            f"{per_count_m * 1e3:g} to {MOST_STEP_M * 1e3:g} mm",
+        )
+    return counts
+
+
+def step_targets(at: Counts3, fingers: str, counts: int) -> Counts3:
+    """Those fingers further by so many counts (less than 0: opening), the others where they are."""
+    a, b, c = (
+        min(255, max(0, place + counts)) if name in fingers else place
+        for name, place in zip(FINGER_NAMES, at, strict=True)
+    )
+    return a, b, c
+
+
+class Hand:
+    """An active hand, its fingertips where they are heard, and the guard between."""
+
+    def __init__(
+        self, config: TrialConfig, gripper: Gripper, touch: Touch | None, clock: Clock
+    ) -> None:
+        self._gripper, self._touch, self._clock = gripper, touch, clock
+        self._guard = guard_of(config) if touch is not None else None
+        known = calibration(config)
+        self.speed_mps, self.force_n = known.least_speed_mps, known.least_force_n
+        self.each_motor = config.guard.cap_mode == "each_motor"
+
+    @property
+    def state(self) -> GripperState:
+        state = self._gripper.state
+        if state is None:
+            raise LinkLost("the gripper does not answer", "check its power, cable and address")
+        return state
+
+    def move(self, targets: Counts3, say: Say, lightly: bool = False) -> Moved:
+        """To those counts at least speed and force, as far as the guard admits, or, ``lightly``,
+        until anything is felt. Ctrl-C makes the fingers stand: told by ``say`` once it is seen."""
+        self._send(targets)
+        try:
+            return self._until_rest(lightly=lightly)
+        except BaseException:
+            self.stand(say)
+            raise
+
+    def close(self, targets: Counts3, say: Say) -> Moved:
+        """B and C first, the thumb open, then the thumb alone: as a run closes."""
+        if self.each_motor:
+            return self.move(targets, say)
+        a, b, c = self.state.positions
+        moved = None
+        if targets[1:] != (b, c):
+            moved = self.step((a, *targets[1:]), say)
+            a, b, c = moved.positions_counts
+        if targets[0] == a and moved is not None:
+            return moved
+        return self.move((targets[0], b, c), say)
+
+    def step(self, targets: Counts3, say: Say) -> Moved:
+        """As ``move``; where B or C close, they stand as soon as anything is felt. Raises Refused
+        where the thumb is in their way, or nothing is known to be felt."""
+        a, *others = self.state.positions
+        closing = any(to > at for to, at in zip(targets[1:], others, strict=True))
+        if self.each_motor or not closing:
+            return self.move(targets, say)
+        if a > OPEN_COUNTS or targets[0] > a:
+            raise Refused(
+                f"the thumb stands at {a} counts: it would bear what B and C press together",
+                "open it first (`grasp gripper open`), and close it last and alone",
+            )
+        if self._touch is None or self._touch.counts_sum is None:
+            raise Refused(
+                "B and C close only where the fingertips can tell a touch, and their rest is known "
+                "of an open hand alone",
+                "`grasp gripper open`, or set tactile.rest_reference (`grasp tactile rest`)",
+            )
+        return self.move(targets, say, lightly=True)
+
+    def stand(self, say: Say) -> None:
+        """Told to stand, and seen to; raises nothing."""
+        seen = False
+        with interruption.sealed(), suppress(GraspError):
+            self._gripper.hold()
+            with suppress(DeviceFault):
+                self._until_rest(STAND_S, watching=False)
+                seen = True
+        where = self._gripper.state.positions if self._gripper.state else "unknown"
+        say(
+            f"the fingers stand, at {where} counts: the grip is kept" if seen else
+            "NOT SEEN TO STAND: press the emergency stop, switch the gripper off if it still moves"
+        )  # fmt: skip
+
+    def _send(self, targets: Counts3) -> None:
+        state = self.state
+        command = MoveFingers(targets, self.speed_mps, self.force_n)
+        if self._guard is not None:
+            admitted = self._guard.admit(command, state, self._felt())
+            if isinstance(admitted, HoldFingers):
+                raise Refused(
+                    f"the fingertips feel {max(self._felt()):.1f} N, more than the limit: nothing "
+                    "was moved", "open the hand",
+                )  # fmt: skip
+            assert isinstance(admitted, MoveFingers)  # noqa: S101  (a move stays one)
+            command = admitted
+        self._gripper.move_to(command.targets_counts, command.speed_mps, command.force_n)
+
+    def _felt(self) -> Vector3:
+        none = (0.0, 0.0, 0.0)
+        if self._touch is None or self._guard is None:
+            return none
+        return self._guard.measured_n(self._touch.counts_sum or none)
+
+    def _until_rest(
+        self, within_s: float = MOVE_S, watching: bool = True, lightly: bool = False
+    ) -> Moved:
+        """Look until the fingers are seen to rest; the guard stops what presses too hard."""
+        end_ns = self._clock.now_ns + round(within_s * 1e9)
+        rested, early, touched = 0, "", ""
+        while self._clock.now_ns < end_ns:
+            if watching:
+                interruption.check()
+            self._clock.sleep_until_ns(self._clock.now_ns + PERIOD_NS)
+            self._gripper.pump(self._clock.now_ns)
+            if self._touch is not None:
+                self._touch.pump(self._clock.now_ns)
+            felt_n = self._felt()
+            if watching and not early and self._guard and self._guard.overloaded(felt_n):
+                early = f"stopped at {max(felt_n):.1f} N, above the limit"
+                self._gripper.hold()
+            elif lightly and not touched and max(felt_n) >= TOUCH_N:
+                named = zip(FINGER_NAMES, felt_n, strict=True)
+                touched = "".join(name for name, n in named if n >= TOUCH_N)
+                self._gripper.hold()
+            rested = rested + 1 if self.state.at_rest else 0
+            if rested >= AT_REST:
+                return self._moved(early, touched)
+        raise DeviceFault(
+            f"the fingers did not come to rest within {within_s:g} s", "look at the hand"
+        )
+
+    def _moved(self, early: str, touched: str) -> Moved:
+        state = self.state
+        on = (Detection.CONTACT_CLOSING, Detection.CONTACT_OPENING)
+        named = zip(FINGER_NAMES, state.fingers, strict=True)
+        met = "".join(n for n, finger in named if finger.detection in on or n in touched)
+        felt = self._touch is not None and self._touch.counts_sum is not None
+        return Moved(state.positions, met, self._felt() if felt else None, early)
+
+
+@contextmanager
+def open_hand(config: TrialConfig, permit: MotionPermit | None, closing: bool) -> Iterator[Hand]:
+    """The hand of real devices, which must be active; with its fingertips where it is to close.
+
+    Raises UsageError without a permit, ConfigError where a run would be refused, Refused for a hand
+    that is not active or that another process drives, and the drivers' errors.
+    """
+    require(permit)
+    calibration(config)
+    clock = WallClock(WallClock().now_ns)
+    if closing:
+        guard_of(config)
+    with ExitStack() as stack:
+        stack.enter_context(driving(gripper_of(config)))
+        gripper = stack.enter_context(open_gripper(config, lambda: clock.now_ns))
+        with suppress(DeviceFault):  # told below
+            gripper.pump(clock.now_ns)
+        state = gripper.state
+        if state is None:
+            raise LinkLost("the gripper does not answer", "check its power, cable and address")
+        if not state.active:
+            why = f" ({state.fault_text})" if state.fault else ""
+            raise Refused(
+                f"the hand is not active{why}: nothing was moved",
+                "empty it, then `grasp gripper activate`",
+            )
+        touch = stack.enter_context(open_touch(config, clock, state.is_open)) if closing else None
+        yield Hand(config, gripper, touch, clock)
+
+
+def activate_hand(config: TrialConfig, permit: MotionPermit | None, say: Say) -> Counts3 | None:
+    """Make it ready: it opens and closes fully, at a force that nobody sets, so it must be empty.
+    None where it was active already. Ctrl-C resets it, which stops the fingers."""
+    require(permit)
+    calibration(config)
+    clock = WallClock(WallClock().now_ns)
+    with driving(gripper_of(config)):
+        try:
+            with open_gripper(config, lambda: clock.now_ns) as gripper:
+                return _activated(gripper, clock)
+        except BaseException:
+            with interruption.sealed():
+                _reset(config, say)
+            raise
+
+
+def _activated(gripper: Gripper, clock: Clock) -> Counts3 | None:
+    with suppress(DeviceFault):  # which activation clears
+        gripper.pump(clock.now_ns)
+    state = gripper.state
+    if state is None:
+        raise LinkLost("the gripper does not answer", "check its power, cable and address")
+    if state.active and not state.fault:
+        return None
+    gripper.activate()  # raises where it would drop something
+    end_ns = clock.now_ns + round(ACTIVATION_TIMEOUT_S * 1e9)
+    while clock.now_ns < end_ns:
+        interruption.check()
+        clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
+        gripper.pump(clock.now_ns)
+        state = gripper.state
+        if state is not None and state.active and state.at_rest:
+            return state.positions
+    raise DeviceFault(
+        f"gripper not active {ACTIVATION_TIMEOUT_S:g} s after the request",
+        "look at its LED, clear what blocks the fingers, switch it off and on",
+    )
+
+
+def _reset(config: TrialConfig, say: Say) -> None:
+    """Take the activation back; raises nothing."""
+    seen = False
+    if not config.devices.gripper:
+        with suppress(GraspError):
+            link = TCP if config.gripper.link == "tcp" else RTU
+            transport = ModbusTransport(config.modbus, config.gripper.link)
+            try:
+                transport.write(link.command_register, RESET.to_registers(), time.monotonic_ns())
+            finally:
+                transport.close()
+            before, now = read_gripper(config)
+            seen = not now.active and [f.position for f in before.fingers] == [
+                f.position for f in now.fingers
+            ]
+    say(
+        "the fingers stand; the hand is not active any more" if seen else
+        "NOT SEEN TO STAND: press the emergency stop, switch the gripper off if it still moves"
+    )  # fmt: skip
+
+
+def fingers_of(word: str) -> str:
+    """Names of fingers: one, several, or all."""
+    return "".join(FINGER_NAMES) if word == "all" else word
+
+
+def targets_of(at: Counts3, fingers: str, to: int) -> Counts3:
+    """Those fingers at ``to``, unless they are further closed."""
+    a, b, c = (
+        max(place, to) if name in fingers else place
+        for name, place in zip(FINGER_NAMES, at, strict=True)
+    )
+    return a, b, c

@@ -1,0 +1,207 @@
+"""`grasp gripper` and `grasp arm` at an emulated lab: what they move, and what stops them."""
+
+import json
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.errors import DeviceFault
+from grasp.clock import WallClock
+from scenarios.campaign.config import RunConfig, load_config
+from scenarios.rigs.cell_control import ControlClient
+from scenarios.rigs.device_checks import read_gripper
+from scenarios.rigs.wired import open_arm
+from tests.wire.scenarios.lab.terminal import grasp, started
+from tests.wire.scenarios.test_rigs import emulate, lab_file
+
+Counts = tuple[int, ...]
+CONFIRMED = ("--confirm-motion",)
+
+
+class Lab:
+    """An emulated cell, the file that points at it, and what a person sees of it."""
+
+    def __init__(self, endpoints: dict[str, Any], folder: Path) -> None:
+        self.file = lab_file(folder / "lab.toml", endpoints)
+        self.cell = ControlClient(endpoints["control"]["host"], endpoints["control"]["port"])
+
+    @property
+    def config(self) -> RunConfig:
+        return load_config("can", "hardware", "energy", self.file)
+
+    def grasp(self, *words: str) -> "subprocess.CompletedProcess[str]":
+        return grasp(*words, "--config", str(self.file))
+
+    def done(self, *words: str) -> str:
+        done = self.grasp(*words, *CONFIRMED)
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    @property
+    def places(self) -> Counts:
+        return tuple(finger.position for finger in read_gripper(self.config)[1].fingers)
+
+    @property
+    def height_m(self) -> float:
+        clock = WallClock()
+        with open_arm(self.config, lambda: clock.now_ns) as arm:
+            arm.pump(clock.now_ns)
+            assert arm.state is not None
+            return arm.state.position_m[2]
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
+    with emulate("--set", "hand.activation_s=3") as endpoints:
+        found = Lab(endpoints, tmp_path_factory.mktemp("lab"))
+        yield found
+        found.cell.close()
+
+
+def test_activation_is_stopped_by_ctrl_c_and_the_hand_is_inactive_then(lab: Lab) -> None:
+    with started("gripper", "activate", "--empty", *CONFIRMED, "--config", str(lab.file)) as run:
+        while max(lab.places) < 20:
+            time.sleep(0.05)
+        run.send_signal(signal.SIGINT)
+        _, said = run.communicate(timeout=30)
+    assert run.returncode == 130, said
+    assert "the fingers stand; the hand is not active any more" in said
+    before, now = read_gripper(lab.config)
+    assert not now.active
+    assert now.fingers == before.fingers
+    assert max(lab.places) > 6
+
+
+def test_hand_is_activated_only_by_whoever_says_that_it_is_empty(lab: Lab) -> None:
+    asked = lab.grasp("gripper", "activate", *CONFIRMED)
+    assert asked.returncode == 2
+    assert "opens and closes the hand fully" in asked.stderr
+    assert (
+        "open and close all fingers fully" in lab.grasp("gripper", "activate", "--dry-run").stdout
+    )
+    assert "active, fingers at (6, 6, 6)" in lab.done("gripper", "activate", "--empty")
+    assert "already" in lab.done("gripper", "activate", "--empty")
+    told = lab.grasp("gripper", "status")
+    assert told.returncode == 0
+    assert all(name in told.stdout for name in ("gACT 1", "gIMC 3: ready", "finger C: at 6"))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("gripper", "open"), ("gripper", "close"), ("gripper", "step"), ("arm", "step", "--z", "2")],
+    ids=" ".join,
+)
+def test_nothing_moves_unconfirmed_or_dry(words: tuple[str, ...], lab: Lab) -> None:
+    before = lab.places, lab.height_m
+    assert lab.grasp(*words).returncode == 2
+    dry = lab.grasp(*words, "--dry-run")
+    assert dry.returncode == 0, dry.stderr
+    assert dry.stdout.startswith("would move")
+    assert (lab.places, lab.height_m) == before
+
+
+def test_finger_steps_there_and_back(lab: Lab) -> None:
+    lab.done("gripper", "open")
+    assert "fingers at (6, 12, 6)" in lab.done("gripper", "step", "--finger", "B", "--mm", "5")
+    assert "fingers at (6, 10, 6)" in lab.done("gripper", "step", "--finger", "B", "--open")
+    refused = lab.grasp("gripper", "step", "--mm", "6", *CONFIRMED)
+    assert refused.returncode == 2
+
+
+def test_thumb_never_bears_what_two_fingers_press(lab: Lab) -> None:
+    """B and C push the can against the open thumb, unless they stand where they feel it."""
+    lab.done("gripper", "open")
+    lab.cell.ask("place")
+    closed = lab.done("gripper", "close")
+    truth = lab.cell.ask("truth")["truth"]
+    assert "finger A met something" in closed
+    assert 5.0 < truth["normal_n"][0] < 10.5
+    assert truth["peak_n"][0] < 11.0
+    further = lab.grasp("gripper", "step", "--finger", "B", *CONFIRMED)
+    assert further.returncode == 4
+    assert "fingertips can tell a touch" in further.stderr
+    lab.done("gripper", "open")
+
+
+def test_closing_is_refused_where_a_run_would_be(lab: Lab) -> None:
+    weak = lab.grasp("gripper", "close", *CONFIRMED, "--set", "gripper.calibration=manual")
+    assert weak.returncode == 2
+    assert "cannot close with less than 15 N" in weak.stderr
+    deaf = lab.grasp("gripper", "close", *CONFIRMED, "--set", "usb.url=tcp://127.0.0.99:9")
+    assert deaf.returncode == 3
+    assert lab.places == (6, 6, 6)
+
+
+def test_closing_is_stopped_by_ctrl_c_where_it_is(lab: Lab) -> None:
+    lab.done("gripper", "open")
+    words = ("gripper", "close", "--finger", "A", *CONFIRMED, "--config", str(lab.file))
+    with started(*words) as run:
+        while lab.places[0] < 30:
+            time.sleep(0.05)
+        run.send_signal(signal.SIGINT)
+        _, said = run.communicate(timeout=30)
+    assert run.returncode == 130, said
+    assert "the fingers stand, at (" in said
+    stood = lab.places
+    assert 30 <= stood[0] < 105  # short of the can
+    time.sleep(0.3)
+    assert lab.places == stood
+    lab.done("gripper", "open")
+
+
+def test_arm_steps_by_what_was_asked(lab: Lab) -> None:
+    before_m = lab.height_m
+    assert "after x +0, y +0, z +3 mm" in lab.done("arm", "step", "--z", "3")
+    assert lab.height_m - before_m == pytest.approx(0.003, abs=0.0003)
+    told = lab.grasp("arm", "status")
+    assert told.returncode == 0
+    assert "safety mode 1: normal" in told.stdout
+    assert "joints, degrees: base" in told.stdout
+
+
+def test_arm_in_a_protective_stop_is_told_with_its_remedy(lab: Lab) -> None:
+    lab.cell.ask("fault", name="protective_stop")
+    told = lab.grasp("arm", "status")
+    assert told.returncode == 3
+    assert "safety mode 3: protective stop" in told.stdout
+    assert "clear it there" in told.stderr
+    step = lab.grasp("arm", "step", "--z", "1", *CONFIRMED)
+    assert step.returncode == 3
+    assert "PROTECTIVE_STOP" in step.stderr
+    time.sleep(5.2)
+    from drivers.ur.link.preflight import Dashboard
+
+    with Dashboard(lab.config.ur.host, 2.0) as dashboard:
+        dashboard.line()
+        dashboard.ask("unlock protective stop")
+
+
+def test_arm_that_somebody_drives_is_stopped_without_asking_them(lab: Lab) -> None:
+    clock, ended = WallClock(), threading.Event()
+
+    def drive() -> None:
+        with open_arm(lab.config, lambda: clock.now_ns) as arm:
+            try:
+                while True:
+                    arm.pump(clock.now_ns)
+                    arm.drive((0.0, 0.0, 0.01), 0.0, 0.5)
+                    time.sleep(0.01)
+            except DeviceFault:  # its program has ended
+                ended.set()
+
+    driver = threading.Thread(target=drive)
+    driver.start()
+    time.sleep(3.0)
+    stopped = json.loads(lab.grasp("arm", "stop", "--json").stdout)
+    assert "no program runs on it" in stopped["done"]
+    assert ended.wait(5.0)
+    driver.join(10.0)
+    before_m = lab.height_m
+    time.sleep(0.2)
+    assert lab.height_m == before_m
