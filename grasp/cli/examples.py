@@ -40,6 +40,11 @@ EXAMPLES = {
     "release": ("grasp release --rig cell.toml --confirm-motion",),
     "find": ("grasp find 192.168.1.11 192.168.1.10",),
     "doctor": ("grasp doctor", "grasp doctor --rig hardware --config lab.toml"),
+    "gripper step": (
+        "grasp gripper step --finger B --mm 2 --config lab.toml --confirm-motion",
+        "grasp gripper step --finger B --mm 2 --open --config lab.toml --dry-run",
+    ),
+    "arm step": ("grasp arm step --z 3 --config lab.toml --confirm-motion",),
     "emulate": ("grasp emulate --host 127.0.0.2 --gripper-port 5020",),
     "completion": ('eval "$(grasp completion bash)"',),
 }
