@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from pathlib import Path
 from typing import Any
 
 from drivers.errors import UsageError
@@ -41,6 +42,15 @@ def lab_config(args: argparse.Namespace) -> Any:
             "to rehearse, point the rig hardware at `grasp emulate` (docs/hardware.md)",
         )
     return config
+
+
+def new_file(path: Path) -> None:
+    """Raises UsageError where something is there already, OSError where nothing can be written:
+    asked before a person has done the work."""
+    if path.exists():
+        raise UsageError(f"{path} is there already", "name another file: none is overwritten")
+    path.touch()
+    path.unlink()
 
 
 def confirm(question: str, word: str, given: bool) -> None:

@@ -1,14 +1,19 @@
-"""`grasp tactile`: let a user open the fingertips' USB board, and find out how it is wired."""
+"""`grasp tactile`: let a user open the fingertips' USB board, find out how it is wired, and listen
+to it."""
 
 import argparse
 import json
 import sys
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
+from grasp.cli.lab import add_lab, lab_config, new_file
 from grasp.cli.options import decimal, whole
+from grasp.files import write_whole
 
-HELP = "set up the fingertips: USB permissions, which taxel is where"
+HELP = "set up the fingertips: USB permissions, which taxel is where, rest and noise"
 
 
 def add_parser(verbs: Any) -> None:
@@ -42,6 +47,65 @@ def add_parser(verbs: Any) -> None:
         "--json", action="store_true", help="one JSON object on standard output, nothing else"
     )
     which.set_defaults(handler=identify)
+    _add_listening(
+        actions, "watch", watch, 3600.0,
+        "counts, noise and lost frames of each second, then of every taxel; begin unloaded",
+    )  # fmt: skip
+    rest = _add_listening(
+        actions, "rest", take_rest, 5.0,
+        "the rest codes of the unloaded hand, as tactile.rest_reference for a file of your own",
+    )  # fmt: skip
+    rest.add_argument("--out", type=Path, metavar="FILE", help="write that file (a new one)")
+
+
+def _add_listening(
+    actions: Any, name: str, handler: Any, seconds: float, text: str
+) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = actions.add_parser(name, help=text, description=text)
+    parser.add_argument(
+        "--seconds", type=decimal(1, 86_400), default=seconds, metavar="N",
+        help="listen for N seconds (default: %(default)g)",
+    )  # fmt: skip
+    add_lab(parser, moves=False)
+    parser.set_defaults(handler=handler)
+    return parser
+
+
+def watch(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from scenarios.lab.fingertips import listen
+
+    heard, seconds = None, 0
+    with suppress(KeyboardInterrupt):  # what was heard until then is told
+        for heard in listen(lab_config(args), args.seconds):
+            seconds += 1
+            if not args.json and seconds <= args.seconds:
+                print(heard.in_words(), flush=True)
+    if heard is None:
+        return exits.report("interrupted", "interrupted", "", args.json)
+    if args.json:
+        print(json.dumps({**msgspec.to_builtins(heard), "exit_code": exits.SUCCESS}))
+    else:
+        print(heard.table())
+    return exits.SUCCESS
+
+
+def take_rest(args: argparse.Namespace) -> int:
+    from scenarios.lab.fingertips import rest_file
+
+    if args.out is not None:
+        new_file(args.out)
+    heard, text = rest_file(lab_config(args), args.seconds)
+    if args.out is not None:
+        write_whole(args.out, text.encode())
+    if args.json:
+        print(json.dumps({"rest": heard.rest, "noise_counts": heard.noise_counts,
+                          "file": text, "exit_code": exits.SUCCESS}))  # fmt: skip
+    else:
+        print(text, end="")
+        print(heard.in_words(), file=sys.stderr)
+    return exits.SUCCESS
 
 
 def udev(args: argparse.Namespace) -> int:

@@ -86,6 +86,7 @@ def verbs(parser: argparse.ArgumentParser) -> Iterator[tuple[tuple[str, ...], An
 
 GRIPPER = ("status", "activate", "open", "close", "step")
 ARM = ("status", "step", "stop")
+TACTILE = ("watch", "rest")
 
 # a command line of every verb that reads settings of one's own, less the settings
 LINES = {
@@ -99,6 +100,7 @@ LINES = {
     ("release",): ["release", "--rig", "simulated"],
     **{("gripper", name): ["gripper", name] for name in GRIPPER},
     **{("arm", name): ["arm", name] for name in ARM},
+    **{("tactile", name): ["tactile", name] for name in TACTILE},
     ("replay",): ["replay", "--tactile", "strokes.csv", "--detector", "energy"],
     ("detector", "evaluate"): ["detector", "evaluate", "energy", "--recording", "strokes.csv"],
     ("detector", "tune"): ["detector", "tune", "energy"],
@@ -262,9 +264,12 @@ WITH_A_RIG = {
     ("grip-search",): ["--object", "can"], ("release",): [], ("doctor",): [],
     ("chart", "answers"): ["--seeds", "1", "--objects", "can", "--jobs", "1"],
     **{("gripper", name): [] for name in GRIPPER}, ("arm", "status"): [],
-    ("arm", "step"): ["--z", "1"], ("arm", "stop"): [],
+    ("arm", "step"): ["--z", "1"], ("arm", "stop"): [], **{("tactile", n): [] for n in TACTILE},
 }  # fmt: skip
-LOOKS = {("doctor",), ("gripper", "status"), ("arm", "status"), ("arm", "stop")}  # nobody answers
+LOOKS = {  # nobody answers
+    ("doctor",), ("gripper", "status"), ("arm", "status"), ("arm", "stop"),
+    *(("tactile", name) for name in TACTILE),
+}  # fmt: skip
 
 
 def test_every_verb_that_takes_a_rig_is_tried_here() -> None:

@@ -1,0 +1,72 @@
+"""`grasp tactile watch` and `rest` at an emulated lab."""
+
+import json
+import signal
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scenarios.campaign.config import load_config
+from tests.wire.scenarios.lab.terminal import grasp, started
+from tests.wire.scenarios.test_rigs import emulate, lab_file
+
+
+@pytest.fixture(scope="module")
+def endpoints() -> Iterator[dict[str, Any]]:
+    with emulate() as found:
+        yield found
+
+
+@pytest.fixture
+def lab(endpoints: dict[str, Any], tmp_path: Path) -> Path:
+    return lab_file(tmp_path / "lab.toml", endpoints)
+
+
+def test_every_second_is_told_and_every_taxel_at_the_end(lab: Path) -> None:
+    done = grasp("tactile", "watch", "--seconds", "2", "--config", str(lab))
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert [line.startswith("counts A ") for line in lines[:3]] == [True, True, False]
+    assert len(lines) == 2 + 1 + 18
+    told = json.loads(
+        grasp("tactile", "watch", "--seconds", "1", "--json", "--config", str(lab)).stdout
+    )
+    assert all(400 < rest < 512 for finger in told["rest"] for rest in finger)
+    assert all(abs(counts) < 2.0 for finger in told["counts"] for counts in finger)
+    assert 0.0 < max(max(finger) for finger in told["noise_counts"]) < 1.5
+
+
+def test_watch_ends_with_ctrl_c_and_tells_what_it_has_heard(lab: Path) -> None:
+    with started("tactile", "watch", "--config", str(lab)) as run:
+        assert run.stdout is not None
+        first = run.stdout.readline()
+        run.send_signal(signal.SIGINT)
+        rest, _ = run.communicate(timeout=30)
+    assert first.startswith("counts")
+    assert "noise" in rest.splitlines()[-19]
+    assert run.returncode == 0
+
+
+def test_rest_is_a_file_that_settings_read_and_none_is_overwritten(
+    lab: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "rest.toml"
+    words = ("tactile", "rest", "--seconds", "1", "--config", str(lab), "--out", str(out))
+    done = grasp(*words)
+    assert done.returncode == 0, done.stderr
+    assert out.read_text() == done.stdout
+    codes = tomllib.loads(done.stdout)["tactile"]["rest_reference"]
+    config = load_config("can", "hardware", "energy", [lab, out])
+    assert config.tactile.rest_reference == tuple(map(tuple, codes))
+    again = grasp(*words)
+    assert again.returncode == 2
+    assert "is there already" in again.stderr
+
+
+def test_board_that_is_unplugged_is_told_with_its_remedy(lab: Path) -> None:
+    done = grasp("tactile", "watch", "--config", str(lab), "--set", "usb.url=tcp://127.0.0.99:9")
+    assert done.returncode == 3
+    assert "no TakkTile board" in done.stderr
