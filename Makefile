@@ -4,6 +4,7 @@
 # make bench     measurements                        make test-train the tests that need torch
 # make faults    every fault at every phase of a lift; writes docs/faults.md
 # make mutants   what the tests would not see; writes docs/mutants.md     make soak  an hour of lifts
+# make fuzz      an hour of hostile clients on every port of an emulated cell (MINUTES=, SEED=)
 # make lock      renew requirements/*.txt (with uv)  make test-cluster the test that needs Dask
 # make clean     remove what make made               make test-browser pages, in a Chromium
 # make docs      the site, into build/site           make install-charts, -train, -cluster  extras
@@ -33,7 +34,7 @@ PYTHON ?= python3.12 python3.11 python3
 OBJECT ?= can
 
 .PHONY: install install-dev install-charts install-train install-cluster docs lift test test-unit test-wire test-slow faults mutants soak \
-        test-train test-cluster test-browser bench check check-style check-types check-imports lock clean
+        test-train test-cluster test-browser bench fuzz check check-style check-types check-imports lock clean
 
 install: $(BASE)
 install-dev: $(DEV)
@@ -150,6 +151,11 @@ mutants: install-dev
 
 soak: install-dev
 	$(BIN)/python scripts/soak.py run
+
+MINUTES ?= 60
+SEED ?= 1
+fuzz: install-dev
+	nice -n 15 $(BIN)/python -m tests.wire.fuzz.campaign --minutes $(MINUTES) --seed $(SEED)
 
 bench: install-dev
 	$(BIN)/python -m pytest -m bench -s

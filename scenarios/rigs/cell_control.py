@@ -22,7 +22,7 @@ from drivers.fairness import Places, Shares
 Obey = Callable[[dict[str, Any]], dict[str, Any]]
 TIMEOUT_S = 5.0
 _CLIENTS = 16
-_PART = 0.2  # of the time, for all clients that ask for more than a little
+_PART = 0.1  # of the time, for all clients that ask for more than a little
 _LONGEST = 65_536  # bytes of a request
 _SHOWN = 500  # characters of what was wrong
 _LONGEST_WAIT_S = 1.0

@@ -31,7 +31,7 @@ _JOIN_S = 5.0
 _CLIENTS = 32
 _OPENED = 16  # handles of one connection
 _FAREWELL_S = 1.0  # for the first request of a client that is turned away
-_PART = 0.3  # of the time, for all clients that ask for more than a little
+_PART = 0.2  # of the time, for all clients that ask for more than a little
 _LONGEST_WAIT_S = 1.0  # of a client beyond its share, before it is looked at again
 
 

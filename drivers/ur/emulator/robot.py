@@ -39,7 +39,7 @@ DASHBOARD_PORT = 29999
 SCRIPT_PORTS = (30001, 30002, 30003)
 SWITCH_S = 5e-4  # a thread that answers a client does not wait for others for longer
 MOST_CLIENTS = 32  # of each port
-_PROGRAM_PART = 0.3  # of the time, for the program and for compiling it
+_PROGRAM_PART = 0.2  # of the time, for the program and for compiling it
 _LONGEST_LAG_NS = 100_000_000  # cycles missed by more than this are skipped, not caught up
 
 

@@ -20,7 +20,7 @@ _CHUNK = 1024  # what is taken at a time: a millisecond's work at most
 _MAX_LINE = 65536
 _MAX_UNSENT = 1 << 20  # a client that does not read is cut off beyond this
 _BACKLOG = 128
-_PART = 0.4  # of the time, for all clients that ask for more than a little
+_PART = 0.25  # of the time, for all clients that ask for more than a little
 _LEAST_S = 0.001  # of serving, however late a cycle is
 _FAREWELL_S = 1.0  # a client that was refused has so long to read why
 

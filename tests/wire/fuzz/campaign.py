@@ -1,0 +1,222 @@
+"""Hostile clients on every port of one cell, and a well-behaved one beside them.
+
+    python -m tests.wire.fuzz.campaign --minutes 60 [--seed 1]     (make fuzz)
+
+Kept cases (`kept.txt`: a port and a seed a line) go first. Prints, a line a port, the well-behaved
+client's median wait without and with the attack and their ratio, and the cell's memory; ends with 1
+when the cell died, grew, or left somebody unanswered, and says which cases it met last.
+"""
+
+import argparse
+import contextlib
+import json
+import os
+import random
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+from scenarios.campaign.config import load_for_devices
+from scenarios.rigs.cell_process import cell_process
+from tests.wire.fuzz.grammars import GRAMMARS
+
+HERE = Path(__file__).parent
+KEPT = HERE / "kept.txt"
+ATTACKERS = 6
+PAUSE_S = 0.02  # between two connections of one attacker: loops of requests are bounded
+SAY_S = 0.5  # for one connection to say what it has to say
+MOST_GROWTH_MB = 150.0
+BLOCK_S = 20.0
+QUIET_S = 8.0
+
+Case = tuple[str, int]
+
+
+def kept_cases() -> list[Case]:
+    lines = (line.split("#")[0].split() for line in KEPT.read_text().splitlines())
+    return [(line[0], int(line[1])) for line in lines if line]
+
+
+class Attack:
+    """Threads that play cases until they are stopped."""
+
+    def __init__(self, at: dict[str, Any], seed: int, first: list[Case]) -> None:
+        self.played = 0
+        self.last: deque[Case] = deque(maxlen=4 * ATTACKERS)
+        self._ports = ports(at)
+        self._first = deque(first)
+        self._random = random.Random(seed)
+        self._lock = threading.Lock()
+        self._end = threading.Event()
+        self._threads = [threading.Thread(target=self._play) for _ in range(ATTACKERS)]
+
+    def __enter__(self) -> "Attack":
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        for thread in self._threads:
+            thread.join()
+
+    def _next(self) -> Case:
+        with self._lock:
+            self.played += 1
+            if self._first:
+                case = self._first.popleft()
+            else:
+                case = self._random.choice(sorted(GRAMMARS)), self._random.randrange(2**31)
+            self.last.append(case)
+            return case
+
+    def _play(self) -> None:
+        while not self._end.wait(PAUSE_S):
+            play(self._ports, self._next())
+
+
+def ports(at: dict[str, Any]) -> dict[str, list[tuple[str, int]]]:
+    host, arm = at["host"], at["arm"]
+    url = at["tactile"]["url"].removeprefix("tcp://").rpartition(":")
+    found = {
+        "urscript": [(host, 30001), (host, 30002), (host, arm["script"])],
+        "rtde": [(host, arm["rtde"])],
+        "modbus": [(at["gripper"]["host"], at["gripper"]["port"])],
+        "hop": [(url[0], int(url[2]))],
+        "dashboard": [(host, arm["dashboard"])],
+        "control": [(at["control"]["host"], at["control"]["port"])],
+        "faults": [(host, arm["faults"])],
+    }
+    return {**found, "silence": [one for those in found.values() for one in those]}
+
+
+def play(where: dict[str, list[tuple[str, int]]], case: Case) -> None:
+    """One connection: says its pieces, reads what it likes, leaves in one way or another."""
+    name, seed = case
+    r = random.Random(seed)
+    said = GRAMMARS[name](r)
+    address, reads, waits = r.choice(where[name]), r.random() < 0.7, r.choice((0.0, 0.0, 0.3))
+    with contextlib.suppress(OSError), socket.create_connection(address, 5.0) as sock:
+        until = time.monotonic() + SAY_S
+        sock.settimeout(SAY_S)
+        for piece in said:
+            sock.sendall(piece)
+            if reads:
+                sock.settimeout(0.01)
+                with contextlib.suppress(TimeoutError):
+                    sock.recv(1 << 16)
+                sock.settimeout(max(0.01, until - time.monotonic()))
+        time.sleep(waits)
+        if r.random() < 0.3:  # reset instead of closed
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+
+
+def memory_mb(pid: int) -> float:
+    for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+        if line.startswith("VmRSS"):
+            return int(line.split()[1]) / 1024
+    return float("nan")
+
+
+def polite(endpoints: Path, seconds: float) -> dict[str, Any]:
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "tests.wire.fuzz.polite", str(endpoints), str(seconds)],
+        capture_output=True, text=True, timeout=seconds + 300, check=False,
+        env={**os.environ, "PYTHONPATH": str(HERE.parents[2])},
+    )  # fmt: skip
+    if done.returncode:
+        return {"median_ms": {}, "most_ms": {}, "errors": {"all": done.stderr[-300:]}}
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+class Outcome:
+    """What a campaign found."""
+
+    def __init__(self) -> None:
+        self.quiet: list[dict[str, Any]] = []
+        self.loud: list[dict[str, Any]] = []
+        self.played = 0
+        self.memory_mb: list[float] = []
+        self.trouble = ""
+        self.last: list[Case] = []
+
+    def ratios(self) -> dict[str, tuple[float, float, float]]:
+        """By port: median without, with, and the ratio."""
+        found = {}
+        for name in self.quiet[0]["median_ms"]:
+            quiet, loud = (
+                statistics.median(
+                    one["median_ms"][name] for one in those if name in one["median_ms"]
+                )
+                for those in (self.quiet, self.loud)
+            )
+            found[name] = (quiet, loud, loud / quiet)
+        return found
+
+    def show(self) -> None:
+        least, most = self.memory_mb[0], max(self.memory_mb)
+        print(f"{self.played} connections; memory {least:.0f} to {most:.0f} MB")
+        print("port        median ms, quiet   attacked   ratio   longest")
+        for name, (quiet, loud, ratio) in self.ratios().items():
+            longest = max(one["most_ms"].get(name, 0.0) for one in self.loud)
+            print(f"{name:10} {quiet:18.2f} {loud:10.2f} {ratio:7.2f} {longest:9.0f}")
+        if self.trouble:
+            print(f"TROUBLE: {self.trouble}\nlast cases: {self.last}")
+
+
+def campaign(seed: int, seconds: float, first: list[Case]) -> Outcome:
+    """Attack a cell of its own in blocks, quiet in between."""
+    config = load_for_devices("can", "emulated", [], [])
+    outcome = Outcome()
+    with tempfile.TemporaryDirectory() as folder, cell_process(config, 0) as cell:
+        endpoints = Path(folder) / "endpoints.json"
+        endpoints.write_text(json.dumps(cell.endpoints))
+        pid = cell.endpoints["pid"]
+        outcome.quiet.append(polite(endpoints, QUIET_S))
+        outcome.memory_mb.append(memory_mb(pid))
+        until = time.monotonic() + seconds
+        block = 0
+        while time.monotonic() < until and not outcome.trouble:
+            with Attack(cell.endpoints, seed * 1000 + block, first if not block else []) as attack:
+                outcome.loud.append(polite(endpoints, min(BLOCK_S, seconds)))
+            outcome.played += attack.played
+            outcome.last = list(attack.last)
+            block += 1
+            outcome.memory_mb.append(memory_mb(pid))
+            outcome.quiet.append(polite(endpoints, QUIET_S / 2))
+            outcome.trouble = _trouble(outcome)
+            print(
+                f"block {block}: {attack.played} cases, {outcome.memory_mb[-1]:.0f} MB", flush=True
+            )
+    return outcome
+
+
+def _trouble(outcome: Outcome) -> str:
+    for one in (outcome.loud[-1], outcome.quiet[-1]):
+        if one["errors"]:
+            return f"unanswered: {one['errors']}"
+    if max(outcome.memory_mb) - outcome.memory_mb[0] > MOST_GROWTH_MB:
+        return "the cell has grown"
+    return ""
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    outcome = campaign(options.seed, options.minutes * 60.0, kept_cases())
+    outcome.show()
+    return 1 if outcome.trouble else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
