@@ -30,6 +30,7 @@ MARK = ".py:"  # between a file and what it calls its detector
 TRIED = 3  # frames at rest, when it is made
 THRESHOLD = 0.5
 REMEDY = "mend it: docs/extending.md says what a detector is called with and what it gives"
+FAILURES = (Exception, SystemExit)  # of somebody's code: sys.exit() in it must not end a run unseen
 
 Scalar = bool | int | float | str
 
@@ -66,7 +67,7 @@ class OwnDetector:
         """Forget all frames; raises BadFile for what goes wrong."""
         try:
             self._inner.reset()
-        except Exception as error:
+        except FAILURES as error:
             raise self._bad(*_told("reset", error, self._file)) from error
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
@@ -74,9 +75,12 @@ class OwnDetector:
         shown = counts.view()
         shown.flags.writeable = False
         try:
-            answer = np.array(self._inner.update(shown), np.float64)
-        except Exception as error:
+            told = np.array(self._inner.update(shown))
+        except FAILURES as error:
             raise self._bad(*_told("update", error, self._file)) from error
+        if told.dtype.kind not in "biuf":
+            raise self._bad(f"update gives what is not a number a finger: {told.dtype}")
+        answer = told.astype(np.float64)
         if answer.shape != (self._fingers,):
             raise self._bad(f"update gives shape {answer.shape}, not ({self._fingers},)")
         if not ((answer >= 0.0) & (answer <= 1.0)).all():
@@ -127,7 +131,7 @@ def _found(word: str) -> Any:
     if not is_code(word):
         try:
             return offered()[word].load()
-        except (Exception, SystemExit) as error:
+        except FAILURES as error:
             raise _broken(word, f"cannot be imported: {_said(error)}") from error
     file, _, name = word.rpartition(":")
     found = getattr(_module(Path(file)), name, None)
@@ -151,7 +155,7 @@ def _module(path: Path) -> ModuleType:
     sys.modules[name] = module  # dataclasses and pickle look there
     try:
         exec(compile(source, str(path), "exec"), module.__dict__)
-    except (Exception, SystemExit) as error:
+    except FAILURES as error:
         del sys.modules[name]
         problem, line = _told("importing it", error, str(path))
         raise BadFile(path, problem, "mend the file", line) from error
@@ -174,7 +178,7 @@ def _made(word: str, found: Any, settings: OwnSettings, fingers: int, taxels: in
         offers = {key: n for key, n in shape.items() if known is None or key in known}
         try:
             made = found(**{**offers, **given})
-        except Exception as error:
+        except FAILURES as error:
             file = word.rpartition(":")[0] if is_code(word) else word
             problem, line = _told("making it", error, file)
             raise BadFile(file, problem, REMEDY, line) from error

@@ -61,14 +61,19 @@ def report(args: argparse.Namespace) -> int:
 
 
 def _runs(path: Path) -> list[Path]:
-    """The run at a path, or those in it; raises BadFile where there is none."""
+    """The run at a path, or the lifts and taps in it; raises BadFile where there is none."""
+    from detector.recordings import SUFFIX
+    from scenarios.acquire.acquire import SAMPLES
     from scenarios.trial.run_folder import RECORDING
 
     if not path.exists():
         raise BadFile(path, "is not there", "give the folder of a run; `grasp runs` lists them")
-    if not path.is_dir() or (path / RECORDING).exists():
+    if path.is_file() or (path / RECORDING).exists():
         return [path]
-    runs = [file.parent for file in sorted(path.glob(f"*/{RECORDING}"))]
+    if not path.is_dir():
+        raise BadFile(path, "is no file", "give the folder of a run; `grasp runs` lists them")
+    found = [file.parent for file in sorted(path.glob(f"*/{RECORDING}"))]
+    runs = [run for run in found if not list(run.glob(f"{SAMPLES}*{SUFFIX}"))]
     if not runs:
         wanted = f"the folder of a run, with a {RECORDING}; `grasp runs` lists them"
         raise BadFile(path, "is no run: there is no recording in it", f"give {wanted}")

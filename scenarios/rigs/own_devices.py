@@ -87,7 +87,7 @@ def own_device(devices: OwnDeviceSettings, device: str, now: Callable[[], int]) 
         entered = opened.__enter__()
     except GraspError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         told = one_line(f"{type(error).__name__}: {error}")
         raise UsageError(
             f"{device} {name!r} of another package cannot be opened: {told}",

@@ -416,7 +416,7 @@ def _run_to_end(
     with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
         try:
             return _stopped(loop, deadline_s), granted
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # of somebody's library, which knows no better
             bugs.append(Bug.of(error))
             _end_as_a_fault(loop, bugs[0], trace)
             return False, granted
@@ -428,7 +428,7 @@ def _run_to_end(
 def _end_as_a_fault(loop: ControlLoop, bug: Bug, trace: Trace) -> None:
     try:
         loop.fail(bug.line)
-    except Exception:  # no step can be taken any more
+    except (Exception, SystemExit):  # no step can be taken any more
         left = loop.abort()
         if left is not None:
             trace.add(left, None)

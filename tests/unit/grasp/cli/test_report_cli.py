@@ -1,5 +1,6 @@
 """`grasp report` as a user meets it: where the page goes, and what stands in its way."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -76,6 +77,7 @@ def test_what_is_no_page_of_ours_is_not_written_over(
         (["nowhere"], "is not there (give the folder of a run"),
         (["."], "there is no recording in it (give the folder of a run"),
         (["note.txt"], "is no MCAP recording (give the path of a run's .mcap file)"),
+        (["pipe.json"], "pipe.json: is no file"),
         ([".", "--out", "page.pdf"], "a name that ends in .html"),
         ([".", "--out", "nowhere/page.html"], "there is no folder nowhere"),
     ],
@@ -89,8 +91,21 @@ def test_what_is_no_run_is_refused_with_a_remedy(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("note.txt").write_text("a note")
+    os.mkfifo("pipe.json")
     assert main(["report", *words]) == 2
     assert told in capsys.readouterr().err
+
+
+def test_acquisitions_among_the_runs_of_a_folder_are_passed_over(
+    runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "recording.mcap").write_bytes((only(runs) / "recording.mcap").read_bytes())
+    words = ["run", "acquire", "--rig", "simulated", "--seconds", "2", "--pace", "max"]
+    assert main([*words, "--runs", str(tmp_path)]) == 0
+    capsys.readouterr()
+    assert main(["report", str(tmp_path)]) == 0
+    assert capsys.readouterr().out == f"{tmp_path}/a/report.html\n"
 
 
 def test_several_runs_get_a_page_each_and_the_bad_one_is_named(

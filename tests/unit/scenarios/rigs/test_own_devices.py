@@ -32,6 +32,9 @@ def hand(settings, now):
 def bad(settings, now):
     raise ValueError("no such port")
 
+def leaves(settings, now):
+    raise SystemExit(0)
+
 def lost(settings, now):
     raise LinkLost("nobody answers", "switch it on")
 """
@@ -49,6 +52,7 @@ def opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Any
     (told / "METADATA").write_text("Metadata-Version: 2.1\nName: acme\nVersion: 1.0\n")
     (told / "entry_points.txt").write_text(
         f"[grasp.grippers]\nacme = {name}:hand\nbad = {name}:bad\nlost = {name}:lost\n"
+        f"leaves = {name}:leaves\n"
         f"[grasp.arms]\nacme = {name}:hand\n[grasp.fingertips]\nacme = {name}:hand\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -116,6 +120,7 @@ def test_without_a_permit_none_is_opened(
     [
         ("zzz", ConfigError, "unknown: 'zzz'"),
         ("bad", UsageError, "cannot be opened: ValueError: no such port"),
+        ("leaves", UsageError, "cannot be opened: SystemExit: 0"),
         ("lost", LinkLost, "nobody answers"),
     ],
 )

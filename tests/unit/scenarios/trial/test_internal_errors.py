@@ -36,14 +36,19 @@ PLACES: dict[str, tuple[type, str]] = {
 }
 
 
-def plant(patch: pytest.MonkeyPatch, owner: type, name: str) -> Callable[[], None]:
+def plant(
+    patch: pytest.MonkeyPatch,
+    owner: type,
+    name: str,
+    error: type[BaseException] = ZeroDivisionError,
+) -> Callable[[], None]:
     """From when the result is called on, the method raises, whenever it is called."""
     whole = getattr(owner, name)
     planted: list[bool] = []
 
     def broken(self: Any, *args: Any, **more: Any) -> Any:
         if planted:
-            raise ZeroDivisionError(TEXT)
+            raise error(TEXT)
         return whole(self, *args, **more)
 
     patch.setattr(owner, name, broken)
@@ -96,6 +101,19 @@ def test_exception_of_ours_leaves_a_standing_arm_and_a_hand_that_holds(
     raised_ns = lift.ticks[-1].t_ns if place == "guard" else lift.done_at_ns  # asked later on
     sent = [i.admitted for t in lift.ticks for i in t.issued if i.decided_ns > raised_ns]  # type: ignore[operator]
     assert not any(isinstance(c, MoveArm) for c in sent)
+
+
+def test_a_library_that_ends_the_program_ends_the_run_as_a_fault_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begin = plant(monkeypatch, GraspController, "step", SystemExit)
+    lift = Staged(*QUICK)
+    trial = lift.run(in_phase(Phase.LIFT, 5), lambda rig: begin())
+    monkeypatch.undo()
+    result = lift.result(trial)
+    assert result.outcome == "internal_error" and result.bug is not None
+    assert result.bug.name == "SystemExit"
+    assert result.end is not None and result.end.arm == "the arm stands"
 
 
 def words(runs: Path, *more: str) -> list[str]:
