@@ -51,7 +51,7 @@ class Bug(msgspec.Struct, frozen=True):
     traceback: str
 
     @classmethod
-    def of(cls, error: Exception) -> Self:
+    def of(cls, error: BaseException) -> Self:
         lines = traceback.format_exception(error)
         return cls(type(error).__name__, str(error), "".join(lines))
 
