@@ -24,6 +24,12 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         Meta(ge=2, le=10000, description="of one that is not: quiet by itself; "
              "assumed, from the noise of the real one, 0.21 counts"),
     ] = 50  # fmt: skip
+    repeat_chance: Annotated[
+        float,
+        Meta(gt=0.0, le=0.1, description="what is not loaded is doubted no sooner than after "
+             "repeats as unlikely as this, by how often its codes have changed in the run: a quiet "
+             "sensor is no frozen one; assumed"),
+    ] = 1e-7  # fmt: skip
     loaded_counts: Annotated[
         int, Meta(ge=5, le=500, description="a taxel so far from its rest, and not at a rail, is "
                   "loaded; assumed, twice what warming up shifts it")

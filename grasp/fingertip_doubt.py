@@ -19,6 +19,29 @@ NONE: Taxels = frozenset()
 NO_FINGER = (False,) * FINGERS
 
 
+class Repeats:
+    """How long codes stay alike by chance, learnt from those that changed again."""
+
+    TAUGHT = 4  # changes before that: two codes that stray and come back may do so early
+
+    def __init__(self) -> None:
+        self._samples = 0
+        self._changes = 0
+
+    def ended(self, repeats: int, changes: int) -> None:
+        """So many codes changed after so many repeats."""
+        self._samples += repeats + 1
+        self._changes += changes
+
+    def patience(self, chance: float) -> float:
+        """Repeats in a row that are at least as unlikely as ``chance``, were each code to stray and
+        come back, two changes, at any time; infinite where too few have changed yet."""
+        strayed = (self._changes - self.TAUGHT) / 2
+        if strayed <= 0.0:
+            return math.inf
+        return -math.log(chance) * (self._samples + 1) / strayed
+
+
 class FingertipDoubt:
     """Raw codes that no living fingertip gives. A frame that was missed proves nothing.
 
@@ -33,7 +56,11 @@ class FingertipDoubt:
         self._before: tuple[list[int], Taxels] | None = None
         self._still: list[int] = [0] * FINGERS  # repeats in a row of each taxel
         self._deaf = NONE
-        self._counts = np.zeros((FINGERS, 1), np.int16)
+        self._counts: list[int] = [0] * FINGERS
+        self._repeats = [0] * FINGERS  # in a row of all of a fingertip's codes
+        # A sensor that is quiet in the air is not taken for a frozen one: of what is not loaded
+        self._by_chance = tuple(Repeats() for _ in range(FINGERS))
+        self._hand_by_chance = Repeats()
         self._at_rail = [0] * FINGERS
         self._jumped = False
         self.can_tell: Flags = np.ones((FINGERS, 1), np.bool_)
@@ -67,16 +94,36 @@ class FingertipDoubt:
         whole = len(rails) * FINGERS >= len(codes)
         railed = _whole_fingers(rails, len(codes)) if whole else NO_FINGER
         self._at_rail = [n + 1 if at else 0 for n, at in zip(self._at_rail, railed, strict=True)]
-        before, self._before, self._counts = self._before, (codes, rails), counts
+        before, self._before, self._counts = self._before, (codes, rails), counts.ravel().tolist()
         if before is None:
             self._still, self._jumped = [0] * len(codes), False
+            self._repeats = [0] * FINGERS
             self._hear(rails, raw.shape)
         else:
             moved = list(map(operator.sub, codes, before[0]))
             self._still = [0 if way else n + 1 for way, n in zip(moved, self._still, strict=True)]
             self._hear(rails, raw.shape)
             self._jumped = self._leapt(moved, self._deaf | before[1])
+            self._learn()
         self.believable = not (self._jumped or any(railed))
+
+    def _learn(self) -> None:
+        """What the codes of fingertips that nothing loads repeat by chance."""
+        before, fingers = self._repeats, _by_finger(self._still)
+        self._repeats = [min(own) for own in fingers]
+        loaded = [self._loaded(finger) for finger in range(FINGERS)]
+        changes = [own.count(0) for own in fingers]
+        for finger, chance in enumerate(self._by_chance):
+            if changes[finger] and not loaded[finger]:
+                chance.ended(before[finger], changes[finger])
+        if any(changes) and not any(loaded):
+            self._hand_by_chance.ended(min(before), sum(changes))
+
+    def _loaded(self, finger: int) -> bool:
+        """Whether a taxel that can tell is."""
+        least, each = self._settings.loaded_counts, len(self._counts) // FINGERS
+        own = range(finger * each, (finger + 1) * each)
+        return any(abs(self._counts[i]) >= least and i not in self._deaf for i in own)
 
     def _hear(self, rails: Taxels, shape: tuple[int, ...]) -> None:
         """Which taxels can tell now."""
@@ -107,12 +154,11 @@ class FingertipDoubt:
             return f"fingertips_at_rail: finger {railed} reads 0 or {CODE_MAX} at every taxel"
         if self._jumped:
             return f"fingertips_jump: every taxel changed by {s.jump_counts} counts or more at once"
-        repeats = [min(finger) for finger in _by_finger(self._still)]
-        if not any(repeats):  # most often
+        if not any(self._repeats):  # most often
             return ""
-        dead = [n >= self._patience(i) for i, n in enumerate(repeats)]
-        if all(dead) or min(repeats) >= _as_much(s.frozen_samples, self.can_tell):
-            return f"fingertips_frozen: all codes have come {min(repeats) + 1} times alike"
+        dead = [n >= self._patience(i) for i, n in enumerate(self._repeats)]
+        if all(dead) or min(self._repeats) >= self._hand_patience():
+            return f"fingertips_frozen: all codes have come {min(self._repeats) + 1} times alike"
         if any(dead):
             names = ", ".join(compress(FINGER_NAMES, dead))
             return f"fingertip_dead: finger {names} gives the same codes for ever"
@@ -132,12 +178,20 @@ class FingertipDoubt:
                 )
         return ""
 
-    def _patience(self, finger: int) -> int:
+    def _patience(self, finger: int) -> float:
         """Repeats of a fingertip that a taxel that can tell, above all a loaded one, could end."""
-        s, tell = self._settings, self.can_tell[finger]
-        if np.any(tell & (np.abs(self._counts[finger]) >= s.loaded_counts)):
+        s = self._settings
+        if self._loaded(finger):
             return s.dead_samples
-        return _as_much(s.dead_unloaded_samples, tell)
+        least = _as_much(s.dead_unloaded_samples, self.can_tell[finger])
+        return max(least, self._by_chance[finger].patience(s.repeat_chance))
+
+    def _hand_patience(self) -> float:
+        """Likewise of all fingertips at once."""
+        least = _as_much(self._settings.frozen_samples, self.can_tell)
+        if any(self._loaded(finger) for finger in range(FINGERS)):
+            return least
+        return max(least, self._hand_by_chance.patience(self._settings.repeat_chance))
 
 
 def at_rail(raw: NDArray[np.int16]) -> Flags:

@@ -58,7 +58,10 @@ CHECKS = (
     "arm_goes_on", "arm_jump",
 )  # fmt: skip
 PATIENCE = ("1", "1/2", "1/4")
-RANGES = ("soft_low_counts", "soft_high_counts", "pressing_ma", "stuck_samples", "living_share")
+RANGES = (
+    "soft_low_counts", "soft_high_counts", "pressing_ma", "stuck_samples", "living_share",
+    "repeat_chance",
+)  # fmt: skip
 Trial = tuple[LiftConfig | TapConfig, int]  # settings and seed
 
 

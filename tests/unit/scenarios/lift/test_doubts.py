@@ -261,3 +261,23 @@ def test_fault_in_a_safe_state_is_told_and_neither_opens_the_hand_nor_moves_the_
         assert failure.end is not None and failure.end.further == tuple(trial.controller.further)
     else:
         assert name.startswith("fingertips")  # nobody hears them any more
+
+
+QUIET = "fingertip.noise_counts=0.15"  # in the air its codes repeat for a third of a second
+
+
+def test_a_lift_with_quiet_sensors_is_held() -> None:
+    trial = Staged(HAND_ALONE, QUIET).run(lambda tick: False, lambda rig: None)
+    assert trial.controller.fault_cause == ""
+    assert trial.controller.phase is P.DONE
+
+
+@pytest.mark.parametrize("act", [fault.freeze_fingertips, fault.freeze_thumb])
+@pytest.mark.parametrize("phase", [P.GRASP, P.OPPOSE])
+def test_quiet_sensors_that_freeze_in_the_air_are_refused_before_the_arm_lifts(
+    act: fault.Act, phase: Phase
+) -> None:
+    staged = Staged(HAND_ALONE, QUIET)
+    trial = staged.run(in_phase(phase, 20), act)
+    assert trial.controller.fault_cause.startswith("fingertip")
+    assert P.LIFT not in {t.decision.phase for t in staged.ticks}

@@ -1,0 +1,60 @@
+"""A sensor that is quiet in the air is no frozen one, which is told as soon as it can be."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from grasp.doubt_settings import DoubtSettings
+from grasp.fingertip_doubt import FingertipDoubt
+from grasp.phases import Phase
+from tests.unit.grasp.test_doubt import Codes, codes, frame
+
+
+def quiet(k: int, every: int) -> Codes:
+    """Fingertips in the air, one code of each of which strays now and then, and comes back."""
+    raw = np.full((3, 6), 450, np.int16)
+    raw[:, k // every % 6] += k % every == 0
+    return raw
+
+
+def until_frozen(samples: list[Codes], still: Codes, **settings: Any) -> tuple[int, str]:
+    """How many samples that stay as they are it takes after these."""
+    doubt = FingertipDoubt(DoubtSettings(**settings))
+    assert not any(doubt.see(frame(raw), Phase.GRASP) for raw in samples)
+    for n in range(1000):
+        if said := doubt.see(frame(still), Phase.GRASP):
+            return n, said.partition(":")[0]
+    return 1000, ""
+
+
+@pytest.mark.parametrize("every", [4, 15, 40])
+def test_a_quiet_sensor_in_the_air_is_not_taken_for_a_frozen_one(every: int) -> None:
+    """Stretches without a change that came again and again prove nothing."""
+    samples = [quiet(k, every) for k in range(1, 20 * every)]
+    least = {4: 20, 15: 50, 40: 100}[every]
+    n, said = until_frozen(samples, samples[-1])
+    assert n >= least
+    assert said.startswith("fingertip")
+
+
+def test_one_that_never_changed_is_believed_until_it_is_pressed() -> None:
+    rest = np.full((3, 6), 450, np.int16)
+    assert until_frozen([rest], rest) == (1000, "")
+    n, said = until_frozen([rest, rest - np.int16(35)], rest - np.int16(35))
+    assert (n, said) == (7, "fingertips_frozen")
+
+
+@pytest.mark.parametrize("lively", [5, 60])
+def test_a_lively_one_that_freezes_in_the_air_is_doubted_no_later(lively: int) -> None:
+    samples = [codes(k) + np.int16(50) for k in range(lively)]
+    n, said = until_frozen(samples, samples[-1])
+    assert (n, said) == (7, "fingertips_frozen")
+
+
+def test_repeat_chance() -> None:
+    """Two samples in three are alike: as many more have to come as the chance is less."""
+    samples = [quiet(k, 6) for k in range(300)]
+    waits = [until_frozen(samples, samples[-1], repeat_chance=10.0**-n)[0] for n in (3, 6, 9)]
+    assert waits[1] - waits[0] == pytest.approx(waits[2] - waits[1], abs=2)
+    assert waits[0] < waits[1] < waits[2]
