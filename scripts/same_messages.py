@@ -4,7 +4,8 @@
 
 Both trees run the same lifts, taps and acquisitions on the simulated rig, each from its own
 checkout with this interpreter; then the recordings are compared message by message: channel, log
-time and bytes. Metadata (settings, versions) are left out, since a commit may rename a setting.
+time and bytes. Metadata (settings, versions) are left out, since a commit may rename a setting;
+log times count from the epoch of virtual time, where a recording has one.
 
 A listed rename is made in the old bytes, and nothing else is. Two things that the earlier tree had
 as one are counted as one, in the new bytes, and that is said; two that both trees tell apart are
@@ -25,6 +26,8 @@ from pathlib import Path
 
 import numpy as np
 from mcap.reader import make_reader
+
+from grasp.clock import VIRTUAL_EPOCH_NS
 
 HOME = Path(__file__).resolve().parent.parent
 OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
@@ -51,7 +54,12 @@ PARTS: tuple[tuple[str, str], ...] = (
 )
 
 # Channels that a scenario has had since: not compared with a tree that had none of them.
-ADDED = {"acquire": ("/tactile", "/arm", "/press", "/truth")}
+FOR_VIEWERS = ("/log", "/tf", "/scene", "/forces", "/taxels")
+ADDED = {
+    "lift": FOR_VIEWERS,
+    "tap": FOR_VIEWERS,
+    "acquire": (*FOR_VIEWERS, "/tactile", "/arm", "/press", "/truth"),
+}
 
 Key = tuple[str, int]  # channel and its n-th message, or a recording's array
 Contents = dict[Key, tuple[int, bytes]]  # log time in ns, bytes
@@ -176,8 +184,13 @@ def _messages(path: Path) -> Contents:
     with path.open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
             number = numbers[channel.topic] = numbers.get(channel.topic, -1) + 1
-            contents[channel.topic, number] = message.log_time, message.data
+            contents[channel.topic, number] = undated(message.log_time), message.data
     return contents
+
+
+def undated(log_time_ns: int) -> int:
+    """A log time since the start of virtual time, of a recording with a date or without."""
+    return log_time_ns - VIRTUAL_EPOCH_NS if log_time_ns >= VIRTUAL_EPOCH_NS else log_time_ns
 
 
 def _report(

@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from grasp.clock import VIRTUAL_EPOCH_NS
 from grasp.phases import Phase
 from scripts import same_messages
-from scripts.same_messages import comparable, folded_into, phases_of
+from scripts.same_messages import comparable, folded_into, phases_of, undated
 
 ROOT = Path(__file__).parents[3]
 NOW = {phase.value for phase in Phase}
@@ -87,6 +88,11 @@ def test_fields_are_left_out_only_beside_a_tree_that_had_none_and_only_while_the
     assert not same(control("lift", b""), control("lift", late), NOW)
     assert not same(control("lift", late), control("lift"), NOW)
     assert not same(control("lift"), control("lift", b""), NOW)
+
+
+def test_a_date_is_no_difference_and_another_time_since_the_start_is() -> None:
+    assert undated(VIRTUAL_EPOCH_NS + 6_410_000_000) == undated(6_410_000_000) == 6_410_000_000
+    assert undated(VIRTUAL_EPOCH_NS + 6_420_000_000) != undated(6_410_000_000)
 
 
 def test_a_run_that_leaves_no_message_is_no_equal_of_another(tmp_path: Path) -> None:
