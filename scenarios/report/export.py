@@ -37,8 +37,8 @@ def _columns(run: RunRecord) -> dict[str, Floats]:
         "armed": run.armed.astype(np.float64),
         "masked": run.masked.astype(np.float64),
         "registered": run.registered.astype(np.float64),
-        **_by_finger("probability", run.probabilities),
-        **_by_finger("felt_n", run.felt_n),
+        **_by_finger("probability", run.heard(run.probabilities)),
+        **_by_finger("felt_n", run.heard(run.felt_n)),
         **_by_finger("position_counts", run.fingers_counts),
         **{f"arm_{axis}_m": run.arm_m[:, i] for i, axis in enumerate(AXES)},
     }

@@ -99,8 +99,8 @@ def _columns(run: RunRecord, by_rule: Decided) -> dict[str, Column]:
     status = run.armed * 1.0 + run.masked * 2.0 + run.registered * 4.0
     columns = {
         "t": Column(run.t_s, TIME_S),
-        "probability": Column(run.probabilities, PROBABILITY),
-        "felt": Column(run.felt_n, FORCE_N),
+        "probability": Column(run.heard(run.probabilities), PROBABILITY),
+        "felt": Column(run.heard(run.felt_n), FORCE_N),
         "counts": Column(run.counts, 1.0),
         "positions": Column(run.fingers_counts, 1.0),
         "arm": Column(run.arm_m[:, 2], LENGTH_M),

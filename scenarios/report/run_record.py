@@ -213,6 +213,11 @@ class RunRecord(msgspec.Struct, frozen=True):
         """Of which experiment it is."""
         return scenario_of(self.settings)
 
+    def heard(self, values: Floats) -> Floats:
+        """Of each finger (n, 3), NaN until its fingertip was heard: before rest counts are taken
+        nobody knows what it feels."""
+        return np.where(np.isnan(self.counts[:, :, 0]), math.nan, values)
+
     @property
     def seed(self) -> str:
         return self.metadata.get("seed", "0")

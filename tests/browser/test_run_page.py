@@ -1,5 +1,6 @@
 """The page of a run in a real browser: quiet, and moved by mouse and keys alike."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -28,15 +29,18 @@ def move(page: Chromium, to: int) -> None:
 
 
 def told(page: Chromium, what: str) -> list[float]:
-    return [float(page.text(f"#{what}-{finger}")) for finger in "ABC"]
+    """Numbers; a dash is none."""
+    texts = [page.text(f"#{what}-{finger}") for finger in "ABC"]
+    return [math.nan if text == "–" else float(text) for text in texts]
 
 
 def agrees(page: Chromium, run: RunRecord, at: int) -> None:
     assert run.truth is not None
     assert index(page) == at
     assert told(page, "true") == pytest.approx(run.truth.normal_n[at], abs=0.0056)
-    assert told(page, "felt") == pytest.approx(run.felt_n[at], abs=0.0056)
-    assert told(page, "probability") == pytest.approx(run.probabilities[at], abs=0.00051)
+    heard = (("felt", run.felt_n, 0.0056), ("probability", run.probabilities, 0.00051))
+    for what, values, near in heard:
+        assert told(page, what) == pytest.approx(run.heard(values)[at], abs=near, nan_ok=True)
     assert page.text("#clock") == f"{run.t_s[at]:.2f} s"
 
 

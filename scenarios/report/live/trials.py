@@ -85,11 +85,14 @@ class LiveTrials:
     def _values(self, tick: Tick, truth: Truth | None) -> Values:
         """The columns of ``_data``, in their order."""
         seen, slip = tick.observation, tick.decision.slip
-        unknown: Values = [None] * (FINGERS * taxels_of(self._told))
-        counts = unknown if tick.frame is None else tick.frame.counts.ravel().tolist()
         status = slip.armed * 1.0 + slip.masked * 2.0 + slip.registered * 4.0
-        values: Values = [tick.t_ns * 1e-9, *seen.probabilities.tolist(), *tick.measured_n]
-        values += [*counts, *tick.gripper.positions, tick.arm.position_m[2], status]
+        values: Values = [tick.t_ns * 1e-9]
+        if tick.frame is None:  # nobody knows yet what fingertips feel
+            values += [None] * (FINGERS * (2 + taxels_of(self._told)))
+        else:
+            values += [*seen.probabilities.tolist(), *tick.measured_n]
+            values += tick.frame.counts.ravel().tolist()
+        values += [*tick.gripper.positions, tick.arm.position_m[2], status]
         if self._fused:
             values.append(float(fused(seen.probabilities[None], self._rule)[0, 0]))
         if self._motion:

@@ -77,12 +77,12 @@ function drawFinger(hand, side, index, padHalf, palm) {
     const x = side * reach, back = x + side * PAD_MM;
     set(pad, {x: side < 0 ? x - PAD_MM : x});
     set(link, {points: `${side * 40},${-palm} ${side * (reach + 30)},${-0.6 * palm} ${back},${-padHalf / 2}`});
-    set(felt, {d: `M${back} ${y - 2.5}h${side * feltN * FORCE_MM}v5H${back}z`});
+    set(felt, {d: Number.isFinite(feltN) ? `M${back} ${y - 2.5}h${side * feltN * FORCE_MM}v5H${back}z` : ""});
     set(limit, {d: `M${back + side * most} ${y - 5}v10`});
     set(arrow, {d: trueN === null ? "" : arrowPath(back, y, side, trueN * FORCE_MM)});
     set(share, {d: shearN === null ? "" : risePath(x - side * 4, y, -shearN * FORCE_MM)});
     const shown = trueN === null ? feltN : trueN;
-    const end = back + side * (Math.max(most, shown * FORCE_MM) + 4);
+    const end = back + side * (Math.max(most, shown * FORCE_MM || 0) + 4);
     set(label, {x: end, y: y * 1.4 + 4});
     label.textContent = Number.isFinite(shown) ? `${data.fingers[index]} ${shown.toFixed(1)}` : data.fingers[index];
   };
