@@ -11,6 +11,7 @@ from grasp.cli import view
 from grasp.loop import Tick
 from grasp.phases import Phase
 from grasp.watch import Onlooker
+from scenarios.trial.result import spelt
 
 REFRESH_TICKS = 6
 STATUS_TICKS = 50
@@ -172,7 +173,7 @@ def physics_lines(result: Any) -> list[str]:
 def print_verdict(result: Any, verbose: bool = False) -> None:
     """The short verdict of a trial and where its recording is; ``verbose``: its physics too."""
     word = {True: "SUCCESS", False: "FAILED", None: "NOT JUDGED"}[result.success]
-    print(f"\n{word}: {_spelt(result.outcome)}  ({result.object}, seed {result.seed})")
+    print(f"\n{word}: {spelt(result.outcome)}  ({result.object}, seed {result.seed})")
     for text in facts(result):
         print(f"  {text}")
     for line in physics_lines(result) if verbose else ():
@@ -213,7 +214,7 @@ def trial_line(result: Any) -> str:
 
 
 def _lift_line(result: Any) -> str:
-    parts = [f"seed {result.seed:<4} {_spelt(result.outcome):<18}"]
+    parts = [f"seed {result.seed:<4} {spelt(result.outcome):<18}"]
     if result.slip_distance_m is not None:
         parts.append(f"slipped {result.slip_distance_m * 1e3:5.1f} mm")
         parts.append(view.turned_text(result.turned_rad))
@@ -224,7 +225,7 @@ def _lift_line(result: Any) -> str:
 
 def tap_line(result: Any) -> str:
     """One tap in a line."""
-    parts = [f"seed {result.seed:<4} {result.direction:<7}  {_spelt(result.outcome):<18}"]
+    parts = [f"seed {result.seed:<4} {result.direction:<7}  {spelt(result.outcome):<18}"]
     if result.displacement_m is not None:
         parts.append(f"moved {result.displacement_m * 1e3:5.1f} mm")
         parts.append(view.turned_text(result.turned_rad))
@@ -246,11 +247,5 @@ def print_taps(summary: Any) -> None:
             f"{name:<9} {n.successes} of {n.moved} taps that moved it{rate}; "
             f"{n.false_alarms} of {n.unmoved} that moved nothing registered all the same"
         )
-    others = ", ".join(f"{_spelt(name)} {n}" for name, n in summary.outcomes.items())
+    others = ", ".join(f"{spelt(name)} {n}" for name, n in summary.outcomes.items())
     print(f"outcomes  {others}")
-
-
-def _spelt(outcome: str) -> str:
-    """As a person writes it: `held_within_6cm` is held within 6 cm."""
-    words = outcome.replace("_", " ")
-    return f"{words[:-2]} cm" if words.endswith("cm") else words

@@ -19,6 +19,7 @@ from scenarios.report.charts import Plot, Rate, rates, shares
 from scenarios.report.page import render
 from scenarios.report.run_settings import command_of, shell
 from scenarios.tap.scoring import UNMOVED
+from scenarios.trial.result import spelt
 
 MOST_FAILURES = 400  # that are listed: a page stays below its size
 BINS = 5  # of an unknown that was drawn from a range
@@ -82,6 +83,7 @@ def campaign_page(file: Path, out: Path) -> str:
         title=f"campaign {spec.name}",
         sentence=_sentence(rows),
         spec=spec,
+        spelt=spelt,
         rows=rows,
         errors=sum(row.status == "error" for row in rows),
         tables=tables,

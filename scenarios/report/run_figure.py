@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from drivers.interfaces import FINGER_NAMES
 from scenarios.report.run_decision import decided
 from scenarios.report.run_record import RunRecord, read_run
+from scenarios.trial.result import spelt
 
 COLOURS = {"A": "#1f5f99", "B": "#c2571a", "C": "#3a7d44"}
 LIMIT_COLOUR, TURN_COLOUR = "#b00020", "#7a4a9e"
@@ -55,8 +56,7 @@ def title(run: RunRecord) -> str:
     told = f"{run.scenario} of {run.told.object.name}, seed {run.seed}, {run.told.detector_name}"
     if run.verdict is None:
         return told
-    words = run.verdict.outcome.replace("_", " ")
-    return f"{told}: {words[:-2]} cm" if words.endswith("cm") else f"{told}: {words}"
+    return f"{told}: {spelt(run.verdict.outcome)}"
 
 
 def _draw_force(axes: Any, run: RunRecord) -> None:

@@ -20,6 +20,12 @@ from scenarios.trial.ending import End
 from scenarios.world.ladder.runs import RunPlan
 
 
+def spelt(outcome: str) -> str:
+    """An outcome as a person writes it: `held_within_6cm` is held within 6 cm."""
+    words = outcome.replace("_", " ")
+    return f"{words[:-2]} cm" if words.endswith("cm") else words
+
+
 class TimingResult(msgspec.Struct, frozen=True):
     """Measured on this machine. On the simulated rig the frame age is virtual time, and there is no
     wire to acknowledge anything; on one, the time runs from the decision to the reply to the write
