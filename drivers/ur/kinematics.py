@@ -153,6 +153,13 @@ def inverted(matrix: Frame) -> Frame:
     return back
 
 
+def turned(start: Frame, end: Frame, share: float) -> Frame:
+    """The orientation a share of the way from one to another, about one axis; 3 x 3."""
+    x, y, z = rotation_vector(end @ start.T)
+    way: Frame = rotation((share * x, share * y, share * z)) @ start
+    return way
+
+
 def turn_between(a: Frame, b: Frame) -> float:
     """Angle of the rotation that leads from one frame's orientation to the other's."""
     return math.hypot(*rotation_vector(a[:3, :3].T @ b[:3, :3]))

@@ -11,13 +11,20 @@ from functools import partial
 
 from drivers.fairness import Budget, Slowly
 from drivers.ur.emulator.motion import RobotMotion
-from drivers.ur.emulator.rtde_wire import REGISTERS, Scalar, Values
+from drivers.ur.emulator.ports import Ports
+from drivers.ur.emulator.rtde_wire import BITS, REGISTERS, Scalar, Values
 from drivers.ur.emulator.settings import EmulatorSettings
 from drivers.ur.emulator.urscript.builtins import BUILTINS
 from drivers.ur.emulator.urscript.compile import compile_program
 from drivers.ur.emulator.urscript.parse import ScriptError
 from drivers.ur.emulator.urscript.run import Compiled, Program
 
+_KINDS: tuple[tuple[str, Scalar, int], ...] = (
+    ("int", 0, REGISTERS),
+    ("double", 0.0, REGISTERS),
+    ("bit", False, BITS),
+)
+_BIT_WORDS = {"bit_registers0_to_31": 0, "bit_registers32_to_63": 32}
 _KEPT_PROGRAMS = 8
 _KEPT_CHARS = 300_000  # of all these together
 ENDLESS = Budget()
@@ -54,29 +61,33 @@ class Registers:
 
     def __init__(self) -> None:
         self.values: dict[tuple[str, str], list[Scalar]] = {
-            (direction, kind): [0 if kind == "int" else 0.0] * REGISTERS
+            (direction, kind): [nothing] * count
             for direction in ("input", "output")
-            for kind in ("int", "double")
+            for kind, nothing, count in _KINDS
         }
 
     def read(self, direction: str, kind: str, address: object) -> Scalar:
-        return self.values[direction, kind][_address(address)]
+        return _of(self.values[direction, kind], address)
 
     def write(self, kind: str, address: object, value: Scalar) -> None:
-        self.values["output", kind][_address(address)] = value
+        _of(self.values["output", kind], address)
+        self.values["output", kind][int(address)] = value  # type: ignore[call-overload]
 
     def take_input(self, name: str, values: Values) -> None:
         """Store an input by its RTDE name; names that are no register are ignored."""
         direction, _, rest = name.partition("_")
+        if rest in _BIT_WORDS:
+            first, word = _BIT_WORDS[rest], int(values[0])
+            self.values["input", "bit"][first : first + 32] = [word >> n & 1 for n in range(32)]
         kind, _, address = rest.partition("_register_")
         if (direction, kind) in self.values and address.isdigit():
             self.values[direction, kind][int(address)] = values[0]
 
 
-def _address(address: object) -> int:
-    if not isinstance(address, int) or not 0 <= address < REGISTERS:
-        raise ScriptError(f"no register {address!r}")
-    return address
+def _of(values: list[Scalar], address: object) -> Scalar:
+    if not isinstance(address, int) or not 0 <= address < len(values):
+        raise ScriptError(f"no register {address!r:.60}")
+    return values[address]
 
 
 class Watchdog:
@@ -101,6 +112,7 @@ class Controller:
         self.period_s = settings.controller.period_ns * 1e-9
         self.motion = motion
         self.registers = Registers()
+        self.ports = Ports()
         self.payload_kg = 0.0
         self.payload_cog_m: tuple[float, ...] = (0.0, 0.0, 0.0)
         self.robot_mode = RobotMode.RUNNING
@@ -128,10 +140,13 @@ class Controller:
         self.cycles += 1
         for name, values in inputs.items():
             self.registers.take_input(name, values)
-        if not self.motion.update(now_ns) and self.safety_mode is SafetyMode.NORMAL:
-            self.log("joints cannot follow the tool")
-            self.protective_stop()
-        if self.motion.tripped and self.safety_mode is SafetyMode.NORMAL:
+        self.ports.take_inputs(inputs)
+        self.motion.speed_fraction = self.ports.speed_fraction
+        trouble = self.motion.update(now_ns)
+        powered = self.robot_mode is RobotMode.RUNNING and self.safety_mode is SafetyMode.NORMAL
+        if powered and trouble:
+            self.log(trouble)
+        if powered and (trouble or self.motion.tripped):
             self.protective_stop()
         self._watch(inputs)
         self._compile(budget)
@@ -168,7 +183,7 @@ class Controller:
         """Replace the program; one that does not compile leaves the controller without any. A new
         one starts in one of the next cycles, once it is compiled."""
         self.stop_program("replaced")
-        if self.robot_mode is not RobotMode.RUNNING or self.safety_mode is not SafetyMode.NORMAL:
+        if not self.ready:
             self.log("program refused: the robot is not ready")
         elif text in self._compiled:
             self._start(self._compiled[text])
@@ -176,11 +191,16 @@ class Controller:
             work = partial(compile_program, text, BUILTINS)
             self._compiling = text, Slowly(work)
 
+    @property
+    def ready(self) -> bool:
+        """A program may start."""
+        return self.robot_mode is RobotMode.RUNNING and self.safety_mode is SafetyMode.NORMAL
+
     def _start(self, compiled: Compiled | ScriptError) -> None:
         if isinstance(compiled, ScriptError):
             self.script_errors += 1
             self.log(f"script error: {compiled}")
-        elif self.safety_mode is SafetyMode.NORMAL:
+        elif self.ready:
             self._program = Program(compiled, self)
             self.runtime_state = RuntimeState.PLAYING
 
@@ -256,6 +276,26 @@ class Controller:
         self.robot_mode = RobotMode.POWER_OFF
         self.motion.trip()
         self.stop_program("emergency stop")
+
+    def power_off(self) -> None:
+        self.motion.trip()
+        self.stop_program("power off")
+        self.robot_mode = RobotMode.POWER_OFF
+
+    def pause_program(self) -> bool:
+        """False where none plays, or where the arm is in a motion: that is not emulated."""
+        if self.runtime_state is not RuntimeState.PLAYING or self.motion.moving:
+            self.log("pause refused: no program plays, or the arm moves")
+            return False
+        self.runtime_state = RuntimeState.PAUSED
+        return True
+
+    def resume_program(self) -> bool:
+        """False where none is paused, or the robot is not ready."""
+        if self._program is None or self.safety_mode is not SafetyMode.NORMAL:
+            return False
+        self.runtime_state = RuntimeState.PLAYING
+        return True
 
     def power_on(self) -> bool:
         if self.emergency_button:

@@ -5,6 +5,8 @@ from collections.abc import Callable
 from drivers.ur.emulator.controller import Controller, RuntimeState
 from drivers.ur.emulator.settings import EmulatorSettings
 
+# the only program file there is: the one that the C++ client library's example loads
+PROGRAMS = {"wait_program.urp": "def wait_program():\n while True:\n  sleep(1)\n end\nend\n"}
 BANNER = b"Connected: Universal Robots Dashboard Server\n"
 
 
@@ -18,30 +20,88 @@ class Dashboard:
             "polyscopeversion": lambda: self._profile.polyscope,
             "get serial number": lambda: settings.serial_number,
             "get robot model": lambda: "UR10",
-            "is in remote control": self._remote,
             "robotmode": lambda: f"Robotmode: {controller.robot_mode.name}",
             "safetymode": lambda: f"Safetymode: {controller.safety_mode.name}",
             "safetystatus": lambda: f"Safetystatus: {controller.safety_mode.name}",
             "programstate": self._program_state,
             "running": lambda: f"Program running: {str(self._playing).lower()}",
             "stop": self._stop,
-            "play": lambda: "Failed to execute: play",  # no program file is ever loaded here
+            "play": self._play,
+            "pause": self._pause,
+            "power off": self._power_off,
+            "get loaded program": self._loaded_program,
+            "isprogramsaved": lambda: " ".join(("true", self._loaded)).strip(),
+            "restart safety": self._restart_safety,
+            "shutdown": lambda: self._refuse("shutdown"),
+            "get operational mode": lambda: "NONE",
+            "clear operational mode": lambda: "No longer controlling the operational mode",
+            "is in remote control": self._remote,
+            "version": lambda: ".".join(map(str, self._profile.version)),
+            "savelog": lambda: "Log saved to disk",
+            "quit": lambda: "Disconnected",
             "unlock protective stop": self._unlock,
             "close safety popup": lambda: "closing safety popup",
             "close popup": lambda: "closing popup",
             "power on": lambda: self._allowed(controller.power_on(), "Powering on"),
             "brake release": lambda: self._allowed(controller.release_brakes(), "Brake releasing"),
         }
+        self._worded: dict[str, Callable[[str], str]] = {
+            "load": self._load,
+            "popup": lambda text: self._refuse("popup"),
+            "addtolog": self._add_to_log,
+        }
+        self._loaded = ""
 
     def answer(self, line: str) -> str:
         """The answer without its line end."""
-        command = " ".join(line.lower().split())
-        known = self._answers.get(command)
-        return known() if known else f"could not understand: '{line.strip()}'"
+        text = " ".join(line.split())
+        known = self._answers.get(text.lower())
+        if known is not None:
+            return known()
+        word, _, rest = text.partition(" ")
+        worded = self._worded.get(word.lower())
+        return worded(rest) if worded and rest else f"could not understand: '{line.strip():.200}'"
 
     @property
     def _playing(self) -> bool:
         return self._controller.runtime_state is RuntimeState.PLAYING
+
+    def _load(self, name: str) -> str:
+        if name not in PROGRAMS:
+            return f"File not found: {name[:200]}"
+        self._loaded = name
+        return f"Loading program: /programs/{name}"
+
+    def _loaded_program(self) -> str:
+        return f"Loaded program: /programs/{self._loaded}" if self._loaded else "No program loaded"
+
+    def _play(self) -> str:
+        if self._controller.runtime_state is RuntimeState.PAUSED:
+            done = self._controller.resume_program()
+        else:
+            done = bool(self._loaded) and self._controller.ready
+            if done:
+                self._controller.load(PROGRAMS[self._loaded])
+        return "Starting program" if done else "Failed to execute: play"
+
+    def _pause(self) -> str:
+        return "Pausing program" if self._controller.pause_program() else "Failed to execute: pause"
+
+    def _power_off(self) -> str:
+        self._controller.power_off()
+        return "Powering off"
+
+    def _restart_safety(self) -> str:
+        self._controller.power_off()
+        return "Restarting safety"
+
+    def _add_to_log(self, text: str) -> str:
+        self._controller.log(text)
+        return "Added log message"
+
+    def _refuse(self, what: str) -> str:
+        self._controller.log(f"{what} is not emulated")
+        return f"Failed to execute: {what}"
 
     def _remote(self) -> str:
         if not self._profile.has_remote_control:

@@ -4,11 +4,14 @@ Status bits: "RTDE Guide". Currents, voltages, temperatures and the like are con
 arm: nothing here models them.
 """
 
+import math
+
 from drivers.ur.emulator.controller import Controller, RobotMode, RuntimeState, SafetyMode
-from drivers.ur.emulator.rtde_wire import E_SERIES_OUTPUT_TYPES, STRUCT_CODES, Values
+from drivers.ur.emulator.rtde_wire import BITS, E_SERIES_OUTPUT_TYPES, STRUCT_CODES, Values
 
 _POWER_ON, _PROGRAM_RUNNING, _POWER_BUTTON = 1 << 0, 1 << 1, 1 << 3
 _JOINT_RUNNING, _JOINT_POWER_OFF = 253, 245
+_TOOL_RUNNING = 253
 _SAFETY_BITS = {
     SafetyMode.NORMAL: 1 << 0,
     SafetyMode.PROTECTIVE_STOP: 1 << 2 | 1 << 10,
@@ -28,7 +31,9 @@ _CONSTANT: dict[str, Values] = {
     "actual_joint_voltage": (48.0,) * 6,
     "actual_tool_accelerometer": (0.0, 0.0, -9.82),
     "speed_scaling": (1.0,),
-    "target_speed_fraction": (1.0,),
+    "tool_mode": (_TOOL_RUNNING,),
+    "tool_temperature": (30.0,),
+    "tool_analog_input_types": (0b11,),
     "actual_main_voltage": (48.0,),
     "actual_robot_voltage": (48.0,),
     "actual_robot_current": (0.5,),
@@ -38,11 +43,15 @@ _REGISTER_NAMES = {
     for direction in ("input", "output")
     for kind in ("int", "double")
 }
+_BIT_NAMES = {
+    direction: [f"{direction}_bit_register_{index}" for index in range(BITS)]
+    for direction in ("input", "output")
+}
 
 
 def output_values(controller: Controller) -> dict[str, Values]:
     """One cycle's values by field name."""
-    motion = controller.motion
+    motion, ports = controller.motion, controller.ports
     pose, speed = motion.tcp_pose, motion.tcp_speed
     running = controller.robot_mode is RobotMode.RUNNING
     values = {
@@ -64,12 +73,29 @@ def output_values(controller: Controller) -> dict[str, Values]:
         "robot_mode": (controller.robot_mode,),
         "joint_mode": ((_JOINT_RUNNING if running else _JOINT_POWER_OFF),) * 6,
         "safety_mode": (controller.safety_mode,),
+        "safety_status": (controller.safety_mode,),
+        "tcp_force_scalar": (math.hypot(*controller.wrench[:3]),),
+        "speed_scaling": (ports.speed_fraction,),
+        "target_speed_fraction": (ports.speed_fraction,),
+        "actual_digital_input_bits": (ports.digital_in,),
+        "actual_digital_output_bits": (ports.digital_out,),
+        "standard_analog_input0": (ports.analog_in[0],),
+        "standard_analog_input1": (ports.analog_in[1],),
+        "standard_analog_output0": (ports.analog_out(0),),
+        "standard_analog_output1": (ports.analog_out(1),),
+        "analog_io_types": (ports.analog_types,),
         "runtime_state": (controller.runtime_state,),
         "robot_status_bits": (_status_bits(controller),),
         "safety_status_bits": (_SAFETY_BITS[controller.safety_mode],),
     }
     for key, names in _REGISTER_NAMES.items():
         values.update(zip(names, zip(controller.registers.values[key]), strict=True))
+    for direction, names in _BIT_NAMES.items():
+        bits = controller.registers.values[direction, "bit"]
+        values.update(zip(names, zip(bits), strict=True))
+        for first in (0, 32):
+            word = sum(bool(bit) << place for place, bit in enumerate(bits[first : first + 32]))
+            values[f"{direction}_bit_registers{first}_to_{first + 31}"] = (word,)
     return values
 
 

@@ -1,11 +1,13 @@
-"""Joins the straight-line arm to URScript's motions and to the joints of a UR10.
+"""Joins the arm of the world to URScript's motions and to the joints of a UR10.
 
-The arm model moves a point, the flange, and turns it about its own axis. Lines keep the present
-orientation: one that would turn the flange is refused. `speedl` may turn it about its axis, where
-that does not move the tool centre point.
+The arm model moves a point, the flange, and turns it about its own axis. Lines that keep the tool's
+orientation, and velocities that turn it about its axis alone, are the model's own: the same that
+virtual time runs. Everything else is planned here, cycle by cycle (`plans`), and the model follows
+with its point; how the tool is tilted is known here alone.
 """
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 
@@ -13,22 +15,35 @@ import numpy as np
 
 from drivers.interfaces import Vector3
 from drivers.ur import kinematics
+from drivers.ur.driver import ArmSample
+from drivers.ur.emulator.plans import (
+    STILL,
+    JointMove,
+    JointServo,
+    JointSpeed,
+    OutOfReach,
+    Plan,
+    ToolMove,
+    ToolSpeed,
+    beyond,
+)
 from drivers.ur.emulator.settings import EmulatorSettings
 from drivers.ur.emulator.urscript.parse import ScriptError
 from drivers.ur.emulator.urscript.run import Thread
 from drivers.ur.kinematics import Frame, Joints, Pose
 from drivers.ur.model import ArmModel
 
-_TURN_TOLERANCE_RAD = 0.01
+_TURN_TOLERANCE_RAD = 1e-4  # what is turned by less keeps its orientation
 _AT_TARGET_M = 1e-6
+_OFF_AXIS = 0.01  # of a turn: direction of another axis
 _ON_AXIS = 1e-6  # of the tool centre point, m; of a turn, rad/s
 _STEADY_NS = 500_000_000  # URScript manual: is_steady, standing still for 500 ms
-_STANDING: Joints = (0.0,) * kinematics.JOINTS
 
 
 # no arm moves faster, or changes its speed more slowly; what follows from them stays finite
 _SPEEDS = (1e-6, 100.0)  # m/s, rad/s
 _ACCELERATIONS = (1e-3, 1e4)
+_LOOKAHEADS_S = (0.03, 0.2)  # URScript manual: servoj
 
 
 def _check(what: str, value: float, within: tuple[float, float]) -> None:
@@ -53,57 +68,101 @@ class RobotMotion:
         self._stop_mps2 = settings.stop_deceleration_mps2
         self._start_rotation = kinematics.rotation(settings.tool_rotation_rad)
         self._rotation = self._start_rotation
+        self._turned_rad = 0.0  # the arm model's angle at the start rotation
+        self.speed_fraction = 1.0  # of the speed slider
         self._owner: Thread | None = None
+        self._plan: Plan | None = None
+        self._planned: deque[tuple[int, Joints, Joints]] = deque()  # when the arm is there; q, qd
+        self._braking = False
         self._target: Vector3 | None = None
         self._speed: tuple[Vector3, float, float] | None = None
         self._still_since_ns = now_ns
         with lock:
             self._still_at: Vector3 = arm.position(now_ns)
         self._now_ns = now_ns
-        self.set_tcp(_STANDING)
+        self.moving = False
+        self.turning: Vector3 = (0.0, 0.0, 0.0)
+        self.set_tcp(STILL)
         start = kinematics.inverse(self._flange_at(self._still_at), kinematics.ELBOW_UP)
         if start is None:
             raise ValueError(f"no joint angles reach the start position {self._still_at}")
         self.q: Joints = start
-        self.qd: Joints = _STANDING
+        self.qd: Joints = STILL
         self.update(now_ns)
 
-    def update(self, now_ns: int) -> bool:
-        """Sample the arm; False when the joints cannot follow its tool."""
+    def update(self, now_ns: int) -> str:
+        """Sample the arm, and go on with what is planned; returns what must not go on, or ""."""
         with self._lock:
             sample = self._arm.read(now_ns)
         self._now_ns = now_ns
-        self.moving = sample.moving
         self.position: Vector3 = sample.position_m
+        self.velocity: Vector3 = sample.velocity_mps
+        trouble = self._go_on(sample) if self.planned else ""
+        self.moving = sample.moving or self.planned
+        if self.planned:
+            self._still_at, self._still_since_ns = self.position, now_ns
+            return trouble
         if self.position == self._still_at and not self.moving:
-            self.velocity: Vector3 = (0.0, 0.0, 0.0)
-            self.turning: Vector3 = (0.0, 0.0, 0.0)
-            self.qd = _STANDING
-            return True
+            self.velocity = self.turning = (0.0, 0.0, 0.0)
+            self.qd = STILL
+            return trouble
         self._still_at, self._still_since_ns = self.position, now_ns
-        self.velocity = sample.velocity_mps
-        if sample.angle_rad or sample.spin_radps:
-            turn = kinematics.rotation((0.0, 0.0, sample.angle_rad))
+        if sample.angle_rad != self._turned_rad or sample.spin_radps:
+            turn = kinematics.rotation((0.0, 0.0, sample.angle_rad - self._turned_rad))
             self._rotation = self._start_rotation @ turn
         x, y, z = (sample.spin_radps * self._rotation[:, 2]).tolist()
         self.turning = (x, y, z)
-        return self._follow()
+        return trouble or self._follow()
 
-    def _follow(self) -> bool:
+    @property
+    def planned(self) -> bool:
+        """The tool is where a plan of this class leads it, not the arm model by itself."""
+        return self._plan is not None or bool(self._planned)
+
+    def _go_on(self, sample: ArmSample) -> str:
+        """One cycle of the plan; the arm is told now, and its sample shows it later."""
+        plan, trouble = self._plan, ""
+        if plan is not None:
+            try:
+                plan.step(self._period_s, self.speed_fraction)
+                trouble = beyond(plan.q, plan.qd)
+            except OutOfReach as error:
+                trouble = str(error)
+            x, y, z = kinematics.forward(plan.q)[:3, 3].tolist()
+            with self._lock:
+                there_ns = self._arm.follow((x, y, z), self._now_ns)
+            self._planned.append((there_ns, plan.q, STILL if plan.done else plan.qd))
+            if plan.done or trouble:
+                self._plan = None
+        while self._planned and self._planned[0][0] <= self._now_ns:
+            _, self.q, self.qd = self._planned.popleft()
+        self._turn_to(kinematics.forward(self.q)[:3, :3], sample.angle_rad)
+        twist = kinematics.jacobian(self.q) @ np.array(self.qd)
+        x, y, z, rx, ry, rz = twist.tolist()
+        self.velocity, self.turning = (x, y, z), (rx, ry, rz)
+        return trouble
+
+    def _turn_to(self, rotation: Frame, angle_rad: float) -> None:
+        """The tool is turned like this, while the arm model counts so much about its axis."""
+        self._rotation = self._start_rotation = rotation
+        self._turned_rad = angle_rad
+
+    def _follow(self) -> str:
+        """Joints of a tool that the arm model moves by itself."""
         # where the joints get at their present speeds is nearly the answer
         near = [
             angle + speed * self._period_s for angle, speed in zip(self.q, self.qd, strict=True)
         ]
         q = kinematics.inverse(self.flange, near)
         if q is None:
-            return False
+            return "joints cannot follow the tool"
         self.q = q
         twist = np.array((*self.velocity, *self.turning))
         try:
             self.qd = tuple(np.linalg.solve(kinematics.jacobian(q), twist).tolist())
         except np.linalg.LinAlgError:
-            return False
-        return True
+            return "joints cannot follow the tool: singular"
+        return beyond(self.q, self.qd)
 
     # state
 
@@ -123,7 +182,12 @@ class RobotMotion:
 
     @property
     def tcp_speed(self) -> Pose:
-        return (*self.velocity, *self.turning)
+        """Of the tool centre point, which a turn moves too."""
+        if self.turning == (0.0, 0.0, 0.0):
+            return (*self.velocity, *self.turning)
+        arm = self._rotation @ self._tcp[:3, 3]
+        swung = np.cross(np.array(self.turning), arm) + np.array(self.velocity)
+        return (*swung.tolist(), *self.turning)
 
     @property
     def steady(self) -> bool:
@@ -132,7 +196,7 @@ class RobotMotion:
     @property
     def arrived(self) -> bool:
         """The last motion that was commanded has come to its end."""
-        if self.moving:
+        if self.moving or self.planned:
             return False
         return self._target is None or math.dist(self.position, self._target) <= _AT_TARGET_M
 
@@ -168,61 +232,117 @@ class RobotMotion:
 
     def brake_if_unowned(self) -> None:
         """A motion whose thread or program has ended is braked."""
-        if self._owner is None and (self._target is not None or self._speed is not None):
+        goes_on = self._plan is not None and not (self._plan.ends and self._braking)
+        if self._owner is None and (self._target is not None or self._speed is not None or goes_on):
             self.stop(self._stop_mps2)
 
-    def line(self, pose: Sequence[float], speed_mps: float, acceleration_mps2: float) -> None:
-        """Straight line of the tool centre point to a pose. Raises ScriptError."""
-        self._go(kinematics.frame(pose) @ self._tcp_back, speed_mps, acceleration_mps2)
-
-    def to_joints(self, q: Sequence[float], speed_radps: float, acceleration_radps2: float) -> None:
-        """To joint angles, on a straight line, in the time that the leading joint would take."""
-        target = kinematics.forward(q)
-        lead = max(abs(a - b) for a, b in zip(q, self.q, strict=True))
-        metres = math.dist(target[:3, 3], self.position)
-        ratio = metres / lead if lead and metres else 1.0
-        self._go(target, speed_radps * ratio, acceleration_radps2 * ratio)
-
-    def _go(self, flange: Frame, speed_mps: float, acceleration_mps2: float) -> None:
+    def line(
+        self, pose: Sequence[float], speed_mps: float, acceleration_mps2: float, seconds: float = 0
+    ) -> None:
+        """Straight line of the tool centre point to a pose; in so many seconds, where they are
+        given. Raises ScriptError."""
         _check("speed", speed_mps, _SPEEDS)
         _check("acceleration", acceleration_mps2, _ACCELERATIONS)
-        if kinematics.turn_between(flange, self.flange) > _TURN_TOLERANCE_RAD:
-            raise ScriptError("this emulator keeps the orientation of the tool")
-        x, y, z = flange[:3, 3].tolist()
-        if kinematics.inverse(self._flange_at((x, y, z)), self.q) is None:
+        target = kinematics.frame(pose)
+        flange = target @ self._tcp_back
+        turns = kinematics.turn_between(flange, self.flange) > _TURN_TOLERANCE_RAD
+        if kinematics.inverse(flange, self.q) is None:
             raise ScriptError("target out of reach")
+        if turns or seconds or self.speed_fraction != 1.0 or self.planned:
+            self._begin(
+                ToolMove(self._last_q, target, self._tcp, speed_mps, acceleration_mps2, seconds)
+            )
+            return
+        x, y, z = flange[:3, 3].tolist()
         self._speed, self._target = None, (x, y, z)
         self._command(lambda arm: arm.move_l((x, y, z), speed_mps, acceleration_mps2, self._now_ns))
+
+    def to_joints(
+        self, q: Joints, speed_radps: float, acceleration_radps2: float, seconds: float = 0
+    ) -> None:
+        """To joint angles, all joints together. Raises ScriptError."""
+        _check("speed", speed_radps, _SPEEDS)
+        _check("acceleration", acceleration_radps2, _ACCELERATIONS)
+        if far := beyond(q, STILL):
+            raise ScriptError(f"target out of reach: {far}")
+        self._begin(JointMove(self._last_q, q, speed_radps, acceleration_radps2, seconds))
 
     def speed_line(self, velocity: Vector3, turning: Vector3, acceleration_mps2: float) -> None:
         """Keep this velocity (m/s; rad/s, base frame) until told otherwise. Raises ScriptError."""
         _check("acceleration", acceleration_mps2, _ACCELERATIONS)
         _check("speed", math.hypot(*velocity, *turning), (0.0, _SPEEDS[1]))
         spin = self._spin(turning)
+        twist = (*velocity, *turning)
+        if spin is None or self.planned:
+            plan = self._plan
+            if not (isinstance(plan, ToolSpeed) and plan.target == twist):
+                present = self.tcp_speed
+                self._begin(ToolSpeed(self._last_q, present, twist, self._tcp, acceleration_mps2))
+            return
         if self._speed == (velocity, spin, acceleration_mps2):
             return
         self._command(lambda arm: arm.speed_l(velocity, spin, acceleration_mps2, self._now_ns))
         self._target, self._speed = None, (velocity, spin, acceleration_mps2)
 
-    def _spin(self, turning: Vector3) -> float:
-        """About the flange's axis; the axis itself turns with the flange, so it stays the same."""
+    def _spin(self, turning: Vector3) -> float | None:
+        """About the flange's axis, where that does not move the tool centre point; None for every
+        other turn. The axis itself turns with the flange, so it stays the same."""
         axis = self._rotation[:, 2]
         spin = float(axis @ np.array(turning))
-        if math.dist(turning, (spin * axis).tolist()) > _TURN_TOLERANCE_RAD * abs(spin) + _ON_AXIS:
-            raise ScriptError("this emulator turns the tool about its own axis only")
+        if math.dist(turning, (spin * axis).tolist()) > _OFF_AXIS * abs(spin) + _ON_AXIS:
+            return None
         if spin and max(map(abs, (*self.tcp_offset[:2], *self.tcp_offset[3:5]))) > _ON_AXIS:
-            raise ScriptError("this emulator turns a tool only whose centre point is on the axis")
+            return None
         return spin
+
+    def speed_joints(self, qd: Joints, acceleration_radps2: float) -> None:
+        """Keep these joint speeds, rad/s, until told otherwise. Raises ScriptError."""
+        _check("acceleration", acceleration_radps2, _ACCELERATIONS)
+        plan = self._plan
+        if not (isinstance(plan, JointSpeed) and plan.target == qd):
+            self._begin(JointSpeed(self._last_q, self._last_qd, qd, acceleration_radps2))
+
+    def servo_joints(self, q: Joints, lookahead_s: float) -> None:
+        """Follow this joint target until told otherwise. Raises ScriptError."""
+        _check("look-ahead time", lookahead_s, _LOOKAHEADS_S)
+        if far := beyond(q, STILL):
+            raise ScriptError(f"target out of reach: {far}")
+        plan = self._plan
+        if not isinstance(plan, JointServo):
+            plan = JointServo(self._last_q, self._last_qd)
+            self._begin(plan)
+        plan.target, plan.lookahead_s = q, lookahead_s
+
+    @property
+    def _last_q(self) -> Joints:
+        """Where the arm has been told to go; it is there in one or two cycles."""
+        return self._planned[-1][1] if self._planned else self.q
+
+    @property
+    def _last_qd(self) -> Joints:
+        """Joint speeds that the arm has been told last."""
+        return self._plan.qd if self._plan is not None else self.qd
+
+    def _begin(self, plan: Plan, braking: bool = False) -> None:
+        """Put a plan in the place of every other motion."""
+        self._target = self._speed = None
+        self._plan, self._braking = plan, braking
 
     def stop(self, deceleration_mps2: float) -> None:
         """Brake. Raises ScriptError."""
         _check("deceleration", deceleration_mps2, _ACCELERATIONS)
+        if self.planned:
+            plan = JointSpeed(self._last_q, self._last_qd, STILL, deceleration_mps2)
+            self._begin(plan, braking=True)
+            return
         self._target = self._speed = None
         self._command(lambda arm: arm.stop_l(deceleration_mps2, self._now_ns))
 
     def trip(self) -> None:
-        """Stop by safety; the arm refuses to move until ``release``."""
-        self._target = self._speed = None
+        """Stop by safety; the arm refuses to move until ``release``. A tool that turns stands at
+        once, and its point brakes."""
+        self._target = self._speed = self._plan = None
+        self._planned.clear()
         self._command(lambda arm: arm.trip(self._now_ns))
 
     def release(self) -> None:

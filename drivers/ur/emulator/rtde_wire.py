@@ -45,17 +45,26 @@ STRUCT_CODES = {
     "VECTOR6UINT32": "6I",
 }
 
+BITS = 128  # 0-63 in words, 64-127 one by one
 REGISTERS = 48  # 0-23 for fieldbus and PLC, 24-47 for external RTDE clients
 
 _VECTORS = (
     "target_q target_qd target_qdd target_current target_moment actual_q actual_qd actual_current "
-    "joint_control_output actual_TCP_pose actual_TCP_speed actual_TCP_force target_TCP_pose "
-    "target_TCP_speed joint_temperatures actual_joint_voltage payload_inertia tcp_offset"
+    "actual_current_window joint_control_output actual_TCP_pose actual_TCP_speed "
+    "actual_TCP_force target_TCP_pose target_TCP_speed joint_temperatures actual_joint_voltage "
+    "payload_inertia tcp_offset"
 )
 _DOUBLES = (
     "timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum "
     "actual_main_voltage actual_robot_voltage actual_robot_current standard_analog_input0 "
-    "standard_analog_input1 standard_analog_output0 standard_analog_output1 payload"
+    "standard_analog_input1 standard_analog_output0 standard_analog_output1 payload io_current "
+    "euromap67_24V_voltage euromap67_24V_current tool_analog_input0 tool_analog_input1 "
+    "tool_output_current tool_temperature tcp_force_scalar joint_position_deviation_ratio "
+    "collision_detection_ratio"
+)
+_WORDS = (
+    "runtime_state robot_status_bits safety_status_bits analog_io_types euromap67_input_bits "
+    "euromap67_output_bits tool_mode tool_analog_input_types script_control_line"
 )
 
 
@@ -73,7 +82,10 @@ OUTPUT_TYPES: dict[str, str] = {
     **dict.fromkeys(("elbow_position", "elbow_velocity"), "VECTOR3D"),
     **dict.fromkeys(("actual_digital_input_bits", "actual_digital_output_bits"), "UINT64"),
     **dict.fromkeys(("robot_mode", "safety_mode"), "INT32"),
-    **dict.fromkeys(("runtime_state", "robot_status_bits", "safety_status_bits"), "UINT32"),
+    **dict.fromkeys(_WORDS.split(), "UINT32"),
+    **dict.fromkeys(("safety_status", "tool_output_voltage", "time_scale_source"), "INT32"),
+    **dict.fromkeys(("tool_output_mode", "tool_digital_output0_mode"), "UINT8"),
+    "tool_digital_output1_mode": "UINT8",
     "joint_mode": "VECTOR6INT32",
     **_registers("output"),
     **_registers("input"),

@@ -20,7 +20,7 @@ from drivers.takktile.emulator import hop
 from drivers.takktile.emulator.hop import HopReply, HopRequest, Op
 
 EACH_S = 0.1
-TIMEOUT_S = 20.0
+TIMEOUT_S = 60.0  # a busy machine may hold it up; what does not answer never will
 
 
 class Line:

@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable, Sequence
 
 from drivers.ur import kinematics
+from drivers.ur.emulator.urscript.inout import INOUT
+from drivers.ur.emulator.urscript.maths import MATHS, six, three
 from drivers.ur.emulator.urscript.parse import ScriptError
 from drivers.ur.emulator.urscript.run import (
     Builtin,
@@ -21,25 +23,13 @@ from drivers.ur.emulator.urscript.run import (
 
 BUILTINS: dict[str, Builtin] = {}
 _MAX_SLEEP_S = 3600.0
+_BETWEEN_MPS2 = 5.0  # braking before a move that begins at rest; m/s2, or rad/s2 of joints; assumed
 
 
 def _known(function: Builtin) -> Builtin:
     """A generator function is one that waits for later cycles."""
     BUILTINS[function.__name__] = function
     return function
-
-
-def six(values: Value) -> tuple[float, ...]:
-    """Six finite numbers."""
-    if not isinstance(values, list) or len(values) != kinematics.JOINTS:
-        raise ScriptError("six numbers expected")
-    return tuple(quantity(value) for value in values)
-
-
-def three(values: Value) -> tuple[float, ...]:
-    if not isinstance(values, list) or len(values) != 3:
-        raise ScriptError("three numbers expected")
-    return tuple(quantity(value) for value in values)
 
 
 def _moving(thread: Thread, start: Callable[[], None]) -> Steps:
@@ -61,29 +51,35 @@ def movel(
 ) -> Steps:
     """A blend radius is ignored: every line ends at rest."""
     motion = thread.robot.motion
-    _no_duration(t)
     target = six(pose)
     if not isinstance(pose, PoseValue):
         target = motion.pose_of(target, None)
-    yield from _moving(thread, lambda: motion.line(target, finite(v), finite(a)))
+    yield from _stand(thread)
+    yield from _moving(thread, lambda: motion.line(target, finite(v), finite(a), _duration(t)))
 
 
 @_known
 def movej(
     thread: Thread, q: Value, a: Value = 1.4, v: Value = 1.05, t: Value = 0, r: Value = 0
 ) -> Steps:
-    """A straight line of the tool all the same."""
+    """All joints together, from rest to rest."""
     motion = thread.robot.motion
-    _no_duration(t)
     target = six(q)
     if isinstance(q, PoseValue):
         target = _reached(motion.joints_for(target, None))
-    yield from _moving(thread, lambda: motion.to_joints(target, finite(v), finite(a)))
+    yield from _stand(thread, lines_too=True)
+    yield from _moving(thread, lambda: motion.to_joints(target, finite(v), finite(a), _duration(t)))
 
 
-def _no_duration(t: Value) -> None:
-    if finite(t) != 0.0:
-        raise ScriptError("a motion with a duration is not emulated")
+def _stand(thread: Thread, lines_too: bool = False) -> Steps:
+    """A move begins at rest, but for a line that follows a line: the arm model joins those."""
+    motion = thread.robot.motion
+    if motion.planned or (lines_too and motion.moving):
+        yield from _moving(thread, lambda: motion.stop(_BETWEEN_MPS2))
+
+
+def _duration(t: Value) -> float:
+    return quantity(t, 0.0, _MAX_SLEEP_S)
 
 
 def _reached(q: Sequence[float] | None) -> tuple[float, ...]:
@@ -95,15 +91,42 @@ def _reached(q: Sequence[float] | None) -> tuple[float, ...]:
 @_known
 def speedl(thread: Thread, xd: Value, a: Value = 1.2, t: Value = 0, aRot: Value = "a") -> Steps:
     """For t seconds; without t until the speed is reached. The motion goes on afterwards."""
-    motion, period_s = thread.robot.motion, thread.robot.period_s
+    motion = thread.robot.motion
     x, y, z, rx, ry, rz = six(xd)
+    yield from _kept(thread, lambda: motion.speed_line((x, y, z), (rx, ry, rz), finite(a)), t)
+
+
+def _kept(thread: Thread, start: Callable[[], None], t: Value) -> Steps:
+    """A motion that goes on after its call has lasted for t seconds, at least a cycle."""
+    motion = thread.robot.motion
     motion.take(thread)
     try:
-        motion.speed_line((x, y, z), (rx, ry, rz), finite(a))
-        for _ in range(max(1, round(min(finite(t), _MAX_SLEEP_S) / period_s))):
+        start()
+        for _ in range(max(1, round(_duration(t) / thread.robot.period_s))):
             yield
     finally:
         motion.let_go(thread)
+
+
+@_known
+def speedj(thread: Thread, qd: Value, a: Value = 1.4, t: Value = 0) -> Steps:
+    motion, target = thread.robot.motion, six(qd)
+    yield from _kept(thread, lambda: motion.speed_joints(target, finite(a)), t)
+
+
+@_known
+def servoj(
+    thread: Thread,
+    q: Value,
+    a: Value = 0,
+    v: Value = 0,
+    t: Value = 0.008,
+    lookahead_time: Value = 0.1,
+    gain: Value = 300,
+) -> Steps:
+    """Acceleration, speed and gain are ignored: the look-ahead time alone says how closely."""
+    motion, target = thread.robot.motion, six(q)
+    yield from _kept(thread, lambda: motion.servo_joints(target, finite(lookahead_time)), t)
 
 
 @_known
@@ -305,27 +328,6 @@ def is_within_safety_limits(thread: Thread, pose: Value) -> bool:
     return all(abs(angle) <= 2.0 * math.pi for angle in values)
 
 
-@_known
-def pose_trans(thread: Thread, p_from: Value, p_from_to: Value) -> PoseValue:
-    return PoseValue(
-        kinematics.pose(kinematics.frame(six(p_from)) @ kinematics.frame(six(p_from_to)))
-    )
-
-
-@_known
-def pose_sub(thread: Thread, p_to: Value, p_from: Value) -> PoseValue:
-    """Positions and rotations subtracted each for itself, in the base frame."""
-    to, start = kinematics.frame(six(p_to)), kinematics.frame(six(p_from))
-    turn = kinematics.rotation_vector(to[:3, :3] @ start[:3, :3].T)
-    return PoseValue([*(to[:3, 3] - start[:3, 3]).tolist(), *turn])
-
-
-@_known
-def norm(thread: Thread, a: Value) -> float:
-    values = a if isinstance(a, list) else [a]
-    return math.hypot(*(finite(value) for value in values))
-
-
 def _not_emulated(name: str) -> Builtin:
     def refuse(thread: Thread, *values: Value, **named: Value) -> None:
         raise ScriptError(f"{name} is not emulated")
@@ -338,6 +340,12 @@ _NOT_EMULATED = (
     "force_mode freedrive_mode ft_rtde_input_enable get_actual_joint_positions_history "
     "get_coriolis_and_centrifugal_torques get_freedrive_status get_jacobian "
     "get_jacobian_time_derivative get_mass_matrix get_target_joint_accelerations "
-    "get_target_waypoint movec movep servoc servoj speedj teach_mode tool_contact"
+    "get_target_waypoint modbus_add_signal modbus_get_signal_status modbus_set_output_signal "
+    "movec movep popup request_boolean_from_primary_client request_float_from_primary_client "
+    "request_integer_from_primary_client request_string_from_primary_client rpc_factory servoc "
+    "set_conveyor_tick_count socket_close socket_get_var socket_open socket_read_ascii_float "
+    "socket_read_binary_integer socket_read_byte_list socket_read_line socket_read_string "
+    "socket_send_byte socket_send_int socket_send_line socket_send_string socket_set_var "
+    "teach_mode tool_contact track_conveyor_circular track_conveyor_linear"
 )
-BUILTINS |= {name: _not_emulated(name) for name in _NOT_EMULATED.split()}
+BUILTINS |= MATHS | INOUT | {name: _not_emulated(name) for name in _NOT_EMULATED.split()}

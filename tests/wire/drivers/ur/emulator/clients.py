@@ -11,6 +11,7 @@ import time
 
 import dashboard_client
 import rtde_control
+import rtde_io
 import rtde_receive
 
 WAIT_S = 15.0
@@ -212,11 +213,111 @@ def stop_after_speed(site):
     assert "Another thread is already controlling the robot" in messages
 
 
-def turn_refused(site):
-    c = site.connect()
+def turns(site):
+    """Every motion turns the tool: joints, lines, velocities."""
+    c, r = site.connect(), site.receive
     x, y, z, *_ = site.target()
-    assert not c.moveL([x, y, z, 2.5, 0.5, 0.0], 0.25, 1.2)
-    assert "orientation" in " ".join(site.fault(do="state")["messages"])
+    turned = [x, y, z + 0.02, 2.9, 0.4, 0.1]
+    assert c.moveL(turned, 0.25, 1.2)
+    until(lambda: near(r.getActualTCPPose(), turned, 1e-5), "not in its pose")
+    q = r.getActualQ()
+    q[5] += 0.4
+    assert c.moveJ(q, 1.0, 2.0)
+    until(lambda: near(r.getActualQ(), q, 1e-5), "not at its joints")
+    assert c.moveJ_IK(turned, 1.0, 2.0)
+    until(lambda: near(r.getActualTCPPose(), turned, 1e-4), "not back")
+    assert c.speedL([0.0, 0.0, 0.0, 0.0, 0.2, 0.0], 0.5)
+    until(lambda: abs(r.getActualTCPSpeed()[4] - 0.2) < 1e-3, "does not turn")
+    assert c.speedStop(2.0)
+    until(lambda: max(map(abs, r.getActualTCPSpeed())) == 0.0, "does not stop")
+
+
+def joint_speeds(site):
+    c, r = site.connect(), site.receive
+    assert c.speedJ([0.0, 0.0, 0.0, 0.0, 0.0, 0.3], 1.0)
+    until(lambda: abs(r.getActualQd()[5] - 0.3) < 1e-6, "speed not reached")
+    assert c.speedStop(2.0)
+    until(lambda: max(map(abs, r.getActualQd())) == 0.0, "does not stop")
+    assert c.isProgramRunning()
+
+
+def servo(site):
+    c, r = site.connect(), site.receive
+    q = r.getActualQ()
+    for _ in range(50):
+        q[5] += 0.002
+        assert c.servoJ(q, 0.0, 0.0, 0.008, 0.1, 300)
+        time.sleep(0.008)
+    until(lambda: near(r.getActualQ(), q, 1e-3), "does not follow")
+    pose = r.getActualTCPPose()
+    pose[2] += 0.01
+    for _ in range(100):
+        assert c.servoL(pose, 0.0, 0.0, 0.008, 0.1, 300)
+        time.sleep(0.008)
+    until(lambda: near(r.getActualTCPPose(), pose, 1e-3), "does not follow the pose")
+    c.servoStop(2.0)
+    until(lambda: max(map(abs, r.getActualQd())) == 0.0, "does not stop")
+    assert c.isProgramRunning()
+
+
+def not_emulated(site):
+    """True from a call that does not wait; the next one tells, and the log says why."""
+    c = site.connect()
+    c.servoC(site.target(dz=0.01), 0.1, 0.5, 0.0)
+    until(lambda: not c.isProgramRunning(), "the program goes on")
+    assert not c.moveL(site.target(), 0.1, 0.5)
+    assert "servoc is not emulated" in " ".join(site.fault(do="state")["messages"])
+    assert c.reuploadScript()
+    until(c.isProgramRunning, "program does not start again")
+    c.forceMode([0.0] * 6, [0] * 6, [0.0] * 6, 2, [0.1] * 6)
+    until(lambda: not c.isProgramRunning(), "the program goes on")
+    assert "force_mode is not emulated" in " ".join(site.fault(do="state")["messages"])
+
+
+def io(site):
+    r = site.receive
+    outputs = rtde_io.RTDEIOInterface(site.host)
+    assert outputs.setStandardDigitalOut(3, True)
+    until(lambda: r.getDigitalOutState(3), "output not set")
+    assert outputs.setConfigurableDigitalOut(1, True)
+    until(lambda: r.getDigitalOutState(9), "configurable output not set")
+    assert outputs.setToolDigitalOut(0, True)
+    until(lambda: r.getDigitalOutState(16), "tool output not set")
+    assert outputs.setStandardDigitalOut(3, False)
+    until(lambda: not r.getDigitalOutState(3), "output not taken back")
+    assert outputs.setAnalogOutputVoltage(1, 0.25)
+    until(lambda: abs(r.getStandardAnalogOutput1() - 2.5) < 1e-9, "no voltage")
+    assert outputs.setAnalogOutputCurrent(0, 0.5)
+    until(lambda: abs(r.getStandardAnalogOutput0() - 0.012) < 1e-9, "no current")
+    assert outputs.setSpeedSlider(0.5)
+    until(lambda: r.getTargetSpeedFraction() == 0.5, "speed slider not set")
+    assert outputs.setInputIntRegister(20, 7)
+    outputs.disconnect()
+
+
+def dashboard(site):
+    d = dashboard_client.DashboardClient(site.host)
+    d.connect()
+    d.powerOff()
+    until(lambda: site.receive.getRobotMode() == 3, "not off")
+    assert "POWER_OFF" in d.robotmode()
+    d.powerOn()
+    d.brakeRelease()
+    until(lambda: site.receive.getRobotMode() == 7, "not running")
+    assert site.receive.getSafetyMode() == 1
+    d.loadURP("wait_program.urp")
+    assert "wait_program.urp" in d.getLoadedProgram()
+    d.play()
+    until(d.running, "does not play")
+    d.pause()
+    until(lambda: "PAUSED" in d.programState(), "not paused")
+    d.play()
+    until(d.running, "does not go on")
+    d.stop()
+    until(lambda: not d.running(), "does not stop")
+    d.addToLog("from the dashboard")
+    assert any("from the dashboard" in line for line in site.fault(do="state")["messages"])
+    d.closeSafetyPopup()
 
 
 def custom_script(site):

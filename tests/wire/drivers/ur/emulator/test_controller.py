@@ -9,6 +9,7 @@ import pytest
 
 from drivers.ur.emulator.controller import Controller, RuntimeState, SafetyMode
 from drivers.ur.emulator.faults import FaultChannel
+from drivers.ur.emulator.fields import output_values
 from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.robot import UrEmulator
 from drivers.ur.emulator.rtde import RtdeServer
@@ -87,13 +88,27 @@ def test_two_threads_on_one_arm_end_the_program(bench):
         f"movel(p[5, 0, 0, {DOWN}])",
         f"movel(p[1e300, 0, 0, {DOWN}])",
         f"movel(p[0.5, 0.1, 0.4, {DOWN}], v=0)",
-        f"movel(p[0.5, 0.1, 0.4, {DOWN}], t=3)",
-        "movel(p[0.5, 0.1, 0.4, 0, 0, 0])",
+        f"movel(p[0.5, 0.1, 0.4, {DOWN}], t=-3)",
+        "movel(p[0.5, 0.1, 1.3, 0, 0, 0])",
+        "movej([7, 0, 0, 0, 0, 0])",
+        "servoj([9, 0, 0, 0, 0, 0])",
+        "servoj(get_actual_joint_positions(), lookahead_time=0)",
+        "speedj([0, 0, 0, 0, 0], a=1)",
+        "speedj([0, 0, 0, 0, 0, 1e300], a=1)",
+        "servoc(p[0, 0, 0, 0, 0, 0])",
+        "force_mode(p[0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0])",
+        'popup("here")',
+        'socket_open("127.0.0.1", 80)',
+        "set_standard_digital_out(8, True)",
+        "set_standard_analog_out(2, 0.5)",
+        "sqrt(-1)",
+        "pow(1e200, 2)",
+        'to_num("a")',
+        "normalize([0, 0, 0])",
+        'str_at("abc", 3)',
         "stopl(0)",
         "stopj(-1)",
-        "speedl([0, 0, 0.1, 0.1, 0, 0])",
         "speedl([0, 0, 0.1, 0, 0, 0], a=0)",
-        "servoj([0, 0, 0, 0, 0, 0])",
         "sleep(1e999)",
         "write_output_integer_register(48, 1)",
         "write_output_integer_register(0, 1.5)",
@@ -120,6 +135,173 @@ def test_motion_out_of_reach_is_a_protective_stop(bench):
     assert bench.controller.safety_mode is SafetyMode.PROTECTIVE_STOP
     assert bench.motion.velocity == (0.0, 0.0, 0.0)
     assert bench.motion.position[0] < 1.5
+
+
+def told(bench, body, cycles=600):
+    """The program runs to its end without an error."""
+    bench.run(body)
+    for _ in range(cycles):
+        bench.cycles(1)
+        if bench.controller.runtime_state is RuntimeState.STOPPED:
+            break
+    assert not bench.controller.script_errors, bench.last
+    assert bench.controller.safety_mode is SafetyMode.NORMAL, bench.last
+    assert bench.controller.runtime_state is RuntimeState.STOPPED
+    bench.cycles(3)
+
+
+def test_joints_move_together_and_the_tool_turns_with_them(bench):
+    """Of 0.6 rad and 0.3 rad at 1 rad/s and 2 rad/s2: 0.6 / 1 + 1 / 2 s."""
+    before = bench.motion.q
+    bench.run(
+        "q = get_actual_joint_positions()\nq[5] = q[5] + 0.6\nq[3] = q[3] + 0.3\n"
+        "movej(q, a=2, v=1)\nwrite_output_integer_register(5, 7)"
+    )
+    done = bench.controller.registers.values["output", "int"]
+    fastest, ratios, cycles = 0.0, set(), 0
+    while done[5] != 7:
+        bench.cycles(1)
+        cycles += 1
+        fastest = max(fastest, abs(bench.motion.qd[5]))
+        if bench.motion.qd[5]:
+            ratios.add(round(bench.motion.qd[3] / bench.motion.qd[5], 6))
+    assert cycles * 0.008 == pytest.approx(1.1, abs=0.04)
+    assert fastest == pytest.approx(1.0)
+    assert ratios == {0.5}
+    expected = [b - a for a, b in zip(before, bench.motion.q, strict=True)]
+    assert expected == pytest.approx((0, 0, 0, 0.3, 0, 0.6), abs=1e-6)
+    assert bench.motion.tcp_pose[:3] == pytest.approx(bench.arm.position(bench.now_ns), abs=1e-9)
+
+
+def test_line_that_turns_the_tool_ends_in_its_pose_and_keeps_it(bench):
+    pose = (0.45, 0.15, 0.35, 2.9, 0.3, 0.2)
+    told(bench, f"movel(p[{', '.join(map(str, pose))}], a=1, v=0.3)")
+    assert bench.motion.tcp_pose == pytest.approx(pose, abs=1e-6)
+    assert not bench.motion.moving
+    told(bench, f"movel(p[0.5, 0.1, 0.3, {', '.join(map(str, pose[3:]))}], a=1, v=0.3)")
+    assert bench.motion.tcp_pose == pytest.approx((0.5, 0.1, 0.3, *pose[3:]), abs=1e-6)
+    assert bench.motion.pose_of(bench.motion.q, None) == pytest.approx(
+        bench.motion.tcp_pose, abs=1e-6
+    )
+
+
+def test_motion_that_is_given_a_duration_takes_it(bench):
+    bench.run(f"movel(p[0.5, 0.1, 0.35, {DOWN}], t=0.8)\nwrite_output_integer_register(5, 7)")
+    done = bench.controller.registers.values["output", "int"]
+    count = next(n for n in itertools.count(1) if bench.cycles(1) or done[5] == 7)
+    assert count * 0.008 == pytest.approx(0.8, abs=0.04)
+
+
+def test_speed_about_any_axis_turns_the_tool_about_its_centre_point(bench):
+    told(bench, "set_tcp(p[0, 0, 0.1, 0, 0, 0])")
+    start = bench.motion.tcp_pose
+    bench.run("speedl([0, 0, 0, 0.2, 0, 0], a=2, t=1)\nstopl(2)")
+    bench.cycles(60)
+    assert bench.motion.tcp_speed == pytest.approx((0, 0, 0, 0.2, 0, 0), abs=1e-3)
+    bench.cycles(200)
+    turned = bench.motion.tcp_pose
+    assert turned[:3] == pytest.approx(start[:3], abs=1e-3)
+    angle = math.dist(turned[3:], start[3:])
+    assert angle > 0.1
+    assert bench.motion.tcp_speed == (0.0,) * 6
+
+
+def test_joint_speed_is_reached_and_ends_with_its_program(bench):
+    bench.run("speedj([0, 0, 0, 0, 0, 0.5], a=2, t=0.5)")
+    bench.cycles(50)
+    assert bench.motion.qd == pytest.approx((0, 0, 0, 0, 0, 0.5), abs=1e-6)
+    bench.cycles(150)
+    assert bench.motion.qd == (0.0,) * 6
+    assert not bench.motion.moving
+
+
+def test_servo_follows_its_target_within_its_look_ahead(bench):
+    target = bench.motion.q[5] + 0.05
+    bench.run(
+        "q = get_actual_joint_positions()\nq[5] = q[5] + 0.05\nwhile True:\n"
+        " servoj(q, 0, 0, 0.008, 0.05, 300)\n end"
+    )
+    bench.cycles(5)
+    assert bench.motion.q[5] < target - 0.005
+    bench.cycles(40)
+    assert bench.motion.q[5] == pytest.approx(target, abs=1e-4)
+    assert bench.controller.safety_mode is SafetyMode.NORMAL
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        ("speedj([0, 0, 0, 0, 0, 4], a=40, t=1)", "joint 5 too fast"),
+        ("speedj([0, 0, 0, 0, 0, -3], a=40, t=3)", "joint 5 at its limit"),
+        ("while True:\n speedl([-0.5, 0, 0, 0, 0, 0], a=5)\n end", "joint"),
+        ("servoj([0, 0, 0, 0, 0, 0])", "too fast"),
+    ],
+)
+def test_what_no_joint_can_do_is_a_protective_stop(bench, body, said):
+    bench.run(body)
+    bench.cycles(600)
+    assert bench.controller.safety_mode is SafetyMode.PROTECTIVE_STOP
+    assert any(said in line for line in bench.controller.messages), bench.controller.messages
+    assert bench.motion.tcp_speed == (0.0,) * 6
+
+
+def test_speed_slider_slows_a_move_down(bench):
+    bench.cycles(1, {"speed_slider_mask": (1,), "speed_slider_fraction": (0.5,)})
+    bench.run(
+        "q = get_actual_joint_positions()\nq[5] = q[5] + 0.6\nmovej(q, a=2, v=1)\n"
+        "write_output_integer_register(5, 7)"
+    )
+    done = bench.controller.registers.values["output", "int"]
+    count = next(n for n in itertools.count(1) if bench.cycles(1) or done[5] == 7)
+    assert count * 0.008 == pytest.approx(2.2, abs=0.05)
+
+
+def test_outputs_are_read_back(bench):
+    told(
+        bench,
+        "set_digital_out(1, True)\nset_configurable_digital_out(0, True)\nset_tool_digital_out(1,"
+        " True)\nset_standard_analog_out(0, 0.5)\nset_analog_outputdomain(1, 0)\n"
+        "write_output_boolean_register(70, get_digital_out(1))\n"
+        "write_output_boolean_register(3, not get_digital_out(0))",
+    )
+    values = output_values(bench.controller)
+    assert values["actual_digital_output_bits"] == (1 << 1 | 1 << 8 | 1 << 17,)
+    assert values["standard_analog_output0"] == (5.0,)
+    assert values["standard_analog_output1"] == (0.004,)
+    assert values["output_bit_register_70"] == (True,)
+    assert values["output_bit_registers0_to_31"] == (1 << 3,)
+    bench.cycles(1, {"standard_digital_output_mask": (3,), "standard_digital_output": (1,)})
+    values = output_values(bench.controller)
+    assert values["actual_digital_output_bits"] == (1 << 0 | 1 << 8 | 1 << 17,)
+
+
+CALCULATIONS = {
+    "sin(d2r(30))": 0.5,
+    "atan2(1, 1)": math.pi / 4,
+    "pow(2, 10)": 1024.0,
+    "log(2, 8)": 3.0,
+    "floor(sqrt(17))": 4.0,
+    "length([1, 2, 3])": 3,
+    'str_len(str_cat("ab", 12))': 4,
+    'to_num("2.5") * 2': 5.0,
+    'str_find("abcd", "cd")': 2,
+    "binary_list_to_integer([True, False, True])": 5,
+    "norm(pose_sub(p[1,0,0,0,0,0], p[0,0,0,0,0,0]))": 1.0,
+    "point_dist(p[0,0,0,0,0,0], p[3,4,0,0,0,0])": 5.0,
+    "norm(normalize([3, 4]))": 1.0,
+    "point_dist(pose_trans(p[1,2,3,0,1,0], pose_inv(p[1,2,3,0,1,0])), p[0,0,0,0,0,0])": 0.0,
+    "point_dist(interpolate_pose(p[0,0,0,0,0,0], p[2,0,0,0,0,1], 0.5), p[1,0,0,0,0,0])": 0.0,
+    "force()": 5.0,
+    "get_target_speed_fraction()": 1.0,
+}
+
+
+@pytest.mark.parametrize("calculation", CALCULATIONS)
+def test_ordinary_programs_compute(bench, calculation):
+    bench.controller.apply_wrench((0.0, 3.0, -4.0, 0.0, 0.0, 0.0))
+    told(bench, f"write_output_float_register(0, {calculation})")
+    found = bench.controller.registers.values["output", "double"][0]
+    assert found == pytest.approx(CALCULATIONS[calculation], abs=1e-9)
 
 
 def test_watchdog_counts_writes_of_its_input(bench):

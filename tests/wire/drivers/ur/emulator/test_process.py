@@ -177,7 +177,7 @@ def send_program(host, text):
     [
         ("def f():\n  import_os()\nend\n", "import_os is not defined"),
         ("def f():\n  while True:\n    x = 1\n  end\nend\n", "infinite loop without time"),
-        ("def f():\n  movel(p[9, 9, 9, 0, 0, 0])\nend\n", "keeps the orientation"),
+        ("def f():\n  movel(p[9, 9, 9, 0, 0, 0])\nend\n", "out of reach"),
         ("def f():\n  $\nend\n", "unexpected character"),
     ],
 )
