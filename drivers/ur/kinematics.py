@@ -16,8 +16,8 @@ Joints = tuple[float, ...]
 Pose = tuple[float, ...]
 
 JOINTS = 6
-_A_M = (0.0, -0.612, -0.5723, 0.0, 0.0, 0.0)
-_D_M = (0.1273, 0.0, 0.0, 0.163941, 0.1157, 0.0922)
+A_M = (0.0, -0.612, -0.5723, 0.0, 0.0, 0.0)
+D_M = (0.1273, 0.0, 0.0, 0.163941, 0.1157, 0.0922)
 _ALPHA_COS_SIN = ((0.0, 1.0), (1.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 0.0))
 
 ELBOW_UP: Joints = (3.01, -1.72, 2.36, -2.21, -1.57, -1.70)  # tool down, half a metre ahead
@@ -33,7 +33,7 @@ _REACH_M = 1.6  # no flange is further away, along any axis
 def frames(q: Sequence[float]) -> list[Frame]:
     """Base frame and the frames behind joints 1 to 6; the last one is the tool flange."""
     found = [np.eye(4)]
-    for angle, a, d, (ca, sa) in zip(q, _A_M, _D_M, _ALPHA_COS_SIN, strict=True):
+    for angle, a, d, (ca, sa) in zip(q, A_M, D_M, _ALPHA_COS_SIN, strict=True):
         c, s = math.cos(angle), math.sin(angle)
         link = np.array(
             (

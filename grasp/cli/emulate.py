@@ -10,6 +10,7 @@ from drivers.errors import LinkLost, UsageError
 from grasp.cli import exits
 from grasp.cli.options import OBJECT_HELP, add_settings, seed, whole
 
+PERIODS_S = {"cb3": 0.008, "e-series": 0.002}  # of the controller's cycle
 HELP = "run the emulated cell: gripper on Modbus TCP, fingertips over USB transfers, arm on RTDE"
 
 
@@ -37,6 +38,16 @@ def add_parser(verbs: Any) -> None:
         help="let --host be any address of this machine, e.g. in a container; what the control and "
         "fault channels are asked then needs the token that is printed with the endpoints",
     )  # fmt: skip
+    parser.add_argument(
+        "--profile", choices=("cb3", "e-series"), default="cb3",
+        help="the arm's controller: CB3 at 125 Hz (default), or e-Series at 500 Hz",
+    )  # fmt: skip
+    parser.add_argument(
+        "--rtu",
+        action="store_true",
+        help="put the gripper on a serial line too, a pseudo-terminal that is printed with the "
+        "endpoints",
+    )
     parser.add_argument("--object", default="can", metavar="NAME", help=OBJECT_HELP)
     parser.add_argument("--seed", type=seed, default=0, metavar="N")
     add_settings(parser)
@@ -46,16 +57,20 @@ def add_parser(verbs: Any) -> None:
 def emulate(args: argparse.Namespace) -> int:
     from grasp.cli.emulate_words import Words
     from scenarios.campaign.config import load_for_devices
-    from scenarios.rigs.emulated_cell import CellOrder, end_on_signals, serve
+    from scenarios.rigs.emulated_cell import CellOrder, Listening, end_on_signals, serve
 
     _check_host(args.host, args.beyond_loopback)
-    token = secrets.token_hex(16) if args.beyond_loopback else ""
-    config = load_for_devices(args.object, "emulated", args.config, args.set)
+    there = Listening(
+        host=args.host, gripper_port=args.gripper_port, profile=args.profile, rtu=args.rtu,
+        token=secrets.token_hex(16) if args.beyond_loopback else "",
+    )  # fmt: skip
+    period = f"arm_model.period_s={PERIODS_S[args.profile]}"
+    config = load_for_devices(args.object, "emulated", args.config, [period, *args.set])
     print("cell: starts; the first time, the world is compiled", file=sys.stderr, flush=True)
     words = Words(config.for_tap(), args.seed)
     order, ended = CellOrder.of(config, args.seed), end_on_signals()
     try:
-        serve(order, args.host, args.gripper_port, ended, words.listen, token)
+        serve(order, there, ended, words.listen)
     except OSError as error:
         raise LinkLost(
             f"cannot listen on {args.host or 'loopback'}: {error.strerror}",

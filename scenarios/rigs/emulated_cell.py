@@ -18,10 +18,11 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from typing import Any, Self, TypeVar
+from typing import Any, Literal, Self, TypeVar
 
 import msgspec
 
+from drivers.robotiq.emulator.rtu import RtuEmulator
 from drivers.robotiq.emulator.tcp import GripperEmulator
 from drivers.takktile.emulator.server import BoardServer
 from drivers.ur.emulator.robot import SWITCH_S, UrEmulator
@@ -68,14 +69,24 @@ class CellOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         return config
 
 
+class Listening(msgspec.Struct, frozen=True, kw_only=True):
+    """Where a cell is, and which devices are in it."""
+
+    host: str | None = None  # none: a free loopback address of its own, chosen by binding
+    gripper_port: int = 0
+    token: str = ""  # with one, any address may be the host, and whoever controls has to give it
+    profile: Literal["cb3", "e-series"] = "cb3"
+    rtu: bool = False  # the gripper on a pseudo-terminal too
+
+
 class EmulatedCell:
     """One world behind real wires and a control channel."""
 
-    def __init__(self, order: CellOrder, host: str, gripper_port: int = 0, token: str = "") -> None:
+    def __init__(self, order: CellOrder, host: str, there: Listening) -> None:
         """Raises OSError when the address is taken, ValueError for one beyond loopback without a
-        token, which whoever controls the cell then has to give."""
+        token."""
         self.host = host
-        self._token = token
+        self._token = token = there.token
         self._lock = threading.RLock()
         self._stalls = 0
         self._worst_stall_ns = 0
@@ -86,19 +97,24 @@ class EmulatedCell:
         of_a_grasp = {} if self._hand is None else self._verbs_of_a_grasp(self._hand)
         self._verbs = {**of_a_grasp, "truth": self._truth, "fault": self._fault}
         self._home_m = order.config.arm_model.start_m
-        arm = EmulatorSettings(host=host, start_m=order.config.arm_model.start_m, token=token)
+        start_m = order.config.arm_model.start_m
+        arm = EmulatorSettings(host=host, start_m=start_m, token=token, profile=there.profile)
         with ExitStack() as stack:
             self.arm = stack.enter_context(
                 UrEmulator(arm, self.cell.arm, self._lock, self._arm_cycle)
             )
-            self.gripper = None
+            self.gripper = self.serial = None
             if self._hand is not None:
                 self.gripper = stack.enter_context(
                     GripperEmulator(
-                        self._hand.gripper, host, gripper_port, lock=self._lock,
+                        self._hand.gripper, host, there.gripper_port, lock=self._lock,
                         advance=self.advance,
                     )
                 )  # fmt: skip
+            if self._hand is not None and there.rtu:
+                self.serial = stack.enter_context(
+                    RtuEmulator(self._hand.gripper, lock=self._lock, advance=self.advance)
+                )
             self.board = stack.enter_context(
                 BoardServer(self.cell.board, self._lock, host, clock=self._advanced)
             )
@@ -147,10 +163,12 @@ class EmulatedCell:
 
     def endpoints(self) -> dict[str, Any]:
         """Where clients find everything."""
-        gripper = {}
+        gripper: dict[str, Any] = {}
         if self.gripper is not None:
             host, port = self.gripper.address
             gripper = {"gripper": {"host": host, "port": port, "unit": 2}}
+        if self.serial is not None:
+            gripper["gripper_serial"] = {"port": self.serial.port, "unit": 9}
         return {
             "host": self.host,
             "start_ns": self._start_ns,
@@ -216,12 +234,10 @@ class EmulatedCell:
 
 
 @contextmanager
-def open_cell(
-    order: CellOrder, host: str | None, gripper_port: int, token: str = ""
-) -> Iterator[EmulatedCell]:
-    """A cell on the address given, or on a free one of its own, chosen by binding."""
-    make = partial(EmulatedCell, order, gripper_port=gripper_port, token=token)
-    cell = at_free_address(make) if host is None else make(host)
+def open_cell(order: CellOrder, there: Listening) -> Iterator[EmulatedCell]:
+    """A cell on the address given, or on a free one."""
+    make = partial(EmulatedCell, order, there=there)
+    cell = at_free_address(make) if there.host is None else make(there.host)
     try:
         yield cell
     finally:
@@ -241,14 +257,14 @@ def at_free_address(make: Callable[[str], T]) -> T:
 
 
 def serve(
-    order: CellOrder, host: str | None, gripper_port: int, ended: threading.Event,
-    opened: Callable[[EmulatedCell], None] = lambda cell: None, token: str = "",
+    order: CellOrder, there: Listening, ended: threading.Event,
+    opened: Callable[[EmulatedCell], None] = lambda cell: None,
 ) -> None:  # fmt: skip
     """Open a cell, say where it is, and serve until ``ended`` is set. ``opened`` takes the cell
     before it serves, and must not wait."""
     sys.setswitchinterval(SWITCH_S)
     any_cell(order.config, order.seed).compile()
-    with open_cell(order, host, gripper_port, token) as cell:
+    with open_cell(order, there) as cell:
         print(json.dumps({"ready": True, "pid": os.getpid(), **cell.endpoints()}), flush=True)
         opened(cell)
         cell.run(ended.is_set)
@@ -281,7 +297,7 @@ def read_order(ended: threading.Event) -> CellOrder:
 def main() -> None:
     ended = end_on_signals()
     try:
-        serve(read_order(ended), None, 0, ended)
+        serve(read_order(ended), Listening(), ended)
     except BrokenPipeError:  # whoever asked was interrupted meanwhile, and has said so
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

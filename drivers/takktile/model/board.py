@@ -21,6 +21,7 @@ Lie = Callable[[Codes], Codes]
 # MPL115A2 coefficients of the datasheet's example; a0 is varied to tell the cells apart.
 _COEFFICIENTS = bytes.fromhex("3ECEB3F9C51733C8")
 _COLUMNS = 6
+_ALL_CALL = (0x0C, 0x0D)
 _FOR_EVER_NS = 1 << 62
 _BUFFER_BYTES = 256  # the firmware indexes its calibration buffer by a byte
 
@@ -132,6 +133,8 @@ class BoardModel:
                 reply = self._configure_timer(value, index, now_ns)
             case codec.SCAN:
                 reply = self._scan()
+            case codec.BOTHER_ADDRESS:
+                reply = self._bother(index)
             case codec.GET_CALIBRATION:
                 reply = self._calibration(row=index, column=value)
             case _:
@@ -236,6 +239,19 @@ class BoardModel:
         self._use_bus()
         reply = codec.chain_scan_reply if self._settings.takkfast else codec.scan_reply
         return reply(self._alive())
+
+    def _bother(self, address: int) -> bytes:
+        """Whether somebody on the I2C bus answers to an address byte: each row's ATtiny, at row
+        times 16, twice the column and a low bit, and all of them at 0x0C and 0x0D. Reading from
+        nobody hangs the firmware."""
+        self._use_bus()
+        row, column = address >> 4, address >> 1 & 7
+        rows = {cell_row for cell_row, _ in self._settings.cells}
+        known = address in _ALL_CALL or (row in rows and column < _COLUMNS)
+        if not known and address & 1:
+            self._hung = True
+            raise Hung
+        return bytes([known])
 
     def _calibration(self, row: int, column: int) -> bytes:
         """Fill the firmware's buffer as it does, byte-wide index and all, and answer from it."""

@@ -14,6 +14,7 @@ Codes = NDArray[np.int16]
 
 # bRequest of the vendor requests
 GET_STRING, SCAN, GET_CALIBRATION, CONFIGURE_TIMER = 0x00, 0x5C, 0x6C, 0xC7
+BOTHER_ADDRESS = 0xBA
 
 CONVERTER_MAX = 1023  # ten bits, sent as the upper ten of a word, most significant byte first
 PACKET_BYTES = 64

@@ -28,15 +28,17 @@ from drivers.ur.emulator.dashboard import BANNER, Dashboard
 from drivers.ur.emulator.faults import FaultChannel
 from drivers.ur.emulator.fields import output_values
 from drivers.ur.emulator.motion import RobotMotion
+from drivers.ur.emulator.primary import RATE_HZ, state_message, version_message
 from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer
 from drivers.ur.emulator.rtde_wire import PORT as RTDE_PORT
 from drivers.ur.emulator.rtde_wire import text_packet
 from drivers.ur.emulator.settings import PROFILES, EmulatorSettings
-from drivers.ur.emulator.sockets import LineTalk, ScriptTalk, Server
+from drivers.ur.emulator.sockets import LineTalk, ScriptTalk, Server, Talk
 from drivers.ur.model import ArmModel, ArmModelSettings
 
 DASHBOARD_PORT = 29999
-SCRIPT_PORTS = (30001, 30002, 30003)
+STATE_PORTS = (30001, 30002)  # primary and secondary: programs in, state out
+SCRIPT_PORT = 30003  # programs alone: its state at the rate of the cycle is not emulated
 SWITCH_S = 5e-4  # a thread that answers a client does not wait for others for longer
 MOST_CLIENTS = 32  # of each port
 _PROGRAM_PART = 0.2  # of the time, for the program and for compiling it
@@ -60,6 +62,7 @@ class UrEmulator:
     ) -> None:
         if not (ip_address(settings.host).is_loopback or settings.token):
             raise ValueError(f"{settings.host} is no loopback address")
+        self._profile = settings.controller
         self._period_ns = settings.controller.period_ns
         # whole cycles of the clock, as the arm model counts them
         self._start_ns = -(-time.monotonic_ns() // self._period_ns) * self._period_ns
@@ -89,8 +92,10 @@ class UrEmulator:
         listen(
             host, DASHBOARD_PORT, lambda: (LineTalk(self._dashboard.answer), BANNER), refusal=_line
         )
-        for port in SCRIPT_PORTS:
-            listen(host, port, lambda: (ScriptTalk(self._load), b""))
+        version = version_message(settings.controller)
+        for port in STATE_PORTS:
+            listen(host, port, lambda: (ScriptTalk(self._load, hears_state=True), version))
+        listen(host, SCRIPT_PORT, lambda: (ScriptTalk(self._load), b""))
         faults = lambda: (LineTalk(self._faults.answer), b"")  # noqa: E731
         return listen(host, settings.fault_port, faults, refusal=_line, ours=True)
 
@@ -131,9 +136,20 @@ class UrEmulator:
         self._budget.begin(self._period_ns * 1e-9)
         self.controller.step(now_ns, self._rtde.take_inputs(), self._budget)
         self._budget.end()
-        values = output_values(self.controller)
-        cycle = self.controller.cycles
-        self._server.broadcast(lambda connection: connection.sample(cycle, values))
+        self._server.broadcast(self._news())
+
+    def _news(self) -> Callable[[Talk], bytes]:
+        """What each client hears of this cycle."""
+        values, cycle = output_values(self.controller), self.controller.cycles
+        due = cycle % (self._profile.rate_hz // RATE_HZ) == 0
+        state = state_message(self.controller, self._profile) if due else b""
+
+        def news(talk: Talk) -> bytes:
+            if isinstance(talk, RtdeConnection):
+                return talk.sample(cycle, values)
+            return state if isinstance(talk, ScriptTalk) and talk.hears_state else b""
+
+        return news
 
     def drop_links(self) -> None:
         self._server.drop_links()

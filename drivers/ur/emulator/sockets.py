@@ -13,7 +13,6 @@ from collections.abc import Callable
 from typing import Protocol
 
 from drivers.fairness import Places, Shares
-from drivers.ur.emulator.rtde import RtdeConnection
 from drivers.ur.emulator.urscript.parse import MAX_CHARS, depth_change
 
 _CHUNK = 1024  # what is taken at a time: a millisecond's work at most
@@ -57,8 +56,9 @@ class LineTalk:
 class ScriptTalk:
     """Collects lines until the blocks that they opened are closed: that is one program."""
 
-    def __init__(self, load: Callable[[str], None]) -> None:
+    def __init__(self, load: Callable[[str], None], hears_state: bool = False) -> None:
         self._load = load
+        self.hears_state = hears_state
         self._held = b""
         self._program: list[str] = []
         self._chars = 0
@@ -109,6 +109,11 @@ class Connection:
         self.waits = False  # has used up its share
         self.closed = False
         self._unsent = bytearray()
+
+    @property
+    def behind(self) -> bool:
+        """The client has not taken what was sent."""
+        return bool(self._unsent)
 
     def receive(self) -> bool:
         """Take and answer what has come; False when the connection is at its end."""
@@ -253,10 +258,12 @@ class Server:
             if key.fileobj.fileno() != -1:  # type: ignore[union-attr] # closed by one before it
                 key.data()
 
-    def broadcast(self, sample: Callable[[RtdeConnection], bytes]) -> None:
-        """Send every RTDE client its data packet of this cycle; one that waits gets none."""
+    def broadcast(self, sample: Callable[[Talk], bytes]) -> None:
+        """Send every client what it hears of this cycle; one that waits hears nothing. Nor does one
+        that hears the state and has not read the last one."""
         for connection in list(self._connections):
-            if isinstance(connection.talk, RtdeConnection) and not connection.waits:
+            deaf = connection.behind and isinstance(connection.talk, ScriptTalk)
+            if not connection.waits and not deaf:
                 started_s = time.thread_time()
                 if data := sample(connection.talk):
                     self._keep(connection, connection.send(data))

@@ -123,6 +123,18 @@ def test_unknown_requests_stall(board, request_, index):
         board.control(request_, 0, index, 64, 0)
 
 
+@pytest.mark.parametrize(("address", "known"), [(0x00, 1), (0x2A, 1), (0x0C, 1), (0x30, 0)])
+def test_an_address_on_the_bus_is_asked_for(board, address, known):
+    assert board.control(0xBA, 1, address, 64, 0) == bytes([known])
+
+
+def test_reading_from_an_address_that_nobody_has_hangs_the_firmware(board):
+    with pytest.raises(Hung):
+        board.control(0xBA, 1, 0x31, 64, 0)
+    with pytest.raises(Hung):
+        board.control(0x5C, 0, 0, 64, 0)
+
+
 def test_an_injected_stall_strikes_once(board):
     board.stall()
     with pytest.raises(Stall):
