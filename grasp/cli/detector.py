@@ -382,12 +382,16 @@ def _tune_unlabelled(args: argparse.Namespace) -> int:
 
 
 def _print_rule(rule: Any) -> None:
+    print("\n".join(rule_lines(rule)))
+
+
+def rule_lines(rule: Any) -> list[str]:
+    """Those settings of it that are read, as TOML."""
     import msgspec
 
-    print("[rule]")
     read = {k: v for k, v in msgspec.to_builtins(rule).items() if k not in rule.unread}
-    for key, value in read.items():
-        print(f"{key} = {json.dumps(value if isinstance(value, str) else round(value, 4))}")
+    told = {k: v if isinstance(v, str) else round(v, 4) for k, v in read.items()}
+    return ["[rule]", *(f"{key} = {json.dumps(value)}" for key, value in told.items())]
 
 
 def point_text(p: Any) -> str:

@@ -45,6 +45,14 @@ EXAMPLES = {
         "grasp gripper step --finger B --mm 2 --open --config lab.toml --dry-run",
     ),
     "arm step": ("grasp arm step --z 3 --config lab.toml --confirm-motion",),
+    "calibrate hand": (
+        "grasp calibrate hand --up-to 16 --out hand3.toml --config lab.toml --confirm-motion",
+        "grasp calibrate hand --up-to 16 --places 10 30 50 70 90 --out hand3.toml --dry-run",
+    ),
+    "calibrate force": ("grasp calibrate force --finger B --out force-B.toml --config lab.toml",),
+    "calibrate noise": (
+        "grasp calibrate noise --out rule.toml --config lab.toml --confirm-motion",
+    ),
     "emulate": ("grasp emulate --host 127.0.0.2 --gripper-port 5020",),
     "completion": ('eval "$(grasp completion bash)"',),
 }

@@ -7,7 +7,7 @@ from typing import Any
 from drivers.errors import UsageError
 from grasp import interruption
 from grasp.cli import exits
-from grasp.cli.lab import FINGERS, add_lab, confirm, lab_config, say
+from grasp.cli.lab import FINGERS, add_lab, confirm, lab_config, say, tell_weak
 from grasp.cli.options import decimal, motion_permit, whole
 
 HELP = "look at a lab's gripper, activate it, move it slowly"
@@ -115,6 +115,7 @@ def open_fingers(args: argparse.Namespace) -> int:
         return _would(args, "ABC", 0, "open")
     config = lab_config(args)
     permit = motion_permit(config, args)
+    tell_weak(config.calibration)
     with interruption.held(), open_hand(config, permit, closing=False) as hand:
         moved = hand.move((0, 0, 0), say)
     return _tell(args, {"done": moved.in_words()})
@@ -128,6 +129,7 @@ def close_fingers(args: argparse.Namespace) -> int:
         return _would(args, fingers, args.to, "close")
     config = lab_config(args)
     permit = motion_permit(config, args)
+    tell_weak(config.calibration)
     with interruption.held(), open_hand(config, permit, closing=True) as hand:
         moved = hand.close(targets_of(hand.state.positions, fingers, args.to), say)
     return _tell(args, {"done": moved.in_words()}, bool(moved.stopped_by))
@@ -141,6 +143,7 @@ def step_fingers(args: argparse.Namespace) -> int:
     if args.dry_run:
         return _would(args, fingers, counts, "step")
     permit = motion_permit(config, args)
+    tell_weak(config.calibration)
     with interruption.held(), open_hand(config, permit, closing=not args.open) as hand:
         moved = hand.step(step_targets(hand.state.positions, fingers, counts), say)
     return _tell(args, {"done": moved.in_words()}, bool(moved.stopped_by))

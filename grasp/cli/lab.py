@@ -66,6 +66,14 @@ def confirm(question: str, word: str, given: bool) -> None:
         raise UsageError(f"{word!r} was not typed: nothing was moved", "start again when it is so")
 
 
+def tell_weak(calibration: Any) -> None:
+    """On standard error what a calibration claims against the manual, if it does."""
+    from scenarios.rigs.calibration import weak_claim
+
+    if calibration is not None and (claim := weak_claim(calibration)):
+        exits.report_line(claim)
+
+
 def say(text: str) -> None:
     """What became of something that was stopped."""
     exits.report_line(text)

@@ -11,6 +11,7 @@ from drivers.errors import GraspError
 from grasp import interruption
 from grasp.cli import (
     arm,
+    calibrate,
     campaign,
     chart,
     completion,
@@ -38,13 +39,22 @@ from grasp.cli.parser import EXAMPLES, Parser, RootParser
 
 VERBS = (
     run, campaign, grip_search, replay, runs, report, export, chart, dataset, detector, tactile,
-    world, config, doctor, find, gripper, arm, emulate, release,
+    world, config, doctor, find, gripper, arm, calibrate, emulate, release,
     completion,
 )  # fmt: skip
 GROUPS = {
     "try": ("run", "replay", "runs", "report", "export"),
     "measure": ("campaign", "chart", "grip-search", "dataset", "detector", "world"),
-    "a lab's devices": ("find", "doctor", "gripper", "arm", "tactile", "release", "emulate"),
+    "a lab's devices": (
+        "find",
+        "doctor",
+        "gripper",
+        "arm",
+        "tactile",
+        "calibrate",
+        "release",
+        "emulate",
+    ),
     "set up": ("config", "completion"),
 }
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from drivers.errors import UsageError
 from grasp.cli import exits
+from grasp.cli.lab import tell_weak
 from grasp.cli.options import (
     OBJECT_HELP,
     add_confirmation,
@@ -178,6 +179,8 @@ def _permit(config: Any, args: argparse.Namespace) -> Any:
 
     leave = motion_permit(config, args)
     check_devices(config)
+    if leave is not None:
+        tell_weak(getattr(config, "calibration", None))
     return leave
 
 

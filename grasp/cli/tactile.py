@@ -13,7 +13,7 @@ from grasp.cli.lab import add_lab, lab_config, new_file
 from grasp.cli.options import decimal, whole
 from grasp.files import write_whole
 
-HELP = "set up the fingertips: USB permissions, which taxel is where, rest and noise"
+HELP = "fingertips: USB permission, wiring, rest and noise"
 
 
 def add_parser(verbs: Any) -> None:

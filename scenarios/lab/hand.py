@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
 from drivers.interfaces import (
@@ -157,6 +159,35 @@ class Hand:
             )
         return self.move(targets, say, lightly=True)
 
+    def idle(self) -> None:
+        """Let a moment pass in which nothing is asked of the devices but how they are."""
+        self._clock.sleep_until_ns(self._clock.now_ns + PERIOD_NS)
+        self._gripper.pump(self._clock.now_ns)
+        if self._touch is not None:
+            self._touch.pump(self._clock.now_ns)
+
+    def feel(self, seconds: float, say: Say) -> NDArray[np.int16]:
+        """Counts (n, 3, taxels) of the fingertips while nothing moves, at 100 Hz; of a tick without
+        a frame those before it. Ctrl-C as in ``move``."""
+        felt: list[NDArray[np.int16]] = []
+        tick_ns = self._clock.now_ns
+        try:
+            for _ in range(round(seconds * 1e9 / PERIOD_NS)):
+                interruption.check()
+                tick_ns += PERIOD_NS
+                self._clock.sleep_until_ns(tick_ns)
+                self._gripper.pump(self._clock.now_ns)
+                if self._touch is not None:
+                    self._touch.pump(self._clock.now_ns)
+                    if (counts := self._touch.counts) is not None:
+                        felt.append(counts)
+        except BaseException:
+            self.stand(say)
+            raise
+        if not felt:
+            raise Refused("the rest of the fingertips is not known", "begin with an open hand")
+        return np.stack(felt)
+
     def stand(self, say: Say) -> None:
         """Told to stand, and seen to; raises nothing."""
         seen = False
@@ -200,10 +231,7 @@ class Hand:
         while self._clock.now_ns < end_ns:
             if watching:
                 interruption.check()
-            self._clock.sleep_until_ns(self._clock.now_ns + PERIOD_NS)
-            self._gripper.pump(self._clock.now_ns)
-            if self._touch is not None:
-                self._touch.pump(self._clock.now_ns)
+            self.idle()
             felt_n = self._felt()
             if watching and not early and self._guard and self._guard.overloaded(felt_n):
                 early = f"stopped at {max(felt_n):.1f} N, above the limit"

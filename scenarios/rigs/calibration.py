@@ -4,9 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from drivers.robotiq.calibration import GripperCalibration
 from grasp.settings import Layer, named_layer, names, read_toml
 
 KIND = "calibrations"
+MANUAL_LEAST_N = 15.0  # of byte 0; Robotiq 3-Finger manual, 2014, p. 47
 
 
 def calibration_layers(layers: Sequence[Layer]) -> list[Layer]:
@@ -22,6 +24,17 @@ def calibration_layers(layers: Sequence[Layer]) -> list[Layer]:
     by_path = "/" in chosen or chosen.endswith(".toml")
     file = read_toml(Path(chosen)) if by_path else named_layer(KIND, chosen)
     return [Layer(file.source, {"calibration": {"name": Path(chosen).stem}}), file]
+
+
+def weak_claim(known: GripperCalibration) -> str:
+    """What is to be said in every run on real devices of a hand that is said to press with less
+    than its manual states; empty for one that is not."""
+    if known.least_force_n >= MANUAL_LEAST_N:
+        return ""
+    return (
+        f"calibration {known.name!r} has force byte 0 press with {known.least_force_n:g} N, less "
+        f"than the manual's {MANUAL_LEAST_N:g} N, by its word alone: {known.source}"
+    )
 
 
 def choices() -> str:

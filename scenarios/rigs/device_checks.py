@@ -15,11 +15,12 @@ from drivers.takktile.link.thread import ReadingThread
 from drivers.ur.link import look as arm_look
 from drivers.ur.link.preflight import preflight
 from grasp.clock import WallClock
+from scenarios.rigs.calibration import weak_claim
 from scenarios.rigs.cell_lock import devices_of, driving
 from scenarios.rigs.checks import Check, guarded
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.own_devices import check_offered
-from scenarios.rigs.permission import arm_address, board_address, gripper_address
+from scenarios.rigs.permission import HARDWARE, arm_address, board_address, gripper_address
 from scenarios.rigs.rig import calibration
 from scenarios.rigs.wired import board_finder
 
@@ -35,7 +36,7 @@ def ask_devices(config: GraspRigConfig, would_run: Callable[[Any], object]) -> l
     before anything is opened."""
     asked = {"calibration": _calibration, "cell": _cell, "gripper": _gripper}
     checks = [guarded(name, partial(ask, config)) for name, ask in asked.items()]
-    if checks[0].status == "ok":
+    if checks[0].status != "fail":
         checks.insert(1, guarded("force guard", lambda: _guard(config, would_run)))
     return [*checks, *arm_checks(config), guarded("fingertips", lambda: _board(config))]
 
@@ -44,6 +45,8 @@ def _calibration(config: GraspRigConfig) -> Check:
     """Has somebody said which hand this is? A run is refused where nobody has."""
     chosen = calibration(config)
     least = f"force byte 0 is {chosen.least_force_n:g} N"
+    if config.rig == HARDWARE and (claim := weak_claim(chosen)):
+        return Check("calibration", "warn", claim, "`grasp calibrate hand` measures it")
     return Check("calibration", "ok", f"{config.gripper.calibration}: {least}")
 
 

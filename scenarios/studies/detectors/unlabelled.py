@@ -1,6 +1,7 @@
 """A lab's own recordings of a hold and its unloading, as `grasp detector tune --unlabelled` takes
 them: a lift that was held for long, or a file of counts."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -52,9 +53,15 @@ def _of_run(path: Path) -> tuple[Counts, list[str]]:
 def tune_unlabelled(config: TrialConfig, paths: list[Path], budget_per_min: float) -> Unlabelled:
     """The configured detector's rule, its threshold set by holds in which nothing slips, and never
     below the configured one: a still hand knows nothing of closing, of lifting or of blows."""
+    return rule_of(config, [hold_in(path) for path in paths], budget_per_min)
+
+
+def rule_of(
+    config: TrialConfig, recorded: Sequence[tuple[Counts, slice, float]], budget_per_min: float
+) -> Unlabelled:
+    """As ``tune_unlabelled``, of what ``hold_in`` gives."""
     holds, loads = [], []
-    for path in paths:
-        counts, hold, load = hold_in(path)
+    for counts, hold, load in recorded:
         detector = config.make_detector(counts.shape[1], counts.shape[2])
         holds.append(stream(detector, counts)[0][hold])
         loads.append(load)

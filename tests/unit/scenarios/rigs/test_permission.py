@@ -51,7 +51,13 @@ CHOICES = (
     'detector_name = "psd"',
     'detector_name = "zzz"',
 )
-LAB_VERBS = {"run", "release", "gripper", "arm"}  # may move real devices, with --confirm-motion
+LAB_VERBS = {
+    "run",
+    "release",
+    "gripper",
+    "arm",
+    "calibrate",
+}  # may move real devices, with --confirm-motion
 
 
 @pytest.fixture(autouse=True)
@@ -87,6 +93,10 @@ def verbs(parser: argparse.ArgumentParser) -> Iterator[tuple[tuple[str, ...], An
 GRIPPER = ("status", "activate", "open", "close", "step")
 ARM = ("status", "step", "stop")
 TACTILE = ("watch", "rest")
+CALIBRATE = {
+    "force": ["--out", "f.toml"], "hand": ["--out", "f.toml", "--up-to", "16"],
+    "noise": ["--out", "f.toml"],
+}  # fmt: skip
 
 # a command line of every verb that reads settings of one's own, less the settings
 LINES = {
@@ -101,6 +111,7 @@ LINES = {
     **{("gripper", name): ["gripper", name] for name in GRIPPER},
     **{("arm", name): ["arm", name] for name in ARM},
     **{("tactile", name): ["tactile", name] for name in TACTILE},
+    **{("calibrate", name): ["calibrate", name, *more] for name, more in CALIBRATE.items()},
     ("replay",): ["replay", "--tactile", "strokes.csv", "--detector", "energy"],
     ("detector", "evaluate"): ["detector", "evaluate", "energy", "--recording", "strokes.csv"],
     ("detector", "tune"): ["detector", "tune", "energy"],
@@ -265,10 +276,11 @@ WITH_A_RIG = {
     ("chart", "answers"): ["--seeds", "1", "--objects", "can", "--jobs", "1"],
     **{("gripper", name): [] for name in GRIPPER}, ("arm", "status"): [],
     ("arm", "step"): ["--z", "1"], ("arm", "stop"): [], **{("tactile", n): [] for n in TACTILE},
+    **{("calibrate", name): more for name, more in CALIBRATE.items()},
 }  # fmt: skip
 LOOKS = {  # nobody answers
     ("doctor",), ("gripper", "status"), ("arm", "status"), ("arm", "stop"),
-    *(("tactile", name) for name in TACTILE),
+    *(("tactile", name) for name in TACTILE), ("calibrate", "force"),
 }  # fmt: skip
 
 

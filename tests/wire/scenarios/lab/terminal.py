@@ -16,10 +16,11 @@ def grasp(*words: str) -> "subprocess.CompletedProcess[str]":
 
 
 @contextmanager
-def started(*words: str) -> Iterator["subprocess.Popen[str]"]:
-    """While it runs."""
+def started(*words: str, asked: bool = False) -> Iterator["subprocess.Popen[str]"]:
+    """While it runs; ``asked``: somebody is there to answer."""
+    answers = subprocess.PIPE if asked else subprocess.DEVNULL
     with subprocess.Popen(
-        [*GRASP, *words], env=ENVIRONMENT, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+        [*GRASP, *words], env=ENVIRONMENT, stdin=answers, stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, text=True,
     ) as process:  # fmt: skip
         try:

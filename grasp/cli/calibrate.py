@@ -1,0 +1,200 @@
+"""`grasp calibrate`: what a count of the fingertips, a byte of the hand and a still hold are worth,
+measured on a lab's own devices and written into files for `--config` and `gripper.calibration`."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from grasp import interruption
+from grasp.cli import exits
+from grasp.cli.lab import FINGERS, add_lab, confirm, lab_config, new_file
+from grasp.cli.options import decimal, motion_permit, whole
+from grasp.files import write_whole
+
+HELP = "measure what counts and bytes are worth, on a scale"
+SCALE = "One finger presses on a scale, harder than the limit of a run allows."
+OVER_A_SCALE = "one fingertip over a scale, and no object in the hand: do not ask"
+MANUAL_LEAST_N, MANUAL_MOST_N = 15.0, 60.0
+LONG_S, SHORTEST_S = 180.0, 30.0
+
+
+def add_parser(verbs: Any) -> None:
+    parser = verbs.add_parser("calibrate", help=HELP, description=HELP)
+    kinds = parser.add_subparsers(metavar="WHAT", required=True)
+    force = _kind(
+        kinds, "force", calibrate_force,
+        "counts of a fingertip to newtons: put weights on it or press it on a scale, and type what "
+        "they say; with --press the finger presses by itself, a count at a time",
+    )  # fmt: skip
+    _add_scale(force, MANUAL_LEAST_N)
+    force.add_argument("--press", action="store_true", help="the finger presses on the scale")
+    hand = _kind(
+        kinds, "hand", calibrate_hand,
+        "force bytes to newtons (an upper bound) and counts to millimetres: the finger presses on "
+        "a scale, and you type what it says",
+    )  # fmt: skip
+    _add_scale(hand, None)
+    hand.add_argument(
+        "--presses", type=whole(4, 100), default=10, metavar="N",
+        help="of each byte; ten at least for one that is weaker than the manual's 15 N (default: "
+        "%(default)s)",
+    )  # fmt: skip
+    hand.add_argument(
+        "--bytes", type=whole(0, 255), nargs="+", default=[0], metavar="BYTE",
+        help="force bytes that are pressed, 0 among them in any case (default: 0)",
+    )  # fmt: skip
+    hand.add_argument(
+        "--places", type=whole(0, 255), nargs="+", default=[], metavar="COUNTS",
+        help="positions at which you read a ruler, five or more (default: none, travel is not "
+        "measured)",
+    )  # fmt: skip
+    noise = _kind(
+        kinds, "noise", calibrate_noise,
+        "the rule on slip that your fingertips allow, without labels: the hand holds something "
+        "still for three minutes and lets it go; never below the rule that is there",
+    )  # fmt: skip
+    noise.add_argument("--detector", default="tcn", metavar="NAME", help="default: %(default)s")
+    noise.add_argument(
+        "--budget", type=decimal(0.001, 60), default=0.5, metavar="N",
+        help="false events a minute of a hand (default: %(default)g)",
+    )  # fmt: skip
+    noise.add_argument(
+        "--seconds", type=decimal(SHORTEST_S + 5, 3600), default=LONG_S, metavar="N",
+        help="of hold (default: %(default)g)",
+    )  # fmt: skip
+
+
+def _kind(kinds: Any, name: str, handler: Any, text: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = kinds.add_parser(name, help=text, description=text + ".")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="FILE",
+        help="what is written: a new .toml file, with date, spread and source",
+    )  # fmt: skip
+    add_lab(parser, moves=True)
+    parser.set_defaults(handler=handler)
+    return parser
+
+
+def _add_scale(parser: argparse.ArgumentParser, up_to_n: float | None) -> None:
+    parser.add_argument("--finger", choices=FINGERS, default="A", help="default: %(default)s")
+    parser.add_argument(
+        "--up-to", type=decimal(0.1, MANUAL_MOST_N), default=up_to_n, required=up_to_n is None,
+        metavar="N", help="newtons that may be pressed, more than the limit of a run if need be, "
+        f"at most the manual's {MANUAL_MOST_N:g}; byte 0 may press with {MANUAL_LEAST_N:g} by it"
+        + ("" if up_to_n is None else " (default: %(default)g)"),
+    )  # fmt: skip
+    parser.add_argument("--scale", action="store_true", help=OVER_A_SCALE)
+
+
+def calibrate_force(args: argparse.Namespace) -> int:
+    from scenarios.lab.sessions import calibrate_force as by_weights
+    from scenarios.lab.sessions import press_force
+
+    if args.dry_run:
+        pressing = f"finger {args.finger} by single counts, up to {args.up_to:g} N on the scale"
+        return _would(pressing if args.press else "nothing")
+    config = lab_config(args)
+    new_file(args.out)
+    if not args.press:
+        with interruption.held():
+            return _written(args, by_weights(config, args.finger, args.up_to, _operator(), _tell))
+    permit = motion_permit(config, args)
+    _over_a_scale(args)
+    with interruption.held():
+        text = press_force(config, permit, args.finger, args.up_to, _operator(), _tell)
+    return _written(args, text)
+
+
+def calibrate_hand(args: argparse.Namespace) -> int:
+    from scenarios.lab.sessions import calibrate_hand as press
+
+    if args.dry_run:
+        bytes_ = ", ".join(map(str, sorted({0, *args.bytes})))
+        way = f", then to {args.places} counts in free air" if args.places else ""
+        return _would(
+            f"finger {args.finger}, {args.presses} times with each of the force bytes {bytes_}, "
+            f"onto the scale{way}"
+        )
+    config = lab_config(args)
+    new_file(args.out)
+    permit = motion_permit(config, args)
+    _over_a_scale(args)
+    with interruption.held():
+        text = press(
+            config, permit, args.finger, args.bytes, args.presses, args.up_to, args.places,
+            _operator(), _tell,
+        )  # fmt: skip
+    return _written(args, text)
+
+
+def calibrate_noise(args: argparse.Namespace) -> int:
+    from detector.scores.unlabelled import hold_of
+    from scenarios.campaign.config import load_config
+    from scenarios.lab.sessions import held_still
+    from scenarios.studies.detectors.unlabelled import rule_of
+
+    if args.dry_run:
+        return _would(
+            f"the fingers, closed on an object for {args.seconds:g} s, then opened; the arm stands"
+        )
+    config = lab_config(args)
+    judged = load_config("can", args.rig, args.detector, args.config, args.set)
+    new_file(args.out)
+    permit = motion_permit(config, args)
+    with interruption.held():
+        counts = held_still(config, permit, args.seconds, _operator(), _tell)
+        found = rule_of(judged, [(counts, *hold_of(counts))], args.budget)
+    return _written(args, _rule_file(args, found, found.rule == judged.rule))
+
+
+def _rule_file(args: argparse.Namespace, found: Any, kept: bool) -> str:
+    from datetime import datetime
+
+    from grasp.cli.detector import rule_lines
+
+    low, high = found.interval
+    day = f"{datetime.now():%Y-%m-%d %H:%M}"  # noqa: DTZ005  (a person's local time)
+    note = (
+        "the packaged rule is higher and kept: a still hand knows nothing of closing, of lifting "
+        "or of blows" if kept else "higher than the packaged rule"
+    )  # fmt: skip
+    return (
+        f"# Rule for {args.detector}, {day}: {found.minutes:.1f} minutes of hold, "
+        f"{found.load_counts:.0f} counts of load, {args.budget:g} false events a minute.\n"
+        f"# Level {found.level:.2f} [{low:.2f}, {high:.2f}] (95 %); {note}.\n"
+        + "\n".join(rule_lines(found.rule)) + "\n"
+    )  # fmt: skip
+
+
+def _over_a_scale(args: argparse.Namespace) -> None:
+    confirm(f"{SCALE} Is that fingertip alone over it, and no object in the hand?", "scale",
+            args.scale)  # fmt: skip
+
+
+def _operator() -> Any:
+    from grasp.cli.operator import TerminalOperator
+
+    return TerminalOperator()
+
+
+def _tell(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def _would(what: str) -> int:
+    print(f"would move {what}")
+    return exits.SUCCESS
+
+
+def _written(args: argparse.Namespace, text: str) -> int:
+    """Kept, and shown."""
+    write_whole(args.out, text.encode())
+    if args.json:
+        import json
+
+        print(json.dumps({"file": str(args.out), "text": text, "exit_code": exits.SUCCESS}))
+    else:
+        print(text, end="")
+        print(args.out)
+    return exits.SUCCESS

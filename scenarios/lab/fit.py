@@ -1,0 +1,279 @@
+"""From what a person read on a scale to figures with their spread: pure functions.
+
+Nothing here is believed because it was typed: one reading that the others contradict is named, and
+data that do not support a figure are refused.
+"""
+
+import math
+from collections.abc import Sequence
+from itertools import accumulate, pairwise
+from statistics import NormalDist, fmean, median, stdev
+
+import msgspec
+
+from drivers.errors import UsageError
+
+ODD = 0.25  # share by which a reading must differ from what the others say, to be doubted; assumed
+ODD_SIGMAS = 5.0  # and so many times their own spread
+LEAST_ODD_N, LEAST_ODD_MM = 0.3, 1.5  # below these a difference is how a scale is read; assumed
+LEAST_POINTS = 5
+SPAN = 3.0  # largest force over the least
+MOST_BEND = 0.15  # of the range, by which counts may leave a straight line
+LEAST_BEND_N = 0.3
+PRESS_SHARE = 0.975  # of normal presses; of such as scatter to one side that is still 95 %
+LEAST_SPREAD = 0.01  # no press repeats better than this; assumed
+LEAST_PRESSES = 4  # of a byte
+WEAK_PRESSES = 10  # of a byte that is said to be weaker than the manual's least
+MANUAL_LEAST_N, MOST_N = 15.0, 80.0  # manual p. 47; the most that a calibration may say
+WORST_EXPONENT, MOST_EXPONENT = 0.3, 3.0  # of the curves that a calibration may state
+LEAST_TRAVEL_MM = 20.0
+MOST_BEND_MM = 1.5
+
+AGAIN = "look at what was typed, then take the readings again"
+
+
+class Point(msgspec.Struct, frozen=True):
+    """A reading of the scale and what was measured with it: counts, or a current."""
+
+    force_n: float
+    measured: float
+
+
+class Line(msgspec.Struct, frozen=True):
+    """Slope with its 95 % interval, the worst distance of a point from it, and the range."""
+
+    slope: float
+    interval: tuple[float, float]
+    worst: float
+    least: float
+    most: float
+    points: int
+
+
+class Byte(msgspec.Struct, frozen=True):
+    """Presses of one force byte: mean, spread, and what 95 % of presses stay below."""
+
+    byte: int
+    presses: int
+    mean_n: float
+    spread_n: float
+    bound_n: float
+
+
+class Law(msgspec.Struct, frozen=True):
+    """Of bytes, N: nowhere below what the hand may press with."""
+
+    least_force_n: float
+    most_force_n: float
+    force_exponent: float
+
+    def force_n(self, byte: int) -> float:
+        span = self.most_force_n - self.least_force_n
+        return float(self.least_force_n + span * (byte / 255) ** self.force_exponent)
+
+
+def quantile_t(share: float, freedom: int) -> float:
+    """Of Student's distribution, by Fisher's expansion; within 0.3 % from three degrees on."""
+    z, v = NormalDist().inv_cdf(share), freedom
+    return (
+        z + (z**3 + z) / (4 * v) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * v**2)
+        + (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / (384 * v**3)
+    )  # fmt: skip
+
+
+# Counts to newtons
+
+
+def odd_one(points: Sequence[Point]) -> int | None:
+    """Which reading the others contradict most, by a power law through them; None: none."""
+    if len(points) < LEAST_POINTS or any(p.force_n <= 0.0 or p.measured <= 0.0 for p in points):
+        return None
+    x = [math.log(p.measured) for p in points]
+    y = [math.log(p.force_n) for p in points]
+    misses = []
+    for i in range(len(points)):
+        intercept, slope = _line(x[:i] + x[i + 1 :], y[:i] + y[i + 1 :])
+        misses.append(y[i] - intercept - slope * x[i])
+    # judged by the law through all others, whose own spread a wrong one does not widen
+    worst = max(range(len(points)), key=lambda i: abs(misses[i]))
+    others = [i for i in range(len(points)) if i != worst]
+    intercept, slope = _line([x[i] for i in others], [y[i] for i in others])
+    spread = _spread([y[i] - intercept - slope * x[i] for i in others])
+    expected_n = math.exp(intercept + slope * x[worst])
+    away = abs(misses[worst]) > max(math.log1p(ODD), ODD_SIGMAS * spread)
+    return worst if away and abs(points[worst].force_n - expected_n) > LEAST_ODD_N else None
+
+
+def fit_counts(points: Sequence[Point]) -> Line:
+    """Counts a newton, through zero.
+
+    Raises UsageError for too few or too narrow data, for one that does not fit, and where counts
+    are no straight line of force.
+    """
+    forces = [p.force_n for p in points]
+    if len(points) < LEAST_POINTS:
+        remedy = f"take {LEAST_POINTS} or more"
+        raise UsageError(f"{len(points)} readings are too few", remedy)
+    if min(forces) <= 0.0 or max(forces) < SPAN * min(forces):
+        raise UsageError(
+            f"forces from {min(forces):.2f} to {max(forces):.2f} N are too much alike",
+            f"the largest should be {SPAN:g} times the least",
+        )
+    if min(p.measured for p in points) <= 0.0:
+        raise UsageError("a reading has no counts", "press the pad of the finger that was named")
+    if (odd := odd_one(points)) is not None:
+        raise UsageError(f"reading {odd + 1}, {forces[odd]:.2f} N, contradicts the others", AGAIN)
+    square = sum(f * f for f in forces)
+    slope = sum(p.force_n * p.measured for p in points) / square
+    away_n = [p.measured / slope - p.force_n for p in points]
+    worst_n = max(map(abs, away_n))
+    if worst_n > max(LEAST_BEND_N, MOST_BEND * max(forces)):
+        raise UsageError(
+            f"the counts are no straight line of force: up to {worst_n:.2f} N from it",
+            "take readings up to a smaller force, --up-to",
+        )
+    spread = math.sqrt(sum(a * a for a in away_n) / (len(points) - 1)) * slope
+    half = quantile_t(0.975, len(points) - 1) * spread / math.sqrt(square)
+    return Line(slope, (slope - half, slope + half), worst_n, min(forces), max(forces), len(points))
+
+
+# Bytes to newtons
+
+
+def odd_press(forces_n: Sequence[float]) -> int | None:
+    """Which press of one byte the others contradict; None: none."""
+    if len(forces_n) < LEAST_PRESSES:
+        return None
+    middle = median(forces_n)
+    spread = _spread([f - middle for f in forces_n])
+    worst = max(range(len(forces_n)), key=lambda i: abs(forces_n[i] - middle))
+    away_n = abs(forces_n[worst] - middle)
+    return worst if away_n > max(ODD * middle, ODD_SIGMAS * spread, LEAST_ODD_N) else None
+
+
+def of_byte(byte: int, forces_n: Sequence[float]) -> Byte:
+    """Of its presses. Raises UsageError for too few, for one that does not fit, and for too few of
+    a byte that would be weaker than the manual's least."""
+    count = len(forces_n)
+    if count < LEAST_PRESSES:
+        raise UsageError(
+            f"byte {byte}: {count} presses are too few", f"press {LEAST_PRESSES} times or more"
+        )
+    if (odd := odd_press(forces_n)) is not None:
+        told = f"byte {byte}, press {odd + 1}: {forces_n[odd]:.2f} N contradicts the others"
+        raise UsageError(told, AGAIN)
+    mean = fmean(forces_n)
+    spread = max(stdev(forces_n), LEAST_SPREAD * mean)
+    bound = mean + quantile_t(PRESS_SHARE, count - 1) * spread * math.sqrt(1 + 1 / count)
+    if bound < MANUAL_LEAST_N and count < WEAK_PRESSES:
+        raise UsageError(
+            f"byte {byte} would be {bound:.1f} N, less than the manual's {MANUAL_LEAST_N:g}, by "
+            f"{count} presses alone", f"press {WEAK_PRESSES} times or more",
+        )  # fmt: skip
+    return Byte(byte, count, mean, spread, bound)
+
+
+def law_of(measured: Sequence[Byte]) -> Law:
+    """The least law that a calibration may state above what the hand may press with each byte.
+
+    Raises UsageError without byte 0, and for a stronger byte that presses less.
+    """
+    known = sorted(measured, key=lambda each: each.byte)
+    if not known or known[0].byte != 0:
+        raise UsageError("byte 0 was not pressed", "press it: no limit can be kept without")
+    for low, high in pairwise(known):
+        if high.mean_n < low.mean_n:
+            told = f"byte {high.byte} pressed with {high.mean_n:.1f} N, less than byte {low.byte}"
+            raise UsageError(told, AGAIN)
+    bounds_n = dict(
+        zip((k.byte for k in known), accumulate((k.bound_n for k in known), max), strict=True)
+    )
+    least_n = math.ceil(bounds_n[0] * 100) / 100
+    most_n = math.ceil(max(bounds_n[255], least_n + 0.1, MANUAL_LEAST_N) if 255 in bounds_n
+                       else MOST_N)  # fmt: skip
+    if not least_n < most_n <= MOST_N:
+        raise UsageError(f"{max(bounds_n.values()):.0f} N is more than any such hand", AGAIN)
+    may_n = [_may_press(byte, bounds_n, most_n) for byte in range(256)]
+    for hundredths in range(300, round(100 * WORST_EXPONENT), -1):
+        law = Law(least_n, most_n, hundredths / 100)
+        if all(law.force_n(byte) >= may_n[byte] for byte in range(256)):
+            return law
+    return Law(least_n, most_n, WORST_EXPONENT)
+
+
+def _may_press(byte: int, bounds_n: dict[int, float], most_n: float) -> float:
+    """What a hand may press with a byte, N, of which no more is believed than that more force is
+    told by more, and that its curve is one which a calibration may state."""
+    least_n, top = bounds_n[0], max(bounds_n)
+    steepest_n: float = least_n + (most_n - least_n) * (byte / 255) ** WORST_EXPONENT
+    if byte <= top:
+        return min(steepest_n, bounds_n[min(b for b in bounds_n if b >= byte)])
+    if top == 0:
+        return steepest_n
+    rise_n = max(bounds_n[top] - least_n, 0.1)
+    cubic_n: float = least_n + rise_n * (byte / top) ** MOST_EXPONENT
+    return min(steepest_n, cubic_n)
+
+
+def check_current(presses: Sequence[Point]) -> str:
+    """Whether the motor's current rises with force, in words. Raises UsageError where it falls."""
+    currents = [p.measured for p in presses]
+    if len(presses) < LEAST_PRESSES or max(currents) - min(currents) < 0.1 * max(currents):
+        return f"current {min(currents):.0f} to {max(currents):.0f} mA: too much alike to tell"
+    _, slope = _line(currents, [p.force_n for p in presses])
+    if slope <= 0.0:
+        raise UsageError("the motor's current falls where the scale says more", AGAIN)
+    return f"current {min(currents):.0f} to {max(currents):.0f} mA, rising with force"
+
+
+# Counts to millimetres
+
+
+def fit_travel(counts: Sequence[int], places_mm: Sequence[float]) -> Line:
+    """Millimetres a count of one finger, by places read off a ruler (from anywhere, one way).
+
+    Raises UsageError for too few places, too short a way, one that does not fit, and where travel
+    is no line of counts.
+    """
+    if len(counts) < LEAST_POINTS or max(places_mm) - min(places_mm) < LEAST_TRAVEL_MM:
+        raise UsageError(
+            f"{len(counts)} places over {max(places_mm) - min(places_mm):.0f} mm are too few",
+            f"{LEAST_POINTS} or more over {LEAST_TRAVEL_MM:g} mm",
+        )
+    misses = []
+    for i in range(len(counts)):
+        x, y = [*counts[:i], *counts[i + 1 :]], [*places_mm[:i], *places_mm[i + 1 :]]
+        intercept, slope = _line(x, y)
+        others = _spread([b - intercept - slope * a for a, b in zip(x, y, strict=True)])
+        away = abs(places_mm[i] - intercept - slope * counts[i])
+        misses.append(away if away > max(LEAST_ODD_MM, ODD_SIGMAS * others) else 0.0)
+    if max(misses) > 0.0:
+        odd = misses.index(max(misses))
+        told = f"place {odd + 1}, {places_mm[odd]:g} mm, contradicts the others"
+        raise UsageError(told, AGAIN)
+    intercept, slope = _line(counts, places_mm)
+    away_mm = [b - intercept - slope * a for a, b in zip(counts, places_mm, strict=True)]
+    worst = max(map(abs, away_mm))
+    if worst > MOST_BEND_MM:
+        raise UsageError(
+            f"travel is no line of counts: up to {worst:.1f} mm from it", "take a shorter way"
+        )
+    mean = fmean(counts)
+    square = sum((a - mean) ** 2 for a in counts)
+    spread = math.sqrt(sum(a * a for a in away_mm) / (len(counts) - 2))
+    half = quantile_t(0.975, len(counts) - 2) * spread / math.sqrt(square)
+    size = abs(slope)
+    return Line(size, (size - half, size + half), worst, min(counts), max(counts), len(counts))
+
+
+def _line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
+    """Intercept and slope, least squares; level where all x are the same."""
+    mx, my = fmean(x), fmean(y)
+    square = sum((a - mx) ** 2 for a in x)
+    slope = sum((a - mx) * (b - my) for a, b in zip(x, y, strict=True)) / square if square else 0.0
+    return my - slope * mx, slope
+
+
+def _spread(away: Sequence[float]) -> float:
+    """A standard deviation that a wrong reading does not widen."""
+    return 1.4826 * median(map(abs, away))

@@ -1,0 +1,248 @@
+"""A fingertip over a scale: presses, readings that a person types, and the files made of them.
+
+Here alone may a motor be told more than the limit of a run: up to what the operator allowed, never
+more than the manual states, and with one fingertip over a scale, never with an object.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import datetime
+
+import msgspec
+import numpy as np
+
+from drivers.errors import DeviceFault, LinkLost, Refused, UsageError
+from drivers.interfaces import (
+    CODE_MAX,
+    FINGER_NAMES,
+    OPEN_COUNTS,
+    PERIOD_NS,
+    Counts3,
+    Detection,
+    Gripper,
+)
+from drivers.robotiq.calibration import GripperCalibration
+from grasp import interruption
+from grasp.clock import Clock, WallClock
+from scenarios.lab.fit import Byte, Law, Line
+from scenarios.lab.hand import MOVE_S, Say
+from scenarios.lab.touch import Touch
+from scenarios.rigs.cell_lock import driving, gripper_of
+from scenarios.rigs.config import GraspRigConfig
+from scenarios.rigs.permission import MotionPermit, require
+from scenarios.rigs.wired import open_gripper
+from scenarios.trial.person import Operator
+
+NEWTONS = {"n": 1.0, "g": 0.00980665, "kg": 9.80665}
+READING = re.compile(r"([0-9]+(?:[.,][0-9]+)?)\s*(n|g|kg)\Z", re.IGNORECASE)
+PAUSE_NS = 20_000_000
+SAMPLES = 100  # of the pad, a second, for one reading
+MANUAL = GripperCalibration(  # what a byte presses at most, until it is measured
+    name="manual", source="Robotiq 3-Finger manual, 2014, p. 47", least_force_n=15.0
+)
+
+
+def newtons(text: str) -> float:
+    """Of a number with its unit, N, g or kg; raises UsageError for anything else."""
+    found = READING.match(text.strip())
+    if found is None:
+        raise UsageError(f"{text.strip()!r} is no reading", "a number and its unit: N, g or kg")
+    return float(found[1].replace(",", ".")) * NEWTONS[found[2].lower()]
+
+
+def millimetres(text: str) -> float:
+    """Of a number, with `mm` or without; raises UsageError for anything else."""
+    try:
+        return float(text.strip().lower().removesuffix("mm").replace(",", "."))
+    except ValueError:
+        raise UsageError(f"{text.strip()!r} is no length", "a number of millimetres") from None
+
+
+def ask(operator: Operator, question: str, idle: Callable[[], None]) -> str:
+    """What a person types, the devices being looked after meanwhile; Ctrl-C raises."""
+    operator.say(question)
+    while (line := operator.poll()) is None:
+        interruption.check()
+        idle()
+    return line.strip()
+
+
+def reading(operator: Operator, question: str, idle: Callable[[], None], most_n: float) -> float:
+    """Newtons; asked again for what is none, or more than ``most_n``."""
+    while True:
+        try:
+            force_n = newtons(ask(operator, question, idle))
+        except UsageError as error:
+            operator.say(f"{error.message}: {error.remedy}")
+            continue
+        if force_n <= most_n:
+            return force_n
+        operator.say(f"{force_n:.2f} N is more than --up-to {most_n:g}: typed rightly?")
+
+
+class Presser:
+    """One finger of an active hand, the others where they are."""
+
+    def __init__(self, gripper: Gripper, clock: Clock, finger: str, up_to_n: float) -> None:
+        self._gripper, self._clock = gripper, clock
+        self._i = FINGER_NAMES.index(finger)
+        self._up_to_n = up_to_n
+        self._speed_mps = MANUAL.least_speed_mps
+
+    @property
+    def counts(self) -> int:
+        return self._places[self._i]
+
+    @property
+    def _places(self) -> Counts3:
+        if self._gripper.state is None:
+            raise LinkLost("the gripper does not answer", "check its power, cable and address")
+        return self._gripper.state.positions
+
+    def idle(self) -> None:
+        """Let a moment pass."""
+        self._clock.sleep_until_ns(self._clock.now_ns + PAUSE_NS)
+        self._gripper.pump(self._clock.now_ns)
+
+    def to(self, counts: int, byte: int = 0) -> tuple[bool, int]:
+        """Slowly to there; whether it met something, and the most current on the way, mA.
+
+        Raises Refused for a byte that may press with more than was allowed.
+        """
+        may_n = MANUAL.force_n(byte)
+        if may_n > self._up_to_n:
+            raise Refused(
+                f"byte {byte} may press with {may_n:.1f} N by the manual, and --up-to is "
+                f"{self._up_to_n:g} N", "a weaker byte, or a higher --up-to",
+            )  # fmt: skip
+        a, b, c = (counts if i == self._i else at for i, at in enumerate(self._places))
+        self._gripper.move_to((a, b, c), self._speed_mps, may_n)
+        most_ma = 0
+        end_ns = self._clock.now_ns + round(MOVE_S * 1e9)
+        while self._clock.now_ns < end_ns:
+            interruption.check()
+            self._clock.sleep_until_ns(self._clock.now_ns + PERIOD_NS)
+            self._gripper.pump(self._clock.now_ns)
+            state = self._gripper.state
+            if state is None:
+                continue
+            finger = state.fingers[self._i]
+            most_ma = max(most_ma, finger.current_ma)
+            if state.at_rest:
+                return finger.detection is Detection.CONTACT_CLOSING, most_ma
+        raise DeviceFault("the finger did not come to rest", "look at the hand")
+
+    def hold(self, say: Say) -> None:
+        """Stand; raises nothing that matters more than what stopped it."""
+        with interruption.sealed():
+            self._gripper.hold()
+            for _ in range(10):
+                self.idle()
+            state = self._gripper.state
+            stands = state is not None and state.at_rest
+            told = "the finger stands; open it with `grasp gripper open --confirm-motion`"
+            say(told if stands else "NOT SEEN TO STAND: switch the gripper off if it still moves")
+
+
+@contextmanager
+def open_presser(
+    config: GraspRigConfig, permit: MotionPermit | None, finger: str, up_to_n: float, say: Say
+) -> Iterator[Presser]:
+    """A finger of real devices; the hand must be active and open. Raises as ``open_hand``, and
+    Refused for more than the manual's force."""
+    require(permit)
+    if up_to_n > MANUAL.most_force_n:
+        raise Refused(f"{up_to_n:g} N is more than the hand's", f"<= {MANUAL.most_force_n:g} N")
+    measuring = msgspec.structs.replace(config, calibration=MANUAL)
+    clock = WallClock(WallClock().now_ns)
+    with (
+        driving(gripper_of(config)),
+        open_gripper(measuring, lambda: clock.now_ns) as gripper,
+    ):
+        gripper.pump(clock.now_ns)
+        state = gripper.state
+        if state is None or not state.active:
+            raise Refused("the hand is not active", "empty it, then `grasp gripper activate`")
+        if max(state.positions) > OPEN_COUNTS:
+            raise Refused(f"the hand is not open, at {state.positions}", "`grasp gripper open`")
+        presser = Presser(gripper, clock, finger, up_to_n)
+        try:
+            yield presser
+        except BaseException:
+            presser.hold(say)
+            raise
+
+
+def pad_counts(touch: Touch, clock: Clock, finger: str) -> tuple[float, bool]:
+    """Mean fall of a finger's codes over a second, summed over its taxels, and whether one was at
+    the end of its codes."""
+    i = FINGER_NAMES.index(finger)
+    falls, rail = [], False
+    tick_ns = clock.now_ns
+    for _ in range(SAMPLES):
+        interruption.check()
+        tick_ns += PERIOD_NS
+        clock.sleep_until_ns(tick_ns)
+        touch.pump(clock.now_ns)
+        if touch.counts is not None and touch.rest is not None:
+            counts = touch.counts[i]
+            codes = counts + touch.rest[i]
+            rail = rail or bool((codes <= 0).any() or (codes >= CODE_MAX).any())
+            falls.append(-float(counts.sum()))
+    if not falls:
+        raise DeviceFault("the tactile board sends no frames", "unplug it, plug it in again")
+    return float(np.mean(falls)), rail
+
+
+# Files
+
+
+def force_file(finger: str, line: Line) -> str:
+    """Settings for `--config`."""
+    low, high = line.interval
+    return (
+        f"# Counts of fingertip {finger}, {_now()}: {line.points} readings of a scale, "
+        f"{line.least:.2f} to {line.most:.2f} N.\n"
+        f"# {line.slope:.1f} counts a newton [{low:.1f}, {high:.1f}] (95 %); a reading is at most "
+        f"{line.worst:.2f} N from that line.\n"
+        f"# Beyond {line.most:.2f} N nothing was measured, nor the other fingertips.\n"
+        "# For `grasp run acquire` it is control.counts_per_newton.\n"
+        f"[guard]\ncounts_per_newton = {line.slope:.1f}\n"
+    )
+
+
+def hand_file(finger: str, known: list[Byte], law: Law, travel: Line | None, current: str) -> str:
+    """A calibration, for `gripper.calibration`."""
+    told = "; ".join(
+        f"byte {b.byte}: {b.presses} presses, {b.mean_n:.2f} N, spread {b.spread_n:.2f}, 95 % "
+        f"below {b.bound_n:.2f}"
+        for b in known
+    )
+    lines = [
+        f"# What finger {finger} presses with on a scale, {_now()}. Each force is an upper bound: "
+        "95 % of presses stay below.",
+        f"# {told}",
+        f"# A byte that was not pressed counts as strong as its neighbours allow. {current}.",
+    ]
+    if travel is not None:
+        low, high = (1e3 * mm for mm in travel.interval)
+        lines.append(
+            f"# Travel: {travel.points} places, {travel.slope * 1e3:.0f} um a count "
+            f"[{low:.0f}, {high:.0f}] (95 %), at most {travel.worst:.2f} mm from a line."
+        )
+    source = f"scale under finger {finger}, {_now()}: {known[0].presses} presses of byte 0"
+    lines += [
+        "[calibration]",
+        f"source = {msgspec.json.encode(source).decode()}",
+        f"least_force_n = {law.least_force_n:g}",
+        f"most_force_n = {law.most_force_n:g}",
+        f"force_exponent = {law.force_exponent:g}",
+    ]
+    if travel is not None:
+        lines.append(f"m_per_count = {travel.slope * 1e-3:.6f}")
+    return "\n".join(lines) + "\n"
+
+
+def _now() -> str:
+    return f"{datetime.now():%Y-%m-%d %H:%M}"  # noqa: DTZ005  (a person's local time)

@@ -1,0 +1,239 @@
+"""Calibrations as a person goes through them: questions, presses, readings, and what comes out."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import Refused, UsageError
+from drivers.interfaces import PERIOD_NS
+from grasp.clock import WallClock
+from scenarios.lab.fit import (
+    Byte,
+    Line,
+    Point,
+    check_current,
+    fit_counts,
+    fit_travel,
+    law_of,
+    odd_one,
+    odd_press,
+    of_byte,
+)
+from scenarios.lab.hand import Say, open_hand
+from scenarios.lab.scale import (
+    Presser,
+    ask,
+    force_file,
+    hand_file,
+    millimetres,
+    newtons,
+    open_presser,
+    pad_counts,
+    reading,
+)
+from scenarios.lab.touch import Touch, open_touch
+from scenarios.rigs.permission import MotionPermit
+from scenarios.trial.config import TrialConfig
+from scenarios.trial.person import Operator
+
+CLOSED = 255
+BACK_COUNTS = 20  # off the scale between two presses; some 15 mm
+LEAVE_OUT = "x"
+ROUNDS = 3
+UNLOADED_S = 2.0  # listened to after a hold
+UNIT = "with its unit (N, g, kg)"
+
+
+class Weighing:
+    """Readings of one fingertip so far; an odd one is asked about at once."""
+
+    def __init__(
+        self, touch: Touch, clock: WallClock, finger: str, up_to_n: float, operator: Operator,
+        say: Say,
+    ) -> None:  # fmt: skip
+        self._touch, self._clock, self._finger = touch, clock, finger
+        self._up_to_n, self._operator, self._say = up_to_n, operator, say
+        self.points: list[Point] = []
+        self.railed = False
+
+    def idle(self) -> None:
+        self._clock.sleep_until_ns(self._clock.now_ns + PERIOD_NS)
+        self._touch.pump(self._clock.now_ns)
+
+    def ask(self, question: str) -> bool:
+        """One reading; False where a person has no more, or none of this load."""
+        while line := ask(self._operator, question, self.idle):
+            try:
+                self._take(newtons(line))
+            except UsageError as error:
+                self._operator.say(f"{error.message}: {error.remedy}")
+                if self.railed:
+                    return False
+            else:
+                return True
+        return False
+
+    def fit(self) -> Line:
+        return fit_counts(self.points)
+
+    @property
+    def room_n(self) -> float:
+        """How much more may be pressed, after as large a step again as the largest so far."""
+        if not self.points:
+            return self._up_to_n
+        forces = [point.force_n for point in self.points]
+        steps = [high - low for low, high in zip([0.0, *forces], forces, strict=False)]
+        return self._up_to_n - forces[-1] - max(steps)
+
+    def _take(self, force_n: float) -> None:
+        if force_n > self._up_to_n:
+            raise UsageError(f"{force_n:.2f} N is more than --up-to {self._up_to_n:g}", "less")
+        counts, rail = pad_counts(self._touch, self._clock, self._finger)
+        if rail:
+            self.railed = True
+            raise UsageError(
+                f"at {force_n:.2f} N a taxel is at the end of its codes", "it is left out: less"
+            )
+        self.points.append(Point(force_n, counts))
+        self._say(f"{force_n:.2f} N: {counts:.0f} counts")
+        while (odd := odd_one(self.points)) is not None:
+            told = f"reading {odd + 1}, {self.points[odd].force_n:.2f} N, contradicts the others"
+            line = ask(
+                self._operator,
+                f"{told}: type it again {UNIT}, or {LEAVE_OUT} to leave it out", self.idle,
+            )  # fmt: skip
+            point = self.points.pop(odd)
+            if line.lower() != LEAVE_OUT:
+                self.points.insert(odd, Point(newtons(line), point.measured))
+
+
+def calibrate_force(
+    config: TrialConfig, finger: str, up_to_n: float, operator: Operator, say: Say
+) -> str:
+    """Counts of a fingertip under weights; nothing is moved. The file that says what came of it;
+    raises UsageError for data that do not support it."""
+    clock = WallClock(WallClock().now_ns)
+    with open_touch(config, clock, unloaded=True) as touch:
+        weighing = Weighing(touch, clock, finger, up_to_n, operator, say)
+        question = f"Load fingertip {finger} by a weight or against a scale, and type its reading"
+        while weighing.ask(f"{question} {UNIT}; Enter alone: no more") or weighing.railed:
+            weighing.railed = False
+        return force_file(finger, weighing.fit())
+
+
+def press_force(
+    config: TrialConfig, permit: MotionPermit | None, finger: str, up_to_n: float,
+    operator: Operator, say: Say,
+) -> str:  # fmt: skip
+    """As ``calibrate_force``, the finger pressing on a scale by steps of one count, several times
+    over."""
+    clock = WallClock(WallClock().now_ns)
+    with (
+        open_touch(config, clock, unloaded=True) as touch,
+        open_presser(config, permit, finger, up_to_n, say) as presser,
+    ):
+        weighing = Weighing(touch, clock, finger, up_to_n, operator, say)
+        near = _near(presser, operator, weighing)
+        for _ in range(ROUNDS):
+            presser.to(near)
+            weighing.railed = False
+            _press_by_counts(presser, near, weighing)
+        presser.to(0)
+        return force_file(finger, weighing.fit())
+
+
+def _press_by_counts(presser: Presser, near: int, weighing: Weighing) -> None:
+    """Once up, until a taxel, the motor, --up-to or a person says that it is enough."""
+    begun = len(weighing.points)
+    for counts in range(near + 1, CLOSED):
+        met, _ = presser.to(counts)
+        pressed = len(weighing.points) > begun
+        more = "no more" if pressed else "nothing yet"
+        question = f"At {counts} counts: type what the scale says {UNIT}; Enter alone: {more}"
+        typed = weighing.ask(question)
+        if weighing.railed or met or weighing.room_n <= 0.0 or (pressed and not typed):
+            return
+
+
+def _near(presser: Presser, operator: Operator, weighing: Weighing) -> int:
+    """Counts just before the scale, which a person knows from `grasp gripper step`."""
+    while True:
+        line = ask(operator, "At how many counts does the finger almost touch the scale?",
+                   weighing.idle)  # fmt: skip
+        if line.isdecimal() and int(line) < CLOSED:
+            met, _ = presser.to(int(line))
+            if not met:
+                return int(line)
+            presser.to(0)
+            raise Refused(f"the finger met something before {line} counts", "say fewer")
+        operator.say(f"{line!r}: a whole number, 0 to {CLOSED - 1}")
+
+
+def calibrate_hand(
+    config: TrialConfig, permit: MotionPermit | None, finger: str, bytes_: Sequence[int],
+    presses: int, up_to_n: float, places: Sequence[int], operator: Operator, say: Say,
+) -> str:  # fmt: skip
+    """What bytes press with on a scale, and how far a count goes by a ruler; the file that says
+    what came of it. Raises UsageError for data that do not support it."""
+    with open_presser(config, permit, finger, up_to_n, say) as presser:
+        known: list[Byte] = []
+        seen: list[Point] = []
+        for byte in sorted(set(bytes_) | {0}):
+            forces = _presses(presser, byte, presses, up_to_n, operator, seen)
+            known.append(of_byte(byte, forces))
+            say(f"byte {byte}: {known[-1].mean_n:.2f} N, 95 % below {known[-1].bound_n:.2f} N")
+        travel = _travel(presser, places, operator) if places else None
+        presser.to(0)
+    return hand_file(finger, known, law_of(known), travel, check_current(seen))
+
+
+def _presses(
+    presser: Presser, byte: int, presses: int, up_to_n: float, operator: Operator,
+    seen: list[Point],
+) -> list[float]:  # fmt: skip
+    forces: list[float] = []
+    for number in range(1, presses + 1):
+        met, most_ma = presser.to(CLOSED, byte)
+        if not met:
+            presser.to(0)
+            raise Refused("the finger met no scale", "put it within reach of that finger alone")
+        title = f"Byte {byte}, press {number} of {presses}: what does the scale say, {UNIT}?"
+        forces.append(reading(operator, title, presser.idle, up_to_n))
+        while (odd := odd_press(forces)) is not None:
+            told = f"press {odd + 1}, {forces[odd]:.2f} N, contradicts the others of this byte"
+            forces[odd] = reading(operator, f"{told}: type it again {UNIT}", presser.idle, up_to_n)
+        seen.append(Point(forces[-1], most_ma))
+        presser.to(max(0, presser.counts - BACK_COUNTS))
+    return forces
+
+
+def _travel(presser: Presser, places: Sequence[int], operator: Operator) -> Line:
+    ask(operator, "Take the scale away, lay a ruler beside the fingertip: Enter", presser.idle)
+    stood, found_mm = [], []
+    for counts in places:
+        met, _ = presser.to(counts)
+        if met:
+            raise Refused(f"the finger met something before {counts} counts", "clear its way")
+        line = ask(operator, f"At {presser.counts} counts: where is the fingertip, in mm?",
+                   presser.idle)  # fmt: skip
+        found_mm.append(millimetres(line))
+        stood.append(presser.counts)
+    return fit_travel(stood, found_mm)
+
+
+def held_still(
+    config: TrialConfig, permit: MotionPermit | None, seconds: float, operator: Operator, say: Say
+) -> NDArray[np.int16]:
+    """Counts (n, 3, taxels) at 100 Hz of an object held still by the hand alone, then let go."""
+    with open_hand(config, permit, closing=True) as hand:
+        ask(operator, "Put something light and firm on the table between the fingers: Enter",
+            hand.idle)  # fmt: skip
+        moved = hand.close((CLOSED, CLOSED, CLOSED), say)
+        if not moved.met:
+            hand.move((0, 0, 0), say)
+            raise Refused("the hand closed and met nothing", "put the object between the pads")
+        say(f"held; keep away from it for {seconds:.0f} s")
+        counts = hand.feel(seconds, say)
+        hand.move((0, 0, 0), say)
+        return np.concatenate([counts, hand.feel(UNLOADED_S, say)])

@@ -1,0 +1,202 @@
+"""Calibrations recovered from scales whose law and noise are none of our model's, with the spread
+that they state; and data that support nothing refused."""
+
+import math
+import random
+
+import pytest
+
+from drivers.errors import UsageError
+from scenarios.lab.fit import (
+    LEAST_ODD_N,
+    WEAK_PRESSES,
+    Point,
+    check_current,
+    fit_counts,
+    fit_travel,
+    law_of,
+    odd_one,
+    odd_press,
+    of_byte,
+    quantile_t,
+)
+
+WEIGHTS_N = (0.49, 0.98, 1.96, 2.94, 3.92, 4.9, 6.86, 9.81)
+
+
+def pad(force_n: float, rng: random.Random, exponent: float = 0.95) -> float:
+    """Counts of a pad that creeps, sticks and bends: no straight line, no even noise."""
+    hysteresis = rng.choice((-1.0, 1.0)) * 0.02 * force_n
+    return 143.0 * (force_n + hysteresis) ** exponent * rng.lognormvariate(0.0, 0.02)
+
+
+def scale(force_n: float, rng: random.Random) -> float:
+    """What a kitchen scale shows: 5 g steps, a gain of its own within half a per cent."""
+    return round(force_n * (1 + rng.uniform(-0.005, 0.005)) / 0.049) * 0.049
+
+
+def hand(byte: int, rng: random.Random, bend: float = 0.6) -> float:
+    """A motor with friction: a law of its own, and now and then a harder press."""
+    law = 11.0 + 52.0 * (byte / 255) ** bend
+    return law * (1 + rng.gammavariate(2.0, 0.015))
+
+
+@pytest.mark.parametrize(
+    ("freedom", "one_sided", "two_sided"),
+    [(3, 2.353, 3.182), (4, 2.132, 2.776), (9, 1.833, 2.262), (30, 1.697, 2.042)],
+)
+def test_quantiles_of_student_are_those_of_the_tables(
+    freedom: int, one_sided: float, two_sided: float
+) -> None:
+    assert quantile_t(0.95, freedom) == pytest.approx(one_sided, rel=0.004)
+    assert quantile_t(0.975, freedom) == pytest.approx(two_sided, rel=0.02)
+
+
+# Counts to newtons
+
+
+def readings(seed: int, exponent: float = 0.95) -> list[Point]:
+    rng = random.Random(seed)
+    return [Point(scale(f, rng), pad(f, rng, exponent)) for f in WEIGHTS_N]
+
+
+def test_force_told_by_counts_is_within_what_the_calibration_states() -> None:
+    """Of other presses of the same pad, within its range."""
+    within = tried = 0
+    for seed in range(200):
+        line = fit_counts(readings(seed))
+        rng = random.Random(1000 + seed)
+        for _ in range(5):
+            force_n = rng.uniform(line.least, line.most)
+            tried += 1
+            within += abs(pad(force_n, rng) / line.slope - force_n) <= 2 * line.worst
+    assert within / tried > 0.95
+
+
+@pytest.mark.parametrize(
+    ("points", "why"),
+    [
+        (readings(0)[:4], "too few"),
+        ([Point(5.0 + i / 10, 700.0) for i in range(8)], "too much alike"),
+        ([Point(f, 100 * f**0.5) for f in WEIGHTS_N], "no straight line"),
+        ([Point(f, -10.0) for f in WEIGHTS_N], "no counts"),
+    ],
+)
+def test_data_that_support_no_line_are_refused(points: list[Point], why: str) -> None:
+    with pytest.raises(UsageError, match=why):
+        fit_counts(points)
+
+
+@pytest.mark.parametrize("slip", [10.0, 0.1, 2.0, 0.5, 1 / 9.81, 9.81])
+def test_mistyped_weight_is_named(slip: float) -> None:
+    """A digit too many, a wrong unit, one for another; whichever it is of the eight."""
+    caught = 0
+    for seed in range(40):
+        points = readings(seed)
+        i = seed % len(points)
+        points[i] = Point(points[i].force_n * slip, points[i].measured)
+        by_n = abs(points[i].force_n * (1 - 1 / slip))
+        caught += odd_one(points) == i or by_n < LEAST_ODD_N
+    assert caught == 40
+
+
+def test_readings_rightly_typed_are_not_doubted() -> None:
+    for exponent in (0.8, 0.95, 1.0, 1.2):
+        assert [s for s in range(200) if odd_one(readings(s, exponent)) is not None] == []
+
+
+# Bytes to newtons
+
+
+def test_ninety_five_of_a_hundred_presses_stay_below_what_is_stored() -> None:
+    below = tried = 0
+    for seed in range(300):
+        rng = random.Random(seed)
+        stored = of_byte(0, [scale(hand(0, rng), rng) for _ in range(10)])
+        presses = [hand(0, rng) for _ in range(50)]
+        tried += len(presses)
+        below += sum(press <= stored.bound_n for press in presses)
+    assert 0.93 < below / tried < 0.99
+
+
+@pytest.mark.parametrize("bend", [0.5, 0.8, 1.0, 1.6])
+@pytest.mark.parametrize("bytes_", [(0,), (0, 20), (0, 20, 60), (0, 64, 128, 255)])
+def test_law_is_above_the_mean_press_of_every_byte_pressed_or_not(
+    bend: float, bytes_: tuple[int, ...]
+) -> None:
+    for seed in range(20):
+        rng = random.Random(seed)
+        law = law_of([of_byte(b, [hand(b, rng, bend) for _ in range(10)]) for b in bytes_])
+        for byte in range(256):
+            mean_n = (11.0 + 52.0 * (byte / 255) ** bend) * 1.03
+            if 255 not in bytes_ or byte in bytes_ or bend == 1.0:
+                assert law.force_n(byte) >= mean_n, (seed, byte)
+
+
+def test_byte_weaker_than_the_manual_s_needs_ten_presses() -> None:
+    rng = random.Random(0)
+    presses = [hand(0, rng) for _ in range(WEAK_PRESSES)]
+    with pytest.raises(UsageError, match="less than the manual's 15"):
+        of_byte(0, presses[:9])
+    assert of_byte(0, presses).bound_n < 15.0
+    strong = of_byte(0, [16.0, 16.2, 16.1, 16.3])  # as strong as the manual says
+    assert strong.bound_n > 16.3
+
+
+def test_mistyped_press_is_named() -> None:
+    rng = random.Random(1)
+    presses = [hand(0, rng) for _ in range(6)]
+    assert odd_press(presses) is None
+    presses[3] /= 9.81
+    assert odd_press(presses) == 3
+    with pytest.raises(UsageError, match="press 4"):
+        of_byte(0, presses)
+
+
+def test_presses_that_contradict_one_another_are_refused() -> None:
+    weak, strong = of_byte(0, [20.0, 20.2, 20.1, 20.3]), of_byte(9, [16.0, 16.2, 16.1, 16.3])
+    with pytest.raises(UsageError, match="less than byte 0"):
+        law_of([weak, strong])
+    with pytest.raises(UsageError, match="byte 0 was not pressed"):
+        law_of([strong])
+    with pytest.raises(UsageError, match="too few"):
+        of_byte(0, [16.0, 16.1, 16.2])
+
+
+def test_current_that_falls_with_force_is_refused() -> None:
+    rising = [Point(10.0 + i, 200.0 + 20 * i) for i in range(6)]
+    assert "rising with force" in check_current(rising)
+    assert "too much alike" in check_current([Point(p.force_n, 200.0) for p in rising])
+    with pytest.raises(UsageError, match="falls"):
+        check_current([Point(p.force_n, 400.0 - p.measured) for p in rising])
+
+
+# Counts to millimetres
+
+
+def ruler(counts: int, rng: random.Random) -> float:
+    """A linkage: no straight line, read to half a millimetre, from some mark."""
+    travel_mm = 0.81 * counts + 0.6 * math.sin(counts / 25)
+    return round(2 * (140.0 - travel_mm + rng.gauss(0.0, 0.2))) / 2
+
+
+def test_travel_of_a_count_is_recovered_within_its_interval_and_bend() -> None:
+    counts = list(range(10, 130, 15))
+    for seed in range(100):
+        rng = random.Random(seed)
+        line = fit_travel(counts, [ruler(c, rng) for c in counts])
+        assert line.slope == pytest.approx(0.81, abs=0.03)
+        assert line.worst < 1.3
+
+
+def test_place_read_wrongly_and_way_too_short_are_refused() -> None:
+    rng = random.Random(3)
+    counts = list(range(10, 130, 15))
+    places = [ruler(c, rng) for c in counts]
+    wrong = [*places[:4], places[4] + 10.0, *places[5:]]
+    with pytest.raises(UsageError, match="place 5"):
+        fit_travel(counts, wrong)
+    with pytest.raises(UsageError, match="too few"):
+        fit_travel(counts[:3], places[:3])
+    with pytest.raises(UsageError, match="too few"):
+        fit_travel(list(range(10, 20)), [ruler(c, rng) for c in range(10, 20)])

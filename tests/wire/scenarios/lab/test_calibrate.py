@@ -1,0 +1,188 @@
+"""`grasp calibrate` at an emulated lab, the object's true force being the scale: what comes out is
+what the hand and the pads are, which are not as the packaged files have them."""
+
+import re
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from scenarios.campaign.config import load_config
+from scenarios.rigs.cell_control import ControlClient
+from tests.wire.scenarios.lab.person import played
+from tests.wire.scenarios.lab.terminal import grasp
+from tests.wire.scenarios.test_rigs import emulate, lab_file
+
+TRUE_N = 12.5  # of byte 0 of this hand
+STRANGE = ("--set", f"hand.least_force_n={TRUE_N}", "--set", "hand.force_exponent=1.3")
+CONFIRMED = ("--confirm-motion", "--scale")
+
+
+class Lab:
+    """An emulated lab whose hand is active, and a scale: what the thumb truly presses with."""
+
+    def __init__(self, endpoints: dict[str, Any], folder: Path) -> None:
+        self.folder = folder
+        self.file = lab_file(folder / "lab.toml", endpoints)
+        self.cell = ControlClient(endpoints["control"]["host"], endpoints["control"]["port"])
+
+    def done(self, *words: str) -> None:
+        done = grasp(*words, "--confirm-motion", "--config", str(self.file))
+        assert done.returncode == 0, done.stderr
+
+    def newtons(self) -> float:
+        return float(self.cell.ask("truth")["truth"]["normal_n"][0])
+
+    def played(self, answer: Callable[[str], str], *words: str) -> tuple[int, str, str]:
+        return played(answer, "calibrate", *words, "--config", str(self.file))
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
+    with emulate(*STRANGE) as endpoints:
+        found = Lab(endpoints, tmp_path_factory.mktemp("lab"))
+        found.done("gripper", "activate", "--empty")
+        yield found
+        found.cell.close()
+
+
+@pytest.fixture(autouse=True)
+def in_place(lab: Lab) -> None:
+    """The can stands where a scale would."""
+    lab.done("gripper", "open")
+    lab.cell.ask("place")
+
+
+def test_least_force_of_the_hand_is_recovered_as_an_upper_bound(lab: Lab) -> None:
+    out = lab.folder / "hand.toml"
+    read: list[float] = []
+
+    def person(question: str) -> str:
+        assert "what does the scale say" in question
+        read.append(lab.newtons())
+        return f"{read[-1] / 9.80665 * 1e3:.0f} g"
+
+    code, shown, said = lab.played(person, "hand", "--up-to", "16", "--out", str(out), *CONFIRMED)
+    assert code == 0, said
+    assert len(read) == 10
+    config = load_config("can", "hardware", "energy", [lab.file], (f"gripper.calibration={out}",))
+    known = config.calibration
+    assert known is not None
+    assert max(read) <= known.least_force_n < 1.06 * TRUE_N
+    assert known.byte_at_most(known.least_force_n) == 0
+    assert "10 presses of byte 0" in known.source
+    assert "95 % below" in shown
+
+
+def test_weak_hand_is_told_in_every_run(lab: Lab) -> None:
+    weak = lab.folder / "weak.toml"
+    weak.write_text('[calibration]\nsource = "scale, ten presses"\nleast_force_n = 9.0\n')
+    done = grasp(
+        "gripper", "open", "--confirm-motion", "--config", str(lab.file), "--set",
+        f"gripper.calibration={weak}",
+    )  # fmt: skip
+    assert done.returncode == 0
+    assert "'weak' has force byte 0 press with 9 N, less than the manual's 15 N" in done.stderr
+
+
+def test_too_few_presses_of_a_weak_byte_write_nothing(lab: Lab) -> None:
+    out = lab.folder / "few.toml"
+    code, _, said = lab.played(
+        lambda question: f"{lab.newtons():.2f} N", "hand", "--up-to", "16", "--presses", "4",
+        "--out", str(out), *CONFIRMED,
+    )  # fmt: skip
+    assert code == 2
+    assert "less than the manual's 15" in said
+    assert not out.exists()
+
+
+def test_byte_that_may_press_harder_than_allowed_is_not_sent(lab: Lab) -> None:
+    out = lab.folder / "strong.toml"
+    for words in (("--up-to", "14"), ("--up-to", "61"), ()):
+        done = grasp(
+            "calibrate", "hand", *words, "--out", str(out), *CONFIRMED, "--config", str(lab.file)
+        )
+        assert done.returncode in (2, 4), done.stderr
+    assert lab.newtons() == 0.0
+    assert not out.exists()
+
+
+def test_counts_of_a_newton_are_those_of_the_pad(lab: Lab) -> None:
+    """As the guard would use them: other presses of the same pad are told within a newton."""
+    out = lab.folder / "force.toml"
+    points: list[tuple[float, float]] = []
+
+    def person(question: str) -> str:
+        if "almost touch" in question:
+            return "95"
+        newtons = lab.newtons()
+        return f"{newtons:.2f} N" if newtons > 0.3 else ""
+
+    code, shown, said = lab.played(
+        person, "force", "--press", "--up-to", "15", "--out", str(out), *CONFIRMED
+    )
+    assert code == 0, said
+    points = [
+        (float(newtons), float(counts))
+        for newtons, counts in re.findall(r"^([\d.]+) N: (\d+) counts", said, re.MULTILINE)
+    ]
+    assert len(points) >= 5
+    per_newton = tomllib.loads(shown.rpartition("\n" + str(out))[0])["guard"]["counts_per_newton"]
+    assert all(abs(counts / per_newton - force) < 1.0 for force, counts in points)
+    config = load_config("can", "hardware", "energy", [lab.file, out])
+    assert config.guard.counts_per_newton == per_newton
+
+
+def test_mistyped_weight_is_asked_about_once_the_others_tell(lab: Lab) -> None:
+    out = lab.folder / "typo.toml"
+    typed: list[float] = []
+    doubted: list[str] = []
+
+    def person(question: str) -> str:
+        if "almost touch" in question:
+            return "100"
+        if "contradicts" in question:
+            doubted.append(question)
+            return f"{typed[3]:.2f} N"
+        newtons = lab.newtons()
+        if newtons < 0.3:
+            return ""
+        typed.append(newtons)
+        return f"{newtons / (4 if len(typed) == 4 else 1):.2f} N"
+
+    code, _, said = lab.played(
+        person, "force", "--press", "--up-to", "15", "--out", str(out), *CONFIRMED
+    )
+    assert code == 0, said
+    assert [line.startswith("reading 3, ") for line in doubted] == [True], said
+
+
+def test_rule_of_a_still_hold_is_written_and_read(lab: Lab) -> None:
+    out = lab.folder / "rule.toml"
+    code, shown, said = lab.played(
+        lambda question: "", "noise", "--seconds", "36", "--detector", "energy", "--out", str(out),
+        "--confirm-motion",
+    )  # fmt: skip
+    assert code == 0, said
+    assert "counts of load" in shown
+    config = load_config("can", "hardware", "energy", [lab.file, out])
+    assert config.rule.threshold > 0.0
+    assert lab.newtons() == 0.0  # it has let go
+
+
+@pytest.mark.parametrize(
+    "words", [("hand", "--up-to", "16"), ("force", "--press"), ("noise",)], ids=" ".join
+)
+def test_dry_run_says_what_would_move_and_nothing_moves_unconfirmed(
+    words: tuple[str, ...], lab: Lab
+) -> None:
+    out = lab.folder / "none.toml"
+    whole = ("calibrate", *words, "--out", str(out), "--config", str(lab.file))
+    dry = grasp(*whole, "--dry-run")
+    assert dry.returncode == 0
+    assert "would move " in dry.stdout
+    assert grasp(*whole, "--scale" if words[0] != "noise" else "--json").returncode == 2
+    assert lab.newtons() == 0.0
+    assert not out.exists()
