@@ -10,6 +10,7 @@ from detector.decision import (
     ConsecutiveRule,
     RuleSettings,
     event_starts,
+    log_odds,
     make_rule,
     registered_events,
 )
@@ -34,6 +35,69 @@ def latch(r: ConsecutiveRule, *values: float) -> list[bool]:
 def test_the_paper_s_rule_is_the_default() -> None:
     assert RuleSettings().consecutive == 2
     assert RuleSettings().threshold == 0.5
+
+
+def test_the_rule_that_adds_up_evidence_asks_for_that_of_a_few_sure_samples() -> None:
+    assert (RuleSettings().drift, RuleSettings().limit) == (0.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fusion", "unread"),
+    [
+        ("consecutive", "any", {"drift", "limit"}),
+        ("consecutive", "mean", {"drift", "limit", "fingers"}),
+        ("cusum", "any", {"consecutive"}),
+        ("cusum", "mean", {"consecutive", "fingers"}),
+    ],
+)
+def test_a_kind_of_rule_says_which_settings_it_does_not_read(
+    kind: str, fusion: str, unread: set[str]
+) -> None:
+    assert RuleSettings(kind=kind, fusion=fusion).unread == unread  # type: ignore[arg-type]
+
+
+def test_no_sample_counts_for_more_than_a_detector_can_be_believed() -> None:
+    assert log_odds(np.array([0.0, 0.5, 1.0])) == pytest.approx([-7.0, 0.0, 7.0])
+
+
+@pytest.mark.parametrize("kind", ["consecutive", "cusum"])
+@pytest.mark.parametrize("fusion", ["any", "mean"])
+def test_every_rule_tells_its_threshold_and_counts_quiet_samples_anew_when_interrupted(
+    kind: str, fusion: str
+) -> None:
+    settings = RuleSettings(kind=kind, fusion=fusion, threshold=0.7, release=2)  # type: ignore[arg-type]
+    r = make_rule(settings, 3)
+    assert r.threshold == 0.7
+    high, low = np.full(3, 0.99), np.full(3, 0.01)
+    for sample in (high, high, high, low):
+        r.update(sample)
+    r.interrupt()
+    r.update(low)
+    assert r.registered
+    r.update(low)
+    assert not r.registered
+
+
+@pytest.mark.parametrize("fusion", ["any", "mean"])
+def test_every_rule_forgets_registration_and_evidence_when_it_is_reset_or_interrupted(
+    fusion: str,
+) -> None:
+    r = make_rule(RuleSettings(fusion=fusion), 3)  # type: ignore[arg-type]
+    high = np.full(3, 0.99)
+    r.update(high)
+    r.interrupt()
+    assert not r.update(high).any()
+    assert r.update(high).any() and r.registered
+    r.reset()
+    assert not r.registered and not r.update(high).any()
+
+
+def test_evidence_at_the_limit_is_not_above_it() -> None:
+    p = np.array([0.9])
+    settings = RuleSettings(kind="cusum", limit=float(log_odds(p)[0]))
+    assert not make_rule(settings, 1).update(p).any()
+    assert len(registered_events(p[None], settings)) == 0
+    assert len(registered_events(np.array([p, p]), settings)) == 1
 
 
 def test_k_samples_in_a_row_on_one_finger_register_it_for_as_long_as_they_last() -> None:
