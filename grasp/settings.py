@@ -277,6 +277,7 @@ def _merge(into: Table, new: Table, source: str, sources: dict[str, str], prefix
 
 
 TOGETHER = "what goes together"
+NAMED = re.compile(r"([a-z_]+\.[a-z_0-9]+): ")  # the setting that a problem begins with
 
 
 def _explain(
@@ -298,7 +299,8 @@ def _explain(
             return ConfigError(_source(sources, key), key, f"is called {new} now", new)
         return ConfigError(_source(sources, key), key, text, ", ".join(known))
     if not key:  # settings that do not go together
-        return ConfigError(next(iter(sources.values()), "-"), "-", problem, TOGETHER)
+        named = NAMED.match(problem)
+        return ConfigError(_source(sources, named[1] if named else ""), "-", problem, TOGETHER)
     if hasattr(_type_at(cls, key), "__struct_fields__") and not problem.startswith("Expected"):
         return ConfigError(_source(sources, key), key, problem, TOGETHER)
     return ConfigError(

@@ -278,6 +278,7 @@ ELSEWHERE = {
         f"DoubtSettings.{field}": f"grasp/test_{'arm_' * field.startswith('arm_')}doubt.py"
         for field in DoubtSettings.__struct_fields__
     },
+    "DoubtSettings.repeat_chance": "grasp/test_quiet_fingertips.py",
     **dict.fromkeys(
         (f"UrSettings.{field}" for field in UrSettings.__struct_fields__),
         "drivers/ur/test_link_settings.py",

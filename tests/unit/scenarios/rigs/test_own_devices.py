@@ -87,11 +87,11 @@ def test_it_counts_as_real_whatever_it_is(
     device: str, rig: str, tmp_path: Path, opened: list[Any]
 ) -> None:
     word = f"devices.{device}=acme"
-    with pytest.raises(ConfigError, match="counts as real"):
+    with pytest.raises(ConfigError, match=f"--set: devices.{device}: .* counts as real"):
         load_config("can", rig, "energy", None, [word])
     file = tmp_path / "rig.toml"
     file.write_text(f'rig = "{rig}"\n[devices]\n{device} = "acme"\n')
-    with pytest.raises(ConfigError, match="counts as real"):
+    with pytest.raises(ConfigError, match=rf"{file}: devices.{device}: .* counts as real"):
         load_config("can", str(file), "energy")
     with pytest.raises(ConfigError, match="counts as real"):
         grasp.lift(rig=rig, settings={f"devices.{device}": "acme"})
