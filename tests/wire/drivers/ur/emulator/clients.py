@@ -274,6 +274,19 @@ def not_emulated(site):
     assert "force_mode is not emulated" in " ".join(site.fault(do="state")["messages"])
 
 
+def contact_refused(site):
+    """What ur_rtde's script leaves out for a CB3."""
+    c = site.connect()
+    assert not c.moveUntilContact([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
+    until(lambda: not c.isProgramRunning(), "the program goes on")
+    assert "tool_contact is not emulated" in " ".join(site.fault(do="state")["messages"])
+    assert c.reuploadScript()
+    until(c.isProgramRunning, "program does not start again")
+    c.freedriveMode()
+    until(lambda: not c.isProgramRunning(), "the program goes on")
+    assert "freedrive_mode is not emulated" in " ".join(site.fault(do="state")["messages"])
+
+
 def io(site):
     r = site.receive
     outputs = rtde_io.RTDEIOInterface(site.host)

@@ -34,7 +34,9 @@ def test_cb3(emulator, scenario):
     assert emulator.fault(do="state")["ignored_packets"] == 0
 
 
-@pytest.mark.parametrize("scenario", ["move_l", "speed_l", "not_remote"])
+@pytest.mark.parametrize(
+    "scenario", ["move_l", "speed_l", "servo", "contact_refused", "not_remote"]
+)
 def test_e_series_at_500_hz(emulate, scenario):
     """125 Hz controllers have no remote control mode that ur_rtde could ask for."""
     emulate("--profile", "e-series").client(scenario)

@@ -1,0 +1,29 @@
+"""The table of clients: as the page shows it, and by tests that there are."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from scripts.emulators import BEGIN, END, PAGE, ROWS, table
+
+ROOT = Path(__file__).parents[3]
+
+
+def test_the_page_shows_the_table_with_nothing_that_fails() -> None:
+    shown = PAGE.read_text().partition(BEGIN)[2].partition(END)[0].strip()
+    assert shown == table(ROWS, {row.test for row in ROWS})
+
+
+@pytest.mark.parametrize("test", sorted({row.test for row in ROWS}))
+def test_each_row_names_a_test(test) -> None:
+    path, _, name = test.partition("::")
+    text = (ROOT / path).read_text()
+    function, _, parameter = name.rstrip("]").partition("[")
+    assert re.search(rf"^def {function}\(", text, re.MULTILINE)
+    scenario = f'"{parameter}"' in text
+    assert not parameter or scenario or re.fullmatch(r"[\w-]*names\d|\d+|request_\d", parameter)
+
+
+def test_a_row_whose_test_fails_says_so() -> None:
+    assert table(ROWS[:2], {ROWS[0].test}).splitlines()[-1].endswith("| **fails** |")
