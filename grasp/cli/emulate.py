@@ -21,8 +21,8 @@ def add_parser(verbs: Any) -> None:
         description=HELP + ". Prints its endpoints as one JSON line when it is ready and ends on "
         "SIGINT or SIGTERM. An object appears between the fingers once the hand is activated. "
         "What a person does in a laboratory is typed here, a line each: place (the object on the "
-        "table), home (the arm, to where it began), look, tap [top|side|closing], fault NAME "
-        "[SETTING=VALUE ...].",
+        "table), take (it away), scale (what each fingertip presses with), home (the arm, to where "
+        "it began), look, tap [top|side|closing], fault NAME [SETTING=VALUE ...].",
     )
     parser.add_argument(
         "--host", metavar="ADDRESS",

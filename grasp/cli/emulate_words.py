@@ -20,7 +20,10 @@ from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import Swing, swing
 
 DIRECTIONS = ("top", "side", "closing")
-KNOWN = f"place | home | look | tap [{'|'.join(DIRECTIONS)}] | fault NAME [SETTING=VALUE ...]"
+KNOWN = (
+    f"place | take | home | look | scale | tap [{'|'.join(DIRECTIONS)}] | "
+    "fault NAME [SETTING=VALUE ...]"
+)
 STDIN = 0
 POLL_S = 0.05
 
@@ -67,6 +70,8 @@ class Words:
             reply = cell.obey({"verb": "home"})
         if "error" in reply:
             return str(reply["error"])
+        if words[0] == "scale":
+            return scale(reply["truth"])
         return look(reply["truth"]) if words[0] == "look" else "done"
 
     def _request(self, words: list[str]) -> dict[str, Any]:
@@ -79,9 +84,17 @@ class Words:
             if isinstance(found, ConfigError):
                 raise ValueError(str(found))
             return {"verb": verb, **msgspec.to_builtins(found.blow)}
-        if verb in ("look", "place", "home") and not rest:
-            return {"verb": "truth" if verb == "look" else verb}
+        if verb in ("look", "scale") and not rest:
+            return {"verb": "truth"}
+        if verb in ("place", "take", "home") and not rest:
+            return {"verb": verb}
         raise ValueError(f"{' '.join(words)!r} is not known")
+
+
+def scale(truth: dict[str, Any]) -> str:
+    """What scales under the fingertips would say."""
+    fingers = zip("ABC", truth["normal_n"], strict=True)
+    return "pressed with " + ", ".join(f"{name} {newtons:.2f} N" for name, newtons in fingers)
 
 
 def look(truth: dict[str, Any]) -> str:

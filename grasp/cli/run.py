@@ -5,7 +5,7 @@ import json
 from typing import Any
 
 from drivers.errors import UsageError
-from grasp.cli import exits
+from grasp.cli import exits, first
 from grasp.cli.lab import tell_weak
 from grasp.cli.options import (
     OBJECT_HELP,
@@ -42,6 +42,11 @@ def _add_lift(scenarios: Any) -> None:
     parser.add_argument(
         "--keep", action="store_true", help="keep holding the object instead of setting it down"
     )
+    parser.add_argument(
+        "--first", action="store_true",
+        help="a lab's first lift: closed in free air, then a soft object, at half speed and the "
+        "least force, with a question before each",
+    )  # fmt: skip
     add_series_options(parser, "lift")
     _add_common(parser)
 
@@ -57,7 +62,7 @@ def _add_tap(scenarios: Any) -> None:
     add_series_options(parser, "tap")
     parser.add_argument("--taps", metavar="N", help=argparse.SUPPRESS)  # told its new name
     _add_common(parser)
-    parser.set_defaults(keep=False)
+    parser.set_defaults(keep=False, first=False)
 
 
 def _add_acquire(scenarios: Any) -> None:
@@ -91,7 +96,8 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
     add_runs(parser)
     parser.add_argument(
         "-v", "--verbose", action="store_true",
-        help="say also by how much physics the simulated world was computed, and why",
+        help="say also by how much physics the simulated world was computed, and why; of a lift or "
+        "taps leave a log in --runs, with the wall clock's times",
     )  # fmt: skip
     parser.add_argument(
         "--view", action="store_true",
@@ -165,10 +171,13 @@ def run(args: argparse.Namespace) -> int:
         if args.direction is not None:
             assignments.append(f"tap.direction={args.direction}")
     config = load_config(
-        args.object, args.rig, args.detector, args.config, assignments, args.profile
+        first.object_of(args), args.rig, args.detector, args.config, assignments, args.profile
     )
     permit = _permit(config, args)
     make_guard(config)  # a limit that cannot be kept is refused before anything is shown
+    if args.first:
+        config = first.begin(config, permit, args)
+        make_guard(config)
     scenario = config.for_lift() if args.scenario == "lift" else config.for_tap()
     return run_trials(args, scenario, permit)
 

@@ -3,7 +3,8 @@
 import argparse
 import json
 import sys
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 from drivers.errors import GraspError, UsageError
 from grasp import interruption
 from grasp.cli import exits
+from grasp.cli.first import tell_end
 from grasp.cli.options import whole
 
 TRIALS = {"lift": 1, "tap": 20}  # taps: paper, section V-B
@@ -122,6 +124,7 @@ def _follow(
     config, of = experiment.config, experiment.trials
     title = f"{args.scenario} · {config.object.name} · {config.rig} rig"
     with (
+        _logged(args, config) as log,
         Display(config.rig, args.json, plain=asked, brief=not alone) as display,
         viewed(args, lambda: LiveTrials(config, title, of)) as live,
     ):
@@ -133,12 +136,15 @@ def _follow(
             if live is not None:
                 live.trial(number)
 
+        on_tick = display.tick if log is None else _both(display.tick, log.tick)
         bench = Bench(
-            args.runs, paced(args), display.tick, operator, permit, watch=watch, on_trial=begins
+            args.runs, paced(args), on_tick, operator, permit, watch=watch, on_trial=begins
         )
         try:
             for finished, row in run(experiment, bench, store):
                 seen.take(finished, row)
+                if log is not None:
+                    _log_end(log, finished)
                 if live is not None and finished.result is not None:
                     live.feed.say(trial_line(finished.result))
                 if finished.result is not None and not alone:
@@ -156,6 +162,38 @@ def _follow(
             seen.failure = Failure(error.kind, error.message, error.remedy)
         display.close()
     return seen
+
+
+def _both(one: Any, other: Any) -> Any:
+    def tick(tick: Any) -> None:
+        one(tick)
+        other(tick)
+
+    return tick
+
+
+@contextmanager
+def _logged(args: argparse.Namespace, config: Any) -> Iterator[Any]:
+    """The log of `-v`, named once it is closed; None without."""
+    from grasp.cli.run_log import RunLog
+
+    if not args.verbose:
+        yield None
+        return
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
+    with RunLog(args.runs / f"{stamp}-{args.scenario}-{config.object.name}.log") as log:
+        log.say(f"{args.scenario} of {config.object.name} on rig {config.rig}, {sys.argv[1:]}")
+        yield log
+    exits.say(f"log: {log.path}")
+
+
+def _log_end(log: Any, finished: Any) -> None:
+    if finished.result is not None:
+        log.say(f"seed {finished.result.seed}: {finished.result.outcome}")
+    if finished.failure is not None:
+        log.say(f"{finished.failure.kind}: {finished.failure.message}")
+        if finished.failure.end is not None:
+            log.say(f"{finished.failure.end.arm}; {finished.failure.end.hand}")
 
 
 def _write_pages(results: list[Any], quiet: bool) -> None:
@@ -183,6 +221,8 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
     if not args.json:
         print_verdict(result, args.verbose)
         _tell_height(result, config)
+        if args.first and failure is None:
+            tell_end(result)
     if failure is not None:
         extra = {"result": msgspec.to_builtins(result)} if args.json else {}
         return exits.report_failure(failure, args.json, **extra)

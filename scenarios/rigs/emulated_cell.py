@@ -94,7 +94,7 @@ class EmulatedCell:
         self.cell = any_cell(order.config, order.seed, self._last_ns)
         self._hand = self.cell if isinstance(self.cell, SimulatedCell) else None
         self._placed = self._hand is None  # a surface stands where it stands
-        of_a_grasp = {} if self._hand is None else self._verbs_of_a_grasp(self._hand)
+        of_a_grasp = {} if self._hand is None else self._verbs_of_a_grasp(self._hand, order)
         self._verbs = {**of_a_grasp, "truth": self._truth, "fault": self._fault}
         self._home_m = order.config.arm_model.start_m
         start_m = order.config.arm_model.start_m
@@ -200,7 +200,9 @@ class EmulatedCell:
         return {"truth": truth, "placed": self._placed, "stalls": self._stalls,
                 "worst_stall_ms": self._worst_stall_ns * 1e-6}  # fmt: skip
 
-    def _verbs_of_a_grasp(self, cell: SimulatedCell) -> dict[str, Callable[[Request], Request]]:
+    def _verbs_of_a_grasp(
+        self, cell: SimulatedCell, order: CellOrder
+    ) -> dict[str, Callable[[Request], Request]]:
         def load(request: Request) -> Request:
             order = msgspec.convert(request, CellOrder)
             if order.grasp is None:
@@ -226,7 +228,14 @@ class EmulatedCell:
                 cell.arm.move_l(self._home_m, HOME_MPS, HOME_MPS2, now_ns)
             return {"away_m": away_m}
 
-        return {"load": load, "place": place, "tap": tap, "home": home}
+        def take(request: Request) -> Request:
+            """Away with the object."""
+            if order.grasp is not None:
+                cell.load(*cell_settings(order.grasp, order.seed))
+            self._placed = True
+            return {}
+
+        return {"load": load, "place": place, "take": take, "tap": tap, "home": home}
 
     def _fault(self, request: Request) -> Request:
         self.faults.order(request, time.monotonic_ns())

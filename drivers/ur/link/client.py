@@ -245,12 +245,12 @@ class UrLink:
             raise DeviceFault(
                 f"the arm is stopped by its safety system (bits {state.safety_bits:#x})",
                 "release the emergency stop or close the safeguard, power the robot on at the "
-                "teach pendant, then recover the arm link",
+                "teach pendant, then start the run again",
             )
         if self._begins("mode", state.robot_mode != ROBOT_RUNNING and not stopped):
             raise DeviceFault(
                 f"the arm's motors are off (robot mode {state.robot_mode})",
-                "power the robot on at the teach pendant, then recover the arm link",
+                "power the robot on at the teach pendant, then start the run again",
             )
         if self._begins("program", not state.program_running and not stopped):
             raise _program_ended()
@@ -307,5 +307,5 @@ def _along_axis(state: State) -> float:
 def _program_ended() -> DeviceFault:
     return DeviceFault(
         "the program on the arm controller has ended",
-        f"look at the log of the teach pendant; {START_AGAIN}",
+        f"look at the log of the teach pendant, and whether it was turned to Local; {START_AGAIN}",
     )

@@ -75,6 +75,14 @@ def test_words_of_a_person_are_requests(typed: int, capsys: pytest.CaptureFixtur
     assert answers.count("done") == 4
 
 
+def test_scales_and_taking_the_object_away_are_words_too(
+    typed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cell, answers = said(typed, "take\nscale\n", capsys)
+    assert [request["verb"] for request in cell.asked] == ["take", "truth"]
+    assert answers[1].startswith("pressed with A 0.00 N, B 0.00 N, C ")
+
+
 def test_rotation_in_the_hand_is_seen_where_there_is_any() -> None:
     assert look({**TRUTH, "turn_rad": -0.1}).endswith("5.0 mm from its mark, turned 5.7 deg")
     assert "turned" not in look(TRUTH)
@@ -86,7 +94,7 @@ def test_what_is_not_known_is_told_with_what_is(
     lines = "dance\ntap below\nplace it\nfault dance\nplace\n"
     cell, answers = said(typed, lines, capsys)
     assert "'dance' is not known" in answers[0]
-    assert all("place | home | look | tap" in answer for answer in answers[:4])
+    assert all("place | take | home | look | scale | tap" in answer for answer in answers[:4])
     assert answers[4] == "done"
     assert [request["verb"] for request in cell.asked] == ["fault", "place"]
 

@@ -1,0 +1,59 @@
+"""The log of `-v`: what a run did, a line each with the wall clock's time, as it happens."""
+
+from datetime import datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from grasp.commands import describe
+from grasp.files import make_private_file, make_private_folder
+from grasp.loop import Tick
+from grasp.phases import Phase
+
+
+class RunLog:
+    """Appends to a file of its own; a disk that is full costs the log, not the run."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises OSError where it cannot be made."""
+        make_private_folder(path.parent)
+        make_private_file(path)
+        self.path = path
+        self._file = path.open("a", encoding="utf-8", buffering=1)
+        self._phase: Phase | None = None
+        self._lost = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:  # fmt: skip
+        if error is not None:
+            self.say(f"ended by {kind.__name__ if kind else ''}: {error}")
+        self._file.close()
+
+    def say(self, text: str) -> None:
+        """One line."""
+        now = datetime.now().astimezone().isoformat(timespec="milliseconds")
+        try:
+            if not self._lost:
+                self._file.write(f"{now} {text}\n")
+        except OSError:
+            self._lost = True
+
+    def tick(self, tick: Tick) -> None:
+        """Phases, slip that is registered, and every command with what became of it."""
+        decision, at = tick.decision, f"t {tick.t_ns * 1e-9:.3f} s"
+        if decision.phase is not self._phase:
+            self._phase = decision.phase
+            self.say(f"{at} phase {decision.phase.value}")
+        if decision.slip.event:
+            self.say(f"{at} slip is registered")
+        for issued in tick.issued:
+            asked, admitted = describe(issued.asked), describe(issued.admitted)
+            changed = "" if admitted == asked else f"; the guard admits: {admitted}"
+            note = issued.applied.note if issued.applied is not None else ""
+            became = issued.refused or note
+            self.say(f"{at} {asked}{changed}" + (f" ({became})" if became else ""))
