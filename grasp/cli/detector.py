@@ -238,7 +238,7 @@ def table2(args: argparse.Namespace) -> int:
     sheets = [m.evaluation() for m in made]
     print(methods_table(sheets))
     print(f"\n{confusions_table(sheets)}")
-    varied = [variance_of(m.detector.name, m.config.rule, m.streams) for m in made]
+    varied = [variance_of(m.label, m.config.rule, m.streams) for m in made]
     print(f"\n{variances_table(varied)}")
     return exits.SUCCESS
 

@@ -79,9 +79,21 @@ def test_scoring_and_a_fingertip_s_recording(mine: str, tmp_path: Path, capsys: 
     csv = str(stroke_csv(tmp_path / "s.csv"))
     words = ["--set", "own.counts=9", "--json"]
     assert main(["detector", "evaluate", mine, "--recording", csv, *words]) == 0
-    assert told(capsys)["detector"] == "Tremble"
+    assert told(capsys)["detector"] == mine
     assert main(["replay", "--tactile", csv, "--detector", mine]) == 0
     assert "Tremble on" in capsys.readouterr().out
+
+
+def test_two_of_one_name_are_told_apart_in_scores(
+    mine: str, tmp_path: Path, capsys: Capture
+) -> None:
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "mine.py").write_text(EXAMPLE.read_text())
+    other = f"{tmp_path}/b/mine.py:Tremble"
+    csv, out = str(stroke_csv(tmp_path / "s.csv")), tmp_path / "scores.json"
+    assert main(["detector", "evaluate", mine, other, "--recording", csv, "--out", str(out)]) == 0
+    assert f"{mine} on " in (said := capsys.readouterr().out) and f"{other} on " in said
+    assert [each["detector"] for each in json.loads(out.read_text())["detectors"]] == [mine, other]
 
 
 def test_tuning_its_rule_on_labelled_recordings(

@@ -9,6 +9,7 @@ import numpy as np
 
 from detector.interface import SlipDetector
 from detector.network_file import is_weights, read_network
+from detector.own import is_code
 from detector.recordings import LabelName, Recording, Split, read_dataset
 from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
@@ -53,7 +54,14 @@ class Contender(msgspec.Struct, frozen=True, eq=False):
 
     def evaluation(self) -> Evaluation:
         """The sheet at the detector's own threshold and rule."""
-        return evaluate_streams(self.detector, self.config.rule, self.streams, self.data)
+        sheet = evaluate_streams(self.detector, self.config.rule, self.streams, self.data)
+        return msgspec.structs.replace(sheet, detector=self.label)
+
+    @property
+    def label(self) -> str:
+        """What it is called beside others: two files may call theirs the same."""
+        word = self.config.detector_name
+        return word if is_code(word) or is_weights(word) else self.detector.name
 
     def points(self) -> list[SweepPoint]:
         """Every rule and threshold of the sweep."""

@@ -103,7 +103,7 @@ def evaluated(made: Contender, sheet: Evaluation) -> Evaluated:
     found = [(s, slip) for s in streams for slip in slips_heard(s, rule)]
     worst = sorted(found, key=lambda each: _badness(each[1]), reverse=True)[:MOST_TRACES]
     return Evaluated(
-        detector=made.detector.name,
+        detector=made.label,
         rule=rule,
         sheet=msgspec.json.decode(msgspec.json.encode(sheet)),
         choices=[
