@@ -26,9 +26,10 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     ] = 50  # fmt: skip
     repeat_chance: Annotated[
         float,
-        Meta(gt=0.0, le=0.1, description="what is not loaded is doubted no sooner than after "
-             "repeats as unlikely as this, by how often its codes have changed in the run: a quiet "
-             "sensor is no frozen one; assumed"),
+        Meta(gt=0.0, le=0.1, description="a fingertip, or a hand in the air, is doubted no sooner "
+             "than after repeats as unlikely as this, by how often its codes have changed in the "
+             "run: a quiet sensor is no frozen one; a loaded one before stuck_samples anyhow. "
+             "Assumed"),
     ] = 1e-7  # fmt: skip
     loaded_counts: Annotated[
         int, Meta(ge=5, le=500, description="a taxel so far from its rest, and not at a rail, is "

@@ -58,9 +58,10 @@ class FingertipDoubt:
         self._deaf = NONE
         self._counts: list[int] = [0] * FINGERS
         self._repeats = [0] * FINGERS  # in a row of all of a fingertip's codes
-        # A sensor that is quiet in the air is not taken for a frozen one: of what is not loaded
-        self._by_chance = tuple(Repeats() for _ in range(FINGERS))
-        self._hand_by_chance = Repeats()
+        # A quiet sensor is no frozen one: of each fingertip, free and loaded, and of all
+        self._free = tuple(Repeats() for _ in range(FINGERS))
+        self._pressed = tuple(Repeats() for _ in range(FINGERS))
+        self._all_free = Repeats()
         self._at_rail = [0] * FINGERS
         self._jumped = False
         self.can_tell: Flags = np.ones((FINGERS, 1), np.bool_)
@@ -108,16 +109,17 @@ class FingertipDoubt:
         self.believable = not (self._jumped or any(railed))
 
     def _learn(self) -> None:
-        """What the codes of fingertips that nothing loads repeat by chance."""
+        """How often codes repeat by chance."""
         before, fingers = self._repeats, _by_finger(self._still)
         self._repeats = [min(own) for own in fingers]
         loaded = [self._loaded(finger) for finger in range(FINGERS)]
         changes = [own.count(0) for own in fingers]
-        for finger, chance in enumerate(self._by_chance):
-            if changes[finger] and not loaded[finger]:
-                chance.ended(before[finger], changes[finger])
+        for finger, number in enumerate(changes):
+            if number:
+                which = self._pressed if loaded[finger] else self._free
+                which[finger].ended(before[finger], number)
         if any(changes) and not any(loaded):
-            self._hand_by_chance.ended(min(before), sum(changes))
+            self._all_free.ended(min(before), sum(changes))
 
     def _loaded(self, finger: int) -> bool:
         """Whether a taxel that can tell is."""
@@ -181,17 +183,18 @@ class FingertipDoubt:
     def _patience(self, finger: int) -> float:
         """Repeats of a fingertip that a taxel that can tell, above all a loaded one, could end."""
         s = self._settings
-        if self._loaded(finger):
-            return s.dead_samples
+        if self._loaded(finger):  # it may hold something: no longer than until no taxel can tell
+            by_chance = self._pressed[finger].patience(s.repeat_chance)
+            return max(s.dead_samples, min(by_chance, s.stuck_samples - 1))
         least = _as_much(s.dead_unloaded_samples, self.can_tell[finger])
-        return max(least, self._by_chance[finger].patience(s.repeat_chance))
+        return max(least, self._free[finger].patience(s.repeat_chance))
 
     def _hand_patience(self) -> float:
         """Likewise of all fingertips at once."""
         least = _as_much(self._settings.frozen_samples, self.can_tell)
         if any(self._loaded(finger) for finger in range(FINGERS)):
             return least
-        return max(least, self._hand_by_chance.patience(self._settings.repeat_chance))
+        return max(least, self._all_free.patience(self._settings.repeat_chance))
 
 
 def at_rail(raw: NDArray[np.int16]) -> Flags:

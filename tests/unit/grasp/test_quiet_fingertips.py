@@ -52,6 +52,29 @@ def test_a_lively_one_that_freezes_in_the_air_is_doubted_no_later(lively: int) -
     assert (n, said) == (7, "fingertips_frozen")
 
 
+@pytest.mark.parametrize(("every", "least", "most"), [(2, 30, 60), (20, 75, 85)])
+def test_patience_with_a_loaded_fingertip_that_is_quiet_ends_when_none_of_its_taxels_could_tell(
+    every: int, least: int, most: int
+) -> None:
+    """Thumb and C live, and B repeats itself for so long again and again in a firm grip, the last
+    time just before it freezes."""
+
+    def firm(k: int) -> Codes:
+        raw = codes(k)
+        raw[1] = quiet(k, every)[1] - np.int16(100)
+        return raw
+
+    doubt = FingertipDoubt(DoubtSettings())
+    samples = 10 * every
+    assert not any(doubt.see(frame(firm(k)), Phase.LIFT) for k in range(1, samples))
+
+    def frozen(k: int) -> Codes:
+        return np.stack([codes(k)[0], firm(samples - 1)[1], codes(k)[2]])
+
+    after = [doubt.see(frame(frozen(k)), Phase.LIFT)[:24] for k in range(samples, samples + 150)]
+    assert least <= after.index("fingertip_dead: finger B") + 1 <= most
+
+
 def test_repeat_chance() -> None:
     """Two samples in three are alike: as many more have to come as the chance is less."""
     samples = [quiet(k, 6) for k in range(300)]
