@@ -33,7 +33,8 @@ SEED, SAMPLE = 17, 300
 
 UNIT = "tests/unit"
 ROBOTIQ = tuple(f"{UNIT}/drivers/robotiq/test_{name}.py" for name in (
-    "calibration", "driver_contact", "driver_faults", "driver_verbs", "protocol", "registers",
+    "calibration", "driver_contact", "driver_faults", "driver_verbs", "exchange", "protocol",
+    "registers",
 ))  # fmt: skip
 GRASP = f"{UNIT}/grasp"
 
@@ -171,7 +172,8 @@ def run_parts(book: Book, names: Sequence[str]) -> int:
 def run_sample(book: Book, most: int) -> int:
     chosen = drawn(max(most, SAMPLE))[:most]
     paths = sorted({mutant.path for mutant in chosen})
-    tests = [f"{UNIT}/grasp", f"{UNIT}/drivers", f"{UNIT}/test_safety_settings.py"]
+    tests = [f"{UNIT}/drivers", f"{UNIT}/test_safety_settings.py"]
+    tests += sorted(str(path.relative_to(HOME)) for path in (HOME / GRASP).glob("test_*.py"))
     fates = book.attack("sample", paths, tests, chosen)
     for text in (found := unexplained(fates, arguments())):
         print(text)

@@ -6,6 +6,7 @@ import is written to a copy of the checkout instead, and tests run there in a pr
 """
 
 import ast
+import atexit
 import gc
 import os
 import resource
@@ -45,6 +46,7 @@ class Test(msgspec.Struct):
     name: str
     seconds: float
     called: list[tuple[str, str]]  # paths and qualified names
+    fails: bool = False
 
 
 Told = Callable[[Fate], None]
@@ -54,7 +56,8 @@ def run(paths: Sequence[str], tests: Sequence[str], chosen: Sequence[Mutant], te
     """Fates of the chosen mutants of these modules, by these tests; exit code of pytest."""
     os.environ.update(ENVIRONMENT)
     plugin = Attack(paths, chosen, tell)
-    options = ("-q", "-p", "no:cacheprovider", "-p", "no:xdist")
+    known = "ignore::pytest.PytestAssertRewriteWarning"  # what is imported by then is not of a test
+    options = ("-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-W", known)
     return int(pytest.main([*options, *tests], plugins=[plugin]))
 
 
@@ -86,13 +89,13 @@ class Attack:
             places.update(mutants(path))
         for mutant in self._chosen:
             place = places[mutant]
-            if place.on_import:
+            names, seconds = ([], 0.0) if place.on_import else self._seeing(mutant, tests)
+            if names:
+                swap = _swaps(mutant, place, functions)
+                killer = self._forked(names, swap, seconds)
+            else:  # a function that no test calls may have been called by the import
                 names, seconds = self._on_import(mutant, tests)
                 killer = self._in_copy(mutant, place, names, seconds) if names else ""
-            else:
-                names, seconds = self._seeing(mutant, tests)
-                swap = _swaps(mutant, place, functions)
-                killer = self._forked(names, swap, seconds) if names else ""
             if killer in self._items:
                 latest = self._killers.setdefault(mutant.path + mutant.where, [])
                 latest[:] = [killer, *(name for name in latest if name != killer)][:5]
@@ -125,7 +128,8 @@ class Attack:
         return [test.name for test in order], sum(test.seconds for test in seeing)
 
     def _measured(self) -> list[Test]:
-        """All tests without a mutant, in a child; raises UsageError for one that fails."""
+        """All tests without a mutant, in a child. One that fails then tells nothing of a mutant:
+        it is left out, and named."""
         read, write = os.pipe()
         child = os.fork()
         if child == 0:
@@ -139,9 +143,10 @@ class Attack:
             text = told.read()
         os.waitpid(child, 0)
         tests = msgspec.json.decode(text or b"[]", type=list[Test])
-        if not tests or not tests[-1].name:
-            raise pytest.UsageError(f"without a mutant fails: {tests[-1].called if tests else '?'}")
-        return tests
+        for test in tests:
+            if test.fails:
+                print(f"left out, fails without a mutant: {test.name}", flush=True)
+        return [test for test in tests if not test.fails]
 
     def _watched(self) -> Iterator[Test]:
         _quiet()
@@ -160,10 +165,9 @@ class Attack:
             sys.setprofile(called_now)
             item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
             sys.setprofile(None)
-            if self._failed:
-                yield Test("", 0.0, [(self._failed, "")])
-                return
-            yield Test(item.nodeid, time.process_time() - start_s, sorted(called))
+            seconds, fails = time.process_time() - start_s, bool(self._failed)
+            self._failed = ""
+            yield Test(item.nodeid, seconds, sorted(called), fails)
 
     def _forked(
         self, names: Sequence[str], swap: Sequence[tuple[FunctionType, CodeType]], seconds: float
@@ -287,9 +291,9 @@ def _quiet() -> None:
 
 def _copy() -> Path:
     """Of the checkout, made when it is first asked for."""
-    home = HOME / "build" / "mutants"
+    home = HOME / "build" / f"mutants-{os.getpid()}"
     if not hasattr(_copy, "made"):
-        shutil.rmtree(home, ignore_errors=True)
+        atexit.register(shutil.rmtree, home, ignore_errors=True)
         for name in COPIED:
             shutil.copytree(HOME / name, home / name, ignore=shutil.ignore_patterns("__pycache__"))
         for name in ("pyproject.toml", "README.md", "Makefile", "CHANGELOG.md"):

@@ -117,7 +117,7 @@ class Exchange:
         self._edge = False
         self._proven = True  # the status is known to speak of what was written
         self._untold = False  # it has never spoken of what was written last
-        self._raw: Registers = ()
+        self._raw: Registers | None = None  # of the status, once one was understood
         self._status = StatusRegisters()
         self.lost = False
         self.writes = self.reads = self.rejected = self.link_losses = self.reconnects = 0
@@ -250,8 +250,7 @@ class Exchange:
 
 
 def _echo_of(command: CommandRegisters) -> tuple[int, ...] | None:
+    """Of fingers that are commanded one by one, as all are here."""
     if not command.go_to:
         return None
-    if command.honours_fingers:
-        return command.a.position, command.b.position, command.c.position
-    return command.a.position, 0, 0
+    return command.a.position, command.b.position, command.c.position

@@ -33,7 +33,7 @@ def latch(r: ConsecutiveRule, *values: float) -> list[bool]:
 
 
 def test_the_paper_s_rule_is_the_default() -> None:
-    assert RuleSettings().consecutive == 2
+    assert (RuleSettings().consecutive, RuleSettings().release) == (2, 3)
     assert RuleSettings().threshold == 0.5
 
 

@@ -73,3 +73,9 @@ def test_a_calibration_with_a_misspelt_or_wild_setting_does_not_load() -> None:
             msgspec.convert(good | bad, GripperCalibration)
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert({"name": "lab", "least_force_n": 12.0}, GripperCalibration)
+
+
+def test_a_speed_that_misses_a_byte_by_more_than_rounding_is_that_of_the_byte_below() -> None:
+    fifth_mps = PAPER.speed_mps(5)
+    assert PAPER.speed_byte_at_most(fifth_mps - 0.5e-6 * PAPER.speed_step_mps) == 5
+    assert PAPER.speed_byte_at_most(fifth_mps - 1.5e-6 * PAPER.speed_step_mps) == 4

@@ -56,6 +56,7 @@ def test_values_that_would_spill_into_other_bits_are_refused() -> None:
     for make in (
         lambda: CommandRegisters(mode=4),
         lambda: AxisCommand(256),
+        lambda: AxisCommand(speed=256),
         lambda: AxisCommand(force=-1),
     ):
         with pytest.raises(ValueError, match="need 0 to"):
@@ -89,3 +90,14 @@ def test_every_fault_has_a_rank_and_a_text() -> None:
     assert [c for c, r in ranks.items() if r is Severity.MAJOR] == [0x0D, 0x0E, 0x0F]
     assert all(FAULTS[code].text and FAULTS[code].remedy for code in range(1, 16))
     assert FAULTS[0].severity is Severity.NONE
+
+
+def test_a_hand_that_tells_nothing_but_zeros_is_off() -> None:
+    assert StatusRegisters.from_bytes(bytes(16)) == StatusRegisters()
+
+
+def test_every_code_has_a_fault_and_those_that_need_a_reset_are_major() -> None:
+    assert [fault.code for fault in FAULTS] == list(range(16))
+    assert [f.code for f in FAULTS if f.severity is Severity.MAJOR] == [0x0D, 0x0E, 0x0F]
+    assert FAULTS[0x0B].text == "automatic release in progress"
+    assert FAULTS[0x0C].text == "unknown fault 0x0C"

@@ -1,0 +1,397 @@
+"""What the exchange and the driver on it do where a status is old, a write was lost, or nothing is
+known yet."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from drivers.errors import DeviceFault, LinkLost, Refused
+from drivers.interfaces import Detection
+from drivers.robotiq.driver import DriverSettings, ExchangeStatistics, RobotiqDriver
+from drivers.robotiq.encoding import THERE, finger_state, held_targets, why_still
+from drivers.robotiq.exchange import Exchange
+from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
+from drivers.robotiq.model.registers import Request
+from drivers.robotiq.protocol import AxisCommand, AxisStatus, StatusRegisters
+from tests.calibrations import PAPER
+from tests.unit.drivers.robotiq.conftest import Transport
+from tests.unit.drivers.robotiq.gripping import ALL, FAST, MS, QUICK, THUMB, gripped
+from tests.unit.drivers.robotiq.hand import command
+
+LEAST = 0.022
+
+
+def go(made) -> str:
+    """The byte with rACT and rGTO of what was written last."""
+    return made.frames[-1][:2]
+
+
+def position(words: tuple[int, ...], moved: int) -> tuple[int, ...]:
+    """A status with finger A so many counts further."""
+    return (*words[:2], words[2] + (moved << 8), *words[3:])
+
+
+def test_defaults_are_those_that_every_result_rests_on() -> None:
+    assert msgspec.structs.asdict(DriverSettings()) == {
+        "calibration": "", "link": "tcp", "refresh_hz": 100, "write_interval_s": 0.01,
+        "activation_timeout_s": 20.0, "whole_writes": False, "status_old_s": 0.1, "leap_counts": 8,
+        "fastest_counts_ps": 300.0,
+    }  # fmt: skip
+    assert set(msgspec.structs.astuple(ExchangeStatistics())) == {0}
+
+
+# The exchange by itself
+
+
+def exchange(active: bool = True, log=None) -> tuple[Exchange, Transport]:
+    wire = Transport(GripperModel(QUICK, 0, active=active))
+    return Exchange(wire, DriverSettings(), log), wire
+
+
+def test_what_is_wanted_before_the_first_status_is_written_once_that_says_the_hand_is_active() -> (
+    None
+):
+    for active in (True, False):
+        made, _ = exchange(active)
+        made.want(command(60, 60, 60))
+        made.pump(0)
+        assert made.writes == active
+
+
+def test_nothing_is_written_while_no_status_was_understood() -> None:
+    made, wire = exchange()
+    wire.garbage = [(), ()]
+    made.want(command(60, 60, 60))
+    assert made.pump(0) is None
+    assert made.writes == 0
+
+
+def test_what_is_wanted_again_after_the_link_was_lost_is_written_again() -> None:
+    made, wire = exchange()
+    made.want(command(60, 60, 60))
+    for t_ns in range(0, 100 * MS, 10 * MS):
+        made.pump(t_ns)
+    assert made.confirmed and made.writes == 1
+    wire.down = True
+    with pytest.raises(LinkLost):
+        made.pump(100 * MS)
+    wire.down = False
+    made.want(command(60, 60, 60))
+    for t_ns in (110 * MS, 120 * MS):
+        made.pump(t_ns)
+    assert made.writes == 2
+
+
+def test_all_that_is_written_and_read_is_logged() -> None:
+    kinds: list[str] = []
+    made, _ = exchange(log=lambda now_ns, kind, registers: kinds.append(kind))
+    made.pump(0)
+    made.want(command(60, 60, 60))
+    made.pump(5 * MS)
+    assert kinds == ["read", "write", "read"]
+
+
+# The driver on it
+
+
+def test_a_write_is_acknowledged_once_it_is_out(rig) -> None:
+    made = rig()
+    assert made.driver.acknowledged
+    made.driver.move_to((60, 60, 60), FAST, 10.0)
+    assert not made.driver.acknowledged
+    made.step(2)
+    assert made.driver.acknowledged
+
+
+def test_a_command_that_the_hand_swallowed_is_written_again_when_it_is_wanted_again(rig) -> None:
+    made = rig()
+    made.model.swallows = True
+    made.driver.move_to((60, 60, 60), FAST, 10.0)
+    made.step(5)
+    made.model.swallows = False
+    made.driver.move_to((60, 60, 60), FAST, 10.0)
+    made.settle()
+    assert made.driver.statistics.writes == 2
+    assert made.state.positions == (60, 60, 60)
+
+
+def test_writes_are_no_further_apart_than_they_must(rig) -> None:
+    made = rig()
+    for count in range(20):
+        made.driver.move_to((100 + count,) * 3, FAST, 10.0)
+        made.advance(2)
+        made.driver.pump(made.now_ns)
+    gaps = [b - a for a, b in zip(made.written_ns, made.written_ns[1:], strict=False)]
+    assert min(gaps) == 10 * MS
+
+
+def test_a_major_fault_that_was_there_before_is_raised_by_the_first_exchange() -> None:
+    model = GripperModel(QUICK, 0, active=True)
+    model.inject_fault(0x0F)
+    model.advance(10 * MS, FingerLoads(np.zeros(3), np.zeros(3)))
+    driver = RobotiqDriver(Transport(model), DriverSettings(), PAPER)
+    with pytest.raises(DeviceFault, match="release completed"):
+        driver.pump(10 * MS)
+    with pytest.raises(Refused, match="gripper fault: automatic release completed"):
+        driver.open(FAST)
+
+
+def test_a_hand_that_faulted_while_it_activated_can_be_activated_anew(rig) -> None:
+    made = rig(hand=HandSettings(activation_s=1.0), active=False)
+    made.driver.activate()
+    made.step(20)
+    made.model.inject_fault(0x0D)
+    with pytest.raises(DeviceFault, match="activation fault"):
+        made.step(5)
+    made.step(5)
+    assert made.driver.activate().effective
+
+
+def test_activation_ends_at_its_deadline_and_nothing_more_is_written(rig) -> None:
+    made = rig(hand=HandSettings(activation_s=30.0), active=False,
+               settings=DriverSettings(activation_timeout_s=2.0))  # fmt: skip
+    begun_ns = made.now_ns
+    made.driver.activate()
+    with pytest.raises(DeviceFault) as raised:
+        made.step(300)
+    assert made.now_ns - begun_ns == 2_010 * MS  # the first exchange past it
+    assert raised.value.message.endswith("nothing interferes with the fingers")
+    made.step(20)
+    assert made.frames == ["00" * 16, "01" + "00" * 15]
+
+
+def test_a_hand_that_lost_power_while_it_activated_can_be_activated_anew(rig) -> None:
+    made = rig(hand=HandSettings(activation_s=0.5), active=False,
+               settings=DriverSettings(activation_timeout_s=1.0))  # fmt: skip
+    made.driver.activate()
+    made.step(20)
+    made.model.power_cycle()
+    with pytest.raises(DeviceFault, match="did not complete"):
+        made.step(200)
+    assert made.driver.activate().effective
+    made.step(90)
+    assert made.state.active
+
+
+def test_a_link_that_was_lost_while_the_hand_activated_ends_that(rig) -> None:
+    made = rig(hand=HandSettings(activation_s=5.0), active=False)
+    made.driver.activate()
+    made.step(10)
+    made.transport.down = True
+    with pytest.raises(LinkLost):
+        made.step()
+    made.transport.replace(GripperModel(QUICK, made.now_ns))
+    made.transport.down = False
+    made.step(3)
+    assert made.driver.activate().effective
+
+
+def test_a_reset_is_not_repeated_to_a_hand_that_is_active_meanwhile(rig) -> None:
+    made = rig(hand=QUICK)
+    made.step(2)
+    made.driver.move_to((90, 90, 90), FAST, 10.0)
+    kept = made.model.read(made.now_ns)
+    made.model.power_cycle()
+    made.model.misreport(lambda words: kept)
+    made.step()
+    made.model.misreport(lambda words: words)
+    made.model.swallows = True
+    with pytest.raises(DeviceFault, match="lost its activation"):
+        made.step(3)
+    made.step(40)
+    assert made.state.active
+    made.model.swallows = False
+    made.step(10)
+    assert made.state.active
+
+
+def test_after_a_lost_link_the_fingers_are_held_where_they_are_with_the_least_of_all(rig) -> None:
+    made = rig()
+    made.driver.move_to((230, 230, 230), FAST, 20.0)
+    made.step(30)
+    made.transport.down = True
+    with pytest.raises(LinkLost):
+        made.step()
+    made.transport.down = False
+    made.step(2)
+    assert {(held.speed, held.force) for held in made.written[-1].fingers} == {(0, 0)}
+    assert all(isinstance(held, Request) for held in made.written[-1].fingers)
+
+
+def test_force_of_a_grip_is_not_known_after_the_link_was_lost(rig, springs) -> None:
+    made = gripped(rig, springs)
+    made.transport.down = True
+    with pytest.raises(LinkLost):
+        made.step()
+    made.transport.down = False
+    made.settle()
+    applied = made.driver.close_fast(20.0, ALL, (255,) * 3, FAST)
+    assert not applied.effective and "latched" in applied.note
+
+
+def leap(made, counts: int) -> None:
+    """Finger A is said to be so far from where it is, once, and there from then on."""
+    kept = made.model.read(made.now_ns)
+    made.model.misreport(lambda words: position(kept, counts))
+    made.step()
+
+
+@pytest.mark.parametrize(("counts", "stays"), [(11, "09"), (12, "01")])
+def test_a_finger_that_is_further_than_a_motor_can_have_brought_it_is_stopped_where_it_is(
+    rig, counts: int, stays: str
+) -> None:
+    made = rig()
+    made.driver.move_to((60, 60, 60), FAST, 10.0)
+    made.settle()
+    leap(made, counts)
+    made.driver.hold()
+    made.step(2)
+    assert go(made) == stays
+
+
+def test_positions_are_believed_again_after_a_lost_link_and_after_an_activation(rig) -> None:
+    made = rig(hand=QUICK)
+    leap(made, 40)
+    made.transport.down = True
+    with pytest.raises(LinkLost):
+        made.step()
+    made.transport.down = False
+    made.step(3)
+    made.driver.hold()
+    made.step(3)
+    assert go(made) == "09"
+    made = rig(hand=QUICK, active=False)
+    leap(made, 40)
+    made.model.misreport(lambda words: words)
+    made.driver.activate()
+    made.step(40)
+    made.driver.hold()
+    made.step(3)
+    assert go(made) == "09"
+
+
+def test_hold_while_nothing_is_wanted_says_the_least_speed_and_force(rig) -> None:
+    applied = rig(active=False).driver.hold()
+    assert (applied.speed_mps, applied.force_n) == (LEAST, 10.0)
+
+
+# A status that stands still
+
+
+def until_changed(made) -> None:
+    """A finger has just come to another count."""
+    before = made.state.positions
+    while made.state.positions == before:
+        made.step()
+
+
+def still(made, steps: int) -> tuple[int, ...]:
+    """The status stands still from now on; so many exchanges later."""
+    kept = made.model.read(made.now_ns)
+    made.model.misreport(lambda words: kept)
+    made.step(steps)
+    return made.state.positions
+
+
+@pytest.mark.parametrize(("steps", "stays"), [(10, "09"), (11, "09")])
+def test_a_finger_is_held_at_its_position_until_the_status_is_old_and_then_goes_on(
+    rig, steps: int, stays: str
+) -> None:
+    made = rig()
+    made.driver.close_fast(10.0, THUMB, (200, 0, 0), LEAST)
+    made.step(40)
+    until_changed(made)
+    here = still(made, steps)
+    assert made.state.fingers[0].detection is Detection.MOVING
+    applied = made.driver.hold()
+    reach = 0 if steps == 10 else 4 + 2  # 0.11 s at 28.6 counts a second, and how late it is
+    assert applied.targets_counts[0] == here[0] + reach
+    made.step(2)
+    assert go(made) == stays
+
+
+def test_a_finger_goes_on_by_what_it_may_have_moved_since_the_status_changed(rig) -> None:
+    made = rig()
+    made.driver.close_fast(10.0, THUMB, (200, 0, 0), LEAST)
+    made.step(40)
+    made.step(0)
+    here = still(made, 30)
+    applied = made.driver.hold()
+    assert 8 + 2 <= applied.targets_counts[0] - here[0] <= 10 + 2
+
+
+@pytest.mark.parametrize(("steps", "stays"), [(10, "01"), (11, "09")])
+def test_fingers_whose_answer_is_awaited_are_stopped_while_the_status_lives(
+    rig, steps: int, stays: str
+) -> None:
+    made = rig()
+    made.driver.close_fast(10.0, THUMB, (200, 0, 0), LEAST)
+    made.step(40)
+    until_changed(made)
+    made.driver.move_to((220, 0, 0), LEAST, 10.0)
+    still(made, steps)
+    assert not made.state.fresh
+    made.driver.hold()
+    made.step(2)
+    assert go(made) == stays
+
+
+def moved_by_another(made) -> None:
+    made.model.write(0, command(200, 200, 200, speed=0).to_registers(), made.now_ns)
+    made.step(30)
+
+
+def test_a_hand_that_another_master_moves_is_held_and_closed_though_its_status_is_old(rig) -> None:
+    made = rig()
+    moved_by_another(made)
+    here = still(made, 30)
+    assert made.driver.close_fast(10.0, THUMB, (255, 0, 0), FAST).speed_mps > 0.1
+    made = rig()
+    moved_by_another(made)
+    here = still(made, 30)
+    assert made.driver.hold().targets_counts == here
+
+
+def test_after_an_activation_what_is_doubtful_is_held_where_it_is_and_closed_as_asked(rig) -> None:
+    made = rig(hand=QUICK, active=False)
+    made.driver.activate()
+    made.step(40)
+    leap(made, 40)
+    made.step(30)
+    assert made.driver.hold().targets_counts == made.state.positions
+    made = rig(hand=QUICK, active=False)
+    made.driver.activate()
+    made.step(40)
+    leap(made, 40)
+    assert made.driver.close_fast(10.0, THUMB, (255, 0, 0), FAST).speed_mps > 0.1
+
+
+# From registers to fingers
+
+
+@pytest.mark.parametrize(
+    ("initialization", "seen"),
+    [(0, Detection.AT_TARGET), (1, Detection.MOVING), (2, Detection.MOVING),
+     (3, Detection.AT_TARGET)],
+)  # fmt: skip
+def test_a_hand_without_a_request_stands_unless_it_activates_or_changes_its_mode(
+    initialization: int, seen: Detection
+) -> None:
+    status = StatusRegisters(active=True, initialization=initialization)
+    assert finger_state(AxisStatus(detection=0), status).detection is seen
+
+
+def finger(at: int, detection: int):
+    status = StatusRegisters(active=True, initialization=3, go_to=True)
+    return finger_state(AxisStatus(position=at, detection=detection), status)
+
+
+@pytest.mark.parametrize(("at", "kept"), [(61, 60), (62, 62), (59, 60), (58, 58)])
+def test_a_finger_keeps_a_target_that_it_rests_one_count_beside(at: int, kept: int) -> None:
+    resting = [finger(at, list(Detection).index(Detection.AT_TARGET))] * 3
+    assert held_targets(resting, command(60, 60, 60)) == (kept,) * 3
+
+
+def test_a_finger_in_contact_that_is_told_where_it_stands_is_there() -> None:
+    latched = finger(60, list(Detection).index(Detection.CONTACT_CLOSING))
+    assert why_still(latched, AxisCommand(60, 255, 0), None, 0) == THERE

@@ -1,0 +1,174 @@
+"""A campaign that is struck at a moment drawn by a seed: parent, worker, all workers or the whole
+group, by every signal that ends a process; beside it a second writer, a disk that is full, a folder
+that takes nothing. Whatever happened, `--resume` makes the rows of a campaign that nothing happened
+to, and no process is left.
+
+CAMPAIGN_KILLS=100 runs that many; 20 are in the slow tests.
+"""
+
+import os
+import random
+import resource
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from tests.wire.scenarios.campaigns import (
+    PATIENCE_S,
+    finished,
+    rows,
+    started,
+    until,
+    workers_of,
+)
+
+KILLS = int(os.environ.get("CAMPAIGN_KILLS", "20"))
+SEED = 1700
+SIGNALS = (
+    signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGABRT,
+    signal.SIGSEGV, signal.SIGBUS, signal.SIGUSR1, signal.SIGUSR2, signal.SIGPIPE, signal.SIGALRM,
+    signal.SIGXCPU,
+)  # fmt: skip
+VICTIMS = ("parent", "worker", "workers", "group")
+CODES = {0, 1, 2, 3, 4, 5}  # of an end of its own
+ENDED = CODES | {code for n in SIGNALS for code in (-n, 128 + n)}
+TRIALS = 4
+
+
+class Strike(msgspec.Struct, frozen=True):
+    """``share``: of the time that the whole campaign takes, when the signal comes."""
+
+    number: int
+    victim: str
+    signal: int
+    share: float
+
+    def __str__(self) -> str:
+        name = signal.Signals(self.signal).name
+        return f"{self.number}: {name} to the {self.victim} at {self.share:.2f}"
+
+
+def strike(number: int) -> Strike:
+    draw = random.Random(SEED + number)
+    victim, share = draw.choice(VICTIMS), draw.uniform(0.0, 1.0)
+    return Strike(number, victim, SIGNALS[number % len(SIGNALS)], share)
+
+
+def campaign(folder: Path) -> Path:
+    path = folder / "small.toml"
+    path.write_text(
+        'name = "small"\nobjects = ["can", "ball"]\nrepetitions = 2\nrecordings = "none"\n'
+        'settings = ["controller.hold_s=0.2", "controller.lift_height_m=0.05"]\n'
+    )
+    return path
+
+
+def words(folder: Path) -> tuple[str, ...]:
+    return str(campaign(folder)), "--out", str(folder / "a.sqlite"), "--jobs", "2"
+
+
+class Whole(msgspec.Struct, frozen=True):
+    """A campaign that nothing happened to, and how long it took, s."""
+
+    rows: list[dict[str, object]]
+    seconds: float
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    folder = tmp_path_factory.mktemp("whole")
+    start_s = time.monotonic()
+    code, _, err = finished(*words(folder))
+    assert code == 0, err
+    return Whole(rows(folder / "a.sqlite"), time.monotonic() - start_s)
+
+
+def hit(process: subprocess.Popen[str], struck: Strike) -> None:
+    """Whoever of them is still there."""
+    there = workers_of(process.pid)
+    pids = {"parent": [process.pid], "worker": there[-1:], "workers": there,
+            "group": [process.pid, *there]}[struck.victim]  # fmt: skip
+    for pid in pids:
+        try:
+            os.kill(pid, struck.signal)
+        except ProcessLookupError:
+            continue
+
+
+def resumed(folder: Path, whole: Whole, note: str) -> None:
+    """All that is lacking is made; nothing that was made is made again or lost."""
+    out = folder / "a.sqlite"
+    before = [row for row in rows(out) if row["status"] == "done"]
+    known = {row["trial"]: row for row in whole.rows}
+    assert before == [known[row["trial"]] for row in before], note
+    more = ("--resume",) if out.exists() else ()
+    code, _, err = finished(*words(folder), *more)
+    assert code == 0, (note, err)
+    assert rows(out) == whole.rows, note
+    left = {path.name for path in folder.iterdir()}
+    assert left <= {"small.toml", "a.sqlite", "a.sqlite.lock", "a.recordings"}, (note, left)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("number", range(KILLS))
+def test_a_campaign_that_is_killed_goes_on_as_if_nothing_had_been(
+    number: int, whole: Whole, tmp_path: Path
+) -> None:
+    struck = strike(number)
+    process = started(*words(tmp_path))
+    try:
+        process.wait(struck.share * whole.seconds)
+    except subprocess.TimeoutExpired:
+        hit(process, struck)
+    _, err = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode in ENDED, (str(struck), process.returncode, err)
+    assert "Traceback" not in err, (str(struck), err)
+    until(lambda: not workers_of(process.pid))
+    resumed(tmp_path, whole, str(struck))
+    print(struck, "ended with", process.returncode)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("number", range(max(1, KILLS // 20)))
+def test_of_two_writers_one_is_refused_and_the_other_is_whole(
+    number: int, whole: Whole, tmp_path: Path
+) -> None:
+    first = started(*words(tmp_path))
+    time.sleep(random.Random(SEED + number).uniform(0.0, 0.5) * whole.seconds)
+    second = started(*words(tmp_path))
+    ended = [process.communicate(timeout=PATIENCE_S)[1] for process in (first, second)]
+    codes = sorted((first.returncode, second.returncode))
+    assert codes == [0, 2], ended
+    assert not any("Traceback" in err for err in ended)
+    assert rows(tmp_path / "a.sqlite") == whole.rows
+    resumed(tmp_path, whole, "two writers")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("number", range(max(1, KILLS // 10)))
+def test_a_full_disk_loses_no_row_that_was_told_and_the_rest_is_made_later(
+    number: int, whole: Whole, tmp_path: Path
+) -> None:
+    room = random.Random(SEED + number).randrange(0, 65_536, 512)
+
+    process = started(*words(tmp_path))
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (room, room))  # its workers' too
+    _, err = process.communicate(timeout=PATIENCE_S)
+    assert "Traceback" not in err, (room, err)
+    assert process.returncode in CODES, (room, process.returncode, err)
+    until(lambda: not workers_of(process.pid))
+    resumed(tmp_path, whole, f"{room} bytes of room")
+
+
+@pytest.mark.slow
+def test_a_folder_that_takes_nothing_is_told_before_anything_runs(tmp_path: Path) -> None:
+    code, out, err = finished(str(campaign(tmp_path)), "--out", "/sys/a.sqlite", "--jobs", "2")
+    assert code in CODES - {0} and out == ""
+    assert "/sys/a.sqlite" in err and "Traceback" not in err
