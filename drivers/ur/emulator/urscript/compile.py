@@ -49,6 +49,13 @@ def compile_program(
         raise ScriptError("nested too deep") from None
 
 
+_OUTPUTS = ("digital_out", "analog_out")  # arrays of old programs, which python-urx still writes
+
+
+def _output(target: str, at: syntax.Expression, value: syntax.Expression) -> syntax.Call:
+    return syntax.Call(f"set_{target}", (at, value), ())
+
+
 class _Compiler:
     """Knows all functions and global names of one program."""
 
@@ -153,6 +160,8 @@ class _Body:
     def _statement(self, statement: syntax.Statement) -> Code:
         self._breathe()
         match statement:
+            case syntax.Assign(target, value, at, _) if at is not None and target in _OUTPUTS:
+                return lift(lambda scope, _: None, [self._call(_output(target, at, value))])
             case syntax.Assign():
                 return self._assign(statement)
             case syntax.Evaluate(value):

@@ -259,7 +259,7 @@ def test_speed_slider_slows_a_move_down(bench):
 def test_outputs_are_read_back(bench):
     told(
         bench,
-        "set_digital_out(1, True)\nset_configurable_digital_out(0, True)\nset_tool_digital_out(1,"
+        "digital_out[1] = True\nset_configurable_digital_out(0, True)\nset_tool_digital_out(1,"
         " True)\nset_standard_analog_out(0, 0.5)\nset_analog_outputdomain(1, 0)\n"
         "write_output_boolean_register(70, get_digital_out(1))\n"
         "write_output_boolean_register(3, not get_digital_out(0))",
