@@ -9,6 +9,8 @@ its ``token``. A request is ``{"do": verb, ...}``, the answer ``{"ok": true, ...
 - ``remote_control`` with ``on``; ``claim`` with ``names`` (RTDE inputs taken by "somebody else"),
   ``unclaim``
 - ``wrench`` with ``value``, six numbers, N and Nm
+- ``inputs`` with ``value``: the digital inputs as one number (bits 0 to 7 standard, 8 to 15
+  configurable, 16 and 17 the tool's), and both analog ones
 - ``drop_link``: close every UR connection; ``freeze`` with ``seconds``: serve nothing meanwhile
 """
 
@@ -67,6 +69,7 @@ class FaultChannel:
             "claim": self._claim,
             "unclaim": lambda request: rtde.release(_STRANGER),
             "wrench": self._wrench,
+            "inputs": self._inputs,
             "drop_link": lambda request: links.drop_links(),
             "freeze": self._freeze,
         }
@@ -111,6 +114,13 @@ class FaultChannel:
         if len(request.value) != 6 or not all(map(math.isfinite, request.value)):
             raise ValueError("a wrench is six finite numbers")
         self._controller.apply_wrench(tuple(request.value))
+
+    def _inputs(self, request: FaultRequest) -> None:
+        if len(request.value) != 3 or not 0 <= request.value[0] < 1 << 18:
+            raise ValueError("inputs are 18 bits and two finite numbers")
+        bits, *analog = request.value
+        self._controller.ports.digital_in = int(bits)
+        self._controller.ports.analog_in = analog
 
     def _freeze(self, request: FaultRequest) -> None:
         if not 0.0 <= request.seconds <= _MAX_FREEZE_S:

@@ -275,6 +275,23 @@ def test_outputs_are_read_back(bench):
     assert values["actual_digital_output_bits"] == (1 << 0 | 1 << 8 | 1 << 17,)
 
 
+def test_inputs_are_what_the_control_channel_says(bench):
+    channel = FaultChannel(bench.controller, RtdeServer(EmulatorSettings(host="").controller), None)
+    for wrong in ("[1, 2]", "[-1, 0, 0]", "[262144, 0, 0]", "[1e999, 0, 0]"):
+        assert '"ok":false' in channel.answer(f'{{"do": "inputs", "value": {wrong}}}')
+    assert '"ok":true' in channel.answer('{"do": "inputs", "value": [258, 1.5, 0.0]}')
+    told(
+        bench,
+        "write_output_boolean_register(0, get_standard_digital_in(1))\n"
+        "write_output_boolean_register(1, get_configurable_digital_in(0))\n"
+        "write_output_boolean_register(2, get_digital_in(0))\n"
+        "write_output_float_register(0, get_standard_analog_in(0))",
+    )
+    assert bench.controller.registers.values["output", "bit"][:3] == [True, True, False]
+    assert bench.controller.registers.values["output", "double"][0] == 1.5
+    assert output_values(bench.controller)["actual_digital_input_bits"] == (258,)
+
+
 CALCULATIONS = {
     "sin(d2r(30))": 0.5,
     "atan2(1, 1)": math.pi / 4,

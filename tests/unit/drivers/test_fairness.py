@@ -1,0 +1,127 @@
+"""Shares of time, places, budgets and slices of work, with times that the test says."""
+
+import threading
+import time
+
+import pytest
+
+from drivers.fairness import IDLE_S, Budget, Places, Shares, Slowly
+
+
+def test_who_asks_for_little_never_waits_beside_one_who_floods() -> None:
+    shares: Shares[str] = Shares(0.4)
+    now_s = 0.0
+    for cycle in range(200):
+        now_s = cycle * 0.01
+        shares.charge("flood", 0.005, now_s)
+        shares.charge("polite", 0.0005, now_s)
+        assert shares.wait_s("polite", now_s) == 0.0
+    assert shares.wait_s("flood", now_s) > 1.0
+
+
+def test_a_client_alone_has_the_whole_part_and_of_two_each_the_half() -> None:
+    """Served as often as it may be for two seconds, so much of the time has been used."""
+    for clients, share in ((["a"], 0.4), (["a", "b"], 0.2)):
+        shares: Shares[str] = Shares(0.4)
+        used = dict.fromkeys(clients, 0.0)
+        for cycle in range(2000):
+            now_s = cycle * 0.001
+            for client in clients:
+                if not shares.wait_s(client, now_s):
+                    shares.charge(client, 0.001, now_s)
+                    used[client] += 0.001
+        assert all(spent / 2.0 == pytest.approx(share, rel=0.15) for spent in used.values())
+
+
+def test_who_waited_long_enough_is_served_and_who_left_is_forgotten() -> None:
+    shares: Shares[str] = Shares(0.5)
+    shares.charge("a", 1.0, 0.0)
+    wait_s = shares.wait_s("a", 0.0)
+    assert wait_s == pytest.approx(2.0, abs=0.05)
+    assert shares.wait_s("a", wait_s) == pytest.approx(0.0, abs=0.02)
+    shares.forget("a")
+    assert shares.wait_s("a", 0.0) == 0.0
+
+
+def test_places_are_given_to_newcomers_once_somebody_is_silent() -> None:
+    places: Places[str] = Places(2)
+    assert places.enter("a", 0.0) is None
+    assert places.enter("b", 0.0) is None
+    with pytest.raises(OverflowError, match="too many connections: 2 are open"):
+        places.enter("c", IDLE_S - 0.1)
+    places.heard("a", 1.0)
+    assert places.enter("c", IDLE_S) == "b"
+    places.leave("a")
+    assert places.enter("d", IDLE_S) is None
+
+
+def busy(seconds: float) -> None:
+    """Of this thread's processor time."""
+    until_s = time.thread_time() + seconds
+    while time.thread_time() < until_s:
+        pass
+
+
+def test_what_a_budget_is_overdrawn_by_is_paid_back() -> None:
+    budget = Budget(0.5)
+    budget.begin(0.02)
+    assert not budget.spent()
+    busy(0.03)
+    assert budget.spent()
+    budget.end()
+    budget.begin(0.02)
+    assert budget.spent()  # 20 ms behind, 10 ms granted
+    budget.end()
+    budget.begin(0.05)
+    assert not budget.spent()
+
+
+def test_a_budget_without_a_part_never_ends() -> None:
+    budget = Budget()
+    budget.begin(0.001)
+    busy(0.005)
+    assert not budget.spent()
+
+
+def test_work_goes_on_in_slices_only_while_it_is_told_to() -> None:
+    passes = []
+
+    def work(breathe) -> str:
+        for number in range(2000):
+            passes.append(number)
+            busy(0.00002)
+            breathe()
+        return "done"
+
+    slowly = Slowly(work)
+    assert not passes
+    slices = 0
+    while not slowly.go_on(0.002):
+        slices += 1
+        before = len(passes)
+        time.sleep(0.002)
+        assert len(passes) == before
+    assert slices > 3
+    assert slowly.result() == "done"
+    assert not slowly.go_on(0.0)
+
+
+def test_an_error_of_the_work_belongs_to_who_asks_for_its_result() -> None:
+    def work(breathe) -> None:
+        raise KeyError("here")
+
+    slowly = Slowly(work)
+    assert slowly.go_on(1.0)
+    with pytest.raises(KeyError, match="here"):
+        slowly.result()
+
+
+def test_cancelled_work_leaves_no_thread() -> None:
+    def work(breathe) -> None:
+        while True:
+            breathe()
+
+    slowly = Slowly(work)
+    slowly.go_on(0.001)
+    slowly.cancel()
+    assert "slowly" not in {thread.name for thread in threading.enumerate()}
