@@ -193,7 +193,10 @@ def _judge_data(args: argparse.Namespace, recording: Any) -> int:
                 parts.append(judge(clip, recordings, f"{folder} {part}".rstrip(), args.seed))
                 show(len(parts), len(groups))
         if not any(parts):
-            remedy = "give a data set of strokes, such as config/datasets/paper.toml"
+            remedy = (
+                "give a data set of strokes, such as config/datasets/paper.toml; a small --share "
+                "of one has short recordings, 0.2 is enough"
+            )
             raise BadFile(folder, "no strokes of one fingertip as long as the recording", remedy)
         found += [part for part in parts if part is not None]
     if args.json:

@@ -108,8 +108,8 @@ class DatasetConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     name: Name
     seed: Annotated[int, Meta(ge=1, lt=2**31)]
     layout: str = ""  # of taxels; empty: the kit's
-    static_samples: Annotated[int, Meta(ge=0)] = 0
-    slip_samples: Annotated[int, Meta(ge=0)] = 0
+    static_samples: Annotated[int, Meta(ge=0, le=10_000_000)] = 0
+    slip_samples: Annotated[int, Meta(ge=0, le=10_000_000)] = 0
     recording_samples: Annotated[int, Meta(ge=100, le=100_000)] = 1200
     least_recordings: Annotated[int, Meta(ge=3, le=1000)] = 10
     held_out: Annotated[float, Meta(gt=0.0, le=0.4)] = 0.1  # for validation, and as much for test
@@ -162,12 +162,17 @@ def load_dataset_config(path: Path) -> DatasetConfig:
     return config
 
 
+def _some(samples: int, share: float) -> int:
+    """Of none none, of any at least one."""
+    return min(samples, max(1, round(samples * share)))
+
+
 def reduced(config: DatasetConfig, share: float) -> DatasetConfig:
     """The same distribution with fewer samples and recordings."""
     return msgspec.structs.replace(
         config,
-        static_samples=max(1, round(config.static_samples * share)),
-        slip_samples=max(1, round(config.slip_samples * share)),
+        static_samples=_some(config.static_samples, share),
+        slip_samples=_some(config.slip_samples, share),
         least_recordings=max(3, round(config.least_recordings * share)),
         recordings=round(config.recordings * share),
     )

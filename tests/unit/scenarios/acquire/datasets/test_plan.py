@@ -32,6 +32,13 @@ def jobs_of(name: str, share: float = 1.0) -> list[Job]:
     return plan(reduced(load_dataset_config(config_dir() / "datasets" / f"{name}.toml"), share))
 
 
+@pytest.mark.parametrize("share", [0.01, 1.0])
+def test_a_set_that_wants_no_slip_gets_none(share: float) -> None:
+    paper = load_dataset_config(config_dir() / "datasets" / "paper.toml")
+    still = reduced(msgspec.structs.replace(paper, slip_samples=0), share)
+    assert (still.slip_samples, still.static_samples) == (0, round(143584 * share))
+
+
 def of_split(jobs: list[Job], split: str) -> list[Job]:
     return [job for job in jobs if job.metadata.split == split]
 
