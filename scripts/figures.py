@@ -36,14 +36,24 @@ MARK = "*(stale: older than the code it rests on; `{}`)*"
 MARKED = re.compile(r"\*\(stale: .*\)\*$")
 RULE = re.compile(r"\|[ :|-]+\|$")
 
+# what a trial on any rig rests on, and what of it one in virtual time does not run
+TRIAL = (
+    *("grasp", "-grasp/cli", "detector", "-detector/training", "drivers"),
+    *("scenarios/rigs", "scenarios/trial", "scenarios/world"),
+    *("config/objects", "-config/objects/unseen", "config/detectors", "config/profiles"),
+    *("config/rigs", "config/calibrations"),
+)
+WIRES = (
+    *("drivers/robotiq/emulator", "drivers/takktile/emulator", "drivers/ur/emulator"),
+    *("drivers/fairness.py", "drivers/robotiq/words.py", "drivers/takktile/identify.py"),
+    *("drivers/ur/link", "scenarios/rigs/emulated_cell.py", "scenarios/rigs/cell_control.py"),
+    *("scenarios/rigs/device_checks.py", "scenarios/rigs/doctor.py", "scenarios/rigs/release.py"),
+)
+
 # what many figures rest on
 SETS = {
-    "@trial": (
-        *("grasp", "-grasp/cli", "detector", "-detector/training", "drivers"),
-        *("scenarios/rigs", "scenarios/trial", "scenarios/world"),
-        *("config/objects", "-config/objects/unseen", "config/detectors", "config/profiles"),
-        *("config/rigs", "config/calibrations"),
-    ),
+    "@trial": (*TRIAL, *(f"-{path}" for path in WIRES)),
+    "@wired": TRIAL,  # one whose devices are asked over their wires
     "@scores": (
         *("detector", "-detector/training", "scenarios/acquire", "scenarios/world"),
         *("drivers/takktile/model", "config/datasets", "config/bodies", "config/detectors"),
