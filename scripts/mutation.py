@@ -147,6 +147,8 @@ class _Walk(ast.NodeVisitor):
     def walk(
         self, node: ast.AST, parent: ast.AST | None, where: str, scope: str, on_import: bool
     ) -> None:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return
         if isinstance(node, ast.expr | ast.stmt):
             self.nodes.append((node, parent, where, on_import))
         for name, child in _children(node):
@@ -169,8 +171,6 @@ def _children(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
     if isinstance(node, ast.JoinedStr | ast.Import | ast.ImportFrom):
         return
     if isinstance(node, ast.ClassDef) and any("Protocol" in ast.unparse(b) for b in node.bases):
-        return
-    if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
         return
     if isinstance(node, ast.keyword) and node.arg == "strict":
         return

@@ -6,11 +6,14 @@ from typing import Any
 
 import msgspec
 
+from drivers.interfaces import Gripper
 from grasp.clock import WallClock
 from scenarios.rigs.cell_process import CellProcess, at_endpoints, cell_process, wait_placed
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig
 from scenarios.rigs.rig import GraspRig, Rig, connect
 from scenarios.rigs.wired import acknowledgements, wired_devices
+
+OPEN_MPS = 0.05
 
 
 @contextmanager
@@ -27,12 +30,17 @@ def emulated(config: AnyRigConfig, seed: int) -> Iterator[Rig[Any, Any]]:
                 arm, tactile, gripper, clock, True, None, cell.truth, cell.stalls,
                 acknowledgements(gripper),
             )  # fmt: skip
-            yield rig if gripper is None else _with_object(rig, cell, clock)
+            yield rig if gripper is None else _with_object(rig, cell, clock, gripper)
 
 
-def _with_object(rig: GraspRig, cell: CellProcess, clock: WallClock) -> GraspRig:
+def _with_object(
+    rig: GraspRig, cell: CellProcess, clock: WallClock, gripper: Gripper
+) -> GraspRig:  # fmt: skip
     def load(trial: GraspRigConfig, seed: int) -> None:
         cell.load(trial, seed)
+        state = gripper.state
+        if state is None or not state.is_open:  # as a lift leaves it that has lost its object
+            gripper.open(OPEN_MPS)
         wait_placed(cell, clock)
 
     return msgspec.structs.replace(rig, tap=cell.tap, load=load)
