@@ -33,7 +33,7 @@ def weak_claim(known: GripperCalibration) -> str:
         return ""
     return (
         f"calibration {known.name!r} has force byte 0 press with {known.least_force_n:g} N, less "
-        f"than the manual's {MANUAL_LEAST_N:g} N, by its word alone: {known.source}"
+        f"than the manual's {MANUAL_LEAST_N:g} N, by: {known.source}"
     )
 
 

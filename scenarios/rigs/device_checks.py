@@ -46,7 +46,7 @@ def _calibration(config: GraspRigConfig) -> Check:
     chosen = calibration(config)
     least = f"force byte 0 is {chosen.least_force_n:g} N"
     if config.rig == HARDWARE and (claim := weak_claim(chosen)):
-        return Check("calibration", "warn", claim, "`grasp calibrate hand` measures it")
+        return Check("calibration", "warn", claim, "is it so? `grasp calibrate hand` measures it")
     return Check("calibration", "ok", f"{config.gripper.calibration}: {least}")
 
 

@@ -51,7 +51,7 @@ class Lab:
     def write(self, endpoints: dict[str, Any]) -> None:
         """The page's file with its lines for a rehearsal, at these addresses."""
         blocks = re.findall(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-        lab, rehearsal = (tomllib.loads(block) for block in blocks[:2])
+        lab, rehearsal = (tomllib.loads(block) for block in blocks if "[modbus]" in block)
         for section, values in rehearsal.items():
             lab[section] = lab.get(section, {}) | values
         gripper, arm = endpoints["gripper"], endpoints["arm"]
