@@ -314,6 +314,38 @@ def test_unknown_names_never_start(body):
         compile_program("def main():\n" + body + "\nend", KNOWN)
 
 
+def short_of_time(body, cycles):
+    """What a program says that finds no time left whenever it looks, once begun."""
+    robot = Robot()
+    program = Program(compile_program("def main():\n" + body + "\nend\n", KNOWN), robot)
+    for _ in range(cycles):
+        looks = iter([False])
+        program.step(lambda looks=looks: next(looks, True))
+    program.close()
+    return robot.said
+
+
+def test_thread_that_is_interrupted_goes_on_where_it_was_and_the_next_one_follows():
+    said = short_of_time(
+        "thread t():\n while True:\n say(-1)\n sync()\n end\n end\n h = run t()\n"
+        "while True:\n i = 0\n while i < 100:\n say(i)\n i = i + 1\n end\n sync()\n end",
+        200,
+    )
+    first, second, *_ = (at for at, one in enumerate(said) if one == -1)
+    assert said[first:second] == [-1, *range(100)]
+
+
+def test_long_block_is_interrupted_between_its_statements():
+    said = short_of_time("\n".join(f"say({n})" for n in range(1000)), 30)
+    assert said == list(range(len(said)))
+    assert 100 < len(said) < 1000
+
+
+def test_interruption_is_no_waiting():
+    with pytest.raises(ScriptError, match="infinite loop"):
+        short_of_time("while True:\n x = 1\n end", 100_000)
+
+
 @pytest.mark.parametrize(
     ("body", "message"),
     [
