@@ -145,7 +145,8 @@ def step_fingers(args: argparse.Namespace) -> int:
     permit = motion_permit(config, args)
     tell_weak(config.calibration)
     with interruption.held(), open_hand(config, permit, closing=not args.open) as hand:
-        moved = hand.step(step_targets(hand.state.positions, fingers, counts), say)
+        targets = step_targets(hand.state.positions, fingers, counts)
+        moved = hand.move(targets, say) if args.open else hand.close(targets, say)
     return _tell(args, {"done": moved.in_words()}, bool(moved.stopped_by))
 
 

@@ -159,11 +159,12 @@ class Hand:
             )
         return self.move(targets, say, lightly=True)
 
-    def idle(self) -> None:
-        """Let a moment pass in which nothing is asked of the devices but how they are."""
+    def idle(self, watching: bool = True) -> None:
+        """Let a moment pass in which nothing is asked of the devices but how they are; who makes
+        the fingers stand does without the fingertips."""
         self._clock.sleep_until_ns(self._clock.now_ns + PERIOD_NS)
         self._gripper.pump(self._clock.now_ns)
-        if self._touch is not None:
+        if watching and self._touch is not None:
             self._touch.pump(self._clock.now_ns)
 
     def feel(self, seconds: float, say: Say) -> NDArray[np.int16]:
@@ -231,7 +232,7 @@ class Hand:
         while self._clock.now_ns < end_ns:
             if watching:
                 interruption.check()
-            self.idle()
+            self.idle(watching)
             felt_n = self._felt()
             if watching and not early and self._guard and self._guard.overloaded(felt_n):
                 early = f"stopped at {max(felt_n):.1f} N, above the limit"
@@ -336,14 +337,21 @@ def _reset(config: TrialConfig, say: Say) -> None:
                 transport.write(link.command_register, RESET.to_registers(), time.monotonic_ns())
             finally:
                 transport.close()
-            before, now = read_gripper(config)
-            seen = not now.active and [f.position for f in before.fingers] == [
-                f.position for f in now.fingers
-            ]
+            seen = _stands_inactive(config)
     say(
         "the fingers stand; the hand is not active any more" if seen else
         "NOT SEEN TO STAND: press the emergency stop, switch the gripper off if it still moves"
     )  # fmt: skip
+
+
+def _stands_inactive(config: TrialConfig) -> bool:
+    """Whether that is seen in time: two looks alike, a moment apart."""
+    end_s = time.monotonic() + STAND_S
+    while time.monotonic() < end_s:
+        before, now = read_gripper(config)
+        if not now.active and now.fingers == before.fingers:
+            return True
+    return False
 
 
 def fingers_of(word: str) -> str:

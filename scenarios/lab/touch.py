@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceFault, Refused
+from drivers.errors import DeviceFault, Refused, Stale
 from drivers.interfaces import PERIOD_NS, Vector3
 from drivers.takktile.driver import TakkTileDriver
 from drivers.takktile.link.thread import ReadingThread
@@ -24,13 +24,24 @@ class Touch:
     """Fingertips that are pumped by whoever waits. ``rest``: codes of the open hand; None: not
     known, and then nothing is said of force."""
 
-    def __init__(self, tips: TakkTileDriver, rest: Raw | None) -> None:
+    def __init__(self, tips: TakkTileDriver, rest: Raw | None, stale_ns: int) -> None:
         self.tips = tips
         self.rest = rest
+        self._stale_ns = stale_ns
+        self._frames, self._fresh_ns = 0, 0
 
     def pump(self, now_ns: int) -> None:
-        """One tick; raises what the board raises, and while nothing comes from it."""
+        """One tick; raises what the board raises, and Stale while nothing has come from it for
+        long: what was felt then says nothing of now."""
         self.tips.pump(now_ns)
+        frames = self.tips.statistics.frames
+        if frames != self._frames or not self._fresh_ns:
+            self._frames, self._fresh_ns = frames, now_ns
+        if now_ns - self._fresh_ns > self._stale_ns:
+            silent_ms = (now_ns - self._fresh_ns) * 1e-6
+            raise Stale(
+                f"the tactile board has sent no frame for {silent_ms:.0f} ms", "check its cable"
+            )
 
     @property
     def counts(self) -> Raw | None:
@@ -64,7 +75,7 @@ def open_touch(config: AnyRigConfig, clock: Clock, unloaded: bool) -> Iterator[T
         rest = taken_rest(tips, clock) if unloaded else None
         if rest is None and known is not None:
             rest = np.array(known, np.int16)
-        yield Touch(tips, rest)
+        yield Touch(tips, rest, config.tactile.stale_after_missed * PERIOD_NS)
 
 
 def taken_rest(tips: TakkTileDriver, clock: Clock) -> Raw:

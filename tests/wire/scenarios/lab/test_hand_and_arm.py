@@ -155,6 +155,21 @@ def test_closing_is_stopped_by_ctrl_c_where_it_is(lab: Lab) -> None:
     lab.done("gripper", "open")
 
 
+def test_fingers_stand_where_the_fingertips_fall_silent(lab: Lab) -> None:
+    lab.done("gripper", "open")
+    words = ("gripper", "close", "--finger", "A", *CONFIRMED, "--config", str(lab.file))
+    with started(*words) as run:
+        while lab.places[0] < 30:
+            time.sleep(0.05)
+        lab.cell.ask("fault", name="unplug")
+        _, said = run.communicate(timeout=60)
+    lab.cell.ask("fault", name="replug")
+    assert run.returncode in (3, 4), said
+    assert "the fingers stand, at (" in said
+    assert 30 <= lab.places[0] < 105
+    lab.done("gripper", "open")
+
+
 def test_arm_steps_by_what_was_asked(lab: Lab) -> None:
     before_m = lab.height_m
     assert "after x +0, y +0, z +3 mm" in lab.done("arm", "step", "--z", "3")
