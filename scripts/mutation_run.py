@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import accumulate
 from pathlib import Path
 from types import CodeType, FrameType, FunctionType
 from typing import Any
@@ -27,6 +28,7 @@ from scripts.mutation import HOME, Mutant, Place, mutants, mutated
 
 LEAST_CPU_S = 10.0  # of processor time: a mutant that takes longer than this and five times what
 TIMES = 5.0  # the tests take is killed by its time-out
+MOST_CPU_S = 30.0  # of tests that a mutant is shown; those that have killed its kin go first
 WALL_TIMES = 20.0  # of wall time: one that waits for ever
 COPIED = ("grasp", "drivers", "detector", "scenarios", "scripts", "tests", "config", "docs")
 ENVIRONMENT = {"CI": "1", "PYTHONHASHSEED": "0", "OMP_NUM_THREADS": "1"}
@@ -125,7 +127,9 @@ class Attack:
         order = sorted(
             seeing, key=lambda t: (rank.get(t.name, len(rank)), stem not in t.name, t.seconds)
         )
-        return [test.name for test in order], sum(test.seconds for test in seeing)
+        spent = accumulate(test.seconds for test in order)
+        chosen = [t for t, s in zip(order, spent, strict=True) if s - t.seconds <= MOST_CPU_S]
+        return [test.name for test in chosen], sum(test.seconds for test in chosen)
 
     def _measured(self) -> list[Test]:
         """All tests without a mutant, in a child. One that fails then tells nothing of a mutant:
@@ -207,10 +211,9 @@ class Attack:
         path = home / mutant.path
         source = path.read_text(encoding="utf-8")
         path.write_text(ast.unparse(mutated(mutant.path, place)), encoding="utf-8")
-        files = list(dict.fromkeys(name.partition("::")[0] for name in names))
         command = (sys.executable, "-P", "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider")
         child = subprocess.Popen(
-            [*command, *files], cwd=home, env=os.environ | {"PYTHONPATH": str(home)},
+            [*command, *names], cwd=home, env=os.environ | {"PYTHONPATH": str(home)},
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True,
         )  # fmt: skip
         _limit(child.pid, seconds + LEAST_CPU_S)
