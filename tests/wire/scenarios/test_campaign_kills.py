@@ -127,7 +127,9 @@ def test_a_campaign_that_is_killed_goes_on_as_if_nothing_had_been(
         hit(process, struck)
     _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode in ENDED, (str(struck), process.returncode, err)
-    assert "Traceback" not in err, (str(struck), err)
+    # joblib's tracker of what workers share misses what a worker that was killed had told it
+    bugs = [text for text in err.split("Traceback (most")[1:] if "resource_tracker" not in text]
+    assert not bugs, (str(struck), err)
     until(lambda: not workers_of(process.pid))
     resumed(tmp_path, whole, str(struck))
     print(struck, "ended with", process.returncode)
