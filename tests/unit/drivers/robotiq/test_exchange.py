@@ -264,7 +264,8 @@ def test_positions_are_believed_again_after_a_lost_link_and_after_an_activation(
     leap(made, 40)
     made.model.misreport(lambda words: words)
     made.driver.activate()
-    made.step(40)
+    while not (made.state.active and made.state.fresh):
+        made.step()
     made.driver.hold()
     made.step(3)
     assert go(made) == "09"
