@@ -31,7 +31,12 @@ def no_arm(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("no_arm")
 @pytest.mark.parametrize(
-    ("chosen", "status"), [("", "fail"), ("[gripper]\ncalibration='paper'", "ok")]
+    ("chosen", "status"),
+    [
+        ("", "fail"),
+        ("[gripper]\ncalibration='manual'", "ok"),
+        ("[gripper]\ncalibration='paper'", "warn"),  # less than the manual says
+    ],
 )
 def test_hand_that_nobody_has_chosen_stands_against_a_run(
     tmp_path: Path, chosen: str, status: str
