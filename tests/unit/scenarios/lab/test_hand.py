@@ -36,6 +36,8 @@ def test_step_of_the_arm_is_short(mm: tuple[float, float, float]) -> None:
 def test_closing_is_refused_where_a_run_would_be() -> None:
     with pytest.raises(ConfigError, match="cannot close with less than 15 N"):
         guard_of(config("gripper.calibration=manual"))
+    with pytest.raises(ConfigError, match="carries the fingertip further"):
+        guard_of(config("controller.grip_speed_mps=0.1"))
 
 
 def test_hand_around_nobody_knows_what_closes_no_faster_than_a_stiff_contact_allows() -> None:
