@@ -70,6 +70,7 @@ class Attack:
         self._paths = {str(HOME / path): path for path in paths}
         self._chosen, self._tell = chosen, tell
         self._failed = ""
+        self._caches: list[Any] = []
         self._killers: dict[str, list[str]] = {}  # of a function, the latest first
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
@@ -83,9 +84,11 @@ class Attack:
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         self._items = {item.nodeid: item for item in session.items}
         gc.collect()
+        functions = _functions(self._paths)
+        self._caches = [f for f in gc.get_objects() if type(f).__name__ == "_lru_cache_wrapper"]
+        self._caches = [f for f in self._caches if f.__module__.partition(".")[0] in COPIED]
         gc.freeze()
         tests = self._measured()
-        functions = _functions(self._paths)
         places: dict[Mutant, Place] = {}
         for path in self._paths.values():
             places.update(mutants(path))
@@ -152,6 +155,11 @@ class Attack:
                 print(f"left out, fails without a mutant: {test.name}", flush=True)
         return [test for test in tests if not test.fails]
 
+    def _forget(self) -> None:
+        """What the original found, or another test asked for."""
+        for cached in self._caches:
+            cached.cache_clear()
+
     def _watched(self) -> Iterator[Test]:
         _quiet()
         called: set[tuple[str, str]] = set()
@@ -165,6 +173,7 @@ class Attack:
         items = list(self._items.values())
         for item, following in zip(items, [*items[1:], None], strict=True):
             called.clear()
+            self._forget()
             start_s = time.process_time()
             sys.setprofile(called_now)
             item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
@@ -186,6 +195,7 @@ class Attack:
             try:
                 for function, code in swap:
                     function.__code__ = code
+                self._forget()
                 os.write(write, self._first_failing(names).encode())
             finally:
                 os._exit(0)
@@ -234,9 +244,7 @@ class Attack:
 def _functions(paths: Iterable[str]) -> list[FunctionType]:
     """All that are of these files."""
     wanted = set(paths)
-    gc.unfreeze()
     every = [f for f in gc.get_objects() if type(f) is FunctionType]
-    gc.freeze()
     return [f for f in every if f.__code__.co_filename in wanted]
 
 

@@ -79,3 +79,10 @@ def test_a_speed_that_misses_a_byte_by_more_than_rounding_is_that_of_the_byte_be
     fifth_mps = PAPER.speed_mps(5)
     assert PAPER.speed_byte_at_most(fifth_mps - 0.5e-6 * PAPER.speed_step_mps) == 5
     assert PAPER.speed_byte_at_most(fifth_mps - 1.5e-6 * PAPER.speed_step_mps) == 4
+
+
+def test_force_rises_with_the_byte_as_the_exponent_says() -> None:
+    curved = GripperCalibration(
+        name="curved", source="measured", least_force_n=10.0, most_force_n=60.0, force_exponent=2.0
+    )
+    assert curved.force_n(51) == pytest.approx(10.0 + 50.0 * 0.2**2)
