@@ -83,6 +83,7 @@ class Attack:
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
         self._items = {item.nodeid: item for item in session.items}
+        gc.unfreeze()  # of the part before
         gc.collect()
         functions = _functions(self._paths)
         self._caches = [f for f in gc.get_objects() if type(f).__name__ == "_lru_cache_wrapper"]
