@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import pytest
 
 from drivers.errors import DeviceFault, Refused, Stale
@@ -196,3 +197,13 @@ def test_a_move_that_the_controller_does_not_take_is_refused(wire, driver):
     with pytest.raises(Refused, match="did not take"):
         driver.move_to((X, Y, Z + 0.1), 0.1, 0.5)
     assert not driver.state.moving
+
+
+def test_defaults_are_the_limits_that_every_result_was_found_within() -> None:
+    assert msgspec.structs.asdict(ArmSettings()) == {
+        "max_speed_mps": 0.25, "max_acceleration_mps2": 1.2, "max_stop_mps2": 10.0,
+        "workspace_low_m": (-0.05, -0.05, -0.01), "workspace_high_m": (0.05, 0.05, 0.5),
+        "max_spin_radps": 1.5, "max_turn_rad": 1.6, "drive_timeout_s": 0.1, "max_jump_m": 0.5,
+        "payload_kg": 2.6, "max_payload_kg": 10.0, "stale_after_s": 0.05,
+        "arrived_within_m": 0.0005,
+    }  # fmt: skip
