@@ -208,8 +208,9 @@ def generated(told: Told) -> str:
         hits = sum(bool(fate.killer) for fate in real)
         low, high = wilson(hits, len(real))
         text.append(
-            f"{len(sample)} of the {SAMPLE} that the seed draws were run, in its order: {hits} of {len(real)} that are not equivalent were killed: "
-            f"{100 * hits / len(real):.0f} % ({100 * low:.0f} to {100 * high:.0f})."
+            f"{len(sample)} of the {SAMPLE} that the seed draws were run, in its order: {hits} of "
+            f"{len(real)} that are not equivalent were killed: {100 * hits / len(real):.0f} % "
+            f"({100 * low:.0f} to {100 * high:.0f})."
         )
     return "\n\n".join(text)
 
