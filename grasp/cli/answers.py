@@ -1,6 +1,7 @@
 """`grasp chart answers`: what the hand and the arm may answer to slip, and what that is worth."""
 
 import argparse
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from grasp.cli import exits
@@ -16,6 +17,7 @@ from grasp.cli.options import (
 from grasp.cli.pictures import add_picture, write_numbers
 
 if TYPE_CHECKING:
+    from scenarios.studies.answers.study import Policy
     from scenarios.studies.answers.summary import Answers, Cell
 
 OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
@@ -74,8 +76,10 @@ def draw(args: argparse.Namespace) -> int:
     need("charts", "matplotlib")
     known = {p.name: p for p in POLICIES}
     if unknown := set(args.policies or ()) - known.keys():
-        raise UsageError(f"no answer {min(unknown)!r}", f"one of: {'; '.join(known)}, quoted")
+        every = ", ".join(repr(name) for name in known)
+        raise UsageError(f"no policy {min(unknown)!r}", f"one of: {every}")
     policies = [p for name, p in known.items() if name in (args.policies or known)]
+    _refuse_overwritten(args.set, policies)
     alarms = [s for s in SCENES if s.alarms]
     hard = [s for s in SCENES[1:] if not s.alarms]
     asked = {EASY: (BASE,), HARD: hard, ALARMS: (BASE, *alarms), "all": SCENES}[args.scenes]
@@ -97,6 +101,20 @@ def draw(args: argparse.Namespace) -> int:
     _print(answers)
     print(args.out)
     return exits.SUCCESS
+
+
+def _refuse_overwritten(assignments: list[str], policies: "Sequence[Policy]") -> None:
+    """What a policy sets is not for `--set`: it would be ignored. Raises UsageError."""
+    from drivers.errors import UsageError
+
+    keys = {text.partition("=")[0].strip() for text in assignments}
+    for policy in policies:
+        for word in policy.words:
+            if (key := word.partition("=")[0]) in keys:
+                raise UsageError(
+                    f"--set: {key} is set by the policy {policy.name!r}",
+                    "leave it out, and choose by --policies",
+                )
 
 
 def _print(answers: "Answers") -> None:

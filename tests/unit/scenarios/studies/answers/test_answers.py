@@ -149,7 +149,7 @@ def test_chart_tells_names_of_answers_apart_that_have_commas(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["chart", "answers", "--policies", "jump,", "one", "speed"]) == exits.USAGE
-    assert "one of: jump, one speed; jump; stop_and_jump;" in capsys.readouterr().err
+    assert "one of: 'jump, one speed', 'jump', 'stop_and_jump'," in capsys.readouterr().err
 
 
 def test_slip_of_nothing_has_no_sign() -> None:
@@ -186,3 +186,18 @@ def test_chart_of_false_alarms_says_how_many_were_heard(
 def test_unknown_answer_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["chart", "answers", "--policies", "pray"]) == 2
     assert "stop_and_jump" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("policy", "word"),
+    [("jump", "controller.answer=stop_and_jump"),
+     ("stop_and_step, margin 2", "controller.margin_steps=5")],
+)  # fmt: skip
+def test_chart_refuses_a_setting_that_a_policy_would_overwrite(
+    policy: str, word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ["--objects", "can", "--scenes", "easy", "--policies", policy, "--set", word]
+    out = str(tmp_path / "answers.svg")
+    assert main(["chart", "answers", "--seeds", "1", *asked, "--out", out]) == exits.USAGE
+    assert f"is set by the policy {policy!r}" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
