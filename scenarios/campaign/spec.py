@@ -135,15 +135,30 @@ def combinations(spec: CampaignSpec) -> list[Combination]:
     ):
         swept = dict(zip(spec.sweep, values, strict=True))
         words = [*spec.settings, *(f"{key}={_literal(value)}" for key, value in swept.items())]
-        base = load_config(name, "simulated", detector, files, words, profile)
+        base = _load(name, detector, files, words, profile, swept)
         if called.setdefault(base.object.name, name) != name:
             both = f"{called[base.object.name]} and {name} are both called {base.object.name!r}"
             raise ConfigError("campaign", "objects", both, "an object.name of its own for each")
         for said, more in _shifts(spec, base):
-            whole = load_config(name, "simulated", detector, files, [*words, *more], profile)
+            whole = _load(name, detector, files, [*words, *more], profile, swept)
             found.append(Combination(scenario, {**swept, **said}, _of(scenario, whole)))
     _check_detectors([each.config for each in found])
     return found
+
+
+def _load(
+    name: str, detector: str | None, files: list[Path], words: list[str], profile: str,
+    swept: dict[str, Any],
+) -> RunConfig:  # fmt: skip
+    """A place's settings. Raises ConfigError, which names the campaign where a word is its own."""
+    try:
+        return load_config(name, "simulated", detector, files, words, profile)
+    except ConfigError as error:
+        file, key, problem, allowed = error.args
+        if file != "--set":
+            raise
+        at = f" (at {', '.join(f'{k} = {_literal(v)}' for k, v in swept.items())})" if swept else ""
+        raise ConfigError("campaign", key, f"{problem}{at}", allowed) from None
 
 
 def _of(scenario: str, whole: RunConfig) -> LiftConfig | TapConfig:

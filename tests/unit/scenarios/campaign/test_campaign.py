@@ -129,6 +129,16 @@ def test_every_place_of_the_packaged_campaigns_is_allowed(name: str, places: int
 # One trial
 
 
+def test_a_setting_that_no_place_reads_is_said_of_the_campaign_and_its_place() -> None:
+    spec = CampaignSpec(
+        name="odd", objects=("can",), settings=("controller.step_n=2",),
+        sweep={"controller.answer": ("stop_and_step", "jump")}, repetitions=1,
+    )  # fmt: skip
+    with pytest.raises(ConfigError, match=r"^campaign: controller\.step_n: .*= \"jump\"") as error:
+        combinations(spec)
+    assert "--set" not in str(error.value)
+
+
 def test_a_failure_leaves_its_recording_and_a_success_none() -> None:
     spec = CampaignSpec(name="kept", objects=("can",), repetitions=1)
     (good,) = trials(spec, combinations(spec))
