@@ -47,7 +47,7 @@ BETWEEN = 4  # lifts, on average, between two faults
 COUNTED_TICKS = 300  # into a lift
 SETTLED_S = 600.0  # what is made once has been made by then
 MOST_GROWTH_MB_H = 8.0  # of resident memory; a leak of a lift's frames would be ten times that
-OBJECTS = ("can", "ball", "mug")
+OBJECTS = ("can", "ball", "foam")
 PHASES = (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.HOLD, Phase.LOWER, Phase.RELEASE)
 FAULTS: tuple[dict[str, Any], ...] = (
     {"name": "gripper_drop", "times": 2},
