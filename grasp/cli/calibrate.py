@@ -88,14 +88,17 @@ def _add_scale(parser: argparse.ArgumentParser, up_to_n: float | None) -> None:
 
 
 def calibrate_force(args: argparse.Namespace) -> int:
+    from scenarios.lab.scale import check_force
     from scenarios.lab.sessions import calibrate_force as by_weights
     from scenarios.lab.sessions import press_force
 
+    config = lab_config(args)
+    new_file(args.out)
+    if args.press:
+        check_force(args.up_to)
     if args.dry_run:
         pressing = f"finger {args.finger} by single counts, up to {args.up_to:g} N on the scale"
         return _would(pressing if args.press else "nothing")
-    config = lab_config(args)
-    new_file(args.out)
     if not args.press:
         with interruption.held():
             return _written(args, by_weights(config, args.finger, args.up_to, _operator(), _tell))
@@ -107,8 +110,12 @@ def calibrate_force(args: argparse.Namespace) -> int:
 
 
 def calibrate_hand(args: argparse.Namespace) -> int:
+    from scenarios.lab.scale import check_force
     from scenarios.lab.sessions import calibrate_hand as press
 
+    config = lab_config(args)
+    new_file(args.out)
+    check_force(args.up_to, {0, *args.bytes})
     if args.dry_run:
         bytes_ = ", ".join(map(str, sorted({0, *args.bytes})))
         way = f", then to {args.places} counts in free air" if args.places else ""
@@ -116,8 +123,6 @@ def calibrate_hand(args: argparse.Namespace) -> int:
             f"finger {args.finger}, {args.presses} times with each of the force bytes {bytes_}, "
             f"onto the scale{way}"
         )
-    config = lab_config(args)
-    new_file(args.out)
     permit = motion_permit(config, args)
     _over_a_scale(args)
     with interruption.held():
@@ -131,16 +136,18 @@ def calibrate_hand(args: argparse.Namespace) -> int:
 def calibrate_noise(args: argparse.Namespace) -> int:
     from detector.scores.unlabelled import hold_of
     from scenarios.campaign.config import load_config
+    from scenarios.lab.hand import guard_of
     from scenarios.lab.sessions import held_still
     from scenarios.studies.detectors.unlabelled import rule_of
 
+    config = lab_config(args)
+    judged = load_config("can", args.rig, args.detector, args.config, args.set)
+    new_file(args.out)
+    guard_of(config)  # raises where a run would be refused
     if args.dry_run:
         return _would(
             f"the fingers, closed on an object for {args.seconds:g} s, then opened; the arm stands"
         )
-    config = lab_config(args)
-    judged = load_config("can", args.rig, args.detector, args.config, args.set)
-    new_file(args.out)
     permit = motion_permit(config, args)
     with interruption.held():
         counts = held_still(config, permit, args.seconds, _operator(), _tell)

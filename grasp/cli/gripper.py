@@ -118,7 +118,7 @@ def open_fingers(args: argparse.Namespace) -> int:
     tell_weak(config.calibration)
     with interruption.held(), open_hand(config, permit, closing=False) as hand:
         moved = hand.move((0, 0, 0), say)
-    return _tell(args, {"done": moved.in_words()})
+    return _tell(args, {"done": moved.in_words()}, _ended(moved))
 
 
 def close_fingers(args: argparse.Namespace) -> int:
@@ -132,7 +132,7 @@ def close_fingers(args: argparse.Namespace) -> int:
     tell_weak(config.calibration)
     with interruption.held(), open_hand(config, permit, closing=True) as hand:
         moved = hand.close(targets_of(hand.state.positions, fingers, args.to), say)
-    return _tell(args, {"done": moved.in_words()}, bool(moved.stopped_by))
+    return _tell(args, {"done": moved.in_words()}, _ended(moved))
 
 
 def step_fingers(args: argparse.Namespace) -> int:
@@ -147,7 +147,7 @@ def step_fingers(args: argparse.Namespace) -> int:
     with interruption.held(), open_hand(config, permit, closing=not args.open) as hand:
         targets = step_targets(hand.state.positions, fingers, counts)
         moved = hand.move(targets, say) if args.open else hand.close(targets, say)
-    return _tell(args, {"done": moved.in_words()}, bool(moved.stopped_by))
+    return _tell(args, {"done": moved.in_words()}, _ended(moved))
 
 
 def _would(args: argparse.Namespace, fingers: str, counts: int, what: str) -> int:
@@ -170,8 +170,14 @@ def _would(args: argparse.Namespace, fingers: str, counts: int, what: str) -> in
     return _tell(args, {"would": f"move fingers from {at} to {to} counts at {how}{ready}"})
 
 
-def _tell(args: argparse.Namespace, told: dict[str, str], stopped: bool = False) -> int:
-    code = exits.SAFETY_STOP if stopped else exits.SUCCESS
+def _ended(moved: Any) -> int:
+    """Exit code of a motion."""
+    if moved.stopped_by:
+        return exits.SAFETY_STOP
+    return exits.DEVICE if moved.fault else exits.SUCCESS
+
+
+def _tell(args: argparse.Namespace, told: dict[str, str], code: int = exits.SUCCESS) -> int:
     if args.json:
         print(json.dumps({**told, "exit_code": code}))
     else:

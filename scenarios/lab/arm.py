@@ -4,7 +4,7 @@ import math
 import time
 from contextlib import suppress
 
-from drivers.errors import DeviceFault, GraspError, LinkLost, Refused, UsageError
+from drivers.errors import DeviceFault, GraspError, LinkLost, UsageError
 from drivers.interfaces import PERIOD_NS, Arm, Vector3
 from drivers.ur.link import look as arm_look
 from drivers.ur.link.preflight import CONNECT_AGAIN, DASHBOARD_PORT, Dashboard
@@ -24,11 +24,11 @@ PRESS = "press the emergency stop if it still moves"
 
 
 def checked_step(step_m: Vector3) -> float:
-    """Its length, m; raises Refused for none, or one too long."""
+    """Its length, m; raises UsageError for none, or one too long."""
     length_m = math.hypot(*step_m)
     if not 0.0 < length_m <= MOST_STEP_M + 1e-9:
         most = f"above 0, to {MOST_STEP_M * 1e3:g} mm in all"
-        raise Refused(f"a step of {length_m * 1e3:g} mm", most)
+        raise UsageError(f"a step of {length_m * 1e3:g} mm", most)
     return length_m
 
 
@@ -38,7 +38,7 @@ def step_arm(
     """One straight step in the base frame, at 10 mm/s; where the tool stands then, m. Ctrl-C stops
     it: that is told by ``say`` once it is seen.
 
-    Raises UsageError without a permit, Refused for too long a step, and the drivers' errors.
+    Raises UsageError without a permit and for too long a step, and the drivers' errors.
     """
     require(permit)
     checked_step(step_m)

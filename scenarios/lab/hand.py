@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
+from drivers.errors import DeviceFault, GraspError, LinkLost, Refused, UsageError
 from drivers.interfaces import (
     FINGER_NAMES,
     OPEN_COUNTS,
@@ -59,12 +59,14 @@ class Moved(msgspec.Struct, frozen=True):
     met: str  # names of fingers that stopped on something
     force_n: Vector3 | None
     stopped_by: str = ""  # what ended it early
+    fault: str = ""  # that the gripper reports
 
     def in_words(self) -> str:
         met = f"finger {' and '.join(self.met)} met something" if self.met else "nothing was met"
         newtons = "" if self.force_n is None else f", {max(self.force_n):.1f} N felt"
         early = f"; {self.stopped_by}" if self.stopped_by else ""
-        return f"fingers at {self.positions_counts} counts; {met}{newtons}{early}"
+        fault = f"; the gripper reports a fault: {self.fault}" if self.fault else ""
+        return f"fingers at {self.positions_counts} counts; {met}{newtons}{early}{fault}"
 
 
 def guard_of(config: TrialConfig) -> ForceGuard:
@@ -77,11 +79,11 @@ def guard_of(config: TrialConfig) -> ForceGuard:
 
 
 def step_counts(config: TrialConfig, step_m: float) -> int:
-    """A step in whole counts, rounded down; raises Refused for one that is none, or too long."""
+    """A step in whole counts, rounded down; raises UsageError for none, or one too long."""
     per_count_m = calibration(config).m_per_count
     counts = int(step_m / per_count_m + 1e-9)
     if counts <= 0 or step_m > MOST_STEP_M:
-        raise Refused(
+        raise UsageError(
             f"a step of {step_m * 1e3:g} mm: one count of this hand is {per_count_m * 1e3:g} mm",
             f"{per_count_m * 1e3:g} to {MOST_STEP_M * 1e3:g} mm",
         )
@@ -254,7 +256,8 @@ class Hand:
         named = zip(FINGER_NAMES, state.fingers, strict=True)
         met = "".join(n for n, finger in named if finger.detection in on or n in touched)
         felt = self._touch is not None and self._touch.counts_sum is not None
-        return Moved(state.positions, met, self._felt() if felt else None, early)
+        force_n = self._felt() if felt else None
+        return Moved(state.positions, met, force_n, early, state.fault_text)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ more than the manual states, and with one fingertip over a scale, never with an 
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
 
@@ -81,6 +81,18 @@ def reading(operator: Operator, question: str, idle: Callable[[], None], most_n:
         operator.say(f"{force_n:.2f} N is more than --up-to {most_n:g}: typed rightly?")
 
 
+def check_force(up_to_n: float, bytes_: Iterable[int] = (0,)) -> None:
+    """Raises UsageError where the manual has the hand, or one of those bytes, press otherwise."""
+    if up_to_n > MANUAL.most_force_n:
+        raise UsageError(f"{up_to_n:g} N is more than the hand's", f"<= {MANUAL.most_force_n:g} N")
+    for byte in bytes_:
+        if (may_n := MANUAL.force_n(byte)) > up_to_n:
+            raise UsageError(
+                f"byte {byte} may press with {may_n:.1f} N by the manual, and --up-to is "
+                f"{up_to_n:g} N", "a weaker byte, or a higher --up-to",
+            )  # fmt: skip
+
+
 class Presser:
     """One finger of an active hand, the others where they are."""
 
@@ -108,16 +120,11 @@ class Presser:
     def to(self, counts: int, byte: int = 0) -> tuple[bool, int]:
         """Slowly to there; whether it met something, and the most current on the way, mA.
 
-        Raises Refused for a byte that may press with more than was allowed.
+        Raises UsageError for a byte that may press with more than was allowed.
         """
-        may_n = MANUAL.force_n(byte)
-        if may_n > self._up_to_n:
-            raise Refused(
-                f"byte {byte} may press with {may_n:.1f} N by the manual, and --up-to is "
-                f"{self._up_to_n:g} N", "a weaker byte, or a higher --up-to",
-            )  # fmt: skip
+        check_force(self._up_to_n, (byte,))
         a, b, c = (counts if i == self._i else at for i, at in enumerate(self._places))
-        self._gripper.move_to((a, b, c), self._speed_mps, may_n)
+        self._gripper.move_to((a, b, c), self._speed_mps, MANUAL.force_n(byte))
         most_ma = 0
         end_ns = self._clock.now_ns + round(MOVE_S * 1e9)
         while self._clock.now_ns < end_ns:
@@ -150,10 +157,9 @@ def open_presser(
     config: GraspRigConfig, permit: MotionPermit | None, finger: str, up_to_n: float, say: Say
 ) -> Iterator[Presser]:
     """A finger of real devices; the hand must be active and open. Raises as ``open_hand``, and
-    Refused for more than the manual's force."""
+    UsageError for more than the manual's force."""
     require(permit)
-    if up_to_n > MANUAL.most_force_n:
-        raise Refused(f"{up_to_n:g} N is more than the hand's", f"<= {MANUAL.most_force_n:g} N")
+    check_force(up_to_n)
     measuring = msgspec.structs.replace(config, calibration=MANUAL)
     clock = WallClock(WallClock().now_ns)
     with (

@@ -24,6 +24,7 @@ from scenarios.lab.hand import Say, open_hand
 from scenarios.lab.scale import (
     Presser,
     ask,
+    check_force,
     force_file,
     hand_file,
     millimetres,
@@ -175,7 +176,9 @@ def calibrate_hand(
     presses: int, up_to_n: float, places: Sequence[int], operator: Operator, say: Say,
 ) -> str:  # fmt: skip
     """What bytes press with on a scale, and how far a count goes by a ruler; the file that says
-    what came of it. Raises UsageError for data that do not support it."""
+    what came of it. Raises UsageError for data that do not support it, and before anything moves
+    for a byte that may press with more than ``up_to_n``."""
+    check_force(up_to_n, bytes_)
     with open_presser(config, permit, finger, up_to_n, say) as presser:
         known: list[Byte] = []
         seen: list[Point] = []

@@ -2,11 +2,19 @@
 
 import pytest
 
-from drivers.errors import ConfigError, Refused, UsageError
+from drivers.errors import ConfigError, UsageError
 from drivers.interfaces import Detection, FingerState, GripperState
 from grasp.commands import MoveFingers
 from scenarios.lab.arm import checked_step, step_arm
-from scenarios.lab.hand import activate_hand, guard_of, open_hand, step_counts, step_targets
+from scenarios.lab.hand import (
+    Moved,
+    activate_hand,
+    guard_of,
+    open_hand,
+    step_counts,
+    step_targets,
+)
+from scenarios.lab.scale import check_force
 from tests.unit.scenarios.conftest import config
 
 LAB = config("gripper.calibration=paper")
@@ -18,7 +26,7 @@ def test_step_is_rounded_down_to_whole_counts() -> None:
 
 @pytest.mark.parametrize("mm", [0.0, 0.5, 5.1, -1.0])
 def test_step_of_no_count_or_of_more_than_5_mm_is_refused(mm: float) -> None:
-    with pytest.raises(Refused, match="a step of"):
+    with pytest.raises(UsageError, match="a step of"):
         step_counts(LAB, mm * 1e-3)
 
 
@@ -29,8 +37,23 @@ def test_step_moves_the_fingers_asked_for_within_their_range() -> None:
 
 @pytest.mark.parametrize("mm", [(0.0, 0.0, 0.0), (5.0, 5.0, 0.0), (0.0, 0.0, -5.1)])
 def test_step_of_the_arm_is_short(mm: tuple[float, float, float]) -> None:
-    with pytest.raises(Refused):
+    with pytest.raises(UsageError):
         checked_step((mm[0] * 1e-3, mm[1] * 1e-3, mm[2] * 1e-3))
+
+
+def test_a_motion_says_what_fault_the_gripper_reports() -> None:
+    ended = Moved((240, 240, 240), "", None, fault="too warm")
+    assert ended.in_words().endswith("the gripper reports a fault: too warm")
+    assert "fault" not in Moved((240, 240, 240), "", None).in_words()
+
+
+@pytest.mark.parametrize(("up_to_n", "bytes_"), [(14.9, (0,)), (16.0, (0, 255)), (61.0, (0,))])
+def test_a_byte_that_may_press_more_than_allowed_is_refused(
+    up_to_n: float, bytes_: tuple[int, ...]
+) -> None:
+    with pytest.raises(UsageError):
+        check_force(up_to_n, bytes_)
+    check_force(60.0, bytes_)
 
 
 def test_closing_is_refused_where_a_run_would_be() -> None:

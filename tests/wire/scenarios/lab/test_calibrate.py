@@ -100,11 +100,13 @@ def test_too_few_presses_of_a_weak_byte_write_nothing(lab: Lab) -> None:
 
 def test_byte_that_may_press_harder_than_allowed_is_not_sent(lab: Lab) -> None:
     out = lab.folder / "strong.toml"
-    for words in (("--up-to", "14"), ("--up-to", "61"), ()):
-        done = grasp(
-            "calibrate", "hand", *words, "--out", str(out), *CONFIRMED, "--config", str(lab.file)
-        )
-        assert done.returncode in (2, 4), done.stderr
+    strong = ("--up-to", "16", "--bytes", "0", "255")
+    for words in (("--up-to", "14"), ("--up-to", "61"), strong, ()):
+        for how in (CONFIRMED, ("--dry-run",)):
+            done = grasp(
+                "calibrate", "hand", *words, "--out", str(out), *how, "--config", str(lab.file)
+            )
+            assert done.returncode == 2, done.stderr
     assert lab.newtons() == 0.0
     assert not out.exists()
 
