@@ -49,7 +49,9 @@ def until(process: "subprocess.Popen[str]", phase: str) -> None:
 def ended(process: "subprocess.Popen[str]", folder: Path) -> Ended:
     _, err = process.communicate(timeout=60)
     results = [json.loads(p.read_text()) for p in (folder / "runs").glob("*/result.json")]
-    return process.returncode, err.splitlines(), results
+    claim, *lines = err.splitlines()
+    assert "less than the manual's 15 N" in claim  # of the calibration, before anything moves
+    return process.returncode, lines, results
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,13 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
         found.cell.close()
 
 
+@pytest.fixture
+def ready(lab: Lab) -> Lab:
+    """With an active hand, whichever test was first."""
+    lab.done("gripper", "activate", "--empty")
+    return lab
+
+
 def test_activation_is_stopped_by_ctrl_c_and_the_hand_is_inactive_then(lab: Lab) -> None:
     with started("gripper", "activate", "--empty", *CONFIRMED, "--config", str(lab.file)) as run:
         while max(lab.places) < 20:
@@ -97,77 +104,78 @@ def test_hand_is_activated_only_by_whoever_says_that_it_is_empty(lab: Lab) -> No
     [("gripper", "open"), ("gripper", "close"), ("gripper", "step"), ("arm", "step", "--z", "2")],
     ids=" ".join,
 )
-def test_nothing_moves_unconfirmed_or_dry(words: tuple[str, ...], lab: Lab) -> None:
-    before = lab.places, lab.height_m
-    assert lab.grasp(*words).returncode == 2
-    dry = lab.grasp(*words, "--dry-run")
+def test_nothing_moves_unconfirmed_or_dry(words: tuple[str, ...], ready: Lab) -> None:
+    before = ready.places, ready.height_m
+    assert ready.grasp(*words).returncode == 2
+    dry = ready.grasp(*words, "--dry-run")
     assert dry.returncode == 0, dry.stderr
     assert dry.stdout.startswith("would move")
-    assert (lab.places, lab.height_m) == before
+    assert (ready.places, ready.height_m) == before
 
 
-def test_finger_steps_there_and_back(lab: Lab) -> None:
-    lab.done("gripper", "open")
-    assert "fingers at (6, 12, 6)" in lab.done("gripper", "step", "--finger", "B", "--mm", "5")
-    assert "fingers at (6, 10, 6)" in lab.done("gripper", "step", "--finger", "B", "--open")
-    refused = lab.grasp("gripper", "step", "--mm", "6", *CONFIRMED)
+def test_finger_steps_there_and_back(ready: Lab) -> None:
+    ready.done("gripper", "open")
+    assert "fingers at (6, 12, 6)" in ready.done("gripper", "step", "--finger", "B", "--mm", "5")
+    assert "fingers at (6, 10, 6)" in ready.done("gripper", "step", "--finger", "B", "--open")
+    refused = ready.grasp("gripper", "step", "--mm", "6", *CONFIRMED)
     assert refused.returncode == 2
 
 
-def test_thumb_never_bears_what_two_fingers_press(lab: Lab) -> None:
+def test_thumb_never_bears_what_two_fingers_press(ready: Lab) -> None:
     """B and C push the can against the open thumb, unless they stand where they feel it."""
-    lab.done("gripper", "open")
-    lab.cell.ask("place")
-    closed = lab.done("gripper", "close")
-    truth = lab.cell.ask("truth")["truth"]
+    ready.done("gripper", "open")
+    ready.cell.ask("place")
+    closed = ready.done("gripper", "close")
+    truth = ready.cell.ask("truth")["truth"]
     assert "finger A met something" in closed
     assert 5.0 < truth["normal_n"][0] < 10.5
     assert truth["peak_n"][0] < 11.0
-    further = lab.grasp("gripper", "step", "--finger", "B", *CONFIRMED)
+    further = ready.grasp("gripper", "step", "--finger", "B", *CONFIRMED)
     assert further.returncode == 4
     assert "fingertips can tell a touch" in further.stderr
-    lab.done("gripper", "open")
+    ready.done("gripper", "open")
 
 
-def test_closing_is_refused_where_a_run_would_be(lab: Lab) -> None:
-    weak = lab.grasp("gripper", "close", *CONFIRMED, "--set", "gripper.calibration=manual")
+def test_closing_is_refused_where_a_run_would_be(ready: Lab) -> None:
+    before = ready.places
+    weak = ready.grasp("gripper", "close", *CONFIRMED, "--set", "gripper.calibration=manual")
     assert weak.returncode == 2
     assert "cannot close with less than 15 N" in weak.stderr
-    deaf = lab.grasp("gripper", "close", *CONFIRMED, "--set", "usb.url=tcp://127.0.0.99:9")
+    deaf = ready.grasp("gripper", "close", *CONFIRMED, "--set", "usb.url=tcp://127.0.0.99:9")
     assert deaf.returncode == 3
-    assert lab.places == (6, 6, 6)
+    assert ready.places == before
 
 
-def test_closing_is_stopped_by_ctrl_c_where_it_is(lab: Lab) -> None:
-    lab.done("gripper", "open")
-    words = ("gripper", "close", "--finger", "A", *CONFIRMED, "--config", str(lab.file))
+def test_closing_is_stopped_by_ctrl_c_where_it_is(ready: Lab) -> None:
+    ready.done("gripper", "open")
+    words = ("gripper", "close", "--finger", "A", *CONFIRMED, "--config", str(ready.file))
     with started(*words) as run:
-        while lab.places[0] < 30:
+        while ready.places[0] < 30:
             time.sleep(0.05)
         run.send_signal(signal.SIGINT)
         _, said = run.communicate(timeout=30)
     assert run.returncode == 130, said
     assert "the fingers stand, at (" in said
-    stood = lab.places
+    stood = ready.places
     assert 30 <= stood[0] < 105  # short of the can
     time.sleep(0.3)
-    assert lab.places == stood
-    lab.done("gripper", "open")
+    assert ready.places == stood
+    ready.done("gripper", "open")
 
 
-def test_fingers_stand_where_the_fingertips_fall_silent(lab: Lab) -> None:
-    lab.done("gripper", "open")
-    words = ("gripper", "close", "--finger", "A", *CONFIRMED, "--config", str(lab.file))
+def test_fingers_stand_where_the_fingertips_fall_silent(ready: Lab) -> None:
+    ready.done("gripper", "open")
+    words = ("gripper", "close", "--finger", "A", *CONFIRMED, "--config", str(ready.file))
     with started(*words) as run:
-        while lab.places[0] < 30:
+        while ready.places[0] < 30:
             time.sleep(0.05)
-        lab.cell.ask("fault", name="unplug")
+        ready.cell.ask("fault", name="unplug")
         _, said = run.communicate(timeout=60)
-    lab.cell.ask("fault", name="replug")
+    ready.cell.ask("fault", name="replug")
     assert run.returncode in (3, 4), said
     assert "the fingers stand, at (" in said
-    assert 30 <= lab.places[0] < 105
-    lab.done("gripper", "open")
+    assert 30 <= ready.places[0] < 105
+    ready.done("gripper", "open")
 
 
 def test_arm_steps_by_what_was_asked(lab: Lab) -> None:
