@@ -139,14 +139,16 @@ test-cluster: install-cluster
 # wires that are spoilt, in wall time: three quarters of an hour
 JOBS ?= 1
 faults: install-dev
-	$(BIN)/python scripts/faults.py run --jobs $(JOBS); fell=$$?; \
-	$(BIN)/python scripts/faults.py page && exit $$fell
-	CHAOS_PLANS=200 $(BIN)/python -m pytest -s -m slow tests/wire/scenarios/chaos
+	fell=0; $(BIN)/python scripts/faults.py run --jobs $(JOBS) || fell=$$?; \
+	$(BIN)/python scripts/faults.py page || fell=$$?; \
+	CHAOS_PLANS=200 $(BIN)/python -m pytest -s -m slow tests/wire/scenarios/chaos || fell=$$?; \
+	exit $$fell
 
 # each mutant of what safety rests on, and a sample of the rest
 mutants: install-dev
-	$(BIN)/python scripts/mutants.py run; lived=$$?; \
+	lived=0; $(BIN)/python scripts/mutants.py run || lived=$$?; \
 	$(BIN)/python scripts/mutants.py sample || lived=$$?; \
+	$(BIN)/python scripts/mutants.py twice || lived=$$?; \
 	$(BIN)/python scripts/mutants.py page && exit $$lived
 
 soak: install-dev

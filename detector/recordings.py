@@ -223,6 +223,7 @@ def _stored(path: Path) -> dict[str, Any]:
             return {name: file[name] for name in file.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, TypeError,
             AttributeError, NotImplementedError) as error:  # fmt: skip
+        # the last one is zipfile's word for a compression or an encryption that it does not know
         raise BadFile(
             path, f"cannot be read: {str(error) or type(error).__name__}",
             "copy or build the file again",

@@ -166,10 +166,17 @@ def named_layer(kind: str, name: str, others: Sequence[str] = ()) -> Layer:
     if name in names(f"{kind}/{UNSEEN}"):
         kind = f"{kind}/{UNSEEN}"
     elif name not in names(kind):
-        close = difflib.get_close_matches(name, known, n=1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
-        raise ConfigError(f"config/{kind}", name, f"unknown{hint}", ", ".join(known))
+        testing = names(f"{kind}/{UNSEEN}")
+        rest = f"; kept for testing: {', '.join(testing)}" if testing else ""
+        hint = meant(name, [*known, *testing])
+        raise ConfigError(f"config/{kind}", name, f"unknown{hint}", ", ".join(known) + rest)
     return read_toml(config_dir() / kind / f"{name}.toml")
+
+
+def meant(word: str, known: Sequence[str]) -> str:
+    """Behind a word that is none of those known: the one that it is nearly; empty for none."""
+    close = difflib.get_close_matches(word, known, n=1)
+    return f" (did you mean {close[0]!r}?)" if close else ""
 
 
 def by_path(word: str) -> bool:
@@ -291,16 +298,16 @@ def _explain(
         owner = _type_at(cls, key)
         key = f"{key}.{field[1]}".lstrip(".")
         known = list(getattr(owner, "__struct_fields__", ()))
-        close = difflib.get_close_matches(field[1], known, n=1)
         missing = "required" in problem
-        hint = f" (did you mean {close[0]!r}?)" if close and not missing else ""
-        text = "missing" if missing else f"unknown key{hint}"
+        text = "missing" if missing else f"unknown key{meant(field[1], known)}"
         if not missing and (new := renamed(key)):
             return ConfigError(_source(sources, key), key, f"is called {new} now", new)
         return ConfigError(_source(sources, key), key, text, ", ".join(known))
     if not key:  # settings that do not go together
         named = NAMED.match(problem)
         return ConfigError(_source(sources, named[1] if named else ""), "-", problem, TOGETHER)
+    if word := re.match(r"Invalid enum value '(.*)'", problem):
+        problem += meant(word[1], re.findall(r"'(\w+)'", allowed(cls, key)))
     if hasattr(_type_at(cls, key), "__struct_fields__") and not problem.startswith("Expected"):
         return ConfigError(_source(sources, key), key, problem, TOGETHER)
     return ConfigError(

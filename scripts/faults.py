@@ -88,7 +88,7 @@ def run_all(out: Path, jobs: int, most: int | None, again: bool) -> int:
                         print(told(ended), flush=True)
                 made += len(outcome.task)
                 print(f"{made} of {len(todo)}", flush=True)
-        return list_fallen(store.ended(), [c for c in cases if c in store.lacking(todo)])
+        return list_fallen(store.ended(), store.lacking(todo))
 
 
 def list_fallen(every: list[Ended], broken: list[Case]) -> int:

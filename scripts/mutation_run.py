@@ -30,6 +30,7 @@ LEAST_CPU_S = 10.0  # of processor time: a mutant that takes longer than this an
 TIMES = 5.0  # the tests take is killed by its time-out
 MOST_CPU_S = 30.0  # of tests that a mutant is shown; those that have killed its kin go first
 WALL_TIMES = 20.0  # of wall time: one that waits for ever
+PATIENT = ("-o", "timeout=0")  # a busy machine fails no test: the limits above are a mutant's
 COPIED = ("grasp", "drivers", "detector", "scenarios", "scripts", "tests", "config", "docs")
 ENVIRONMENT = {"CI": "1", "PYTHONHASHSEED": "0", "OMP_NUM_THREADS": "1"}
 
@@ -59,7 +60,7 @@ def run(paths: Sequence[str], tests: Sequence[str], chosen: Sequence[Mutant], te
     os.environ.update(ENVIRONMENT)
     plugin = Attack(paths, chosen, tell)
     known = "ignore::pytest.PytestAssertRewriteWarning"  # what is imported by then is not of a test
-    options = ("-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-W", known)
+    options = ("-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-W", known, *PATIENT)
     return int(pytest.main([*options, *tests], plugins=[plugin]))
 
 
@@ -122,7 +123,7 @@ class Attack:
             test for test in tests
             if stem in test.name or any(path == mutant.path for path, _ in test.called)
         ]  # fmt: skip
-        return self._in_turn(mutant, seeing)
+        return self._in_turn(mutant, seeing or tests)  # of names alone: whoever imports them
 
     def _in_turn(self, mutant: Mutant, seeing: Sequence[Test]) -> tuple[list[str], float]:
         latest = self._killers.get(mutant.path + mutant.where, [])
@@ -222,7 +223,17 @@ class Attack:
         path = home / mutant.path
         source = path.read_text(encoding="utf-8")
         path.write_text(ast.unparse(mutated(mutant.path, place)), encoding="utf-8")
-        command = (sys.executable, "-P", "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider")
+        command = (
+            sys.executable,
+            "-P",
+            "-m",
+            "pytest",
+            "-x",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            *PATIENT,
+        )
         child = subprocess.Popen(
             [*command, *names], cwd=home, env=os.environ | {"PYTHONPATH": str(home)},
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True,

@@ -68,6 +68,7 @@ def add_parser(charts: Any) -> None:
 def draw(args: argparse.Namespace) -> int:
 
     from drivers.errors import UsageError
+    from grasp.settings import meant
     from scenarios.campaign.config import load_config
     from scenarios.studies.answers.figure import draw_answers
     from scenarios.studies.answers.study import BASE, POLICIES, SCENES, lifts
@@ -77,7 +78,8 @@ def draw(args: argparse.Namespace) -> int:
     known = {p.name: p for p in POLICIES}
     if unknown := set(args.policies or ()) - known.keys():
         every = ", ".join(repr(name) for name in known)
-        raise UsageError(f"no policy {min(unknown)!r}", f"one of: {every}")
+        name = min(unknown)
+        raise UsageError(f"no policy {name!r}{meant(name, list(known))}", f"one of: {every}")
     policies = [p for name, p in known.items() if name in (args.policies or known)]
     _refuse_overwritten(args.set, policies)
     alarms = [s for s in SCENES if s.alarms]

@@ -1,13 +1,13 @@
 """`grasp arm`: the arm alone, looked at, moved by one short slow step, or stopped."""
 
 import argparse
-import json
 from typing import Any
 
 from grasp import interruption
 from grasp.cli import exits
 from grasp.cli.lab import add_lab, lab_config, say
 from grasp.cli.options import decimal, motion_permit
+from grasp.cli.output import json_line
 
 HELP = "look at a lab's arm, move it by one slow step, stop it"
 PLAN = "10 mm/s in a straight line"
@@ -32,6 +32,12 @@ def add_parser(verbs: Any) -> None:
     text = "end the program that moves the arm, whoever runs it, and look until the arm stands"
     stop = actions.add_parser("stop", help=text, description=text)
     add_lab(stop, moves=False)
+    stop.add_argument(
+        "--confirm-motion", action="store_true", help="not needed: what stops is never refused"
+    )
+    stop.add_argument(
+        "--dry-run", action="store_true", help="say what would be ended, and end nothing"
+    )
     stop.set_defaults(handler=stop_arm)
 
 
@@ -48,7 +54,7 @@ def status(args: argparse.Namespace) -> int:
     code = exits.DEVICE if against else exits.SUCCESS
     if args.json:
         said = {"arm": host, "state": told, "checks": [c._asdict() for c in checks]}
-        print(json.dumps({**said, "exit_code": code}))
+        print(json_line({**said, "exit_code": code}))
         return code
     print("\n".join((f"arm at {host}", *(f"  {line}" for line in told))))
     for check in against:
@@ -66,7 +72,7 @@ def step_arm(args: argparse.Namespace) -> int:
     checked_step(by_m)
     way = f"x {args.x:+g}, y {args.y:+g}, z {args.z:+g} mm"
     if args.dry_run:
-        return _tell(args, f"would move the arm at {arm_address(config)} by {way} at {PLAN}")
+        return _tell(args, f"move the arm at {arm_address(config)} by {way} at {PLAN}", "would")
     permit = motion_permit(config, args)
     with interruption.held():
         at_m = step(config, permit, by_m, say)
@@ -75,7 +81,11 @@ def step_arm(args: argparse.Namespace) -> int:
 
 def stop_arm(args: argparse.Namespace) -> int:
     from scenarios.lab.arm import stop_arm as stop
+    from scenarios.rigs.permission import arm_address
 
+    if args.dry_run:
+        where = arm_address(lab_config(args))
+        return _tell(args, f"end the program on the arm at {where}, whoever runs it", "would")
     return _tell(args, f"the arm stands at {_mm(stop(lab_config(args)))}, no program runs on it")
 
 
@@ -83,6 +93,10 @@ def _mm(at_m: Any) -> str:
     return ", ".join(f"{axis} {m * 1e3:.1f}" for axis, m in zip("xyz", at_m, strict=True)) + " mm"
 
 
-def _tell(args: argparse.Namespace, told: str) -> int:
-    print(json.dumps({"done": told, "exit_code": exits.SUCCESS}) if args.json else told)
+def _tell(args: argparse.Namespace, told: str, key: str = "done") -> int:
+    """``key`` of a dry run: would."""
+    if args.json:
+        print(json_line({key: told, "exit_code": exits.SUCCESS}))
+    else:
+        print(f"would {told}" if key == "would" else told)
     return exits.SUCCESS

@@ -10,6 +10,7 @@ from grasp import interruption
 from grasp.cli import exits
 from grasp.cli.lab import FINGERS, add_lab, confirm, lab_config, new_file
 from grasp.cli.options import decimal, motion_permit, whole
+from grasp.cli.output import json_line
 from grasp.files import write_whole
 
 HELP = "measure what counts and bytes are worth, on a scale"
@@ -98,7 +99,7 @@ def calibrate_force(args: argparse.Namespace) -> int:
         check_force(args.up_to)
     if args.dry_run:
         pressing = f"finger {args.finger} by single counts, up to {args.up_to:g} N on the scale"
-        return _would(pressing if args.press else "nothing")
+        return _would(args, pressing if args.press else "nothing")
     if not args.press:
         with interruption.held():
             return _written(args, by_weights(config, args.finger, args.up_to, _operator(), _tell))
@@ -120,8 +121,9 @@ def calibrate_hand(args: argparse.Namespace) -> int:
         bytes_ = ", ".join(map(str, sorted({0, *args.bytes})))
         way = f", then to {args.places} counts in free air" if args.places else ""
         return _would(
+            args,
             f"finger {args.finger}, {args.presses} times with each of the force bytes {bytes_}, "
-            f"onto the scale{way}"
+            f"onto the scale{way}",
         )
     permit = motion_permit(config, args)
     _over_a_scale(args)
@@ -146,7 +148,8 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     guard_of(config)  # raises where a run would be refused
     if args.dry_run:
         return _would(
-            f"the fingers, closed on an object for {args.seconds:g} s, then opened; the arm stands"
+            args,
+            f"the fingers, closed on an object for {args.seconds:g} s, then opened; the arm stands",
         )
     permit = motion_permit(config, args)
     with interruption.held():
@@ -189,8 +192,11 @@ def _tell(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def _would(what: str) -> int:
-    print(f"would move {what}")
+def _would(args: argparse.Namespace, what: str) -> int:
+    if args.json:
+        print(json_line({"would": f"move {what}", "exit_code": exits.SUCCESS}))
+    else:
+        print(f"would move {what}")
     return exits.SUCCESS
 
 
@@ -198,9 +204,7 @@ def _written(args: argparse.Namespace, text: str) -> int:
     """Kept, and shown."""
     write_whole(args.out, text.encode())
     if args.json:
-        import json
-
-        print(json.dumps({"file": str(args.out), "text": text, "exit_code": exits.SUCCESS}))
+        print(json_line({"file": str(args.out), "text": text, "exit_code": exits.SUCCESS}))
     else:
         print(text, end="")
         print(args.out)

@@ -8,6 +8,7 @@ from typing import Any
 
 from drivers.errors import GraspError, UsageError
 from grasp.cli import exits
+from grasp.cli.output import json_line
 from grasp.cli.run import add_trial_options
 
 HELP = "show the resolved settings, check files of your own"
@@ -98,17 +99,18 @@ def _settings(path: Path) -> str:
 def run(args: argparse.Namespace) -> int:
     import msgspec
 
-    from grasp.settings import allowed
+    from grasp.settings import allowed, meant
     from scenarios.campaign.config import load_config
 
     config = load_config(args.object, args.rig, args.detector, args.config, args.set, args.profile)
     table = msgspec.to_builtins(config)
     sections = [name for name, value in table.items() if isinstance(value, dict)]
     if args.section is not None and args.section not in sections:
-        raise UsageError(f"no section {args.section!r}", f"one of: {', '.join(sections)}")
+        hint = meant(args.section, sections)
+        raise UsageError(f"no section {args.section!r}{hint}", f"one of: {', '.join(sections)}")
     shown = sections if args.section is None else [args.section]
     if args.json:
-        print(json.dumps({name: table[name] for name in shown}))
+        print(json_line({name: table[name] for name in shown}))
         return exits.SUCCESS
     for name in shown:
         print(f"[{name}]")

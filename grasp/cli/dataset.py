@@ -7,6 +7,7 @@ from typing import Any
 
 from grasp.cli import exits
 from grasp.cli.options import add_workers, decimal, need, whole, workers
+from grasp.cli.output import json_line
 from grasp.cli.pictures import picture
 
 HELP = "build and describe data sets of labelled fingertip recordings"
@@ -82,7 +83,6 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
 
 
 def build(args: argparse.Namespace) -> int:
-    import json
 
     import msgspec
 
@@ -103,7 +103,7 @@ def build(args: argparse.Namespace) -> int:
             return exits.report("interrupted", kept, "run the same command again", args.json)
     samples = sum(job.samples for job in jobs)
     if args.json:
-        print(json.dumps({"folder": str(args.out), "recordings": len(jobs), "made": made,
+        print(json_line({"folder": str(args.out), "recordings": len(jobs), "made": made,
                           "samples": samples}))  # fmt: skip
     else:
         print(f"{args.out}: {len(jobs)} recordings, {samples} samples; {made} made now")
@@ -111,13 +111,12 @@ def build(args: argparse.Namespace) -> int:
 
 
 def collect(args: argparse.Namespace) -> int:
-    import json
 
     from scenarios.acquire.datasets.collect import collect as collected
 
     counts = collected(args.source, args.out)
     if args.json:
-        print(json.dumps({"folder": str(args.out), **counts}))
+        print(json_line({"folder": str(args.out), **counts}))
     else:
         print(f"{args.out}: " + ", ".join(f"{n} for {split}" for split, n in counts.items()))
     return exits.SUCCESS

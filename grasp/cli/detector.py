@@ -8,6 +8,7 @@ from typing import Any
 from drivers.errors import BadFile, UsageError
 from grasp.cli import detector_study, exits, heads, paper_study, train
 from grasp.cli.options import add_settings, decimal, one_by_one, own_or_new, progress, whole
+from grasp.cli.output import json_line
 from grasp.files import write_whole
 
 HELP = "score, tune and train slip detectors"
@@ -157,7 +158,7 @@ def card(args: argparse.Namespace) -> int:
         told = msgspec.to_builtins(heads.heads)
         found["heads"] = {key: value for key, value in told.items() if key != "layers"}
     if args.json:
-        print(json.dumps(found))
+        print(json_line(found))
     else:
         for key, value in found.items():
             print(f"{key}: {json.dumps(value)}")
@@ -310,7 +311,7 @@ def tune(args: argparse.Namespace) -> int:
         raise UsageError(f"{args.detector} is tuned on data sets", remedy)
     threshold, minutes = _tune_on_recordings(args) if args.static else _tune_on_lifts(args)
     if args.json:
-        print(json.dumps({"threshold_counts": threshold, "minutes": minutes}))
+        print(json_line({"threshold_counts": threshold, "minutes": minutes}))
     else:
         print(f"threshold_counts = {threshold:.3g}  # {args.budget:g} false events a minute, "
               f"tuned on {minutes:.1f} minutes")  # fmt: skip

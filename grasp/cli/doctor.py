@@ -1,11 +1,11 @@
 """`grasp doctor`: looks at everything a run needs, moves nothing, names every remedy."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
+from grasp.cli.output import json_line
 
 HELP = "check this machine and the devices without moving anything"
 _MARK = {"ok": "ok  ", "warn": "warn", "fail": "FAIL"}
@@ -44,7 +44,7 @@ def doctor(args: argparse.Namespace) -> int:
     failed = [c for c in checks if c.status == "fail"]
     code = _code(failed)
     if args.json:
-        print(json.dumps({"healthy": not failed, "checks": [c._asdict() for c in checks],
+        print(json_line({"healthy": not failed, "checks": [c._asdict() for c in checks],
                           "exit_code": code}))  # fmt: skip
         return code
     width = max(len(c.name) for c in checks)

@@ -1,12 +1,12 @@
 """Exit codes, and how an error becomes one line (or one JSON object) and a code."""
 
 import contextlib
-import json
 import os
 import sys
 from typing import Any
 
 from grasp import interruption
+from grasp.cli.output import json_line
 
 SUCCESS = 0
 TRIAL_FAILED = 1
@@ -80,7 +80,7 @@ def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) ->
     with contextlib.suppress(OSError):  # a terminal that was closed: nobody reads it
         if as_json:
             error = {"kind": kind, "message": message, "remedy": remedy}
-            print(json.dumps({"error": error, "exit_code": code, **extra}), flush=True)
+            print(json_line({"error": error, "exit_code": code, **extra}), flush=True)
         else:
             print(f"grasp: {message}" + (f" ({remedy})" if remedy else ""), file=sys.stderr)
     return code

@@ -1,11 +1,11 @@
 """`grasp find HOST...`: which devices answer there, and which boards are plugged in."""
 
 import argparse
-import json
 from typing import Any
 
 from grasp.cli import exits
 from grasp.cli.options import decimal
+from grasp.cli.output import json_line
 
 HELP = "ask addresses for a gripper, an arm, fingertips; list USB boards"
 
@@ -46,7 +46,7 @@ def find(args: argparse.Namespace) -> int:
     answered = any(each.answered for each in found)
     code = exits.SUCCESS if answered else exits.DEVICE
     if args.json:
-        print(json.dumps({"asked": msgspec.to_builtins(found), "exit_code": code}))
+        print(json_line({"asked": msgspec.to_builtins(found), "exit_code": code}))
         return code
     if answered:
         print(f"\nfor a file of your own, as lab.toml:\n\n{settings_of(found)}", end="")

@@ -1,12 +1,12 @@
 """`grasp grip-search`: whole counts that hold an object and are sure to let it slip."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
 from grasp.cli.options import decimal, own_or_new, whole
+from grasp.cli.output import json_line
 from grasp.cli.run import add_trial_options
 from grasp.files import write_whole
 
@@ -79,7 +79,7 @@ def search(args: argparse.Namespace) -> int:
             "lifts": args.verify, "slipped": slipped,
             "grips": msgspec.to_builtins(grips[: args.shown]),
         }  # fmt: skip
-        print(json.dumps(out))
+        print(json_line(out))
     else:
         _print(args, present_grip(config, wanted, args.seed), grips[: args.shown], slipped)
     if args.write is not None:

@@ -1,7 +1,6 @@
 """`grasp gripper`: the hand alone, looked at, activated, and moved slowly in finite steps."""
 
 import argparse
-import json
 from typing import Any
 
 from drivers.errors import UsageError
@@ -9,6 +8,7 @@ from grasp import interruption
 from grasp.cli import exits
 from grasp.cli.lab import FINGERS, add_lab, confirm, lab_config, say, tell_weak
 from grasp.cli.options import decimal, motion_permit, whole
+from grasp.cli.output import json_line
 
 HELP = "look at a lab's gripper, activate it, move it slowly"
 SLOW = "slowly, at its least force"
@@ -70,7 +70,7 @@ def status(args: argparse.Namespace) -> int:
     code = exits.DEVICE if strange else exits.SUCCESS
     if args.json:
         told = {"gripper": where, "registers": lines(now), "doubts": strange, "exit_code": code}
-        print(json.dumps(told))
+        print(json_line(told))
         return code
     print("\n".join((f"gripper at {where}", *(f"  {line}" for line in lines(now)))))
     for doubt in strange:
@@ -179,7 +179,7 @@ def _ended(moved: Any) -> int:
 
 def _tell(args: argparse.Namespace, told: dict[str, str], code: int = exits.SUCCESS) -> int:
     if args.json:
-        print(json.dumps({**told, "exit_code": code}))
+        print(json_line({**told, "exit_code": code}))
     else:
         for key, text in told.items():
             print(f"would {text}" if key == "would" else text)

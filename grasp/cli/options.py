@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
 MOST_JOBS = 256
 LINES = 10  # where there is no terminal: a line for each tenth
-OBJECT_HELP = "one of config/objects, or the path of a .toml file of one's own"
+OBJECT_HELP = (
+    "one of config/objects (ball, box, can, cardboard, foam, football; kept for testing: book, "
+    "bottle, jar, mug, orange, sponge), or the path of a .toml file of one's own"
+)
 
 
 def whole(least: int, most: int) -> Callable[[str], int]:

@@ -4,10 +4,11 @@ standard output, whatever a library prints."""
 import contextlib
 import io
 import json
+import math
 import os
 import sys
 from collections.abc import Iterator
-from typing import TextIO
+from typing import Any, TextIO
 
 
 def open_standard_streams() -> None:
@@ -19,6 +20,20 @@ def open_standard_streams() -> None:
     for name, number, mode in (("stdin", 0, "r"), ("stdout", 1, "w"), ("stderr", 2, "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(number, mode, closefd=False))
+
+
+def json_line(value: Any) -> str:
+    """An answer in one line. A number that is none (a miss is a delay without end) is null, since
+    JSON knows no infinity."""
+    return json.dumps(_finite(value), allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _finite(each) for key, each in value.items()}
+    return [_finite(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 class _OnlyJson(io.TextIOBase):

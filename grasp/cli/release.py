@@ -5,6 +5,7 @@ from typing import Any
 
 from grasp.cli import exits
 from grasp.cli.options import add_confirmation, add_settings, motion_permit
+from grasp.cli.output import json_line
 
 HELP = "open the fingers of a gripper that was left closed"
 
@@ -34,7 +35,6 @@ def add_parser(verbs: Any) -> None:
 
 
 def release(args: argparse.Namespace) -> int:
-    import json
 
     from scenarios.campaign.config import load_for_devices
     from scenarios.rigs.permission import HARDWARE, gripper_address
@@ -50,7 +50,7 @@ def release(args: argparse.Namespace) -> int:
     others = other_devices(config) if real else {}
     if args.json:
         told = {"rig": args.rig, "gripper": which, "positions_counts": positions, **others}
-        print(json.dumps(told))
+        print(json_line(told))
     else:
         for device, state in others.items():
             print(f"  {device}: {state}")

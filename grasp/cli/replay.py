@@ -1,13 +1,13 @@
 """`grasp replay`: a recorded run or fingertip through detector and controller again."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.detector import scores_text
+from grasp.cli.output import json_line
 
 HELP = "feed a recording through detector, slip monitor and controller"
 SHOWN_DIFFERENCES = 10
@@ -62,7 +62,7 @@ def _run(args: argparse.Namespace) -> int:
     done = replay_run(args.run, args.detector)
     same = not done.differences
     if args.json:
-        print(json.dumps({**msgspec.to_builtins(done), "same": same}))
+        print(json_line({**msgspec.to_builtins(done), "same": same}))
     else:
         for t_s, what in done.events:
             print(f"{t_s:7.2f} s  {what}")
@@ -90,7 +90,7 @@ def _tactile(args: argparse.Namespace) -> int:
     detector = config.make_detector(recording.fingers, recording.taxels)
     scores = evaluate_recording(detector, config.rule, recording, clock_ns=stopwatch_ns)
     if args.json:
-        print(json.dumps({**msgspec.to_builtins(done), "evaluation": msgspec.to_builtins(scores)}))
+        print(json_line({**msgspec.to_builtins(done), "evaluation": msgspec.to_builtins(scores)}))
         return exits.SUCCESS
     _print_tactile(done, recording, scores, config.rule)
     return exits.SUCCESS

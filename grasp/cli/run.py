@@ -16,7 +16,7 @@ from grasp.cli.options import (
     motion_permit,
     seed,
 )  # fmt: skip
-from grasp.cli.trials import add_series_options, paced, run_trials
+from grasp.cli.trials import add_series_options, log_end, logged, paced, run_trials
 
 HELP = "run a scenario"
 SPEED_MPS, SECONDS = 0.05, 20.0  # of an acquisition
@@ -96,8 +96,8 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
     add_runs(parser)
     parser.add_argument(
         "-v", "--verbose", action="store_true",
-        help="say also by how much physics the simulated world was computed, and why; of a lift or "
-        "taps leave a log in --runs, with the wall clock's times",
+        help="leave a log in --runs, with the wall clock's times; of a lift or taps say also by "
+        "how much physics the simulated world was computed, and why",
     )  # fmt: skip
     parser.add_argument(
         "--view", action="store_true",
@@ -205,6 +205,7 @@ def _acquire(args: argparse.Namespace) -> int:
     permit = _permit(config, args)
     title = f"acquisition on {config.surface.name} · seed {args.seed}"
     with (
+        logged(args, config.surface.name, config.rig) as log,
         Display(config.rig, quiet=args.json) as display,
         viewed(args, lambda: LiveAcquisition(config, title, args.seconds)) as live,
     ):
@@ -212,6 +213,8 @@ def _acquire(args: argparse.Namespace) -> int:
 
         def show(sample: Any) -> None:
             display.sample(sample)
+            if log is not None:
+                log.sample(sample)
             if live is not None:
                 live.watch(sample)
 
@@ -220,6 +223,8 @@ def _acquire(args: argparse.Namespace) -> int:
         )
         if live is not None:
             live.feed.say(finished.in_short())
+        if log is not None:
+            log_end(log, f"seed {finished.seed}: {finished.in_short()}", finished.failure)
     failure = finished.failure
     if not args.json:
         print(finished.as_text())

@@ -3,12 +3,14 @@
 from datetime import datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from grasp.commands import describe
 from grasp.files import make_private_file, make_private_folder
 from grasp.loop import Tick
-from grasp.phases import Phase
+
+if TYPE_CHECKING:
+    from scenarios.acquire.session import Sample
 
 
 class RunLog:
@@ -20,7 +22,7 @@ class RunLog:
         make_private_file(path)
         self.path = path
         self._file = path.open("a", encoding="utf-8", buffering=1)
-        self._phase: Phase | None = None
+        self._phase: str | None = None
         self._lost = False
 
     def __enter__(self) -> Self:
@@ -46,9 +48,7 @@ class RunLog:
     def tick(self, tick: Tick) -> None:
         """Phases, slip that is registered, and every command with what became of it."""
         decision, at = tick.decision, f"t {tick.t_ns * 1e-9:.3f} s"
-        if decision.phase is not self._phase:
-            self._phase = decision.phase
-            self.say(f"{at} phase {decision.phase.value}")
+        self._phase_of(at, decision.phase)
         if decision.slip.event:
             self.say(f"{at} slip is registered")
         for issued in tick.issued:
@@ -57,3 +57,13 @@ class RunLog:
             note = issued.applied.note if issued.applied is not None else ""
             became = issued.refused or note
             self.say(f"{at} {asked}{changed}" + (f" ({became})" if became else ""))
+
+    def sample(self, sample: "Sample") -> None:
+        """Of an acquisition: phases, and what the finger presses with where they begin."""
+        at = f"t {sample.t_ns * 1e-9:.3f} s"
+        self._phase_of(at, sample.phase, f", {sample.force_n:.2f} N")
+
+    def _phase_of(self, at: str, phase: str, more: str = "") -> None:
+        if phase != self._phase:
+            self._phase = phase
+            self.say(f"{at} phase {phase}{more}")

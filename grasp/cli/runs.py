@@ -8,6 +8,7 @@ from typing import Any
 from drivers.errors import BadFile
 from grasp.cli import exits
 from grasp.cli.options import add_runs
+from grasp.cli.output import json_line
 
 HELP = "list recorded runs with their verdicts"
 
@@ -30,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
         results.append(result)
         lines.append(_line(path.parent.name, result))
     if args.json:
-        print(json.dumps(results))
+        print(json_line(results))
         return code
     for line in lines:
         print(line)

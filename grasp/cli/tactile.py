@@ -2,7 +2,6 @@
 to it."""
 
 import argparse
-import json
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 from grasp.cli import exits
 from grasp.cli.lab import add_lab, lab_config, new_file
 from grasp.cli.options import decimal, whole
+from grasp.cli.output import json_line
 from grasp.files import write_whole
 
 HELP = "fingertips: USB permission, wiring, rest and noise"
@@ -85,7 +85,7 @@ def watch(args: argparse.Namespace) -> int:
     if heard is None:
         return exits.report("interrupted", "interrupted", "", args.json)
     if args.json:
-        print(json.dumps({**msgspec.to_builtins(heard), "exit_code": exits.SUCCESS}))
+        print(json_line({**msgspec.to_builtins(heard), "exit_code": exits.SUCCESS}))
     else:
         print(heard.table())
     return exits.SUCCESS
@@ -100,7 +100,7 @@ def take_rest(args: argparse.Namespace) -> int:
     if args.out is not None:
         write_whole(args.out, text.encode())
     if args.json:
-        print(json.dumps({"rest": heard.rest, "noise_counts": heard.noise_counts,
+        print(json_line({"rest": heard.rest, "noise_counts": heard.noise_counts,
                           "file": text, "exit_code": exits.SUCCESS}))  # fmt: skip
     else:
         print(text, end="")
@@ -171,7 +171,7 @@ def _conclude(presses: list[Any], as_json: bool) -> int:
     presses.sort(key=lambda press: -press.fall_counts)
     code = exits.SUCCESS if presses else exits.TRIAL_FAILED
     if as_json:
-        print(json.dumps({"presses": msgspec.to_builtins(presses), "exit_code": code}))
+        print(json_line({"presses": msgspec.to_builtins(presses), "exit_code": code}))
     elif presses:
         print(f"strongest: {_text(presses[0])}, {presses[0].fall_counts} counts below its rest")
     else:

@@ -1,7 +1,6 @@
 """The trials of `grasp run lift` and `grasp run tap`: shown, kept as rows, and reported."""
 
 import argparse
-import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
@@ -14,6 +13,7 @@ from grasp import interruption
 from grasp.cli import exits
 from grasp.cli.first import tell_end
 from grasp.cli.options import whole
+from grasp.cli.output import json_line
 
 TRIALS = {"lift": 1, "tap": 20}  # taps: paper, section V-B
 
@@ -124,7 +124,7 @@ def _follow(
     config, of = experiment.config, experiment.trials
     title = f"{args.scenario} · {config.object.name} · {config.rig} rig"
     with (
-        _logged(args, config) as log,
+        logged(args, config.object.name, config.rig) as log,
         Display(config.rig, args.json, plain=asked, brief=not alone) as display,
         viewed(args, lambda: LiveTrials(config, title, of)) as live,
     ):
@@ -138,13 +138,22 @@ def _follow(
 
         on_tick = display.tick if log is None else _both(display.tick, log.tick)
         bench = Bench(
-            args.runs, paced(args), on_tick, operator, permit, watch=watch, on_trial=begins
+            args.runs,
+            paced(args),
+            on_tick,
+            operator,
+            permit,
+            watch=watch,
+            on_trial=begins,
+            placed=args.first,
         )
         try:
             for finished, row in run(experiment, bench, store):
                 seen.take(finished, row)
                 if log is not None:
-                    _log_end(log, finished)
+                    result = finished.result
+                    became = "" if result is None else f"seed {result.seed}: {result.outcome}"
+                    log_end(log, became, finished.failure)
                 if live is not None and finished.result is not None:
                     live.feed.say(trial_line(finished.result))
                 if finished.result is not None and not alone:
@@ -173,7 +182,7 @@ def _both(one: Any, other: Any) -> Any:
 
 
 @contextmanager
-def _logged(args: argparse.Namespace, config: Any) -> Iterator[Any]:
+def logged(args: argparse.Namespace, what: str, rig: str) -> Iterator[Any]:
     """The log of `-v`, named once it is closed; None without."""
     from grasp.cli.run_log import RunLog
 
@@ -181,19 +190,20 @@ def _logged(args: argparse.Namespace, config: Any) -> Iterator[Any]:
         yield None
         return
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")  # noqa: DTZ005  (a person's local time)
-    with RunLog(args.runs / f"{stamp}-{args.scenario}-{config.object.name}.log") as log:
-        log.say(f"{args.scenario} of {config.object.name} on rig {config.rig}, {sys.argv[1:]}")
+    with RunLog(args.runs / f"{stamp}-{args.scenario}-{what}.log") as log:
+        log.say(f"{args.scenario} of {what} on rig {rig}, {sys.argv[1:]}")
         yield log
     exits.say(f"log: {log.path}")
 
 
-def _log_end(log: Any, finished: Any) -> None:
-    if finished.result is not None:
-        log.say(f"seed {finished.result.seed}: {finished.result.outcome}")
-    if finished.failure is not None:
-        log.say(f"{finished.failure.kind}: {finished.failure.message}")
-        if finished.failure.end is not None:
-            log.say(f"{finished.failure.end.arm}; {finished.failure.end.hand}")
+def log_end(log: Any, became: str, failure: Any) -> None:
+    """What a run has become, empty for nothing, and how all was left where it failed."""
+    if became:
+        log.say(became)
+    if failure is not None:
+        log.say(f"{failure.kind}: {failure.message}")
+        if failure.end is not None:
+            log.say(f"{failure.end.arm}; {failure.end.hand}")
 
 
 def _write_pages(results: list[Any], quiet: bool) -> None:
@@ -220,6 +230,7 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
 
     if not args.json:
         print_verdict(result, args.verbose)
+        print(f"  {_by(args, config)}")
         _tell_height(result, config)
         if args.first and failure is None:
             tell_end(result)
@@ -229,6 +240,14 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
     if args.json:
         print(msgspec.json.encode(result).decode())
     return exits.SUCCESS if result.success else exits.TRIAL_FAILED
+
+
+def _by(args: argparse.Namespace, config: Any) -> str:
+    """Who listened, and how slip was answered."""
+    return (
+        f"detector {config.detector_label}, profile {args.profile}, answer to slip: "
+        f"{config.controller.answer}"
+    )
 
 
 def _tell_height(result: Any, config: Any) -> None:
@@ -282,7 +301,7 @@ def _report_series(
         return code
     right = _taps_right(rows) if tap else all(row.success for row in rows)
     if args.json:
-        print(json.dumps(series))
+        print(json_line(series))
     else:
         _tell_last(seen, experiment, kept)
         if not right:

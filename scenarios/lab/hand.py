@@ -32,6 +32,7 @@ from grasp.clock import Clock, WallClock
 from grasp.commands import HoldFingers, MoveFingers
 from grasp.guard import ForceGuard
 from grasp.stiffness import Stiffness
+from scenarios.lab.steps import AT_REST, Steps, lead_counts, walk
 from scenarios.lab.touch import Touch, open_touch
 from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.device_checks import read_gripper
@@ -42,9 +43,7 @@ from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
 
 MOST_STEP_M = 0.005
-MOVE_S = 15.0  # that a finger takes at most at its least speed
 STAND_S = 3.0  # within which fingers that were told to stand are seen to
-AT_REST = 2  # looks in a row
 TOUCH_N = 1.0  # felt by any finger: there B and C stand; above what a still pad's wander feels like
 THUMB = 0
 
@@ -103,13 +102,17 @@ class Hand:
     """An active hand, its fingertips where they are heard, and the guard between."""
 
     def __init__(
-        self, config: TrialConfig, gripper: Gripper, touch: Touch | None, clock: Clock
+        self, config: TrialConfig, gripper: Gripper, touch: Touch | None, clock: Clock, release: str
     ) -> None:
+        """``release``: the command that opens it, told where it is left closed."""
+        self._release = release
         self._gripper, self._touch, self._clock = gripper, touch, clock
         self._guard = guard_of(config) if touch is not None else None
         known = calibration(config)
         self.speed_mps, self.force_n = known.least_speed_mps, known.least_force_n
         self.each_motor = config.guard.cap_mode == "each_motor"
+        self._lead = lead_counts(known.m_per_count)
+        self._told: list[Counts3] = []  # steps of the motion so far
 
     @property
     def state(self) -> GripperState:
@@ -119,13 +122,15 @@ class Hand:
         return state
 
     def move(self, targets: Counts3, say: Say, lightly: bool = False) -> Moved:
-        """To those counts at least speed and force, as far as the guard admits, or, ``lightly``,
-        until anything is felt. Ctrl-C makes the fingers stand: told by ``say`` once it is seen."""
-        self._send(targets)
+        """To those counts at least speed and force, by short steps, as far as the guard admits, or,
+        ``lightly``, until anything is felt. Ctrl-C makes the fingers stand: told by ``say`` once it
+        is seen."""
+        self._told.clear()
         try:
-            return self._until_rest(lightly=lightly)
+            return self._go(targets, lightly)
         except BaseException:
-            self.stand(say)
+            if self._told:
+                self.stand(say)
             raise
 
     def close(self, targets: Counts3, say: Say) -> Moved:
@@ -197,12 +202,15 @@ class Hand:
         with interruption.sealed(), suppress(GraspError):
             self._gripper.hold()
             with suppress(DeviceFault):
-                self._until_rest(STAND_S, watching=False)
+                self._until_rest()
                 seen = True
         where = self._gripper.state.positions if self._gripper.state else "unknown"
+        told = f", told to go to {self._told[-1]} counts and no further" if self._told else ""
         say(
-            f"the fingers stand, at {where} counts: the grip is kept" if seen else
-            "NOT SEEN TO STAND: press the emergency stop, switch the gripper off if it still moves"
+            f"the fingers stand, at {where} counts: the grip is kept; to let go, support what is "
+            f"held and run `{self._release}`" if seen else
+            f"NOT SEEN TO STAND{told}: press the emergency stop, switch the gripper off if it "
+            "still moves"
         )  # fmt: skip
 
     def _send(self, targets: Counts3) -> None:
@@ -218,6 +226,7 @@ class Hand:
             assert isinstance(admitted, MoveFingers)  # noqa: S101  (a move stays one)
             command = admitted
         self._gripper.move_to(command.targets_counts, command.speed_mps, command.force_n)
+        self._told.append(command.targets_counts)
 
     def _felt(self) -> Vector3:
         none = (0.0, 0.0, 0.0)
@@ -225,30 +234,38 @@ class Hand:
             return none
         return self._guard.measured_n(self._touch.counts_sum or none)
 
-    def _until_rest(
-        self, within_s: float = MOVE_S, watching: bool = True, lightly: bool = False
-    ) -> Moved:
-        """Look until the fingers are seen to rest; the guard stops what presses too hard."""
-        end_ns = self._clock.now_ns + round(within_s * 1e9)
-        rested, early, touched = 0, "", ""
-        while self._clock.now_ns < end_ns:
-            if watching:
-                interruption.check()
-            self.idle(watching)
+    def _go(self, targets: Counts3, lightly: bool) -> Moved:
+        """Step after step, until the fingers are seen to rest; the guard stops what presses too
+        hard."""
+        early, touched = "", ""
+
+        def look() -> bool:
+            nonlocal early, touched
+            self.idle()
             felt_n = self._felt()
-            if watching and not early and self._guard and self._guard.overloaded(felt_n):
+            if not early and self._guard and self._guard.overloaded(felt_n):
                 early = f"stopped at {max(felt_n):.1f} N, above the limit"
                 self._gripper.hold()
             elif lightly and not touched and max(felt_n) >= TOUCH_N:
                 named = zip(FINGER_NAMES, felt_n, strict=True)
                 touched = "".join(name for name, n in named if n >= TOUCH_N)
                 self._gripper.hold()
+            return not (early or touched)
+
+        steps = Steps(self.state.positions, targets, self._lead)
+        walk(steps, self._clock, lambda: self.state, self._send, look)
+        return self._moved(early, touched)
+
+    def _until_rest(self) -> None:
+        """Look until fingers that were told to stand are seen to, without the fingertips."""
+        end_ns = self._clock.now_ns + round(STAND_S * 1e9)
+        rested = 0
+        while self._clock.now_ns < end_ns:
+            self.idle(watching=False)
             rested = rested + 1 if self.state.at_rest else 0
             if rested >= AT_REST:
-                return self._moved(early, touched)
-        raise DeviceFault(
-            f"the fingers did not come to rest within {within_s:g} s", "look at the hand"
-        )
+                return
+        raise DeviceFault("the fingers did not come to rest", "look at the hand")
 
     def _moved(self, early: str, touched: str) -> Moved:
         state = self.state
@@ -267,7 +284,7 @@ def open_hand(config: TrialConfig, permit: MotionPermit | None, closing: bool) -
     Raises UsageError without a permit, ConfigError where a run would be refused, Refused for a hand
     that is not active or that another process drives, and the drivers' errors.
     """
-    require(permit)
+    allowed = require(permit)
     calibration(config)
     clock = WallClock(WallClock().now_ns)
     if closing:
@@ -287,7 +304,7 @@ def open_hand(config: TrialConfig, permit: MotionPermit | None, closing: bool) -
                 "empty it, then `grasp gripper activate`",
             )
         touch = stack.enter_context(open_touch(config, clock, state.is_open)) if closing else None
-        yield Hand(config, gripper, touch, clock)
+        yield Hand(config, gripper, touch, clock, allowed.release)
 
 
 def activate_hand(config: TrialConfig, permit: MotionPermit | None, say: Say) -> Counts3 | None:
@@ -296,25 +313,34 @@ def activate_hand(config: TrialConfig, permit: MotionPermit | None, say: Say) ->
     require(permit)
     calibration(config)
     clock = WallClock(WallClock().now_ns)
-    with driving(gripper_of(config)):
-        try:
-            with open_gripper(config, lambda: clock.now_ns) as gripper:
-                return _activated(gripper, clock)
-        except BaseException:
-            with interruption.sealed():
-                _reset(config, say)
-            raise
+    with (
+        driving(gripper_of(config)),
+        ExitStack() as undo,
+        open_gripper(config, lambda: clock.now_ns) as gripper,
+    ):
+        if not _begun(gripper, clock):
+            return None
+        undo.callback(_reset, config, say)  # once the link is closed: it is open once at a time
+        positions = _until_active(gripper, clock)
+        undo.pop_all()
+        return positions
 
 
-def _activated(gripper: Gripper, clock: Clock) -> Counts3 | None:
+def _begun(gripper: Gripper, clock: Clock) -> bool:
+    """Whether it has begun: not where it was active. Refused where it would drop something."""
     with suppress(DeviceFault):  # which activation clears
         gripper.pump(clock.now_ns)
     state = gripper.state
     if state is None:
         raise LinkLost("the gripper does not answer", "check its power, cable and address")
     if state.active and not state.fault:
-        return None
-    gripper.activate()  # raises where it would drop something
+        return False
+    gripper.activate()
+    return True
+
+
+def _until_active(gripper: Gripper, clock: Clock) -> Counts3:
+    """Where the fingers stand then; raises DeviceFault when it takes too long."""
     end_ns = clock.now_ns + round(ACTIVATION_TIMEOUT_S * 1e9)
     while clock.now_ns < end_ns:
         interruption.check()
@@ -333,7 +359,7 @@ def _reset(config: TrialConfig, say: Say) -> None:
     """Take the activation back; raises nothing."""
     seen = False
     if not config.devices.gripper:
-        with suppress(GraspError):
+        with interruption.sealed(), suppress(GraspError):
             link = TCP if config.gripper.link == "tcp" else RTU
             transport = ModbusTransport(config.modbus, config.gripper.link)
             try:

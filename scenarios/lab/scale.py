@@ -5,14 +5,15 @@ more than the manual states, and with one fingertip over a scale, never with an 
 """
 
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 
 import msgspec
 import numpy as np
 
-from drivers.errors import DeviceFault, LinkLost, Refused, UsageError
+from drivers.errors import DeviceFault, GraspError, LinkLost, Refused, UsageError
 from drivers.interfaces import (
     CODE_MAX,
     FINGER_NAMES,
@@ -20,13 +21,17 @@ from drivers.interfaces import (
     PERIOD_NS,
     Counts3,
     Detection,
+    FingerState,
     Gripper,
+    GripperState,
 )
 from drivers.robotiq.calibration import GripperCalibration
 from grasp import interruption
 from grasp.clock import Clock, WallClock
-from scenarios.lab.fit import Byte, Law, Line
-from scenarios.lab.hand import MOVE_S, Say
+from grasp.guard import GuardSettings
+from scenarios.lab.fit import AGAIN, Byte, Law, Line
+from scenarios.lab.hand import Say
+from scenarios.lab.steps import Steps, lead_counts, walk
 from scenarios.lab.touch import Touch
 from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
@@ -37,6 +42,7 @@ from scenarios.trial.person import Operator
 NEWTONS = {"n": 1.0, "g": 0.00980665, "kg": 9.80665}
 READING = re.compile(r"([0-9]+(?:[.,][0-9]+)?)\s*(n|g|kg)\Z", re.IGNORECASE)
 PAUSE_NS = 20_000_000
+BACK_COUNTS = 20  # off the scale; some 15 mm
 SAMPLES = 100  # of the pad, a second, for one reading
 MANUAL = GripperCalibration(  # what a byte presses at most, until it is measured
     name="manual", source="Robotiq 3-Finger manual, 2014, p. 47", least_force_n=15.0
@@ -69,16 +75,17 @@ def ask(operator: Operator, question: str, idle: Callable[[], None]) -> str:
 
 
 def reading(operator: Operator, question: str, idle: Callable[[], None], most_n: float) -> float:
-    """Newtons; asked again for what is none, or more than ``most_n``."""
+    """Newtons; asked again for what is none, for 0, and for more than ``most_n``."""
     while True:
         try:
             force_n = newtons(ask(operator, question, idle))
         except UsageError as error:
             operator.say(f"{error.message}: {error.remedy}")
             continue
-        if force_n <= most_n:
+        if 0.0 < force_n <= most_n:
             return force_n
-        operator.say(f"{force_n:.2f} N is more than --up-to {most_n:g}: typed rightly?")
+        why = f"is more than --up-to {most_n:g}" if force_n else "is no press"
+        operator.say(f"{force_n:.2f} N {why}: typed rightly?")
 
 
 def check_force(up_to_n: float, bytes_: Iterable[int] = (0,)) -> None:
@@ -108,57 +115,78 @@ class Presser:
 
     @property
     def _places(self) -> Counts3:
+        return self._state.positions
+
+    @property
+    def _finger(self) -> FingerState:
+        return self._state.fingers[self._i]
+
+    @property
+    def _state(self) -> GripperState:
         if self._gripper.state is None:
             raise LinkLost("the gripper does not answer", "check its power, cable and address")
-        return self._gripper.state.positions
+        return self._gripper.state
 
     def idle(self) -> None:
         """Let a moment pass."""
         self._clock.sleep_until_ns(self._clock.now_ns + PAUSE_NS)
+        self.look()
+
+    def look(self) -> None:
+        """Ask how it is; raises what the gripper reports."""
         self._gripper.pump(self._clock.now_ns)
 
-    def to(self, counts: int, byte: int = 0) -> tuple[bool, int]:
-        """Slowly to there; whether it met something, and the most current on the way, mA.
+    def to(
+        self, counts: int, byte: int = 0, touched: Callable[[], bool] = lambda: False
+    ) -> tuple[bool, int]:
+        """Slowly to there by short steps, or until it is ``touched``; whether it met something, and
+        the most current on the way, mA.
 
         Raises UsageError for a byte that may press with more than was allowed.
         """
         check_force(self._up_to_n, (byte,))
         a, b, c = (counts if i == self._i else at for i, at in enumerate(self._places))
-        self._gripper.move_to((a, b, c), self._speed_mps, MANUAL.force_n(byte))
-        most_ma = 0
-        end_ns = self._clock.now_ns + round(MOVE_S * 1e9)
-        while self._clock.now_ns < end_ns:
-            interruption.check()
-            self._clock.sleep_until_ns(self._clock.now_ns + PERIOD_NS)
-            self._gripper.pump(self._clock.now_ns)
-            state = self._gripper.state
-            if state is None:
-                continue
-            finger = state.fingers[self._i]
-            most_ma = max(most_ma, finger.current_ma)
-            if state.at_rest:
-                return finger.detection is Detection.CONTACT_CLOSING, most_ma
-        raise DeviceFault("the finger did not come to rest", "look at the hand")
+        most_ma, met = 0, False
 
-    def hold(self, say: Say) -> None:
-        """Stand; raises nothing that matters more than what stopped it."""
-        with interruption.sealed():
-            self._gripper.hold()
-            for _ in range(10):
-                self.idle()
-            state = self._gripper.state
-            stands = state is not None and state.at_rest
-            told = "the finger stands; open it with `grasp gripper open --confirm-motion`"
-            say(told if stands else "NOT SEEN TO STAND: switch the gripper off if it still moves")
+        def tell(targets: Counts3) -> None:
+            self._gripper.move_to(targets, self._speed_mps, MANUAL.force_n(byte))
+
+        def look() -> bool:
+            nonlocal most_ma, met
+            self._clock.sleep_until_ns(self._clock.now_ns + PERIOD_NS)
+            self.look()
+            most_ma = max(most_ma, self._finger.current_ma)
+            if not met and touched():
+                met = True
+                self._gripper.hold()
+            return not met
+
+        steps = Steps(self._places, (a, b, c), lead_counts(MANUAL.m_per_count))
+        walk(steps, self._clock, lambda: self._state, tell, look)
+        return met or self._finger.detection is Detection.CONTACT_CLOSING, most_ma
+
+    def back_off(self, say: Say, release: str) -> None:
+        """Off the scale by the way it came, and stand there: safe at any time, for a calibration
+        holds no object, and a motor that is left on a scale goes on pressing. Raises nothing."""
+        there = False
+        with interruption.sealed(), suppress(GraspError):
+            self.to(max(0, self.counts - BACK_COUNTS))
+            there = True
+        say(
+            f"the finger has backed off the scale and stands, at {self.counts} counts; to open "
+            f"the hand: `{release}`" if there
+            else "NOT SEEN TO BACK OFF: take the scale away, switch the gripper off if it moves"
+        )  # fmt: skip
 
 
 @contextmanager
 def open_presser(
     config: GraspRigConfig, permit: MotionPermit | None, finger: str, up_to_n: float, say: Say
 ) -> Iterator[Presser]:
-    """A finger of real devices; the hand must be active and open. Raises as ``open_hand``, and
-    UsageError for more than the manual's force."""
-    require(permit)
+    """A finger of real devices; the hand must be active and open. Whatever ends this early, Ctrl-C
+    among it, has the finger back off: told by ``say``. Raises as ``open_hand``, and UsageError for
+    more than the manual's force."""
+    allowed = require(permit)
     check_force(up_to_n)
     measuring = msgspec.structs.replace(config, calibration=MANUAL)
     clock = WallClock(WallClock().now_ns)
@@ -176,7 +204,7 @@ def open_presser(
         try:
             yield presser
         except BaseException:
-            presser.hold(say)
+            presser.back_off(say, allowed.release)
             raise
 
 
@@ -205,9 +233,9 @@ def pad_counts(touch: Touch, clock: Clock, finger: str) -> tuple[float, bool]:
 
 
 def force_file(finger: str, line: Line) -> str:
-    """Settings for `--config`."""
+    """Settings for `--config`; raises UsageError for what no settings may say."""
     low, high = line.interval
-    return (
+    text = (
         f"# Counts of fingertip {finger}, {_now()}: {line.points} readings of a scale, "
         f"{line.least:.2f} to {line.most:.2f} N.\n"
         f"# {line.slope:.1f} counts a newton [{low:.1f}, {high:.1f}] (95 %); a reading is at most "
@@ -216,10 +244,11 @@ def force_file(finger: str, line: Line) -> str:
         "# For `grasp run acquire` it is control.counts_per_newton.\n"
         f"[guard]\ncounts_per_newton = {line.slope:.1f}\n"
     )
+    return _usable(text, "guard", GuardSettings)
 
 
 def hand_file(finger: str, known: list[Byte], law: Law, travel: Line | None, current: str) -> str:
-    """A calibration, for `gripper.calibration`."""
+    """A calibration, for `gripper.calibration`; raises UsageError for what none may say."""
     told = "; ".join(
         f"byte {b.byte}: {b.presses} presses, {b.mean_n:.2f} N, spread {b.spread_n:.2f}, 95 % "
         f"below {b.bound_n:.2f}"
@@ -247,7 +276,16 @@ def hand_file(finger: str, known: list[Byte], law: Law, travel: Line | None, cur
     ]
     if travel is not None:
         lines.append(f"m_per_count = {travel.slope * 1e-3:.6f}")
-    return "\n".join(lines) + "\n"
+    return _usable("\n".join(lines) + "\n", "calibration", GripperCalibration, name="measured")
+
+
+def _usable(text: str, section: str, settings: type, **more: str) -> str:
+    """The file, if a run would take it."""
+    try:
+        msgspec.convert({**more, **tomllib.loads(text)[section]}, settings)
+    except msgspec.ValidationError as error:
+        raise UsageError(f"no hand is like that: {error}", AGAIN) from None
+    return text
 
 
 def _now() -> str:

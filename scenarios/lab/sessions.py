@@ -1,12 +1,12 @@
 """Calibrations as a person goes through them: questions, presses, readings, and what comes out."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import Refused, UsageError
-from drivers.interfaces import PERIOD_NS
+from drivers.interfaces import FINGER_NAMES, PERIOD_NS
 from grasp.clock import WallClock
 from scenarios.lab.fit import (
     Byte,
@@ -20,8 +20,9 @@ from scenarios.lab.fit import (
     odd_press,
     of_byte,
 )
-from scenarios.lab.hand import Say, open_hand
+from scenarios.lab.hand import TOUCH_N, Say, open_hand
 from scenarios.lab.scale import (
+    BACK_COUNTS,
     Presser,
     ask,
     check_force,
@@ -39,8 +40,9 @@ from scenarios.trial.config import TrialConfig
 from scenarios.trial.person import Operator
 
 CLOSED = 255
-BACK_COUNTS = 20  # off the scale between two presses; some 15 mm
 LEAVE_OUT = "x"
+ALMOST = "At how many counts does the finger almost touch the scale?"
+SHORT_OF = 5  # counts before a touch: what is felt was there some counts before
 ROUNDS = 3
 UNLOADED_S = 2.0  # listened to after a hold
 UNIT = "with its unit (N, g, kg)"
@@ -51,8 +53,10 @@ class Weighing:
 
     def __init__(
         self, touch: Touch, clock: WallClock, finger: str, up_to_n: float, operator: Operator,
-        say: Say,
+        say: Say, beside: Callable[[], None] = lambda: None,
     ) -> None:  # fmt: skip
+        """``beside``: what else is looked after while a person types."""
+        self._beside = beside
         self._touch, self._clock, self._finger = touch, clock, finger
         self._up_to_n, self._operator, self._say = up_to_n, operator, say
         self.points: list[Point] = []
@@ -61,12 +65,13 @@ class Weighing:
     def idle(self) -> None:
         self._clock.sleep_until_ns(self._clock.now_ns + PERIOD_NS)
         self._touch.pump(self._clock.now_ns)
+        self._beside()
 
     def ask(self, question: str) -> bool:
         """One reading; False where a person has no more, or none of this load."""
         while line := ask(self._operator, question, self.idle):
             try:
-                self._take(newtons(line))
+                self._take(line)
             except UsageError as error:
                 self._operator.say(f"{error.message}: {error.remedy}")
                 if self.railed:
@@ -87,26 +92,43 @@ class Weighing:
         steps = [high - low for low, high in zip([0.0, *forces], forces, strict=False)]
         return self._up_to_n - forces[-1] - max(steps)
 
-    def _take(self, force_n: float) -> None:
-        if force_n > self._up_to_n:
-            raise UsageError(f"{force_n:.2f} N is more than --up-to {self._up_to_n:g}", "less")
+    def _take(self, line: str) -> None:
+        force_n = self._load(line)
         counts, rail = pad_counts(self._touch, self._clock, self._finger)
         if rail:
             self.railed = True
             raise UsageError(
                 f"at {force_n:.2f} N a taxel is at the end of its codes", "it is left out: less"
             )
+        if counts <= 0.0:
+            raise UsageError(
+                f"fingertip {self._finger} feels nothing of {force_n:.2f} N", "load its pad"
+            )
         self.points.append(Point(force_n, counts))
         self._say(f"{force_n:.2f} N: {counts:.0f} counts")
         while (odd := odd_one(self.points)) is not None:
-            told = f"reading {odd + 1}, {self.points[odd].force_n:.2f} N, contradicts the others"
-            line = ask(
-                self._operator,
-                f"{told}: type it again {UNIT}, or {LEAVE_OUT} to leave it out", self.idle,
-            )  # fmt: skip
-            point = self.points.pop(odd)
-            if line.lower() != LEAVE_OUT:
-                self.points.insert(odd, Point(newtons(line), point.measured))
+            self._ask_again(odd)
+
+    def _load(self, line: str) -> float:
+        """What was typed, N; raises UsageError for what is no reading of a load."""
+        force_n = newtons(line)
+        if force_n > self._up_to_n:
+            raise UsageError(f"{force_n:.2f} N is more than --up-to {self._up_to_n:g}", "less")
+        if force_n <= 0.0:
+            raise UsageError("0 N is no load", "Enter alone, if that is what the scale says")
+        return force_n
+
+    def _ask_again(self, odd: int) -> None:
+        told = f"reading {odd + 1}, {self.points[odd].force_n:.2f} N, contradicts the others"
+        question = f"{told}: type it again {UNIT}, or {LEAVE_OUT} to leave it out"
+        line = ask(self._operator, question, self.idle)
+        if line.lower() == LEAVE_OUT:
+            del self.points[odd]
+            return
+        try:
+            self.points[odd] = Point(self._load(line), self.points[odd].measured)
+        except UsageError as error:
+            self._operator.say(f"{error.message}: {error.remedy}")
 
 
 def calibrate_force(
@@ -134,8 +156,15 @@ def press_force(
         open_touch(config, clock, unloaded=True) as touch,
         open_presser(config, permit, finger, up_to_n, say) as presser,
     ):
-        weighing = Weighing(touch, clock, finger, up_to_n, operator, say)
-        near = _near(presser, operator, weighing)
+        weighing = Weighing(touch, clock, finger, up_to_n, operator, say, presser.look)
+        touch_counts = TOUCH_N * config.guard.counts_per_newton
+
+        def touched() -> bool:
+            touch.pump(clock.now_ns)
+            counts = touch.counts_sum
+            return counts is not None and -counts[FINGER_NAMES.index(finger)] >= touch_counts
+
+        near = _near(presser, operator, weighing.idle, touched)
         for _ in range(ROUNDS):
             presser.to(near)
             weighing.railed = False
@@ -157,18 +186,27 @@ def _press_by_counts(presser: Presser, near: int, weighing: Weighing) -> None:
             return
 
 
-def _near(presser: Presser, operator: Operator, weighing: Weighing) -> int:
-    """Counts just before the scale, which a person knows from `grasp gripper step`."""
+def _near(
+    presser: Presser, operator: Operator, idle: Callable[[], None], touched: Callable[[], bool]
+) -> int:
+    """Counts just before the scale, which a person knows from `grasp gripper step`; asked again for
+    what is none, or lies behind the scale: there the finger stops where it touches it, and backs
+    off."""
+    question = ALMOST
     while True:
-        line = ask(operator, "At how many counts does the finger almost touch the scale?",
-                   weighing.idle)  # fmt: skip
-        if line.isdecimal() and int(line) < CLOSED:
-            met, _ = presser.to(int(line))
-            if not met:
-                return int(line)
-            presser.to(0)
-            raise Refused(f"the finger met something before {line} counts", "say fewer")
-        operator.say(f"{line!r}: a whole number, 0 to {CLOSED - 1}")
+        line = ask(operator, question, idle)
+        if not (line.isdecimal() and int(line) < CLOSED):
+            question = f"{line!r} is no whole number from 0 to {CLOSED - 1}. {ALMOST}"
+            continue
+        met, _ = presser.to(int(line), touched=touched)
+        if not met:
+            return int(line)
+        at = presser.counts
+        presser.to(max(0, at - BACK_COUNTS))
+        question = (
+            f"The finger touched something at {at} counts, on its way to {line}, and has backed "
+            f"off: type less, {max(0, at - SHORT_OF)} if that was the scale. {ALMOST}"
+        )
 
 
 def calibrate_hand(
@@ -183,7 +221,7 @@ def calibrate_hand(
         known: list[Byte] = []
         seen: list[Point] = []
         for byte in sorted(set(bytes_) | {0}):
-            forces = _presses(presser, byte, presses, up_to_n, operator, seen)
+            forces = pressed(presser, byte, presses, up_to_n, operator, seen)
             known.append(of_byte(byte, forces))
             say(f"byte {byte}: {known[-1].mean_n:.2f} N, 95 % below {known[-1].bound_n:.2f} N")
         travel = _travel(presser, places, operator) if places else None
@@ -191,11 +229,14 @@ def calibrate_hand(
     return hand_file(finger, known, law_of(known), travel, check_current(seen))
 
 
-def _presses(
+def pressed(
     presser: Presser, byte: int, presses: int, up_to_n: float, operator: Operator,
     seen: list[Point],
 ) -> list[float]:  # fmt: skip
+    """What a person read of so many presses of a byte, N; each goes to ``seen`` with its current.
+    Raises Refused without a scale, UsageError for one that the others contradict to the end."""
     forces: list[float] = []
+    currents_ma: list[int] = []
     for number in range(1, presses + 1):
         met, most_ma = presser.to(CLOSED, byte)
         if not met:
@@ -203,11 +244,15 @@ def _presses(
             raise Refused("the finger met no scale", "put it within reach of that finger alone")
         title = f"Byte {byte}, press {number} of {presses}: what does the scale say, {UNIT}?"
         forces.append(reading(operator, title, presser.idle, up_to_n))
+        currents_ma.append(most_ma)
         while (odd := odd_press(forces)) is not None:
-            told = f"press {odd + 1}, {forces[odd]:.2f} N, contradicts the others of this byte"
+            typed_n = forces[odd]
+            told = f"press {odd + 1}, {typed_n:.2f} N, contradicts the others of this byte"
             forces[odd] = reading(operator, f"{told}: type it again {UNIT}", presser.idle, up_to_n)
-        seen.append(Point(forces[-1], most_ma))
+            if forces[odd] == typed_n:
+                raise UsageError(f"{told}, twice", "see that the scale lies firm, then begin anew")
         presser.to(max(0, presser.counts - BACK_COUNTS))
+    seen += map(Point, forces, currents_ma)
     return forces
 
 

@@ -1,6 +1,6 @@
 """What the fingertips feel beside a hand that is moved by hand: counts below their rest."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -74,6 +74,7 @@ def open_touch(config: AnyRigConfig, clock: Clock, unloaded: bool) -> Iterator[T
         known = config.tactile.rest_reference
         rest = taken_rest(tips, clock) if unloaded else None
         if rest is None and known is not None:
+            _until(tips, clock, lambda: tips.latest_raw is not None)
             rest = np.array(known, np.int16)
         yield Touch(tips, rest, config.tactile.stale_after_missed * PERIOD_NS)
 
@@ -81,11 +82,15 @@ def open_touch(config: AnyRigConfig, clock: Clock, unloaded: bool) -> Iterator[T
 def taken_rest(tips: TakkTileDriver, clock: Clock) -> Raw:
     """Rest codes (3, taxels), taken now; raises Refused where they cannot be right."""
     tips.begin_rest()
+    _until(tips, clock, lambda: tips.rest_taken)
+    assert tips.frame is not None  # noqa: S101  (the rest is taken)
+    return tips.frame.rest
+
+
+def _until(tips: TakkTileDriver, clock: Clock, heard: Callable[[], bool]) -> None:
     end_ns = clock.now_ns + round(REST_S * 1e9)
-    while not tips.rest_taken:
+    while not heard():
         if clock.now_ns > end_ns:
             raise DeviceFault("the tactile board sends too few frames", "unplug it, plug it in")
         clock.sleep_until_ns(clock.now_ns + PERIOD_NS)
         tips.pump(clock.now_ns)
-    assert tips.frame is not None  # noqa: S101  (the rest is taken)
-    return tips.frame.rest

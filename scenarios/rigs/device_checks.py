@@ -21,7 +21,7 @@ from scenarios.rigs.checks import Check, guarded
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.own_devices import check_offered
 from scenarios.rigs.permission import HARDWARE, arm_address, board_address, gripper_address
-from scenarios.rigs.rig import calibration
+from scenarios.rigs.rig import CLOSED_AND_INACTIVE, calibration
 from scenarios.rigs.wired import board_finder
 
 APART_S = 0.1  # between two looks at the gripper
@@ -97,10 +97,11 @@ def _gripper(config: GraspRigConfig) -> Check:
     if fault.code:
         return Check("gripper", "fail", f"answers, {state}; {fault.text}", fault.remedy)
     places = tuple(finger.position for finger in now.fingers)
-    if now.ready and max(places) > OPEN_COUNTS:
+    if max(places) > OPEN_COUNTS:
         return Check(
-            "gripper", "fail", f"active, no fault, but not open: at {places} counts",
-            "support what it holds, then `grasp release`: a run begins with an open hand",
+            "gripper", "fail", f"{state}, no fault, but not open: at {places} counts",
+            "support what it holds, then `grasp release`: a run begins with an open hand"
+            if now.ready else CLOSED_AND_INACTIVE,
         )  # fmt: skip
     if not now.ready:
         return Check(

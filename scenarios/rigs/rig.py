@@ -5,8 +5,8 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from drivers.errors import ConfigError, DeviceFault
-from drivers.interfaces import Arm, Gripper, TactileSensor
+from drivers.errors import ConfigError, DeviceFault, Refused
+from drivers.interfaces import OPEN_COUNTS, Arm, Gripper, TactileSensor
 from drivers.robotiq.calibration import GripperCalibration
 from grasp.clock import Clock
 from grasp.loop import Devices
@@ -19,6 +19,10 @@ from scenarios.world.pressed_cell import PressedCell, PressedTruth
 POLL_NS = 100_000_000  # while waiting for activation
 ACTIVATION_TIMEOUT_S = 25.0
 IDLE_NS = 50_000_000
+CLOSED_AND_INACTIVE = (
+    "support what it holds, then `grasp release --activate`; if it is empty, `grasp gripper "
+    "activate`"
+)
 
 CellT = TypeVar("CellT", SimulatedCell, PressedCell)
 TruthT = TypeVar("TruthT", Truth, PressedTruth)
@@ -93,12 +97,20 @@ def connect(arm: Arm, tactile: TactileSensor, gripper: Gripper | None, clock: Cl
 
 def activate(gripper: Gripper, clock: Clock, dropping: bool = False) -> None:
     """Make the hand ready, unless it is; raises DeviceFault when that does not end, Refused where
-    it would drop something and may not."""
+    it would drop something and may not. One that is active and reports a fault is activated anew:
+    it says that it is active until it has heard that, so a status of that time is not believed.
+    One that is not active and stands closed may hold something by itself, as after a power cut."""
     now_ns = clock.now_ns
     gripper.pump(now_ns)
+    found = gripper.state
+    if found is not None and not (dropping or found.active or max(found.positions) <= OPEN_COUNTS):
+        raise Refused(
+            f"the hand is not active and stands closed, at {found.positions} counts: activation "
+            "would drop what it holds", CLOSED_AND_INACTIVE,
+        )  # fmt: skip
     gripper.activate(dropping)
     end_ns = now_ns + round(ACTIVATION_TIMEOUT_S * 1e9)
-    while (state := gripper.state) is None or not state.active:
+    while (state := gripper.state) is None or not (state.active and state.fresh):
         if clock.now_ns >= end_ns:
             raise DeviceFault(
                 f"gripper not active {ACTIVATION_TIMEOUT_S:g} s after the request",

@@ -49,6 +49,7 @@ class Bench(msgspec.Struct, frozen=True):
     wanted: Wanted | None = None  # only those are recorded, once they are over; None: each
     watch: Watch | None = None  # as on_tick, but shown the truth and the controller too
     on_trial: Callable[[int, int], None] = lambda number, of: None  # before each: which, of all
+    placed: bool = False  # the object of the first trial is in place: nobody is asked for it
 
     def look(self, tick: Tick, truth: Truth | None, controller: GraspController) -> None:
         """Let whoever watches see a tick."""
@@ -95,7 +96,9 @@ def _on_one_rig(
                 interruption.check()
             if not first and rig.load is not None:
                 rig.load(config.built_for(seed), seed)
-            ended = None if operator is None else _ended_while_placed(config, rig, operator, words)
+            ended = None
+            if operator is not None and not (first and bench.placed):
+                ended = _ended_while_placed(config, rig, operator, words)
             if ended is not None:
                 yield FinishedRun(None, ended)
                 return

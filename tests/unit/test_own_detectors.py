@@ -12,7 +12,7 @@ from grasp.cli.main import main
 from scenarios.campaign.config import load_config
 from scenarios.campaign.spec import combinations, read_spec
 from tests.unit.detector.test_own import WHOLE, weights
-from tests.unit.grasp.cli.test_cli import stroke_csv
+from tests.unit.grasp.cli.test_recordings_cli import stroke_csv
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_detector.py"
 Capture = pytest.CaptureFixture[str]

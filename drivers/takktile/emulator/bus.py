@@ -123,6 +123,7 @@ class EmulatedBus(usb.backend.IBackend):  # type: ignore[misc] # pyusb has no ty
         if parts.scheme != "tcp" or parts.hostname is None or parts.port is None:
             raise ValueError(f"{url}: the address of an emulated board is tcp://HOST:PORT")
         self._address = parts.hostname, parts.port
+        self.url = url  # names it where no board is found there
 
     def _finalize_object(self) -> None:
         """Nothing is held open between handles."""

@@ -22,6 +22,7 @@ from drivers.takktile.link import trouble
 
 CONTROL_TIMEOUT_MS = 1000  # a scan takes 5 ms; a hung firmware never answers
 _INTERFACE = 0
+EMULATED = "; usb.url is of an emulated board, whose lab prints a new one each time it starts"
 _GONE = (errno.ENODEV, errno.EIO, errno.ENOENT, errno.ESHUTDOWN)
 
 
@@ -59,7 +60,8 @@ class UsbLink:
     ) -> "UsbLink":
         """The board with this serial number, or the first one; ``LinkLost`` when there is none.
 
-        ``backend``: a pyusb back end; None is the machine's libusb.
+        ``backend``: a pyusb back end, whose ``url``, if it has one, is told; None is the machine's
+        libusb.
         """
         device = _find(serial, backend)
         return cls(device, clock, read_timeout_ms, control_timeout_ms)
@@ -143,10 +145,11 @@ def _find(serial: str | None, backend: Any) -> Any:
         _dispose(device)
     what = "" if serial is None else f" with serial number {serial}"
     there = f"; there is {', '.join(serials)}" if serials else ""
+    url = getattr(backend, "url", "")
     raise LinkLost(
         f"no TakkTile board{what} ({protocol.VENDOR_ID:04x}:{protocol.PRODUCT_ID:04x}) "
-        f"on the USB bus{there}",
-        "plug it in and check its cable",
+        f"{f'at {url}' if url else 'on the USB bus'}{there}",
+        "plug it in and check its cable" + (EMULATED if url else ""),
     )
 
 

@@ -29,6 +29,7 @@ from drivers.ur.emulator.faults import FaultChannel
 from drivers.ur.emulator.fields import output_values
 from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.primary import RATE_HZ, state_message, version_message
+from drivers.ur.emulator.realtime import realtime_message
 from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer
 from drivers.ur.emulator.rtde_wire import PORT as RTDE_PORT
 from drivers.ur.emulator.rtde_wire import text_packet
@@ -38,7 +39,7 @@ from drivers.ur.model import ArmModel, ArmModelSettings
 
 DASHBOARD_PORT = 29999
 STATE_PORTS = (30001, 30002)  # primary and secondary: programs in, state out
-SCRIPT_PORT = 30003  # programs alone: its state at the rate of the cycle is not emulated
+SCRIPT_PORT = 30003  # real time: programs in, state out every cycle
 SWITCH_S = 5e-4  # a thread that answers a client does not wait for others for longer
 MOST_CLIENTS = 32  # of each port
 _PROGRAM_PART = 0.2  # of the time, for the program and for compiling it
@@ -94,8 +95,8 @@ class UrEmulator:
         )
         version = version_message(settings.controller)
         for port in STATE_PORTS:
-            listen(host, port, lambda: (ScriptTalk(self._load, hears_state=True), version))
-        listen(host, SCRIPT_PORT, lambda: (ScriptTalk(self._load), b""))
+            listen(host, port, lambda: (ScriptTalk(self._load, "state"), version))
+        listen(host, SCRIPT_PORT, lambda: (ScriptTalk(self._load, "cycle"), b""))
         faults = lambda: (LineTalk(self._faults.answer), b"")  # noqa: E731
         return listen(host, settings.fault_port, faults, refusal=_line, ours=True)
 
@@ -142,12 +143,15 @@ class UrEmulator:
         """What each client hears of this cycle."""
         values, cycle = output_values(self.controller), self.controller.cycles
         due = cycle % (self._profile.rate_hz // RATE_HZ) == 0
-        state = state_message(self.controller, self._profile) if due else b""
+        heard = {
+            "state": state_message(self.controller, self._profile) if due else b"",
+            "cycle": realtime_message(values),
+        }
 
         def news(talk: Talk) -> bytes:
             if isinstance(talk, RtdeConnection):
                 return talk.sample(cycle, values)
-            return state if isinstance(talk, ScriptTalk) and talk.hears_state else b""
+            return heard[talk.hears] if isinstance(talk, ScriptTalk) else b""
 
         return news
 

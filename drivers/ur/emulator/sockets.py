@@ -10,7 +10,7 @@ import selectors
 import socket
 import time
 from collections.abc import Callable
-from typing import Protocol
+from typing import Literal, Protocol
 
 from drivers.fairness import Places, Shares
 from drivers.ur.emulator.urscript.parse import MAX_CHARS, depth_change
@@ -56,9 +56,10 @@ class LineTalk:
 class ScriptTalk:
     """Collects lines until the blocks that they opened are closed: that is one program."""
 
-    def __init__(self, load: Callable[[str], None], hears_state: bool = False) -> None:
+    def __init__(self, load: Callable[[str], None], hears: Literal["state", "cycle"]) -> None:
+        """``hears``: the state at its own rate, or every cycle."""
         self._load = load
-        self.hears_state = hears_state
+        self.hears = hears
         self._held = b""
         self._program: list[str] = []
         self._chars = 0

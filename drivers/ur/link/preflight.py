@@ -135,7 +135,7 @@ def _port(host: str, port: int, name: str, timeout_s: float) -> PreflightCheck:
     try:
         socket.create_connection((host, port), timeout_s).close()
     except OSError as error:
-        remedy = f"{CONNECT_AGAIN}; no firewall may stand before port {port}"
+        remedy = f"{CONNECT_AGAIN}; no firewall may stand before its ports"
         return PreflightCheck(f"{name} port", "fail", f"{what}: {_reason(error)}", remedy)
     return PreflightCheck(f"{name} port", "ok", f"{what} open")
 

@@ -28,7 +28,7 @@ from detector.scores.evaluation import (
     spoken,
 )
 from detector.scores.perturbations import RATE, perturbed
-from detector.scores.quantiles import quantiles
+from detector.scores.quantiles import Quantiles, quantiles
 from drivers.errors import BadFile
 from scenarios.acquire.datasets.build import INDEX, make
 from scenarios.acquire.datasets.plan import DatasetConfig, Job, plan
@@ -65,7 +65,7 @@ class Endured(msgspec.Struct, frozen=True):
     amount: float
     accuracy: float  # of samples, at the detector's own threshold
     recall: float | None  # of slips
-    p90_delay_ms: float | None  # of the slips of pressed fingertips; infinite: so many are missed
+    delay_ms: Quantiles | None  # of the slips of pressed fingertips; infinite: so many are missed
     false_per_min: float | None  # of a hand
     far_share: float | None  # of the blows that moved it 2 mm, registered within 100 ms
     idle_share: float | None  # of those that left it within half a millimetre, registered
@@ -126,7 +126,7 @@ def endured(
         kind, amount,
         accuracy=float(np.concatenate(right).mean()),
         recall=float(np.isfinite(delays).mean()) if len(delays) else None,
-        p90_delay_ms=None if pressed is None else pressed.p90,
+        delay_ms=pressed,
         false_per_min=hand_rate(streams, [j.events for j in judged]),
         far_share=_share(blows.far_registered, blows.far) if blows else None,
         idle_share=_share(blows.unmoved_registered, blows.unmoved) if blows else None,
@@ -208,8 +208,9 @@ def _plan(folder: Path) -> list[Job]:
 
 
 def table(found: dict[str, list[Endured]]) -> str:
-    """Markdown, a row a kind and amount; a cell a detector: accuracy, %; p90 delay, ms; recall, %;
-    false events a minute of a hand; blows registered of 2 mm and within half of one, %."""
+    """Markdown, a row a kind and amount; a cell a detector: accuracy, %; delay, ms, p50 / p90 /
+    p99; recall, %; false events a minute of a hand; blows registered of 2 mm and within half of
+    one, %."""
     head = "".join(f" `{name}` |" for name in found)
     lines = [f"| what is wrong |{head}", f"|---|{'---|' * len(found)}"]
     for row in zip(*found.values(), strict=True):
@@ -226,7 +227,8 @@ def _title(kind: str, amount: float) -> str:
 
 
 def _cell(e: Endured) -> str:
-    delay = "–" if e.p90_delay_ms is None else f"{e.p90_delay_ms:.0f}"
+    q = e.delay_ms
+    delay = "–" if q is None else f"{q.p50:.0f} / {q.p90:.0f} / {q.p99:.0f}"
     rest = [
         "–" if v is None else f"{scale * v:.{digits}f}"
         for v, scale, digits in (

@@ -128,7 +128,7 @@ def table(rows: Sequence[Trained]) -> str:
     """Markdown, a row a training."""
     lines = [
         "| variant | seed | steps (processor min) | accuracy, % | weighted F1, % | AUC "
-        "| delay, ms: 50 / 90 % | recall | false a minute | us an update |",
+        "| delay, ms: 50 / 90 / 99 % | recall | false a minute | us an update |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
@@ -148,4 +148,4 @@ def _said(value: float | None, digits: int) -> str:
 
 
 def _delay(delay: Quantiles | None) -> str:
-    return "–" if delay is None else f"{delay.p50:.0f} / {delay.p90:.0f}"
+    return "–" if delay is None else f"{delay.p50:.0f} / {delay.p90:.0f} / {delay.p99:.0f}"

@@ -41,6 +41,7 @@ FIELDS = {
     "gPRS": Field(6, 8, 8), "gPOS": Field(6, 0, 8), "gCUS": Field(7, 8, 8),
 }  # fmt: skip
 _LEAP = 90  # counts, or as many steps of 10 mA
+_BESIDE = 2  # counts: a finger that holds may rest so far from what it is told, or be read late
 _RESERVED_FAULT, _WORST_FAULT = 0x01, 0x0E
 
 
@@ -54,12 +55,16 @@ def wrong(name: str, kind: str, value: int) -> int:
     return value + _LEAP if field.bits == 8 else value + 1  # the field keeps what fits
 
 
-def verb(first: int, words: Words) -> str:
-    """What a write of command words from ``first`` on asks of the fingers."""
+def verb(first: int, words: Words, here: Sequence[int]) -> str:
+    """What a write of command words from ``first`` on asks of the fingers, which are ``here``,
+    counts of three. The least speed and force are zeros, as of a hold: where it is to go tells."""
     whole = [0] * first + list(words)
     code = b"".join(word.to_bytes(2, "big") for word in whole)
     axes = [code[at : at + 3] for at in (3, 6, 9)]  # position, speed, force
-    goes = first > 0 or code[0] & 0b1000  # a write without the first word leaves it as it is
-    if not goes or all(speed == 0 and force == 0 for _, speed, force in axes):
+    if first == 0 and not code[0] & 0b1000:  # a write without the first word leaves it as it is
         return "hold"
-    return "open" if all(position == 0 for position, _, _ in axes) else "close"
+    least = all(speed == 0 and force == 0 for _, speed, force in axes)
+    ways = [axis[0] - at for axis, at in zip(axes, here, strict=True)]
+    if least and max(map(abs, ways)) <= _BESIDE:
+        return "hold"
+    return "open" if max(ways) <= _BESIDE else "close"

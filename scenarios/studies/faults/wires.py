@@ -65,6 +65,7 @@ class HandWire(Wire):
         self._inner: Any = None
         self._past: Past[tuple[int, ...]] = Past()
         self._kept: dict[int, int] = {}
+        self._here: tuple[int, ...] = (0, 0, 0)  # positions that were told last, counts
         self._due: list[tuple[int, int, tuple[int, ...]]] = []  # when, first register, words
 
     def around(self, transport: RegisterTransport) -> RegisterTransport:
@@ -74,7 +75,7 @@ class HandWire(Wire):
     def write(self, first: int, registers: Sequence[int], now_ns: int) -> None:
         self._reach(now_ns)
         words = tuple(registers)
-        kind = self.taken(verb(first, words), now_ns)
+        kind = self.taken(verb(first, words, self._here), now_ns)
         if self.slow(now_ns) or kind in ("late", "repeated"):
             self._due.append((now_ns + BEHIND_NS, first, words))
         if kind == "half done":
@@ -90,6 +91,8 @@ class HandWire(Wire):
             words = self._past.behind()
         for lie in self.lies(now_ns):
             words = self._said(lie, words)
+        if first == 0 and len(words) == 8:
+            self._here = tuple(FIELDS[name].of(words) for name in ("gPOA", "gPOB", "gPOC"))
         return words
 
     def flush(self, now_ns: int) -> None:

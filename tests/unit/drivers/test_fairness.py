@@ -106,6 +106,21 @@ def test_work_goes_on_in_slices_only_while_it_is_told_to() -> None:
     assert not slowly.go_on(0.0)
 
 
+def test_the_processors_clock_is_not_read_at_every_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    reads = []
+
+    def work(breathe) -> None:
+        reads.clear()
+        for _ in range(1600):
+            breathe()
+
+    slowly = Slowly(work)
+    now_s = time.thread_time
+    monkeypatch.setattr(time, "thread_time", lambda: reads.append(0) or now_s())
+    assert slowly.go_on(60.0)
+    assert len(reads) <= 100
+
+
 def test_an_error_of_the_work_belongs_to_who_asks_for_its_result() -> None:
     def work(breathe) -> None:
         raise KeyError("here")
@@ -123,5 +138,6 @@ def test_cancelled_work_leaves_no_thread() -> None:
 
     slowly = Slowly(work)
     slowly.go_on(0.001)
+    assert {t.daemon for t in threading.enumerate() if t.name == "slowly"} == {True}  # or we hang
     slowly.cancel()
     assert "slowly" not in {thread.name for thread in threading.enumerate()}

@@ -9,9 +9,11 @@ import pytest
 from drivers.interfaces import ArmState
 from drivers.ur.model import ArmModel, ArmModelSettings
 from grasp.arm_doubt import ArmDoubt
-from grasp.commands import MoveArm, StopArm
+from grasp.commands import Command, HoldFingers, MoveArm, StopArm
+from grasp.doubt import Doubts
 from grasp.doubt_settings import DoubtSettings
-from tests.unit.grasp.builders import arm
+from grasp.phases import Phase
+from tests.unit.grasp.builders import arm, gripper
 
 MS = 1_000_000
 TICK = 10 * MS
@@ -350,3 +352,20 @@ def test_an_arm_that_still_speeds_up_when_it_is_told_to_stop_may_brake_from_ther
         return doubt.see(going(0.3, 0.01 + height_m), False).partition(":")[0]
 
     assert (ends(0.15, 0.0219), ends(0.15, 0.0221)) == ("", "arm_wrong_way")  # 0.2 m/s, and 2 mm
+
+
+UP = MoveArm((0.3, 0.2, 0.6), 0.1, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("commands", "says"), [((HoldFingers(), UP), "arm_frozen"), ((HoldFingers(),), "")]
+)
+def test_what_a_step_tells_the_arm_is_what_it_is_doubted_by(
+    commands: tuple[Command, ...], says: str
+) -> None:
+    doubts = Doubts(DoubtSettings())
+    later = round((DoubtSettings().arm_start_s + SPARE_S + 0.01) * 1e9)
+    assert doubts.of(Phase.IDLE, None, gripper(0), arm(0)) == ""
+    doubts.sent(commands, arm(0))
+    said = doubts.of(Phase.IDLE, None, gripper(later), arm(later))
+    assert said.partition(":")[0] == says

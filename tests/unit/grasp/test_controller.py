@@ -295,3 +295,15 @@ def test_every_transition_is_logged_with_time_and_cause() -> None:
     ]  # fmt: skip
     assert all(c.cause for c in log)
     assert log[-1].t_ns == d.t_ns
+
+
+def test_a_lift_that_nobody_stops_has_no_cause_of_its_end() -> None:
+    d = Driver().lift()
+    assert d.controller.fault_cause == ""
+    d.height_m = HEIGHT
+    d.until(Phase.LOWER)
+    d.height_m = 0.0
+    d.until(Phase.RETREAT)
+    d.height_m = 0.05
+    d.until(Phase.DONE)
+    assert d.controller.fault_cause == ""

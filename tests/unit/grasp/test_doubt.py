@@ -221,6 +221,17 @@ def test_no_frame_is_a_fault_where_something_is_held_and_none_before() -> None:
     assert not CONTACT_PHASES & {Phase.IDLE, Phase.APPROACH, Phase.REST, Phase.RELEASE}
 
 
+def test_after_a_gap_in_the_frames_codes_are_not_compared_with_those_from_before_it() -> None:
+    jumped = frame(codes(1) + np.int16(100))
+    doubt = FingertipDoubt(DoubtSettings())
+    doubt.see(frame(codes(0)), Phase.LIFT)
+    assert doubt.see(jumped, Phase.LIFT)[:16] == "fingertips_jump:"
+    doubt = FingertipDoubt(DoubtSettings())
+    doubt.see(frame(codes(0)), Phase.APPROACH)
+    doubt.see(None, Phase.APPROACH)
+    assert doubt.see(jumped, Phase.LIFT) == ""
+
+
 # Detector and loop
 
 

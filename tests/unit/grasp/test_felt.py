@@ -30,6 +30,12 @@ def test_a_hand_that_feels_something_at_any_finger_has_not_lost_what_it_holds() 
     assert not felt(GRIP, *[(0.1, 0.1, 0.1)] * 5).nothing_felt(5 * TICK - 1)
 
 
+def test_what_is_felt_counts_from_the_force_of_a_contact_on() -> None:
+    least_n = ControllerSettings().contact_n
+    assert not felt(*[(0.0, 0.0, least_n)] * 9).nothing_felt(9 * TICK)
+    assert not felt(*[(least_n, 0.0, 0.0)] * 9).contact_lost(9 * TICK)
+
+
 def test_force_of_taxels_that_cannot_tell_is_no_contact_unless_others_feel_something() -> None:
     assert felt(GRIP, *[GRIP] * 5, felt_n=(0.0, 0.1, 0.1)).contact_lost(5 * TICK)
     assert not felt(GRIP, *[GRIP] * 5, felt_n=(0.1, 0.1, 0.1)).contact_lost(5 * TICK)

@@ -67,6 +67,7 @@ def test_held_signal_is_raised_at_the_next_look_and_only_once() -> None:
         with pytest.raises(Interruption) as stop:
             interruption.check()
         assert stop.value.number == signal.SIGTERM
+        assert interruption.asked()
         interruption.check()
         signal.raise_signal(signal.SIGINT)
         interruption.check()

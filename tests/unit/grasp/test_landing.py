@@ -3,8 +3,9 @@
 import pytest
 
 from grasp.commands import CloseFast, MoveArm, OpenFingers, StopArm
+from grasp.landing import Still
 from grasp.phases import Phase
-from tests.unit.grasp.builders import arm
+from tests.unit.grasp.builders import arm, seen
 from tests.unit.grasp.controller_driver import TICK, Driver
 from tests.unit.grasp.safety_probes import bears, near, probed, tightened
 
@@ -189,3 +190,13 @@ def test_the_arm_brakes_on_its_way_down_no_harder_than_a_stop_that_would_end_bel
     assert (fast.acceleration_mps2, slow.acceleration_mps2) == (0.2, 0.2)
     usual, _ = moves(near())[-2:]
     assert usual.acceleration_mps2 == 0.5
+
+
+def test_level_of_an_arm_that_stands_is_the_mean_of_the_second_half_of_its_time() -> None:
+    still = Still(4e-2)
+    grips_n = (9.0, 9.0, 1.0, 2.0, 6.0)  # the sample in the middle counts
+    told = [still.take(seen(k * TICK, measured_n=bears(n))) for k, n in enumerate(grips_n)]
+    assert told == [None, None, None, None, pytest.approx(3.0)]
+    still.restart()
+    moving = seen(5 * TICK, measured_n=bears(9.0), arm=arm(5 * TICK, moving=True))
+    assert still.take(moving) is None

@@ -6,10 +6,13 @@ from typing import Any
 import msgspec
 import pytest
 
-from drivers.interfaces import Arm, ArmState, Gripper
+from drivers.errors import DeviceFault, GraspError, LinkLost
+from drivers.interfaces import Arm, ArmState, Gripper, TactileFrame, TactileSensor
 from grasp.clock import Clock
 from grasp.commands import CloseFast, GripperCommand, StopArm
 from grasp.loop import ControlLoop, Tick
+from grasp.loop_settings import LoopSettings
+from grasp.phases import Phase
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import make_step
@@ -172,3 +175,161 @@ def test_arm_acts_on_a_command_when_it_is_sent_however_long_ago_it_was_asked(lat
         loop.tick()
     ((sent_ns, asked_ns),) = arm.stopped_ns
     assert sent_ns - asked_ns <= 1_000_000
+
+
+# Ends
+
+
+class Runaway(Noting):
+    """An arm that is seen to move on until it has been told to stop so often, if ever."""
+
+    def __init__(self, arm: Arm, clock: Clock, stops: int | None = None) -> None:
+        super().__init__(arm, clock)
+        self._stops = stops
+
+    @property
+    def state(self) -> ArmState | None:
+        state = self._arm.state
+        moving = self._stops is None or len(self.stopped_ns) < self._stops
+        return None if state is None else msgspec.structs.replace(state, moving=moving)
+
+
+def running(rig: Rig, arm: Arm, *settings: str) -> ControlLoop:
+    """A loop with that arm, after its first steps."""
+    asked = config("hand.activation_s=0.5", *settings)
+    devices = msgspec.structs.replace(rig.devices, arm=arm)
+    loop = ControlLoop(devices, rig.clock, make_step(asked), asked.loop)
+    for _ in range(3):
+        loop.tick()
+    return loop
+
+
+@pytest.mark.parametrize("stops", [1, 4])
+def test_an_abort_asks_the_arm_to_stop_until_it_stands_and_tells_how_it_is_left(stops: int) -> None:
+    with open_rig(config("hand.activation_s=0.5"), 0, paced=False) as rig:
+        arm = Runaway(rig.devices.arm, rig.clock, stops)
+        loop = running(rig, arm)
+        began_ns = rig.clock.now_ns
+        left = loop.abort()
+        assert len(arm.stopped_ns) == stops
+        assert left is not None
+        assert not left.arm.moving
+        assert left.arm.t_ns > began_ns
+        assert left.t_ns == rig.clock.now_ns
+
+
+def test_an_abort_ends_where_the_arm_never_stands() -> None:
+    with open_rig(config("hand.activation_s=0.5"), 0, paced=False) as rig:
+        arm = Runaway(rig.devices.arm, rig.clock)
+        loop = running(rig, arm, "loop.abort_s=0.5", "loop.abort_repeat_s=0.125")
+        left = loop.abort()
+        assert left is not None
+        assert left.arm.moving
+        assert len(arm.stopped_ns) == 4
+
+
+def test_an_abort_before_the_first_step_has_nothing_to_tell() -> None:
+    with open_rig(config("hand.activation_s=0.5"), 0, paced=False) as rig:
+        loop = loop_of(rig, lambda tick: None, real=False)
+        assert loop.abort() is None
+
+
+def test_a_bug_of_ours_leads_to_the_safe_state_of_a_fault_with_its_cause() -> None:
+    with open_rig(config("hand.activation_s=0.5"), 0, paced=False) as rig:
+        arm = Noting(rig.devices.arm, rig.clock)
+        step = make_step(config())
+        devices = msgspec.structs.replace(rig.devices, arm=arm)
+        loop = ControlLoop(devices, rig.clock, step, config().loop)
+        loop.tick()
+        loop.submit(CloseFast(10.0, (True, True, True), (255, 255, 255), 0.05))
+        loop.fail("KeyError: 'here'")
+        assert step.controller.finished
+        assert step.controller.phase is Phase.FAULT
+        assert step.controller.fault_cause == "KeyError: 'here'"
+        assert arm.stopped_ns
+
+
+def test_a_safe_state_that_is_never_seen_is_pursued_for_as_long_as_a_stop_may_last() -> None:
+    with open_rig(config("hand.activation_s=0.5"), 0, paced=False) as rig:
+        patient = config("hand.activation_s=0.5", "controller.safe_state_s=10")
+        arm = Runaway(rig.devices.arm, rig.clock)
+        devices = msgspec.structs.replace(rig.devices, arm=arm)
+        loop = ControlLoop(devices, rig.clock, make_step(patient), LoopSettings(stop_s=2.0))
+        loop.tick()
+        began_ns = rig.clock.now_ns
+        loop.fail("a bug")
+        assert rig.clock.now_ns - began_ns == pytest.approx(2e9, abs=20_000_000)
+
+
+def test_who_stops_what_has_been_stopped_is_told_that_there_was_nothing_to_stop() -> None:
+    with open_rig(config("hand.activation_s=0.5"), 0, paced=False) as rig:
+        loop = loop_of(rig, lambda tick: None, real=False)
+        loop.tick()
+        assert loop.stop("a person")
+        assert not loop.stop("a person")
+
+
+def test_who_stops_is_told_where_a_fault_comes_before_it() -> None:
+    with open_rig(config("hand.activation_s=0.5"), 0, paced=False) as rig:
+        loop = loop_of(rig, lambda tick: None, real=False)
+        loop.tick()
+        loop.note("arm", DeviceFault("the arm made a protective stop", "look"))
+        assert not loop.stop("a person")
+
+
+# Devices
+
+
+class Failing:
+    """A gripper that cannot be asked, but whose last state is known."""
+
+    def __init__(self, gripper: Gripper, error: GraspError) -> None:
+        self._gripper, self._error = gripper, error
+
+    def pump(self, now_ns: int) -> None:
+        raise self._error
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._gripper, name)
+
+
+@pytest.mark.parametrize(
+    ("error", "lost"), [(LinkLost("no answer", "look"), True), (DeviceFault("hot", "wait"), False)]
+)
+def test_a_gripper_that_fails_from_the_first_step_on_is_lost_only_if_its_link_is(
+    error: GraspError, lost: bool
+) -> None:
+    with open_rig(config("hand.activation_s=0.5"), 0, paced=False) as rig:
+        gripper = Failing(rig.devices.gripper, error)
+        devices = msgspec.structs.replace(rig.devices, gripper=gripper)
+        loop = ControlLoop(devices, rig.clock, make_step(config()), config().loop)
+        assert loop.tick().observation.gripper_lost is lost
+        assert loop.errors == {"gripper": error}
+
+
+class Repeating:
+    """A board whose frame stays the same for one period."""
+
+    def __init__(self, board: TactileSensor) -> None:
+        self._board = board
+
+    @property
+    def frame(self) -> TactileFrame | None:
+        frame = self._board.frame
+        return None if frame is None else msgspec.structs.replace(frame, missed=1)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._board, name)
+
+
+def test_a_period_without_a_new_frame_is_counted() -> None:
+    with open_rig(config("hand.activation_s=0.5"), 0, paced=False) as rig:
+        loop = loop_of(rig, lambda tick: None, real=False)
+        for _ in range(200):
+            loop.tick()
+        assert loop.timing.repeated_frames == 0
+        devices = msgspec.structs.replace(rig.devices, tactile=Repeating(rig.devices.tactile))
+        after = ControlLoop(devices, rig.clock, make_step(config()), config().loop)
+        for _ in range(5):
+            after.tick()
+        assert after.timing.repeated_frames == 5

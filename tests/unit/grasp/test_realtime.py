@@ -63,6 +63,26 @@ def test_a_thread_that_ended_meanwhile_is_no_trouble() -> None:
     assert policy() == os.SCHED_OTHER
 
 
+def test_every_thread_is_asked_to_run_before_ordinary_ones_and_then_to_be_as_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[tuple[int, int, int]] = []
+    monkeypatch.setattr(
+        os, "sched_setscheduler",
+        lambda thread, policy, of: asked.append((thread, policy, of.sched_priority)),
+    )  # fmt: skip
+    with another_thread() as other:
+        before = policy()
+        with real_time(RealTimeSettings(priority=7)) as granted:
+            assert granted
+            raised = {thread for thread, _, _ in asked}
+            assert {threading.get_native_id(), other} <= raised
+            assert {of[1:] for of in asked} == {(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 7)}
+            asked.clear()
+        assert {thread for thread, _, _ in asked} == raised
+        assert (threading.get_native_id(), before, 0) in asked
+
+
 def test_a_refusal_is_told_and_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError

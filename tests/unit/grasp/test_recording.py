@@ -1,6 +1,7 @@
 """Recordings: what goes in comes out, the same bytes each time, whatever the disk does."""
 
 import json
+import math
 import os
 import resource
 import signal
@@ -19,6 +20,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import BadFile
 from drivers.interfaces import ArmState, GripperState
+from grasp.messages import ArmMessage, arm_message, recorded_arm
 from grasp.recording import RunRecorder, RunRecording
 from grasp.settings import RENAMED
 from grasp.viewer_schema import viewer_schema
@@ -360,3 +362,11 @@ def test_a_type_without_json_form_is_refused_before_the_run(tmp_path: Path) -> N
     with pytest.raises(TypeError):
         RunRecorder(tmp_path / "run.mcap", {"/opaque": Opaque}, {})
     assert not (tmp_path / "run.mcap").exists()
+
+
+def test_what_an_arm_said_that_is_no_number_is_none_again_when_it_is_read() -> None:
+    nan = math.nan
+    said = ArmState(1, 2, (0.1, nan, 0.3), (nan, 0.0, nan), True, False, nan, 0.5)
+    message = msgspec.json.decode(msgspec.json.encode(arm_message(said)), type=ArmMessage)
+    assert message.position_m == (0.1, None, 0.3)
+    assert repr(recorded_arm(message)) == repr(said)

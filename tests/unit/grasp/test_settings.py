@@ -8,7 +8,15 @@ import pytest
 
 from drivers.errors import ConfigError
 from grasp import settings
-from grasp.settings import Layer, assignment_layer, file_of, load, named_layer, read_toml
+from grasp.settings import (
+    Layer,
+    assignment_layer,
+    file_of,
+    load,
+    named_layer,
+    read_toml,
+    thing_layer,
+)
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.rigs.own_settings import own_files_of
 
@@ -64,6 +72,37 @@ def test_violation_names_source_key_and_what_is_allowed(
     assert caught.value.file == "--set"
     assert caught.value.key == key
     assert says in f"{caught.value.message} {caught.value.allowed}"
+
+
+@pytest.mark.parametrize("text", ["guard.force_limit_n", "=9", "guard..force_limit_n=9", ".=9", ""])
+def test_a_word_that_assigns_nothing_is_no_assignment(text: str) -> None:
+    with pytest.raises(ConfigError, match="not an assignment"):
+        assignment_layer([text])
+
+
+@pytest.mark.parametrize(("more", "is_read"), [(0, True), (1, False)])
+def test_a_file_may_have_a_million_bytes_and_no_more(
+    more: int, is_read: bool, tmp_path: Path
+) -> None:
+    file = tmp_path / "large.toml"
+    file.write_text("a = 1".ljust(settings.MOST_BYTES + more))
+    try:
+        assert read_toml(file).table == {"a": 1}
+    except ConfigError as error:
+        assert "more than 1000000 bytes" in error.message
+        assert not is_read
+    else:
+        assert is_read
+
+
+@pytest.mark.parametrize("text", ["[guard]\nforce_limit_n = 9.0\n", "object = 3\n", ""])
+def test_a_file_of_ones_own_has_the_section_of_its_thing_alone(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text('[object]\nname = "mine"\n')
+    assert thing_layer("objects", "object", str(file)).table == {"object": {"name": "mine"}}
+    file.write_text(text)
+    with pytest.raises(ConfigError):
+        thing_layer("objects", "object", str(file))
 
 
 @pytest.mark.parametrize(

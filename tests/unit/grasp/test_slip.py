@@ -45,6 +45,7 @@ def test_status_returns_to_nominal_after_enough_quiet_samples() -> None:
     m.arm()
     statuses = feed(m, HIGH, HIGH, LOW, LOW, LOW, LOW)
     assert [s.registered for s in statuses] == [False, True, True, True, False, False]
+    assert [s.event for s in statuses] == [False, True, False, False, False, False]
 
 
 def test_while_masked_nothing_is_decided_and_the_status_stays() -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from grasp import watch
 from grasp.cli import view
 from grasp.cli.live import Display
 from grasp.watch import Onlooker
@@ -74,6 +75,15 @@ def test_onlooker_that_died_is_no_error(onlooker: Onlooker) -> None:
     lost = onlooker.lost
     onlooker.tell(view.Note("nobody listens"))
     assert onlooker.lost == lost + 1
+
+
+def test_a_line_between_two_runs_waits_a_second_at_most_for_its_reader(
+    onlooker: Onlooker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits_s = []
+    monkeypatch.setattr(watch.select, "select", lambda *asked: waits_s.append(asked[-1]))
+    onlooker.tell(view.Note("one run is over"))
+    assert waits_s == [1.0]
 
 
 def test_pictures_that_were_lost_are_told_when_the_run_is_over(

@@ -5,7 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from scripts.mutants import PARTS, arguments, drawn, of_part, unexplained
+from scripts.mutants import (
+    PARTS,
+    Told,
+    arguments,
+    drawn,
+    generated,
+    of_part,
+    otherwise,
+    unexplained,
+)
 from scripts.mutation import HOME, mutants, mutated
 from scripts.mutation_run import Fate
 
@@ -84,3 +93,23 @@ def test_survivor_needs_an_argument_and_an_argument_a_survivor() -> None:
     assert not unexplained([lived], {str(mutant): "why"})
     assert unexplained([died], {str(mutant): "why"})
     assert not unexplained([died], {})
+
+
+def test_fates_found_out_twice_are_compared_by_whether_a_test_sees_them() -> None:
+    a, b = of_part(PARTS["guard"])[:2]
+    first = [Fate(a, "a test", 3), Fate(b, "", 3)]
+    assert otherwise(first, [Fate(a, "another", 3), Fate(b, "", 3)]) == []
+    assert otherwise(first, [Fate(b, "a test", 3)]) == [f"{b}: survived, then killed"]
+
+
+def test_page_keeps_what_came_of_the_sample_at_first_beside_what_tests_kill_since() -> None:
+    a, b, c = drawn(3)
+    told = Told({"sample": [Fate(a, "a test", 3), Fate(b, "", 3), Fate(c, "", 3)]})
+    assert "1 of 3 that are not equivalent were killed at first: 33 %" in generated(told)
+    told.after = [Fate(b, "new", 4), Fate(c, "", 4)]
+    page = generated(told)
+    assert "1 of 3 that are not equivalent were killed at first: 33 %" in page
+    assert "Of the 2 that survived at first, tests written since kill 1, 0 have an" in page
+    told.twice = {"sample": [Fate(a, "other", 3), Fate(b, "new", 3)]}
+    assert "| sample | 2 | 1 | 0 |" in generated(told)
+    assert f"- `{b}: survived, then killed`" in generated(told)

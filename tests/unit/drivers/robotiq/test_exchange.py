@@ -48,14 +48,14 @@ def exchange(active: bool = True, log=None) -> tuple[Exchange, Transport]:
     return Exchange(wire, DriverSettings(), log), wire
 
 
-def test_what_is_wanted_before_the_first_status_is_written_once_that_says_the_hand_is_active() -> (
-    None
-):
-    for active in (True, False):
-        made, _ = exchange(active)
-        made.want(command(60, 60, 60))
-        made.pump(0)
-        assert made.writes == active
+@pytest.mark.parametrize("active", [True, False])
+def test_what_is_wanted_before_the_first_status_is_written_once_that_says_the_hand_is_active(
+    active: bool,
+) -> None:
+    made, _ = exchange(active)
+    made.want(command(60, 60, 60))
+    made.pump(0)
+    assert made.writes == active
 
 
 def test_nothing_is_written_while_no_status_was_understood() -> None:
@@ -294,9 +294,10 @@ def still(made, steps: int) -> tuple[int, ...]:
     return made.state.positions
 
 
-@pytest.mark.parametrize(("steps", "stays"), [(10, "09"), (11, "09")])
+# 0.11 s at 28.6 counts a second, and how late it is
+@pytest.mark.parametrize(("steps", "reach"), [(10, 0), (11, 4 + 2)])
 def test_a_finger_is_held_at_its_position_until_the_status_is_old_and_then_goes_on(
-    rig, steps: int, stays: str
+    rig, steps: int, reach: int
 ) -> None:
     made = rig()
     made.driver.close_fast(10.0, THUMB, (200, 0, 0), LEAST)
@@ -305,10 +306,9 @@ def test_a_finger_is_held_at_its_position_until_the_status_is_old_and_then_goes_
     here = still(made, steps)
     assert made.state.fingers[0].detection is Detection.MOVING
     applied = made.driver.hold()
-    reach = 0 if steps == 10 else 4 + 2  # 0.11 s at 28.6 counts a second, and how late it is
     assert applied.targets_counts[0] == here[0] + reach
     made.step(2)
-    assert go(made) == stays
+    assert go(made) == "09"
 
 
 def test_a_finger_goes_on_by_what_it_may_have_moved_since_the_status_changed(rig) -> None:
@@ -337,33 +337,30 @@ def test_fingers_whose_answer_is_awaited_are_stopped_while_the_status_lives(
     assert go(made) == stays
 
 
-def moved_by_another(made) -> None:
+def moved_by_another_master(rig):
+    made = rig()
     made.model.write(0, command(200, 200, 200, speed=0).to_registers(), made.now_ns)
     made.step(30)
+    still(made, 30)
+    return made
 
 
-def test_a_hand_that_another_master_moves_is_held_and_closed_though_its_status_is_old(rig) -> None:
-    made = rig()
-    moved_by_another(made)
-    here = still(made, 30)
-    assert made.driver.close_fast(10.0, THUMB, (255, 0, 0), FAST).speed_mps > 0.1
-    made = rig()
-    moved_by_another(made)
-    here = still(made, 30)
-    assert made.driver.hold().targets_counts == here
-
-
-def test_after_an_activation_what_is_doubtful_is_held_where_it_is_and_closed_as_asked(rig) -> None:
+def leapt_after_an_activation(rig):
     made = rig(hand=QUICK, active=False)
     made.driver.activate()
     made.step(40)
     leap(made, 40)
     made.step(30)
+    return made
+
+
+@pytest.mark.parametrize("doubtful", [moved_by_another_master, leapt_after_an_activation])
+def test_fingers_of_which_little_is_known_are_held_where_they_are_and_closed_as_asked(
+    rig, doubtful
+) -> None:
+    made = doubtful(rig)
     assert made.driver.hold().targets_counts == made.state.positions
-    made = rig(hand=QUICK, active=False)
-    made.driver.activate()
-    made.step(40)
-    leap(made, 40)
+    made = doubtful(rig)
     assert made.driver.close_fast(10.0, THUMB, (255, 0, 0), FAST).speed_mps > 0.1
 
 

@@ -46,6 +46,20 @@ def test_contact_while_opening_is_reported_as_such() -> None:
     assert detections(hand.rest()) == [1, 1, 1]
 
 
+def test_after_contact_while_opening_an_opening_at_equal_force_does_nothing() -> None:
+    hand = Hand()
+    hand.write(command(100))
+    hand.rest()
+    hand.outside[:] = 50.0
+    hand.write(command(0))
+    stood = hand.rest().a.position
+    hand.outside[:] = 0.0
+    hand.write(command(10))
+    assert hand.rest().a.position == stood
+    hand.write(command(10, force=20))
+    assert hand.rest().a.position == 10
+
+
 def test_the_grip_is_kept_when_the_motor_is_off() -> None:
     hand = Hand()
     hand.grip()

@@ -164,7 +164,7 @@ def test_a_new_speed_acts_at_once_but_starts_nothing() -> None:
     assert hand.model.velocity_mps[0] == pytest.approx(0.11, rel=0.02)
     hand.rest()
     hand.write(command(200, speed=0))
-    assert detections(hand.run(100)) == [3, 3, 3]
+    assert all(detections(hand.run(1)) == [3, 3, 3] for _ in range(100))
 
 
 def test_nothing_moves_without_rgto_and_clearing_it_stops() -> None:

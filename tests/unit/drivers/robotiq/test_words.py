@@ -31,6 +31,10 @@ def test_hands_of_the_manual_are_not_doubted() -> None:
         assert doubts(status, status) == []
     further = replace(moving, a=replace(moving.a, position=60))
     assert doubts(further, moving) == []  # it moves
+    for busy in (1, 2):  # activates, changes its mode
+        started = replace(OPEN, go_to=False, initialization=busy, active=busy == 1 or OPEN.active)
+        there = replace(started, a=replace(started.a, position=60))
+        assert doubts(there, started) == []
 
 
 @pytest.mark.parametrize(

@@ -370,10 +370,14 @@ def test_a_closed_board_sends_nothing_more(bench):
     assert bench.board.bulk_read(512, bench.now_ns + PERIOD_NS) is None
 
 
-def test_a_cell_named_twice_is_refused():
-    row = [(0, column) for column in range(6)]
-    with pytest.raises(msgspec.ValidationError, match="more than one taxel"):
-        msgspec.convert({"cells": [row, row, row]}, TakkTileSettings)
+@pytest.mark.parametrize("finger", [0, 2])
+def test_a_cell_named_twice_is_refused(finger):
+    rows = [[(row, column) for column in range(6)] for row in range(3)]
+    rows[finger][5] = (1, 3)
+    with pytest.raises(
+        msgspec.ValidationError, match=r"\[\(1, 3\)\] named for more than one taxel"
+    ):
+        msgspec.convert({"cells": rows}, TakkTileSettings)
 
 
 @pytest.mark.parametrize(
@@ -417,3 +421,20 @@ def test_a_silent_board_loses_the_samples_of_that_time_and_no_more(bench):
     assert bench.frame.missed == 0
     assert bench.now_ns - bench.frame.sampled_ns < PERIOD_NS
     assert bench.driver.statistics.timeouts == bench.driver.statistics.restarts == 0
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3])
+def test_of_frames_that_are_ready_by_an_instant_the_latest_alone_is_made(frames):
+    made = []
+
+    def sample(t_ns):
+        return lambda: (
+            made.append(t_ns) or np.full(18, 450, np.int16), np.full(18, 500, np.int16)
+        )  # fmt: skip
+
+    settings = TakkTileSettings()
+    link = ModelLink(BoardModel(BoardModelSettings(), sample), settings)
+    link.start()
+    frame_ns = 4_800_000
+    link.advance(frames * frame_ns)  # exactly
+    assert made == [(frames - 1) * frame_ns]

@@ -174,6 +174,10 @@ def test_calibration_of_column_five_is_that_of_the_next_row(board):
     assert coefficients(0, 0) == bytes.fromhex("3ECEB3F9C51733C8")
     assert coefficients(0, 4) != coefficients(1, 0)
     assert coefficients(0, 5) == coefficients(1, 0)
+    apart = [(row, column) for row in range(3) for column in range(5)] + [(2, 5)]
+    a0 = [int.from_bytes(coefficients(*cell)[:2]) - 0x3ECE for cell in apart]
+    assert a0 == [6 * row + column for row, column in apart]
+    assert {coefficients(*cell)[2:].hex() for cell in apart} == {"b3f9c51733c8"}
 
 
 def test_a_takkfast_board_sends_every_place_dead_or_alive(scene):

@@ -6,6 +6,7 @@ import msgspec
 import pytest
 
 from drivers.errors import DeviceFault, Refused, Stale
+from drivers.interfaces import ArmState
 from drivers.ur.driver import ArmDriver, ArmSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 
@@ -147,11 +148,13 @@ def test_a_stop_may_precede_the_first_sample(wire):
 
 
 def test_payload_is_limited(wire, driver):
-    driver.set_payload(2.8)
+    taken = (0.0, 2.8, 10.0)
+    for mass in taken:
+        driver.set_payload(mass)
     for mass in (-0.1, 10.1, math.nan):
         with pytest.raises(Refused, match="max_payload_kg"):
             driver.set_payload(mass)
-    assert wire.sent == [("payload", 2.8)]
+    assert wire.sent == [("payload", mass) for mass in taken]
 
 
 def test_the_controllers_own_clock_decides_what_is_stale(wire, driver):
@@ -207,3 +210,8 @@ def test_defaults_are_the_limits_that_every_result_was_found_within() -> None:
         "payload_kg": 2.6, "max_payload_kg": 10.0, "stale_after_s": 0.05,
         "arrived_within_m": 0.0005,
     }  # fmt: skip
+
+
+def test_an_arm_that_says_nothing_of_its_turn_is_turned_as_at_its_start() -> None:
+    state = ArmState(0, 0, START, (0.0, 0.0, 0.0), moving=False)
+    assert (state.angle_rad, state.spin_radps) == (0.0, 0.0)

@@ -51,6 +51,13 @@ def test_jacobian_against_finite_differences(q):
         assert found[:, joint] == pytest.approx(expected, abs=1e-6)
 
 
+def test_from_where_solutions_are_looked_for_the_tool_points_down_half_a_metre_ahead():
+    flange = kinematics.forward(kinematics.ELBOW_UP)
+    assert flange[:3, 2] == pytest.approx((0.0, 0.0, -1.0), abs=0.02)
+    assert flange[:2, 3] == pytest.approx((0.5, 0.0), abs=0.15)
+    assert 0.1 < flange[2, 3] < 0.6
+
+
 @given(st.tuples(*[st.floats(-0.1, 0.1)] * 6))
 def test_inverse_finds_the_way_back(offset):
     goal = [a + b for a, b in zip(kinematics.ELBOW_UP, offset, strict=True)]

@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 
 from grasp.cli.main import main
+from grasp.cli.options import OBJECT_HELP
+from grasp.settings import UNSEEN, names
 
 HEAVY = {"numpy", "numba", "torch", "pydantic", "msgspec", "transitions", "mcap", "rich"}
 GRASP = [sys.executable, "-c", "import sys; from grasp.cli.main import main; sys.exit(main())"]
@@ -213,6 +215,9 @@ def test_safety_stop_exits_with_4_and_reports_the_result_too(
     ("words", "says"),
     [
         (["--object", "cann"], "did you mean 'can'"),
+        (["--object", "orage"], "did you mean 'orange'"),
+        (["--object", "moon"], "kept for testing: book, bottle, jar, mug, orange, sponge"),
+        (["--set", "controller.answer=jumpp"], "did you mean 'jump'"),
         (["--detector", "oracle"], "energy"),
         (["--rig", "moon"], "simulated"),
         (["--seed", "-1"], "a whole number"),
@@ -281,78 +286,6 @@ def test_ctrl_c_stops_the_arm_keeps_the_grip_and_says_how_both_were_left(tmp_pat
     assert happened == "grasp: stopped by hand in phase lift"
     assert left.strip().startswith("the arm stands; the hand is closed as it was, ")
     assert "Traceback" not in err
-
-
-def test_replay_checks_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    call("run", "lift", "--runs", str(tmp_path), capsys=capsys)
-    folder = str(next(tmp_path.iterdir()))
-    code, out, _ = call("replay", folder, "--check", capsys=capsys)
-    assert code == 0
-    assert "as recorded" in out
-    code, answer = run_json(capsys, "replay", folder)
-    assert answer["same"] is True
-
-
-def test_replay_of_nothing_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("replay", capsys=capsys)[0] == 2
-    code, _, err = call("replay", "/no/such/run", capsys=capsys)
-    assert code == 2
-    assert "/no/such/run" in err
-
-
-def stroke_csv(path: Path) -> Path:
-    rows = ["t_s,p0,p1,p2,p3,p4,p5,slip"]
-    for k in range(400):
-        slip = 150 <= k < 210 or 300 <= k < 360
-        size = 30 if slip else 1
-        values = [str(-100 + (size if (k + i) % 2 else -size)) for i in range(6)]
-        rows.append(f"{k * 0.01:.2f},{','.join(values)},{int(slip)}")
-    path.write_text("\n".join(rows) + "\n")
-    return path
-
-
-def test_fingertip_recording_shows_events_commands_and_score(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = stroke_csv(tmp_path / "strokes.csv")
-    words = ("replay", "--tactile", str(path), "--detector", "energy")
-    code, out, _ = call(*words, capsys=capsys)
-    assert code == 0
-    assert "label: slip begins" in out
-    assert "registered at finger A" in out
-    assert "close A" in out
-    assert "2 of 2 caught" in out
-
-
-def test_detector_is_scored_on_a_recording(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = stroke_csv(tmp_path / "strokes.csv")
-    code, scores = run_json(capsys, "detector", "evaluate", "energy", "--recording", str(path))
-    assert code == 0
-    for name in ("accuracy", "weighted_f1", "slip_f1", "balanced_accuracy", "auc", "event_recall",
-                 "event_precision", "false_events_per_min", "delay_ms", "release_delay_ms", "ece",
-                 "compute_us", "n_samples"):  # fmt: skip
-        assert name in scores
-    assert scores["n_samples"] == 300
-    assert scores["auc"] > 0.9
-
-
-def test_bad_recording_is_refused_with_line_and_remedy(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "bad.csv"
-    path.write_text("t_s,p0,p1,p2,p3,p4,p5,slip\n0.0,1,2,3,4,5,x,0\n")
-    code, _, err = call("detector", "evaluate", "energy", "--recording", str(path), capsys=capsys)
-    assert code == 2
-    assert "line 2" in err
-
-
-def test_threshold_is_tuned_on_lifts_that_do_not_slip(capsys: pytest.CaptureFixture[str]) -> None:
-    code, answer = run_json(capsys, "detector", "tune", "--lifts", "6", "--budget", "6")
-    assert code == 0
-    assert 2.0 < answer["threshold_counts"] < 30.0  # a moving arm is heard in a held object
-    assert 0.2 < answer["minutes"] < 0.6
 
 
 def test_runs_are_listed_with_their_verdicts(
@@ -447,3 +380,47 @@ def test_pacing_follows_the_wall_and_changes_no_result(
         "--set", "controller.lift_height_m=0.05", "--set", "arm.max_speed_mps=0.6",
     )  # fmt: skip
     assert Path(paced["recording"]).read_bytes() == Path(fast["recording"]).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("config", "show", "contoller"), "did you mean 'controller'"),
+        (("chart", "answers", "--policies", "stop_and_jmp"), "did you mean 'stop_and_jump'"),
+    ],
+    ids=["section", "policy"],
+)
+def test_word_that_is_nearly_a_known_one_is_told_that_one(
+    words: tuple[str, ...], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = call(*words, capsys=capsys)
+    assert code == 2
+    assert says in err
+
+
+def test_help_names_every_packaged_object() -> None:
+    for kind in ("objects", f"objects/{UNSEEN}"):
+        assert ", ".join(names(kind)) in OBJECT_HELP
+
+
+def test_lift_ends_with_who_listened_and_how_slip_was_answered(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("run", "lift", "--runs", str(tmp_path), "--detector", "energy")
+    _, out, _ = call(*words, capsys=capsys)
+    assert out.splitlines()[-1] == (
+        "  detector energy, profile default, answer to slip: stop_and_jump"
+    )
+
+
+def test_verbose_acquisition_leaves_a_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("run", "acquire", "--rig", "simulated", "--seconds", "3", "--runs", str(tmp_path))
+    code, _, err = call(*words, "-v", capsys=capsys)
+    assert code == 0, err
+    (log,) = tmp_path.glob("*-acquire-planar.log")
+    assert f"log: {log}" in err
+    told = log.read_text()
+    assert " phase stroke, " in told
+    assert "seed 0: complete: " in told.splitlines()[-1]

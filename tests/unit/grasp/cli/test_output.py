@@ -1,6 +1,7 @@
 """Under --json standard output holds JSON alone, whoever else prints."""
 
 import json
+import math
 import os
 import subprocess
 import sys
@@ -8,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
+import grasp.cli
 from grasp.cli.main import main
+from grasp.cli.output import json_line
 from grasp.recording import RunRecording
 from scenarios.trial import execution
 
@@ -89,3 +92,25 @@ def test_damaged_network_is_one_json_object(
     out, _ = capsys.readouterr()
     assert code == 2
     assert json.loads(out)["error"]["kind"] == "bad_file"
+
+
+def test_a_number_that_is_none_is_null_wherever_it_stands() -> None:
+    said = {"p90": math.inf, "all": [1, (float("nan"), 2.5)], "word": "Infinity"}
+    assert json_line(said) == '{"p90": null, "all": [1, [null, 2.5]], "word": "Infinity"}'
+
+
+def test_every_verb_writes_its_answer_in_that_one_way() -> None:
+    """Or by msgspec, which knows no infinity either."""
+    verbs = Path(grasp.cli.__file__).parent.glob("*.py")
+    assert not [verb.name for verb in verbs if "print(json.dumps(" in verb.read_text()]
+
+
+def test_a_series_with_misses_prints_json_that_any_reader_takes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = "run lift --object can --rig simulated --trials 1 --detector psd --json --out"
+    main([*words.split(), str(tmp_path / "series")])
+    (line,) = capsys.readouterr().out.splitlines()
+    said = json.loads(line, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
+    (cell,) = said["summary"]["variants"][0]["cells"]
+    assert cell["nominal_again_ms"]["p50"] is None

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from grasp.cli import exits, world
+from grasp.cli import exits, physics
 from grasp.cli.main import main
 
 
@@ -78,7 +78,7 @@ def test_compiled_functions_that_can_be_kept_nowhere_are_told_with_what_to_do(
     file = "/usr/lib/python3/site-packages/numba/core/caching.py"
     scope: dict[str, Any] = {"error": error}
     exec(compile("def fails(args): raise error", file, "exec"), scope)
-    monkeypatch.setattr(world, "show_plan", scope["fails"])
+    monkeypatch.setattr(physics, "show_plan", scope["fails"])
     assert main(["world", "plan", "tap"]) == exits.USAGE
     assert "NUMBA_CACHE_DIR" in capsys.readouterr().err
 

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import ConfigError
+from drivers.robotiq.protocol import AxisStatus, StatusRegisters
 from grasp.cli.main import main
 from scenarios.campaign.config import load_config
 from scenarios.rigs import device_checks, doctor
@@ -49,6 +50,31 @@ def test_hand_that_nobody_has_chosen_stands_against_a_run(
     found = next(check for check in checks if check.name == "calibration")
     assert found.status == status
     assert ("chosen by hand" in found.detail) == (status == "fail")
+
+
+@pytest.mark.usefixtures("no_arm")
+@pytest.mark.parametrize(
+    ("active", "at", "status", "remedy"),
+    [(True, 6, "ok", ""), (False, 6, "warn", "gripper activate"), (True, 90, "fail", "release"),
+     (False, 90, "fail", "release --activate")],
+    ids=["ready", "not active", "closed", "closed and not active"],
+)  # fmt: skip
+def test_hand_that_a_run_would_refuse_stands_against_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, active: bool, at: int, status: str, remedy: str
+) -> None:
+    lab = tmp_path / "lab.toml"
+    lab.write_text("[gripper]\ncalibration='manual'" + ADDRESSES)
+    said = StatusRegisters(
+        active=active, initialization=3 if active else 0, a=AxisStatus(position=at)
+    )
+    monkeypatch.setattr(device_checks, "read_gripper", lambda config: (said, said))
+    monkeypatch.setattr(device_checks, "doubts", lambda *looks: [])
+    checks = doctor._devices(
+        "hardware", lambda rig, name: load_config("can", rig, name, lab), make_guard
+    )
+    found = next(check for check in checks if check.name == "gripper")
+    assert found.status == status, found
+    assert remedy in found.remedy
 
 
 @pytest.mark.usefixtures("no_arm")

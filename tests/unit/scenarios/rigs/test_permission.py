@@ -26,7 +26,7 @@ from scenarios.rigs import opening
 from scenarios.rigs.permission import MotionPermit, check_devices, permit, release_command
 from scenarios.tap import tap
 from scenarios.trial.series import Bench
-from tests.unit.grasp.cli.test_cli import stroke_csv
+from tests.unit.grasp.cli.test_recordings_cli import stroke_csv
 
 ROOT = Path(__file__).parents[4]
 # addresses where nobody is; a test that came so far would fail for that reason, not move anything

@@ -44,7 +44,7 @@ def lifted() -> FinishedRun[Any]:
 def told(
     lifted: FinishedRun[Any], failures: list[Failure | None], patch: pytest.MonkeyPatch,
     begun: Begun | None = None, raised_m: float = 0.0, ends: End | None = None,
-    fingers: int | None = None,
+    fingers: int | None = None, placed: bool = False,
 ) -> "tuple[list[str], list[Any]]":  # fmt: skip
     """What a person is asked when two trials end like this, and the homes that they begin from.
     ``ends``: how they left arm and hand; ``fingers``: where they stand before, counts."""
@@ -72,11 +72,11 @@ def told(
         return FinishedRun(result, failure), lifted.result.home_m
 
     def begins(number: int, of: int) -> None:
-        assert person.heard[-1].startswith(f"Trial {number} of {of}")
+        assert placed or person.heard[-1].startswith(f"Trial {number} of {of}")
 
     with patch.context() as patched:
         patched.setattr(series, "open_rig", opened)
-        bench = Bench(operator=person, begun=begun, on_trial=begins)
+        bench = Bench(operator=person, begun=begun, on_trial=begins, placed=placed)
         list(series.run_series(wired, (0, 1), bench, attempt))
     return person.heard, homes
 
@@ -169,6 +169,15 @@ def test_trial_in_which_a_device_was_not_heard_is_asked_for_again(
     assert heard == ["Trial 1 of 2", again, "Trial 2 of 2"]
     assert lifted.result is not None
     assert homes == [None, lifted.result.home_m, lifted.result.home_m]
+
+
+def test_object_that_is_in_place_already_is_asked_for_again_alone(
+    lifted: FinishedRun[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard, _ = told(lifted, [None, None], monkeypatch, placed=True)
+    assert heard == ["Trial 2 of 2"]
+    heard, _ = told(lifted, [STALE, None, None], monkeypatch, placed=True)
+    assert heard[0].startswith("Trial 1 of 2 again")
 
 
 def test_the_same_trial_is_not_asked_for_without_end(

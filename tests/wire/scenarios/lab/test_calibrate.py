@@ -2,6 +2,8 @@
 what the hand and the pads are, which are not as the packaged files have them."""
 
 import re
+import signal
+import time
 import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,12 +14,13 @@ import pytest
 from scenarios.campaign.config import load_config
 from scenarios.rigs.cell_control import ControlClient
 from tests.wire.scenarios.lab.person import played
-from tests.wire.scenarios.lab.terminal import grasp
+from tests.wire.scenarios.lab.terminal import grasp, started
 from tests.wire.scenarios.test_rigs import emulate, lab_file
 
 TRUE_N = 12.5  # of byte 0 of this hand
 STRANGE = ("--set", f"hand.least_force_n={TRUE_N}", "--set", "hand.force_exponent=1.3")
 CONFIRMED = ("--confirm-motion", "--scale")
+NO_FORCE_N = 1e-6  # what floating point leaves between surfaces that touch and do not press
 
 
 class Lab:
@@ -107,7 +110,7 @@ def test_byte_that_may_press_harder_than_allowed_is_not_sent(lab: Lab) -> None:
                 "calibrate", "hand", *words, "--out", str(out), *how, "--config", str(lab.file)
             )
             assert done.returncode == 2, done.stderr
-    assert lab.newtons() == 0.0
+    assert lab.newtons() < NO_FORCE_N
     assert not out.exists()
 
 
@@ -135,6 +138,74 @@ def test_counts_of_a_newton_are_those_of_the_pad(lab: Lab) -> None:
     assert all(abs(counts / per_newton - force) < 1.0 for force, counts in points)
     config = load_config("can", "hardware", "energy", [lab.file, out])
     assert config.guard.counts_per_newton == per_newton
+
+
+def test_place_typed_too_high_is_told_with_what_to_type_before_the_finger_presses(
+    lab: Lab,
+) -> None:
+    out = lab.folder / "high.toml"
+    typed = iter(["ninety", "140"])
+    asked: list[str] = []
+
+    def person(question: str) -> str:
+        newtons = lab.newtons()
+        if "almost touch" in question:
+            asked.append(question)
+            assert newtons == 0.0
+            told = re.search(r"type less, (\d+) if", question)
+            return next(typed) if told is None else told[1]
+        return f"{newtons:.2f} N" if newtons > 0.3 else ""
+
+    code, _, said = lab.played(
+        person, "force", "--press", "--up-to", "15", "--out", str(out), *CONFIRMED
+    )
+    assert code == 0, said
+    assert len(asked) == 3
+    assert "'ninety' is no whole number" in asked[1]
+    assert "on its way to 140, and has backed off" in asked[2]
+
+
+@pytest.mark.parametrize("words", [("hand", "--up-to", "16"), ("force", "--press")], ids=" ".join)
+@pytest.mark.parametrize("how", ["end of input", "Ctrl-C"])
+def test_calibration_that_is_ended_at_a_prompt_leaves_no_finger_on_the_scale(
+    lab: Lab, words: tuple[str, ...], how: str
+) -> None:
+    out = lab.folder / "ended.toml"
+    whole = ("calibrate", *words, "--out", str(out), *CONFIRMED, "--config", str(lab.file))
+    pressed = 0.0
+    with started(*whole, asked=True) as run:
+        assert run.stderr is not None and run.stdin is not None
+        for line in run.stderr:
+            if "almost touch" in line:
+                run.stdin.write("95\n")
+                run.stdin.flush()
+            elif "what" in line and (pressed := lab.newtons()) <= 1.0:
+                run.stdin.write("\n")
+                run.stdin.flush()
+            elif "what" in line:
+                break
+        if how == "Ctrl-C":
+            run.send_signal(signal.SIGINT)
+        _, said = run.communicate(timeout=60)  # closes its input
+    assert pressed > 1.0
+    assert run.returncode == 130, said
+    assert "has backed off the scale and stands, at" in said
+    assert f"--confirm-motion --config {lab.file}`" in said
+    assert lab.newtons() < NO_FORCE_N
+    assert not out.exists()
+
+
+def test_press_that_is_ended_by_ctrl_c_is_taken_back(lab: Lab) -> None:
+    out = lab.folder / "ended.toml"
+    words = ("hand", "--up-to", "16", "--out", str(out), *CONFIRMED, "--config", str(lab.file))
+    with started("calibrate", *words, asked=True) as run:
+        while lab.newtons() < 1.0:
+            time.sleep(0.02)
+        run.send_signal(signal.SIGINT)
+        _, said = run.communicate(timeout=60)
+    assert run.returncode == 130, said
+    assert "has backed off the scale" in said
+    assert lab.newtons() < NO_FORCE_N
 
 
 def test_mistyped_weight_is_asked_about_once_the_others_tell(lab: Lab) -> None:
@@ -171,7 +242,7 @@ def test_rule_of_a_still_hold_is_written_and_read(lab: Lab) -> None:
     assert "counts of load" in shown
     config = load_config("can", "hardware", "energy", [lab.file, out])
     assert config.rule.threshold > 0.0
-    assert lab.newtons() == 0.0  # it has let go
+    assert lab.newtons() < NO_FORCE_N  # it has let go
 
 
 @pytest.mark.parametrize(
@@ -186,5 +257,5 @@ def test_dry_run_says_what_would_move_and_nothing_moves_unconfirmed(
     assert dry.returncode == 0
     assert "would move " in dry.stdout
     assert grasp(*whole, "--scale" if words[0] != "noise" else "--json").returncode == 2
-    assert lab.newtons() == 0.0
+    assert lab.newtons() < NO_FORCE_N
     assert not out.exists()

@@ -66,7 +66,20 @@ def test_rest_is_a_file_that_settings_read_and_none_is_overwritten(
     assert "is there already" in again.stderr
 
 
-def test_board_that_is_unplugged_is_told_with_its_remedy(lab: Path) -> None:
-    done = grasp("tactile", "watch", "--config", str(lab), "--set", "usb.url=tcp://127.0.0.99:9")
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("watch", "--set", "usb.url=tcp://127.0.0.99:9"),
+        ("rest", "--set", "usb.url=tcp://127.0.0.99:9"),
+        ("identify", "--url", "tcp://127.0.0.99:9"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_board_that_does_not_answer_at_its_url_is_told_with_url_and_remedy(
+    lab: Path, words: tuple[str, ...]
+) -> None:
+    lab_words = () if words[0] == "identify" else ("--config", str(lab))
+    done = grasp("tactile", *words, *lab_words)
     assert done.returncode == 3
-    assert "no TakkTile board" in done.stderr
+    assert "no TakkTile board (59e3:74c7) at tcp://127.0.0.99:9" in done.stderr
+    assert "prints a new one each time it starts" in done.stderr

@@ -1,6 +1,7 @@
 """`grasp find` and `grasp doctor` at an emulated lab: what is there, and what is wrong with it."""
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,8 @@ import pytest
 
 from tests.wire.scenarios.lab.terminal import grasp
 from tests.wire.scenarios.test_rigs import emulate, lab_file
+
+URL, CALIBRATION = r'url = ".*"', r'calibration = ".*"'
 
 
 @pytest.fixture(scope="module")
@@ -45,31 +48,23 @@ def test_doctor_hears_every_device_and_says_what_a_run_would_do_first(
     assert "`grasp gripper activate`" in checks["gripper"]["remedy"]
 
 
-def test_doctor_fails_where_the_board_at_its_url_does_not_answer(
-    endpoints: dict[str, Any], tmp_path: Path
+@pytest.mark.parametrize(
+    ("written", "instead", "check", "detail"),
+    [
+        (URL, 'url = "tcp://127.0.0.99:9"', "fingertips", "tcp://127.0.0.99:9"),
+        (CALIBRATION, 'calibration = "manual"', "force guard", "cannot close with less than 15 N"),
+        (r"\[tactile\]", "[tactile]\nrest_min_counts = 460", "fingertips", "outside 460..512"),
+    ],
+    ids=["no board at its URL", "refused by the force guard", "cannot be at rest"],
+)
+def test_doctor_fails_where_a_run_would(
+    endpoints: dict[str, Any], tmp_path: Path, written: str, instead: str, check: str, detail: str
 ) -> None:
     lab = lab_file(tmp_path / "lab.toml", endpoints)
-    lab.write_text(lab.read_text().replace(endpoints["tactile"]["url"], "tcp://127.0.0.99:9"))
+    text, changed = re.subn(written, instead, lab.read_text())
+    assert changed == 1
+    lab.write_text(text)
     code, checks = doctor(lab)
     assert code == 3
-    assert checks["fingertips"]["status"] == "fail"
-
-
-def test_doctor_fails_where_the_force_guard_of_a_run_would_refuse(
-    endpoints: dict[str, Any], tmp_path: Path
-) -> None:
-    lab = lab_file(tmp_path / "lab.toml", endpoints)
-    lab.write_text(lab.read_text().replace('"paper"', '"manual"'))
-    code, checks = doctor(lab)
-    assert code == 3
-    assert "cannot close with less than 15 N" in checks["force guard"]["detail"]
-
-
-def test_doctor_fails_on_fingertips_that_cannot_be_at_rest(
-    endpoints: dict[str, Any], tmp_path: Path
-) -> None:
-    lab = lab_file(tmp_path / "lab.toml", endpoints)
-    lab.write_text(lab.read_text().replace("[tactile]", "[tactile]\nrest_min_counts = 460"))
-    code, checks = doctor(lab)
-    assert code == 3
-    assert "outside 460..512" in checks["fingertips"]["detail"]
+    assert checks[check]["status"] == "fail"
+    assert detail in checks[check]["detail"]

@@ -99,6 +99,27 @@ def test_hand_is_activated_only_by_whoever_says_that_it_is_empty(lab: Lab) -> No
     assert all(name in told.stdout for name in ("gACT 1", "gIMC 3: ready", "finger C: at 6"))
 
 
+def test_activation_that_is_refused_or_finds_nobody_leaves_the_hand_as_it_was(ready: Lab) -> None:
+    """A hand that holds something is not reset either: it could not be opened gently after that."""
+    ready.done("gripper", "open")
+    ready.cell.ask("place")
+    ready.done("gripper", "close")
+    ready.cell.ask("fault", name="gripper_fault", code=10)
+    refused = ready.grasp("gripper", "activate", "--empty", *CONFIRMED)
+    assert refused.returncode == 4
+    assert "would drop" in refused.stderr
+    assert "not active any more" not in refused.stderr
+    assert read_gripper(ready.config)[1].active
+    nobody = ready.grasp(
+        "gripper", "activate", "--empty", *CONFIRMED, "--set", "modbus.host=127.0.0.1",
+        "--set", "modbus.port=9",
+    )  # fmt: skip
+    assert nobody.returncode == 3
+    assert "NOT SEEN TO STAND" not in nobody.stderr  # nothing was told to move
+    ready.done("release", "--rig", "hardware")
+    ready.done("gripper", "activate", "--empty")
+
+
 @pytest.mark.parametrize(
     "words",
     [("gripper", "open"), ("gripper", "close"), ("gripper", "step"), ("arm", "step", "--z", "2")],
@@ -133,6 +154,11 @@ def test_thumb_never_bears_what_two_fingers_press(ready: Lab) -> None:
     further = ready.grasp("gripper", "step", "--finger", "B", *CONFIRMED)
     assert further.returncode == 4
     assert "fingertips can tell a touch" in further.stderr
+    known = ready.file.parent / "rest.toml"
+    ready.done("gripper", "open")
+    assert ready.grasp("tactile", "rest", "--out", str(known)).returncode == 0
+    ready.done("gripper", "step", "--finger", "B", "--mm", "5")
+    ready.done("gripper", "step", "--finger", "C", "--config", str(known))  # not open: by its rest
     ready.done("gripper", "open")
 
 
@@ -178,6 +204,29 @@ def test_fingers_stand_where_the_fingertips_fall_silent(ready: Lab) -> None:
     ready.done("gripper", "open")
 
 
+@pytest.mark.parametrize(
+    ("fingers", "watched"), [(("--finger", "A"), 0), ((), 1)], ids=["A", "B and C"]
+)
+def test_fingers_whose_link_freezes_go_no_further_than_a_step(
+    ready: Lab, fingers: tuple[str, ...], watched: int
+) -> None:
+    ready.done("gripper", "open")
+    ready.cell.ask("place")
+    words = ("gripper", "close", *fingers, *CONFIRMED, "--config", str(ready.file))
+    with started(*words) as run:
+        while (frozen_at := ready.places)[watched] < 50:
+            time.sleep(0.02)
+        ready.cell.ask("fault", name="gripper_freeze", seconds=4.0)
+        _, said = run.communicate(timeout=60)
+    assert run.returncode == 3, said
+    time.sleep(4.0)
+    run_on = [end - at for end, at in zip(ready.places, frozen_at, strict=True)]
+    assert max(run_on) <= 6 + 3  # 5 mm, and what it moved between look and freeze
+    assert max(ready.cell.ask("truth")["truth"]["normal_n"]) < 0.01  # the can is at 103
+    ready.done("gripper", "open")
+    ready.cell.ask("take")
+
+
 def test_arm_steps_by_what_was_asked(lab: Lab) -> None:
     before_m = lab.height_m
     assert "after x +0, y +0, z +3 mm" in lab.done("arm", "step", "--z", "3")
@@ -203,6 +252,23 @@ def test_arm_in_a_protective_stop_is_told_with_its_remedy(lab: Lab) -> None:
     with Dashboard(lab.config.ur.host, 2.0) as dashboard:
         dashboard.line()
         dashboard.ask("unlock protective stop")
+
+
+def test_remedy_of_an_arm_that_answers_on_no_port_is_told_once(lab: Lab) -> None:
+    step = lab.grasp("arm", "step", "--z", "1", *CONFIRMED, "--set", "ur.host=127.0.0.99")
+    assert step.returncode == 3
+    assert step.stderr.count("Connection refused") == 3
+    assert step.stderr.count("check power, cable and address") == 1
+
+
+def test_stopping_the_arm_needs_no_leave_and_a_dry_run_stops_nothing(lab: Lab) -> None:
+    dry = lab.grasp("arm", "stop", "--dry-run")
+    assert dry.returncode == 0
+    assert f"would end the program on the arm at {lab.config.ur.host}" in dry.stdout
+    for words in ((), CONFIRMED):
+        done = lab.grasp("arm", "stop", *words)
+        assert done.returncode == 0, done.stderr
+        assert "no program runs on it" in done.stdout
 
 
 def test_arm_that_somebody_drives_is_stopped_without_asking_them(lab: Lab) -> None:

@@ -49,11 +49,15 @@ def close(count: int) -> tuple[int, ...]:
 OPEN, HOLD = (GOES, 0, 0xFF00, 0, 0, 0, 0, 0), (GOES, 40, 0, 0, 0, 0, 0, 0)
 
 
-def test_verbs_are_told_by_the_registers_of_a_command() -> None:
-    assert [verb(0, words) for words in (close(60), OPEN, HOLD, (ACTIVE, 40, 0xFFFF))] == [
-        "close", "open", "hold", "hold",
+def test_verbs_are_told_by_the_registers_of_a_command_and_where_the_fingers_are() -> None:
+    here = (40, 1, 0)
+    told = (close(60), OPEN, HOLD, (ACTIVE, 40, 0xFFFF))
+    assert [verb(0, words, here) for words in told] == ["close", "open", "hold", "hold"]
+    assert verb(1, close(60)[1:], here) == "close"
+    # at least speed and force, as a hold has them
+    assert [verb(0, HOLD, (at, 0, 0)) for at in (20, 37, 38, 42, 43, 60)] == [
+        "close", "close", "hold", "hold", "open", "open",
     ]  # fmt: skip
-    assert verb(1, close(60)[1:]) == "close"
 
 
 @pytest.mark.parametrize(

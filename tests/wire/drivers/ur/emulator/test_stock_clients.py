@@ -188,6 +188,28 @@ def test_state_has_the_sizes_and_values_that_python_urx_reads(emulator):
         assert struct.unpack(">Q7?BB3dB", found[0])[6]  # a program runs
 
 
+@pytest.mark.parametrize(("profile", "period_s"), [("cb3", 0.008), ("e-series", 0.002)])
+def test_real_time_port_tells_every_cycle_what_rtde_tells(emulate, profile, period_s):
+    """1116 bytes: of PolyScope 3.10 to 3.15, and 5.4 to 5.8."""
+    emulator = emulate("--profile", profile)
+    emulator.fault(do="wrench", value=[1, 2, 3, 4, 5, 6])
+    (known,) = recorded(emulator.host, ["actual_q", "robot_mode", "safety_status"], 125, 1)
+    with (
+        socket.create_connection((emulator.host, 30003), timeout=10.0) as sock,
+        sock.makefile("rb") as file,
+    ):
+        packets = [struct.unpack(">I139d", file.read(1116)) for _ in range(20)]
+    assert {packet[0] for packet in packets} == {1116}
+    steps = {round((b[1] - a[1]) / period_s, 3) for a, b in itertools.pairwise(packets)}
+    assert steps == {1.0}
+    last = packets[-1]
+    assert last[32:38] == known[1:7]
+    assert last[56:59] == pytest.approx((0.5, 0.1, 0.3))
+    assert last[68:74] == (1, 2, 3, 4, 5, 6)
+    assert (last[95], last[102], last[132]) == (known[7], 1.0, 1.0)  # no program: stopped
+    assert last[139] == known[8]
+
+
 def test_kinematics_of_the_primary_interface_are_those_of_the_arm(emulator):
     """`primary_pipeline_calibration`: Denavit-Hartenberg parameters, which give the pose of q."""
     with Primary(emulator.host, 30001) as primary:

@@ -1,0 +1,125 @@
+"""What a run is refused for before any device is touched: what hand or arm could not do."""
+
+import math
+
+from drivers.errors import ConfigError
+from drivers.ur.driver import ArmSettings
+from grasp.controller_settings import ControllerSettings
+from grasp.guard import ForceGuard
+from scenarios.rigs.permission import HARDWARE
+from scenarios.rigs.rig import calibration
+from scenarios.trial.config import TrialConfig
+
+
+def check_override(config: TrialConfig) -> None:
+    """Raises ConfigError for steps by a hand that is known to override its force: each begins at
+    rest, and from where the last has ended, so that force alone bounds none of them."""
+    overrides = config.rig != HARDWARE and config.hand.override_s > 0.0
+    if overrides and config.controller.answer == "stop_and_step" and not config.guard.travel_bound:
+        raise ConfigError(
+            "hand", "override_s",
+            f"a hand that overrides its force for {config.hand.override_s:g} s whenever it starts "
+            "passes the limit by steps (controller.answer), each of which begins at rest",
+            "guard.travel_bound = true, or another controller.answer",
+        )  # fmt: skip
+
+
+def check_grip(config: TrialConfig, guard: ForceGuard) -> None:
+    """Raises ConfigError for a first grasp that the hand cannot keep within the limits."""
+    known = calibration(config)
+    fastest_mps, grip_mps = guard.closing_speed_mps, config.controller.grip_speed_mps
+    if grip_mps > fastest_mps:
+        raise ConfigError(
+            "controller",
+            "grip_speed_mps",
+            f"{grip_mps:g} m/s onto an object wider than expected carries the fingertip further "
+            f"past the limit than guard.overshoot_n, {config.guard.overshoot_n:g} N",
+            f"<= {fastest_mps:.3f}, or a guard.overshoot_n that allows it",
+        )
+    asked_n = config.controller.grip_force_n
+    if asked_n < known.least_force_n:
+        raise ConfigError(
+            "controller",
+            "grip_force_n",
+            f"{asked_n:g} N is less than the gripper can be set to",
+            f">= {known.least_force_n:g} N, the least force of calibration {known.name!r}",
+        )
+
+
+def check_arm(config: TrialConfig) -> None:
+    """Raises ConfigError for what the arm would refuse in the midst of a run, or wait for."""
+    controller, arm, doubt = config.controller, config.arm, config.doubt
+    limits = {
+        "max_speed_mps": ("lower_speed_mps", "lift_speed_mps", "landing_speed_mps"),
+        "max_acceleration_mps2": ("lift_acceleration_mps2", "stop_deceleration_mps2"),
+        "max_stop_mps2": ("answer_stop_mps2", "stop_deceleration_mps2"),
+    }
+    for limit, keys in limits.items():
+        most = getattr(arm, limit)
+        for key in (key for key in keys if key not in controller.unread):
+            if (asked := getattr(controller, key)) > most:
+                problem = f"{asked:g} is more than the arm may be told"
+                raise ConfigError("controller", key, problem, f"<= {most:g}, arm.{limit}")
+    _check_height(controller, arm)
+    there_m, at_m = doubt.arm_there_m, controller.at_height_m
+    if there_m > at_m:
+        raise ConfigError(
+            "doubt", "arm_there_m",
+            f"an arm that stands {there_m:g} m from its target would be neither doubted nor there",
+            f"<= {at_m:g}, controller.at_height_m",
+        )  # fmt: skip
+
+
+def _check_height(controller: ControllerSettings, arm: ArmSettings) -> None:
+    """Raises ConfigError where the lift leaves the workspace, or an answer's stop near its top."""
+    s, high_m = controller, arm.workspace_high_m[2]
+    most_m = min(high_m, arm.max_jump_m)
+    if s.lift_height_m > most_m:
+        problem = f"{s.lift_height_m:g} m is further than the arm may be told"
+        where = "the least of arm.workspace_high_m (z) and arm.max_jump_m"
+        raise ConfigError("controller", "lift_height_m", problem, f"<= {most_m:g}, {where}")
+    braking_m = s.lift_speed_mps**2 / (2.0 * s.answer_stop_mps2)
+    beyond_m = braking_m - s.lift_speed_mps**2 / (2.0 * s.lift_acceleration_mps2)
+    if s.answer != "jump" and s.lift_height_m + beyond_m > high_m:
+        least_mps2 = 1.0 / (
+            2.0 * (high_m - s.lift_height_m) / s.lift_speed_mps**2 + 1.0 / s.lift_acceleration_mps2
+        )
+        raise ConfigError(
+            "controller", "answer_stop_mps2",
+            f"{s.answer_stop_mps2:g} would carry the arm {beyond_m:.3f} m past the top of the lift",
+            f">= {math.ceil(least_mps2 * 100) / 100:g}, or a lower controller.lift_height_m",
+        )  # fmt: skip
+
+
+def check_waits(config: TrialConfig) -> None:
+    """Raises ConfigError where a wait would cut another one short, or the way up or down."""
+    s, stop_s, safe_s = config.controller, config.loop.stop_s, config.controller.safe_state_s
+    if stop_s <= safe_s:
+        raise ConfigError(
+            "loop", "stop_s", f"{stop_s:g} s would end a run before its safe state is given up",
+            f"> {safe_s:g}, controller.safe_state_s",
+        )  # fmt: skip
+    ramp_mps2 = s.lift_acceleration_mps2
+    gently_mps2 = min(ramp_mps2, s.resume_mps2, s.answer_stop_mps2)
+    up_mps2 = ramp_mps2 if s.answer == "jump" else gently_mps2
+    down_mps2 = min(ramp_mps2, s.stop_deceleration_mps2)
+    ways = {
+        "lift_speed_mps": _way_s(s.lift_height_m, s.lift_speed_mps, up_mps2),
+        "lower_speed_mps": _way_s(s.lift_height_m, s.lower_speed_mps, down_mps2),
+    }
+    key, longest_s = max(ways.items(), key=lambda way: way[1])
+    if longest_s > s.phase_timeout_s:
+        raise ConfigError(
+            "controller", key,
+            f"{s.lift_height_m:g} m take {longest_s:.1f} s, and a phase may last "
+            f"{s.phase_timeout_s:g}: an object would be left in the air",
+            f"faster, or a lower controller.lift_height_m, or controller.phase_timeout_s >= "
+            f"{math.ceil(longest_s)}",
+        )  # fmt: skip
+
+
+def _way_s(way_m: float, speed_mps: float, ramp_mps2: float) -> float:
+    """How long an arm takes from rest to rest."""
+    if way_m < speed_mps**2 / ramp_mps2:  # it never comes to that speed
+        return 2.0 * math.sqrt(way_m / ramp_mps2)
+    return way_m / speed_mps + speed_mps / ramp_mps2

@@ -1,0 +1,116 @@
+"""Which taxel is being pressed: presses by their fall from the rest, in time that a test holds."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from drivers.errors import DeviceFault
+from drivers.takktile import identify
+from drivers.takktile.identify import REST_FRAMES, TaxelPress
+from drivers.takktile.model.board import BoardModel, BoardModelSettings
+from drivers.takktile.model.link import ModelUsb
+from drivers.takktile.settings import TakkTileSettings
+
+MS = 1_000_000
+REST = 400 + np.arange(18)  # each cell has its own
+LEAST = 20
+
+Press = tuple[int, int]  # cell in board order, and how far its code falls
+
+
+class Fingertips:
+    """A board that is read every 10 ms: at rest until it has been taken, then one press a frame."""
+
+    def __init__(
+        self, presses: Sequence[Press] = (), cells: Sequence[tuple[int, int]] | None = None
+    ) -> None:
+        settings = BoardModelSettings() if cells is None else BoardModelSettings(cells=tuple(cells))
+        self.board = BoardModel(settings, self._sample)
+        self.now_ns = 0
+        self._cells = len(settings.cells)
+        self._presses = iter(presses)
+        self._rested = False
+
+    def _sample(self, t_ns: int):
+        codes = REST[: self._cells].astype(np.int16)
+        cell, fall = next(self._presses, (0, 0)) if self._rested else (0, 0)
+        codes[cell] -= fall
+        return lambda: (codes, np.full(self._cells, 500, np.int16))
+
+    def _clock(self) -> int:
+        self.now_ns += 10 * MS
+        return self.now_ns
+
+    def _rest_taken(self) -> None:
+        self._rested = True
+
+    def told(self, seconds: float = 1.0) -> list[TaxelPress]:
+        return list(
+            identify.watch(
+                ModelUsb(self.board), TakkTileSettings(), seconds, self._rest_taken, LEAST,
+                self._clock,
+            )
+        )  # fmt: skip
+
+
+def of(*presses: Press) -> list[tuple[int, int, int]]:
+    """Row, column and fall of what is told."""
+    return [(p.row, p.column, p.fall_counts) for p in Fingertips(presses).told()]
+
+
+def test_a_press_is_told_with_its_cell_and_with_the_finger_that_has_it() -> None:
+    assert Fingertips([(10, 30)]).told() == [TaxelPress(1, 4, 30, "B", 4)]
+
+
+def test_a_cell_that_no_finger_has_is_told_without_one() -> None:
+    fingertips = Fingertips([(1, 30)], cells=[(5, 1), (5, 2)])
+    assert fingertips.told() == [TaxelPress(5, 2, 30, None, None)]
+
+
+@pytest.mark.parametrize(
+    ("presses", "told"),
+    [
+        ([(4, LEAST - 1)], []),
+        ([(4, LEAST)], [(0, 4, LEAST)]),
+        ([(4, -200)], []),  # a code that rises is no press
+        ([(4, 30), (4, 30), (4, 29), (4, 31)], [(0, 4, 30), (0, 4, 31)]),  # stronger than before
+        ([(4, 30), (5, 25)], [(0, 4, 30), (0, 5, 25)]),  # another cell
+        ([(4, 30), (4, 0), (4, 25)], [(0, 4, 30), (0, 4, 25)]),  # let go between them
+    ],
+)
+def test_a_press_is_told_once_and_again_where_it_is_stronger_or_another(
+    presses: list[Press], told: list[tuple[int, int, int]]
+) -> None:
+    assert of(*presses) == told
+
+
+def test_frames_that_are_lost_are_waited_for() -> None:
+    fingertips = Fingertips([(7, 30)])
+    fingertips.board.time_out(REST_FRAMES)
+    assert fingertips.told() == [TaxelPress(1, 1, 30, "B", 1)]
+
+
+def test_it_ends_after_its_time_and_stops_the_board() -> None:
+    fingertips = Fingertips()
+    assert fingertips.told(seconds=2.0) == []
+    assert fingertips.board.ready_ns is None
+    assert 2.0 <= fingertips.now_ns * 1e-9 - REST_FRAMES * 0.01 <= 2.2
+
+
+def test_a_board_without_frames_is_a_fault_after_five_seconds_and_is_stopped() -> None:
+    fingertips = Fingertips()
+    fingertips.board.time_out(1_000_000)
+    with pytest.raises(DeviceFault, match="sends no frames"):
+        fingertips.told()
+    assert fingertips.now_ns * 1e-9 == pytest.approx(5.0, abs=0.1)
+    fingertips.board.time_out(0)
+    assert fingertips.board.ready_ns is None
+
+
+def test_a_board_without_a_cell_that_answers_is_a_fault() -> None:
+    fingertips = Fingertips()
+    for column in range(6):
+        fingertips.board.kill_column(column)
+    with pytest.raises(DeviceFault, match="not one cell"):
+        fingertips.told()

@@ -1,0 +1,79 @@
+"""What is said of recordings: replays, scores of a fingertip's, a threshold that is tuned."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.unit.grasp.cli.test_cli import call, run_json
+
+
+def test_replay_checks_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    call("run", "lift", "--runs", str(tmp_path), capsys=capsys)
+    folder = str(next(tmp_path.iterdir()))
+    code, out, _ = call("replay", folder, "--check", capsys=capsys)
+    assert code == 0
+    assert "as recorded" in out
+    code, answer = run_json(capsys, "replay", folder)
+    assert answer["same"] is True
+
+
+def test_replay_of_nothing_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("replay", capsys=capsys)[0] == 2
+    code, _, err = call("replay", "/no/such/run", capsys=capsys)
+    assert code == 2
+    assert "/no/such/run" in err
+
+
+def stroke_csv(path: Path) -> Path:
+    rows = ["t_s,p0,p1,p2,p3,p4,p5,slip"]
+    for k in range(400):
+        slip = 150 <= k < 210 or 300 <= k < 360
+        size = 30 if slip else 1
+        values = [str(-100 + (size if (k + i) % 2 else -size)) for i in range(6)]
+        rows.append(f"{k * 0.01:.2f},{','.join(values)},{int(slip)}")
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_fingertip_recording_shows_events_commands_and_score(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = stroke_csv(tmp_path / "strokes.csv")
+    words = ("replay", "--tactile", str(path), "--detector", "energy")
+    code, out, _ = call(*words, capsys=capsys)
+    assert code == 0
+    assert "label: slip begins" in out
+    assert "registered at finger A" in out
+    assert "close A" in out
+    assert "2 of 2 caught" in out
+
+
+def test_detector_is_scored_on_a_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = stroke_csv(tmp_path / "strokes.csv")
+    code, scores = run_json(capsys, "detector", "evaluate", "energy", "--recording", str(path))
+    assert code == 0
+    for name in ("accuracy", "weighted_f1", "slip_f1", "balanced_accuracy", "auc", "event_recall",
+                 "event_precision", "false_events_per_min", "delay_ms", "release_delay_ms", "ece",
+                 "compute_us", "n_samples"):  # fmt: skip
+        assert name in scores
+    assert scores["n_samples"] == 300
+    assert scores["auc"] > 0.9
+
+
+def test_bad_recording_is_refused_with_line_and_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bad.csv"
+    path.write_text("t_s,p0,p1,p2,p3,p4,p5,slip\n0.0,1,2,3,4,5,x,0\n")
+    code, _, err = call("detector", "evaluate", "energy", "--recording", str(path), capsys=capsys)
+    assert code == 2
+    assert "line 2" in err
+
+
+def test_threshold_is_tuned_on_lifts_that_do_not_slip(capsys: pytest.CaptureFixture[str]) -> None:
+    code, answer = run_json(capsys, "detector", "tune", "--lifts", "6", "--budget", "6")
+    assert code == 0
+    assert 2.0 < answer["threshold_counts"] < 30.0  # a moving arm is heard in a held object
+    assert 0.2 < answer["minutes"] < 0.6

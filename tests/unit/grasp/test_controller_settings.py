@@ -1,0 +1,43 @@
+"""What a grasp is told beforehand: its defaults, and what an answer has no use for."""
+
+import msgspec
+import pytest
+
+from grasp.controller_settings import ControllerSettings
+
+
+@pytest.mark.parametrize(
+    ("settings", "unread"),
+    [
+        (ControllerSettings(answer="stop_and_step"), set()),
+        (ControllerSettings(answer="stop_and_step", closing="constant"), {"top_up_speed_mps"}),
+        (
+            ControllerSettings(answer="stop_and_jump"),
+            {"step_n", "step_tries", "step_patience_s", "step_below_m", "margin_steps",
+             "margin_after_m"},
+        ),
+    ],
+)  # fmt: skip
+def test_settings_for_which_an_answer_has_no_use_are_named(
+    settings: ControllerSettings, unread: set[str]
+) -> None:
+    assert set(settings.unread) == unread
+
+
+def test_defaults_are_those_that_every_result_was_found_with() -> None:
+    assert msgspec.structs.asdict(ControllerSettings()) == {
+        "preshape_margin_counts": 15, "thumb_back_counts": 15, "approach_speed_mps": 0.11,
+        "grip_speed_mps": 0.022, "grip_force_n": 10.0, "closing_speed_mps": 0.11,
+        "closing": "two_stage", "top_up_speed_mps": 0.022, "relax_s": 0.3, "listen_s": 0.3,
+        "lift_height_m": 0.2, "lift_speed_mps": 0.1, "lift_acceleration_mps2": 0.5,
+        "answer": "stop_and_jump", "step_n": 1.5, "step_tries": 5, "step_patience_s": 0.25,
+        "step_below_m": 0.03, "margin_steps": 2, "margin_after_m": 0.01, "answer_stop_mps2": 8.0,
+        "resume_mps2": 0.5, "resume_quiet_s": 0.05, "useless_pause_s": 1.5,
+        "lower_speed_mps": 0.05, "landing_speed_mps": 0.005, "landing_margin_m": 0.003,
+        "landing_rise_n": 0.3, "landing_step_m": 0.0005, "landing_still_s": 0.5,
+        "landing_check_n": 0.08, "landing_most_share": 0.15, "landing_tries": 8, "retreat_m": 0.05,
+        "at_height_m": 0.001, "stop_deceleration_mps2": 1.0, "hold_s": 1.0, "cap_patience_s": 0.3,
+        "alarm_hold_s": 2.0, "hold_by_clock": False, "contact_n": 0.3, "contact_lost_s": 0.05,
+        "contact_gap_s": 0.1, "overload_s": 0.03, "stale_after_s": 0.1, "phase_timeout_s": 30.0,
+        "safe_state_s": 3.0, "repeat_s": 0.1, "keep": False, "firm": False, "reactions": True,
+    }  # fmt: skip

@@ -1,0 +1,61 @@
+"""Files that are whole or not there."""
+
+import os
+import threading
+from pathlib import Path
+
+import pytest
+
+from grasp.files import make_private_folder, write_whole
+
+
+@pytest.mark.parametrize(("private", "mode"), [(False, 0o644), (True, 0o600)])
+def test_a_file_takes_the_place_of_what_stood_there_and_leaves_nothing_beside(
+    private: bool, mode: int, tmp_path: Path
+) -> None:
+    before = os.umask(0o022)
+    try:
+        for content in (b"first", b"second"):
+            write_whole(tmp_path / "told.json", content, private)
+            assert (tmp_path / "told.json").read_bytes() == content
+    finally:
+        os.umask(before)
+    assert (tmp_path / "told.json").stat().st_mode & 0o777 == mode
+    assert [path.name for path in tmp_path.iterdir()] == ["told.json"]
+
+
+def test_what_is_no_file_is_written_to_and_stays_what_it_is(tmp_path: Path) -> None:
+    """As /dev/stdout is."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    read: list[bytes] = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()), daemon=True)
+    reader.start()
+    write_whole(pipe, b"told")
+    reader.join(10.0)
+    assert read == [b"told"]
+    assert pipe.is_fifo()
+
+
+def test_a_disk_that_takes_nothing_leaves_what_stood_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, content: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    write_whole(tmp_path / "told.json", b"first")
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="No space"):
+        write_whole(tmp_path / "told.json", b"second", private=True)
+    assert (tmp_path / "told.json").read_bytes() == b"first"
+    assert [path.name for path in tmp_path.iterdir()] == ["told.json"]
+
+
+def test_folders_that_are_made_on_the_way_are_their_users_alone(tmp_path: Path) -> None:
+    tmp_path.chmod(0o755)
+    make_private_folder(tmp_path / "runs" / "lift")
+    make_private_folder(tmp_path / "runs" / "lift")
+    modes = [path.stat().st_mode & 0o777 for path in (tmp_path, *tmp_path.rglob("*"))]
+    assert modes == [0o755, 0o700, 0o700]
+    with pytest.raises(FileExistsError):
+        make_private_folder(tmp_path / "runs", exist_ok=False)

@@ -1,0 +1,144 @@
+"""Calibrations with a person who mistypes, or a scale that says nothing; no devices."""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from drivers.errors import UsageError
+from scenarios.lab import sessions
+from scenarios.lab.fit import Line, Point, check_current, law_of, of_byte
+from scenarios.lab.scale import Presser, force_file, hand_file, reading
+from scenarios.lab.sessions import Weighing
+
+COUNTS_PER_NEWTON = 200.0
+
+
+class Person:
+    """Types those lines, one a question; keeps what was said."""
+
+    def __init__(self, *lines: str) -> None:
+        self.said: list[str] = []
+        self._lines = iter(lines)
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def poll(self) -> str | None:
+        return next(self._lines)
+
+
+@pytest.fixture
+def weigh(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[Weighing, Person]]:
+    """A pad under those loads in newtons, and what is typed of them."""
+
+    def weighing(loads_n: list[float], *lines: str) -> tuple[Weighing, Person]:
+        person, felt = Person(*lines), iter(loads_n)
+        monkeypatch.setattr(
+            sessions, "pad_counts", lambda *_: (COUNTS_PER_NEWTON * next(felt), False)
+        )
+        nothing = cast(Any, None)
+        return Weighing(nothing, nothing, "A", 15.0, person, lambda text: None), person
+
+    return weighing
+
+
+def taken(weighing: Weighing) -> list[float]:
+    while weighing.ask("what does it say?"):
+        pass
+    return [point.force_n for point in weighing.points]
+
+
+def test_zero_of_a_scale_is_no_reading_and_costs_none_of_the_others(
+    weigh: Callable[..., tuple[Weighing, Person]],
+) -> None:
+    forces = [0.5, 1.0, 2.0, 3.0, 4.0]
+    weighing, person = weigh(forces, "0 g", *(f"{n} N" for n in forces), "")
+    assert taken(weighing) == forces
+    assert "0 N is no load: Enter alone, if that is what the scale says" in person.said
+    assert weighing.fit().slope == pytest.approx(COUNTS_PER_NEWTON)
+
+
+def test_load_that_the_named_pad_does_not_feel_is_told_at_once(
+    weigh: Callable[..., tuple[Weighing, Person]],
+) -> None:
+    weighing, person = weigh([0.0, 2.0], "2 N", "2 N", "")
+    assert taken(weighing) == [2.0]
+    assert "fingertip A feels nothing of 2.00 N: load its pad" in person.said
+
+
+def test_correction_that_is_mistyped_too_is_asked_for_again(
+    weigh: Callable[..., tuple[Weighing, Person]],
+) -> None:
+    forces = [1.0, 2.0, 3.0, 4.0, 5.0]
+    typed = ["1 N", "2 N", "13 N", "4 N", "5 N"]
+    weighing, person = weigh(forces, *typed, "3", "99 N", "0 N", "3 N", "")
+    assert taken(weighing) == forces
+    assert "'3' is no reading: a number and its unit: N, g or kg" in person.said
+    assert "99.00 N is more than --up-to 15: less" in person.said
+
+
+class Finger:
+    """That always meets the scale, with those currents, mA."""
+
+    counts = 100
+
+    def __init__(self, currents_ma: list[int]) -> None:
+        self._currents_ma = iter(currents_ma)
+
+    def idle(self) -> None: ...
+
+    def to(self, counts: int, byte: int = 0) -> tuple[bool, int]:
+        return True, next(self._currents_ma) if counts == sessions.CLOSED else 0
+
+
+def presses(currents_ma: list[int], *lines: str) -> tuple[list[float], list[Point]]:
+    seen: list[Point] = []
+    finger = cast(Presser, Finger(currents_ma))
+    person = Person(*lines)
+    forces = sessions.pressed(finger, 0, len(currents_ma), 20.0, person, seen)
+    return forces, seen
+
+
+def test_press_that_was_mistyped_and_corrected_is_so_for_its_current_too() -> None:
+    typed = ["10.5 N", "2 N", "11.5 N", "12 N", "11 N"]
+    forces, seen = presses([300, 350, 400, 450], *typed)
+    assert forces == [10.5, 11.0, 11.5, 12.0]
+    assert [point.force_n for point in seen] == forces
+    assert check_current(seen).endswith("rising with force")
+
+
+def test_press_that_contradicts_the_others_though_typed_rightly_ends_it() -> None:
+    with pytest.raises(UsageError, match=r"press 4, 15.00 N, contradicts the others .*, twice"):
+        presses([300] * 4, "10 N", "10 N", "10 N", "15 N", "15 N")
+
+
+def test_scale_that_says_nothing_is_asked_again() -> None:
+    person = Person("0 N", "16 N", "10 N")
+    assert reading(person, "what?", lambda: None, 15.0) == 10.0
+    assert person.said[1] == "0.00 N is no press: typed rightly?"
+    assert person.said[3] == "16.00 N is more than --up-to 15: typed rightly?"
+
+
+def hand_of(newtons: float, travel: object = None) -> str:
+    known = [of_byte(0, [newtons] * 10)]
+    return hand_file("A", known, law_of(known), cast(Line, travel), "")
+
+
+MM = SimpleNamespace(slope=0.08, interval=(0.08, 0.08), worst=0.0, points=5)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: hand_of(0.2),
+        lambda: hand_of(31.0),
+        lambda: hand_of(12.0, MM),
+        lambda: force_file("A", Line(2e5, (2e5, 2e5), 0.0, 0.001, 0.01, 5)),
+    ],
+    ids=["too weak", "too strong", "ruler read in centimetres", "kilograms typed as grams"],
+)
+def test_calibration_that_no_run_would_take_is_not_written(make: Callable[[], str]) -> None:
+    with pytest.raises(UsageError, match="no hand is like that"):
+        make()

@@ -1,0 +1,170 @@
+"""Motions of the hand as short steps, on a modelled hand in virtual time: what a frozen link leaves
+to be done, and what is done where it answers."""
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from drivers.errors import GraspError, LinkLost
+from drivers.robotiq.calibration import GripperCalibration
+from drivers.robotiq.model.gripper import HandSettings
+from grasp.clock import VirtualClock
+from scenarios.lab.hand import Hand
+from scenarios.lab.scale import BACK_COUNTS, Presser
+from scenarios.lab.steps import LEAD_M, Steps, lead_counts
+from tests.calibrations import MANUAL, PAPER
+from tests.unit.drivers.robotiq.conftest import MS, Rig, Springs
+from tests.unit.scenarios.conftest import config
+
+LAB = config("gripper.calibration=paper")
+LEAD = lead_counts(PAPER.m_per_count)
+LATE = 2  # counts that a finger has gone further than was seen: 50 ms
+OPEN = 6
+NOTHING, SCALE = Springs((0, 0, 0), (1, 1, 1)), Springs((2500, 0, 0), (0.08, 1, 1))  # N/m, m
+
+AllThree = tuple[int, int, int]
+
+
+class Bench:
+    """A hand that is moved by hand, its link freezing once finger A or B is so far closed, and how
+    fast it is in every millisecond."""
+
+    def __init__(
+        self,
+        springs: Springs = NOTHING,
+        freeze: Callable[[AllThree], bool] | None = None,
+        calibration: GripperCalibration = PAPER,
+    ) -> None:
+        self.rig = Rig(HandSettings(), calibration, springs=springs)
+        self.freeze = freeze
+        self.clock = VirtualClock(self._advance)
+        self.speeds: list[float] = []
+        self.heard: list[str] = []
+        self.rig.driver.pump(0)
+        self.hand = Hand(LAB, self.rig.driver, None, self.clock, "grasp release")
+        self.presser = Presser(self.rig.driver, self.clock, "A", 16.0)
+
+    def _advance(self, t_ns: int) -> None:
+        while self.rig.now_ns < t_ns:
+            self.rig.advance(1)
+            self.speeds.append(float(self.rig.model.velocity_mps.max()))
+            if self.freeze is not None and self.freeze(self.places):
+                self.frozen_at, self.freeze = self.places, None
+                self.rig.transport.down = True
+
+    @property
+    def places(self) -> AllThree:
+        a, b, c = np.round(self.rig.model.travel_m / PAPER.m_per_count).astype(int).tolist()
+        return a, b, c
+
+    def close(self, *targets: int) -> None:
+        self.hand.move(targets, self.heard.append)
+
+    def later(self) -> AllThree:
+        """Where the fingers have come to stand in the end."""
+        self._advance(self.rig.now_ns + 15_000 * MS)
+        return self.places
+
+
+@pytest.mark.parametrize(
+    "targets", [(255, OPEN, OPEN), (OPEN, 255, 255), (255, 255, 255)], ids=["A", "BC", "ABC"]
+)
+def test_frozen_link_leaves_no_more_than_one_short_step(targets: AllThree) -> None:
+    bench = Bench(freeze=lambda at: max(at) >= 50)
+    with pytest.raises(LinkLost):
+        bench.close(*targets)
+    further = [end - at for end, at in zip(bench.later(), bench.frozen_at, strict=True)]
+    assert max(further) <= LEAD <= LEAD_M / PAPER.m_per_count
+    assert [way > 0 for way in further] == [target == 255 for target in targets]
+    told = re.search(r"told to go to \((.*)\) counts and no further", bench.heard[0])
+    assert told is not None
+    assert bench.places == tuple(map(int, told[1].split(", ")))
+
+
+def test_frozen_link_stops_an_opening_as_well() -> None:
+    bench = Bench()
+    bench.close(100, OPEN, OPEN)
+    bench.freeze = lambda at: at[0] <= 60
+    with pytest.raises(LinkLost):
+        bench.close(0, OPEN, OPEN)
+    assert bench.frozen_at[0] - bench.later()[0] <= LEAD
+
+
+def test_frozen_link_stops_a_press_on_its_way_to_the_scale() -> None:
+    bench = Bench(SCALE, freeze=lambda at: at[0] >= 90)
+    with pytest.raises(LinkLost):
+        bench.presser.to(255)
+    assert bench.later()[0] <= 90 + LEAD
+    bench.presser.back_off(bench.heard.append, "grasp release")
+    assert "NOT SEEN TO BACK OFF" in bench.heard[0]
+
+
+def test_fingers_do_not_stop_between_two_steps() -> None:
+    bench = Bench()
+    bench.close(200, 200, 200)
+    assert bench.places == (200, 200, 200)
+    speeds = np.array(bench.speeds)
+    (moving,) = np.nonzero(speeds > 0.0)
+    within = speeds[moving[0] + 200 : moving[-1] - 200]
+    assert within.min() > 0.95 * PAPER.least_speed_mps
+
+
+def test_closing_goes_all_the_way_where_nothing_is_and_opening_back() -> None:
+    bench = Bench()
+    bench.close(255, OPEN, OPEN)
+    assert bench.places == (240, OPEN, OPEN)  # the hand's own limit
+    bench.close(0, 0, 0)
+    assert bench.places == (OPEN, OPEN, OPEN)
+
+
+def test_press_has_its_whole_force_though_it_is_told_step_by_step() -> None:
+    bench = Bench(SCALE, calibration=MANUAL)
+    met, _ = bench.presser.to(255)
+    assert met
+    assert bench.rig.springs.force_n(bench.rig.model.travel_m)[0] == pytest.approx(10.0, abs=0.5)
+    at = bench.places[0]
+    bench.presser.back_off(bench.heard.append, "grasp release --rig hardware")
+    assert bench.later()[0] == at - BACK_COUNTS
+    assert "`grasp release --rig hardware`" in bench.heard[0]
+
+
+def test_finger_that_touches_something_stands_there() -> None:
+    bench = Bench(SCALE)
+    touched = [False]
+
+    def feels() -> bool:
+        touched[0] = touched[0] or bench.places[0] >= 60
+        return touched[0]
+
+    met, _ = bench.presser.to(200, touched=feels)
+    assert met
+    assert abs(bench.later()[0] - 60) <= LATE
+
+
+def test_what_a_fault_of_the_hand_stops_ends_in_time() -> None:
+    bench = Bench()
+
+    def jam(at: AllThree) -> bool:
+        if at[0] >= 50:
+            bench.rig.model.swallows = True
+        return False
+
+    bench.freeze = jam
+    begun_ns = bench.clock.now_ns
+    with pytest.raises(GraspError, match="did not come to rest"):
+        bench.close(200, OPEN, OPEN)
+    assert bench.clock.now_ns - begun_ns < 20_000 * MS
+
+
+def test_step_goes_neither_back_nor_past_its_target() -> None:
+    rig = Rig(HandSettings(), PAPER)
+    rig.driver.pump(0)
+    steps = Steps((OPEN, OPEN, OPEN), (8, 0, OPEN), LEAD)
+    assert steps.next(rig.state) == (8, 1, OPEN)
+    assert steps.next(rig.state) is None
+
+
+def test_lead_is_a_count_at_least() -> None:
+    assert [lead_counts(m) for m in (0.00077, 0.0012, 0.004, 0.01)] == [5, 3, 1, 1]

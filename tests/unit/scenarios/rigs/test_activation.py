@@ -1,0 +1,68 @@
+"""A rig waits for a hand that is ready, whatever it said before."""
+
+import pytest
+
+from drivers.errors import Refused
+from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.model.gripper import HandSettings
+from grasp.clock import VirtualClock
+from scenarios.rigs.rig import activate
+from tests.calibrations import PAPER
+from tests.unit.drivers.robotiq.conftest import MS, Rig
+
+
+def made(active: bool) -> tuple[Rig, VirtualClock]:
+    rig = Rig(HandSettings(activation_s=3.0), PAPER, active=active)
+
+    def advance(t_ns: int) -> None:
+        while rig.now_ns < t_ns:
+            rig.advance(1)
+
+    return rig, VirtualClock(advance)
+
+
+@pytest.mark.parametrize("code", [0x09, 0x0A, 0x0C])
+def test_hand_that_is_active_and_reports_a_fault_is_waited_for_until_it_is_active_anew(
+    code: int,
+) -> None:
+    rig, clock = made(active=True)
+    rig.model.inject_fault(code)
+    clock.sleep_until_ns(100 * MS)
+    activate(rig.driver, clock)
+    assert clock.now_ns > 3_000 * MS
+    for _ in range(50):
+        clock.sleep_until_ns(clock.now_ns + 10 * MS)
+        rig.driver.pump(clock.now_ns)
+        assert rig.state.active
+        assert not rig.state.fault
+
+
+@pytest.mark.parametrize(("active", "least_ms", "most_ms"), [(True, 0, 0), (False, 3_000, 3_500)])
+def test_hand_is_waited_for_no_longer_than_it_takes(
+    active: bool, least_ms: int, most_ms: int
+) -> None:
+    rig, clock = made(active)
+    activate(rig.driver, clock)
+    assert least_ms * MS <= clock.now_ns <= most_ms * MS
+
+
+def test_hand_that_is_not_active_and_stands_closed_is_activated_only_by_leave_to_drop() -> None:
+    """As after a power cut: a run would open it without a question, and what it holds falls."""
+    rig, clock = made(active=True)
+    rig.driver.move_to((60, 60, 60), 0.1, 15.0)
+    for _ in range(300):
+        clock.sleep_until_ns(clock.now_ns + 10 * MS)
+        rig.driver.pump(clock.now_ns)
+    assert rig.state.positions == (60, 60, 60)
+    rig.model.power_cycle()
+    clock.sleep_until_ns(clock.now_ns + 1_000 * MS)
+    rig.driver = RobotiqDriver(rig.transport, DriverSettings(), PAPER)  # of another run
+    rig.driver.pump(clock.now_ns)
+    assert not rig.state.active
+    at = rig.state.positions
+    with pytest.raises(Refused, match="not active and stands closed"):
+        activate(rig.driver, clock)
+    clock.sleep_until_ns(clock.now_ns + 1_000 * MS)
+    assert rig.state.positions == at
+    activate(rig.driver, clock, dropping=True)
+    assert rig.state.is_open

@@ -1,0 +1,148 @@
+"""Clients that pip installs and this project does not need, as programs of their own.
+
+pip install --no-deps urx==0.11.0 'math3d<4' urinterface==0.0.5
+python pip_clients.py SCENARIO HOST FAULT_PORT        exit code 77: the client is not installed
+"""
+
+import collections
+import collections.abc
+import contextlib
+import itertools
+import json
+import os
+import socket
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+NOT_INSTALLED = 77
+PATIENCE_S = 20.0
+PLACE_M = (0.5, 0.1, 0.3)
+FIELDS = {
+    "timestamp": "DOUBLE", "actual_q": "VECTOR6D", "actual_qd": "VECTOR6D",
+    "actual_TCP_pose": "VECTOR6D", "robot_mode": "INT32", "safety_mode": "INT32",
+    "safety_status": "INT32", "runtime_state": "UINT32",
+}  # fmt: skip
+
+
+def until(holds):
+    deadline = time.monotonic() + PATIENCE_S
+    while not (found := holds()):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    return found
+
+
+def near(found, wanted, within=1e-4):
+    return all(abs(a - b) < within for a, b in zip(found, wanted, strict=False))
+
+
+def connected(host, **options):
+    """A robot of urx, which gives up after 0.5 s without news: asked again."""
+    collections.Iterable = collections.abc.Iterable  # math3d 3 is for Python 3.9 at most
+    import urx
+
+    def robot():
+        with contextlib.suppress(urx.ursecmon.TimeoutException):
+            return urx.Robot(host, **options)
+
+    return until(robot)
+
+
+def urx_moves(host, _):
+    robot = connected(host)
+    base, *others = robot.getj()
+    assert near(robot.getl(), PLACE_M)
+    robot.movej([base + 0.05, *others], acc=0.5, vel=0.3, wait=False)
+    until(lambda: near(robot.getj(), [base + 0.05, *others]))
+    x, y, z, *turn = robot.getl()
+    robot.movel([x, y, z + 0.02, *turn], acc=0.3, vel=0.1, wait=False)
+    until(lambda: near(robot.getl(), (x, y, z + 0.02)))
+    robot.movel([x, y, z - 0.1, *turn], acc=0.3, vel=0.02, wait=False)
+    until(lambda: robot.getl()[2] < z + 0.015)
+    robot.stopl()
+    time.sleep(1.0)
+    stood = robot.getl()
+    assert stood[2] > z - 0.02
+    time.sleep(0.3)
+    assert near(robot.getl(), stood)
+
+
+def urx_speeds(host, fault_port):
+    """It names the time `t_min`, as URScript did once."""
+    connected(host).speedl([0.0, 0.0, 0.02, 0.0, 0.0, 0.0], 0.3, 5.0)
+
+    def told():
+        with socket.create_connection((host, fault_port)) as sock:
+            sock.sendall(b'{"do": "state"}\n')
+            return "t_min" in sock.recv(1 << 16).decode()
+
+    until(told)
+
+
+def urx_waits(host, _):
+    """It knows mode packages of 38 and 46 bytes; those of a robot have had 47 since 3.5."""
+    robot = connected(host)
+    base, *others = robot.getj()
+    try:
+        robot.movej([base + 0.05, *others], acc=0.5, vel=0.3)
+    except Exception as error:
+        assert str(error) == "Robot stopped", error
+    else:
+        raise AssertionError("it has waited")
+    until(lambda: near(robot.getj(), [base + 0.05, *others]))
+
+
+def urx_real_time(host, fault_port):
+    robot = connected(host, use_rt=True)
+    base, *others = robot.rtmon.q_actual(wait=True)
+    assert near(robot.rtmon.tcf_pose(wait=True), PLACE_M)
+    robot.movej([base + 0.05, *others], acc=0.5, vel=0.3, wait=False)
+    until(lambda: near(robot.rtmon.q_actual(wait=True), [base + 0.05, *others]))
+    with socket.create_connection((host, fault_port)) as sock:
+        sock.sendall(json.dumps({"do": "wrench", "value": [1, 2, 3, 0, 0, 0]}).encode() + b"\n")
+        until(lambda: near(robot.rtmon.tcf_force(wait=True), (1, 2, 3)))
+
+
+def urinterface(host, _):
+    """It brings UR's Python RTDE client along, and records as its `record.py` does."""
+    from urinterface.robot_connection import RobotConnection
+
+    fields = "".join(f'<field name="{name}" type="{kind}"/>' for name, kind in FIELDS.items())
+    recipe, out = (Path(tempfile.mkdtemp()) / name for name in ("record.xml", "out.csv"))
+    recipe.write_text(f'<rtde_config><recipe key="out">{fields}</recipe></rtde_config>')
+    robot = RobotConnection(host, socket.socket(), socket.socket())
+
+    def recorded(samples):
+        robot.record_samples(str(recipe), str(out), overwrite=True, frequency=125, samples=samples)
+        head, *rows = (line.split(" ") for line in out.read_text().splitlines())
+        return [dict(zip(head, map(float, row), strict=True)) for row in rows]
+
+    rows = recorded(50)
+    times = [row["timestamp"] for row in rows]
+    assert all(abs(b - a - 0.008) < 1e-6 for a, b in itertools.pairwise(times))
+    names = [f"actual_q_{i}" for i in range(6)]
+    base, *others = (rows[-1][name] for name in names)
+    import numpy as np
+
+    robot.movej(q=np.array([base + 0.05, *others]), v=0.3, a=0.5)
+    until(lambda: near([recorded(1)[0][name] for name in names], [base + 0.05, *others]))
+    assert robot.load_program("wait_program.urp")
+    assert robot.play_program()
+    assert robot.stop_program()
+
+
+if __name__ == "__main__":
+    try:
+        globals()[sys.argv[1]](sys.argv[2], int(sys.argv[3]))
+    except ImportError as error:
+        print(error)
+        code = NOT_INSTALLED
+    except BaseException as error:  # their threads would keep the program going
+        print(repr(error))
+        code = 1
+    else:
+        code = 0
+    sys.stdout.flush()
+    os._exit(code)
