@@ -11,12 +11,14 @@ from collections.abc import Callable, Iterator
 from ipaddress import ip_address
 from multiprocessing import resource_tracker
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import hypothesis
 import pytest
 
 GRACE_S = 2.0  # what is on its way out may take this long
+CALLERS = 4  # of whoever made a socket that is left behind
 
 hypothesis.settings.register_profile("local", deadline=None, print_blob=True)
 hypothesis.settings.register_profile("ci", deadline=None, print_blob=True, derandomize=True)
@@ -60,6 +62,40 @@ def sockets() -> set[str]:
     return found
 
 
+opened: dict[int, str] = {}  # by descriptor, where a socket was made
+
+
+def remembered(init: Callable[..., None]) -> Callable[..., None]:
+    """The lines that led to a socket, the innermost first, without the library's own."""
+
+    def noted(self: socket.socket, *args: Any, **options: Any) -> None:
+        init(self, *args, **options)
+        lines: list[str] = []
+        frame: FrameType | None = sys._getframe(1)
+        while frame is not None and len(lines) < CALLERS:
+            code = frame.f_code
+            if code.co_filename != socket.__file__:
+                lines.append(f"{Path(code.co_filename).name}:{frame.f_lineno} {code.co_name}")
+            frame = frame.f_back
+        opened[self.fileno()] = " < ".join(lines)
+
+    return noted
+
+
+def told(name: str) -> str:
+    """Of a socket also its addresses and, if it was made here, where."""
+    kind, _, number = name.removesuffix(")").partition(" (descriptor ")
+    if not kind.startswith("socket:"):
+        return name
+    descriptor, ends = int(number), []
+    made = opened.get(descriptor, "somewhere unknown")
+    with contextlib.suppress(OSError), socket.socket(fileno=os.dup(descriptor)) as same:
+        for end, call in (("at", same.getsockname), ("to", same.getpeername)):
+            with contextlib.suppress(OSError):  # it has no peer
+                ends.append(f"{end} {call() or 'no name'}")
+    return f"{name} {' '.join(ends) or 'closed by now'}, made at {made}"
+
+
 def held() -> set[str]:
     return threads() | children() | sockets()
 
@@ -73,7 +109,7 @@ def nothing_left_behind() -> Iterator[None]:
     while (left := held() - before) and time.monotonic() < deadline:
         time.sleep(0.01)
     if left:
-        pytest.fail("left behind: " + ", ".join(sorted(left)), pytrace=False)
+        pytest.fail("left behind: " + ", ".join(told(name) for name in sorted(left)), pytrace=False)
 
 
 def is_here(address: Any) -> bool:
@@ -104,4 +140,5 @@ def loopback_only() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for name in ("connect", "connect_ex", "sendto"):
             patch.setattr(socket.socket, name, only_here(getattr(socket.socket, name)))
+        patch.setattr(socket.socket, "__init__", remembered(socket.socket.__init__))
         yield

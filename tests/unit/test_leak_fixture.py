@@ -40,6 +40,12 @@ def test_socket():
     kept.append(socket.create_server(("127.0.0.1", 0)))
 
 
+def test_connection():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        kept.append(socket.create_connection(server.getsockname()))
+        kept.append(server.accept()[0])
+
+
 def test_far_away():
     with socket.socket() as far, pytest.raises(AssertionError, match="loopback only"):
         far.connect(("192.0.2.1", 502))
@@ -92,7 +98,7 @@ def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     run = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-rA", "-p", "no:cacheprovider", "-W", "error"],
         cwd=folder,
-        env=os.environ | {"GRASP_CONFIG": "/lab"},
+        env=os.environ | {"GRASP_CONFIG": "/lab", "COLUMNS": "2000"},  # messages in full
         capture_output=True,
         text=True,
         timeout=60,
@@ -115,6 +121,22 @@ def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 )
 def test_a_leak_fails_its_test(outcomes: dict[str, str], test: str, left: str) -> None:
     assert re.match(rf"Failed: left behind: {left}\b", outcomes[test])
+
+
+def test_a_socket_left_behind_is_told_with_its_addresses_and_where_it_was_made(
+    outcomes: dict[str, str],
+) -> None:
+    assert re.search(
+        r"at \('127.0.0.1', \d+\), made at test_planted.py:\d+ test_socket\b",
+        outcomes["test_socket"],
+    )
+    ends = re.findall(
+        r"at \('127.0.0.1', (\d+)\) to \('127.0.0.1', (\d+)\), made at "
+        r"test_planted.py:\d+ test_connection\b",
+        outcomes["test_connection"],
+    )
+    (one, other), back = ends
+    assert back == (other, one)
 
 
 @pytest.mark.parametrize(
