@@ -1,8 +1,8 @@
 """Which faults there are and when they strike: generated, nothing is picked by hand.
 
 Every field of every device's state in every way that it can be wrong, every command, every link,
-the loop, the detector; each in every phase of a lift, with and without recovery, at three moments
-in turn; then pairs drawn by a seed.
+the loop, the detector; each at three moments of every phase of a lift, with and without recovery in
+turn; then pairs drawn by a seed.
 """
 
 import random
@@ -42,6 +42,8 @@ SCENES = (
     ("can", 0), ("box", 1), ("ball", 1), ("foam", 0), ("cardboard", 2), ("football", 0),
 )  # fmt: skip
 TOUCHING = (("can", 2), ("can", 4))  # the way down comes to a touch and a probe
+LONG_APPROACH = tuple(scene for scene in SCENES if scene[0] != "ball")  # which is over in 10 ticks
+STRUCK = {Phase.TOUCH: TOUCHING, Phase.PROBE: TOUCHING, Phase.APPROACH: LONG_APPROACH}
 
 
 class Fault(msgspec.Struct, frozen=True):
@@ -117,16 +119,16 @@ def plan() -> list[Case]:
 
 
 def _alone(fault: Fault, phase: Phase, turn: int) -> Iterator[Case]:
-    for k, recovers in enumerate((False, True)):
+    """Recovery alternates from moment to moment, so that each phase has both."""
+    for k, ticks in enumerate(MOMENTS):
         name, seed = _scene(phase, turn + k)
-        ticks = MOMENTS[(turn + k) % len(MOMENTS)]
-        yield Case(0, name, seed, fault, phase, ticks, recovers)
+        yield Case(0, name, seed, fault, phase, ticks, recovers=bool((turn + k) % 2))
 
 
 def _scene(phase: Phase, turn: int) -> tuple[str, int]:
-    """A turn of three is one of moments: the scene changes after it."""
-    scenes = TOUCHING if phase in (Phase.TOUCH, Phase.PROBE) else SCENES
-    return scenes[turn // len(MOMENTS) % len(scenes)]
+    """With and without recovery before the scene changes."""
+    scenes = STRUCK.get(phase, SCENES)
+    return scenes[turn // 2 % len(scenes)]
 
 
 def _pair(chance: random.Random) -> Case:

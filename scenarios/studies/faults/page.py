@@ -9,11 +9,10 @@ from grasp.phases import Phase
 from scenarios.studies.faults.cases import PHASES, plan
 from scenarios.studies.faults.declared import DECLARED
 from scenarios.studies.faults.run import OFF_TABLE_M, Ended
-from scenarios.studies.faults.verdict import CHECKS, declared, fell, problems
+from scenarios.studies.faults.verdict import CHECKS, TOUCH_N, declared, fell, gripped, problems
 
 COMMAND = "make faults"
 CODE = "@trial,scenarios/lift,scenarios/studies/faults"
-OPEN_N = 0.05
 LONGEST = 90  # characters of a message
 NOT_ON_THE_WAY = re.compile(r"\d+(\.\d+)?")
 
@@ -38,8 +37,11 @@ def generated(ended: Sequence[Ended], codes: Sequence[str], detector: str) -> st
 
 def _head(ended: Sequence[Ended], codes: Sequence[str]) -> str:
     fallen = sum(bool(fell(e)) for e in ended)
+    late = sum(e.struck and e.struck_in != e.case.phase for e in ended)
+    unstruck = sum(not e.struck and e.case.fault is not None for e in ended)
     return (
         f"{len(ended)} of {len(plan())} planned runs, {fallen} fell; made at {', '.join(codes)}.\n"
+        f"{late} were struck when their phase was over already, {unstruck} never.\n"
     )
 
 
@@ -66,13 +68,24 @@ def _figures(runs: Sequence[Ended]) -> list[object]:
     safe = [e for e in runs if e.noticed_s is not None]
     stood = sum(e.later_arm_mps == 0.0 and e.later_fingers_mps == 0.0 for e in runs)
     return [
-        len(runs), len(safe), _seconds(e.noticed_s for e in safe), _seconds(e.safe_s for e in safe),
-        stood, f"{max(e.peak_n for e in runs):.1f}",
+        len(runs), len(safe), _seconds(e.noticed_s for e in safe), _seconds(e.arm_s for e in safe),
+        _seconds(e.hand_s for e in safe), _holds(runs), stood,
+        f"{max(e.peak_n for e in runs):.1f}",
     ]  # fmt: skip
 
 
+def _holds(runs: Sequence[Ended]) -> str:
+    """Of those that pressed on something when the safe state began: how many did so throughout,
+    and the least of it."""
+    least = [e.least_n for e in runs if gripped(e) and e.least_n is not None]
+    kept = [n for n in least if n > TOUCH_N]
+    with_n = f", {min(kept):.1f} N" if kept else ""
+    return f"{len(kept)} of {len(least)}{with_n}" if least else ""
+
+
 FIGURES = (
-    "runs", "safe state", "after, s", "stands after, s", "nothing moves", "peak, N",
+    "runs", "safe state", "after, s", "arm stands, s", "hand stands, s", "hand holds",
+    "nothing moves", "peak, N",
 )  # fmt: skip
 PARTS = {"state": ": a field of its state", "command": ": a command", "link": ": its link"}
 
@@ -117,7 +130,7 @@ def _object(end: Ended) -> str:
         return "fell"
     if end.height_m > OFF_TABLE_M:
         return "held in the air"
-    return "in the hand, on the table" if end.later_pressed_n > OPEN_N else "on the table"
+    return "in the hand, on the table" if end.later_pressed_n > TOUCH_N else "on the table"
 
 
 def _slid(runs: Sequence[Ended]) -> str:

@@ -45,6 +45,7 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True):
 
     case: Case
     struck: bool  # whether the phase ever came
+    struck_in: str  # the phase that was under way then; empty: it was not struck
     outcome: str
     phase: str  # the last one but for the safe state
     cause: str
@@ -54,12 +55,15 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True):
     unreached: tuple[str, ...] = ()
     finished: bool
     noticed_s: float | None  # from the fault to the safe state
-    safe_s: float | None  # from there until arm and fingers stood for good
+    arm_s: float | None  # from there until the arm stood for good
+    hand_s: float | None  # and the fingers
     arm_mps: float  # at the end of the run
     later_arm_mps: float
     later_fingers_mps: float
     peak_n: float
-    pressed_n: float  # at the end, by the most loaded finger
+    entered_n: float | None  # when the safe state began, by the most loaded finger
+    least_n: float | None  # the least of it from there until long after
+    pressed_n: float  # at the end
     later_pressed_n: float
     held_before: bool  # in the air and at rest in the hand when it struck
     lifted_m: float  # the highest that the object came
@@ -137,14 +141,22 @@ class Seen:
     def __init__(self, cell: SimulatedCell) -> None:
         self._cell = cell
         self._last: Truth | None = None
-        self.moved_ns = 0
+        self.arm_moved_ns = self.hand_moved_ns = 0
         self.lifted_m = self.let_go_m = self.slid_m = 0.0
         self.at_strike: Truth | None = None
+        self.entered_n: float | None = None
+        self.least_n: float | None = None
 
-    def take(self, truth: Truth, struck: bool) -> None:
-        fingers = np.abs(self._cell.gripper.velocity_mps).max()
-        if speed(self._cell, truth.t_ns) > 0.0 or fingers > 0.0:
-            self.moved_ns = truth.t_ns
+    def take(self, truth: Truth, struck: bool, safe: bool) -> None:
+        """``safe``: the safe state has begun."""
+        if speed(self._cell, truth.t_ns) > 0.0:
+            self.arm_moved_ns = truth.t_ns
+        if np.abs(self._cell.gripper.velocity_mps).max() > 0.0:
+            self.hand_moved_ns = truth.t_ns
+        if struck and safe:
+            most_n = max(truth.normal_n)
+            self.entered_n = most_n if self.entered_n is None else self.entered_n
+            self.least_n = most_n if self.least_n is None else min(self.least_n, most_n)
         self.lifted_m = max(self.lifted_m, truth.height_m)
         last, self._last = self._last, truth
         if not struck or last is None:
@@ -256,32 +268,36 @@ def _run(name: str, seed: int, branches: Branches) -> Ended:
     attack.pads.of(cell.board)
     attack.arm.clock = rig.clock
     attack.detector = FailingDetector(config.make_detector(FINGERS), rig.clock)
-    seen = Seen(cell)
+    seen, struck_in = Seen(cell), ""
 
     def watch(tick: Tick, truth: Truth | None, controller: Any) -> None:
+        nonlocal struck_in
         if (case := branches.due(tick.decision.phase)) is not None:
+            struck_in = tick.decision.phase.value
             attack.begin(case, rig.clock.now_ns)
         attack.tick(rig.clock.now_ns)
         if truth is not None:
-            seen.take(truth, bool(attack.struck_ns))
+            seen.take(truth, bool(attack.struck_ns), tick.decision.phase in SAFE_PHASES)
 
     trial = run_trial(config, rig, make_guard(config), watch, detector=attack.detector)
     at_end, arm_mps, ran_s = cell.truth(), speed(cell, rig.clock.now_ns), rig.clock.now_ns * 1e-9
-    _wait(rig, attack.flush, lambda: seen.take(cell.truth(), bool(attack.struck_ns)))
+    safe = trial.controller.phase in SAFE_PHASES
+    _wait(rig, attack.flush, lambda: seen.take(cell.truth(), bool(attack.struck_ns), safe))
     later = cell.truth()
     outcome = lift.judge(config, seed, trial, None).outcome
     failure, said = trial.failure(config, outcome), trial.end(config) or End("", "", "")
-    noticed_s, safe_s = _delays(trial, attack.struck_ns, seen.moved_ns)
+    noticed_s, arm_s, hand_s = _delays(trial, attack.struck_ns, seen)
     return Ended(
         case=branches.case or Case(0, name, seed, None), struck=bool(attack.struck_ns),
-        outcome=outcome, phase=_phase(trial),
+        struck_in=struck_in, outcome=outcome, phase=_phase(trial),
         cause=trial.controller.fault_cause, message="" if failure is None else failure.message,
         arm=said.arm, hand=said.hand, unreached=said.unreached,
         finished=trial.controller.finished and _in_time(trial),
-        noticed_s=noticed_s, safe_s=safe_s,
+        noticed_s=noticed_s, arm_s=arm_s, hand_s=hand_s,
         arm_mps=arm_mps, later_arm_mps=speed(cell, rig.clock.now_ns),
         later_fingers_mps=float(np.abs(cell.gripper.velocity_mps).max()),
-        peak_n=max(later.peak_n), pressed_n=max(at_end.normal_n),
+        peak_n=max(later.peak_n), entered_n=seen.entered_n, least_n=seen.least_n,
+        pressed_n=max(at_end.normal_n),
         later_pressed_n=max(later.normal_n), held_before=seen.held_before,
         lifted_m=seen.lifted_m, let_go_m=seen.let_go_m, slid_m=seen.slid_m,
         height_m=later.height_m, slip_mps=abs(later.slip_speed_mps), ran_s=ran_s,
@@ -289,14 +305,16 @@ def _run(name: str, seed: int, branches: Branches) -> Ended:
 
 
 def _delays(
-    trial: FinishedTrial, struck_ns: Sequence[int], moved_ns: int
-) -> tuple[float | None, float | None]:
-    """From the first fault to the safe state, and from there until nothing moved any more, s; None
-    where no safe state was entered."""
+    trial: FinishedTrial, struck_ns: Sequence[int], seen: Seen
+) -> tuple[float | None, float | None, float | None]:
+    """From the first fault to the safe state, and from there until the arm and until the fingers
+    moved no more, s; None where no safe state was entered."""
     entered = [e.t_ns for e in trial.controller.machine.log if e.phase in SAFE_PHASES]
     if not entered or not struck_ns:
-        return None, None
-    return (entered[0] - struck_ns[0]) * 1e-9, max(0, moved_ns - entered[0]) * 1e-9
+        return None, None, None
+    noticed_s = (entered[0] - struck_ns[0]) * 1e-9
+    arm_s = max(0, seen.arm_moved_ns - entered[0]) * 1e-9
+    return noticed_s, arm_s, max(0, seen.hand_moved_ns - entered[0]) * 1e-9
 
 
 def _wait(rig: Rig[Any, Any], flush: Callable[[int], None], look: Callable[[], None]) -> None:

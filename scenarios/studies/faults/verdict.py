@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable
 
-from grasp.phases import AIRBORNE_PHASES
+from grasp.phases import AIRBORNE_PHASES, Phase
 from scenarios.lift.scoring import SUCCESSES
 from scenarios.studies.faults.declared import DECLARED, Declared
 from scenarios.studies.faults.run import SLIDES_MPS, Ended
@@ -13,6 +13,8 @@ LET_GO_M = 0.003  # in the air
 SLID_M = 0.015  # so far down in the hand, in the air, is no holding
 GRIPPED_N = 7.0  # of a hand that is closed to the limit, though the object slipped since
 FELT_N = 1.0
+TOUCH_N = 0.05  # less is nothing
+OPENS = frozenset({Phase.RELEASE.value, Phase.RETREAT.value})  # on the table, and told to let go
 BLAMED = {
     "gripper": r"gripper|\bhand\b|\bfingers?\b|thumb",
     "arm": r"\barm\b|\barm_",
@@ -41,6 +43,19 @@ def pressed(end: Ended) -> str:
 def moving(end: Ended) -> str:
     parts = {"arm": end.later_arm_mps, "fingers": end.later_fingers_mps}
     return ", ".join(f"{part} at {mps:.3f} m/s" for part, mps in parts.items() if mps > 0.0)
+
+
+def gripped(end: Ended) -> bool:
+    """Whether the hand pressed on something when the safe state began."""
+    return end.entered_n is not None and end.entered_n > FELT_N
+
+
+def loosened(end: Ended) -> str:
+    """A hand that held something when the safe state began, in the air or on the table, and lets
+    go; one that was opening may go on, and a dropped object is found by another check."""
+    if not gripped(end) or end.phase in OPENS or dropped(end) or end.least_n is None:
+        return ""
+    return f"from {end.entered_n:.1f} N to none" if end.least_n <= TOUCH_N else ""
 
 
 def timed_out(end: Ended) -> str:
@@ -74,8 +89,8 @@ def blames_another(end: Ended) -> bool:
 
 
 CHECKS: dict[str, Callable[[Ended], str]] = {
-    "dropped": dropped, "force": pressed, "moving": moving, "time-out": timed_out,
-    "misleading": misled,
+    "dropped": dropped, "force": pressed, "moving": moving, "hand": loosened,
+    "time-out": timed_out, "misleading": misled,
 }  # fmt: skip
 
 

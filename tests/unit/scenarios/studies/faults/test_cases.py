@@ -1,6 +1,6 @@
 """The plan of the fault campaign: generated, whole, and the same every time."""
 
-from collections import Counter
+from itertools import product
 
 from drivers.robotiq.model.registers import AxisStatus, HandStatus, encode
 from drivers.ur.driver import ArmSample
@@ -12,7 +12,9 @@ from scenarios.studies.faults.cases import (
     MOMENTS,
     PAIRS,
     PHASES,
+    SCENES,
     STATE,
+    TOUCHING,
     by_scene,
     faults,
     in_turn,
@@ -24,23 +26,28 @@ EVERY = plan()
 ALONE = [case for case in EVERY if case.fault is not None and case.then is None]
 
 
-def test_over_four_thousand_runs_are_planned_and_always_the_same() -> None:
-    assert len(EVERY) > 4000
+def test_over_nine_thousand_runs_are_planned_and_always_the_same() -> None:
+    assert len(EVERY) > 9000
     assert plan() == EVERY
     assert [case.number for case in EVERY] == list(range(len(EVERY)))
     assert sum(case.then is not None for case in EVERY) == PAIRS
 
 
-def test_every_fault_strikes_every_phase_with_recovery_and_without() -> None:
-    struck = {(case.fault, case.phase, case.recovers) for case in ALONE}
-    assert len(struck) == len(ALONE) == len(faults()) * len(PHASES) * 2
+def test_every_fault_strikes_every_phase_at_three_moments() -> None:
+    struck = {(case.fault, case.phase, case.ticks) for case in ALONE}
+    assert struck == set(product(faults(), PHASES, MOMENTS))
+    assert len(struck) == len(ALONE)
     assert {Phase.LOWER, Phase.RELEASE, Phase.GRASP, Phase.COMPENSATE} <= set(PHASES)
 
 
-def test_every_fault_and_every_phase_has_all_three_moments() -> None:
-    for of in (lambda case: case.fault, lambda case: case.phase):
-        found = Counter((of(case), case.ticks) for case in ALONE)
-        assert set(found) == {(of(case), ticks) for case in ALONE for ticks in MOMENTS}
+def test_every_fault_in_every_phase_recovers_once_and_stays_once() -> None:
+    struck = {(case.fault, case.phase, case.recovers) for case in ALONE}
+    assert struck == set(product(faults(), PHASES, (False, True)))
+
+
+def test_every_fault_strikes_every_scene_with_recovery_and_without() -> None:
+    struck = {(case.fault, (case.object, case.seed), case.recovers) for case in ALONE}
+    assert struck == set(product(faults(), SCENES + TOUCHING, (False, True)))
 
 
 def test_every_field_of_every_device_is_wrong_in_every_way_that_it_can_be() -> None:

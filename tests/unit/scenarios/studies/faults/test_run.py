@@ -51,8 +51,12 @@ def test_what_a_fault_led_to_is_told(lifted: list[Ended]) -> None:
     assert (cut.outcome, cut.phase, cut.struck) == ("fault", "lift", True)
     assert "gripper does not answer" in cut.message and "holds by itself" in cut.hand
     assert cut.noticed_s == 0.01 and cut.later_arm_mps == 0.0
+    assert cut.struck_in == "lift" and cut.arm_s is not None and cut.arm_s > 0.0
+    assert cut.entered_n is not None and cut.least_n is not None
+    assert 1.0 < cut.least_n <= cut.entered_n  # it presses on, as the first grasp did
     assert frozen.message.startswith("arm_frozen") and frozen.phase == "retreat"
-    assert (none.outcome, none.struck) == ("held_within_6cm", False)
+    assert (none.outcome, none.struck, none.struck_in) == ("held_within_6cm", False, "")
+    assert none.entered_n is None and none.least_n is None
 
 
 # what fell once
@@ -76,7 +80,8 @@ def ended(plain: Ended, **changed: object) -> Ended:
 WRONG = [
     ({"let_go_m": 0.05}, "dropped"), ({"slid_m": 0.03}, "dropped"), ({"peak_n": 11.3}, "force"),
     ({"later_arm_mps": 0.01}, "moving"), ({"later_fingers_mps": 0.01}, "moving"),
-    ({"finished": False}, "time-out"), ({"cause": "phase x lasted longer than 30 s"}, "time-out"),
+    ({"least_n": 0.0}, "hand"), ({"finished": False}, "time-out"),
+    ({"cause": "phase x lasted longer than 30 s"}, "time-out"),
     ({"arm": "the arm stands", "arm_mps": 0.1}, "misleading"),
     ({"hand": "the hand is open", "pressed_n": 2.0}, "misleading"),
     ({"hand": "the hand is partly closed, and feels nothing", "pressed_n": 2.0}, "misleading"),
@@ -91,6 +96,11 @@ def test_what_must_not_be_is_found(
 ) -> None:
     assert problems(lifted[0]) == {}
     assert check in problems(ended(lifted[0], **changed))
+
+
+def test_a_hand_that_opens_may_go_on_opening(lifted: list[Ended]) -> None:
+    assert "hand" not in problems(ended(lifted[0], least_n=0.0, phase="release"))
+    assert "hand" not in problems(ended(lifted[0], least_n=0.0, entered_n=0.0))
 
 
 def test_only_what_was_named_beforehand_and_is_told_does_not_count(lifted: list[Ended]) -> None:
