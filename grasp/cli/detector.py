@@ -26,6 +26,7 @@ def add_parser(verbs: Any) -> None:
     _add_card(actions)
     paper_study.add_parser(actions)
     detector_study.add_robustness(actions)
+    detector_study.add_fingertips(actions)
     train.add_parser(actions)
     heads.add_parser(actions)
 

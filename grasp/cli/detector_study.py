@@ -1,4 +1,5 @@
-"""`grasp detector robustness` and `grasp chart observer`: what is endured, and what is possible."""
+"""`grasp detector robustness`, `grasp chart observer` and `grasp detector fingertips`: what is
+endured, what is possible, and with which fingertip."""
 
 import argparse
 from pathlib import Path
@@ -50,13 +51,32 @@ def add_observer(charts: Any) -> None:
         "--share", type=decimal(1e-3, 1), default=0.75, metavar="X",
         help="of the recordings of config/datasets/observer.toml (default: %(default)s)",
     )  # fmt: skip
-    parser.add_argument(
-        "--share-of-others", type=decimal(0, 1), default=0.15, metavar="X",
-        help="likewise, of each other fingertip; 0: none (default: %(default)s)",
-    )  # fmt: skip
     add_workers(parser)
     add_picture(parser, "observer")
     parser.set_defaults(handler=observer)
+
+
+def add_fingertips(actions: Any) -> None:
+    text = "what an ideal observer of blows would hear of another fingertip: rate, taxels, noise"
+    parser = actions.add_parser(
+        "fingertips", help=text,
+        description=text + ". The same drawn objects and blows, felt again by fingertips that "
+        "differ in one thing each (a second or two a recording), so that differences are paired; "
+        "the observer learns anew from each, and is judged on objects that it has not learnt from. "
+        "All seeds are fixed: equal shares give equal numbers. Prints Markdown tables. Needs the "
+        "extra `train`.",
+    )  # fmt: skip
+    parser.add_argument(
+        "--data", type=Path, required=True, metavar="DIR",
+        help="where its recordings are kept, a folder a fingertip; what is there already is not "
+        "made again, and `run` is that of `grasp chart observer`",
+    )  # fmt: skip
+    parser.add_argument(
+        "--share", type=decimal(1e-3, 1), default=0.15, metavar="X",
+        help="of the recordings of blows of config/datasets/observer.toml (default: %(default)s)",
+    )  # fmt: skip
+    add_workers(parser)
+    parser.set_defaults(handler=fingertips)
 
 
 def _add_names(parser: argparse.ArgumentParser) -> None:
@@ -91,11 +111,19 @@ def observer(args: argparse.Namespace) -> int:
     from scenarios.studies.detectors.observer_study import study, tables
 
     with progress("recordings") as show:
-        found = study(
-            args.detector, args.data, args.share, args.share_of_others, workers(args), show
-        )
+        found = study(args.detector, args.data, args.share, workers(args), show)
     draw_observer(found, args.out)
     write_numbers(args.out, found)
     print(tables(found))
     print(args.out)
+    return exits.SUCCESS
+
+
+def fingertips(args: argparse.Namespace) -> int:
+    need("train", "torch")
+    from scenarios.studies.detectors.fingertips import study, tables
+
+    with progress("recordings") as show:
+        found = study(args.data, args.share, workers(args), show)
+    print(tables(found))
     return exits.SUCCESS

@@ -1,10 +1,9 @@
-"""The ideal observer beside the detectors, and what it would see of another fingertip.
+"""The ideal observer beside the detectors.
 
 Drawn objects are struck and lifted for it alone (config/datasets/observer.toml). Needs the extra
 `train`.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,13 +16,7 @@ from detector.scores.quantiles import quantile
 from detector.training.observer import held_out
 from grasp.settings import file_of
 from scenarios.acquire.datasets.build import build
-from scenarios.acquire.datasets.plan import (
-    DatasetConfig,
-    Range,
-    first_of_each,
-    load_dataset_config,
-    plan,
-)
+from scenarios.acquire.datasets.plan import first_of_each, load_dataset_config, plan
 from scenarios.rigs.workers import Workers
 from scenarios.studies.detectors.observer import (
     BLOW_TITLES,
@@ -42,39 +35,11 @@ from scenarios.studies.detectors.observer import (
     point,
     told,
 )
-from scenarios.world.fingertip_settings import FingertipSettings
 
 DATASET = "observer"
-AS_IT_IS = "as it is"
-SOON_S = 0.1  # at which detectors are compared, and other fingertips
+SOON_S = 0.1  # at which detectors are compared
 STRUCK = "grasped_blow"
 SHARES = tuple(np.linspace(0.005, 0.3, 60).tolist())  # of idle blows registered
-_TIP = FingertipSettings()
-
-
-class Another(msgspec.Struct, frozen=True):
-    """A fingertip that differs in one thing."""
-
-    folder: str
-    randomise: dict[str, Range] = {}
-    layout: str = ""
-
-
-def _fixed(**values: float) -> dict[str, Range]:
-    return {key.replace("__", "."): (value, value) for key, value in values.items()}
-
-
-OTHERS = {
-    "200 samples a second": Another("rate", _fixed(loop__period_s=0.005)),
-    "eight taxels a finger": Another("eight", {}, "eight"),
-    "half the noise, of board and hand": Another(
-        "noise",
-        _fixed(
-            fingertip__noise_counts=_TIP.noise_counts / 2,
-            fingertip__holding_share=_TIP.holding_share / 2,
-        ),
-    ),
-}
 
 
 class Study(msgspec.Struct, frozen=True):
@@ -87,51 +52,27 @@ class Study(msgspec.Struct, frozen=True):
     curves: dict[str, list[tuple[float, float]]]  # idle, hits of the last class, SOON_S after
     points: list[Point]
     lift_points: list[Point]
-    others: dict[str, list[Told]]
 
 
 Tell = Callable[[int, int, str], None]
 
 
-def drawn(
-    folder: Path, share: float, workers: Workers, other: Another | None, tell: Tell
-) -> list[Recording]:
-    """So large a share of the recordings, made where the folder lacks them; of another fingertip
-    blows alone."""
-    config = load_dataset_config(file_of("datasets", DATASET))
-    name = AS_IT_IS
-    if other is not None:
-        config, folder, name = _with(config, other), folder / other.folder, other.folder
-    else:
-        folder = folder / "run"
+def drawn(folder: Path, share: float, workers: Workers, tell: Tell) -> list[Recording]:
+    """So large a share of the recordings, made where the folder lacks them."""
+    config, folder = load_dataset_config(file_of("datasets", DATASET)), folder / "run"
     jobs = first_of_each(plan(config), share)
-    if other is not None:
-        jobs = [job for job in jobs if job.metadata.cause == STRUCK]
-    build(jobs, config, folder, workers, lambda done, total: tell(done, total, name))
+    build(jobs, config, folder, workers, lambda done, total: tell(done, total, "recordings"))
     return read_dataset(folder)
 
 
-def _with(config: DatasetConfig, other: Another) -> DatasetConfig:
-    randomise = config.randomise | other.randomise
-    return msgspec.structs.replace(config, randomise=randomise, layout=other.layout)
-
-
-def study(
-    names: Sequence[str], folder: Path, share: float, share_of_others: float, workers: Workers,
-    tell: Tell,
-) -> Study:  # fmt: skip
+def study(names: Sequence[str], folder: Path, share: float, workers: Workers, tell: Tell) -> Study:
     """Everything; recordings that lie in the folder already are read."""
-    made = drawn(folder, share, workers, None, tell)
+    made = drawn(folder, share, workers, tell)
     struck = [r for r in made if r.metadata and r.metadata.cause == STRUCK]
     lifted = [r for r in made if r.metadata and r.metadata.cause != STRUCK]
     blows = cases(struck, blow_moments(struck), heard(names, struck))
     lifts = cases(lifted, lift_moments(lifted), heard(names, lifted))
-    others = {}
-    if share_of_others > 0.0:
-        others = {AS_IT_IS: _few(struck, share_of_others / share)}
-        for name, other in OTHERS.items():
-            others[name] = drawn(folder, share_of_others, workers, other, tell)
-    ends = len(TIMES_S) * 2 + len(others)
+    ends = len(TIMES_S) * 2
     found: dict[str, list[tuple[Told, Any]]] = {"blows": [], "lifts": []}
     for kind, its, titles in (("blows", blows, BLOW_TITLES), ("lifts", lifts, LIFT_TITLES)):
         for time_s in TIMES_S:
@@ -153,29 +94,23 @@ def study(
             point(lifts, n, k, s, LIFT_TITLES)
             for n in names for k in range(1, len(LIFT_TITLES)) for s in TIMES_S
         ],
-        others={
-            name: [t for t, _ in observed(cases(r, blow_moments(r), {}), SOON_S, BLOW_TITLES)]
-            for name, r in others.items()
-        },
     )  # fmt: skip
 
 
-def observed(cases: Cases, time_s: float, titles: Sequence[str]) -> list[tuple[Told, Any]]:
+def observed(
+    cases: Cases, time_s: float, titles: Sequence[str], folds: int = FOLDS, seed: int = 0
+) -> list[tuple[Told, Any]]:
     """Of each class but rest, how well the observer tells it, with its scores (n,) of that class;
     cases that were over before so long are left out, and score nan."""
     own = np.flatnonzero(cases.lasts >= cases.samples(time_s))
     part = cases.part(own)
-    odds = held_out(features(part, time_s), part.classes, part.groups, FOLDS)
+    odds = held_out(features(part, time_s), part.classes, part.groups, folds, seed)
     found = []
     for kind in range(1, odds.shape[1]):
         score = np.full(len(cases.classes), np.nan)
         score[own] = odds[:, kind] - odds[:, 0]
         found.append((told(cases, score, kind, time_s, titles), score))
     return found
-
-
-def _few(recordings: Sequence[Recording], share: float) -> list[Recording]:
-    return list(recordings[: math.ceil(share * len(recordings))])
 
 
 def _score(found: Sequence[tuple[Told, Any]], kind: int) -> Any:
@@ -198,22 +133,9 @@ def _curve(blows: Cases, score: Any, kind: int) -> list[tuple[float, float]]:
 
 
 def tables(found: Study) -> str:
-    """Markdown: blows, lifts, other fingertips."""
-    parts = [_by_time(found.blows, BLOW_TITLES[1:], "blow that moved it")]
-    parts.append(_of_detectors(found))
-    parts.append(_by_time(found.lifts, LIFT_TITLES[1:], "lift that slips"))
-    if not found.others:
-        return "\n\n".join(parts)
-    lines = ["| fingertip | 2 mm or more: AUC | hits | 1-2 mm: AUC | hits | blows |",
-             "|---|---|---|---|---|---|"]  # fmt: skip
-    for name, every in found.others.items():
-        of = {t.title: t for t in every}
-        far, near = of[BLOW_TITLES[3]], of[BLOW_TITLES[2]]
-        n = sum(t.n for t in every) + far.idle
-        lines.append(
-            f"| {name} | {_auc(far)} | {_hits(far)} | {_auc(near)} | {_hits(near)} | {n} |"
-        )
-    return "\n\n".join([*parts, "\n".join(lines)])
+    """Markdown: blows, what detectors make of them, lifts."""
+    parts = [_by_time(found.blows, BLOW_TITLES[1:], "blow that moved it"), _of_detectors(found)]
+    return "\n\n".join([*parts, _by_time(found.lifts, LIFT_TITLES[1:], "lift that slips")])
 
 
 def _by_time(every: Sequence[Told], titles: Sequence[str], what: str) -> str:
