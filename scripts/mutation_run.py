@@ -2,7 +2,10 @@
 
 Tests are collected once. For each mutant of what a function does the process forks, and the child
 puts the changed code into the functions as they are and runs the tests that call them. What runs on
-import is written to a copy of the checkout instead, and tests run there in a process of their own.
+import is written to a copy of the checkout instead, and tests run there in a process of their own;
+so is what no test calls in its own process: tests of emulators and commands start others. A test
+may fail by itself, for the clock's sake or the copy's: one that kills must fail once more with the
+mutant alone, and pass without it.
 """
 
 import ast
@@ -14,8 +17,11 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from functools import partial
 from itertools import accumulate
 from pathlib import Path
 from types import CodeType, FrameType, FunctionType
@@ -28,7 +34,6 @@ from scripts.mutation import HOME, Mutant, Place, mutants, mutated
 
 LEAST_CPU_S = 10.0  # of processor time: a mutant that takes longer than this and five times what
 TIMES = 5.0  # the tests take is killed by its time-out
-MOST_CPU_S = 30.0  # of tests that a mutant is shown; those that have killed its kin go first
 WALL_TIMES = 20.0  # of wall time: one that waits for ever
 PATIENT = ("-o", "timeout=0")  # a busy machine fails no test: the limits above are a mutant's
 COPIED = ("grasp", "drivers", "detector", "scenarios", "scripts", "tests", "config", "docs")
@@ -44,7 +49,7 @@ class Fate(msgspec.Struct, frozen=True):
 
 
 class Test(msgspec.Struct):
-    """What a test called of the modules, and the processor time that it took, s."""
+    """What a test called of the modules, and the processor time of it and what it started, s."""
 
     name: str
     seconds: float
@@ -52,13 +57,18 @@ class Test(msgspec.Struct):
     fails: bool = False
 
 
+Swap = Sequence[tuple[FunctionType, CodeType]]  # functions, and the code they are to have
 Told = Callable[[Fate], None]
+Attempt = Callable[
+    [Sequence[str], bool], str
+]  # what fails first of tests, with a mutant or without
 
 
-def run(paths: Sequence[str], tests: Sequence[str], chosen: Sequence[Mutant], tell: Told) -> int:
-    """Fates of the chosen mutants of these modules, by these tests; exit code of pytest."""
+def run(tests: Sequence[str], chosen: Sequence[Mutant], most_s: float, tell: Told) -> int:
+    """Fates of the chosen mutants by these tests, of which each is shown so much processor time;
+    exit code of pytest."""
     os.environ.update(ENVIRONMENT)
-    plugin = Attack(paths, chosen, tell)
+    plugin = Attack(chosen, most_s, tell)
     known = "ignore::pytest.PytestAssertRewriteWarning"  # what is imported by then is not of a test
     options = ("-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-W", known, *PATIENT)
     return int(pytest.main([*options, *tests], plugins=[plugin]))
@@ -67,9 +77,9 @@ def run(paths: Sequence[str], tests: Sequence[str], chosen: Sequence[Mutant], te
 class Attack:
     """A plugin of pytest: in place of running the tests, run them against each mutant."""
 
-    def __init__(self, paths: Sequence[str], chosen: Sequence[Mutant], tell: Told) -> None:
-        self._paths = {str(HOME / path): path for path in paths}
-        self._chosen, self._tell = chosen, tell
+    def __init__(self, chosen: Sequence[Mutant], most_s: float, tell: Told) -> None:
+        self._paths = {str(HOME / mutant.path): mutant.path for mutant in chosen}
+        self._chosen, self._most_s, self._tell = chosen, most_s, tell
         self._failed = ""
         self._caches: list[Any] = []
         self._killers: dict[str, list[str]] = {}  # of a function, the latest first
@@ -99,10 +109,10 @@ class Attack:
             names, seconds = ([], 0.0) if place.on_import else self._seeing(mutant, tests)
             if names:
                 swap = _swaps(mutant, place, functions)
-                killer = self._forked(names, swap, seconds)
-            else:  # a function that no test calls may have been called by the import
+                killer = sure(partial(self._forked, swap, seconds), names)
+            else:  # by the import, or in another process
                 names, seconds = self._on_import(mutant, tests)
-                killer = self._in_copy(mutant, place, names, seconds) if names else ""
+                killer = sure(partial(_in_copy, mutant, place, seconds), names)
             if killer in self._items:
                 latest = self._killers.setdefault(mutant.path + mutant.where, [])
                 latest[:] = [killer, *(name for name in latest if name != killer)][:5]
@@ -123,17 +133,21 @@ class Attack:
             test for test in tests
             if stem in test.name or any(path == mutant.path for path, _ in test.called)
         ]  # fmt: skip
-        return self._in_turn(mutant, seeing or tests)  # of names alone: whoever imports them
+        return self._in_turn(mutant, seeing or tests)  # whoever imports names or starts a process
 
     def _in_turn(self, mutant: Mutant, seeing: Sequence[Test]) -> tuple[list[str], float]:
         latest = self._killers.get(mutant.path + mutant.where, [])
         rank = {name: i for i, name in enumerate(latest)}
         stem = f"test_{Path(mutant.path).stem}"
-        order = sorted(
-            seeing, key=lambda t: (rank.get(t.name, len(rank)), stem not in t.name, t.seconds)
-        )
+        folders = Path(mutant.path).parts[:-1]
+
+        def turn(test: Test) -> tuple[int, bool, int, float]:
+            far = sum(folder not in test.name.split("/") for folder in folders)
+            return rank.get(test.name, len(rank)), stem not in test.name, far, test.seconds
+
+        order = sorted(seeing, key=turn)
         spent = accumulate(test.seconds for test in order)
-        chosen = [t for t, s in zip(order, spent, strict=True) if s - t.seconds <= MOST_CPU_S]
+        chosen = [t for t, s in zip(order, spent, strict=True) if s - t.seconds <= self._most_s]
         return [test.name for test in chosen], sum(test.seconds for test in chosen)
 
     def _measured(self) -> list[Test]:
@@ -176,26 +190,27 @@ class Attack:
         for item, following in zip(items, [*items[1:], None], strict=True):
             called.clear()
             self._forget()
-            start_s = time.process_time()
+            start_s = sum(os.times()[:4])
+            threading.setprofile(called_now)
             sys.setprofile(called_now)
             item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
             sys.setprofile(None)
-            seconds, fails = time.process_time() - start_s, bool(self._failed)
+            threading.setprofile(None)
+            seconds, fails = sum(os.times()[:4]) - start_s, bool(self._failed)
             self._failed = ""
-            yield Test(item.nodeid, seconds, sorted(called), fails)
+            yield Test(item.nodeid, seconds, sorted(called.copy()), fails)
 
-    def _forked(
-        self, names: Sequence[str], swap: Sequence[tuple[FunctionType, CodeType]], seconds: float
-    ) -> str:
-        """What killed the mutant, in a child; empty: nothing."""
+    def _forked(self, swap: Swap, seconds: float, names: Sequence[str], changed: bool) -> str:
+        """What failed first, in a child; empty: nothing."""
         read, write = os.pipe()
         child = os.fork()
         if child == 0:
+            os.setpgid(0, 0)
             os.close(read)
             _limit(0, seconds)
             _quiet()
             try:
-                for function, code in swap:
+                for function, code in swap if changed else ():
                     function.__code__ = code
                 self._forget()
                 os.write(write, self._first_failing(names).encode())
@@ -203,6 +218,7 @@ class Attack:
                 os._exit(0)
         os.close(write)
         ended = _waited(child, seconds)
+        _end_all(child)
         with os.fdopen(read, "rb") as told:
             text = told.read().decode()
         if not ended or not text:
@@ -217,40 +233,53 @@ class Attack:
                 return self._failed
         return "none"
 
-    def _in_copy(self, mutant: Mutant, place: Place, names: Sequence[str], seconds: float) -> str:
-        """What killed it, in a copy of the checkout."""
-        home = _copy()
-        path = home / mutant.path
-        source = path.read_text(encoding="utf-8")
+
+def sure(attempt: Attempt, names: Sequence[str]) -> str:
+    """What kills a mutant; not a test that fails but once, or without the mutant too."""
+    left = list(names)
+    while left and (killer := attempt(left, True)) in left:
+        if not attempt([killer], False) and attempt([killer], True):
+            return killer
+        left.remove(killer)
+    return killer if left else ""
+
+
+def _in_copy(
+    mutant: Mutant, place: Place, seconds: float, names: Sequence[str], changed: bool
+) -> str:
+    """What failed first in a copy of the checkout; empty: nothing."""
+    home = _copy()
+    path = home / mutant.path
+    source = path.read_text(encoding="utf-8")
+    if changed:
         path.write_text(ast.unparse(mutated(mutant.path, place)), encoding="utf-8")
-        command = (
-            sys.executable,
-            "-P",
-            "-m",
-            "pytest",
-            "-x",
-            "-q",
-            "-p",
-            "no:cacheprovider",
-            *PATIENT,
-        )
-        child = subprocess.Popen(
-            [*command, *names], cwd=home, env=os.environ | {"PYTHONPATH": str(home)},
-            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True,
-        )  # fmt: skip
-        _limit(child.pid, seconds + LEAST_CPU_S)
-        try:
-            said, _ = child.communicate(timeout=WALL_TIMES * (seconds + LEAST_CPU_S))
-        except subprocess.TimeoutExpired:
-            os.killpg(child.pid, signal.SIGKILL)
-            child.wait()
-            return "time-out"
-        finally:
-            path.write_text(source, encoding="utf-8")
-        if child.returncode == 0:
-            return ""
-        failed = [line for line in said.splitlines() if line.startswith(("FAILED", "ERROR"))]
-        return failed[0].split()[1] if failed else "time-out" if child.returncode < 0 else "broken"
+    options = ("-x", "-q", "-p", "no:cacheprovider", *PATIENT)
+    child = subprocess.Popen(
+        [sys.executable, "-P", "-m", "pytest", *options, *names],
+        cwd=home, env=os.environ | {"PYTHONPATH": str(home)},
+        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True,
+    )  # fmt: skip
+    _limit(child.pid, seconds + LEAST_CPU_S)
+    try:
+        said, _ = child.communicate(timeout=WALL_TIMES * (seconds + LEAST_CPU_S))
+    except subprocess.TimeoutExpired:
+        return "time-out"
+    finally:
+        _end_all(child.pid)
+        child.wait()
+        path.write_text(source, encoding="utf-8")
+    if child.returncode == 0:
+        return ""
+    failed = [line for line in said.splitlines() if line.startswith(("FAILED ", "ERROR "))]
+    if failed:
+        return failed[0].partition(" ")[2].partition(" - ")[0]
+    return "time-out" if child.returncode < 0 else "broken"
+
+
+def _end_all(group: int) -> None:
+    """What tests have started and not ended."""
+    with suppress(ProcessLookupError):
+        os.killpg(group, signal.SIGKILL)
 
 
 def _functions(paths: Iterable[str]) -> list[FunctionType]:
@@ -260,9 +289,7 @@ def _functions(paths: Iterable[str]) -> list[FunctionType]:
     return [f for f in every if f.__code__.co_filename in wanted]
 
 
-def _swaps(
-    mutant: Mutant, place: Place, functions: Iterable[FunctionType]
-) -> list[tuple[FunctionType, CodeType]]:
+def _swaps(mutant: Mutant, place: Place, functions: Iterable[FunctionType]) -> Swap:
     """The functions whose code a mutant changes."""
     path = str(HOME / mutant.path)
     codes = dict(_codes(compile(mutated(mutant.path, place), path, "exec")))

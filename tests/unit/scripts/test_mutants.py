@@ -1,22 +1,34 @@
 """Mutants are what they are called, and every argument is about one that there is."""
 
 import ast
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
 from scripts.mutants import (
+    BEGINS,
+    ENDS,
+    PAGE,
     PARTS,
+    STRATA,
+    Draw,
     Told,
     arguments,
     drawn,
-    generated,
+    draws,
+    of_draws,
     of_part,
+    of_stratum,
+    of_twice,
     otherwise,
+    table,
+    together,
     unexplained,
 )
 from scripts.mutation import HOME, mutants, mutated
-from scripts.mutation_run import Fate
+from scripts.mutation_run import Fate, sure
 
 
 def made_of(source: str, folder: Path) -> dict[str, list[str]]:
@@ -80,10 +92,24 @@ def test_every_argument_is_about_a_mutant_that_there_is() -> None:
     assert arguments().keys() <= there
 
 
-def test_sample_is_the_same_whenever_it_is_drawn_and_leaves_out_what_is_whole() -> None:
-    assert drawn(5) == drawn(5)
-    whole = {path for part in PARTS.values() for path in part.paths}
-    assert not whole & {mutant.path for mutant in drawn(300)}
+def test_a_sample_is_the_same_whenever_it_is_drawn() -> None:
+    for name, stratum in STRATA.items():
+        assert drawn(name, 5) == drawn(name, 5) != drawn(name, 6)
+        assert len(drawn(name, 5)) == stratum.mutants
+
+
+def test_parts_and_strata_have_every_module_of_grasp_and_drivers_once() -> None:
+    paths = [path for part in PARTS.values() for path in part.paths]
+    for name in STRATA:
+        paths += sorted({mutant.path for mutant in of_stratum(name)})
+    assert len(set(paths)) == len(paths)
+    assert {path for path in paths if "/link/" in path or path.startswith("grasp/cli/")} == {
+        mutant.path for name in ("command-line", "wires") for mutant in of_stratum(name)
+        if "/emulator/" not in mutant.path
+    }  # fmt: skip
+    every = {str(path.relative_to(HOME)) for top in ("grasp", "drivers")
+             for path in (HOME / top).rglob("*.py")}  # fmt: skip
+    assert {path for path in every - set(paths) if mutants(path, HOME)} == set()
 
 
 def test_survivor_needs_an_argument_and_an_argument_a_survivor() -> None:
@@ -102,14 +128,83 @@ def test_fates_found_out_twice_are_compared_by_whether_a_test_sees_them() -> Non
     assert otherwise(first, [Fate(b, "a test", 3)]) == [f"{b}: survived, then killed"]
 
 
-def test_page_keeps_what_came_of_the_sample_at_first_beside_what_tests_kill_since() -> None:
-    a, b, c = drawn(3)
-    told = Told({"sample": [Fate(a, "a test", 3), Fate(b, "", 3), Fate(c, "", 3)]})
-    assert "1 of 3 that are not equivalent were killed at first: 33 %" in generated(told)
-    told.after = [Fate(b, "new", 4), Fate(c, "", 4)]
-    page = generated(told)
-    assert "1 of 3 that are not equivalent were killed at first: 33 %" in page
-    assert "Of the 2 that survived at first, tests written since kill 1, 0 have an" in page
-    told.twice = {"sample": [Fate(a, "other", 3), Fate(b, "new", 3)]}
-    assert "| sample | 2 | 1 | 0 |" in generated(told)
-    assert f"- `{b}: survived, then killed`" in generated(told)
+def test_each_stratum_counts_by_its_number_of_mutants() -> None:
+    small = Draw("small", 1, "abc", 100, 12, 2, 5)
+    large = Draw("large", 1, "abc", 300, 50, 0, 40, since=8)
+    rate, low, high = together([small, large])
+    assert rate == pytest.approx(0.25 * 0.5 + 0.75 * 0.8)
+    assert low < rate < high
+    widths = [high - low for _, low, high in (small.rate, large.rate, (rate, low, high))]
+    assert widths[1] * 0.75 < widths[2] < 0.25 * widths[0] + 0.75 * widths[1]
+    assert together([large]) == pytest.approx(large.rate)
+    page = of_draws([small, large])
+    assert "| small | 1 | abc | 12 of 100 | 2 | 5 of 10 | 50 (24 to 76) | 0 | 5 |" in page
+    assert "| large | 1 | abc | 50 of 300 | 0 | 40 of 50 |" in page
+    assert "by its number of mutants: 73 (" in page
+
+
+def test_an_older_draw_stays_on_the_page_and_only_the_latest_counts_in_the_sum() -> None:
+    old, new = Draw("one", 1, "abc", 100, 10, 0, 1), Draw("one", 2, "def", 100, 10, 0, 9)
+    page = of_draws([old, new])
+    assert "| one | 1 | abc |" in page and "| one | 2 | def |" in page
+    assert "number of mutants: 90 (" in page
+
+
+def test_page_and_make_tell_of_the_draw_that_was_looked_at() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    shown = page.partition(BEGINS.format("samples"))[2].partition(ENDS.format("samples"))[0]
+    assert set(of_draws(draws()).splitlines()) <= set(shown.splitlines())
+    asked = re.search(r"^MUTANTS_SEED \?= (\d+)$", (HOME / "Makefile").read_text(), re.MULTILINE)
+    latest = {draw.stratum: draw.seed for draw in draws()}
+    assert asked is not None
+    assert latest == dict.fromkeys(latest.keys() & STRATA, int(asked[1]))
+
+
+def test_table_of_parts_is_written_when_all_is_known() -> None:
+    told = Told({name: [Fate(m, "a test", 3) for m in of_part(p)] for name, p in PARTS.items()})
+    guard = len(told.parts["guard"])
+    assert f"| guard | {guard} | {guard} | 0 | 0 | 0 |" in table(told)
+    del told.parts["guard"][0]
+    assert table(told) == ""
+
+
+def test_fates_found_out_twice_are_told_with_those_that_differ() -> None:
+    a, b, _ = drawn("rest", 5)[:3]
+    told = Told({"rest": [Fate(a, "a test", 3), Fate(b, "", 3)]})
+    assert of_twice(told) == ""
+    told.twice = {"rest": [Fate(a, "other", 3), Fate(b, "new", 3)]}
+    assert "| rest | 2 | 1 | 0 |" in of_twice(told)
+    assert f"- `{b}: survived, then killed`" in of_twice(told)
+
+
+class Fails:
+    """Which of the tests fail, whenever they run, and how often with the mutant."""
+
+    def __init__(self, always: str = "", with_mutant: dict[str, int] | None = None) -> None:
+        self._always, self._left = always, with_mutant or {}
+
+    def __call__(self, names: Sequence[str], changed: bool) -> str:
+        for name in names:
+            if changed and self._left.get(name, 0):
+                self._left[name] -= 1
+                return name
+            if name == self._always:
+                return name
+        return ""
+
+
+def test_what_kills_fails_twice_with_the_mutant_and_not_without() -> None:
+    assert sure(Fails(with_mutant={"b": 2}), "abc") == "b"
+    assert sure(Fails(), "abc") == ""
+    assert sure(Fails(), "") == ""
+
+
+def test_a_test_that_fails_by_itself_kills_nothing_and_others_are_asked() -> None:
+    assert sure(Fails(always="a"), "abc") == ""
+    assert sure(Fails(always="a", with_mutant={"c": 2}), "abc") == "c"
+    assert sure(Fails(with_mutant={"a": 1}), "abc") == ""
+    assert sure(Fails(with_mutant={"a": 1, "b": 2}), "abc") == "b"
+
+
+def test_a_mutant_that_ends_every_test_is_killed_by_its_time_out() -> None:
+    assert sure(lambda names, changed: "time-out", "abc") == "time-out"
