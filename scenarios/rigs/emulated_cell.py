@@ -95,7 +95,8 @@ class EmulatedCell:
         self._hand = self.cell if isinstance(self.cell, SimulatedCell) else None
         self._placed = self._hand is None  # a surface stands where it stands
         of_a_grasp = {} if self._hand is None else self._verbs_of_a_grasp(self._hand, order)
-        self._verbs = {**of_a_grasp, "truth": self._truth, "fault": self._fault}
+        self._verbs = {**of_a_grasp, "truth": self._truth, "motion": self._motion,
+                       "fault": self._fault}  # fmt: skip
         self._home_m = order.config.arm_model.start_m
         start_m = order.config.arm_model.start_m
         arm = EmulatorSettings(host=host, start_m=start_m, token=token, profile=there.profile)
@@ -199,6 +200,16 @@ class EmulatedCell:
         truth = msgspec.to_builtins(self.cell.truth())
         return {"truth": truth, "placed": self._placed, "stalls": self._stalls,
                 "worst_stall_ms": self._worst_stall_ns * 1e-6}  # fmt: skip
+
+    def _motion(self, request: Request) -> Request:
+        """What really moves, whatever the devices say of it: m/s of the arm, of the fastest
+        finger."""
+        fingers = () if self._hand is None else self._hand.gripper.velocity_mps
+        arm_mps = math.hypot(*self.cell.arm.velocity(self._last_ns))
+        return {
+            "arm_mps": arm_mps,
+            "fingers_mps": float(max((abs(v) for v in fingers), default=0.0)),
+        }
 
     def _verbs_of_a_grasp(
         self, cell: SimulatedCell, order: CellOrder

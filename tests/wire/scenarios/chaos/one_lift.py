@@ -1,32 +1,39 @@
 """A process that makes one lift on the emulated rig, with a proxy in every wire.
 
-    python -m tests.wire.scenarios.chaos.one_lift NUMBER
+    python -m tests.wire.scenarios.chaos.one_lift NUMBER [HANG]
 
-Prints one line: what came of it.
+Prints one line: what came of it. HANG, a name of ``HANGS``, makes the application itself hang.
 """
 
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import msgspec
 
 from drivers.errors import GraspError
+from drivers.robotiq.link.thread import ThreadedGripper
+from grasp.loop import ControlLoop
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs import emulated
-from scenarios.rigs.cell_process import READY_S, at_endpoints
+from scenarios.rigs.cell_process import READY_S, CellProcess, at_endpoints
 from scenarios.rigs.rig import ACTIVATION_TIMEOUT_S
 from tests.wire.scenarios.cell.staged import QUICK
 from tests.wire.scenarios.chaos import proxy
+from tests.wire.scenarios.chaos.onlooker import LATER_S, MOMENT_S, Left, Onlooker
 from tests.wire.scenarios.chaos.plans import Plan, drawn
 from tests.wire.scenarios.chaos.proxy import Order, Passed, Route
+from tests.wire.scenarios.chaos.waits import NAMED_S, Wait, Waits, watched
 
 ARM_PORTS = (29999, 30001, 30002, 30003, 30004)
 SETTINGS = (*QUICK, "loop.deadline_s=60")  # no run is to end by it: a phase may last 30 s
-NAMED_S = 2.0  # that a stated time-out may be passed by
+HANGS = ("closing", "ticking")  # beyond the 5 s and the 0.3 s that are stated
+HANG_S = {"closing": 8.0, "ticking": 3.5}
 
 
 class Ended(msgspec.Struct, frozen=True):
@@ -36,8 +43,13 @@ class Ended(msgspec.Struct, frozen=True):
     outcome: str
     kind: str
     message: str
+    end: str  # how arm and hand were left, by the last line
     seconds: float
     peak_n: float
+    left: Left
+    overdue: list[Wait]
+    tightest: Wait  # the one that came nearest to its time-out, or passed it by most
+    told_s: float  # when this was told, by the clock that all processes share
     passed: Passed
 
 
@@ -98,11 +110,44 @@ class Chaos:
         return msgspec.json.decode(said, type=Passed)
 
 
-def one_lift(number: int) -> Ended:
-    chaos, settings = Chaos(drawn(number)), config()
+def hang(name: str) -> None:
+    """Make the application hang once: while it closes, or in a tick."""
+    owner: Any
+    owner, verb = (ThreadedGripper, "stop") if name == "closing" else (ControlLoop, "tick")
+    inner, left_s = getattr(owner, verb), [HANG_S[name]]
+
+    def hanging(*args: Any, **more: Any) -> Any:
+        if left_s:
+            time.sleep(left_s.pop())
+        return inner(*args, **more)
+
+    setattr(owner, verb, hanging)
+
+
+def one_lift(number: int, hangs: str = "") -> Ended:
+    chaos, settings, left = Chaos(drawn(number)), config(), [Left()]
+    inner = emulated.cell_process
+
+    @contextmanager
+    def looked_at(*args: Any) -> Iterator[CellProcess]:
+        """The cell, and an onlooker who stays when the devices have been let go."""
+        with inner(*args) as cell:
+            control = cell.endpoints["control"]
+            onlooker = Onlooker(control["host"], control["port"])
+            try:
+                yield cell
+            finally:
+                left[0] = waits.around("looking", LATER_S + MOMENT_S, onlooker.end)
+
+    if hangs:
+        hang(hangs)
+    _ = settings.memory_s  # to load the detector is no waiting
+    waits = Waits()
+    watched(waits, settings)
     emulated.at_endpoints = chaos.between  # type: ignore[assignment]
+    emulated.cell_process = looked_at  # type: ignore[assignment]
     start_s = time.monotonic()
-    outcome, kind, message, peak_n = "not opened", "", "", 0.0
+    outcome, kind, message, end, peak_n = "not opened", "", "", "", 0.0
     try:
         finished = lift.run(settings, 0, None)
         assert finished.result is not None
@@ -110,11 +155,19 @@ def one_lift(number: int) -> Ended:
         peak_n = max((finished.result.peak_force_n or {"": 0.0}).values())
         if finished.failure is not None:
             kind, message = finished.failure.kind, finished.failure.message
+        if finished.failure is not None and finished.failure.end is not None:
+            end = "; ".join((finished.failure.end.arm, finished.failure.end.hand))
     except GraspError as error:
         kind, message = error.kind, error.message
-    seconds = time.monotonic() - start_s
-    return Ended(number, outcome, kind, message, seconds, peak_n, chaos.end())
+    waits.sign()
+    seconds = time.monotonic() - start_s - LATER_S - MOMENT_S
+    peak_n = max(peak_n, left[0].peak_n)
+    tightest = max(waits.longest.values(), key=lambda wait: wait.took_s - wait.stated_s)
+    return Ended(
+        number, outcome, kind, message, end, seconds, peak_n, left[0], waits.overdue, tightest,
+        time.monotonic(), chaos.end(),
+    )  # fmt: skip
 
 
 if __name__ == "__main__":
-    print(msgspec.json.encode(one_lift(int(sys.argv[1]))).decode())
+    print(msgspec.json.encode(one_lift(int(sys.argv[1]), *sys.argv[2:])).decode(), flush=True)

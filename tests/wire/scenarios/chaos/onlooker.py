@@ -1,0 +1,100 @@
+"""Looks at the emulated cell, by its control port, while a run lasts and after it has ended: what
+becomes of the object, and whether anything still moves."""
+
+import contextlib
+import threading
+import time
+from contextlib import closing
+from itertools import pairwise
+from typing import Any
+
+import msgspec
+
+from drivers.errors import LinkLost
+from scenarios.rigs.cell_control import ControlClient
+from scenarios.world.cell import Truth
+
+LOOK_S = 0.05
+LATER_S, MOMENT_S = 1.5, 0.5  # after the end; what moves during the moment that follows is found
+OFF_TABLE_M = 0.003
+STANDING_MPS = 1e-3
+STILL_MPS = 1e-4
+
+
+class Look(msgspec.Struct, frozen=True):
+    """One moment of the cell."""
+
+    truth: Truth
+    arm_mps: float
+    fingers_mps: float
+
+
+class Left(msgspec.Struct, frozen=True):
+    """What became of the object, and what moved long after the application had let go of its
+    devices."""
+
+    looks: int = 0
+    object: str = "never there"
+    lifted_m: float = 0.0
+    let_go_m: float = 0.0  # height at which the hand lost it; 0: it did not, or on the table
+    slid_m: float = 0.0  # in the hand, in the air
+    peak_n: float = 0.0
+    arm_mps: float = 0.0  # the most in the moment long after the end
+    fingers_mps: float = 0.0
+
+
+class Onlooker:
+    """A thread with a connection of its own to the cell."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._address = host, port
+        self._stopping = threading.Event()
+        self._looks: list[Look] = []
+        self._thread = threading.Thread(target=self._run, name="onlooker", daemon=True)
+        self._thread.start()
+
+    def end(self) -> Left:
+        """The application has let go: look on for a while, then tell."""
+        time.sleep(LATER_S)
+        ended = len(self._looks)
+        time.sleep(MOMENT_S)
+        self._stopping.set()
+        self._thread.join()
+        return left(self._looks, ended)
+
+    def _run(self) -> None:
+        with contextlib.suppress(OSError, LinkLost), closing(ControlClient(*self._address)) as cell:
+            while not self._stopping.wait(LOOK_S):
+                self._looks.append(look(cell))
+
+
+def look(cell: Any) -> Look:
+    truth = msgspec.convert(cell.ask("truth")["truth"], Truth)
+    motion = cell.ask("motion")
+    return Look(truth, motion["arm_mps"], motion["fingers_mps"])
+
+
+def left(looks: list[Look], ended: int) -> Left:
+    """``ended``: the first look of the moment in which nothing may move any more."""
+    if not looks[ended:]:
+        return Left(len(looks), "nobody could look")
+    let_go_m = slid_m = 0.0
+    truths = [one.truth for one in looks]
+    for before, after in pairwise(truths):
+        if before.touched and not after.touched and before.height_m > OFF_TABLE_M:
+            let_go_m = max(let_go_m, before.height_m)
+        if before.touched and after.touched and min(before.height_m, after.height_m) > OFF_TABLE_M:
+            slid_m += abs(after.slip_distance_m - before.slip_distance_m)
+    return Left(
+        len(looks), _object(truths[-1]), max(t.height_m for t in truths), let_go_m, slid_m,
+        max(max(t.peak_n) for t in truths), max(one.arm_mps for one in looks[ended:]),
+        max(one.fingers_mps for one in looks[ended:]),
+    )  # fmt: skip
+
+
+def _object(truth: Truth) -> str:
+    if truth.height_m <= OFF_TABLE_M:
+        return "on the table, gripped" if truth.touched else "on the table"
+    if truth.touched and abs(truth.slip_speed_mps) < STANDING_MPS:
+        return "held in the air"
+    return "slips" if truth.touched else "falls"
