@@ -334,6 +334,8 @@ def test_release_opens_the_fingers(capsys: pytest.CaptureFixture[str]) -> None:
     code, answer = run_json(capsys, "release", "--rig", "simulated")
     assert code == 0
     assert max(answer["positions_counts"]) < 10
+    assert answer["gripper"] == "gripper of a cell of its own"
+    assert not {"arm", "fingertips"} & answer.keys()  # of no device that others may be using
 
 
 def test_picture_of_a_run_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

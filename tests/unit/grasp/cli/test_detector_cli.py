@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 
 from detector.recordings import write
@@ -176,3 +177,20 @@ def test_a_recording_too_short_to_be_scored_is_refused_by_its_name(
     write(path, toy(0, "test", 100))
     assert main(["detector", "evaluate", "energy", "--recording", str(path)]) == 2
     assert "short.npz has 100 samples" in capsys.readouterr().err.replace(": ", " ")
+
+
+def test_false_events_are_counted_on_recordings_at_rest_and_one_slip_in_them_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    slips = toy(1, "train")
+    rest = msgspec.structs.replace(slips, slip=np.zeros_like(slips.slip))
+    files = {}
+    for name, recording in {"rest": rest, "slips": slips}.items():
+        files[name] = tmp_path / f"{name}.npz"
+        write(files[name], recording)
+    assert main(["detector", "tune", "--static", str(files["rest"])]) == 0
+    assert "threshold_counts = " in capsys.readouterr().out
+    (found,) = answers(capsys, "detector", "tune", "--static", str(files["rest"]), "--json")
+    assert found["minutes"] == pytest.approx(len(rest.t_s) / 6000)
+    assert main(["detector", "tune", "--static", str(files["slips"])]) == 2
+    assert "holds samples labelled slip" in capsys.readouterr().err

@@ -3,12 +3,14 @@
 import signal
 import sqlite3
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
 
+from drivers.errors import CouldNotRecord
 from grasp.cli import view
 from grasp.cli.main import main
 from scenarios.campaign import experiment as experiments
@@ -132,3 +134,37 @@ def test_finished_lift_on_the_lab_rig_says_how_high_the_arm_stands(
     altered(monkeypatch)
     main([*LIFTS, *DEAF[:2], "--runs", str(tmp_path)])
     assert "the arm stands 50 mm above where it let go" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("trials", [0, 1])
+def test_disk_that_fails_between_trials_is_told_with_what_is_kept(
+    trials: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = experiments.run
+
+    def told(*asked: Any) -> Iterator[Any]:
+        if trials:
+            yield next(iter(run(*asked)))
+        raise CouldNotRecord("the disk is full", "free it")
+
+    monkeypatch.setattr(experiments, "run", told)
+    out = tmp_path / "rows.sqlite"
+    assert main([*LIFTS, *DEAF, "--runs", str(tmp_path), "--out", str(out)]) == 5
+    said = capsys.readouterr()
+    assert "grasp: the disk is full (free it)" in said.err
+    assert (f"1 trial is in {out}: go on with" in said.err) == bool(trials)
+    assert ("dropped" in said.out) == bool(trials)
+
+
+def test_log_of_a_lift_tells_its_phases_in_turn_and_ends_with_what_became_of_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["run", "lift", "--rig", "simulated", *DEAF, "--runs", str(tmp_path), "-v"])
+    (log,) = tmp_path.glob("*-lift-can.log")
+    assert f"log: {log}" in capsys.readouterr().err
+    lines = [line.split(" ", 1)[1] for line in log.read_text().splitlines()]
+    phases = [line.partition(" phase ")[2] for line in lines if " phase " in line]
+    assert phases.index("approach") < phases.index("grasp") < phases.index("lift")
+    assert all(a != b for a, b in pairwise(phases))
+    assert lines[0].startswith("lift of can on rig simulated, ")
+    assert lines[-1].startswith("seed 0: ")

@@ -8,6 +8,7 @@ from rich.console import Console
 
 from detector.motion import Motion
 from grasp.cli import live, view
+from scenarios.trial.ending import End
 
 SLIPPING = view.Glimpse(
     t_s=107.31, phase="compensate", slip="REGISTERED (masked)", registered=True, news=True,
@@ -95,3 +96,71 @@ def test_slip_registered_before_its_onset_is_told_so(late_ms: float, says: str) 
         paused_s=0.0,
     )  # fmt: skip
     assert live.facts(result)[0] == f"slip registered {says} its onset"
+
+
+def verdict(**changes: object) -> SimpleNamespace:
+    told = {
+        "success": False, "outcome": "dropped", "object": "can", "seed": 3, "end": None,
+        "detection_latency_ms": None, "slip_distance_m": None, "paused_s": 0.0,
+        "peak_force_n": {"A": 1.0}, "peak_measured_n": None, "commanded_force_n": 10.0,
+        "recording": None,
+    }  # fmt: skip
+    return SimpleNamespace(**(told | changes))
+
+
+def test_verdict_of_an_object_that_was_lost_ends_with_arm_and_hand_and_the_way_out(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    closed = End("the arm stands", "the hand is closed", "to let go, run `grasp release`")
+    live.print_verdict(verdict(end=closed))
+    said = capsys.readouterr().out
+    assert said.startswith("\nFAILED: dropped  (can, seed 3)\n")
+    assert said.endswith("  the arm stands; the hand is closed\n  to let go, run `grasp release`\n")
+    live.print_verdict(verdict(end=End("the arm stands", "the hand is open", "")))
+    assert capsys.readouterr().out.endswith("  the arm stands; the hand is open\n")
+
+
+class Seen:
+    """In place of what draws: what it was given."""
+
+    def __init__(self) -> None:
+        self.taken: list[view.Message] = []
+
+    def take(self, message: view.Message) -> None:
+        self.taken.append(message)
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("brief", "phases", "shown"), [(True, "aaabb", 0), (False, "aaabb", 2), (False, "a" * 101, 3)]
+)
+def test_lines_of_one_trial_follow_its_phases_and_those_of_many_only_registrations(
+    brief: bool, phases: str, shown: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = Seen()
+    monkeypatch.setattr(view, "make", lambda _: seen)
+    monkeypatch.setattr(view, "glimpse", lambda *_: SLIPPING)
+    display = live.Display("simulated", quiet=False, plain=True, brief=brief)
+    for phase in phases:
+        decision = SimpleNamespace(phase=phase, slip=SimpleNamespace(event=None))
+        display.tick(SimpleNamespace(decision=decision))
+    assert len(seen.taken) == shown
+    event = SimpleNamespace(phase=phases[-1], slip=SimpleNamespace(event="slip"))
+    display.tick(SimpleNamespace(decision=event))
+    assert len(seen.taken) == shown + 1
+
+
+def test_lines_above_a_panel_are_of_one_colour(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "120")
+    panel = view.Panel()
+    panel.take(SLIPPING)
+    panel.take(view.Note("seed 3: held, 12 mm"))
+    panel.close()
+    said = capsys.readouterr().out
+    assert "\x1b[" in said
+    assert view.short_line(SLIPPING) in said and "seed 3: held, 12 mm" in said

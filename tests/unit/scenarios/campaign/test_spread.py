@@ -110,6 +110,7 @@ def test_likelihood_over_the_draws_is_the_mean_of_theirs(
     shown = capsys.readouterr().out
     assert "likeliest draw: fingertip.noise_counts 0.2" in shown
     assert "20%, 75%, 100%" in shown
+    assert "fingertip.noise_counts: rank correlation with the rate +1.00" in shown
 
 
 def test_spread_beyond_chance_is_that_of_the_true_rates() -> None:

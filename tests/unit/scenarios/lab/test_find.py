@@ -28,3 +28,11 @@ def test_file_of_what_answered_leaves_the_rest_out() -> None:
         Asked("arm", "", False, "", (("ur", "host", "h"),)),
     ]
     assert settings_of(found) == '[modbus]\nhost = "h"\nport = 502\n'
+
+
+def test_shortest_question_waits_a_twentieth_of_a_second(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["find", "tcp://127.0.0.99:9", "--timeout", "0.05"]) == 3
+    assert main(["find", "tcp://127.0.0.99:9", "--timeout", "0.04"]) == 2
+    assert "--timeout" in capsys.readouterr().err

@@ -1,0 +1,54 @@
+"""`grasp detector train`, without what computes: what it is asked for."""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import pytest
+
+from grasp.cli import train
+from grasp.cli.main import main
+
+
+class Card(msgspec.Struct):
+    """Of a network."""
+
+    parameters: int
+    steps: int
+    training_minutes: float
+    validation: dict[str, float]
+
+
+class Training:
+    """In place of one: what it was told."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+
+    def resume(self, checkpoint: Path) -> None:
+        self.told.append(f"resume {checkpoint.name}")
+
+    def run(self, minutes: float | None, checkpoint: Path, tell: Any) -> None:
+        checkpoint.write_text("how far it is")
+        self.told.append("run")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"), [([], ["run"]), (["--resume"], ["resume mine.checkpoint", "run"])]
+)
+def test_training_begins_anew_unless_told_to_go_on_and_leaves_no_checkpoint(
+    words: list[str], told: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    training = Training()
+    monkeypatch.setattr(train, "need", lambda *_: None)
+    monkeypatch.setattr(train, "_prepare", lambda _: (training, []))
+    export = SimpleNamespace(export=lambda *_: Card(1, 2, 3.0, {"accuracy": 0.9}))
+    monkeypatch.setitem(sys.modules, "detector.training.export", export)
+    out = tmp_path / "mine.onnx"
+    assert main(["detector", "train", "tcn", "--data", ".", "--out", str(out), *words]) == 0
+    assert training.told == told
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.log"]
+    assert "accuracy on validation 0.900" in capsys.readouterr().out
