@@ -36,7 +36,7 @@ Exit codes: 3 device, 4 safety stop.
 BY_HAND = "# What devices say is doubted\n"
 ENTRY = (
     '<!-- figure: id=faults command="pytest -m slow tests/wire/scenarios/cell/test_faults.py" '
-    "detector={} commit={} code=@trial,scenarios/lift tables={} -->"
+    "detector={} commit={} code=@wired,scenarios/lift tables={} -->"
 )
 
 
