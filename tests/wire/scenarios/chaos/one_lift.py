@@ -32,6 +32,7 @@ from tests.wire.scenarios.chaos.waits import NAMED_S, Wait, Waits, watched
 
 ARM_PORTS = (29999, 30001, 30002, 30003, 30004)
 SETTINGS = (*QUICK, "loop.deadline_s=60")  # no run is to end by it: a phase may last 30 s
+STARTS_S = 30.0  # of the proxy, which is none of the application
 HANGS = ("closing", "ticking")  # beyond the 5 s and the 0.3 s that are stated
 HANG_S = {"closing": 8.0, "ticking": 3.5}
 
@@ -68,8 +69,9 @@ def stated_s(settings: LiftConfig) -> float:
 class Chaos:
     """The proxy's process, once the cell's addresses are known."""
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, waits: Waits) -> None:
         self._plan = plan
+        self._waits = waits
         self._child: subprocess.Popen[str] | None = None
 
     def between(self, settings: Any, endpoints: dict[str, Any]) -> Any:
@@ -88,7 +90,8 @@ class Chaos:
             stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         order = msgspec.json.encode(Order(self._plan, routes)).decode()
-        ports = msgspec.json.decode(self._said(order + "\n"))
+        said = self._waits.around("the proxy starts", STARTS_S, lambda: self._said(order + "\n"))
+        ports = msgspec.json.decode(said)
         changed = {
             "gripper": gripper | {"host": host, "port": ports[0]},
             "tactile": {"url": f"tcp://{host}:{ports[1]}"},
@@ -125,7 +128,7 @@ def hang(name: str) -> None:
 
 
 def one_lift(number: int, hangs: str = "") -> Ended:
-    chaos, settings, left = Chaos(drawn(number)), config(), [Left()]
+    settings, left = config(), [Left()]
     inner = emulated.cell_process
 
     @contextmanager
@@ -143,6 +146,7 @@ def one_lift(number: int, hangs: str = "") -> Ended:
         hang(hangs)
     _ = settings.memory_s  # to load the detector is no waiting
     waits = Waits()
+    chaos = Chaos(drawn(number), waits)
     watched(waits, settings)
     emulated.at_endpoints = chaos.between  # type: ignore[assignment]
     emulated.cell_process = looked_at  # type: ignore[assignment]

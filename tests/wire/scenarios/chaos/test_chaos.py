@@ -138,7 +138,7 @@ def test_a_wait_is_measured_by_its_own_time_out_and_what_lies_between_by_none() 
     assert waits.overdue == [Wait("short", pytest.approx(2.6), 0.5)]
     clock.pass_s(2.5)
     waits.sign()
-    assert [wait.name for wait in waits.overdue] == ["short", "no wait"]
+    assert [wait.name for wait in waits.overdue] == ["short", "after short"]
 
 
 def test_a_wait_within_another_is_measured_by_both() -> None:
@@ -193,7 +193,7 @@ def ended(**changed: object) -> Ended:
     """A lift through the plan that spoils the fingertips' wire, and ended as it must."""
     plain = Ended(
         QUIET, "fault", "stale", "stale: no fresh fingertip sample", "the arm stands; closed", 9.0,
-        10.1, left(HELD, 3), [], Wait("no wait", 0.2, 0.0), 0.0, Passed(),
+        10.1, left(HELD, 3), [], Wait("after wait_placed", 0.2, 0.0), 0.0, Passed(),
     )  # fmt: skip
     return msgspec.structs.replace(plain, **changed)
 

@@ -52,6 +52,7 @@ class Waits:
         self._thread = threading.get_ident()
         self._stack: list[tuple[str, float, float]] = []  # name, stated, since when
         self._sign_s, self._sign_busy_s = clock(), time.thread_time()
+        self._last = "the beginning"
         self._phase, self._phase_s = Phase.IDLE, clock()
 
     def sign(self) -> None:
@@ -59,7 +60,7 @@ class Waits:
         now_s, busy_s = self._clock(), time.thread_time()
         passed_s, worked_s = now_s - self._sign_s, busy_s - self._sign_busy_s
         self._sign_s, self._sign_busy_s = now_s, busy_s
-        name, stated_s, _ = self._stack[-1] if self._stack else ("no wait", 0.0, 0.0)
+        name, stated_s, _ = self._stack[-1] if self._stack else (f"after {self._last}", 0.0, 0.0)
         spare_s = BUSY * worked_s if not self._stack else 0.0
         self._note(Wait(name, passed_s, stated_s), spare_s)
 
@@ -73,7 +74,7 @@ class Waits:
             return action()
         finally:
             self.sign()
-            _, _, since_s = self._stack.pop()
+            self._last, _, since_s = self._stack.pop()
             self._note(Wait(name, self._clock() - since_s, stated_s))
 
     def phase(self, phase: Phase, stated_s: float) -> None:
