@@ -3,7 +3,6 @@ measured on a lab's own devices and written into files for `--config` and `gripp
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
 from grasp import interruption
@@ -11,6 +10,7 @@ from grasp.cli import exits
 from grasp.cli.lab import FINGERS, add_lab, confirm, lab_config, new_file
 from grasp.cli.options import decimal, motion_permit, whole
 from grasp.cli.output import json_line
+from grasp.cli.places import file_to_write
 from grasp.files import write_whole
 
 HELP = "measure what counts and bytes are worth, on a scale"
@@ -69,7 +69,7 @@ def add_parser(verbs: Any) -> None:
 def _kind(kinds: Any, name: str, handler: Any, text: str) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = kinds.add_parser(name, help=text, description=text + ".")
     parser.add_argument(
-        "--out", type=Path, required=True, metavar="FILE",
+        "--out", type=file_to_write, required=True, metavar="FILE",
         help="what is written: a new .toml file, with date, spread and source",
     )  # fmt: skip
     add_lab(parser, moves=True)

@@ -1,13 +1,14 @@
 """`grasp campaign`: experiments by the hundred, in parallel, none of them lost."""
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivers.errors import UsageError
 from grasp.cli import exits
-from grasp.cli.options import add_workers, whole, workers
+from grasp.cli.options import add_workers, no_settings, whole, workers
+from grasp.cli.places import file_to_write, file_with_folders, folder_to_fill
 from grasp.files import write_whole
 
 if TYPE_CHECKING:
@@ -27,12 +28,14 @@ def add_parser(verbs: Any) -> None:
     summary = actions.add_parser("summary", help="rates with intervals, latencies, slip distances")
     summary.add_argument("file", type=Path, metavar="FILE", help="SQLite file of a campaign")
     summary.add_argument("--json", action="store_true", help="one JSON object")
+    no_settings(summary)
     summary.set_defaults(handler=summarize)
     export = actions.add_parser("export", help="write the rows as CSV")
     export.add_argument("file", type=Path, metavar="FILE", help="SQLite file of a campaign")
     export.add_argument(
-        "--out", type=Path, metavar="CSV", help="file to write (default: standard output)"
+        "--out", type=file_to_write, metavar="CSV", help="file to write (default: standard output)"
     )
+    no_settings(export)
     export.set_defaults(handler=write_csv)
 
 
@@ -49,7 +52,7 @@ def _add_run(actions: Any) -> None:
     )
     add_workers(run)
     run.add_argument(
-        "--out", type=Path, metavar="FILE",
+        "--out", type=file_with_folders, metavar="FILE",
         help="SQLite file to make (default: runs/campaigns/<name>.sqlite)",
     )  # fmt: skip
     run.add_argument(
@@ -62,6 +65,10 @@ def _add_run(actions: Any) -> None:
         "--config", type=Path, action="append", metavar="FILE",
         help="TOML over the packaged settings and the campaign's `config`, for every trial; "
         "several: later ones on top",
+    )  # fmt: skip
+    run.add_argument(
+        "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
+        help="one setting, for every trial; may be repeated; `grasp config show` lists them",
     )  # fmt: skip
     run.add_argument(
         "--repetitions",
@@ -93,7 +100,26 @@ def _spec(args: argparse.Namespace) -> "CampaignSpec":
     wanted = {key: value for key, value in changes.items() if value is not None}
     spec = read_spec(file_of("campaigns", args.campaign))
     own = (*spec.config, *map(str, args.config or ()))
-    return msgspec.structs.replace(spec, config=own, **wanted)
+    spec = msgspec.structs.replace(spec, config=own, **wanted)
+    _check_set(spec, args.set)
+    return msgspec.structs.replace(spec, settings=(*spec.settings, *args.set))
+
+
+def _check_set(spec: "CampaignSpec", assignments: Sequence[str]) -> None:
+    """Raises ConfigError that names `--set` for a wrong one, UsageError for what the campaign
+    itself sets in each trial: it would be ignored."""
+    from scenarios.campaign.config import load_config
+
+    if not assignments:
+        return
+    for assignment in assignments:
+        key = assignment.partition("=")[0].strip()
+        if key in spec.sweep or key in spec.unknowns:
+            where = "sweep" if key in spec.sweep else "unknowns"
+            raise UsageError(f"--set: {key} is set by {where} of the campaign", "leave it out")
+    detector = next(iter(spec.detectors), None)
+    files = [Path(word) for word in spec.config]
+    load_config(spec.objects[0], "simulated", detector, files, assignments, spec.profiles[0])
 
 
 def run_campaign(args: argparse.Namespace) -> int:
@@ -183,7 +209,7 @@ def _add_calibrate(actions: Any) -> None:
     )  # fmt: skip
     add_workers(parser)
     parser.add_argument(
-        "--out", type=Path, default=Path("runs/calibration"), metavar="DIR",
+        "--out", type=folder_to_fill, default="runs/calibration", metavar="DIR",
         help="folder of the campaign files and of calibration.json (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="one JSON object")

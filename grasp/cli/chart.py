@@ -120,7 +120,6 @@ def draw_physics(args: argparse.Namespace) -> int:
     need("charts", "matplotlib")
     from scenarios.studies.physics import chart as physics_chart
 
-    args.out.touch()  # fails before the work rather than after it
     with progress("reference") as show:
         chart = physics_chart.compute(lambda text, done, total: show(done, total, text))
     physics_chart.draw(chart, args.out)
@@ -134,7 +133,6 @@ def draw_stability(args: argparse.Namespace) -> int:
     need("charts", "matplotlib")
     from scenarios.studies.physics import stability
 
-    args.out.touch()
     with progress("reference") as show:
         found = stability.compute(lambda text, done, total: show(done, total, text))
     stability.draw(found, args.out)

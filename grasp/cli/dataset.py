@@ -9,6 +9,7 @@ from grasp.cli import exits
 from grasp.cli.options import add_workers, decimal, need, whole, workers
 from grasp.cli.output import json_line
 from grasp.cli.pictures import picture
+from grasp.cli.places import folder_to_fill
 
 HELP = "build and describe data sets of labelled fingertip recordings"
 
@@ -32,7 +33,9 @@ def _add_build(actions: Any) -> None:
     parser.add_argument(
         "config", metavar="FILE", help="its path, or the name of one of config/datasets: paper, ..."
     )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to fill")
+    parser.add_argument(
+        "--out", type=folder_to_fill, required=True, metavar="DIR", help="folder to fill"
+    )
     add_workers(parser)
     parser.add_argument(
         "--share", type=decimal(1e-4, 1), default=1.0, metavar="X",
@@ -71,7 +74,9 @@ def _add_collect(actions: Any) -> None:
     parser.add_argument(
         "source", type=Path, nargs="+", metavar="RUN|FILE", help="folders of `grasp run acquire`"
     )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to fill")
+    parser.add_argument(
+        "--out", type=folder_to_fill, required=True, metavar="DIR", help="folder to fill"
+    )
     _add_json(parser)
     parser.set_defaults(handler=collect)
 

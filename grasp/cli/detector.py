@@ -7,8 +7,9 @@ from typing import Any
 
 from drivers.errors import BadFile, UsageError
 from grasp.cli import detector_study, exits, heads, paper_study, train
-from grasp.cli.options import add_settings, decimal, one_by_one, own_or_new, progress, whole
+from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
 from grasp.cli.output import json_line
+from grasp.cli.places import file_to_write, own_or_new
 from grasp.files import write_whole
 
 HELP = "score, tune and train slip detectors"
@@ -59,7 +60,7 @@ def _add_evaluate(actions: Any) -> None:
         "slides; moved: 1 mm from where it last rested (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--out", type=Path, metavar="FILE.json",
+        "--out", type=file_to_write, metavar="FILE.json",
         help="keep the scores, with what each rule of the sweep of `tune` would make of them and "
         "the worst misses; `grasp report FILE.json` makes a page of it",
     )  # fmt: skip

@@ -1,10 +1,10 @@
 """`grasp doctor`: looks at everything a run needs, moves nothing, names every remedy."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
+from grasp.cli.options import add_settings
 from grasp.cli.output import json_line
 
 HELP = "check this machine and the devices without moving anything"
@@ -17,10 +17,7 @@ def add_parser(verbs: Any) -> None:
         "--rig", metavar="NAME",
         help="also ask the devices of this rig (one of config/rigs, or a .toml file)",
     )  # fmt: skip
-    parser.add_argument(
-        "--config", type=Path, action="append", metavar="FILE",
-        help="TOML over the packaged settings; several: later ones on top (default: $GRASP_CONFIG)",
-    )  # fmt: skip
+    add_settings(parser)
     parser.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, nothing else"
     )
@@ -33,7 +30,7 @@ def doctor(args: argparse.Namespace) -> int:
     def load(rig: str, detector: str) -> Any:
         from scenarios.campaign.config import load_for_devices
 
-        return load_for_devices("can", rig, args.config, detector=detector)
+        return load_for_devices("can", rig, args.config, args.set, detector)
 
     def would_run(config: Any) -> object:
         from scenarios.trial.execution import make_guard

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import own_or_new
+from grasp.cli.options import no_settings
+from grasp.cli.places import file_to_write, own_or_new
 from grasp.files import write_whole
 
 HELP = "a run as a CSV table; or a layout to import into Foxglove or Lichtblick"
@@ -26,10 +27,11 @@ def add_parser(verbs: Any) -> None:
         "--to", choices=("csv", "layout"), default="csv", help="(default: %(default)s)"
     )
     parser.add_argument(
-        "--out", type=Path, metavar="FILE",
+        "--out", type=file_to_write, metavar="FILE",
         help="(default: beside the recording, with its name and .csv; layout: "
         f"{LAYOUT} there)",
     )  # fmt: skip
+    no_settings(parser)
     parser.set_defaults(handler=export)
 
 

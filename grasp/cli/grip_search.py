@@ -1,12 +1,12 @@
 """`grasp grip-search`: whole counts that hold an object and are sure to let it slip."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import decimal, own_or_new, whole
+from grasp.cli.options import decimal, whole
 from grasp.cli.output import json_line
+from grasp.cli.places import file_to_write, own_or_new
 from grasp.cli.run import add_trial_options
 from grasp.files import write_whole
 
@@ -45,7 +45,7 @@ def add_parser(verbs: Any) -> None:
         "(default: %(default)s)",
     )
     parser.add_argument(
-        "--write", type=Path, metavar="FILE", help="write the best as TOML, for --config"
+        "--write", type=file_to_write, metavar="FILE", help="write the best as TOML, for --config"
     )
     parser.add_argument("--json", action="store_true", help="one JSON object on standard output")
     parser.set_defaults(handler=search)

@@ -6,6 +6,7 @@ from typing import Any
 
 from grasp.cli import exits
 from grasp.cli.options import need, seed, whole
+from grasp.cli.places import file_to_write, must_be_writable
 
 SETS = "folders made by `grasp dataset build` that know how a fingertip moves"
 
@@ -41,7 +42,10 @@ def _add_train(actions: Any) -> None:
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="(default: %(default)s)")
     parser.add_argument("--steps", type=whole(1, 10**6), metavar="N", help="optimiser steps")
     parser.add_argument(
-        "--out", type=Path, metavar="FILE.heads.json", help="(default: NAME.heads.json here)"
+        "--out",
+        type=file_to_write,
+        metavar="FILE.heads.json",
+        help="(default: NAME.heads.json here)",
     )
     parser.set_defaults(handler=train)
 
@@ -84,6 +88,8 @@ def train(args: argparse.Namespace) -> int:
     from scenarios.trial.result import versions
 
     weights = weights_path(args.network)
+    out = args.out or Path(f"{weights.stem}{SUFFIX}")
+    must_be_writable(out)
     loaded = read_network(weights)
     recordings = [read_dataset(folder, "train") for folder in args.data]
     used = digest([r for each in recordings for r in each])
@@ -93,7 +99,6 @@ def train(args: argparse.Namespace) -> int:
         weights_digest(weights), used, versions()["commit"],
     )  # fmt: skip
     rows = compared(loaded, Teller(made), args.data, "test")
-    out = args.out or Path(f"{weights.stem}{SUFFIX}")
     write_heads(with_scores(made, rows), out)
     print(table(rows))
     print(out)

@@ -45,12 +45,10 @@ def lab_config(args: argparse.Namespace) -> Any:
 
 
 def new_file(path: Path) -> None:
-    """Raises UsageError where something is there already, OSError where nothing can be written:
-    asked before a person has done the work."""
+    """Raises UsageError where something is there already: asked before a person has done the
+    work."""
     if path.exists():
         raise UsageError(f"{path} is there already", "name another file: none is overwritten")
-    path.touch()
-    path.unlink()
 
 
 def confirm(question: str, word: str, given: bool) -> None:

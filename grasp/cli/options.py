@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from drivers.errors import UsageError
 
 if TYPE_CHECKING:
+    from grasp.cli.parser import Parser
     from scenarios.rigs.config import AnyRigConfig
     from scenarios.rigs.permission import MotionPermit
     from scenarios.rigs.workers import Workers
@@ -53,20 +54,6 @@ def decimal(least: float, most: float) -> Callable[[str], float]:
 
 
 seed = whole(0, 2**63 - 1)
-
-
-def own_or_new(path: Path, begins: str) -> None:
-    """Whether a file may be written, asked before what it will hold is computed.
-
-    Raises UsageError where something stands there that does not begin as this verb's own files do,
-    OSError where nothing can be written.
-    """
-    if path.is_file():
-        if not path.read_bytes().startswith(begins.encode()):
-            raise UsageError(f"{path} is there already", "name another file")
-    elif not path.exists():
-        path.touch()
-        path.unlink()
 
 
 def need(extra: str, *packages: str) -> None:
@@ -130,16 +117,24 @@ def add_runs(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_settings(parser: argparse.ArgumentParser) -> None:
-    """`--config FILE`, `--set SECTION.KEY=VALUE`."""
+def add_settings(parser: argparse.ArgumentParser, of: str = "") -> None:
+    """`--config FILE`, `--set SECTION.KEY=VALUE`. ``of``: what they are for, if not for all."""
     parser.add_argument(
         "--config", type=Path, action="append", metavar="FILE",
-        help="TOML over the packaged settings; several: later ones on top (default: $GRASP_CONFIG)",
+        help=f"{of}TOML over the packaged settings; several: later ones on top (default: "
+        "$GRASP_CONFIG)",
     )  # fmt: skip
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
-        help="one setting; may be repeated; `grasp config show` lists them",
+        help=f"{of}one setting; may be repeated; `grasp config show` lists them",
     )  # fmt: skip
+
+
+def no_settings(parser: "Parser") -> None:
+    """Of verbs that show what was made before: `--config` and `--set` would change nothing."""
+    parser.refuse(
+        "--config", "--set", because="what was recorded keeps the settings that it was made with"
+    )
 
 
 def add_confirmation(parser: argparse.ArgumentParser) -> None:

@@ -31,6 +31,7 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, *args: Any, **given: Any) -> None:
         self._titled: dict[str, Any] = {}
+        self._why_not: dict[str, str] = {}
         super().__init__(*args, **{"formatter_class": Formatter, **given})
 
     def add_argument(self, *args: Any, **given: Any) -> argparse.Action:
@@ -43,10 +44,16 @@ class Parser(argparse.ArgumentParser):
         action: argparse.Action = self._titled[title].add_argument(*args, **given)
         return action
 
+    def refuse(self, *options: str, because: str) -> None:
+        """Say why it does not take what other verbs take."""
+        self._why_not |= dict.fromkeys(options, because)
+
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
         namespace, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            self.error(f"`{self.prog}` does not take {' '.join(unknown)}")
+            reasons = [self._why_not.get(word.partition("=")[0]) for word in unknown]
+            why = next((f": {reason}" for reason in reasons if reason), "")
+            self.error(f"`{self.prog}` does not take {' '.join(unknown)}{why}")
         for action in self._actions:
             if action.nargs in ("+", "*"):
                 self._check_once(action, getattr(namespace, action.dest, None) or ())

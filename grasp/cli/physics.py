@@ -10,6 +10,7 @@ from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.options import OBJECT_HELP, add_workers, progress, seed, whole, workers
 from grasp.cli.output import json_line
+from grasp.cli.places import file_to_write
 from grasp.files import write_whole
 
 SCENES = ("lift", "tap", "hold")
@@ -43,8 +44,9 @@ def add_plan(actions: Any) -> None:
         help="tolerance on the peak force of a finger, such as 0.1N (default: not asked)",
     )  # fmt: skip
     parser.add_argument(
-        "--config", type=Path, metavar="FILE",
-        help="a file as runs take it: its sections object and contact count here",
+        "--config", type=Path, action="append", metavar="FILE",
+        help="a file as runs take it: its sections object and contact count here; several: later "
+        "ones on top",
     )  # fmt: skip
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
@@ -77,7 +79,7 @@ def add_check(actions: Any) -> None:
     )  # fmt: skip
     parser.add_argument("--keep", action="store_true", help="end in the air, where all is judged")
     add_workers(parser)
-    parser.add_argument("--out", type=Path, metavar="FILE.json", help="write every draw")
+    parser.add_argument("--out", type=file_to_write, metavar="FILE.json", help="write every draw")
     parser.set_defaults(handler=check)
 
 
@@ -146,8 +148,8 @@ def show_plan(args: argparse.Namespace) -> int:
             raise UsageError(f"--direction is that of a tap, not of a {args.scene}", "leave it out")
         assignments.append(f"scene.direction={args.direction}")
     layers = [thing_layer("objects", "object", args.object)]
-    if args.config is not None:
-        file = read_toml(args.config)
+    for path in args.config or ():
+        file = read_toml(path)
         known = {k: file.table[k] for k in World.__struct_fields__ if k in file.table}
         layers.append(Layer(file.source, known))
     world = load(World, [*layers, assignment_layer(assignments)])

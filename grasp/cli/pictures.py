@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from grasp.cli.places import file_to_write
 from grasp.files import write_whole
 
 PICTURES = (".svg", ".png", ".pdf")
@@ -15,15 +16,13 @@ def picture(text: str) -> Path:
     if path.suffix not in PICTURES:
         kinds = f"{', '.join(PICTURES[:-1])} or {PICTURES[-1]}"
         raise argparse.ArgumentTypeError(f"{text!r}: a name that ends in {kinds}")
-    if not path.parent.is_dir():
-        raise argparse.ArgumentTypeError(f"{text!r}: there is no folder {path.parent}")
-    return path
+    return file_to_write(text)
 
 
 def add_picture(parser: argparse.ArgumentParser, name: str, beside: str = "its numbers go") -> None:
     """`--out FILE`, with a picture of that name where none is said."""
     parser.add_argument(
-        "--out", type=picture, default=Path(f"{name}.svg"), metavar="FILE",
+        "--out", type=picture, default=f"{name}.svg", metavar="FILE",
         help=f"picture to write, .svg, .png or .pdf; {beside} beside it as .json "
         "(default: %(default)s)",
     )  # fmt: skip

@@ -7,6 +7,7 @@ from typing import Any
 from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.detector import scores_text
+from grasp.cli.options import add_settings
 from grasp.cli.output import json_line
 
 HELP = "feed a recording through detector, slip monitor and controller"
@@ -35,13 +36,7 @@ def add_parser(verbs: Any) -> None:
         help="with --tactile: a detector's name or path (default: that of profile default); else "
         "where that of one's own is which the run was recorded with",
     )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="SECTION.KEY=VALUE",
-        help="with --tactile: one setting; may be repeated",
-    )
+    add_settings(parser, of="with --tactile: ")
     parser.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, nothing else"
     )
@@ -51,6 +46,10 @@ def add_parser(verbs: Any) -> None:
 def replay(args: argparse.Namespace) -> int:
     if (args.run is None) == (args.tactile is None):
         raise UsageError("give either a RUN or --tactile PATH", "not both, not neither")
+    if args.tactile is None and (args.config or args.set):
+        what = "--config" if args.config else "--set"
+        told = f"{what} goes with --tactile: a run is replayed with the settings it was made with"
+        raise UsageError(told, "leave it out")
     return _run(args) if args.tactile is None else _tactile(args)
 
 
@@ -84,7 +83,7 @@ def _tactile(args: argparse.Namespace) -> int:
     from scenarios.campaign.config import load_config
     from scenarios.trial.replay_tactile import replay_tactile
 
-    config = load_config("can", "simulated", args.detector, None, args.set)
+    config = load_config("can", "simulated", args.detector, args.config, args.set)
     recording = read(args.tactile)
     done = replay_tactile(config, recording)
     detector = config.make_detector(recording.fingers, recording.taxels)

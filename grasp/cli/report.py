@@ -6,7 +6,8 @@ from typing import Any
 
 from drivers.errors import BadFile, UsageError
 from grasp.cli import exits
-from grasp.cli.options import own_or_new
+from grasp.cli.options import no_settings
+from grasp.cli.places import file_to_write, own_or_new
 from grasp.files import write_whole
 
 HELP = "one page that shows a run, a campaign or an evaluation, in one file that opens from disk"
@@ -33,16 +34,14 @@ def add_parser(verbs: Any) -> None:
         help="page to write, .html (default: report.html beside the recording, or beside the "
         "file of a campaign or an evaluation, with its name)",
     )  # fmt: skip
+    no_settings(parser)
     parser.set_defaults(handler=report)
 
 
 def _html(text: str) -> Path:
-    path = Path(text)
-    if path.suffix != ".html":
+    if Path(text).suffix != ".html":
         raise argparse.ArgumentTypeError(f"{text!r}: a name that ends in .html")
-    if not path.parent.is_dir():
-        raise argparse.ArgumentTypeError(f"{text!r}: there is no folder {path.parent}")
-    return path
+    return file_to_write(text)
 
 
 def report(args: argparse.Namespace) -> int:

@@ -7,7 +7,7 @@ from typing import Any
 
 from drivers.errors import BadFile
 from grasp.cli import exits
-from grasp.cli.options import add_runs
+from grasp.cli.options import add_runs, no_settings
 from grasp.cli.output import json_line
 
 HELP = "list recorded runs with their verdicts"
@@ -17,6 +17,7 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("runs", help=HELP, description=HELP)
     add_runs(parser)
     parser.add_argument("--json", action="store_true", help="one JSON array of results")
+    no_settings(parser)
     parser.set_defaults(handler=run)
 
 

@@ -4,13 +4,13 @@ to it."""
 import argparse
 import sys
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
 from grasp.cli.lab import add_lab, lab_config, new_file
-from grasp.cli.options import decimal, whole
+from grasp.cli.options import add_settings, decimal, whole
 from grasp.cli.output import json_line
+from grasp.cli.places import file_to_write
 from grasp.files import write_whole
 
 HELP = "fingertips: USB permission, wiring, rest and noise"
@@ -25,9 +25,12 @@ def add_parser(verbs: Any) -> None:
     which.add_argument(
         "--url",
         metavar="URL",
-        help="an emulated board, tcp://HOST:PORT (default: the board on the USB bus)",
+        help="an emulated board, tcp://HOST:PORT (default: usb.url, else the board on the USB bus)",
     )
-    which.add_argument("--serial", help="the board with this serial number (default: the first)")
+    which.add_argument(
+        "--serial", help="the board with this number (default: usb.serial, else the first)"
+    )
+    add_settings(which)
     which.add_argument(
         "--seconds",
         type=decimal(0.01, 86_400),
@@ -55,7 +58,9 @@ def add_parser(verbs: Any) -> None:
         actions, "rest", take_rest, 5.0,
         "the rest codes of the unloaded hand, as tactile.rest_reference for a file of your own",
     )  # fmt: skip
-    rest.add_argument("--out", type=Path, metavar="FILE", help="write that file (a new one)")
+    rest.add_argument(
+        "--out", type=file_to_write, metavar="FILE", help="write that file (a new one)"
+    )
 
 
 def _add_listening(
@@ -119,15 +124,17 @@ def udev(args: argparse.Namespace) -> int:
 def identify(args: argparse.Namespace) -> int:
     from drivers.takktile.identify import watch
     from drivers.takktile.link.usb import UsbLink
-    from drivers.takktile.settings import TakkTileSettings
+    from scenarios.campaign.config import load_for_devices
+    from scenarios.rigs.permission import HARDWARE
+    from scenarios.rigs.wired import ANY_BOARD
 
+    config = load_for_devices("can", HARDWARE, args.config, args.set)
+    named = "" if config.usb.serial == ANY_BOARD else config.usb.serial
     strongest: dict[tuple[int, int], Any] = {}
     last = None
-    link = UsbLink.find(args.serial, _bus(args.url))
+    link = UsbLink.find(args.serial or named or None, _bus(args.url or config.usb.url))
     try:
-        watched = watch(
-            link, TakkTileSettings(), args.seconds, lambda: _prompt(args), args.least_fall
-        )
+        watched = watch(link, config.tactile, args.seconds, lambda: _prompt(args), args.least_fall)
         for press in watched:
             cell = press.row, press.column
             if cell not in strongest or press.fall_counts > strongest[cell].fall_counts:
@@ -140,9 +147,9 @@ def identify(args: argparse.Namespace) -> int:
     return _conclude(list(strongest.values()), args.json)
 
 
-def _bus(url: str | None) -> Any:
+def _bus(url: str) -> Any:
     """pyusb back end: of an emulated board, or None for the machine's own USB."""
-    if url is None:
+    if not url:
         return None
     from drivers.errors import ConfigError
     from drivers.takktile.emulator.bus import backend

@@ -7,6 +7,7 @@ from typing import Any
 
 from grasp.cli import exits
 from grasp.cli.options import decimal, need, seed, whole
+from grasp.cli.places import file_with_folders, must_be_writable
 
 NETWORKS = ("tcn", "gru", "tcn-paper", "freq-cnn-paper")
 NO_LIMIT_MINUTES = 1e9
@@ -28,7 +29,7 @@ def add_parser(actions: Any) -> None:
         help="folders made by `grasp dataset build`",
     )  # fmt: skip
     parser.add_argument(
-        "--out", type=Path, metavar="FILE.onnx",
+        "--out", type=file_with_folders, metavar="FILE.onnx",
         help="weights to write (default: NAME.onnx here); log and checkpoint lie beside it",
     )  # fmt: skip
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="(default: %(default)s)")
@@ -81,11 +82,12 @@ def train(args: argparse.Namespace) -> int:
     from scenarios.trial.result import versions
 
     out = args.out or Path(f"{args.network}.onnx")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    must_be_writable(out)
     training, validation = _prepare(args)
     checkpoint = out.with_suffix(".checkpoint")
     if args.resume:
         training.resume(checkpoint)
-    out.parent.mkdir(parents=True, exist_ok=True)
     with out.with_suffix(".log").open("a", encoding="utf-8") as log:
         training.run(args.minutes, checkpoint, _Reporter(log, live=not args.json).tell)
     card = export(training, validation, out, versions()["commit"])

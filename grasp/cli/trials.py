@@ -14,6 +14,7 @@ from grasp.cli import exits
 from grasp.cli.first import tell_end
 from grasp.cli.options import whole
 from grasp.cli.output import json_line
+from grasp.cli.places import file_with_folders
 
 TRIALS = {"lift": 1, "tap": 20}  # taps: paper, section V-B
 
@@ -26,7 +27,7 @@ def add_series_options(parser: argparse.ArgumentParser, scenario: str) -> None:
         f"(default: {TRIALS[scenario]})",
     )  # fmt: skip
     parser.add_argument(
-        "--out", type=Path, metavar="FILE",
+        "--out", type=file_with_folders, metavar="FILE",
         help="keep a row a trial in this file, as a campaign does; `grasp campaign summary` reads "
         "it (default on the hardware rig, for several trials: a new one in --runs)",
     )  # fmt: skip

@@ -7,8 +7,9 @@ from typing import Any
 
 from drivers.errors import BadFile, UsageError
 from grasp.cli import exits, physics, yardstick
-from grasp.cli.options import need, own_or_new, progress, seed, whole
+from grasp.cli.options import need, progress, seed, whole
 from grasp.cli.pictures import picture
+from grasp.cli.places import file_to_write, own_or_new
 from grasp.files import write_whole
 
 HELP = "fit and judge the simulated world, choose its physics"
@@ -73,7 +74,9 @@ def _add_calibrate(actions: Any) -> None:
         help="with --data and --ablate: made anew without each term of the part `compliant` "
         "(default: %(default)s)",
     )  # fmt: skip
-    parser.add_argument("--out", type=Path, metavar="FILE.toml", help="write the fitted values")
+    parser.add_argument(
+        "--out", type=file_to_write, metavar="FILE.toml", help="write the fitted values"
+    )
     parser.add_argument(
         "--figure", type=picture, metavar="FILE", help="draw a simulated clip under the recording"
     )

@@ -10,6 +10,9 @@ from drivers.errors import UsageError
 from grasp.cli.main import build_parser, main
 from grasp.cli.options import decimal, need, progress, whole
 from grasp.cli.pictures import picture
+from grasp.cli.places import file_to_write, file_with_folders, folder_to_fill
+
+PLACES = (file_to_write, file_with_folders, folder_to_fill)
 
 
 def options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Action]]:
@@ -18,7 +21,7 @@ def options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Act
         if isinstance(action, argparse._SubParsersAction):
             for verb in dict.fromkeys(action.choices.values()):
                 yield from options(verb)
-        elif action.type not in (None, str, Path, picture):
+        elif action.type not in (None, str, Path, picture, *PLACES):
             yield f"{parser.prog} {'/'.join(action.option_strings) or action.dest}", action
 
 

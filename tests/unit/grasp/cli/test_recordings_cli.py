@@ -46,6 +46,18 @@ def test_fingertip_recording_shows_events_commands_and_score(
     assert "registered at finger A" in out
     assert "close A" in out
     assert "2 of 2 caught" in out
+    (tmp_path / "own.toml").write_text("[energy]\nthreshold_counts = 400.0\n")
+    code, other, _ = call(*words, "--config", str(tmp_path / "own.toml"), capsys=capsys)
+    assert code == 0 and other != out
+
+
+def test_a_run_is_replayed_with_its_own_settings_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for given in ("--set=object.mass_kg=1", f"--config={tmp_path / 'own.toml'}"):
+        code, _, err = call("replay", str(tmp_path), given, capsys=capsys)
+        assert code == 2
+        assert "the settings it was made with" in err
 
 
 def test_detector_is_scored_on_a_recording(

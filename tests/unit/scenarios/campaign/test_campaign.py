@@ -238,6 +238,37 @@ def test_exit_code_says_whether_every_trial_ran(
     assert json.loads(capsys.readouterr().out)["errors"] == len(crashing)
 
 
+def test_a_setting_of_the_command_line_counts_in_every_trial_and_is_named_where_it_is_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen = []
+
+    def work(trial: Task) -> Finished:
+        seen.append((trial.config.object.mass_kg, trial.config.rule.consecutive))
+        return judged_at_once(trial)
+
+    monkeypatch.setattr("scenarios.campaign.run.run", partial(run, work=work))
+    monkeypatch.setattr("grasp.cli.campaign.workers", lambda _: Workers(0))
+    file = tmp_path / "two.toml"
+    file.write_text(
+        'name = "two"\nobjects = ["can"]\nrepetitions = 1\nsettings = ["object.mass_kg=0.2"]\n'
+        '[sweep]\n"rule.consecutive" = [1, 2]\n'
+    )
+    words = ["campaign", "run", str(file), "--out", str(tmp_path / "a.sqlite"), "--json"]
+    for wrong, told in (
+        ("object.mass_kg=much", "--set: object.mass_kg"),
+        ("object.mas_kg=1", "--set: object.mas_kg: unknown key"),
+        ("rule.consecutive=3", "--set: rule.consecutive is set by sweep of the campaign"),
+    ):
+        assert main([*words, "--set", wrong]) == 2
+        assert told in json.loads(capsys.readouterr().out)["error"]["message"]
+    assert not seen
+    assert main([*words, "--set", "object.mass_kg=0.3"]) == 0
+    assert seen == [(0.3, 1), (0.3, 2)]
+    with CampaignStore.open(tmp_path / "a.sqlite") as store:
+        assert store.spec.settings == ("object.mass_kg=0.2", "object.mass_kg=0.3")
+
+
 def test_resume_runs_what_is_missing_or_errored_and_nothing_else(tmp_path: Path) -> None:
     def crash_two(trial: Task) -> Finished:
         if trial.number in (0, 3):

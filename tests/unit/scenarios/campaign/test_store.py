@@ -351,8 +351,8 @@ def test_an_export_into_a_folder_that_is_not_there_says_what_to_do(
     whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "nowhere" / "a.csv"
-    assert main(["campaign", "export", str(whole), "--out", str(out)]) == 5
-    assert "name a folder that is there" in capsys.readouterr().err
+    assert main(["campaign", "export", str(whole), "--out", str(out)]) == 2
+    assert f"there is no folder {out.parent}" in capsys.readouterr().err
 
 
 def test_a_disk_without_room_for_the_log_is_no_damage(tmp_path: Path) -> None:

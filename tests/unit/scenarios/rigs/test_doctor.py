@@ -109,10 +109,13 @@ def test_configuration_that_cannot_be_read_is_told_once(
 
 
 def test_settings_that_cannot_be_read_are_no_device_error(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(doctor, "JITTER_S", 0.05)
     assert main(["doctor", "--config", str(tmp_path / "none.toml")]) == 2
+    capsys.readouterr()
+    assert main(["doctor", "--set", "modbus.hots=127.0.0.99"]) == 2
+    assert "--set: modbus.hots: unknown key" in capsys.readouterr().out
 
 
 def test_file_as_a_whole_is_told_without_a_key(tmp_path: Path) -> None:

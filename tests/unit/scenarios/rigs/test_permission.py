@@ -110,7 +110,7 @@ LINES = {
     ("release",): ["release", "--rig", "simulated"],
     **{("gripper", name): ["gripper", name] for name in GRIPPER},
     **{("arm", name): ["arm", name] for name in ARM},
-    **{("tactile", name): ["tactile", name] for name in TACTILE},
+    **{("tactile", name): ["tactile", name] for name in (*TACTILE, "identify")},
     **{("calibrate", name): ["calibrate", name, *more] for name, more in CALIBRATE.items()},
     ("replay",): ["replay", "--tactile", "strokes.csv", "--detector", "energy"],
     ("detector", "evaluate"): ["detector", "evaluate", "energy", "--recording", "strokes.csv"],

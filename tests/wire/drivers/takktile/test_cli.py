@@ -41,6 +41,17 @@ def test_identify_names_finger_taxel_and_cell(bench, capsys):
     assert bench.board.ready_ns is None  # stopped
 
 
+def test_identify_reads_board_and_wiring_of_a_lab_s_own_file(bench, capsys, tmp_path):
+    lab, turned = tmp_path / "lab.toml", [[[r, c] for c in range(6)] for r in (2, 1, 0)]
+    lab.write_text(f"[usb]\nurl = '{bench.server.url}'\n[tactile]\ncells = {turned}\n")
+    press(bench, 4)
+    words = ["tactile", "identify", "--seconds", "1", "--config", str(lab)]
+    assert main(words) == 0
+    assert "strongest: finger C taxel 4 (row 0, column 4)" in capsys.readouterr().out
+    assert main([*words, "--set", "usb.serial=another"]) == 3
+    assert "with serial number another" in capsys.readouterr().err
+
+
 def test_identify_answers_in_json(bench, capsys):
     press(bench, 0)
     assert identify(bench, "--seconds", "1", "--json") == 0
