@@ -274,7 +274,8 @@ class RobotiqDriver:
 
     def activate(self, dropping: bool = False) -> Applied:
         """Make the hand ready. One that is ready and without fault is taken over as it is; one that
-        holds something is left alone, unless it may drop that."""
+        holds something, or is active and not open, for who holds by position feels no contact, is
+        left alone, unless it may drop that."""
         state = self._known()
         if self._exchange.lost:
             return self._nothing(_LOST)
@@ -283,6 +284,7 @@ class RobotiqDriver:
         if state.active and not state.fault:
             return self._nothing("already active: taken over as it is")
         holding = Detection.CONTACT_CLOSING in (finger.detection for finger in state.fingers)
+        holding = holding or (state.active and not state.is_open)
         if holding and not dropping:
             raise Refused(
                 "activation would drop what the fingers hold",

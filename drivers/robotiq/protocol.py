@@ -186,7 +186,10 @@ class FaultCode(msgspec.Struct, frozen=True):
     remedy: str
 
 
-_RESET: Final = "activate the hand anew; one that holds something has to be switched off and on"
+_RESET: Final = (
+    "empty it and activate the hand anew (`grasp gripper activate`); one that holds something has to "
+    "be switched off and on"
+)
 _KNOWN: Final = (
     FaultCode(0x00, Severity.NONE, "", ""),
     FaultCode(0x05, Severity.PRIORITY, "action delayed: activation must complete first", "wait"),

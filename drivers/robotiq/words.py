@@ -12,15 +12,18 @@ LEAP_COUNTS: Final = 8  # that a finger which stands may seem to move between tw
 _MODE = ("basic", "pinch", "wide", "scissor")
 _INITIALIZATION = ("reset", "activation is under way", "the mode is being changed", "ready")
 _STOPPED = (
-    "the fingers move, if gGTO is set",
+    "the fingers move",
     "stopped, some short of what was asked",
     "stopped, all short of what was asked",
     "all where they were told to be",
 )
 _DETECTION = (
-    "moves, if gGTO is set", "stopped on contact while opening",
+    "moves", "stopped on contact while opening",
     "stopped on contact while closing", "where it was told to be",
 )  # fmt: skip
+_MOVES: Final = 0  # of gSTA and gDT: "only meaningful if gGTO = 1"
+_STAND_BY: Final = "stands by, activates, changes its mode or releases"
+_NOT_SAID: Final = "says nothing while gGTO is 0"
 
 
 def lines(status: StatusRegisters) -> list[str]:
@@ -31,19 +34,23 @@ def lines(status: StatusRegisters) -> list[str]:
     return [
         f"gACT {status.active:d}: {'activated' if status.active else 'not activated'}",
         f"gMOD {status.mode}: {_MODE[status.mode]} mode",
-        f"gGTO {status.go_to:d}: {'obeys positions' if status.go_to else 'told to stand'}",
+        f"gGTO {status.go_to:d}: {'obeys positions' if status.go_to else _STAND_BY}",
         f"gIMC {status.initialization}: {_INITIALIZATION[status.initialization]}",
-        f"gSTA {status.stopped}: {_STOPPED[status.stopped]}",
+        f"gSTA {status.stopped}: {_said(_STOPPED, status.stopped, status)}",
         f"gFLT 0x{status.fault:02X}: {told}",
-        *(_axis(name, axis) for name, axis in axes),
+        *(_axis(name, axis, status) for name, axis in axes),
     ]
 
 
-def _axis(name: str, axis: AxisStatus) -> str:
+def _said(texts: tuple[str, ...], value: int, status: StatusRegisters) -> str:
+    return _NOT_SAID if value == _MOVES and not status.go_to else texts[value]
+
+
+def _axis(name: str, axis: AxisStatus, status: StatusRegisters) -> str:
     who = name if name == NAMES[-1] else f"finger {name}"
     return (
         f"{who}: at {axis.position} counts, told {axis.echo}, {axis.current_ma} mA, "
-        f"{_DETECTION[axis.detection]} (gDT {axis.detection})"
+        f"{_said(_DETECTION, axis.detection, status)} (gDT {axis.detection})"
     )
 
 

@@ -23,6 +23,10 @@ CLOSED_AND_INACTIVE = (
     "support what it holds, then `grasp release --activate`; if it is empty, `grasp gripper "
     "activate`"
 )
+STAYS = (
+    "remove its cause and look again with `grasp gripper status`; if it stays, support what the hand "
+    "holds, `grasp gripper open`, then `grasp gripper activate`"
+)
 
 CellT = TypeVar("CellT", SimulatedCell, PressedCell)
 TruthT = TypeVar("TruthT", Truth, PressedTruth)
@@ -97,8 +101,8 @@ def connect(arm: Arm, tactile: TactileSensor, gripper: Gripper | None, clock: Cl
 
 def activate(gripper: Gripper, clock: Clock, dropping: bool = False) -> None:
     """Make the hand ready, unless it is; raises DeviceFault when that does not end, Refused where
-    it would drop something and may not. One that is active and reports a fault is activated anew:
-    it says that it is active until it has heard that, so a status of that time is not believed.
+    it would drop something and may not. One that is active and reports a fault obeys and may hold
+    something: it is left as it is, and DeviceFault says so.
     One that is not active and stands closed may hold something by itself, as after a power cut."""
     now_ns = clock.now_ns
     gripper.pump(now_ns)
@@ -107,6 +111,11 @@ def activate(gripper: Gripper, clock: Clock, dropping: bool = False) -> None:
         raise Refused(
             f"the hand is not active and stands closed, at {found.positions} counts: activation "
             "would drop what it holds", CLOSED_AND_INACTIVE,
+        )  # fmt: skip
+    if found is not None and found.active and found.fault:
+        raise DeviceFault(
+            f"the gripper reports a fault, {found.fault_text}; it is active and was left as it is, "
+            f"at {found.positions} counts", STAYS,
         )  # fmt: skip
     gripper.activate(dropping)
     end_ns = now_ns + round(ACTIVATION_TIMEOUT_S * 1e9)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.errors import Refused
+from drivers.errors import DeviceFault, Refused
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import HandSettings
 from grasp.clock import VirtualClock
@@ -21,20 +21,58 @@ def made(active: bool) -> tuple[Rig, VirtualClock]:
     return rig, VirtualClock(advance)
 
 
-@pytest.mark.parametrize("code", [0x09, 0x0A, 0x0C])
-def test_hand_that_is_active_and_reports_a_fault_is_waited_for_until_it_is_active_anew(
-    code: int,
+@pytest.mark.parametrize("at", [6, 60])
+@pytest.mark.parametrize("code", [0x05, 0x06, 0x09, 0x0A, 0x0B, 0x0C])
+def test_hand_that_is_active_and_reports_a_fault_keeps_its_grip_and_the_verb_is_told(
+    code: int, at: int
 ) -> None:
+    """Also one that holds by position: it reports no contact."""
     rig, clock = made(active=True)
-    rig.model.inject_fault(code)
-    clock.sleep_until_ns(100 * MS)
-    activate(rig.driver, clock)
-    assert clock.now_ns > 3_000 * MS
-    for _ in range(50):
+    rig.driver.move_to((at, at, at), 0.1, 15.0)
+    for _ in range(300):
         clock.sleep_until_ns(clock.now_ns + 10 * MS)
         rig.driver.pump(clock.now_ns)
-        assert rig.state.active
-        assert not rig.state.fault
+    rig.model.inject_fault(code)
+    clock.sleep_until_ns(clock.now_ns + 100 * MS)
+    rig.driver = RobotiqDriver(  # of another run
+        rig.transport, DriverSettings(), PAPER, log=rig._log
+    )
+    told = len(rig.frames)
+    with pytest.raises(DeviceFault, match="was left as it is") as caught:
+        activate(rig.driver, clock)
+    assert "`grasp gripper activate`" in caught.value.remedy
+    if at != 6:
+        with pytest.raises(Refused, match="drop"):
+            rig.driver.activate()
+    for _ in range(300):
+        clock.sleep_until_ns(clock.now_ns + 10 * MS)
+        rig.driver.pump(clock.now_ns)
+    assert rig.frames[told:] == []
+    assert rig.state.positions == (at, at, at)
+
+
+@pytest.mark.parametrize("code", [0x0D, 0x0E, 0x0F])
+def test_fault_that_needs_activation_is_told_with_the_verb_and_nothing_is_moved(code: int) -> None:
+    rig, clock = made(active=True)
+    rig.model.inject_fault(code)
+    clock.sleep_until_ns(clock.now_ns + 100 * MS)
+    told = len(rig.frames)
+    with pytest.raises(DeviceFault, match="gripper fault") as caught:
+        activate(rig.driver, clock)
+    assert "`grasp gripper activate`" in caught.value.remedy
+    assert rig.frames[told:] == []
+
+
+def test_fault_is_cleared_by_the_verb_that_activates() -> None:
+    rig, clock = made(active=True)
+    rig.model.inject_fault(0x0A)
+    clock.sleep_until_ns(100 * MS)
+    rig.driver.pump(clock.now_ns)
+    rig.driver.activate()
+    for _ in range(400):
+        clock.sleep_until_ns(clock.now_ns + 10 * MS)
+        rig.driver.pump(clock.now_ns)
+    assert rig.state.active and not rig.state.fault
 
 
 @pytest.mark.parametrize(("active", "least_ms", "most_ms"), [(True, 0, 0), (False, 3_000, 3_500)])
