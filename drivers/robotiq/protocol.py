@@ -187,8 +187,8 @@ class FaultCode(msgspec.Struct, frozen=True):
 
 
 _RESET: Final = (
-    "empty it and activate the hand anew (`grasp gripper activate`); one that holds something has to "
-    "be switched off and on"
+    "empty it and activate the hand anew (`grasp gripper activate`); one that holds something has "
+    "to be switched off and on"
 )
 _KNOWN: Final = (
     FaultCode(0x00, Severity.NONE, "", ""),

@@ -105,8 +105,8 @@ def take_rest(args: argparse.Namespace) -> int:
     if args.out is not None:
         write_whole(args.out, text.encode())
     if args.json:
-        print(json_line({"rest": heard.rest, "noise_counts": heard.noise_counts,
-                          "file": text, "exit_code": exits.SUCCESS}))  # fmt: skip
+        told = {"rest": heard.codes, "samples": heard.samples, "noise_counts": heard.noise_counts}
+        print(json_line({**told, "file": text, "exit_code": exits.SUCCESS}))
     else:
         print(text, end="")
         print(heard.in_words(), file=sys.stderr)

@@ -34,6 +34,19 @@ class Heard(msgspec.Struct, frozen=True):
     def dropped(self) -> int:
         return sum(self.lost.values())
 
+    @property
+    def samples(self) -> int:
+        """That the means are of."""
+        return self.ticks - self.dropped
+
+    @property
+    def codes(self) -> tuple[tuple[int, ...], ...]:
+        """(3, taxels) mean codes, whole."""
+        return tuple(
+            tuple(round(rest + counts) for rest, counts in zip(*finger, strict=True))
+            for finger in zip(self.rest, self.counts, strict=True)
+        )
+
     def in_words(self) -> str:
         """One line: what each finger bears, the loudest taxel, frames lost."""
         sums = (
@@ -110,14 +123,10 @@ def rest_file(config: AnyRigConfig, seconds: float) -> tuple[Heard, str]:
     replace = msgspec.structs.replace
     tactile = replace(config.tactile, rest_reference=None)  # it is this that is renewed
     *_, heard = listen(replace(config, tactile=tactile), seconds)
-    codes = [
-        [round(rest + counts) for rest, counts in zip(*finger, strict=True)]
-        for finger in zip(heard.rest, heard.counts, strict=True)
-    ]
-    rows = ",\n".join(f"    {row}" for row in codes)
+    rows = ",\n".join(f"    {list(row)}" for row in heard.codes)
     loudest = max(max(finger) for finger in heard.noise_counts)
     day = f"{datetime.now():%Y-%m-%d %H:%M}"  # noqa: DTZ005  (a person's local time)
     return heard, (
-        f"# rest codes of an unloaded hand, {day}: mean of {heard.ticks} samples, the loudest "
+        f"# rest codes of an unloaded hand, {day}: mean of {heard.samples} samples, the loudest "
         f"taxel {loudest:.2f} counts\n[tactile]\nrest_reference = [\n{rows},\n]\n"
     )

@@ -24,8 +24,8 @@ CLOSED_AND_INACTIVE = (
     "activate`"
 )
 STAYS = (
-    "remove its cause and look again with `grasp gripper status`; if it stays, support what the hand "
-    "holds, `grasp gripper open`, then `grasp gripper activate`"
+    "remove its cause and look again with `grasp gripper status`; if it stays, support what the "
+    "hand holds, `grasp gripper open`, then `grasp gripper activate`"
 )
 
 CellT = TypeVar("CellT", SimulatedCell, PressedCell)

@@ -35,7 +35,10 @@ def test_hand_that_is_active_and_reports_a_fault_keeps_its_grip_and_the_verb_is_
     rig.model.inject_fault(code)
     clock.sleep_until_ns(clock.now_ns + 100 * MS)
     rig.driver = RobotiqDriver(  # of another run
-        rig.transport, DriverSettings(), PAPER, log=rig._log
+        rig.transport,
+        DriverSettings(),
+        PAPER,
+        log=rig._log,  # noqa: SLF001
     )
     told = len(rig.frames)
     with pytest.raises(DeviceFault, match="was left as it is") as caught:
