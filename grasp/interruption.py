@@ -2,11 +2,14 @@
 
 The command line takes them (``taken``); without that they mean what they mean in Python. They
 become an ``Interruption``, a KeyboardInterrupt: at once as a rule, and inside ``held`` only where
-``check`` is called, so that no step, no recording and no closing of a device is cut in two. State
-is a process's, as signals are; in other threads than the main one nothing here does anything.
+``check`` is called, so that no step, no recording and no closing of a device is cut in two. While a
+module is imported they wait for its end, for there some libraries turn it into an ImportError, and
+callbacks of the import system lose it. State is a process's, as signals are; in other threads than
+the main one nothing here does anything.
 """
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -17,6 +20,8 @@ from typing import Any, NoReturn
 from grasp.clock import stopwatch_ns
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+IMPORT_SYSTEM = "<frozen importlib._bootstrap>"  # file of the frames that import a module
+LOOK_S = 0.01  # between two looks whether an import has ended
 STUCK_NS = 1_000_000_000  # what has not looked for so long stands still: a second signal cuts in
 
 _WORDS = {
@@ -50,16 +55,39 @@ class _Taker:
         self.asked: int | None = None  # by the first signal
         self.raised = False
         self._asked_ns = 0
+        self._imports = _imports(sys._getframe())  # noqa: SLF001  (whoever calls us may be imported)
+        self._alarm: Any = None  # what took SIGALRM before
 
-    def take(self, number: int, _: FrameType | None) -> None:
+    def take(self, number: int, frame: FrameType | None) -> None:
         if self.asked is None:
             self.asked, self._asked_ns = number, stopwatch_ns()
         stuck = stopwatch_ns() - self._asked_ns > STUCK_NS
         again = not self.raised
         if self.mode is _Mode.RAISE or (again and self.mode is _Mode.ALLOW):
-            self.end()
+            if _imports(frame) > self._imports:
+                self._end_later()
+            else:
+                self.end()
         if again and stuck and self.mode is _Mode.WATCH:
             self.end()
+
+    def _end_later(self) -> None:
+        if self._alarm is None:
+            self._alarm = signal.signal(signal.SIGALRM, self._now)
+        signal.setitimer(signal.ITIMER_REAL, LOOK_S)
+
+    def _now(self, _: int, frame: FrameType | None) -> None:
+        if self.raised or self.mode not in (_Mode.RAISE, _Mode.ALLOW):
+            return  # whoever holds it looks
+        if _imports(frame) > self._imports:
+            signal.setitimer(signal.ITIMER_REAL, LOOK_S)
+        else:
+            self.end()
+
+    def close(self) -> None:
+        if self._alarm is not None:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, self._alarm)
 
     def look(self) -> None:
         if self.asked is not None and not self.raised and self.mode is not _Mode.SEAL:
@@ -69,6 +97,15 @@ class _Taker:
         self.raised = True
         assert self.asked is not None  # noqa: S101
         raise Interruption(self.asked)
+
+
+def _imports(frame: FrameType | None) -> int:
+    """How many frames of the import system lie below and at a frame."""
+    found = 0
+    while frame is not None:
+        found += frame.f_code.co_filename == IMPORT_SYSTEM
+        frame = frame.f_back
+    return found
 
 
 _taker: _Taker | None = None
@@ -91,6 +128,7 @@ def taken() -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        _taker.close()
         _taker = None
 
 

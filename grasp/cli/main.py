@@ -109,8 +109,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else argv
     as_json = "--json" in words
     asked = {"-h", "--help", "--version"} & set(words)
-    with interruption.taken(), only_json() if as_json and not asked else nullcontext():
-        return _run(words, as_json)
+    try:
+        with interruption.taken(), only_json() if as_json and not asked else nullcontext():
+            return _run(words, as_json)
+    except KeyboardInterrupt:  # before or after all that could be told of it
+        return exits.INTERRUPTED
 
 
 def _run(words: Sequence[str], as_json: bool) -> int:

@@ -100,7 +100,7 @@ def test_importing_grasp_imports_nothing() -> None:
 
 
 def test_console_script_is_the_command_line() -> None:
-    assert PROJECT["scripts"] == {"grasp": "grasp.cli.main:main"}
+    assert PROJECT["scripts"] == {"grasp": "grasp.cli.entry:main"}
 
 
 # Lock files

@@ -1,0 +1,73 @@
+"""Ctrl-C while the program's modules are imported ends it as Ctrl-C does, wherever it strikes."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+# imports as a program does; strikes itself at the import of a number or a name
+STRUCK = """
+import os, signal, sys
+
+class Strike:
+    left = {place!r}
+
+    def find_spec(self, name, path=None, target=None):
+        if isinstance(self.left, int):
+            self.left -= 1
+        if self.left == 0 or self.left == name:
+            Strike.left = -1
+            os.kill(os.getpid(), signal.SIGINT)
+
+{before}
+sys.meta_path.insert(0, Strike())
+from grasp.cli.entry import main
+code = main()
+print("left", Strike.left)
+sys.exit(code)
+"""
+ENTRY = "import grasp.cli.entry"  # whose first lines are Python's own still
+
+
+def struck(place: int | str, runs: Path) -> "subprocess.CompletedProcess[str]":
+    words = ("run", "lift", "--rig", "simulated", "--pace", "max", "--runs", str(runs))
+    return subprocess.run(
+        [sys.executable, "-c", STRUCK.format(place=place, before=ENTRY), *words],
+        capture_output=True, text=True, check=False, timeout=300,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "place",
+    [1, 2, 40, 150, 400, 700, "grasp.cli.run", "numpy._core.multiarray",
+     "onnxruntime.capi.onnxruntime_pybind11_state", "onnxruntime.capi._pybind_state",
+     "scenarios.campaign.config"],
+)  # fmt: skip
+def test_ctrl_c_at_any_import_ends_with_130_and_no_traceback(
+    place: int | str, tmp_path: Path
+) -> None:
+    done = struck(place, tmp_path / "runs")
+    assert "left" not in done.stdout or "left -1" in done.stdout  # it was struck
+    assert done.returncode == 130, done.stderr
+    assert "Traceback" not in done.stderr and "ignored" not in done.stderr
+    assert "damaged" not in done.stderr
+    assert not (tmp_path / "runs").exists() or not list((tmp_path / "runs").glob("*/recording*"))
+
+
+def test_after_the_command_ctrl_c_is_python_s_own_again() -> None:
+    code = (
+        "import signal, sys; from grasp.cli.entry import main, _quit\n"
+        "assert signal.getsignal(signal.SIGINT) is _quit\n"
+        "sys.argv = ['grasp', 'runs', '--runs', '/nowhere']; assert main() == 0\n"
+        "assert signal.getsignal(signal.SIGINT) is signal.default_int_handler"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+def test_who_ignores_ctrl_c_goes_on_doing_so() -> None:
+    code = (
+        "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); import grasp.cli.entry\n"
+        "assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
