@@ -140,13 +140,16 @@ class UrEmulator:
         self._server.broadcast(self._news())
 
     def _news(self) -> Callable[[Talk], bytes]:
-        """What each client hears of this cycle."""
-        values, cycle = output_values(self.controller), self.controller.cycles
-        due = cycle % (self._profile.rate_hz // RATE_HZ) == 0
-        heard = {
-            "state": state_message(self.controller, self._profile) if due else b"",
-            "cycle": realtime_message(values),
-        }
+        """What each client hears of this cycle; what nobody hears is not made."""
+        cycle, heard = self.controller.cycles, {"state": b"", "cycle": b""}
+        talks = self._server.talks()
+        wanted = {talk.hears for talk in talks if isinstance(talk, ScriptTalk)}
+        sampled = any(isinstance(talk, RtdeConnection) for talk in talks)
+        values = output_values(self.controller) if sampled or "cycle" in wanted else {}
+        if "cycle" in wanted:
+            heard["cycle"] = realtime_message(values)
+        if "state" in wanted and cycle % (self._profile.rate_hz // RATE_HZ) == 0:
+            heard["state"] = state_message(self.controller, self._profile)
 
         def news(talk: Talk) -> bytes:
             if isinstance(talk, RtdeConnection):

@@ -259,6 +259,10 @@ class Server:
             if key.fileobj.fileno() != -1:  # type: ignore[union-attr] # closed by one before it
                 key.data()
 
+    def talks(self) -> list[Talk]:
+        """Of all clients."""
+        return [connection.talk for connection in self._connections]
+
     def broadcast(self, sample: Callable[[Talk], bytes]) -> None:
         """Send every client what it hears of this cycle; one that waits hears nothing. Nor does one
         that hears the state and has not read the last one."""

@@ -4,6 +4,7 @@ UR's Python RTDE client (`record.py`, `example_control_loop.py`), UR's C++ clien
 (`rtde_client`, `dashboard_example`, `primary_pipeline`), and python-urx's monitor of port 30002.
 """
 
+import collections
 import itertools
 import math
 import socket
@@ -12,6 +13,9 @@ import time
 
 import pytest
 
+from drivers.ur.emulator import robot
+from drivers.ur.emulator.settings import EmulatorSettings
+from tests.wire.drivers.ur.emulator.conftest import own_address
 from tests.wire.drivers.ur.emulator.test_process import Rtde, send_program
 
 WIDTHS = {
@@ -232,3 +236,40 @@ def test_client_that_does_not_read_its_state_keeps_its_port(emulator):
             deadline = time.monotonic() + 15.0
             while not struct.unpack_from(">ii", other.state()[3])[1] & 4:
                 assert time.monotonic() < deadline
+
+
+def test_what_nobody_listens_to_is_not_made(monkeypatch):
+    made = collections.Counter()
+
+    def count(name, real):
+        def counted(*given):
+            made[name] += 1
+            return real(*given)
+
+        monkeypatch.setattr(robot, name, counted)
+
+    for name in ("output_values", "realtime_message", "state_message"):
+        count(name, getattr(robot, name))
+    host = own_address()
+    with robot.UrEmulator(EmulatorSettings(host=host)) as emulator:
+
+        def cycles(number):
+            made.clear()
+            last = emulator.controller.cycles + number
+            emulator.run(lambda: emulator.controller.cycles >= last)
+            return dict(made)
+
+        assert cycles(30) == {}
+        with (
+            socket.create_connection((host, 30003)) as first,
+            socket.create_connection((host, 30003)),
+        ):
+            cycles(10)  # they are let in
+            assert first.recv(4) == b"\0\0\x04\x5c"
+            found = cycles(24)  # once for both; the state is heard by none
+            assert set(found) == {"output_values", "realtime_message"}
+            assert found["realtime_message"] == found["output_values"] >= 20
+        with socket.create_connection((host, 30001)) as state:
+            cycles(30)
+            assert state.recv(4)
+            assert set(cycles(30)) == {"state_message"}
