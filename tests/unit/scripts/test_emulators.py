@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from scripts.emulators import BEGIN, END, PAGE, ROWS, table
+from scripts import emulators
+from scripts.emulators import BEGIN, CLIENTS, END, PAGE, ROWS, table
 
 ROOT = Path(__file__).parents[3]
 IDS = r"[\w-]*names\d|\d+|request_\d|(cb3|e-series)-[\d.]+"  # that pytest makes of parameters
@@ -33,3 +34,21 @@ def test_a_row_whose_test_fails_says_so() -> None:
 def test_a_row_whose_test_was_skipped_stays_as_it_was() -> None:
     told = table(ROWS[:2], {row.test for row in ROWS})
     assert table(ROWS[:2], {ROWS[0].test}, told) == told
+
+
+def test_the_script_installs_the_clients_that_its_rows_name_and_tells_what_was_not_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    named = {tuple(row.client.split(",")[0].split()) for row in ROWS if "pip_clients" in row.test}
+    assert named <= {tuple(word.split("==")) for word in CLIENTS}
+    page = tmp_path / "page.md"
+    page.write_text(PAGE.read_text())
+    monkeypatch.setattr(emulators, "PAGE", page)
+    every = {row.test for row in ROWS}
+    lost = next(row for row in ROWS if row.client.startswith("urx"))
+    monkeypatch.setattr(emulators, "played", lambda _: (every, set()))
+    assert emulators.main() == 0
+    monkeypatch.setattr(emulators, "played", lambda _: (every - {lost.test}, {lost.test}))
+    assert emulators.main() == 1
+    assert f"not run, kept as it was: {lost.client}" in capsys.readouterr().out
+    assert page.read_text() == PAGE.read_text()
