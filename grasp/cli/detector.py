@@ -7,7 +7,7 @@ from typing import Any
 
 from drivers.errors import BadFile, UsageError
 from grasp.cli import detector_study, exits, heads, paper_study, train
-from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
+from grasp.cli.options import add_settings, decimal, network_path, one_by_one, progress, whole
 from grasp.cli.output import json_line
 from grasp.cli.places import file_to_write, own_or_new
 from grasp.files import write_whole
@@ -150,11 +150,12 @@ def card(args: argparse.Namespace) -> int:
     import msgspec
 
     from detector.heads import read_heads
-    from detector.network_file import read_network, weights_digest, weights_path
+    from detector.network_file import read_network, weights_digest
 
-    weights = weights_path(args.network)
+    weights = network_path(args.network)
     loaded = read_network(weights)
     found = msgspec.to_builtins(loaded.card)
+    found["samples"], counted = _samples(loaded.card)
     heads = read_heads(weights, weights_digest(weights), loaded)
     if heads is not None:
         told = msgspec.to_builtins(heads.heads)
@@ -163,8 +164,19 @@ def card(args: argparse.Namespace) -> int:
         print(json_line(found))
     else:
         for key, value in found.items():
-            print(f"{key}: {json.dumps(value)}")
+            print(f"{key}: {json.dumps(value)}{counted.get(key, '')}")
     return exits.SUCCESS
+
+
+def _samples(card: Any) -> tuple[int | None, dict[str, str]]:
+    """How many samples an output depends on at most, the newest among them; None: on all, in a
+    state that fades. And what the card counts, by key."""
+    if card.mode == "window":
+        return card.window, {"window": " samples, the newest among them"}
+    if not card.window:
+        return None, {"window": " (it has a state)", "samples": " (all, in a state that fades)"}
+    told = " samples before the newest"
+    return card.window + 1, {"window": told, "samples": " that an output depends on at most"}
 
 
 def evaluate(args: argparse.Namespace) -> int:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import need, seed, whole
+from grasp.cli.options import need, network_path, seed, whole
 from grasp.cli.places import file_to_write, must_be_writable
 
 SETS = "folders made by `grasp dataset build` that know how a fingertip moves"
@@ -59,12 +59,12 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 
 def evaluate(args: argparse.Namespace) -> int:
     from detector.heads import read_heads
-    from detector.network_file import read_network, weights_digest, weights_path
+    from detector.network_file import read_network, weights_digest
     from detector.recordings import read_dataset
     from drivers.errors import UsageError
     from scenarios.studies.detectors.kinds import compared, sizing_table, sizings, table
 
-    weights = weights_path(args.network)
+    weights = network_path(args.network)
     loaded = read_network(weights)
     teller = read_heads(weights, weights_digest(weights), loaded)
     if teller is None:
@@ -79,7 +79,7 @@ def evaluate(args: argparse.Namespace) -> int:
 def train(args: argparse.Namespace) -> int:
     need("train", "torch")
     from detector.heads import SUFFIX, Teller
-    from detector.network_file import read_network, weights_digest, weights_path
+    from detector.network_file import read_network, weights_digest
     from detector.recordings import read_dataset
     from detector.scores.heads import felt
     from detector.training.heads import STEPS, HeadSettings, train_heads, write_heads
@@ -87,7 +87,7 @@ def train(args: argparse.Namespace) -> int:
     from scenarios.studies.detectors.kinds import compared, table, with_scores
     from scenarios.trial.result import versions
 
-    weights = weights_path(args.network)
+    weights = network_path(args.network)
     out = args.out or Path(f"{weights.stem}{SUFFIX}")
     must_be_writable(out)
     loaded = read_network(weights)

@@ -153,6 +153,18 @@ def motion_permit(config: "AnyRigConfig", args: argparse.Namespace) -> "MotionPe
     return permit(config, args.confirm_motion, args.config, args.set, args.rig)
 
 
+def network_path(word: str) -> Path:
+    """The weights of a packaged network or of a file; raises UsageError for a name that is none."""
+    from detector.network_file import is_weights, packaged_networks, weights_path
+    from grasp.settings import meant
+
+    known = packaged_networks()
+    if not is_weights(word) and word not in known:
+        told = f"{word!r} is no network of this project{meant(word, known)}"
+        raise UsageError(told, f"one of {', '.join(known)}, or a file that ends in .onnx")
+    return weights_path(word)
+
+
 def add_workers(parser: argparse.ArgumentParser) -> None:
     """`--jobs N`: worker processes on this machine; `--cluster ADDRESS`: a Dask cluster's."""
     parser.add_argument(

@@ -23,6 +23,7 @@ from drivers.takktile.link import trouble
 CONTROL_TIMEOUT_MS = 1000  # a scan takes 5 ms; a hung firmware never answers
 _INTERFACE = 0
 EMULATED = "; usb.url is of an emulated board, whose lab prints a new one each time it starts"
+_UNCONFIGURED = "Configuration not set"  # of pyusb, which gives it no number
 _GONE = (errno.ENODEV, errno.EIO, errno.ENOENT, errno.ESHUTDOWN)
 
 
@@ -182,8 +183,15 @@ def _explain(error: usb.core.USBError, device: Any) -> GraspError:
             )
         case errno.ETIMEDOUT:
             return DeviceFault(trouble.HUNG, trouble.HUNG_REMEDY)
+    why = error.strerror or str(error)
+    if error.errno is None and _UNCONFIGURED in why:
+        return DeviceFault(
+            "the system has not set the tactile board up (no USB configuration), as where its port "
+            "cannot supply it",
+            "replug it, into a port of the computer or a hub with a supply of its own",
+        )
     return DeviceFault(
-        f"a USB transfer of the tactile board failed: {error}", "replug it, open it again"
+        f"a USB transfer of the tactile board failed: {why}", "replug it, open it again"
     )
 
 

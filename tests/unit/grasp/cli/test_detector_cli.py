@@ -166,8 +166,27 @@ def test_a_card_says_what_the_weights_are(
     path = write_network(tmp_path, "gru", "stream", seed=7)
     (found,) = answers(capsys, "detector", "card", str(path), "--json")
     assert (found["name"], found["seed"], found["mode"]) == ("gru", 7, "stream")
-    assert main(["detector", "card", "oracle"]) == 2
-    assert "oracle.onnx" in capsys.readouterr().err
+    assert main(["detector", "card", "tcm"]) == 2
+    told = capsys.readouterr().err
+    assert "'tcm' is no network of this project (did you mean 'tcn'?)" in told
+    assert "one of freq-cnn-paper, gru, tcn, tcn-paper, or a file that ends in .onnx" in told
+    for verb in ("heads", "train-heads"):
+        assert main(["detector", verb, "nosuch", "--data", str(tmp_path)]) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "window", "samples", "shown"),
+    [("tcn", 98, 99, "window: 98 samples before the newest\n"),
+     ("tcn-paper", 100, 100, "window: 100 samples, the newest among them\n"),
+     ("gru", 0, None, "samples: null (all, in a state that fades)\n")],
+)  # fmt: skip
+def test_a_card_says_which_samples_it_counts(
+    name: str, window: int, samples: int | None, shown: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (found,) = answers(capsys, "detector", "card", name, "--json")
+    assert (found["window"], found["samples"]) == (window, samples)
+    assert main(["detector", "card", name]) == 0
+    assert shown in capsys.readouterr().out
 
 
 def test_a_recording_too_short_to_be_scored_is_refused_by_its_name(

@@ -109,6 +109,25 @@ def test_missing_permission_names_the_udev_rule(bench, monkeypatch):
     assert "grasp tactile udev" in caught.value.remedy
 
 
+@pytest.mark.parametrize(
+    ("error", "told", "remedy"),
+    [
+        (usb.core.USBError("Configuration not set"), "no USB configuration", "supply of its own"),
+        (usb.core.USBError("Overflow", -8, errno.EOVERFLOW), "failed: Overflow", "replug it"),
+        (usb.core.USBError("something new"), "failed: something new", "replug it"),
+    ],
+)
+def test_a_failure_is_told_in_words_with_its_remedy(link, monkeypatch, error, told, remedy):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr(usb.core.Device, "read", fail)
+    with pytest.raises(DeviceFault, match=told) as caught:
+        link.bulk_read(64, 0)
+    assert remedy in caught.value.remedy
+    assert "Errno" not in str(caught.value)
+
+
 def test_a_machine_without_libusb_is_told_so(monkeypatch):
     def nothing(**_):
         raise usb.core.NoBackendError("No backend available")
