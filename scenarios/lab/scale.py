@@ -78,14 +78,18 @@ def reading(operator: Operator, question: str, idle: Callable[[], None], most_n:
     """Newtons; asked again for what is none, for 0, and for more than ``most_n``."""
     while True:
         try:
-            force_n = newtons(ask(operator, question, idle))
+            return typed(ask(operator, question, idle), most_n)
         except UsageError as error:
             operator.say(f"{error.message}: {error.remedy}")
-            continue
-        if 0.0 < force_n <= most_n:
-            return force_n
+
+
+def typed(line: str, most_n: float) -> float:
+    """Newtons of a press; raises UsageError for what is none."""
+    force_n = newtons(line)
+    if not 0.0 < force_n <= most_n:
         why = f"is more than --up-to {most_n:g}" if force_n else "is no press"
-        operator.say(f"{force_n:.2f} N {why}: typed rightly?")
+        raise UsageError(f"{force_n:.2f} N {why}", "typed rightly?")
+    return force_n
 
 
 def check_force(up_to_n: float, bytes_: Iterable[int] = (0,)) -> None:
@@ -247,8 +251,12 @@ def force_file(finger: str, line: Line) -> str:
     return _usable(text, "guard", GuardSettings)
 
 
-def hand_file(finger: str, known: list[Byte], law: Law, travel: Line | None, current: str) -> str:
-    """A calibration, for `gripper.calibration`; raises UsageError for what none may say."""
+def hand_file(
+    finger: str, known: list[Byte], law: Law, travel: Line | None, current: str,
+    reasons: dict[int, str],
+) -> str:  # fmt: skip
+    """A calibration, for `gripper.calibration`; raises UsageError for what none may say.
+    ``reasons``: why a byte is far from what the manual says of it."""
     told = "; ".join(
         f"byte {b.byte}: {b.presses} presses, {b.mean_n:.2f} N, spread {b.spread_n:.2f}, 95 % "
         f"below {b.bound_n:.2f}"
@@ -267,6 +275,9 @@ def hand_file(finger: str, known: list[Byte], law: Law, travel: Line | None, cur
             f"[{low:.0f}, {high:.0f}] (95 %), at most {travel.worst:.2f} mm from a line."
         )
     source = f"scale under finger {finger}, {_now()}: {known[0].presses} presses of byte 0"
+    source += "".join(
+        f"; byte {byte} is far from the manual's: {why}" for byte, why in reasons.items()
+    )
     lines += [
         "[calibration]",
         f"source = {msgspec.json.encode(source).decode()}",

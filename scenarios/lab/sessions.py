@@ -23,6 +23,7 @@ from scenarios.lab.fit import (
 from scenarios.lab.hand import TOUCH_N, Say, open_hand
 from scenarios.lab.scale import (
     BACK_COUNTS,
+    MANUAL,
     Presser,
     ask,
     check_force,
@@ -33,6 +34,7 @@ from scenarios.lab.scale import (
     open_presser,
     pad_counts,
     reading,
+    typed,
 )
 from scenarios.lab.touch import Touch, open_touch
 from scenarios.rigs.permission import MotionPermit
@@ -46,6 +48,8 @@ SHORT_OF = 5  # counts before a touch: what is felt was there some counts before
 ROUNDS = 3
 UNLOADED_S = 2.0  # listened to after a hold
 UNIT = "with its unit (N, g, kg)"
+FAR = 3.0  # times, up or down, from what the manual says of a byte: the wrong unit, or a reason
+LEAST_REASON = 3  # words
 
 
 class Weighing:
@@ -220,40 +224,68 @@ def calibrate_hand(
     with open_presser(config, permit, finger, up_to_n, say) as presser:
         known: list[Byte] = []
         seen: list[Point] = []
+        reasons: dict[int, str] = {}
         for byte in sorted(set(bytes_) | {0}):
-            forces = pressed(presser, byte, presses, up_to_n, operator, seen)
+            forces = pressed(presser, byte, presses, up_to_n, operator, seen, reasons)
             known.append(of_byte(byte, forces))
             say(f"byte {byte}: {known[-1].mean_n:.2f} N, 95 % below {known[-1].bound_n:.2f} N")
         travel = _travel(presser, places, operator) if places else None
         presser.to(0)
-    return hand_file(finger, known, law_of(known), travel, check_current(seen))
+    return hand_file(finger, known, law_of(known), travel, check_current(seen), reasons)
 
 
 def pressed(
     presser: Presser, byte: int, presses: int, up_to_n: float, operator: Operator,
-    seen: list[Point],
+    seen: list[Point], reasons: dict[int, str],
 ) -> list[float]:  # fmt: skip
     """What a person read of so many presses of a byte, N; each goes to ``seen`` with its current.
+    ``reasons``: why a byte is far from the manual's, which is asked of the first such press.
     Raises Refused without a scale, UsageError for one that the others contradict to the end."""
     forces: list[float] = []
     currents_ma: list[int] = []
+
+    def read(title: str) -> float:
+        force_n = reading(operator, title, presser.idle, up_to_n)
+        while byte not in reasons and (doubt := _far(byte, force_n)):
+            line = ask(operator, f"{doubt}: type it again {UNIT}; or, if it is so, type why",
+                       presser.idle)  # fmt: skip
+            try:
+                force_n = typed(line, up_to_n)
+            except UsageError as error:
+                if len(line.split()) < LEAST_REASON or line[0].isdecimal():
+                    operator.say(f"{error.message}, and no reason either")
+                else:
+                    reasons[byte] = line
+        return force_n
+
     for number in range(1, presses + 1):
         met, most_ma = presser.to(CLOSED, byte)
         if not met:
             presser.to(0)
             raise Refused("the finger met no scale", "put it within reach of that finger alone")
         title = f"Byte {byte}, press {number} of {presses}: what does the scale say, {UNIT}?"
-        forces.append(reading(operator, title, presser.idle, up_to_n))
+        forces.append(read(title))
         currents_ma.append(most_ma)
         while (odd := odd_press(forces)) is not None:
             typed_n = forces[odd]
             told = f"press {odd + 1}, {typed_n:.2f} N, contradicts the others of this byte"
-            forces[odd] = reading(operator, f"{told}: type it again {UNIT}", presser.idle, up_to_n)
+            forces[odd] = read(f"{told}: type it again {UNIT}")
             if forces[odd] == typed_n:
                 raise UsageError(f"{told}, twice", "see that the scale lies firm, then begin anew")
         presser.to(max(0, presser.counts - BACK_COUNTS))
     seen += map(Point, forces, currents_ma)
     return forces
+
+
+def _far(byte: int, force_n: float) -> str:
+    """Why a reading may have the wrong unit, as all of them may: none would contradict another."""
+    manual_n = MANUAL.force_n(byte)
+    if manual_n / FAR <= force_n <= manual_n * FAR:
+        return ""
+    return (
+        f"{force_n:.3g} N is far from the {manual_n:.3g} N that the manual says of byte {byte} "
+        f"({manual_n / FAR:.3g} to {manual_n * FAR:.3g} would be believed)"
+    )
 
 
 def _travel(presser: Presser, places: Sequence[int], operator: Operator) -> Line:

@@ -1,5 +1,6 @@
 """Calibrations with a person who mistypes, or a scale that says nothing; no devices."""
 
+import tomllib
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, cast
@@ -9,7 +10,7 @@ import pytest
 from drivers.errors import UsageError
 from scenarios.lab import sessions
 from scenarios.lab.fit import Line, Point, check_current, law_of, of_byte
-from scenarios.lab.scale import Presser, force_file, hand_file, reading
+from scenarios.lab.scale import Presser, force_file, hand_file, newtons, reading
 from scenarios.lab.sessions import Weighing
 
 COUNTS_PER_NEWTON = 200.0
@@ -93,16 +94,27 @@ class Finger:
         return True, next(self._currents_ma) if counts == sessions.CLOSED else 0
 
 
+REASONS: dict[int, str] = {}  # of the presses below, and what was asked
+SAID: list[str] = []
+
+
+@pytest.fixture(autouse=True)
+def _nothing_said() -> None:
+    REASONS.clear()
+    SAID.clear()
+
+
 def presses(currents_ma: list[int], *lines: str) -> tuple[list[float], list[Point]]:
     seen: list[Point] = []
     finger = cast(Presser, Finger(currents_ma))
     person = Person(*lines)
-    forces = sessions.pressed(finger, 0, len(currents_ma), 20.0, person, seen)
+    forces = sessions.pressed(finger, 0, len(currents_ma), 60.0, person, seen, REASONS)
+    SAID[:] = person.said
     return forces, seen
 
 
 def test_press_that_was_mistyped_and_corrected_is_so_for_its_current_too() -> None:
-    typed = ["10.5 N", "2 N", "11.5 N", "12 N", "11 N"]
+    typed = ["10.5 N", "5.2 N", "11.5 N", "12 N", "11 N"]
     forces, seen = presses([300, 350, 400, 450], *typed)
     assert forces == [10.5, 11.0, 11.5, 12.0]
     assert [point.force_n for point in seen] == forces
@@ -114,6 +126,42 @@ def test_press_that_contradicts_the_others_though_typed_rightly_ends_it() -> Non
         presses([300] * 4, "10 N", "10 N", "10 N", "15 N", "15 N")
 
 
+@pytest.mark.parametrize(
+    ("wrong", "right"),
+    [("1.2 N", "1.2 kg"), ("12 g", "12 N"), ("1.25 g", "1.25 kg"), ("50 N", "5 N")],
+)
+def test_weights_that_are_all_typed_in_the_wrong_unit_are_asked_for_again(
+    wrong: str, right: str
+) -> None:
+    """Ten of them contradict one another nowhere: the manual's force is what tells."""
+    forces, _ = presses([300] * 4, *([wrong, right] * 4))
+    assert forces == [pytest.approx(newtons(right))] * 4
+    assert sum("is far from the 15 N that the manual says of byte 0" in said for said in SAID) == 4
+    assert not REASONS
+
+
+def test_a_hand_that_is_far_from_the_manual_is_believed_for_a_reason_that_is_kept() -> None:
+    lines = [
+        "2 N",
+        "yes",
+        "",
+        "2 N",
+        "0 N",
+        "99 N",
+        "fingertips of soft foam",
+        "2.1 N",
+        "2 N",
+        "2 N",
+    ]
+    forces, _ = presses([300] * 4, *lines)
+    assert forces == [2.0, 2.1, 2.0, 2.0]
+    assert REASONS == {0: "fingertips of soft foam"}
+    known = [of_byte(0, [2.0] * 10)]
+    text = hand_file("A", known, law_of(known), None, "", REASONS)
+    assert "byte 0 is far from the manual's: fingertips of soft foam" in text
+    assert tomllib.loads(text)["calibration"]["source"].endswith(": fingertips of soft foam")
+
+
 def test_scale_that_says_nothing_is_asked_again() -> None:
     person = Person("0 N", "16 N", "10 N")
     assert reading(person, "what?", lambda: None, 15.0) == 10.0
@@ -123,7 +171,7 @@ def test_scale_that_says_nothing_is_asked_again() -> None:
 
 def hand_of(newtons: float, travel: object = None) -> str:
     known = [of_byte(0, [newtons] * 10)]
-    return hand_file("A", known, law_of(known), cast(Line, travel), "")
+    return hand_file("A", known, law_of(known), cast(Line, travel), "", {})
 
 
 MM = SimpleNamespace(slope=0.08, interval=(0.08, 0.08), worst=0.0, points=5)
