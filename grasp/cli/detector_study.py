@@ -60,11 +60,12 @@ def add_fingertips(actions: Any) -> None:
     text = "what an ideal observer of blows would hear of another fingertip: rate, taxels, noise"
     parser = actions.add_parser(
         "fingertips", help=text,
-        description=text + ". The same drawn objects and blows, felt again by fingertips that "
-        "differ in one thing each (a second or two a recording), so that differences are paired; "
-        "the observer learns anew from each, and is judged on objects that it has not learnt from. "
-        "All seeds are fixed: equal shares give equal numbers. Prints Markdown tables. Needs the "
-        "extra `train`.",
+        description=text + ". The same drawn objects and blows, felt by fingertips that differ in "
+        "one thing each, so that differences are paired; the observer learns anew from each, and "
+        "is judged on objects that it has not learnt from. Lesser fingertips are made of the "
+        "recordings as they are; others are recorded anew, a second or two a recording. All seeds "
+        "are fixed: equal shares give equal numbers. Prints Markdown tables. Needs the extra "
+        "`train`.",
     )  # fmt: skip
     parser.add_argument(
         "--data", type=Path, required=True, metavar="DIR",
@@ -74,6 +75,10 @@ def add_fingertips(actions: Any) -> None:
     parser.add_argument(
         "--share", type=decimal(1e-3, 1), default=0.15, metavar="X",
         help="of the recordings of blows of config/datasets/observer.toml (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--share-anew", type=decimal(0, 1), default=0.15, metavar="X",
+        help="likewise, for fingertips that are recorded anew; 0: none (default: %(default)s)",
     )  # fmt: skip
     add_workers(parser)
     parser.set_defaults(handler=fingertips)
@@ -124,6 +129,6 @@ def fingertips(args: argparse.Namespace) -> int:
     from scenarios.studies.detectors.fingertips import study, tables
 
     with progress("recordings") as show:
-        found = study(args.data, args.share, workers(args), show)
+        found = study(args.data, args.share, args.share_anew, workers(args), show)
     print(tables(found))
     return exits.SUCCESS

@@ -8,21 +8,24 @@ import pytest
 
 pytest.importorskip("torch")
 
+from detector.blows import blows_of
 from detector.recordings import Recording
 from scenarios.rigs.workers import Workers
 from scenarios.studies.detectors import fingertips
 from scenarios.studies.detectors.fingertips import (
+    ANEW,
     AS_IT_IS,
-    FINGERTIPS,
+    LESSER,
     Felt,
     differences,
     jobs_of,
-    recorded,
+    lessened,
     study,
     tables,
 )
 from tests.unit.detector.blow_toys import struck
 
+FINGERTIPS = (*LESSER, *ANEW)
 BY_TITLE = {felt.title: felt for felt in FINGERTIPS}
 
 
@@ -43,26 +46,30 @@ def test_objects_and_blows_are_the_same_whatever_feels_them() -> None:
 
 
 def test_a_recording_lasts_as_many_seconds_at_another_rate() -> None:
-    slow, fast = (
-        jobs_of(BY_TITLE[f"{rate} samples a second"], 0.01)[0].samples for rate in (50, 200)
-    )
-    assert fast == 4 * slow
+    usual, fast = (jobs_of(BY_TITLE[t], 0.01)[0] for t in (AS_IT_IS, "200 samples a second"))
+    assert fast.samples == 2 * usual.samples
 
 
-def test_only_what_differs_is_recorded_anew() -> None:
-    of_run = {felt.folder for felt in FINGERTIPS if not felt.fixed and not felt.layout}
-    assert of_run == {"run"}
-    others = [felt.folder for felt in FINGERTIPS if felt.folder != "run"]
-    assert len(others) == len(set(others)) and all(others)
+def test_lesser_fingertips_are_made_of_the_recordings_as_they_are_and_no_others() -> None:
+    assert {felt.folder for felt in LESSER} == {"run"}
+    others = [felt.folder for felt in ANEW[1:]]
+    assert len(others) == len(set(others)) and "run" not in others
 
 
-def test_taxels_that_are_not_heard_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_half_the_samples_and_half_the_taxels_leave_every_blow_where_it_was() -> None:
+    made = struck((3.0, 0.003), (4.5, 0.0))
+    found = lessened(made, Felt("half", taxels=(0, 4), every=2), 0)
+    assert (found.counts == made.counts[::2][:, :, [0, 4]]).all()
+    for one, other in zip(blows_of(made), blows_of(found), strict=True):
+        assert found.t_s[other.struck] - made.t_s[one.struck] in (0.0, pytest.approx(0.01))
+        assert one.moved_m == other.moved_m
+
+
+def test_noise_is_added_to_the_counts_alone() -> None:
     made = struck((3.0, 0.003))
-    monkeypatch.setattr(fingertips, "build", lambda *_: 0)
-    monkeypatch.setattr(fingertips, "read", lambda path: made)
-    felt = Felt("two", taxels=(0, 4))
-    found = recorded(felt, Path("nowhere"), 0.003, Workers(1), ignored)
-    assert (found[0].counts == made.counts[:, :, [0, 4]]).all()
+    found = lessened(made, Felt("noisy", noise=4.0), 0)
+    assert np.std(found.counts - made.counts) == pytest.approx(0.65 * 15**0.5, rel=0.05)
+    assert (found.t_s == made.t_s).all() and found.metadata == made.metadata
 
 
 def test_equal_scores_differ_by_nothing_and_better_ones_by_more_than_nothing() -> None:
@@ -100,17 +107,17 @@ def hand(seed: int, loud: float) -> Recording:
 
 def test_a_fingertip_that_feels_more_is_told_more_of(monkeypatch: pytest.MonkeyPatch) -> None:
     felts = (Felt(AS_IT_IS, folds=2), Felt("louder", "louder", folds=2))
-    monkeypatch.setattr(fingertips, "FINGERTIPS", felts)
+    monkeypatch.setattr(fingertips, "LESSER", felts)
     monkeypatch.setattr(fingertips, "TIMES_S", (0.05,))
     monkeypatch.setattr(
         fingertips, "recorded",
         lambda felt, *_: [hand(i, 1.0 if felt.folder == "louder" else 0.0) for i in range(24)],
     )  # fmt: skip
-    rows = study(Path("nowhere"), 1.0, Workers(1), ignored)
+    (rows,) = study(Path("nowhere"), 1.0, 0.0, Workers(1), ignored)
     of = {(row.felt, row.told.title): row for row in rows}
     far = of["louder", "2 mm or more"]
     assert far.told.auc > 0.9 and far.auc_more[1] > 0.0
     assert of[AS_IT_IS, "2 mm or more"].auc_more == (0.0, 0.0, 0.0)
-    printed = tables(rows)
+    printed = tables([rows])
     assert printed.index("2 mm or more:") < printed.index("1-2 mm:") < printed.index("0.5-1 mm:")
     assert "| as it is |" in printed and "| – |" in printed

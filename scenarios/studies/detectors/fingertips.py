@@ -1,8 +1,9 @@
 """To what is due what the ideal observer does not hear: rate, taxels, noise, or its own learning?
 
-The blows of its data set are felt again by fingertips that differ in one thing. Objects, grips and
-blows have the same seeds, and nobody answers them, so each blow moves its object as far as before:
-differences are paired, blow by blow. Needs the extra `train`.
+What a lesser fingertip would have felt is made of the recordings as they are: fewer samples,
+fewer taxels, more of the board's noise. What another one would is felt anew: objects, grips and
+blows have the same seeds, and nobody answers them, so each blow moves its object as far as before.
+Differences are paired, blow by blow, either way. Needs the extra `train`.
 """
 
 from collections.abc import Sequence
@@ -13,6 +14,7 @@ import numpy as np
 
 from detector.recordings import Recording, read
 from detector.scores.metrics import auc
+from detector.scores.perturbations import perturbed
 from detector.scores.quantiles import quantile
 from drivers.interfaces import PERIOD_S
 from grasp.settings import file_of
@@ -48,28 +50,33 @@ class Felt(msgspec.Struct, frozen=True):
     fixed: dict[str, float] = {}  # settings
     layout: str = ""
     taxels: tuple[int, ...] = ()  # those of a finger that are heard; none: all
+    every: int = 1  # sample that is heard
+    noise: float = 1.0  # times the board's own
     folds: int = FOLDS
     seed: int = 0  # of the observer
 
 
-def _noise(board: float, hand: float) -> dict[str, float]:
+def _noise(share: float) -> dict[str, float]:
     """So many times as much of the board's noise, and of the hand's restlessness."""
-    return {_BOARD: board * _TIP.noise_counts, _HAND: hand * _TIP.holding_share}
+    return {_BOARD: share * _TIP.noise_counts, _HAND: share * _TIP.holding_share}
 
 
-FINGERTIPS = (
+LESSER = (
     Felt(AS_IT_IS),
     Felt("the same, learnt once more", seed=100),
     Felt("the same, learnt from half the objects for four fifths", folds=2),
-    Felt("200 samples a second", "rate-200", {_PERIOD: 0.005}),
-    Felt("50 samples a second", "rate-50", {_PERIOD: 0.02}),
-    Felt("eight taxels a finger", "eight", layout="eight"),
+    Felt("50 samples a second", every=2),
     Felt("three taxels a finger", taxels=(0, 2, 4)),
-    Felt("half the noise of board and hand", "noise-half", _noise(0.5, 0.5)),
-    Felt("twice the noise of board and hand", "noise-twice", _noise(2.0, 2.0)),
-    Felt("none of the board's noise", "noise-hand", _noise(0.0, 1.0)),
-    Felt("a hand at perfect rest", "noise-board", _noise(1.0, 0.0)),
-    Felt("neither", "noise-none", _noise(0.0, 0.0)),
+    Felt("twice the board's noise", noise=2.0),
+    Felt("four times the board's noise", noise=4.0),
+)
+ANEW = (
+    Felt(AS_IT_IS),
+    Felt("200 samples a second", "rate", {_PERIOD: 0.005}),
+    Felt("eight taxels a finger", "eight", layout="eight"),
+    Felt("half the noise of board and hand", "noise-half", _noise(0.5)),
+    Felt("twice the noise of board and hand", "noise-twice", _noise(2.0)),
+    Felt("none of either noise", "noise-none", _noise(0.0)),
 )
 
 
@@ -106,17 +113,36 @@ def recorded(
     out = folder / felt.folder
     if not all((out / job.path).exists() for job in jobs):
         build(jobs, origin, out, workers, lambda done, total: tell(done, total, felt.title))
-    found = [read(out / job.path) for job in jobs]
-    if not felt.taxels:
-        return found
-    some = list(felt.taxels)
-    return [msgspec.structs.replace(r, counts=r.counts[:, :, some]) for r in found]
+    return [lessened(read(out / job.path), felt, i) for i, job in enumerate(jobs)]
 
 
-def study(folder: Path, share: float, workers: Workers, tell: Tell) -> list[Row]:
-    """Every fingertip at every time."""
+def lessened(recording: Recording, felt: Felt, seed: int) -> Recording:
+    """What is heard of it: fewer samples, fewer taxels, more noise."""
+    if felt.noise > 1.0:
+        recording = perturbed(recording, "noise", felt.noise, seed)
+    heard = {
+        name: array[:: felt.every]
+        for name in recording.__struct_fields__
+        if isinstance(array := getattr(recording, name), np.ndarray)
+    }
+    if felt.taxels:
+        heard["counts"] = heard["counts"][:, :, list(felt.taxels)]
+    return msgspec.structs.replace(recording, **heard)
+
+
+def study(
+    folder: Path, share: float, share_anew: float, workers: Workers, tell: Tell
+) -> list[list[Row]]:
+    """Lesser fingertips at every time, then those that are recorded anew, if any."""
+    parts = [(LESSER, share)] + ([(ANEW, share_anew)] if share_anew > 0.0 else [])
+    return [_part(felts, folder, its_share, workers, tell) for felts, its_share in parts]
+
+
+def _part(
+    felts: Sequence[Felt], folder: Path, share: float, workers: Workers, tell: Tell
+) -> list[Row]:
     heard = []
-    for felt in FINGERTIPS:
+    for felt in felts:
         struck = recorded(felt, folder, share, workers, tell)
         heard.append((felt, cases(struck, blow_moments(struck), {})))
     found: list[Row] = []
@@ -176,9 +202,12 @@ def _scores(score: Floats, moved: np.ndarray, rows: np.ndarray) -> tuple[float, 
     return auc(score[rows], moved[rows]) or 0.0, hits(score[rows], moved[rows])
 
 
-def tables(found: Sequence[Row]) -> str:
+def tables(found: Sequence[Sequence[Row]]) -> str:
     """Markdown: a table a class of blows, the farthest first."""
-    return "\n\n".join(_table([r for r in found if r.told.title == t]) for t in BLOW_TITLES[:0:-1])
+    return "\n\n".join(
+        _table([r for r in rows if r.told.title == title])
+        for rows in found for title in BLOW_TITLES[:0:-1]
+    )  # fmt: skip
 
 
 def _table(rows: Sequence[Row]) -> str:
