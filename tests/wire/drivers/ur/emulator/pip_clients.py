@@ -119,9 +119,15 @@ def urinterface(host, _):
         head, *rows = (line.split(" ") for line in out.read_text().splitlines())
         return [dict(zip(head, map(float, row), strict=True)) for row in rows]
 
-    rows = recorded(50)
-    times = [row["timestamp"] for row in rows]
-    assert all(abs(b - a - 0.008) < 1e-6 for a, b in itertools.pairwise(times))
+    def without_a_gap():
+        """On a busy machine the client passes over what it has not read in time."""
+        rows = recorded(50)
+        times = [row["timestamp"] for row in rows]
+        steps = [round((b - a) / 0.008, 3) for a, b in itertools.pairwise(times)]
+        assert all(step == round(step) >= 1 for step in steps)
+        return rows if set(steps) == {1.0} else None
+
+    rows = until(without_a_gap)
     names = [f"actual_q_{i}" for i in range(6)]
     base, *others = (rows[-1][name] for name in names)
     import numpy as np
