@@ -4,8 +4,8 @@ The command line takes them (``taken``); without that they mean what they mean i
 become an ``Interruption``, a KeyboardInterrupt: at once as a rule, and inside ``held`` only where
 ``check`` is called, so that no step, no recording and no closing of a device is cut in two. While a
 module is imported they wait for its end, for there some libraries turn it into an ImportError, and
-callbacks of the import system lose it. State is a process's, as signals are; in other threads than
-the main one nothing here does anything.
+callbacks of the import system lose it; a second one a second later cuts that wait. State is a
+process's, as signals are; in other threads than the main one nothing here does anything.
 """
 
 import signal
@@ -64,7 +64,7 @@ class _Taker:
         stuck = stopwatch_ns() - self._asked_ns > STUCK_NS
         again = not self.raised
         if self.mode is _Mode.RAISE or (again and self.mode is _Mode.ALLOW):
-            if _imports(frame) > self._imports:
+            if _imports(frame) > self._imports and not stuck:
                 self._end_later()
             else:
                 self.end()

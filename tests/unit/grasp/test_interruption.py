@@ -1,8 +1,12 @@
 """Signals: raised at once, held for the next look, or too late; taken by the command line alone."""
 
+import importlib
 import signal
 import threading
+import time
 from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -113,3 +117,68 @@ def test_what_is_sealed_is_not_interrupted_by_anything_within() -> None:
 def test_python_s_own_ctrl_c_has_a_cause_too() -> None:
     assert interruption.cause(KeyboardInterrupt()) == "stopped by hand"
     assert "SIGHUP" in interruption.cause(Interruption(signal.SIGHUP))
+
+
+# as libraries do that are built in C: what cuts their import is an ImportError to whoever asked
+SPOILS = """
+import signal
+try:
+    for _ in range(TIMES):
+        signal.raise_signal(signal.SIGINT)
+except KeyboardInterrupt:
+    raise ImportError("damaged") from None
+whole = True
+"""
+
+
+def imported(folder: Path, monkeypatch: pytest.MonkeyPatch, times: int = 1) -> ModuleType:
+    name = f"spoils_{folder.name}"
+    (folder / f"{name}.py").write_text(SPOILS.replace("TIMES", str(times)))
+    monkeypatch.syspath_prepend(str(folder))
+    return importlib.import_module(name)
+
+
+def passes() -> None:
+    """Far longer than a look whether an import has ended."""
+    deadline = time.monotonic() + 30.0
+    while time.monotonic() < deadline:
+        time.sleep(0.01)
+
+
+@pytest.mark.usefixtures("taken")
+def test_signal_in_an_import_is_raised_once_that_has_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found: list[ModuleType] = []
+    with pytest.raises(Interruption):
+        found.append(imported(tmp_path, monkeypatch))
+        passes()
+    assert all(module.whole for module in found)
+    assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+
+
+def test_signal_in_an_import_that_is_held_by_its_end_waits_for_the_next_look(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = signal.getsignal(signal.SIGALRM)
+    with interruption.taken(), interruption.held():
+        with interruption.allowed():
+            monkeypatch.setattr(interruption, "LOOK_S", 0.2)
+            imported(tmp_path, monkeypatch)
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            time.sleep(0.01)
+        with pytest.raises(Interruption):
+            interruption.check()
+    assert signal.getsignal(signal.SIGALRM) is before
+
+
+@pytest.mark.usefixtures("taken")
+def test_import_that_does_not_end_is_cut_by_a_second_signal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_ns = iter(range(0, 10**12, 2 * interruption.STUCK_NS))
+    monkeypatch.setattr(interruption, "stopwatch_ns", lambda: next(now_ns))
+    monkeypatch.setattr(interruption, "STUCK_NS", 3 * interruption.STUCK_NS)
+    with pytest.raises(ImportError, match="damaged"):
+        imported(tmp_path, monkeypatch, times=2)
