@@ -2,10 +2,10 @@
 
 Tests are collected once. For each mutant of what a function does the process forks, and the child
 puts the changed code into the functions as they are and runs the tests that call them. What runs on
-import is written to a copy of the checkout instead, and tests run there in a process of their own;
-so is what no test calls in its own process: tests of emulators and commands start others. A test
-may fail by itself, for the clock's sake or the copy's: one that kills must fail once more with the
-mutant alone, and pass without it.
+import, and what none of these kills, is written to a copy of the checkout, and the other tests run
+there in a process of their own, the nearest first: emulators and commands run in others that tests
+start. A test may fail by itself, for the clock's sake or the copy's: one that kills must fail once
+more with the mutant alone, and pass without it.
 """
 
 import ast
@@ -106,44 +106,34 @@ class Attack:
             places.update(mutants(path))
         for mutant in self._chosen:
             place = places[mutant]
-            names, seconds = ([], 0.0) if place.on_import else self._seeing(mutant, tests)
-            if names:
-                swap = _swaps(mutant, place, functions)
-                killer = sure(partial(self._forked, swap, seconds), names)
-            else:  # by the import, or in another process
-                names, seconds = self._on_import(mutant, tests)
-                killer = sure(partial(_in_copy, mutant, place, seconds), names)
+            key = mutant.path, mutant.where
+            seeing = [] if place.on_import else [test for test in tests if key in test.called]
+            names, seconds = self._in_turn(mutant, seeing)
+            killer = sure(partial(self._forked, _swaps(mutant, place, functions), seconds), names)
+            if not killer:  # it may be seen on import, or in a process that a test starts
+                others = [test for test in tests if test.name not in names]
+                more, seconds = self._in_turn(mutant, others)
+                killer = sure(partial(_in_copy, mutant, place, seconds), more)
+                names += more
             if killer in self._items:
                 latest = self._killers.setdefault(mutant.path + mutant.where, [])
                 latest[:] = [killer, *(name for name in latest if name != killer)][:5]
             self._tell(Fate(mutant, killer, len(names)))
         return True
 
-    def _seeing(self, mutant: Mutant, tests: Sequence[Test]) -> tuple[list[str], float]:
-        """Tests that call its function, those first that have killed others of it, then the
-        quickest; and the time that all take."""
-        key = mutant.path, mutant.where
-        seeing = [test for test in tests if key in test.called]
-        return self._in_turn(mutant, seeing)
-
-    def _on_import(self, mutant: Mutant, tests: Sequence[Test]) -> tuple[list[str], float]:
-        """Tests that call anything of its module, or whose name is like the module's."""
-        stem = f"test_{Path(mutant.path).stem}"
-        seeing = [
-            test for test in tests
-            if stem in test.name or any(path == mutant.path for path, _ in test.called)
-        ]  # fmt: skip
-        return self._in_turn(mutant, seeing or tests)  # whoever imports names or starts a process
-
     def _in_turn(self, mutant: Mutant, seeing: Sequence[Test]) -> tuple[list[str], float]:
+        """Those first that have killed others of its function, then those named after its module,
+        that call any of it, the nearest, the quickest; and the time that all take."""
         latest = self._killers.get(mutant.path + mutant.where, [])
         rank = {name: i for i, name in enumerate(latest)}
         stem = f"test_{Path(mutant.path).stem}"
         folders = Path(mutant.path).parts[:-1]
 
-        def turn(test: Test) -> tuple[int, bool, int, float]:
+        def turn(test: Test) -> tuple[int, bool, bool, int, float]:
             far = sum(folder not in test.name.split("/") for folder in folders)
-            return rank.get(test.name, len(rank)), stem not in test.name, far, test.seconds
+            stranger = all(path != mutant.path for path, _ in test.called)
+            early = rank.get(test.name, len(rank)), stem not in test.name
+            return *early, stranger, far, test.seconds
 
         order = sorted(seeing, key=turn)
         spent = accumulate(test.seconds for test in order)
