@@ -225,6 +225,25 @@ def test_a_server_that_is_gone_is_a_board_that_is_gone():
     usb.util.dispose_resources(device)
 
 
+def test_a_read_that_waits_without_time_out_ends_with_the_server():
+    bench, errors = Bench(), []
+
+    def read() -> None:
+        try:
+            device.read(0x81, 512, 0)
+        except usb.core.USBError as error:
+            errors.append(error.errno)
+
+    with bench.server:
+        device = bench.find()
+        reader = threading.Thread(target=read, daemon=True)
+        reader.start()
+        eventually(bench.server._claimed, "the read has come")
+    reader.join(20)
+    assert errors == [errno.ENODEV]
+    usb.util.dispose_resources(device)
+
+
 def test_garbage_on_the_port_harms_nobody(bench):
     port = int(bench.server.url.rpartition(":")[2])
     for noise in (b"GET / HTTP/1.1\r\n\r\n", b"\0\0\0\4junk", b"\0\0"):

@@ -37,6 +37,16 @@ def test_more_connections_than_there_are_places_hear_that_it_is_busy(bench) -> N
             one.close()
 
 
+def test_as_many_as_there_are_places_may_hear_that_it_is_busy_and_others_are_cut(
+    bench, monkeypatch
+) -> None:
+    monkeypatch.setattr("drivers.takktile.emulator.server._FAREWELL_S", 60.0)
+    with contextlib.ExitStack() as held:
+        late = [held.enter_context(dial(bench)) for _ in range(32 + 32)][32:]
+        assert held.enter_context(dial(bench)).recv(1) == b""
+        assert [ask(one, LIST).errno for one in late] == [errno.EBUSY] * 32
+
+
 def test_who_is_silent_for_longest_makes_room(bench, monkeypatch) -> None:
     monkeypatch.setattr("drivers.fairness.IDLE_S", 0.0)
     held = [dial(bench) for _ in range(32)]

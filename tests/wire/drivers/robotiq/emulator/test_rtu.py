@@ -1,6 +1,7 @@
 """The gripper on a serial line, over a pseudo-terminal: bytes first, then the driver."""
 
 import os
+import termios
 import time
 
 import pytest
@@ -201,3 +202,17 @@ def test_a_port_that_is_pulled_out(quick, transport) -> None:
     for now_ns in (0, 10**9):
         with pytest.raises(LinkLost):
             transport.read(2000, 8, now_ns)
+
+
+def test_the_line_runs_at_the_speed_of_the_manual_eight_bits_and_no_parity(
+    quick, transport
+) -> None:
+    transport.read(2000, 8, 0)
+    line = os.open(quick.port, os.O_RDWR | os.O_NOCTTY)
+    try:
+        _, _, control, _, *speeds, _ = termios.tcgetattr(line)
+    finally:
+        os.close(line)
+    assert speeds == [termios.B115200] * 2
+    assert control & termios.CSIZE == termios.CS8
+    assert not control & (termios.PARENB | termios.CSTOPB)

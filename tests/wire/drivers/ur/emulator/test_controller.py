@@ -7,6 +7,7 @@ from contextlib import nullcontext
 
 import pytest
 
+from drivers.ur import kinematics
 from drivers.ur.emulator.controller import Controller, RuntimeState, SafetyMode
 from drivers.ur.emulator.faults import FaultChannel
 from drivers.ur.emulator.fields import output_values
@@ -206,6 +207,17 @@ def test_speed_about_any_axis_turns_the_tool_about_its_centre_point(bench):
     assert bench.motion.tcp_speed == (0.0,) * 6
 
 
+def test_tool_that_spins_about_its_own_axis_goes_on_pointing_where_it_did(bench):
+    start = kinematics.rotation(bench.motion.tcp_pose[3:])
+    bench.run("speedl([0, 0, 0, 0, 0, 0.5], a=2, t=1)")
+    bench.cycles(60)
+    turned = kinematics.rotation(bench.motion.tcp_pose[3:])
+    assert turned[:, 2] == pytest.approx(start[:, 2], abs=1e-6)
+    x, y, z = kinematics.rotation_vector(turned @ start.T)
+    assert (x, y) == pytest.approx((0, 0), abs=1e-6) and 0.1 < z < 0.3
+    assert bench.motion.tcp_speed == pytest.approx((0, 0, 0, 0, 0, 0.5), abs=1e-6)
+
+
 def test_joint_speed_is_reached_and_ends_with_its_program(bench):
     bench.run("speedj([0, 0, 0, 0, 0, 0.5], a=2, t=0.5)")
     bench.cycles(50)
@@ -311,6 +323,23 @@ CALCULATIONS = {
     "force()": 5.0,
     "get_target_speed_fraction()": 1.0,
 }
+
+
+def test_program_that_plays_is_paused_where_it_stands_and_goes_on_from_there(bench):
+    assert not bench.controller.pause_program()
+    assert "no program plays" in bench.last
+    bench.run("i = 0\nwhile True:\n i = i + 1\n write_output_integer_register(5, i)\n sync()\n end")
+    bench.cycles(10)
+    counted = bench.controller.registers.values["output", "int"]
+    assert bench.controller.pause_program()
+    assert bench.controller.runtime_state is RuntimeState.PAUSED
+    paused_at = counted[5]
+    bench.cycles(10)
+    assert counted[5] == paused_at > 0
+    assert not bench.controller.pause_program()
+    assert bench.controller.resume_program()
+    bench.cycles(5)
+    assert counted[5] == paused_at + 5
 
 
 @pytest.mark.parametrize("calculation", CALCULATIONS)

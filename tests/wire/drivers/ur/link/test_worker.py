@@ -276,6 +276,17 @@ def test_child_that_answers_no_command_is_given_up():
     assert not worker.running
 
 
+def test_child_that_leaves_when_it_is_told_is_not_killed(tmp_path):
+    """It brakes and ends its program by itself; killed, it would leave that to a watchdog."""
+    left = tmp_path / "left"
+    body = "peer.recv(65536); told = peer.recv(65536); open({!r}, 'wb').write(told)"
+    worker = WorkerProcess(SETUP, child(body.format(str(left))))
+    worker.close(30.0)
+    assert isinstance(
+        msgspec.msgpack.decode(left.read_bytes(), type=messages.Request), messages.Leave
+    )
+
+
 def test_child_that_does_not_leave_is_killed():
     worker = WorkerProcess(SETUP, child("time.sleep(1000)"))
     start = time.monotonic()

@@ -1,0 +1,39 @@
+"""What clients of the emulator's ports find when it ends."""
+
+import contextlib
+import socket
+import time
+
+import pytest
+
+from drivers.ur.emulator.sockets import Farewell, Server
+
+PATIENCE_S = 20.0
+
+
+def test_line_of_every_client_is_cut_with_the_server_also_of_one_that_was_refused():
+    server = Server()
+    with contextlib.ExitStack() as serving, contextlib.ExitStack() as clients:
+        serving.callback(server.close)
+        port = server.listen(
+            "127.0.0.1", 0, lambda: (Farewell(), b"hello"), most=1, refusal=lambda why: why.encode()
+        )
+        first, second = (
+            clients.enter_context(socket.create_connection(("127.0.0.1", port), PATIENCE_S))
+            for _ in range(2)
+        )
+        second.setblocking(False)
+        deadline, told = time.monotonic() + PATIENCE_S, b""
+        while not told and time.monotonic() < deadline:
+            server.serve(0.01)
+            with contextlib.suppress(BlockingIOError):
+                told = second.recv(1024)
+        assert b"too many connections" in told
+        assert first.recv(1024) == b"hello"
+        serving.close()
+        for client in (first, second):
+            client.settimeout(PATIENCE_S)
+            with pytest.raises(ConnectionError):
+                while time.monotonic() < deadline:
+                    client.sendall(b"anybody there?")
+                    time.sleep(0.01)
