@@ -136,6 +136,19 @@ def test_finished_lift_on_the_lab_rig_says_how_high_the_arm_stands(
     assert "the arm stands 50 mm above where it let go" in capsys.readouterr().out
 
 
+def test_each_trial_of_several_is_a_line_and_a_single_lift_has_its_verdict_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [*DEAF, "--runs", str(tmp_path)]
+    main([*LIFTS, *words])
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[:2] for line in lines if line.startswith("seed ")] == [
+        ["seed", "0"], ["seed", "1"],
+    ]  # fmt: skip
+    main([*LIFTS[:-2], *words])
+    assert "\nseed " not in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("trials", [0, 1])
 def test_disk_that_fails_between_trials_is_told_with_what_is_kept(
     trials: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import struct
 import threading
 from contextlib import nullcontext
 
@@ -12,6 +13,7 @@ from drivers.ur.emulator.controller import Controller, RuntimeState, SafetyMode
 from drivers.ur.emulator.faults import FaultChannel
 from drivers.ur.emulator.fields import output_values
 from drivers.ur.emulator.motion import RobotMotion
+from drivers.ur.emulator.primary import state_message
 from drivers.ur.emulator.robot import UrEmulator
 from drivers.ur.emulator.rtde import RtdeServer
 from drivers.ur.emulator.settings import EmulatorSettings
@@ -205,6 +207,20 @@ def test_speed_about_any_axis_turns_the_tool_about_its_centre_point(bench):
     angle = math.dist(turned[3:], start[3:])
     assert angle > 0.1
     assert bench.motion.tcp_speed == (0.0,) * 6
+
+
+def test_state_of_an_arm_that_stands_tells_its_modes_and_the_speed_slider(bench):
+    """Layout of the package 0: Client Interfaces, PolyScope 3.5 and later."""
+    bench.cycles(3)
+    message = state_message(bench.controller, EmulatorSettings(host="127.0.0.2").controller)
+    size, kind = struct.unpack_from(">IB", message, 5)
+    assert (size, kind) == (struct.calcsize(">IBQ7?BB3dB"), 0)
+    now_us, *flags = struct.unpack_from(">Q7?", message, 10)
+    assert now_us == 3 * PERIOD_NS // 1000
+    assert flags == [True, True, True, False, False, False, False]
+    mode, control, wanted, scaling, most, _ = struct.unpack_from(">BB3dB", message, 25)
+    assert (mode, control) == (7, 0)  # it runs; by position
+    assert (wanted, scaling, most) == (1.0, 1.0, 1.0)
 
 
 def test_tool_that_spins_about_its_own_axis_goes_on_pointing_where_it_did(bench):
