@@ -26,6 +26,7 @@ from drivers.ur.emulator.plans import (
     ToolMove,
     ToolSpeed,
     beyond,
+    in_range,
 )
 from drivers.ur.emulator.settings import EmulatorSettings
 from drivers.ur.emulator.urscript.parse import ScriptError
@@ -86,7 +87,7 @@ class RobotMotion:
         start = kinematics.inverse(self._flange_at(self._still_at), kinematics.ELBOW_UP)
         if start is None:
             raise ValueError(f"no joint angles reach the start position {self._still_at}")
-        self.q: Joints = start
+        self.q: Joints = in_range(start, kinematics.ELBOW_UP)
         self.qd: Joints = STILL
         self.update(now_ns)
 
@@ -211,8 +212,10 @@ class RobotMotion:
             self._arm.set_payload(mass_kg)
 
     def joints_for(self, pose: Sequence[float], near: Sequence[float] | None) -> Joints | None:
-        """Joint angles that bring the tool centre point to a pose."""
-        return kinematics.inverse(kinematics.frame(pose) @ self._tcp_back, near or self.q)
+        """Joint angles within their range that bring the tool centre point to a pose."""
+        near = near or self.q
+        q = kinematics.inverse(kinematics.frame(pose) @ self._tcp_back, near)
+        return None if q is None else in_range(q, near)
 
     def pose_of(self, q: Sequence[float], offset: Sequence[float] | None) -> Pose:
         tcp = self._tcp if offset is None else kinematics.frame(offset)

@@ -202,6 +202,18 @@ def beyond(q: Sequence[float], qd: Sequence[float]) -> str:
     return ""
 
 
+def in_range(q: Sequence[float], near: Sequence[float]) -> Joints:
+    """The same posture, each joint by whole turns as near to another one as its range lets it."""
+    return tuple(_whole_turns(angle, other) for angle, other in zip(q, near, strict=True))
+
+
+def _whole_turns(angle: float, near: float) -> float:
+    turn = 2.0 * math.pi
+    least = math.ceil((-JOINT_RANGE - angle) / turn)
+    most = math.floor((JOINT_RANGE - angle) / turn)
+    return angle + turn * min(most, max(least, round((near - angle) / turn)))
+
+
 def _joints(flange: Frame, near: Joints) -> Joints:
     q = kinematics.inverse(flange, near)
     if q is None:

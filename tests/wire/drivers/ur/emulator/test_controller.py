@@ -176,6 +176,49 @@ def test_joints_move_together_and_the_tool_turns_with_them(bench):
     assert bench.motion.tcp_pose[:3] == pytest.approx(bench.arm.position(bench.now_ns), abs=1e-9)
 
 
+# example_control_loop.py of UR's Python RTDE client
+SET_POINTS = ((-0.12, -0.43, 0.14, 0, 3.11, 0.04), (-0.12, -0.51, 0.21, 0, 3.11, 0.04))
+
+
+@pytest.mark.parametrize("pose", SET_POINTS)
+def test_inverse_gives_the_joints_within_their_range_and_nearest(bench, pose):
+    from_here = bench.motion.q
+    values = ", ".join(map(str, pose))
+    told(
+        bench,
+        f"q = get_inverse_kin(p[{values}])\nwrite_output_boolean_register(0, "
+        "is_within_safety_limits(q))\ni = 0\nwhile i < 6:\n"
+        " write_output_float_register(i, q[i])\n i = i + 1\n end",
+    )
+    q = bench.controller.registers.values["output", "double"][:6]
+    assert bench.controller.registers.values["output", "bit"][0]
+    for angle, start in zip(q, from_here, strict=True):
+        others = [angle + turn * 2 * math.pi for turn in (-2, -1, 1, 2)]
+        possible = [other for other in others if abs(other) <= 2 * math.pi]
+        assert abs(angle) <= 2 * math.pi
+        assert all(abs(angle - start) <= abs(other - start) for other in possible)
+
+
+def test_joints_move_to_both_set_points_of_the_stock_control_loop(bench):
+    for pose in (*SET_POINTS, *SET_POINTS):
+        told(bench, f"movej(p[{', '.join(map(str, pose))}], a=3, v=2)", cycles=1500)
+        assert bench.motion.tcp_pose[:3] == pytest.approx(pose[:3], abs=1e-6)
+        assert bench.motion.pose_of(bench.motion.q, None)[3:] == pytest.approx(pose[3:], abs=1e-6)
+
+
+def test_line_that_turns_a_joint_beyond_its_range_still_ends_in_a_protective_stop(bench):
+    """A solution a whole turn away would be a leap on the way."""
+    told(
+        bench,
+        "q = get_actual_joint_positions()\nq[5] = -6.2\nmovej(q, a=3, v=2)",
+        cycles=1500,
+    )
+    bench.run("while True:\n speedl([0, 0, 0, 0, 0, 0.5], a=5)\n end")
+    bench.cycles(400)
+    assert bench.controller.safety_mode is SafetyMode.PROTECTIVE_STOP
+    assert any("joint 5 at its limit" in line for line in bench.controller.messages)
+
+
 def test_line_that_turns_the_tool_ends_in_its_pose_and_keeps_it(bench):
     pose = (0.45, 0.15, 0.35, 2.9, 0.3, 0.2)
     told(bench, f"movel(p[{', '.join(map(str, pose))}], a=1, v=0.3)")
