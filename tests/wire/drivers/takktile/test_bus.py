@@ -15,7 +15,7 @@ from drivers.takktile.model.board import BoardModelSettings
 from tests.wire.drivers.takktile.conftest import MS, Bench, eventually
 
 VENDOR_IN = 0xC0
-SCAN, TIMER, CALIBRATION = 0x5C, 0xC7, 0x6C
+SCAN, TIMER, CALIBRATION, BOTHER = 0x5C, 0xC7, 0x6C, 0xBA
 
 
 def start(device, ticks: int = 375) -> None:
@@ -83,6 +83,16 @@ def test_unknown_requests_stall(device, request_):
         device.ctrl_transfer(*request_, 0, 0, 8)
     assert caught.value.errno == errno.EPIPE
     assert caught.value.backend_error_code == -9
+
+
+def test_an_address_on_the_sensor_bus_is_asked_for(device):
+    """The index is the address byte; a read from one that nobody has hangs the firmware."""
+    for address, known in ((0x00, 1), (0x2A, 1), (0x0C, 1), (0x30, 0)):
+        assert list(device.ctrl_transfer(VENDOR_IN, BOTHER, 1, address, 64)) == [known]
+    with pytest.raises(usb.core.USBTimeoutError):
+        device.ctrl_transfer(VENDOR_IN, BOTHER, 1, 0x31, 64, 30)
+    with pytest.raises(usb.core.USBTimeoutError):
+        device.ctrl_transfer(VENDOR_IN, SCAN, 0, 0, 64, 30)
 
 
 def test_a_started_board_streams_frames_of_72_bytes(bench, device):

@@ -13,6 +13,7 @@ import time
 
 import pytest
 
+from drivers.ur import kinematics
 from drivers.ur.emulator import robot
 from drivers.ur.emulator.settings import EmulatorSettings
 from tests.wire.drivers.ur.emulator.conftest import own_address
@@ -47,6 +48,15 @@ RECIPE = (  # noqa: SIM905
     "tool_output_voltage tool_output_current tool_temperature robot_mode safety_mode "
     "robot_status_bits safety_status_bits actual_current tcp_offset"
 ).split()
+# its stock inputs
+INPUT_RECIPE = {
+    "speed_slider_mask": "UINT32", "speed_slider_fraction": "DOUBLE",
+    **{f"{group}_digital_output{end}": "UINT8" for group in ("standard", "configurable", "tool")
+       for end in ("_mask", "")},
+    "standard_analog_output_mask": "UINT8", "standard_analog_output_type": "UINT8",
+    "standard_analog_output_0": "DOUBLE", "standard_analog_output_1": "DOUBLE",
+    "external_force_torque": "VECTOR6D",
+}  # fmt: skip
 
 
 def recorded(host, names, rate_hz, samples):
@@ -75,27 +85,90 @@ def test_stock_recipes_are_recorded_without_a_gap(emulate, names, profile, rate_
     assert steps == {1.0}
 
 
-def test_control_loop_of_rtde_registers(emulator):
-    """`example_control_loop.py`: set-points in double registers, a watchdog in an integer."""
-    send_program(
-        emulator.host,
-        "def loop():\n while True:\n  if read_input_integer_register(0) == 1:\n"
-        "   write_output_integer_register(0, 1)\n"
-        "   write_output_float_register(1, 2 * read_input_float_register(0))\n  end\n  sync()\n"
-        " end\nend\n",
-    )
+# what UR's rtde_control_loop.urp does; its watchdog is of 1 Hz, which a busy machine may not keep
+CONTROL_LOOP = """def rtde_control_loop():
+ rtde_set_watchdog("input_int_register_0", 0.5, "stop")
+ write_output_integer_register(0, 0)
+ while True:
+  write_output_integer_register(0, 1)
+  while read_input_integer_register(0) != 1:
+   sync()
+  end
+  setp = p[0, 0, 0, 0, 0, 0]
+  i = 0
+  while i < 6:
+   setp[i] = read_input_float_register(i)
+   i = i + 1
+  end
+  movej(setp, a=3, v=2)
+  write_output_integer_register(0, 0)
+  while read_input_integer_register(0) == 1:
+   sync()
+  end
+ end
+end
+"""
+SET_POINTS = ((-0.12, -0.43, 0.14, 0, 3.11, 0.04), (-0.12, -0.51, 0.21, 0, 3.11, 0.04))
+
+
+def test_example_control_loop(emulator):
+    """`example_control_loop.py`: its recipes, its handshake, and both set-points in turn."""
+    send_program(emulator.host, CONTROL_LOOP)
     with Rtde(emulator.host) as rtde:
-        rtde.ask("V", struct.pack(">H", 2))
-        assert rtde.ask("I", b"input_double_register_0")[1] == b"\x01DOUBLE"
+        assert rtde.ask("V", struct.pack(">H", 2)) == ("V", b"\x01")
+        assert rtde.ask("v")[0] == "v"
+        state = b"target_q,target_qd,output_int_register_0"
+        kinds = b"\x01VECTOR6D,VECTOR6D,INT32"
+        assert rtde.ask("O", struct.pack(">d", 125.0) + state) == ("O", kinds)
+        set_point = ",".join(f"input_double_register_{n}" for n in range(6)).encode()
+        assert rtde.ask("I", set_point)[1] == b"\x01" + b",".join([b"DOUBLE"] * 6)
         assert rtde.ask("I", b"input_int_register_0")[1] == b"\x02INT32"
-        fields = b"output_int_register_0,output_double_register_1"
-        assert rtde.ask("O", struct.pack(">d", 125.0) + fields)[1] == b"\x01INT32,DOUBLE"
-        rtde.sock.sendall(struct.pack(">HBBd", 12, ord("U"), 1, 1.5))
-        rtde.sock.sendall(struct.pack(">HBBi", 8, ord("U"), 2, 1))
-        rtde.ask("S")
+        assert rtde.ask("S") == ("S", b"\x01")
+        told, completed, kick, moved, reached = SET_POINTS[0], True, 0, 0.0, []
+        deadline = time.monotonic() + 30.0
+        while len(reached) < 3:
+            assert time.monotonic() < deadline, emulator.fault(do="state")
+            kind, body = rtde.read()
+            _, *joints, register = struct.unpack(">B12di", body)
+            assert kind == "U"
+            moved = max(moved, *map(abs, joints[6:]))
+            if completed and register == 1:
+                completed, told, kick = False, SET_POINTS[told == SET_POINTS[0]], 1
+                rtde.sock.sendall(struct.pack(">HBB6d", 52, ord("U"), 1, *told))
+            elif not completed and register == 0:
+                assert moved > 0.1
+                reached.append((told, kinematics.pose(kinematics.forward(joints[:6]))))
+                completed, kick, moved = True, 0, 0.0
+            rtde.sock.sendall(struct.pack(">HBBi", 8, ord("U"), 2, kick))
+    assert [told for told, _ in reached] == [SET_POINTS[n] for n in (1, 0, 1)]
+    for told, pose in reached:
+        assert pose == pytest.approx(told, abs=1e-6)
+    deadline = time.monotonic() + 15.0
+    while "watchdog" not in " ".join((said := emulator.fault(do="state"))["messages"]):
+        assert time.monotonic() < deadline, said
+
+
+def test_inputs_of_the_stock_recipe_are_taken_and_read_back(emulate):
+    """The C++ client library's `rtde_input_recipe.txt`; what it sends is read in its outputs."""
+    with Rtde(emulate("--profile", "e-series").host) as rtde:
+        assert rtde.ask("V", struct.pack(">H", 2)) == ("V", b"\x01")
+        read_back = (
+            "target_speed_fraction,actual_digital_output_bits,analog_io_types,"
+            "standard_analog_output0,standard_analog_output1"
+        )
+        kinds = b"\x01DOUBLE,UINT64,UINT32,DOUBLE,DOUBLE"
+        assert rtde.ask("O", struct.pack(">d", 500.0) + read_back.encode())[1] == kinds
+        number, *kinds = rtde.ask("I", ",".join(INPUT_RECIPE).encode())[1].decode().split(",")
+        assert (number[0], [number[1:], *kinds]) == ("\x01", list(INPUT_RECIPE.values()))
+        assert rtde.ask("S") == ("S", b"\x01")
+        sent = (1, 0.5, 255, 5, 255, 2, 3, 2, 3, 2, 0.25, 0.75, *range(6))
+        layout = struct.Struct(">B" + "".join(WIDTHS[kind] for kind in INPUT_RECIPE.values()))
+        rtde.sock.sendall(struct.pack(">HB", 3 + layout.size, ord("U")) + layout.pack(1, *sent))
+        bits = 5 | 2 << 8 | 2 << 16
+        expected = (0.5, bits, 0b1011, pytest.approx(0.008), pytest.approx(7.5))
         deadline = time.monotonic() + 15.0
-        while struct.unpack(">Bid", rtde.read()[1]) != (1, 1, 3.0):
-            assert time.monotonic() < deadline
+        while (found := struct.unpack(">BdQIdd", rtde.read()[1])[1:]) != expected:
+            assert time.monotonic() < deadline, found
 
 
 def test_dashboard_example(emulator):
