@@ -4,7 +4,8 @@
 
 Kept cases (`kept.txt`: a port and a seed a line) go first. Prints, a line a port, the well-behaved
 client's median wait without and with the attack and their ratio, and the cell's memory; ends with 1
-when the cell died, grew, or left somebody unanswered, and says which cases it met last.
+when the cell died, grew, left somebody unanswered or does not end within `PATIENCE_S` of SIGTERM, and
+says which cases it met last.
 """
 
 import argparse
@@ -12,6 +13,7 @@ import contextlib
 import json
 import os
 import random
+import signal
 import socket
 import statistics
 import subprocess
@@ -35,6 +37,7 @@ SAY_S = 0.5  # for one connection to say what it has to say
 MOST_GROWTH_MB = 150.0
 BLOCK_S = 20.0
 QUIET_S = 8.0
+PATIENCE_S = 30.0  # from SIGTERM to the end of a cell; a busy machine may hold it up
 
 Case = tuple[str, int]
 
@@ -196,7 +199,22 @@ def campaign(seed: int, seconds: float, first: list[Case]) -> Outcome:
             print(
                 f"block {block}: {attack.played} cases, {outcome.memory_mb[-1]:.0f} MB", flush=True
             )
+        outcome.trouble = outcome.trouble or ended_badly(pid, PATIENCE_S)
     return outcome
+
+
+def ended_badly(pid: int, patience_s: float) -> str:
+    """Ask a child of this process to end; what is wrong with the way in which it does, or "". Its
+    status stays to be waited for by whoever started it."""
+    os.kill(pid, signal.SIGTERM)
+    until = time.monotonic() + patience_s
+    while time.monotonic() < until:
+        end = os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+        if end is not None:
+            well = (end.si_code, end.si_status) == (os.CLD_EXITED, 0)
+            return "" if well else f"ended by SIGTERM with {end.si_status}"
+        time.sleep(0.05)
+    return f"not ended {patience_s:g} s after SIGTERM"
 
 
 def _trouble(outcome: Outcome) -> str:

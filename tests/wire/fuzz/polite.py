@@ -3,7 +3,8 @@
     python -m tests.wire.fuzz.polite ENDPOINTS.json SECONDS
 
 prints one line of JSON: for each port the median and the longest wait in ms, or the error. Ten
-requests a second on each, one connection each, kept open. RTDE: how late a packet of the stream is.
+requests a second on each, one connection each, kept open. RTDE: an answer in the midst of a stream.
+Ports 30001 to 30003 are listened to: how long one state comes after the other.
 """
 
 import json
@@ -11,15 +12,17 @@ import socket
 import statistics
 import struct
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from typing import Any
 
 from drivers.takktile.emulator import hop
 from drivers.takktile.emulator.hop import HopReply, HopRequest, Op
 
 EACH_S = 0.1
+STATE_PORTS = (30001, 30002, 30003)
+STATE = 16  # message type of ports 30001 and 30002
 TIMEOUT_S = 60.0  # a busy machine may hold it up; what does not answer never will
 
 
@@ -87,6 +90,40 @@ class Stream:
                 return
 
 
+class Heard:
+    """A thread that reads one port's states, and how long each came after the one before."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self.waits: list[float] = []
+        self.error = ""
+        self._line = Line(host, port)
+        self._header = struct.Struct(">I" if port == STATE_PORTS[-1] else ">IB")
+        self._ended = False
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        before = time.perf_counter()
+        try:
+            while not self._ended:
+                size, *kind = self._header.unpack(self._line.exactly(self._header.size))
+                self._line.exactly(size - self._header.size)
+                if kind in ([], [STATE]):
+                    now = time.perf_counter()
+                    self.waits.append((now - before) * 1e3)
+                    before = now
+        except (OSError, ValueError, struct.error) as error:
+            self.error = f"{type(error).__name__}: {error}"
+
+    def end(self) -> None:
+        """After the next state, or when none comes for as long as an answer may take."""
+        self._ended = True
+        self._thread.join(TIMEOUT_S + 1.0)
+        if self._thread.is_alive() and not self.error:
+            self.error = "no state"
+        self._line.sock.close()
+
+
 def _packet(kind: str, body: bytes = b"") -> bytes:
     return struct.pack(">HB", 3 + len(body), ord(kind)) + body
 
@@ -99,19 +136,25 @@ def expect(answer: bytes, begins: bytes) -> None:
 def measure(at: dict[str, Any], seconds: float) -> dict[str, Any]:
     waits: dict[str, list[float]] = {}
     errors: dict[str, str] = {}
-    with ExitStack():
-        asked = dict(questions(at))
-        until = time.monotonic() + seconds
-        while time.monotonic() < until and not errors:
-            for name, ask in asked.items():
-                started = time.perf_counter()
-                try:
-                    ask()
-                except (OSError, ValueError) as error:
-                    errors[name] = f"{type(error).__name__}: {error}"
-                    break
-                waits.setdefault(name, []).append((time.perf_counter() - started) * 1e3)
-                time.sleep(EACH_S / len(asked))
+    heard = {f"state {port}": Heard(at["host"], port) for port in STATE_PORTS}
+    asked = dict(questions(at))
+    until = time.monotonic() + seconds
+    while time.monotonic() < until and not errors:
+        for name, ask in asked.items():
+            started = time.perf_counter()
+            try:
+                ask()
+            except (OSError, ValueError) as error:
+                errors[name] = f"{type(error).__name__}: {error}"
+                break
+            waits.setdefault(name, []).append((time.perf_counter() - started) * 1e3)
+            time.sleep(EACH_S / len(asked))
+    for name, one in heard.items():
+        one.end()
+        if one.error:
+            errors[name] = one.error
+        if one.waits:
+            waits[name] = one.waits
     return {
         "median_ms": {name: statistics.median(found) for name, found in waits.items()},
         "most_ms": {name: max(found) for name, found in waits.items()},
