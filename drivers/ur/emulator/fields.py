@@ -83,6 +83,7 @@ def output_values(controller: Controller) -> dict[str, Values]:
         "standard_analog_input1": (ports.analog_in[1],),
         "standard_analog_output0": (ports.analog_out(0),),
         "standard_analog_output1": (ports.analog_out(1),),
+        "tool_output_voltage": (ports.tool_voltage_v,),
         "analog_io_types": (ports.analog_types,),
         "runtime_state": (controller.runtime_state,),
         "robot_status_bits": (_status_bits(controller),),

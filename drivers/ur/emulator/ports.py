@@ -11,6 +11,7 @@ _SHIFT = {"standard": 0, "configurable": 8, "tool": 16}  # in actual_digital_out
 _WIDTH = {"standard": 8, "configurable": 8, "tool": 2}
 _CURRENT_A = (0.004, 0.016)  # least, and span, of an output that gives current
 _VOLTAGE_V = (0.0, 10.0)
+FLAGS = 32  # URScript manual: set_flag
 
 
 class Ports:
@@ -22,6 +23,8 @@ class Ports:
         self.analog_in = [0.0, 0.0]
         self.analog_ratio = [0.0, 0.0]  # of the outputs, 0 to 1
         self.analog_voltage = [True, True]  # of the outputs; else current
+        self.tool_voltage_v = 0
+        self.flags = [False] * FLAGS  # kept from program to program
         self.speed_fraction = 1.0
 
     def take_inputs(self, written: Mapping[str, Values]) -> None:

@@ -41,7 +41,7 @@ def state_message(controller: Controller, profile: Profile) -> bytes:
     """All that is known of the robot, one package behind the other."""
     body = b"".join(
         (
-            _mode(controller), _joints(controller), _tool(), _box(controller, profile),
+            _mode(controller), _joints(controller), _tool(controller), _box(controller, profile),
             _cartesian(controller), _KINEMATICS, _CONFIGURATION,
             _package(7, "7d", *controller.wrench, 0.0), _package(8, "3?", False, False, False),
         )
@@ -73,8 +73,9 @@ def _joints(controller: Controller) -> bytes:
     return _package(1, "3d4fB" * kinematics.JOINTS, *values)
 
 
-def _tool() -> bytes:
-    return _package(2, "BBddfBffB", 0, 0, 0.0, 0.0, _BOX_V, 0, 0.0, _C, _RUNNING)
+def _tool(controller: Controller) -> bytes:
+    voltage = controller.ports.tool_voltage_v
+    return _package(2, "BBddfBffB", 0, 0, 0.0, 0.0, _BOX_V, voltage, 0.0, _C, _RUNNING)
 
 
 def _box(controller: Controller, profile: Profile) -> bytes:

@@ -277,12 +277,19 @@ def zero_ftsensor(thread: Thread) -> None:
     thread.robot.zero_wrench()
 
 
-def _without_effect(thread: Thread, value: Value = None) -> None:
-    """For settings of what this emulator does not model."""
+def _without_effect(name: str, reason: str) -> Builtin:
+    """For a setting of what this emulator does not model: the log says so."""
+
+    def taken(thread: Thread, value: Value) -> None:
+        thread.robot.log(f"{name} has no effect: {reason}")
+
+    return taken
 
 
-for _name in ("force_mode_set_damping", "force_mode_set_gain_scaling", "set_gravity"):
-    BUILTINS[_name] = _without_effect
+# ur_rtde's script sets these two as it starts, whether it is ever asked for force mode or not
+for _name in ("force_mode_set_damping", "force_mode_set_gain_scaling"):
+    BUILTINS[_name] = _without_effect(_name, "force mode is not emulated")
+BUILTINS["set_gravity"] = _without_effect("set_gravity", "gravity is not modelled")
 
 
 # geometry
@@ -341,11 +348,12 @@ _NOT_EMULATED = (
     "get_coriolis_and_centrifugal_torques get_freedrive_status get_jacobian "
     "get_jacobian_time_derivative get_mass_matrix get_target_joint_accelerations "
     "get_target_waypoint modbus_add_signal modbus_get_signal_status modbus_set_output_signal "
-    "movec movep popup request_boolean_from_primary_client request_float_from_primary_client "
+    "movec movep popup read_port_bit read_port_register request_boolean_from_primary_client request_float_from_primary_client "
     "request_integer_from_primary_client request_string_from_primary_client rpc_factory servoc "
     "set_conveyor_tick_count socket_close socket_get_var socket_open socket_read_ascii_float "
     "socket_read_binary_integer socket_read_byte_list socket_read_line socket_read_string "
     "socket_send_byte socket_send_int socket_send_line socket_send_string socket_set_var "
-    "teach_mode tool_contact track_conveyor_circular track_conveyor_linear"
+    "teach_mode tool_contact track_conveyor_circular track_conveyor_linear write_port_bit "
+    "write_port_register"
 )
 BUILTINS |= MATHS | INOUT | {name: _not_emulated(name) for name in _NOT_EMULATED.split()}

@@ -7,6 +7,7 @@ currents are those of an idle arm.
 import math
 
 from drivers.ur import kinematics
+from drivers.ur.emulator.ports import FLAGS
 from drivers.ur.emulator.urscript.parse import ScriptError
 from drivers.ur.emulator.urscript.run import Builtin, PoseValue, Thread, Value, finite
 
@@ -99,6 +100,29 @@ def get_standard_analog_in(thread: Thread, n: Value) -> float:
 
 
 INOUT |= {"set_analog_out": set_standard_analog_out, "get_analog_in": get_standard_analog_in}
+
+
+@_known
+def set_tool_voltage(thread: Thread, voltage: Value) -> None:
+    if _index(voltage) not in (0, 12, 24):
+        raise ScriptError("the tool's voltage is 0, 12 or 24")
+    thread.robot.ports.tool_voltage_v = _index(voltage)
+
+
+def _flag(n: Value) -> int:
+    if not 0 <= _index(n) < FLAGS:
+        raise ScriptError(f"no flag {n}")
+    return _index(n)
+
+
+@_known
+def set_flag(thread: Thread, n: Value, b: Value) -> None:
+    thread.robot.ports.flags[_flag(n)] = bool(b)
+
+
+@_known
+def get_flag(thread: Thread, n: Value) -> bool:
+    return bool(thread.robot.ports.flags[_flag(n)])
 
 
 @_known

@@ -274,6 +274,15 @@ def not_emulated(site):
     assert "force_mode is not emulated" in " ".join(site.fault(do="state")["messages"])
 
 
+def force_settings(site):
+    """Settings of a mode that is refused: taken, as ur_rtde's script sets them as it starts."""
+    c = site.connect()
+    assert c.forceModeSetDamping(0.1)
+    assert c.isProgramRunning()
+    said = " ".join(site.fault(do="state")["messages"])
+    assert said.count("force_mode_set_damping has no effect") >= 2
+
+
 def contact_refused(site):
     """What ur_rtde's script leaves out for a CB3."""
     c = site.connect()

@@ -18,6 +18,7 @@ from drivers.ur.emulator.robot import UrEmulator
 from drivers.ur.emulator.rtde import RtdeServer
 from drivers.ur.emulator.settings import EmulatorSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
+from tests.wire.drivers.ur.emulator.test_stock_clients import packages
 
 PERIOD_NS = 8_000_000
 DOWN = "3.141592653589793, 0, 0"
@@ -104,6 +105,12 @@ def test_two_threads_on_one_arm_end_the_program(bench):
         'socket_open("127.0.0.1", 80)',
         "set_standard_digital_out(8, True)",
         "set_standard_analog_out(2, 0.5)",
+        "set_tool_voltage(5)",
+        "set_flag(32, True)",
+        "get_flag(-1)",
+        "read_port_bit(0)",
+        "movep(p[0.5, 0.1, 0.3, 0, 0, 0])",
+        "teach_mode()",
         "sqrt(-1)",
         "pow(1e200, 2)",
         'to_num("a")',
@@ -344,6 +351,35 @@ def test_outputs_are_read_back(bench):
     bench.cycles(1, {"standard_digital_output_mask": (3,), "standard_digital_output": (1,)})
     values = output_values(bench.controller)
     assert values["actual_digital_output_bits"] == (1 << 0 | 1 << 8 | 1 << 17,)
+
+
+def test_flags_and_the_voltage_of_the_tool_are_read_back_by_later_programs(bench):
+    told(bench, "set_flag(31, True)\nset_flag(0, False)\nset_tool_voltage(24)")
+    told(
+        bench,
+        "write_output_boolean_register(0, get_flag(31))\n"
+        "write_output_boolean_register(1, get_flag(0))",
+    )
+    assert bench.controller.registers.values["output", "bit"][:2] == [True, False]
+    assert output_values(bench.controller)["tool_output_voltage"] == (24,)
+    profile = EmulatorSettings(host="").controller
+    tool = dict(packages(state_message(bench.controller, profile)[5:]))[2]
+    assert tool[22] == 24  # behind two ranges, two readings and the box's voltage
+
+
+@pytest.mark.parametrize(
+    ("call", "why"),
+    [
+        ("force_mode_set_damping(0.1)", "force mode is not emulated"),
+        ("force_mode_set_gain_scaling(0.5)", "force mode is not emulated"),
+        ("set_gravity([0, 0, 9.82])", "gravity is not modelled"),
+    ],
+)
+def test_settings_without_effect_are_told_in_the_log(bench, call, why):
+    """Not refused: ur_rtde's own script sets those of force mode as it starts."""
+    told(bench, call)
+    said = f"{call.partition('(')[0]} has no effect: {why}"
+    assert said in " ".join(bench.controller.messages)
 
 
 def test_inputs_are_what_the_control_channel_says(bench):

@@ -20,6 +20,7 @@ import pytest
         "joint_speeds",
         "servo",
         "not_emulated",
+        "force_settings",
         "io",
         "dashboard",
         "custom_script",
