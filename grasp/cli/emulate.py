@@ -3,10 +3,10 @@
 import argparse
 import secrets
 import sys
-from ipaddress import ip_address
 from typing import Any
 
-from drivers.errors import LinkLost, UsageError
+from drivers.addresses import cannot_listen, check_free, check_host
+from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.options import OBJECT_HELP, add_settings, seed, whole
 
@@ -59,7 +59,7 @@ def emulate(args: argparse.Namespace) -> int:
     from scenarios.campaign.config import load_for_devices
     from scenarios.rigs.emulated_cell import CellOrder, Listening, end_on_signals, serve
 
-    _check_host(args.host, args.beyond_loopback)
+    _check_host(args.host, args.beyond_loopback, args.gripper_port)
     there = Listening(
         host=args.host, gripper_port=args.gripper_port, profile=args.profile, rtu=args.rtu,
         token=secrets.token_hex(16) if args.beyond_loopback else "",
@@ -72,25 +72,16 @@ def emulate(args: argparse.Namespace) -> int:
     try:
         serve(order, there, ended, words.listen)
     except OSError as error:
-        raise LinkLost(
-            f"cannot listen on {args.host or 'loopback'}: {error.strerror}",
-            "end the other cell, or choose another --host",
-        ) from None
+        raise cannot_listen(args.host or "loopback", error) from None
     return exits.SUCCESS
 
 
-def _check_host(host: str | None, beyond_loopback: bool) -> None:
-    another = "choose another loopback address, e.g. 127.0.0.2"
-    if host is None:
-        if beyond_loopback:
-            raise UsageError("--beyond-loopback needs --host", "name the address to listen on")
-        return
-    if host == "127.0.0.1":
-        raise UsageError("127.0.0.1 is not for a cell: ur_rtde skips a check there", another)
-    try:
-        here = ip_address(host).is_loopback or beyond_loopback
-    except ValueError:
-        here = False
-    if not here:
-        what = "address" if beyond_loopback else "loopback address"
-        raise UsageError(f"{host!r} is no {what}", f"{another}; others with --beyond-loopback")
+def _check_host(host: str | None, beyond_loopback: bool, gripper_port: int = 0) -> None:
+    """Before the world is compiled, which takes a while."""
+    from drivers.ur.emulator.robot import PORTS
+
+    if host is not None:
+        check_host(host, beyond_loopback)
+        check_free(host, (*PORTS, gripper_port))
+    elif beyond_loopback:
+        raise UsageError("--beyond-loopback needs --host", "name the address to listen on")

@@ -22,6 +22,8 @@ from typing import Self
 
 import msgspec
 
+from drivers.addresses import check_free, check_host
+from drivers.errors import GraspError
 from drivers.fairness import Budget
 from drivers.ur.emulator.controller import Controller
 from drivers.ur.emulator.dashboard import BANNER, Dashboard
@@ -40,6 +42,7 @@ from drivers.ur.model import ArmModel, ArmModelSettings
 DASHBOARD_PORT = 29999
 STATE_PORTS = (30001, 30002)  # primary and secondary: programs in, state out
 SCRIPT_PORT = 30003  # real time: programs in, state out every cycle
+PORTS = (RTDE_PORT, DASHBOARD_PORT, *STATE_PORTS, SCRIPT_PORT)
 SWITCH_S = 5e-4  # a thread that answers a client does not wait for others for longer
 MOST_CLIENTS = 32  # of each port
 _PROGRAM_PART = 0.2  # of the time, for the program and for compiling it
@@ -195,15 +198,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--fault-port", type=int, default=0, help="control channel; 0: any port")
     parser.add_argument("--unlock-delay", type=float, default=5.0, help="s after a protective stop")
     options = parser.parse_args(arguments)
-    settings = msgspec.convert(
-        {
-            "host": options.host,
-            "profile": options.profile,
-            "fault_port": options.fault_port,
-            "unlock_delay_s": options.unlock_delay,
-        },
-        EmulatorSettings,
-    )
+    try:
+        settings = msgspec.convert(
+            {
+                "host": options.host,
+                "profile": options.profile,
+                "fault_port": options.fault_port,
+                "unlock_delay_s": options.unlock_delay,
+            },
+            EmulatorSettings,
+        )
+        check_host(settings.host, beyond_loopback=False)
+        check_free(settings.host, (*PORTS, settings.fault_port))
+    except (msgspec.ValidationError, GraspError) as error:
+        sys.exit(f"error: {'; '.join(error.args)}")
     _serve(settings)
 
 

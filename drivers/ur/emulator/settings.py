@@ -49,7 +49,7 @@ class EmulatorSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     serial_number: str = "2015300001"
     start_m: tuple[float, float, float] = ArmModelSettings().start_m
     tool_rotation_rad: Annotated[
-        tuple[float, float, float], Meta(description="rotation vector of the flange, kept for ever")
+        tuple[float, float, float], Meta(description="rotation vector of the flange at the start")
     ] = TOOL_DOWN
     unlock_delay_s: Annotated[
         float, Meta(ge=0.0, le=60.0, description="s after a protective stop; UR manual: 5 s")

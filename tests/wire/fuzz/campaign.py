@@ -4,8 +4,8 @@
 
 Kept cases (`kept.txt`: a port and a seed a line) go first. Prints, a line a port, the well-behaved
 client's median wait without and with the attack and their ratio, and the cell's memory; ends with 1
-when the cell died, grew, left somebody unanswered or does not end within `PATIENCE_S` of SIGTERM, and
-says which cases it met last.
+when the cell died, grew, left somebody unanswered or does not end within `PATIENCE_S` of SIGTERM,
+and says which cases it met last.
 """
 
 import argparse

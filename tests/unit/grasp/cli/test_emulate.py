@@ -1,9 +1,15 @@
 """Where `grasp emulate` may listen: refused in one line, before anything is opened."""
 
+import os
+import socket
+
 import pytest
 
-from drivers.errors import UsageError
+from drivers.addresses import check_host
+from drivers.errors import LinkLost, UsageError
 from grasp.cli.emulate import _check_host
+
+ADDRESS = f"127.{230 + os.getpid() % 20}.{os.getpid() // 20 % 250}.2"  # nobody else's here
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.168.0.1", "localhost", "foo", ""])
@@ -18,11 +24,33 @@ def test_beyond_loopback_takes_an_address_and_no_name(host) -> None:
         _check_host(host, True)
 
 
+@pytest.mark.parametrize("beyond_loopback", [False, True])
+@pytest.mark.parametrize("host", ["::1", "::", "fe80::1"])
+def test_ipv6_is_refused_by_name(host, beyond_loopback) -> None:
+    with pytest.raises(UsageError, match="is an IPv6 address"):
+        _check_host(host, beyond_loopback)
+
+
+def test_an_address_of_another_machine_is_told_before_anything_is_compiled() -> None:
+    with pytest.raises(LinkLost, match=r"cannot listen on 192\.0\.2\.1") as caught:
+        _check_host("192.0.2.1", True)
+    assert "loopback address" in caught.value.remedy
+
+
+def test_a_port_that_is_taken_is_told_before_anything_is_compiled() -> None:
+    with socket.create_server((ADDRESS, 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(LinkLost, match="in use") as caught:
+            _check_host(ADDRESS, False, port)
+        assert "end the other cell" in caught.value.remedy
+    _check_host(ADDRESS, False, port)
+
+
 def test_beyond_loopback_needs_an_address_and_none_is_ours_alone() -> None:
     with pytest.raises(UsageError, match="needs --host"):
         _check_host(None, True)
     with pytest.raises(UsageError, match="ur_rtde skips a check there"):
         _check_host("127.0.0.1", True)
-    _check_host("0.0.0.0", True)
-    _check_host("127.0.0.2", False)
+    check_host("0.0.0.0", beyond_loopback=True)
+    check_host("127.0.0.2", beyond_loopback=False)
     _check_host(None, False)

@@ -64,6 +64,38 @@ def test_ends_on_signal(emulate, number):
     assert emulator.process.wait(WAIT_S) == 0
 
 
+def refused(*arguments):
+    """The one line with which an emulator does not start."""
+    command = [sys.executable, "-m", "drivers.ur.emulator", *arguments]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, timeout=60.0, check=False
+    )
+    assert done.returncode == 1, done.stderr
+    assert not done.stdout
+    (line,) = done.stderr.splitlines()
+    return line
+
+
+@pytest.mark.parametrize(
+    ("host", "said"),
+    [
+        ("foo", "is no loopback address"),
+        ("", "is no loopback address"),
+        ("0.0.0.0", "is no loopback address"),
+        ("192.0.2.1", "is no loopback address"),
+        ("::1", "is an IPv6 address"),
+        ("127.0.0.1", "ur_rtde skips a check there"),
+    ],
+)
+def test_host_that_is_not_for_it_is_refused_in_one_line(host, said):
+    assert said in refused("--host", host)
+
+
+def test_what_it_cannot_be_is_refused_in_one_line(emulator):
+    assert f"cannot listen on {emulator.host}" in refused("--host", emulator.host)
+    assert "fault_port" in refused("--host", "127.0.0.2", "--fault-port", "70000")
+
+
 def test_ends_even_while_frozen(emulate):
     emulator = emulate()
     emulator.fault(do="freeze", seconds=60.0)
