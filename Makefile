@@ -137,7 +137,7 @@ test-cluster: install-cluster
 
 # what is lacking is run, and what was ended goes on: half an hour on an idle core; then lifts through
 # wires that are spoilt, in wall time: three quarters of an hour
-JOBS ?= 1
+JOBS ?= $(shell nproc)
 faults: install-dev
 	fell=0; $(BIN)/python scripts/faults.py run --jobs $(JOBS) || fell=$$?; \
 	$(BIN)/python scripts/faults.py page || fell=$$?; \

@@ -23,12 +23,15 @@ class ArmDoubt:
         self._started = False
         self._stopping = False  # it was told to, last
         self._stood_m: Vector3 | None = None  # where it said first that it does
+        self._stop_m: Vector3 = NOWHERE  # where it was told to stop, and its way from there
+        self._room_m = 0.0
 
     def told(self, command: MoveArm | StopArm, arm: ArmState) -> None:
         """A command goes out while the arm is like this."""
         if isinstance(command, StopArm):
             if not self._stopping:
                 self._anchor = (arm.t_ns, arm.position_m)
+                self._stop_m, self._room_m = arm.position_m, self._brakes_m(command, arm)
             self._way.stop(arm, self._fastest_mps(arm), command.deceleration_mps2)
             self._command, self._stopping = None, True
             self._spare_s = self._ramp_s(command.deceleration_mps2)
@@ -45,6 +48,12 @@ class ArmDoubt:
             return speed_mps
         later_mps = speed_mps + command.acceleration_mps2 * self._settings.arm_frozen_s
         return max(speed_mps, min(command.speed_mps, later_mps))
+
+    def _brakes_m(self, command: StopArm, arm: ArmState) -> float:
+        """How far a stop may take, which acts no later than a move does."""
+        s, fastest_mps = self._settings, self._fastest_mps(arm)
+        braking_m = fastest_mps**2 / (2.0 * command.deceleration_mps2)
+        return fastest_mps * s.arm_start_s + braking_m + s.arm_there_m
 
     def _ramp_s(self, ramp_mps2: float) -> float:
         """Twice as long as an arm that begins or ends to move takes for what counts as motion."""
@@ -80,7 +89,11 @@ class ArmDoubt:
         self._anchor = (arm.t_ns, arm.position_m)
 
     def _went_on(self, arm: ArmState) -> str:
-        """Told to stop, it says that it stands."""
+        """Told to stop, it goes further than braking takes, or goes on when it says that it stands:
+        one that obeys no stop ends its move, and stands then."""
+        gone_m = math.dist(arm.position_m, self._stop_m)
+        if self._stopping and gone_m > self._room_m:
+            return f"arm_goes_on: {gone_m * 1e3:.0f} mm since it was told to stop"
         if not self._stopping or arm.moving:
             self._stood_m = None
             return ""

@@ -77,8 +77,8 @@ def end_of(
 ) -> End:  # fmt: skip
     """By the last tick and the last command that reached the hand; None: there was none. What was
     heard longer ago than ``old_s`` is old; ``way_out``: what to do about a closed hand; ``cause``
-    of the fault, for what it says of the fingertips is not believed, nor the arm that it or what
-    was doubted since, ``further``, names."""
+    of the fault, for what it says of the fingertips is not believed, nor the arm or hand that it or
+    what was doubted since, ``further``, names."""
     if tick is None:
         return End("the arm was told nothing", "the hand was told nothing", "")
     deaf = set(silent(tick, old_s))
@@ -86,7 +86,7 @@ def end_of(
     dull = any(doubt.startswith(FINGERTIPS_LIE) for doubt in doubts)
     feels = not (dull or "tactile board" in deaf or "tactile board" in errors)
     felt = _felt(tick, feels)
-    lies = any(part.startswith(STATUS_LIES) for part in cause.split("; "))
+    lies = any(doubt.startswith(STATUS_LIES) for doubt in doubts)
     doubted = lies or (tick.gripper.active and not tick.gripper.fresh)
     told = _hand(tick, hand, felt, "gripper" in deaf, doubted)
     seen_open = tick.gripper.is_open and "gripper" not in deaf and not doubted

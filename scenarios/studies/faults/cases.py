@@ -1,8 +1,9 @@
 """Which faults there are and when they strike: generated, nothing is picked by hand.
 
-Every field of every device's state in every way that it can be wrong, every command, every link,
-the loop, the detector; each at three moments of every phase of a lift, with and without recovery in
-turn; then pairs drawn by a seed.
+Every field of every device's state in every way that it can be wrong, every link, the loop, the
+detector: each at three moments of every stretch of a lift, with and without recovery in turn. Every
+command where it is really sent, and once more where a safe state sends it. Then pairs drawn by a
+seed. How long a stretch is and what it sends is the plain lift's schedule.
 """
 
 import random
@@ -13,6 +14,7 @@ import msgspec
 
 from grasp.phases import Phase
 from scenarios.studies.faults.registers import FIELDS as HAND_FIELDS
+from scenarios.studies.faults.schedule import SCHEDULE, Stretch
 
 STATE = ("frozen", "late", "missing", "not a number", "out of range", "jump")
 COMMAND = ("lost", "late", "repeated", "half done")
@@ -20,7 +22,9 @@ LINK = ("cut", "blinking", "slow")
 ARM_FIELDS = (
     "t_ns", "position_m", "velocity_mps", "moving", "protective_stop", "angle_rad", "spin_radps",
 )  # fmt: skip
-PAD_FIELDS = ("finger A", "finger B", "finger C", "taxel A2", "temperatures")
+TAXELS = tuple(f"taxel {finger}{i}" for finger in "ABC" for i in range(6))
+TAXEL = "taxel"  # any of these: which one is drawn by a seed
+PAD_FIELDS = ("finger A", "finger B", "finger C", TAXEL, "temperatures")
 COMMANDS = {"gripper": ("close", "open", "hold"), "arm": ("move", "stop")}
 DEVICES = ("gripper", "arm", "fingertips")
 STANDSTILLS_S = {"stands still 0.1 s": 0.1, "stands still 0.3 s": 0.3, "stands still 1 s": 1.0,
@@ -33,17 +37,25 @@ PHASES = tuple(
     if p not in {Phase.IDLE, Phase.HOME, Phase.SQUEEZE, Phase.DONE, Phase.KEPT, Phase.LOST,
                  Phase.STOPPED, Phase.FAULT}
 )  # fmt: skip
-MOMENTS = (0, 4, 20)  # ticks into the phase
+# of a lift that goes up twice, for what was felt on the first way is answered in between
+SECOND_LIFT = (Phase.LIFT, 2)
+STRETCHES = (*((phase, 1) for phase in PHASES), SECOND_LIFT)
+SHARES = (0.0, 1 / 3, 2 / 3)  # of a stretch: when it is struck
 RECOVERS_NS = 300_000_000  # a fault that ends by itself has lasted so long
 DELAYS_TICKS = (0, 1, 4, 15, 60)  # between the two of a pair
 PAIRS = 60
-# scenes whose plain lift goes through every phase that is struck there
 SCENES = (
     ("can", 0), ("box", 1), ("ball", 1), ("foam", 0), ("cardboard", 2), ("football", 0),
 )  # fmt: skip
 TOUCHING = (("can", 2), ("can", 4))  # the way down comes to a touch and a probe
-LONG_APPROACH = tuple(scene for scene in SCENES if scene[0] != "ball")  # which is over in 10 ticks
-STRUCK = {Phase.TOUCH: TOUCHING, Phase.PROBE: TOUCHING, Phase.APPROACH: LONG_APPROACH}
+DOWN = frozenset({Phase.TOUCH, Phase.PROBE})
+# where a safe state tells the hand what it was not told before: elsewhere it holds or is closed to
+# the limit already, and nothing is sent
+HOLDS_ANEW = frozenset({
+    Phase.APPROACH, Phase.REST, Phase.GRASP, Phase.OPPOSE, Phase.RELEASE, Phase.RETREAT,
+})  # fmt: skip
+CLOSES_ANEW = (Phase.LIFT, 1)
+SITES = 2  # scenes in which a command is struck where it is sent
 
 
 class Fault(msgspec.Struct, frozen=True):
@@ -51,7 +63,7 @@ class Fault(msgspec.Struct, frozen=True):
 
     device: str  # gripper, arm, fingertips, loop, detector
     part: str  # state, command, link, whole
-    what: str  # the field or the command; empty of a whole
+    what: str  # the field or the command; empty of a whole; ``TAXEL``: one is to be drawn
     kind: str
 
     def __str__(self) -> str:
@@ -66,17 +78,20 @@ class Case(msgspec.Struct, frozen=True):
     seed: int
     fault: Fault | None  # None: a plain lift, to compare with
     phase: Phase | None = None
-    ticks: int = 0
+    visit: int = 1  # how often the lift has come to this phase, this time included
+    ticks: int = 0  # into it
     recovers: bool = False
     then: Fault | None = None  # of a pair
     then_ticks: int = 0  # after the first
     then_recovers: bool = False
+    safe: bool = False  # the first leads to a safe state, whose own command the second takes
 
     def __str__(self) -> str:
         if self.fault is None:
             return f"{self.object} {self.seed}: nothing fails"
         end = "ends" if self.recovers else "stays"
-        first = f"{self.object} {self.seed}: {self.phase} +{self.ticks}: {self.fault}, {end}"
+        where = f"{self.phase}{f' {self.visit}' if self.visit > 1 else ''} +{self.ticks}"
+        first = f"{self.object} {self.seed}: {where}: {self.fault}, {end}"
         return first if self.then is None else f"{first}; +{self.then_ticks}: {self.then}"
 
     @property
@@ -96,12 +111,18 @@ def of_state(device: str, what: str) -> Iterator[Fault]:
             yield Fault(device, "state", what, kind)
 
 
+def commands() -> list[Fault]:
+    """Every command of every device, in every way that it can go wrong."""
+    return [
+        Fault(device, "command", what, kind)
+        for device, names in COMMANDS.items() for what in names for kind in COMMAND
+    ]  # fmt: skip
+
+
 def faults() -> list[Fault]:
-    """All of them."""
+    """All but those of commands."""
     fields = {"gripper": tuple(HAND_FIELDS), "arm": ARM_FIELDS, "fingertips": PAD_FIELDS}
     found = [f for device, names in fields.items() for n in names for f in of_state(device, n)]
-    for device, names in COMMANDS.items():
-        found += [Fault(device, "command", what, kind) for what in names for kind in COMMAND]
     found += [Fault(device, "link", "link", kind) for device, kind in product(DEVICES, LINK)]
     found += [Fault("loop", "whole", "", kind) for kind in STANDSTILLS_S]
     return found + [Fault("detector", "whole", "", kind) for kind in DETECTOR]
@@ -111,34 +132,108 @@ def plan() -> list[Case]:
     """Every run, numbered."""
     cases = [Case(0, name, seed, None) for name, seed in SCENES + TOUCHING]
     for i, fault in enumerate(faults()):
-        for j, phase in enumerate(PHASES):
-            cases += _alone(fault, phase, i + j)
+        for j, stretch in enumerate(STRETCHES):
+            cases += _alone(fault, stretch, i + j)
+    cases += _commanded()
+    cases += _in_safe_states()
     chance = random.Random(0)
     cases += [_pair(chance) for _ in range(PAIRS)]
-    return [msgspec.structs.replace(case, number=n) for n, case in enumerate(cases)]
+    draw = random.Random(1)
+    drawn = (_with_taxels(case, draw) for case in cases)
+    return [msgspec.structs.replace(case, number=n) for n, case in enumerate(drawn)]
 
 
-def _alone(fault: Fault, phase: Phase, turn: int) -> Iterator[Case]:
-    """Recovery alternates from moment to moment, so that each phase has both."""
-    for k, ticks in enumerate(MOMENTS):
-        name, seed = _scene(phase, turn + k)
-        yield Case(0, name, seed, fault, phase, ticks, recovers=bool((turn + k) % 2))
+def scheduled(scene: tuple[str, int], phase: Phase, visit: int) -> Stretch | None:
+    """This stretch of a plain lift; None where the lift does not come to it."""
+    return next((s for s in SCHEDULE[scene] if (s.phase, s.visit) == (phase, visit)), None)
 
 
-def _scene(phase: Phase, turn: int) -> tuple[str, int]:
-    """With and without recovery before the scene changes."""
-    scenes = STRUCK.get(phase, SCENES)
-    return scenes[turn // 2 % len(scenes)]
+def _alone(fault: Fault, stretch: tuple[Phase, int], turn: int) -> Iterator[Case]:
+    """Recovery alternates from moment to moment, so that each stretch has both."""
+    for k, share in enumerate(SHARES):
+        name, seed, ticks = _struck(stretch, turn + k, share)
+        recovers = bool((turn + k) % 2)
+        yield Case(0, name, seed, fault, *stretch, ticks, recovers)
+
+
+def _struck(stretch: tuple[Phase, int], turn: int, share: float) -> tuple[str, int, int]:
+    """Scene and tick; with and without recovery before the scene changes."""
+    scenes = [scene for scene in _scenes(stretch[0]) if scheduled(scene, *stretch) is not None]
+    scene = scenes[turn // 2 % len(scenes)]
+    found = scheduled(scene, *stretch)
+    return (*scene, 0 if found is None else int(share * found.ticks))
+
+
+def _scenes(phase: Phase) -> tuple[tuple[str, int], ...]:
+    return TOUCHING if phase in DOWN else SCENES
+
+
+def sites() -> dict[tuple[str, tuple[Phase, int], int], list[tuple[str, int, int]]]:
+    """By command, stretch and how many of this command the stretch had sent: scenes in which a
+    plain lift sends it, and after which tick."""
+    found: dict[tuple[str, tuple[Phase, int], int], list[tuple[str, int, int]]] = {}
+    for scene, stretches in SCHEDULE.items():
+        for s in stretches:
+            sent: dict[str, int] = {}
+            for what, tick in s.commands:
+                key = what, (s.phase, s.visit), sent.setdefault(what, 0)
+                found.setdefault(key, []).append((*scene, tick))
+                sent[what] += 1
+    return found
+
+
+def _commanded() -> Iterator[Case]:
+    """Every command is struck just before it is sent."""
+    for (what, stretch, _), places in sites().items():
+        for i, fault in enumerate(f for f in commands() if f.what == what):
+            for k in range(SITES):
+                name, seed, tick = places[(i + k) % len(places)]
+                for recovers in (False, True):
+                    yield Case(0, name, seed, fault, *stretch, tick, recovers)
+
+
+def _in_safe_states() -> Iterator[Case]:
+    """What a safe state tells arm and hand, where that is sent."""
+    for turn, stretch in enumerate(STRETCHES):
+        told = {"stop"}
+        if stretch == CLOSES_ANEW or stretch[0] in HOLDS_ANEW:
+            told.add("close" if stretch == CLOSES_ANEW else "hold")
+        for i, fault in enumerate(f for f in commands() if f.what in told):
+            for recovers in (False, True):
+                name, seed, ticks = _struck(stretch, turn + i, SHARES[1])
+                yield Case(
+                    0, name, seed, _leading(stretch[0]), *stretch, ticks, False, fault, 0, recovers,
+                    safe=True,
+                )  # fmt: skip
+
+
+def _leading(phase: Phase) -> Fault:
+    """What leads to the safe state at once and takes neither arm nor hand: fingertips are gone, or
+    where nobody has to feel, the arm says no place."""
+    if phase in {Phase.APPROACH, Phase.RELEASE, Phase.RETREAT}:
+        return Fault("arm", "state", "position_m", "not a number")
+    return Fault("fingertips", "link", "link", "cut")
 
 
 def _pair(chance: random.Random) -> Case:
-    first, second = chance.sample(faults(), 2)
-    phase = chance.choice(PHASES)
-    name, seed = _scene(phase, chance.randrange(1000))
+    first, second = chance.sample(faults() + commands(), 2)
+    stretch = chance.choice(STRETCHES)
+    name, seed, ticks = _struck(stretch, chance.randrange(1000), chance.choice(SHARES))
     return Case(
-        0, name, seed, first, phase, chance.choice(MOMENTS), chance.random() < 0.5,
+        0, name, seed, first, *stretch, ticks, chance.random() < 0.5,
         second, chance.choice(DELAYS_TICKS), chance.random() < 0.5,
     )  # fmt: skip
+
+
+def _with_taxels(case: Case, draw: random.Random) -> Case:
+    """One of the eighteen in place of any."""
+
+    def drawn(fault: Fault | None) -> Fault | None:
+        if fault is None or fault.what != TAXEL:
+            return fault
+        return msgspec.structs.replace(fault, what=draw.choice(TAXELS))
+
+    return msgspec.structs.replace(case, fault=drawn(case.fault), then=drawn(case.then))
 
 
 def in_turn(cases: list[Case], seed: int = 0) -> list[Case]:

@@ -1,7 +1,7 @@
 """Cases in which a fault takes the only thing that could have kept the object or stopped the arm.
 
-Written before any run was looked at. A run may show what is named here, where it is named, if its
-last line or its outcome tells the user so.
+Written before any run of the plan was looked at. A run may show what is named here, where it is
+named, if its last line or its outcome tells the user so.
 """
 
 import re
@@ -10,7 +10,7 @@ from collections.abc import Collection
 import msgspec
 
 from grasp.phases import AIRBORNE_PHASES
-from scenarios.studies.faults.cases import Case, Fault
+from scenarios.studies.faults.cases import Fault
 
 # before the hand is closed to the limit: the object rises with the first grasp's force alone
 BEFORE_CLOSED = frozenset({"listen", "lift", "compensate"})
@@ -31,10 +31,12 @@ class Declared(msgspec.Struct, frozen=True):
     def of(self, fault: Fault, recovers: bool) -> bool:
         return not (self.lasting and recovers) and re.fullmatch(self.faults, str(fault)) is not None
 
-    def covers(self, case: Case, phase: str, found: Collection[str], told: str) -> bool:
-        """Whether all that was found in a run is what this names."""
-        given = ((case.fault, case.recovers), (case.then, case.then_recovers))
-        meant = any(fault is not None and self.of(fault, ends) for fault, ends in given)
+    def covers(
+        self, faults: Collection[tuple[Fault, bool]], phase: str, found: Collection[str], told: str
+    ) -> bool:
+        """Whether all that was found in a run is what this names: ``faults`` that explain it, and
+        whether they ended by themselves."""
+        meant = any(self.of(fault, ends) for fault, ends in faults)
         named = meant and phase in self.phases and set(found) <= self.may
         return named and re.search(self.told, told) is not None
 
@@ -58,20 +60,8 @@ DECLARED = (
     ),
     Declared(
         "the arm does not take a stop", r"arm stop (lost|half done)", AIR | {"retreat", "release"},
-        frozenset({"moving", "dropped", "time-out"}),
+        frozenset({"moving", "unstopped", "dropped", "time-out"}),
         r"arm (is )?still mov|cannot be believed|not heard",
         "nothing else of ours stops it: the emergency stop does, and the last line says so",
-    ),
-    Declared(
-        "nobody is in control", r"loop stands still (0.3|1|3) s", AIR,
-        frozenset({"dropped"}), r"loop_stood_still|dropped|expelled",
-        "the arm's link stops the arm; slip that begins meanwhile is answered when that is back",
-        lasting=False,
-    ),
-    Declared(
-        "the detector is deaf, and does not show it", r"detector (hears nothing|frozen)", AIR,
-        frozenset({"dropped"}), r"dropped|expelled|undetected|beyond_12cm|feels nothing|lost",
-        "what it says is possible; only that contact is lost is noticed by others",
-        lasting=False,
     ),
 )  # fmt: skip

@@ -5,8 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from statistics import median
 
-from grasp.phases import Phase
-from scenarios.studies.faults.cases import PHASES, plan
+from scenarios.studies.faults.cases import STRETCHES, plan
 from scenarios.studies.faults.declared import DECLARED
 from scenarios.studies.faults.run import OFF_TABLE_M, Ended
 from scenarios.studies.faults.verdict import CHECKS, TOUCH_N, declared, fell, gripped, problems
@@ -17,6 +16,7 @@ CODE = (
     "-scenarios/studies/faults/wired.py"
 )
 LONGEST = 90  # characters of a message
+ONE = re.compile(r"taxel [ABC]\d")
 NOT_ON_THE_WAY = re.compile(r"\d+(\.\d+)?")
 
 
@@ -26,7 +26,7 @@ def generated(ended: Sequence[Ended], codes: Sequence[str], detector: str) -> st
     parts = [
         _head(ended, codes),
         _entry(codes, detector, 3),
-        *_summary(ended), *_by_phase(alone), *_by_fault(alone),
+        *_summary(ended), *_by_phase(alone), *_by_fault(alone, [e for e in ended if e.case.safe]),
         "## Named beforehand\n",
         "What may happen is named in `scenarios/studies/faults/declared.py`, which was committed "
         "before any run was\nlooked at. A run in which something else happens, or in which the "
@@ -40,11 +40,15 @@ def generated(ended: Sequence[Ended], codes: Sequence[str], detector: str) -> st
 
 def _head(ended: Sequence[Ended], codes: Sequence[str]) -> str:
     fallen = sum(bool(fell(e)) for e in ended)
-    late = sum(e.struck and e.struck_in != e.case.phase for e in ended)
     unstruck = sum(not e.struck and e.case.fault is not None for e in ended)
+    sent = [e for e in ended if e.case.fault is not None and e.case.fault.part == "command"]
+    sent = [e for e in sent if e.case.then is None]
+    safe = [e for e in ended if e.case.safe]
     return (
         f"{len(ended)} of {len(plan())} planned runs, {fallen} fell; made at {', '.join(codes)}.\n"
-        f"{late} were struck when their phase was over already, {unstruck} never.\n"
+        f"{unstruck} were never struck: their lift did not come to the step. A command of its own "
+        f"was taken in {sum(e.taken > 0 for e in sent)} of {len(sent)} runs,\nand one of the safe "
+        f"state in {sum(e.taken_safe for e in safe)} of {len(safe)}.\n"
     )
 
 
@@ -90,6 +94,7 @@ FIGURES = (
     "runs", "safe state", "after, s", "arm stands, s", "hand stands, s", "hand holds",
     "nothing moves", "peak, N",
 )  # fmt: skip
+TWO = "two of all"
 PARTS = {"state": ": a field of its state", "command": ": a command", "link": ": its link"}
 
 
@@ -98,7 +103,9 @@ def _summary(ended: Sequence[Ended]) -> list[str]:
     for e in ended:
         first = e.case.fault
         name = "nothing" if first is None else f"{first.device}{PARTS.get(first.part, '')}"
-        groups.setdefault("two of all" if e.case.then is not None else name, []).append(e)
+        if e.case.then is not None:
+            name = f"{e.case.then.device}: a command of a safe state" if e.case.safe else TWO
+        groups.setdefault(name, []).append(e)
     rows = (
         [name, *_figures(runs), sum(not fell(e) and bool(problems(e)) for e in runs),
          sum(bool(fell(e)) for e in runs)]
@@ -108,24 +115,47 @@ def _summary(ended: Sequence[Ended]) -> list[str]:
 
 
 def _by_phase(alone: Sequence[Ended]) -> list[str]:
-    def row(phase: Phase) -> list[object]:
-        runs = [e for e in alone if e.case.phase is phase]
-        objects = Counter(object_of(e) for e in runs)
-        told = ", ".join(f"{n} {name}" for name, n in objects.most_common())
-        return [phase, *_figures(runs), told]
+    def row(name: str, runs: Sequence[Ended]) -> list[object]:
+        return [name, *_figures(runs), _objects(runs)]
 
-    present = [p for p in PHASES if any(e.case.phase is p for e in alone)]
-    return table(("phase", *FIGURES, "the object, long after"), map(row, present))
-
-
-def _by_fault(alone: Sequence[Ended]) -> list[str]:
     groups: dict[str, list[Ended]] = {}
-    for e in sorted(alone, key=lambda e: e.case.number):
-        groups.setdefault(str(e.case.fault), []).append(e)
+    for phase, visit in STRETCHES:
+        where = f"{phase}{f', time {visit}' if visit > 1 else ''}"
+        runs = [e for e in alone if (e.case.phase, e.case.visit) == (phase, visit)]
+        if runs:
+            groups[where] = runs
+    return table(
+        ("phase", *FIGURES, "the object, long after"),
+        (row(name, runs) for name, runs in groups.items()),
+    )
+
+
+def _by_fault(alone: Sequence[Ended], safe: Sequence[Ended]) -> list[str]:
+    """A command that a safe state sends has a row of its own."""
+    groups: dict[str, list[Ended]] = {}
+    for e in sorted((*alone, *safe), key=lambda e: e.case.number):
+        name = str(e.case.then if e.case.safe else e.case.fault)
+        name = f"{name}, in a safe state" if e.case.safe else ONE.sub("one taxel", name)
+        groups.setdefault(name, []).append(e)
     rows = (
-        [name, *_figures(runs), _slid(runs), _told(runs)] for name, runs in groups.items()
+        [name, *_figures(runs), _taken(runs), _slid(runs), _objects(runs), _told(runs)]
+        for name, runs in groups.items()
     )  # fmt: skip
-    return table(("fault", *FIGURES, "slid, mm", "told most often"), rows)
+    head = ("fault", *FIGURES, "took", "slid, mm", "the object, long after", "told most often")
+    return table(head, rows)
+
+
+def _taken(runs: Sequence[Ended]) -> str:
+    """Of a fault of commands: in how many runs it took one, in a safe state one of its own."""
+    faults = {(e.case.then if e.case.safe else e.case.fault) for e in runs}
+    if any(fault is None or fault.part != "command" for fault in faults):
+        return ""
+    took = sum(e.taken_safe if e.case.safe else e.taken > 0 for e in runs)
+    return f"{took} of {len(runs)}"
+
+
+def _objects(runs: Sequence[Ended]) -> str:
+    return ", ".join(f"{n} {name}" for name, n in Counter(map(object_of, runs)).most_common())
 
 
 def object_of(end: Ended) -> str:

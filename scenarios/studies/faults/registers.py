@@ -67,4 +67,6 @@ def verb(first: int, words: Words, here: Sequence[int]) -> str:
     ways = [axis[0] - at for axis, at in zip(axes, here, strict=True)]
     if least and max(map(abs, ways)) <= _BESIDE:
         return "hold"
-    return "open" if max(ways) <= _BESIDE else "close"
+    if max(ways) > _BESIDE:
+        return "close"
+    return "open" if min(ways) < -_BESIDE or max(ways) <= 0 else "close"  # one that holds may rest

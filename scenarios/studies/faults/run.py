@@ -6,14 +6,16 @@ the process forks, and the child goes on with the fault.
 """
 
 import gc
+import math
 import os
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgspec
 import numpy as np
 
-from drivers.interfaces import FINGERS
+from drivers.interfaces import FINGERS, Vector3
 from grasp.loop import Tick
 from grasp.phases import END_PHASES, SAFE_PHASES, Phase
 from scenarios.campaign.config import load_config
@@ -22,6 +24,7 @@ from scenarios.lift.config import LiftConfig
 from scenarios.rigs.rig import Rig
 from scenarios.rigs.simulated import Wires, simulated
 from scenarios.studies.faults.cases import STANDSTILLS_S, Case, Fault
+from scenarios.studies.faults.schedule import Stretch
 from scenarios.studies.faults.struck import Struck
 from scenarios.studies.faults.wires import (
     HEARTBEAT_NS,
@@ -38,6 +41,8 @@ from scenarios.world.cell import SimulatedCell, Truth
 LATER_NS, STEP_NS = 1_500_000_000, 50_000_000  # all that was still under way has ended by then
 OFF_TABLE_M = 0.001
 SLIDES_MPS = 1e-3
+REACTION_S = 0.15  # from the safe state until an arm brakes: its own watchdog takes 0.1 s of it
+WAY_OUT = "open the hand"  # told as to a person beside a real cell, which this rig is not
 
 
 class Ended(msgspec.Struct, frozen=True, kw_only=True):
@@ -46,18 +51,25 @@ class Ended(msgspec.Struct, frozen=True, kw_only=True):
     case: Case
     struck: bool  # whether the phase ever came
     struck_in: str  # the phase that was under way then; empty: it was not struck
+    taken: int = 0  # commands that the fault took
+    then_taken: int = 0  # and the second of a pair
+    taken_safe: bool = False  # one of them was the safe state's own
     outcome: str
     phase: str  # the last one but for the safe state
     cause: str
     message: str  # the last line, without the remedy; empty where nothing failed
     arm: str = ""  # as the last line has it
     hand: str = ""
+    advice: str = ""
     unreached: tuple[str, ...] = ()
     finished: bool
     noticed_s: float | None  # from the fault to the safe state
     arm_s: float | None  # from there until the arm stood for good
     hand_s: float | None  # and the fingers
+    safe_mps: float  # the fastest that the arm was as the safe state had just begun
+    safe_way_m: float  # its way from there until long after
     arm_mps: float  # at the end of the run
+    fingers_mps: float
     later_arm_mps: float
     later_fingers_mps: float
     peak_n: float
@@ -83,6 +95,7 @@ class Attack:
         self.rig: Rig[Any, Any] | None = None
         self._second: tuple[Fault, bool, int] | None = None  # of a pair, and ticks until then
         self.struck_ns: list[int] = []
+        self._hits: list[Struck | None] = []  # the same; None: no wire was struck
 
     @property
     def wires(self) -> Wires:
@@ -105,6 +118,13 @@ class Attack:
                 self._strike(fault, recovers, now_ns)
         self.pads.tick(now_ns)
 
+    def told(self) -> list[str]:
+        """Commands to hand and arm since it was last asked."""
+        found = [*self.hand.told, *self.arm.told]
+        self.hand.told.clear()
+        self.arm.told.clear()
+        return found
+
     def flush(self, now_ns: int) -> None:
         """What was held back arrives, though no driver speaks any more."""
         self.hand.flush(now_ns)
@@ -112,6 +132,7 @@ class Attack:
 
     def _strike(self, fault: Fault, recovers: bool, now_ns: int) -> None:
         self.struck_ns.append(now_ns)
+        self._hits.append(None)
         if fault.device == "loop":
             self._stand_still(STANDSTILLS_S[fault.kind])
             return
@@ -121,7 +142,13 @@ class Attack:
         }  # fmt: skip
         wire = wires[fault.device]
         if wire is not None:
-            wire.struck.append(Struck(fault, now_ns, recovers))
+            self._hits[-1] = hit = Struck(fault, now_ns, recovers)
+            wire.struck.append(hit)
+
+    def took(self, turn: int) -> tuple[int, int]:
+        """How many commands the first or second fault took, and when the last of them."""
+        hit = self._hits[turn] if turn < len(self._hits) else None
+        return (hit.times, hit.took_ns) if hit is not None else (0, -1)
 
     def _stand_still(self, seconds: float) -> None:
         """Nobody is in control; the arm's link takes its client for dead after a while."""
@@ -144,6 +171,9 @@ class Seen:
         self.arm_moved_ns = self.hand_moved_ns = 0
         self.lifted_m = self.let_go_m = self.slid_m = 0.0
         self.at_strike: Truth | None = None
+        self.safe_ns: int | None = None
+        self.safe_mps = self.safe_way_m = 0.0
+        self._at_m: Vector3 | None = None
         self.entered_n: float | None = None
         self.least_n: float | None = None
 
@@ -151,6 +181,8 @@ class Seen:
         """``safe``: the safe state has begun."""
         if speed(self._cell, truth.t_ns) > 0.0:
             self.arm_moved_ns = truth.t_ns
+        if safe:
+            self._follow_arm(truth.t_ns)
         if np.abs(self._cell.gripper.velocity_mps).max() > 0.0:
             self.hand_moved_ns = truth.t_ns
         if struck and safe:
@@ -166,6 +198,15 @@ class Seen:
             self.let_go_m = max(self.let_go_m, last.height_m)
         if last.touched and truth.touched and min(last.height_m, truth.height_m) > OFF_TABLE_M:
             self.slid_m += abs(truth.slip_distance_m - last.slip_distance_m)
+
+    def _follow_arm(self, t_ns: int) -> None:
+        here_m = self._cell.arm.position(t_ns)
+        if self.safe_ns is None or self._at_m is None:
+            self.safe_ns, self._at_m = t_ns, here_m
+        self.safe_way_m += math.dist(self._at_m, here_m)
+        self._at_m = here_m
+        if t_ns - self.safe_ns <= REACTION_S * 1e9:
+            self.safe_mps = max(self.safe_mps, speed(self._cell, t_ns))
 
     @property
     def held_before(self) -> bool:
@@ -191,8 +232,9 @@ class Branches:
 
     def __init__(self, cases: Sequence[Case]) -> None:
         self._waiting = list(cases)
-        self._begun: dict[Phase, int] = {}  # when each phase first came, in ticks
-        self._ticks = 0
+        self._phase: Phase | None = None
+        self._visits: dict[Phase, int] = {}
+        self._ticks = 0  # since the phase began
         self.case = cases[0] if len(cases) == 1 else None  # that this process goes on with
         self.ended: list[Ended] = []  # by children
         self.write: int | None = None  # of a child: where it tells what came of it
@@ -208,8 +250,11 @@ class Branches:
 
     def due(self, phase: Phase) -> Case | None:
         """After every step: a case that this process shall go on with from now on."""
-        self._ticks += 1
-        self._begun.setdefault(phase, self._ticks)
+        if phase is self._phase:
+            self._ticks += 1
+        else:
+            self._phase, self._ticks = phase, 0
+            self._visits[phase] = self._visits.get(phase, 0) + 1
         if self.is_child:
             return None
         for case in [case for case in self._waiting if self._comes(case)]:
@@ -219,9 +264,10 @@ class Branches:
         return None
 
     def _comes(self, case: Case) -> bool:
-        if case.phase is None or case.phase not in self._begun:
+        """In its own phase and at its own visit: not in whatever comes after."""
+        if case.phase is None or case.phase is not self._phase:
             return False
-        return self._ticks - self._begun[case.phase] >= case.ticks
+        return (case.visit, case.ticks) == (self._visits[case.phase], self._ticks)
 
     def _is_forked(self, case: Case) -> bool:
         """In the child: true. In its parent, when it has ended: false."""
@@ -260,6 +306,42 @@ def run_scene(cases: Sequence[Case]) -> list[Ended]:
     return [*branches.ended, *(msgspec.structs.replace(ended, case=case) for case in own)]
 
 
+class Going(Branches):
+    """A plain lift that is only looked at."""
+
+    def __init__(self, scene: tuple[str, int]) -> None:
+        super().__init__([Case(0, *scene, None)])
+        self.told: Callable[[], list[str]] = list  # commands since it was last asked
+        self._found: list[tuple[Phase, int, list[tuple[str, int]]]] = []
+
+    def due(self, phase: Phase) -> Case | None:
+        sent = self.told()
+        if self._found:  # what was sent since the tick before belongs to that
+            was, ticks, commands = self._found[-1]
+            commands += [(what, ticks - 1) for what in dict.fromkeys(sent)]
+            if phase is was:
+                self._found[-1] = was, ticks + 1, commands
+                return None
+        self._found.append((phase, 1, []))
+        return None
+
+    @property
+    def stretches(self) -> tuple[Stretch, ...]:
+        visits: Counter[Phase] = Counter()
+        found = []
+        for phase, ticks, commands in self._found:
+            visits[phase] += 1
+            found.append(Stretch(phase, visits[phase], ticks, tuple(commands)))
+        return tuple(found)
+
+
+def goes(name: str, seed: int) -> tuple[Stretch, ...]:
+    """How a plain lift of this scene goes."""
+    going = Going((name, seed))
+    _run(name, seed, going)
+    return going.stretches
+
+
 def _run(name: str, seed: int, branches: Branches) -> Ended:
     config, attack = config_of(name, seed), Attack()
     rig = attack.rig = simulated(config, seed, paced=False, wires=attack.wires)
@@ -269,6 +351,8 @@ def _run(name: str, seed: int, branches: Branches) -> Ended:
     attack.arm.clock = rig.clock
     attack.detector = FailingDetector(config.make_detector(FINGERS), rig.clock)
     seen, struck_in = Seen(cell), ""
+    if isinstance(branches, Going):
+        branches.told = attack.told
 
     def watch(tick: Tick, truth: Truth | None, controller: Any) -> None:
         nonlocal struck_in
@@ -281,19 +365,26 @@ def _run(name: str, seed: int, branches: Branches) -> Ended:
 
     trial = run_trial(config, rig, make_guard(config), watch, detector=attack.detector)
     at_end, arm_mps, ran_s = cell.truth(), speed(cell, rig.clock.now_ns), rig.clock.now_ns * 1e-9
+    fingers_mps = float(np.abs(cell.gripper.velocity_mps).max())
+    trial = msgspec.structs.replace(trial, way_out=WAY_OUT)
     safe = trial.controller.phase in SAFE_PHASES
     _wait(rig, attack.flush, lambda: seen.take(cell.truth(), bool(attack.struck_ns), safe))
     later = cell.truth()
     outcome = lift.judge(config, seed, trial, None).outcome
     failure, said = trial.failure(config, outcome), trial.end(config) or End("", "", "")
     noticed_s, arm_s, hand_s = _delays(trial, attack.struck_ns, seen)
+    (taken, took_ns), (then_taken, then_took_ns) = attack.took(0), attack.took(1)
+    safe_ns = seen.safe_ns
     return Ended(
         case=branches.case or Case(0, name, seed, None), struck=bool(attack.struck_ns),
-        struck_in=struck_in, outcome=outcome, phase=_phase(trial),
+        struck_in=struck_in, taken=taken, then_taken=then_taken,
+        taken_safe=safe_ns is not None and max(took_ns, then_took_ns) >= safe_ns,
+        outcome=outcome, phase=_phase(trial),
         cause=trial.controller.fault_cause, message="" if failure is None else failure.message,
-        arm=said.arm, hand=said.hand, unreached=said.unreached,
+        arm=said.arm, hand=said.hand, advice=said.advice, unreached=said.unreached,
         finished=trial.controller.finished and _in_time(trial),
         noticed_s=noticed_s, arm_s=arm_s, hand_s=hand_s,
+        safe_mps=seen.safe_mps, safe_way_m=seen.safe_way_m, fingers_mps=fingers_mps,
         arm_mps=arm_mps, later_arm_mps=speed(cell, rig.clock.now_ns),
         later_fingers_mps=float(np.abs(cell.gripper.velocity_mps).max()),
         peak_n=max(later.peak_n), entered_n=seen.entered_n, least_n=seen.least_n,

@@ -55,14 +55,25 @@ class FaultStore:
         """All runs of cases that are in the plan, by number."""
         cases = {case.number: case for case in plan()}
         rows = self._db.execute("SELECT ended FROM runs ORDER BY number").fetchall()
-        found = (msgspec.json.decode(row, type=Ended) for (row,) in rows)
+        found = [e for (row,) in rows if (e := _read(row)) is not None]
         return [e for e in found if cases.get(e.case.number) == e.case]
 
     def codes(self) -> list[str]:
         """What the runs were made with."""
         return [code for (code,) in self._db.execute("SELECT DISTINCT code FROM runs ORDER BY 1")]
 
-    def lacking(self, cases: Iterable[Case]) -> list[Case]:
-        """Those that have not been run."""
+    def lacking(self, cases: Iterable[Case], code: str | None = None) -> list[Case]:
+        """Those that have not been run; with ``code``: or with another than this."""
         had = {e.case.number for e in self.ended()}
+        if code is not None:
+            rows = self._db.execute("SELECT number FROM runs WHERE code = ?", (code,))
+            had &= {number for (number,) in rows}
         return [case for case in cases if case.number not in had]
+
+
+def _read(row: bytes) -> Ended | None:
+    """None: a row of an earlier form, which is none of this plan."""
+    try:
+        return msgspec.json.decode(row, type=Ended)
+    except msgspec.ValidationError:
+        return None

@@ -19,6 +19,7 @@ class Struck(msgspec.Struct):
     since_ns: int
     recovers: bool
     times: int = 0  # commands that it took so far
+    took_ns: int = -1  # the last of them
 
     def on(self, now_ns: int) -> bool:
         """Of a state, a link, the detector: under way at this time."""
@@ -37,6 +38,7 @@ class Struck(msgspec.Struct):
         if self.fault.what != what or now_ns < self.since_ns or (self.recovers and self.times):
             return False
         self.times += 1
+        self.took_ns = now_ns
         return True
 
 

@@ -3,12 +3,19 @@
 import re
 from collections.abc import Callable
 
+from grasp.controller_settings import ControllerSettings
+from grasp.guard import GuardSettings
 from grasp.phases import AIRBORNE_PHASES, Phase
 from scenarios.lift.scoring import SUCCESSES
+from scenarios.studies.faults.cases import Fault
 from scenarios.studies.faults.declared import DECLARED, Declared
-from scenarios.studies.faults.run import SLIDES_MPS, Ended
+from scenarios.studies.faults.run import REACTION_S, SLIDES_MPS, Ended
+from scenarios.trial.ending import LOOK
 
-MOST_N = 11.2  # limit and overshoot, with what the last count of a stiff object adds
+MOST_N = GuardSettings().force_limit_n + GuardSettings().overshoot_n
+BRAKES_MPS2 = ControllerSettings().stop_deceleration_mps2
+SAFE_S = ControllerSettings().safe_state_s
+LOOK_S = 0.06  # between two looks at what the simulation knows, and a step
 LET_GO_M = 0.003  # in the air
 SLID_M = 0.015  # so far down in the hand, in the air, is no holding
 GRIPPED_N = 7.0  # of a hand that is closed to the limit, though the object slipped since
@@ -41,8 +48,25 @@ def pressed(end: Ended) -> str:
 
 
 def moving(end: Ended) -> str:
-    parts = {"arm": end.later_arm_mps, "fingers": end.later_fingers_mps}
+    """What goes on moving: as the run ends, or long after."""
+    parts = {
+        "arm at the end": end.arm_mps, "arm": end.later_arm_mps, "fingers": end.later_fingers_mps,
+    }  # fmt: skip
     return ", ".join(f"{part} at {mps:.3f} m/s" for part, mps in parts.items() if mps > 0.0)
+
+
+def unstopped(end: Ended) -> str:
+    """A safe state that arm or hand did not come to: no more than it takes to hear of it and to
+    brake, and of the hand than the time that it is asked for."""
+    if end.arm_s is None or end.hand_s is None:
+        return ""
+    way_m = end.safe_mps * REACTION_S + end.safe_mps**2 / (2.0 * BRAKES_MPS2)
+    if end.safe_way_m > way_m:
+        return f"the arm went on for {end.safe_way_m * 1e3:.0f} mm, and {way_m * 1e3:.0f} brake it"
+    if end.arm_s > end.safe_mps / BRAKES_MPS2 + REACTION_S + LOOK_S:
+        return f"the arm stood {end.arm_s:.2f} s after the safe state"
+    late = end.hand_s > SAFE_S + LOOK_S
+    return f"the fingers rested {end.hand_s:.2f} s after the safe state" if late else ""
 
 
 def gripped(end: Ended) -> bool:
@@ -68,11 +92,7 @@ def misled(end: Ended) -> str:
     """What the last line says and is not so."""
     lost = bool(dropped(end))
     wrong = {
-        "the arm moves": end.arm == "the arm stands" and end.arm_mps > 0.0,
-        "the hand is not open": end.hand == "the hand is open" and end.pressed_n > FELT_N,
-        "it is not closed to the limit": "the hand is closed to the limit" in end.hand
-        and end.phase in AIRBORNE_PHASES and end.pressed_n < GRIPPED_N,
-        "it feels something": "feels nothing" in end.hand and end.pressed_n > FELT_N,
+        **_of_arm(end), **_of_hand(end), **_of_advice(end),
         "nothing was missed": "the arm still moves" in end.unreached and end.arm_mps == 0.0
         and end.later_arm_mps == 0.0 and "is still moving" not in end.arm,
         "it was dropped": lost and end.outcome in SUCCESSES,
@@ -82,6 +102,69 @@ def misled(end: Ended) -> str:
     return "; ".join(text for text, is_wrong in wrong.items() if is_wrong)
 
 
+def _of_arm(end: Ended) -> dict[str, bool]:
+    """Sentences of ``ending._arm``, and whether each is said and not so."""
+    said, moves = end.arm, end.arm_mps > 0.0
+    lies = _struck(end, "arm", "loop")
+    safety = any(fault.what == "protective_stop" for fault in end.case.faults)
+    stopped = "its own safety system" in said
+    return {
+        "the arm moves": said == "the arm stands" and moves,
+        "the arm stands": said.startswith("the arm is still moving") and not moves,
+        "the arm was heard": "when last heard" in said and not lies,
+        "the arm can be believed": said.startswith("the arm says") and not lies,
+        "the arm moves, and no safety system stops it": stopped and moves,
+        "no safety system stopped the arm, and nothing said so": stopped and not safety,
+    }
+
+
+def _of_hand(end: Ended) -> dict[str, bool]:
+    """Sentences of ``ending._hand``, and whether each is said and not so."""
+    said, felt = end.hand, end.pressed_n > FELT_N
+    here = not _old(said)  # what it was when last heard need not be so now
+    lies = _struck(end, "gripper", "loop")
+    moves = end.fingers_mps > 0.0
+    alone = "holds by itself" in said
+    return {
+        "the hand is not open": said == "the hand is open" and felt,
+        "it is not closed to the limit": "the hand is closed to the limit" in said
+        and end.phase in AIRBORNE_PHASES and end.pressed_n < GRIPPED_N,
+        "it feels something": here and "feels nothing" in said and felt,
+        "it holds nothing": here and "closed as it was" in said and "partly" not in said
+        and end.pressed_n <= TOUCH_N,
+        "the fingers move": alone and moves,
+        "it let go": alone and gripped(end) and end.pressed_n <= TOUCH_N,
+        "the fingers stand": here and "still moving, " in said and not moves,
+        "the hand was heard": "cannot be told anything" in said and not lies,
+        "the hand refuses nothing": "refuses every motion" in said and not lies,
+        "the hand can be believed": "is not believed" in said and not lies,
+        "the hand is activated": "is not activated" in said and not lies,
+        "the hand reports nothing": "the hand reports" in said and not lies,
+    }  # fmt: skip
+
+
+def _of_advice(end: Ended) -> dict[str, bool]:
+    """What is advised: where the arm moves, to look at it; where the hand is closed, to open it."""
+    said, moves = end.advice, end.arm_mps > 0.0 or end.later_arm_mps > 0.0
+    told = bool(end.arm)
+    again = said.endswith("start the run again")
+    return {
+        "nobody is told to look at an arm that moves": told and moves and LOOK not in said
+        and "still moving" not in end.arm,
+        "nobody is told what to do": told and not said,
+        "it says to start with a hand that holds": again and end.pressed_n > FELT_N,
+    }  # fmt: skip
+
+
+def _old(said: str) -> bool:
+    return "when last heard" in said or "says that it is" in said
+
+
+def _struck(end: Ended, *devices: str) -> bool:
+    """Whether something was wrong with one of them."""
+    return any(fault.device in devices for fault in end.case.faults)
+
+
 def blames_another(end: Ended) -> bool:
     """Whether the cause speaks of devices, and of none that something was wrong with."""
     named = {device for device, words in BLAMED.items() if re.search(words, end.cause)}
@@ -89,8 +172,8 @@ def blames_another(end: Ended) -> bool:
 
 
 CHECKS: dict[str, Callable[[Ended], str]] = {
-    "dropped": dropped, "force": pressed, "moving": moving, "hand": loosened,
-    "time-out": timed_out, "misleading": misled,
+    "dropped": dropped, "force": pressed, "moving": moving, "unstopped": unstopped,
+    "hand": loosened, "time-out": timed_out, "misleading": misled,
 }  # fmt: skip
 
 
@@ -100,9 +183,28 @@ def problems(end: Ended) -> dict[str, str]:
 
 
 def declared(end: Ended, found: dict[str, str]) -> Declared | None:
-    """The case that was named beforehand and covers all that was found, if there is one."""
+    """The case that was named beforehand and covers all that was found, if there is one. Of a pair
+    the half that is named must show in what was told: it names its device; and a command must have
+    been taken."""
     told = "; ".join((end.outcome, end.message, end.arm, end.hand, *end.unreached))
-    return next((d for d in DECLARED if d.covers(end.case, end.phase, found, told)), None)
+    return next((d for d in DECLARED if d.covers(explaining(end), end.phase, found, told)), None)
+
+
+def explaining(end: Ended) -> tuple[tuple[Fault, bool], ...]:
+    """Those of a run's faults that can have led to what was found, and whether they ended by
+    themselves."""
+    case = end.case
+    halves = ((case.fault, case.recovers, end.taken), (case.then, case.then_recovers,
+                                                       end.then_taken))  # fmt: skip
+    told = "; ".join((end.cause, end.message, end.arm, end.hand))
+    found = []
+    for fault, ends, taken in halves:
+        if fault is None or (fault.part == "command" and not taken):
+            continue
+        shows = case.then is None or fault.part == "command"
+        if shows or re.search(BLAMED[fault.device], told):
+            found.append((fault, ends))
+    return tuple(found)
 
 
 def fell(end: Ended) -> dict[str, str]:

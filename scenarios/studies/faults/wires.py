@@ -19,6 +19,7 @@ from drivers.takktile.receiver import UsbBoard
 from drivers.ur.driver import ArmSample
 from drivers.ur.model import ArmModel
 from grasp.clock import Clock
+from scenarios.studies.faults.cases import TAXELS
 from scenarios.studies.faults.registers import FIELDS, verb, wrong
 from scenarios.studies.faults.struck import BEHIND_NS, BLINK_NS, Past, Struck
 
@@ -28,7 +29,8 @@ HEARTBEAT_NS = 200_000_000  # a client not heard for so long is taken for dead, 
 PROGRAM_END_MPS2 = 1.2  # assumed: no harder than the moves themselves
 SLOW_FRAME_NS = 40_000_000  # from frame to frame of a slow bus
 PAD_CODES = {"finger A": slice(0, 6), "finger B": slice(6, 12), "finger C": slice(12, 18),
-             "taxel A2": slice(2, 3), "temperatures": slice(0, 18)}  # fmt: skip
+             "temperatures": slice(0, 18)}  # fmt: skip
+PAD_CODES |= {taxel: slice(i, i + 1) for i, taxel in enumerate(TAXELS)}
 RAIL, SHIFT = 1023, 150  # codes
 WIDTH = 6  # bits below a code in its word
 
@@ -38,6 +40,7 @@ class Wire:
 
     def __init__(self) -> None:
         self.struck: list[Struck] = []
+        self.told: list[str] = []  # commands, in their order
 
     def links(self) -> list[Struck]:
         return [s for s in self.struck if s.fault.part == "link"]
@@ -53,6 +56,7 @@ class Wire:
 
     def taken(self, what: str, now_ns: int) -> str:
         """What becomes of this command: the kind of fault that takes it, or nothing."""
+        self.told.append(what)
         of_commands = (s for s in self.struck if s.fault.part == "command")
         return next((s.fault.kind for s in of_commands if s.takes(what, now_ns)), "")
 

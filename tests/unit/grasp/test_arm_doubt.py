@@ -283,6 +283,30 @@ def test_arm_that_was_stopped_and_says_that_it_stands_does_not_go_on() -> None:
     assert stopped_and_gone(0.0021, moving=True) == ""
 
 
+def told_to_stop(m: float, **settings: float) -> str:
+    """Rising at 0.1 m/s it was told to stop at 1 m/s2, and says that it moves that far away."""
+    doubt = ArmDoubt(DoubtSettings(arm_start_s=0.2, arm_there_m=0.001, **settings))
+    doubt.see(at(0.0, 0.0), False)
+    x, y, z = arm(0).position_m
+    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+    rising = at(1.0, 0.05, speed_mps=0.1)
+    assert doubt.see(rising, False) == ""
+    doubt.told(StopArm(1.0), rising)
+    for step in range(1, 101):
+        seen = at(1.0 + 0.02 * step, 0.05 + step * m / 100, speed_mps=0.1)
+        moving = msgspec.structs.replace(seen, moving=True)
+        if step % 20 == 0:  # it is told so again, and gets no more room by that
+            doubt.told(StopArm(1.0), moving)
+        if said := doubt.see(moving, False):
+            return said.partition(":")[0]
+    return ""
+
+
+def test_arm_that_obeys_no_stop_is_doubted_though_it_stays_on_its_way() -> None:
+    """0.2 s at 0.1 m/s, 5 mm of braking, and 1 mm."""
+    assert (told_to_stop(0.0259), told_to_stop(0.0261)) == ("", "arm_goes_on")
+
+
 def test_arm_that_was_stopped_and_says_that_it_moves_does_not_keep_its_place() -> None:
     """As one whose values have frozen while it slowed down: nobody would know when it stands."""
 

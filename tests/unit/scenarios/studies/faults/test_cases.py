@@ -1,6 +1,9 @@
 """The plan of the fault campaign: generated, whole, and the same every time."""
 
+from collections import Counter
 from itertools import product
+
+import msgspec
 
 from drivers.robotiq.model.registers import AxisStatus, HandStatus, encode
 from drivers.ur.driver import ArmSample
@@ -8,50 +11,123 @@ from grasp.phases import Phase
 from scenarios.studies.faults.cases import (
     ARM_FIELDS,
     COMMAND,
+    COMMANDS,
     LINK,
-    MOMENTS,
     PAIRS,
     PHASES,
     SCENES,
+    SECOND_LIFT,
+    SHARES,
     STATE,
+    STRETCHES,
+    TAXELS,
     TOUCHING,
+    Fault,
     by_scene,
+    commands,
     faults,
     in_turn,
     plan,
+    scheduled,
+    sites,
 )
 from scenarios.studies.faults.registers import FIELDS
+from scenarios.studies.faults.schedule import SCHEDULE, line, read
 
 EVERY = plan()
-ALONE = [case for case in EVERY if case.fault is not None and case.then is None]
+STRUCK = [case for case in EVERY if case.fault is not None]
+ALONE = [c for c in STRUCK if c.then is None and c.fault is not None and c.fault.part != "command"]
+COMMANDED = [
+    c for c in STRUCK if c.then is None and c.fault is not None and c.fault.part == "command"
+]
+SAFE = [case for case in STRUCK if case.safe]
+
+
+def whole(fault: Fault | None) -> Fault | None:
+    """As it was before one of the taxels was drawn."""
+    drawn = fault is not None and fault.what in TAXELS
+    return msgspec.structs.replace(fault, what="taxel") if fault is not None and drawn else fault
 
 
 def test_over_nine_thousand_runs_are_planned_and_always_the_same() -> None:
     assert len(EVERY) > 9000
     assert plan() == EVERY
     assert [case.number for case in EVERY] == list(range(len(EVERY)))
-    assert sum(case.then is not None for case in EVERY) == PAIRS
+    assert sum(case.then is not None and not case.safe for case in EVERY) == PAIRS
 
 
-def test_every_fault_strikes_every_phase_at_three_moments() -> None:
-    struck = {(case.fault, case.phase, case.ticks) for case in ALONE}
-    assert struck == set(product(faults(), PHASES, MOMENTS))
-    assert len(struck) == len(ALONE)
+def test_every_fault_strikes_every_stretch_of_a_lift_at_three_moments() -> None:
+    struck = Counter((whole(case.fault), (case.phase, case.visit)) for case in ALONE)
+    assert struck == dict.fromkeys(product(faults(), STRETCHES), len(SHARES))
     assert {Phase.LOWER, Phase.RELEASE, Phase.GRASP, Phase.COMPENSATE} <= set(PHASES)
+    assert SECOND_LIFT in STRETCHES
+
+
+def test_every_case_strikes_in_its_own_phase_of_its_scene() -> None:
+    for case in STRUCK:
+        assert case.phase is not None
+        stretch = scheduled((case.object, case.seed), case.phase, case.visit)
+        assert stretch is not None and 0 <= case.ticks < stretch.ticks, case
+
+
+def test_moments_are_shares_of_a_stretch() -> None:
+    second = {case.ticks for case in ALONE if (case.phase, case.visit) == SECOND_LIFT}
+    assert second == {0, 72, 73, 145, 146}  # of some 220 steps
+    first = {c.ticks for c in ALONE if (c.phase, c.visit) == (Phase.LIFT, 1)}
+    assert max(first) == 8  # of 6 to 13
+
+
+def test_every_command_is_struck_where_it_is_sent_with_recovery_and_without() -> None:
+    places = {
+        (what, *stretch, tick) for (what, stretch, _), at in sites().items() for _, _, tick in at
+    }
+    for case in COMMANDED:
+        assert case.fault is not None
+        assert (case.fault.what, case.phase, case.visit, case.ticks) in places
+    struck = {(c.fault, (c.phase, c.visit), c.recovers) for c in COMMANDED}
+    meant = {
+        (fault, stretch, recovers)
+        for (what, stretch, _), fault, recovers in product(sites(), commands(), (False, True))
+        if fault.what == what
+    }
+    assert struck == meant
+    sent = {what for what, _, _ in sites()}
+    assert sent == {what for names in COMMANDS.values() for what in names} - {"hold"}
+
+
+def test_a_safe_state_s_own_commands_are_struck_hold_and_stop_among_them() -> None:
+    for case in SAFE:
+        assert case.fault is not None and case.fault.part != "command" and case.then_ticks == 0
+    stops = {(c.then, (c.phase, c.visit), c.then_recovers) for c in SAFE if c.then.what == "stop"}  # type: ignore[union-attr]
+    meant = [fault for fault in commands() if fault.what == "stop"]
+    assert stops == set(product(meant, STRETCHES, (False, True)))
+    held = {c.phase for c in SAFE if c.then is not None and c.then.what == "hold"}
+    assert {Phase.APPROACH, Phase.GRASP, Phase.RELEASE} <= held
+
+
+def test_taxels_are_drawn_from_all_eighteen() -> None:
+    drawn = {case.fault.what for case in ALONE if case.fault is not None}
+    assert len(TAXELS) == 18 and set(TAXELS) <= drawn and "taxel" not in drawn
+
+
+def test_a_schedule_is_written_as_it_is_read() -> None:
+    text = "\n".join(line(scene, stretches) for scene, stretches in SCHEDULE.items())
+    assert read(text) == SCHEDULE
+    assert set(SCHEDULE) == set(SCENES + TOUCHING)
 
 
 def test_every_fault_in_every_phase_recovers_once_and_stays_once() -> None:
-    struck = {(case.fault, case.phase, case.recovers) for case in ALONE}
-    assert struck == set(product(faults(), PHASES, (False, True)))
+    struck = {(whole(case.fault), (case.phase, case.visit), case.recovers) for case in ALONE}
+    assert struck == set(product(faults(), STRETCHES, (False, True)))
 
 
 def test_every_fault_strikes_every_scene_with_recovery_and_without() -> None:
-    struck = {(case.fault, (case.object, case.seed), case.recovers) for case in ALONE}
+    struck = {(whole(case.fault), (case.object, case.seed), case.recovers) for case in ALONE}
     assert struck == set(product(faults(), SCENES + TOUCHING, (False, True)))
 
 
 def test_every_field_of_every_device_is_wrong_in_every_way_that_it_can_be() -> None:
-    kinds = {(f.device, f.what, f.kind) for f in faults()}
+    kinds = {(f.device, f.what, f.kind) for f in faults() + commands()}
 
     def of(device: str, what: str) -> set[str]:
         return {k for d, w, k in kinds if (d, w) == (device, what)}

@@ -5,11 +5,15 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from grasp.guard import GuardSettings
 from grasp.phases import Phase
-from scenarios.studies.faults.cases import Case, Fault, by_scene, in_turn, plan
-from scenarios.studies.faults.run import Ended, run, run_scene
+from scenarios.studies.faults.cases import SCENES, TOUCHING, Case, Fault, by_scene, in_turn, plan
+from scenarios.studies.faults.run import Ended, goes, run, run_scene
+from scenarios.studies.faults.schedule import SCHEDULE
 from scenarios.studies.faults.store import FaultStore
-from scenarios.studies.faults.verdict import declared, fell, problems
+from scenarios.studies.faults.verdict import MOST_N, declared, fell, misled, problems
+from scenarios.studies.faults.wires import ArmWire
+from scenarios.trial.ending import LOOK
 
 SAMPLE = 40
 SAMPLES = by_scene(in_turn(plan(), seed=1)[:SAMPLE], SAMPLE)
@@ -22,13 +26,66 @@ def test_a_sample_of_all_faults_ends_well(lot: int) -> None:
     ended = run_scene(SAMPLES[lot])
     assert sorted(e.case.number for e in ended) == sorted(c.number for c in SAMPLES[lot])
     assert {str(e.case): found for e in ended if (found := fell(e))} == {}
+    assert all(e.struck_in == (e.case.phase or "") for e in ended)
+    assert all(e.taken for e in ended if e.case.fault and e.case.fault.part == "command")
+
+
+def test_a_plain_lift_goes_as_its_schedule_says() -> None:
+    assert goes("can", 4) == SCHEDULE["can", 4]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", SCENES + TOUCHING, ids=str)
+def test_every_plain_lift_goes_as_its_schedule_says(scene: tuple[str, int]) -> None:
+    assert goes(*scene) == SCHEDULE[scene]
+
+
+class Deaf(ArmWire):
+    """It takes the stop that answers slip, and none after that."""
+
+    def stop_l(self, deceleration_mps2: float, now_ns: int) -> None:
+        if "stop" not in self.heard:
+            self.heard.add("stop")
+            super().stop_l(deceleration_mps2, now_ns)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.heard: set[str] = set()
+
+
+UNPLUGGED = Fault("fingertips", "link", "link", "cut")
+
+
+def test_an_arm_that_takes_no_stop_falls_though_it_stands_in_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("scenarios.studies.faults.run.ArmWire", Deaf)
+    found = run(Case(0, "can", 0, UNPLUGGED, Phase.LIFT, 2, 73))
+    assert "unstopped" in fell(found) and found.safe_way_m > 0.1 and found.later_arm_mps == 0.0
+    assert "arm_goes_on" in found.message and LOOK in found.advice  # and the user is told
+
+
+STOP_LOST = Fault("arm", "command", "stop", "lost")
+
+
+def test_a_stop_that_is_lost_in_a_safe_state_is_named_and_told() -> None:
+    case = Case(
+        0, "can", 0, UNPLUGGED, Phase.LIFT, 2, 73, False, STOP_LOST, 0, False, safe=True
+    )  # fmt: skip
+    found = run(case)
+    assert (found.taken, found.taken_safe) == (0, True) and found.then_taken > 3
+    assert "unstopped" in problems(found) and fell(found) == {}
+    assert fell(
+        ended(found, message="the tactile board is unplugged", unreached=(), arm="the arm stands")
+    )
 
 
 @pytest.fixture(scope="module")
 def lifted() -> list[Ended]:
     """Two that share a lift, and one that is never struck: this lift comes to no probe."""
     cases = [
-        Case(1, "can", 0, CUT, Phase.LIFT, 4), Case(2, "can", 0, FROZEN, Phase.RETREAT, 20),
+        Case(1, "can", 0, CUT, Phase.LIFT, 1, 4),
+        Case(2, "can", 0, FROZEN, Phase.RETREAT, 1, 20),
         Case(3, "can", 0, CUT, Phase.PROBE),
     ]  # fmt: skip
     return sorted(run_scene(cases), key=lambda ended: ended.case.number)
@@ -62,9 +119,14 @@ def test_what_a_fault_led_to_is_told(lifted: list[Ended]) -> None:
 # what fell once
 MENDED = [
     Case(0, "foam", 0, Fault("gripper", "state", "gMOD", "jump"), Phase.GRASP),
-    Case(0, "can", 0, Fault("gripper", "state", "gMOD", "jump"), Phase.LISTEN, 20),
+    Case(0, "can", 0, Fault("gripper", "state", "gMOD", "jump"), Phase.LISTEN, 1, 20),
     Case(0, "ball", 1, FROZEN, Phase.RETREAT),
-]
+    # a finger that says that it moves and does not is doubted only after the standstill
+    Case(
+        0, "cardboard", 2, Fault("gripper", "state", "gDTA", "missing"), Phase.RELAX,
+        then=Fault("loop", "whole", "", "stands still 0.3 s"),
+    ),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("case", MENDED, ids=str)
@@ -77,17 +139,119 @@ def ended(plain: Ended, **changed: object) -> Ended:
     return msgspec.structs.replace(plain, **changed)
 
 
-WRONG = [
-    ({"let_go_m": 0.05}, "dropped"), ({"slid_m": 0.03}, "dropped"), ({"peak_n": 11.3}, "force"),
-    ({"later_arm_mps": 0.01}, "moving"), ({"later_fingers_mps": 0.01}, "moving"),
-    ({"least_n": 0.0}, "hand"), ({"finished": False}, "time-out"),
+GONE = "the hand cannot be told anything and holds by itself: when last heard it was closed"
+WRONG: list[tuple[dict[str, object], str]] = [
+    ({"let_go_m": 0.0031}, "dropped"), ({"let_go_m": 0.049}, "dropped"),
+    ({"slid_m": 0.0151}, "dropped"), ({"slid_m": 0.029}, "dropped"),
+    ({"height_m": 0.1, "later_pressed_n": 1.0, "slip_mps": 0.0011}, "dropped"),
+    ({"peak_n": 11.01}, "force"), ({"peak_n": 11.29}, "force"),
+    ({"later_arm_mps": 1e-4}, "moving"), ({"later_fingers_mps": 1e-4}, "moving"),
+    ({"arm_mps": 1e-4, "arm": "the arm is still moving at 0.00 m/s"}, "moving"),
+    ({"safe_mps": 0.1, "safe_way_m": 0.0201, "arm_s": 0.1}, "unstopped"),
+    ({"safe_mps": 0.1, "safe_way_m": 0.0199, "arm_s": 0.32}, "unstopped"),
+    ({"hand_s": 3.07}, "unstopped"),
+    ({"least_n": 0.05}, "hand"), ({"finished": False}, "time-out"),
     ({"cause": "phase x lasted longer than 30 s"}, "time-out"),
-    ({"arm": "the arm stands", "arm_mps": 0.1}, "misleading"),
-    ({"hand": "the hand is open", "pressed_n": 2.0}, "misleading"),
-    ({"hand": "the hand is partly closed, and feels nothing", "pressed_n": 2.0}, "misleading"),
-    ({"cause": "detector_failed: no"}, "misleading"), ({"message": ""}, "misleading"),
-    ({"outcome": "held", "let_go_m": 0.05}, "misleading"),
 ]  # fmt: skip
+# by what is not so: what is said, and the least that makes it wrong
+LIES: list[tuple[str, dict[str, object]]] = [
+    ("the arm moves", {"arm": "the arm stands", "arm_mps": 1e-4}),
+    ("the arm stands", {"arm": "the arm is still moving at 0.10 m/s"}),
+    ("the arm was heard", {"arm": "the arm stood when last heard"}),
+    ("the arm can be believed", {"arm": "the arm says that it stands"}),
+    ("the arm moves, and no safety",
+     {"arm": "the arm is stopped by its own safety system", "arm_mps": 1e-4}),
+    ("nothing said so", {"arm": "the arm is stopped by its own safety system"}),
+    ("the hand is not open", {"hand": "the hand is open", "pressed_n": 1.1}),
+    ("it is not closed to the limit",
+     {"hand": "the hand is closed to the limit of 10 N, 9 N measured", "pressed_n": 6.9}),
+    ("it feels something",
+     {"hand": "the hand is partly closed, and feels nothing", "pressed_n": 1.1}),
+    ("it holds nothing", {"hand": "the hand is closed as it was, 2.0 N measured",
+                          "pressed_n": 0.05}),
+    ("the fingers move", {"hand": GONE, "fingers_mps": 1e-4}),
+    ("it let go", {"hand": GONE, "pressed_n": 0.05}),
+    ("the fingers stand", {"hand": "the hand is still moving, 2.0 N measured"}),
+    ("the hand was heard", {"hand": GONE, "case": "arm"}),
+    ("the hand refuses nothing",
+     {"hand": "the hand refuses every motion (x) and holds by itself: it is", "case": "arm"}),
+    ("the hand can be believed",
+     {"hand": "the hand is not believed, and may still move: it says that it is", "case": "arm"}),
+    ("the hand is activated",
+     {"hand": "the hand is not activated and holds by itself: it is open", "case": "arm"}),
+    ("the hand reports nothing", {"hand": "the hand reports x: it is open", "case": "arm"}),
+    ("nobody is told to look", {"advice": "open the hand", "arm": "the arm says that it stands",
+                                "later_arm_mps": 1e-4}),
+    ("nobody is told what to do", {"advice": ""}),
+    ("it says to start with a hand that holds",
+     {"advice": "start the run again", "pressed_n": 1.1}),
+    ("nothing was missed", {"unreached": ("the arm still moves",)}),
+    ("it was dropped", {"outcome": "held", "let_go_m": 0.05}),
+    ("no word", {"message": ""}),
+    ("nothing is wrong with what it names", {"cause": "detector_failed: no"}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("what", "changed"), LIES, ids=[what for what, _ in LIES])
+def test_a_sentence_that_is_not_so_is_found(
+    what: str, changed: dict[str, object], lifted: list[Ended]
+) -> None:
+    case = lifted[0].case
+    if changed.get("case") == "arm":
+        changed = {**changed, "case": msgspec.structs.replace(case, fault=FROZEN), "cause": ""}
+    assert what in misled(ended(lifted[0], **changed))
+
+
+SO: list[dict[str, object]] = [
+    {"arm": "the arm stands"}, {"arm": "the arm is still moving at 0.1 m/s", "arm_mps": 0.1},
+    {"hand": "the hand is still moving, 2.0 N measured", "fingers_mps": 0.1},
+    {"hand": GONE}, {"advice": "start the run again", "pressed_n": 0.9},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("changed", SO)
+def test_a_sentence_that_is_so_is_none(changed: dict[str, object], lifted: list[Ended]) -> None:
+    assert misled(ended(lifted[0], **changed)) == ""
+
+
+WITHIN: list[dict[str, object]] = [
+    {"let_go_m": 0.003}, {"slid_m": 0.015}, {"peak_n": 11.0}, {"least_n": 0.06},
+    {"safe_mps": 0.1, "safe_way_m": 0.0199, "arm_s": 0.3}, {"hand_s": 3.05},
+    {"height_m": 0.1, "later_pressed_n": 1.0, "slip_mps": 0.0009},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("changed", WITHIN)
+def test_what_is_within_its_bound_is_not_found(
+    changed: dict[str, object], lifted: list[Ended]
+) -> None:
+    assert problems(ended(lifted[0], **changed)) == {}
+
+
+def test_the_bound_of_force_is_the_guard_s() -> None:
+    assert MOST_N == GuardSettings().force_limit_n + GuardSettings().overshoot_n == 11.0
+
+
+def test_of_a_pair_the_half_that_is_named_must_explain_what_fell(lifted: list[Ended]) -> None:
+    case = msgspec.structs.replace(lifted[0].case, fault=UNPLUGGED, then=CUT)
+    slid = ended(lifted[0], case=case, slid_m=0.03)
+    assert fell(slid) == {}
+    silent = ended(slid, cause="stale: no frame", message="no frame", arm="the arm is not heard",
+                   hand="")  # fmt: skip
+    assert fell(silent)
+    lost = Fault("gripper", "command", "close", "lost")
+    never = ended(slid, case=msgspec.structs.replace(case, then=lost))
+    assert fell(never)  # no command was taken
+    assert fell(ended(never, then_taken=1)) == {}
+
+
+def test_an_object_that_falls_while_nobody_is_in_control_is_no_excuse(lifted: list[Ended]) -> None:
+    for fault in (Fault("loop", "whole", "", "stands still 3 s"),
+                  Fault("detector", "whole", "", "hears nothing")):  # fmt: skip
+        case = msgspec.structs.replace(lifted[0].case, fault=fault)
+        slid = ended(lifted[0], case=case, slid_m=0.03, outcome="dropped", message="dropped",
+                     cause="loop_stood_still", arm="", hand="")  # fmt: skip
+        assert "dropped" in fell(slid)
 
 
 @pytest.mark.parametrize(("changed", "check"), WRONG)
@@ -122,6 +286,8 @@ def test_rows_are_kept_and_only_what_lacks_is_run(lifted: list[Ended], tmp_path:
         assert store.lacking(cases) == cases
         store.add(row, "abc")
         store.add(ended(row, case=msgspec.structs.replace(cases[2], ticks=99)), "def")
+        assert store.lacking(cases, "abc") == [cases[0], cases[2]]
+        assert store.lacking(cases, "def") == cases  # made with another commit
         with FaultStore(tmp_path / "a.sqlite") as beside:
             assert len(beside.ended()) == 1
     with FaultStore(tmp_path / "a.sqlite") as store:

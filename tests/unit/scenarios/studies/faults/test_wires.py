@@ -60,6 +60,23 @@ def test_verbs_are_told_by_the_registers_of_a_command_and_where_the_fingers_are(
     ]  # fmt: skip
 
 
+def test_a_short_way_is_an_opening_or_a_closing_by_its_direction() -> None:
+    def two(count: int, b: int = 0) -> tuple[int, ...]:
+        return GOES, count, 0xFF00, b << 8, 0, 0, 0, 0
+
+    assert [verb(0, two(at), (40, 1, 0)) for at in (41, 42, 43)] == ["close"] * 3
+    assert [verb(0, two(at), (40, 0, 0)) for at in (37, 38, 39)] == ["open"] * 3
+    assert verb(0, two(10), (8, 12, 0)) == "open"  # another finger goes far back
+
+
+def test_commands_that_pass_are_kept_in_their_order() -> None:
+    _, wire = hand(Fault("gripper", "command", "close", "lost"))
+    for words in (OPEN, close(60)):
+        wire.write(0, words, 0)
+    assert wire.told == ["open", "close"]
+    assert (wire.struck[0].times, wire.struck[0].took_ns) == (1, 0)
+
+
 @pytest.mark.parametrize(
     ("kind", "said"),
     [("frozen", [7, 7]), ("late", [7, 7]), ("missing", [0, 0]), ("out of range", [255, 255]),
