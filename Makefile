@@ -144,8 +144,7 @@ faults: install-dev
 	CHAOS_PLANS=200 $(BIN)/python -m pytest -s -m slow tests/wire/scenarios/chaos || fell=$$?; \
 	exit $$fell
 
-# each mutant of what safety rests on, and samples of the rest; tests have been aimed at what this
-# seed draws, so none of it is to survive; what another draws tells of the rest (docs/mutants.md)
+# each mutant of what safety rests on, and samples of the rest by this seed, that of docs/mutants.md
 MUTANTS_SEED ?= 17
 mutants: install-dev
 	lived=0; $(BIN)/python scripts/mutants.py run || lived=$$?; \

@@ -12,9 +12,10 @@ All but the page write what became of each mutant to runs/mutants.json and go on
 `--anew` forgets that, `--tests` shows others than what is covered by custom. A mutant that survives
 needs a test, or an argument why nothing can tell it from the original: those are in
 scripts/equivalent_mutants.toml. Exit code 1 if one has neither, or if an argument is refuted by a
-test. What came of a sample at first, before tests were aimed at it, is found out once: it is told
-as it is to stand in scripts/mutant_draws.toml. No test may depend on chance or on the clock here:
-the same result comes twice.
+test; samples give a rate, and fail if one was not run. What came of a sample at first, before tests
+were aimed at it, is found out once: it is told as it is to stand in scripts/mutant_draws.toml. A
+seed draws the same of the same code alone. No test may depend on chance or on the clock here: the
+same result comes twice.
 """
 
 import argparse
@@ -241,14 +242,16 @@ def tests_of(name: str) -> list[str]:
 
 
 def run_samples(book: Book, names: Sequence[str], seed: int, most: int | None) -> int:
-    why, found = arguments(), []
+    """They give a rate, so one that survives is no failure; one that was not run is."""
+    why, lacking = arguments(), 0
     if book.told.seed != seed:
         book.told.parts = {n: fates for n, fates in book.told.parts.items() if n not in STRATA}
         book.told.seed = seed
     for name in names:
         chosen = drawn(name, seed)[:most]
         fates = book.attack(name, book.told.parts.setdefault(name, []), chosen)
-        found += unexplained(fates, why)
+        lacking += len(chosen) - len(fates)
+        print("\n".join(unexplained(fates, why)))
         killed = sum(bool(fate.killer) for fate in fates)
         equivalent = sum(str(fate.mutant) in why for fate in fates)
         draw = Draw(name, seed, head(), len(of_stratum(name)), len(fates), equivalent, killed)
@@ -258,8 +261,7 @@ def run_samples(book: Book, names: Sequence[str], seed: int, most: int | None) -
             *(f"{key} = {msgspec.json.encode(v).decode()}" for key, v in fields),
             sep="\n",
         )
-    print("\n".join(found))
-    return 1 if found else 0
+    return 1 if lacking else 0
 
 
 def run_after(book: Book, names: Sequence[str], seed: int) -> int:
@@ -267,7 +269,9 @@ def run_after(book: Book, names: Sequence[str], seed: int) -> int:
     for name in names:
         fates = book.told.parts.get(name, [])
         fates[:] = [fate for fate in fates if fate.killer]
-    return run_samples(book, names, seed, None)
+    lacking = run_samples(book, names, seed, None)
+    left = unexplained((fate for name in names for fate in book.told.parts[name]), arguments())
+    return 1 if left else lacking
 
 
 def run_twice(book: Book, names: Sequence[str], most: int) -> int:
@@ -333,7 +337,7 @@ def of_draws(known: Sequence[Draw]) -> str:
     """What samples told at first, and all strata together."""
     columns = ("drawn of", "seed", "commit", "mutants of all", "equivalent", "killed at first",
                "% (95 %)", "killed since", "survive")  # fmt: skip
-    lines = [entry("mutants-sampled", known[-1].commit, OPERATORS),
+    lines = [entry("mutants-sampled", known[0].commit, OPERATORS),
              *_head(columns)]  # fmt: skip
     for d in known:
         rest = d.real - d.killed - d.since

@@ -2,12 +2,14 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from detector.recordings import Metadata, Recording, write
 from grasp.cli.main import main
+from scenarios.studies.signal import calibrate
 
 CHECK = ("world", "calibrate", "--check", "--clips", "2")
 
@@ -39,6 +41,25 @@ def test_judgement_in_json_is_one_object_with_every_figure(
     found = json.loads(capsys.readouterr().out)
     assert len(found["data_set"]["mean"]) == 6
     assert found["misfit"] > 0.0 and not found["fitted"]
+
+
+def test_judgement_for_a_person_leaves_out_the_ratio_to_a_figure_that_is_nought(
+    clip: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    row = {"simulated": 0.2, "low": 0.1, "high": 0.3, "within_aim": True}
+    rows = [SimpleNamespace(name="kurtosis", real=0.4, **row),
+            SimpleNamespace(name="hiss", real=0.0, **row)]  # fmt: skip
+    levels = SimpleNamespace(**{name: np.arange(6.0) for name in ("mean", "std", "least", "most")})
+    for name, found in {"figures": None, "mean": None, "misfit": 1.5, "compare": rows,
+                        "data_set_levels": levels}.items():  # fmt: skip
+        monkeypatch.setattr(calibrate, name, lambda *_, found=found: found)
+    assert main([*CHECK, "--recording", str(clip)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].endswith("ratio") and lines[1].split()[-1] == "0.50"
+    assert lines[2].split() == ["hiss", "0", "0.2", "0.1", "0.3"]
+    assert {len(line) for line in lines[:3]} == {len(lines[0])}
+    assert "misfit 1.50 (1: on average just within the aims)" in lines
+    assert any(line.startswith("levels a taxel, ") for line in lines)
 
 
 def test_nothing_but_a_fit_of_its_own_is_written_over(

@@ -52,3 +52,20 @@ def test_training_begins_anew_unless_told_to_go_on_and_leaves_no_checkpoint(
     assert training.told == told
     assert [path.name for path in tmp_path.iterdir()] == ["mine.log"]
     assert "accuracy on validation 0.900" in capsys.readouterr().out
+
+
+def test_what_is_learnt_is_one_of_the_labels_of_a_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(train, "need", lambda *_: None)
+    monkeypatch.setattr(
+        train, "_prepare", lambda args: (asked.append(args.label), (Training(), []))[1]
+    )
+    export = SimpleNamespace(export=lambda *_: Card(1, 2, 3.0, {"accuracy": 0.9}))
+    monkeypatch.setitem(sys.modules, "detector.training.export", export)
+    words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
+    assert main([*words, "--label", "moved"]) == 0
+    assert main([*words, "--label", "luck"]) == 2
+    assert asked == ["moved"]
+    assert "--label" in capsys.readouterr().err

@@ -276,6 +276,22 @@ def test_child_that_answers_no_command_is_given_up():
     assert not worker.running
 
 
+def test_command_that_failed_is_told_once():
+    body = (
+        "peer.recv(65536); told = msgspec.msgpack.decode(peer.recv(65536), type=Request)\n"
+        "send(Reply(told.number, Outcome.NOT_TAKEN)); time.sleep(1000)"
+    )
+    worker = WorkerProcess(SETUP, child(body))
+    try:
+        worker.post(messages.SetPayload(worker.next_number(), 1.0, (0.0, 0.0, 0.0)), 30.0)
+        deadline = time.monotonic() + 30.0
+        while worker.awaits(1) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert (worker.failure(), worker.failure()) == (Outcome.NOT_TAKEN, None)
+    finally:
+        worker.kill()
+
+
 def test_child_that_leaves_when_it_is_told_is_not_killed(tmp_path):
     """It brakes and ends its program by itself; killed, it would leave that to a watchdog."""
     left = tmp_path / "left"
