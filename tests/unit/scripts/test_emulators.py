@@ -23,7 +23,7 @@ def test_each_row_names_a_test(test) -> None:
     text = (ROOT / path).read_text()
     function, _, parameter = name.rstrip("]").partition("[")
     assert re.search(rf"^def {function}\(", text, re.MULTILINE)
-    scenario = f'"{parameter}"' in text
+    scenario = any(f"{quote}{parameter}{quote}" in text for quote in "\"'")
     assert not parameter or scenario or re.fullmatch(IDS, parameter)
 
 
