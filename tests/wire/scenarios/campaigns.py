@@ -6,7 +6,7 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +25,11 @@ def campaign_file(folder: Path, repetitions: int) -> Path:
     return path
 
 
-def started(*words: str) -> subprocess.Popen[str]:
-    """The command, in a process group of its own, as a shell would start it."""
+def started(*words: str, before: Sequence[str] = ()) -> subprocess.Popen[str]:
+    """The command, in a process group of its own, as a shell would start it; ``before`` it what is
+    to begin it."""
     return subprocess.Popen(
-        [*GRASP, "campaign", "run", *words],
+        [*before, *GRASP, "campaign", "run", *words],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, process_group=0,
     )  # fmt: skip
 

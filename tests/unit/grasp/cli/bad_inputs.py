@@ -6,7 +6,6 @@ import random
 import string
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -39,12 +38,14 @@ DEEP = 3_000
 
 
 class Input(msgspec.Struct, frozen=True):
-    """What is told to the command line. FILE in a word stands for a path of that content."""
+    """What is told to the command line. FILE in a word stands for a path of that content, IN for
+    the folder in which all that is given lies, OUT for a path at which nothing is."""
 
     words: tuple[str, ...]
     content: bytes | None = None
-    suffix: str = ".toml"
+    name: str = "in.toml"  # of that file, in IN
     sure: bool = True  # that it must be refused; else it may as well be harmless
+    beside: tuple[tuple[str, str], ...] = ()  # good files in IN: name, and which
 
     def __str__(self) -> str:
         told = " ".join(ascii(word)[1:-1][:80] for word in self.words)
@@ -133,18 +134,49 @@ def toml(value: Any) -> str:
     return f"{{{', '.join(f'{key} = {toml(part)}' for key, part in value.items())}}}"
 
 
+SHOW = ("config", "show")
+# whoever resolves all settings of a run before anything else
+SETTLED_BY = (
+    SHOW, ("run", "lift", "--rig", "simulated", "--runs", "OUT"),
+    ("run", "tap", "--rig", "simulated", "--runs", "OUT"),
+    ("run", "lift", "--rig", "simulated", "--runs", "OUT", "--trials", "2", "--out", "OUT.sqlite"),
+    ("run", "lift", "--rig", "emulated", "--runs", "OUT", "--json"),
+    ("grip-search", "--write", "OUT.toml"), ("emulate",),
+)  # fmt: skip
+
+
 def a_setting(chance: random.Random) -> Input:
     """One that cannot be, by --set or in a file."""
     leaf = chance.choice(settings())
     way, value = ".".join(leaf.way), wrong(leaf.kind, chance)
     if chance.random() < 0.1:
         way, value = way + chance.choice(("x", ".x", "\u00e9", ".\u00e9")), 1
+    verb = chance.choice(SETTLED_BY)
     if chance.random() < 0.5:
         text = value if isinstance(value, str) else toml(value)
         sure = not isinstance(value, str)  # what is no TOML is a text, and may be one's own name
-        return Input(("config", "show", "--set", f"{way}={text}"), sure=sure)
+        return Input((*(verb if sure else SHOW), "--set", f"{way}={text}"), sure=sure)
     content = f"{way} = {toml(value)}\n".encode("utf-8", "surrogatepass")
-    return Input(("config", "show", "--config", "FILE"), content)
+    return Input((*verb, "--config", "FILE"), content)
+
+
+ACQUIRE = ("run", "acquire", "--rig", "simulated", "--runs", "OUT", "--json")
+CAMPAIGN = ("campaign", "run", "FILE", "--jobs", "1", "--out", "OUT.sqlite")
+BUILD = ("dataset", "build", "FILE", "--jobs", "1", "--out", "OUT")
+OWN_RIG, OWN_CAMPAIGN = "a rig of one's own", "a campaign of one's own"
+OWN = {
+    OWN_RIG: b'rig = "simulated"\n[controller]\nhold_s = 0.2\n[gripper]\ncalibration = "paper"\n',
+    OWN_CAMPAIGN: b"""name = "two"
+scenarios = ["lift", "tap"]
+objects = ["can", "ball"]
+detectors = ["energy"]
+settings = ["controller.hold_s=0.2"]
+seeds = [0, 1]
+repetitions = 2
+recordings = "failures"
+sweep = { "controller.lift_height_m" = [0.02, 0.05] }
+""",
+}
 
 
 def of_acquisition(chance: random.Random) -> Input:
@@ -152,23 +184,43 @@ def of_acquisition(chance: random.Random) -> Input:
     way, value = ".".join(leaf.way), wrong(leaf.kind, chance)
     while isinstance(value, str):
         value = wrong(leaf.kind, chance)
-    words = ("run", "acquire", "--rig", "simulated", "--runs", "OUT", "--set")
-    return Input((*words, f"{way}={toml(value)}"))
+    return Input((*ACQUIRE, "--set", f"{way}={toml(value)}"))
 
 
-@cache
-def texts() -> tuple[str, ...]:
-    """Files of settings as they are packaged."""
-    names = ("objects/can.toml", "profiles/paper.toml", "detectors/tcn.toml", "rigs/emulated.toml",
-             "calibrations/paper.toml", "campaigns/paper.toml")  # fmt: skip
-    return tuple((config_dir() / name).read_text(encoding="utf-8") for name in names)
+CHECK = ("config", "check", "FILE")
+A_LIFT = ("run", "lift", "--rig", "simulated", "--runs", "OUT", "--set", "controller.hold_s=0.2")
+# of each kind of packaged file of settings one, and who reads such a file of one's own
+READERS_OF_SETTINGS: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...] = (
+    ("objects/can.toml", (
+        CHECK, (*SHOW, "--object", "FILE"), (*A_LIFT, "--object", "FILE"),
+        ("world", "plan", "hold", "--object", "FILE", "--json"),
+    )),
+    ("surfaces/planar.toml", (CHECK, (*ACQUIRE, "--surface", "FILE"))),
+    ("calibrations/paper.toml", (
+        CHECK, (*SHOW, "--set", "gripper.calibration=FILE"),
+        (*A_LIFT, "--set", "gripper.calibration=FILE"),
+    )),
+    ("rigs/emulated.toml", (CHECK, (*SHOW, "--config", "FILE"))),
+    (OWN_RIG, (CHECK, (*SHOW, "--rig", "FILE"), (*A_LIFT, "--rig", "FILE"))),
+    ("profiles/paper.toml", (CHECK, (*SHOW, "--config", "FILE"), (*A_LIFT, "--config", "FILE"),
+                             (*SHOW, "--profile", "FILE"))),
+    ("detectors/tcn.toml", (CHECK, (*SHOW, "--config", "FILE"), (*SHOW, "--detector", "FILE"),
+                            ("detector", "evaluate", "FILE", "--recording", "IN/a.csv"))),
+    (OWN_CAMPAIGN, (CHECK, CAMPAIGN, CAMPAIGN, (*CAMPAIGN, "--resume"))),
+    ("campaigns/paper.toml", (CHECK, CAMPAIGN)),
+    ("datasets/paper.toml", (CHECK, BUILD, BUILD)),
+    ("datasets/confusers.toml", (CHECK, BUILD)),
+    ("layouts/eight.toml", ((*SHOW, "--config", "FILE"),)),
+)  # fmt: skip
 
 
 def a_file_of_settings(chance: random.Random) -> Input:
     """One that was packaged, and is not what it was."""
-    content = spoilt(chance.choice(texts()).encode(), chance)
-    word = chance.choice(("--config", "--object"))
-    return Input(("config", "show", word, "FILE"), content, sure=False)
+    name, readers = chance.choice(READERS_OF_SETTINGS)
+    good = OWN.get(name) or (config_dir() / name).read_bytes()
+    words = chance.choice(readers)
+    beside = (("a.csv", "a.csv"),) if "IN/a.csv" in words else ()
+    return Input(words, spoilt(good, chance), sure=False, beside=beside)
 
 
 def spoilt(content: bytes, chance: random.Random) -> bytes:
@@ -242,33 +294,68 @@ def words_of_a_verb(chance: random.Random) -> Input:
 
 
 def a_file_of_results(chance: random.Random, kept: dict[str, bytes]) -> Input:
-    """A recording, a campaign, a network, a table: not what it was."""
-    name = chance.choice(sorted(kept))
-    content, suffix = spoilt(kept[name], chance), Path(name).suffix
-    readers = {
-        ".mcap": [("replay", "FILE"), ("report", "FILE", "--out", "OUT.html"),
-                  ("chart", "run", "FILE", "--out", "OUT.svg")],
-        ".sqlite": [("campaign", "summary", "FILE"), ("campaign", "export", "FILE"),
-                    ("report", "FILE", "--out", "OUT.html")],
-        ".onnx": [("detector", "card", "FILE"), ("config", "show", "--detector", "FILE")],
-        ".npz": [("replay", "--detector", "energy", "--tactile", "FILE"),
-                 ("detector", "evaluate", "energy", "--recording", "FILE")],
-        ".csv": [("replay", "--detector", "energy", "--tactile", "FILE"),
-                 ("detector", "evaluate", "energy", "--recording", "FILE")],
-    }  # fmt: skip
-    return Input(chance.choice(readers[suffix]), content, suffix, sure=False)
+    """A recording, verdict, campaign, network, its heads, table or scores: not what it was."""
+    which = chance.choice(sorted(READERS_OF_RESULTS))
+    words, name, beside = chance.choice(READERS_OF_RESULTS[which])
+    return Input(words, spoilt(kept[which], chance), name, sure=False, beside=beside)
+
+
+RUN = (("run/recording.mcap", "a.mcap"), ("run/result.json", "result.json"))
+NETWORK = (("a.onnx", "a.onnx"), ("a.csv", "a.csv"))
+SCORED = ("detector", "evaluate", "energy", "--recording", "FILE", "--out", "OUT.json")
+# of each, by its name: the words, under which name, and what lies beside it
+READERS_OF_RESULTS: dict[
+    str, tuple[tuple[tuple[str, ...], str, tuple[tuple[str, str], ...]], ...]
+] = {
+    "a.mcap": tuple(
+        (words, "run/recording.mcap", RUN[1:]) for words in (
+            ("replay", "FILE"), ("replay", "IN/run", "--check"), ("export", "IN/run", "--out",
+             "OUT.csv"), ("report", "FILE", "--out", "OUT.html"), ("chart", "run", "FILE", "--out",
+             "OUT.svg"))
+    ),
+    "result.json": tuple(
+        (words, "run/result.json", RUN[:1]) for words in (
+            ("runs", "--runs", "IN", "--json"), ("report", "IN/run", "--out", "OUT.html"),
+            ("replay", "IN/run"), ("chart", "run", "IN/run", "--out", "OUT.svg"),
+            ("export", "IN/run", "--out", "OUT.csv"))
+    ),
+    "a.sqlite": tuple(
+        (words, "a.sqlite", ()) for words in (
+            ("campaign", "summary", "FILE"), ("campaign", "export", "FILE", "--out", "OUT.csv"),
+            ("report", "FILE", "--out", "OUT.html"))
+    ),
+    "a.onnx": tuple(
+        (words, "a.onnx", NETWORK[1:]) for words in (
+            ("detector", "card", "FILE"), (*SHOW, "--detector", "FILE"),
+            ("replay", "--tactile", "IN/a.csv", "--detector", "FILE"))
+    ),
+    "a.heads.json": tuple(
+        (words, "a.heads.json", NETWORK) for words in (
+            ("detector", "card", "IN/a.onnx"),
+            ("replay", "--tactile", "IN/a.csv", "--detector", "IN/a.onnx"))
+    ),
+    "scores.json": ((("report", "FILE", "--out", "OUT.html"), "scores.json", ()),),
+    "a.npz": tuple(
+        (words, "a.npz", ()) for words in (
+            ("replay", "--detector", "energy", "--tactile", "FILE"), SCORED)
+    ),
+    "a.csv": tuple(
+        (words, "a.csv", ()) for words in (
+            ("replay", "--detector", "energy", "--tactile", "FILE"), SCORED)
+    ),
+}  # fmt: skip
 
 
 def drawn(number: int, kept: dict[str, bytes]) -> Input:
     """The same for a number, for ever."""
     chance = random.Random(number)
     share = chance.random()
-    if share < 0.4:
+    if share < 0.25:
         return a_setting(chance)
-    if share < 0.5:
+    if share < 0.32:
         return of_acquisition(chance)
-    if share < 0.65:
+    if share < 0.57:
         return a_file_of_settings(chance)
-    if share < 0.85:
+    if share < 0.77:
         return words_of_a_verb(chance)
     return a_file_of_results(chance, kept)
