@@ -136,7 +136,7 @@ def read_heads(weights: Path, digest: str, loaded: LoadedNetwork) -> Teller | No
     try:
         content = path.read_bytes()[: LARGEST_BYTES + 1]
         heads = msgspec.json.decode(content, type=Heads)
-    except (OSError, msgspec.MsgspecError, RecursionError) as error:
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise BadFile(path, f"holds no heads: {error}", REMEDY) from None
     if heads.network != digest:
         raise BadFile(path, f"is of another network than {weights.name}", REMEDY)

@@ -176,7 +176,7 @@ class RunRecording:
     def _decode(self, topic: str, data: bytes) -> Any:
         try:
             return self._decoders[topic].decode(data)
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             raise BadFile(
                 self.path,
                 f"a message on {topic} does not fit: {_renamed(topic, data) or error}",
@@ -188,7 +188,7 @@ def _renamed(topic: str, data: bytes) -> str:
     """What of a message is called otherwise now; empty when it does not fit for another reason."""
     try:
         fields = msgspec.json.decode(data, type=dict[str, Any])
-    except msgspec.MsgspecError:
+    except (msgspec.MsgspecError, UnicodeDecodeError):
         return ""
     found = ((name, renamed(f"{topic}.{name}")) for name in fields)
     return ", ".join(f"{name} is called {new.rsplit('.')[-1]} now" for name, new in found if new)

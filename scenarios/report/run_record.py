@@ -289,7 +289,7 @@ def _verdict(recording: Path) -> tuple[Verdict | None, str]:
             f"There is no {RESULT} beside the recording: the run did not come to its end, or it is "
             "one of a campaign, whose file has its verdict."
         )
-    except (OSError, GraspError, msgspec.MsgspecError, RecursionError) as error:
+    except (OSError, GraspError, msgspec.MsgspecError, ValueError, RecursionError) as error:
         return None, f"The {place.name} beside the recording cannot be read: {error}."
 
 

@@ -127,7 +127,7 @@ def _claim(out: Path, jobs: Sequence[Job], origin: Any) -> None:
     if path.exists():
         try:
             found = msgspec.json.decode(path.read_bytes(), type=_Index)
-        except (msgspec.DecodeError, RecursionError):
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             found = None
         if found is None or found.digest != digest:
             raise UsageError(

@@ -90,7 +90,7 @@ def read_evaluation(path: Path) -> EvaluationFile:
     """Raises BadFile for what is none."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=EvaluationFile)
-    except (msgspec.MsgspecError, RecursionError) as error:
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         remedy = "make one: `grasp detector evaluate NAME --data DIR --out FILE.json`"
         raise BadFile(path, f"is no evaluation: {error}", remedy) from None
 

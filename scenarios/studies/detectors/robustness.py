@@ -203,7 +203,7 @@ def _plan(folder: Path) -> list[Job]:
     path = folder / INDEX
     try:
         return plan(msgspec.json.decode(path.read_bytes(), type=_Built).dataset)
-    except (OSError, msgspec.MsgspecError) as error:
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise BadFile(path, f"says not how the set was made: {error}", "build it again") from None
 
 

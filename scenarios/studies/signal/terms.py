@@ -38,7 +38,7 @@ def origin_of(folder: Path) -> DatasetConfig:
         told = msgspec.json.decode(path.read_bytes())["dataset"]
         named = {key: value for key, value in told.items() if value != ""}  # no layout: the kit's
         config = msgspec.convert(named, DatasetConfig)
-    except (OSError, msgspec.DecodeError, RecursionError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, RecursionError, KeyError, TypeError, AttributeError):
         raise BadFile(path, "does not say what the set was built from", "build it anew") from None
     if not config.rows or COMPLIANT not in {part.name for part in config.parts}:
         problem = f"has no strokes with a part {COMPLIANT}"

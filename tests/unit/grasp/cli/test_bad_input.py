@@ -1,10 +1,12 @@
 """Whatever makes no sense to a verb: one line, a remedy, exit code 2, no traceback."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
 
+from detector.network_file import WEIGHTS
 from grasp.cli.main import main
 
 DEEP = 5_000
@@ -196,3 +198,21 @@ def test_a_refusal_in_json_is_one_object(capsys: pytest.CaptureFixture[str]) -> 
     answer = json.loads(out)
     assert (code, err, out.count("\n")) == (2, "", 1)
     assert set(answer["error"]) == {"kind", "message", "remedy"}
+
+
+def test_json_that_is_no_text_is_refused_by_whoever_reads_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "scores.json").write_bytes(b'{"format":"\xdf"}')
+    (tmp_path / "a.heads.json").write_bytes(b'{"network":"\xdf"}')
+    shutil.copy(WEIGHTS / "tcn.onnx", tmp_path / "a.onnx")
+    (tmp_path / "dataset.json").write_bytes(b'{"digest":"\xdf"}')
+    for words in (
+        ["report", str(tmp_path / "scores.json")],
+        ["detector", "card", str(tmp_path / "a.onnx")],
+        ["chart", "observer", "--data", str(tmp_path)],
+        ["detector", "robustness", "energy", "--data", str(tmp_path)],
+        ["dataset", "build", "observer", "--share", "0.01", "--out", str(tmp_path)],
+    ):
+        assert main(words) == 2, words
+        assert capsys.readouterr().err.startswith("grasp: "), words
