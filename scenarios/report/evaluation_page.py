@@ -19,6 +19,7 @@ from scenarios.studies.detectors.evaluated import (
     Evaluated,
     SlipHeard,
     SlipTrace,
+    no_evaluation,
     read_evaluation,
 )
 
@@ -80,7 +81,10 @@ def page_path(file: Path) -> Path:
 def evaluation_page(file: Path) -> str:
     """The page of an evaluation's file; raises BadFile as ``read_evaluation``."""
     told = read_evaluation(file)
-    every = [(each, msgspec.convert(each.sheet, Sheet)) for each in told.detectors]
+    try:
+        every = [(each, msgspec.convert(each.sheet, Sheet)) for each in told.detectors]
+    except msgspec.ValidationError as error:
+        raise no_evaluation(file, error) from None
     return render(
         "evaluation.html",
         (),

@@ -91,8 +91,13 @@ def read_evaluation(path: Path) -> EvaluationFile:
     try:
         return msgspec.json.decode(path.read_bytes(), type=EvaluationFile)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        remedy = "make one: `grasp detector evaluate NAME --data DIR --out FILE.json`"
-        raise BadFile(path, f"is no evaluation: {error}", remedy) from None
+        raise no_evaluation(path, error) from None
+
+
+def no_evaluation(path: Path, why: Exception) -> BadFile:
+    """To be raised."""
+    remedy = "make one: `grasp detector evaluate NAME --data DIR --out FILE.json`"
+    return BadFile(path, f"is no evaluation: {why}", remedy)
 
 
 def evaluated(made: Contender, sheet: Evaluation) -> Evaluated:

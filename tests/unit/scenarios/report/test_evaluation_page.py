@@ -1,11 +1,13 @@
 """The page of an evaluation: what was missed is at the top, thresholds are the rule's own."""
 
+import json
 import math
 from pathlib import Path
 
 import msgspec
 import pytest
 
+from drivers.errors import BadFile
 from grasp.cli.main import main
 from scenarios.report.charts import BOTTOM, LEFT, RIGHT, TOP
 from scenarios.report.curves import Axis, Curve, Mark, curves
@@ -115,3 +117,12 @@ def test_what_lies_beyond_an_axis_is_drawn_at_its_edge() -> None:
     plot = curves("", Axis("", 0.0, 1.0), Axis("", 0.0, 100.0), [Curve("one", (), [mark])])
     (dot,) = plot.lines[0].dots
     assert (dot.y, dot.low, dot.high) == (TOP, BOTTOM, TOP)
+
+
+def test_a_sheet_that_lacks_a_number_is_no_evaluation(tmp_path: Path) -> None:
+    file = made(tmp_path / "toys.json")
+    told = json.loads(file.read_bytes())
+    del told["detectors"][0]["sheet"]["n_samples"]
+    file.write_text(json.dumps(told))
+    with pytest.raises(BadFile, match="n_samples"):
+        evaluation_page(file)
