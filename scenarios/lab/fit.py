@@ -6,6 +6,7 @@ data that do not support a figure are refused.
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from itertools import accumulate, pairwise
 from statistics import NormalDist, fmean, median, stdev
 
@@ -20,7 +21,9 @@ LEAST_POINTS = 5
 SPAN = 3.0  # largest force over the least
 MOST_BEND = 0.15  # of the range, by which counts may leave a straight line
 LEAST_BEND_N = 0.3
-PRESS_SHARE = 0.98  # of normal presses; of such as scatter to one side that is still 95 %
+GROUPS = 4  # that readings without rounds are dealt to; their spread is that of the slope
+NORMAL_SHARE = 0.995  # of normal presses below what is stored: of such as scatter to one side, 95 %
+SURE = 0.95  # in so many of all calibrations
 LEAST_SPREAD = 0.01  # no press repeats better than this; assumed
 LEAST_PRESSES = 4  # of a byte
 WEAK_PRESSES = 10  # of a byte that is said to be weaker than the manual's least
@@ -33,14 +36,17 @@ AGAIN = "look at what was typed, then take the readings again"
 
 
 class Point(msgspec.Struct, frozen=True):
-    """A reading of the scale and what was measured with it: counts, or a current."""
+    """A reading of the scale and what was measured with it: counts, or a current. ``round``: that
+    of the press it belongs to, whose readings err alike; 0: it was loaded anew."""
 
     force_n: float
     measured: float
+    round: int = 0
 
 
 class Line(msgspec.Struct, frozen=True):
-    """Slope with its 95 % interval, the worst distance of a point from it, and the range."""
+    """Slope with its 95 % interval, the worst distance of a point from it, and the range.
+    ``groups``: of points, whose spread the interval is of."""
 
     slope: float
     interval: tuple[float, float]
@@ -48,10 +54,12 @@ class Line(msgspec.Struct, frozen=True):
     least: float
     most: float
     points: int
+    groups: int
 
 
 class Byte(msgspec.Struct, frozen=True):
-    """Presses of one force byte: mean, spread, and what 95 % of presses stay below."""
+    """Presses of one force byte: mean, spread, and what 95 % of presses stay below, of which one
+    may be 95 % sure."""
 
     byte: int
     presses: int
@@ -73,12 +81,36 @@ class Law(msgspec.Struct, frozen=True):
 
 
 def quantile_t(share: float, freedom: int) -> float:
-    """Of Student's distribution, by Fisher's expansion; within 0.3 % from three degrees on."""
+    """Of Student's distribution, by Fisher's expansion; within 0.3 % from three degrees on, and
+    exact below."""
+    if freedom == 1:
+        return math.tan(math.pi * (share - 0.5))
+    if freedom == 2:
+        return (2 * share - 1) / math.sqrt(2 * share * (1 - share))
     z, v = NormalDist().inv_cdf(share), freedom
     return (
         z + (z**3 + z) / (4 * v) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * v**2)
         + (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / (384 * v**3)
     )  # fmt: skip
+
+
+@cache
+def tolerance(count: int, share: float = NORMAL_SHARE, sure: float = SURE) -> float:
+    """Standard deviations of a sample above its mean below which that share of a normal population
+    lies, in so many of all samples: one-sided, by the distribution of the deviation itself."""
+    normal, freedom, steps = NormalDist(), count - 1, 400
+    z, top = normal.inv_cdf(share), 1 + 8 / math.sqrt(2 * freedom)
+    spreads = [top * (i + 0.5) / steps for i in range(steps)]
+    weights = [s ** (freedom - 1) * math.exp(freedom * (1 - s * s) / 2) for s in spreads]
+    low, high = 0.0, 100.0
+    for _ in range(40):
+        middle = (low + high) / 2
+        enough = sum(
+            weight * normal.cdf(math.sqrt(count) * (middle * spread - z))
+            for weight, spread in zip(weights, spreads, strict=True)
+        )
+        low, high = (low, middle) if enough > sure * sum(weights) else (middle, high)
+    return high
 
 
 # Counts to newtons
@@ -123,18 +155,38 @@ def fit_counts(points: Sequence[Point]) -> Line:
         raise UsageError("a reading has no counts", "press the pad of the finger that was named")
     if (odd := odd_one(points)) is not None:
         raise UsageError(f"reading {odd + 1}, {forces[odd]:.2f} N, contradicts the others", AGAIN)
-    square = sum(f * f for f in forces)
-    slope = sum(p.force_n * p.measured for p in points) / square
-    away_n = [p.measured / slope - p.force_n for p in points]
-    worst_n = max(map(abs, away_n))
+    groups = _groups(points)
+    slopes = [sum(p.measured for p in each) / sum(p.force_n for p in each) for each in groups]
+    slope = fmean(slopes)
+    worst_n = max(abs(p.measured / slope - p.force_n) for p in points)
     if worst_n > max(LEAST_BEND_N, MOST_BEND * max(forces)):
         raise UsageError(
             f"the counts are no straight line of force: up to {worst_n:.2f} N from it",
             "take readings up to a smaller force, --up-to",
         )
-    spread = math.sqrt(sum(a * a for a in away_n) / (len(points) - 1)) * slope
-    half = quantile_t(0.975, len(points) - 1) * spread / math.sqrt(square)
-    return Line(slope, (slope - half, slope + half), worst_n, min(forces), max(forces), len(points))
+    half = quantile_t(0.975, len(groups) - 1) * stdev(slopes) / math.sqrt(len(groups))
+    interval = slope - half, slope + half
+    return Line(
+        slope, interval, worst_n, min(forces), max(forces), len(points), len(groups)
+    )  # fmt: skip
+
+
+def _groups(points: Sequence[Point]) -> list[list[Point]]:
+    """Of which each tells the slope by itself, and none errs with another: the rounds. Readings
+    that were each loaded anew are dealt out so that every group has strong and weak ones.
+
+    The spread of their slopes needs no law of the noise. Raises UsageError for a single round.
+    """
+    rounds = {p.round for p in points}
+    if 0 not in rounds:
+        if len(rounds) == 1:
+            raise UsageError("one round tells no spread", "press twice or more, three times best")
+        return [[p for p in points if p.round == number] for number in sorted(rounds)]
+    groups: list[list[Point]] = [[] for _ in range(GROUPS)]
+    for i, point in enumerate(sorted(points, key=lambda p: -p.force_n)):
+        row, place = divmod(i, GROUPS)
+        groups[place if row % 2 == 0 else GROUPS - 1 - place].append(point)
+    return groups
 
 
 # Bytes to newtons
@@ -164,7 +216,7 @@ def of_byte(byte: int, forces_n: Sequence[float]) -> Byte:
         raise UsageError(told, AGAIN)
     mean = fmean(forces_n)
     spread = max(stdev(forces_n), LEAST_SPREAD * mean)
-    bound = mean + quantile_t(PRESS_SHARE, count - 1) * spread * math.sqrt(1 + 1 / count)
+    bound = mean + tolerance(count) * spread
     if bound < MANUAL_LEAST_N and count < WEAK_PRESSES:
         raise UsageError(
             f"byte {byte} would be {bound:.1f} N, less than the manual's {MANUAL_LEAST_N:g}, by "
@@ -192,7 +244,8 @@ def law_of(measured: Sequence[Byte]) -> Law:
     most_n = math.ceil(max(bounds_n[255], least_n + 0.1, MANUAL_LEAST_N) if 255 in bounds_n
                        else MOST_N)  # fmt: skip
     if not least_n < most_n <= MOST_N:
-        raise UsageError(f"{max(bounds_n.values()):.0f} N is more than any such hand", AGAIN)
+        told = f"{max(bounds_n.values()):.0f} N is more than any such hand"
+        raise UsageError(told, "press each byte more often, and look at what was typed")
     may_n = [_may_press(byte, bounds_n, most_n) for byte in range(256)]
     for hundredths in range(300, round(100 * WORST_EXPONENT), -1):
         law = Law(least_n, most_n, hundredths / 100)
@@ -262,8 +315,9 @@ def fit_travel(counts: Sequence[int], places_mm: Sequence[float]) -> Line:
     square = sum((a - mean) ** 2 for a in counts)
     spread = math.sqrt(sum(a * a for a in away_mm) / (len(counts) - 2))
     half = quantile_t(0.975, len(counts) - 2) * spread / math.sqrt(square)
-    size = abs(slope)
-    return Line(size, (size - half, size + half), worst, min(counts), max(counts), len(counts))
+    half += 2 * worst / (max(counts) - min(counts))  # the ends may be bent opposite ways
+    size, count = abs(slope), len(counts)
+    return Line(size, (size - half, size + half), worst, min(counts), max(counts), count, count)
 
 
 def _line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:

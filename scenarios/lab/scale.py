@@ -242,8 +242,9 @@ def force_file(finger: str, line: Line) -> str:
     text = (
         f"# Counts of fingertip {finger}, {_now()}: {line.points} readings of a scale, "
         f"{line.least:.2f} to {line.most:.2f} N.\n"
-        f"# {line.slope:.1f} counts a newton [{low:.1f}, {high:.1f}] (95 %); a reading is at most "
-        f"{line.worst:.2f} N from that line.\n"
+        f"# {line.slope:.1f} counts a newton [{low:.1f}, {high:.1f}] (95 %; {line.groups} groups "
+        "of readings, the scale taken as right).\n"
+        f"# A reading is at most {line.worst:.2f} N from that line.\n"
         f"# Beyond {line.most:.2f} N nothing was measured, nor the other fingertips.\n"
         "# For `grasp run acquire` it is control.counts_per_newton.\n"
         f"[guard]\ncounts_per_newton = {line.slope:.1f}\n"
@@ -264,7 +265,7 @@ def hand_file(
     )
     lines = [
         f"# What finger {finger} presses with on a scale, {_now()}. Each force is an upper bound: "
-        "95 % of presses stay below.",
+        "95 % of presses stay below, by a rule that is right of 95 % of such files.",
         f"# {told}",
         f"# A byte that was not pressed counts as strong as its neighbours allow. {current}.",
     ]
@@ -272,7 +273,7 @@ def hand_file(
         low, high = (1e3 * mm for mm in travel.interval)
         lines.append(
             f"# Travel: {travel.points} places, {travel.slope * 1e3:.0f} um a count "
-            f"[{low:.0f}, {high:.0f}] (95 %), at most {travel.worst:.2f} mm from a line."
+            f"[{low:.0f}, {high:.0f}] (95 % and its bend: {travel.worst:.2f} mm from a line)."
         )
     source = f"scale under finger {finger}, {_now()}: {known[0].presses} presses of byte 0"
     source += "".join(

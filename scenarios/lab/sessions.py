@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -65,6 +66,7 @@ class Weighing:
         self._up_to_n, self._operator, self._say = up_to_n, operator, say
         self.points: list[Point] = []
         self.railed = False
+        self.round = 0  # of presses; 0: each reading is loaded anew
 
     def idle(self) -> None:
         self._clock.sleep_until_ns(self._clock.now_ns + PERIOD_NS)
@@ -108,7 +110,7 @@ class Weighing:
             raise UsageError(
                 f"fingertip {self._finger} feels nothing of {force_n:.2f} N", "load its pad"
             )
-        self.points.append(Point(force_n, counts))
+        self.points.append(Point(force_n, counts, self.round))
         self._say(f"{force_n:.2f} N: {counts:.0f} counts")
         while (odd := odd_one(self.points)) is not None:
             self._ask_again(odd)
@@ -130,7 +132,8 @@ class Weighing:
             del self.points[odd]
             return
         try:
-            self.points[odd] = Point(self._load(line), self.points[odd].measured)
+            again = msgspec.structs.replace(self.points[odd], force_n=self._load(line))
+            self.points[odd] = again
         except UsageError as error:
             self._operator.say(f"{error.message}: {error.remedy}")
 
@@ -143,7 +146,7 @@ def calibrate_force(
     clock = WallClock(WallClock().now_ns)
     with open_touch(config, clock, unloaded=True) as touch:
         weighing = Weighing(touch, clock, finger, up_to_n, operator, say)
-        question = f"Load fingertip {finger} by a weight or against a scale, and type its reading"
+        question = f"Load fingertip {finger} anew, by a weight or a scale, and type its reading"
         while weighing.ask(f"{question} {UNIT}; Enter alone: no more") or weighing.railed:
             weighing.railed = False
         return force_file(finger, weighing.fit())
@@ -169,7 +172,7 @@ def press_force(
             return counts is not None and -counts[FINGER_NAMES.index(finger)] >= touch_counts
 
         near = _near(presser, operator, weighing.idle, touched)
-        for _ in range(ROUNDS):
+        for weighing.round in range(1, ROUNDS + 1):
             presser.to(near)
             weighing.railed = False
             _press_by_counts(presser, near, weighing)

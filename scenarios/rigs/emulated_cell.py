@@ -198,7 +198,8 @@ class EmulatedCell:
 
     def _truth(self, request: Request) -> Request:
         truth = msgspec.to_builtins(self.cell.truth())
-        return {"truth": truth, "placed": self._placed, "stalls": self._stalls,
+        hand = {} if self._hand is None else {"travel_m": self._hand.gripper.travel_m.tolist()}
+        return {"truth": truth, **hand, "placed": self._placed, "stalls": self._stalls,
                 "worst_stall_ms": self._worst_stall_ns * 1e-6}  # fmt: skip
 
     def _motion(self, request: Request) -> Request:

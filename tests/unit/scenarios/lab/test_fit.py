@@ -19,6 +19,7 @@ from scenarios.lab.fit import (
     odd_press,
     of_byte,
     quantile_t,
+    tolerance,
 )
 
 WEIGHTS_N = (0.49, 0.98, 1.96, 2.94, 3.92, 4.9, 6.86, 9.81)
@@ -43,7 +44,14 @@ def hand(byte: int, rng: random.Random, bend: float = 0.6) -> float:
 
 @pytest.mark.parametrize(
     ("freedom", "one_sided", "two_sided"),
-    [(3, 2.353, 3.182), (4, 2.132, 2.776), (9, 1.833, 2.262), (30, 1.697, 2.042)],
+    [
+        (1, 6.314, 12.706),
+        (2, 2.920, 4.303),
+        (3, 2.353, 3.182),
+        (4, 2.132, 2.776),
+        (9, 1.833, 2.262),
+        (30, 1.697, 2.042),
+    ],
 )
 def test_quantiles_of_student_are_those_of_the_tables(
     freedom: int, one_sided: float, two_sided: float
@@ -71,6 +79,45 @@ def test_force_told_by_counts_is_within_what_the_calibration_states() -> None:
             tried += 1
             within += abs(pad(force_n, rng) / line.slope - force_n) <= 2 * line.worst
     assert within / tried > 0.95
+
+
+TRUE = 143.0  # counts a newton
+
+
+def loaded(law: str, rng: random.Random) -> list[Point]:
+    """Readings of a pad without a bend, each loaded anew, whose noise is of that law."""
+    if law == "own":
+        return [Point(scale(f, rng), pad(f, rng, exponent=1.0)) for f in WEIGHTS_N]
+    share, counts = {"proportional": (0.03, 0.0), "constant": (0.0, 5.0)}[law]
+    return [Point(f, TRUE * f * rng.gauss(1.0, share) + rng.gauss(0.0, counts)) for f in WEIGHTS_N]
+
+
+def rounds(between: float, law: str, rng: random.Random) -> list[Point]:
+    """Three of them, as ``--press`` takes them: readings of one err alike."""
+    points = []
+    for number in (1, 2, 3):
+        gain = rng.gauss(1.0, between)
+        points += [Point(p.force_n, p.measured * gain, number) for p in loaded(law, rng)]
+    return points
+
+
+@pytest.mark.parametrize("law", ["own", "proportional", "constant"])
+@pytest.mark.parametrize("between", [None, 0.0, 0.03])
+def test_interval_of_counts_a_newton_holds_the_truth_in_95_of_100_whatever_the_noise(
+    law: str, between: float | None
+) -> None:
+    held, series = 0, 500
+    for seed in range(series):
+        rng = random.Random(seed)
+        line = fit_counts(loaded(law, rng) if between is None else rounds(between, law, rng))
+        held += line.interval[0] <= TRUE <= line.interval[1]
+    assert held / series >= 0.93
+
+
+def test_one_round_alone_tells_no_spread_and_is_refused() -> None:
+    one = [Point(p.force_n, p.measured, 1) for p in readings(0)]
+    with pytest.raises(UsageError, match="one round"):
+        fit_counts(one)
 
 
 @pytest.mark.parametrize(
@@ -108,15 +155,42 @@ def test_readings_rightly_typed_are_not_doubted() -> None:
 # Bytes to newtons
 
 
-def test_ninety_five_of_a_hundred_presses_stay_below_what_is_stored() -> None:
-    below = tried = 0
-    for seed in range(300):
+@pytest.mark.parametrize(
+    ("presses", "factor"),
+    [(4, 5.144), (5, 4.203), (10, 2.911), (20, 2.396), (30, 2.220), (50, 2.065), (100, 1.927)],
+)
+def test_tolerance_factors_are_those_of_the_tables(presses: int, factor: float) -> None:
+    assert tolerance(presses, 0.95, 0.95) == pytest.approx(factor, abs=0.001)
+
+
+@pytest.mark.parametrize("scatter", ["one side", "both sides"])
+def test_of_95_files_in_100_as_many_presses_stay_below_what_is_stored(scatter: str) -> None:
+    """Not on the average over files: in each. What only 5 % of presses exceed is known here."""
+    if scatter == "one side":
+        most_n = 11.0 * (1 + 0.015 * 4.7439)  # of the gamma law, shape 2
+
+        def law(rng: random.Random) -> float:
+            return hand(0, rng)
+
+    else:
+        most_n = 11.0 * (1 + 0.03 * 1.6449)
+
+        def law(rng: random.Random) -> float:
+            return 11.0 * rng.gauss(1.0, 0.03)
+
+    right, series = 0, 1000
+    for seed in range(series):
         rng = random.Random(seed)
-        stored = of_byte(0, [scale(hand(0, rng), rng) for _ in range(10)])
-        presses = [hand(0, rng) for _ in range(50)]
-        tried += len(presses)
-        below += sum(press <= stored.bound_n for press in presses)
-    assert 0.93 < below / tried < 0.99
+        right += of_byte(0, [scale(law(rng), rng) for _ in range(10)]).bound_n >= most_n
+    assert right / series >= 0.93
+
+
+def test_what_is_stored_is_still_of_use_where_presses_repeat_well() -> None:
+    """A hand of 12.5 N whose presses repeat to a per cent is kept below the manual's 15 N."""
+    for seed in range(100):
+        rng = random.Random(seed)
+        stored = of_byte(0, [scale(12.5 * rng.gauss(1.0, 0.01), rng) for _ in range(10)])
+        assert 12.5 < stored.bound_n < 14.0
 
 
 @pytest.mark.parametrize("bend", [0.5, 0.8, 1.0, 1.6])
@@ -174,19 +248,30 @@ def test_current_that_falls_with_force_is_refused() -> None:
 # Counts to millimetres
 
 
-def ruler(counts: int, rng: random.Random) -> float:
+def ruler(counts: int, rng: random.Random, bend_mm: float = 0.6) -> float:
     """A linkage: no straight line, read to half a millimetre, from some mark."""
-    travel_mm = 0.81 * counts + 0.6 * math.sin(counts / 25)
+    travel_mm = 0.81 * counts + bend_mm * math.sin(counts / 25)
     return round(2 * (140.0 - travel_mm + rng.gauss(0.0, 0.2))) / 2
 
 
-def test_travel_of_a_count_is_recovered_within_its_interval_and_bend() -> None:
+@pytest.mark.parametrize("bend_mm", [0.0, 0.3, 0.6])
+def test_travel_of_a_count_is_recovered_within_its_interval(bend_mm: float) -> None:
     counts = list(range(10, 130, 15))
-    for seed in range(100):
+    held = refused = 0
+    series = 500
+    for seed in range(series):
         rng = random.Random(seed)
-        line = fit_travel(counts, [ruler(c, rng) for c in counts])
-        assert line.slope == pytest.approx(0.81, abs=0.03)
+        try:
+            line = fit_travel(counts, [ruler(c, rng, bend_mm) for c in counts])
+        except UsageError:  # a place that the others contradict: there is no file
+            refused += 1
+            continue
+        low, high = line.interval
+        held += low <= 0.81 <= high
+        assert high - low < 0.1
         assert line.worst < 1.3
+    assert held / (series - refused) >= 0.95
+    assert refused / series < 0.02
 
 
 def test_place_read_wrongly_and_way_too_short_are_refused() -> None:

@@ -183,7 +183,7 @@ MM = SimpleNamespace(slope=0.08, interval=(0.08, 0.08), worst=0.0, points=5)
         lambda: hand_of(0.2),
         lambda: hand_of(31.0),
         lambda: hand_of(12.0, MM),
-        lambda: force_file("A", Line(2e5, (2e5, 2e5), 0.0, 0.001, 0.01, 5)),
+        lambda: force_file("A", Line(2e5, (2e5, 2e5), 0.0, 0.001, 0.01, 5, 4)),
     ],
     ids=["too weak", "too strong", "ruler read in centimetres", "kilograms typed as grams"],
 )

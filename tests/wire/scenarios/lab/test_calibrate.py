@@ -115,9 +115,8 @@ def test_byte_that_may_press_harder_than_allowed_is_not_sent(lab: Lab) -> None:
 
 
 def test_counts_of_a_newton_are_those_of_the_pad(lab: Lab) -> None:
-    """As the guard would use them: other presses of the same pad are told within a newton."""
-    out = lab.folder / "force.toml"
-    points: list[tuple[float, float]] = []
+    """As the guard would use them: other presses of the same pad, of a day that the file knows
+    nothing of, are told by it as the file says."""
 
     def person(question: str) -> str:
         if "almost touch" in question:
@@ -125,19 +124,66 @@ def test_counts_of_a_newton_are_those_of_the_pad(lab: Lab) -> None:
         newtons = lab.newtons()
         return f"{newtons:.2f} N" if newtons > 0.3 else ""
 
-    code, shown, said = lab.played(
-        person, "force", "--press", "--up-to", "15", "--out", str(out), *CONFIRMED
-    )
-    assert code == 0, said
-    points = [
-        (float(newtons), float(counts))
-        for newtons, counts in re.findall(r"^([\d.]+) N: (\d+) counts", said, re.MULTILINE)
-    ]
-    assert len(points) >= 5
-    per_newton = tomllib.loads(shown.rpartition("\n" + str(out))[0])["guard"]["counts_per_newton"]
-    assert all(abs(counts / per_newton - force) < 1.0 for force, counts in points)
+    def pressed(out: Path) -> tuple[str, list[tuple[float, float]]]:
+        code, shown, said = lab.played(
+            person, "force", "--press", "--up-to", "15", "--out", str(out), *CONFIRMED
+        )
+        assert code == 0, said
+        found = re.findall(r"^([\d.]+) N: (\d+) counts", said, re.MULTILINE)
+        return shown, [(float(newtons), float(counts)) for newtons, counts in found]
+
+    out = lab.folder / "force.toml"
+    shown, _ = pressed(out)
+    _, others = pressed(lab.folder / "others.toml")
+    assert len(others) >= 5
     config = load_config("can", "hardware", "energy", [lab.file, out])
-    assert config.guard.counts_per_newton == per_newton
+    per_newton = config.guard.counts_per_newton
+    assert per_newton == tomllib.loads(out.read_text())["guard"]["counts_per_newton"]
+    worst = re.search(r"at most ([\d.]+) N from", shown)
+    assert worst is not None
+    within_n = 2 * float(worst[1]) + 0.05  # and how a scale is read
+    assert within_n < 0.5
+    assert all(abs(counts / per_newton - force) < within_n for force, counts in others)
+
+
+def test_travel_of_a_count_is_that_of_the_hand(tmp_path: Path) -> None:
+    """Of one that is not as the packaged files have it: the ruler shows the finger's true way, from
+    a mark of its own, in half millimetres."""
+    true_mm = 0.85
+    with emulate("--set", f"hand.m_per_count={true_mm * 1e-3}") as endpoints:
+        lab = Lab(endpoints, tmp_path)
+        lab.done("gripper", "activate", "--empty")
+        asked: list[str] = []
+
+        def person(question: str) -> str:
+            if "where is the fingertip" in question:
+                asked.append(question)
+                travel_mm = 1e3 * lab.cell.ask("truth")["travel_m"][0]
+                return f"{round(2 * (150.0 - travel_mm)) / 2:g} mm"
+            if "Take the scale away" in question:
+                lab.cell.ask("take")
+                return ""
+            return f"{lab.newtons():.2f} N"
+
+        out = tmp_path / "hand.toml"
+        lab.cell.ask("place")
+        code, shown, said = lab.played(
+            person, "hand", "--up-to", "16", "--places", "10", "30", "50", "70", "90", "--out",
+            str(out), *CONFIRMED,
+        )  # fmt: skip
+        assert code == 0, said
+        lab.cell.close()
+    assert len(asked) == 5
+    found = re.search(r"Travel: 5 places, (\d+) um a count \[(\d+), (\d+)\]", shown)
+    assert found is not None, shown
+    _, low, high = map(int, found.groups())
+    assert low <= 1e3 * true_mm <= high
+    assert high - low < 60
+    known = load_config(
+        "can", "hardware", "energy", [lab.file], (f"gripper.calibration={out}",)
+    ).calibration
+    assert known is not None
+    assert known.m_per_count == pytest.approx(true_mm * 1e-3, rel=0.02)
 
 
 def test_place_typed_too_high_is_told_with_what_to_type_before_the_finger_presses(
