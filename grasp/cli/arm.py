@@ -5,8 +5,8 @@ from typing import Any
 
 from grasp import interruption
 from grasp.cli import exits
-from grasp.cli.lab import add_lab, lab_config, say
-from grasp.cli.options import decimal, motion_permit
+from grasp.cli.lab import add_lab, lab_config, leave_to_move, say, will
+from grasp.cli.options import decimal
 from grasp.cli.output import json_line
 
 HELP = "look at a lab's arm, move it by one slow step, stop it"
@@ -71,9 +71,14 @@ def step_arm(args: argparse.Namespace) -> int:
     by_m = (args.x * 1e-3, args.y * 1e-3, args.z * 1e-3)
     checked_step(by_m)
     way = f"x {args.x:+g}, y {args.y:+g}, z {args.z:+g} mm"
+
+    def plan() -> str:
+        return f"move the arm at {arm_address(config)} by {way} at {PLAN}"
+
     if args.dry_run:
-        return _tell(args, f"move the arm at {arm_address(config)} by {way} at {PLAN}", "would")
-    permit = motion_permit(config, args)
+        return _tell(args, plan(), "would")
+    permit = leave_to_move(config, args, plan)
+    will(plan())
     with interruption.held():
         at_m = step(config, permit, by_m, say)
     return _tell(args, f"the arm stands at {_mm(at_m)}, after {way}")

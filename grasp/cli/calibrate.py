@@ -7,8 +7,8 @@ from typing import Any
 
 from grasp import interruption
 from grasp.cli import exits
-from grasp.cli.lab import FINGERS, add_lab, confirm, lab_config, new_file
-from grasp.cli.options import decimal, motion_permit, whole
+from grasp.cli.lab import FINGERS, add_lab, confirm, lab_config, leave_to_move, new_file, will
+from grasp.cli.options import decimal, whole
 from grasp.cli.output import json_line
 from grasp.cli.places import file_to_write
 from grasp.files import write_whole
@@ -72,6 +72,9 @@ def _kind(kinds: Any, name: str, handler: Any, text: str) -> argparse.ArgumentPa
         "--out", type=file_to_write, required=True, metavar="FILE",
         help="what is written: a new .toml file, with date, spread and source",
     )  # fmt: skip
+    parser.add_argument(
+        "--note", default="", metavar="TEXT", help="what else the file shall say of its source"
+    )
     add_lab(parser, moves=True)
     parser.set_defaults(handler=handler)
     return parser
@@ -97,16 +100,18 @@ def calibrate_force(args: argparse.Namespace) -> int:
     new_file(args.out)
     if args.press:
         check_force(args.up_to)
+    pressing = f"finger {args.finger} by single counts, up to {args.up_to:g} N on the scale"
     if args.dry_run:
-        pressing = f"finger {args.finger} by single counts, up to {args.up_to:g} N on the scale"
         return _would(args, pressing if args.press else "nothing")
     if not args.press:
         with interruption.held():
-            return _written(args, by_weights(config, args.finger, args.up_to, _operator(), _tell))
-    permit = motion_permit(config, args)
+            text = by_weights(config, args.finger, args.up_to, _operator(), _tell, args.note)
+        return _written(args, text)
+    permit = leave_to_move(config, args, lambda: f"move {pressing}")
     _over_a_scale(args)
+    will(f"move {pressing}")
     with interruption.held():
-        text = press_force(config, permit, args.finger, args.up_to, _operator(), _tell)
+        text = press_force(config, permit, args.finger, args.up_to, _operator(), _tell, args.note)
     return _written(args, text)
 
 
@@ -117,20 +122,21 @@ def calibrate_hand(args: argparse.Namespace) -> int:
     config = lab_config(args)
     new_file(args.out)
     check_force(args.up_to, {0, *args.bytes})
+    bytes_ = ", ".join(map(str, sorted({0, *args.bytes})))
+    way = f", then to {args.places} counts in free air" if args.places else ""
+    pressing = (
+        f"finger {args.finger}, {args.presses} times with each of the force bytes {bytes_}, onto "
+        f"the scale, with {args.up_to:g} N at most by the manual{way}"
+    )
     if args.dry_run:
-        bytes_ = ", ".join(map(str, sorted({0, *args.bytes})))
-        way = f", then to {args.places} counts in free air" if args.places else ""
-        return _would(
-            args,
-            f"finger {args.finger}, {args.presses} times with each of the force bytes {bytes_}, "
-            f"onto the scale{way}",
-        )
-    permit = motion_permit(config, args)
+        return _would(args, pressing)
+    permit = leave_to_move(config, args, lambda: f"move {pressing}")
     _over_a_scale(args)
+    will(f"move {pressing}")
     with interruption.held():
         text = press(
             config, permit, args.finger, args.bytes, args.presses, args.up_to, args.places,
-            _operator(), _tell,
+            _operator(), _tell, args.note,
         )  # fmt: skip
     return _written(args, text)
 
@@ -146,12 +152,11 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     judged = load_config("can", args.rig, args.detector, args.config, args.set)
     new_file(args.out)
     guard_of(config)  # raises where a run would be refused
+    holding = f"the fingers, closed on an object for {args.seconds:g} s, then opened"
     if args.dry_run:
-        return _would(
-            args,
-            f"the fingers, closed on an object for {args.seconds:g} s, then opened; the arm stands",
-        )
-    permit = motion_permit(config, args)
+        return _would(args, f"{holding}; the arm stands")
+    permit = leave_to_move(config, args, lambda: f"move {holding}")
+    will(f"move {holding}; the arm stands")
     with interruption.held():
         counts = held_still(config, permit, args.seconds, _operator(), _tell)
         found = rule_of(judged, [(counts, *hold_of(counts))], args.budget)
@@ -159,20 +164,23 @@ def calibrate_noise(args: argparse.Namespace) -> int:
 
 
 def _rule_file(args: argparse.Namespace, found: Any, kept: bool) -> str:
-    from datetime import datetime
-
     from grasp.cli.detector import rule_lines
+    from scenarios.lab.scale import noted, now
 
     low, high = found.interval
-    day = f"{datetime.now():%Y-%m-%d %H:%M}"  # noqa: DTZ005  (a person's local time)
-    note = (
+    why = (
         "the packaged rule is higher and kept: a still hand knows nothing of closing, of lifting "
         "or of blows" if kept else "higher than the packaged rule"
     )  # fmt: skip
+    source = (
+        f"a hold of {found.minutes:.1f} minutes, {now()}, {args.detector}: level {found.level:.2f} "
+        f"({low:.2f} to {high:.2f}, 95 %), {'below the packaged rule' if kept else 'taken'}"
+    )
     return (
-        f"# Rule for {args.detector}, {day}: {found.minutes:.1f} minutes of hold, "
+        f"# Rule for {args.detector}, {now()}: {found.minutes:.1f} minutes of hold, "
         f"{found.load_counts:.0f} counts of load, {args.budget:g} false events a minute.\n"
-        f"# Level {found.level:.2f} [{low:.2f}, {high:.2f}] (95 %); {note}.\n"
+        f"# Level {found.level:.2f} [{low:.2f}, {high:.2f}] (95 %); {why}.\n"
+        f"[source]\nrule = {noted(source, args.note)}\n"
         + "\n".join(rule_lines(found.rule)) + "\n"
     )  # fmt: skip
 

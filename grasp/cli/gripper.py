@@ -6,12 +6,22 @@ from typing import Any
 from drivers.errors import UsageError
 from grasp import interruption
 from grasp.cli import exits
-from grasp.cli.lab import FINGERS, add_lab, confirm, lab_config, say, tell_weak
-from grasp.cli.options import decimal, motion_permit, whole
+from grasp.cli.lab import (
+    FINGERS,
+    add_lab,
+    confirm,
+    lab_config,
+    leave_to_move,
+    say,
+    tell_weak,
+    will,
+)
+from grasp.cli.options import decimal, whole
 from grasp.cli.output import json_line
 
 HELP = "look at a lab's gripper, activate it, move it slowly"
 SLOW = "slowly, at its least force"
+ALL = "open and close all fingers fully"
 FULLY = "activation opens and closes the hand fully, with a force that nobody sets."
 
 
@@ -96,11 +106,12 @@ def activate(args: argparse.Namespace) -> int:
     if args.dry_run:
         _, _, now = _looked(args)
         ready = now.ready and not now.fault
-        would = "do nothing: it is active" if ready else "open and close all fingers fully"
+        would = "do nothing: it is active" if ready else ALL
         return _tell(args, {"would": would})
     config = lab_config(args)
-    permit = motion_permit(config, args)
+    permit = leave_to_move(config, args, lambda: ALL)
     confirm(f"{FULLY} Is it empty, and everybody's hands away?", "empty", args.empty)
+    will(f"{ALL}, if it is not active")
     with interruption.held():
         positions = activate_hand(config, permit, say)
     if positions is None:
@@ -114,9 +125,10 @@ def open_fingers(args: argparse.Namespace) -> int:
     if args.dry_run:
         return _would(args, "ABC", 0, "open")
     config = lab_config(args)
-    permit = motion_permit(config, args)
+    permit = leave_to_move(config, args, lambda: f"open all fingers at {_how(config)}")
     tell_weak(config.calibration)
     with interruption.held(), open_hand(config, permit, closing=False) as hand:
+        will(_move(config, hand.state.positions, (0, 0, 0)))
         moved = hand.move((0, 0, 0), say)
     return _tell(args, {"done": moved.in_words()}, _ended(moved))
 
@@ -128,10 +140,14 @@ def close_fingers(args: argparse.Namespace) -> int:
     if args.dry_run:
         return _would(args, fingers, args.to, "close")
     config = lab_config(args)
-    permit = motion_permit(config, args)
+    permit = leave_to_move(
+        config, args, lambda: f"close finger {fingers} to {args.to} counts at {_how(config)}"
+    )
     tell_weak(config.calibration)
     with interruption.held(), open_hand(config, permit, closing=True) as hand:
-        moved = hand.close(targets_of(hand.state.positions, fingers, args.to), say)
+        targets = targets_of(hand.state.positions, fingers, args.to)
+        will(_move(config, hand.state.positions, targets))
+        moved = hand.close(targets, say)
     return _tell(args, {"done": moved.in_words()}, _ended(moved))
 
 
@@ -142,10 +158,13 @@ def step_fingers(args: argparse.Namespace) -> int:
     counts = step_counts(config, args.mm * 1e-3) * (-1 if args.open else 1)
     if args.dry_run:
         return _would(args, fingers, counts, "step")
-    permit = motion_permit(config, args)
+    permit = leave_to_move(
+        config, args, lambda: f"move finger {fingers} by {counts:+} counts at {_how(config)}"
+    )
     tell_weak(config.calibration)
     with interruption.held(), open_hand(config, permit, closing=not args.open) as hand:
         targets = step_targets(hand.state.positions, fingers, counts)
+        will(_move(config, hand.state.positions, targets))
         moved = hand.move(targets, say) if args.open else hand.close(targets, say)
     return _tell(args, {"done": moved.in_words()}, _ended(moved))
 
@@ -153,10 +172,8 @@ def step_fingers(args: argparse.Namespace) -> int:
 def _would(args: argparse.Namespace, fingers: str, counts: int, what: str) -> int:
     """Of a dry run: where which fingers would go, from where they are, and how hard at most."""
     from scenarios.lab.hand import guard_of, step_targets, targets_of
-    from scenarios.rigs.rig import calibration
 
     config = lab_config(args)
-    known = calibration(config)
     _, _, now = _looked(args)
     at = tuple(finger.position for finger in now.fingers)
     if what != "open" and counts > 0:
@@ -166,8 +183,19 @@ def _would(args: argparse.Namespace, fingers: str, counts: int, what: str) -> in
     else:
         to = targets_of(at, fingers, counts) if what == "close" else (0, 0, 0)
     ready = "" if now.ready else ", once it has been activated"
-    how = f"{known.least_speed_mps * 1e3:g} mm/s, at most {known.least_force_n:g} N a motor"
-    return _tell(args, {"would": f"move fingers from {at} to {to} counts at {how}{ready}"})
+    return _tell(args, {"would": f"{_move(config, at, to)}{ready}"})
+
+
+def _move(config: Any, at: Any, to: Any) -> str:
+    return f"move fingers from {at} to {to} counts at {_how(config)}"
+
+
+def _how(config: Any) -> str:
+    """Speed and force. Raises ConfigError where nobody has said which hand this is."""
+    from scenarios.rigs.rig import calibration
+
+    known = calibration(config)
+    return f"{known.least_speed_mps * 1e3:g} mm/s, at most {known.least_force_n:g} N a motor"
 
 
 def _ended(moved: Any) -> int:

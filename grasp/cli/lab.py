@@ -2,12 +2,14 @@
 
 import argparse
 import sys
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import UsageError
+from drivers.errors import GraspError, UsageError
 from grasp.cli import exits
-from grasp.cli.options import add_confirmation, add_settings
+from grasp.cli.options import add_confirmation, add_settings, motion_permit
 
 FINGERS = ("A", "B", "C")
 
@@ -44,6 +46,21 @@ def lab_config(args: argparse.Namespace) -> Any:
     return config
 
 
+def leave_to_move(config: Any, args: argparse.Namespace, plan: Callable[[], str]) -> Any:
+    """As ``motion_permit``; a refusal says what would move, as far as the settings know it."""
+    try:
+        return motion_permit(config, args)
+    except UsageError:
+        with suppress(GraspError):
+            say(f"would {plan()}")
+        raise
+
+
+def will(what: str) -> None:
+    """On standard error, before it moves."""
+    say(f"will {what}")
+
+
 def new_file(path: Path) -> None:
     """Raises UsageError where something is there already: asked before a person has done the
     work."""
@@ -73,5 +90,5 @@ def tell_weak(calibration: Any) -> None:
 
 
 def say(text: str) -> None:
-    """What became of something that was stopped."""
+    """On standard error: what will move, or what became of something that was stopped."""
     exits.report_line(text)

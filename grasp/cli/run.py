@@ -190,6 +190,8 @@ def _permit(config: Any, args: argparse.Namespace) -> Any:
     check_devices(config)
     if leave is not None:
         tell_weak(getattr(config, "calibration", None))
+        for line in config.source.in_words() if hasattr(config, "source") else ():
+            exits.report_line(line)
     return leave
 
 

@@ -236,17 +236,22 @@ def pad_counts(touch: Touch, clock: Clock, finger: str) -> tuple[float, bool]:
 # Files
 
 
-def force_file(finger: str, line: Line) -> str:
+def force_file(finger: str, line: Line, note: str = "") -> str:
     """Settings for `--config`; raises UsageError for what no settings may say."""
     low, high = line.interval
+    source = noted(
+        f"scale under finger {finger}, {now()}: {line.points} readings, {line.least:.2f} to "
+        f"{line.most:.2f} N, {low:.1f} to {high:.1f} (95 %)", note,
+    )  # fmt: skip
     text = (
-        f"# Counts of fingertip {finger}, {_now()}: {line.points} readings of a scale, "
+        f"# Counts of fingertip {finger}, {now()}: {line.points} readings of a scale, "
         f"{line.least:.2f} to {line.most:.2f} N.\n"
         f"# {line.slope:.1f} counts a newton [{low:.1f}, {high:.1f}] (95 %; {line.groups} groups "
         "of readings, the scale taken as right).\n"
         f"# A reading is at most {line.worst:.2f} N from that line.\n"
         f"# Beyond {line.most:.2f} N nothing was measured, nor the other fingertips.\n"
         "# For `grasp run acquire` it is control.counts_per_newton.\n"
+        f"[source]\ncounts_per_newton = {source}\n"
         f"[guard]\ncounts_per_newton = {line.slope:.1f}\n"
     )
     return _usable(text, "guard", GuardSettings)
@@ -254,7 +259,7 @@ def force_file(finger: str, line: Line) -> str:
 
 def hand_file(
     finger: str, known: list[Byte], law: Law, travel: Line | None, current: str,
-    reasons: dict[int, str],
+    reasons: dict[int, str], note: str = "",
 ) -> str:  # fmt: skip
     """A calibration, for `gripper.calibration`; raises UsageError for what none may say.
     ``reasons``: why a byte is far from what the manual says of it."""
@@ -264,7 +269,7 @@ def hand_file(
         for b in known
     )
     lines = [
-        f"# What finger {finger} presses with on a scale, {_now()}. Each force is an upper bound: "
+        f"# What finger {finger} presses with on a scale, {now()}. Each force is an upper bound: "
         "95 % of presses stay below, by a rule that is right of 95 % of such files.",
         f"# {told}",
         f"# A byte that was not pressed counts as strong as its neighbours allow. {current}.",
@@ -275,13 +280,13 @@ def hand_file(
             f"# Travel: {travel.points} places, {travel.slope * 1e3:.0f} um a count "
             f"[{low:.0f}, {high:.0f}] (95 % and its bend: {travel.worst:.2f} mm from a line)."
         )
-    source = f"scale under finger {finger}, {_now()}: {known[0].presses} presses of byte 0"
+    source = f"scale under finger {finger}, {now()}: {known[0].presses} presses of byte 0"
     source += "".join(
         f"; byte {byte} is far from the manual's: {why}" for byte, why in reasons.items()
     )
     lines += [
         "[calibration]",
-        f"source = {msgspec.json.encode(source).decode()}",
+        f"source = {noted(source, note)}",
         f"least_force_n = {law.least_force_n:g}",
         f"most_force_n = {law.most_force_n:g}",
         f"force_exponent = {law.force_exponent:g}",
@@ -300,5 +305,10 @@ def _usable(text: str, section: str, settings: type, **more: str) -> str:
     return text
 
 
-def _now() -> str:
+def noted(source: str, note: str) -> str:
+    """With what a person has to say of it, as a TOML string."""
+    return msgspec.json.encode(f"{source}; {note}" if note else source).decode()
+
+
+def now() -> str:
     return f"{datetime.now():%Y-%m-%d %H:%M}"  # noqa: DTZ005  (a person's local time)

@@ -139,7 +139,7 @@ class Weighing:
 
 
 def calibrate_force(
-    config: TrialConfig, finger: str, up_to_n: float, operator: Operator, say: Say
+    config: TrialConfig, finger: str, up_to_n: float, operator: Operator, say: Say, note: str = ""
 ) -> str:
     """Counts of a fingertip under weights; nothing is moved. The file that says what came of it;
     raises UsageError for data that do not support it."""
@@ -149,12 +149,12 @@ def calibrate_force(
         question = f"Load fingertip {finger} anew, by a weight or a scale, and type its reading"
         while weighing.ask(f"{question} {UNIT}; Enter alone: no more") or weighing.railed:
             weighing.railed = False
-        return force_file(finger, weighing.fit())
+        return force_file(finger, weighing.fit(), note)
 
 
 def press_force(
     config: TrialConfig, permit: MotionPermit | None, finger: str, up_to_n: float,
-    operator: Operator, say: Say,
+    operator: Operator, say: Say, note: str = "",
 ) -> str:  # fmt: skip
     """As ``calibrate_force``, the finger pressing on a scale by steps of one count, several times
     over."""
@@ -177,7 +177,7 @@ def press_force(
             weighing.railed = False
             _press_by_counts(presser, near, weighing)
         presser.to(0)
-        return force_file(finger, weighing.fit())
+        return force_file(finger, weighing.fit(), note)
 
 
 def _press_by_counts(presser: Presser, near: int, weighing: Weighing) -> None:
@@ -219,6 +219,7 @@ def _near(
 def calibrate_hand(
     config: TrialConfig, permit: MotionPermit | None, finger: str, bytes_: Sequence[int],
     presses: int, up_to_n: float, places: Sequence[int], operator: Operator, say: Say,
+    note: str = "",
 ) -> str:  # fmt: skip
     """What bytes press with on a scale, and how far a count goes by a ruler; the file that says
     what came of it. Raises UsageError for data that do not support it, and before anything moves
@@ -234,7 +235,7 @@ def calibrate_hand(
             say(f"byte {byte}: {known[-1].mean_n:.2f} N, 95 % below {known[-1].bound_n:.2f} N")
         travel = _travel(presser, places, operator) if places else None
         presser.to(0)
-    return hand_file(finger, known, law_of(known), travel, check_current(seen), reasons)
+    return hand_file(finger, known, law_of(known), travel, check_current(seen), reasons, note)
 
 
 def pressed(

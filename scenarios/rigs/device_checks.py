@@ -28,6 +28,7 @@ APART_S = 0.1  # between two looks at the gripper
 LISTEN = 100  # frames of the fingertips, after those that the rest is taken from
 LISTEN_S = 5.0  # for which a board may take to send them
 MOST_LOST = 0.2  # share of ticks without a frame; assumed: a run is stale after five in a row
+ASSUMED = "counts a newton and rule are assumed, not measured on these fingertips"
 STRANGE = "this is not what such a device says: is it another one, or its cable?"
 
 
@@ -52,7 +53,10 @@ def _calibration(config: GraspRigConfig) -> Check:
 
 def _guard(config: GraspRigConfig, would_run: Callable[[Any], object]) -> Check:
     would_run(config)
-    return Check("force guard", "ok", "the limits can be kept with this hand and these settings")
+    source = getattr(config, "source", None)  # of a trial's settings
+    told = [] if source is None else source.in_words() or [ASSUMED]
+    kept = "the limits can be kept with this hand and these settings"
+    return Check("force guard", "ok", "; ".join([kept, *told]))
 
 
 def _cell(config: GraspRigConfig) -> Check:

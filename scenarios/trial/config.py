@@ -50,11 +50,26 @@ OWN = "own"  # of code of one's own
 # What no result depends on: where devices are, names of settings that are resolved here, what only
 # people read, and how the machine is asked to be quick. Without wires, nor how they are used; on
 # hardware, no model.
-UNHASHED = ("profile", "files", "usb", "realtime")
+UNHASHED = ("profile", "files", "source", "usb", "realtime")
 NAMES = {"gripper": ("calibration",), "calibration": ("name",), "object": ("description",)}
 ADDRESSES = {"modbus": ("host", "port", "unit", "serial_port", "slave"), "ur": ("host",)}
 # Of devices and scene; `contact` is none of these: it says how hard a tap shall be.
 MODELS = ("board", "arm_model", "fingertip", "hand", "variation", "pull", "damage", "world")
+
+
+class SourceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How figures of one's own were come by, and when: of the hand, `calibration.source` says it.
+    Nothing reads it but people."""
+
+    counts_per_newton: Annotated[
+        str, Meta(description="of guard.counts_per_newton, as `grasp calibrate force` writes it")
+    ] = ""
+    rule: Annotated[str, Meta(description="of rule, as `grasp calibrate noise` writes it")] = ""
+
+    def in_words(self) -> list[str]:
+        """A line for each that is known."""
+        told = {"counts a newton": self.counts_per_newton, "rule on slip": self.rule}
+        return [f"{what} by: {source}" for what, source in told.items() if source]
 
 
 class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -69,6 +84,7 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     detector_name: str
     controller: ControllerSettings = ControllerSettings()
     guard: GuardSettings = GuardSettings()
+    source: SourceSettings = SourceSettings()
     doubt: DoubtSettings = DoubtSettings()
     slip: SlipSettings = SlipSettings()
     rule: RuleSettings = RuleSettings()

@@ -2,12 +2,15 @@
 
 import tomllib
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
+import msgspec
 import pytest
 
 from drivers.errors import UsageError
+from scenarios.campaign.config import load_config
 from scenarios.lab import sessions
 from scenarios.lab.fit import Line, Point, check_current, law_of, of_byte
 from scenarios.lab.scale import Presser, force_file, hand_file, newtons, reading
@@ -190,3 +193,18 @@ MM = SimpleNamespace(slope=0.08, interval=(0.08, 0.08), worst=0.0, points=5)
 def test_calibration_that_no_run_would_take_is_not_written(make: Callable[[], str]) -> None:
     with pytest.raises(UsageError, match="no hand is like that"):
         make()
+
+
+def test_force_file_once_loaded_says_how_its_counts_were_come_by_and_when(tmp_path: Path) -> None:
+    out = tmp_path / "force.toml"
+    line = Line(201.8, (200.3, 203.3), 0.04, 0.64, 2.63, 15, 3)
+    out.write_text(force_file("A", line, note='the "new" pads'))
+    loaded = load_config("can", "simulated", "energy", [out])
+    assert loaded.guard.counts_per_newton == 201.8
+    (told,) = loaded.source.in_words()
+    assert told.startswith("counts a newton by: scale under finger A, 20")
+    assert '15 readings, 0.64 to 2.63 N, 200.3 to 203.3 (95 %); the "new" pads' in told
+    assumed = load_config("can", "simulated", "energy", [])
+    assert assumed.source.in_words() == []
+    replaced = msgspec.structs.replace(loaded, source=assumed.source)
+    assert replaced.digest() == loaded.digest()  # nothing but people reads it

@@ -142,6 +142,19 @@ def test_finger_steps_there_and_back(ready: Lab) -> None:
     assert refused.returncode == 2
 
 
+def test_what_will_move_is_said_before_it_moves(ready: Lab) -> None:
+    ready.done("gripper", "open")
+    stepped = ready.grasp("gripper", "step", "--finger", "B", "--mm", "2", *CONFIRMED)
+    assert stepped.returncode == 0
+    assert "will move fingers from (6, 6, 6) to (6, 8, 6) counts at 22 mm/s" in stepped.stderr
+    opened = ready.grasp("gripper", "open", *CONFIRMED)
+    assert "will move fingers from (6, 8, 6) to (0, 0, 0) counts at 22 mm/s" in opened.stderr
+    moved = ready.grasp("arm", "step", "--z", "1", *CONFIRMED)
+    assert "will move the arm at" in moved.stderr
+    assert "z +1 mm at 10 mm/s in a straight line" in moved.stderr
+    ready.done("arm", "step", "--z", "-1")
+
+
 def test_thumb_never_bears_what_two_fingers_press(ready: Lab) -> None:
     """B and C push the can against the open thumb, unless they stand where they feel it."""
     ready.done("gripper", "open")
