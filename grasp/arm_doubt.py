@@ -25,6 +25,7 @@ class ArmDoubt:
         self._stood_m: Vector3 | None = None  # where it said first that it does
         self._stop_m: Vector3 = NOWHERE  # where it was told to stop, and its way from there
         self._room_m = 0.0
+        self._stop_left = False  # it was not on its way any more
 
     def told(self, command: MoveArm | StopArm, arm: ArmState) -> None:
         """A command goes out while the arm is like this."""
@@ -32,6 +33,7 @@ class ArmDoubt:
             if not self._stopping:
                 self._anchor = (arm.t_ns, arm.position_m)
                 self._stop_m, self._room_m = arm.position_m, self._brakes_m(command, arm)
+                self._stop_left = False
             self._way.stop(arm, self._fastest_mps(arm), command.deceleration_mps2)
             self._command, self._stopping = None, True
             self._spare_s = self._ramp_s(command.deceleration_mps2)
@@ -79,6 +81,9 @@ class ArmDoubt:
             return ""
         if pending and not self._started:
             self._anchor = (arm.t_ns, arm.position_m)
+        if self._stopping and pending and not self._stop_left:  # it cannot know of it yet
+            self._stop_m = arm.position_m
+        self._stop_left = self._stop_left or not pending
         strayed = self._strayed(arm, pending)
         return (
             self._jumped(before, arm) or strayed or self._went_on(arm) or self._froze(arm, pending)

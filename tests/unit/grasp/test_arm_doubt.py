@@ -307,6 +307,24 @@ def test_arm_that_obeys_no_stop_is_doubted_though_it_stays_on_its_way() -> None:
     assert (told_to_stop(0.0259), told_to_stop(0.0261)) == ("", "arm_goes_on")
 
 
+def test_an_arm_may_go_on_while_the_stop_is_on_its_way_to_it_and_no_longer() -> None:
+    def gone(m: float) -> str:
+        doubt = ArmDoubt(DoubtSettings(arm_start_s=0.2, arm_there_m=0.001))
+        doubt.see(at(0.0, 0.0), False)
+        x, y, z = arm(0).position_m
+        doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+        seen = [
+            msgspec.structs.replace(at(t_s, height_m, speed_mps=0.1), moving=True)
+            for t_s, height_m in ((1.0, 0.05), (1.5, 0.1), (1.51, 0.1), (1.6, 0.1 + m))
+        ]
+        doubt.see(seen[0], False)
+        doubt.told(StopArm(1.0), seen[0])
+        said = [doubt.see(state, n == 0) for n, state in enumerate(seen[1:])]
+        return "".join(said).partition(":")[0]
+
+    assert (gone(0.0259), gone(0.0261)) == ("", "arm_goes_on")
+
+
 def test_arm_that_was_stopped_and_says_that_it_moves_does_not_keep_its_place() -> None:
     """As one whose values have frozen while it slowed down: nobody would know when it stands."""
 
