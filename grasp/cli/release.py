@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from grasp.cli import exits
+from grasp.cli import dry, exits
 from grasp.cli.options import add_confirmation, add_settings, motion_permit
 from grasp.cli.output import json_line
 
@@ -26,6 +26,7 @@ def add_parser(verbs: Any) -> None:
         help="activate a hand that is not active, which opens and closes it fully: it must be "
         "empty, or what it holds supported",
     )  # fmt: skip
+    dry.add_dry_run(parser)
     add_confirmation(parser)
     add_settings(parser)
     parser.add_argument(
@@ -35,12 +36,13 @@ def add_parser(verbs: Any) -> None:
 
 
 def release(args: argparse.Namespace) -> int:
-
     from scenarios.campaign.config import load_for_devices
     from scenarios.rigs.permission import HARDWARE, gripper_address
     from scenarios.rigs.release import other_devices, release_gripper
 
     config = load_for_devices("can", args.rig, args.config, args.set)
+    if args.dry_run:
+        return dry.release(config, args)
     permit = motion_permit(config, args)
     positions = release_gripper(config, config.controller.approach_speed_mps, permit, args.activate)
     real = config.rig == HARDWARE

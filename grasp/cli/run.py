@@ -5,7 +5,7 @@ import json
 from typing import Any
 
 from drivers.errors import UsageError
-from grasp.cli import exits, first
+from grasp.cli import dry, exits, first
 from grasp.cli.lab import tell_weak
 from grasp.cli.options import (
     OBJECT_HELP,
@@ -48,6 +48,7 @@ def _add_lift(scenarios: Any) -> None:
         "least force, with a question before each",
     )  # fmt: skip
     add_series_options(parser, "lift")
+    dry.add_dry_run(parser)
     _add_common(parser)
 
 
@@ -60,6 +61,7 @@ def _add_tap(scenarios: Any) -> None:
         "closing (along that axis; default: alternate)",
     )  # fmt: skip
     add_series_options(parser, "tap")
+    dry.add_dry_run(parser)
     parser.add_argument("--taps", metavar="N", help=argparse.SUPPRESS)  # told its new name
     _add_common(parser)
     parser.set_defaults(keep=False, first=False)
@@ -173,6 +175,8 @@ def run(args: argparse.Namespace) -> int:
     config = load_config(
         first.object_of(args), args.rig, args.detector, args.config, assignments, args.profile
     )
+    if args.dry_run:
+        return dry.run(config, args)
     permit = _permit(config, args)
     make_guard(config)  # a limit that cannot be kept is refused before anything is shown
     if args.first:

@@ -50,3 +50,11 @@ def test_refusal_without_confirmation_says_what_would_move(
     said = capsys.readouterr().err
     assert f"would {would}" in said
     assert "--confirm-motion" in said
+
+
+@pytest.mark.parametrize("words", ["run lift", "run tap", "release"])
+def test_dry_run_is_refused_on_a_rig_without_real_devices(
+    words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*words.split(), "--rig", "simulated", "--dry-run"]) == 2
+    assert "moves nothing real" in capsys.readouterr().err

@@ -142,6 +142,28 @@ def test_finger_steps_there_and_back(ready: Lab) -> None:
     assert refused.returncode == 2
 
 
+def test_dry_runs_of_lift_tap_and_release_ask_the_devices_and_move_nothing(ready: Lab) -> None:
+    before = ready.places, ready.height_m
+    hardware = ("--rig", "hardware", "--dry-run")
+    lift = ready.grasp("run", "lift", "--first", *hardware)
+    assert lift.returncode == 0, lift.stderr
+    assert "would lift the arm by 200 mm at 50 mm/s" in lift.stdout
+    assert "no finger told more than 10 N" in lift.stdout
+    assert lift.stdout.endswith("would start\n")
+    tap = ready.grasp("run", "tap", *hardware)
+    assert tap.returncode == 0, tap.stderr
+    assert "would ask for the object to be tapped" in tap.stdout
+    opened = ready.grasp("release", *hardware)
+    assert opened.returncode == 0, opened.stderr
+    assert "would open the fingers of the gripper at" in opened.stdout
+    weak = ready.grasp("run", "lift", *hardware, "--set", "guard.force_limit_n=9")
+    assert weak.returncode == 2
+    nobody = ready.grasp("run", "lift", *hardware, "--set", "modbus.port=9")
+    assert nobody.returncode == 3
+    assert nobody.stdout.endswith("would not start\n")
+    assert (ready.places, ready.height_m) == before
+
+
 def test_what_will_move_is_said_before_it_moves(ready: Lab) -> None:
     ready.done("gripper", "open")
     stepped = ready.grasp("gripper", "step", "--finger", "B", "--mm", "2", *CONFIRMED)

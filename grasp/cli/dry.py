@@ -1,0 +1,117 @@
+"""`--dry-run` of `grasp run lift`, `grasp run tap` and `grasp release` on real devices: what would
+move, how fast, how hard, what would be asked. Reads and moves nothing."""
+
+import argparse
+from typing import Any
+
+from drivers.errors import UsageError
+from grasp.cli import exits
+from grasp.cli.output import json_line
+
+
+def add_dry_run(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--dry-run", action="store_true",
+        help="on real devices: ask them, say what would move, and move nothing",
+    )  # fmt: skip
+
+
+def run(config: Any, args: argparse.Namespace) -> int:
+    """Exits 0 only where that run would start. Raises UsageError on a rig without real devices."""
+    from scenarios.lab.first import gently
+    from scenarios.rigs.device_checks import ask_devices
+    from scenarios.rigs.permission import check_devices
+    from scenarios.trial.execution import make_guard
+
+    _of_devices(config)
+    if args.resume or args.out is not None:
+        remedy = "leave --out and --resume out: a dry run opens no file"
+        raise UsageError("--dry-run looks at devices and settings alone", remedy)
+    check_devices(config)
+    if args.first:
+        config = gently(config)
+    make_guard(config)  # raises where a limit cannot be kept
+    config.make_detector(3)
+    checks = ask_devices(config, make_guard)
+    against = [check for check in checks if check.status == "fail"]
+    would = _plan(config, args)
+    code = exits.DEVICE if against else exits.SUCCESS
+    if args.json:
+        told = {"would": would, "checks": [check._asdict() for check in checks]}
+        print(json_line({**told, "exit_code": code}))
+        return code
+    print("\n".join(f"would {line}" for line in would))
+    for check in checks:
+        if check.status != "ok":
+            exits.report_line(f"{check.name}: {check.detail} ({check.remedy})")
+    print("would not start" if against else "would start")
+    return code
+
+
+def _plan(config: Any, args: argparse.Namespace) -> list[str]:
+    """What moves and what is asked, in turn."""
+    from scenarios.rigs.rig import calibration
+
+    controller, guard, known = config.controller, config.guard, calibration(config)
+    closing_mmps = max(controller.closing_speed_mps, known.least_speed_mps) * 1e3
+    plan = [
+        "activate the hand if it is open and not active: all fingers open and close fully",
+        f"ask for {config.object.name} to be put between the fingers",
+        f"close the fingers, to {config.object.grip_counts} counts and on, at up to "
+        f"{closing_mmps:.0f} mm/s, no finger told more than {guard.force_limit_n:g} N (byte 0 of "
+        f"this hand: {known.least_force_n:g} N)",
+    ]
+    if args.first:
+        plan.insert(1, "close them in free air to where they would grasp, and open them again")
+    if args.scenario == "lift":
+        plan.append(
+            f"lift the arm by {controller.lift_height_m * 1e3:.0f} mm at "
+            f"{controller.lift_speed_mps * 1e3:.0f} mm/s, and stop it where the object slips"
+        )
+        plan.append(
+            "keep holding it" if controller.keep
+            else f"lower the arm at {controller.lower_speed_mps * 1e3:.0f} mm/s, open the fingers, "
+            f"and lift the arm by {controller.retreat_m * 1e3:.0f} mm"
+        )  # fmt: skip
+        plan.append("ask how far the object's mark slipped, mm")
+    else:
+        plan.append("ask for the object to be tapped, and how far its mark moved; the arm stands")
+        plan.append("open the fingers")
+    if (args.trials or 1) > 1:
+        plan.append(f"do so {args.trials} times")
+    return plan
+
+
+def release(config: Any, args: argparse.Namespace) -> int:
+    """Exits 0 only where the fingers would be opened."""
+    from scenarios.rigs.device_checks import read_gripper
+    from scenarios.rigs.permission import gripper_address
+    from scenarios.rigs.rig import calibration
+
+    _of_devices(config)
+    calibration(config)
+    where = gripper_address(config)
+    if config.devices.gripper:
+        raise UsageError(f"{where} is of another package", "look at it by that")
+    _, now = read_gripper(config)
+    at = tuple(finger.position for finger in now.fingers)
+    speed_mmps = config.controller.approach_speed_mps * 1e3
+    would = f"open the fingers of the gripper at {where} from {at} counts at {speed_mmps:.0f} mm/s"
+    code = exits.SUCCESS
+    if not now.active and args.activate:
+        would = f"activate the gripper at {where}: all fingers open and close fully, then open"
+    elif not now.active:
+        would, code = "refuse: the hand is not active (--activate)", exits.SAFETY_STOP
+    if args.json:
+        print(json_line({"would": would, "exit_code": code}))
+    else:
+        print(f"would {would}")
+    return code
+
+
+def _of_devices(config: Any) -> None:
+    from scenarios.rigs.permission import HARDWARE
+
+    if config.rig != HARDWARE:
+        told = f"rig {config.rig} moves nothing real"
+        raise UsageError(f"--dry-run is for a lab's own devices: {told}", "leave it out")
