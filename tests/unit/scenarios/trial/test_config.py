@@ -19,6 +19,7 @@ COVERED = {
 WITHOUT_ADDRESSES = {"modbus": "timeout_s", "ur": "tcp_offset"}  # and a key that is covered
 LEFT_OUT = {
     "profile",
+    "source",
     "devices",  # but their names, of which the defaults have none
     "usb",
     "realtime",
