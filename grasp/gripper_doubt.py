@@ -5,6 +5,7 @@ from itertools import compress
 from drivers.interfaces import FINGER_NAMES, FINGERS, Detection, FingerState, GripperState
 from grasp.doubt_settings import DoubtSettings
 
+LOOKS = 5  # without an answer, however long each took: one may be under way for two
 TOUCHING = (Detection.CONTACT_CLOSING, Detection.CONTACT_OPENING)  # it stands since
 
 
@@ -15,20 +16,23 @@ class GripperDoubt:
         self._settings = settings
         self._before: GripperState | None = None
         self._fresh_ns = 0
+        self._unanswered = 0  # looks since
         self._moved_ns = [0] * FINGERS  # since when each finger reports motion without moving
         self._under_way = [False] * FINGERS  # it has moved since it was told to
         self._touched_at: list[int | None] = [None] * FINGERS  # where it first reported contact
 
     def begin_anew(self, state: GripperState) -> None:
         """How long it has been silent, or stood, was not seen: that counts from now."""
-        self._fresh_ns = state.t_ns
+        self._fresh_ns, self._unanswered = state.t_ns, 0
         self._moved_ns = [state.t_ns] * FINGERS
 
     def see(self, state: GripperState) -> str:
         """What is wrong with it."""
         before, self._before = self._before or state, state
         if state.fresh or before is state:
-            self._fresh_ns = state.t_ns
+            self._fresh_ns, self._unanswered = state.t_ns, 0
+        else:
+            self._unanswered += 1
         for i, (was, now) in enumerate(zip(before.fingers, state.fingers, strict=True)):
             moving = state.fresh and now.detection is Detection.MOVING
             if not moving or was.position_counts != now.position_counts:
@@ -80,7 +84,7 @@ class GripperDoubt:
     def _idle(self, state: GripperState) -> str:
         s = self._settings
         silent_s = (state.t_ns - self._fresh_ns) * 1e-9
-        if silent_s > s.echo_s:
+        if silent_s > s.echo_s and self._unanswered >= LOOKS:
             return f"gripper_silent: {silent_s:.2f} s without an answer to a command"
         standing = [state.t_ns - since_ns for since_ns in self._moved_ns]
         if not any(standing):  # most often

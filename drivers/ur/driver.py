@@ -64,6 +64,11 @@ class ArmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         float,
         Meta(gt=0.0, le=0.01, description="m from the target at which a move is over; assumed"),
     ] = 0.0005
+    arrived_below_mps: Annotated[
+        float,
+        Meta(gt=0.0, le=0.05, description="m/s below which it is, whether or not the controller's "
+             "sample calls that motion; no less than ur.standing_below_mps"),
+    ] = 0.001  # fmt: skip
 
     def __post_init__(self) -> None:
         if self.payload_kg > self.max_payload_kg:
@@ -226,11 +231,17 @@ class ArmDriver:
 
     def _moving(self, sample: ArmSample) -> bool:
         """True from the command of a move on, although the controller starts it a cycle later."""
-        if self._target_m is not None and not sample.moving:
-            away_m = math.dist(sample.position_m, self._target_m)
-            if away_m <= self._settings.arrived_within_m or sample.protective_stop:
-                self._target_m = None
+        target_m, stands = self._target_m, not sample.moving
+        if target_m and stands and (sample.protective_stop or self._arrived(sample, target_m)):
+            self._target_m = None
         return sample.moving or self._target_m is not None
+
+    def _arrived(self, sample: ArmSample, target_m: Vector3) -> bool:
+        """By its place and its speed: half a millimetre before its target an arm still brakes."""
+        s = self._settings
+        away_m = math.dist(sample.position_m, target_m)
+        speed_mps = math.hypot(*sample.velocity_mps)
+        return away_m <= s.arrived_within_m and speed_mps <= s.arrived_below_mps
 
     def _check(self, now_ns: int, sample: ArmSample) -> None:
         if now_ns - self._fresh_ns > self._stale_ns:

@@ -70,6 +70,7 @@ MOST: list[tuple[str, tuple[Any, Any], Callable[[Any, Any], bool], float]] = [
      ), 1e-3),
     ("ArmSettings.stale_after_s", (0.05, 0.2), on_driver.trusted, 1e-3),
     ("ArmSettings.arrived_within_m", (0.0005, 0.002), on_driver.arrived, 1e-5),
+    ("ArmSettings.arrived_below_mps", (0.001, 0.005), on_driver.arrived_at_speed, 1e-5),
     ("DriverSettings.status_old_s", (0.05, 0.3), on_driver.frozen_believed, 0.002),
     ("DriverSettings.leap_counts", (8, 30),
      lambda v, x: on_driver.leap_believed(x, 0.01, leap_counts=v, fastest_counts_ps=50.0), 1),

@@ -133,7 +133,8 @@ def _of_hand(end: Ended) -> dict[str, bool]:
         "it holds nothing": here and "closed as it was" in said and "partly" not in said
         and end.pressed_n <= TOUCH_N,
         "the fingers move": alone and moves,
-        "it let go": alone and gripped(end) and end.pressed_n <= TOUCH_N,
+        "it let go": alone and gripped(end) and end.pressed_n <= TOUCH_N
+        and end.phase not in OPENS,
         "the fingers stand": here and "still moving, " in said and not moves,
         "the hand was heard": "cannot be told anything" in said and not lies,
         "the hand refuses nothing": "refuses every motion" in said and not lies,

@@ -116,6 +116,16 @@ def arrived(v: float, away_m: float) -> bool:
     return not driver.state.moving
 
 
+def arrived_at_speed(v: float, speed_mps: float) -> bool:
+    driver, link = arm_driver(arrived_below_mps=v)
+    driver.move_to((0.0, 0.0, 0.1), 0.1, 0.5)
+    link.sample = msgspec.structs.replace(
+        link.sample, t_ns=1, position_m=(0.0, 0.0, 0.1), velocity_mps=(0.0, 0.0, speed_mps)
+    )
+    driver.pump(MS)
+    return not driver.state.moving
+
+
 # Fingertips
 
 

@@ -13,7 +13,7 @@ from grasp.commands import MoveArm
 from grasp.doubt import Doubts, wrong_probabilities
 from grasp.doubt_settings import DoubtSettings
 from grasp.fingertip_doubt import FingertipDoubt
-from grasp.gripper_doubt import GripperDoubt
+from grasp.gripper_doubt import LOOKS, GripperDoubt
 from grasp.phases import CONTACT_PHASES, SAFE_PHASES, Phase
 from tests.unit.grasp.builders import arm, gripper
 
@@ -268,8 +268,9 @@ def test_after_a_standstill_of_the_loop_no_device_is_blamed_for_the_time_that_no
     assert slept == "loop_stood_still: for 9.990 s nobody was in control"
     assert doubts.of(Phase.FAULT, sees[2], unheard[2], rising[2]) == ""
     later_ns = 10**10 + round(max(s.echo_s, s.arm_start_s, s.arm_frozen_s) * 1e9) + 10**9
-    hand = gripper(later_ns, detections=MOVING, fresh=False)
-    blamed = doubts.of(Phase.FAULT, sees[0], hand, arm(later_ns, moving=True))
+    for t_ns in range(later_ns, later_ns + LOOKS * TICK, TICK):
+        hand = gripper(t_ns, detections=MOVING, fresh=False)
+        blamed = doubts.of(Phase.FAULT, sees[0], hand, arm(t_ns, moving=True))
     assert "arm_frozen" in blamed and "gripper_silent" in blamed
 
 
@@ -313,9 +314,17 @@ def doubted(states: list[GripperState], **settings: Any) -> str:
 @pytest.mark.parametrize("value", [0.1, 0.5])
 def test_echo_s(value: float) -> None:
     def after(s: float) -> str:
-        return doubted([gripper(0), gripper(round(s * 1e9), fresh=False)], echo_s=value)
+        looks = [round(i * s / LOOKS * 1e9) for i in range(1, LOOKS + 1)]
+        return doubted([gripper(0), *(gripper(ns, fresh=False) for ns in looks)], echo_s=value)
 
     assert (after(value - 1e-6), after(value + 1e-6)) == ("", "gripper_silent")
+
+
+def test_hand_is_not_silent_because_the_loop_is_slow() -> None:
+    """Few looks, each a long step after the last, say nothing of a hand that needs two of them."""
+    slow = [gripper(i * 120_000_000, fresh=i == 0) for i in range(LOOKS + 1)]
+    assert doubted(slow[:LOOKS]) == ""
+    assert doubted(slow) == "gripper_silent"
 
 
 MOVING = (Detection.MOVING, Detection.AT_TARGET, Detection.AT_TARGET)

@@ -208,7 +208,7 @@ def test_defaults_are_the_limits_that_every_result_was_found_within() -> None:
         "workspace_low_m": (-0.05, -0.05, -0.01), "workspace_high_m": (0.05, 0.05, 0.5),
         "max_spin_radps": 1.5, "max_turn_rad": 1.6, "drive_timeout_s": 0.1, "max_jump_m": 0.5,
         "payload_kg": 2.6, "max_payload_kg": 10.0, "stale_after_s": 0.05,
-        "arrived_within_m": 0.0005,
+        "arrived_within_m": 0.0005, "arrived_below_mps": 0.001,
     }  # fmt: skip
 
 
