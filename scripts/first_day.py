@@ -21,7 +21,8 @@ From an empty folder to a first lift, as it was typed and shown at terminals: pl
 on hardware.** What each step is for: [on a lab's own devices](hardware.md).
 
 In a terminal of its own: `grasp emulate --host 127.0.0.2 --gripper-port 5020 --object foam`. There
-a person types what they do to the object (`take`, `place`, `home`) and reads the scale (`scale`).
+a person types what they do to the object (`take`, `place`, `home`) or to a pad (`press A 2`), and
+reads the scale (`scale`).
 """
 
 

@@ -22,10 +22,11 @@ from scenarios.tap.mallet import Swing, swing
 DIRECTIONS = ("top", "side", "closing")
 KNOWN = (
     f"place | take | home | look | scale | tap [{'|'.join(DIRECTIONS)}] | "
-    "fault NAME [SETTING=VALUE ...]"
+    "press FINGER TAXEL [NEWTONS] | fault NAME [SETTING=VALUE ...]"
 )
 STDIN = 0
 POLL_S = 0.05
+PRESS_S = 1.0  # of a pad
 
 
 class Words:
@@ -70,6 +71,8 @@ class Words:
             reply = cell.obey({"verb": "home"})
         if "error" in reply:
             return str(reply["error"])
+        if words[0] == "press":
+            time.sleep(PRESS_S)  # done is who has let go
         if words[0] == "scale":
             return scale(reply["truth"])
         return look(reply["truth"]) if words[0] == "look" else "done"
@@ -84,6 +87,11 @@ class Words:
             if isinstance(found, ConfigError):
                 raise ValueError(str(found))
             return {"verb": verb, **msgspec.to_builtins(found.blow)}
+        if verb == "press" and len(rest) in (2, 3):
+            finger, taxel, *newtons = rest
+            force = {"newtons": _value(newtons[0])} if newtons else {}
+            return {"verb": verb, "finger": finger.upper(), "taxel": _value(taxel), **force,
+                    "seconds": PRESS_S}  # fmt: skip
         if verb in ("look", "scale") and not rest:
             return {"verb": "truth"}
         if verb in ("place", "take", "home") and not rest:

@@ -32,7 +32,7 @@ from scenarios.rigs.cell_faults import CellFaults
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig, part
 from scenarios.rigs.world_of_seed import any_cell, cell_settings
 from scenarios.world.blow import Blow
-from scenarios.world.cell import SimulatedCell
+from scenarios.world.cell import PadPress, SimulatedCell
 
 STALL_NS = 50_000_000
 ADDRESS_TRIES = 50
@@ -231,6 +231,10 @@ class EmulatedCell:
             cell.tap(msgspec.convert(request, Blow))
             return {}
 
+        def press(request: Request) -> Request:
+            cell.press(msgspec.convert(request, PadPress))
+            return {}
+
         def home(request: Request) -> Request:
             now_ns = time.monotonic_ns()
             away_m = math.dist(cell.arm.position(now_ns), self._home_m)
@@ -247,7 +251,9 @@ class EmulatedCell:
             self._placed = True
             return {}
 
-        return {"load": load, "place": place, "take": take, "tap": tap, "home": home}
+        return {
+            "load": load, "place": place, "take": take, "tap": tap, "press": press, "home": home,
+        }  # fmt: skip
 
     def _fault(self, request: Request) -> Request:
         self.faults.order(request, time.monotonic_ns())

@@ -7,11 +7,13 @@ gripper model and contact law exchange forces, every millisecond, with finer ste
 import math
 from collections.abc import Callable
 from functools import partial
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 
-from drivers.interfaces import Vector3
+from drivers.interfaces import FINGER_NAMES, Vector3
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
@@ -46,6 +48,15 @@ class CellSettings(msgspec.Struct, frozen=True, kw_only=True):
 
 
 NOTHING_N = 1e-6  # less than this is what rounding leaves of a contact
+
+
+class PadPress(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A person's finger on one pad of an open hand, who wants to know which taxel answers."""
+
+    finger: Literal["A", "B", "C"]
+    taxel: Annotated[int, Meta(ge=0)]
+    newtons: Annotated[float, Meta(gt=0.0, le=50.0)] = 2.0
+    seconds: Annotated[float, Meta(gt=0.0, le=60.0)] = 1.0
 
 
 class Truth(msgspec.Struct, frozen=True):
@@ -122,6 +133,11 @@ class SimulatedCell:
     def push(self, down_n: float) -> None:
         """A hand presses the object down from now on (up, below zero), until told otherwise."""
         self.contact.push(down_n, (self._now_ns - self._start_ns) * 1e-9)
+
+    def press(self, by: PadPress) -> None:
+        """A person presses a pad from now on."""
+        until_s = (self._now_ns - self._start_ns) * 1e-9 + by.seconds
+        self.fingertips.press(FINGER_NAMES.index(by.finger), by.taxel, by.newtons, until_s)
 
     def advance(self, now_ns: int) -> None:
         """Advance everything to now_ns."""

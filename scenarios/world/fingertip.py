@@ -157,6 +157,8 @@ class Fingertips:
         self._centre = np.zeros((n, 2))
         self.slid = np.zeros((n, 3))  # sum of sliding, mm, mm and rad, where the load is
         self._noise = np.zeros((n, len(self._taxels)))
+        self._pressed = np.zeros_like(self.rest)  # counts
+        self._pressed_until_s = 0.0
         # columns of the state, as it stands
         self._stiffness = self._states[:, bed.STIFFNESS]
         self._pull = self._states[:, bed.PULL_X : bed.PULL_Y + 1]
@@ -207,13 +209,26 @@ class Fingertips:
         self._t_s, self._totals, self._motion = t_s, totals, motion
         self._turn[:], self._centre[:] = turn_rad, centre_mm
 
+    def press(self, pad: int, taxel: int, load_n: float, until_s: float) -> None:
+        """A person's finger on the rubber over one taxel, until then or until the next press. Only
+        the barometers feel it, as a point load: object and hand do not. Raises ValueError for a
+        taxel that there is not."""
+        if taxel >= len(self._taxels):
+            raise ValueError(f"taxel {taxel}: from 0 to {len(self._taxels) - 1}")
+        under = kernel(self._settings.depth_mm)
+        far = ((self._taxels - self._taxels[taxel]) ** 2).sum(axis=1) / under.normal_width_mm**2
+        self._pressed[:] = 0
+        self._pressed[pad] = np.rint(load_n * under.normal_peak * np.exp(-0.5 * far))
+        self._pressed_until_s = until_s
+
     def codes(self) -> tuple[Codes, Codes]:
         """Pressure and temperature codes (F, taxels) as of the last ``advance``."""
         s = self._settings
+        rest = self.rest - self._pressed if self._t_s < self._pressed_until_s else self.rest
         pressure = np.empty(self.rest.shape, np.int16)
         warming = s.warming_k * -math.expm1(-self._t_s / s.warming_s)
         bed.read(
-            self._parameters, self._states, self._springs, self._at, self._taxels, self.rest,
+            self._parameters, self._states, self._springs, self._at, self._taxels, rest,
             PRESSURE_COUNTS_PER_K * warming, s.noise_counts, self._noise,
             CODE_MAX, FOLD if s.fold_above_512 else CODE_MAX, pressure,
         )  # fmt: skip

@@ -194,11 +194,14 @@ def anything(r: random.Random, deep: int = 0) -> object:
 
 
 def control(r: random.Random) -> list[bytes]:
-    keys = ("name", "seed", "at_s", "force_n", "grasp", "press", "direction", "momentum_ns")
+    keys = (
+        "name", "seed", "at_s", "force_n", "grasp", "press", "direction", "momentum_ns", "finger",
+        "taxel", "newtons", "seconds",
+    )  # fmt: skip
     lines = []
     for _ in range(r.choice((1, 10, 300))):
         verb = r.choice(
-            ("truth", "truth", "place", "home", "fault", "tap", "nonsense", anything(r))
+            ("truth", "truth", "place", "home", "fault", "tap", "press", "nonsense", anything(r))
         )
         lines.append({"verb": verb, **{r.choice(keys): anything(r) for _ in range(r.randrange(3))}})
     return pieces(r, rubble(r, _lines(lines)))

@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
+import msgspec
 import pytest
 
 from grasp.cli import emulate_words
@@ -29,6 +30,8 @@ class Cell:
         self.asked.append(request)
         if request["verb"] == "fault" and request["name"] == "dance":
             raise ValueError("unknown fault 'dance'")
+        if request["verb"] == "press":
+            msgspec.convert(request["taxel"], int)
         if request["verb"] == "home":
             return self.homeward.pop(0) if self.homeward else {"away_m": 0.0}
         return {"truth": TRUTH}
@@ -83,6 +86,21 @@ def test_scales_and_taking_the_object_away_are_words_too(
     assert answers[1].startswith("pressed with A 0.00 N, B 0.00 N, C ")
 
 
+def test_press_on_a_pad_is_done_once_it_is_let_go(
+    typed: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(emulate_words, "PRESS_S", 0.2)
+    start_s = time.monotonic()
+    cell, answers = said(typed, "press b 3\npress A 0 4.5\n", capsys)
+    assert time.monotonic() - start_s >= 2 * 0.2
+    pressed = {"verb": "press", "seconds": 0.2}
+    assert cell.asked == [
+        {**pressed, "finger": "B", "taxel": 3},
+        {**pressed, "finger": "A", "taxel": 0, "newtons": 4.5},
+    ]
+    assert answers == ["done", "done"]
+
+
 def test_rotation_in_the_hand_is_seen_where_there_is_any() -> None:
     assert look({**TRUTH, "turn_rad": -0.1}).endswith("5.0 mm from its mark, turned 5.7 deg")
     assert "turned" not in look(TRUTH)
@@ -91,12 +109,13 @@ def test_rotation_in_the_hand_is_seen_where_there_is_any() -> None:
 def test_what_is_not_known_is_told_with_what_is(
     typed: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lines = "dance\ntap below\nplace it\nfault dance\nplace\n"
+    lines = "dance\ntap below\nplace it\nfault dance\npress A pad\nplace\n"
     cell, answers = said(typed, lines, capsys)
     assert "'dance' is not known" in answers[0]
-    assert all("place | take | home | look | scale | tap" in answer for answer in answers[:4])
-    assert answers[4] == "done"
-    assert [request["verb"] for request in cell.asked] == ["fault", "place"]
+    assert "Expected `int`" in answers[4]
+    assert all("place | take | home | look | scale | tap" in answer for answer in answers[:5])
+    assert answers[5] == "done"
+    assert [request["verb"] for request in cell.asked] == ["fault", "press", "place"]
 
 
 def test_arm_that_is_stopped_on_its_way_home_does_not_end_the_listening(

@@ -56,6 +56,25 @@ def test_pressing_lowers_the_codes_from_rest() -> None:
     assert pressed.min() < -50
 
 
+def test_finger_on_one_taxel_is_felt_there_most_and_until_it_lets_go() -> None:
+    tips = make(SMOOTH, **QUIET)
+    tips.press(0, 2, 1.0, until_s=0.035)
+    pressed = move(tips, 0.01, 0.0)
+    assert pressed.argmin() == 2
+    assert pressed[2] == -round(fingertip.kernel(FingertipSettings().depth_mm).normal_peak)
+    assert (pressed[[1, 3]] < pressed[0]).all()  # its neighbours, more than the far end of the row
+    assert (move(tips, 0.03, 0.0) == pressed).all()
+    assert (move(tips, 0.04, 0.0) == 0).all()
+    tips.press(0, 5, 100.0, until_s=1.0)
+    move(tips, 0.05, 0.0)
+    assert tips.codes()[0][0, 5] == 0  # the end of the codes
+
+
+def test_taxel_that_there_is_not_cannot_be_pressed() -> None:
+    with pytest.raises(ValueError, match="taxel 6: from 0 to 5"):
+        make().press(0, 6, 1.0, until_s=1.0)
+
+
 def test_kernels_at_ten_millimetres_match_the_exact_layer_solution() -> None:
     # Exact Hankel solution for a patch of 4 mm: 4.32, 3.32, 1.56, 0.48 kPa/N at 0, 4, 8, 12 mm.
     k = fingertip.kernel(10.0)

@@ -19,8 +19,8 @@ HOST, PORT = "127.0.0.2", "5020"
 EMULATE = ("emulate", "--host", HOST, "--gripper-port", PORT, "--object", "foam")
 LAB = ("--config", "lab.toml")
 MOVES = (*LAB, "--confirm-motion")
-# a question, or the prompt of a word
-ASKED = re.compile(r"(>>> (?:[^\n]*(?:Enter|\?|type)[^\n]*)\n|Type (\w+): )")
+# a question, the prompt of a word, or what is done somewhere else than at the keyboard
+ASKED = re.compile(r"(>>> (?:[^\n]*(?:Enter|\?|type)[^\n]*)\n|Type (\w+): |press one pad [^\n]*\n)")
 ENDED = re.compile(r"\[exit code (\d+)\]")
 LONG_S = 600.0
 OWN_LIMIT = {"guard": {"force_limit_n": 11.0}, "controller": {"grip_force_n": 11.0}}
@@ -40,15 +40,17 @@ class Day:
         """What a person thinks or does, between the commands."""
         self.shown.append(f"\n{text}\n")
 
-    def run(self, *words: str, answer: Callable[[str], str] = lambda question: "",
+    def run(self, *words: str, answer: Callable[[str], str | None] = lambda question: "",
             code: int = 0) -> str:  # fmt: skip
-        """A command in its own terminal, each of its questions answered; what it showed."""
+        """A command in its own terminal, each of its questions answered (None: nothing is typed);
+        what it showed."""
         script = [*GRASP, *words]
         with Terminal(["/bin/bash", "-c", f"{shlex.join(script)}; echo \"[exit code $?]\""],
                       ENVIRONMENT, str(self.folder)) as program:  # fmt: skip
             both = re.compile(f"{ASKED.pattern}|{ENDED.pattern}")
             while (found := program.wait_for(both.pattern, LONG_S)).group(1):
-                program.type(answer(found.group(1)) + "\n")
+                if (typed := answer(found.group(1))) is not None:
+                    program.type(typed + "\n")
             ended, shown = int(found.group(3)), program.shown
         assert ended == code, shown
         self.shown.append(_as_text(words, shown))
@@ -114,6 +116,16 @@ def _looks(day: Day) -> None:
     day.run("doctor", "--rig", "hardware", *LAB, code=3)
     day.run("gripper", "status", *LAB)
     day.run("arm", "status", *LAB)
+    day.say("Which finger and taxel is which? Two pads are pressed while it looks (`press A 2`, "
+            "`press C 5`), and they are those that answer: `tactile.cells` is right for this "
+            "board.")  # fmt: skip
+
+    def presses(question: str) -> None:
+        for pad in ("A 2", "C 5"):
+            day.word(f"press {pad}")
+
+    shown = day.run("tactile", "identify", "--seconds", "6", *LAB, answer=presses)
+    assert re.findall(r"^finger (\w taxel \d)", shown, re.MULTILINE) == ["A taxel 2", "C taxel 5"]
     day.run("tactile", "watch", "--seconds", "3", *LAB)
     day.run("tactile", "rest", "--out", "rest.toml", *LAB)
 

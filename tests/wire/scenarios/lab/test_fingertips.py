@@ -1,7 +1,8 @@
-"""`grasp tactile watch` and `rest` at an emulated lab."""
+"""`grasp tactile watch`, `rest` and `identify` at an emulated lab."""
 
 import json
 import signal
+import time
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,14 +11,24 @@ from typing import Any
 import pytest
 
 from scenarios.campaign.config import load_config
+from scenarios.rigs.cell_control import ControlClient
 from tests.wire.scenarios.lab.terminal import grasp, started
 from tests.wire.scenarios.test_rigs import emulate, lab_file
+
+PADS = (("A", 0), ("C", 4))
 
 
 @pytest.fixture(scope="module")
 def endpoints() -> Iterator[dict[str, Any]]:
     with emulate() as found:
         yield found
+
+
+@pytest.fixture
+def cell(endpoints: dict[str, Any]) -> Iterator[ControlClient]:
+    client = ControlClient(endpoints["control"]["host"], endpoints["control"]["port"])
+    yield client
+    client.close()
 
 
 @pytest.fixture
@@ -64,6 +75,45 @@ def test_rest_is_a_file_that_settings_read_and_none_is_overwritten(
     again = grasp(*words)
     assert again.returncode == 2
     assert "is there already" in again.stderr
+
+
+def identified(lab: Path, cell: ControlClient, *words: str) -> tuple[int, str]:
+    """Pads pressed one after the other while `identify` watches, and what it showed."""
+    with started("tactile", "identify", "--seconds", "3", "--config", str(lab), *words) as run:
+        assert run.stderr is not None
+        assert run.stderr.readline().startswith("press one pad after the other")
+        for finger, taxel in PADS:
+            cell.ask("press", finger=finger, taxel=taxel, newtons=2.0, seconds=0.4)
+            time.sleep(0.6)
+        shown, _ = run.communicate(timeout=60)
+    return run.returncode, shown
+
+
+def test_pads_that_a_person_presses_are_told_by_finger_and_taxel(
+    lab: Path, cell: ControlClient
+) -> None:
+    code, shown = identified(lab, cell)
+    assert code == 0
+    assert [line for line in shown.splitlines() if not line.startswith("strongest")] == [
+        "finger A taxel 0 (row 0, column 0)", "finger C taxel 4 (row 2, column 4)",
+    ]  # fmt: skip
+
+
+def test_fingers_wired_otherwise_than_the_file_says_are_seen_and_mended_in_it(
+    lab: Path, cell: ControlClient
+) -> None:
+    a, b, c = ([[row, column] for column in range(6)] for row in range(3))
+    wrong = f"tactile.cells={json.dumps([c, b, a])}"
+    _, shown = identified(lab, cell, "--set", wrong)
+    assert shown.splitlines()[:2] == [
+        "finger C taxel 0 (row 0, column 0)", "finger A taxel 4 (row 2, column 4)",
+    ]  # fmt: skip
+
+
+def test_press_that_cannot_be_is_refused(cell: ControlClient) -> None:
+    for wrong in ({"finger": "D"}, {"taxel": 6}, {"taxel": -1}, {"newtons": 1e9}, {"seconds": 0}):
+        with pytest.raises(ValueError, match=r"finger|taxel|newtons|seconds"):
+            cell.ask("press", **{"finger": "A", "taxel": 0, **wrong})
 
 
 @pytest.mark.parametrize(
