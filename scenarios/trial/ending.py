@@ -162,7 +162,7 @@ def _stands(tick: Tick, asked: Issued | None, felt: str) -> str:
         return f"still moving, {felt}"
     if tick.gripper.is_open:
         return "open"
-    if not _grips(tick):
+    if not _grips(tick, felt):
         feels = "; what it feels is not known" if felt == UNKNOWN else ", and feels nothing"
         return f"partly closed, at {tick.gripper.positions} counts{feels}"
     obeys = tick.gripper.fresh and tick.gripper.active  # the status speaks of the last command
@@ -183,8 +183,10 @@ def _closed(tick: Tick, close: CloseFast) -> str:
     return f"closed to its last count, within the limit of {close.force_cap_n:g} N"
 
 
-def _grips(tick: Tick) -> bool:
-    return _touches(tick.gripper) or sum(tick.observation.felt_n) >= FELT_N
+def _grips(tick: Tick, felt: str) -> bool:
+    """What was felt last is not what a hand that moved since feels now."""
+    feels = felt != UNKNOWN and sum(tick.observation.felt_n) >= FELT_N
+    return feels or _touches(tick.gripper)
 
 
 def _touches(gripper: GripperState) -> bool:

@@ -22,6 +22,7 @@ GRIPPED_N = 7.0  # of a hand that is closed to the limit, though the object slip
 FELT_N = 1.0
 TOUCH_N = 0.05  # less is nothing
 OPENS = frozenset({Phase.RELEASE.value, Phase.RETREAT.value})  # on the table, and told to let go
+CLOSES = frozenset({Phase.GRASP.value, Phase.OPPOSE.value})  # it begins to touch, and holds nothing
 BLAMED = {
     "gripper": r"gripper|\bhand\b|\bfingers?\b|thumb",
     "arm": r"\barm\b|\barm_",
@@ -76,8 +77,9 @@ def gripped(end: Ended) -> bool:
 
 def loosened(end: Ended) -> str:
     """A hand that held something when the safe state began, in the air or on the table, and lets
-    go; one that was opening may go on, and a dropped object is found by another check."""
-    if not gripped(end) or end.phase in OPENS or dropped(end) or end.least_n is None:
+    go; one that was opening may go on, one that closes in pushes by one finger and may stop, and a
+    dropped object is found by another check."""
+    if not gripped(end) or end.phase in OPENS | CLOSES or dropped(end) or end.least_n is None:
         return ""
     return f"from {end.entered_n:.1f} N to none" if end.least_n <= TOUCH_N else ""
 

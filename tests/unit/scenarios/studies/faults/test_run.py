@@ -126,6 +126,10 @@ MENDED = [
         0, "cardboard", 2, Fault("gripper", "state", "gDTA", "missing"), Phase.RELAX,
         then=Fault("loop", "whole", "", "stands still 0.3 s"),
     ),
+    # steps of 0.12 s: the hand has not had the time to answer
+    Case(0, "can", 0, Fault("detector", "whole", "", "late"), Phase.APPROACH, 1, 11),
+    # what was felt last is not what the hand feels that has begun to open
+    Case(0, "box", 1, Fault("fingertips", "state", "finger B", "missing"), Phase.RELEASE),
 ]  # fmt: skip
 
 
@@ -218,6 +222,7 @@ WITHIN: list[dict[str, object]] = [
     {"let_go_m": 0.003}, {"slid_m": 0.015}, {"peak_n": 11.0}, {"least_n": 0.06},
     {"safe_mps": 0.1, "safe_way_m": 0.0199, "arm_s": 0.3}, {"hand_s": 3.05},
     {"height_m": 0.1, "later_pressed_n": 1.0, "slip_mps": 0.0009},
+    {"least_n": 0.0, "phase": "oppose"}, {"least_n": 0.0, "phase": "release"},
 ]  # fmt: skip
 
 
