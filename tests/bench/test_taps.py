@@ -54,7 +54,7 @@ def row(name: str, results: list[TapResult]) -> str:
 
 
 @pytest.mark.bench
-@pytest.mark.timeout(1800)
+@pytest.mark.timeout(3600)
 @pytest.mark.parametrize("detector", DETECTORS)
 def test_taps_with_a_detector(detector: str) -> None:
     print(f"\n{detector}; least, median, most\n\n| object | moved | success | slip lasts, ms | "

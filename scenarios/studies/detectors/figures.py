@@ -1,8 +1,9 @@
 """The speed-accuracy chart of the detectors. Needs the extra `charts`."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
@@ -17,6 +18,8 @@ MOST_SHOWN_MS = 300.0
 LEAST_SHOWN_PER_MIN = 0.1  # fewer are drawn there: zero has no place on a logarithmic axis
 COLOURS = ("#1f5f99", "#c2571a", "#3a7d44", "#7a4fa3", "#b00020", "#777777", "#a8862b", "#21a0a0")
 
+T = TypeVar("T")
+
 
 class DetectorCurve(msgspec.Struct, frozen=True):
     """One detector: its sheet and its frontier."""
@@ -30,10 +33,15 @@ def curve(sheet: Evaluation, points: Sequence[SweepPoint]) -> DetectorCurve:
     return DetectorCurve(sheet, frontier(points))
 
 
+def in_colour(every: Iterable[T]) -> Iterator[tuple[T, str]]:
+    """Each with its colour, which come again where there are more of them: none is left out."""
+    return zip(every, cycle(COLOURS), strict=False)
+
+
 def draw_detectors(curves: Mapping[str, DetectorCurve], out: Path) -> None:
     """False events against delay, accuracy against compute, into ``out``; numbers beside it."""
     figure, (speed, cost) = panels(2, (12, 5), (3, 2))
-    for (name, c), colour in zip(curves.items(), COLOURS, strict=False):
+    for (name, c), colour in in_colour(curves.items()):
         x = [max(p.false_per_min, LEAST_SHOWN_PER_MIN) for p in c.points]
         seen = any(p.delay_ms <= MOST_SHOWN_MS for p in c.points)
         label = name if seen else f"{name} (later than {MOST_SHOWN_MS:g} ms)"

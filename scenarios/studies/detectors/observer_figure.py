@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from scenarios.studies.detectors.figures import in_colour
 from scenarios.studies.detectors.observer import BLOW_TITLES, LIFT_TITLES, TIMES_S, Told
 from scenarios.studies.detectors.observer_study import Study
 
-COLOURS = ("#1f5f99", "#c2571a", "#3a7d44", "#7a4fa3", "#b00020", "#777777", "#a8862b")
 STYLES = (":", "--", "-")  # of the classes, rising
 
 
@@ -21,7 +21,7 @@ def draw_observer(found: Study, out: Path) -> None:
     plt.rcParams["svg.hashsalt"] = "grasp"
     figure, (blows, trade, lifts) = plt.subplots(1, 3, figsize=(13, 4.4), layout="constrained")
     _by_time(blows, found.blows, BLOW_TITLES[1:])
-    for name, colour in zip(found.detectors, COLOURS, strict=False):
+    for name, colour in in_colour(found.detectors):
         _line(blows, found.detectors[name], BLOW_TITLES[-1], colour, f"{name}, 2 mm or more")
     blows.set(
         xlabel="ms since the blow, whose time is known", ylabel="hits at 5 % of idle blows, %",
@@ -29,7 +29,7 @@ def draw_observer(found: Study, out: Path) -> None:
     )  # fmt: skip
     _trade(trade, found)
     _by_time(lifts, found.lifts, LIFT_TITLES[1:])
-    for name, colour in zip(found.detectors, COLOURS, strict=False):
+    for name, colour in in_colour(found.detectors):
         for title, style in zip(LIFT_TITLES[1:], STYLES, strict=True):
             own = [p for p in found.lift_points if (p.detector, p.title) == (name, title)]
             lifts.plot(
@@ -68,14 +68,15 @@ def _line(
 
 
 def _trade(panel: Any, found: Study) -> None:
-    for (name, curve), colour in zip(found.curves.items(), ("black", *COLOURS), strict=False):
+    colours = {"observer": "black"} | dict(in_colour(found.detectors))
+    for name, curve in found.curves.items():
         panel.plot(
-            [100 * idle for idle, _ in curve], [100 * hit for _, hit in curve], color=colour,
+            [100 * idle for idle, _ in curve], [100 * hit for _, hit in curve], color=colours[name],
             lw=1.8 if name == "observer" else 0.9, label=name,
         )  # fmt: skip
-    for name, colour in zip(found.detectors, COLOURS, strict=False):
+    for name in found.detectors:
         own = next(p for p in found.points if (p.detector, p.title) == (name, BLOW_TITLES[-1]))
-        panel.plot(100 * own.idle, 100 * own.hits, "o", color=colour, ms=6)
+        panel.plot(100 * own.idle, 100 * own.hits, "o", color=colours[name], ms=6)
     panel.set(
         xlabel="idle blows registered, %", ylabel="of those of 2 mm or more, within 100 ms, %",
         title="blows (points: by their own rule)", xlim=(0, 30),

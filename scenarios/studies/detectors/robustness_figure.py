@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from scenarios.studies.detectors.figures import in_colour
 from scenarios.studies.detectors.robustness import AMOUNTS, PAD, STIFFER, UNITS, WHOLE, Endured
 
-COLOURS = ("#1f5f99", "#c2571a", "#3a7d44", "#7a4fa3", "#b00020", "#777777", "#a8862b")
 FIGURES = (
     ("accuracy", "accuracy a sample, %", 100.0),
     ("delay_ms", "p90 delay, ms\n(600 and more: a miss)", 1.0),
@@ -32,7 +32,7 @@ def draw_robustness(found: Mapping[str, Sequence[Endured]], out: Path) -> None:
     )
     for row, (key, title, scale) in zip(panels, FIGURES, strict=True):
         row[0].set_ylabel(title, fontsize=8)
-        for (_, every), colour in zip(found.items(), COLOURS, strict=False):
+        for (_, every), colour in in_colour(found.items()):
             for panel, kind in zip(row, curves, strict=False):
                 at = {WHOLE.get(kind, 0.0): every[0]}
                 at |= {e.amount: e for e in every if e.kind == kind}
@@ -67,5 +67,5 @@ def _value(e: Endured, key: str, scale: float) -> float:
 def _legend(figure: Any, found: Mapping[str, Sequence[Endured]]) -> None:
     from matplotlib.lines import Line2D
 
-    lines = [Line2D([], [], color=c) for _, c in zip(found, COLOURS, strict=False)]
+    lines = [Line2D([], [], color=c) for _, c in in_colour(found)]
     figure.legend(lines, list(found), loc="outside lower center", ncols=len(found), fontsize=8)

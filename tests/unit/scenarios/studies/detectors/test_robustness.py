@@ -7,6 +7,7 @@ from detector.energy import EnergyDetector, EnergySettings
 from detector.scores.evaluation import stream_recordings
 from drivers.errors import BadFile
 from scenarios.studies.detectors import robustness
+from scenarios.studies.detectors.figures import COLOURS, in_colour
 from scenarios.studies.detectors.robustness import (
     AMOUNTS,
     PAD,
@@ -85,6 +86,13 @@ def test_the_table_has_a_row_for_each_and_a_miss_is_no_number():
     lines = table({"energy": rows}).splitlines()
     assert len(lines) == 4 and "lost: 3 % of the samples" in lines[-1]
     assert "inf / inf / inf" in lines[-1]
+
+
+def test_a_picture_leaves_no_detector_out_however_many_there_are():
+    many = [f"mine-{i}" for i in range(len(COLOURS) + 1)]
+    coloured = list(in_colour(many))
+    assert [name for name, _ in coloured] == many
+    assert len({colour for _, colour in coloured[:-1]}) == len(COLOURS)
 
 
 def test_a_pad_is_made_stiffer_only_from_a_folder_that_says_how_it_was_built(tmp_path):
