@@ -39,6 +39,7 @@ class Choice(msgspec.Struct, frozen=True):
     false_per_min: float
     delay_ms: float | None
     p90_delay_ms: float | None
+    p99_delay_ms: float | None = None  # older evaluations have none
 
 
 class SlipHeard(msgspec.Struct, frozen=True):
@@ -112,7 +113,7 @@ def evaluated(made: Contender, sheet: Evaluation) -> Evaluated:
         rule=rule,
         sheet=msgspec.json.decode(msgspec.json.encode(sheet)),
         choices=[
-            Choice(c.false_per_min, _known(c.delay_ms), _known(c.p90_delay_ms))
+            Choice(c.false_per_min, *map(_known, (c.delay_ms, c.p90_delay_ms, c.p99_delay_ms)))
             for c in frontier(made.points())
         ],
         reliability=reliability(p, labels),
