@@ -138,7 +138,7 @@ def _arm_pose(host: str, timeout_s: float) -> Check:
     if not now.running:
         return Check("arm pose", "warn", "not known while the robot has no power")
     if not now.stands:
-        return Check("arm pose", "fail", "the arm moves", "end the program that moves it")
+        return Check("arm pose", "fail", arm_look.MOVES, arm_look.END_IT)
     x, y, z = (at * 1e3 for at in now.pose[:3])
     return Check("arm pose", "ok", f"stands, tool at x {x:.0f}, y {y:.0f}, z {z:.0f} mm")
 

@@ -4,6 +4,7 @@ Nothing reconnects by itself and nothing is unlocked; ``UrLink.connect`` starts 
 """
 
 import math
+import os
 from collections.abc import Callable
 from typing import Annotated, Self
 
@@ -15,6 +16,7 @@ from drivers.interfaces import Vector3
 from drivers.ur import kinematics
 from drivers.ur.driver import ArmSample
 from drivers.ur.link import messages
+from drivers.ur.link.look import require_standing
 from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, Pose, State
 from drivers.ur.link.preflight import PreflightFindings, preflight, require
 from drivers.ur.link.supervisor import SEE_PENDANT, START_AGAIN, WorkerProcess
@@ -106,13 +108,18 @@ class UrLink:
         self._stop_due_ns = 0
 
     def connect(self) -> PreflightFindings:
-        """Pre-flight, then the worker; raises what ``require`` raises, LinkLost or DeviceFault."""
+        """Pre-flight, then the worker; raises LinkLost or DeviceFault, as for an arm that moves."""
         self.close()
         s = self._settings
         findings = preflight(s.host, s.step_timeout_s)
         require(findings)
+        require_standing(s.host, s.step_timeout_s)
         started = WorkerProcess(self._setup())
-        started.wait_ready(s.start_timeout_s)
+        try:
+            started.wait_ready(s.start_timeout_s)
+        except BaseException:  # a signal among them: no program of ours may be left
+            started.close(s.close_timeout_s)
+            raise
         self._worker, self._trusted = started, started.state
         self._told.clear()
         self._stop_number = None
@@ -295,6 +302,8 @@ class UrLink:
             standing_below_radps=s.standing_below_radps,
             brake_again_s=s.brake_again_s,
             leave_timeout_s=s.leave_timeout_s,
+            start_timeout_s=s.start_timeout_s,
+            client_pid=os.getpid(),
         )
 
 

@@ -9,7 +9,7 @@ from typing import Final
 
 import msgspec
 
-from drivers.errors import LinkLost
+from drivers.errors import DeviceFault, LinkLost
 from drivers.ur.link.messages import PROGRAM_RUNNING, ROBOT_RUNNING, Pose
 from drivers.ur.link.preflight import CONNECT_AGAIN, RTDE_PORT, Rtde
 
@@ -17,6 +17,7 @@ JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 MOST_RAD: Final = 2 * math.pi + 0.01  # of any joint; UR10 user manual: 360 degrees either way
 MOST_REACH_M: Final = 2.5  # of the tool from the base; UR20 manual: 1.75 m, and a long tool
 STANDS_MPS: Final = 0.001  # as `ur.standing_below_mps`
+MOVES, END_IT = "the arm moves", "end the program that moves it"
 
 _FIELDS: Final = {
     "timestamp": "d", "actual_q": "6d", "actual_TCP_pose": "6d", "actual_TCP_speed": "6d",
@@ -73,6 +74,12 @@ def look(host: str, timeout_s: float) -> tuple[ArmLook, ArmLook]:
     except (OSError, ValueError, struct.error) as error:
         why = "no answer in time" if isinstance(error, TimeoutError) else str(error)
         raise LinkLost(f"arm at {host}, RTDE port {RTDE_PORT}: {why}", CONNECT_AGAIN) from None
+
+
+def require_standing(host: str, timeout_s: float) -> None:
+    """Raises DeviceFault where the arm moves: a program of ours would end that which moves it."""
+    if any(each.running and not each.stands for each in look(host, timeout_s)):
+        raise DeviceFault(f"arm at {host}: {MOVES}", END_IT)
 
 
 def _decoded(body: bytes) -> ArmLook:

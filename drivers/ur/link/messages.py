@@ -45,6 +45,8 @@ class Setup(Message, frozen=True):
     standing_below_radps: float
     brake_again_s: float
     leave_timeout_s: float
+    start_timeout_s: float
+    client_pid: int  # the worker does not outlive it
 
 
 class Move(Message, frozen=True):

@@ -13,7 +13,7 @@ from typing import Literal, TypeVar
 
 import msgspec
 
-from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
+from drivers.errors import DeviceFault, LinkLost
 
 DASHBOARD_PORT, SCRIPT_PORT, RTDE_PORT = 29999, 30003, 30004
 
@@ -78,27 +78,20 @@ def preflight(host: str, step_timeout_s: float = 2.0) -> PreflightFindings:
 def require(findings: PreflightFindings) -> None:
     """Raise for findings with failures: all of them in one message, by the gravest kind.
 
-    LinkLost when something does not answer, DeviceFault when robot or safety state forbid motion,
-    Refused when the controller is not set up for remote control by RTDE.
+    LinkLost when something does not answer, DeviceFault when robot or safety state forbid motion or
+    the controller is not set up for remote control by RTDE.
     """
     failures = findings.failures
     if not failures:
         return
-    kinds = {_KINDS.get(check.name, LinkLost) for check in failures}
-    kind = next(kind for kind in (LinkLost, DeviceFault, Refused) if kind in kinds)
-    raise kind(
+    answered = all(check.name in _ANSWERED for check in failures)
+    raise (DeviceFault if answered else LinkLost)(
         f"arm at {findings.host}: " + "; ".join(check.detail for check in failures),
         "; ".join(dict.fromkeys(check.remedy for check in failures)),
     )
 
 
-_KINDS: dict[str, type[GraspError]] = {
-    "version": Refused,
-    "registers": Refused,
-    "remote control": Refused,
-    "robot mode": DeviceFault,
-    "safety mode": DeviceFault,
-}
+_ANSWERED = ("version", "registers", "remote control", "robot mode", "safety mode")
 
 
 def judge_version(version: Version) -> PreflightCheck:

@@ -50,7 +50,7 @@ class WorkerProcess:
         return not self._ended
 
     def wait_ready(self, timeout_s: float) -> None:
-        """Until states flow; kills the worker and raises LinkLost or Refused when they do not."""
+        """Until states flow; kills the worker and raises what is wrong when they do not."""
         with self._changed:
             self._changed.wait_for(
                 lambda: self._ended or (self._ready and self.state), timeout=timeout_s
@@ -207,9 +207,9 @@ def _start_error(reason: str) -> GraspError:
     if "No module named" in reason:
         return Refused(f"ur_rtde is not installed: {reason}", "pip install 'ur-rtde>=1.6.3'")
     if "in use" in reason:
-        return Refused(reason, "end other RTDE clients and URCaps, then try again")
+        return DeviceFault(reason, "end other RTDE clients and URCaps, then try again")
     if "remote control" in reason:
-        return Refused(reason, "switch the teach pendant to remote control")
+        return DeviceFault(reason, "switch the teach pendant to remote control")
     if "start control script" in reason or "took no setting" in reason:
         return DeviceFault(reason, SEE_PENDANT)
     return LinkLost(reason, CONNECT_AGAIN)

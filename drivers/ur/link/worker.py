@@ -2,7 +2,8 @@
 
 ur_rtde holds Python's global lock in its constructors, never gives up reconnecting and can take the
 interpreter down. So it lives in a process of its own, which ends when its link is lost and is then
-replaced, not repaired. Messages are msgpack, one per packet of a local socket.
+replaced, not repaired. Messages are msgpack, one per packet of a local socket. While it starts, no
+thread of Python may run, so the system ends it with its client, or by an alarm; later it looks.
 
 ur_rtde's calls share input registers with each other and with the watchdog, so one thread makes
 them all, one after the other; another one only reads. The controller's watchdog stops the program
@@ -10,10 +11,12 @@ when it is not kicked: the main thread kicks it while the client is heard of, or
 """
 
 import contextlib
+import ctypes
 import importlib
 import math
 import os
 import select
+import signal
 import socket
 import sys
 import threading
@@ -53,6 +56,8 @@ _RECIPE = [
 ]
 _SETTLE_CYCLES = 4  # until a command shows in what the controller reports
 _KICKS_PER_LIMIT = 4  # kicks in the time after which the watchdog would bite
+_PR_SET_PDEATHSIG = 1  # prctl(2), Linux
+_GRACE_S = 2.0  # beyond its times, in which a client that lives would have ended it
 
 
 class Channel:
@@ -202,8 +207,8 @@ class Commander:
                 request = self._channel.receive(wait_s)
             except EOFError:
                 return
-            if isinstance(request, Leave):
-                return
+            if isinstance(request, Leave) or os.getppid() != self._setup.client_pid:
+                return  # where others hold its end of the socket too, its death is not heard
             if request is not None:
                 self._heard_at = self._clock()
             if isinstance(request, Move | DriveArm | Stop | SetPayload):
@@ -332,6 +337,28 @@ def _start(setup: Setup, channel: Channel) -> Commander:
     return commander
 
 
+def _end_with(client_pid: int, within_s: float) -> None:
+    """Die with the client from now on, where the system can (Linux), and after a time anyhow: not
+    by a handler of ours, for ur_rtde's constructors let no Python run."""
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, within_s + _GRACE_S)
+    _die_with_client(signal.SIGKILL)
+    if os.getppid() != client_pid:  # it was gone before that
+        os._exit(4)
+
+
+def _stay() -> None:
+    """The arm is to be left standing and without a program: no more sudden ends. A death of the
+    client is asked for in turn; the system's signal would follow that of its thread alone."""
+    _die_with_client(0)
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def _die_with_client(number: int) -> None:
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
+
+
 def main() -> None:
     """Entry of the child process; its only argument is the socket's descriptor."""
     channel = Channel(socket.socket(fileno=int(sys.argv[1])))
@@ -339,9 +366,12 @@ def main() -> None:
     if not isinstance(setup, Setup):
         os._exit(2)
     try:
+        _end_with(setup.client_pid, setup.start_timeout_s)
         commander = _start(setup, channel)
+        _stay()
         channel.send(Ready())
         commander.serve()
+        signal.setitimer(signal.ITIMER_REAL, setup.leave_timeout_s + _GRACE_S)
         commander.leave()
     except Exception as error:  # ur_rtde raises what its C++ threw
         channel.send(Failed(str(error)))

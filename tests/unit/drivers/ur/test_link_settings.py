@@ -1,5 +1,6 @@
 """Every setting of the arm's link takes effect where its name says."""
 
+import os
 from typing import Any
 
 import msgspec
@@ -75,6 +76,7 @@ def workers(monkeypatch: pytest.MonkeyPatch) -> list[Told]:
 
     monkeypatch.setattr(client, "preflight", preflight)
     monkeypatch.setattr(client, "require", lambda _: None)
+    monkeypatch.setattr(client, "require_standing", preflight)
     monkeypatch.setattr(client, "WorkerProcess", start)
     return started
 
@@ -83,6 +85,7 @@ def test_the_worker_is_told_the_settings_of_the_link(workers: list[Told]) -> Non
     UrLink(SETTINGS).connect()
     said = msgspec.structs.asdict(workers[0].setup)
     assert said.pop("payload_kg") is None
+    assert said.pop("client_pid") == os.getpid()
     assert said == {name: getattr(SETTINGS, name) for name in said}
     assert {"standing_below_radps", "brake_again_s", "leave_timeout_s"} <= said.keys()
 

@@ -2,7 +2,9 @@
 
 import math
 import os
+import random
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -19,6 +21,7 @@ from tests.wire.drivers.ur.link.conftest import ROOT, workers
 EASY = {"watchdog_hz": 2.0, "heartbeat_timeout_s": 1.0, "stop_margin_s": 5.0}
 LONG_S = 20.0
 PROGRAM_RUNNING = 2
+SECONDARY_PORT = 30002
 
 
 class Arm:
@@ -278,6 +281,46 @@ while True:
         time.sleep(0.02)
 
 
+DRAWN = random.Random(4)
+
+
+@pytest.mark.parametrize("after_s", [DRAWN.uniform(0.0, 3.0) for _ in range(4)])
+def test_ctrl_c_in_the_start_leaves_no_worker_and_no_program(emulate, host, after_s):
+    emulator = emulate()
+    script = f"""
+import time
+from drivers.ur.link.client import UrLink, UrSettings
+print("begins", flush=True)
+UrLink(UrSettings(host={host!r}, watchdog_hz=2.0)).connect()
+time.sleep(60)
+"""
+    parent = subprocess.Popen(
+        [sys.executable, "-c", script], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+    with parent:
+        parent.stdout.readline()
+        time.sleep(after_s)
+        started = workers(parent.pid)
+        parent.send_signal(signal.SIGINT)
+        parent.wait(LONG_S)
+    deadline = time.monotonic() + LONG_S
+    while any(os.path.exists(f"/proc/{worker}") for worker in started):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    emulator.state_when(lambda s: s["runtime_state"] != PROGRAM_RUNNING, LONG_S)
+
+
+def test_arm_that_another_program_moves_is_not_taken_over(emulate, host):
+    emulator = emulate()
+    with socket.create_connection((host, SECONDARY_PORT), LONG_S) as other:
+        other.sendall(b"def other():\n  movel(p[0.5, 0.1, 0.5, 3.1, 0, 0], a=1, v=0.01)\nend\n")
+        emulator.state_when(lambda state: state["moving"])
+        with pytest.raises(DeviceFault, match="the arm moves"):
+            UrLink(UrSettings(host=host)).connect()
+        assert emulator.do("state")["runtime_state"] == PROGRAM_RUNNING
+    assert workers() == []
+
+
 def test_close_ends_the_program_and_leaves_nothing(emulate, connect):
     emulator = emulate()
     before = threading.active_count()
@@ -296,6 +339,6 @@ def test_claimed_registers_are_refused_before_ur_rtde_is_started(emulate, host):
     emulator = emulate()
     emulator.do("claim", names=["input_int_register_0"])
     link = UrLink(UrSettings(host=host, step_timeout_s=0.5))
-    with pytest.raises(Refused, match="in use"):
+    with pytest.raises(DeviceFault, match="in use"):
         link.connect()
     assert workers() == []

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from drivers.errors import DeviceFault, LinkLost, Refused
+from drivers.errors import DeviceFault, LinkLost
 from drivers.ur.link.preflight import judge_version, preflight, require
 from tests.wire.drivers.ur.link.scripted import DASHBOARD, RTDE, SCRIPT
 
@@ -88,19 +88,19 @@ def test_version_gate(version, status):
 
 def test_old_controller_is_refused(controller, host):
     controller(version=(5, 2, 0, 61336))
-    with pytest.raises(Refused, match=r"5\.2\.0"):
+    with pytest.raises(DeviceFault, match=r"5\.2\.0"):
         require(preflight(host))
 
 
 def test_protocol_1_only_is_refused(controller, host):
     controller().accepts_v2 = False
-    with pytest.raises(Refused, match="protocol"):
+    with pytest.raises(DeviceFault, match="protocol"):
         require(preflight(host))
 
 
 def test_remote_control_off(controller, host):
     controller().answers["is in remote control"] = "false"
-    with pytest.raises(Refused, match="remote control") as caught:
+    with pytest.raises(DeviceFault, match="remote control") as caught:
         require(preflight(host))
     assert "Remote" in caught.value.remedy
 
@@ -131,7 +131,7 @@ def test_older_name_of_the_safety_command(controller, host):
 
 def test_registers_in_use_name_the_fieldbus(controller, host):
     controller().in_use = {f"input_double_register_{i}" for i in range(5)}
-    with pytest.raises(Refused, match=r"input_double_register_0.* and 2 more") as caught:
+    with pytest.raises(DeviceFault, match=r"input_double_register_0.* and 2 more") as caught:
         require(preflight(host, step_timeout_s=0.3))
     assert "fieldbus" in caught.value.remedy and "URCaps" in caught.value.remedy
 
@@ -153,7 +153,7 @@ def test_claims_of_a_client_that_has_just_gone_are_waited_for(controller, host):
 
 def test_unknown_registers(controller, host):
     controller().unknown = {"input_double_register_17"}
-    with pytest.raises(Refused, match="input_double_register_17"):
+    with pytest.raises(DeviceFault, match="input_double_register_17"):
         require(preflight(host))
 
 

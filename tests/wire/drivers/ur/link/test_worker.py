@@ -1,21 +1,25 @@
 """The worker's command side with a recorded ur_rtde, and its supervision with scripted children."""
 
 import os
+import signal
 import socket
+import subprocess
 import sys
 import time
 from types import SimpleNamespace
 
 import msgspec
+import psutil
 import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.ur.link import messages
 from drivers.ur.link.client import UrLink, UrSettings
 from drivers.ur.link.messages import Outcome, State
+from drivers.ur.link.preflight import RTDE_PORT
 from drivers.ur.link.supervisor import WorkerProcess
 from drivers.ur.link.worker import Channel, Commander, Robot
-from tests.wire.drivers.ur.link.conftest import workers
+from tests.wire.drivers.ur.link.conftest import ROOT, workers
 
 TARGET = (0.5, 0.1, 0.4, 3.1, 0.0, 0.0)
 SETUP = messages.Setup(
@@ -31,11 +35,14 @@ SETUP = messages.Setup(
     standing_below_radps=0.005,
     brake_again_s=0.2,
     leave_timeout_s=2.0,
+    start_timeout_s=15.0,
+    client_pid=os.getppid(),  # of what runs in this process
 )
 
 
 SETTLED_S = 0.05  # after which a command shows: more than four cycles
 SILENT_S = 1.0  # far more than the heartbeat
+LONG_S = 30.0
 
 
 class Recorded:
@@ -243,8 +250,8 @@ def test_child_that_never_gets_ready_is_killed():
 @pytest.mark.parametrize(
     ("text", "kind"),
     [
-        ("One of the RTDE input registers are already in use!", Refused),
-        ("ur_rtde: Please enable remote control on the robot!", Refused),
+        ("One of the RTDE input registers are already in use!", DeviceFault),
+        ("ur_rtde: Please enable remote control on the robot!", DeviceFault),
         ("Failed to start control script, before timeout of 5 seconds", DeviceFault),
         ("No module named 'rtde_receive'", Refused),
         ("Could not connect to: 127.0.0.2 at 30004", LinkLost),
@@ -308,6 +315,42 @@ def test_child_that_does_not_leave_is_killed():
     start = time.monotonic()
     worker.close(0.2)
     assert time.monotonic() - start < 30
+
+
+def until(condition):
+    deadline = time.monotonic() + LONG_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def held_up(client, host):
+    """Whether the worker of that process waits for what the controller does not say."""
+    return any(
+        connection.raddr == (host, RTDE_PORT)
+        for pid in workers(client)
+        for connection in psutil.Process(pid).net_connections()
+    )
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=["killed", "Ctrl-C"])
+def test_worker_that_is_held_up_in_its_start_ends_with_its_client(controller, host, number):
+    """A controller that accepts and says nothing: ur_rtde waits there and lets no Python run."""
+    pytest.importorskip("rtde_receive")
+    controller().speaks.clear()
+    script = f"""
+from drivers.ur.link.client import UrLink, UrSettings
+from drivers.ur.link import client
+client.preflight = client.require = client.require_standing = lambda *asked: None
+UrLink(UrSettings(host={host!r}, start_timeout_s=60.0, close_timeout_s=2.5)).connect()
+"""
+    parent = subprocess.Popen([sys.executable, "-c", script], cwd=ROOT, stderr=subprocess.DEVNULL)
+    with parent:
+        until(lambda: held_up(parent.pid, host))
+        (worker,) = workers(parent.pid)
+        parent.send_signal(number)
+        parent.wait(LONG_S)
+    until(lambda: not os.path.exists(f"/proc/{worker}"))
 
 
 def test_link_before_connecting():
