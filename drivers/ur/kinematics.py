@@ -6,7 +6,7 @@ rotation vector, as in URScript; a frame is a homogeneous 4 x 4 matrix.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,9 @@ _TOLERANCE_M = 1e-9  # and rad
 _MAX_STEP = 0.5  # rad or m in one iteration
 _ITERATIONS = 60
 _EPSILON = 1e-12
-_REACH_M = 1.6  # no flange is further away, along any axis
+# The wrist, d6 behind the flange, is d4 beside the plane in which the links reach so far.
+_REACH_M = math.hypot(A_M[1] + A_M[2] - D_M[4], D_M[3]) + 1e-6
+_BESIDE_M = D_M[3] - 1e-6
 
 
 def frames(q: Sequence[float]) -> list[Frame]:
@@ -75,10 +77,23 @@ def inverse(target: Frame, near: Sequence[float]) -> Joints | None:
 
     Nakamura and Hanafusa, "Inverse kinematic solutions with singularity robustness", 1986.
     """
-    if not float(np.abs(target[:3, 3]).max()) <= _REACH_M:
+    search = approach(target, near)
+    while True:
+        try:
+            next(search)
+        except StopIteration as end:
+            found: Joints | None = end.value
+            return found
+
+
+def approach(target: Frame, near: Sequence[float]) -> Generator[None, None, Joints | None]:
+    """As ``inverse``, with a pause before each iteration."""
+    x, y, z = (target[:3, 3] - D_M[5] * target[:3, 2]).tolist()
+    if not (math.hypot(x, y, z - D_M[0]) <= _REACH_M and math.hypot(x, y) >= _BESIDE_M):
         return None
     q = np.array(near, dtype=float)
     for _ in range(_ITERATIONS):
+        yield
         chain = frames(q.tolist())
         error = _difference(target, chain[-1])
         if float(np.abs(error).max()) < _TOLERANCE_M:

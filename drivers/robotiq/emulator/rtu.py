@@ -4,6 +4,7 @@ Slave 9 alone is answered, and errors are answered by silence (Robotiq 3-Finger 
 Frame layout and CRC: Modbus over serial line V1.02, 2.5.1.
 """
 
+import contextlib
 import os
 import select
 import threading
@@ -76,6 +77,7 @@ class RtuEmulator:
         """Open the pseudo-terminal and serve it."""
         self._master, self._slave = os.openpty()  # our end of the slave keeps the line open
         tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
         self._stopping.clear()
         self._thread = threading.Thread(target=self._run, name="gripper-rtu-emulator")
@@ -161,5 +163,6 @@ class RtuEmulator:
         return answer + crc(answer)
 
     def _send(self, data: bytes) -> None:
-        if data:
+        """What nobody reads is lost, as on a line."""
+        with contextlib.suppress(BlockingIOError):
             os.write(self._master, data)

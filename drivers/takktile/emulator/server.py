@@ -121,7 +121,8 @@ class BoardServer:
                 return
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             work = self._serve if self._enter(connection) else self._turn_away
-            if self._refused > _CLIENTS:
+            if work == self._turn_away and not self._may_listen():
+                _say_busy(connection)
                 connection.close()
                 continue
             thread = threading.Thread(
@@ -137,17 +138,24 @@ class BoardServer:
             try:
                 leaves = self._places.enter(connection, time.monotonic())
             except OverflowError:
-                self._refused += 1
                 return False
         if leaves is not None:
             _shut(leaves)
         return True
 
+    def _may_listen(self) -> bool:
+        """Of those for whom there is no place, as many wait for a thread to hear their request."""
+        with self._crowd:
+            if self._refused >= _CLIENTS:
+                return False
+            self._refused += 1
+            return True
+
     def _turn_away(self, connection: socket.socket) -> None:
         connection.settimeout(_FAREWELL_S)
         with contextlib.suppress(OSError):
             hop.receive(connection, HopRequest)
-            hop.send(connection, HopReply(errno.EBUSY))
+        _say_busy(connection)
         connection.close()
         with self._crowd:
             self._refused -= 1
@@ -346,6 +354,12 @@ def _wait(connection: socket.socket, wait_ns: int) -> None:
     time.sleep(wait_s - whole_ms * 1e-3)
     if spoke:
         raise ConnectionAbortedError("the client has gone")
+
+
+def _say_busy(connection: socket.socket) -> None:
+    connection.setblocking(False)
+    with contextlib.suppress(OSError):
+        hop.send(connection, HopReply(errno.EBUSY))
 
 
 def _shut(connection: socket.socket) -> None:

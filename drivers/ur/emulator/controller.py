@@ -236,8 +236,6 @@ class Controller:
         self.runtime_state = RuntimeState.STOPPED
 
     def set_watchdog(self, name: str, frequency_hz: float) -> None:
-        if frequency_hz <= 0.0:
-            raise ScriptError("the frequency of a watchdog must be positive")
         self._watchdog = Watchdog(name, frequency_hz, self._now_ns)
 
     def log(self, message: str) -> None:

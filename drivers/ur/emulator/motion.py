@@ -8,7 +8,7 @@ with its point; how the tool is tilted is known here alone.
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
 
 import numpy as np
@@ -211,10 +211,13 @@ class RobotMotion:
         with self._lock:
             self._arm.set_payload(mass_kg)
 
-    def joints_for(self, pose: Sequence[float], near: Sequence[float] | None) -> Joints | None:
-        """Joint angles within their range that bring the tool centre point to a pose."""
+    def joints_for(
+        self, pose: Sequence[float], near: Sequence[float] | None
+    ) -> Generator[None, None, Joints | None]:
+        """Joint angles within their range that bring the tool centre point to a pose; pauses as
+        ``kinematics.approach``."""
         near = near or self.q
-        q = kinematics.inverse(kinematics.frame(pose) @ self._tcp_back, near)
+        q = yield from kinematics.approach(kinematics.frame(pose) @ self._tcp_back, near)
         return None if q is None else in_range(q, near)
 
     def pose_of(self, q: Sequence[float], offset: Sequence[float] | None) -> Pose:

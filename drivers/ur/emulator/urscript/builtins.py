@@ -12,6 +12,8 @@ from drivers.ur.emulator.urscript.inout import INOUT
 from drivers.ur.emulator.urscript.maths import MATHS, six, three
 from drivers.ur.emulator.urscript.parse import ScriptError
 from drivers.ur.emulator.urscript.run import (
+    INTERRUPTED,
+    LOOK_EACH,
     Builtin,
     PoseValue,
     Steps,
@@ -23,6 +25,9 @@ from drivers.ur.emulator.urscript.run import (
 
 BUILTINS: dict[str, Builtin] = {}
 _MAX_SLEEP_S = 3600.0
+_MOST_SHOWN = 500  # characters of a string
+_MOST_KG = 12.5  # of a UR10e; a UR10 carries 10
+_SLOWEST_HZ = 1.0 / _MAX_SLEEP_S  # of a watchdog
 _BETWEEN_MPS2 = 5.0  # braking before a move that begins at rest; m/s2, or rad/s2 of joints; assumed
 
 
@@ -66,7 +71,7 @@ def movej(
     motion = thread.robot.motion
     target = six(q)
     if isinstance(q, PoseValue):
-        target = _reached(motion.joints_for(target, None))
+        target = _reached((yield from _joints(thread, target, None)))
     yield from _stand(thread, lines_too=True)
     yield from _moving(thread, lambda: motion.to_joints(target, finite(v), finite(a), _duration(t)))
 
@@ -80,6 +85,18 @@ def _stand(thread: Thread, lines_too: bool = False) -> Steps:
 
 def _duration(t: Value) -> float:
     return quantity(t, 0.0, _MAX_SLEEP_S)
+
+
+def _joints(thread: Thread, pose: Sequence[float], near: Value) -> Steps:
+    """Joint angles for a pose, or None; the search is interrupted when there is no time left."""
+    search = thread.robot.motion.joints_for(pose, None if near is None else six(near))
+    while True:
+        try:
+            next(search)
+        except StopIteration as end:
+            return end.value
+        if thread.look(LOOK_EACH):
+            yield INTERRUPTED
 
 
 def _reached(q: Sequence[float] | None) -> tuple[float, ...]:
@@ -152,9 +169,16 @@ def sleep(thread: Thread, t: Value) -> Steps:
         yield
 
 
+def _shown(value: Value) -> Value:
+    """Strings of a list by their beginnings, for the log keeps no more."""
+    if not isinstance(value, list):
+        return value
+    return type(value)(one[:_MOST_SHOWN] if isinstance(one, str) else one for one in value)
+
+
 @_known
 def textmsg(thread: Thread, s1: Value, s2: Value = "") -> None:
-    thread.robot.log(f"{s1}{s2}")
+    thread.robot.log(f"{_shown(s1)}{_shown(s2)}")
 
 
 # registers
@@ -191,7 +215,7 @@ def rtde_set_watchdog(
 ) -> None:
     if action != "stop":
         raise ScriptError("a watchdog with another action than stop is not emulated")
-    thread.robot.set_watchdog(str(variable_name), quantity(min_frequency))
+    thread.robot.set_watchdog(str(variable_name), quantity(min_frequency, _SLOWEST_HZ))
 
 
 # state
@@ -244,12 +268,13 @@ def get_tcp_offset(thread: Thread) -> PoseValue:
 
 @_known
 def set_payload(thread: Thread, m: Value, cog: Value = None) -> None:
-    thread.robot.set_payload(quantity(m), (0.0, 0.0, 0.0) if cog is None else three(cog))
+    centre = (0.0, 0.0, 0.0) if cog is None else three(cog)
+    thread.robot.set_payload(quantity(m, 0.0, _MOST_KG), centre)
 
 
 @_known
 def set_target_payload(thread: Thread, m: Value, cog: Value, inertia: Value = None) -> None:
-    thread.robot.set_payload(quantity(m), three(cog))
+    thread.robot.set_payload(quantity(m, 0.0, _MOST_KG), three(cog))
 
 
 @_known
@@ -302,9 +327,8 @@ def get_inverse_kin(
     qnear: Value = None,
     maxPositionError: Value = 1e-10,
     maxOrientationError: Value = 1e-10,
-) -> list[float]:
-    near = None if qnear is None else six(qnear)
-    return list(_reached(thread.robot.motion.joints_for(six(x), near)))
+) -> Steps:
+    return list(_reached((yield from _joints(thread, six(x), qnear))))
 
 
 @_known
@@ -314,9 +338,8 @@ def get_inverse_kin_has_solution(
     qnear: Value = None,
     maxPositionError: Value = 1e-10,
     maxOrientationError: Value = 1e-10,
-) -> bool:
-    near = None if qnear is None else six(qnear)
-    return thread.robot.motion.joints_for(six(pose), near) is not None
+) -> Steps:
+    return (yield from _joints(thread, six(pose), qnear)) is not None
 
 
 @_known
@@ -327,11 +350,11 @@ def get_forward_kin(thread: Thread, q: Value = None, tcp: Value = None) -> PoseV
 
 
 @_known
-def is_within_safety_limits(thread: Thread, pose: Value) -> bool:
+def is_within_safety_limits(thread: Thread, pose: Value) -> Steps:
     """Reach is the only limit that is modelled."""
     values = six(pose)
     if isinstance(pose, PoseValue):
-        return thread.robot.motion.joints_for(values, None) is not None
+        return (yield from _joints(thread, values, None)) is not None
     return all(abs(angle) <= 2.0 * math.pi for angle in values)
 
 

@@ -21,6 +21,7 @@ from drivers.ur.emulator.urscript.run import (
     Steps,
     UserFunction,
     Value,
+    charged,
     check_arguments,
     copied,
     element_for,
@@ -65,6 +66,7 @@ class _Compiler:
         self._main = main
         self._builtins = builtins
         self._breathe = breathe
+        self._weigher = syntax.Weigher(breathe)
         statements = list(syntax.inside(main.body, breathe))
         defined = [one for one in statements if isinstance(one, syntax.Function)]
         self._functions = {one.name: UserFunction(one) for one in defined}
@@ -77,14 +79,17 @@ class _Compiler:
 
     def program(self) -> Compiled:
         for definition in self._definitions:
-            self._functions[definition.name].body = self._code(definition)
+            self._fill(self._functions[definition.name], definition)
         main = UserFunction(self._main)
-        main.body = self._code(self._main)
+        self._fill(main, self._main)
         return Compiled(self._main.name, main)
 
-    def _code(self, definition: syntax.Function) -> Code:
-        body = _Body(self._functions, self._builtins, self._shared, definition, self._breathe)
-        return body.code()
+    def _fill(self, function: UserFunction, definition: syntax.Function) -> None:
+        body = _Body(self._functions, self._builtins, self._shared, definition, self._weigher,
+                     self._breathe)  # fmt: skip
+        function.body = body.code()
+        work = syntax.CALL_WORK + self._weigher.work(*definition.body)
+        function.work = work if work <= MOST_AT_ONCE else syntax.CALL_WORK
 
 
 class _Body:
@@ -96,9 +101,12 @@ class _Body:
         builtins: Mapping[str, Builtin],
         shared: set[str],
         definition: syntax.Function,
+        weigher: syntax.Weigher,
         breathe: Breathe,
     ) -> None:
         self._functions = functions
+        self._weigher = weigher
+        self._looks = False  # while an expression of much work is compiled
         self._builtins = builtins
         self._body = definition.body
         self._breathe = breathe
@@ -113,33 +121,22 @@ class _Body:
 
     # statements
 
-    def _cost(self, body: syntax.Body) -> int:
-        """Statements to count before the body is run; a long one counts its own."""
-        size = syntax.size(body, self._breathe)
-        return size if size <= MOST_AT_ONCE else 0
+    def _long(self, *pieces: syntax.Statement | syntax.Expression) -> bool:
+        """Too much to be run at once: it charges its pieces. Others are charged by what they are
+        in."""
+        return self._weigher.work(*pieces) > MOST_AT_ONCE
 
-    def _long_block(self, body: list[syntax.Statement]) -> Code:
-        """One that can be interrupted between its statements."""
-        codes = [(self._statement(one), max(1, self._cost((one,)))) for one in body]
-
-        def steps(scope: Scope) -> Steps:
-            for code, cost in codes:
-                if scope.thread.spend(cost):
-                    yield INTERRUPTED
-                signal = code.now(scope) if code.now else (yield from code.steps(scope))
-                if signal is not None:
-                    return signal
-            return None
-
-        return Code(None, steps)
+    def _piece(self, code: Code, *pieces: syntax.Statement | syntax.Expression) -> Code:
+        """Of something long."""
+        return code if self._long(*pieces) else charged(code, max(1, self._weigher.work(*pieces)))
 
     def _block(self, block: syntax.Body) -> Code:
         body: list[syntax.Statement] = [
             one for one in block if not isinstance(one, syntax.Function)
         ]
-        if body and not self._cost(tuple(body)):
-            return self._long_block(body)
         codes = [self._statement(one) for one in body]
+        if self._long(*body):
+            codes = [self._piece(code, one) for code, one in zip(codes, body, strict=True)]
         plain = [code.now for code in codes if code.now is not None]
 
         def now(scope: Scope) -> Value:
@@ -197,6 +194,13 @@ class _Body:
     def _if(self, statement: syntax.If) -> Code:
         branches = [(self._expression(c), self._block(body)) for c, body in statement.branches]
         otherwise = self._block(statement.otherwise)
+        if self._long(statement):
+            those = zip(branches, statement.branches, strict=True)
+            branches = [
+                (self._piece(condition, of), self._piece(code, *body))
+                for (condition, code), (of, body) in those
+            ]
+            otherwise = self._piece(otherwise, *statement.otherwise)
         plain = [(c.now, b.now) for c, b in branches if c.now is not None and b.now is not None]
 
         def now(scope: Scope) -> Value:
@@ -216,11 +220,15 @@ class _Body:
 
     def _while(self, statement: syntax.While) -> Code:
         condition, body = self._expression(statement.condition), self._block(statement.body)
-        statements = 1 + self._cost(statement.body)
+        work = self._weigher.work(statement)
+        if self._long(statement):
+            work = 1
+            condition = self._piece(condition, statement.condition)
+            body = self._piece(body, *statement.body)
 
         def steps(scope: Scope) -> Steps:
             while (yield from condition.steps(scope)):
-                if scope.thread.spend(statements):
+                if scope.thread.spend(work):
                     yield INTERRUPTED
                 signal = yield from body.steps(scope)
                 if signal == BREAK:
@@ -241,6 +249,15 @@ class _Body:
     # expressions
 
     def _expression(self, expression: syntax.Expression) -> Code:
+        if self._looks or not self._long(expression):
+            return self._code(expression)
+        self._looks = True
+        code = self._code(expression)
+        self._looks = False
+        return code
+
+    def _code(self, expression: syntax.Expression) -> Code:
+        self._breathe()
         match expression:
             case syntax.Literal(value):
                 return Code(lambda scope: value)
@@ -299,7 +316,8 @@ class _Body:
             return builtin(scope.thread, *values[:count], **named)
 
         waits = inspect.isgeneratorfunction(builtin)
-        return _waiting(apply, arguments) if waits else lift(apply, arguments)
+        code = _waiting(apply, arguments) if waits else lift(apply, arguments)
+        return charged(code, syntax.CALL_WORK) if self._looks else code
 
     def _user_call(self, function: UserFunction, call: syntax.Call, arguments: list[Code]) -> Code:
         if function.thread or call.named or len(arguments) != len(function.parameters):

@@ -154,10 +154,11 @@ MATHS |= {"get_list_length": length, "size": length, "str_len": length}
 
 def _text(value: Value) -> str:
     """As a program prints it."""
-    if isinstance(value, PoseValue):
-        return f"p[{', '.join(map(_text, value))}]"
     if isinstance(value, list):
-        return f"[{', '.join(map(_text, value))}]"
+        if sum(len(one) for one in value if isinstance(one, str)) > _MAX_TEXT:
+            raise ScriptError("string too long")
+        sign = "p" if isinstance(value, PoseValue) else ""
+        return f"{sign}[{', '.join(map(_text, value))}]"
     if isinstance(value, float):
         return f"{value:g}"
     return str(value)
@@ -171,10 +172,10 @@ def to_str(thread: Thread, val: Value) -> str:
 @_known
 def to_num(thread: Thread, str_to_convert: Value) -> Value:
     try:
-        text = str(str_to_convert)
+        text = _text(str_to_convert)
         return int(text) if text.strip().lstrip("+-").isdigit() else finite(float(text))
     except ValueError:
-        raise ScriptError(f"no number: {str(str_to_convert)[:60]!r}") from None
+        raise ScriptError(f"no number: {_text(str_to_convert)[:60]!r}") from None
 
 
 @_known
@@ -187,24 +188,24 @@ def str_cat(thread: Thread, op1: Value, op2: Value) -> str:
 
 @_known
 def str_at(thread: Thread, src: Value, index: Value) -> str:
-    return str(src)[position_in(list(str(src)), index)]
+    return _text(src)[position_in(list(_text(src)), index)]
 
 
 @_known
 def str_sub(thread: Thread, src: Value, index: Value, length: Value = -1) -> str:
-    text = str(src)
+    text = _text(src)
     start = position_in(list(text), index)
     return text[start:] if quantity(length) < 0 else text[start : start + int(quantity(length))]
 
 
 @_known
 def str_find(thread: Thread, src: Value, target: Value, start_from: Value = 0) -> int:
-    return str(src).find(str(target), int(quantity(start_from)))
+    return _text(src).find(_text(target), int(quantity(start_from)))
 
 
 @_known
 def str_empty(thread: Thread, s: Value) -> bool:
-    return not str(s)
+    return not _text(s)
 
 
 @_known

@@ -22,11 +22,11 @@ Steps = Generator[Any, None, Value]  # what is yielded: see INTERRUPTED
 Builtin = Callable[..., Any]
 
 MAX_THREADS = 32
-MAX_STATEMENTS = 100_000  # of one thread between two waits
-MOST_AT_ONCE = 300  # statements; a longer block can be interrupted
+MAX_WORK = 2_000_000  # of one thread between two waits: see `syntax.Weigher`
+MOST_AT_ONCE = 300  # work; what is more can be interrupted
 MAX_CALLS_DEEP = 40
 MOST = 1e6  # of whatever an arm is told, in its unit: what is made of it stays finite
-_LOOK_EACH = 20  # statements; looking costs as much as some of them
+LOOK_EACH = 200  # work; looking at the clock is some of it
 _MAX_TEXT = 10_000
 _INT_RANGE = 2**31
 
@@ -57,7 +57,7 @@ class Thread:
         self.deep = 0
         self.interrupted = False
         self._spent = 0
-        self._unseen = 0  # statements since the clock was looked at
+        self._unseen = 0  # work since the clock was looked at
 
     @property
     def robot(self) -> Any:
@@ -76,13 +76,17 @@ class Thread:
             return False
         return True
 
-    def spend(self, statements: int) -> bool:
-        """Count what a loop pass or a call may run at most; True when it has to wait for time."""
-        self._spent += statements
-        if self._spent > MAX_STATEMENTS:
+    def spend(self, work: int) -> bool:
+        """Count what is run at most before the next call; True when it has to wait for time."""
+        self._spent += work
+        if self._spent > MAX_WORK:
             raise ScriptError("infinite loop without time")
-        self._unseen += statements
-        if self._unseen < _LOOK_EACH:
+        return self.look(work)
+
+    def look(self, work: int) -> bool:
+        """True when there is no time for so much work."""
+        self._unseen += work
+        if self._unseen < LOOK_EACH:
             return False
         self._unseen = 0
         return self.program.out_of_time()
@@ -134,6 +138,17 @@ def lift(operation: Callable[..., Value], operands: list[Code]) -> Code:
         for code in operands:
             values.append(code.now(scope) if code.now else (yield from code.steps(scope)))
         return operation(scope, *values)
+
+    return Code(None, steps)
+
+
+def charged(code: Code, work: int) -> Code:
+    """As the code, which is first counted, and may be interrupted before it."""
+
+    def steps(scope: Scope) -> Steps:
+        if scope.thread.spend(work):
+            yield INTERRUPTED
+        return code.now(scope) if code.now else (yield from code.steps(scope))
 
     return Code(None, steps)
 
@@ -232,9 +247,10 @@ class UserFunction:
         self.parameters = definition.parameters
         self.thread = definition.thread
         self.body = Code()
+        self.work = 1  # to count at each call
 
     def call(self, thread: Thread, arguments: tuple[Value, ...]) -> Steps:
-        if thread.spend(1):
+        if thread.spend(self.work):
             yield INTERRUPTED
         if thread.deep >= MAX_CALLS_DEEP:
             raise ScriptError("calls nested too deep")
@@ -246,11 +262,14 @@ class UserFunction:
         return scope.result
 
 
+_signature = functools.cache(inspect.signature)
+
+
 def check_arguments(builtin: Builtin, call: syntax.Call) -> None:
     """The built-in takes what the call gives it; raises ScriptError."""
     named = dict(call.named)
     try:
-        inspect.signature(builtin).bind(None, *call.positional, **named)
+        _signature(builtin).bind(None, *call.positional, **named)
     except TypeError as error:
         raise ScriptError(f"{call.name}: {error}") from None
 

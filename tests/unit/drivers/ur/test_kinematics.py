@@ -65,6 +65,20 @@ def test_inverse_finds_the_way_back(offset):
     assert found == pytest.approx(goal, abs=1e-6)
 
 
+@given(st.tuples(*[st.floats(-3.2, 3.2)] * 6))
+def test_whatever_joints_reach_is_looked_for(q):
+    assert kinematics.inverse(kinematics.forward(q), q) == pytest.approx(q)
+
+
+@pytest.mark.parametrize(
+    "pose",
+    [(0.9, 0.9, 0.9, 1, 2, 3), (0.5, 0.1, 1.6, 0, 0, 0), (0.1, 0.1, 0.5, math.pi, 0, 0),
+     (math.nan, 0, 0, 0, 0, 0), (1e300, 0, 0, 0, 0, 0)],
+)  # fmt: skip
+def test_what_no_wrist_reaches_is_not_looked_for(pose):
+    assert list(kinematics.approach(kinematics.frame(pose), kinematics.ELBOW_UP)) == []
+
+
 @given(st.floats(0.4, 0.8), st.floats(-0.3, 0.4), st.floats(0.1, 0.6))
 def test_working_space_with_the_tool_down(x, y, z):
     goal = kinematics.frame((x, y, z, math.pi, 0.0, 0.0))

@@ -37,14 +37,30 @@ def test_more_connections_than_there_are_places_hear_that_it_is_busy(bench) -> N
             one.close()
 
 
-def test_as_many_as_there_are_places_may_hear_that_it_is_busy_and_others_are_cut(
+def test_as_many_as_there_are_places_may_ask_before_they_hear_that_it_is_busy_others_hear_at_once(
     bench, monkeypatch
 ) -> None:
     monkeypatch.setattr("drivers.takktile.emulator.server._FAREWELL_S", 60.0)
     with contextlib.ExitStack() as held:
         late = [held.enter_context(dial(bench)) for _ in range(32 + 32)][32:]
-        assert held.enter_context(dial(bench)).recv(1) == b""
+        beyond = held.enter_context(dial(bench))
+        assert hop.receive(beyond, HopReply).errno == errno.EBUSY  # before it has asked
+        assert beyond.recv(1) == b""
         assert [ask(one, LIST).errno for one in late] == [errno.EBUSY] * 32
+
+
+def test_a_crowd_that_never_spoke_leaves_all_places_behind(bench) -> None:
+    for _ in range(2):
+        held = [dial(bench) for _ in range(120)]
+        for one in held:
+            one.close()
+    deadline = time.monotonic() + 20.0
+    replies: list[int] = []
+    while replies != [0] * 32:
+        assert time.monotonic() < deadline, replies
+        with contextlib.ExitStack() as stack:
+            those = [stack.enter_context(dial(bench)) for _ in range(32)]
+            replies = [ask(one, LIST).errno for one in those]
 
 
 def test_who_is_silent_for_longest_makes_room(bench, monkeypatch) -> None:

@@ -2,6 +2,7 @@
 
 import os
 import termios
+import threading
 import time
 
 import pytest
@@ -71,6 +72,20 @@ def framed(text: str) -> str:
 def test_the_check_sums_of_the_manual(frame: str) -> None:
     data = bytes.fromhex(frame)
     assert crc(data[:-2]) == data[-2:]
+
+
+def test_answers_that_nobody_reads_are_lost_and_the_line_ends_all_the_same(emulator) -> None:
+    with serial.Serial(emulator.port, 115200, timeout=10, write_timeout=10) as deaf:
+        for _ in range(3000):  # 21 kB of answers: more than a line holds
+            deaf.write(bytes.fromhex(POLL))
+        until(lambda: emulator.requests > 2900)
+        deaf.timeout = SILENCE_S
+        while deaf.read(4096):
+            pass
+        deaf.timeout = 10
+        assert ask(deaf, POLL, 7).startswith("09 03 02")
+    emulator.stop()
+    assert "gripper-rtu-emulator" not in {one.name for one in threading.enumerate()}
 
 
 def test_the_activation_of_the_manual(line, now) -> None:

@@ -128,7 +128,11 @@ def test_two_threads_on_one_arm_end_the_program(bench):
         "get_inverse_kin(p[9, 9, 9, 0, 0, 0])",
         "get_inverse_kin(p[0.5, 0.1, 0.3, 1e300, 1e300, 0])",
         "set_tcp(p[0, 0, 0, 0, 0, 1e999])",
+        'rtde_set_watchdog("input_int_register_0", 1e-300, "stop")',
         "set_payload(1, [0])",
+        "set_payload(-5)",
+        "set_payload(1e6)",
+        "set_target_payload(-1, [0, 0, 0])",
     ],
 )
 def test_bad_arguments_end_the_program_and_nothing_moves(bench, call):

@@ -341,6 +341,38 @@ def test_long_block_is_interrupted_between_its_statements():
     assert 100 < len(said) < 1000
 
 
+CALLS = " xor ".join(["tick()"] * 6)
+LONG_PIECES = {
+    "functions": "def f():\n" + f"x = {CALLS}\n" * 60 + "end\n" + "f()\n" * 40,
+    "one expression": f"x = {' xor '.join(['tick()'] * 120)}\n" * 10,
+    "conditions": "if False:\n" + f"elif {CALLS}:\n" * 200 + "end",
+    "branches": "if True:\nif True:\n" + f"x = {CALLS}\n" * 100 + "end\nend",
+    "a loop": "i = 0\nwhile i < 20:\ni = i + 1\n" + f"x = {CALLS}\n" * 100 + "end",
+    "a condition": f"while {' xor '.join(['tick()'] * 121)}:\nend",
+    "arguments": f"def f(a, b, c):\nend\n{f'f({CALLS}, {CALLS}, {CALLS}){chr(10)}' * 100}",
+}
+
+
+@pytest.mark.parametrize("piece", LONG_PIECES)
+def test_no_piece_of_a_program_calls_many_functions_before_it_is_interrupted(piece):
+    counts, calls = [], 0
+
+    def tick(thread):
+        nonlocal calls
+        calls += 1
+        return True
+
+    text = "def main():\n" + LONG_PIECES[piece] + "\nend\n"
+    program = Program(compile_program(text, {"tick": tick}), Robot())
+    goes_on = True
+    while goes_on and len(counts) < 1000:
+        calls, looks = 0, iter([False])
+        goes_on = program.step(lambda looks=looks: next(looks, True))
+        counts.append(calls)
+    assert sum(counts) > 200
+    assert max(counts) <= 30
+
+
 def test_interruption_is_no_waiting():
     with pytest.raises(ScriptError, match="infinite loop"):
         short_of_time("while True:\n x = 1\n end", 100_000)
