@@ -76,6 +76,9 @@ def step_arm(args: argparse.Namespace) -> int:
         return f"move the arm at {arm_address(config)} by {way} at {PLAN}"
 
     if args.dry_run:
+        from scenarios.lab.ready import check_arm
+
+        check_arm(config)
         return _tell(args, plan(), "would")
     permit = leave_to_move(config, args, plan)
     will(plan())

@@ -18,6 +18,7 @@ SCALE = "One finger presses on a scale, harder than the limit of a run allows."
 OVER_A_SCALE = "one fingertip over a scale, and no object in the hand: do not ask"
 MANUAL_LEAST_N, MANUAL_MOST_N = 15.0, 60.0
 LONG_S, SHORTEST_S = 180.0, 30.0
+CLOSED = (255, 255, 255)
 
 
 def add_parser(verbs: Any) -> None:
@@ -92,6 +93,7 @@ def _add_scale(parser: argparse.ArgumentParser, up_to_n: float | None) -> None:
 
 
 def calibrate_force(args: argparse.Namespace) -> int:
+    from scenarios.lab.ready import check_hearing, check_pressing
     from scenarios.lab.scale import check_force
     from scenarios.lab.sessions import calibrate_force as by_weights
     from scenarios.lab.sessions import press_force
@@ -102,6 +104,7 @@ def calibrate_force(args: argparse.Namespace) -> int:
         check_force(args.up_to)
     pressing = f"finger {args.finger} by single counts, up to {args.up_to:g} N on the scale"
     if args.dry_run:
+        check_pressing(config, hearing=True) if args.press else check_hearing(config)
         return _would(args, pressing if args.press else "nothing")
     if not args.press:
         with interruption.held():
@@ -116,6 +119,7 @@ def calibrate_force(args: argparse.Namespace) -> int:
 
 
 def calibrate_hand(args: argparse.Namespace) -> int:
+    from scenarios.lab.ready import check_pressing
     from scenarios.lab.scale import check_force
     from scenarios.lab.sessions import calibrate_hand as press
 
@@ -129,6 +133,7 @@ def calibrate_hand(args: argparse.Namespace) -> int:
         f"the scale, with {args.up_to:g} N at most by the manual{way}"
     )
     if args.dry_run:
+        check_pressing(config, hearing=False)
         return _would(args, pressing)
     permit = leave_to_move(config, args, lambda: f"move {pressing}")
     _over_a_scale(args)
@@ -145,6 +150,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     from detector.scores.unlabelled import hold_of
     from scenarios.campaign.config import load_config
     from scenarios.lab.hand import guard_of
+    from scenarios.lab.ready import active_hand, check_closing
     from scenarios.lab.sessions import held_still
     from scenarios.studies.detectors.unlabelled import rule_of
 
@@ -154,6 +160,8 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     guard_of(config)  # raises where a run would be refused
     holding = f"the fingers, closed on an object for {args.seconds:g} s, then opened"
     if args.dry_run:
+        state = active_hand(config)
+        check_closing(config, state, CLOSED)
         return _would(args, f"{holding}; the arm stands")
     permit = leave_to_move(config, args, lambda: f"move {holding}")
     will(f"move {holding}; the arm stands")

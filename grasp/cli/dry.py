@@ -83,30 +83,29 @@ def _plan(config: Any, args: argparse.Namespace) -> list[str]:
 
 
 def release(config: Any, args: argparse.Namespace) -> int:
-    """Exits 0 only where the fingers would be opened."""
-    from scenarios.rigs.device_checks import read_gripper
+    """Raises what the release would: exits 0 only where the fingers would be opened."""
+    from scenarios.lab.ready import hand_seen
     from scenarios.rigs.permission import gripper_address
+    from scenarios.rigs.release import not_active
     from scenarios.rigs.rig import calibration
 
     _of_devices(config)
     calibration(config)
-    where = gripper_address(config)
-    if config.devices.gripper:
-        raise UsageError(f"{where} is of another package", "look at it by that")
-    _, now = read_gripper(config)
-    at = tuple(finger.position for finger in now.fingers)
+    state, where = hand_seen(config), gripper_address(config)
     speed_mmps = config.controller.approach_speed_mps * 1e3
-    would = f"open the fingers of the gripper at {where} from {at} counts at {speed_mmps:.0f} mm/s"
-    code = exits.SUCCESS
-    if not now.active and args.activate:
+    would = (
+        f"open the fingers of the gripper at {where} from {state.positions} counts at "
+        f"{speed_mmps:.0f} mm/s"
+    )
+    if not state.active:
+        if not args.activate:
+            raise not_active(state, "the same with --activate")
         would = f"activate the gripper at {where}: all fingers open and close fully, then open"
-    elif not now.active:
-        would, code = "refuse: the hand is not active (--activate)", exits.SAFETY_STOP
     if args.json:
-        print(json_line({"would": would, "exit_code": code}))
+        print(json_line({"would": would, "exit_code": exits.SUCCESS}))
     else:
         print(f"would {would}")
-    return code
+    return exits.SUCCESS
 
 
 def _of_devices(config: Any) -> None:

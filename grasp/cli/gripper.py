@@ -1,6 +1,7 @@
 """`grasp gripper`: the hand alone, looked at, activated, and moved slowly in finite steps."""
 
 import argparse
+from collections.abc import Callable
 from typing import Any
 
 from drivers.errors import UsageError
@@ -22,6 +23,7 @@ from grasp.cli.output import json_line
 HELP = "look at a lab's gripper, activate it, move it slowly"
 SLOW = "slowly, at its least force"
 ALL = "open and close all fingers fully"
+IDLE = "do nothing: it is active"
 FULLY = "activation opens and closes the hand fully, with a force that nobody sets."
 
 
@@ -103,12 +105,13 @@ def _looked(args: argparse.Namespace) -> tuple[str, Any, Any]:
 def activate(args: argparse.Namespace) -> int:
     from scenarios.lab.hand import activate_hand
 
-    if args.dry_run:
-        _, _, now = _looked(args)
-        ready = now.ready and not now.fault
-        would = "do nothing: it is active" if ready else ALL
-        return _tell(args, {"would": would})
     config = lab_config(args)
+    if args.dry_run:
+        from scenarios.lab.ready import check_activation
+        from scenarios.rigs.rig import calibration
+
+        calibration(config)
+        return _tell(args, {"would": ALL if check_activation(config) else IDLE})
     permit = leave_to_move(config, args, lambda: ALL)
     confirm(f"{FULLY} Is it empty, and everybody's hands away?", "empty", args.empty)
     will(f"{ALL}, if it is not active")
@@ -123,7 +126,7 @@ def open_fingers(args: argparse.Namespace) -> int:
     from scenarios.lab.hand import open_hand
 
     if args.dry_run:
-        return _would(args, "ABC", 0, "open")
+        return _would(args, lambda at: (0, 0, 0), closing=False)
     config = lab_config(args)
     permit = leave_to_move(config, args, lambda: f"open all fingers at {_how(config)}")
     tell_weak(config.calibration)
@@ -138,7 +141,7 @@ def close_fingers(args: argparse.Namespace) -> int:
 
     fingers = fingers_of(args.finger)
     if args.dry_run:
-        return _would(args, fingers, args.to, "close")
+        return _would(args, lambda at: targets_of(at, fingers, args.to), closing=True)
     config = lab_config(args)
     permit = leave_to_move(
         config, args, lambda: f"close finger {fingers} to {args.to} counts at {_how(config)}"
@@ -157,7 +160,7 @@ def step_fingers(args: argparse.Namespace) -> int:
     fingers, config = fingers_of(args.finger), lab_config(args)
     counts = step_counts(config, args.mm * 1e-3) * (-1 if args.open else 1)
     if args.dry_run:
-        return _would(args, fingers, counts, "step")
+        return _would(args, lambda at: step_targets(at, fingers, counts), not args.open)
     permit = leave_to_move(
         config, args, lambda: f"move finger {fingers} by {counts:+} counts at {_how(config)}"
     )
@@ -169,21 +172,17 @@ def step_fingers(args: argparse.Namespace) -> int:
     return _tell(args, {"done": moved.in_words()}, _ended(moved))
 
 
-def _would(args: argparse.Namespace, fingers: str, counts: int, what: str) -> int:
-    """Of a dry run: where which fingers would go, from where they are, and how hard at most."""
-    from scenarios.lab.hand import guard_of, step_targets, targets_of
+def _would(args: argparse.Namespace, targets: Callable[[Any], Any], closing: bool) -> int:
+    """Of a dry run: where the fingers would go from where they are, and how hard at most. Raises
+    what the motion would."""
+    from scenarios.lab.ready import active_hand, check_closing
 
     config = lab_config(args)
-    _, _, now = _looked(args)
-    at = tuple(finger.position for finger in now.fingers)
-    if what != "open" and counts > 0:
-        guard_of(config)  # raises where a run would be refused
-    if what == "step":
-        to = step_targets(at, fingers, counts)
-    else:
-        to = targets_of(at, fingers, counts) if what == "close" else (0, 0, 0)
-    ready = "" if now.ready else ", once it has been activated"
-    return _tell(args, {"would": f"{_move(config, at, to)}{ready}"})
+    state = active_hand(config)
+    to = targets(state.positions)
+    if closing:
+        check_closing(config, state, to)
+    return _tell(args, {"would": _move(config, state.positions, to)})
 
 
 def _move(config: Any, at: Any, to: Any) -> str:

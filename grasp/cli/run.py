@@ -6,7 +6,6 @@ from typing import Any
 
 from drivers.errors import UsageError
 from grasp.cli import dry, exits, first
-from grasp.cli.lab import tell_weak
 from grasp.cli.options import (
     OBJECT_HELP,
     add_confirmation,
@@ -193,10 +192,18 @@ def _permit(config: Any, args: argparse.Namespace) -> Any:
     leave = motion_permit(config, args)
     check_devices(config)
     if leave is not None:
-        tell_weak(getattr(config, "calibration", None))
-        for line in config.source.in_words() if hasattr(config, "source") else ():
+        for line in _sources(config):
             exits.report_line(line)
     return leave
+
+
+def _sources(config: Any) -> list[str]:
+    """How figures that are not of the manual's making were come by: a line each."""
+    from scenarios.rigs.calibration import in_words
+
+    hand = getattr(config, "calibration", None)
+    source = getattr(config, "source", None)  # an acquisition has neither
+    return [*([] if hand is None else [in_words(hand)]), *(source.in_words() if source else ())]
 
 
 def _acquire(args: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ from drivers.ur.link.preflight import CONNECT_AGAIN, DASHBOARD_PORT, Dashboard
 from grasp import interruption
 from grasp.clock import Clock, WallClock
 from scenarios.lab.hand import Say
-from scenarios.rigs.cell_lock import devices_of, driving
+from scenarios.rigs.cell_lock import arm_of, driving
 from scenarios.rigs.permission import MotionPermit, arm_address, require
 from scenarios.rigs.wired import open_arm
 from scenarios.trial.config import TrialConfig
@@ -43,7 +43,7 @@ def step_arm(
     require(permit)
     checked_step(step_m)
     clock = WallClock(WallClock().now_ns)
-    with driving(devices_of(config)[-1]), open_arm(config, lambda: clock.now_ns) as arm:
+    with driving(arm_of(config)), open_arm(config, lambda: clock.now_ns) as arm:
         arm.pump(clock.now_ns)
         arm.set_payload(config.arm.payload_kg)
         arm.pump(clock.now_ns)

@@ -98,6 +98,34 @@ def step_targets(at: Counts3, fingers: str, counts: int) -> Counts3:
     return a, b, c
 
 
+def check_thumb(state: GripperState, targets: Counts3, felt: bool) -> bool:
+    """Whether B or C would close. Raises Refused where the thumb is in their way, or nothing is
+    ``felt``."""
+    a, *others = state.positions
+    if not any(to > at for to, at in zip(targets[1:], others, strict=True)):
+        return False
+    if a > OPEN_COUNTS or targets[0] > a:
+        raise Refused(
+            f"the thumb stands at {a} counts: it would bear what B and C press together",
+            "open it first (`grasp gripper open`), and close it last and alone",
+        )
+    if not felt:
+        raise Refused(
+            "B and C close only where the fingertips can tell a touch, and their rest is known "
+            "of an open hand alone",
+            "`grasp gripper open`, or set tactile.rest_reference (`grasp tactile rest`)",
+        )
+    return True
+
+
+def not_active(state: GripperState) -> Refused:
+    """What is said of a hand that obeys nothing."""
+    why = f" ({state.fault_text})" if state.fault else ""
+    return Refused(
+        f"the hand is not active{why}: nothing was moved", "empty it, then `grasp gripper activate`"
+    )
+
+
 class Hand:
     """An active hand, its fingertips where they are heard, and the guard between."""
 
@@ -149,22 +177,10 @@ class Hand:
     def step(self, targets: Counts3, say: Say) -> Moved:
         """As ``move``; where B or C close, they stand as soon as anything is felt. Raises Refused
         where the thumb is in their way, or nothing is known to be felt."""
-        a, *others = self.state.positions
-        closing = any(to > at for to, at in zip(targets[1:], others, strict=True))
-        if self.each_motor or not closing:
+        if self.each_motor:
             return self.move(targets, say)
-        if a > OPEN_COUNTS or targets[0] > a:
-            raise Refused(
-                f"the thumb stands at {a} counts: it would bear what B and C press together",
-                "open it first (`grasp gripper open`), and close it last and alone",
-            )
-        if self._touch is None or self._touch.counts_sum is None:
-            raise Refused(
-                "B and C close only where the fingertips can tell a touch, and their rest is known "
-                "of an open hand alone",
-                "`grasp gripper open`, or set tactile.rest_reference (`grasp tactile rest`)",
-            )
-        return self.move(targets, say, lightly=True)
+        felt = self._touch is not None and self._touch.counts_sum is not None
+        return self.move(targets, say, lightly=check_thumb(self.state, targets, felt))
 
     def idle(self, watching: bool = True) -> None:
         """Let a moment pass in which nothing is asked of the devices but how they are; who makes
@@ -298,11 +314,7 @@ def open_hand(config: TrialConfig, permit: MotionPermit | None, closing: bool) -
         if state is None:
             raise LinkLost("the gripper does not answer", "check its power, cable and address")
         if not state.active:
-            why = f" ({state.fault_text})" if state.fault else ""
-            raise Refused(
-                f"the hand is not active{why}: nothing was moved",
-                "empty it, then `grasp gripper activate`",
-            )
+            raise not_active(state)
         touch = stack.enter_context(open_touch(config, clock, state.is_open)) if closing else None
         yield Hand(config, gripper, touch, clock, allowed.release)
 

@@ -30,7 +30,7 @@ from grasp import interruption
 from grasp.clock import Clock, WallClock
 from grasp.guard import GuardSettings
 from scenarios.lab.fit import AGAIN, Byte, Law, Line
-from scenarios.lab.hand import Say
+from scenarios.lab.hand import Say, not_active
 from scenarios.lab.steps import Steps, lead_counts, walk
 from scenarios.lab.touch import Touch
 from scenarios.rigs.cell_lock import driving, gripper_of
@@ -183,6 +183,12 @@ class Presser:
         )  # fmt: skip
 
 
+def check_open(state: GripperState) -> None:
+    """Raises Refused for a hand whose fingers may hold something, or be on the scale already."""
+    if max(state.positions) > OPEN_COUNTS:
+        raise Refused(f"the hand is not open, at {state.positions}", "`grasp gripper open`")
+
+
 @contextmanager
 def open_presser(
     config: GraspRigConfig, permit: MotionPermit | None, finger: str, up_to_n: float, say: Say
@@ -200,10 +206,11 @@ def open_presser(
     ):
         gripper.pump(clock.now_ns)
         state = gripper.state
-        if state is None or not state.active:
-            raise Refused("the hand is not active", "empty it, then `grasp gripper activate`")
-        if max(state.positions) > OPEN_COUNTS:
-            raise Refused(f"the hand is not open, at {state.positions}", "`grasp gripper open`")
+        if state is None:
+            raise LinkLost("the gripper does not answer", "check its power, cable and address")
+        if not state.active:
+            raise not_active(state)
+        check_open(state)
         presser = Presser(gripper, clock, finger, up_to_n)
         try:
             yield presser

@@ -37,6 +37,14 @@ def weak_claim(known: GripperCalibration) -> str:
     )
 
 
+def in_words(known: GripperCalibration) -> str:
+    """What force byte 0 presses with, and who says so."""
+    return weak_claim(known) or (
+        f"calibration {known.name!r} has force byte 0 press with {known.least_force_n:g} N, by: "
+        f"{known.source}"
+    )
+
+
 def choices() -> str:
     """What `gripper.calibration` may be, in words."""
     return f"{', '.join(names(KIND))}, or the path of a .toml file"

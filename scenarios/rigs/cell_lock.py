@@ -30,8 +30,13 @@ def driving(*devices: str) -> Iterator[None]:
 def devices_of(config: AnyRigConfig) -> list[str]:
     """What moves on a rig, by its address; raises ConfigError where nobody has said it."""
     gripper = [gripper_of(config)] if isinstance(config, GraspRigConfig) else []
-    arm = arm_address(config)
-    return [*gripper, f"arm {arm}" if config.devices.arm else f"arm at {_resolved(arm)}"]
+    return [*gripper, arm_of(config)]
+
+
+def arm_of(config: AnyRigConfig) -> str:
+    """The arm, by its address; raises ConfigError where nobody has said it."""
+    address = arm_address(config)
+    return f"arm {address}" if config.devices.arm else f"arm at {_resolved(address)}"
 
 
 def gripper_of(config: GraspRigConfig) -> str:

@@ -15,7 +15,7 @@ from drivers.takktile.link.thread import ReadingThread
 from drivers.ur.link import look as arm_look
 from drivers.ur.link.preflight import preflight
 from grasp.clock import WallClock
-from scenarios.rigs.calibration import weak_claim
+from scenarios.rigs.calibration import in_words, weak_claim
 from scenarios.rigs.cell_lock import devices_of, driving
 from scenarios.rigs.checks import Check, guarded
 from scenarios.rigs.config import GraspRigConfig
@@ -45,10 +45,10 @@ def ask_devices(config: GraspRigConfig, would_run: Callable[[Any], object]) -> l
 def _calibration(config: GraspRigConfig) -> Check:
     """Has somebody said which hand this is? A run is refused where nobody has."""
     chosen = calibration(config)
-    least = f"force byte 0 is {chosen.least_force_n:g} N"
-    if config.rig == HARDWARE and (claim := weak_claim(chosen)):
-        return Check("calibration", "warn", claim, "is it so? `grasp calibrate hand` measures it")
-    return Check("calibration", "ok", f"{config.gripper.calibration}: {least}")
+    if config.rig == HARDWARE and weak_claim(chosen):
+        is_it = "is it so? `grasp calibrate hand` measures it"
+        return Check("calibration", "warn", in_words(chosen), is_it)
+    return Check("calibration", "ok", in_words(chosen))
 
 
 def _guard(config: GraspRigConfig, would_run: Callable[[Any], object]) -> Check:

@@ -8,7 +8,7 @@ import time
 from contextlib import suppress
 
 from drivers.errors import DeviceFault, GraspError, LinkLost, Refused
-from drivers.interfaces import Counts3, Gripper
+from drivers.interfaces import Counts3, Gripper, GripperState
 from grasp.clock import Clock, WallClock
 from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
@@ -69,13 +69,18 @@ def _make_ready(gripper: Gripper, clock: Clock, permit: MotionPermit, activating
     if state.active:
         return
     if not activating:
-        why = f" ({state.fault_text})" if state.fault else ""
-        raise Refused(
-            f"the hand is not active{why}: nothing was moved",
-            "activation opens and closes it fully: empty the hand or support what it holds, then "
-            f"run `{permit.release} --activate`",
-        )
+        raise not_active(state, f"`{permit.release} --activate`")
     activate(gripper, clock, dropping=True)  # it was said that what it holds is supported
+
+
+def not_active(state: GripperState, again: str) -> Refused:
+    """What is said of a hand that obeys nothing; ``again``: what to run."""
+    why = f" ({state.fault_text})" if state.fault else ""
+    return Refused(
+        f"the hand is not active{why}: nothing was moved",
+        "activation opens and closes it fully: empty the hand or support what it holds, then run "
+        f"{again}",
+    )
 
 
 def _opened(gripper: Gripper, clock: Clock, speed_mps: float) -> Counts3:

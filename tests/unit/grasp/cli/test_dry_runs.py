@@ -9,23 +9,40 @@ from grasp.cli.main import main
 
 
 @pytest.mark.parametrize(
-    "words",
-    ["calibrate hand --up-to 16 --out NEW", "calibrate force --press --out NEW",
-     "calibrate noise --out NEW --set gripper.calibration=paper",
-     "arm step --z 3 --set ur.host=127.0.0.1", "arm stop --set ur.host=127.0.0.1"],
-)  # fmt: skip
-def test_dry_run_says_in_json_what_it_would_do(
-    words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ("words", "missing"),
+    [
+        ("calibrate hand --up-to 16 --out NEW", "modbus: host"),
+        ("calibrate force --press --out NEW", "usb: serial"),
+        ("calibrate force --out NEW", "usb: serial"),
+        ("calibrate noise --out NEW --set gripper.calibration=paper", "modbus: host"),
+        ("gripper activate --set gripper.calibration=paper", "modbus: host"),
+        ("gripper open", "modbus: host"),
+        ("arm step --z 3", "ur: host"),
+        ("arm stop", "ur: host"),
+    ],
+)
+def test_dry_run_without_an_address_is_refused_as_the_verb_is(
+    words: str, missing: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     new = tmp_path / "new.toml"
     typed = words.replace("NEW", str(new)).split()
-    assert main([*typed, "--dry-run", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["would"].split()[0] in ("move", "end")
-    assert told["exit_code"] == 0
-    assert main([*typed, "--dry-run"]) == 0
-    assert capsys.readouterr().out == f"would {told['would']}\n"
+    assert main([*typed, "--dry-run"]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert missing in said.err
     assert not new.exists()
+
+
+def test_dry_run_of_a_stop_asks_nobody_and_says_so_in_json_too(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    typed = ["arm", "stop", "--dry-run", "--set", "ur.host=127.0.0.1"]
+    assert main([*typed, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told == {"would": "end the program on the arm at 127.0.0.1, whoever runs it",
+                    "exit_code": 0}  # fmt: skip
+    assert main(typed) == 0
+    assert capsys.readouterr().out == f"would {told['would']}\n"
 
 
 HAND = "--set gripper.calibration=paper --set modbus.host=127.0.0.1"

@@ -3,8 +3,11 @@ that they state; and data that support nothing refused."""
 
 import math
 import random
+from collections.abc import Callable
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from drivers.errors import UsageError
 from scenarios.lab.fit import (
@@ -22,6 +25,8 @@ from scenarios.lab.fit import (
     tolerance,
 )
 
+Floats = NDArray[np.float64]
+Shape = tuple[int, ...]
 WEIGHTS_N = (0.49, 0.98, 1.96, 2.94, 3.92, 4.9, 6.86, 9.81)
 
 
@@ -155,29 +160,55 @@ def test_readings_rightly_typed_are_not_doubted() -> None:
 # Bytes to newtons
 
 
-@pytest.mark.parametrize(
-    ("presses", "factor"),
-    [(4, 5.144), (5, 4.203), (10, 2.911), (20, 2.396), (30, 2.220), (50, 2.065), (100, 1.927)],
-)
-def test_tolerance_factors_are_those_of_the_tables(presses: int, factor: float) -> None:
-    assert tolerance(presses, 0.95, 0.95) == pytest.approx(factor, abs=0.001)
+def covered(presses: int, press: Callable[[Shape], Floats]) -> float:
+    """Share of calibrations whose bound is above 95 % of all presses of that law."""
+    most = np.sort(press((400_000,)))[380_000]
+    series = press((40_000, presses))
+    spread = series.std(axis=1, ddof=1)
+    return float((series.mean(axis=1) + tolerance(presses) * spread >= most).mean())
 
 
-@pytest.mark.parametrize("scatter", ["one side", "both sides"])
+@pytest.mark.parametrize("presses", [4, 5, 7, 9, 10, 11, 17, 25, 40, 70, 100])
+def test_factor_suffices_for_presses_with_the_longest_tail_and_not_by_much(presses: int) -> None:
+    rng = np.random.default_rng(presses)
+    assert 0.947 <= covered(presses, lambda shape: rng.exponential(1.0, shape)) <= 0.963
+
+
+def test_factor_suffices_for_presses_that_scatter_otherwise() -> None:
+    rng = np.random.default_rng(1)
+    laws: list[Callable[[Shape], Floats]] = [
+        lambda shape: rng.normal(0.0, 1.0, shape),
+        lambda shape: -rng.exponential(1.0, shape),
+        lambda shape: rng.gamma(2.0, 1.0, shape),
+        lambda shape: rng.uniform(-1.0, 1.0, shape),
+        lambda shape: rng.weibull(1.5, shape),
+        lambda shape: rng.laplace(0.0, 1.0, shape),
+        lambda shape: np.exp(0.3 * rng.normal(0.0, 1.0, shape)),
+    ]
+    assert min(covered(10, law) for law in laws) >= 0.98
+
+
+def test_what_ten_presses_hardly_show_is_not_bounded() -> None:
+    """Why the page says so: a tenth more, once in 16 presses, is not among ten of them in every
+    second calibration."""
+    rng = np.random.default_rng(2)
+
+    def now_and_then(shape: Shape) -> Floats:
+        harder: Floats = 0.1 * (rng.random(shape) < 1 / 16) + rng.normal(0.0, 0.01, shape)
+        return harder
+
+    assert 0.4 < covered(10, now_and_then) < 0.6
+
+
+@pytest.mark.parametrize("scatter", ["gamma", "exponential", "normal"])
 def test_of_95_files_in_100_as_many_presses_stay_below_what_is_stored(scatter: str) -> None:
-    """Not on the average over files: in each. What only 5 % of presses exceed is known here."""
-    if scatter == "one side":
-        most_n = 11.0 * (1 + 0.015 * 4.7439)  # of the gamma law, shape 2
-
-        def law(rng: random.Random) -> float:
-            return hand(0, rng)
-
-    else:
-        most_n = 11.0 * (1 + 0.03 * 1.6449)
-
-        def law(rng: random.Random) -> float:
-            return 11.0 * rng.gauss(1.0, 0.03)
-
+    """Not on the average over files: in each, read off a kitchen scale. What only 5 % of presses
+    exceed is known here."""
+    most_n, law = {
+        "gamma": (11.0 * (1 + 0.015 * 4.7439), lambda rng: hand(0, rng)),
+        "exponential": (11.0 * (1 + 0.02 * 2.9957), lambda rng: 11.0 * (1 + rng.expovariate(50))),
+        "normal": (11.0 * (1 + 0.03 * 1.6449), lambda rng: 11.0 * rng.gauss(1.0, 0.03)),
+    }[scatter]
     right, series = 0, 1000
     for seed in range(series):
         rng = random.Random(seed)

@@ -53,6 +53,31 @@ def test_hand_that_nobody_has_chosen_stands_against_a_run(
 
 
 @pytest.mark.usefixtures("no_arm")
+def test_source_of_each_calibration_is_told_or_that_there_is_none(tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("lab.toml", "hand.toml", "force.toml", "rule.toml")]
+    lab, hand, force, rule = files
+    strong = "[guard]\nforce_limit_n = 20\n[controller]\ngrip_force_n = 20\n"
+    lab.write_text(f'[gripper]\ncalibration = "{hand}"\n{strong}{ADDRESSES}')
+    hand.write_text('[calibration]\nsource = "a load cell; new pads"\nleast_force_n = 16.0\n')
+    force.write_text('[source]\ncounts_per_newton = "a kitchen scale"\n')
+    rule.write_text('[source]\nrule = "a hold of three minutes"\n')
+
+    def told(*given: Path) -> str:
+        checks = doctor._devices(
+            "hardware", lambda rig, name: load_config("can", rig, name, given), make_guard
+        )
+        assert {c.status for c in checks if c.name in ("calibration", "force guard")} == {"ok"}
+        return " ".join(check.detail for check in checks)
+
+    assert device_checks.ASSUMED in told(lab)
+    everything = told(*(lab, force, rule))
+    assert device_checks.ASSUMED not in everything
+    for known in ("16 N, by: a load cell; new pads", "counts a newton by: a kitchen scale",
+                  "rule on slip by: a hold of three minutes"):  # fmt: skip
+        assert known in everything
+
+
+@pytest.mark.usefixtures("no_arm")
 @pytest.mark.parametrize(
     ("active", "at", "status", "remedy"),
     [(True, 6, "ok", ""), (False, 6, "warn", "gripper activate"), (True, 90, "fail", "release"),

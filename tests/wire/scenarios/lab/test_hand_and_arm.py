@@ -15,6 +15,7 @@ from drivers.errors import DeviceFault
 from grasp.clock import WallClock
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.rigs.cell_control import ControlClient
+from scenarios.rigs.cell_lock import arm_of, driving, gripper_of
 from scenarios.rigs.device_checks import read_gripper
 from scenarios.rigs.wired import open_arm
 from tests.wire.scenarios.lab.terminal import grasp, started
@@ -140,6 +141,56 @@ def test_nothing_moves_unconfirmed_or_dry(words: tuple[str, ...], ready: Lab) ->
     assert dry.returncode == 0, dry.stderr
     assert dry.stdout.startswith("would move")
     assert (ready.places, ready.height_m) == before
+
+
+DRY = (
+    ("gripper", "open"), ("gripper", "close"), ("gripper", "step", "--finger", "B"),
+    ("calibrate", "hand", "--up-to", "16", "--out", "none.toml"),
+    ("calibrate", "force", "--press", "--out", "none.toml"),
+    ("calibrate", "noise", "--out", "none.toml"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("words", DRY, ids=" ".join)
+def test_dry_run_is_refused_where_the_motion_would_be(words: tuple[str, ...], ready: Lab) -> None:
+    with driving(gripper_of(ready.config)):
+        driven = ready.grasp(*words, "--dry-run")
+    assert driven.returncode == 4, driven.stdout
+    assert "is driven by process" in driven.stderr
+    ready.cell.ask("fault", name="gripper_fault", code=14)
+    asleep = ready.grasp(*words, "--dry-run")
+    assert asleep.returncode == 4, asleep.stdout
+    assert "the hand is not active" in asleep.stderr
+    ready.done("release", "--rig", "hardware", "--activate")
+    dry = ready.grasp(*words, "--dry-run")
+    assert dry.returncode == 0, dry.stderr
+    assert dry.stdout.startswith("would move ")
+
+
+def test_dry_run_hears_the_fingertips_and_sees_a_thumb_in_the_way(ready: Lab) -> None:
+    ready.done("gripper", "open")
+    deaf = ("--set", "usb.url=tcp://127.0.0.99:9", "--dry-run")
+    assert ready.grasp("gripper", "close", *deaf).returncode == 3
+    assert ready.grasp("gripper", "open", *deaf).returncode == 0  # which hears nothing either
+    ready.done("gripper", "close", "--finger", "A", "--to", "40")
+    in_the_way = ready.grasp("gripper", "close", "--dry-run")
+    assert in_the_way.returncode == 4
+    assert "the thumb stands at 40 counts" in in_the_way.stderr
+    assert ready.grasp("gripper", "step", "--finger", "A", "--dry-run").returncode == 0
+    scale = ("calibrate", "hand", "--up-to", "16", "--out", "none.toml", "--dry-run")
+    assert "the hand is not open" in ready.grasp(*scale).stderr
+    ready.done("gripper", "open")
+
+
+def test_arm_is_stepped_and_stopped_without_an_address_of_a_gripper(lab: Lab) -> None:
+    alone = ("--rig", "hardware", "--set", f"ur.host={lab.config.ur.host}")
+    stepped = grasp("arm", "step", "--z", "1", *alone, *CONFIRMED)
+    assert stepped.returncode == 0, stepped.stderr
+    assert grasp("arm", "step", "--z", "-1", *alone, *CONFIRMED).returncode == 0
+    with driving(arm_of(lab.config)):
+        driven = grasp("arm", "step", "--z", "1", *alone, "--dry-run")
+    assert driven.returncode == 4
+    assert "is driven by process" in driven.stderr
 
 
 def test_finger_steps_there_and_back(ready: Lab) -> None:
@@ -286,6 +337,9 @@ def test_arm_in_a_protective_stop_is_told_with_its_remedy(lab: Lab) -> None:
     assert told.returncode == 3
     assert "safety mode 3: protective stop" in told.stdout
     assert "clear it there" in told.stderr
+    dry = lab.grasp("arm", "step", "--z", "1", "--dry-run")
+    assert dry.returncode == 3
+    assert "PROTECTIVE_STOP" in dry.stderr and "clear it there" in dry.stderr
     step = lab.grasp("arm", "step", "--z", "1", *CONFIRMED)
     assert step.returncode == 3
     assert "PROTECTIVE_STOP" in step.stderr

@@ -116,6 +116,25 @@ def test_release_names_whoever_drives_the_gripper(lab: Lab) -> None:
     assert lab.release().returncode == 0
 
 
+def test_dry_run_of_a_release_ends_as_the_release_would(lab: Lab) -> None:
+    asleep = lab.release("--dry-run")
+    assert asleep.returncode == lab.release().returncode == 4
+    assert "the hand is not active: nothing was moved" in asleep.stderr
+    activated = lab.release("--dry-run", "--activate")
+    assert activated.returncode == 0
+    assert "would activate the gripper at" in activated.stdout
+    assert lab.cell.ask("truth")["placed"] is False  # nothing has opened
+    lab.leave_closed()
+    with driving(gripper_of(lab.config)):
+        driven = lab.release("--dry-run")
+    assert driven.returncode == 4
+    assert "is driven by process" in driven.stderr
+    dry = lab.release("--dry-run")
+    assert dry.returncode == 0, dry.stderr
+    assert "would open the fingers of the gripper at" in dry.stdout
+    assert lab.cell.ask("motion")["fingers_mps"] == 0.0
+
+
 def test_run_on_a_driven_cell_is_refused_before_anything_is_opened(
     lab: Lab, tmp_path: Path
 ) -> None:
