@@ -24,6 +24,10 @@ UR = "tests/wire/drivers/ur/emulator"
 RTDE, STOCK = f"{UR}/test_ur_rtde.py::test", f"{UR}/test_stock_clients.py::test"
 PIP = f"{UR}/test_pip_clients.py::test_client_does_what_the_page_says"
 BAD = f"{UR}/test_controller.py::test_bad_arguments_end_the_program_and_nothing_moves"
+SENDER = (
+    f"{UR}/test_process.py::"
+    "test_sender_of_what_is_not_emulated_sees_its_program_end_and_the_log_says_why"
+)
 BUS = "tests/wire/drivers/takktile/test_bus.py::test"
 EMULATE = "tests/wire/scenarios/cell/test_emulate.py::test"
 
@@ -64,7 +68,7 @@ ROWS = (
     _ur_rtde("dashboard", "dashboard: power, load, play, pause, stop, log"),
     _ur_rtde("stop_after_speed", "stopL after speedL", "ends the program, as on a robot"),
     _ur_rtde("in_use", "a second controlling client", "refused: registers in use"),
-    _ur_rtde("not_emulated", "servoC, forceMode", REFUSED),
+    _ur_rtde("not_emulated", "servoC, forceMode, teachMode", REFUSED),
     _ur_rtde("force_settings", "forceModeSetDamping",
              "taken without effect (its own script does so as it starts), the log says so"),
     _ur_rtde("move_l", "moveL, moveJ at 500 Hz", "works", "e_series_at_500_hz"),
@@ -101,12 +105,16 @@ ROWS = (
         f"{PIP}[urx_speeds]"),
     Row("urinterface 0.0.5, with UR's Python RTDE client", "movej, recording, load, play, stop",
         "works", f"{PIP}[urinterface]"),
+    Row("UR's Python RTDE client, as urinterface 0.0.5 carries it",
+        "`record.py` itself with its stock recipe", "works", f"{PIP}[record]"),
     Row("any, exchange", "port 30003: 1116 bytes every cycle, at 125 and at 500 Hz", "works",
         f"{STOCK}_real_time_port_tells_every_cycle_what_rtde_tells[cb3-0.008]"),
+    *(Row("any, URScript", f"`{name}`", "refused: the program ends, the log says why",
+          f"{SENDER}[{name}]")
+      for name in ("force_mode", "servoc", "teach_mode", "freedrive_mode", "popup", "socket_open")),
     *(Row("any, URScript", f"`{call.partition('(')[0]}`",
           "refused: the program ends, the log says why", f"{BAD}[{call}]")
-      for call in ('popup("here")', 'socket_open("127.0.0.1", 80)', "teach_mode()",
-                   "movep(p[0.5, 0.1, 0.3, 0, 0, 0])", "read_port_bit(0)")),
+      for call in ("movep(p[0.5, 0.1, 0.3, 0, 0, 0])", "read_port_bit(0)")),
     Row("pymodbus 3", "gripper: activation, on Modbus TCP", "works",
         f"{EMULATE}_gripper_answers_on_tcp_and_on_a_serial_line"),
     Row("pymodbus 3", "gripper on Modbus RTU (`--rtu`)", "works",

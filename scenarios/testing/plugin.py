@@ -208,7 +208,7 @@ class CellFixture:
         """Put the object between the fingers again."""
         self._process.control.ask("place")
 
-    def press(self, finger: str, taxel: int, newtons: float = 2.0, seconds: float = 1.0) -> None:
+    def press(self, finger: str, taxel: int, newtons: float = 1.0, seconds: float = 1.0) -> None:
         """A person's finger on one pad of the hand, which must be open."""
         self._process.control.ask(
             "press", finger=finger, taxel=taxel, newtons=newtons, seconds=seconds

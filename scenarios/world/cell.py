@@ -55,7 +55,7 @@ class PadPress(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
     finger: Literal["A", "B", "C"]
     taxel: Annotated[int, Meta(ge=0)]
-    newtons: Annotated[float, Meta(gt=0.0, le=50.0)] = 2.0
+    newtons: Annotated[float, Meta(gt=0.0, le=50.0)] = 1.0
     seconds: Annotated[float, Meta(gt=0.0, le=60.0)] = 1.0
 
 

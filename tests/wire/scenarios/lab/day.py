@@ -186,11 +186,16 @@ def _lifts(day: Day) -> None:
         return ""
 
     both = ("--config", "force.toml", "--config", "rule.toml")
+    day.say("What would it do? The devices are asked, nothing moves.")
+    day.run("run", "lift", "--first", "--dry-run", "--rig", "hardware", *LAB, *both)
+    day.say("Then it does it.")
     day.run("run", "lift", "--first", "-v", "--rig", "hardware", *MOVES, *both, answer=answered)
     day.say("The arm stands where the lift ended; brought back by its pendant (the lab's word "
             "`home`), the day is over.")  # fmt: skip
     day.word("home")
     day.run("runs")
+    day.say("Had the hand been left closed, this would open it; what it holds falls.")
+    day.run("release", "--dry-run", "--rig", "hardware", *LAB)
 
 
 def skeleton(page: str) -> list[str]:

@@ -263,15 +263,18 @@ def servo(site):
 def not_emulated(site):
     """True from a call that does not wait; the next one tells, and the log says why."""
     c = site.connect()
-    c.servoC(site.target(dz=0.01), 0.1, 0.5, 0.0)
-    until(lambda: not c.isProgramRunning(), "the program goes on")
-    assert not c.moveL(site.target(), 0.1, 0.5)
-    assert "servoc is not emulated" in " ".join(site.fault(do="state")["messages"])
-    assert c.reuploadScript()
-    until(c.isProgramRunning, "program does not start again")
-    c.forceMode([0.0] * 6, [0] * 6, [0.0] * 6, 2, [0.1] * 6)
-    until(lambda: not c.isProgramRunning(), "the program goes on")
-    assert "force_mode is not emulated" in " ".join(site.fault(do="state")["messages"])
+    asked = {
+        "servoc": lambda: c.servoC(site.target(dz=0.01), 0.1, 0.5, 0.0),
+        "force_mode": lambda: c.forceMode([0.0] * 6, [0] * 6, [0.0] * 6, 2, [0.1] * 6),
+        "teach_mode": c.teachMode,
+    }
+    for name, ask in asked.items():
+        ask()
+        until(lambda: not c.isProgramRunning(), f"the program goes on after {name}")
+        assert not c.moveL(site.target(), 0.1, 0.5)
+        assert f"{name} is not emulated" in " ".join(site.fault(do="state")["messages"])
+        assert c.reuploadScript()
+        until(c.isProgramRunning, "program does not start again")
 
 
 def force_settings(site):

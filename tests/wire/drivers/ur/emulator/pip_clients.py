@@ -11,6 +11,7 @@ import itertools
 import json
 import os
 import socket
+import subprocess
 import sys
 import tempfile
 import time
@@ -23,6 +24,24 @@ FIELDS = {
     "timestamp": "DOUBLE", "actual_q": "VECTOR6D", "actual_qd": "VECTOR6D",
     "actual_TCP_pose": "VECTOR6D", "robot_mode": "INT32", "safety_mode": "INT32",
     "safety_status": "INT32", "runtime_state": "UINT32",
+}  # fmt: skip
+# record_configuration.xml as it is shipped
+STOCK = {
+    "timestamp": "DOUBLE", "target_q": "VECTOR6D", "target_qd": "VECTOR6D",
+    **dict.fromkeys(
+        ("target_qdd", "target_current", "target_moment", "actual_q", "actual_qd", "actual_current",
+         "joint_control_output", "actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force",
+         "target_TCP_pose", "target_TCP_speed"), "VECTOR6D",
+    ),
+    "actual_digital_input_bits": "UINT64", "joint_temperatures": "VECTOR6D",
+    "actual_execution_time": "DOUBLE", "robot_mode": "INT32", "joint_mode": "VECTOR6INT32",
+    "safety_mode": "INT32", "actual_tool_accelerometer": "VECTOR3D",
+    **dict.fromkeys(
+        ("speed_scaling", "target_speed_fraction", "actual_momentum", "actual_main_voltage",
+         "actual_robot_voltage", "actual_robot_current"), "DOUBLE",
+    ),
+    "actual_joint_voltage": "VECTOR6D", "actual_digital_output_bits": "UINT64",
+    "runtime_state": "UINT32",
 }  # fmt: skip
 
 
@@ -103,6 +122,35 @@ def urx_real_time(host, fault_port):
     with socket.create_connection((host, fault_port)) as sock:
         sock.sendall(json.dumps({"do": "wrench", "value": [1, 2, 3, 0, 0, 0]}).encode() + b"\n")
         until(lambda: near(robot.rtmon.tcf_force(wait=True), (1, 2, 3)))
+
+
+def record(host, _):
+    """UR's own program, as urinterface carries it, with its stock recipe."""
+    import third_party.rtde  # noqa: F401  (or it is not there)
+
+    fields = "".join(f'<field name="{name}" type="{kind}"/>' for name, kind in STOCK.items())
+    recipe, out = (Path(tempfile.mkdtemp()) / name for name in ("record.xml", "out.csv"))
+    recipe.write_text(f'<rtde_config><recipe key="out">{fields}</recipe></rtde_config>')
+    program = [sys.executable, "-m", "third_party.rtde.record", "--host", host, "--frequency",
+               "125", "--samples", "50", "--config", str(recipe), "--output", str(out)]  # fmt: skip
+
+    def without_a_gap():
+        """On a busy machine the client passes over what it has not read in time."""
+        done = subprocess.run(program, capture_output=True, text=True, check=False)
+        assert done.returncode == 0 and "Complete!" in done.stdout, (done.stdout, done.stderr)
+        head, *rows = (line.split(" ") for line in out.read_text().splitlines())
+        assert len(rows) >= 49  # it counts from one
+        wide = {"VECTOR6D": 6, "VECTOR6INT32": 6, "VECTOR3D": 3}
+        assert len(head) == sum(wide.get(kind, 1) for kind in STOCK.values())
+        found = [dict(zip(head, map(float, row), strict=True)) for row in rows]
+        times = [row["timestamp"] for row in found]
+        steps = {round((b - a) / 0.008, 3) for a, b in itertools.pairwise(times)}
+        assert all(step == round(step) >= 1 for step in steps)
+        return found if steps == {1.0} else None
+
+    last = until(without_a_gap)[-1]
+    assert near([last[f"actual_TCP_pose_{i}"] for i in range(3)], PLACE_M)
+    assert (last["robot_mode"], last["safety_mode"]) == (7, 1)
 
 
 def urinterface(host, _):

@@ -12,7 +12,7 @@ CLIENTS = Path(__file__).with_name("pip_clients.py")
 
 
 @pytest.mark.parametrize(
-    "scenario", ["urx_moves", "urx_waits", "urx_speeds", "urx_real_time", "urinterface"]
+    "scenario", ["urx_moves", "urx_waits", "urx_speeds", "urx_real_time", "record", "urinterface"]
 )
 def test_client_does_what_the_page_says(emulator, scenario):
     done = subprocess.run(
