@@ -107,14 +107,16 @@ def calibrate_force(args: argparse.Namespace) -> int:
         check_pressing(config, hearing=True) if args.press else check_hearing(config)
         return _would(args, pressing if args.press else "nothing")
     if not args.press:
+        operator = _operator()
         with interruption.held():
-            text = by_weights(config, args.finger, args.up_to, _operator(), _tell, args.note)
+            text = by_weights(config, args.finger, args.up_to, operator, _tell, args.note)
         return _written(args, text)
     permit = leave_to_move(config, args, lambda: f"move {pressing}")
     _over_a_scale(args)
+    operator = _operator()
     will(f"move {pressing}")
     with interruption.held():
-        text = press_force(config, permit, args.finger, args.up_to, _operator(), _tell, args.note)
+        text = press_force(config, permit, args.finger, args.up_to, operator, _tell, args.note)
     return _written(args, text)
 
 
@@ -137,11 +139,12 @@ def calibrate_hand(args: argparse.Namespace) -> int:
         return _would(args, pressing)
     permit = leave_to_move(config, args, lambda: f"move {pressing}")
     _over_a_scale(args)
+    operator = _operator()
     will(f"move {pressing}")
     with interruption.held():
         text = press(
             config, permit, args.finger, args.bytes, args.presses, args.up_to, args.places,
-            _operator(), _tell, args.note,
+            operator, _tell, args.note,
         )  # fmt: skip
     return _written(args, text)
 
@@ -164,9 +167,10 @@ def calibrate_noise(args: argparse.Namespace) -> int:
         check_closing(config, state, CLOSED)
         return _would(args, f"{holding}; the arm stands")
     permit = leave_to_move(config, args, lambda: f"move {holding}")
+    operator = _operator()
     will(f"move {holding}; the arm stands")
     with interruption.held():
-        counts = held_still(config, permit, args.seconds, _operator(), _tell)
+        counts = held_still(config, permit, args.seconds, operator, _tell)
         found = rule_of(judged, [(counts, *hold_of(counts))], args.budget)
     return _written(args, _rule_file(args, found, found.rule == judged.rule))
 
@@ -199,9 +203,12 @@ def _over_a_scale(args: argparse.Namespace) -> None:
 
 
 def _operator() -> Any:
+    """Raises UsageError where nobody will answer."""
     from grasp.cli.operator import TerminalOperator
 
-    return TerminalOperator()
+    operator = TerminalOperator()
+    operator.expect()
+    return operator
 
 
 def _tell(text: str) -> None:

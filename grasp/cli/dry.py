@@ -1,5 +1,5 @@
-"""`--dry-run` of `grasp run lift`, `grasp run tap` and `grasp release` on real devices: what would
-move, how fast, how hard, what would be asked. Reads and moves nothing."""
+"""What `grasp run lift` and `grasp run tap` will move on real devices, how fast, how hard, and what
+will be asked; their `--dry-run`, and that of `grasp release`, which read and move nothing."""
 
 import argparse
 from typing import Any
@@ -7,6 +7,7 @@ from typing import Any
 from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.output import json_line
+from grasp.cli.trials import is_asked, trials_of
 
 
 def add_dry_run(parser: argparse.ArgumentParser) -> None:
@@ -18,7 +19,6 @@ def add_dry_run(parser: argparse.ArgumentParser) -> None:
 
 def run(config: Any, args: argparse.Namespace) -> int:
     """Exits 0 only where that run would start. Raises UsageError on a rig without real devices."""
-    from scenarios.lab.first import gently
     from scenarios.rigs.device_checks import ask_devices
     from scenarios.rigs.permission import check_devices
     from scenarios.trial.execution import make_guard
@@ -28,8 +28,7 @@ def run(config: Any, args: argparse.Namespace) -> int:
         remedy = "leave --out and --resume out: a dry run opens no file"
         raise UsageError("--dry-run looks at devices and settings alone", remedy)
     check_devices(config)
-    if args.first:
-        config = gently(config)
+    config = _as_run(config, args)
     make_guard(config)  # raises where a limit cannot be kept
     config.make_detector(3)
     checks = ask_devices(config, make_guard)
@@ -48,37 +47,57 @@ def run(config: Any, args: argparse.Namespace) -> int:
     return code
 
 
+def plan(config: Any, args: argparse.Namespace) -> list[str]:
+    """What moves and what is asked, in turn. Raises ConfigError for what would be refused."""
+    from scenarios.trial.execution import make_guard
+
+    config = _as_run(config, args)
+    make_guard(config)
+    return _plan(config, args)
+
+
+def _as_run(config: Any, args: argparse.Namespace) -> Any:
+    """The settings as that run uses them."""
+    from scenarios.lab.first import gently
+    from scenarios.tap.tap import tap_config
+
+    if args.scenario == "tap":
+        return tap_config(config.for_tap())
+    return gently(config) if args.first else config
+
+
 def _plan(config: Any, args: argparse.Namespace) -> list[str]:
-    """What moves and what is asked, in turn."""
     from scenarios.rigs.rig import calibration
 
     controller, guard, known = config.controller, config.guard, calibration(config)
     closing_mmps = max(controller.closing_speed_mps, known.least_speed_mps) * 1e3
-    plan = [
-        "activate the hand if it is open and not active: all fingers open and close fully",
-        f"ask for {config.object.name} to be put between the fingers",
+    lift, asked = args.scenario == "lift", is_asked(args)
+    stopped = ", and stop it where the object slips" if lift else ""
+    up_mm = controller.retreat_m * 1e3
+    again = f", and lift the arm by {up_mm:.0f} mm" if up_mm else ""
+    plan = ["activate the hand if it is open and not active: all fingers open and close fully"]
+    if args.first:
+        plan.append("close them in free air to where they would grasp, and open them again")
+    if asked:
+        plan.append(f"ask for {config.object.name} to be put between the fingers")
+    plan += [
         f"close the fingers, to {config.object.grip_counts} counts and on, at up to "
         f"{closing_mmps:.0f} mm/s, no finger told more than {guard.force_limit_n:g} N (byte 0 of "
         f"this hand: {known.least_force_n:g} N)",
+        f"lift the arm by {controller.lift_height_m * 1e3:.0f} mm at "
+        f"{controller.lift_speed_mps * 1e3:.0f} mm/s{stopped}",
     ]
-    if args.first:
-        plan.insert(1, "close them in free air to where they would grasp, and open them again")
-    if args.scenario == "lift":
-        plan.append(
-            f"lift the arm by {controller.lift_height_m * 1e3:.0f} mm at "
-            f"{controller.lift_speed_mps * 1e3:.0f} mm/s, and stop it where the object slips"
-        )
-        plan.append(
-            "keep holding it" if controller.keep
-            else f"lower the arm at {controller.lower_speed_mps * 1e3:.0f} mm/s, open the fingers, "
-            f"and lift the arm by {controller.retreat_m * 1e3:.0f} mm"
-        )  # fmt: skip
-        plan.append("ask how far the object's mark slipped, mm")
-    else:
-        plan.append("ask for the object to be tapped, and how far its mark moved; the arm stands")
-        plan.append("open the fingers")
-    if (args.trials or 1) > 1:
-        plan.append(f"do so {args.trials} times")
+    if not lift:
+        plan.append("ask for the object to be tapped, the arm standing up there")
+    if asked:
+        plan.append(f"ask how far the object's mark {'slipped' if lift else 'moved'}, mm")
+    plan.append(
+        "keep holding it" if controller.keep
+        else f"lower the arm at {controller.lower_speed_mps * 1e3:.0f} mm/s, open the "
+        f"fingers{again}"
+    )  # fmt: skip
+    if (trials := trials_of(args)) > 1:
+        plan.append(f"do so {trials} times, each from where the first began")
     return plan
 
 

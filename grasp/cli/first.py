@@ -24,12 +24,14 @@ def begin(config: Any, permit: Any, args: argparse.Namespace) -> Any:
 
     Raises UsageError on a rig without real devices, and where a person has had enough.
     """
+    from grasp.cli.operator import TerminalOperator
     from scenarios.lab.first import WHAT_TO_DO, close_in_free_air, gently
 
     if permit is None or args.json or args.trials is not None or args.resume:
         told = "--first is one lift by a person on the rig hardware"
         raise UsageError(told, "without --json, --trials and --resume; or leave --first out")
     slow = gently(config)
+    TerminalOperator().expect()
     for line in WHAT_TO_DO:
         print(f"  {line}")
     with interruption.held():

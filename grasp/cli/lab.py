@@ -74,7 +74,7 @@ def confirm(question: str, word: str, given: bool) -> None:
     if given:
         return
     option = f"--{word}"
-    if not sys.stdin.isatty():
+    if sys.stdin is None or not sys.stdin.isatty():
         raise UsageError(f"nobody is there to be asked: {question}", f"if so, add {option}")
     print(f"{question} Type {word}: ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() != word:

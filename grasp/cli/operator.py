@@ -5,6 +5,8 @@ import os
 import select
 import sys
 
+from drivers.errors import UsageError
+
 LINE = 4096  # bytes; the kernel cuts what is typed there too
 READS = 4  # at once
 
@@ -15,6 +17,13 @@ class TerminalOperator:
     def __init__(self) -> None:
         self.typed = b""  # and not yet polled
         self._gone = False
+
+    def expect(self) -> None:
+        """Before anything moves: raises UsageError where the input has ended, as of a script, so
+        that nobody would answer."""
+        if not self._read():
+            told = "nobody is there to be asked: standard input has ended"
+            raise UsageError(told, "start it at a terminal: nothing was moved")
 
     def say(self, text: str) -> None:
         """Ask; what was typed before the question is no answer to it."""
@@ -46,11 +55,11 @@ class TerminalOperator:
         """Take what is there; False at the end of the input. Never much at once: a program that
         types without end must not keep whoever looks after the arm."""
         for _ in range(READS):
-            if not select.select([sys.stdin], [], [], 0)[0]:
-                break
             try:
+                if not select.select([sys.stdin], [], [], 0)[0]:
+                    break
                 some = os.read(sys.stdin.fileno(), LINE)
-            except OSError:  # the terminal was closed
+            except (OSError, TypeError, ValueError):  # the terminal was closed, or there is none
                 return False
             if not some:
                 return False

@@ -6,6 +6,7 @@ from typing import Any
 
 from drivers.errors import UsageError
 from grasp.cli import dry, exits, first
+from grasp.cli.lab import will
 from grasp.cli.options import (
     OBJECT_HELP,
     add_confirmation,
@@ -178,6 +179,9 @@ def run(args: argparse.Namespace) -> int:
         return dry.run(config, args)
     permit = _permit(config, args)
     make_guard(config)  # a limit that cannot be kept is refused before anything is shown
+    if permit is not None:
+        for line in dry.plan(config, args):
+            will(line)
     if args.first:
         config = first.begin(config, permit, args)
         make_guard(config)

@@ -41,6 +41,22 @@ def add_series_options(parser: argparse.ArgumentParser, scenario: str) -> None:
     )  # fmt: skip
 
 
+def trials_of(args: argparse.Namespace) -> int:
+    """How many there are to be."""
+    return args.trials or TRIALS[args.scenario]
+
+
+def _is_alone(args: argparse.Namespace) -> bool:
+    """One lift of which no row is kept."""
+    return args.scenario == "lift" and args.trials is None and args.out is None
+
+
+def is_asked(args: argparse.Namespace) -> bool:
+    """Whether somebody at real devices is asked: a lift that nobody asked more of may be started
+    by a script, and nobody is there to answer."""
+    return not _is_alone(args) or (sys.stdin is not None and sys.stdin.isatty())
+
+
 def paced(args: argparse.Namespace) -> bool:
     """Whether virtual time goes at the wall's pace."""
     seen = args.view or (sys.stdout.isatty() and not args.json)
@@ -82,8 +98,8 @@ def run_trials(args: argparse.Namespace, config: Any, permit: Any) -> int:
     """One lift or several, or taps. ``config``: of the scenario."""
     from scenarios.campaign.experiment import Experiment
 
-    alone = args.scenario == "lift" and args.trials is None and args.out is None
-    experiment = Experiment(config, args.seed, args.trials or TRIALS[args.scenario])
+    alone = _is_alone(args)
+    experiment = Experiment(config, args.seed, trials_of(args))
     if config.controller.keep and experiment.trials > 1:
         told = "--keep, or controller.keep, holds one object and ends"
         raise UsageError(told, "leave it out, or --trials 1")
@@ -118,9 +134,10 @@ def _follow(
     from scenarios.trial.result import Failure
     from scenarios.trial.series import Bench
 
-    # a lift that nobody asked more of may be started by a script: nobody is there to answer
-    asked = experiment.config.rig == "hardware" and (not alone or sys.stdin.isatty())
+    asked = experiment.config.rig == "hardware" and is_asked(args)
     operator = TerminalOperator() if asked else None
+    if operator is not None:
+        operator.expect()
     seen = _Seen()
     config, of = experiment.config, experiment.trials
     title = f"{args.scenario} · {config.object.name} · {config.rig} rig"

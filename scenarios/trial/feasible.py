@@ -60,6 +60,7 @@ def check_arm(config: TrialConfig) -> None:
             if (asked := getattr(controller, key)) > most:
                 problem = f"{asked:g} is more than the arm may be told"
                 raise ConfigError("controller", key, problem, f"<= {most:g}, arm.{limit}")
+    _check_start(arm)
     _check_height(controller, arm)
     there_m, at_m = doubt.arm_there_m, controller.at_height_m
     if there_m > at_m:
@@ -68,6 +69,18 @@ def check_arm(config: TrialConfig) -> None:
             f"an arm that stands {there_m:g} m from its target would be neither doubted nor there",
             f"<= {at_m:g}, controller.at_height_m",
         )  # fmt: skip
+
+
+def _check_start(arm: ArmSettings) -> None:
+    """Raises ConfigError for a workspace that leaves out where every run begins and ends."""
+    for name, beyond in (("workspace_low_m", 1.0), ("workspace_high_m", -1.0)):
+        for axis, bound_m in zip("xyz", getattr(arm, name), strict=True):
+            if beyond * bound_m > 0.0:
+                raise ConfigError(
+                    "arm", name, f"{bound_m:g} m in {axis} leaves out where the arm starts, from "
+                    "which it is measured, and to which every run comes back",
+                    f"{'<=' if beyond > 0.0 else '>='} 0 in {axis}",
+                )  # fmt: skip
 
 
 def _check_height(controller: ControllerSettings, arm: ArmSettings) -> None:
@@ -88,6 +101,13 @@ def _check_height(controller: ControllerSettings, arm: ArmSettings) -> None:
             "controller", "answer_stop_mps2",
             f"{s.answer_stop_mps2:g} would carry the arm {beyond_m:.3f} m past the top of the lift",
             f">= {math.ceil(least_mps2 * 100) / 100:g}, or a lower controller.lift_height_m",
+        )  # fmt: skip
+    if not s.keep and s.lift_height_m + s.retreat_m > high_m:
+        raise ConfigError(
+            "controller", "retreat_m",
+            f"{s.retreat_m:g} m above an object that is let go at the top of the lift "
+            f"({s.lift_height_m:g} m) is further than the arm may be told",
+            f"<= {high_m - s.lift_height_m:.3g}, up to arm.workspace_high_m (z)",
         )  # fmt: skip
 
 

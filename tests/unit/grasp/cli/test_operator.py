@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from drivers.errors import UsageError
 from grasp.cli.operator import LINE, TerminalOperator
 
 
@@ -25,6 +26,18 @@ def test_lines_come_one_by_one_once_they_are_whole(typed: int) -> None:
     assert person.poll() is None
     os.write(typed, b".5\nl\n")
     assert [person.poll(), person.poll(), person.poll()] == ["12.5", "l", None]
+
+
+def test_an_input_that_has_ended_is_told_before_anything_is_asked(typed: int) -> None:
+    person = TerminalOperator()
+    person.expect()
+    os.write(typed, b"early\n")
+    person.expect()
+    nowhere = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nowhere, sys.stdin.fileno())
+    os.close(nowhere)
+    with pytest.raises(UsageError, match="nobody is there to be asked"):
+        person.expect()
 
 
 def test_what_was_typed_before_a_question_is_no_answer(

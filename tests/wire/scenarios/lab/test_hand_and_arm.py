@@ -211,7 +211,10 @@ def test_dry_runs_of_lift_tap_and_release_ask_the_devices_and_move_nothing(ready
     assert lift.stdout.endswith("would start\n")
     tap = ready.grasp("run", "tap", *hardware)
     assert tap.returncode == 0, tap.stderr
+    assert "would lift the arm by 80 mm at 100 mm/s\n" in tap.stdout
     assert "would ask for the object to be tapped" in tap.stdout
+    assert "would lower the arm at 50 mm/s, open the fingers\n" in tap.stdout
+    assert "would do so 20 times" in tap.stdout
     opened = ready.grasp("release", *hardware)
     assert opened.returncode == 0, opened.stderr
     assert "would open the fingers of the gripper at" in opened.stdout
@@ -221,6 +224,43 @@ def test_dry_runs_of_lift_tap_and_release_ask_the_devices_and_move_nothing(ready
     assert nobody.returncode == 3
     assert nobody.stdout.endswith("would not start\n")
     assert (ready.places, ready.height_m) == before
+
+
+def test_a_run_says_what_will_move_and_moves_nothing_where_nobody_can_answer(
+    ready: Lab, tmp_path: Path
+) -> None:
+    before = ready.places, ready.height_m
+    out = ("--out", str(tmp_path / "new.toml"))
+    for words in (
+        ("run", "tap", "--rig", "hardware", "--runs", str(tmp_path)),
+        ("run", "lift", "--first", "--rig", "hardware", "--runs", str(tmp_path)),
+        ("calibrate", "hand", "--up-to", "16", "--scale", *out),
+        ("calibrate", "force", "--press", "--scale", *out),
+        ("calibrate", "force", *out),
+        ("calibrate", "noise", *out),
+    ):
+        nobody = ready.grasp(*words, *CONFIRMED)
+        assert nobody.returncode == 2, nobody.stderr
+        assert "nobody is there to be asked: standard input has ended" in nobody.stderr
+        if words[1] == "tap":
+            assert "will lift the arm by 80 mm" in nobody.stderr
+            assert "will do so 20 times" in nobody.stderr
+        if words[1] == "lift":
+            assert "will lift the arm by 200 mm at 50 mm/s" in nobody.stderr
+    assert (ready.places, ready.height_m) == before
+
+
+def test_a_workspace_without_the_start_is_refused_by_doctor_dry_run_and_run(ready: Lab) -> None:
+    before = ready.places
+    without = ("--rig", "hardware", "--set", "arm.workspace_low_m=[0.2,-0.5,0.1]")
+    doctor = ready.grasp("doctor", *without)
+    assert doctor.returncode == 3
+    assert "leaves out where the arm starts" in doctor.stdout
+    for words in (("--dry-run",), CONFIRMED):
+        run = ready.grasp("run", "lift", *without, *words)
+        assert run.returncode == 2, run.stdout
+        assert "leaves out where the arm starts" in run.stderr
+    assert ready.places == before
 
 
 def test_what_will_move_is_said_before_it_moves(ready: Lab) -> None:
