@@ -84,7 +84,8 @@ class GripperDoubt:
     def _idle(self, state: GripperState) -> str:
         s = self._settings
         silent_s = (state.t_ns - self._fresh_ns) * 1e-9
-        if silent_s > s.echo_s and self._unanswered >= LOOKS:
+        refuses = state.fault and not state.active  # and said so: no answer is to be waited for
+        if silent_s > s.echo_s and self._unanswered >= LOOKS and not refuses:
             return f"gripper_silent: {silent_s:.2f} s without an answer to a command"
         standing = [state.t_ns - since_ns for since_ns in self._moved_ns]
         if not any(standing):  # most often

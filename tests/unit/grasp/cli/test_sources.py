@@ -12,6 +12,7 @@ import pytest
 from detector.scores import unlabelled
 from grasp.cli import run
 from grasp.cli.main import main
+from grasp.cli.operator import TerminalOperator
 from scenarios.campaign.config import load_config
 from scenarios.lab import sessions
 from scenarios.lab.fit import Line, law_of, of_byte
@@ -69,6 +70,7 @@ def test_note_is_kept_in_the_source_of_every_calibration(
     session: str, words: str, section: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stub(session, monkeypatch)
+    monkeypatch.setattr(TerminalOperator, "expect", lambda _: None)  # somebody is there
     out = tmp_path / "out.toml"
     typed = ["calibrate", *words.split(), "--out", str(out), "--note", NOTE, "--confirm-motion"]
     if words == "force":
@@ -87,13 +89,13 @@ def test_note_is_kept_in_the_source_of_every_calibration(
 def told(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: str
 ) -> list[str]:
-    """What a run says before it opens anything."""
+    """What a run says of sources before it opens anything."""
     begun: list[Any] = []
     monkeypatch.setattr(run, "run_trials", lambda *asked: begun.append(asked) or 0)
     typed = ["run", "lift", "--rig", "hardware", "--confirm-motion", "--config", "lab.toml"]
     assert main([*typed, *words]) == 0
     assert begun
-    return capsys.readouterr().err.splitlines()
+    return [line for line in capsys.readouterr().err.splitlines() if " by: " in line]
 
 
 def test_every_run_on_real_devices_tells_the_source_of_each_calibration(

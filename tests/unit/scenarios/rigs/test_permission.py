@@ -281,7 +281,7 @@ WITH_A_RIG = {
 }  # fmt: skip
 LOOKS = {  # nobody answers
     ("doctor",), ("gripper", "status"), ("arm", "status"), ("arm", "stop"),
-    *(("tactile", name) for name in TACTILE), ("calibrate", "force"),
+    *(("tactile", name) for name in TACTILE),
 }  # fmt: skip
 
 
