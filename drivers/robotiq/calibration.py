@@ -22,6 +22,16 @@ class GripperCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     source: Annotated[
         str, msgspec.Meta(min_length=1, description="how these figures were come by, and when")
     ]
+    pressed_bytes: Annotated[
+        tuple[Annotated[int, msgspec.Meta(ge=0, le=FULL_BYTE)], ...],
+        msgspec.Meta(description="force bytes that were pressed on a scale"),
+    ] = ()
+    presses: Annotated[
+        int, msgspec.Meta(ge=0, description="of each of them; 0: nobody has counted")
+    ] = 0
+    reason: Annotated[
+        str, msgspec.Meta(description="why a byte is far from what the manual says of it")
+    ] = ""
     least_force_n: Annotated[
         float, msgspec.Meta(ge=1, le=30, description="static force of byte 0, N")
     ]

@@ -7,7 +7,16 @@ from typing import Any
 
 from grasp import interruption
 from grasp.cli import exits
-from grasp.cli.lab import FINGERS, add_lab, confirm, lab_config, leave_to_move, new_file, will
+from grasp.cli.lab import (
+    FINGERS,
+    add_lab,
+    confirm,
+    lab_config,
+    leave_to_move,
+    new_file,
+    tell_weak,
+    will,
+)
 from grasp.cli.options import decimal, whole
 from grasp.cli.output import json_line
 from grasp.cli.places import file_to_write
@@ -160,6 +169,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     config = lab_config(args)
     judged = load_config("can", args.rig, args.detector, args.config, args.set)
     new_file(args.out)
+    tell_weak(config.calibration)
     guard_of(config)  # raises where a run would be refused
     holding = f"the fingers, closed on an object for {args.seconds:g} s, then opened"
     if args.dry_run:

@@ -106,10 +106,10 @@ def release(config: Any, args: argparse.Namespace) -> int:
     from scenarios.lab.ready import hand_seen
     from scenarios.rigs.permission import gripper_address
     from scenarios.rigs.release import not_active
-    from scenarios.rigs.rig import calibration
+    from scenarios.rigs.rig import to_open
 
     _of_devices(config)
-    calibration(config)
+    to_open(config)  # raises where nobody has said which hand this is
     state, where = hand_seen(config), gripper_address(config)
     speed_mmps = config.controller.approach_speed_mps * 1e3
     would = (

@@ -124,14 +124,14 @@ def activate(args: argparse.Namespace) -> int:
 
 def open_fingers(args: argparse.Namespace) -> int:
     from scenarios.lab.hand import open_hand
+    from scenarios.rigs.rig import to_open
 
+    config = _lab_config(args)
     if args.dry_run:
-        return _would(args, lambda at: (0, 0, 0), closing=False)
-    config = lab_config(args)
-    permit = leave_to_move(config, args, lambda: f"open all fingers at {_how(config)}")
-    tell_weak(config.calibration)
+        return _would(args, to_open(config), lambda at: (0, 0, 0), closing=False)
+    permit = leave_to_move(config, args, lambda: f"open all fingers at {_how(to_open(config))}")
     with interruption.held(), open_hand(config, permit, closing=False) as hand:
-        will(_move(config, hand.state.positions, (0, 0, 0)))
+        will(_move(to_open(config), hand.state.positions, (0, 0, 0)))
         moved = hand.move((0, 0, 0), say)
     return _tell(args, {"done": moved.in_words()}, _ended(moved))
 
@@ -139,14 +139,12 @@ def open_fingers(args: argparse.Namespace) -> int:
 def close_fingers(args: argparse.Namespace) -> int:
     from scenarios.lab.hand import fingers_of, open_hand, targets_of
 
-    fingers = fingers_of(args.finger)
+    fingers, config = fingers_of(args.finger), _lab_config(args)
     if args.dry_run:
-        return _would(args, lambda at: targets_of(at, fingers, args.to), closing=True)
-    config = lab_config(args)
+        return _would(args, config, lambda at: targets_of(at, fingers, args.to), closing=True)
     permit = leave_to_move(
         config, args, lambda: f"close finger {fingers} to {args.to} counts at {_how(config)}"
     )
-    tell_weak(config.calibration)
     with interruption.held(), open_hand(config, permit, closing=True) as hand:
         targets = targets_of(hand.state.positions, fingers, args.to)
         will(_move(config, hand.state.positions, targets))
@@ -157,14 +155,13 @@ def close_fingers(args: argparse.Namespace) -> int:
 def step_fingers(args: argparse.Namespace) -> int:
     from scenarios.lab.hand import fingers_of, open_hand, step_counts, step_targets
 
-    fingers, config = fingers_of(args.finger), lab_config(args)
+    fingers, config = fingers_of(args.finger), _lab_config(args)
     counts = step_counts(config, args.mm * 1e-3) * (-1 if args.open else 1)
     if args.dry_run:
-        return _would(args, lambda at: step_targets(at, fingers, counts), not args.open)
+        return _would(args, config, lambda at: step_targets(at, fingers, counts), not args.open)
     permit = leave_to_move(
         config, args, lambda: f"move finger {fingers} by {counts:+} counts at {_how(config)}"
     )
-    tell_weak(config.calibration)
     with interruption.held(), open_hand(config, permit, closing=not args.open) as hand:
         targets = step_targets(hand.state.positions, fingers, counts)
         will(_move(config, hand.state.positions, targets))
@@ -172,12 +169,20 @@ def step_fingers(args: argparse.Namespace) -> int:
     return _tell(args, {"done": moved.in_words()}, _ended(moved))
 
 
-def _would(args: argparse.Namespace, targets: Callable[[Any], Any], closing: bool) -> int:
+def _lab_config(args: argparse.Namespace) -> Any:
+    """What its calibration claims is told before anything else, of a dry run too."""
+    config = lab_config(args)
+    tell_weak(config.calibration)
+    return config
+
+
+def _would(
+    args: argparse.Namespace, config: Any, targets: Callable[[Any], Any], closing: bool
+) -> int:
     """Of a dry run: where the fingers would go from where they are, and how hard at most. Raises
     what the motion would."""
     from scenarios.lab.ready import active_hand, check_closing
 
-    config = lab_config(args)
     state = active_hand(config)
     to = targets(state.positions)
     if closing:

@@ -12,6 +12,7 @@ from statistics import NormalDist, fmean, median, stdev
 import msgspec
 
 from drivers.errors import UsageError
+from scenarios.rigs.calibration import FAR, MANUAL, WEAK_PRESSES
 
 ODD = 0.25  # share by which a reading must differ from what the others say, to be doubted; assumed
 ODD_SIGMAS = 5.0  # and so many times their own spread
@@ -30,8 +31,7 @@ TOLERANCE = {
 }  # fmt: skip
 LEAST_SPREAD = 0.01  # no press repeats better than this; assumed
 LEAST_PRESSES = 4  # of a byte
-WEAK_PRESSES = 10  # of a byte that is said to be weaker than the manual's least
-MANUAL_LEAST_N, MOST_N = 15.0, 80.0  # manual p. 47; the most that a calibration may say
+MOST_N = 80.0  # the most that a calibration may say
 WORST_EXPONENT, MOST_EXPONENT = 0.3, 3.0  # of the curves that a calibration may state
 LEAST_TRAVEL_MM = 20.0
 MOST_BEND_MM = 1.5
@@ -200,7 +200,7 @@ def odd_press(forces_n: Sequence[float]) -> int | None:
 
 def of_byte(byte: int, forces_n: Sequence[float]) -> Byte:
     """Of its presses. Raises UsageError for too few, for one that does not fit, and for too few of
-    a byte that would be weaker than the manual's least."""
+    a byte that would be weaker than the manual's."""
     count = len(forces_n)
     if count < LEAST_PRESSES:
         raise UsageError(
@@ -211,10 +211,10 @@ def of_byte(byte: int, forces_n: Sequence[float]) -> Byte:
         raise UsageError(told, AGAIN)
     mean = fmean(forces_n)
     spread = max(stdev(forces_n), LEAST_SPREAD * mean)
-    bound = mean + tolerance(count) * spread
-    if bound < MANUAL_LEAST_N and count < WEAK_PRESSES:
+    bound, manual_n = mean + tolerance(count) * spread, MANUAL.force_n(byte)
+    if bound < manual_n and count < WEAK_PRESSES:
         raise UsageError(
-            f"byte {byte} would be {bound:.1f} N, less than the manual's {MANUAL_LEAST_N:g}, by "
+            f"byte {byte} would be {bound:.1f} N, less than the manual's {manual_n:.3g}, by "
             f"{count} presses alone", f"press {WEAK_PRESSES} times or more",
         )  # fmt: skip
     return Byte(byte, count, mean, spread, bound)
@@ -236,7 +236,7 @@ def law_of(measured: Sequence[Byte]) -> Law:
         zip((k.byte for k in known), accumulate((k.bound_n for k in known), max), strict=True)
     )
     least_n = math.ceil(bounds_n[0] * 100) / 100
-    most_n = math.ceil(max(bounds_n[255], least_n + 0.1, MANUAL_LEAST_N) if 255 in bounds_n
+    most_n = math.ceil(max(bounds_n[255], least_n + 0.1, MANUAL.force_n(0)) if 255 in bounds_n
                        else MOST_N)  # fmt: skip
     if not least_n < most_n <= MOST_N:
         told = f"{max(bounds_n.values()):.0f} N is more than any such hand"
@@ -251,7 +251,8 @@ def law_of(measured: Sequence[Byte]) -> Law:
 
 def _may_press(byte: int, bounds_n: dict[int, float], most_n: float) -> float:
     """What a hand may press with a byte, N, of which no more is believed than that more force is
-    told by more, and that its curve is one which a calibration may state."""
+    told by more, and that its curve is one which a calibration may state; and, of a byte beyond
+    those that were pressed, no less than a third of what the manual says."""
     least_n, top = bounds_n[0], max(bounds_n)
     steepest_n: float = least_n + (most_n - least_n) * (byte / 255) ** WORST_EXPONENT
     if byte <= top:
@@ -260,7 +261,7 @@ def _may_press(byte: int, bounds_n: dict[int, float], most_n: float) -> float:
         return steepest_n
     rise_n = max(bounds_n[top] - least_n, 0.1)
     cubic_n: float = least_n + rise_n * (byte / top) ** MOST_EXPONENT
-    return min(steepest_n, cubic_n)
+    return max(min(steepest_n, cubic_n), MANUAL.force_n(byte) / FAR)
 
 
 def check_current(presses: Sequence[Point]) -> str:

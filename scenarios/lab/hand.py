@@ -37,7 +37,7 @@ from scenarios.lab.touch import Touch, open_touch
 from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.device_checks import read_gripper
 from scenarios.rigs.permission import MotionPermit, require
-from scenarios.rigs.rig import ACTIVATION_TIMEOUT_S, calibration
+from scenarios.rigs.rig import ACTIVATION_TIMEOUT_S, calibration, to_open
 from scenarios.rigs.wired import open_gripper
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
@@ -301,7 +301,7 @@ def open_hand(config: TrialConfig, permit: MotionPermit | None, closing: bool) -
     that is not active or that another process drives, and the drivers' errors.
     """
     allowed = require(permit)
-    calibration(config)
+    config = config if closing else to_open(config)
     clock = WallClock(WallClock().now_ns)
     if closing:
         guard_of(config)
@@ -323,7 +323,7 @@ def activate_hand(config: TrialConfig, permit: MotionPermit | None, say: Say) ->
     """Make it ready: it opens and closes fully, at a force that nobody sets, so it must be empty.
     None where it was active already. Ctrl-C resets it, which stops the fingers."""
     require(permit)
-    calibration(config)
+    config = to_open(config)  # no force of ours is told
     clock = WallClock(WallClock().now_ns)
     with (
         driving(gripper_of(config)),

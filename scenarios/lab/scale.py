@@ -33,6 +33,7 @@ from scenarios.lab.fit import AGAIN, Byte, Law, Line
 from scenarios.lab.hand import Say, not_active
 from scenarios.lab.steps import Steps, lead_counts, walk
 from scenarios.lab.touch import Touch
+from scenarios.rigs.calibration import MANUAL
 from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.permission import MotionPermit, require
@@ -44,9 +45,6 @@ READING = re.compile(r"([0-9]+(?:[.,][0-9]+)?)\s*(n|g|kg)\Z", re.IGNORECASE)
 PAUSE_NS = 20_000_000
 BACK_COUNTS = 20  # off the scale; some 15 mm
 SAMPLES = 100  # of the pad, a second, for one reading
-MANUAL = GripperCalibration(  # what a byte presses at most, until it is measured
-    name="manual", source="Robotiq 3-Finger manual, 2014, p. 47", least_force_n=15.0
-)
 
 
 def newtons(text: str) -> float:
@@ -288,16 +286,21 @@ def hand_file(
             f"[{low:.0f}, {high:.0f}] (95 % and its bend: {travel.worst:.2f} mm from a line)."
         )
     source = f"scale under finger {finger}, {now()}: {known[0].presses} presses of byte 0"
-    source += "".join(
-        f"; byte {byte} is far from the manual's: {why}" for byte, why in reasons.items()
+    reason = "; ".join(
+        f"byte {byte} is far from the manual's: {why}" for byte, why in reasons.items()
     )
+    source += f"; {reason}" if reason else ""
     lines += [
         "[calibration]",
         f"source = {noted(source, note)}",
         f"least_force_n = {law.least_force_n:g}",
         f"most_force_n = {law.most_force_n:g}",
         f"force_exponent = {law.force_exponent:g}",
+        f"pressed_bytes = {[b.byte for b in known]}",
+        f"presses = {min(b.presses for b in known)}",
     ]
+    if reason:
+        lines.append(f"reason = {noted(reason, '')}")
     if travel is not None:
         lines.append(f"m_per_count = {travel.slope * 1e-3:.6f}")
     return _usable("\n".join(lines) + "\n", "calibration", GripperCalibration, name="measured")

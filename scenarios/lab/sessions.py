@@ -24,7 +24,6 @@ from scenarios.lab.fit import (
 from scenarios.lab.hand import TOUCH_N, Say, open_hand
 from scenarios.lab.scale import (
     BACK_COUNTS,
-    MANUAL,
     Presser,
     ask,
     check_force,
@@ -38,6 +37,7 @@ from scenarios.lab.scale import (
     typed,
 )
 from scenarios.lab.touch import Touch, open_touch
+from scenarios.rigs.calibration import FAR, LEAST_REASON, MANUAL
 from scenarios.rigs.permission import MotionPermit
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.person import Operator
@@ -49,8 +49,6 @@ SHORT_OF = 5  # counts before a touch: what is felt was there some counts before
 ROUNDS = 3
 UNLOADED_S = 2.0  # listened to after a hold
 UNIT = "with its unit (N, g, kg)"
-FAR = 3.0  # times, up or down, from what the manual says of a byte: the wrong unit, or a reason
-LEAST_REASON = 3  # words
 
 
 class Weighing:

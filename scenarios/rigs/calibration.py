@@ -4,11 +4,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from drivers.errors import ConfigError
 from drivers.robotiq.calibration import GripperCalibration
+from drivers.robotiq.protocol import FULL_BYTE
 from grasp.settings import Layer, named_layer, names, read_toml
 
 KIND = "calibrations"
-MANUAL_LEAST_N = 15.0  # of byte 0; Robotiq 3-Finger manual, 2014, p. 47
+MANUAL = GripperCalibration(
+    name="manual", source="Robotiq 3-Finger manual, 2014, p. 47", least_force_n=15.0
+)
+FAR = 3.0  # times, up or down, from what the manual says of a byte: believed for a reason alone
+LEAST_REASON = 3  # words
+WEAK_PRESSES = 10  # of a byte that is said to be weaker than the manual's
+_BYTES = range(FULL_BYTE + 1)
 
 
 def calibration_layers(layers: Sequence[Layer]) -> list[Layer]:
@@ -28,12 +36,13 @@ def calibration_layers(layers: Sequence[Layer]) -> list[Layer]:
 
 def weak_claim(known: GripperCalibration) -> str:
     """What is to be said in every run on real devices of a hand that is said to press with less
-    than its manual states; empty for one that is not."""
-    if known.least_force_n >= MANUAL_LEAST_N:
+    than its manual states, with whichever byte; empty for one that is not."""
+    byte = _weakest(known)
+    if known.force_n(byte) >= MANUAL.force_n(byte) - 1e-9:
         return ""
     return (
-        f"calibration {known.name!r} has force byte 0 press with {known.least_force_n:g} N, less "
-        f"than the manual's {MANUAL_LEAST_N:g} N, by: {known.source}"
+        f"calibration {known.name!r} has force byte {byte} press with {known.force_n(byte):.4g} N, "
+        f"less than the manual's {MANUAL.force_n(byte):.3g} N, by: {known.source}"
     )
 
 
@@ -43,6 +52,31 @@ def in_words(known: GripperCalibration) -> str:
         f"calibration {known.name!r} has force byte 0 press with {known.least_force_n:g} N, by: "
         f"{known.source}"
     )
+
+
+def check_claim(known: GripperCalibration) -> None:
+    """Raises ConfigError for a hand that is said to press with less than a third of what its manual
+    states, with whichever byte, where that byte or a stronger one was not pressed as often as
+    `grasp calibrate hand` asks, or no reason is given."""
+    far = [b for b in _BYTES if known.force_n(b) < MANUAL.force_n(b) / FAR - 1e-9]
+    if not far:
+        return
+    byte, bytes_ = _weakest(known), known.pressed_bytes
+    pressed = 0 in bytes_ and max(bytes_) >= far[-1] and known.presses >= WEAK_PRESSES
+    if pressed and len(known.reason.split()) >= LEAST_REASON:
+        return
+    raise ConfigError(
+        "gripper", "calibration",
+        f"{known.name!r} has force byte {byte} press with {known.force_n(byte):.4g} N, less than a "
+        f"third of the manual's {MANUAL.force_n(byte):.3g} N, by {known.source}: it does not say "
+        f"that bytes 0 and {far[-1]} were pressed {WEAK_PRESSES} times, and why they are so weak",
+        f"what `grasp calibrate hand --bytes 0 {far[-1]}` writes; until then manual",
+    )  # fmt: skip
+
+
+def _weakest(known: GripperCalibration) -> int:
+    """The byte of which the least part of the manual's force is claimed."""
+    return min(_BYTES, key=lambda byte: known.force_n(byte) / MANUAL.force_n(byte))
 
 
 def choices() -> str:

@@ -40,8 +40,13 @@ class RigConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     arm_model: ArmModelSettings = ArmModelSettings()
     fingertip: FingertipSettings = FingertipSettings()
 
+    @property
+    def real(self) -> bool:
+        """Whether its devices are a lab's own."""
+        return self.rig == "hardware"
+
     def __post_init__(self) -> None:
-        if self.rig != "hardware" and self.devices.chosen:
+        if not self.real and self.devices.chosen:
             device, name = next(iter(self.devices.chosen.items()))
             raise ValueError(
                 f"devices.{device}: {name!r} is of another package and counts as real: it is "
@@ -53,7 +58,7 @@ class RigConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
                 f"fingertip.taxels_mm: {felt} taxels, but tactile.cells has {self.tactile.taxels} "
                 "a finger"
             )
-        if self.rig != "hardware" and len(self.board.cells) != FINGERS * felt:
+        if not self.real and len(self.board.cells) != FINGERS * felt:
             raise ValueError(
                 f"board.cells: {len(self.board.cells)} cells, but {FINGERS} fingers of {felt}"
             )
@@ -77,7 +82,7 @@ class GraspRigConfig(RigConfig, frozen=True, forbid_unknown_fields=True, kw_only
         super().__post_init__()
         half_m = wider(self.object, self.variation).half_width_m
         open_m = self.contact.half_aperture_m
-        if self.rig != "hardware" and not 0.0 < half_m < open_m:
+        if not self.real and not 0.0 < half_m < open_m:
             raise ValueError(
                 f"object.half_width_m with variation.width_error_m: {half_m * 1e3:g} mm, and the "
                 f"hand opens {open_m * 1e3:g} mm a side (contact.half_aperture_m)"

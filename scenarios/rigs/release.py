@@ -15,7 +15,7 @@ from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.device_checks import arm_checks
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import HARDWARE, MotionPermit, board_address, require
-from scenarios.rigs.rig import activate, calibration
+from scenarios.rigs.rig import activate, to_open
 from scenarios.rigs.wired import board_finder, open_gripper
 
 TIMEOUT_S = 15.0
@@ -34,7 +34,7 @@ def release_gripper(
         with open_rig(config, seed=0, paced=False) as rig:
             return _opened(rig.devices.gripper, rig.clock, speed_mps)
     permit = require(permit)
-    calibration(config)
+    config = to_open(config)
     clock = WallClock(WallClock().now_ns)
     with driving(gripper_of(config)), open_gripper(config, lambda: clock.now_ns) as gripper:
         _make_ready(gripper, clock, permit, activating)

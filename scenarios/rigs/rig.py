@@ -10,7 +10,7 @@ from drivers.interfaces import OPEN_COUNTS, Arm, Gripper, TactileSensor
 from drivers.robotiq.calibration import GripperCalibration
 from grasp.clock import Clock
 from grasp.loop import Devices
-from scenarios.rigs.calibration import choices
+from scenarios.rigs.calibration import MANUAL, check_claim, choices
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.world.blow import Blow
 from scenarios.world.cell import SimulatedCell, Truth
@@ -30,6 +30,7 @@ STAYS = (
 
 CellT = TypeVar("CellT", SimulatedCell, PressedCell)
 TruthT = TypeVar("TruthT", Truth, PressedTruth)
+ConfigT = TypeVar("ConfigT", bound=GraspRigConfig)
 
 
 class Stalls(msgspec.Struct, frozen=True):
@@ -81,10 +82,25 @@ PressRig = Rig[PressedCell, PressedTruth]
 
 
 def calibration(config: GraspRigConfig) -> GripperCalibration:
-    """What a byte is worth on this rig's hand; raises ConfigError where nobody has chosen."""
+    """What a byte is worth on this rig's hand; raises ConfigError where nobody has chosen, and, of
+    real devices, for one that nobody should believe."""
     if config.calibration is None:
         raise ConfigError("gripper", "calibration", "must be chosen by hand on this rig", choices())
+    if config.real:
+        check_claim(config.calibration)
     return config.calibration
+
+
+def to_open(config: ConfigT) -> ConfigT:
+    """For what only opens, at the least force: figures that nobody should believe keep no hand from
+    it, the manual's stand in. Raises ConfigError where nobody has chosen."""
+    try:
+        calibration(config)
+    except ConfigError:
+        if config.calibration is None:
+            raise
+        return msgspec.structs.replace(config, calibration=MANUAL)
+    return config
 
 
 def connect(arm: Arm, tactile: TactileSensor, gripper: Gripper | None, clock: Clock) -> None:

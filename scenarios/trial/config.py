@@ -51,7 +51,12 @@ OWN = "own"  # of code of one's own
 # people read, and how the machine is asked to be quick. Without wires, nor how they are used; on
 # hardware, no model.
 UNHASHED = ("profile", "files", "source", "usb", "realtime")
-NAMES = {"gripper": ("calibration",), "calibration": ("name",), "object": ("description",)}
+EVIDENCE = ("pressed_bytes", "presses", "reason")  # for figures that are hashed themselves
+NAMES = {
+    "gripper": ("calibration",),
+    "calibration": ("name", *EVIDENCE),
+    "object": ("description",),
+}
 ADDRESSES = {"modbus": ("host", "port", "unit", "serial_port", "slave"), "ur": ("host",)}
 # Of devices and scene; `contact` is none of these: it says how hard a tap shall be.
 MODELS = ("board", "arm_model", "fingertip", "hand", "variation", "pull", "damage", "world")

@@ -275,6 +275,9 @@ ELSEWHERE = {
     "GripperCalibration.name": "drivers/robotiq/test_calibration.py",
     "GripperCalibration.source": "drivers/robotiq/test_calibration.py",
     "GripperCalibration.m_per_count": "scenarios/rigs/test_calibration.py",
+    "GripperCalibration.pressed_bytes": "scenarios/rigs/test_calibration.py",
+    "GripperCalibration.presses": "scenarios/rigs/test_calibration.py",
+    "GripperCalibration.reason": "scenarios/rigs/test_calibration.py",
     **{
         f"DoubtSettings.{field}": f"grasp/test_{'arm_' * field.startswith('arm_')}doubt.py"
         for field in DoubtSettings.__struct_fields__

@@ -3,16 +3,18 @@ that they state; and data that support nothing refused."""
 
 import math
 import random
+import tomllib
 from collections.abc import Callable
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from drivers.errors import UsageError
+from drivers.robotiq.calibration import GripperCalibration
 from scenarios.lab.fit import (
     LEAST_ODD_N,
-    WEAK_PRESSES,
     Point,
     check_current,
     fit_counts,
@@ -24,6 +26,8 @@ from scenarios.lab.fit import (
     quantile_t,
     tolerance,
 )
+from scenarios.lab.scale import hand_file
+from scenarios.rigs.calibration import FAR, MANUAL, WEAK_PRESSES, check_claim
 
 Floats = NDArray[np.float64]
 Shape = tuple[int, ...]
@@ -246,6 +250,30 @@ def test_byte_weaker_than_the_manual_s_needs_ten_presses() -> None:
     assert of_byte(0, presses).bound_n < 15.0
     strong = of_byte(0, [16.0, 16.2, 16.1, 16.3])  # as strong as the manual says
     assert strong.bound_n > 16.3
+
+
+def test_byte_weaker_than_the_manual_has_it_needs_ten_presses_too() -> None:
+    """It says 60 N of byte 255."""
+    presses = [40.0 + 0.1 * i for i in range(WEAK_PRESSES)]
+    with pytest.raises(UsageError, match="less than the manual's 60"):
+        of_byte(255, presses[:9])
+    assert of_byte(255, presses).bound_n < 60.0
+
+
+@pytest.mark.parametrize("bend", [0.5, 1.0, 2.5])
+@pytest.mark.parametrize("bytes_", [(0,), (0, 20), (0, 100), (0, 200), (0, 255)])
+def test_file_of_a_hand_however_weak_is_one_that_a_run_takes(
+    bend: float, bytes_: tuple[int, ...]
+) -> None:
+    """Beyond the bytes that were pressed no less is believed than what needs no presses."""
+    for least_n, most_n in ((1.2, 15.0), (3.0, 16.0), (4.9, 30.0), (12.0, 58.0)):
+        forces_n = {b: least_n + (most_n - least_n) * (b / 255) ** bend for b in bytes_}
+        known = [of_byte(b, [n * (1 + 0.001 * i) for i in range(10)]) for b, n in forces_n.items()]
+        far = {b: "a hand with weak springs" for b, n in forces_n.items()
+               if n < MANUAL.force_n(b) / FAR}  # fmt: skip
+        text = hand_file("A", known, law_of(known), None, "current", far)
+        table = tomllib.loads(text)["calibration"]
+        check_claim(msgspec.convert({**table, "name": "own"}, GripperCalibration))
 
 
 def test_mistyped_press_is_named() -> None:

@@ -1,13 +1,20 @@
 """A hand's calibration is a file, by name or by path; its errors name file, key and range."""
 
+import json
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
 
 from drivers.errors import ConfigError
+from drivers.robotiq.calibration import GripperCalibration
 from grasp.settings import names
 from scenarios.campaign.config import RunConfig, load_config
-from scenarios.rigs.rig import calibration
+from scenarios.lab.hand import guard_of, step_counts
+from scenarios.rigs.calibration import weak_claim
+from scenarios.rigs.permission import check_devices
+from scenarios.rigs.rig import calibration, to_open
 from scenarios.trial.execution import make_guard
 
 LAB = """[calibration]
@@ -83,3 +90,113 @@ def test_hardware_has_no_calibration_unless_somebody_chooses() -> None:
         calibration(config)
     assert "paper" in caught.value.allowed and "path" in caught.value.allowed
     assert calibration(resolved("gripper.calibration=manual", rig="hardware")).name == "manual"
+
+
+# What a file claims against the manual
+
+EDITED = {"least_force_n": 15.0, "most_force_n": 15.1, "force_exponent": 3.0}
+EVIDENCE = {
+    "pressed_bytes": (0, 255), "presses": 10, "reason": "a hand with weak springs",
+}  # fmt: skip
+
+
+def stated(**figures: Any) -> GripperCalibration:
+    return GripperCalibration(
+        **{"name": "own", "source": "edited", "least_force_n": 15.0, **figures}
+    )
+
+
+def step(config: RunConfig) -> int:
+    return step_counts(config, 2e-3)
+
+
+def file_of(known: GripperCalibration, folder: Path) -> Path:
+    file = folder / "own.toml"
+    lines = [f"{key} = {json.dumps(value)}" for key, value in msgspec.to_builtins(known).items()
+             if key != "name"]  # fmt: skip
+    file.write_text("\n".join(["[calibration]", *lines]) + "\n")
+    return file
+
+
+@pytest.mark.parametrize(
+    ("figures", "told"),
+    [
+        ({}, ""),
+        ({"most_force_n": 80.0, "force_exponent": 0.3}, ""),
+        ({"least_force_n": 9.0}, "force byte 0 press with 9 N, less than the manual's 15 N"),
+        ({"most_force_n": 58.0}, "force byte 255 press with 58 N, less than the manual's 60 N"),
+        ({"force_exponent": 1.5}, "force byte 70 press with 21.47 N, less than the manual's 27.4"),
+        (EDITED, "force byte 255 press with 15.1 N, less than the manual's 60 N"),
+    ],
+)
+def test_hand_that_is_said_to_be_weaker_than_the_manual_s_with_any_byte_is_told(
+    figures: dict[str, Any], told: str
+) -> None:
+    claim = weak_claim(stated(**figures))
+    assert told in claim
+    assert bool(claim) == bool(told)
+
+
+def test_packaged_hands_claim_what_they_did() -> None:
+    claims = {name: weak_claim(calibration(resolved(f"gripper.calibration={name}")))
+              for name in names("calibrations")}  # fmt: skip
+    assert claims == {
+        "manual": "",
+        "paper": "calibration 'paper' has force byte 0 press with 10 N, less than the manual's "
+        "15 N, by: Grover et al. 2022: 10 N is the least force that can be programmed; the rest "
+        "as in `manual`",
+    }
+    for name in names("calibrations"):
+        calibration(resolved(f"gripper.calibration={name}", rig="hardware"))
+
+
+@pytest.mark.parametrize(
+    "without",
+    [EVIDENCE, {"pressed_bytes": (0,)}, {"pressed_bytes": (255,)}, {"presses": 9},
+     {"reason": "weak springs"}],
+    ids=str,
+)  # fmt: skip
+def test_under_a_third_of_the_manual_s_is_refused_on_real_devices_without_presses_and_a_reason(
+    without: dict[str, Any], tmp_path: Path
+) -> None:
+    """A limit of 15.1 N would send byte 255 of it, and true 60 N."""
+    lie = {**EDITED, **EVIDENCE, **without}
+    lie = {key: value for key, value in lie.items() if without is not EVIDENCE or key in EDITED}
+    choice = f"gripper.calibration={file_of(stated(**lie), tmp_path)}"
+    limits = ("guard.force_limit_n=15.1", "controller.grip_force_n=15.1")
+    lab = resolved(choice, *limits, rig="hardware")
+    assert lab.calibration is not None
+    assert lab.calibration.byte_at_most(15.1) == 255
+    for opened in (
+        make_guard,
+        guard_of,
+        check_devices,
+        calibration,
+        lambda c: step_counts(c, 2e-3),
+    ):
+        with pytest.raises(ConfigError, match="less than a third of the manual's 60 N"):
+            opened(lab)
+    make_guard(resolved(choice, *limits))  # a simulated hand is what it is said to be
+
+
+def test_presses_that_were_counted_with_a_reason_are_believed(tmp_path: Path) -> None:
+    choice = f"gripper.calibration={file_of(stated(**EDITED, **EVIDENCE), tmp_path)}"
+    lab = resolved(choice, rig="hardware")
+    assert calibration(lab).reason == "a hand with weak springs"
+    assert "force byte 255" in weak_claim(calibration(lab))
+
+
+def test_no_figures_keep_a_hand_from_opening(tmp_path: Path) -> None:
+    lab = resolved(f"gripper.calibration={file_of(stated(**EDITED), tmp_path)}", rig="hardware")
+    assert calibration(to_open(lab)).name == "manual"
+    told = resolved("gripper.calibration=paper", rig="hardware")
+    assert to_open(told) is told
+    with pytest.raises(ConfigError, match="by hand"):
+        to_open(resolved(rig="hardware"))
+
+
+def test_evidence_for_figures_changes_no_result() -> None:
+    plain = resolved("gripper.calibration=manual")
+    assert plain.digest() == resolved(
+        "gripper.calibration=manual", "calibration.presses=10", "calibration.reason=as measured"
+    ).digest()  # fmt: skip

@@ -82,12 +82,39 @@ def test_least_force_of_the_hand_is_recovered_as_an_upper_bound(lab: Lab) -> Non
 def test_weak_hand_is_told_in_every_run(lab: Lab) -> None:
     weak = lab.folder / "weak.toml"
     weak.write_text('[calibration]\nsource = "scale, ten presses"\nleast_force_n = 9.0\n')
-    done = grasp(
-        "gripper", "open", "--confirm-motion", "--config", str(lab.file), "--set",
-        f"gripper.calibration={weak}",
-    )  # fmt: skip
-    assert done.returncode == 0
-    assert "'weak' has force byte 0 press with 9 N, less than the manual's 15 N" in done.stderr
+    more = ("--config", str(lab.file), "--set", f"gripper.calibration={weak}")
+    for how in ("--confirm-motion", "--dry-run"):
+        done = grasp("gripper", "open", how, *more)
+        assert done.returncode == 0
+        assert "'weak' has force byte 0 press with 9 N, less than the manual's 15 N" in done.stderr
+
+
+def test_figures_that_nobody_should_believe_move_nothing_but_let_go(lab: Lab) -> None:
+    """Byte 255 for 15.1 N: of a run with that limit the hand would press with true 60."""
+    lie = lab.folder / "lie.toml"
+    lie.write_text(
+        '[calibration]\nsource = "edited"\nleast_force_n = 15.0\nmost_force_n = 15.1\n'
+        "force_exponent = 3.0\n"
+    )
+    limits = ("guard.force_limit_n=15.1", "controller.grip_force_n=15.1")
+    more = ["--config", str(lab.file)]
+    for text in (f"gripper.calibration={lie}", *limits):
+        more += ["--set", text]
+    rig = ("--rig", "hardware")
+    for verb in (
+        ("run", "lift", *rig), ("run", "tap", *rig), ("gripper", "close"), ("gripper", "step"),
+        ("calibrate", "noise", "--out", str(lab.folder / "none.toml")),
+    ):  # fmt: skip
+        for how in ("--confirm-motion", "--dry-run"):
+            done = grasp(*verb, how, *more)
+            assert done.returncode == 2, done.stderr
+            assert "press with 15.1 N, less than a third of the manual's 60 N" in done.stderr
+    told = grasp("doctor", *rig, *more)
+    assert told.returncode != 0
+    assert re.search("^FAIL +calibration .*less than a third", told.stdout, re.MULTILINE)
+    for verb in (("gripper", "open"), ("release", *rig)):
+        for how in ("--dry-run", "--confirm-motion"):
+            assert grasp(*verb, how, *more).returncode == 0
 
 
 def test_too_few_presses_of_a_weak_byte_write_nothing(lab: Lab) -> None:
