@@ -5,7 +5,7 @@ from typing import Any
 
 from grasp import interruption
 from grasp.cli import exits
-from grasp.cli.lab import add_lab, lab_config, leave_to_move, say, will
+from grasp.cli.lab import add_lab, lab_config, leave_to_move, say, tell_slow, will
 from grasp.cli.options import decimal
 from grasp.cli.output import json_line
 
@@ -82,6 +82,7 @@ def step_arm(args: argparse.Namespace) -> int:
         return _tell(args, plan(), "would")
     permit = leave_to_move(config, args, plan)
     will(plan())
+    tell_slow(config)
     with interruption.held():
         at_m = step(config, permit, by_m, say)
     return _tell(args, f"the arm stands at {_mm(at_m)}, after {way}")

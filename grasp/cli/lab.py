@@ -89,6 +89,22 @@ def tell_weak(calibration: Any) -> None:
         exits.report_line(claim)
 
 
+def tell_slow(config: Any) -> None:
+    """On standard error what the arm's speed slider makes of its speeds; what refuses a run, or
+    does not answer, is told by whoever opens the arm."""
+    from drivers.ur.link.look import look
+    from drivers.ur.link.preflight import judge_speed
+    from scenarios.rigs.permission import arm_address
+
+    if config.devices.arm:
+        return
+    with suppress(GraspError):
+        _, now = look(arm_address(config), config.ur.step_timeout_s)
+        slider = judge_speed(now.speed_fraction)
+        if slider.status == "warn":
+            exits.report_line(f"{slider.detail} ({slider.remedy})")
+
+
 def say(text: str) -> None:
     """On standard error: what will move, or what became of something that was stopped."""
     exits.report_line(text)

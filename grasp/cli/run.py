@@ -6,7 +6,7 @@ from typing import Any
 
 from drivers.errors import UsageError
 from grasp.cli import dry, exits, first
-from grasp.cli.lab import will
+from grasp.cli.lab import tell_slow, will
 from grasp.cli.options import (
     OBJECT_HELP,
     add_confirmation,
@@ -182,6 +182,7 @@ def run(args: argparse.Namespace) -> int:
     if permit is not None:
         for line in dry.plan(config, args):
             will(line)
+        tell_slow(config)
     if args.first:
         config = first.begin(config, permit, args)
         make_guard(config)
@@ -220,6 +221,8 @@ def _acquire(args: argparse.Namespace) -> int:
     config = load_acquire_config(args.surface, args.rig, args.config, args.set)
     course = motion(args.direction, args.speed, acquire.TURN_RADPS)
     permit = _permit(config, args)
+    if permit is not None:
+        tell_slow(config)
     title = f"acquisition on {config.surface.name} · seed {args.seed}"
     with (
         logged(args, config.surface.name, config.rig) as log,

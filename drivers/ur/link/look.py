@@ -21,7 +21,7 @@ MOVES, END_IT = "the arm moves", "end the program that moves it"
 
 _FIELDS: Final = {
     "timestamp": "d", "actual_q": "6d", "actual_TCP_pose": "6d", "actual_TCP_speed": "6d",
-    "robot_mode": "i", "safety_mode": "i", "runtime_state": "I",
+    "robot_mode": "i", "safety_mode": "i", "runtime_state": "I", "target_speed_fraction": "d",
 }  # fmt: skip
 _DATA: Final = struct.Struct(">B" + "".join(_FIELDS.values()))
 _FREQUENCY_HZ: Final = 125.0  # that every controller can send
@@ -47,6 +47,7 @@ class ArmLook(msgspec.Struct, frozen=True):
     robot_mode: int
     safety_mode: int
     runtime_state: int
+    speed_fraction: float
 
     @property
     def stands(self) -> bool:
@@ -122,6 +123,7 @@ def lines(now: ArmLook) -> list[str]:
         f"robot mode {now.robot_mode}: {ROBOT_MODES.get(now.robot_mode, 'unknown')}",
         f"safety mode {now.safety_mode}: {SAFETY_MODES.get(now.safety_mode, 'unknown')}",
         f"program: {program} (runtime state {now.runtime_state})",
+        f"speed slider: {now.speed_fraction * 100:.3g} %",
         f"joints, degrees: {degrees}",
         f"tool, mm: x {x * 1e3:.1f}, y {y * 1e3:.1f}, z {z * 1e3:.1f}; "
         f"turned, rad: {', '.join(f'{a:.3f}' for a in turn)}",

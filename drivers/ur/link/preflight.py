@@ -28,6 +28,12 @@ _REGISTERS = [f"input_int_register_{i}" for i in range(8)] + [
     f"input_double_register_{i}" for i in range(18)
 ]
 _ASK_AGAIN_S = 0.05  # for claims: a client that has just gone is noticed a moment later
+_FIELDS = b"runtime_state,target_speed_fraction"
+_LOOKS_HZ = 25.0
+_PLAYING = {2: "runs", 5: "resumes"}  # runtime_state; RTDE guide
+LEAST_SPEED_FRACTION = 0.5  # of the speed slider: waits are those of full speed; assumed
+_FULL_SPEED = 0.995  # a slider that says 100 %
+TURN_UP = "set the speed slider to 100 % at the teach pendant"
 _LONGEST_LINE = 1024
 
 _Result = TypeVar("_Result")
@@ -91,7 +97,10 @@ def require(findings: PreflightFindings) -> None:
     )
 
 
-_ANSWERED = ("version", "registers", "remote control", "robot mode", "safety mode")
+_ANSWERED = (
+    "version", "registers", "program", "speed slider", "remote control", "robot mode",
+    "safety mode",
+)  # fmt: skip
 
 
 def judge_version(version: Version) -> PreflightCheck:
@@ -160,9 +169,13 @@ class Rtde:
 
     def ask(self, kind: bytes, body: bytes = b"") -> bytes:
         """Body of the answer of the same kind; other packets (messages) are skipped."""
+        self.tell(kind, body)
+        return self.wait(kind)
+
+    def tell(self, kind: bytes, body: bytes) -> None:
+        """A packet that is not answered."""
         self._socket.settimeout(self._timeout_s)
         self._socket.sendall(struct.pack(">Hc", 3 + len(body), kind) + body)
-        return self.wait(kind)
 
     def wait(self, kind: bytes) -> bytes:
         """Body of the next packet of a kind."""
@@ -220,6 +233,7 @@ def _ask_rtde(host: str, timeout_s: float) -> tuple[Version | None, list[Preflig
             checks.append(judge_version(version))
             if checks[-1].status != "fail":
                 checks.append(_claims(rtde, timeout_s))
+                checks += _readiness(rtde, timeout_s)
     except (OSError, ValueError, struct.error) as error:
         detail = f"RTDE port {RTDE_PORT} answers no RTDE: {_reason(error)}"
         checks.append(PreflightCheck("rtde protocol", "fail", detail, CONNECT_AGAIN))
@@ -249,6 +263,40 @@ def _claims(rtde: Rtde, timeout_s: float) -> PreflightCheck:
         detail = f"the controller does not know {_shortened(missing)}"
         return PreflightCheck("registers", "fail", detail, "update PolyScope")
     return PreflightCheck("registers", "ok", f"{len(_REGISTERS)} RTDE input registers free")
+
+
+def _readiness(rtde: Rtde, timeout_s: float) -> list[PreflightCheck]:
+    """Does another program move the arm, and what does the speed slider make of speeds? A program
+    is looked at again while the step's time lasts: one whose client has just gone is ending."""
+    types = rtde.ask(b"O", struct.pack(">d", _LOOKS_HZ) + _FIELDS)[1:]
+    if b"NOT_FOUND" in types or rtde.ask(b"S") != b"\x01":
+        raise ValueError(f"it does not send {_FIELDS.decode()}: {types.decode()}")
+    deadline = time.monotonic() + timeout_s
+    while True:
+        state, fraction = struct.unpack(">xId", rtde.wait(b"U"))
+        if state not in _PLAYING or time.monotonic() > deadline:
+            return [_program(state), judge_speed(fraction)]
+
+
+def _program(state: int) -> PreflightCheck:
+    if state not in _PLAYING:
+        return PreflightCheck("program", "ok", "no program runs on the arm")
+    return PreflightCheck(
+        "program", "fail", f"a program {_PLAYING[state]} on the arm already, another client's or "
+        "the teach pendant's", "end it where it was started, or by `grasp arm stop`",
+    )  # fmt: skip
+
+
+def judge_speed(fraction: float) -> PreflightCheck:
+    """Of the speed slider: what it makes slower is said, what it makes too slow is refused."""
+    said = f"speed slider at {100 * fraction:.3g} %"
+    if fraction >= _FULL_SPEED:
+        return PreflightCheck("speed slider", "ok", said)
+    if fraction >= LEAST_SPEED_FRACTION:
+        slower = f"{said}: the arm moves at so much of every speed that it is told"
+        return PreflightCheck("speed slider", "warn", slower, TURN_UP)
+    least = f"{said}, and below {100 * LEAST_SPEED_FRACTION:g} % no move ends when it should"
+    return PreflightCheck("speed slider", "fail", least, f"{TURN_UP}; go slower by settings")
 
 
 def _shortened(names: list[str]) -> str:

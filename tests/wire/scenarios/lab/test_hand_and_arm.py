@@ -1,7 +1,10 @@
 """`grasp gripper` and `grasp arm` at an emulated lab: what they move, and what stops them."""
 
 import json
+import re
 import signal
+import socket
+import struct
 import subprocess
 import threading
 import time
@@ -12,6 +15,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import DeviceFault
+from drivers.ur.link.preflight import Dashboard, Rtde
 from grasp.clock import WallClock
 from scenarios.campaign.config import RunConfig, load_config
 from scenarios.rigs.cell_control import ControlClient
@@ -384,11 +388,68 @@ def test_arm_in_a_protective_stop_is_told_with_its_remedy(lab: Lab) -> None:
     assert step.returncode == 3
     assert "PROTECTIVE_STOP" in step.stderr
     time.sleep(5.2)
-    from drivers.ur.link.preflight import Dashboard
-
     with Dashboard(lab.config.ur.host, 2.0) as dashboard:
         dashboard.line()
         dashboard.ask("unlock protective stop")
+
+
+def sent(lab: Lab, port: int, text: str) -> None:
+    with socket.create_connection((lab.config.ur.host, port), 5.0) as peer:
+        peer.sendall(text.encode())
+
+
+def test_program_that_runs_on_the_arm_is_told_before_a_run_or_a_step_with_what_ends_it(
+    lab: Lab,
+) -> None:
+    sent(lab, 30003, "def theirs():\n while True:\n  sleep(0.1)\n end\nend\n")
+    deadline = time.monotonic() + 10.0
+    while "program: runs" not in lab.grasp("arm", "status").stdout:
+        assert time.monotonic() < deadline
+    try:
+        told = lab.grasp("doctor", "--rig", "hardware")
+        assert told.returncode == 3
+        assert re.search("^FAIL +arm program .*already", told.stdout, re.MULTILINE)
+        dry = lab.grasp("run", "lift", "--rig", "hardware", "--dry-run")
+        assert dry.returncode == 3
+        assert "would not start" in dry.stdout
+        assert "`grasp arm stop`" in dry.stderr
+        for words in (("arm", "step", "--z", "1"), ("run", "lift", "--rig", "hardware")):
+            refused = lab.grasp(*words, *CONFIRMED)
+            assert refused.returncode == 3, refused.stderr
+            assert "a program runs on the arm already" in refused.stderr
+            assert "did not start" not in refused.stderr
+    finally:
+        lab.done("arm", "stop")
+
+
+def test_speed_slider_is_told_and_refused_where_a_run_would_not_end_in_time(lab: Lab) -> None:
+    def at(fraction: float) -> None:
+        with Rtde(lab.config.ur.host, 2.0) as rtde:
+            rtde.ask(b"V", struct.pack(">H", 2))
+            (recipe,) = rtde.ask(b"I", b"speed_slider_mask,speed_slider_fraction")[:1]
+            rtde.ask(b"S", b"")
+            rtde.tell(b"U", struct.pack(">BId", recipe, 1, fraction))
+            time.sleep(0.3)
+
+    at(0.6)
+    try:
+        assert "speed slider: 60 %" in lab.grasp("arm", "status").stdout
+        assert "speed slider at 60 %: the arm moves at so much" in lab.grasp(
+            "arm", "step", "--z", "1", *CONFIRMED
+        ).stderr  # fmt: skip
+        dry = lab.grasp("run", "lift", "--rig", "hardware", "--dry-run")
+        assert "arm speed slider: speed slider at 60 %" in dry.stderr
+        at(0.05)
+        dry = lab.grasp("run", "lift", "--rig", "hardware", "--dry-run")
+        assert dry.returncode == 3
+        assert "would not start" in dry.stdout
+        for words in (("arm", "step", "--z", "1"), ("run", "lift", "--rig", "hardware")):
+            refused = lab.grasp(*words, *CONFIRMED)
+            assert refused.returncode == 3, refused.stderr
+            assert "speed slider at 5 %" in refused.stderr
+            assert "100 % at the teach pendant" in refused.stderr
+    finally:
+        at(1.0)
 
 
 def test_remedy_of_an_arm_that_answers_on_no_port_is_told_once(lab: Lab) -> None:

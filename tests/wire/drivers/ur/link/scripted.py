@@ -1,5 +1,6 @@
 """A controller that says what a test tells it to, framed by hand."""
 
+import contextlib
 import selectors
 import socket
 import struct
@@ -25,8 +26,11 @@ class ScriptedController:
         self.banner = b"Connected: Universal Robots Dashboard Server\n"
         self.chatter = b""  # sent before each RTDE answer
         self.accepts_v2 = True
+        self.runtime_states = [1]  # told one after the other, the last for ever
+        self.speed_fraction = 1.0
         self.speaks = {DASHBOARD, RTDE}
         self.asked = []
+        self._listening = set()
         self._selector = selectors.DefaultSelector()
         for port in ports:
             listener = socket.create_server((host, port))
@@ -50,6 +54,7 @@ class ScriptedController:
                     self._accept(key.fileobj, port)
                 else:
                     self._answer(key.fileobj, port)
+            self._tell_state()
 
     def _accept(self, listener, port):
         peer, _ = listener.accept()
@@ -62,9 +67,12 @@ class ScriptedController:
             data = peer.recv(65536)
             if data and port in self.speaks:
                 peer.sendall(self._line(data) if port == DASHBOARD else self._packet(data))
+                if port == RTDE and data[2:3] == b"S":
+                    self._listening.add(peer)
         except ConnectionError:
             data = b""
         if not data:
+            self._listening.discard(peer)
             self._selector.unregister(peer)
             peer.close()
 
@@ -80,9 +88,23 @@ class ScriptedController:
             answer = bytes([self.accepts_v2])
         elif kind == b"v":
             answer = struct.pack(">4I", *self.version)
+        elif kind == b"O":
+            answer = b"\x01UINT32,DOUBLE"
+        elif kind == b"S":
+            answer = b"\x01"
         else:
             answer = b"\x01" + ",".join(map(self.type_of, body.decode().split(","))).encode()
         return self.chatter + struct.pack(">Hc", 3 + len(answer), kind) + answer
+
+    def _tell_state(self):
+        """As controllers do, to whoever has started to listen."""
+        for peer in self._listening:
+            state = self.runtime_states[0]
+            if len(self.runtime_states) > 1:
+                del self.runtime_states[0]
+            body = struct.pack(">BId", 1, state, self.speed_fraction)
+            with contextlib.suppress(ConnectionError):
+                peer.sendall(struct.pack(">Hc", 3 + len(body), b"U") + body)
 
     def type_of(self, name):
         if name in self.in_use:

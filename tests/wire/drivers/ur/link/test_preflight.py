@@ -151,6 +151,34 @@ def test_claims_of_a_client_that_has_just_gone_are_waited_for(controller, host):
     require(preflight(host, step_timeout_s=5.0))
 
 
+def test_program_that_runs_already_is_refused_with_what_ends_it(controller, host):
+    controller().runtime_states = [2]
+    with pytest.raises(DeviceFault, match="a program runs on the arm already") as caught:
+        require(preflight(host, step_timeout_s=0.3))
+    assert "`grasp arm stop`" in caught.value.remedy
+
+
+def test_program_of_a_client_that_has_just_gone_is_waited_for(controller, host):
+    controller().runtime_states = [2, 2, 2, 1]
+    require(preflight(host, step_timeout_s=5.0))
+
+
+@pytest.mark.parametrize(
+    ("fraction", "status"),
+    [(1.0, "ok"), (0.999, "ok"), (0.98, "warn"), (0.5, "warn"), (0.49, "fail"), (0.0, "fail"),
+     (float("nan"), "fail")],
+)  # fmt: skip
+def test_speed_slider_is_told_and_refused_where_no_move_would_end_in_time(
+    controller, host, fraction, status
+):
+    controller().speed_fraction = fraction
+    report = preflight(host)
+    slider = next(check for check in report.checks if check.name == "speed slider")
+    assert slider.status == status
+    assert bool(slider.remedy) == (status != "ok")
+    assert bool(report.failures) == (status == "fail")
+
+
 def test_unknown_registers(controller, host):
     controller().unknown = {"input_double_register_17"}
     with pytest.raises(DeviceFault, match="input_double_register_17"):
