@@ -21,7 +21,11 @@ LEAST_POINTS = 5
 SPAN = 3.0  # largest force over the least
 MOST_BEND = 0.15  # of the range, by which counts may leave a straight line
 LEAST_BEND_N = 0.3
-GROUPS = 4  # that readings without rounds are dealt to; their spread is that of the slope
+LEAST_MOST_N = 0.5  # of the strongest reading: ten steps of a kitchen scale of 5 g; assumed
+MOST_HALF = 0.25  # of the slope, by which it may be uncertain
+ORDERED = 0.8  # rank correlation of force and time from which on a drift is not told from a bend
+WEIGHT = -1.5  # power of force: noise may be constant or grow with it
+LEAST_DRIFT = 0.03  # of the slope, from the first reading to the last; less is let be
 # Standard deviations of a sample above its mean below which 95 % of presses lie in 95 % of samples,
 # by its size, where presses scatter exponentially to the harder side: the longest tail of laws
 # whose logarithm bends down (normal ones of ten need 2.9). Between sizes a straight line is above.
@@ -50,7 +54,8 @@ class Point(msgspec.Struct, frozen=True):
 
 class Line(msgspec.Struct, frozen=True):
     """Slope with its 95 % interval, the worst distance of a point from it, and the range.
-    ``groups``: of points, whose spread the interval is of."""
+    ``groups``: of points, whose spread the interval is of. ``offset``: of the
+    scale, by which it misses zero. ``in_order``: as ``ordered``."""
 
     slope: float
     interval: tuple[float, float]
@@ -59,6 +64,8 @@ class Line(msgspec.Struct, frozen=True):
     most: float
     points: int
     groups: int
+    offset: float = 0.0
+    in_order: bool = False
 
 
 class Byte(msgspec.Struct, frozen=True):
@@ -132,10 +139,12 @@ def odd_one(points: Sequence[Point]) -> int | None:
 
 
 def fit_counts(points: Sequence[Point]) -> Line:
-    """Counts a newton, through zero.
+    """Counts a newton: the slope of a line that need not meet zero, for a scale that was not tared
+    and a pad that was not at rest shift it, and turn a line that must.
 
-    Raises UsageError for too few or too narrow data, for one that does not fit, and where counts
-    are no straight line of force.
+    Raises UsageError for too few or too narrow data, for one that does not fit, where counts are no
+    straight line of force that begins near zero, where they drift, and for a slope that is not
+    known to a quarter.
     """
     forces = [p.force_n for p in points]
     if len(points) < LEAST_POINTS:
@@ -150,38 +159,121 @@ def fit_counts(points: Sequence[Point]) -> Line:
         raise UsageError("a reading has no counts", "press the pad of the finger that was named")
     if (odd := odd_one(points)) is not None:
         raise UsageError(f"reading {odd + 1}, {forces[odd]:.2f} N, contradicts the others", AGAIN)
+    if max(forces) < LEAST_MOST_N:
+        raise UsageError(
+            f"forces up to {max(forces):.2f} N are too near to what a kitchen scale resolves",
+            f"load {LEAST_MOST_N:g} N or more",
+        )
     groups = _groups(points)
-    slopes = [sum(p.measured for p in each) / sum(p.force_n for p in each) for each in groups]
-    slope = fmean(slopes)
+    offset, slope = _weighed(points)
+    if slope <= 0.0:
+        raise UsageError("the counts do not rise with force", AGAIN)
     worst_n = max(abs(p.measured / slope - p.force_n) for p in points)
     if worst_n > max(LEAST_BEND_N, MOST_BEND * max(forces)):
         raise UsageError(
-            f"the counts are no straight line of force: up to {worst_n:.2f} N from it",
-            "take readings up to a smaller force, --up-to",
+            f"the counts are no straight line of force through zero: up to {worst_n:.2f} N from it",
+            "tare the scale, begin with nothing on the pad; else take readings up to a smaller "
+            "force, --up-to",
         )
-    half = quantile_t(0.975, len(groups) - 1) * stdev(slopes) / math.sqrt(len(groups))
+    drift, in_order = drift_of(points), ordered(points)
+    if drift.seen and not in_order:
+        raise UsageError(
+            f"the readings drift in the order in which they were taken, by {drift.share:+.0%} in "
+            "all",
+            "let scale and pad settle, tare the scale, and take them again",
+        )
+    half = _half(points, groups)
+    if half > MOST_HALF * slope:
+        raise UsageError(
+            f"{slope:.1f} counts a newton are uncertain by {half:.1f}, more than {MOST_HALF:.0%}",
+            "take more readings, weak ones and strong ones",
+        )
+    if drift.seen or not in_order:  # else it is as likely a bend, and said
+        half += abs(drift.share) * slope
     interval = slope - half, slope + half
     return Line(
-        slope, interval, worst_n, min(forces), max(forces), len(points), len(groups)
+        slope, interval, worst_n, min(forces), max(forces), len(points), len(groups),
+        offset / slope, in_order,
     )  # fmt: skip
 
 
 def _groups(points: Sequence[Point]) -> list[list[Point]]:
-    """Of which each tells the slope by itself, and none errs with another: the rounds. Readings
-    that were each loaded anew are dealt out so that every group has strong and weak ones.
-
-    The spread of their slopes needs no law of the noise. Raises UsageError for a single round.
-    """
+    """Of which none errs with another: the rounds; readings that were each loaded anew are groups
+    by themselves. Raises UsageError for a single round."""
     rounds = {p.round for p in points}
-    if 0 not in rounds:
-        if len(rounds) == 1:
-            raise UsageError("one round tells no spread", "press twice or more, three times best")
-        return [[p for p in points if p.round == number] for number in sorted(rounds)]
-    groups: list[list[Point]] = [[] for _ in range(GROUPS)]
-    for i, point in enumerate(sorted(points, key=lambda p: -p.force_n)):
-        row, place = divmod(i, GROUPS)
-        groups[place if row % 2 == 0 else GROUPS - 1 - place].append(point)
-    return groups
+    if 0 in rounds:
+        return [[point] for point in points]
+    if len(rounds) == 1:
+        raise UsageError("one round tells no spread", "press twice or more, three times best")
+    return [[p for p in points if p.round == number] for number in sorted(rounds)]
+
+
+def _half(points: Sequence[Point], groups: Sequence[Sequence[Point]]) -> float:
+    """Half of the 95 % interval of the slope, by leaving out each group in turn: that needs no law
+    of the noise."""
+    slopes = []
+    for left_out in groups:
+        rest = [p for p in points if p not in left_out]
+        slopes.append(_weighed(rest)[1])
+    count, mean = len(slopes), fmean(slopes)
+    freedom = count - (2 if count == len(points) else 1)
+    spread = math.sqrt((count - 1) / count * sum((s - mean) ** 2 for s in slopes))
+    return quantile_t(0.975, freedom) * spread
+
+
+def ordered(points: Sequence[Point]) -> bool:
+    """Whether readings that were each loaded anew came in the order of their force, so that what
+    drifts with time is not told from what bends with force."""
+    forces = [p.force_n for p in points]
+    if len(points) < LEAST_POINTS or any(p.round for p in points):
+        return False
+    rank = sorted(range(len(forces)), key=lambda i: forces[i])
+    places = [rank.index(i) for i in range(len(forces))]
+    mean = (len(places) - 1) / 2
+    square = sum((i - mean) ** 2 for i in range(len(places)))
+    along = sum((i - mean) * (place - mean) for i, place in enumerate(places)) / square
+    return abs(along) > ORDERED
+
+
+class Drift(msgspec.Struct, frozen=True):
+    """Of counts a newton from the first reading to the last, as a share; whether that is more than
+    noise."""
+
+    share: float = 0.0
+    seen: bool = False
+
+
+def drift_of(points: Sequence[Point]) -> Drift:
+    """Of readings that were each loaded anew; of rounds their spread tells it, of a few nothing
+    does. Of readings in the order of their force it may as well be a bend."""
+    count = len(points)
+    if count <= LEAST_POINTS or any(p.round for p in points):
+        return Drift()
+    forces, counts = [p.force_n for p in points], [p.measured for p in points]
+    weights = [force**WEIGHT for force in forces]
+
+    def away(y: Sequence[float]) -> list[float]:
+        """What a straight line of force does not tell."""
+        intercept, slope = _line(forces, y, weights)
+        return [b - intercept - slope * a for a, b in zip(forces, y, strict=True)]
+
+    later = away([f * i / (count - 1) for i, f in enumerate(forces)])
+    left = away(counts)
+    square = sum(w * a * a for w, a in zip(weights, later, strict=True))
+    if square <= 1e-9 * sum(w * f * f for w, f in zip(weights, forces, strict=True)):
+        return Drift()
+    drift = sum(w * a * b for w, a, b in zip(weights, later, left, strict=True)) / square
+    rest = [b - drift * a for a, b in zip(later, left, strict=True)]
+    noise = sum(w * a * a for w, a in zip(weights, rest, strict=True)) / (count - 3)
+    share = drift / _weighed(points)[1]
+    least = quantile_t(0.995, count - 3) * math.sqrt(noise / square)
+    return Drift(share, abs(drift) > least and abs(share) > LEAST_DRIFT)
+
+
+def _weighed(points: Sequence[Point]) -> tuple[float, float]:
+    """Intercept and slope, neither ruled by the strongest readings."""
+    forces = [p.force_n for p in points]
+    return _line(forces, [p.measured for p in points], [force**WEIGHT for force in forces])
 
 
 # Bytes to newtons
@@ -289,6 +381,8 @@ def fit_travel(counts: Sequence[int], places_mm: Sequence[float]) -> Line:
             f"{len(counts)} places over {max(places_mm) - min(places_mm):.0f} mm are too few",
             f"{LEAST_POINTS} or more over {LEAST_TRAVEL_MM:g} mm",
         )
+    if not all(map(math.isfinite, places_mm)):
+        raise UsageError("a place is no number", AGAIN)
     misses = []
     for i in range(len(counts)):
         x, y = [*counts[:i], *counts[i + 1 :]], [*places_mm[:i], *places_mm[i + 1 :]]
@@ -316,11 +410,15 @@ def fit_travel(counts: Sequence[int], places_mm: Sequence[float]) -> Line:
     return Line(size, (size - half, size + half), worst, min(counts), max(counts), count, count)
 
 
-def _line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
+def _line(
+    x: Sequence[float], y: Sequence[float], weights: Sequence[float] = ()
+) -> tuple[float, float]:
     """Intercept and slope, least squares; level where all x are the same."""
-    mx, my = fmean(x), fmean(y)
-    square = sum((a - mx) ** 2 for a in x)
-    slope = sum((a - mx) * (b - my) for a, b in zip(x, y, strict=True)) / square if square else 0.0
+    weights = weights or [1.0] * len(x)
+    mx, my = fmean(x, weights), fmean(y, weights)
+    square = sum(w * (a - mx) ** 2 for w, a in zip(weights, x, strict=True))
+    cross = sum(w * (a - mx) * (b - my) for w, a, b in zip(weights, x, y, strict=True))
+    slope = cross / square if square else 0.0
     return my - slope * mx, slope
 
 

@@ -42,6 +42,8 @@ from scenarios.trial.person import Operator
 
 NEWTONS = {"n": 1.0, "g": 0.00980665, "kg": 9.80665}
 READING = re.compile(r"([0-9]+(?:[.,][0-9]+)?)\s*(n|g|kg)\Z", re.IGNORECASE)
+PLACE = re.compile(r"(-?[0-9]+(?:[.,][0-9]+)?)\s*(?:mm)?\Z", re.IGNORECASE | re.ASCII)
+LONGEST_MM = 2000.0  # of a ruler
 PAUSE_NS = 20_000_000
 BACK_COUNTS = 20  # off the scale; some 15 mm
 SAMPLES = 100  # of the pad, a second, for one reading
@@ -56,11 +58,12 @@ def newtons(text: str) -> float:
 
 
 def millimetres(text: str) -> float:
-    """Of a number, with `mm` or without; raises UsageError for anything else."""
-    try:
-        return float(text.strip().lower().removesuffix("mm").replace(",", "."))
-    except ValueError:
-        raise UsageError(f"{text.strip()!r} is no length", "a number of millimetres") from None
+    """Of a place on a ruler, with `mm` or without; raises UsageError for anything else."""
+    found = PLACE.match(text.strip())
+    if found is None or abs(place_mm := float(found[1].replace(",", "."))) > LONGEST_MM:
+        remedy = f"a number of millimetres, {LONGEST_MM:g} at most"
+        raise UsageError(f"{text.strip()!r} is no place on a ruler", remedy)
+    return place_mm
 
 
 def ask(operator: Operator, question: str, idle: Callable[[], None]) -> str:
@@ -241,6 +244,12 @@ def pad_counts(touch: Touch, clock: Clock, finger: str) -> tuple[float, bool]:
 # Files
 
 
+IN_ORDER = (
+    "# The readings came in the order of their force: a scale that drifts would look like a pad "
+    "that bends, and is in the interval as far as it is seen.\n"
+)
+
+
 def force_file(finger: str, line: Line, note: str = "") -> str:
     """Settings for `--config`; raises UsageError for what no settings may say."""
     low, high = line.interval
@@ -253,7 +262,12 @@ def force_file(finger: str, line: Line, note: str = "") -> str:
         f"{line.least:.2f} to {line.most:.2f} N.\n"
         f"# {line.slope:.1f} counts a newton [{low:.1f}, {high:.1f}] (95 %; {line.groups} groups "
         "of readings, the scale taken as right).\n"
-        f"# A reading is at most {line.worst:.2f} N from that line.\n"
+        f"# Their line misses zero by {line.offset:+.2f} N (rest of the pad, tare of the scale), "
+        "which is left out.\n"
+        f"# A reading is at most {line.worst:.2f} N from one through zero.\n"
+        f"{IN_ORDER if line.in_order else ''}"
+        "# A scale that is wrong by a factor makes these counts wrong by it, and no reading here "
+        "tells.\n"
         f"# Beyond {line.most:.2f} N nothing was measured, nor the other fingertips.\n"
         "# For `grasp run acquire` it is control.counts_per_newton.\n"
         f"[source]\ncounts_per_newton = {source}\n"

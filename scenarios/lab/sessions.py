@@ -20,6 +20,7 @@ from scenarios.lab.fit import (
     odd_one,
     odd_press,
     of_byte,
+    ordered,
 )
 from scenarios.lab.hand import TOUCH_N, Say, open_hand
 from scenarios.lab.scale import (
@@ -48,6 +49,7 @@ ALMOST = "At how many counts does the finger almost touch the scale?"
 SHORT_OF = 5  # counts before a touch: what is felt was there some counts before
 ROUNDS = 3
 UNLOADED_S = 2.0  # listened to after a hold
+ORDER = "They came in the order of their force: what drifts would look like the pad"
 UNIT = "with its unit (N, g, kg)"
 
 
@@ -147,6 +149,9 @@ def calibrate_force(
         question = f"Load fingertip {finger} anew, by a weight or a scale, and type its reading"
         while weighing.ask(f"{question} {UNIT}; Enter alone: no more") or weighing.railed:
             weighing.railed = False
+        if ordered(weighing.points):
+            weighing.ask(f"{ORDER}: load fingertip {finger} with the first once more, and type its "
+                         f"reading {UNIT}; Enter alone: leave it so")  # fmt: skip
         return force_file(finger, weighing.fit(), note)
 
 
@@ -231,7 +236,7 @@ def calibrate_hand(
             forces = pressed(presser, byte, presses, up_to_n, operator, seen, reasons)
             known.append(of_byte(byte, forces))
             say(f"byte {byte}: {known[-1].mean_n:.2f} N, 95 % below {known[-1].bound_n:.2f} N")
-        travel = _travel(presser, places, operator) if places else None
+        travel = travelled(presser, places, operator) if places else None
         presser.to(0)
     return hand_file(finger, known, law_of(known), travel, check_current(seen), reasons, note)
 
@@ -290,18 +295,27 @@ def _far(byte: int, force_n: float) -> str:
     )
 
 
-def _travel(presser: Presser, places: Sequence[int], operator: Operator) -> Line:
+def travelled(presser: Presser, places: Sequence[int], operator: Operator) -> Line:
+    """Millimetres a count, by places that a person reads."""
     ask(operator, "Take the scale away, lay a ruler beside the fingertip: Enter", presser.idle)
     stood, found_mm = [], []
     for counts in places:
         met, _ = presser.to(counts)
         if met:
             raise Refused(f"the finger met something before {counts} counts", "clear its way")
-        line = ask(operator, f"At {presser.counts} counts: where is the fingertip, in mm?",
-                   presser.idle)  # fmt: skip
-        found_mm.append(millimetres(line))
+        found_mm.append(_place(presser, operator))
         stood.append(presser.counts)
     return fit_travel(stood, found_mm)
+
+
+def _place(presser: Presser, operator: Operator) -> float:
+    """Where the fingertip is, mm; asked again at once for what is no place on a ruler."""
+    while True:
+        question = f"At {presser.counts} counts: where is the fingertip, in mm?"
+        try:
+            return millimetres(ask(operator, question, presser.idle))
+        except UsageError as error:
+            operator.say(f"{error.message}: {error.remedy}")
 
 
 def held_still(

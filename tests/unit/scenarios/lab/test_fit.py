@@ -23,10 +23,11 @@ from scenarios.lab.fit import (
     odd_one,
     odd_press,
     of_byte,
+    ordered,
     quantile_t,
     tolerance,
 )
-from scenarios.lab.scale import hand_file
+from scenarios.lab.scale import force_file, hand_file
 from scenarios.rigs.calibration import FAR, MANUAL, WEAK_PRESSES, check_claim
 
 Floats = NDArray[np.float64]
@@ -123,6 +124,74 @@ def test_interval_of_counts_a_newton_holds_the_truth_in_95_of_100_whatever_the_n
     assert held / series >= 0.93
 
 
+def shifted(how: str, rng: random.Random) -> list[Point]:
+    """All readings off by the same: a pad whose rest is wrong, a scale that was not tared."""
+    counts, newtons = (rng.gauss(0.0, 10.0), 0.0) if how == "rest" else (0.0, rng.gauss(0.0, 0.1))
+    rounds_ = (1, 2, 3) if how == "rest, rounds" else (0,)
+    return [
+        Point(f + newtons, TRUE * f + counts + rng.gauss(0.0, 3.0), number)
+        for number in rounds_ for f in (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("how", ["rest", "rest, rounds", "tare"])
+def test_wrong_rest_or_tare_leaves_the_truth_in_the_interval(how: str) -> None:
+    held, series = 0, 300
+    for seed in range(series):
+        line = fit_counts(shifted(how, random.Random(seed)))
+        held += line.interval[0] <= TRUE <= line.interval[1]
+    assert held / series >= 0.93
+
+
+def test_file_says_by_how_much_the_line_misses_zero() -> None:
+    line = fit_counts([Point(f + 0.2, 100 * f) for f in (2.0, 0.5, 3.0, 1.0, 4.0)])
+    assert line.offset == pytest.approx(-0.2)
+    assert line.slope == pytest.approx(100.0)
+    text = force_file("A", line)
+    assert "misses zero by -0.20 N" in text
+    assert "wrong by a factor" in text
+    assert "in the order of their force" not in text
+
+
+MIXED_N = (2.0, 0.5, 3.5, 1.5, 4.0, 1.0, 2.5, 3.0)
+
+
+def drifting(share: float, rng: random.Random, order: tuple[float, ...] = MIXED_N) -> list[Point]:
+    """Of a scale that says more and more, by that share in all."""
+    return [
+        Point(f * (1 + share * i / (len(order) - 1)), TRUE * f + rng.gauss(0.0, 3.0))
+        for i, f in enumerate(order)
+    ]
+
+
+def test_drifting_scale_is_refused_or_widens_the_interval() -> None:
+    for share, refused_least in ((0.0, 0), (0.02, 0), (0.05, 60), (0.1, 180), (0.2, 200)):
+        refused = held = 0
+        for seed in range(200):
+            try:
+                line = fit_counts(drifting(share, random.Random(seed)))
+            except UsageError as error:
+                assert "drift in the order" in error.message or "uncertain" in error.message
+                refused += 1
+            else:
+                held += line.interval[0] <= TRUE <= line.interval[1]
+        assert refused >= refused_least, share
+        assert held >= 0.9 * (200 - refused), share
+        assert share > 0.0 or refused <= 6
+
+
+def test_readings_in_the_order_of_their_force_are_told_as_such() -> None:
+    """There a drift is no other than a bend."""
+    rising = tuple(sorted(MIXED_N))
+    line = fit_counts(drifting(0.05, random.Random(0), rising))
+    assert line.in_order
+    assert "in the order of their force" in force_file("A", line)
+    again = [*drifting(0.0, random.Random(0), rising), Point(0.5, TRUE * 0.5)]
+    assert not fit_counts(again).in_order
+    assert ordered(again[:-1]) and ordered(again[-2::-1])
+    assert not ordered([msgspec.structs.replace(p, round=1) for p in again[:-1]])
+
+
 def test_one_round_alone_tells_no_spread_and_is_refused() -> None:
     one = [Point(p.force_n, p.measured, 1) for p in readings(0)]
     with pytest.raises(UsageError, match="one round"):
@@ -136,6 +205,13 @@ def test_one_round_alone_tells_no_spread_and_is_refused() -> None:
         ([Point(5.0 + i / 10, 700.0) for i in range(8)], "too much alike"),
         ([Point(f, 100 * f**0.5) for f in WEIGHTS_N], "no straight line"),
         ([Point(f, -10.0) for f in WEIGHTS_N], "no counts"),
+        ([Point(f, 200.0 - 10 * f) for f in WEIGHTS_N], "do not rise"),
+        ([Point(f / 40, 3 * f) for f in WEIGHTS_N], "a kitchen scale resolves"),
+        (
+            [Point(f, c) for f, c in ((0.5, 60), (1, 90), (1.5, 170), (2, 180), (2.5, 270))],
+            "uncertain by",
+        ),
+        ([Point(f, 100 * (f + 0.8)) for f in WEIGHTS_N if f < 4], "through zero"),
     ],
 )
 def test_data_that_support_no_line_are_refused(points: list[Point], why: str) -> None:
@@ -337,6 +413,9 @@ def test_place_read_wrongly_and_way_too_short_are_refused() -> None:
     rng = random.Random(3)
     counts = list(range(10, 130, 15))
     places = [ruler(c, rng) for c in counts]
+    for none in (math.nan, math.inf):
+        with pytest.raises(UsageError, match="no number"):
+            fit_travel(counts, [*places[:4], none, *places[5:]])
     wrong = [*places[:4], places[4] + 10.0, *places[5:]]
     with pytest.raises(UsageError, match="place 5"):
         fit_travel(counts, wrong)

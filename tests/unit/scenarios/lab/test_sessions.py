@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -129,6 +130,27 @@ def test_press_that_contradicts_the_others_though_typed_rightly_ends_it() -> Non
         presses([300] * 4, "10 N", "10 N", "10 N", "15 N", "15 N")
 
 
+class Ruled(Finger):
+    """In free air, where it is told to be."""
+
+    def to(self, counts: int, byte: int = 0) -> tuple[bool, int]:
+        self.counts = counts
+        return False, 0
+
+
+@pytest.mark.parametrize(
+    "typed", ["nan", "NaN mm", "inf", "1e400", "-inf", "", "20 cm", "1_0", "٣", "9999"]
+)
+def test_place_that_is_none_is_asked_for_again_at_once(typed: str) -> None:
+    person = Person("", "120", typed, "108 mm", "96,5", "85.5", "-73")
+    places = (10, 25, 40, 55, 70)
+    asked = [f"At {counts} counts: where is the fingertip, in mm?" for counts in places]
+    with pytest.raises(UsageError, match="contradicts"):  # -73 was mistyped
+        sessions.travelled(cast(Presser, Ruled([])), places, person)
+    told = f"{typed!r} is no place on a ruler: a number of millimetres, 2000 at most"
+    assert person.said[1:] == [*asked[:2], told, *asked[1:]]
+
+
 @pytest.mark.parametrize(
     ("wrong", "right"),
     [("1.2 N", "1.2 kg"), ("12 g", "12 N"), ("1.25 g", "1.25 kg"), ("50 N", "5 N")],
@@ -208,3 +230,19 @@ def test_force_file_once_loaded_says_how_its_counts_were_come_by_and_when(tmp_pa
     assert assumed.source.in_words() == []
     replaced = msgspec.structs.replace(loaded, source=assumed.source)
     assert replaced.digest() == loaded.digest()  # nothing but people reads it
+
+
+@pytest.mark.parametrize("again", [True, False])
+def test_weights_in_the_order_of_their_force_are_asked_for_the_first_once_more(
+    again: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    forces = [0.5, 1.0, 2.0, 3.0, 4.0]
+    loads = iter([*forces, 0.5])
+    monkeypatch.setattr(sessions, "open_touch", lambda *_, unloaded: nullcontext())
+    monkeypatch.setattr(sessions, "pad_counts", lambda *_: (COUNTS_PER_NEWTON * next(loads), False))
+    person = Person(*(f"{n} N" for n in forces), "", "0.5 N" if again else "")
+    nothing = cast(Any, None)
+    text = sessions.calibrate_force(nothing, "A", 15.0, person, person.said.append)
+    assert sum("with the first once more" in line for line in person.said) == 1
+    assert ("in the order of their force" in text) != again
+    assert f"{6 if again else 5} readings" in text
