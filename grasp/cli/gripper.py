@@ -128,7 +128,7 @@ def open_fingers(args: argparse.Namespace) -> int:
 
     config = _lab_config(args)
     if args.dry_run:
-        return _would(args, to_open(config), lambda at: (0, 0, 0), closing=False)
+        return _would(args, config, lambda at: (0, 0, 0), closing=False)
     permit = leave_to_move(config, args, lambda: f"open all fingers at {_how(to_open(config))}")
     with interruption.held(), open_hand(config, permit, closing=False) as hand:
         will(_move(to_open(config), hand.state.positions, (0, 0, 0)))
@@ -182,12 +182,14 @@ def _would(
     """Of a dry run: where the fingers would go from where they are, and how hard at most. Raises
     what the motion would."""
     from scenarios.lab.ready import active_hand, check_closing
+    from scenarios.rigs.rig import to_open
 
     state = active_hand(config)
     to = targets(state.positions)
     if closing:
         check_closing(config, state, to)
-    return _tell(args, {"would": _move(config, state.positions, to)})
+    told = config if closing else to_open(config)
+    return _tell(args, {"would": _move(told, state.positions, to)})
 
 
 def _move(config: Any, at: Any, to: Any) -> str:

@@ -245,8 +245,8 @@ def pad_counts(touch: Touch, clock: Clock, finger: str) -> tuple[float, bool]:
 
 
 IN_ORDER = (
-    "# The readings came in the order of their force: a scale that drifts would look like a pad "
-    "that bends, and is in the interval as far as it is seen.\n"
+    "# The readings came in the order of their force: a scale that drifts would look like the pad, "
+    "its slope or its bend, and is NOT in the interval.\n"
 )
 
 

@@ -14,6 +14,7 @@ import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused, Stale
 from drivers.ur.driver import ArmDriver, ArmSettings
+from drivers.ur.link import client
 from drivers.ur.link.client import UrLink, UrSettings
 from tests.wire.drivers.ur.link.conftest import ROOT, workers
 
@@ -310,13 +311,16 @@ time.sleep(60)
     emulator.state_when(lambda s: s["runtime_state"] != PROGRAM_RUNNING, LONG_S)
 
 
-def test_arm_that_another_program_moves_is_not_taken_over(emulate, host):
+def test_arm_that_another_program_moves_is_not_taken_over(emulate, host, monkeypatch):
     emulator = emulate()
     with socket.create_connection((host, SECONDARY_PORT), LONG_S) as other:
         other.sendall(b"def other():\n  movel(p[0.5, 0.1, 0.5, 3.1, 0, 0], a=1, v=0.01)\nend\n")
         emulator.state_when(lambda state: state["moving"])
+        with pytest.raises(DeviceFault, match="a program runs on the arm already"):
+            UrLink(UrSettings(host=host, step_timeout_s=0.5)).connect()
+        monkeypatch.setattr(client, "require", lambda _: None)  # begun after it was looked for
         with pytest.raises(DeviceFault, match="the arm moves"):
-            UrLink(UrSettings(host=host)).connect()
+            UrLink(UrSettings(host=host, step_timeout_s=0.5)).connect()
         assert emulator.do("state")["runtime_state"] == PROGRAM_RUNNING
     assert workers() == []
 
