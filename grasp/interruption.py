@@ -4,13 +4,15 @@ The command line takes them (``taken``); without that they mean what they mean i
 become an ``Interruption``, a KeyboardInterrupt: at once as a rule, and inside ``held`` only where
 ``check`` is called, so that no step, no recording and no closing of a device is cut in two. While a
 module is imported they wait for its end, for there some libraries turn it into an ImportError, and
-callbacks of the import system lose it; a second one a second later cuts that wait. State is a
-process's, as signals are; in other threads than the main one nothing here does anything.
+callbacks of the import system lose it; so does whoever looks up a type hint from C, as msgspec. A
+second one a second later cuts that wait. State is a process's, as signals are; in other threads
+than the main one nothing here does anything.
 """
 
 import signal
 import sys
 import threading
+import typing
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from enum import Enum, auto
@@ -20,8 +22,8 @@ from typing import Any, NoReturn
 from grasp.clock import stopwatch_ns
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-IMPORT_SYSTEM = "<frozen importlib._bootstrap>"  # file of the frames that import a module
-LOOK_S = 0.01  # between two looks whether an import has ended
+LOSING = ("<frozen importlib._bootstrap>", typing.__file__)  # files of frames that lose exceptions
+LOOK_S = 0.01  # between two looks whether they have ended
 STUCK_NS = 1_000_000_000  # what has not looked for so long stands still: a second signal cuts in
 
 _WORDS = {
@@ -55,7 +57,7 @@ class _Taker:
         self.asked: int | None = None  # by the first signal
         self.raised = False
         self._asked_ns = 0
-        self._imports = _imports(sys._getframe())  # noqa: SLF001  (whoever calls us may be imported)
+        self._losing = _losing(sys._getframe())  # noqa: SLF001  (whoever calls us may be imported)
         self._alarm: Any = None  # what took SIGALRM before
 
     def take(self, number: int, frame: FrameType | None) -> None:
@@ -64,7 +66,7 @@ class _Taker:
         stuck = stopwatch_ns() - self._asked_ns > STUCK_NS
         again = not self.raised
         if self.mode is _Mode.RAISE or (again and self.mode is _Mode.ALLOW):
-            if _imports(frame) > self._imports and not stuck:
+            if _losing(frame) > self._losing and not stuck:
                 self._end_later()
             else:
                 self.end()
@@ -79,7 +81,7 @@ class _Taker:
     def _now(self, _: int, frame: FrameType | None) -> None:
         if self.raised or self.mode not in (_Mode.RAISE, _Mode.ALLOW):
             return  # whoever holds it looks
-        if _imports(frame) > self._imports:
+        if _losing(frame) > self._losing:
             signal.setitimer(signal.ITIMER_REAL, LOOK_S)
         else:
             self.end()
@@ -99,11 +101,11 @@ class _Taker:
         raise Interruption(self.asked)
 
 
-def _imports(frame: FrameType | None) -> int:
-    """How many frames of the import system lie below and at a frame."""
+def _losing(frame: FrameType | None) -> int:
+    """How many frames that may lose an exception lie below and at a frame."""
     found = 0
     while frame is not None:
-        found += frame.f_code.co_filename == IMPORT_SYSTEM
+        found += frame.f_code.co_filename in LOSING
         frame = frame.f_back
     return found
 

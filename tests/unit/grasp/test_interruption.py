@@ -7,7 +7,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Annotated
 
+import msgspec
 import pytest
 
 from grasp import interruption
@@ -182,3 +184,26 @@ def test_import_that_does_not_end_is_cut_by_a_second_signal(
     monkeypatch.setattr(interruption, "STUCK_NS", 3 * interruption.STUCK_NS)
     with pytest.raises(ImportError, match="damaged"):
         imported(tmp_path, monkeypatch, times=2)
+
+
+class Strikes:
+    """Metadata of a type hint that a signal strikes while it is looked up."""
+
+    armed = False
+
+    def __hash__(self) -> int:
+        if self.armed:
+            self.armed = False
+            signal.raise_signal(signal.SIGINT)
+        return 1
+
+
+@pytest.mark.usefixtures("taken")
+def test_signal_that_strikes_while_a_type_hint_is_looked_up_from_c_is_not_lost() -> None:
+    strikes = Strikes()
+    struck = msgspec.defstruct("Struck", [("a", Annotated[int, strikes], 0)])
+    strikes.armed = True
+    with pytest.raises(Interruption):  # msgspec drops what a hash raises
+        msgspec.convert({}, struck)
+        time.sleep(10)
+    assert not strikes.armed

@@ -51,7 +51,9 @@ def ended(process: "subprocess.Popen[str]", folder: Path) -> Ended:
     results = [json.loads(p.read_text()) for p in (folder / "runs").glob("*/result.json")]
     claim, *lines = err.splitlines()
     assert "less than the manual's 15 N" in claim  # of the calibration, before anything moves
-    return process.returncode, lines, results
+    plan = [line for line in lines if line.startswith("grasp: will ")]
+    assert lines[: len(plan)] == plan and len(plan) == 4, err
+    return process.returncode, lines[len(plan) :], results
 
 
 @pytest.mark.parametrize(

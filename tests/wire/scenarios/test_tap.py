@@ -94,6 +94,35 @@ def test_person_at_the_hardware_rig_strikes_measures_and_types(
 def test_terminal_that_closes_ends_the_run_with_the_grip_kept(tmp_path: Path) -> None:
     with emulate() as endpoints:
         lab = lab_file(tmp_path / "lab.toml", endpoints)
+        with subprocess.Popen(
+            [
+                *GRASP, "run", "tap", "--rig", "hardware", "--confirm-motion", "--config", str(lab),
+                "--trials", "1", "--runs", str(tmp_path / "runs"), *tap_sets(),
+            ],
+            env=ENVIRONMENT, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        ) as process:  # fmt: skip
+            assert process.stderr is not None and process.stdin is not None
+            said: list[str] = []
+            for line in process.stderr:
+                said.append(line)
+                process.stdin.write("\n")
+                process.stdin.flush()
+                if "Tap the object" in line:
+                    break
+            _, rest = process.communicate(timeout=60)  # closes its input
+    err = "".join(said) + rest
+    assert process.returncode == 130, err
+    assert "standard input has ended" in rest
+    assert "Traceback" not in err
+    (result,) = [json.loads(p.read_text()) for p in (tmp_path / "runs").glob("*/result.json")]
+    assert result["outcome"] == "interrupted"
+    assert "closed" in result["end"]["hand"]
+
+
+def test_taps_that_nobody_could_answer_are_refused_before_anything_moves(tmp_path: Path) -> None:
+    with emulate() as endpoints:
+        lab = lab_file(tmp_path / "lab.toml", endpoints)
         done = subprocess.run(
             [
                 *GRASP, "run", "tap", "--rig", "hardware", "--confirm-motion", "--config", str(lab),
@@ -102,6 +131,6 @@ def test_terminal_that_closes_ends_the_run_with_the_grip_kept(tmp_path: Path) ->
             env=ENVIRONMENT, text=True, stdin=subprocess.DEVNULL, capture_output=True, check=False,
             timeout=100,
         )  # fmt: skip
-    assert done.returncode == 130
-    assert "standard input has ended" in done.stderr
-    assert "Traceback" not in done.stderr
+    assert done.returncode == 2
+    assert "nobody is there to be asked" in done.stderr
+    assert not list((tmp_path / "runs").glob("*/recording*"))
