@@ -254,7 +254,8 @@ def test_control_channel_loads_another_scene_and_taps_its_object() -> None:
         cell.load(ball, 3)
         assert cell.control.ask("truth")["placed"] is False
         cell.control.ask("tap", impulse_n_s=0.1, duration_s=0.008)
-        with pytest.raises(ValueError, match="load, place, take, tap, press, home, truth, motion, fault"):
+        verbs = "load, place, take, tap, press, home, truth, motion, fault"
+        with pytest.raises(ValueError, match=verbs):
             cell.control.ask("dance")
         with pytest.raises(ValueError, match="impulse_n_s"):
             cell.control.ask("tap")
