@@ -220,7 +220,7 @@ class GripperEmulator:
 
     async def _join(self, client: socket.socket) -> None:
         client.setblocking(False)
-        client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _UNREAD)  # not the system's megabytes
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _UNREAD)  # not megabytes
         loop = asyncio.get_running_loop()
         await loop.connect_accepted_socket(lambda: _Connection(self), client)
 
