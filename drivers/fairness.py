@@ -101,6 +101,10 @@ class Budget:
     def left_s(self) -> float:
         return self._until_s - time.thread_time()
 
+    def use(self, seconds: float) -> None:
+        """Another thread has worked on this one's behalf."""
+        self._until_s -= seconds
+
     def spent(self) -> bool:
         return time.thread_time() >= self._until_s
 
@@ -121,7 +125,8 @@ class Slowly(Generic[Result]):
 
     def __init__(self, work: Callable[[Callable[[], None]], Result]) -> None:
         self._work = work
-        self._slice_s = self._until_s = 0.0
+        self._slice_s = self._since_s = self._until_s = 0.0
+        self.worked_s = 0.0  # since it was last told to go on
         self._calls = 0
         self._resumed, self._paused = threading.Semaphore(0), threading.Semaphore(0)
         self._cancelled = False
@@ -132,9 +137,9 @@ class Slowly(Generic[Result]):
 
     def go_on(self, seconds: float) -> bool:
         """Work for so long, of the processor's time; True when it is done."""
+        self._slice_s, self.worked_s = seconds, 0.0
         if seconds <= 0.0:
             return False
-        self._slice_s = seconds
         self._resumed.release()
         self._paused.acquire()
         return bool(self._done) or self._error is not None
@@ -161,17 +166,22 @@ class Slowly(Generic[Result]):
         except BaseException as error:  # belongs to whoever asks for the result
             self._error = error
         finally:
-            self._paused.release()
+            self._pause()
+
+    def _pause(self) -> None:
+        self.worked_s = time.thread_time() - self._since_s
+        self._paused.release()
 
     def _wait(self) -> None:
         self._resumed.acquire()
-        self._until_s = time.thread_time() + self._slice_s
+        self._since_s = time.thread_time()
+        self._until_s = self._since_s + self._slice_s
 
     def _breathe(self) -> None:
         self._calls += 1
         if self._calls % _LOOK_EACH or time.thread_time() < self._until_s:
             return
-        self._paused.release()
+        self._pause()
         self._wait()
         if self._cancelled:
             raise _Cancelled

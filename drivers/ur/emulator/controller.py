@@ -7,16 +7,15 @@ arm off. States and bits: "RTDE Guide".
 
 from collections import deque
 from enum import IntEnum
-from functools import partial
 
-from drivers.fairness import Budget, Slowly
+from drivers.fairness import Budget
+from drivers.ur.emulator.compiling import Compilation, Secondary
 from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.ports import Ports
 from drivers.ur.emulator.rtde_wire import BITS, REGISTERS, Scalar, Values
 from drivers.ur.emulator.settings import EmulatorSettings
 from drivers.ur.emulator.urscript.builtins import BUILTINS
-from drivers.ur.emulator.urscript.compile import compile_program
-from drivers.ur.emulator.urscript.parse import ScriptError
+from drivers.ur.emulator.urscript.parse import ScriptError, is_secondary
 from drivers.ur.emulator.urscript.run import Compiled, Program
 
 _KINDS: tuple[tuple[str, Scalar, int], ...] = (
@@ -129,7 +128,8 @@ class Controller:
         self._program: Program | None = None
         self._watchdog: Watchdog | None = None
         self._compiled: dict[str, Compiled | ScriptError] = {}
-        self._compiling: tuple[str, Slowly[Compiled]] | None = None
+        self._compilation = Compilation(BUILTINS)
+        self._secondary = Secondary(self)
         self._true_wrench: tuple[float, ...] = (0.0,) * 6
         self._zero_wrench: tuple[float, ...] = (0.0,) * 6
 
@@ -149,6 +149,10 @@ class Controller:
         if powered and (trouble or self.motion.tripped):
             self.protective_stop()
         self._watch(inputs)
+        if self.ready:
+            self._secondary.step(budget)
+        else:
+            self._secondary.clear()
         self._compile(budget)
         if self.runtime_state is RuntimeState.PLAYING:
             self._run(budget)
@@ -177,19 +181,27 @@ class Controller:
             self.script_errors += 1
             self.stop_program(f"script error: {error}")
 
+    def script_error(self, error: ScriptError) -> None:
+        """Of a program that does not run."""
+        self.script_errors += 1
+        self.log(f"script error: {error}")
+
     # program
 
     def load(self, text: str) -> None:
         """Replace the program; one that does not compile leaves the controller without any. A new
-        one starts in one of the next cycles, once it is compiled."""
-        self.stop_program("replaced")
+        one starts in one of the next cycles, once it is compiled. A secondary one replaces none."""
+        secondary = is_secondary(text)
+        if not secondary:
+            self.stop_program("replaced")
         if not self.ready:
             self.log("program refused: the robot is not ready")
+        elif secondary:
+            self._secondary.load(text)
         elif text in self._compiled:
             self._start(self._compiled[text])
         else:
-            work = partial(compile_program, text, BUILTINS)
-            self._compiling = text, Slowly(work)
+            self._compilation.begin(text)
 
     @property
     def ready(self) -> bool:
@@ -198,23 +210,16 @@ class Controller:
 
     def _start(self, compiled: Compiled | ScriptError) -> None:
         if isinstance(compiled, ScriptError):
-            self.script_errors += 1
-            self.log(f"script error: {compiled}")
+            self.script_error(compiled)
         elif self.ready:
             self._program = Program(compiled, self)
             self.runtime_state = RuntimeState.PLAYING
 
     def _compile(self, budget: Budget) -> None:
         """Go on with the program that was loaded, where one is."""
-        if self._compiling is None or not self._compiling[1].go_on(budget.left_s):
-            return
-        (text, done), self._compiling = self._compiling, None
-        try:
-            compiled: Compiled | ScriptError = done.result()
-        except ScriptError as error:
-            compiled = error
-        self._keep(text, compiled)
-        self._start(compiled)
+        if done := self._compilation.go_on(budget):
+            self._keep(*done)
+            self._start(done[1])
 
     def _keep(self, text: str, compiled: Compiled | ScriptError) -> None:
         """For the next time that a client sends it; the oldest ones are forgotten."""
@@ -225,9 +230,7 @@ class Controller:
             del self._compiled[next(iter(self._compiled))]
 
     def stop_program(self, why: str) -> None:
-        if self._compiling is not None:
-            self._compiling[1].cancel()
-            self._compiling = None
+        self._compilation.cancel()
         if self._program is not None:
             self.log(f"{self._program.name} stopped: {why}")
             self._program.close()
@@ -240,6 +243,10 @@ class Controller:
 
     def log(self, message: str) -> None:
         self.messages.append(f"{self.cycles}: {message[:_MESSAGE_CHARS]}")
+
+    def close(self) -> None:
+        self._secondary.clear()
+        self.stop_program("the emulator ends")
 
     # safety and power
 

@@ -169,7 +169,7 @@ class UrEmulator:
         self._frozen_until_ns = time.monotonic_ns() + round(seconds * 1e9)
 
     def close(self) -> None:
-        self.controller.stop_program("the emulator ends")
+        self.controller.close()
         self._server.close()
 
     def __enter__(self) -> Self:

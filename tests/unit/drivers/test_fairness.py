@@ -118,7 +118,23 @@ def test_the_processors_clock_is_not_read_at_every_call(monkeypatch: pytest.Monk
     now_s = time.thread_time
     monkeypatch.setattr(time, "thread_time", lambda: reads.append(0) or now_s())
     assert slowly.go_on(60.0)
-    assert len(reads) <= 100
+    assert len(reads) <= 102
+
+
+@pytest.mark.parametrize("part", [0.5, float("inf")])
+def test_what_another_thread_works_is_taken_from_the_budget_that_it_works_for(part) -> None:
+    def work(breathe) -> None:
+        busy(0.01)
+        breathe()
+
+    budget, slowly = Budget(part), Slowly(work)
+    budget.begin(0.01)
+    assert slowly.go_on(budget.left_s)
+    assert 0.01 <= slowly.worked_s < 10.0
+    budget.use(slowly.worked_s)
+    assert budget.spent() == (part == 0.5)
+    slowly.go_on(0.0)
+    assert slowly.worked_s == 0.0
 
 
 def test_an_error_of_the_work_belongs_to_who_asks_for_its_result() -> None:

@@ -4,6 +4,7 @@ Names, parameters and defaults: Universal Robots, "The URScript Programming Lang
 parameter is the calling thread; its ``robot`` is the emulated controller.
 """
 
+import inspect
 import math
 from collections.abc import Callable, Sequence
 
@@ -380,4 +381,18 @@ _NOT_EMULATED = (
     "teach_mode tool_contact track_conveyor_circular track_conveyor_linear write_port_bit "
     "write_port_register"
 )
+_SEARCHES = {"get_inverse_kin", "get_inverse_kin_has_solution", "is_within_safety_limits"}
+
+
+def _timeless(name: str, function: Builtin) -> Builtin:
+    if name in _SEARCHES or not inspect.isgeneratorfunction(function):
+        return function
+
+    def refuse(thread: Thread, *values: Value, **named: Value) -> None:
+        raise ScriptError(f"{name} takes time, and a secondary program takes none")
+
+    return refuse
+
+
 BUILTINS |= MATHS | INOUT | {name: _not_emulated(name) for name in _NOT_EMULATED.split()}
+SECONDARY = {name: _timeless(name, function) for name, function in BUILTINS.items()}

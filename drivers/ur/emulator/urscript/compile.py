@@ -1,6 +1,5 @@
 """From the syntax tree of a URScript program to what `urscript.run` runs."""
 
-import functools
 import inspect
 from collections.abc import Mapping
 
@@ -24,7 +23,6 @@ from drivers.ur.emulator.urscript.run import (
     charged,
     check_arguments,
     copied,
-    element_for,
     lift,
     make_list,
     make_pose,
@@ -180,11 +178,10 @@ class _Body:
         shared = statement.scope == "global" or name in self._shared
 
         def assign(scope: Scope, value: Value) -> None:
-            (scope.shared if shared else scope.local)[name] = copied(value)
+            scope.put(name, copied(value), shared)
 
         def assign_element(scope: Scope, at: Value, value: Value) -> None:
-            values = _variable(name, scope)
-            values[position_in(values, at)] = element_for(values, value)
+            scope.put_element(name, at, value)
 
         value = self._expression(statement.value)
         if statement.at is None:
@@ -279,7 +276,7 @@ class _Body:
     def _name(self, name: str) -> Code:
         if name not in self._known:
             raise ScriptError(f"name {name} is not defined")
-        return Code(functools.partial(_variable, name))
+        return Code(lambda scope: scope[name])
 
     def _sequence(self, items: tuple[syntax.Expression, ...], pose: bool) -> Code:
         make = make_pose if pose else make_list
@@ -348,14 +345,6 @@ def _short_circuit(stop_at: bool, left: Code, right: Code) -> Code:
     if stop_at:
         return Code(lambda scope: bool(first(scope)) or bool(second(scope)))
     return Code(lambda scope: bool(first(scope)) and bool(second(scope)))
-
-
-def _variable(name: str, scope: Scope) -> Value:
-    if name in scope.local:
-        return scope.local[name]
-    if name in scope.shared:
-        return scope.shared[name]
-    raise ScriptError(f"variable {name} has no value yet")
 
 
 def _element(scope: Scope, values: Value, at: Value) -> Value:

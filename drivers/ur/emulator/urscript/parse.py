@@ -81,6 +81,7 @@ _TOKEN = re.compile(
 _BLOCKS = re.compile(  # what opens or ends one; other words, strings and comments are skipped
     r'#[^\n]*|"[^"\n]*"|(def|sec|thread|if|while|end)\b|[A-Za-z_]\w*', re.ASCII
 )
+_SECONDARY = re.compile(r"(?:\s|#[^\n]*\n)*+sec\b", re.ASCII)
 _BINDING = {"or": 1, "xor": 2, "and": 3}
 _BINDING |= dict.fromkeys(("==", "!=", "<", ">", "<=", ">="), 5)
 _BINDING |= {"+": 6, "-": 6, "*": 7, "/": 7, "%": 7}
@@ -107,6 +108,11 @@ def tokens(text: str, breathe: Breathe = no_pause) -> list[Token]:
             found.append(Token(word if own else kind, word, line))
     found.append(Token("end of program", "", line))
     return found
+
+
+def is_secondary(text: str) -> bool:
+    """A program that is to run beside the main one."""
+    return _SECONDARY.match(text) is not None
 
 
 def depth_change(line: str) -> int:

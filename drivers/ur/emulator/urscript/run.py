@@ -10,6 +10,7 @@ import functools
 import inspect
 import math
 import operator
+import sys
 from collections.abc import Callable, Generator, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -22,6 +23,8 @@ Steps = Generator[Any, None, Value]  # what is yielded: see INTERRUPTED
 Builtin = Callable[..., Any]
 
 MAX_THREADS = 32
+MOST_BYTES = 32_000_000  # of what a program keeps: its variables, calls and unfinished expressions
+_SLOT_BYTES, _CALL_BYTES = 100, 2000  # of a variable with a number in it; of a call
 MAX_WORK = 2_000_000  # of one thread between two waits: see `syntax.Weigher`
 MOST_AT_ONCE = 300  # work; what is more can be interrupted
 MAX_CALLS_DEEP = 40
@@ -95,13 +98,41 @@ class Thread:
 class Scope:
     """Variables of one call."""
 
-    __slots__ = ("local", "result", "shared", "thread")
+    __slots__ = ("_held", "local", "result", "shared", "thread")
 
     def __init__(self, thread: Thread, local: dict[str, Value]) -> None:
         self.thread = thread
         self.local = local
         self.shared = thread.program.shared
         self.result: Value = None
+        self._held = _CALL_BYTES + sum(map(size_of, local.values()))
+        thread.program.hold(self._held)
+
+    def put(self, name: str, value: Value, shared: bool) -> None:
+        """Give a variable its value."""
+        values = self.shared if shared else self.local
+        self._hold(size_of(value) - (size_of(values[name]) if name in values else 0), shared)
+        values[name] = value
+
+    def put_element(self, name: str, at: Value, value: Value) -> None:
+        values = self[name]
+        place, new = position_in(values, at), element_for(values, value)
+        self._hold(size_of(new) - size_of(values[place]), name not in self.local)
+        values[place] = new
+
+    def __getitem__(self, name: str) -> Value:
+        for values in (self.local, self.shared):
+            if name in values:
+                return values[name]
+        raise ScriptError(f"variable {name} has no value yet")
+
+    def _hold(self, more: int, shared: bool) -> None:
+        if more:
+            self.thread.program.hold(more)
+            self._held += 0 if shared else more
+
+    def end(self) -> None:
+        self.thread.program.hold(-self._held)
 
 
 def _at_once(now: Callable[[Scope], Value] | None, scope: Scope) -> Steps:
@@ -134,10 +165,16 @@ def lift(operation: Callable[..., Value], operands: list[Code]) -> Code:
         return Code(lambda scope: operation(scope, *[now(scope) for now in plain]))
 
     def steps(scope: Scope) -> Steps:
-        values = []
-        for code in operands:
-            values.append(code.now(scope) if code.now else (yield from code.steps(scope)))
-        return operation(scope, *values)
+        values, held = [], 0
+        try:
+            for code in operands:
+                value = code.now(scope) if code.now else (yield from code.steps(scope))
+                values.append(value)
+                scope.thread.program.hold(size_of(value))
+                held += size_of(value)
+            return operation(scope, *values)
+        finally:
+            scope.thread.program.hold(-held)
 
     return Code(None, steps)
 
@@ -151,6 +188,13 @@ def charged(code: Code, work: int) -> Code:
         return code.now(scope) if code.now else (yield from code.steps(scope))
 
     return Code(None, steps)
+
+
+def size_of(value: Value) -> int:
+    """Bytes; a string that two variables share counts twice."""
+    if isinstance(value, list):
+        return _SLOT_BYTES + sum(map(size_of, value))
+    return _SLOT_BYTES + sys.getsizeof(value) if isinstance(value, str) else _SLOT_BYTES
 
 
 def copied(value: Value) -> Value:
@@ -257,7 +301,10 @@ class UserFunction:
         values = map(copied, arguments)
         scope = Scope(thread, dict(zip(self.parameters, values, strict=True)))
         thread.deep += 1
-        yield from self.body.steps(scope)
+        try:
+            yield from self.body.steps(scope)
+        finally:
+            scope.end()
         thread.deep -= 1
         return scope.result
 
@@ -285,8 +332,10 @@ class Compiled:
 class Program:
     """A running program: global variables and threads, the first of which is the main one."""
 
-    def __init__(self, compiled: Compiled, robot: Any) -> None:
+    def __init__(self, compiled: Compiled, robot: Any, most_threads: int = MAX_THREADS) -> None:
         self.name = compiled.name
+        self._most_threads = most_threads
+        self._held = 0  # bytes
         self.robot = robot
         self.shared: dict[str, Value] = {}
         self.critical: Thread | None = None
@@ -298,13 +347,19 @@ class Program:
 
     def start(self, function: UserFunction) -> int:
         """Start a thread; returns its handle."""
-        if len(self._threads) >= MAX_THREADS:
-            raise ScriptError("too many threads")
+        if len(self._threads) >= self._most_threads:
+            raise ScriptError(f"too many threads: {self._most_threads + 1}")
         self._handles += 1
         thread = Thread(self, self._handles, iter(()))  # type: ignore[arg-type]
         thread.steps = function.call(thread, ())
         self._threads.append(thread)
         return thread.handle
+
+    def hold(self, size: int) -> None:
+        """Count bytes that are kept; below 0: that are kept no more."""
+        self._held += size
+        if size > 0 and self._held > MOST_BYTES:
+            raise ScriptError(f"out of memory: a program has {MOST_BYTES // 10**6} MB")
 
     def kill(self, handle: Value, by: Thread) -> None:
         """End a thread; a handle of none, or of one that has ended, is ignored."""

@@ -137,6 +137,7 @@ def inside(body: Body, breathe: Callable[[], None]) -> Iterator[Statement]:
 
 
 CALL_WORK = 20  # of any built-in function; those that need more look at the clock themselves
+_ASSIGN_WORK = 10  # a list is copied and measured
 
 
 class Weigher:
@@ -153,7 +154,7 @@ class Weigher:
     def _of(self, piece: Statement | Expression) -> int:
         if id(piece) not in self._known:
             self._breathe()
-            own = CALL_WORK if isinstance(piece, Call) else 1
+            own = {Call: CALL_WORK, Assign: _ASSIGN_WORK}.get(type(piece), 1)
             self._known[id(piece)] = own + self.work(*_parts(piece))
         return self._known[id(piece)]
 

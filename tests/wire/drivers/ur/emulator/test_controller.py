@@ -8,6 +8,7 @@ from contextlib import nullcontext
 
 import pytest
 
+from drivers.fairness import Budget, Slowly
 from drivers.ur import kinematics
 from drivers.ur.emulator.controller import Controller, RuntimeState, SafetyMode
 from drivers.ur.emulator.faults import FaultChannel
@@ -141,6 +142,93 @@ def test_bad_arguments_end_the_program_and_nothing_moves(bench, call):
     assert bench.controller.script_errors == 1, bench.last
     assert bench.controller.runtime_state is RuntimeState.STOPPED
     assert math.dist(bench.motion.position, (0.5, 0.1, 0.3)) < 1e-9
+
+
+def test_secondary_program_runs_beside_the_main_one(bench):
+    """Also one that computes for longer than a cycle has time for, and the next after it."""
+    bench.run("n = 0\nwhile True:\n n = n + 1\nwrite_output_integer_register(1, n)\nsync()\nend")
+    bench.cycles(3)
+    ints = bench.controller.registers.values["output", "int"]
+    before = ints[1]
+    bench.controller.load(
+        "# beside\nsec one():\n i = 0\nwhile i < 1000:\n i = i + 1\nend\n"
+        "write_output_integer_register(5, i)\nset_standard_digital_out(2, "
+        "get_inverse_kin_has_solution(get_actual_tcp_pose()))\nend\n"
+    )
+    bench.controller.load("sec two():\n write_output_integer_register(6, 2)\nend\n")
+    budget = Budget(0.05)
+    while ints[6] != 2:
+        bench.now_ns += PERIOD_NS
+        budget.begin(0.008)
+        bench.controller.step(bench.now_ns, {}, budget)
+        budget.end()
+    assert ints[5] == 1000
+    assert bench.controller.ports.digital_out == 4
+    bench.cycles(5)
+    assert ints[1] > before
+    assert bench.controller.runtime_state is RuntimeState.PLAYING
+    assert not bench.controller.script_errors
+
+
+@pytest.mark.parametrize(
+    ("call", "reason"),
+    [
+        ("sync()", "sync takes time"),
+        ("sleep(1)", "sleep takes time"),
+        (f"movel(p[0.5, 0.1, 0.4, {DOWN}])", "movel takes time"),
+        ("speedl([0, 0, 0.1, 0, 0, 0])", "speedl takes time"),
+        ("stopl(1)", "stopl takes time"),
+        ("thread t():\n while True:\n end\n end\nrun t()", "too many threads"),
+        ("while True:\n end", "infinite loop"),
+        ("nonsense()", "not defined"),
+        ("x = ", "expected"),
+    ],
+)
+def test_secondary_program_that_would_take_time_or_fails_ends_alone(bench, call, reason):
+    bench.run("while True:\n sync()\n end")
+    bench.cycles(2)
+    bench.controller.load(f"sec one():\n{call}\nend\n")
+    bench.cycles(3)
+    assert reason in bench.last
+    assert bench.controller.script_errors == 1
+    assert bench.controller.runtime_state is RuntimeState.PLAYING
+    assert not bench.motion.moving
+    bench.controller.load("sec two():\n set_standard_digital_out(2, True)\nend\n")
+    bench.cycles(2)
+    assert bench.controller.ports.digital_out == 4
+
+
+def test_secondary_programs_wait_for_each_other_but_not_any_number(bench):
+    for number in range(20):
+        bench.controller.load(f"sec s():\n write_output_integer_register({number}, 1)\nend\n")
+    assert "8 are waiting" in bench.last
+    bench.cycles(20)
+    assert bench.controller.registers.values["output", "int"][:20] == [1] * 8 + [0] * 12
+
+
+def test_secondary_program_may_stop_the_arm_and_none_is_left_for_afterwards(bench):
+    bench.controller.load("sec s():\n protective_stop()\nend\n")
+    bench.controller.load("sec s():\n set_standard_digital_out(2, True)\nend\n")
+    bench.cycles(3)
+    assert bench.controller.safety_mode is SafetyMode.PROTECTIVE_STOP
+    bench.now_ns += 10_000_000_000
+    bench.cycles(1)
+    assert bench.controller.unlock_protective_stop()
+    bench.cycles(3)
+    assert bench.controller.ports.digital_out == 0
+    assert not bench.controller.script_errors
+
+
+def test_program_that_is_replaced_before_its_turn_costs_no_thread(bench, monkeypatch):
+    started = []
+    monkeypatch.setattr(
+        "drivers.ur.emulator.compiling.Slowly", lambda work: started.append(work) or Slowly(work)
+    )
+    for number in range(200):
+        bench.controller.load(f"write_output_integer_register({number % 24}, {number})\n")
+    bench.cycles(3)
+    assert len(started) == 1
+    assert sum(bench.controller.registers.values["output", "int"]) == 199
 
 
 def test_motion_out_of_reach_is_a_protective_stop(bench):

@@ -38,7 +38,11 @@ def twice(thread, value, scale=1):
     return 2 * value * scale
 
 
-KNOWN = {"say": say, "sync": sync, "twice": twice}
+def to_str(thread, value):
+    return str(value)
+
+
+KNOWN = {"to_str": to_str, "say": say, "sync": sync, "twice": twice}
 
 
 def run(body, cycles=20):
@@ -371,6 +375,47 @@ def test_no_piece_of_a_program_calls_many_functions_before_it_is_interrupted(pie
         counts.append(calls)
     assert sum(counts) > 200
     assert max(counts) <= 30
+
+
+BIG = 's = "0123456789"\nn = 0\nwhile n < 9:\n s = s + s\n n = n + 1\n end\n'
+MANY = f"[{', '.join(f's + {chr(34)}{n}{chr(34)}' for n in range(100))}]"  # half a megabyte
+HOARDS = {
+    "variables": "\n".join(f"a{n} = {MANY}" for n in range(90)),
+    "globals": "\n".join(f"global a{n} = {MANY}" for n in range(90)),
+    "elements": f"a = [{', '.join('0' * 100)}]\nb = a\nn = 0\nwhile n < 9900:\n n = n + 1\n"
+    "a[n % 100] = s + to_str(n)\n if n % 100 == 0:\n global g = a\n h = run t()\n sync()\n"
+    "end\n end",
+    "calls": f"def f(n):\n a = {MANY}\n b = {MANY}\n c = {MANY}\n f(n + 1)\n end\nf(0)",
+    "arguments": f"def f(a, b, c):\n f({MANY}, {MANY}, {MANY})\n end\nf(0, 0, 0)",
+    "unfinished calls": "def g(a, b):\n return 0\n end\ndef f():\n"
+    f"return g({MANY}, g({MANY}, g({MANY}, f())))\n end\nf()",
+    "threads": "n = 0\nwhile n < 30:\n h = run u()\n n = n + 1\n end\n"
+    "while True:\n sync()\n end",
+    "small ones": "def f():\n" + "".join(f"a{n} = 1\n" for n in range(9000)) + "sync()\nf()\nend\n"
+    "thread v():\n f()\n end\n" + "h = run v()\n" * 30 + "f()",
+}  # fmt: skip
+HOARDERS = (
+    "thread t():\n a = g\n b = g\n c = g\n while True:\n sync()\n end\n end\n"
+    f"thread u():\n a = {MANY}\n b = {MANY}\n c = {MANY}\n while True:\n sync()\n end\n end\n"
+    "global g = 0\nglobal s = 0\n"
+)
+
+
+@pytest.mark.parametrize("hoard", HOARDS)
+def test_program_that_keeps_too_much_is_ended(hoard):
+    with pytest.raises(ScriptError, match="out of memory: a program has 32 MB"):
+        run(HOARDERS + BIG + HOARDS[hoard], 60)
+
+
+def test_what_is_let_go_of_may_be_kept_again():
+    """Some 500 MB in all: overwritten, returned from, handed over, and of threads that end."""
+    body = (
+        f"thread u():\n a = {MANY}\n sync()\n end\n"
+        f"def f(a):\n b = {MANY}\n return b\n end\n"
+        f"{BIG}i = 0\nwhile i < 100:\n i = i + 1\n a = f({MANY})\n a = {MANY}\n a[3] = s\n"
+        "h = run u()\n kill h\n h = run u()\n sync()\n end\nsay(i)"
+    ).replace("s =", "global s =")
+    assert run(body, 400) == [100]
 
 
 def test_interruption_is_no_waiting():
