@@ -34,7 +34,7 @@ from drivers.ur.emulator.primary import RATE_HZ, state_message, version_message
 from drivers.ur.emulator.realtime import realtime_message
 from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer
 from drivers.ur.emulator.rtde_wire import PORT as RTDE_PORT
-from drivers.ur.emulator.rtde_wire import text_packet
+from drivers.ur.emulator.rtde_wire import Recipe, text_packet
 from drivers.ur.emulator.settings import PROFILES, EmulatorSettings
 from drivers.ur.emulator.sockets import LineTalk, ScriptTalk, Server, Talk
 from drivers.ur.model import ArmModel, ArmModelSettings
@@ -149,6 +149,7 @@ class UrEmulator:
         wanted = {talk.hears for talk in talks if isinstance(talk, ScriptTalk)}
         sampled = any(isinstance(talk, RtdeConnection) for talk in talks)
         values = output_values(self.controller) if sampled or "cycle" in wanted else {}
+        packed: dict[Recipe, bytes] = {}
         if "cycle" in wanted:
             heard["cycle"] = realtime_message(values)
         if "state" in wanted and cycle % (self._profile.rate_hz // RATE_HZ) == 0:
@@ -156,7 +157,7 @@ class UrEmulator:
 
         def news(talk: Talk) -> bytes:
             if isinstance(talk, RtdeConnection):
-                return talk.sample(cycle, values)
+                return talk.sample(cycle, values, packed)
             return heard[talk.hears] if isinstance(talk, ScriptTalk) else b""
 
         return news

@@ -5,6 +5,7 @@ request, because clients read exactly one packet as that answer.
 """
 
 import struct
+from weakref import WeakValueDictionary
 
 from drivers.ur.emulator.rtde_wire import (
     IN_USE,
@@ -35,9 +36,17 @@ class RtdeServer:
         self.claims: dict[str, object] = {}
         self.ignored_packets = 0
         self._written: dict[str, Values] = {}
+        self._recipes: WeakValueDictionary[tuple[str, ...], Recipe] = WeakValueDictionary()
 
     def write(self, values: dict[str, Values]) -> None:
         self._written.update(values)
+
+    def outputs(self, names: list[str]) -> Recipe:
+        """Those who ask for the same get the same recipe, which is packed once for all."""
+        recipe = self._recipes.get(tuple(names))
+        if recipe is None:
+            recipe = self._recipes[tuple(names)] = Recipe(1, names, self.profile.output_types)
+        return recipe
 
     def take_inputs(self) -> dict[str, Values]:
         """Inputs written since the last call: the controller reads them once per cycle."""
@@ -76,11 +85,13 @@ class RtdeConnection:
         """Answers to the requests in these bytes."""
         return b"".join(self._answer(kind, body) for kind, body in self._splitter.feed(data))
 
-    def sample(self, cycle: int, values: dict[str, Values]) -> bytes:
-        """The data packet of this cycle, or nothing."""
+    def sample(self, cycle: int, values: dict[str, Values], packed: dict[Recipe, bytes]) -> bytes:
+        """The data packet of this cycle, or nothing; ``packed`` are those of others."""
         if not self._started or self._output is None or cycle % self._every:
             return b""
-        return self._output.pack(values)
+        if self._output not in packed:
+            packed[self._output] = self._output.pack(values)
+        return packed[self._output]
 
     def _answer(self, kind: int, body: bytes) -> bytes:
         match kind:
@@ -114,7 +125,7 @@ class RtdeConnection:
         types = [known.get(name, NOT_FOUND) for name in names[:_MAX_NAMES]]
         valid = _SLOWEST_HZ <= wanted <= rate and 0 < len(names) <= _MAX_NAMES
         valid = valid and NOT_FOUND not in types
-        self._output = Recipe(1, names, known) if valid else None
+        self._output = self._server.outputs(names) if valid else None
         self._every = round(rate / wanted) if valid else 1
         return bytes([valid]) + ",".join(types).encode()
 

@@ -6,6 +6,8 @@ below are those of the guide that a client of this project or ur_rtde asks for.
 
 import struct
 from enum import IntEnum
+from itertools import chain
+from operator import itemgetter
 
 PORT = 30004
 PROTOCOL_VERSION = 2
@@ -155,12 +157,13 @@ class Recipe:
         codes = [STRUCT_CODES[types[name]] for name in names]
         self.number = number
         self.names = names
+        self._of = itemgetter(names[0], *names)
         self._struct = struct.Struct(">B" + "".join(codes))
         self._widths = [int(code[:-1] or 1) for code in codes]
 
     def pack(self, values: dict[str, Values]) -> bytes:
         """A data packet; every name must be among the values."""
-        flat = [scalar for name in self.names for scalar in values[name]]
+        flat = chain.from_iterable(self._of(values)[1:])
         return packet(PacketType.DATA, self._struct.pack(self.number, *flat))
 
     def unpack(self, body: bytes) -> dict[str, Values] | None:

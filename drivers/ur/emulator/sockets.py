@@ -21,6 +21,7 @@ _MAX_UNSENT = 1 << 20  # a client that does not read is cut off beyond this
 _BACKLOG = 128
 _PART = 0.25  # of the time, for all clients that ask for more than a little
 _LEAST_S = 0.001  # of serving, however late a cycle is
+_LOOK_S = 3e-4  # of telling the state, before it is looked who asks meanwhile
 _FAREWELL_S = 1.0  # a client that was refused has so long to read why
 
 
@@ -265,8 +266,15 @@ class Server:
 
     def broadcast(self, sample: Callable[[Talk], bytes]) -> None:
         """Send every client what it hears of this cycle; one that waits hears nothing. Nor does one
-        that hears the state and has not read the last one."""
+        that hears the state and has not read the last one. Who asks meanwhile need not wait for all
+        of them."""
+        looked_s = time.monotonic()
         for connection in list(self._connections):
+            if time.monotonic() - looked_s > _LOOK_S:
+                self.serve(0.0)
+                looked_s = time.monotonic()
+            if connection.closed:
+                continue
             deaf = connection.behind and isinstance(connection.talk, ScriptTalk)
             if not connection.waits and not deaf:
                 started_s = time.thread_time()
