@@ -23,7 +23,7 @@ def add_parser(verbs: Any) -> None:
         "What a person does in a laboratory is typed here, a line each: place (the object on the "
         "table), take (it away), scale (what each fingertip presses with), home (the arm, to where "
         "it began), look, tap [top|side|closing], press FINGER TAXEL [NEWTONS] (on a pad, for a "
-        "second, as `grasp tactile identify` asks), fault NAME [SETTING=VALUE ...].",
+        "second, as `grasp tactile identify` asks), fault NAME [SETTING=VALUE ...], fault help.",
     )
     parser.add_argument(
         "--host", metavar="ADDRESS",

@@ -15,6 +15,7 @@ import msgspec
 
 from drivers.errors import ConfigError
 from grasp.cli.view import turned_text
+from scenarios.rigs.cell_faults import all_in_words
 from scenarios.rigs.emulated_cell import EmulatedCell
 from scenarios.tap.config import TapConfig
 from scenarios.tap.mallet import Swing, swing
@@ -22,7 +23,7 @@ from scenarios.tap.mallet import Swing, swing
 DIRECTIONS = ("top", "side", "closing")
 KNOWN = (
     f"place | take | home | look | scale | tap [{'|'.join(DIRECTIONS)}] | "
-    "press FINGER TAXEL [NEWTONS] | fault NAME [SETTING=VALUE ...]"
+    "press FINGER TAXEL [NEWTONS] | fault NAME [SETTING=VALUE ...] | fault help"
 )
 STDIN = 0
 POLL_S = 0.05
@@ -62,6 +63,8 @@ class Words:
                 _say(self._obey(cell, line.split()))
 
     def _obey(self, cell: EmulatedCell, words: list[str]) -> str:
+        if words in (["fault"], ["fault", "help"]):
+            return f"faults:\n{all_in_words()}"
         try:
             reply = cell.obey(self._request(words))
         except (ValueError, KeyError, msgspec.MsgspecError) as error:
@@ -75,6 +78,8 @@ class Words:
             time.sleep(PRESS_S)  # done is who has let go
         if words[0] == "scale":
             return scale(reply["truth"])
+        if words[0] == "fault" and "told" in reply:
+            return f"done: {reply['told']}"
         return look(reply["truth"]) if words[0] == "look" else "done"
 
     def _request(self, words: list[str]) -> dict[str, Any]:

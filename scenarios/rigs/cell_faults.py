@@ -1,7 +1,9 @@
 """What can go wrong in the emulated cell, by name, at once or later."""
 
+import contextlib
+import heapq
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sized
 from typing import Annotated, Any
 
 import msgspec
@@ -10,6 +12,8 @@ from msgspec import Meta
 from drivers.robotiq.emulator.tcp import GripperEmulator, Trouble, WireFault
 from drivers.takktile.model.board import BoardModel
 from drivers.ur.emulator.robot import UrEmulator
+
+MOST_WAITING = 1000  # faults that are to strike later, or for which a frozen arm has no time
 
 
 class FaultOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -20,8 +24,61 @@ class FaultOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     times: Annotated[int, Meta(ge=1)] = 1  # requests or reads that are hit
     skip: Annotated[int, Meta(ge=0)] = 0  # requests that are spared first
     seconds: Annotated[float, Meta(ge=0.0, le=60.0)] = 0.1  # of a delay or a freeze
-    code: Annotated[int, Meta(ge=1, le=15)] = 0x0E  # gripper fault; its default needs a reset
+    code: Annotated[int, Meta(ge=0, le=15)] = 0x0E  # gripper fault; its default needs a reset
     pressed: bool = True  # emergency button
+    on: bool = True  # remote control
+
+
+UNITS = {
+    "after_s": "s from now, to 600", "times": "requests or reads hit",
+    "skip": "requests spared first", "seconds": "s, to 60", "code": "0 to 15",
+    "pressed": "true or false", "on": "true or false",
+}  # fmt: skip
+# name: the settings that it takes, and what it does
+KNOWN: dict[str, tuple[tuple[str, ...], str]] = {
+    "gripper_drop": (("times", "skip"), "requests get no reply"),
+    "gripper_delay": (("times", "skip", "seconds"), "replies come later by so long"),
+    "gripper_garble": (("times", "skip"), "replies are damaged"),
+    "gripper_freeze": (("seconds", "skip"), "nothing is answered for so long, from a request on"),
+    "gripper_disconnect": (("times",), "the connection is cut; with more, whoever connects again"),
+    "gripper_fault": (
+        ("code",),
+        "this gFLT is reported; code=0 takes it back, but 13 to 15, which an activation ends",
+    ),
+    "unplug": ((), "the fingertips' board is off the USB bus, until replug"),
+    "replug": ((), "the board is plugged in anew, stopped and without faults"),
+    "usb_timeout": (("times",), "so many reads of the board bring nothing; replug ends it"),
+    "protective_stop": ((), "the arm stops by its own safety system"),
+    "emergency_stop": (
+        ("pressed",),
+        "the arm brakes and loses power; pressed=false releases the button, then its dashboard "
+        "takes power on and brake release",
+    ),
+    "remote_control": (
+        ("on",),
+        "on=false: the pendant is turned to Local, e-Series alone; the program ends, none is taken",
+    ),
+    "arm_disconnect": ((), "the connections that are open to the arm are closed, if any"),
+    "arm_freeze": (("seconds",), "the arm's controller does and answers nothing for so long"),
+}
+
+
+def in_words(name: str) -> str:
+    """A fault, its settings with their defaults and units, and what it does."""
+    settings, does = KNOWN[name]
+    defaults = FaultOrder(name=name)
+    told = (f"{each}={_shown(getattr(defaults, each))} ({UNITS[each]})" for each in settings)
+    return f"{' '.join((name, *told))}: {does}"
+
+
+def all_in_words() -> str:
+    """Every fault, a line each."""
+    later = f"each takes after_s=0 ({UNITS['after_s']}) too; what is given here are the defaults"
+    return "\n".join((*map(in_words, KNOWN), later))
+
+
+def _shown(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else f"{value:g}"
 
 
 Strike = Callable[[FaultOrder], object]
@@ -31,53 +88,80 @@ class CellFaults:
     """Everything that can go wrong in a cell, by name; struck at once or at a later time."""
 
     def __init__(self, board: BoardModel, arm: UrEmulator, gripper: GripperEmulator | None) -> None:
-        self._table: dict[str, tuple[set[str], Strike]] = {
+        self._arm = arm
+        self._table: dict[str, Strike] = {
             **({} if gripper is None else _gripper_faults(gripper)),
-            "unplug": (set(), lambda order: board.unplug()),
-            "replug": (set(), lambda order: board.replug()),
-            "usb_timeout": ({"times"}, lambda order: board.time_out(order.times)),
+            "unplug": lambda order: board.unplug(),
+            "replug": lambda order: board.replug(),
+            "usb_timeout": lambda order: board.time_out(order.times),
         }
-        self._arm_table: dict[str, tuple[set[str], Strike]] = {
-            "protective_stop": (set(), lambda order: arm.controller.protective_stop()),
-            "emergency_stop": (
-                {"pressed"}, lambda order: arm.controller.emergency_stop(order.pressed)
-            ),
-            "arm_disconnect": (set(), lambda order: arm.drop_links()),
-            "arm_freeze": ({"seconds"}, lambda order: arm.freeze(order.seconds)),
-        }  # fmt: skip
-        self._waiting: list[tuple[int, FaultOrder]] = []
+        self._arm_table: dict[str, Strike] = {
+            "protective_stop": lambda order: arm.controller.protective_stop(),
+            "emergency_stop": lambda order: arm.controller.emergency_stop(order.pressed),
+            "remote_control": lambda order: arm.controller.set_remote_control(order.on),
+            "arm_disconnect": lambda order: arm.drop_links(),
+            "arm_freeze": lambda order: arm.freeze(order.seconds),
+        }
+        self._waiting: list[tuple[int, int, FaultOrder]] = []  # a heap: when, and which came first
+        self._ordered = 0
         self._for_arm: deque[FaultOrder] = deque()
 
-    def order(self, request: dict[str, Any], now_ns: int) -> None:
-        """Take a request. Raises ValueError for an unknown name or an argument out of place."""
-        order = msgspec.convert(request, FaultOrder)
+    def order(self, request: dict[str, Any], now_ns: int) -> str:
+        """Take a request; what it will do, in words. Raises ValueError for an unknown name, an
+        argument out of place, what this arm has not, and where too many are waiting."""
+        name = str(request.get("name", ""))
         table = self._table | self._arm_table
-        if order.name not in table:
-            raise ValueError(f"unknown fault {order.name!r}: one of {', '.join(table)}")
-        strange = request.keys() - table[order.name][0] - {"name", "after_s"}
-        if strange:
-            raise ValueError(f"fault {order.name!r} takes no {', '.join(sorted(strange))}")
-        self._waiting.append((now_ns + round(order.after_s * 1e9), order))
-        self.strike(now_ns)
+        if name not in table:
+            raise ValueError(f"unknown fault {name!r:.60}: one of {', '.join(table)}")
+        known, does = KNOWN[name]
+        if strange := request.keys() - {*known, "name", "after_s"}:
+            raise ValueError(f"takes no {', '.join(sorted(strange)):.60}: {in_words(name)}")
+        try:
+            order = msgspec.convert(request, FaultOrder)
+        except msgspec.ValidationError as error:
+            raise ValueError(f"{error}: {in_words(name)}") from None
+        if name == "remote_control":
+            self._arm.controller.check_remote_control()
+        if order.after_s:
+            self._wait(order, now_ns)
+        else:
+            self._hit(order)
+        when = f" in {order.after_s:g} s" if order.after_s else ""
+        told = (f"{each}={_shown(getattr(order, each))}" for each in known)
+        return f"{' '.join((name, *told))}{when}: {does}"
+
+    def _wait(self, order: FaultOrder, now_ns: int) -> None:
+        _check_room(self._waiting)
+        self._ordered += 1
+        when_ns = now_ns + round(order.after_s * 1e9)
+        heapq.heappush(self._waiting, (when_ns, self._ordered, order))
 
     def strike(self, now_ns: int) -> None:
         """Let happen what is due; the caller holds the cell's lock."""
-        due = [order for t_ns, order in self._waiting if t_ns <= now_ns]
-        self._waiting = [waiting for waiting in self._waiting if waiting[0] > now_ns]
-        for order in due:
-            if order.name in self._arm_table:
-                self._for_arm.append(order)
-            else:
-                self._table[order.name][1](order)
+        while self._waiting and self._waiting[0][0] <= now_ns:
+            with contextlib.suppress(ValueError):  # too many: nobody is there to hear it
+                self._hit(heapq.heappop(self._waiting)[2])
+
+    def _hit(self, order: FaultOrder) -> None:
+        if order.name in self._arm_table:
+            _check_room(self._for_arm)
+            self._for_arm.append(order)
+        else:
+            self._table[order.name](order)
 
     def strike_arm(self) -> None:
         """What is due at the arm, whose controller and connections belong to its own thread."""
         while self._for_arm:
             order = self._for_arm.popleft()
-            self._arm_table[order.name][1](order)
+            self._arm_table[order.name](order)
 
 
-def _gripper_faults(gripper: GripperEmulator) -> dict[str, tuple[set[str], Strike]]:
+def _check_room(waiting: Sized) -> None:
+    if len(waiting) >= MOST_WAITING:
+        raise ValueError(f"{MOST_WAITING} faults are waiting: no more are taken")
+
+
+def _gripper_faults(gripper: GripperEmulator) -> dict[str, Strike]:
     def plan(trouble: Trouble) -> Strike:
         return lambda order: gripper.faults.add(
             WireFault(trouble=trouble, times=order.times, skip=order.skip, seconds=order.seconds)
@@ -90,10 +174,10 @@ def _gripper_faults(gripper: GripperEmulator) -> dict[str, tuple[set[str], Strik
             gripper.faults.add(WireFault(trouble=Trouble.DISCONNECT, times=order.times - 1))
 
     return {
-        "gripper_drop": ({"times", "skip"}, plan(Trouble.DROP)),
-        "gripper_delay": ({"times", "skip", "seconds"}, plan(Trouble.DELAY)),
-        "gripper_garble": ({"times", "skip"}, plan(Trouble.GARBLE)),
-        "gripper_freeze": ({"seconds", "skip"}, plan(Trouble.FREEZE)),
-        "gripper_disconnect": ({"times"}, disconnect),
-        "gripper_fault": ({"code"}, lambda order: gripper.hand.model.inject_fault(order.code)),
+        "gripper_drop": plan(Trouble.DROP),
+        "gripper_delay": plan(Trouble.DELAY),
+        "gripper_garble": plan(Trouble.GARBLE),
+        "gripper_freeze": plan(Trouble.FREEZE),
+        "gripper_disconnect": disconnect,
+        "gripper_fault": lambda order: gripper.hand.model.inject_fault(order.code),
     }

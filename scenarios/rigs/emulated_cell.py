@@ -256,8 +256,7 @@ class EmulatedCell:
         }  # fmt: skip
 
     def _fault(self, request: Request) -> Request:
-        self.faults.order(request, time.monotonic_ns())
-        return {}
+        return {"told": self.faults.order(request, time.monotonic_ns())}
 
 
 @contextmanager

@@ -7,6 +7,7 @@ from typing import Annotated
 import msgspec
 
 _Meta = msgspec.Meta
+MOST_PLANNED = 1000
 
 
 class Trouble(Enum):
@@ -66,7 +67,10 @@ class WireFaults:
         self._lock = threading.Lock()
 
     def add(self, fault: WireFault) -> None:
+        """Raises ValueError where too many are planned."""
         with self._lock:
+            if len(self._planned) >= MOST_PLANNED:
+                raise ValueError(f"{MOST_PLANNED} faults are planned: no more are taken")
             self._planned.append(_Planned(fault))
 
     def clear(self) -> None:

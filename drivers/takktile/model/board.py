@@ -61,6 +61,16 @@ class BoardModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     firmware_version: Annotated[str, msgspec.Meta(description="string 1, assumed")] = "model"
 
 
+class _Next(msgspec.Struct):
+    """What is to strike the next transfers or the next frame."""
+
+    timeouts: int = 0
+    lost_bytes: int = 0
+    split: bool = False
+    flip: tuple[int, int] | None = None  # byte, bit
+    stall: bool = False
+
+
 class BoardModel:
     """One board.
 
@@ -77,11 +87,7 @@ class BoardModel:
         self._dead: set[Cell] = set()
         self._frozen: dict[int, int] = {}  # cell index -> code
         self._lie: Lie = _truth
-        self._timeouts = 0
-        self._lost_bytes = 0
-        self._split = False
-        self._flip: tuple[int, int] | None = None
-        self._stall = False
+        self._next = _Next()
         self._ready_ns = 0
         self._pending = b""  # of a frame, what the host has not drained yet
         self._plugs = 0
@@ -99,9 +105,9 @@ class BoardModel:
     @property
     def ready_ns(self) -> int | None:
         """From when on a bulk read brings something; None when that takes some other event."""
-        if self._stall:
+        if self._next.stall:
             return 0
-        if self._timeouts or self._hung or not self._started:
+        if self._next.timeouts or self._hung or not self._started:
             return None
         return self._ready_ns
 
@@ -110,9 +116,9 @@ class BoardModel:
         """From frame to frame when each is drained at once; for ever while a fault is due."""
         if not self._started or not self._plugged or self._hung or self._pending:
             return _FOR_EVER_NS
-        if self._stall or self._timeouts or self._split or self._lost_bytes:
+        if self._next.stall or self._next.timeouts or self._next.split or self._next.lost_bytes:
             return _FOR_EVER_NS
-        if self._flip is not None or self._dead:
+        if self._next.flip is not None or self._dead:
             return _FOR_EVER_NS
         return self._period_ns
 
@@ -144,15 +150,15 @@ class BoardModel:
     def bulk_read(self, size: int, now_ns: int) -> bytes | None:
         """One bulk IN transfer of at most ``size`` bytes; None when it times out."""
         self._reach()
-        if self._timeouts:
-            self._timeouts -= 1
+        if self._next.timeouts:
+            self._next.timeouts -= 1
             return None
         if self._hung or not self._started or now_ns < self._ready_ns:
             return None
         if not self._pending:
             self._pending = self._spoil(self._frame())
-            size = codec.PACKET_BYTES if self._split else size
-            self._split = False
+            size = codec.PACKET_BYTES if self._next.split else size
+            self._next.split = False
         out, self._pending = self._pending[:size], self._pending[size:]
         if not self._pending:
             self._start_conversion(now_ns)
@@ -176,7 +182,7 @@ class BoardModel:
 
     def time_out(self, reads: int) -> None:
         """The next bulk reads bring nothing."""
-        self._timeouts = reads
+        self._next.timeouts = reads
 
     def silence(self, until_ns: int) -> None:
         """No frame comes up to then and at that instant; what is ready waits."""
@@ -184,31 +190,33 @@ class BoardModel:
 
     def shorten_frame(self, lost_bytes: int) -> None:
         """The next frame lacks its last bytes."""
-        self._lost_bytes = lost_bytes
+        self._next.lost_bytes = lost_bytes
 
     def split_frame(self) -> None:
         """The next frame arrives in two reads, as when the first times out half-way."""
-        self._split = True
+        self._next.split = True
 
     def flip_bit(self, byte: int, bit: int) -> None:
         """One bit of the next frame is wrong."""
-        self._flip = byte, bit
+        self._next.flip = byte, bit
 
     def stall(self) -> None:
         """The next transfer, control or bulk, is answered with STALL."""
-        self._stall = True
+        self._next.stall = True
 
     def unplug(self) -> None:
         self._plugged = False
 
     def replug(self) -> None:
-        """Plug the board in again: it starts anew, and stopped."""
+        """Plug the board in again: it starts anew, stopped, and without what was to strike its next
+        reads."""
         self._power_up()
 
     def _power_up(self) -> None:
         self._plugged = True
         self._plugs += 1
         self._hung = False
+        self._next = _Next()
         self._started = False
         self._period_ns = _FOR_EVER_NS  # until it is started
         self._ready_ns = 0
@@ -219,8 +227,8 @@ class BoardModel:
     def _reach(self) -> None:
         if not self._plugged:
             raise Unplugged
-        if self._stall:
-            self._stall = False
+        if self._next.stall:
+            self._next.stall = False
             raise Stall
 
     def _alive(self) -> list[Cell]:
@@ -296,10 +304,10 @@ class BoardModel:
 
     def _spoil(self, frame: bytes) -> bytes:
         """Apply the faults of one frame and forget them."""
-        if self._lost_bytes:
-            frame, self._lost_bytes = frame[: -self._lost_bytes], 0
-        if self._flip is not None:
-            (byte, bit), self._flip = self._flip, None
+        if self._next.lost_bytes:
+            frame, self._next.lost_bytes = frame[: -self._next.lost_bytes], 0
+        if self._next.flip is not None:
+            (byte, bit), self._next.flip = self._next.flip, None
             frame = frame[:byte] + bytes([frame[byte] ^ 1 << bit]) + frame[byte + 1 :]
         return frame
 

@@ -118,6 +118,7 @@ class Controller:
         self.safety_mode = SafetyMode.NORMAL
         self.runtime_state = RuntimeState.STOPPED
         self.remote_control = True
+        self._has_remote_control = settings.controller.has_remote_control
         self.emergency_button = False
         self.cycles = 0
         self.script_errors = 0
@@ -281,6 +282,21 @@ class Controller:
         self.robot_mode = RobotMode.POWER_OFF
         self.motion.trip()
         self.stop_program("emergency stop")
+
+    def check_remote_control(self) -> None:
+        """Raises ValueError where no pendant can be turned to Local."""
+        if not self._has_remote_control:
+            raise ValueError(
+                "a CB3 (PolyScope 3) has no remote and no local control: e-Series alone"
+            )
+
+    def set_remote_control(self, on: bool) -> None:
+        """The pendant, turned to Remote or Local. That Local ends the program is assumed. Raises
+        ValueError as ``check_remote_control``."""
+        self.check_remote_control()
+        if self.remote_control and not on:
+            self.stop_program("local control")
+        self.remote_control = on
 
     def power_off(self) -> None:
         self.motion.trip()

@@ -6,8 +6,8 @@ its ``token``. A request is ``{"do": verb, ...}``, the answer ``{"ok": true, ...
 
 - ``state``: position, modes, counters and the last messages
 - ``protective_stop``; ``emergency_stop`` with ``pressed`` (default true); ``kill_program``
-- ``remote_control`` with ``on``; ``claim`` with ``names`` (RTDE inputs taken by "somebody else"),
-  ``unclaim``
+- ``remote_control`` with ``on``, of an e-Series alone; ``claim`` with ``names`` (RTDE inputs taken
+  by "somebody else"), ``unclaim``
 - ``wrench`` with ``value``, six numbers, N and Nm
 - ``inputs`` with ``value``: the digital inputs as one number (bits 0 to 7 standard, 8 to 15
   configurable, 16 and 17 the tool's), and both analog ones
@@ -65,7 +65,7 @@ class FaultChannel:
             "protective_stop": lambda request: controller.protective_stop(),
             "emergency_stop": lambda request: controller.emergency_stop(request.pressed),
             "kill_program": lambda request: controller.stop_program("killed by request"),
-            "remote_control": self._remote_control,
+            "remote_control": lambda request: controller.set_remote_control(request.on),
             "claim": self._claim,
             "unclaim": lambda request: rtde.release(_STRANGER),
             "wrench": self._wrench,
@@ -106,9 +106,6 @@ class FaultChannel:
         if unknown := [name for name in request.names if name not in INPUT_TYPES]:
             raise ValueError(f"no input {unknown[0]!r:.60}")
         self._rtde.claim(request.names, _STRANGER)
-
-    def _remote_control(self, request: FaultRequest) -> None:
-        self._controller.remote_control = request.on
 
     def _wrench(self, request: FaultRequest) -> None:
         if len(request.value) != 6 or not all(map(math.isfinite, request.value)):

@@ -117,6 +117,18 @@ def test_timeouts_keep_the_frame_waiting(board):
     assert set(read_codes(board, 30 * MS)) == {400}
 
 
+def test_what_was_to_strike_the_next_reads_is_forgotten_when_the_board_is_replugged(board):
+    start(board)
+    board.time_out(1_000_000_000)
+    board.shorten_frame(2)
+    board.split_frame()
+    board.flip_bit(0, 0)
+    board.stall()
+    board.replug()
+    start(board)
+    assert set(read_codes(board, 30 * MS)) == {400}
+
+
 @pytest.mark.parametrize(("request_", "index"), [(0x42, 0), (UsbRequest.STRING, 2), (0xBB, 0)])
 def test_unknown_requests_stall(board, request_, index):
     with pytest.raises(Stall):

@@ -30,6 +30,8 @@ class Cell:
         self.asked.append(request)
         if request["verb"] == "fault" and request["name"] == "dance":
             raise ValueError("unknown fault 'dance'")
+        if request["verb"] == "fault" and request["name"] == "unplug":
+            return {"told": "unplug: off the bus"}
         if request["verb"] == "press":
             msgspec.convert(request["taxel"], int)
         if request["verb"] == "home":
@@ -116,6 +118,16 @@ def test_what_is_not_known_is_told_with_what_is(
     assert all("place | take | home | look | scale | tap" in answer for answer in answers[:5])
     assert answers[5] == "done"
     assert [request["verb"] for request in cell.asked] == ["fault", "press", "place"]
+
+
+def test_faults_are_told_on_demand_and_what_one_does_is_answered(
+    typed: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = "fault unplug\nfault help\n"
+    cell, answers = said(typed, lines, capsys)
+    assert answers[:2] == ["done: unplug: off the bus", "faults:"]
+    assert any(line.startswith("remote_control on=true (true or false): ") for line in answers)
+    assert [request["verb"] for request in cell.asked] == ["fault"]
 
 
 def test_arm_that_is_stopped_on_its_way_home_does_not_end_the_listening(
