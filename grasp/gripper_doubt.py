@@ -15,9 +15,9 @@ class GripperDoubt:
     def __init__(self, settings: DoubtSettings) -> None:
         self._settings = settings
         self._before: GripperState | None = None
-        self._fresh_ns = 0
-        self._unanswered = 0  # looks since
-        self._moved_ns = [0] * FINGERS  # since when each finger reports motion without moving
+        self._fresh_ns: int
+        self._unanswered: int  # looks since
+        self._moved_ns: list[int]  # since when each finger reports motion without moving
         self._under_way = [False] * FINGERS  # it has moved since it was told to
         self._touched_at: list[int | None] = [None] * FINGERS  # where it first reported contact
 
@@ -28,8 +28,11 @@ class GripperDoubt:
 
     def see(self, state: GripperState) -> str:
         """What is wrong with it."""
-        before, self._before = self._before or state, state
-        if state.fresh or before is state:
+        before, self._before = self._before, state
+        if before is None:
+            before = state
+            self.begin_anew(state)
+        elif state.fresh:
             self._fresh_ns, self._unanswered = state.t_ns, 0
         else:
             self._unanswered += 1

@@ -46,6 +46,7 @@ class Fate(msgspec.Struct, frozen=True):
     mutant: Mutant
     killer: str
     tests: int  # that can see it
+    shown: str = ""  # digest of the tests as they were then
 
 
 class Test(msgspec.Struct):

@@ -322,9 +322,47 @@ def test_echo_s(value: float) -> None:
 
 def test_hand_is_not_silent_because_the_loop_is_slow() -> None:
     """Few looks, each a long step after the last, say nothing of a hand that needs two of them."""
-    slow = [gripper(i * 120_000_000, fresh=i == 0) for i in range(LOOKS + 1)]
-    assert doubted(slow[:LOOKS]) == ""
+    slow = [gripper(i * 120_000_000, fresh=i == 0) for i in range(6)]
+    assert doubted(slow[:5]) == ""
     assert doubted(slow) == "gripper_silent"
+
+
+def test_silence_and_stillness_last_longer_than_they_may_and_not_just_as_long() -> None:
+    half = [gripper(round(i * 1e8), fresh=i == 0) for i in range(6)]
+    assert doubted(half, echo_s=0.5) == ""
+    assert doubted([moving(0.0, 55), moving(0.5, 55)], finger_start_s=0.5) == "gripper_stands"
+
+
+def test_after_a_standstill_of_the_loop_looks_without_an_answer_are_counted_anew() -> None:
+    doubt = GripperDoubt(DoubtSettings(echo_s=0.1))
+    assert doubt.see(gripper(0)) == ""
+    doubt.begin_anew(gripper(10**10))
+    looks = [doubt.see(gripper(10**10 + i * 200_000_000, fresh=False)) for i in range(1, 6)]
+    assert [look.partition(":")[0] for look in looks] == ["", "", "", "", "gripper_silent"]
+
+
+def test_hand_that_is_seen_moving_at_first_has_the_time_of_a_start() -> None:
+    first = moving(100.0, 55)
+    assert doubted([first]) == ""
+    assert doubted([first, moving(100.19, 55)], finger_start_s=0.2) == ""
+    assert doubted([first, moving(100.2, 55)], finger_start_s=0.2) == "gripper_stands"
+
+
+def test_first_status_without_an_answer_is_none_of_the_looks() -> None:
+    looks = [gripper(10**10 + i * 120_000_000, fresh=False) for i in range(6)]
+    assert doubted(looks[:5]) == ""
+    assert doubted(looks) == "gripper_silent"
+
+
+@pytest.mark.parametrize(
+    ("fault", "active", "said"),
+    [(14, False, ""), (14, True, "gripper_silent"), (0, True, "gripper_silent")],
+)
+def test_a_hand_that_says_that_it_refuses_is_not_called_silent(
+    fault: int, active: bool, said: str
+) -> None:
+    looks = [gripper(i * 120_000_000, fresh=i == 0, fault=fault) for i in range(6)]
+    assert doubted([msgspec.structs.replace(look, active=active) for look in looks]) == said
 
 
 MOVING = (Detection.MOVING, Detection.AT_TARGET, Detection.AT_TARGET)
@@ -447,6 +485,8 @@ def test_finger_counts_ps(value: float) -> None:
 @pytest.mark.parametrize("position", [-1, 256])
 def test_positions_that_no_motor_has_are_impossible(position: int) -> None:
     assert doubted([gripper(positions=(55, position, 55))]) == "gripper_impossible"
+    there = min(max(position, 0), 255)
+    assert doubted([gripper(positions=(55, there, 55))]) == ""
 
 
 def test_a_hand_that_is_not_active_obeys_nothing_and_one_with_a_fault_has_its_own_text() -> None:

@@ -4,9 +4,13 @@ where a step is not enough."""
 import pytest
 
 from grasp.commands import CloseFast, MoveArm, MoveFingers, StopArm
+from grasp.controller_settings import ControllerSettings, GripPlan
+from grasp.lift_line import LiftLine
+from grasp.observation import Observation
 from grasp.phases import Phase
+from grasp.steps import Steps
 from grasp.stiffness import Stiffness
-from tests.unit.grasp.builders import arm
+from tests.unit.grasp.builders import arm, gripper, seen
 from tests.unit.grasp.controller_driver import HEIGHT, LATCHED, TICK, Driver
 from tests.unit.grasp.test_pause import told
 
@@ -199,3 +203,79 @@ def test_fault_closes_the_hand_to_the_limit_in_a_step_and_a_person_leaves_it(
     d.climb(**changes)
     assert len(told(d, CloseFast)) == hand
     assert told(d, MoveFingers) == []
+
+
+# By themselves
+
+
+def alone(**settings: object) -> Steps:
+    """Of one count each, on a line that begins 0.4 m below the arm."""
+    asked = ControllerSettings(
+        **({"answer": "stop_and_step", "step_below_m": 0.5, "step_tries": 2} | settings)  # type: ignore[arg-type]
+    )
+    plan = GripPlan((40, 55, 55), (55, 55, 55), 10.0, Stiffness(1.0))
+    return Steps(asked, plan, LiftLine(asked, (0.3, 0.2, 0.0)))
+
+
+def at(thumb: int = 55, end: int | None = None, moving: bool = False) -> Observation:
+    hand = gripper(positions=(thumb, 55, 55))
+    return seen(0, gripper=hand, thumb_end=end, arm=arm(moving=moving))
+
+
+def test_nothing_is_under_way_before_the_first_step_and_a_step_is_no_margin() -> None:
+    steps = alone()
+    assert not (steps.lasts or steps.securing)
+    steps.step(at())
+    assert steps.lasts and not steps.securing
+    steps.margin(at())
+    assert steps.lasts and steps.securing
+    steps.end()
+    assert not (steps.lasts or steps.securing)
+
+
+def test_steps_are_taken_as_often_as_may_be_tried() -> None:
+    steps = alone(step_tries=2)
+    for _ in range(2):
+        assert steps.may(at())
+        steps.step(at())
+    assert not steps.may(at())
+
+
+def test_no_step_is_taken_from_the_height_on_that_ends_them() -> None:
+    assert not alone(step_below_m=0.4).may(at())
+    assert alone(step_below_m=0.401).may(at())
+
+
+def test_arm_may_take_all_the_time_of_a_step_to_stop() -> None:
+    """At 0.05 m/s."""
+    assert alone(answer_stop_mps2=0.1, step_patience_s=0.5).may(at(moving=True))
+    assert not alone(answer_stop_mps2=0.1, step_patience_s=0.499).may(at(moving=True))
+
+
+@pytest.mark.parametrize(("thumb", "end"), [(253, 255), (254, 255), (255, 255)])
+def test_thumb_that_force_alone_ends_goes_as_far_as_fingers_close(thumb: int, end: int) -> None:
+    steps = alone(margin_steps=2)
+    steps.step(at(thumb))
+    assert steps.may(at(thumb)) == (thumb < 255)
+    assert steps.margin_due(at(thumb), at_top=True) == (thumb < 255)
+    assert steps.margin(at(thumb)).targets_counts == (end, 55, 55)
+
+
+def test_thumb_beyond_its_end_is_not_told_to_open() -> None:
+    steps = alone(margin_steps=2)
+    steps.step(at())
+    assert not steps.may(at(57, end=56))
+    assert not steps.margin_due(at(57, end=56), at_top=True)
+    assert steps.margin(at(57, end=56)).targets_counts == (57, 55, 55)
+
+
+def test_margin_is_due_once_the_arm_has_risen_so_far_and_once_only() -> None:
+    steps = alone(margin_steps=1, margin_after_m=0.0)
+    assert not steps.margin_due(at(), at_top=True)
+    steps.step(at())
+    assert steps.margin_due(at(), at_top=False)
+    steps.margin(at())
+    assert not steps.margin_due(at(), at_top=True)
+    steps.step(at())
+    steps.forget()
+    assert not steps.margin_due(at(), at_top=True)
