@@ -180,7 +180,10 @@ class EmulatedBus(usb.backend.IBackend):  # type: ignore[misc] # pyusb has no ty
         dev_handle.ask(Op.SET_CONFIGURATION, value=config_value)
 
     def get_configuration(self, dev_handle: _Handle) -> int:
-        return dev_handle.ask(Op.CONTROL, request_type=0x80, request=8, size=1)[0]
+        reply = dev_handle.ask(Op.CONTROL, request_type=0x80, request=8, size=1)
+        if not reply:  # of another request, where something on the way repeats answers
+            raise _usb_error(errno.EIO)
+        return reply[0]
 
     def set_interface_altsetting(self, dev_handle: _Handle, intf: int, altsetting: int) -> None:
         dev_handle.ask(Op.SET_ALTSETTING, index=intf, value=altsetting)
@@ -251,7 +254,10 @@ def _usb_error(code: int) -> usb.core.USBError:
 
 
 def _unpack(names: tuple[str, ...], layout: str, data: bytes) -> dict[str, int]:
-    return dict(zip(names, struct.unpack_from(layout, data), strict=True))
+    try:
+        return dict(zip(names, struct.unpack_from(layout, data), strict=True))
+    except struct.error as error:
+        raise _usb_error(errno.EIO) from error
 
 
 def _descriptor(names: tuple[str, ...], layout: str, data: bytes) -> SimpleNamespace:

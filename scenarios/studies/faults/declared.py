@@ -9,12 +9,13 @@ from collections.abc import Collection
 
 import msgspec
 
-from grasp.phases import AIRBORNE_PHASES
+from grasp.phases import AIRBORNE_PHASES, Phase
 from scenarios.studies.faults.cases import Fault
 
 # before the hand is closed to the limit: the object rises with the first grasp's force alone
 BEFORE_CLOSED = frozenset({"listen", "lift", "compensate"})
 AIR = frozenset(phase.value for phase in AIRBORNE_PHASES) | BEFORE_CLOSED
+ANY = frozenset(phase.value for phase in Phase)
 
 
 class Declared(msgspec.Struct, frozen=True):
@@ -57,6 +58,20 @@ DECLARED = (
         "the hand says that it is not to be moved", r"gripper g(ACT|IMC|FLT|MOD) .*", AIR,
         frozenset({"dropped"}), r"holds by itself|refuses every motion|not activated",
         "a hand that reports a fault, another mode or no activation is told nothing that moves it",
+    ),
+    Declared(
+        "the detector does not hear the slip, and nothing else tells of it",
+        r"detector (hears nothing|frozen)", ANY,
+        frozenset({"missed"}), r"^(dropped|undetected|cap_reached);",
+        "the grasp stays too weak: the object stays on the table or slips back to it, and the "
+        "outcome says that the lift failed",
+    ),
+    Declared(
+        "the detector hears a slip that there is none",
+        r"detector hears slip", ANY,
+        frozenset({"missed"}), r"^(false_start|alarm_stayed|cap_reached);",
+        "the hand closes to the limit, which holds; the outcome says that the alarm was false",
+        lasting=False,
     ),
     Declared(
         "the arm does not take a stop", r"arm stop (lost|half done)", AIR | {"retreat", "release"},

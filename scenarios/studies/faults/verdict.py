@@ -6,10 +6,10 @@ from collections.abc import Callable
 from grasp.controller_settings import ControllerSettings
 from grasp.guard import GuardSettings
 from grasp.phases import AIRBORNE_PHASES, Phase
-from scenarios.lift.scoring import SUCCESSES
+from scenarios.lift.scoring import SUCCESSES, LiftOutcome
 from scenarios.studies.faults.cases import Fault
 from scenarios.studies.faults.declared import DECLARED, Declared
-from scenarios.studies.faults.run import REACTION_S, SLIDES_MPS, Ended
+from scenarios.studies.faults.run import REACTION_S, SLIDES_MPS, WAY_OUT, Ended
 from scenarios.trial.ending import LOOK
 
 MOST_N = GuardSettings().force_limit_n + GuardSettings().overshoot_n
@@ -19,10 +19,35 @@ LOOK_S = 0.06  # between two looks at what the simulation knows, and a step
 LET_GO_M = 0.003  # in the air
 SLID_M = 0.015  # so far down in the hand, in the air, is no holding
 GRIPPED_N = 7.0  # of a hand that is closed to the limit, though the object slipped since
+MISREAD_N = 1.5  # more than that is not felt by fingertips that nothing is wrong with
+LOOSENED = 0.5  # of what it pressed with as the safe state began, and less: it lets go
+RAISED_M = 0.03  # an object that was lifted
 FELT_N = 1.0
 TOUCH_N = 0.05  # less is nothing
 OPENS = frozenset({Phase.RELEASE.value, Phase.RETREAT.value})  # on the table, and told to let go
 CLOSES = frozenset({Phase.GRASP.value, Phase.OPPOSE.value})  # it begins to touch, and holds nothing
+BUGS = frozenset({"", LiftOutcome.INTERNAL_ERROR, LiftOutcome.INTERRUPTED})  # nobody asked for it
+# all that a last line may say, whatever is put into it
+_FELT = r"(nothing measured yet|its force is not measured|\d+\.\d N measured at finger [ABC])"
+_CLOSED = (
+    r"(closed as it was|closed to the limit of \d+ N|closed to its last count, within the limit of "
+    r"\d+ N|closed by position, short of the limit of \d+ N)"
+)
+_PARTLY = r"partly closed, at \(\d+, \d+, \d+\) counts"
+_STATE = (
+    rf"(open|still moving, {_FELT}|{_CLOSED}, {_FELT}|closed, and feels nothing any more|"
+    rf"{_PARTLY}(, and feels nothing|; what it feels is not known))"
+)
+_ALONE = r"(cannot be told anything|is not activated|refuses every motion \(.+\)) and holds"
+_MOVES = r"moving at \d+\.\d\d m/s"
+SAID = {
+    "arm": rf"the arm (stands|is stopped by its own safety system|says that it stands|is still "
+    rf"{_MOVES}|says that it is still {_MOVES}|(stood|was still {_MOVES}) when last heard)",
+    "hand": rf"the hand (is {_STATE}|reports .+: it is {_STATE}|is not believed, and may still "
+    rf"move: it says that it is {_STATE}|{_ALONE} by itself: (it is|when last heard it was) "
+    rf"{_STATE})",
+    "advice": rf"({LOOK}; )?({WAY_OUT}|start the run again)",
+}
 BLAMED = {
     "gripper": r"gripper|\bhand\b|\bfingers?\b|thumb",
     "arm": r"\barm\b|\barm_",
@@ -79,9 +104,24 @@ def loosened(end: Ended) -> str:
     """A hand that held something when the safe state began, in the air or on the table, and lets
     go; one that was opening may go on, one that closes in pushes by one finger and may stop, and a
     dropped object is found by another check."""
-    if not gripped(end) or end.phase in OPENS | CLOSES or dropped(end) or end.least_n is None:
+    if end.entered_n is None or end.least_n is None or not gripped(end) or dropped(end):
         return ""
-    return f"from {end.entered_n:.1f} N to none" if end.least_n <= TOUCH_N else ""
+    if end.phase not in OPENS | CLOSES and end.least_n < LOOSENED * end.entered_n:
+        return f"from {end.entered_n:.1f} N to {end.least_n:.1f} N"
+    obeys = end.phase in AIRBORNE_PHASES and not _struck(end, "gripper")
+    return f"not closed: {end.pressed_n:.1f} N" if obeys and end.pressed_n < GRIPPED_N else ""
+
+
+def missed(end: Ended) -> str:
+    """A lift that fails, though no fault is told: its outcome is all that the user has."""
+    if end.outcome in SUCCESSES or end.outcome == "fault" or dropped(end):
+        return ""
+    return f"{end.outcome}, lifted by {end.lifted_m * 1e3:.0f} mm"
+
+
+def buggy(end: Ended) -> str:
+    """A program that fails by itself."""
+    return f"outcome {end.outcome!r}" if end.outcome in BUGS else ""
 
 
 def timed_out(end: Ended) -> str:
@@ -99,9 +139,19 @@ def misled(end: Ended) -> str:
         and end.later_arm_mps == 0.0 and "is still moving" not in end.arm,
         "it was dropped": lost and end.outcome in SUCCESSES,
         "no word": end.outcome == "fault" and not end.message,
+        "it was not lifted": end.outcome in SUCCESSES and end.lifted_m < RAISED_M,
+        **_of_words(end),
         f"nothing is wrong with what it names: {end.cause}": blames_another(end),
     }  # fmt: skip
     return "; ".join(text for text, is_wrong in wrong.items() if is_wrong)
+
+
+def _of_words(end: Ended) -> dict[str, bool]:
+    """Sentences that are none, or lack after a fault; a lift that ended as planned has none."""
+    told = {"arm": end.arm, "hand": end.hand, "advice": end.advice}
+    due = end.outcome == "fault" or any(told.values())
+    return {f"no such {name}: {said!r}": due and re.fullmatch(SAID[name], said) is None
+            for name, said in told.items()}  # fmt: skip
 
 
 def _of_arm(end: Ended) -> dict[str, bool]:
@@ -129,8 +179,10 @@ def _of_hand(end: Ended) -> dict[str, bool]:
     alone = "holds by itself" in said
     return {
         "the hand is not open": said == "the hand is open" and felt,
-        "it is not closed to the limit": "the hand is closed to the limit" in said
-        and end.phase in AIRBORNE_PHASES and end.pressed_n < GRIPPED_N,
+        "it is not closed to the limit": here and end.pressed_n < GRIPPED_N
+        and ("closed to the limit" in said or "closed to its last count" in said),
+        "it feels less": here and not _struck(end, "fingertips")
+        and _felt_n(said) > end.pressed_n + MISREAD_N,
         "it feels something": here and "feels nothing" in said and felt,
         "it holds nothing": here and "closed as it was" in said and "partly" not in said
         and end.pressed_n <= TOUCH_N,
@@ -159,6 +211,12 @@ def _of_advice(end: Ended) -> dict[str, bool]:
     }  # fmt: skip
 
 
+def _felt_n(said: str) -> float:
+    """The force that a sentence has; 0: none."""
+    found = re.search(r"(\d+\.\d) N measured", said)
+    return float(found[1]) if found else 0.0
+
+
 def _old(said: str) -> bool:
     return "when last heard" in said or "says that it is" in said
 
@@ -170,13 +228,17 @@ def _struck(end: Ended, *devices: str) -> bool:
 
 def blames_another(end: Ended) -> bool:
     """Whether the cause speaks of devices, and of none that something was wrong with."""
-    named = {device for device, words in BLAMED.items() if re.search(words, end.cause)}
-    return bool(named) and named.isdisjoint({fault.device for fault in end.case.faults})
+    struck = {fault.device for fault in end.case.faults}
+    for text in (end.cause, *end.message.split("; then ")):
+        named = {device for device, words in BLAMED.items() if re.search(words, text)}
+        if named and named.isdisjoint(struck):
+            return True
+    return False
 
 
 CHECKS: dict[str, Callable[[Ended], str]] = {
     "dropped": dropped, "force": pressed, "moving": moving, "unstopped": unstopped,
-    "hand": loosened, "time-out": timed_out, "misleading": misled,
+    "hand": loosened, "time-out": timed_out, "misleading": misled, "missed": missed, "bug": buggy,
 }  # fmt: skip
 
 
@@ -195,7 +257,7 @@ def declared(end: Ended, found: dict[str, str]) -> Declared | None:
 
 def explaining(end: Ended) -> tuple[tuple[Fault, bool], ...]:
     """Those of a run's faults that can have led to what was found, and whether they ended by
-    themselves."""
+    themselves. A detector that is deaf shows by nothing but the outcome."""
     case = end.case
     halves = ((case.fault, case.recovers, end.taken), (case.then, case.then_recovers,
                                                        end.then_taken))  # fmt: skip
@@ -204,7 +266,9 @@ def explaining(end: Ended) -> tuple[tuple[Fault, bool], ...]:
     for fault, ends, taken in halves:
         if fault is None or (fault.part == "command" and not taken):
             continue
-        shows = case.then is None or fault.part == "command"
+        shows = case.then is None or fault.part == "command" or (
+            fault.device == "detector" and end.outcome != "fault"
+        )  # fmt: skip
         if shows or re.search(BLAMED[fault.device], told):
             found.append((fault, ends))
     return tuple(found)
