@@ -139,7 +139,7 @@ test-cluster: install-cluster
 # wires that are spoilt, in wall time: three quarters of an hour
 JOBS ?= $(shell nproc)
 faults: install-dev
-	fell=0; $(BIN)/python scripts/faults.py run --jobs $(JOBS) || fell=$$?; \
+	fell=0; $(BIN)/python scripts/faults.py run --stale --jobs $(JOBS) || fell=$$?; \
 	$(BIN)/python scripts/faults.py page || fell=$$?; \
 	CHAOS_PLANS=200 $(BIN)/python -m pytest -s -m slow tests/wire/scenarios/chaos || fell=$$?; \
 	exit $$fell

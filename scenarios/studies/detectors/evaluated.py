@@ -62,6 +62,11 @@ class SlipTrace(msgspec.Struct, frozen=True):
     probabilities: list[float]
     slipping: list[tuple[float, float]]  # from, to
 
+    def __post_init__(self) -> None:
+        """Raises ValueError for columns that are not as long as one another."""
+        if {len(self.t_s)} != {len(column) for column in (*self.pressed, self.probabilities)}:
+            raise ValueError("times, pressures and probabilities differ in number")
+
 
 class Evaluated(msgspec.Struct, frozen=True):
     """One detector by one rule; ``sheet`` is what `--json` prints."""

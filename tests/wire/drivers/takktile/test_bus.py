@@ -10,6 +10,7 @@ import usb.core
 import usb.util
 
 from drivers.takktile import protocol
+from drivers.takktile.emulator.bus import _Handle
 from drivers.takktile.emulator.server import BoardServer
 from drivers.takktile.model.board import BoardModelSettings
 from tests.wire.drivers.takktile.conftest import MS, Bench, eventually
@@ -30,6 +31,13 @@ def test_descriptors_are_those_of_the_firmware(device):
     assert (config.wTotalLength, config.bMaxPower) == (32, 250)
     ends = [(e.bEndpointAddress, e.bmAttributes, e.wMaxPacketSize) for e in config[(0, 0)]]
     assert ends == [(0x81, 2, 64), (0x02, 2, 32)]
+
+
+def test_an_answer_without_a_byte_is_an_error_of_usb(device, monkeypatch):
+    monkeypatch.setattr(_Handle, "ask", lambda *_, **__: b"")  # as where answers come twice
+    with pytest.raises(usb.core.USBError):
+        usb.util.claim_interface(device, 0)
+        device.get_active_configuration()
 
 
 def test_strings_come_over_the_control_endpoint(device):
