@@ -33,6 +33,7 @@ from tests.wire.scenarios.chaos.waits import NAMED_S, Wait, Waits, watched
 ARM_PORTS = (29999, 30001, 30002, 30003, 30004)
 SETTINGS = (*QUICK, "loop.deadline_s=60")  # no run is to end by it: a phase may last 30 s
 STARTS_S = 30.0  # of the proxy, which is none of the application
+NOT_OPENED = "not opened"
 HANGS = ("closing", "ticking")  # beyond the 5 s and the 0.3 s that are stated
 HANG_S = {"closing": 8.0, "ticking": 3.5}
 
@@ -44,7 +45,8 @@ class Ended(msgspec.Struct, frozen=True):
     outcome: str
     kind: str
     message: str
-    end: str  # how arm and hand were left, by the last line
+    arm: str  # how it was left, by the last line
+    hand: str
     seconds: float
     peak_n: float
     left: Left
@@ -151,7 +153,7 @@ def one_lift(number: int, hangs: str = "") -> Ended:
     emulated.at_endpoints = chaos.between  # type: ignore[assignment]
     emulated.cell_process = looked_at  # type: ignore[assignment]
     start_s = time.monotonic()
-    outcome, kind, message, end, peak_n = "not opened", "", "", "", 0.0
+    outcome, kind, message, arm, hand, peak_n = NOT_OPENED, "", "", "", "", 0.0
     try:
         finished = lift.run(settings, 0, None)
         assert finished.result is not None
@@ -160,7 +162,7 @@ def one_lift(number: int, hangs: str = "") -> Ended:
         if finished.failure is not None:
             kind, message = finished.failure.kind, finished.failure.message
         if finished.failure is not None and finished.failure.end is not None:
-            end = "; ".join((finished.failure.end.arm, finished.failure.end.hand))
+            arm, hand = finished.failure.end.arm, finished.failure.end.hand
     except GraspError as error:
         kind, message = error.kind, error.message
     waits.sign()
@@ -168,8 +170,8 @@ def one_lift(number: int, hangs: str = "") -> Ended:
     peak_n = max(peak_n, left[0].peak_n)
     tightest = max(waits.longest.values(), key=lambda wait: wait.took_s - wait.stated_s)
     return Ended(
-        number, outcome, kind, message, end, seconds, peak_n, left[0], waits.overdue, tightest,
-        time.monotonic(), chaos.end(),
+        number, outcome, kind, message, arm, hand, seconds, peak_n, left[0], waits.overdue,
+        tightest, time.monotonic(), chaos.end(),
     )  # fmt: skip
 
 

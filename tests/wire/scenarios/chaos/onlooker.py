@@ -12,13 +12,14 @@ import msgspec
 
 from drivers.errors import LinkLost
 from scenarios.rigs.cell_control import ControlClient
+from scenarios.rigs.emulated_cell import OPEN_M
 from scenarios.world.cell import Truth
 
 LOOK_S = 0.05
 LATER_S, MOMENT_S = 1.5, 0.5  # after the end; what moves during the moment that follows is found
 OFF_TABLE_M = 0.003
 STANDING_MPS = 1e-3
-STILL_MPS = 1e-4
+NEVER_THERE = "never there"
 
 
 class Look(msgspec.Struct, frozen=True):
@@ -27,6 +28,8 @@ class Look(msgspec.Struct, frozen=True):
     truth: Truth
     arm_mps: float
     fingers_mps: float
+    travel_m: float = 0.0  # of the finger that is closed furthest
+    at_s: float = 0.0
 
 
 class Left(msgspec.Struct, frozen=True):
@@ -34,13 +37,17 @@ class Left(msgspec.Struct, frozen=True):
     devices."""
 
     looks: int = 0
-    object: str = "never there"
+    object: str = NEVER_THERE
     lifted_m: float = 0.0
     let_go_m: float = 0.0  # height at which the hand lost it; 0: it did not, or on the table
     slid_m: float = 0.0  # in the hand, in the air
     peak_n: float = 0.0
     arm_mps: float = 0.0  # the most in the moment long after the end
     fingers_mps: float = 0.0
+    looks_later: int = 0  # in that moment
+    pressed_n: float | None = None  # at last, by the most loaded finger; None: nobody looked
+    opened: bool | None = None  # the hand, at last
+    gap_s: float = 0.0  # the longest between two looks
 
 
 class Onlooker:
@@ -69,9 +76,9 @@ class Onlooker:
 
 
 def look(cell: Any) -> Look:
-    truth = msgspec.convert(cell.ask("truth")["truth"], Truth)
-    motion = cell.ask("motion")
-    return Look(truth, motion["arm_mps"], motion["fingers_mps"])
+    known, motion = cell.ask("truth"), cell.ask("motion")
+    truth, at_s = msgspec.convert(known["truth"], Truth), time.monotonic()
+    return Look(truth, motion["arm_mps"], motion["fingers_mps"], max(known["travel_m"]), at_s)
 
 
 def left(looks: list[Look], ended: int) -> Left:
@@ -85,10 +92,12 @@ def left(looks: list[Look], ended: int) -> Left:
             let_go_m = max(let_go_m, before.height_m)
         if before.touched and after.touched and min(before.height_m, after.height_m) > OFF_TABLE_M:
             slid_m += abs(after.slip_distance_m - before.slip_distance_m)
+    gap_s = max((after.at_s - before.at_s for before, after in pairwise(looks)), default=0.0)
     return Left(
         len(looks), _object(truths[-1]), max(t.height_m for t in truths), let_go_m, slid_m,
         max(max(t.peak_n) for t in truths), max(one.arm_mps for one in looks[ended:]),
-        max(one.fingers_mps for one in looks[ended:]),
+        max(one.fingers_mps for one in looks[ended:]), len(looks[ended:]), max(truths[-1].normal_n),
+        looks[-1].travel_m < OPEN_M, gap_s,
     )  # fmt: skip
 
 

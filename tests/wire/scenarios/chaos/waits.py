@@ -2,7 +2,8 @@
 
 Whatever blocks in the thread of the run is wrapped; between two signs of progress (a wait begins or
 ends, a tick) no more may pass than the time-out in force, and ``NAMED_S``. Where none is in force
-the run computes, which the processor's time tells of: a busy machine makes it longer.
+the run computes, which the processor's time tells of: a busy machine makes it longer, up to a
+bound, and whoever computes longer than ``NAMED_S`` himself is overdue on any machine.
 """
 # ruff: noqa: SLF001  (time-outs are read where they are stated)
 
@@ -28,6 +29,7 @@ from scenarios.rigs import cell_control, cell_process, emulated, rig
 
 NAMED_S = 2.0  # that a stated time-out may be passed by
 BUSY = 15.0  # times its own computing that the run may take where it waits for nothing
+MOST_SPARED_S = 15.0  # of that; and no more than ``NAMED_S`` of computing, however idle the machine
 HANG_UP_S = 0.2  # of `preflight.Rtde`, for the other end to go too
 
 
@@ -45,24 +47,30 @@ class Wait(msgspec.Struct, frozen=True):
 class Waits:
     """Notes every wait of the thread that makes it."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        clock: Callable[[], float] = time.monotonic,
+        busy: Callable[[], float] = time.thread_time,
+    ) -> None:
         self.overdue: list[Wait] = []
         self.longest: dict[str, Wait] = {}
-        self._clock = clock
+        self._clock, self._busy = clock, busy
         self._thread = threading.get_ident()
         self._stack: list[tuple[str, float, float]] = []  # name, stated, since when
-        self._sign_s, self._sign_busy_s = clock(), time.thread_time()
+        self._sign_s, self._sign_busy_s = clock(), busy()
         self._last = "the beginning"
         self._phase, self._phase_s = Phase.IDLE, clock()
 
     def sign(self) -> None:
         """Of progress: compare what has passed since the last one."""
-        now_s, busy_s = self._clock(), time.thread_time()
+        now_s, busy_s = self._clock(), self._busy()
         passed_s, worked_s = now_s - self._sign_s, busy_s - self._sign_busy_s
         self._sign_s, self._sign_busy_s = now_s, busy_s
         name, stated_s, _ = self._stack[-1] if self._stack else (f"after {self._last}", 0.0, 0.0)
-        spare_s = BUSY * worked_s if not self._stack else 0.0
+        spare_s = min(BUSY * worked_s, MOST_SPARED_S) if not self._stack else 0.0
         self._note(Wait(name, passed_s, stated_s), spare_s)
+        if not self._stack:
+            self._note(Wait(f"computing {name}", worked_s, 0.0))
 
     def around(self, name: str, stated_s: float, action: Callable[[], Any]) -> Any:
         """Do it; one of another thread is none of the run's."""
