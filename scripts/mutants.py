@@ -86,8 +86,10 @@ PARTS = {
     ),
     "gripper-link": Part(
         tuple(f"drivers/robotiq/link/{name}.py" for name in ("modbus", "thread", "timing")),
-        tuple(f"tests/wire/drivers/robotiq/{name}.py" for name in (
-            "link/test_thread", "test_driver", "emulator/test_rtu",
+        (f"{UNIT}/drivers/robotiq/test_link_*.py", *(
+            f"tests/wire/drivers/robotiq/{name}.py" for name in (
+                "link/test_thread", "test_driver", "emulator/test_rtu",
+            )
         )),
     ),
     "loop": Part(

@@ -279,3 +279,4 @@ def test_margin_is_due_once_the_arm_has_risen_so_far_and_once_only() -> None:
     steps.step(at())
     steps.forget()
     assert not steps.margin_due(at(), at_top=True)
+    assert not (steps.lasts or steps.securing)

@@ -1,0 +1,248 @@
+"""What the transport makes of a client's replies and failures, without a wire."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+from pymodbus.exceptions import ModbusIOException
+
+from drivers.errors import LinkLost
+from drivers.robotiq.link import modbus
+from drivers.robotiq.link.modbus import ModbusSettings, ModbusTransport
+
+S = 1_000_000_000
+
+
+class Reply:
+    def __init__(self, function: int, address: int = 0, count: int = 0, error: int = 0) -> None:
+        self.function_code, self.address, self.count = function, address, count
+        self.registers = [7] * count
+        self.exception_code = error
+
+    def isError(self) -> bool:  # noqa: N802
+        return self.exception_code != 0
+
+
+class Port:
+    """A serial line that has kept something unasked."""
+
+    flushed = 0
+
+    def reset_input_buffer(self) -> None:
+        self.flushed += 1
+
+
+class Client:
+    """In the place of pymodbus's: answers rightly unless it is told otherwise."""
+
+    made: Any = None
+
+    def __init__(self, *where: Any, **how: Any) -> None:
+        self.where, self.how = where, how
+        self.connected = False
+        self.reachable = True
+        self.connects = 0
+        self.closes = 0
+        self.socket: Any = None
+        self.asked: list[tuple[Any, ...]] = []
+        self.answers: list[Reply | Exception] = []
+        Client.made = self
+
+    def connect(self) -> bool:
+        self.connects += 1
+        self.connected = self.reachable
+        return self.connected
+
+    def close(self) -> None:
+        self.closes += 1
+        self.connected = False
+
+    def _answer(self, rightly: Reply) -> Reply:
+        answer = self.answers.pop(0) if self.answers else rightly
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def write_registers(self, first: int, values: Sequence[int], device_id: int) -> Reply:
+        self.asked.append(("write", first, tuple(values), device_id))
+        return self._answer(Reply(16, first, len(values)))
+
+    def read_input_registers(self, first: int, count: int, device_id: int) -> Reply:
+        self.asked.append(("input", first, count, device_id))
+        return self._answer(Reply(4, first, count))
+
+    def read_holding_registers(self, first: int, count: int, device_id: int) -> Reply:
+        self.asked.append(("holding", first, count, device_id))
+        return self._answer(Reply(3, first, count))
+
+
+@pytest.fixture
+def line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(modbus, "ModbusTcpClient", Client)
+    monkeypatch.setattr(modbus, "ModbusSerialClient", Client)
+
+
+def tcp(**settings: Any) -> tuple[ModbusTransport, Client]:
+    where = {"host": "gripper", "port": 1502, "unit": 5, "timeout_s": 0.2, "reconnect_s": 0.5}
+    return ModbusTransport(ModbusSettings(**where | settings)), Client.made
+
+
+def lost(transport: ModbusTransport, now_ns: int = 0) -> str:
+    with pytest.raises(LinkLost) as told:
+        transport.read(0, 8, now_ns)
+    return told.value.message.removeprefix("the gripper at gripper:1502 ")
+
+
+@pytest.mark.usefixtures("line")
+def test_requests_go_to_the_unit_with_the_functions_that_the_gripper_knows() -> None:
+    transport, client = tcp()
+    assert (client.where, client.how) == (
+        ("gripper",),
+        {"port": 1502, "timeout": 0.2, "retries": 0},
+    )
+    assert client.connects == 0
+    transport.write(3, (1, 2), 0)
+    assert transport.read(2, 3, 0) == [7, 7, 7]
+    assert client.asked == [("write", 3, (1, 2), 5), ("input", 2, 3, 5)]
+    assert client.connects == transport.connections == 1
+
+
+@pytest.mark.usefixtures("line")
+def test_serial_line_is_115200_baud_reads_by_function_3_and_is_emptied_before_a_request() -> None:
+    settings = ModbusSettings(serial_port="/dev/hand", slave=11, timeout_s=0.2)
+    transport, client = ModbusTransport(settings, "rtu"), Client.made
+    assert client.where == ("/dev/hand",)
+    assert client.how == {"baudrate": 115200, "timeout": 0.2, "retries": 0}
+    transport.read(0, 2, 0)
+    client.socket = Port()
+    transport.write(3, (1,), 0)
+    assert client.asked == [("holding", 0, 2, 11), ("write", 3, (1,), 11)]
+    assert client.socket.flushed == 1
+    client.answers = [ModbusIOException("silence")]
+    with pytest.raises(LinkLost, match="/dev/hand does not answer"):
+        transport.read(0, 2, 0)
+    assert client.closes == 1, "a late reply would pass for the next"
+
+
+@pytest.mark.usefixtures("line")
+@pytest.mark.parametrize(
+    ("reply", "says"),
+    [
+        (Reply(4, 0, 8, error=2), "answered exception 2 to function 4"),
+        (Reply(3, 0, 8), "answered function 3 to function 4"),
+    ],
+)
+def test_reply_that_is_none_is_told_and_keeps_the_connection(reply: Reply, says: str) -> None:
+    transport, client = tcp()
+    client.answers = [reply]
+    assert lost(transport) == says
+    assert client.closes == 0
+    assert len(transport.read(0, 8, 0)) == 8
+    assert transport.connections == 1
+
+
+@pytest.mark.usefixtures("line")
+@pytest.mark.parametrize("reply", [Reply(16, 4, 2), Reply(16, 3, 1)])
+def test_write_of_other_registers_is_none(reply: Reply) -> None:
+    transport, client = tcp()
+    client.answers = [reply]
+    with pytest.raises(LinkLost, match="acknowledged registers that were not written"):
+        transport.write(3, (1, 2), 0)
+
+
+@pytest.mark.usefixtures("line")
+def test_connection_is_given_up_after_three_requests_in_a_row_without_a_reply() -> None:
+    transport, client = tcp()
+    transport.read(0, 8, 0)
+    for round_ in range(2):
+        client.answers = [ModbusIOException("silence")] * 2
+        assert [lost(transport) for _ in range(2)] == ["does not answer"] * 2
+        assert len(transport.read(0, 8, 0)) == 8, f"one reply is enough, {round_}"
+    client.answers = [ModbusIOException("silence")] * 3
+    assert [lost(transport) for _ in range(3)] == ["does not answer"] * 3
+    assert client.closes == 1
+    transport.read(0, 8, S)
+    client.answers = [ModbusIOException("silence")] * 2
+    assert [lost(transport, S) for _ in range(2)] == ["does not answer"] * 2
+    assert client.closes == 1, "counted anew on a new connection"
+
+
+@pytest.mark.usefixtures("line")
+@pytest.mark.parametrize("error", [ValueError("odd"), IndexError("short")])
+def test_reply_that_cannot_be_decoded_is_none(error: Exception) -> None:
+    transport, client = tcp()
+    client.answers = [error]
+    assert lost(transport) == "does not answer"
+
+
+@pytest.mark.usefixtures("line")
+def test_broken_connection_is_let_go_at_once_and_made_anew_by_a_later_call() -> None:
+    transport, client = tcp()
+    transport.read(0, 8, 0)
+    client.answers = [ConnectionResetError("gone")]
+    assert lost(transport) == "closed the connection"
+    assert (client.closes, client.connects) == (1, 1)
+    assert lost(transport, S // 2 - 1) == "does not answer", "so soon after the last attempt"
+    assert client.connects == 1
+    transport.read(0, 8, S // 2)
+    assert client.connects == transport.connections == 2
+
+
+@pytest.mark.usefixtures("line")
+def test_connection_that_has_gone_between_requests_is_told_before_a_new_one_is_made() -> None:
+    transport, client = tcp()
+    transport.read(0, 8, 0)
+    client.connected = False
+    assert lost(transport, 9 * S) == "closed the connection"
+    assert client.connects == 1
+    transport.read(0, 8, 9 * S)
+    assert client.connects == 2
+
+
+@pytest.mark.usefixtures("line")
+def test_attempts_to_connect_are_so_far_apart() -> None:
+    transport, client = tcp()
+    client.reachable = False
+    assert lost(transport, S) == "cannot be connected"
+    assert lost(transport, S + S // 2 - 1) == "does not answer"
+    assert client.connects == 1
+    assert lost(transport, S + S // 2) == "cannot be connected"
+    assert client.connects == 2
+    assert transport.connections == 0
+
+
+class Socket:
+    """With something in it that nobody asked for, or closed by the other side."""
+
+    def __init__(self, *chunks: bytes, closed: bool = False) -> None:
+        self.chunks, self._closed = list(chunks), closed
+        self.blocking: bool | None = None
+
+    def setblocking(self, flag: bool) -> None:
+        self.blocking = flag
+
+    def recv(self, most: int) -> bytes:
+        assert most == 4096
+        if self.chunks:
+            return self.chunks.pop(0)
+        if self._closed:
+            return b""
+        raise BlockingIOError
+
+
+@pytest.mark.usefixtures("line")
+def test_what_came_unasked_is_dropped_and_a_closed_socket_is_seen() -> None:
+    transport, client = tcp()
+    client.socket = Socket(b"late", b"later")
+    transport.read(0, 8, 0)
+    assert client.socket.blocking is False
+    assert client.socket.chunks == []
+    client.socket = Socket(b"late", closed=True)
+    assert lost(transport) == "closed the connection"
+
+
+def test_settings_are_as_the_gripper_is_shipped() -> None:
+    shipped = ModbusSettings()
+    assert (shipped.host, shipped.port, shipped.unit) == ("", 502, 2)
+    assert (shipped.serial_port, shipped.slave) == ("", 9)
+    assert (shipped.timeout_s, shipped.reconnect_s) == (0.1, 0.2)
