@@ -94,7 +94,7 @@ PARTS = {
     ),
     "loop": Part(
         ("grasp/loop.py", "grasp/commands.py"),
-        (f"{GRASP}/test_loop.py",),
+        (f"{GRASP}/test_loop_alone.py", f"{GRASP}/test_loop.py"),
     ),
 }  # fmt: skip
 

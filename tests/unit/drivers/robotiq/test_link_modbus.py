@@ -19,7 +19,7 @@ class Reply:
         self.registers = [7] * count
         self.exception_code = error
 
-    def isError(self) -> bool:  # noqa: N802
+    def isError(self) -> bool:
         return self.exception_code != 0
 
 

@@ -1,0 +1,323 @@
+"""The loop with devices, step and clock of a test: what goes where, when, and is told of it."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from drivers.errors import LinkLost, Refused
+from grasp.clock import VirtualClock
+from grasp.commands import (
+    BeginRest,
+    CloseFast,
+    Command,
+    HoldFingers,
+    MoveArm,
+    MoveFingers,
+    OpenFingers,
+    StopArm,
+)
+from grasp.loop import ControlLoop, Devices, Issued, Tick
+from grasp.loop_settings import LoopSettings
+from grasp.phases import Phase
+from tests.unit.grasp.builders import arm, frame, gripper, seen
+
+MS = 1_000_000
+MOVE = MoveFingers((1, 2, 3), 0.05, 7.0)
+CLOSE = CloseFast(9.0, (True, False, True), (4, 5, 6), 0.03)
+RISE = MoveArm((0.1, 0.2, 0.3), 0.04, 0.6)
+
+
+class Bench:
+    """Everything that a loop is made of, and what it did with it."""
+
+    def __init__(self, *, wall: bool = False, **settings: float) -> None:
+        self.clock: Any = VirtualClock(lambda t_ns: None, 10**9)
+        self.clock.virtual = not wall
+        self.told: list[tuple[Any, ...]] = []  # to the devices, with the time
+        self.raises: dict[str, Exception] = {}
+        self.inputs: list[Any] = []
+        self.decides: list[tuple[Command, ...]] = []  # a step each
+        self.ticks: list[Tick] = []
+        self.acknowledged = True
+        self.gripper_state: Any = gripper()
+        self.controller = SimpleNamespace(
+            finished=False, in_safe_state=False, phase=Phase.LIFT, fault_cause="",
+            aborted=lambda: (StopArm(2.0), HoldFingers()),
+        )  # fmt: skip
+        self.step: Any = SimpleNamespace(
+            controller=self.controller, decide=self._decide, admit=lambda command, state: command
+        )
+        self.frame: Any = frame()
+        hand = SimpleNamespace(
+            state=self.gripper_state, acknowledged=True, pump=self._of("gripper pump"),
+            move_to=self._of("move_to"), close_fast=self._of("close_fast"), open=self._of("open"),
+            hold=self._of("hold"),
+        )  # fmt: skip
+        body = SimpleNamespace(
+            state=arm(), pump=self._of("arm pump"), move_to=self._of("arm"), stop=self._of("stop")
+        )
+        board = SimpleNamespace(
+            frame=self.frame, rest_taken=True, pump=self._of("board pump"),
+            begin_rest=self._of("rest"),
+        )  # fmt: skip
+        self.hand, self.arm, self.board = hand, body, board
+        devices: Any = Devices(hand, body, board)  # type: ignore[arg-type]
+        asked = LoopSettings(**{"decision_delay_s": 0.002} | settings)
+        self.loop = ControlLoop(devices, self.clock, self.step, asked, self.ticks.append)
+
+    def _of(self, name: str) -> Any:
+        def act(*asked: Any) -> Any:
+            if name in self.raises:
+                raise self.raises[name]
+            self.told.append((name, self.clock.now_ns, *asked))
+            return f"applied {name}"
+
+        return act
+
+    def _decide(self, told: Any) -> Any:
+        self.inputs.append(told)
+        commands = self.decides.pop(0) if self.decides else ()
+        observed = seen(told.t_ns, gripper=told.gripper, arm=told.arm)
+        return SimpleNamespace(
+            observation=observed, decision=SimpleNamespace(commands=commands), admitted=commands
+        )
+
+    def verbs(self) -> list[tuple[Any, ...]]:
+        return [(name, *asked) for name, _, *asked in self.told if "pump" not in name]
+
+    def when(self, name: str) -> list[int]:
+        return [at for said, at, *_ in self.told if said == name]
+
+
+def test_each_command_goes_to_its_device_with_all_that_it_says_in_its_order() -> None:
+    bench = Bench()
+    bench.decides = [
+        (MOVE, CLOSE, OpenFingers(0.11), HoldFingers(), RISE, StopArm(3.0), BeginRest())
+    ]
+    bench.loop.tick()
+    assert bench.verbs() == []
+    bench.loop.tick()
+    assert bench.verbs() == [
+        ("move_to", (1, 2, 3), 0.05, 7.0),
+        ("close_fast", 9.0, (True, False, True), (4, 5, 6), 0.03),
+        ("open", 0.11), ("hold",), ("arm", (0.1, 0.2, 0.3), 0.04, 0.6), ("stop", 3.0), ("rest",),
+    ]  # fmt: skip
+    told = bench.ticks[1].issued
+    assert bench.ticks[0].issued == ()
+    step_ns = 10**9 + 10 * MS
+    assert told[0] == Issued(step_ns, step_ns + 2 * MS, MOVE, MOVE, "applied move_to")  # type: ignore[arg-type]
+    assert [one.applied for one in told[4:]] == [None] * 3
+    assert bench.loop.timing.gripper_commands_ns == [(step_ns, step_ns + 2 * MS)] * 4
+    bench.loop.tick()
+    assert bench.ticks[2].issued == ()
+
+
+def test_gripper_is_pumped_right_after_a_command_so_that_it_goes_out_at_once() -> None:
+    bench = Bench()
+    bench.decides = [(MOVE,)]
+    bench.loop.tick()
+    bench.loop.tick()
+    sent = bench.told.index(("move_to", 10**9 + 12 * MS, (1, 2, 3), 0.05, 7.0))
+    assert bench.told[sent + 1] == ("gripper pump", 10**9 + 12 * MS, 10**9 + 12 * MS)
+
+
+@pytest.mark.parametrize(("delay_s", "pumped"), [(0.001, 1), (0.0011, 2)])
+@pytest.mark.parametrize("command", [RISE, StopArm(1.0)])
+def test_arm_is_asked_again_before_a_command_unless_it_was_just_now(
+    delay_s: float, pumped: int, command: Command
+) -> None:
+    bench = Bench(decision_delay_s=delay_s)
+    bench.decides = [(command,)]
+    bench.loop.tick()
+    bench.loop.tick()
+    assert len(bench.when("arm pump")) == pumped + 1
+    assert len(bench.when("arm") + bench.when("stop")) == 1
+
+
+def test_rest_counts_are_taken_without_asking_the_arm() -> None:
+    bench = Bench(decision_delay_s=0.005)
+    bench.decides = [(BeginRest(),)]
+    bench.loop.tick()
+    bench.loop.tick()
+    assert len(bench.when("arm pump")) == 2
+    assert len(bench.when("rest")) == 1
+
+
+@pytest.mark.parametrize(
+    ("verb", "command", "device"),
+    [("move_to", MOVE, "gripper"), ("arm", RISE, "arm"), ("stop", StopArm(1.0), "arm"),
+     ("rest", BeginRest(), "tactile board")],
+)  # fmt: skip
+def test_refusal_is_told_to_the_next_step_once_and_kept_with_its_device(
+    verb: str, command: Command, device: str
+) -> None:
+    bench = Bench()
+    bench.raises[verb] = refused = Refused("not now", "wait")
+    bench.decides = [(command,)]
+    for _ in range(3):
+        bench.loop.tick()
+    said = f"{refused.kind}: not now"
+    assert [told.trouble for told in bench.inputs] == ["", said, ""]
+    assert bench.ticks[1].issued[0].refused == said
+    assert bench.ticks[1].issued[0].applied is None
+    assert bench.loop.errors == {device: refused}
+
+
+def test_first_trouble_of_a_period_is_told_and_the_first_error_of_each_device_is_kept() -> None:
+    bench = Bench()
+    bench.raises["board pump"] = board = LinkLost("no board", "look")
+    bench.raises["arm pump"] = still = LinkLost("no arm", "look")
+    bench.loop.tick()
+    bench.raises["board pump"] = LinkLost("still no board", "look")
+    bench.loop.tick()
+    assert [told.trouble.partition(": ")[2] for told in bench.inputs] == [
+        "no board",
+        "still no board",
+    ]
+    assert bench.loop.errors == {"tactile board": board, "arm": still}
+    assert not bench.inputs[-1].gripper_lost
+
+
+def test_gripper_is_lost_until_it_answers_again() -> None:
+    bench = Bench()
+    for error in (None, LinkLost("gone", "look"), Refused("hot", "wait"), None):
+        bench.raises = {} if error is None else {"gripper pump": error}
+        bench.loop.tick()
+    assert [told.gripper_lost for told in bench.inputs] == [False, True, True, False]
+
+
+def test_step_is_told_what_waits_how_late_it_is_and_how_long_the_one_before_took() -> None:
+    bench = Bench(decision_delay_s=0.015)
+    bench.decides = [(MOVE,)]
+    bench.loop.tick()
+    bench.loop.tick()
+    bench.loop.tick()
+    assert [told.pending for told in bench.inputs] == [False, True, False]
+    assert [told.t_ns for told in bench.inputs] == [10**9 + n * 10 * MS for n in (1, 2, 3)]
+    decide = bench.step.decide
+
+    def slowly(told: Any) -> Any:
+        bench.clock.sleep_until_ns(bench.clock.now_ns + 27 * MS)
+        return decide(told)
+
+    bench.step.decide = slowly
+    bench.loop.tick()
+    bench.step.decide = decide
+    bench.loop.tick()
+    late = bench.inputs[-1]
+    assert (late.took_ns, late.late_ns) == (27 * MS, 17 * MS)
+    assert bench.loop.timing.missed_periods == 1
+    bench.loop.tick()
+    assert (bench.inputs[-1].took_ns, bench.inputs[-1].late_ns) == (0, 0)
+
+
+def test_age_of_a_frame_is_counted_and_a_frame_that_is_none_has_no_age() -> None:
+    bench = Bench()
+    bench.loop.tick()
+    bench.board.frame = None
+    bench.loop.tick()
+    assert bench.loop.timing.frame_age_ns == [10**9 + 10 * MS]
+    assert len(bench.loop.timing.frame_to_decision_ns) == 2
+    assert all(0 <= ns < 10**12 for ns in bench.loop.timing.frame_to_decision_ns)
+
+
+def test_run_ends_with_its_controller_or_at_its_deadline_and_says_so() -> None:
+    bench = Bench()
+    bench.controller.finished = True
+    bench.loop.run(1.0)
+    assert bench.inputs == []
+    late = Bench(stop_s=0.2)
+    late.loop.run(0.05)
+    assert [told.stop for told in late.inputs] == [""] * 5 + ["the run did not end in time"] * 20
+
+
+@pytest.mark.parametrize(("phase", "kept"), [(Phase.COMPENSATE, ["close_fast"]), (Phase.LIFT, [])])
+def test_stop_forgets_what_waits_but_a_closing_that_answers_slip(
+    phase: Phase, kept: list[str]
+) -> None:
+    bench = Bench(decision_delay_s=0.005, stop_s=0.2)
+    bench.decides = [(CLOSE, RISE, MOVE)]
+    bench.loop.tick()
+    bench.controller.phase = phase
+    bench.controller.fault_cause = "a person"
+    assert bench.loop.stop("a person")
+    assert [name for name, *_ in bench.verbs()] == kept
+
+
+@pytest.mark.parametrize("over", ["finished", "in_safe_state"])
+def test_stop_of_what_ends_already_forgets_nothing_and_says_so(over: str) -> None:
+    bench = Bench(decision_delay_s=0.005, stop_s=0.2)
+    bench.decides = [(RISE,)]
+    bench.loop.tick()
+    setattr(bench.controller, over, True)
+    bench.controller.fault_cause = "a person"
+    assert not bench.loop.stop("a person")
+    assert bench.verbs() == ([] if over == "finished" else [("arm", (0.1, 0.2, 0.3), 0.04, 0.6)])
+
+
+def test_stop_for_which_a_fault_goes_before_says_so() -> None:
+    bench = Bench(stop_s=0.2)
+    bench.controller.fault_cause = "another"
+    assert not bench.loop.stop("a person")
+
+
+def test_bug_is_told_as_trouble_and_what_waits_is_forgotten() -> None:
+    bench = Bench(decision_delay_s=0.005, stop_s=0.2)
+    bench.decides = [(RISE,)]
+    bench.loop.tick()
+    bench.loop.fail("KeyError: 'here'")
+    assert bench.verbs() == []
+    assert [told.trouble for told in bench.inputs[:3]] == ["", "KeyError: 'here'", ""]
+    assert len(bench.inputs) == 21
+
+
+def test_abort_tells_each_device_by_itself_whatever_the_others_do() -> None:
+    bench = Bench(abort_s=0.2, abort_repeat_s=0.1)
+    bench.loop.tick()
+    bench.decides = [(RISE,)]
+    bench.loop.tick()
+    bench.arm.state = arm(moving=True)
+    bench.raises["stop"] = ValueError("a bug")
+    left = bench.loop.abort()
+    assert bench.verbs() == [("hold",)]
+    assert bench.clock.now_ns == 10**9 + 220 * MS
+    assert left is not None
+    assert left.arm.moving
+    assert left.t_ns == bench.clock.now_ns
+
+
+def test_on_a_wall_clock_commands_are_sent_before_anyone_watches_and_their_reply_waited_for() -> (
+    None
+):
+    bench = Bench(wall=True, decision_delay_s=0.001, spared_s=0.004)
+    bench.hand.acknowledged = False
+    bench.decides = [(MOVE,)]
+    bench.loop.tick()
+    assert bench.verbs() == [("move_to", (1, 2, 3), 0.05, 7.0)]
+    assert bench.when("move_to") == [10**9 + 11 * MS]
+    assert bench.clock.now_ns == 10**9 + 16 * MS
+    assert len(bench.ticks[0].issued) == 1
+    bench.loop.tick()
+    assert bench.clock.now_ns == 10**9 + 20 * MS, "nothing was sent, nothing is waited for"
+
+
+def test_submitted_command_is_due_at_once_and_admitted_by_the_step() -> None:
+    bench = Bench()
+    bench.step.admit = lambda command, state: HoldFingers()
+    bench.loop.submit(MOVE)
+    bench.loop.tick()
+    assert bench.verbs() == [("hold",)]
+    assert bench.when("hold") == [10**9]
+    (issued,) = bench.ticks[0].issued
+    assert (issued.asked, issued.admitted) == (MOVE, HoldFingers())
+    assert issued.decided_ns == issued.sent_ns == 10**9
+
+
+def test_what_is_asked_of_a_run_is_told_to_the_step() -> None:
+    bench = Bench()
+    bench.loop.tick()
+    bench.loop.set_down = True
+    bench.loop.tick()
+    assert [told.set_down for told in bench.inputs] == [False, True]
+    assert all(told.rest_taken and told.arm is bench.arm.state for told in bench.inputs)
