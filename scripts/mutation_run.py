@@ -105,7 +105,8 @@ class Attack:
         places: dict[Mutant, Place] = {}
         for path in self._paths.values():
             places.update(mutants(path))
-        for mutant in self._chosen:
+        # those last that need a process of their own, of which each takes ten times as long
+        for mutant in sorted(self._chosen, key=lambda mutant: places[mutant].on_import):
             place = places[mutant]
             key = mutant.path, mutant.where
             seeing = [] if place.on_import else [test for test in tests if key in test.called]

@@ -348,6 +348,21 @@ def test_hand_that_is_seen_moving_at_first_has_the_time_of_a_start() -> None:
     assert doubted([first, moving(100.2, 55)], finger_start_s=0.2) == "gripper_stands"
 
 
+def test_each_answer_begins_the_time_and_the_looks_anew() -> None:
+    answers = (0, 4, 9)  # four looks between them at most
+    looks = [gripper(i * 120_000_000, fresh=i in answers) for i in range(15)]
+    assert doubted(looks[:14]) == ""
+    assert doubted(looks) == "gripper_silent"
+    often = [gripper(i * 10_000_000, fresh=i < 100) for i in range(110)]
+    assert doubted(often, echo_s=0.2) == ""
+
+
+def test_finger_that_begins_to_move_from_rest_has_the_time_of_a_start() -> None:
+    resting = [gripper(0), gripper(TICK)]
+    starting = [moving(0.02, 55), moving(0.15, 55)]
+    assert doubted([*resting, *starting], stands_s=0.1, finger_start_s=0.3) == ""
+
+
 def test_first_status_without_an_answer_is_none_of_the_looks() -> None:
     looks = [gripper(10**10 + i * 120_000_000, fresh=False) for i in range(6)]
     assert doubted(looks[:5]) == ""
@@ -480,6 +495,11 @@ def test_finger_counts_ps(value: float) -> None:
 
     most = 5 + round(value * 0.01)
     assert (leap(most), leap(most + 1)) == ("", "gripper_impossible")
+
+
+def test_leap_is_one_however_long_the_run_has_lasted() -> None:
+    at_ns = 10**12
+    assert doubted([gripper(at_ns), gripper(at_ns + TICK, (200, 55, 55))]) == "gripper_impossible"
 
 
 @pytest.mark.parametrize("position", [-1, 256])
