@@ -5,6 +5,7 @@ vaguely. This goes first and names every failure with its remedy. RTDE framing a
 Real-Time Data Exchange (RTDE) guide; commands: UR's dashboard server guide.
 """
 
+import contextlib
 import socket
 import struct
 import time
@@ -34,6 +35,7 @@ _PLAYING = {2: "runs", 5: "resumes"}  # runtime_state; RTDE guide
 LEAST_SPEED_FRACTION = 0.5  # of the speed slider: waits are those of full speed; assumed
 _FULL_SPEED = 0.995  # a slider that says 100 %
 TURN_UP = "set the speed slider to 100 % at the teach pendant"
+_HANG_UP_S = 0.2
 _LONGEST_LINE = 1024
 
 _Result = TypeVar("_Result")
@@ -157,14 +159,13 @@ class Rtde:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Wait briefly for the controller to hang up too: then the claims are free again."""
-        try:
+        """Wait briefly for the controller to hang up too, whatever it still sends: then the claims
+        are free again."""
+        deadline = time.monotonic() + min(_HANG_UP_S, self._timeout_s)
+        with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_WR)
-            self._socket.settimeout(min(0.2, self._timeout_s))
-            while self._socket.recv(4096):
-                pass
-        except OSError:
-            pass
+            while True:
+                _receive(self._socket, _LONGEST_LINE, deadline)
         self._socket.close()
 
     def ask(self, kind: bytes, body: bytes = b"") -> bytes:

@@ -135,6 +135,7 @@ def watched(waits: Waits, settings: LiftConfig) -> None:
     wrap(preflight, "_port", ur.step_timeout_s)
     wrap(preflight.Rtde, "__init__", ur.step_timeout_s)
     wrap(preflight.Rtde, "ask", ur.step_timeout_s)
+    wrap(preflight.Rtde, "wait", ur.step_timeout_s)
     wrap(preflight.Rtde, "__exit__", HANG_UP_S)
     wrap(preflight.Dashboard, "__init__", ur.step_timeout_s)
     wrap(preflight.Dashboard, "line", ur.step_timeout_s)

@@ -1,12 +1,15 @@
 """Pre-flight against a scripted controller: every failure named, every step ends."""
 
+import contextlib
+import socket
 import struct
+import threading
 import time
 
 import pytest
 
 from drivers.errors import DeviceFault, LinkLost
-from drivers.ur.link.preflight import judge_version, preflight, require
+from drivers.ur.link.preflight import Rtde, judge_version, preflight, require
 from tests.wire.drivers.ur.link.scripted import DASHBOARD, RTDE, SCRIPT
 
 
@@ -51,6 +54,30 @@ def test_peer_that_sends_a_byte_now_and_then_ends_too(controller, host):
     fake = controller()
     fake.banner = b"x" * 3000  # never a line
     assert "dashboard" in failed(preflight(host, step_timeout_s=0.3))
+
+
+def test_peer_that_goes_on_sending_is_left_all_the_same(monkeypatch):
+    """As a controller does whose data lie in a slow network."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        monkeypatch.setattr("drivers.ur.link.preflight.RTDE_PORT", server.getsockname()[1])
+        left = threading.Event()
+
+        def send() -> None:
+            peer, _ = server.accept()
+            with peer, contextlib.suppress(OSError):
+                while not left.wait(0.005):
+                    peer.sendall(bytes(3))
+
+        sender = threading.Thread(target=send)
+        with Rtde("127.0.0.1", 2.0) as rtde:
+            sender.start()
+            waiter = threading.Thread(target=rtde.__exit__, args=(None, None, None))
+            waiter.start()
+            waiter.join(20)
+            ended = not waiter.is_alive()
+            left.set()
+        sender.join()
+    assert ended
 
 
 def test_unsolicited_messages_are_skipped(controller, host):
