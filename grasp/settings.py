@@ -106,7 +106,9 @@ def read_toml(path: Path) -> Layer:
     except RecursionError:
         raise ConfigError(str(path), "-", "is nested too deeply", f"{MOST_DEEP} levels") from None
     except (OSError, ValueError) as error:
-        raise ConfigError(str(path), "-", f"cannot be read: {error}", "valid TOML, UTF-8") from None
+        once = "; a section stands once, with all its keys" if " twice" in str(error) else ""
+        problem, allowed = f"cannot be read: {error}", f"valid TOML, UTF-8{once}"
+        raise ConfigError(str(path), "-", problem, allowed) from None
     return checked(Layer(str(path), table, fingerprint(content)))
 
 

@@ -1,7 +1,7 @@
 """Which taxel is being pressed: how to find out the wiring of a kit, which no document gives."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 
 import msgspec
 import numpy as np
@@ -34,7 +34,7 @@ def watch(
     on_rest: Callable[[], None],
     least_fall_counts: int,
     clock: Callable[[], int] = time.monotonic_ns,
-) -> Iterator[TaxelPress]:
+) -> Generator[TaxelPress, None, None]:
     """Take the rest, call ``on_rest``, then yield each press that is stronger than the one before.
     A press is a fall of a code by ``least_fall_counts`` or more.
 

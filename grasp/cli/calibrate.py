@@ -2,7 +2,9 @@
 measured on a lab's own devices and written into files for `--config` and `gripper.calibration`."""
 
 import argparse
+import math
 import sys
+import tomllib
 from typing import Any
 
 from grasp import interruption
@@ -48,8 +50,8 @@ def add_parser(verbs: Any) -> None:
     _add_scale(hand, None)
     hand.add_argument(
         "--presses", type=whole(4, 100), default=10, metavar="N",
-        help="of each byte; ten at least for one that is weaker than the manual's 15 N (default: "
-        "%(default)s)",
+        help="of each byte; ten at least of one that turns out to press with less than the manual "
+        "says of it, 15 N of byte 0 (default: %(default)s)",
     )  # fmt: skip
     hand.add_argument(
         "--bytes", type=whole(0, 255), nargs="+", default=[0], metavar="BYTE",
@@ -130,6 +132,7 @@ def calibrate_force(args: argparse.Namespace) -> int:
 
 
 def calibrate_hand(args: argparse.Namespace) -> int:
+    from scenarios.lab.fit import check_places
     from scenarios.lab.ready import check_pressing
     from scenarios.lab.scale import check_force
     from scenarios.lab.sessions import calibrate_hand as press
@@ -137,6 +140,8 @@ def calibrate_hand(args: argparse.Namespace) -> int:
     config = lab_config(args)
     new_file(args.out)
     check_force(args.up_to, {0, *args.bytes})
+    if args.places:
+        check_places(args.places)
     bytes_ = ", ".join(map(str, sorted({0, *args.bytes})))
     way = f", then to {args.places} counts in free air" if args.places else ""
     pressing = (
@@ -155,7 +160,22 @@ def calibrate_hand(args: argparse.Namespace) -> int:
             config, permit, args.finger, args.bytes, args.presses, args.up_to, args.places,
             operator, _tell, args.note,
         )  # fmt: skip
-    return _written(args, text)
+    code = _written(args, text)
+    _tell(_to_use(args, text, config.guard.force_limit_n))
+    return code
+
+
+def _to_use(args: argparse.Namespace, text: str, limit_n: float) -> str:
+    """What a lab's own file says to be driven by this calibration: to be pasted."""
+    least_n = math.ceil(tomllib.loads(text)["calibration"]["least_force_n"])
+    told = "\nfor your own file, in which each section stands once:\n\n"
+    told += f'[gripper]\ncalibration = "{args.out}"'
+    if least_n > limit_n:
+        told += (
+            f"\n[guard]\nforce_limit_n = {least_n}  # this hand cannot keep {limit_n:g}\n"
+            f"[controller]\ngrip_force_n = {least_n}"
+        )
+    return told
 
 
 def calibrate_noise(args: argparse.Namespace) -> int:

@@ -51,6 +51,8 @@ def doctor(args: argparse.Namespace) -> int:
             print(f"      {'':<{width}}  -> {check.remedy}")
     doubtful = sum(check.status == "warn" for check in checks)
     well = f"nothing stands against a run; {doubtful} to look at" if doubtful else "all well"
+    if args.rig is None:
+        well += " on this machine; no device was asked (--rig hardware asks a lab's)"
     print(f"{len(failed)} to mend; first: {failed[0].name}" if failed else well)
     return code
 

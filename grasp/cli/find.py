@@ -50,6 +50,11 @@ def find(args: argparse.Namespace) -> int:
         return code
     if answered:
         print(f"\nfor a file of your own, as lab.toml:\n\n{settings_of(found)}", end="")
-    else:
+    elif args.hosts:
         exits.report_line("nobody answers: check power, cables and addresses")
+    else:
+        exits.report_line(
+            "no fingertip board on the USB bus, and no address was named: "
+            "`grasp find HOST HOST` asks gripper and arm there, and nobody else"
+        )
     return code

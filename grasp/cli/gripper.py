@@ -74,12 +74,14 @@ def _add_finger(parser: argparse.ArgumentParser, default: str) -> None:
 
 
 def status(args: argparse.Namespace) -> int:
+    from drivers.robotiq.protocol import FAULTS
     from drivers.robotiq.words import doubts, lines
     from scenarios.rigs.device_checks import STRANGE
 
     where, before, now = _looked(args)
     strange = doubts(now, before)
-    code = exits.DEVICE if strange else exits.SUCCESS
+    fault = FAULTS[now.fault]
+    code = exits.DEVICE if strange or fault.code else exits.SUCCESS
     if args.json:
         told = {"gripper": where, "registers": lines(now), "doubts": strange, "exit_code": code}
         print(json_line(told))
@@ -87,6 +89,8 @@ def status(args: argparse.Namespace) -> int:
     print("\n".join((f"gripper at {where}", *(f"  {line}" for line in lines(now)))))
     for doubt in strange:
         exits.report_line(f"{doubt} ({STRANGE})")
+    if fault.code:
+        exits.report_line(f"{fault.text} ({fault.remedy})")
     return code
 
 
@@ -128,7 +132,7 @@ def open_fingers(args: argparse.Namespace) -> int:
 
     config = _lab_config(args)
     if args.dry_run:
-        return _would(args, config, lambda at: (0, 0, 0), closing=False)
+        return _would(args, config, lambda at: (0, 0, 0), closing="")
     permit = leave_to_move(config, args, lambda: f"open all fingers at {_how(to_open(config))}")
     with interruption.held(), open_hand(config, permit, closing=False) as hand:
         will(_move(to_open(config), hand.state.positions, (0, 0, 0)))
@@ -137,34 +141,43 @@ def open_fingers(args: argparse.Namespace) -> int:
 
 
 def close_fingers(args: argparse.Namespace) -> int:
-    from scenarios.lab.hand import fingers_of, open_hand, targets_of
+    from scenarios.lab.hand import fingers_of, guard_of, open_hand, targets_of
 
     fingers, config = fingers_of(args.finger), _lab_config(args)
     if args.dry_run:
-        return _would(args, config, lambda at: targets_of(at, fingers, args.to), closing=True)
+        return _would(args, config, lambda at: targets_of(at, fingers, args.to), closing=fingers)
+    guard_of(config)  # what would be refused anyhow is told instead of what would move
+    order = _order(config, fingers)
     permit = leave_to_move(
-        config, args, lambda: f"close finger {fingers} to {args.to} counts at {_how(config)}"
-    )
+        config, args,
+        lambda: f"close finger {fingers} to {args.to} counts at {_how(config)}{order}",
+    )  # fmt: skip
     with interruption.held(), open_hand(config, permit, closing=True) as hand:
         targets = targets_of(hand.state.positions, fingers, args.to)
-        will(_move(config, hand.state.positions, targets))
+        will(_move(config, hand.state.positions, targets) + order)
         moved = hand.close(targets, say)
     return _tell(args, {"done": moved.in_words()}, _ended(moved))
 
 
 def step_fingers(args: argparse.Namespace) -> int:
-    from scenarios.lab.hand import fingers_of, open_hand, step_counts, step_targets
+    from scenarios.lab.hand import fingers_of, guard_of, open_hand, step_counts, step_targets
 
     fingers, config = fingers_of(args.finger), _lab_config(args)
     counts = step_counts(config, args.mm * 1e-3) * (-1 if args.open else 1)
     if args.dry_run:
-        return _would(args, config, lambda at: step_targets(at, fingers, counts), not args.open)
+        closing = "" if args.open else fingers
+        return _would(args, config, lambda at: step_targets(at, fingers, counts), closing)
+    order = ""
+    if not args.open:
+        guard_of(config)  # as above
+        order = _order(config, fingers)
     permit = leave_to_move(
-        config, args, lambda: f"move finger {fingers} by {counts:+} counts at {_how(config)}"
-    )
+        config, args,
+        lambda: f"move finger {fingers} by {counts:+} counts at {_how(config)}{order}",
+    )  # fmt: skip
     with interruption.held(), open_hand(config, permit, closing=not args.open) as hand:
         targets = step_targets(hand.state.positions, fingers, counts)
-        will(_move(config, hand.state.positions, targets))
+        will(_move(config, hand.state.positions, targets) + order)
         moved = hand.move(targets, say) if args.open else hand.close(targets, say)
     return _tell(args, {"done": moved.in_words()}, _ended(moved))
 
@@ -177,10 +190,10 @@ def _lab_config(args: argparse.Namespace) -> Any:
 
 
 def _would(
-    args: argparse.Namespace, config: Any, targets: Callable[[Any], Any], closing: bool
+    args: argparse.Namespace, config: Any, targets: Callable[[Any], Any], closing: str
 ) -> int:
     """Of a dry run: where the fingers would go from where they are, and how hard at most. Raises
-    what the motion would."""
+    what the motion would. ``closing``: the fingers that close."""
     from scenarios.lab.ready import active_hand, check_closing
     from scenarios.rigs.rig import to_open
 
@@ -189,11 +202,20 @@ def _would(
     if closing:
         check_closing(config, state, to)
     told = config if closing else to_open(config)
-    return _tell(args, {"would": _move(told, state.positions, to)})
+    order = _order(config, closing)
+    return _tell(args, {"would": _move(told, state.positions, to) + order})
 
 
 def _move(config: Any, at: Any, to: Any) -> str:
     return f"move fingers from {at} to {to} counts at {_how(config)}"
+
+
+def _order(config: Any, closing: str) -> str:
+    """In what order those fingers close, and where B and C stand."""
+    if config.guard.cap_mode == "each_motor" or not set("BC") & set(closing):
+        return ""
+    thumb = ", then the thumb alone" if "A" in closing else ""
+    return f"; B and C no further than where anything is felt{thumb}"
 
 
 def _how(config: Any) -> str:

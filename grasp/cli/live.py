@@ -197,7 +197,7 @@ def facts(result: Any) -> list[str]:
             text += f", grip force rising {result.reaction_latency_ms:.0f} ms after it"
         facts.append(text)
     if result.slip_distance_m is not None:
-        slipped = f"the object slipped {result.slip_distance_m * 1e3:.0f} mm"
+        slipped = f"the object slipped {result.slip_distance_m * 1e3:.1f} mm"
         facts.append(", ".join(t for t in (slipped, view.turned_text(result.turned_rad)) if t))
     if result.paused_s:
         facts.append(f"the arm stood {result.paused_s:.2f} s for answers to slip")

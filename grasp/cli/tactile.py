@@ -133,17 +133,23 @@ def identify(args: argparse.Namespace) -> int:
     strongest: dict[tuple[int, int], Any] = {}
     last = None
     link = UsbLink.find(args.serial or named or None, _bus(args.url or config.usb.url))
+    whole = False
+    watched = watch(link, config.tactile, args.seconds, lambda: _prompt(args), args.least_fall)
     try:
-        watched = watch(link, config.tactile, args.seconds, lambda: _prompt(args), args.least_fall)
-        for press in watched:
-            cell = press.row, press.column
-            if cell not in strongest or press.fall_counts > strongest[cell].fall_counts:
-                strongest[cell] = press
-            if not args.json and cell != last:
-                print(_text(press), flush=True)
-            last = cell
+        with suppress(KeyboardInterrupt):  # what was pressed until then is told
+            for press in watched:
+                cell = press.row, press.column
+                if cell not in strongest or press.fall_counts > strongest[cell].fall_counts:
+                    strongest[cell] = press
+                if not args.json and cell != last:
+                    print(_text(press), flush=True)
+                last = cell
+            whole = True
     finally:
+        watched.close()  # stops the board
         link.close()
+    if not (whole or strongest):
+        return exits.report("interrupted", "interrupted", "", args.json)
     return _conclude(list(strongest.values()), args.json)
 
 

@@ -4,7 +4,7 @@ import math
 import time
 from contextlib import suppress
 
-from drivers.errors import DeviceFault, GraspError, LinkLost, UsageError
+from drivers.errors import DeviceFault, GraspError, LinkLost, Refused, UsageError
 from drivers.interfaces import PERIOD_NS, Arm, Vector3
 from drivers.ur.link import look as arm_look
 from drivers.ur.link.preflight import CONNECT_AGAIN, DASHBOARD_PORT, Dashboard
@@ -30,6 +30,18 @@ def checked_step(step_m: Vector3) -> float:
         most = f"above 0, to {MOST_STEP_M * 1e3:g} mm in all"
         raise UsageError(f"a step of {length_m * 1e3:g} mm", most)
     return length_m
+
+
+def check_inside(config: TrialConfig, step_m: Vector3) -> None:
+    """Raises Refused for a step out of the workspace, which is measured from where it begins."""
+    s = config.arm
+    box = zip("xyz", s.workspace_low_m, step_m, s.workspace_high_m, strict=True)
+    for axis, low_m, by_m, high_m in box:
+        if not low_m <= by_m <= high_m:
+            raise Refused(
+                f"{by_m * 1e3:+g} mm in {axis} leaves the workspace",
+                f"{low_m * 1e3:g} to {high_m * 1e3:g} mm, arm.workspace_low_m and _high_m",
+            )
 
 
 def step_arm(

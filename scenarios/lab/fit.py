@@ -69,14 +69,15 @@ class Line(msgspec.Struct, frozen=True):
 
 
 class Byte(msgspec.Struct, frozen=True):
-    """Presses of one force byte: mean, spread, and what 95 % of presses stay below, of which one
-    may be 95 % sure."""
+    """Presses of one force byte: mean, spread as it is reckoned with and as it was ``seen``, and
+    what 95 % of presses stay below, of which one may be 95 % sure."""
 
     byte: int
     presses: int
     mean_n: float
     spread_n: float
     bound_n: float
+    seen_n: float = 0.0
 
 
 class Law(msgspec.Struct, frozen=True):
@@ -302,14 +303,15 @@ def of_byte(byte: int, forces_n: Sequence[float]) -> Byte:
         told = f"byte {byte}, press {odd + 1}: {forces_n[odd]:.2f} N contradicts the others"
         raise UsageError(told, AGAIN)
     mean = fmean(forces_n)
-    spread = max(stdev(forces_n), LEAST_SPREAD * mean)
+    seen = stdev(forces_n)
+    spread = max(seen, LEAST_SPREAD * mean)
     bound, manual_n = mean + tolerance(count) * spread, MANUAL.force_n(byte)
     if bound < manual_n and count < WEAK_PRESSES:
         raise UsageError(
             f"byte {byte} would be {bound:.1f} N, less than the manual's {manual_n:.3g}, by "
             f"{count} presses alone", f"press {WEAK_PRESSES} times or more",
         )  # fmt: skip
-    return Byte(byte, count, mean, spread, bound)
+    return Byte(byte, count, mean, spread, bound, seen)
 
 
 def law_of(measured: Sequence[Byte]) -> Law:
@@ -368,6 +370,18 @@ def check_current(presses: Sequence[Point]) -> str:
 
 
 # Counts to millimetres
+
+
+def check_places(counts: Sequence[int]) -> None:
+    """Raises UsageError for places that no travel can be told from: before a person reads them."""
+    per_count_mm = MANUAL.m_per_count * 1e3
+    span_mm = (max(counts) - min(counts)) * per_count_mm
+    if len(set(counts)) < LEAST_POINTS or span_mm < LEAST_TRAVEL_MM:
+        least = math.ceil(LEAST_TRAVEL_MM / per_count_mm)
+        raise UsageError(
+            f"--places: {len(set(counts))} over some {span_mm:.0f} mm are too few",
+            f"{LEAST_POINTS} or more, over {least} counts ({LEAST_TRAVEL_MM:g} mm) or more",
+        )
 
 
 def fit_travel(counts: Sequence[int], places_mm: Sequence[float]) -> Line:

@@ -37,7 +37,7 @@ from scenarios.lab.touch import Touch, open_touch
 from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.device_checks import read_gripper
 from scenarios.rigs.permission import MotionPermit, require
-from scenarios.rigs.rig import ACTIVATION_TIMEOUT_S, calibration, to_open
+from scenarios.rigs.rig import ACTIVATION_TIMEOUT_S, calibration, check_fault, to_open
 from scenarios.rigs.wired import open_gripper
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
@@ -298,7 +298,8 @@ def open_hand(config: TrialConfig, permit: MotionPermit | None, closing: bool) -
     """The hand of real devices, which must be active; with its fingertips where it is to close.
 
     Raises UsageError without a permit, ConfigError where a run would be refused, Refused for a hand
-    that is not active or that another process drives, and the drivers' errors.
+    that is not active or that another process drives, DeviceFault for one that is to close and
+    reports a fault, and the drivers' errors.
     """
     allowed = require(permit)
     config = config if closing else to_open(config)
@@ -315,6 +316,8 @@ def open_hand(config: TrialConfig, permit: MotionPermit | None, closing: bool) -
             raise LinkLost("the gripper does not answer", "check its power, cable and address")
         if not state.active:
             raise not_active(state)
+        if closing:
+            check_fault(state)
         touch = stack.enter_context(open_touch(config, clock, state.is_open)) if closing else None
         yield Hand(config, gripper, touch, clock, allowed.release)
 

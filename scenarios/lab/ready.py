@@ -13,6 +13,7 @@ from scenarios.rigs.cell_lock import arm_of, driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.device_checks import arm_checks, read_gripper
 from scenarios.rigs.permission import gripper_address
+from scenarios.rigs.rig import check_fault
 from scenarios.trial.config import TrialConfig
 
 
@@ -49,8 +50,10 @@ def check_activation(config: GraspRigConfig) -> bool:
 
 
 def check_closing(config: TrialConfig, state: GripperState, targets: Counts3) -> None:
-    """Raises what closing to there would: of the guard, the fingertips, and a thumb in the way."""
+    """Raises what closing to there would: of the guard, a fault, the fingertips, and a thumb in the
+    way."""
     guard_of(config)
+    check_fault(state)
     clock = WallClock(WallClock().now_ns)
     with open_touch(config, clock, state.is_open) as touch:
         if config.guard.cap_mode != "each_motor":
@@ -63,7 +66,9 @@ def check_pressing(config: TrialConfig, hearing: bool) -> None:
     too."""
     if hearing:
         check_hearing(config)
-    check_open(active_hand(config))
+    state = active_hand(config)
+    check_fault(state)
+    check_open(state)
 
 
 def check_hearing(config: TrialConfig) -> None:

@@ -4,6 +4,7 @@ Here alone may a motor be told more than the limit of a run: up to what the oper
 more than the manual states, and with one fingertip over a scale, never with an object.
 """
 
+import math
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
@@ -37,6 +38,7 @@ from scenarios.rigs.calibration import MANUAL
 from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.permission import MotionPermit, require
+from scenarios.rigs.rig import check_fault
 from scenarios.rigs.wired import open_gripper
 from scenarios.trial.person import Operator
 
@@ -99,9 +101,10 @@ def check_force(up_to_n: float, bytes_: Iterable[int] = (0,)) -> None:
         raise UsageError(f"{up_to_n:g} N is more than the hand's", f"<= {MANUAL.most_force_n:g} N")
     for byte in bytes_:
         if (may_n := MANUAL.force_n(byte)) > up_to_n:
+            remedy = f"--up-to {math.ceil(may_n * 10) / 10:g}"
             raise UsageError(
                 f"byte {byte} may press with {may_n:.1f} N by the manual, and --up-to is "
-                f"{up_to_n:g} N", "a weaker byte, or a higher --up-to",
+                f"{up_to_n:g} N", remedy if byte == 0 else f"{remedy}, or a lower byte",
             )  # fmt: skip
 
 
@@ -211,6 +214,7 @@ def open_presser(
             raise LinkLost("the gripper does not answer", "check its power, cable and address")
         if not state.active:
             raise not_active(state)
+        check_fault(state)
         check_open(state)
         presser = Presser(gripper, clock, finger, up_to_n)
         try:
@@ -283,7 +287,7 @@ def hand_file(
     """A calibration, for `gripper.calibration`; raises UsageError for what none may say.
     ``reasons``: why a byte is far from what the manual says of it."""
     told = "; ".join(
-        f"byte {b.byte}: {b.presses} presses, {b.mean_n:.2f} N, spread {b.spread_n:.2f}, 95 % "
+        f"byte {b.byte}: {b.presses} presses, {b.mean_n:.2f} N, spread {_spread(b)}, 95 % "
         f"below {b.bound_n:.2f}"
         for b in known
     )
@@ -318,6 +322,12 @@ def hand_file(
     if travel is not None:
         lines.append(f"m_per_count = {travel.slope * 1e-3:.6f}")
     return _usable("\n".join(lines) + "\n", "calibration", GripperCalibration, name="measured")
+
+
+def _spread(b: Byte) -> str:
+    """What was seen, and what was taken where that is too good to be believed."""
+    seen = f"{b.seen_n:.2f}"
+    return seen if b.seen_n >= b.spread_n else f"{seen}, taken as {b.spread_n:.2f}"
 
 
 def _usable(text: str, section: str, settings: type, **more: str) -> str:

@@ -150,9 +150,30 @@ def _usb() -> Check:
     return Check("usb", "warn", f"no fingertip board ({IDS}) on the bus", "plug it in")
 
 
+def _unasked(load: Load) -> Iterator[Check]:
+    """A file that names a lab's devices wants them asked; a rig is chosen by `--rig` alone."""
+    from scenarios.rigs.permission import HARDWARE
+
+    try:
+        config = load(HARDWARE, "energy")
+    except GraspError:  # told as what it is, of the settings
+        return
+    named = {
+        "gripper": config.modbus.host or config.modbus.serial_port, "arm": config.ur.host,
+        "fingertips": config.usb.url or config.usb.serial,
+    }  # fmt: skip
+    if told := [device for device, where in named.items() if where]:
+        yield Check(
+            "devices", "warn", f"none was asked, though your settings name {', '.join(told)}",
+            f"--rig {HARDWARE}",
+        )  # fmt: skip
+
+
 def _devices(rig: str | None, load: Load, would_run: WouldRun) -> list[Check]:
     """Ask gripper, arm and fingertips of a wired rig; an emulated one gets a cell meanwhile."""
-    if rig is None or rig == "simulated":
+    if rig is None:
+        return list(_unasked(load))
+    if rig == "simulated":
         return []
     try:
         config = load(rig, "energy")

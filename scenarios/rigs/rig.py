@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 import msgspec
 
 from drivers.errors import ConfigError, DeviceFault, Refused
-from drivers.interfaces import OPEN_COUNTS, Arm, Gripper, TactileSensor
+from drivers.interfaces import OPEN_COUNTS, Arm, Gripper, GripperState, TactileSensor
 from drivers.robotiq.calibration import GripperCalibration
 from grasp.clock import Clock
 from grasp.loop import Devices
@@ -115,6 +115,16 @@ def connect(arm: Arm, tactile: TactileSensor, gripper: Gripper | None, clock: Cl
     tactile.pump(clock.now_ns)
 
 
+def check_fault(state: GripperState) -> None:
+    """Raises DeviceFault for an active hand that reports a fault: it obeys, and may hold
+    something."""
+    if state.fault:
+        raise DeviceFault(
+            f"the gripper reports a fault, {state.fault_text}; it is active and was left as it is, "
+            f"at {state.positions} counts", STAYS,
+        )  # fmt: skip
+
+
 def activate(gripper: Gripper, clock: Clock, dropping: bool = False) -> None:
     """Make the hand ready, unless it is; raises DeviceFault when that does not end, Refused where
     it would drop something and may not. One that is active and reports a fault obeys and may hold
@@ -128,11 +138,8 @@ def activate(gripper: Gripper, clock: Clock, dropping: bool = False) -> None:
             f"the hand is not active and stands closed, at {found.positions} counts: activation "
             "would drop what it holds", CLOSED_AND_INACTIVE,
         )  # fmt: skip
-    if found is not None and found.active and found.fault:
-        raise DeviceFault(
-            f"the gripper reports a fault, {found.fault_text}; it is active and was left as it is, "
-            f"at {found.positions} counts", STAYS,
-        )  # fmt: skip
+    if found is not None and found.active:
+        check_fault(found)
     gripper.activate(dropping)
     end_ns = now_ns + round(ACTIVATION_TIMEOUT_S * 1e9)
     while (state := gripper.state) is None or not (state.active and state.fresh):

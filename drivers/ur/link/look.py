@@ -125,7 +125,8 @@ def lines(now: ArmLook) -> list[str]:
         f"program: {program} (runtime state {now.runtime_state})",
         f"speed slider: {now.speed_fraction * 100:.3g} %",
         f"joints, degrees: {degrees}",
-        f"tool, mm: x {x * 1e3:.1f}, y {y * 1e3:.1f}, z {z * 1e3:.1f}; "
+        f"tool by the controller's own TCP, mm: x {x * 1e3:.1f}, y {y * 1e3:.1f}, "
+        f"z {z * 1e3:.1f}; "
         f"turned, rad: {', '.join(f'{a:.3f}' for a in turn)}",
         f"tool speed, mm/s: {math.hypot(*now.speed[:3]) * 1e3:.1f}",
     ]

@@ -34,6 +34,19 @@ def test_later_layers_win_key_by_key(tmp_path: Path) -> None:
     assert config.object.name == "can"
 
 
+def test_a_section_that_stands_twice_is_told_to_be_joined(tmp_path: Path) -> None:
+    """As blocks that were pasted one after the other make it."""
+    file = tmp_path / "lab.toml"
+    file.write_text('[modbus]\nhost = "a"\n[modbus]\ntimeout_s = 0.4\n')
+    with pytest.raises(ConfigError, match="twice") as refused:
+        read_toml(file)
+    assert "a section stands once, with all its keys" in refused.value.remedy
+    file.write_text("[modbus\n")
+    with pytest.raises(ConfigError) as refused:
+        read_toml(file)
+    assert "once" not in refused.value.remedy
+
+
 def test_configuration_file_of_the_environment_is_used(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -98,6 +98,11 @@ def test_slip_registered_before_its_onset_is_told_so(late_ms: float, says: str) 
     assert live.facts(result)[0] == f"slip registered {says} its onset"
 
 
+def test_slip_is_told_as_finely_as_a_person_reads_it() -> None:
+    told = live.facts(verdict(slip_distance_m=0.0015, turned_rad=None))
+    assert "the object slipped 1.5 mm" in told
+
+
 def verdict(**changes: object) -> SimpleNamespace:
     told = {
         "success": False, "outcome": "dropped", "object": "can", "seed": 3, "end": None,

@@ -22,6 +22,16 @@ def test_nobody_at_an_address_is_told_for_each_port(capsys: pytest.CaptureFixtur
     assert "nobody answers" in shown.err
 
 
+def test_without_an_address_it_is_said_that_none_was_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("scenarios.lab.find.usb_boards", list)
+    assert main(["find"]) == 3
+    told = capsys.readouterr().err
+    assert "no address was named: `grasp find HOST HOST` asks" in told
+    assert "cables" not in told
+
+
 def test_file_of_what_answered_leaves_the_rest_out() -> None:
     found = [
         Asked("gripper", "", True, "", (("modbus", "host", "h"), ("modbus", "port", 502))),

@@ -13,8 +13,15 @@ import pytest
 from drivers.errors import UsageError
 from scenarios.campaign.config import load_config
 from scenarios.lab import sessions
-from scenarios.lab.fit import Line, Point, check_current, law_of, of_byte
-from scenarios.lab.scale import Presser, force_file, hand_file, newtons, reading
+from scenarios.lab.fit import Line, Point, check_current, check_places, law_of, of_byte
+from scenarios.lab.scale import (
+    Presser,
+    check_force,
+    force_file,
+    hand_file,
+    newtons,
+    reading,
+)
 from scenarios.lab.sessions import Weighing
 
 COUNTS_PER_NEWTON = 200.0
@@ -192,6 +199,33 @@ def test_scale_that_says_nothing_is_asked_again() -> None:
     assert reading(person, "what?", lambda: None, 15.0) == 10.0
     assert person.said[1] == "0.00 N is no press: typed rightly?"
     assert person.said[3] == "16.00 N is more than --up-to 15: typed rightly?"
+
+
+def test_byte_that_may_press_too_hard_is_refused_with_what_to_type() -> None:
+    with pytest.raises(UsageError) as byte_0:
+        check_force(14.0)
+    assert byte_0.value.remedy == "--up-to 15"  # there is no lower byte
+    with pytest.raises(UsageError) as stronger:
+        check_force(20.0, (0, 40))
+    assert stronger.value.remedy == "--up-to 22.1, or a lower byte"
+    check_force(22.1, (0, 40))
+
+
+def test_spread_that_is_too_good_to_be_believed_is_told_beside_what_was_taken() -> None:
+    forces = [9.9, 9.91, 9.92, 9.93, 9.94] * 2
+    text = hand_file("A", (known := [of_byte(0, forces)]), law_of(known), None, "", {})
+    assert "9.92 N, spread 0.01, taken as 0.10, 95 % below 10.48" in text
+    wide = [9.0, 10.0] * 5
+    text = hand_file("A", (known := [of_byte(0, wide)]), law_of(known), None, "", {})
+    assert "9.50 N, spread 0.53, 95 % below" in text
+
+
+@pytest.mark.parametrize("places", [(10, 30, 50, 70), (10, 30, 50, 70, 70), range(10, 35)])
+def test_places_that_tell_no_travel_are_refused_before_any_is_read(places: list[int]) -> None:
+    with pytest.raises(UsageError, match="too few") as refused:
+        check_places(places)
+    assert refused.value.remedy == "5 or more, over 26 counts (20 mm) or more"
+    check_places([10, 30, 20, 15, 36])
 
 
 def hand_of(newtons: float, travel: object = None) -> str:

@@ -108,8 +108,9 @@ def play(folder: Path) -> str:
 
 def _looks(day: Day) -> None:
     url = day.endpoints["tactile"]["url"]
-    day.say("Who is there? Its last lines begin `lab.toml`, with what a rehearsal needs "
-            "([hardware.md](hardware.md#rehearsing-all-of-this)).")  # fmt: skip
+    day.say("Who is there? Its last lines begin `lab.toml`; what a rehearsal needs besides "
+            "([hardware.md](hardware.md#rehearsing-all-of-this)) is put into the same sections, "
+            "for each stands once in a file.")  # fmt: skip
     day.run("find", HOST, f"{HOST}:{PORT}", url)
     day.write()
     day.say("What stands against a run? Nobody has said yet which hand this is, and that is right.")
@@ -161,8 +162,9 @@ def _calibrates(day: Day) -> None:
         return f"{newtons:.2f} N" if newtons > 0.3 else ""
 
     day.run("calibrate", "force", "--press", "--out", "force.toml", *MOVES, answer=pressed)
-    day.say("`hand.toml` is this hand now: not weak enough for a limit of 10 N, so `lab.toml` says "
-            "11 N, for guard and grip. Small motions.")  # fmt: skip
+    day.say("`lab.toml` says since the scale what `calibrate hand` ended with: `hand.toml` is this "
+            "hand, and not weak enough for a limit of 10 N, so `guard.force_limit_n` and "
+            "`controller.grip_force_n` are 11. Small motions.")  # fmt: skip
     day.word("take")
     day.run("gripper", "step", "--finger", "B", "--mm", "3", *MOVES)
     day.run("gripper", "step", "--finger", "B", "--mm", "3", "--open", *MOVES)

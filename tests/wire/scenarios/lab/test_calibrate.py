@@ -1,6 +1,7 @@
 """`grasp calibrate` at an emulated lab, the object's true force being the scale: what comes out is
 what the hand and the pads are, which are not as the packaged files have them."""
 
+import math
 import re
 import signal
 import time
@@ -12,6 +13,7 @@ from typing import Any
 import pytest
 
 from scenarios.campaign.config import load_config
+from scenarios.lab.hand import guard_of
 from scenarios.rigs.cell_control import ControlClient
 from tests.wire.scenarios.lab.person import played
 from tests.wire.scenarios.lab.terminal import grasp, started
@@ -77,6 +79,13 @@ def test_least_force_of_the_hand_is_recovered_as_an_upper_bound(lab: Lab) -> Non
     assert known.byte_at_most(known.least_force_n) == 0
     assert "10 presses of byte 0" in known.source
     assert "95 % below" in shown
+    least = math.ceil(known.least_force_n)
+    own = said[said.index("for your own file") :].partition("\n\n")[2]
+    (lab.folder / "own.toml").write_text(own)
+    theirs = load_config("can", "hardware", "energy", [lab.file, lab.folder / "own.toml"])
+    assert theirs.calibration == known
+    assert theirs.guard.force_limit_n == theirs.controller.grip_force_n == least
+    guard_of(theirs)  # would close
 
 
 def test_weak_hand_is_told_in_every_run(lab: Lab) -> None:
@@ -128,10 +137,11 @@ def test_too_few_presses_of_a_weak_byte_write_nothing(lab: Lab) -> None:
     assert not out.exists()
 
 
-def test_byte_that_may_press_harder_than_allowed_is_not_sent(lab: Lab) -> None:
+def test_what_is_asked_for_is_checked_before_anything_is_pressed(lab: Lab) -> None:
     out = lab.folder / "strong.toml"
     strong = ("--up-to", "16", "--bytes", "0", "255")
-    for words in (("--up-to", "14"), ("--up-to", "61"), strong, ()):
+    few = ("--up-to", "16", "--places", "10", "30", "50", "70")
+    for words in (("--up-to", "14"), ("--up-to", "61"), strong, few, ()):
         for how in (CONFIRMED, ("--dry-run",)):
             done = grasp(
                 "calibrate", "hand", *words, "--out", str(out), *how, "--config", str(lab.file)

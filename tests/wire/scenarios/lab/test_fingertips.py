@@ -1,6 +1,7 @@
 """`grasp tactile watch`, `rest` and `identify` at an emulated lab."""
 
 import json
+import re
 import signal
 import time
 import tomllib
@@ -108,6 +109,26 @@ def test_fingers_wired_otherwise_than_the_file_says_are_seen_and_mended_in_it(
     assert shown.splitlines()[:2] == [
         "finger C taxel 0 (row 0, column 0)", "finger A taxel 4 (row 2, column 4)",
     ]  # fmt: skip
+
+
+def test_what_was_pressed_until_ctrl_c_is_told(lab: Path, cell: ControlClient) -> None:
+    words = ("tactile", "identify", "--seconds", "600", "--config", str(lab))
+    with started(*words) as run:
+        assert run.stderr is not None and run.stdout is not None
+        assert run.stderr.readline().startswith("press one pad after the other")
+        cell.ask("press", finger="A", taxel=0, newtons=2.0, seconds=0.4)
+        assert run.stdout.readline() == "finger A taxel 0 (row 0, column 0)\n"
+        run.send_signal(signal.SIGINT)
+        shown, _ = run.communicate(timeout=60)
+    assert run.returncode == 0
+    assert re.fullmatch(r"(finger A taxel 0 .*\n)*strongest: finger A taxel 0 .*\n", shown)
+    with started(*words) as run:
+        assert run.stderr is not None
+        assert run.stderr.readline().startswith("press one pad after the other")
+        run.send_signal(signal.SIGINT)
+        _, said = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert said == "grasp: interrupted\n"
 
 
 def test_press_that_cannot_be_is_refused(cell: ControlClient) -> None:

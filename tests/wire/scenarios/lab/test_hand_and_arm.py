@@ -310,6 +310,67 @@ def test_closing_is_refused_where_a_run_would_be(ready: Lab) -> None:
     assert ready.places == before
 
 
+def test_nothing_closes_while_the_hand_reports_a_fault(ready: Lab) -> None:
+    ready.done("gripper", "open")
+    before = ready.places
+    ready.cell.ask("fault", name="gripper_fault", code=5)
+    presses = ("calibrate", "hand", "--up-to", "16", "--out", "none.toml")
+    for words in (("gripper", "close"), ("gripper", "step"), presses):
+        for how in (CONFIRMED, ("--dry-run",)) if words is not presses else (("--dry-run",),):
+            refused = ready.grasp(*words, *how)
+            assert refused.returncode == 3, refused.stdout
+            assert "the gripper reports a fault, action delayed" in refused.stderr
+    status = ready.grasp("gripper", "status")
+    assert status.returncode == 3
+    assert "action delayed: activation must complete first (wait)" in status.stderr
+    assert ready.grasp("gripper", "open", "--dry-run").returncode == 0  # what is held can be let go
+    assert ready.places == before
+    ready.cell.ask("fault", name="gripper_fault", code=0)
+    ready.done("gripper", "open")
+
+
+def test_a_refusal_without_leave_says_what_the_verb_would_do_or_why_it_would_not(
+    ready: Lab,
+) -> None:
+    ready.done("gripper", "open")
+    told = "B and C no further than where anything is felt, then the thumb alone"
+    assert told in ready.grasp("gripper", "close").stderr
+    assert told in ready.grasp("gripper", "close", "--dry-run").stdout
+    assert told not in ready.grasp("gripper", "step", "--finger", "A").stderr
+    weak = ready.grasp("gripper", "close", "--set", "gripper.calibration=manual")
+    assert weak.returncode == 2
+    assert "cannot close with less than 15 N" in weak.stderr
+    narrow = ("--z", "5", "--set", "arm.workspace_high_m=[0.1,0.1,0.004]")
+    for how in (CONFIRMED, ("--dry-run",)):
+        out = ready.grasp("arm", "step", *narrow, *how)
+        assert out.returncode == 4
+        assert "+5 mm in z leaves the workspace" in out.stderr
+
+
+def test_doctor_without_a_rig_says_that_a_labs_devices_were_not_asked(lab: Lab) -> None:
+    told = lab.grasp("doctor")
+    assert told.returncode == 0
+    assert "none was asked, though your settings name gripper, arm, fingertips" in told.stdout
+    assert "no device was asked (--rig hardware asks a lab's)" in told.stdout.splitlines()[-1]
+    assert "devices" not in grasp("doctor").stdout
+
+
+def test_arm_that_another_program_moves_is_not_stepped(lab: Lab) -> None:
+    lab.done("arm", "stop")
+    host, before_m = lab.config.ur.host, lab.height_m
+    with socket.create_connection((host, 30002), 10.0) as other:
+        pose = f"p[0.5, 0.1, {before_m + 0.2:.3f}, 3.1, 0, 0]"
+        other.sendall(f"def other():\n  movel({pose}, a=1, v=0.004)\nend\n".encode())
+        while "speed, mm/s: 0.0" in lab.grasp("arm", "status").stdout:
+            time.sleep(0.1)
+        for how in (CONFIRMED, ("--dry-run",)):
+            step = lab.grasp("arm", "step", "--z", "1", *how)
+            assert step.returncode == 3, step.stdout
+            assert "the arm moves" in step.stderr or "a program runs on the arm" in step.stderr
+        assert "program: runs" in lab.grasp("arm", "status").stdout
+    lab.done("arm", "stop")
+
+
 def test_closing_is_stopped_by_ctrl_c_where_it_is(ready: Lab) -> None:
     ready.done("gripper", "open")
     words = ("gripper", "close", "--finger", "A", *CONFIRMED, "--config", str(ready.file))
