@@ -1,5 +1,6 @@
 """Whether the last line of a run on the emulated cell is so: what it says of the cause, of arm and
-hand, beside what the cell knows when it is all over."""
+hand, beside what the cell knows when it is all over. That something moves then is no question of
+words, and is asked elsewhere."""
 
 import re
 
@@ -17,8 +18,6 @@ class Known(msgspec.Struct, frozen=True, kw_only=True):
     that something was wrong with, and "loop" where the machine was not there."""
 
     wrong: frozenset[str]
-    arm_mps: float | None = None
-    fingers_mps: float | None = None
     pressed_n: float | None = None  # by the most loaded finger
     opened: bool | None = None  # the hand
 
@@ -41,8 +40,8 @@ def blames_another(message: str, wrong: frozenset[str]) -> str:
     if "loop" in wrong and re.search(LATE, message):
         return ""
     innocent = named - wrong
-    # one that is named beside the culprit may have suffered; nobody strikes loop or detector
-    if named <= innocent or innocent & {"detector", "loop"}:
+    # one that is named beside the culprit may have suffered; a detector asks nobody
+    if named <= innocent or "detector" in innocent:
         return f"nothing is wrong with the {' and '.join(sorted(innocent))}: {message}"
     return ""
 
@@ -52,7 +51,6 @@ def _of_arm(said: str, known: Known) -> dict[str, bool]:
     return {
         "no word of the arm": not said,
         "by its last line the arm is left moving": said.startswith("the arm is still moving"),
-        "the arm moves": said == "the arm stands" and (known.arm_mps or 0.0) > STILL_MPS,
         "the arm was heard": "when last heard" in said and heard,
         "the arm can be believed": said.startswith("the arm says") and heard,
         "no safety system stopped the arm": "its own safety system" in said
@@ -66,7 +64,6 @@ def _of_hand(said: str, known: Known) -> dict[str, bool]:
     pressed_n = known.pressed_n
     presses = pressed_n is not None and pressed_n > FELT_N
     empty = pressed_n is not None and pressed_n <= TOUCH_N
-    moves = (known.fingers_mps or 0.0) > STILL_MPS
     return {
         "no word of the hand": not said,
         "the hand is not open": said == "the hand is open" and (presses or known.opened is False),
@@ -74,7 +71,6 @@ def _of_hand(said: str, known: Known) -> dict[str, bool]:
         and pressed_n is not None and pressed_n < GRIPPED_N,
         "it feels something": here and "feels nothing" in said and presses,
         "it holds nothing": here and "closed as it was" in said and "partly" not in said and empty,
-        "the fingers move": moves,
         "by its last line the hand is left moving": here and "still moving, " in said,
         "the hand was heard": "cannot be told anything" in said and heard,
         "the hand refuses nothing": "refuses every motion" in said and heard,

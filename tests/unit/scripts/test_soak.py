@@ -5,20 +5,59 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from scripts.soak import Lift, Soak, tell, wrong
+from scenarios.world.cell import Truth
+from scripts.soak import Fate
+from scripts.soak_verdict import (
+    MOST_GROWTH_MB_H,
+    MOST_SPREAD_MB,
+    After,
+    Count,
+    Lift,
+    Soak,
+    growing,
+    tell,
+    wrong,
+)
 
-HELD = Lift(1, "can", "", "held", "", "", "", 1_000, 2, 0, 10.2, 0.0, 0.0, 15.0)
+EACH_S = 14.0  # a lift
+DOWN = After(0.0, 0.0, 0.0, True, 0.0, 0.0)
+GRIPPED = After(0.0, 0.0, 9.8, False, 0.06, 0.0)
+LIMIT = "the hand is closed to the limit of 10 N, its force is not measured"
+ALONE = "the hand cannot be told anything and holds by itself: when last heard it was closed"
+STANDS = "the arm stands"
+HELD = Lift(
+    1, "can", "", "held", "", "", "", 1_000, 2, 0, 10.2, 0.0, 0.0, EACH_S, "", 0.001, DOWN
+)  # fmt: skip
 STRUCK = replace(
     HELD, seed=2, struck="gripper_disconnect in hold", outcome="fault", kind="link_lost",
-    message="gripper: connection closed", told="the hand holds by itself", begun_s=15.0,
-    ended_s=30.0,
+    message="gripper: connection closed", told=ALONE, arm=STANDS, after=GRIPPED,
 )  # fmt: skip
-HOUR = Soak(60.0, True, [HELD, STRUCK], [], (3_000, 3), [100.0, 101.0, 102.0], [], 0)
+
+
+def at(number: int, made: Lift) -> Lift:
+    """The same, in its place of the hour."""
+    return replace(made, begun_s=number * EACH_S, ended_s=(number + 1) * EACH_S)
+
+
+def counted(**grows: float) -> list[Count]:
+    """Once a lift, the memory of one that holds what it held, or as much more an hour."""
+    return [
+        Count(t_s, 200.0 + grows.get("resident_mb", 0.0) * t_s / 3600.0, 24, 5, 5,
+              470.0 + grows.get("children_mb", 0.0) * t_s / 3600.0)
+        for t_s in (number * EACH_S for number in range(257))
+    ]  # fmt: skip
+
+
+LIFTS = [at(0, HELD), at(1, STRUCK)] + [
+    at(n, replace(STRUCK if n % 4 == 1 else HELD, seed=n + 1)) for n in range(2, 257)
+]
+HOUR = Soak(60.0, True, LIFTS, counted(), (360_000, 3), [9e3, 9.1e3, 9.2e3], [], 0, 60_000)
 
 
 def of(made: Lift, **changes: Any) -> Soak:
-    other = [lift for lift in HOUR.lifts if lift.seed != made.seed]
-    return replace(HOUR, lifts=[*other, replace(made, **changes)])
+    """The hour in which one lift, that of its seed, was so."""
+    changed = at(made.seed - 1, replace(made, **changes))
+    return replace(HOUR, lifts=[changed if m.seed == made.seed else m for m in HOUR.lifts])
 
 
 def test_an_hour_in_which_all_was_well_is_not_blamed() -> None:
@@ -43,8 +82,8 @@ def test_a_true_force_past_limit_and_overshoot_is_told_whatever_the_outcome(made
 def test_an_object_let_go_in_the_air_is_told_unless_the_hand_could_not_be_told_to_hold() -> None:
     assert wrong(of(HELD, let_go_m=0.05)) != []
     assert wrong(of(STRUCK, let_go_m=0.05)) == []
-    assert wrong(of(STRUCK, let_go_m=0.05, told="the hand is closed")) != []
-    arm = {"struck": "arm_freeze in hold", "message": "the arm is silent"}
+    assert wrong(of(STRUCK, let_go_m=0.05, told=LIMIT)) != []
+    arm = {"struck": "arm_freeze in hold", "message": "the arm is silent", "told": LIMIT}
     assert wrong(of(STRUCK, **arm)) == []
     assert wrong(of(STRUCK, let_go_m=0.05, **arm)) != []
 
@@ -55,22 +94,173 @@ def test_a_struck_lift_that_blames_another_device_is_told() -> None:
 
 @pytest.mark.parametrize(
     ("kind", "message"),
-    [("stale", "gripper status too old"), ("safety_stop", "loop_stood_still: for 0.4 s")],
+    [("stale", "stale: gripper status too old"), ("safety_stop", "loop_stood_still: for 0.4 s")],
 )
 def test_lateness_is_excused_only_while_the_idle_loop_missed_too(kind: str, message: str) -> None:
-    late = of(HELD, outcome="fault", kind=kind, message=message)
+    late = of(HELD, outcome="fault", kind=kind, message=message, told=LIMIT, arm=STANDS,
+              after=GRIPPED)  # fmt: skip
     assert len(wrong(late)) == 1  # it missed three, long after
     assert wrong(replace(late, idle_late_s=[7.0])) == []
 
 
 def test_a_fault_that_is_no_lateness_is_told_however_much_the_idle_loop_missed() -> None:
-    failed = of(HELD, outcome="fault", kind="safety_stop", message="phase grasp lasted longer")
-    assert len(wrong(replace(failed, idle_late_s=[7.0]))) == 1
+    failed = of(HELD, outcome="fault", kind="device_fault", message="gripper fault 0x0E",
+                told=LIMIT, arm=STANDS, after=GRIPPED)  # fmt: skip
+    found = wrong(replace(failed, idle_late_s=[7.0]))
+    assert any("failed by itself" in text for text in found)
+
+
+@pytest.mark.parametrize("made", [HELD, STRUCK])
+@pytest.mark.parametrize(
+    "message",
+    ["the gripper run did not end in time", "phase grasp lasted longer than 30 s; gripper"],
+)
+def test_what_a_time_out_ended_is_told_struck_or_not(made: Lift, message: str) -> None:
+    assert any("ended by a time-out" in text for text in wrong(of(made, message=message)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "found"),
+    [
+        ({"message": ""}, "no word of the cause"),
+        ({"message": "something"}, "names nothing"),
+        ({"message": "gripper_silent: 0.8 s; detector_late: 0.4 s"}, "wrong with the detector"),
+        ({"message": "loop_stood_still: for 0.4 s nobody was in control"}, "wrong with the loop"),
+        ({"told": ""}, "no word of the hand"),
+        ({"told": "the hand is open"}, "the hand is not open"),
+        ({"told": "the hand is partly closed, and feels nothing"}, "it feels something"),
+        ({"told": "the hand is still moving, 2.0 N"}, "the hand is left moving"),
+        ({"arm": ""}, "no word of the arm"),
+        ({"arm": "the arm is still moving at 0.09 m/s"}, "the arm is left moving"),
+        ({"arm": "the arm stood when last heard"}, "the arm was heard"),
+        ({"told": LIMIT, "after": replace(GRIPPED, pressed_n=2.0)}, "not closed to the limit"),
+        ({"told": "the hand is closed as it was", "after": DOWN}, "it holds nothing"),
+        ({"told": "the hand is closed as it was", "after": None, "peak_n": 0.0}, "holds nothing"),
+    ],
+)
+def test_a_last_line_that_is_not_so_is_told(changes: dict[str, Any], found: str) -> None:
+    assert any(found in text for text in wrong(of(STRUCK, **changes)))
+
+
+def test_a_last_line_may_say_that_a_device_was_late_while_the_machine_was_not_there() -> None:
+    late = of(STRUCK, message="gripper_silent; loop_stood_still: for 0.4 s",
+              arm="the arm stood when last heard")  # fmt: skip
+    assert len(wrong(late)) == 1
+    assert wrong(replace(late, idle_late_s=[1.5 * EACH_S])) == []
+
+
+@pytest.mark.parametrize("made", [HELD, STRUCK])
+@pytest.mark.parametrize(
+    ("moves", "found"),
+    [({"arm_mps": 0.01}, "the arm moves at 0.0100"), ({"fingers_mps": 0.01}, "the fingers move")],
+)
+def test_what_moves_after_the_end_is_told(made: Lift, moves: dict[str, float], found: str) -> None:
+    assert made.after is not None
+    assert any(found in text for text in wrong(of(made, after=replace(made.after, **moves))))
+
+
+def test_an_object_that_slides_in_the_air_is_told_unless_the_hand_could_not_be_told_to_hold() -> (
+    None
+):
+    assert any("slid 40 mm" in text for text in wrong(of(HELD, slid_m=0.04)))
+    sliding = replace(GRIPPED, slip_mps=0.02)
+    assert any("goes on sliding" in text for text in wrong(of(STRUCK, after=sliding, told=LIMIT)))
+    assert wrong(of(STRUCK, slid_m=0.04, after=sliding)) == []
+
+
+def test_what_becomes_of_an_object_is_told_from_look_to_look() -> None:
+    def seen(height_m: float, slip_m: float, touched: bool = True) -> Truth:
+        force_n = (9.0, 4.0, 4.0) if touched else (0.0, 0.0, 0.0)
+        return Truth(
+            t_ns=0, height_m=height_m, speed_mps=0.0, slip_distance_m=slip_m, slip_speed_mps=0.0,
+            normal_n=force_n, shear_n=(0.0, 0.0, 0.0), peak_n=force_n, slip_onset_s=None,
+            force_rise_s=None, flank_slope=0.0,
+        )  # fmt: skip
+
+    def fate(*looks: Truth) -> tuple[float, float]:
+        told = Fate()
+        for look in looks:
+            told.see(look)
+        return told.let_go_m, round(told.slid_m, 6)
+
+    lifted = (seen(0.0, 0.0), seen(0.05, 0.001), seen(0.06, 0.003))
+    assert fate(*lifted, seen(0.05, 0.0, touched=False)) == (0.06, 0.002)
+    assert fate(*lifted, seen(0.04, 0.023)) == (0.0, 0.022)
+    assert fate(*lifted, seen(0.0, 0.003), seen(0.0, 0.0, touched=False)) == (0.0, 0.002)
+
+
+@pytest.mark.parametrize("made", [HELD, STRUCK])
+def test_a_lift_that_nobody_looked_at_after_its_end_is_told(made: Lift) -> None:
+    for changes in ({"after": None}, {"slid_m": None}):
+        assert any("somebody looked at" in text for text in wrong(of(made, **changes)))
+
+
+def test_a_success_that_nobody_saw_is_told() -> None:
+    assert any("nobody saw it" in text for text in wrong(of(HELD, peak_n=None)))
+    assert any("nobody saw it" in text for text in wrong(of(HELD, periods=0)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "found"),
+    [
+        ({"lifts": []}, "0 lifts"),
+        ({"lifts": LIFTS[:100]}, "100 lifts"),
+        ({"lifts": [made for made in LIFTS if not made.struck]}, "0 struck lifts"),
+        ({"lifts": [at(n % 50, made) for n, made in enumerate(LIFTS)]}, "seconds"),
+        ({"counts": []}, "0 counts"),
+        ({"counts": counted()[:100]}, "100 counts"),
+        ({"counts": [replace(c, t_s=c.t_s / 9.0) for c in counted()]}, "0 counts after ten"),
+        ({"idle": (0, 0)}, "0 periods of the idle loop"),
+        ({"idle": (100_000, 3)}, "100003 periods of the idle loop"),
+        ({"seen_rows": None}, "who looked at the page had ended"),
+        ({"seen_rows": 9}, "saw 9 rows"),
+        ({"left": ["4711"]}, "left behind: process 4711"),
+    ],
+)
+def test_an_hour_in_which_too_little_was_done_or_seen_is_told(
+    changes: dict[str, Any], found: str
+) -> None:
+    assert any(found in text for text in wrong(replace(HOUR, **changes)))
+
+
+def test_memory_that_grows_by_half_a_float_a_tick_is_told() -> None:
+    for name in ("resident_mb", "children_mb"):
+        most = MOST_GROWTH_MB_H
+        assert growing(replace(HOUR, counts=counted(**{name: most - 0.5}))) == []
+        found = wrong(replace(HOUR, counts=counted(**{name: most + 0.5})))
+        assert found == [f"{name} grows by {most + 0.5:.1f} MB an hour"]
+
+
+def test_memory_that_comes_and_goes_is_told_though_it_is_as_it_was_in_the_end() -> None:
+    for more_mb in (MOST_SPREAD_MB - 1.0, MOST_SPREAD_MB + 1.0, 200.0):
+        hump = [
+            replace(c, resident_mb=c.resident_mb + more_mb * (2_000 < c.t_s < 2_300))
+            for c in counted()
+        ]
+        told = growing(replace(HOUR, counts=hump))
+        assert (f"resident_mb: 200 to {200.0 + more_mb:.0f} MB" in told) is (
+            more_mb > MOST_SPREAD_MB
+        )
+
+
+@pytest.mark.parametrize("name", ["descriptors", "threads", "children"])
+def test_one_more_descriptor_thread_or_process_after_ten_minutes_is_told_and_before_is_not(
+    name: str,
+) -> None:
+    for from_s, told in ((300.0, 0), (3_000.0, 1)):
+        counts = [replace(c, **{name: getattr(c, name) + (c.t_s > from_s)}) for c in counted()]
+        first = [replace(c, **{name: 1}) for c in counts if c.t_s <= from_s < 600.0]
+        changed = replace(HOUR, counts=[*first, *counts[len(first) :]])
+        assert len(wrong(changed)) == told
 
 
 @pytest.mark.parametrize("made", [HELD, STRUCK])
 def test_periods_missed_far_beyond_those_of_the_idle_loop_are_told(made: Lift) -> None:
-    assert len(wrong(of(made, periods=100, missed=900))) == 1
+    alike = [
+        replace(m, periods=700, missed=300) if bool(m.struck) is bool(made.struck) else m
+        for m in HOUR.lifts
+    ]
+    assert len(wrong(replace(HOUR, lifts=alike))) == 1
 
 
 def test_a_row_that_the_page_was_not_told_is_told() -> None:

@@ -79,8 +79,7 @@ def known(ended: Ended) -> Known:
     struck = {DEVICES[trouble.wire] for trouble in drawn(ended.number).troubles}
     return Known(
         wrong=frozenset(struck | ({"loop"} if left.gap_s > AWAY_S else set())),
-        arm_mps=left.arm_mps, fingers_mps=left.fingers_mps, pressed_n=left.pressed_n,
-        opened=left.opened,
+        pressed_n=left.pressed_n, opened=left.opened,
     )  # fmt: skip
 
 
