@@ -8,10 +8,10 @@ from pathlib import Path
 MOST_SHOWN = 400  # characters of what somebody else wrote, in a message of ours
 
 
-def one_line(text: object) -> str:
+def one_line(text: object, most: int = MOST_SHOWN) -> str:
     """Foreign text fit for one line of a terminal: escaped where it cannot be printed, and cut."""
-    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in str(text)[: MOST_SHOWN + 1])
-    return shown if len(shown) <= MOST_SHOWN else f"{shown[:MOST_SHOWN]}..."
+    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in str(text)[: most + 1])
+    return shown if len(shown) <= most else f"{shown[:most]}..."
 
 
 class GraspError(Exception):

@@ -1,10 +1,13 @@
 """Files that are whole or not there, whatever the disk does; and those that are their user's alone,
 whatever the umask would let through: runs, recordings, campaigns, data sets."""
 
+import errno
 import os
 from pathlib import Path
 
 PRIVATE_FOLDER, PRIVATE_FILE = 0o700, 0o600
+NO_NAMES = frozenset({errno.ENAMETOOLONG, errno.ELOOP})  # whatever disk and rights there are
+LEADS_NOWHERE = NO_NAMES | {errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST}
 
 
 def write_whole(path: Path, content: bytes, private: bool = False) -> None:

@@ -5,6 +5,7 @@ import os
 import sys
 from typing import Any
 
+from drivers.errors import one_line
 from grasp import interruption
 from grasp.cli.output import json_line
 
@@ -16,6 +17,8 @@ SAFETY_STOP = 4
 INTERNAL = 5
 INTERRUPTED = 130  # by Ctrl-C; other signals by their own number
 SIGNALLED = 128
+
+MOST_SAID = 1_800  # characters of a message, and of its remedy, on a terminal
 
 _CODE_OF_KIND = {
     "usage": USAGE,
@@ -62,18 +65,19 @@ def say_end(end: Any) -> None:
 def report_line(line: str) -> None:
     """What went wrong with a verdict of its own, which has the exit code."""
     with contextlib.suppress(OSError):
-        print(f"grasp: {line}", file=sys.stderr)
+        print(f"grasp: {one_line(line, MOST_SAID)}", file=sys.stderr)
 
 
 def say(line: str) -> None:
     """A further line of an error; an empty one is none."""
     if line:
         with contextlib.suppress(OSError):
-            print(f"       {line}", file=sys.stderr)
+            print(f"       {one_line(line, MOST_SAID)}", file=sys.stderr)
 
 
 def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) -> int:
-    """Say what went wrong and what to do; returns the exit code."""
+    """Say what went wrong and what to do; returns the exit code. Whatever of it is not ours, a
+    name or what a file holds, does nothing to a terminal."""
     code = code_of(kind)
     if code == INTERRUPTED:
         code = SIGNALLED + interruption.number()
@@ -82,7 +86,8 @@ def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) ->
             error = {"kind": kind, "message": message, "remedy": remedy}
             print(json_line({"error": error, "exit_code": code, **extra}), flush=True)
         else:
-            print(f"grasp: {message}" + (f" ({remedy})" if remedy else ""), file=sys.stderr)
+            said, how = one_line(message, MOST_SAID), one_line(remedy, MOST_SAID)
+            print(f"grasp: {said}" + (f" ({how})" if how else ""), file=sys.stderr)
     return code
 
 

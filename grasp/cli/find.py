@@ -3,6 +3,7 @@
 import argparse
 from typing import Any
 
+from drivers.errors import one_line
 from grasp.cli import exits
 from grasp.cli.options import decimal
 from grasp.cli.output import json_line
@@ -40,9 +41,8 @@ def find(args: argparse.Namespace) -> int:
     for each in (*ask(args.hosts, args.timeout), *usb_boards()):
         found.append(each)
         if not args.json:
-            print(
-                f"{'yes ' if each.answered else 'no  '}  {each.device} at {each.where}: {each.said}"
-            )
+            heard = "yes " if each.answered else "no  "
+            print(one_line(f"{heard}  {each.device} at {each.where}: {each.said}"))
     answered = any(each.answered for each in found)
     code = exits.SUCCESS if answered else exits.DEVICE
     if args.json:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
-from drivers.errors import GraspError
+from drivers.errors import GraspError, UsageError, one_line
 from grasp import interruption
 from grasp.cli import (
     arm,
@@ -36,6 +36,7 @@ from grasp.cli import (
 )
 from grasp.cli.output import only_json, open_standard_streams
 from grasp.cli.parser import EXAMPLES, Parser, RootParser
+from grasp.files import LEADS_NOWHERE, NO_NAMES
 
 VERBS = (
     run, campaign, grip_search, replay, runs, report, export, chart, dataset, detector, tactile,
@@ -118,6 +119,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(words: Sequence[str], as_json: bool) -> int:
     try:
+        _check_text(words)
         args = build_parser().parse_args(words)
         code = int(args.handler(args))
         sys.stdout.flush()
@@ -132,15 +134,44 @@ def _run(words: Sequence[str], as_json: bool) -> int:
     except OSError as error:
         if interruption.asked():
             return exits.nobody_reads()
-        where = f"{error.filename}: " if error.filename else ""
-        text = f"{where}{error.strerror or error}"
-        lacking = isinstance(error, FileNotFoundError | NotADirectoryError)
-        remedy = "name a folder that is there" if lacking else "free the path or the disk"
-        return exits.report("could_not_record", text, remedy, as_json)
+        return exits.report(*_of_the_system(error, words), as_json)
     except Exception as error:
         if _of_the_compiled(error):
             return exits.report("config", *BAD_CACHE, as_json)
         return _bug(error, as_json)
+
+
+def _check_text(words: Sequence[str]) -> None:
+    """Raises UsageError for what no file can be called, before anything is done in its name: a
+    result that tells of it could not be written either."""
+    for word in words:
+        if "\0" in word:
+            raise UsageError(f"{word}: holds a NUL character", "leave it out")
+        try:
+            word.encode()
+        except UnicodeEncodeError:
+            remedy = "write it in UTF-8, or rename the file"
+            raise UsageError(f"{word}: is no text in UTF-8", remedy) from None
+
+
+def _of_the_system(error: OSError, words: Sequence[str]) -> tuple[str, str, str]:
+    """Kind, message and remedy."""
+    where = f"{one_line(error.filename)}: " if error.filename else ""
+    text = f"{where}{error.strerror or error}"
+    if _leads_nowhere(error, words):
+        return "usage", text, "name a file or a folder that can be there"
+    return "could_not_record", text, "free the path or the disk"
+
+
+def _leads_nowhere(error: OSError, words: Sequence[str]) -> bool:
+    """Whether a name that was given is what is wrong, and no disk nor right."""
+    if error.errno in NO_NAMES:  # no name of ours is that long
+        return True
+    if error.errno not in LEADS_NOWHERE or not isinstance(error.filename, str):
+        return False
+    path = Path(error.filename)
+    given = {Path(part) for word in words for part in (word, word.rpartition("=")[2]) if part}
+    return not given.isdisjoint((path, *path.parents))
 
 
 def _of_the_compiled(error: Exception) -> bool:

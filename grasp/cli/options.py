@@ -106,11 +106,11 @@ def one_by_one(names: Sequence[str], doing: str, hidden: bool) -> Iterator[str]:
             yield name
 
 
-def add_runs(parser: argparse.ArgumentParser) -> None:
-    """`--runs DIR`."""
+def add_runs(parser: argparse.ArgumentParser, kind: Callable[[str], Path] = Path) -> None:
+    """`--runs DIR`. ``kind``: what reads it."""
     parser.add_argument(
         "--runs",
-        type=Path,
+        type=kind,
         default=Path("runs"),
         metavar="DIR",
         help="folder of recordings (default: %(default)s)",

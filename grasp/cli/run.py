@@ -16,6 +16,7 @@ from grasp.cli.options import (
     motion_permit,
     seed,
 )  # fmt: skip
+from grasp.cli.places import folder_to_fill
 from grasp.cli.trials import add_series_options, log_end, logged, paced, run_trials
 
 HELP = "run a scenario"
@@ -95,7 +96,7 @@ def _add_acquire(scenarios: Any) -> None:
 
 
 def _add_common(parser: argparse.ArgumentParser) -> None:
-    add_runs(parser)
+    add_runs(parser, folder_to_fill)
     parser.add_argument(
         "-v", "--verbose", action="store_true",
         help="leave a log in --runs, with the wall clock's times; of a lift or taps say also by "

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import BadFile
+from drivers.errors import BadFile, one_line
 from grasp.cli import exits
 from grasp.cli.options import add_runs, no_settings
 from grasp.cli.output import json_line
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     for line in lines:
         print(line)
     if not lines:
-        print(f"no runs in {args.runs}")
+        print(f"no runs in {one_line(args.runs)}")
     return code
 
 
@@ -54,7 +54,7 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _line(name: str, result: dict[str, Any]) -> str:
     seed, told = f"seed {result['seed']:<6}", _told(result)
-    return f"{name:<36}  {result['outcome']:<18}  {seed}  {told}".rstrip()
+    return one_line(f"{name:<36}  {result['outcome']:<18}  {seed}  {told}".rstrip())
 
 
 def _told(result: dict[str, Any]) -> str:

@@ -10,12 +10,12 @@ from typing import Any, Self
 
 import msgspec
 
-from drivers.errors import BadFile, CouldNotRecord
+from drivers.errors import BadFile, CouldNotRecord, UsageError
 from drivers.interfaces import Vector3
 from grasp import interruption
 from grasp.clock import VIRTUAL_EPOCH_NS, Clock
 from grasp.controller import GraspController
-from grasp.files import make_private_folder, write_whole
+from grasp.files import LEADS_NOWHERE, make_private_folder, write_whole
 from grasp.loop import Tick
 from grasp.messages import CHANNELS, CONTROL, PHASES, TRUTH, Write, write_tick
 from grasp.phases import PhaseChange
@@ -112,7 +112,8 @@ class RunFolder:
 
 
 def check_runs(runs: Path | None) -> None:
-    """Raises CouldNotRecord where nothing can be written, before a rig opens; makes the folder."""
+    """Raises UsageError where no folder can be, CouldNotRecord where nothing can be written, before
+    a rig opens; makes the folder."""
     if runs is None:
         return
     try:
@@ -120,6 +121,9 @@ def check_runs(runs: Path | None) -> None:
         with TemporaryFile(dir=runs) as file:
             file.write(bytes(TRIED_BYTES))
     except OSError as error:
+        if error.errno in LEADS_NOWHERE:
+            told = f"{error.strerror}: {runs}"  # the reason first: what is long is cut
+            raise UsageError(told, "choose another folder with --runs") from None
         raise could_not_record(runs, error) from None
 
 

@@ -4,9 +4,9 @@ import argparse
 import math
 import random
 import string
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 from msgspec import inspect
@@ -19,8 +19,11 @@ from scenarios.campaign.config import RunConfig
 STRANGE = (
     "", " ", "zzz", "\x00", "\x1b[2J", "a\nb", "\u202egrasp", "e\u0301\u0301", "\U0001f916", "nan",
     "../../x", "/", "/dev/null/x", "%s%n", "{0}", "$(id)", "'; --", "a" * 5_000, "-", "=", "[",
-    "\ud83d",
+    "\ud83d", "\udcff", "a" * 300, "b" * 252, "c/" * 3_000, ".", "-x",
 )  # fmt: skip
+NO_TEXT = ("\x00", "\ud83d", "\udcff", "a\x00b")  # refused whatever they are to name
+# and so is what neither is there nor can be made
+NOWHERE = (*NO_TEXT, "a" * 300, "a" * 5_000, "c/" * 3_000, "/dev/null/x", "/dev/null/x/y")
 NO_NUMBERS = (
     "nan",
     "-inf",
@@ -37,6 +40,20 @@ NO_NUMBERS = (
 DEEP = 3_000
 
 
+T = TypeVar("T")
+
+
+@cache
+def _shuffled(count: int, lap: int) -> list[int]:
+    return random.Random(lap).sample(range(count), count)
+
+
+def in_turn(things: Sequence[T], nth: int) -> T:
+    """Each of them once before any comes again, in an order of its own each time."""
+    lap, at = divmod(nth, len(things))
+    return things[_shuffled(len(things), lap)[at]]
+
+
 class Input(msgspec.Struct, frozen=True):
     """What is told to the command line. FILE in a word stands for a path of that content, IN for
     the folder in which all that is given lies, OUT for a path at which nothing is."""
@@ -46,6 +63,7 @@ class Input(msgspec.Struct, frozen=True):
     name: str = "in.toml"  # of that file, in IN
     sure: bool = True  # that it must be refused; else it may as well be harmless
     beside: tuple[tuple[str, str], ...] = ()  # good files in IN: name, and which
+    tries: str = ""  # the setting or the option whose value it is that makes no sense
 
     def __str__(self) -> str:
         told = " ".join(ascii(word)[1:-1][:80] for word in self.words)
@@ -100,8 +118,12 @@ def beyond(kind: Any) -> list[Any]:
     return found
 
 
+def _is_toml(text: str) -> bool:
+    return not any(0xD800 <= ord(c) < 0xE000 for c in text)
+
+
 def wrong(kind: Any, chance: random.Random) -> Any:
-    """A value that such a setting cannot have."""
+    """A value that such a setting cannot have; of a text one that is not likely."""
     other: list[Any] = [{"a": 1}, {}, [[[]]], ["\x00"]]
     if isinstance(kind, inspect.IntType | inspect.FloatType):
         other += [math.nan, math.inf, -math.inf, True, "1", "nan", 10**400, *beyond(kind)]
@@ -109,9 +131,9 @@ def wrong(kind: Any, chance: random.Random) -> Any:
     elif isinstance(kind, inspect.BoolType):
         other += [0, 1, "true", math.nan]
     elif isinstance(kind, inspect.StrType):
-        other += [1, 1.5, False, math.nan]
+        other += [1, 1.5, False, math.nan, *(s for s in STRANGE if _is_toml(s))]
     elif isinstance(kind, inspect.LiteralType):
-        other += [*STRANGE[:-1], 1.5, math.nan]
+        other += [*(s for s in STRANGE if _is_toml(s)), 1.5, math.nan]
     else:
         other = [1, "x", True, math.nan, {"a": 1}, [[math.nan]], ["x"], [None]]
         other = [value for value in other if value != [None]]
@@ -145,19 +167,22 @@ SETTLED_BY = (
 )  # fmt: skip
 
 
-def a_setting(chance: random.Random) -> Input:
+def a_setting(chance: random.Random, nth: int) -> Input:
     """One that cannot be, by --set or in a file."""
-    leaf = chance.choice(settings())
+    leaf = in_turn(settings(), nth)
     way, value = ".".join(leaf.way), wrong(leaf.kind, chance)
-    if chance.random() < 0.1:
-        way, value = way + chance.choice(("x", ".x", "\u00e9", ".\u00e9")), 1
-    verb = chance.choice(SETTLED_BY)
+    tries, verb = way, chance.choice(SETTLED_BY)
+    if nth >= len(settings()) and chance.random() < 0.1:
+        tries, way, value = "", way + chance.choice(("x", ".x", "\u00e9", ".\u00e9")), 1
     if chance.random() < 0.5:
         text = value if isinstance(value, str) else toml(value)
         sure = not isinstance(value, str)  # what is no TOML is a text, and may be one's own name
-        return Input((*(verb if sure else SHOW), "--set", f"{way}={text}"), sure=sure)
-    content = f"{way} = {toml(value)}\n".encode("utf-8", "surrogatepass")
-    return Input((*verb, "--config", "FILE"), content)
+        words = (*(verb if sure else SHOW), "--set", f"{way}={text}")
+        return Input(words, sure=sure, tries=tries)
+    sure = not (isinstance(value, str) and isinstance(leaf.kind, inspect.StrType))
+    content = f"{way} = {toml(value)}\n".encode()
+    words = (*(verb if sure else SHOW), "--config", "FILE")
+    return Input(words, content, sure=sure, tries=tries)
 
 
 ACQUIRE = ("run", "acquire", "--rig", "simulated", "--runs", "OUT", "--json")
@@ -179,12 +204,17 @@ sweep = { "controller.lift_height_m" = [0.02, 0.05] }
 }
 
 
-def of_acquisition(chance: random.Random) -> Input:
-    leaf = chance.choice(settings_of_acquisition())
+def packaged(name: str) -> bytes:
+    """A good file of settings."""
+    return OWN.get(name) or (config_dir() / name).read_bytes()
+
+
+def of_acquisition(chance: random.Random, nth: int) -> Input:
+    leaf = in_turn(settings_of_acquisition(), nth)
     way, value = ".".join(leaf.way), wrong(leaf.kind, chance)
     while isinstance(value, str):
         value = wrong(leaf.kind, chance)
-    return Input((*ACQUIRE, "--set", f"{way}={toml(value)}"))
+    return Input((*ACQUIRE, "--set", f"{way}={toml(value)}"), tries=way)
 
 
 CHECK = ("config", "check", "FILE")
@@ -214,11 +244,11 @@ READERS_OF_SETTINGS: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...] = (
 )  # fmt: skip
 
 
-def a_file_of_settings(chance: random.Random) -> Input:
+def a_file_of_settings(chance: random.Random, nth: int) -> Input:
     """One that was packaged, and is not what it was."""
-    name, readers = chance.choice(READERS_OF_SETTINGS)
-    good = OWN.get(name) or (config_dir() / name).read_bytes()
-    words = chance.choice(readers)
+    every = [(name, words) for name, readers in READERS_OF_SETTINGS for words in readers]
+    name, words = in_turn(every, nth)
+    good = packaged(name)
     beside = (("a.csv", "a.csv"),) if "IN/a.csv" in words else ()
     return Input(words, spoilt(good, chance), sure=False, beside=beside)
 
@@ -268,39 +298,124 @@ def options() -> tuple[Option, ...]:
     return tuple(of(build_parser(), ()))
 
 
-# a name of something that is there, or of a place of one's own, which any text may be
-FREE = {"--set", "--url", "--serial", "--cluster", "--host", "--out", "--taps"}
 NAMES = {"--object", "--profile", "--detector", "--rig", "--surface", "--direction", "--scene"}
+REFUSED = {"--set", "--url", "--host", "--taps"}  # whatever of these it is
+# read as a file or a folder
+OF_A_PLACE = ("Path", "file_to_write", "file_with_folders", "folder_to_fill", "picture", "_html")
+ENOUGH = {"A": "1", "number": "1", "picture": "OUT.svg", "Path": "IN/none"}  # of other options
+MAY_BE_EMPTY = (("runs",),)  # a folder that is not there holds no runs
 
 
-def words_of_a_verb(chance: random.Random) -> Input:
-    """An option that it does not have, or without a value, or with one that it cannot have."""
-    verb, action = chance.choice(options())
+def strange_values(verb: tuple[str, ...], action: argparse.Action) -> tuple[str, ...]:
+    """Values for which it must be refused."""
     kind = getattr(action.type, "__name__", "")
     name = action.option_strings[-1] if action.option_strings else ""
-    ways = [(*verb, "--" + "".join(chance.choices(string.ascii_lowercase, k=9)), "1")]
-    if name and action.nargs == 0:
-        ways.append((*verb, f"{name}=1"))
-    elif name:
-        ways.append((*verb, name))
-    if name and kind in ("number", "length"):
-        ways += [(*verb, f"{name}={chance.choice(NO_NUMBERS)}")] * 4
-    if name and action.choices:
-        ways += [(*verb, f"{name}={chance.choice(STRANGE)}")] * 4
+    if action.nargs == 0:
+        return ()
+    if action.choices:
+        return STRANGE
+    if kind in ("number", "length"):
+        return (*NO_NUMBERS, *NO_TEXT)
     if name in NAMES:
-        strange = [s for s in STRANGE if s not in ("", " ")]
-        ways += [(*verb, f"{name}={chance.choice(strange)}")] * 4
+        return tuple(s for s in STRANGE if s not in ("", " "))
+    if name in REFUSED:
+        return STRANGE
+    if kind in OF_A_PLACE and verb not in MAY_BE_EMPTY:
+        return NOWHERE
+    return NO_TEXT  # whatever else may be a name, of a host, say, or a note
+
+
+def takes_values() -> tuple[Option, ...]:
+    return tuple((verb, action) for verb, action in options() if action.nargs != 0)
+
+
+def title(verb: tuple[str, ...], action: argparse.Action) -> str:
+    name = action.option_strings[-1] if action.option_strings else action.metavar or action.dest
+    return " ".join((*verb, str(name)))
+
+
+def a_value_of_a_verb(chance: random.Random, nth: int) -> Input:
+    """An option, or what has no name, with a value that it cannot have; all that is required
+    beside it is there."""
+    verb, action = in_turn(takes_values(), nth)
+    value = chance.choice(strange_values(verb, action))
+    words: list[str] = []
+    for other_verb, other in options():
+        if other_verb != verb or other is action or not _is_required(other):
+            continue
+        kind = getattr(other.type, "__name__", "")
+        enough = next(iter(other.choices)) if other.choices else ENOUGH.get(kind, "OUT")
+        words += [f"{other.option_strings[-1]}={enough}"] if other.option_strings else [enough]
+    given = f"{action.option_strings[-1]}={value}" if action.option_strings else value
+    last = [given] if action.option_strings else ["--", given]  # what begins with - is no option
+    if not action.option_strings and chance.random() < 0.3:
+        last = [given]
+    return Input((*verb, *words, *last), tries=title(verb, action))
+
+
+def _is_required(action: argparse.Action) -> bool:
+    return action.required if action.option_strings else action.nargs not in ("?", "*")
+
+
+def words_of_a_verb(chance: random.Random, nth: int) -> Input:
+    """An option that it does not have, or without a value, or with one where it takes none."""
+    verb, action = in_turn(options(), nth)
+    name = action.option_strings[-1] if action.option_strings else ""
+    ways = [(*verb, "--" + "".join(chance.choices(string.ascii_lowercase, k=9)), "1")]
+    if name:
+        ways.append((*verb, f"{name}=1" if action.nargs == 0 else name))
     return Input(chance.choice(ways))
 
 
-def a_file_of_results(chance: random.Random, kept: dict[str, bytes]) -> Input:
+RECORDED = (("run/recording.mcap", "a.mcap"), ("run/result.json", "result.json"))
+LIFTED = ("run", "lift", "--rig", "simulated", "--set", "controller.hold_s=0.2")
+# what reads or writes at a place of one's own, which may have any name: NAME
+PLACES: tuple[tuple[tuple[str, ...], tuple[tuple[str, str], ...]], ...] = (
+    (("replay", "--", "NAME"), ()),
+    (("replay", "--tactile=NAME", "--detector", "energy"), ()),
+    (("replay", "--tactile", "IN/a.csv", "--config=NAME"), (("a.csv", "a.csv"),)),
+    (("replay", "IN/run", "--detector=NAME.py:x"), RECORDED),
+    (("runs", "--runs=NAME"), ()), (("runs", "--json", "--runs=NAME"), ()),
+    (("report", "--", "NAME"), ()), (("report", "IN/run", "--out=NAME.html"), RECORDED),
+    (("export", "--", "NAME"), ()), (("export", "IN/run", "--out=NAME"), RECORDED),
+    (("chart", "run", "--", "NAME"), ()), (("chart", "run", "IN/run", "--out=NAME.svg"), RECORDED),
+    (("campaign", "summary", "--", "NAME"), ()), (("campaign", "export", "--", "NAME"), ()),
+    (("campaign", "export", "IN/a.sqlite", "--out=NAME"), (("a.sqlite", "a.sqlite"),)),
+    (("campaign", "run", "--out", "OUT.sqlite", "--", "NAME.toml"), ()),
+    (("campaign", "run", "IN/c.toml", "--jobs", "1", "--out=NAME"), (("c.toml", OWN_CAMPAIGN),)),
+    (("config", "check", "--", "NAME"), ()), (("config", "show", "--", "NAME"), ()),
+    (("config", "show", "--set=gripper.calibration=NAME.toml"), ()),
+    (("detector", "card", "--", "NAME.onnx"), ()),
+    (("detector", "evaluate", "energy", "--recording=NAME"), ()),
+    (("detector", "evaluate", "energy", "--recording", "IN/a.csv", "--out=NAME.json"),
+     (("a.csv", "a.csv"),)),
+    (("dataset", "build", "IN/d.toml", "--jobs", "1", "--out=NAME"),
+     (("d.toml", "datasets/paper.toml"),)),
+    (("dataset", "describe", "--", "NAME"), ()),
+    (("dataset", "collect", "--out=OUT", "--", "NAME"), ()),
+    (("world", "plan", "hold", "--json", "--object=NAME.toml"), ()),
+    ((*LIFTED, "--runs=NAME"), ()), ((*LIFTED, "--runs", "OUT", "--out=NAME", "--trials", "2"), ()),
+)  # fmt: skip
+
+
+def a_place(chance: random.Random, nth: int) -> Input:
+    """Where nothing is, or what no place can be called."""
+    words, beside = in_turn(PLACES, nth)
+    within = [name for name in STRANGE if not name.startswith("/")]  # what is written stays here
+    name = chance.choice((*within, *NOWHERE))
+    sure = any(mark in name for mark in NO_TEXT)
+    given = tuple(word.replace("NAME", name) for word in words)
+    return Input(given, sure=sure, beside=beside)
+
+
+def a_file_of_results(chance: random.Random, nth: int, kept: dict[str, bytes]) -> Input:
     """A recording, verdict, campaign, network, its heads, table or scores: not what it was."""
-    which = chance.choice(sorted(READERS_OF_RESULTS))
-    words, name, beside = chance.choice(READERS_OF_RESULTS[which])
+    every = [(which, *each) for which in sorted(READERS_OF_RESULTS)
+             for each in READERS_OF_RESULTS[which]]  # fmt: skip
+    which, words, name, beside = in_turn(every, nth)
     return Input(words, spoilt(kept[which], chance), name, sure=False, beside=beside)
 
 
-RUN = (("run/recording.mcap", "a.mcap"), ("run/result.json", "result.json"))
 NETWORK = (("a.onnx", "a.onnx"), ("a.csv", "a.csv"))
 SCORED = ("detector", "evaluate", "energy", "--recording", "FILE", "--out", "OUT.json")
 # of each, by its name: the words, under which name, and what lies beside it
@@ -308,13 +423,13 @@ READERS_OF_RESULTS: dict[
     str, tuple[tuple[tuple[str, ...], str, tuple[tuple[str, str], ...]], ...]
 ] = {
     "a.mcap": tuple(
-        (words, "run/recording.mcap", RUN[1:]) for words in (
+        (words, "run/recording.mcap", RECORDED[1:]) for words in (
             ("replay", "FILE"), ("replay", "IN/run", "--check"), ("export", "IN/run", "--out",
              "OUT.csv"), ("report", "FILE", "--out", "OUT.html"), ("chart", "run", "FILE", "--out",
              "OUT.svg"))
     ),
     "result.json": tuple(
-        (words, "run/result.json", RUN[:1]) for words in (
+        (words, "run/result.json", RECORDED[:1]) for words in (
             ("runs", "--runs", "IN", "--json"), ("report", "IN/run", "--out", "OUT.html"),
             ("replay", "IN/run"), ("chart", "run", "IN/run", "--out", "OUT.svg"),
             ("export", "IN/run", "--out", "OUT.csv"))
@@ -346,16 +461,24 @@ READERS_OF_RESULTS: dict[
 }  # fmt: skip
 
 
+# of every twenty numbers: which draws which
+KINDS = (
+    "setting", "file", "value", "result", "place", "setting", "acquisition", "file", "value",
+    "setting", "result", "words", "setting", "file", "value", "place", "acquisition", "setting",
+    "file", "result",
+)  # fmt: skip
+
+
 def drawn(number: int, kept: dict[str, bytes]) -> Input:
-    """The same for a number, for ever."""
+    """The same for a number, for ever; what there is of a kind in turn."""
+    lap, slot = divmod(number, len(KINDS))
+    kind = KINDS[slot]
+    nth = lap * KINDS.count(kind) + KINDS[:slot].count(kind)
     chance = random.Random(number)
-    share = chance.random()
-    if share < 0.25:
-        return a_setting(chance)
-    if share < 0.32:
-        return of_acquisition(chance)
-    if share < 0.57:
-        return a_file_of_settings(chance)
-    if share < 0.77:
-        return words_of_a_verb(chance)
-    return a_file_of_results(chance, kept)
+    if kind == "result":
+        return a_file_of_results(chance, nth, kept)
+    draw = {
+        "setting": a_setting, "acquisition": of_acquisition, "file": a_file_of_settings,
+        "value": a_value_of_a_verb, "words": words_of_a_verb, "place": a_place,
+    }[kind]  # fmt: skip
+    return draw(chance, nth)

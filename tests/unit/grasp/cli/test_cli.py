@@ -249,8 +249,8 @@ def test_folder_that_cannot_be_made_is_told_before_the_run(
 ) -> None:
     (tmp_path / "file").write_text("")
     code, answer = run_json(capsys, "run", "lift", "--runs", str(tmp_path / "file"))
-    assert code == 5
-    assert answer["error"]["kind"] == "could_not_record"
+    assert code == 2
+    assert answer["error"]["kind"] == "usage"
     assert "--runs" in answer["error"]["remedy"]
 
 
