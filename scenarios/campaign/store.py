@@ -15,7 +15,7 @@ from typing import Any, Self, TextIO
 import msgspec
 
 from drivers.errors import BadFile, ConfigError, CouldNotRecord
-from grasp.files import make_private_file, make_private_folder, write_whole
+from grasp.files import LEADS_NOWHERE, make_private_file, make_private_folder, write_whole
 from grasp.settings import Layer, load, renamed
 from scenarios.campaign.lock import writing
 from scenarios.campaign.spec import CampaignSpec, Combination
@@ -291,7 +291,11 @@ def _claimed(path: Path) -> Iterator[ExitStack]:
         raise ConfigError(str(path), "--out", "is a folder", "a new file")
     try:
         make_private_folder(path.parent)
+        with suppress(FileNotFoundError):
+            path.with_name(f"{path.name}-journal").lstat()  # the longest name that is needed
     except OSError as error:
+        if error.errno in LEADS_NOWHERE:
+            raise ConfigError(str(path), "--out", str(error.strerror), "another file") from None
         raise CouldNotRecord(f"{path}: {error.strerror}", "choose another --out") from None
     with ExitStack() as lock:
         lock.enter_context(writing(path))

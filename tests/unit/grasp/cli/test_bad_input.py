@@ -216,3 +216,44 @@ def test_json_that_is_no_text_is_refused_by_whoever_reads_it(
     ):
         assert main(words) == 2, words
         assert capsys.readouterr().err.startswith("grasp: "), words
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("replay", "NAME"), ("report", "NAME"), ("export", "NAME"), ("chart", "run", "NAME"),
+        ("campaign", "summary", "NAME"), ("runs", "--runs=NAME"), ("run", "lift", "--runs=NAME"),
+        ("campaign", "calibrate", "--out=NAME"),
+        ("run", "lift", "--rig", "simulated", "--trials", "2", "--out=NAME"),
+    ],
+    ids=" ".join,
+)  # fmt: skip
+@pytest.mark.parametrize("name", ["a" * 300, "\0", "\ud83d", "\udcff"], ids=ascii)
+def test_what_no_file_can_be_called_is_refused_as_usage(
+    words: tuple[str, ...], name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert main([word.replace("NAME", name) for word in words]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("grasp: ") and err.count("\n") == 1
+    assert "disk" not in err and list(tmp_path.iterdir()) == []
+
+
+def test_a_name_beside_which_nothing_longer_can_lie_is_refused_as_usage(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["run", "lift", "--rig", "simulated", "--trials", "2", "--runs", str(tmp_path / "runs")]
+    assert main([*words, "--out", str(tmp_path / ("a" * 250))]) == 2
+    assert "File name too long" in capsys.readouterr().err and list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "words", [("run", "tap", "--taps=\x1b[2Jx\ny"), ("runs", "--runs=\x1b[2J\n")]
+)
+def test_words_that_are_told_back_do_nothing_to_a_terminal(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(list(words))
+    told = "".join(capsys.readouterr())
+    assert told.count("\n") == 1 and told[:-1].isprintable() and r"\x1b[2J" in told

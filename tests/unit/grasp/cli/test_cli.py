@@ -251,7 +251,7 @@ def test_folder_that_cannot_be_made_is_told_before_the_run(
     code, answer = run_json(capsys, "run", "lift", "--runs", str(tmp_path / "file"))
     assert code == 2
     assert answer["error"]["kind"] == "usage"
-    assert "--runs" in answer["error"]["remedy"]
+    assert "--runs" in answer["error"]["message"]
 
 
 def test_full_disk_does_not_stop_the_lift_and_leaves_nothing_half_written(tmp_path: Path) -> None:
