@@ -247,11 +247,12 @@ class Book:
 
 
 def digest(tests: Sequence[str]) -> str:
-    """Of tests as they are now, with all that they share."""
-    under = [path for test in tests for path in (HOME / test, *(HOME / test).rglob("*.py"))]
-    shared = [path for path in (HOME / "tests").rglob("*.py") if "test_" not in path.name]
-    files = sorted({path for path in (*under, *shared) if path.is_file()})
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:12]
+    """Of tests as they are now, with the helpers beside and above them."""
+    files = {path for test in tests for path in (HOME / test, *(HOME / test).rglob("*.py"))}
+    folders = {folder for path in files for folder in path.parents if HOME in folder.parents}
+    files |= {path for at in folders for path in at.glob("*.py") if "test_" not in path.name}
+    there = sorted(path for path in files if path.is_file())
+    return hashlib.sha256(b"".join(path.read_bytes() for path in there)).hexdigest()[:12]
 
 
 def run_parts(book: Book, names: Sequence[str]) -> int:

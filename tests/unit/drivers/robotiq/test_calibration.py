@@ -86,3 +86,7 @@ def test_force_rises_with_the_byte_as_the_exponent_says() -> None:
         name="curved", source="measured", least_force_n=10.0, most_force_n=60.0, force_exponent=2.0
     )
     assert curved.force_n(51) == pytest.approx(10.0 + 50.0 * 0.2**2)
+
+
+def test_of_a_calibration_that_does_not_say_so_nobody_has_counted_presses() -> None:
+    assert (PAPER.pressed_bytes, PAPER.presses, PAPER.reason) == ((), 0, "")

@@ -113,6 +113,26 @@ def test_activation_is_refused_while_the_fingers_hold_something(rig, springs) ->
     assert made.driver.activate(dropping=True).effective
 
 
+def test_activation_is_refused_while_fingers_that_stand_by_position_may_hold_something(rig) -> None:
+    made = rig(hand=HandSettings(activation_s=0.1))
+    made.driver.move_to((100, 100, 100), FAST, 10.0)
+    made.settle()
+    made.model.inject_fault(0x0A)
+    made.step(5)
+    with pytest.raises(Refused, match="drop"):
+        made.driver.activate()
+    assert made.driver.activate(dropping=True).effective
+
+
+def test_an_open_hand_with_a_fault_is_activated_anew(rig) -> None:
+    made = rig(hand=HandSettings(activation_s=0.1))
+    made.driver.open(FAST)
+    made.settle()
+    made.model.inject_fault(0x0A)
+    made.step(5)
+    assert made.driver.activate().effective
+
+
 def test_motion_is_refused_until_active(rig) -> None:
     made = rig(active=False)
     for verb in (

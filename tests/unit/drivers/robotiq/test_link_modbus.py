@@ -1,5 +1,6 @@
 """What the transport makes of a client's replies and failures, without a wire."""
 
+import termios
 from collections.abc import Sequence
 from typing import Any
 
@@ -125,6 +126,20 @@ def test_serial_line_is_115200_baud_reads_by_function_3_and_is_emptied_before_a_
 
 
 @pytest.mark.usefixtures("line")
+def test_serial_port_that_is_gone_is_told_and_let_go_before_anything_is_asked() -> None:
+    class Gone:
+        def reset_input_buffer(self) -> None:
+            raise termios.error(5, "Input/output error")
+
+    transport = ModbusTransport(ModbusSettings(serial_port="/dev/hand"), "rtu")
+    client = Client.made
+    client.socket = Gone()
+    with pytest.raises(LinkLost, match="/dev/hand closed the connection"):
+        transport.read(0, 2, 0)
+    assert (client.asked, client.closes) == ([], 1)
+
+
+@pytest.mark.usefixtures("line")
 @pytest.mark.parametrize(
     ("reply", "says"),
     [
@@ -161,7 +176,6 @@ def test_connection_is_given_up_after_three_requests_in_a_row_without_a_reply() 
     client.answers = [ModbusIOException("silence")] * 3
     assert [lost(transport) for _ in range(3)] == ["does not answer"] * 3
     assert client.closes == 1
-    transport.read(0, 8, S)
     client.answers = [ModbusIOException("silence")] * 2
     assert [lost(transport, S) for _ in range(2)] == ["does not answer"] * 2
     assert client.closes == 1, "counted anew on a new connection"

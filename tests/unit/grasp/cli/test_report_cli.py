@@ -2,10 +2,12 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from grasp.cli.main import main
+from grasp.cli.trials import _write_pages
 
 LIFT = ("run", "lift", "--rig", "simulated", "--detector", "energy", "--pace", "max")
 
@@ -43,6 +45,12 @@ def test_a_page_that_cannot_be_written_changes_no_verdict(
     monkeypatch.setattr("grasp.cli.report.write_whole", full)
     assert main([*LIFT, "--runs", str(tmp_path / "more"), "--report"]) == code
     assert "no page of seed 0" in capsys.readouterr().err
+
+
+def test_a_trial_that_left_no_recording_has_no_page(capsys: pytest.CaptureFixture[str]) -> None:
+    """As one that failed before it began."""
+    _write_pages([SimpleNamespace(recording=None, seed=0)], quiet=False)
+    assert capsys.readouterr() == ("", "")
 
 
 def test_the_page_stands_beside_the_recording_and_is_made_again(
