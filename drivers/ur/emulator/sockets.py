@@ -62,28 +62,26 @@ class ScriptTalk:
         self._load = load
         self.hears = hears
         self._held = b""
-        self._program: list[str] = []
-        self._chars = 0
+        self._program = bytearray()  # as it came: lines of their own would be thirty times as much
         self._depth = 0
         self.broken = False
 
     def feed(self, data: bytes) -> bytes:
         *lines, self._held = (self._held + data).split(b"\n")
         for line in lines:
-            self._take(line.decode("utf-8", "replace") + "\n")
-        self.broken = len(self._held) + self._chars > MAX_CHARS
+            self._take(line + b"\n")
+        self.broken = len(self._held) + len(self._program) > MAX_CHARS
         if self.broken:  # which is refused for its length
-            self._load("".join(self._program) + self._held.decode("utf-8", "replace"))
+            self._load((self._program + self._held).decode("utf-8", "replace"))
         return b""
 
-    def _take(self, line: str) -> None:
-        self._program.append(line)
-        self._chars += len(line)
-        self._depth += depth_change(line)
+    def _take(self, line: bytes) -> None:
+        self._program += line
+        self._depth += depth_change(line.decode("utf-8", "replace"))
         if self._depth > 0:
             return
-        text = "".join(self._program)
-        self._program, self._chars, self._depth = [], 0, 0
+        text = self._program.decode("utf-8", "replace")
+        self._program, self._depth = bytearray(), 0
         if text.strip():
             self._load(text)
 
