@@ -84,33 +84,45 @@ class Places(Generic[Member]):
 class Budget:
     """So much of each period for work that can be interrupted; what was overdrawn is paid back.
 
-    Times are those of the processor: what other processes take is nobody's fault here.
+    It is worked off in slices, between which somebody else has his turn. Times are those of the
+    processor: what other processes take is nobody's fault here.
     """
 
     def __init__(self, part: float = math.inf) -> None:
         self._part = part
         self._left_s = 0.0
-        self._until_s = math.inf
+        self._until_s = self._slice_until_s = math.inf
 
     def begin(self, period_s: float) -> None:
         """Grant the share of a period to this thread, from now on."""
         self._left_s = min(0.0, self._left_s) + self._part * period_s
-        self._until_s = time.thread_time() + self._left_s
+        self._until_s = self._slice_until_s = time.thread_time() + self._left_s
+
+    def slice(self, seconds: float) -> None:
+        """Grant so much of what is left, in place of all of it."""
+        self._slice_until_s = min(self._until_s, time.thread_time() + seconds)
 
     @property
     def left_s(self) -> float:
-        return self._until_s - time.thread_time()
+        """Of the slice."""
+        return self._slice_until_s - time.thread_time()
 
     def use(self, seconds: float) -> None:
         """Another thread has worked on this one's behalf."""
         self._until_s -= seconds
+        self._slice_until_s -= seconds
 
     def spent(self) -> bool:
+        """The slice is."""
+        return time.thread_time() >= self._slice_until_s
+
+    def over(self) -> bool:
+        """All of it is spent."""
         return time.thread_time() >= self._until_s
 
     def end(self) -> None:
         """No work goes on any more in this period."""
-        self._left_s = self.left_s
+        self._left_s = self._until_s - time.thread_time()
 
 
 class _Cancelled(BaseException):

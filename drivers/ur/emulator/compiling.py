@@ -21,6 +21,10 @@ class Compilation:
         self._text: str | None = None
         self._work: Slowly[Compiled] | None = None
 
+    @property
+    def busy(self) -> bool:
+        return self._text is not None
+
     def begin(self, text: str) -> None:
         """In place of another; nothing is done before the next ``go_on``."""
         self.cancel()
@@ -64,6 +68,11 @@ class Secondary:
             self._waiting.append(text)
         else:
             self._robot.log(f"secondary program refused: {_MOST_WAITING} are waiting")
+
+    @property
+    def busy(self) -> bool:
+        """There is more to do in this cycle."""
+        return bool(self._waiting) or self._compiles or self._program is not None
 
     def step(self, budget: Budget) -> None:
         """What there is time for."""

@@ -6,6 +6,7 @@ arm off. States and bits: "RTDE Guide".
 """
 
 from collections import deque
+from collections.abc import Callable
 from enum import IntEnum
 
 from drivers.fairness import Budget
@@ -27,6 +28,7 @@ _BIT_WORDS = {"bit_registers0_to_31": 0, "bit_registers32_to_63": 32}
 _KEPT_PROGRAMS = 8
 _KEPT_CHARS = 300_000  # of all these together
 ENDLESS = Budget()
+_SLICE_S = 3e-4  # of work on programs, before it is looked who asks meanwhile
 _KEPT_MESSAGES = 200
 _MESSAGE_CHARS = 500
 
@@ -134,9 +136,15 @@ class Controller:
         self._true_wrench: tuple[float, ...] = (0.0,) * 6
         self._zero_wrench: tuple[float, ...] = (0.0,) * 6
 
-    def step(self, now_ns: int, inputs: dict[str, Values], budget: Budget = ENDLESS) -> None:
+    def step(
+        self,
+        now_ns: int,
+        inputs: dict[str, Values],
+        budget: Budget = ENDLESS,
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> None:
         """One cycle: take the inputs, renew the arm's state, run the program, which is interrupted
-        when ``budget`` is spent."""
+        when ``budget`` is spent, and now and then before, when ``meanwhile`` has its turn."""
         self._now_ns = now_ns
         self.cycles += 1
         for name, values in inputs.items():
@@ -150,14 +158,32 @@ class Controller:
         if powered and (trouble or self.motion.tripped):
             self.protective_stop()
         self._watch(inputs)
-        if self.ready:
-            self._secondary.step(budget)
-        else:
-            self._secondary.clear()
-        self._compile(budget)
-        if self.runtime_state is RuntimeState.PLAYING:
-            self._run(budget)
+        self._work(budget, meanwhile)
         self.motion.brake_if_unowned()
+
+    def _work(self, budget: Budget, meanwhile: Callable[[], None]) -> None:
+        """Programs and their compilation have slices in turn; the main one has one turn a cycle."""
+        turn: Program | None = None
+        ran = False
+        while True:
+            if self.ready:
+                budget.slice(_SLICE_S)
+                self._secondary.step(budget)
+            else:
+                self._secondary.clear()
+            budget.slice(_SLICE_S)
+            self._compile(budget)
+            if self.runtime_state is not RuntimeState.PLAYING or (
+                ran and self._program is not turn
+            ):
+                turn = None
+            elif turn is not None or not ran:
+                budget.slice(_SLICE_S)
+                turn, ran = self._run(budget), True
+            busy = self._secondary.busy or self._compilation.busy or turn is not None
+            if not busy or budget.over():
+                return
+            meanwhile()
 
     def skip(self, cycles: int) -> None:
         """Cycles that nobody had the time to run."""
@@ -171,16 +197,18 @@ class Controller:
         elif self._watchdog.expired(self._now_ns):
             self.stop_program(f"watchdog on {self._watchdog.name}")
 
-    def _run(self, budget: Budget) -> None:
+    def _run(self, budget: Budget) -> Program | None:
+        """The program, if it was interrupted."""
         program = self._program
         if program is None:
-            return
+            return None
         try:
             if not program.step(budget.spent):
                 self.stop_program("program ended")
         except ScriptError as error:
             self.script_errors += 1
             self.stop_program(f"script error: {error}")
+        return program if program is self._program and program.interrupted else None
 
     def script_error(self, error: ScriptError) -> None:
         """Of a program that does not run."""

@@ -32,9 +32,9 @@ from drivers.ur.emulator.fields import output_values
 from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.primary import RATE_HZ, state_message, version_message
 from drivers.ur.emulator.realtime import realtime_message
-from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer
+from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer, Told
 from drivers.ur.emulator.rtde_wire import PORT as RTDE_PORT
-from drivers.ur.emulator.rtde_wire import Recipe, text_packet
+from drivers.ur.emulator.rtde_wire import text_packet
 from drivers.ur.emulator.settings import PROFILES, EmulatorSettings
 from drivers.ur.emulator.sockets import LineTalk, ScriptTalk, Server, Talk
 from drivers.ur.model import ArmModel, ArmModelSettings
@@ -138,9 +138,12 @@ class UrEmulator:
             self._advance(now_ns)
         self._server.renew()
         self._budget.begin(self._period_ns * 1e-9)
-        self.controller.step(now_ns, self._rtde.take_inputs(), self._budget)
+        self.controller.step(now_ns, self._rtde.take_inputs(), self._budget, self._meanwhile)
         self._budget.end()
         self._server.broadcast(self._news())
+
+    def _meanwhile(self) -> None:
+        self._server.serve(0.0)
 
     def _news(self) -> Callable[[Talk], bytes]:
         """What each client hears of this cycle; what nobody hears is not made."""
@@ -149,7 +152,7 @@ class UrEmulator:
         wanted = {talk.hears for talk in talks if isinstance(talk, ScriptTalk)}
         sampled = any(isinstance(talk, RtdeConnection) for talk in talks)
         values = output_values(self.controller) if sampled or "cycle" in wanted else {}
-        packed: dict[Recipe, bytes] = {}
+        told = Told(values, self._profile)
         if "cycle" in wanted:
             heard["cycle"] = realtime_message(values)
         if "state" in wanted and cycle % (self._profile.rate_hz // RATE_HZ) == 0:
@@ -157,7 +160,7 @@ class UrEmulator:
 
         def news(talk: Talk) -> bytes:
             if isinstance(talk, RtdeConnection):
-                return talk.sample(cycle, values, packed)
+                return talk.sample(cycle, told)
             return heard[talk.hears] if isinstance(talk, ScriptTalk) else b""
 
         return news

@@ -5,6 +5,7 @@ request, because clients read exactly one packet as that answer.
 """
 
 import struct
+from collections.abc import Mapping
 from weakref import WeakValueDictionary
 
 from drivers.ur.emulator.rtde_wire import (
@@ -12,6 +13,7 @@ from drivers.ur.emulator.rtde_wire import (
     INPUT_TYPES,
     NOT_FOUND,
     PROTOCOL_VERSION,
+    Cells,
     PacketType,
     Recipe,
     Splitter,
@@ -62,6 +64,19 @@ class RtdeServer:
         self.claims = {name: one for name, one in self.claims.items() if one is not owner}
 
 
+class Told:
+    """What is told of one cycle: each field and each recipe is packed once, whoever asks."""
+
+    def __init__(self, values: Mapping[str, Values], profile: Profile) -> None:
+        self._cells = Cells(values, profile.output_types)
+        self._packets: dict[Recipe, bytes] = {}
+
+    def packet(self, recipe: Recipe) -> bytes:
+        if recipe not in self._packets:
+            self._packets[recipe] = recipe.pack(self._cells)
+        return self._packets[recipe]
+
+
 class RtdeConnection:
     """One client."""
 
@@ -85,13 +100,11 @@ class RtdeConnection:
         """Answers to the requests in these bytes."""
         return b"".join(self._answer(kind, body) for kind, body in self._splitter.feed(data))
 
-    def sample(self, cycle: int, values: dict[str, Values], packed: dict[Recipe, bytes]) -> bytes:
-        """The data packet of this cycle, or nothing; ``packed`` are those of others."""
+    def sample(self, cycle: int, told: "Told") -> bytes:
+        """The data packet of this cycle, or nothing."""
         if not self._started or self._output is None or cycle % self._every:
             return b""
-        if self._output not in packed:
-            packed[self._output] = self._output.pack(values)
-        return packed[self._output]
+        return told.packet(self._output)
 
     def _answer(self, kind: int, body: bytes) -> bytes:
         match kind:

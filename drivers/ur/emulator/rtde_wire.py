@@ -5,8 +5,8 @@ below are those of the guide that a client of this project or ur_rtde asks for.
 """
 
 import struct
+from collections.abc import Mapping
 from enum import IntEnum
-from itertools import chain
 from operator import itemgetter
 
 PORT = 30004
@@ -46,6 +46,7 @@ STRUCT_CODES = {
     "VECTOR6INT32": "6i",
     "VECTOR6UINT32": "6I",
 }
+_CELLS = {kind: struct.Struct(f">{code}") for kind, code in STRUCT_CODES.items()}
 
 BITS = 128  # 0-63 in words, 64-127 one by one
 REGISTERS = 48  # 0-23 for fieldbus and PLC, 24-47 for external RTDE clients
@@ -150,21 +151,33 @@ class Splitter:
         return found
 
 
+class Cells(dict[str, bytes]):
+    """Fields of one cycle, each packed when it is first asked for. Its name must be among the
+    values."""
+
+    def __init__(self, values: Mapping[str, Values], types: Mapping[str, str]) -> None:
+        self._values = values
+        self._types = types
+
+    def __missing__(self, name: str) -> bytes:
+        self[name] = _CELLS[self._types[name]].pack(*self._values[name])
+        return self[name]
+
+
 class Recipe:
     """Field names of known types, in order, packed behind the recipe's id."""
 
     def __init__(self, number: int, names: list[str], types: dict[str, str]) -> None:
         codes = [STRUCT_CODES[types[name]] for name in names]
-        self.number = number
         self.names = names
-        self._of = itemgetter(names[0], *names)
+        self._cells_of = itemgetter(names[0], *names)  # never of one alone
+        self._number = bytes([number])
         self._struct = struct.Struct(">B" + "".join(codes))
         self._widths = [int(code[:-1] or 1) for code in codes]
 
-    def pack(self, values: dict[str, Values]) -> bytes:
-        """A data packet; every name must be among the values."""
-        flat = chain.from_iterable(self._of(values)[1:])
-        return packet(PacketType.DATA, self._struct.pack(self.number, *flat))
+    def pack(self, cells: "Cells") -> bytes:
+        """A data packet."""
+        return packet(PacketType.DATA, self._number + b"".join(self._cells_of(cells)[1:]))
 
     def unpack(self, body: bytes) -> dict[str, Values] | None:
         """Values by name; None when the body is not as long as the recipe says."""

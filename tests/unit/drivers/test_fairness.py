@@ -157,3 +157,21 @@ def test_cancelled_work_leaves_no_thread() -> None:
     assert {t.daemon for t in threading.enumerate() if t.name == "slowly"} == {True}  # or we hang
     slowly.cancel()
     assert "slowly" not in {thread.name for thread in threading.enumerate()}
+
+
+def test_budget_is_worked_off_in_slices() -> None:
+    budget = Budget(0.5)
+    budget.begin(20.0)
+    budget.slice(0.01)
+    assert budget.left_s <= 0.01
+    assert not budget.spent()
+    busy(0.01)
+    assert budget.spent() and not budget.over()
+    budget.slice(60.0)
+    assert 9.0 < budget.left_s < 10.0
+    budget.use(10.0)
+    assert budget.spent() and budget.over()
+    budget.end()
+    budget.begin(0.0)
+    budget.slice(1.0)
+    assert budget.spent()

@@ -16,6 +16,7 @@ from drivers.ur.emulator.urscript.builtins import BUILTINS
 NUMBERS = (0, 1, -1, 2, 6, 0.1, 1e-320, 5e-324, 1e-9, 1e9, 1e200, 1e308, 2**31 - 1, 2**31, -(2**31))
 WORDS = ("a", "b", "x", "p", "input_int_register_0", "stop", "\\u0000", "é", "")
 OUTPUTS, INPUTS, CALLS = sorted(E_SERIES_OUTPUT_TYPES), sorted(INPUT_TYPES), sorted(BUILTINS)
+LATER = {"name": "gripper_delay", "seconds": 0.0}
 MOST_BYTES = 200_000  # of one connection
 
 
@@ -90,7 +91,8 @@ def urscript(r: random.Random) -> list[bytes]:
     elif kind < 0.2:  # deep
         text = f"def f():\n{r.choice(('(', '[', '-', 'not ', 'if 1:', 'f('))}" * r.randrange(20_000)
     else:
-        text = f"def f():\na = 1\nb = [1, 2, 3]\n{block(r, -1)}\nend\n" * r.randrange(1, 3)
+        kind_of = r.choice(("def", "def", "def", "sec"))
+        text = f"{kind_of} f():\na = 1\nb = [1, 2, 3]\n{block(r, -1)}\nend\n" * r.randrange(1, 3)
     return pieces(r, rubble(r, text.encode()[:MOST_BYTES]))
 
 
@@ -103,7 +105,7 @@ def rtde_packet(r: random.Random, recipes: list[tuple[int, list[str]]]) -> bytes
     if kind == "V":
         body = struct.pack(">H", r.choice((1, 2, 2, 2, 65535)))
     elif kind == "O":
-        names = r.choices(OUTPUTS, k=r.choice((1, 5, 100, 1400)))
+        names = r.choices(OUTPUTS, k=r.choice((1, 5, 100, 1000, 1400)))
         rate = r.choice((125.0, 500.0, 1.0, 10.0, float("nan"), *NUMBERS))
         body = struct.pack(">d", rate) + ",".join(names).encode()
     elif kind == "I":
@@ -203,6 +205,9 @@ def control(r: random.Random) -> list[bytes]:
         verb = r.choice(
             ("truth", "truth", "place", "home", "fault", "tap", "press", "nonsense", anything(r))
         )
+        if verb == "fault" and r.random() < 0.5:  # any number of them that wait, and hurt nobody
+            lines.append({"verb": verb, **LATER, "after_s": r.uniform(1.0, 600.0)})
+            continue
         lines.append({"verb": verb, **{r.choice(keys): anything(r) for _ in range(r.randrange(3))}})
     return pieces(r, rubble(r, _lines(lines)))
 

@@ -368,6 +368,11 @@ class Program:
                 raise ScriptError("a thread cannot kill itself")
             self._end(thread)
 
+    @property
+    def interrupted(self) -> bool:
+        """Not all threads have had their turn."""
+        return bool(self._turn)
+
     def step(self, out_of_time: Callable[[], bool] = never) -> bool:
         """One cycle; False once the main thread has ended. Raises ScriptError.
 

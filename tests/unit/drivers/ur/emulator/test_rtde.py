@@ -5,8 +5,8 @@ import weakref
 
 import pytest
 
-from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer
-from drivers.ur.emulator.rtde_wire import PacketType, Recipe, packet
+from drivers.ur.emulator.rtde import RtdeConnection, RtdeServer, Told
+from drivers.ur.emulator.rtde_wire import Cells, PacketType, Recipe, packet
 from drivers.ur.emulator.settings import PROFILES
 
 VALUES = {"timestamp": (1.5,), "actual_q": (1.0, 2.0, 3.0, 4.0, 5.0, 6.0), "robot_mode": (7,)}
@@ -23,14 +23,18 @@ def test_those_who_ask_for_the_same_are_told_from_one_packing(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Those who ask for something else, or for the same in another order, are told that."""
-    server, packed = RtdeServer(PROFILES["cb3"]), []
+    server = RtdeServer(PROFILES["cb3"])
+    packed: list[Recipe] = []
     pack = Recipe.pack
-    monkeypatch.setattr(
-        Recipe, "pack", lambda recipe, values: packed.append(recipe) or pack(recipe, values)
-    )
+
+    def counted(recipe: Recipe, cells: Cells) -> bytes:
+        packed.append(recipe)
+        return pack(recipe, cells)
+
+    monkeypatch.setattr(Recipe, "pack", counted)
     asked = ["timestamp,actual_q", "timestamp,actual_q", "actual_q,timestamp", "robot_mode"]
-    clients, cycle = [client(server, names) for names in asked], {}
-    told = [one.sample(1, VALUES, cycle) for one in clients]
+    clients, cycle = [client(server, names) for names in asked], Told(VALUES, server.profile)
+    told = [one.sample(1, cycle) for one in clients]
     time, joints = struct.pack(">d", 1.5), struct.pack(">6d", *VALUES["actual_q"])
     header = lambda body: struct.pack(">HBB", 4 + len(body), PacketType.DATA, 1) + body  # noqa: E731
     assert told[0] == told[1] == header(time + joints)

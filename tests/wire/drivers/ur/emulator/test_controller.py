@@ -198,6 +198,70 @@ def test_secondary_program_that_would_take_time_or_fails_ends_alone(bench, call,
     assert bench.controller.ports.digital_out == 4
 
 
+COUNT = "n = 0\nwhile True:\n n = n + 1\nwrite_output_integer_register(1, n)\n{}sync()\nend"
+
+
+def sliced(bench, meanwhile):
+    """A cycle with more time than a slice."""
+    bench.now_ns += PERIOD_NS
+    budget = Budget(1.0)
+    budget.begin(0.008)
+    bench.controller.step(bench.now_ns, {}, budget, meanwhile)
+    budget.end()
+
+
+@pytest.mark.parametrize(
+    "hog",
+    ["def f():\n while True:\n i = 0\n while i < 3000:\n i = i + 1\n end\n sync()\n end\n end\n",
+     "def f():\n" + " a = [1, 2]\n" * 3000 + "end\n",
+     "sec f():\n i = 0\n while i < 30000:\n i = i + 1\n end\n end\n"],
+    ids=["program", "compilation", "secondary program"],
+)  # fmt: skip
+def test_clients_have_a_turn_while_a_program_computes_or_is_compiled(bench, hog):
+    bench.controller.load(hog)
+    turns = []
+    for _ in range(3):
+        sliced(bench, lambda: turns.append(0))
+    bench.controller.close()
+    assert len(turns) >= 5
+
+
+def test_main_program_has_one_turn_a_cycle_however_many_slices_there_are(bench):
+    bench.run(COUNT.format(""))
+    bench.cycles(3)
+    ints = bench.controller.registers.values["output", "int"]
+    bench.controller.load("sec f():\n i = 0\n while i < 20000:\n i = i + 1\n end\n end\n")
+    before, turns = ints[1], []
+    for _ in range(5):
+        sliced(bench, lambda: turns.append(0))
+    assert turns
+    assert ints[1] - before == 5
+
+
+@pytest.mark.parametrize("what", ["stop", "pause", "replace", "protective stop"])
+def test_program_that_is_stopped_between_two_of_its_slices_is_stopped(bench, what):
+    bench.run(COUNT.format("i = 0\nwhile i < 30000:\n i = i + 1\nend\n"))
+    controller, done = bench.controller, []
+    other = "write_output_integer_register(2, 2)\n"
+
+    def meanwhile():
+        if controller.runtime_state is RuntimeState.PLAYING and not done:
+            done.append({
+                "stop": lambda: controller.stop_program("asked"),
+                "pause": controller.pause_program,
+                "replace": lambda: controller.load(other),
+                "protective stop": controller.protective_stop,
+            }[what]())  # fmt: skip
+
+    for _ in range(20):
+        sliced(bench, meanwhile)
+    ints = controller.registers.values["output", "int"]
+    assert done and ints[1] == 1
+    assert ints[2] == (2 if what == "replace" else 0)
+    paused = what in ("pause", "protective stop")
+    assert controller.runtime_state is (RuntimeState.PAUSED if paused else RuntimeState.STOPPED)
+
+
 def test_secondary_programs_wait_for_each_other_but_not_any_number(bench):
     for number in range(20):
         bench.controller.load(f"sec s():\n write_output_integer_register({number}, 1)\nend\n")
