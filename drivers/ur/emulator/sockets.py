@@ -125,6 +125,14 @@ class Connection:
             return False
         return bool(data) and self.send(self.talk.feed(data)) and not self.talk.broken
 
+    def hear_out(self) -> None:
+        """Take what came before a client went: a program is often sent, and the line closed."""
+        with contextlib.suppress(OSError):
+            for _ in range(MAX_CHARS // _CHUNK + 1):
+                if self.talk.broken or not (data := self.sock.recv(_CHUNK)):
+                    return
+                self.talk.feed(data)
+
     def send(self, data: bytes) -> bool:
         """Send as much as the client takes; False when it is gone or does not read."""
         self._unsent += data
@@ -277,7 +285,10 @@ class Server:
             if not connection.waits and not deaf:
                 started_s = time.thread_time()
                 if data := sample(connection.talk):
-                    self._keep(connection, connection.send(data))
+                    alive = connection.send(data)
+                    if not alive and isinstance(connection.talk, ScriptTalk):
+                        connection.hear_out()
+                    self._keep(connection, alive)
                     self._charge(connection, time.thread_time() - started_s)
 
     def drop_links(self) -> None:

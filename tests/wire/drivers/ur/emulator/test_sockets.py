@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from drivers.ur.emulator.sockets import Farewell, LineTalk, Server
+from drivers.ur.emulator.sockets import Farewell, LineTalk, ScriptTalk, Server
 
 PATIENCE_S = 20.0
 
@@ -71,3 +71,24 @@ def test_who_asks_while_many_are_told_the_state_does_not_wait_for_all_of_them():
         server.broadcast(sample)
         assert len(heard_at) == 29
         assert heard_at[2] == ["is anybody there?"]
+
+
+def test_program_of_a_client_that_has_gone_is_taken_before_its_line_is_closed():
+    """Also where the state was told to it, twice, before there was time to read."""
+    loaded = []
+    with contextlib.ExitStack() as serving:
+        server = Server()
+        serving.callback(server.close)
+        port = server.listen(
+            "127.0.0.1", 0, lambda: (ScriptTalk(loaded.append, "cycle"), b""), most=32
+        )
+        text = "def f():\n" + " a = 1\n" * 1000 + "end\n"
+        with socket.create_connection(("127.0.0.1", port), PATIENCE_S) as client:
+            deadline = time.monotonic() + PATIENCE_S
+            while not server.talks() and time.monotonic() < deadline:
+                server.serve(0.01)
+            client.sendall(text.encode())
+        while server.talks() and time.monotonic() < deadline:
+            server.broadcast(lambda talk: b"state")
+            time.sleep(0.01)
+    assert loaded == [text]
