@@ -175,3 +175,13 @@ def test_budget_is_worked_off_in_slices() -> None:
     budget.begin(0.0)
     budget.slice(1.0)
     assert budget.spent()
+
+
+def test_some_of_a_budget_that_was_not_needed_is_left_for_later() -> None:
+    """A program that needs little on the whole is not torn where it needs more for once."""
+    budget = Budget(0.2)
+    for _ in range(100):
+        budget.begin(0.01)
+        budget.end()
+    budget.begin(0.002)
+    assert 0.004 < budget.left_s < 0.006
