@@ -1,7 +1,7 @@
 """Cases in which a fault takes the only thing that could have kept the object or stopped the arm.
 
-Written before any run of the plan was looked at. A run may show what is named here, where it is
-named, if its last line or its outcome tells the user so.
+Written before any run of the plan was looked at, but for the two of the detector. A run may show
+what is named here, where it is named, if its last line or its outcome tells the user so.
 """
 
 import re
