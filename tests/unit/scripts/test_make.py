@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
 ASKED = {
-    "faults": ["scripts/faults.py run --jobs 3", "scripts/faults.py page",
+    "faults": ["scripts/faults.py run --stale --jobs 3", "scripts/faults.py page",
                "-m pytest -s -m slow tests/wire/scenarios/chaos"],
     "mutants": [f"scripts/mutants.py {verb}"
                 for verb in ("run", "sample --seed 17", "twice", "page")],

@@ -17,7 +17,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from drivers.errors import BadFile, ConfigError, CouldNotRecord
+from drivers.errors import BadFile, ConfigError, CouldNotRecord, GraspError
 from grasp.cli.main import main
 from scenarios.campaign.lock import writing
 from scenarios.campaign.run import run
@@ -321,9 +321,14 @@ def test_a_file_that_the_disk_refuses_at_once_is_gone(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("out", ["/proc/nobody/a.sqlite", "/sys/a.sqlite"])
-def test_a_folder_that_may_not_be_written_is_told_before_anything_runs(out: str) -> None:
-    with pytest.raises(CouldNotRecord, match=r"a\.sqlite"):
+@pytest.mark.parametrize(
+    ("out", "error"), [("/proc/nobody/a.sqlite", ConfigError), ("/sys/a.sqlite", CouldNotRecord)]
+)
+def test_a_folder_that_may_not_be_written_is_told_before_anything_runs(
+    out: str, error: type[GraspError]
+) -> None:
+    """One that cannot be there is usage."""
+    with pytest.raises(error, match=r"a\.sqlite"):
         run(SPEC, Path(out), Workers(0), work=judged)
 
 
