@@ -227,13 +227,18 @@ class Attack:
 
 
 def sure(attempt: Attempt, names: Sequence[str]) -> str:
-    """What kills a mutant; not a test that fails but once, or without the mutant too."""
+    """What kills a mutant; not a test that fails but once, or without the mutant too. Raises
+    RuntimeError where the tests cannot be run, or not in time, without the mutant either."""
     left = list(names)
     while left and (killer := attempt(left, True)) in left:
         if not attempt([killer], False) and attempt([killer], True):
             return killer
         left.remove(killer)
-    return killer if left else ""
+    if not left or not killer:
+        return ""
+    if (without := attempt(left, False)) and without not in left:
+        raise RuntimeError(f"{without} without a mutant too: {', '.join(left)}")
+    return killer
 
 
 def _in_copy(

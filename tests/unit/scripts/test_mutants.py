@@ -223,4 +223,7 @@ def test_a_test_that_fails_by_itself_kills_nothing_and_others_are_asked() -> Non
 
 
 def test_a_mutant_that_ends_every_test_is_killed_by_its_time_out() -> None:
-    assert sure(lambda names, changed: "time-out", "abc") == "time-out"
+    for fate in ("time-out", "broken"):
+        assert sure(lambda names, changed, fate=fate: fate if changed else "", "abc") == fate
+        with pytest.raises(RuntimeError, match=f"{fate} without a mutant"):
+            sure(lambda names, changed, fate=fate: fate, "abc")
