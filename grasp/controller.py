@@ -38,6 +38,7 @@ from grasp.slip import SlipMonitor, SlipStatus
 from grasp.steps import Steps
 
 UNTIMED_PHASES = END_PHASES | {Phase.IDLE, Phase.HOLD}
+ARM_PHASES = AIRBORNE_PHASES | {Phase.HOME, Phase.APPROACH, Phase.RETREAT}  # over once it arrives
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -171,9 +172,20 @@ class GraspController:
 
     def _time_trouble(self, seen: Observation) -> str:
         timeout_s = self._settings.phase_timeout_s
-        if self.phase not in UNTIMED_PHASES and self._lasted(seen, timeout_s):
-            return f"phase {self.phase} lasted longer than {timeout_s:g} s"
-        return ""
+        if self.phase in UNTIMED_PHASES or not self._lasted(seen, timeout_s):
+            return ""
+        if self.phase is Phase.REST and seen.hand_rests:
+            return f"fingertips_slow: too few samples for rest counts within {timeout_s:g} s"
+        return f"phase {self.phase} lasted longer than {timeout_s:g} s: {self._awaited(seen)}"
+
+    def _awaited(self, seen: Observation) -> str:
+        """What the present phase is not over without."""
+        if seen.pending:
+            return "a command has not reached its device yet"
+        if not seen.gripper.at_rest:
+            return "the fingers still move"
+        arm = "the arm has not arrived"
+        return arm if self.phase in ARM_PHASES else "the grip is not what it has to be"
 
     def _fire(self, trigger: Trigger, seen: Observation, cause: str) -> None:
         self.machine.fire(trigger, seen.t_ns, cause)

@@ -83,6 +83,8 @@ OPEN_PHASES = frozenset({Phase.IDLE, Phase.RELEASE, Phase.RETREAT, Phase.DONE})
 UNMOVED_PHASES = frozenset({Phase.IDLE, Phase.DONE})  # nothing was told to move, or is any more
 END_PHASES = frozenset({Phase.DONE, Phase.KEPT})  # all went well, and nothing more will follow
 SAFE_PHASES = frozenset({Phase.LOST, Phase.STOPPED, Phase.FAULT})  # nothing leads out of them
+# no rest counts have been taken, or a run has ended before it took any
+UNRESTED_PHASES = SAFE_PHASES | {Phase.IDLE, Phase.HOME, Phase.APPROACH}
 
 TRANSITIONS: tuple[tuple[Trigger, tuple[Phase, ...], Phase], ...] = (
     (Trigger.START, (Phase.IDLE,), Phase.APPROACH),

@@ -21,7 +21,7 @@ from grasp.doubt import Doubts, wrong_probabilities
 from grasp.doubt_settings import DoubtSettings
 from grasp.guard import ForceGuard
 from grasp.observation import Observation, StepInput
-from grasp.phases import OPEN_PHASES
+from grasp.phases import OPEN_PHASES, UNRESTED_PHASES
 
 HEARD = 0.5  # likelier slip than not: heads have learnt from slip alone, and say nothing of rest
 
@@ -62,6 +62,7 @@ class GraspStep:
         self._measured_n: Vector3 = (0.0, 0.0, 0.0)
         self._felt_n: Vector3 = (0.0, 0.0, 0.0)
         self._last_close: CloseFast | None = None
+        self._rested = False  # fingertips' counts are against the rest that this run has taken
 
     def decide(self, told: StepInput) -> StepResult:
         """Take one frame with the states of the other devices."""
@@ -89,7 +90,8 @@ class GraspStep:
         doubt = self._doubts.of(
             phase, told.frame, told.gripper, told.arm, told.pending, told.late_ns, told.took_ns
         )
-        probabilities, deaf = self._listen(told.frame)
+        self._rested = self._rested or phase not in UNRESTED_PHASES
+        probabilities, deaf = self._listen(told.frame if self._rested else None)
         if phase in OPEN_PHASES:  # nobody has to feel anything
             deaf = ""
         return Observation(
@@ -107,7 +109,8 @@ class GraspStep:
 
     def _listen(self, frame: TactileFrame | None) -> tuple[NDArray[np.float64], str]:
         """Probability of slip at each finger, and why there is none. A stale frame is no sample,
-        and forgets the past; codes at the end of their range are no force."""
+        and forgets the past; codes at the end of their range are no force. None: there is no frame,
+        or it is counted from the rest of an earlier run, since when the pads were pressed."""
         if frame is None:
             return np.zeros(FINGERS), ""
         if self._doubts.believes_force:

@@ -239,7 +239,20 @@ def test_phase_that_lasts_too_long_is_a_fault() -> None:
     d.until(Phase.GRASP)
     for _ in range(110):
         d.step(gripper=d.hand(detections=MOVING))
-    assert d.controller.phase is Phase.FAULT
+    cause = d.controller.fault_cause
+    assert cause == "phase grasp lasted longer than 1 s: the fingers still move"
+
+
+@pytest.mark.parametrize(("pending", "awaited"), [
+    (True, "a command has not reached its device yet"),
+    (False, "the grip is not what it has to be"),
+])  # fmt: skip
+def test_phase_without_end_says_what_it_waits_for(pending: bool, awaited: str) -> None:
+    d = Driver(phase_timeout_s=1.0, relax_s=2.0)
+    d.until(Phase.RELAX)
+    for _ in range(110):
+        d.step(pending=pending)
+    assert d.controller.fault_cause == f"phase relax lasted longer than 1 s: {awaited}"
 
 
 def test_fingertips_that_fall_silent_once_the_hand_opens_are_no_fault() -> None:
@@ -284,7 +297,18 @@ def test_arm_that_does_not_arrive_is_a_fault_in_its_time(phase: Phase) -> None:
     for _ in range(110):
         d.step(arm=arm(d.t_ns + TICK, 0.03, moving=True))
     assert d.controller.phase is Phase.FAULT
-    assert f"phase {phase} lasted longer" in d.controller.fault_cause
+    cause = d.controller.fault_cause
+    assert cause == f"phase {phase} lasted longer than 1 s: the arm has not arrived"
+
+
+def test_rest_counts_that_are_never_had_are_the_fingertips_fault() -> None:
+    d = Driver(phase_timeout_s=1.0)
+    d.until(Phase.REST)
+    for _ in range(110):
+        d.step(rest_taken=False)
+    assert d.controller.fault_cause == (
+        "fingertips_slow: too few samples for rest counts within 1 s"
+    )
 
 
 def test_every_transition_is_logged_with_time_and_cause() -> None:

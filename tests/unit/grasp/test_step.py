@@ -121,6 +121,24 @@ def test_detector_hears_the_counts_and_the_controller_its_answer() -> None:
     assert seen.felt_n == seen.measured_n
 
 
+@pytest.mark.parametrize("phase", [Phase.IDLE, Phase.HOME, Phase.APPROACH])
+def test_counts_from_the_rest_of_an_earlier_run_are_no_force_and_no_sample(phase: Phase) -> None:
+    b = Bench(Told(phase))
+    assert b.decide(frame(-9)).measured_n == (0.0, 0.0, 0.0)
+    b.controller.phase = Phase.FAULT  # before this run took its own
+    seen = b.decide(frame(-9))
+    assert (seen.measured_n, seen.felt_n, b.ears.heard) == ((0.0,) * 3, (0.0,) * 3, [])
+    assert not seen.overloaded
+
+
+@pytest.mark.parametrize("end", [Phase.FAULT, Phase.STOPPED, Phase.LOST])
+def test_what_a_run_felt_since_its_own_rest_is_felt_in_its_safe_state(end: Phase) -> None:
+    b = Bench(Told(Phase.REST))
+    b.decide(frame(-9))
+    b.controller.phase = end
+    assert b.decide(frame(-1)).measured_n == (6.0, 6.0, 6.0)
+
+
 def test_taxels_at_a_rail_count_as_measured_and_not_as_felt() -> None:
     seen = Bench().decide(railed(frame(-1)))
     assert (seen.measured_n, seen.felt_n) == ((6.0, 6.0, 6.0), (4.0, 6.0, 6.0))
