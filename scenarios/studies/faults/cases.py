@@ -22,6 +22,9 @@ LINK = ("cut", "blinking", "slow")
 ARM_FIELDS = (
     "t_ns", "position_m", "velocity_mps", "moving", "protective_stop", "angle_rad", "spin_radps",
 )  # fmt: skip
+VECTORS = ("position_m", "velocity_mps")
+AXES = "xyz"
+OF_AN_AXIS = frozenset({"not a number", "out of range", "jump"})  # the rest is said of all three
 TAXELS = tuple(f"taxel {finger}{i}" for finger in "ABC" for i in range(6))
 TAXEL = "taxel"  # any of these: which one is drawn by a seed
 PAD_FIELDS = ("finger A", "finger B", "finger C", TAXEL, "temperatures")
@@ -63,7 +66,8 @@ class Fault(msgspec.Struct, frozen=True):
 
     device: str  # gripper, arm, fingertips, loop, detector
     part: str  # state, command, link, whole
-    what: str  # the field or the command; empty of a whole; ``TAXEL``: one is to be drawn
+    what: str  # the field, with a vector's axis, or the command; empty of a whole; ``TAXEL``: one
+    # is to be drawn
     kind: str
 
     def __str__(self) -> str:
@@ -138,8 +142,8 @@ def plan() -> list[Case]:
     cases += _in_safe_states()
     chance = random.Random(0)
     cases += [_pair(chance) for _ in range(PAIRS)]
-    draw = random.Random(1)
-    drawn = (_with_taxels(case, draw) for case in cases)
+    taxels, axes = random.Random(1), random.Random(2)
+    drawn = (_drawn(case, taxels, axes) for case in cases)
     return [msgspec.structs.replace(case, number=n) for n, case in enumerate(drawn)]
 
 
@@ -225,13 +229,18 @@ def _pair(chance: random.Random) -> Case:
     )  # fmt: skip
 
 
-def _with_taxels(case: Case, draw: random.Random) -> Case:
-    """One of the eighteen in place of any."""
+def _drawn(case: Case, taxels: random.Random, axes: random.Random) -> Case:
+    """One of the eighteen taxels in place of any, and one axis of a vector's three."""
 
     def drawn(fault: Fault | None) -> Fault | None:
-        if fault is None or fault.what != TAXEL:
+        if fault is None or fault.part != "state":
             return fault
-        return msgspec.structs.replace(fault, what=draw.choice(TAXELS))
+        what = fault.what
+        if what == TAXEL:
+            what = taxels.choice(TAXELS)
+        elif what in VECTORS and fault.kind in OF_AN_AXIS:
+            what = f"{what} {axes.choice(AXES)}"
+        return msgspec.structs.replace(fault, what=what)
 
     return msgspec.structs.replace(case, fault=drawn(case.fault), then=drawn(case.then))
 

@@ -19,7 +19,7 @@ from drivers.takktile.receiver import UsbBoard
 from drivers.ur.driver import ArmSample
 from drivers.ur.model import ArmModel
 from grasp.clock import Clock
-from scenarios.studies.faults.cases import TAXELS
+from scenarios.studies.faults.cases import AXES, TAXELS
 from scenarios.studies.faults.registers import FIELDS, verb, wrong
 from scenarios.studies.faults.struck import BEHIND_NS, BLINK_NS, Past, Struck
 
@@ -136,11 +136,12 @@ BEYOND = {"t_ns": -(1 << 40), "position_m": 99.0, "velocity_mps": 50.0, "angle_r
           "spin_radps": 100.0}  # fmt: skip
 
 
-def with_third(value: Any, number: float, add: bool = False) -> Any:
-    """A scalar, or a vector with its upright part so."""
-    if isinstance(value, tuple):
-        return (*value[:2], value[2] + number if add else number)
-    return value + number if add else number
+def with_number(value: Any, axis: str, number: float, add: bool = False) -> Any:
+    """A scalar, or a vector with this part of it so."""
+    if not axis:
+        return value + number if add else number
+    i = AXES.index(axis)
+    return (*value[:i], value[i] + number if add else number, *value[i + 1 :])
 
 
 class ArmWire(Wire):
@@ -236,7 +237,7 @@ class ArmWire(Wire):
             self._model.speed_l((0.5 * x, 0.5 * y, 0.5 * z), 0.0, words[0], now_ns)
 
     def _said(self, lie: Struck, sample: ArmSample) -> ArmSample:
-        name, kind = lie.fault.what, lie.fault.kind
+        (name, _, axis), kind = lie.fault.what.partition(" "), lie.fault.kind
         true = getattr(sample, name)
         if kind == "frozen":
             value = self._kept.setdefault(id(lie), true)
@@ -245,11 +246,12 @@ class ArmWire(Wire):
         elif kind == "missing":
             value = NOTHING[name]
         elif kind == "not a number":
-            value = with_third(true, float("nan"))
+            value = with_number(true, axis, float("nan"))
         elif kind == "out of range":
-            value = with_third(true, BEYOND[name])
+            value = with_number(true, axis, BEYOND[name])
         else:
-            value = not true if isinstance(true, bool) else with_third(true, LEAPS[name], add=True)
+            said = isinstance(true, bool)
+            value = not true if said else with_number(true, axis, LEAPS[name], add=True)
         return msgspec.structs.replace(sample, **{name: value})
 
 

@@ -10,9 +10,11 @@ from drivers.ur.driver import ArmSample
 from grasp.phases import Phase
 from scenarios.studies.faults.cases import (
     ARM_FIELDS,
+    AXES,
     COMMAND,
     COMMANDS,
     LINK,
+    OF_AN_AXIS,
     PAIRS,
     PHASES,
     SCENES,
@@ -20,8 +22,10 @@ from scenarios.studies.faults.cases import (
     SHARES,
     STATE,
     STRETCHES,
+    TAXEL,
     TAXELS,
     TOUCHING,
+    VECTORS,
     Fault,
     by_scene,
     commands,
@@ -44,9 +48,13 @@ SAFE = [case for case in STRUCK if case.safe]
 
 
 def whole(fault: Fault | None) -> Fault | None:
-    """As it was before one of the taxels was drawn."""
-    drawn = fault is not None and fault.what in TAXELS
-    return msgspec.structs.replace(fault, what="taxel") if fault is not None and drawn else fault
+    """As it was before one of the taxels or axes was drawn."""
+    if fault is None:
+        return None
+    what, _, drawn = fault.what.partition(" ")
+    return (
+        msgspec.structs.replace(fault, what=what) if drawn and what in (*VECTORS, TAXEL) else fault
+    )
 
 
 def test_over_nine_thousand_runs_are_planned_and_always_the_same() -> None:
@@ -103,6 +111,12 @@ def test_a_safe_state_s_own_commands_are_struck_hold_and_stop_among_them() -> No
     assert stops == set(product(meant, STRETCHES, (False, True)))
     held = {c.phase for c in SAFE if c.then is not None and c.then.what == "hold"}
     assert {Phase.APPROACH, Phase.GRASP, Phase.RELEASE} <= held
+
+
+def test_vectors_are_struck_along_every_axis_in_every_way_that_one_number_can_be_wrong() -> None:
+    drawn = {(c.fault.what, c.fault.kind) for c in ALONE if c.fault and c.fault.device == "arm"}
+    for what, axis, kind in product(VECTORS, AXES, OF_AN_AXIS):
+        assert (f"{what} {axis}", kind) in drawn and (what, kind) not in drawn
 
 
 def test_taxels_are_drawn_from_all_eighteen() -> None:

@@ -11,7 +11,7 @@ from drivers.robotiq.model.gripper import GripperModel, HandSettings, ModelTrans
 from drivers.takktile.board import Transfer
 from drivers.takktile.model.codec import bulk_frame
 from drivers.ur.model import ArmModel, ArmModelSettings
-from scenarios.studies.faults.cases import Fault
+from scenarios.studies.faults.cases import AXES, Fault
 from scenarios.studies.faults.registers import FIELDS, verb
 from scenarios.studies.faults.struck import Struck
 from scenarios.studies.faults.wires import ArmWire, HandWire, PadWire
@@ -158,14 +158,22 @@ def up(m: float) -> tuple[float, float, float]:
     return 0.5, 0.1, 0.3 + m
 
 
-def test_a_sample_of_the_arm_lies_in_one_field() -> None:
-    says = {"not a number": math.isnan, "out of range": lambda z: z == 99.0,
-            "missing": lambda z: z == 0.0, "jump": lambda z: abs(z - 0.35) < 1e-9}  # fmt: skip
+@pytest.mark.parametrize(("axis", "leapt_m"), [("x", 0.55), ("y", 0.15), ("z", 0.35)])
+def test_a_sample_of_the_arm_lies_in_one_field_along_one_axis(axis: str, leapt_m: float) -> None:
+    says = {"not a number": math.isnan, "out of range": lambda m: m == 99.0,
+            "jump": lambda m: abs(m - leapt_m) < 1e-9}  # fmt: skip
     for kind, check in says.items():
-        _, wire = arm(Fault("arm", "state", "position_m", kind))
+        _, wire = arm(Fault("arm", "state", f"position_m {axis}", kind))
         sample = wire.read(80 * MS)
-        assert check(sample.position_m[2])
+        wrong = AXES.index(axis)
+        for i, (said, true) in enumerate(zip(sample.position_m, up(0.0), strict=True)):
+            assert check(said) if i == wrong else said == pytest.approx(true)
         assert sample.t_ns == 80 * MS and not sample.moving
+
+
+def test_a_field_of_the_arm_can_be_missing_or_a_flag_be_wrong() -> None:
+    _, wire = arm(Fault("arm", "state", "position_m", "missing"))
+    assert wire.read(80 * MS).position_m == (0.0, 0.0, 0.0)
     _, wire = arm(Fault("arm", "state", "moving", "jump"))
     assert wire.read(80 * MS).moving
 
