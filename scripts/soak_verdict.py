@@ -20,10 +20,10 @@ from grasp.doubt import STOOD_STILL
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome
 from scenarios.report.live.feed import EVERY
 from scenarios.studies.faults.declared import CANNOT_BE_TOLD
+from scenarios.studies.faults.last_line import STILL_MPS, TIMED_OUT, TOUCH_N, Known, misled
 from scenarios.studies.faults.run import SLIDES_MPS
-from scenarios.studies.faults.verdict import LET_GO_M, MOST_N, SLID_M, TOUCH_N
+from scenarios.studies.faults.verdict import LET_GO_M, MOST_N, SLID_M
 from scenarios.trial.execution import STALE
-from scripts.last_line import STILL_MPS, TIMED_OUT, Known, misled
 
 SETTLED_S = 600.0  # what is made once has been made by then
 # Of resident memory: a float that each tick leaves behind, 32 bytes with its place in a list, makes

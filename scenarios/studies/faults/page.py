@@ -7,8 +7,9 @@ from statistics import median
 
 from scenarios.studies.faults.cases import STRETCHES, plan
 from scenarios.studies.faults.declared import DECLARED
+from scenarios.studies.faults.last_line import TOUCH_N
 from scenarios.studies.faults.run import OFF_TABLE_M, Ended
-from scenarios.studies.faults.verdict import CHECKS, TOUCH_N, declared, fell, gripped, problems
+from scenarios.studies.faults.verdict import CHECKS, declared, fell, gripped, problems
 
 COMMAND = "make faults"
 CODE = (

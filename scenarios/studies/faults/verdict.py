@@ -9,6 +9,16 @@ from grasp.phases import AIRBORNE_PHASES, Phase
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome
 from scenarios.studies.faults.cases import Fault
 from scenarios.studies.faults.declared import DECLARED, Declared
+from scenarios.studies.faults.last_line import (
+    BLAMED,
+    FELT_N,
+    GRIPPED_N,
+    TIMED_OUT,
+    Known,
+    blames_another,
+    of_arm,
+    of_hand,
+)
 from scenarios.studies.faults.run import REACTION_S, SLIDES_MPS, WAY_OUT, Ended
 from scenarios.trial.ending import LOOK
 
@@ -18,12 +28,8 @@ SAFE_S = ControllerSettings().safe_state_s
 LOOK_S = 0.06  # between two looks at what the simulation knows, and a step
 LET_GO_M = 0.003  # in the air
 SLID_M = 0.015  # so far down in the hand, in the air, is no holding
-GRIPPED_N = 7.0  # of a hand that is closed to the limit, though the object slipped since
-MISREAD_N = 1.5  # more than that is not felt by fingertips that nothing is wrong with
 LOOSENED = 0.5  # of what it pressed with as the safe state began, and less: it lets go
 RAISED_M = 0.03  # an object that was lifted
-FELT_N = 1.0
-TOUCH_N = 0.05  # less is nothing
 OPENS = frozenset({Phase.RELEASE.value, Phase.RETREAT.value})  # on the table, and told to let go
 CLOSES = frozenset({Phase.GRASP.value, Phase.OPPOSE.value})  # it begins to touch, and holds nothing
 BUGS = frozenset({"", LiftOutcome.INTERNAL_ERROR, LiftOutcome.INTERRUPTED})  # nobody asked for it
@@ -47,13 +53,6 @@ SAID = {
     rf"move: it says that it is {_STATE}|{_ALONE} by itself: (it is|when last heard it was) "
     rf"{_STATE})",
     "advice": rf"({LOOK}; )?({WAY_OUT}|start the run again)",
-}
-BLAMED = {
-    "gripper": r"gripper|\bhand\b|\bfingers?\b|thumb",
-    "arm": r"\barm\b|\barm_",
-    "fingertips": r"fingertip|tactile|taxel|feels nothing|measured force",
-    "detector": r"detector",
-    "loop": r"loop_|nobody was in control",
 }
 
 
@@ -127,75 +126,47 @@ def buggy(end: Ended) -> str:
 def timed_out(end: Ended) -> str:
     if not end.finished:
         return "the run did not end in time"
-    return end.cause if "lasted longer than" in end.cause else ""
+    return end.cause if re.search(TIMED_OUT, end.cause) else ""
 
 
 def misled(end: Ended) -> str:
     """What the last line says and is not so."""
-    lost = bool(dropped(end))
+    lost, due, known = bool(dropped(end)), _told(end), known_of(end)
     wrong = {
-        **_of_arm(end), **_of_hand(end), **_of_advice(end),
+        **(of_arm(end.arm, known) if due else {}), **(of_hand(end.hand, known) if due else {}),
+        **_of_advice(end),
         "nothing was missed": "the arm still moves" in end.unreached and end.arm_mps == 0.0
         and end.later_arm_mps == 0.0 and "is still moving" not in end.arm,
         "it was dropped": lost and end.outcome in SUCCESSES,
         "no word": end.outcome == "fault" and not end.message,
         "it was not lifted": end.outcome in SUCCESSES and end.lifted_m < RAISED_M,
         **_of_words(end),
-        f"nothing is wrong with what it names: {end.cause}": blames_another(end),
     }  # fmt: skip
-    return "; ".join(text for text, is_wrong in wrong.items() if is_wrong)
+    found = [text for text, is_wrong in wrong.items() if is_wrong]
+    return "; ".join([*found, *filter(None, [blamed_others(end)])])
+
+
+def known_of(end: Ended) -> Known:
+    """What the simulation knows of it."""
+    faults = end.case.faults
+    return Known(
+        wrong=frozenset(fault.device for fault in faults), pressed_n=end.pressed_n,
+        arm_moves=end.arm_mps > 0.0, fingers_move=end.fingers_mps > 0.0, gripped=gripped(end),
+        opening=end.phase in OPENS,
+        safety_stop=any(fault.what == "protective_stop" for fault in faults),
+    )  # fmt: skip
+
+
+def _told(end: Ended) -> bool:
+    """Whether there has to be a last line; a lift that ended as planned has none."""
+    return end.outcome == "fault" or any((end.arm, end.hand, end.advice))
 
 
 def _of_words(end: Ended) -> dict[str, bool]:
-    """Sentences that are none, or lack after a fault; a lift that ended as planned has none."""
+    """Sentences that are none, or lack after a fault."""
     told = {"arm": end.arm, "hand": end.hand, "advice": end.advice}
-    due = end.outcome == "fault" or any(told.values())
-    return {f"no such {name}: {said!r}": due and re.fullmatch(SAID[name], said) is None
+    return {f"no such {name}: {said!r}": _told(end) and re.fullmatch(SAID[name], said) is None
             for name, said in told.items()}  # fmt: skip
-
-
-def _of_arm(end: Ended) -> dict[str, bool]:
-    """Sentences of ``ending._arm``, and whether each is said and not so."""
-    said, moves = end.arm, end.arm_mps > 0.0
-    lies = _struck(end, "arm", "loop")
-    safety = any(fault.what == "protective_stop" for fault in end.case.faults)
-    stopped = "its own safety system" in said
-    return {
-        "the arm moves": said == "the arm stands" and moves,
-        "the arm stands": said.startswith("the arm is still moving") and not moves,
-        "the arm was heard": "when last heard" in said and not lies,
-        "the arm can be believed": said.startswith("the arm says") and not lies,
-        "the arm moves, and no safety system stops it": stopped and moves,
-        "no safety system stopped the arm, and nothing said so": stopped and not safety,
-    }
-
-
-def _of_hand(end: Ended) -> dict[str, bool]:
-    """Sentences of ``ending._hand``, and whether each is said and not so."""
-    said, felt = end.hand, end.pressed_n > FELT_N
-    here = not _old(said)  # what it was when last heard need not be so now
-    lies = _struck(end, "gripper", "loop")
-    moves = end.fingers_mps > 0.0
-    alone = "holds by itself" in said
-    return {
-        "the hand is not open": said == "the hand is open" and felt,
-        "it is not closed to the limit": here and end.pressed_n < GRIPPED_N
-        and ("closed to the limit" in said or "closed to its last count" in said),
-        "it feels less": here and not _struck(end, "fingertips")
-        and _felt_n(said) > end.pressed_n + MISREAD_N,
-        "it feels something": here and "feels nothing" in said and felt,
-        "it holds nothing": here and "closed as it was" in said and "partly" not in said
-        and end.pressed_n <= TOUCH_N,
-        "the fingers move": alone and moves,
-        "it let go": alone and gripped(end) and end.pressed_n <= TOUCH_N
-        and end.phase not in OPENS,
-        "the fingers stand": here and "still moving, " in said and not moves,
-        "the hand was heard": "cannot be told anything" in said and not lies,
-        "the hand refuses nothing": "refuses every motion" in said and not lies,
-        "the hand can be believed": "is not believed" in said and not lies,
-        "the hand is activated": "is not activated" in said and not lies,
-        "the hand reports nothing": "the hand reports" in said and not lies,
-    }  # fmt: skip
 
 
 def _of_advice(end: Ended) -> dict[str, bool]:
@@ -211,29 +182,17 @@ def _of_advice(end: Ended) -> dict[str, bool]:
     }  # fmt: skip
 
 
-def _felt_n(said: str) -> float:
-    """The force that a sentence has; 0: none."""
-    found = re.search(r"(\d+\.\d) N measured", said)
-    return float(found[1]) if found else 0.0
+def _struck(end: Ended, device: str) -> bool:
+    """Whether something was wrong with it."""
+    return any(fault.device == device for fault in end.case.faults)
 
 
-def _old(said: str) -> bool:
-    return "when last heard" in said or "says that it is" in said
-
-
-def _struck(end: Ended, *devices: str) -> bool:
-    """Whether something was wrong with one of them."""
-    return any(fault.device in devices for fault in end.case.faults)
-
-
-def blames_another(end: Ended) -> bool:
-    """Whether the cause speaks of devices, and of none that something was wrong with."""
-    struck = {fault.device for fault in end.case.faults}
-    for text in (end.cause, *end.message.split("; then ")):
-        named = {device for device, words in BLAMED.items() if re.search(words, text)}
-        if named and named.isdisjoint(struck):
-            return True
-    return False
+def blamed_others(end: Ended) -> str:
+    """A cause, or one of the failures that came after it, that speaks of others; of a lift that
+    ended as planned, or failed without a fault, there is none."""
+    struck = frozenset(fault.device for fault in end.case.faults)
+    texts = [*filter(None, (end.cause, *end.message.split("; then ")))]
+    return "; ".join(filter(None, (blames_another(text, struck) for text in texts)))
 
 
 CHECKS: dict[str, Callable[[Ended], str]] = {

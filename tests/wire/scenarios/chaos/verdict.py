@@ -8,8 +8,8 @@ from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome
 from scenarios.rigs.rig import calibration
 from scenarios.studies.faults.declared import CANNOT_BE_TOLD
-from scenarios.studies.faults.verdict import FELT_N, MOST_N, SLID_M
-from scripts.last_line import STILL_MPS, TIMED_OUT, Known, misled
+from scenarios.studies.faults.last_line import FELT_N, STILL_MPS, TIMED_OUT, Known, misled
+from scenarios.studies.faults.verdict import MOST_N, SLID_M
 from tests.wire.scenarios.chaos.one_lift import NOT_OPENED, Ended, stated_s
 from tests.wire.scenarios.chaos.onlooker import LOOK_S, MOMENT_S, NEVER_THERE, Left
 from tests.wire.scenarios.chaos.plans import drawn

@@ -166,12 +166,12 @@ WRONG: list[tuple[dict[str, object], str]] = [
 # by what is not so: what is said, and the least that makes it wrong
 LIES: list[tuple[str, dict[str, object]]] = [
     ("the arm moves", {"arm": "the arm stands", "arm_mps": 1e-4}),
-    ("the arm stands", {"arm": "the arm is still moving at 0.10 m/s"}),
+    ("last line the arm is left moving", {"arm": "the arm is still moving at 0.10 m/s"}),
     ("the arm was heard", {"arm": "the arm stood when last heard"}),
     ("the arm can be believed", {"arm": "the arm says that it stands"}),
     ("the arm moves, and no safety",
      {"arm": "the arm is stopped by its own safety system", "arm_mps": 1e-4}),
-    ("nothing said so", {"arm": "the arm is stopped by its own safety system"}),
+    ("no safety system stopped the arm", {"arm": "the arm is stopped by its own safety system"}),
     ("the hand is not open", {"hand": "the hand is open", "pressed_n": 1.1}),
     ("it is not closed to the limit",
      {"hand": "the hand is closed to the limit of 10 N, 9 N measured", "pressed_n": 6.9}),
@@ -188,11 +188,11 @@ LIES: list[tuple[str, dict[str, object]]] = [
     ("no such arm", {"arm": ""}), ("no such arm", {"arm": "the arm was told nothing"}),
     ("no such hand", {"hand": ""}), ("no such hand", {"hand": "the hand is well"}),
     ("no such advice", {"advice": "go home"}), ("no such arm", {"outcome": "held", "arm": ""}),
-    ("nothing is wrong with what it names", {"message": "detector_failed: no"}),
-    ("nothing is wrong with what it names", {"message": "gripper_silent; then detector_late: 1"}),
+    ("nothing is wrong with the detector", {"message": "detector_failed: no"}),
+    ("nothing is wrong with the detector", {"message": "gripper_silent; then detector_late: 1"}),
     ("the fingers move", {"hand": GONE, "fingers_mps": 1e-4}),
     ("it let go", {"hand": GONE, "pressed_n": 0.05}),
-    ("the fingers stand", {"hand": "the hand is still moving, 2.0 N measured at finger A"}),
+    ("the hand is left moving", {"hand": "the hand is still moving, 2.0 N measured at finger A"}),
     ("the hand was heard", {"hand": GONE, "case": "arm"}),
     ("the hand refuses nothing",
      {"hand": "the hand refuses every motion (x) and holds by itself: it is", "case": "arm"}),
@@ -209,7 +209,8 @@ LIES: list[tuple[str, dict[str, object]]] = [
     ("nothing was missed", {"unreached": ("the arm still moves",)}),
     ("it was dropped", {"outcome": "held", "let_go_m": 0.05}),
     ("no word", {"message": ""}),
-    ("nothing is wrong with what it names", {"cause": "detector_failed: no"}),
+    ("nothing is wrong with the detector", {"cause": "detector_failed: no"}),
+    ("names nothing: all is well", {"cause": "all is well"}),
 ]  # fmt: skip
 
 
