@@ -15,7 +15,7 @@ def write_whole(path: Path, content: bytes, private: bool = False) -> None:
     if path.exists() and not path.is_file():  # /dev/stdout
         path.write_bytes(content)
         return
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    partial = path.with_name(partial_of(path.name, str(os.getpid())))
     try:
         if private:
             make_private_file(partial)
@@ -23,6 +23,11 @@ def write_whole(path: Path, content: bytes, private: bool = False) -> None:
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+def partial_of(name: str, process: str) -> str:
+    """What a file is called while it is written; or, with `*` for either, a pattern of all."""
+    return f".{name}.{process}"
 
 
 def make_private_folder(path: Path, exist_ok: bool = True) -> None:

@@ -15,7 +15,13 @@ from typing import Any, Self, TextIO
 import msgspec
 
 from drivers.errors import BadFile, ConfigError, CouldNotRecord
-from grasp.files import LEADS_NOWHERE, make_private_file, make_private_folder, write_whole
+from grasp.files import (
+    LEADS_NOWHERE,
+    make_private_file,
+    make_private_folder,
+    partial_of,
+    write_whole,
+)
 from grasp.settings import Layer, load, renamed
 from scenarios.campaign.lock import writing
 from scenarios.campaign.spec import CampaignSpec, Combination
@@ -143,12 +149,16 @@ class CampaignStore:
         return store
 
     def _keeping(self, lock: ExitStack) -> Self:
-        """Write ahead, so that others may read; when the file is closed, let the lock go."""
+        """Write ahead, so that others may read; when the file is closed, let the lock go. What a
+        writer that was killed left of a recording is nobody's any more."""
         self._held.push(lock.pop_all())
         self._held.callback(self._db.close)  # before that; twice is once
         self._held.callback(self._settle)
         with _written(self.path):
             self._db.execute("PRAGMA journal_mode=WAL")
+        with suppress(OSError):
+            for part in self._recordings.glob(partial_of("*.mcap", "*")):
+                part.unlink()
         return self
 
     def _settle(self) -> None:
@@ -248,9 +258,13 @@ class CampaignStore:
             raise
         return row
 
+    @property
+    def _recordings(self) -> Path:
+        return self.path.with_suffix(".recordings")
+
     def _keep(self, row: Row, recording: bytes) -> Path:
         """The recording's file, beside the campaign's; whole or not at all."""
-        folder = self.path.with_suffix(".recordings")
+        folder = self._recordings
         path = folder / f"{row.trial:06d}-{row.scenario}-{row.object}.mcap"
         try:
             make_private_folder(folder)

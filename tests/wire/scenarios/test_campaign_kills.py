@@ -9,7 +9,10 @@ CAMPAIGN_KILLS=100 runs that many; one of each signal is in the slow tests.
 import contextlib
 import os
 import random
+import re
 import resource
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,8 +22,10 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from mcap.reader import make_reader
 
 from tests.wire.scenarios.campaigns import (
+    GRASP,
     PATIENCE_S,
     finished,
     rows,
@@ -41,6 +46,7 @@ VICTIMS = ("parent", "worker", "workers", "group")
 CODES = {0, 1, 2, 3, 4, 5}  # of an end of its own
 ENDED = CODES | {code for n in SIGNALS for code in (-n, 128 + n)}
 PAGE = 4_096  # of an SQLite file
+NAMESPACE = ("unshare", "--user", "--map-root-user", "--mount")
 # a root without the capability to pass over them; whoever is not root is bound by modes anyway
 BOUND_BY_MODES = (
     sys.executable, "-c",
@@ -70,25 +76,29 @@ def strike(number: int) -> Strike:
     return Strike(number, victim, SIGNALS[number % len(SIGNALS)], share)
 
 
-def campaign(folder: Path) -> Path:
+def campaign(folder: Path, recordings: str = "none") -> Path:
     path = folder / "small.toml"
     path.write_text(
-        'name = "small"\nobjects = ["can", "ball"]\nrepetitions = 2\nrecordings = "none"\n'
+        'name = "small"\nobjects = ["can", "ball"]\nrepetitions = 2\n'
+        f'recordings = "{recordings}"\n'
         'settings = ["controller.hold_s=0.2", "controller.lift_height_m=0.05"]\n'
     )
     return path
 
 
-def words(folder: Path, jobs: int = 2) -> tuple[str, ...]:
-    return str(campaign(folder)), "--out", str(folder / "a.sqlite"), "--jobs", str(jobs)
+def words(folder: Path, jobs: int = 2, recordings: str = "none") -> tuple[str, ...]:
+    return str(campaign(folder, recordings)), "--out", str(folder / "a.sqlite"), "--jobs", str(jobs)
 
 
 class Whole(msgspec.Struct, frozen=True):
-    """A campaign that nothing happened to, how long it took, s, and how much its file holds."""
+    """A campaign that nothing happened to, how long it took, s, and how many bytes
+    its file and all files have."""
 
     rows: list[dict[str, object]]
     seconds: float
     size: int
+    size_of_all: int
+    recordings: str = "none"
 
 
 @pytest.fixture(autouse=True)
@@ -101,14 +111,23 @@ def _heard() -> Iterator[None]:
         signal.signal(number, handler)
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
-    folder = tmp_path_factory.mktemp("whole")
+def of_nothing(folder: Path, recordings: str) -> Whole:
     start_s = time.monotonic()
-    code, _, err = finished(*words(folder))
+    code, _, err = finished(*words(folder, recordings=recordings))
     assert code == 0, err
     took_s, out = time.monotonic() - start_s, folder / "a.sqlite"
-    return Whole(rows(out), took_s, out.stat().st_size)
+    left = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    return Whole(rows(out), took_s, out.stat().st_size, left, recordings)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    return of_nothing(tmp_path_factory.mktemp("whole"), "none")
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Whole:
+    return of_nothing(tmp_path_factory.mktemp("recorded"), "all")
 
 
 def hit(process: subprocess.Popen[str], struck: Strike) -> bool:
@@ -129,7 +148,7 @@ def begun_and_hit(folder: Path, whole: Whole, struck: Strike) -> subprocess.Pope
     begins anew and is struck sooner; a worker cannot be struck before it is there."""
     wait_s = struck.share * whole.seconds
     while True:
-        process = started(*words(folder))
+        process = started(*words(folder, recordings=whole.recordings))
         with contextlib.suppress(subprocess.TimeoutExpired):
             process.wait(wait_s)
         while process.poll() is None:
@@ -139,6 +158,7 @@ def begun_and_hit(folder: Path, whole: Whole, struck: Strike) -> subprocess.Pope
         _, err = process.communicate()
         assert process.returncode == 0, (str(struck), err)
         (folder / "a.sqlite").unlink()
+        shutil.rmtree(folder / "a.recordings", ignore_errors=True)
         wait_s /= 2
 
 
@@ -149,11 +169,20 @@ def resumed(folder: Path, whole: Whole, note: str) -> None:
     known = {row["trial"]: row for row in whole.rows}
     assert before == [known[row["trial"]] for row in before], note
     more = ("--resume",) if out.exists() else ()
-    code, _, err = finished(*words(folder), *more)
+    code, _, err = finished(*words(folder, recordings=whole.recordings), *more)
     assert code == 0, (note, err)
     assert rows(out) == whole.rows, note
+    kept = sorted(str(path.relative_to(folder)) for path in folder.glob("a.recordings/*"))
+    assert kept == sorted(row["recording"] for row in rows(out) if row["recording"]), (note, kept)
+    assert all(is_whole(folder / name) for name in kept), note
     left = {path.name for path in folder.iterdir()}
     assert left <= {"small.toml", "a.sqlite", "a.sqlite.lock", "a.recordings"}, (note, left)
+
+
+def is_whole(recording: Path) -> bool:
+    with recording.open("rb") as file:
+        summary = make_reader(file).get_summary()  # at the end of a file
+    return summary is not None and bool(summary.statistics and summary.statistics.message_count)
 
 
 @pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
@@ -169,9 +198,10 @@ def test_each_of_the_signals_ends_a_process_that_does_nothing_about_it(
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("number", range(KILLS))
 def test_a_campaign_that_is_killed_goes_on_as_if_nothing_had_been(
-    number: int, whole: Whole, tmp_path: Path
+    number: int, whole: Whole, recorded: Whole, tmp_path: Path
 ) -> None:
     struck = strike(number)
+    whole = recorded if number % 2 else whole
     process = begun_and_hit(tmp_path, whole, struck)
     _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode in ENDED, (str(struck), process.returncode, err)
@@ -221,6 +251,42 @@ def test_a_full_disk_loses_no_row_that_was_told_and_the_rest_is_made_later(
     assert not out.exists() or out.stat().st_size <= room
     until(lambda: not workers_of(process.pid))
     resumed(tmp_path, whole, f"{room} bytes of room")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("number", range(max(1, KILLS // 10)))
+def test_a_file_system_that_is_full_loses_no_row_that_was_told(
+    number: int, recorded: Whole, tmp_path: Path
+) -> None:
+    """One of its own, in a namespace that a user may make: it is full, then it has room."""
+    small, mounts = tmp_path / "small", (*NAMESPACE, "mount", "-t", "tmpfs")
+    small.mkdir()
+    if subprocess.run([*mounts, "none", str(small)], check=False, capture_output=True).returncode:
+        pytest.skip("this system lets nobody mount a file system")
+    room = random.Random(SEED + number).randrange(2 * PAGE, recorded.size_of_all, PAGE)
+    command = " ".join(map(shlex.quote, [*GRASP, "campaign", "run", *words(small, 2, "all")]))
+    script = f"""
+        mount -t tmpfs -o size={room} none {small} && cp {tmp_path}/small.toml {small} || exit 99
+        {command}; echo code $?; df {small}; ls -A {small} {small}/a.recordings
+        mount -o remount,size=64m {small}
+        {command} $(test -e {small}/a.sqlite && echo --resume); echo code $?
+        cp -r {small}/. {tmp_path}/after
+    """
+    shutil.copy(small / "small.toml", tmp_path)
+    told = subprocess.run(
+        [*NAMESPACE, "sh", "-c", script], capture_output=True, text=True, timeout=2 * PATIENCE_S,
+        check=True,
+    )  # fmt: skip
+    first, second = re.findall(r"^code (\d+)$", told.stdout, re.M)
+    assert int(first) in CODES - {0} and "Traceback" not in told.stderr, (
+        room,
+        told.stdout,
+        told.stderr,
+    )
+    assert second == "0", (room, told.stdout, told.stderr)
+    assert rows(tmp_path / "after" / "a.sqlite") == recorded.rows
+    resumed(tmp_path / "after", recorded, f"a file system of {room} bytes")
 
 
 def ended_read_only(folder: Path, made: int) -> tuple[int, str]:

@@ -291,6 +291,20 @@ def test_a_recording_that_the_disk_refuses_leaves_neither_file_nor_row(
     assert run(SPEC, out, Workers(0), resume=True, work=judged).done == 6
 
 
+def test_half_a_recording_of_a_writer_that_was_killed_is_gone_once_another_writes(
+    tmp_path: Path,
+) -> None:
+    out = tmp_path / "a.sqlite"
+    run(SPEC, out, Workers(0), work=judged)
+    had = files(tmp_path)
+    half = tmp_path / "a.recordings" / ".000002-lift-can.mcap.12345"
+    half.write_bytes(b"half")
+    with CampaignStore.open(out):  # who reads leaves all as it is
+        assert half.exists()
+    run(SPEC, out, Workers(0), resume=True, work=judged)
+    assert files(tmp_path) == had
+
+
 def test_a_row_that_the_disk_refuses_takes_its_recording_along(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
