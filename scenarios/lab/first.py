@@ -36,13 +36,14 @@ def gently(config: ConfigT) -> ConfigT:
     replace, controller = msgspec.structs.replace, config.controller
     slow = {name: max(least, getattr(controller, name) / 2) for name, least in HALVED.items()}
     least_n = calibration(config).least_force_n
-    limit_n = min(config.guard.force_limit_n, max(least_n, controller.grip_force_n))
+    limit_n = min(config.guard.force_limit_n, least_n)
+    grip_n = min(controller.grip_force_n, limit_n)
     stop_mps2 = min(controller.answer_stop_mps2, GENTLE_STOP_MPS2)
     if "answer_stop_mps2" not in controller.unread:
         slow["answer_stop_mps2"] = stop_mps2
     return replace(
         config,
-        controller=replace(controller, **slow),
+        controller=replace(controller, grip_force_n=grip_n, **slow),
         guard=replace(config.guard, force_limit_n=limit_n),
     )
 

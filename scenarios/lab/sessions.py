@@ -48,6 +48,7 @@ LEAVE_OUT = "x"
 ALMOST = "At how many counts does the finger almost touch the scale?"
 SHORT_OF = 5  # counts before a touch: what is felt was there some counts before
 ROUNDS = 3
+LEAP = 2.0  # of the largest step of a round so far: a step beyond is asked about before it ends it
 UNLOADED_S = 2.0  # listened to after a hold
 ORDER = "They came in the order of their force: what drifts would look like the pad"
 UNIT = "with its unit (N, g, kg)"
@@ -91,12 +92,16 @@ class Weighing:
 
     @property
     def room_n(self) -> float:
-        """How much more may be pressed, after as large a step again as the largest so far."""
-        if not self.points:
-            return self._up_to_n
-        forces = [point.force_n for point in self.points]
-        steps = [high - low for low, high in zip([0.0, *forces], forces, strict=False)]
-        return self._up_to_n - forces[-1] - max(steps)
+        """How much more may be pressed, after as large a step again as the largest so far of this
+        round."""
+        steps = self._steps
+        return self._up_to_n - sum(steps) - max(steps, default=0.0)
+
+    @property
+    def _steps(self) -> list[float]:
+        """From reading to reading of this round, N."""
+        forces = [point.force_n for point in self.points if point.round == self.round]
+        return [high - low for low, high in zip([0.0, *forces], forces, strict=False)]
 
     def _take(self, line: str) -> None:
         force_n = self._load(line)
@@ -112,6 +117,7 @@ class Weighing:
             )
         self.points.append(Point(force_n, counts, self.round))
         self._say(f"{force_n:.2f} N: {counts:.0f} counts")
+        self._ask_about_a_leap()
         while (odd := odd_one(self.points)) is not None:
             self._ask_again(odd)
 
@@ -124,8 +130,18 @@ class Weighing:
             raise UsageError("0 N is no load", "Enter alone, if that is what the scale says")
         return force_n
 
+    def _ask_about_a_leap(self) -> None:
+        """A reading after which no more may be pressed, though those before went up by little: too
+        few to contradict it yet, it would end the round."""
+        *before, last = self._steps
+        if self.round and self.room_n <= 0.0 and last > LEAP * max(before, default=0.0):
+            self._correct(len(self.points) - 1, "ends this round: no more may be pressed")
+
     def _ask_again(self, odd: int) -> None:
-        told = f"reading {odd + 1}, {self.points[odd].force_n:.2f} N, contradicts the others"
+        self._correct(odd, "contradicts the others")
+
+    def _correct(self, odd: int, why: str) -> None:
+        told = f"reading {odd + 1}, {self.points[odd].force_n:.2f} N, {why}"
         question = f"{told}: type it again {UNIT}, or {LEAVE_OUT} to leave it out"
         line = ask(self._operator, question, self.idle)
         if line.lower() == LEAVE_OUT:

@@ -91,6 +91,37 @@ def test_correction_that_is_mistyped_too_is_asked_for_again(
     assert "99.00 N is more than --up-to 15: less" in person.said
 
 
+@pytest.mark.parametrize(("typed", "asked"), [
+    (["11.4 N"], "reading 1, 11.40 N, ends this round"),  # for 1.14
+    (["0.5 N", "11.4 N"], "reading 2, 11.40 N, ends this round"),
+])  # fmt: skip
+def test_reading_that_would_end_a_round_of_presses_too_early_is_asked_about_at_once(
+    weigh: Callable[..., tuple[Weighing, Person]], typed: list[str], asked: str
+) -> None:
+    weighing, person = weigh([0.5, 1.14], *typed, "1.14 N")
+    weighing.round = 1
+    for _ in typed:
+        assert weighing.ask("what does it say?")
+    assert weighing.points[-1].force_n == 1.14
+    assert weighing.room_n > 10.0
+    assert sum(asked in text for text in person.said) == 1
+
+
+def test_round_of_presses_ends_by_its_own_readings_and_no_other_round_s(
+    weigh: Callable[..., tuple[Weighing, Person]],
+) -> None:
+    weighing, person = weigh([4.0, 8.0, 12.0, 1.0], "4 N", "8 N", "12 N", "1 N")
+    weighing.round = 1
+    for _ in range(3):
+        assert weighing.ask("what does it say?")
+    assert weighing.room_n <= 0.0  # and after even steps nobody is asked whether that is so
+    weighing.round = 2
+    assert weighing.room_n == 15.0
+    assert weighing.ask("what does it say?")
+    assert weighing.room_n == 13.0
+    assert not any("ends this round" in text for text in person.said)
+
+
 class Finger:
     """That always meets the scale, with those currents, mA."""
 

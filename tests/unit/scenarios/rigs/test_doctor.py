@@ -1,18 +1,26 @@
 """`grasp doctor` finds what a run would be refused for, and says it once."""
 
 import os
+from collections.abc import Iterable
+from itertools import chain, cycle, repeat
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
+import msgspec
+import numpy as np
 import pytest
 
 from drivers.errors import ConfigError
+from drivers.interfaces import TactileFrame
 from drivers.robotiq.protocol import AxisStatus, StatusRegisters
+from drivers.ur.link.look import ArmLook
 from grasp.cli.main import main
 from scenarios.campaign.config import load_config
 from scenarios.rigs import device_checks, doctor
 from scenarios.rigs.cell_lock import devices_of, driving
 from scenarios.trial.execution import make_guard
+from tests.unit.grasp.builders import frame
 
 ADDRESSES = """
 [modbus]
@@ -100,6 +108,92 @@ def test_hand_that_a_run_would_refuse_stands_against_it(
     found = next(check for check in checks if check.name == "gripper")
     assert found.status == status, found
     assert remedy in found.remedy
+
+
+@pytest.mark.usefixtures("no_arm")
+@pytest.mark.parametrize(("changes", "doubted"), [
+    ({"fault": 0x3}, "unknown fault"), ({"a": AxisStatus(position=6, current=255)}, "mA"),
+])  # fmt: skip
+def test_gripper_that_says_what_none_can_say_stands_against_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], doubted: str
+) -> None:
+    said = StatusRegisters(**{"active": True, "initialization": 3, **changes})
+    monkeypatch.setattr(device_checks, "read_gripper", lambda config: (said, said))
+    found = only("gripper", tmp_path)
+    assert (found.status, found.remedy) == ("fail", device_checks.STRANGE), found
+    assert doubted in found.detail
+
+
+def only(name: str, folder: Path) -> doctor.Check:
+    """What is said of one device of a lab that has them all."""
+    lab = folder / "lab.toml"
+    lab.write_text("[gripper]\ncalibration='manual'" + ADDRESSES)
+    checks = doctor._devices(
+        "hardware", lambda rig, name: load_config("can", rig, name, lab), make_guard
+    )
+    return next(check for check in checks if check.name == name)
+
+
+@pytest.mark.parametrize(("changes", "status", "doubted"), [
+    ({}, "ok", "stands, tool at x 500, y 100, z 300 mm"),
+    ({"joints_rad": (7.0, -1.5, 1.6, -1.6, -1.5, 0.0)}, "fail", "joint base at 401 degrees"),
+    ({"t_s": 1.0}, "fail", "the controller's clock stands still"),
+])  # fmt: skip
+def test_arm_that_says_what_none_can_say_stands_against_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, Any], status: str,
+    doubted: str,
+) -> None:  # fmt: skip
+    before = ArmLook(1.0, (0.1, -1.5, 1.6, -1.6, -1.5, 0.0), (0.5, 0.1, 0.3, 0.0, 3.1, 0.0),
+                     (0.0,) * 6, 7, 1, 1, 1.0)  # fmt: skip
+    now = msgspec.structs.replace(before, **{"t_s": 1.08, **changes})
+    answering = SimpleNamespace(checks=[], version=(5, 11))
+    monkeypatch.setattr(device_checks, "preflight", lambda *asked: answering)
+    monkeypatch.setattr(device_checks.arm_look, "look", lambda *asked: (before, now))
+    found = only("arm pose", tmp_path)
+    assert found.status == status
+    assert doubted in found.detail
+
+
+class Tips:
+    """Fingertips that say the next of these codes at every tick; None: no frame came."""
+
+    def __init__(self, codes: Iterable[int | None]) -> None:
+        self.frame: TactileFrame | None = None
+        self._codes = iter(codes)
+
+    def begin_rest(self) -> None: ...
+
+    def pump(self, now_ns: int) -> None:
+        code = next(self._codes)
+        if code is None and self.frame is not None:
+            self.frame = msgspec.structs.replace(self.frame, missed=self.frame.missed + 1)
+        elif code is not None:
+            still = frame()
+            self.frame = msgspec.structs.replace(still, raw=still.raw + np.int16(code))
+
+
+class Ticking:
+    """A clock that nobody waits for."""
+
+    now_ns = 0
+
+    def sleep_until_ns(self, until_ns: int) -> None:
+        self.now_ns = until_ns
+
+
+@pytest.mark.parametrize(("codes", "status", "doubted"), [
+    (cycle((0, 1)), "ok", "0% of the frames lost"),
+    (repeat(0), "fail", "no code changes at all"),
+    (cycle((0, None, 1)), "fail", "33% of the frames lost"),
+    (chain((0, 1), repeat(None)), "fail", "sends too few frames"),
+    (repeat(None), "fail", "sends too few frames"),
+], ids=["well", "frozen", "lossy", "silent later", "silent"])  # fmt: skip
+def test_fingertips_that_no_run_could_use_stand_against_it(
+    codes: Iterable[int | None], status: str, doubted: str
+) -> None:
+    found = device_checks._listened(cast(Any, Tips(codes)), cast(Any, Ticking()))
+    assert found.status == status
+    assert doubted in found.detail
 
 
 @pytest.mark.usefixtures("no_arm")

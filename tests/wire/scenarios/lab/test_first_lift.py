@@ -8,6 +8,7 @@ import pytest
 
 from scenarios.campaign.config import load_config
 from scenarios.lab.first import gently
+from scenarios.lift import lift
 from scenarios.rigs.cell_control import ControlClient
 from tests.wire.scenarios.lab.person import played
 from tests.wire.scenarios.lab.terminal import grasp
@@ -85,16 +86,28 @@ def test_who_has_had_enough_moves_nothing(lab: Lab) -> None:
     assert lab.cell.ask("truth")["truth"]["peak_n"] == before
 
 
-def test_first_lift_is_half_as_fast_and_no_stronger_than_the_hand_s_least(lab: Lab) -> None:
+@pytest.mark.parametrize(("least_n", "limit_n", "told_n"), [
+    (10.0, 20.0, 10.0),  # the paper's hand
+    (6.0, 10.0, 6.0),  # one that a calibration has found weaker
+])  # fmt: skip
+def test_first_lift_is_half_as_fast_and_no_stronger_than_the_hand_s_least(
+    least_n: float, limit_n: float, told_n: float, tmp_path: Path
+) -> None:
+    hand = tmp_path / "hand.toml"
+    hand.write_text(f'[calibration]\nsource = "as measured"\nleast_force_n = {least_n}\n')
     config = load_config(
-        "foam", "hardware", "energy", lab.file,
-        ("guard.force_limit_n=20", "controller.answer_stop_mps2=4"),
-    )  # fmt: skip
+        "foam", "simulated", None, None,
+        (f"guard.force_limit_n={limit_n}", "controller.answer_stop_mps2=4",
+         f"gripper.calibration='{hand}'", f"hand.least_force_n={least_n}"),
+    ).for_lift()  # fmt: skip
     slow = gently(config)
     assert slow.controller.lift_speed_mps == config.controller.lift_speed_mps / 2
     assert slow.controller.answer_stop_mps2 == 1.0
-    assert slow.guard.force_limit_n == 10.0
+    assert (slow.guard.force_limit_n, slow.controller.grip_force_n) == (told_n, told_n)
     assert gently(slow).controller.approach_speed_mps >= 0.022
+    lifted = lift.run(slow, 0, None).result
+    assert lifted is not None and lifted.success
+    assert max(lifted.peak_force_n.values()) < told_n + 1.0  # type: ignore[union-attr]
 
 
 def test_first_lift_is_of_a_lab_alone(tmp_path: Path) -> None:
