@@ -3,7 +3,9 @@ whatever the umask would let through: runs, recordings, campaigns, data sets."""
 
 import errno
 import os
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 PRIVATE_FOLDER, PRIVATE_FILE = 0o700, 0o600
 NO_NAMES = frozenset({errno.ENAMETOOLONG, errno.ELOOP})  # whatever disk and rights there are
@@ -21,8 +23,18 @@ def write_whole(path: Path, content: bytes, private: bool = False) -> None:
             make_private_file(partial)
         partial.write_bytes(content)
         partial.replace(path)
+    except OSError as error:  # of the name that was given
+        raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         partial.unlink(missing_ok=True)
+
+
+def save_figure(figure: Any, out: Path, dpi: float) -> None:
+    """One of Matplotlib's, whole or not at all, in the format of its name, without a date. Raises
+    OSError."""
+    drawn, undated = BytesIO(), {"Date": None} if out.suffix == ".svg" else None
+    figure.savefig(drawn, format=out.suffix[1:] or None, metadata=undated, dpi=dpi)
+    write_whole(out, drawn.getvalue())
 
 
 def partial_of(name: str, process: str) -> str:

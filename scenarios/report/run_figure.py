@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.interfaces import FINGER_NAMES
+from grasp.files import save_figure
 from scenarios.report.run_decision import decided
 from scenarios.report.run_record import RunRecord, read_run
 from scenarios.trial.result import spelt
@@ -47,7 +48,7 @@ def draw_run(path: Path, out: Path) -> None:
     for axes in (force, p, slip):
         _shade(axes, run, named=axes is force)
     force.legend(loc="lower right", ncols=5, fontsize=8, frameon=False)
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
+    save_figure(figure, out, dpi=120)
     plt.close(figure)
 
 
@@ -178,5 +179,5 @@ def draw_clips(out: Path, clips: list[Clip]) -> None:
         axes.set(ylabel="counts over rest", title=title)
     rows[0, 0].legend(ncols=6, fontsize=8, frameon=False)
     rows[-1, 0].set(xlabel="time, s; shaded: labelled slip")
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
+    save_figure(figure, out, dpi=120)
     plt.close(figure)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from grasp.files import save_figure
 from scenarios.campaign.frontier import Frontier, Line
 
 PANELS = (
@@ -42,7 +43,7 @@ def draw_frontier(found: Sequence[Frontier], out: Path) -> None:
         panel.set_ylabel("held in spite of slip")
     panels[0, 0].legend(fontsize=7, loc="lower left")
     figure.suptitle("How much harder a lift may become, simulated", fontsize=11)
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=110)
+    save_figure(figure, out, dpi=110)
     plt.close(figure)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from detector.recordings import Act, Recording
 from detector.scores.evaluation import cause_of
 from detector.scores.quantiles import quantile
+from grasp.files import save_figure
 
 LEAST_REST_CODE = 400
 PLATEAU = 3
@@ -252,5 +253,5 @@ def draw(recordings: Sequence[Recording], out: Path) -> None:
     axes[0, 0].legend(title="taxel", ncols=6, fontsize=7, loc="upper right")
     axes[-1, 0].set_xlabel("s; shaded: label slip; bar: the contact truly slides; dotted: moved")
     figure.tight_layout()
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None)
+    save_figure(figure, out, dpi=100)
     plt.close(figure)

@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from grasp.files import save_figure
 from scenarios.studies.answers.study import BASE, POLICIES
 from scenarios.studies.answers.summary import Answers, Cell
 
@@ -31,7 +32,7 @@ def draw_answers(found: Answers, out: Path) -> None:
         f"Answers to slip: {found.seeds} seeds of {len(found.objects)} objects, detector "
         f"{found.detector}, rig {found.rig}", fontsize=11,
     )  # fmt: skip
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=110)
+    save_figure(figure, out, dpi=110)
     plt.close(figure)
 
 

@@ -9,6 +9,7 @@ import msgspec
 
 from detector.scores.evaluation import Evaluation
 from detector.scores.sweep import SweepPoint, frontier
+from grasp.files import save_figure, write_whole
 
 PAPER_DELAY_MS = 134.0
 PAPER_FALSE_PER_MIN = 100.0  # 7.6 % of static samples, three fingers, two in a row, independent
@@ -55,9 +56,8 @@ def draw_detectors(curves: Mapping[str, DetectorCurve], out: Path) -> None:
     data = ", ".join(dict.fromkeys(c.sheet.data for c in curves.values()))
     figure.suptitle(f"How soon, how often wrongly, at what cost: {data}", fontsize=11)
     save(figure, out)
-    out.with_suffix(".json").write_bytes(
-        msgspec.json.format(msgspec.json.encode(curves), indent=1) + b"\n"
-    )
+    text = msgspec.json.format(msgspec.json.encode(curves), indent=1)
+    write_whole(out.with_suffix(".json"), text + b"\n")
 
 
 def _frame_speed(axes: Any) -> None:
@@ -103,5 +103,5 @@ def save(figure: Any, out: Path) -> None:
     """Write and close it."""
     from matplotlib import pyplot as plt
 
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
+    save_figure(figure, out, dpi=120)
     plt.close(figure)

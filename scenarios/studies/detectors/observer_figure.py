@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from grasp.files import save_figure
 from scenarios.studies.detectors.figures import in_colour
 from scenarios.studies.detectors.observer import BLOW_TITLES, LIFT_TITLES, TIMES_S, Told
 from scenarios.studies.detectors.observer_study import Study
@@ -47,7 +48,7 @@ def draw_observer(found: Study, out: Path) -> None:
     for panel in (blows, trade, lifts):
         panel.set_ylim(0, 101)
         panel.legend(fontsize=7, frameon=False)
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
+    save_figure(figure, out, dpi=120)
     plt.close(figure)
 
 

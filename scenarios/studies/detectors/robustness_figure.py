@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from grasp.files import save_figure
 from scenarios.studies.detectors.figures import in_colour
 from scenarios.studies.detectors.robustness import AMOUNTS, PAD, STIFFER, UNITS, WHOLE, Endured
 
@@ -53,7 +54,7 @@ def draw_robustness(found: Mapping[str, Sequence[Endured]], out: Path) -> None:
     panels[-1][-1].tick_params(axis="x", labelrotation=45)
     figure.suptitle("What detectors endure: one thing wrong at a time", fontsize=11)
     _legend(figure, found)
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=120)
+    save_figure(figure, out, dpi=120)
     plt.close(figure)
 
 

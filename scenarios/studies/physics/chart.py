@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from grasp.files import save_figure
 from scenarios.studies.physics import mujoco_scene, yardsticks
 from scenarios.studies.physics.yardsticks import CostPoint, Runner
 from scenarios.world.contact import Floats, Level
@@ -178,7 +179,7 @@ def draw(chart: PhysicsChart, out: Path) -> None:
     if chart.note:
         figure.text(0.5, 0.94, chart.note, ha="center", fontsize=9, color="#b00020")
     figure.tight_layout(rect=(0, 0.11, 1, 0.96))
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=110)
+    save_figure(figure, out, dpi=110)
     plt.close(figure)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from grasp.files import save_figure
 from scenarios.studies.physics import yardsticks
 from scenarios.studies.physics.yardsticks import Runner
 from scenarios.world.contact import Floats, Level
@@ -103,5 +104,5 @@ def draw(found: StabilityMap, out: Path) -> None:
     figure.suptitle("Which step breaks which method, and its error where it does not", fontsize=11)
     bar = figure.colorbar(mesh, ax=panels, extend="max", shrink=0.8)
     bar.set_label("error of the slip distance, mm (black: broken)")
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=110)
+    save_figure(figure, out, dpi=110)
     plt.close(figure)

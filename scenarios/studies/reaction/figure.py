@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from detector.scores.quantiles import Quantiles
+from grasp.files import save_figure
 from scenarios.studies.reaction.summary import LatencyCurve, ReactionSummary
 
 COLOURS = {
@@ -46,7 +47,7 @@ def draw_reaction(summary: ReactionSummary, out: Path) -> None:
         f"What a millisecond is worth: profile {summary.profile}, {summary.seeds} seeds, simulated",
         fontsize=11,
     )
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=110)
+    save_figure(figure, out, dpi=110)
     plt.close(figure)
 
 

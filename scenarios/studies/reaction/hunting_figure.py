@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from grasp.files import save_figure
 from scenarios.studies.reaction.hunting import HuntingMap, HuntingSettings
 
 MOST_SHOWN = 20
@@ -32,7 +33,7 @@ def draw_hunting(maps: Sequence[HuntingMap], default: HuntingSettings, out: Path
         panel.set_xlabel("refractory time, ms")
     figure.colorbar(image, ax=axes, label=f"compensations in 6 s ({MOST_SHOWN} and more: dark)")
     figure.suptitle("Hold and compensate taking turns (reduced loop); 1 is what a slip deserves")
-    figure.savefig(out, metadata={"Date": None} if out.suffix == ".svg" else None, dpi=110)
+    save_figure(figure, out, dpi=110)
     plt.close(figure)
 
 

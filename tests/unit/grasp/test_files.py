@@ -3,10 +3,11 @@
 import os
 import threading
 from pathlib import Path
+from typing import IO
 
 import pytest
 
-from grasp.files import make_private_folder, write_whole
+from grasp.files import make_private_folder, save_figure, write_whole
 
 
 @pytest.mark.parametrize(("private", "mode"), [(False, 0o644), (True, 0o600)])
@@ -45,10 +46,31 @@ def test_a_disk_that_takes_nothing_leaves_what_stood_there(
 
     write_whole(tmp_path / "told.json", b"first")
     monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(OSError, match="No space"):
+    with pytest.raises(OSError, match="No space") as told:
         write_whole(tmp_path / "told.json", b"second", private=True)
+    assert told.value.filename == str(tmp_path / "told.json")
+    with pytest.raises(OSError, match="No space"):
+        save_figure(Drawn(), tmp_path / "told.json", dpi=100)
     assert (tmp_path / "told.json").read_bytes() == b"first"
     assert [path.name for path in tmp_path.iterdir()] == ["told.json"]
+
+
+class Drawn:
+    """A figure that says how it was asked for."""
+
+    def savefig(self, out: IO[bytes], **asked: object) -> None:
+        out.write(repr(asked).encode())
+
+
+@pytest.mark.parametrize(("name", "form", "metadata"), [
+    ("told.svg", "svg", {"Date": None}), ("told.png", "png", None), ("told", None, None),
+])  # fmt: skip
+def test_a_figure_is_written_in_the_format_of_its_name(
+    name: str, form: str | None, metadata: object, tmp_path: Path
+) -> None:
+    save_figure(Drawn(), tmp_path / name, dpi=110)
+    asked = {"format": form, "metadata": metadata, "dpi": 110}
+    assert (tmp_path / name).read_text() == repr(asked)
 
 
 def test_folders_that_are_made_on_the_way_are_their_users_alone(tmp_path: Path) -> None:
