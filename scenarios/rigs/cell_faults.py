@@ -51,8 +51,8 @@ KNOWN: dict[str, tuple[tuple[str, ...], str]] = {
     "protective_stop": ((), "the arm stops by its own safety system"),
     "emergency_stop": (
         ("pressed",),
-        "the arm brakes and loses power; pressed=false releases the button, then its dashboard "
-        "takes power on and brake release",
+        "the arm brakes and loses power; pressed=false releases the button, and its dashboard "
+        "takes power on and brake release, from its next cycle on",
     ),
     "remote_control": (
         ("on",),

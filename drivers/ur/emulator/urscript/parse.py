@@ -78,6 +78,7 @@ _TOKEN = re.compile(
     r"|(?P<sign>==|!=|<=|>=|[-+*/%<>=()\[\],:])",
     re.ASCII,
 )
+_GOES_ON = re.compile(r"[\w.]", re.ASCII)  # what no number is followed by at once
 _BLOCKS = re.compile(  # what opens or ends one; other words, strings and comments are skipped
     r'#[^\n]*|"[^"\n]*"|(def|sec|thread|if|while|end)\b|[A-Za-z_]\w*', re.ASCII
 )
@@ -101,6 +102,8 @@ def tokens(text: str, breathe: Breathe = no_pause) -> list[Token]:
             raise ScriptError(f"line {line}: unexpected character {text[at]!r}")
         at = match.end()
         kind, word = str(match.lastgroup), match.group()
+        if kind == "number" and _GOES_ON.match(text, at):
+            raise ScriptError(f"line {line}: {word}{text[at]!s} is no number")
         if kind == "line":
             line += 1
         elif kind != "space":

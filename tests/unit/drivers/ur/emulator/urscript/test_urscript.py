@@ -137,6 +137,8 @@ def test_blocks_of_a_line(line, change):
         'x = "open',
         "x = 1 $ 2",
         "x = a.b",
+        "x = 1.2.3",
+        "x = 3y",
         "x = f(__class__)()",
         "lambda: 1",
         "\x00",
