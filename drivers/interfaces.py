@@ -21,6 +21,7 @@ OPEN_COUNTS = 20  # a hand told to open rests at about 6; nothing is held so wid
 CODE_MAX = 1023  # of a taxel: ten bits
 PERIOD_NS = 10_000_000  # of a tactile sample and a control step: 100 Hz, as in the paper
 PERIOD_S = PERIOD_NS / 1e9
+LEAST_SPEED_FRACTION = 0.5  # of an arm's speed slider, to begin to move with; assumed
 
 Counts3 = tuple[int, int, int]
 Vector3 = tuple[float, float, float]
@@ -202,6 +203,8 @@ class ArmState(msgspec.Struct, frozen=True):
     """Tool position and velocity in the base frame, as last reported by the controller.
 
     ``angle_rad`` is the turn about the tool's own axis (its z, right-handed) since the start.
+    ``speed_fraction`` is where the speed slider stands: the share of the speed asked for, 0 to 1,
+    that the arm moves at.
     """
 
     t_ns: int
@@ -212,6 +215,7 @@ class ArmState(msgspec.Struct, frozen=True):
     stopped_by_safety: bool = False  # protective or emergency stop
     angle_rad: float = 0.0
     spin_radps: float = 0.0
+    speed_fraction: float = 1.0
 
     def age_ns(self, now_ns: int) -> int:
         return now_ns - self.t_ns

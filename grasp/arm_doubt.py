@@ -5,6 +5,7 @@ import math
 from drivers.interfaces import ArmState, Vector3
 from grasp.commands import MoveArm, StopArm
 from grasp.doubt_settings import DoubtSettings
+from grasp.pace import LEAST_PACE
 
 NOWHERE: Vector3 = (0.0, 0.0, 0.0)
 
@@ -26,6 +27,7 @@ class ArmDoubt:
         self._stop_m: Vector3 = NOWHERE  # where it was told to stop, and its way from there
         self._room_m = 0.0
         self._stop_left = False  # it was not on its way any more
+        self._pace = 1.0  # that it has come to by its speed slider
 
     def told(self, command: MoveArm | StopArm, arm: ArmState) -> None:
         """A command goes out while the arm is like this."""
@@ -74,7 +76,10 @@ class ArmDoubt:
         """What is wrong with it. ``pending``: what it was told is still on its way."""
         if not all(map(math.isfinite, (*arm.position_m, *arm.velocity_mps, arm.angle_rad))):
             return "arm_position_nan: position or speed of the arm is not a number"
+        if not 0.0 <= arm.speed_fraction <= 1.0:
+            return f"arm_slider: a speed slider cannot stand at {100 * arm.speed_fraction:.3g} %"
         before, self._before = self._before, arm
+        self._slow(before, arm)
         if before is None:
             self._way = _Way(arm.position_m, arm.position_m)
             self._anchor = (arm.t_ns, arm.position_m)
@@ -88,6 +93,12 @@ class ArmDoubt:
         return (
             self._jumped(before, arm) or strayed or self._went_on(arm) or self._froze(arm, pending)
         )
+
+    def _slow(self, before: ArmState | None, arm: ArmState) -> None:
+        """An arm whose slider is turned up takes a while to be as fast."""
+        passed_s = 0.0 if before is None else (arm.t_ns - before.t_ns) * 1e-9
+        faster = self._pace + max(0.0, passed_s) / self._settings.arm_slider_s
+        self._pace = max(LEAST_PACE, min(arm.speed_fraction, faster))
 
     def begin_anew(self, arm: ArmState) -> None:
         """How long it has stood at one place was not seen: that counts from now."""
@@ -136,7 +147,7 @@ class ArmDoubt:
         command, still_s = self._command, (arm.t_ns - since_ns) * 1e-9
         if command is None or math.dist(arm.position_m, command.position_m) <= s.arm_there_m:
             patience_s = (s.arm_frozen_s if self._stopping else s.arm_start_s) + self._spare_s
-            if arm.moving and still_s > patience_s:
+            if arm.moving and still_s > patience_s / self._pace:
                 return f"arm_frozen: {still_s:.2f} s at one place, and it says that it moves"
             if not arm.moving:
                 self._anchor = (arm.t_ns, arm.position_m)
@@ -144,7 +155,7 @@ class ArmDoubt:
         limit_s = s.arm_frozen_s if self._started else s.arm_start_s
         if self._way.turns or not self._started:
             limit_s += self._spare_s
-        if still_s > limit_s:
+        if still_s > limit_s / self._pace:
             return f"arm_frozen: {still_s:.2f} s at one place while told to move"
         return ""
 

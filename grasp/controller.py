@@ -23,6 +23,7 @@ from grasp.felt import Felt
 from grasp.landing import Landing, Way
 from grasp.lift_line import LiftLine
 from grasp.observation import Observation
+from grasp.pace import PhaseClock
 from grasp.pause import Pause
 from grasp.phases import (
     AIRBORNE_PHASES,
@@ -79,6 +80,7 @@ class GraspController:
         self._reset_detector = False
         self._anchor = False
         self._entered_ns = 0
+        self._clock = PhaseClock()
         self._handlers: dict[Phase, Callable[[Observation], None]] = {
             Phase.IDLE: self._idle,
             Phase.HOME: self._return,
@@ -126,9 +128,15 @@ class GraspController:
         """What of the safe state was not seen when the run ended."""
         return self._pursuit.unreached if self._pursuit else ()
 
+    @property
+    def excused_ns(self) -> float:
+        """How much longer than it should the run has taken, by an arm that was slowed down."""
+        return self._clock.excused_ns
+
     def step(self, seen: Observation) -> Decision:
         """Take one observation; returns the commands that follow from it."""
         self._out = []
+        self._clock.take(seen, self.phase)
         self._reset_detector = self._anchor = False
         self.monitor.update(seen.t_ns, seen.probabilities)
         self._felt.take(seen, self.phase in AIRBORNE_PHASES)
@@ -162,7 +170,12 @@ class GraspController:
         if seen.tactile_stale and self.phase not in OPEN_PHASES:
             return "stale: no fresh fingertip sample"
         of_states = seen.trouble_of_states(self._settings.stale_after_s * 1e9)
-        return of_states or self._force_trouble(seen) or self._time_trouble(seen)
+        return (
+            of_states
+            or self._force_trouble(seen)
+            or self._clock.trouble(seen, self.phase)
+            or self._time_trouble(seen)
+        )
 
     def _force_trouble(self, seen: Observation) -> str:
         moving = self.phase in AIRBORNE_PHASES and seen.arm.moving
@@ -172,7 +185,7 @@ class GraspController:
 
     def _time_trouble(self, seen: Observation) -> str:
         timeout_s = self._settings.phase_timeout_s
-        if self.phase in UNTIMED_PHASES or not self._lasted(seen, timeout_s):
+        if self.phase in UNTIMED_PHASES or not self._clock.over(timeout_s):
             return ""
         if self.phase is Phase.REST and seen.hand_rests:
             return f"fingertips_slow: too few samples for rest counts within {timeout_s:g} s"
@@ -190,6 +203,7 @@ class GraspController:
     def _fire(self, trigger: Trigger, seen: Observation, cause: str) -> None:
         self.machine.fire(trigger, seen.t_ns, cause)
         self._entered_ns = seen.t_ns
+        self._clock.restart()
 
     def _lasted(self, seen: Observation, duration_s: float) -> bool:
         """Whether the present phase has lasted this long."""

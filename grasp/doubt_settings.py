@@ -135,3 +135,7 @@ class DoubtSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     arm_jump_m: Annotated[
         float, Meta(ge=1e-3, le=0.5, description="beside that: samples come late; assumed")
     ] = 0.01
+    arm_slider_s: Annotated[
+        float, Meta(ge=0.01, le=30.0, description="an arm may need to come from standing to full "
+                    "pace once its speed slider is turned up; assumed")
+    ] = 1.0  # fmt: skip

@@ -45,6 +45,7 @@ class ArmMessage(msgspec.Struct, frozen=True):
     stopped_by_safety: bool = False
     angle_rad: Number = 0.0
     spin_radps: Number = 0.0
+    speed_fraction: Number = 1.0
 
 
 class ControlMessage(msgspec.Struct, frozen=True):
@@ -182,7 +183,7 @@ def recorded_arm(message: ArmMessage) -> ArmState:
     u, v, w = map(_number, message.velocity_mps)
     return ArmState(
         message.t_ns, message.seq, (x, y, z), (u, v, w), message.moving, message.stopped_by_safety,
-        _number(message.angle_rad), _number(message.spin_radps),
+        _number(message.angle_rad), _number(message.spin_radps), _number(message.speed_fraction),
     )  # fmt: skip
 
 

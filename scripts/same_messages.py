@@ -37,7 +37,10 @@ ACQUISITION = ("acquire", "--surface", "sphere", "--direction", "45", "--seconds
 RENAMED: tuple[tuple[bytes, bytes], ...] = ((b'"impulse_ns":', b'"impulse_n_s":'),)
 
 # Fields that say nothing had happened, of a message that had none of them before.
-ADDED_FIELDS: tuple[bytes, ...] = (b',"late_ns":0,"took_ns":0,"doubt":""',)  # of /control
+ADDED_FIELDS: tuple[bytes, ...] = (
+    b',"late_ns":0,"took_ns":0,"doubt":""',  # of /control
+    b',"speed_fraction":1.0',  # of /arm
+)
 
 # A phase that was part of another, and of which.
 PARTS: tuple[tuple[str, str], ...] = (

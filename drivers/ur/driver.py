@@ -86,6 +86,7 @@ class ArmSample(msgspec.Struct, frozen=True):
     protective_stop: bool
     angle_rad: float = 0.0  # turn of the tool about its own axis since the start
     spin_radps: float = 0.0
+    speed_fraction: float = 1.0  # of the speed slider
 
 
 class ArmLink(Protocol):
@@ -155,6 +156,7 @@ class ArmDriver:
             stopped_by_safety=sample.protective_stop,
             angle_rad=sample.angle_rad,
             spin_radps=sample.spin_radps,
+            speed_fraction=sample.speed_fraction,
         )
         self._stop_forgotten_drive(now_ns)
         self._check(now_ns, sample)

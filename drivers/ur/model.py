@@ -4,7 +4,8 @@ form; time is an argument.
 A path is a chain of segments of constant acceleration; the last one is at rest, or keeps the
 velocity that was asked for. The turn of the tool about its own axis is a second, shorter chain. A
 command replaces the part of the chains from the controller cycle in which it takes effect, and
-nothing before it.
+nothing before it. The speed slider slows down what moves to a place; velocities that are kept, and
+stops, are what they are told to be.
 """
 
 import math
@@ -17,8 +18,8 @@ from msgspec import Meta
 
 from drivers.interfaces import Vector3
 from drivers.ur.driver import ArmSample
+from drivers.ur.pace import STANDING, Pace, Segment, ahead, times
 
-_STANDING: Vector3 = (0.0, 0.0, 0.0)
 _STANDING_BELOW_MPS = 1e-8  # what rounding to whole nanoseconds leaves at the end of a line
 _SAME_LINE_M = 1e-6  # a target this close to the present line counts as lying on it
 _SPIN_BRAKE_RADPS2 = 50.0  # where a spin goes over into a planned turn: at once, nearly
@@ -46,33 +47,11 @@ class ArmModelSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     protective_deceleration_mps2: Annotated[
         float, Meta(ge=0.5, le=50.0, description="m/s2 of a protective stop; assumed")
     ] = 8.0
-
-
-class Segment(msgspec.Struct, frozen=True):
-    """Constant acceleration from start_ns on, until the next segment begins."""
-
-    start_ns: int
-    origin_m: Vector3
-    velocity_mps: Vector3
-    acceleration_mps2: Vector3
-
-    @property
-    def at_rest(self) -> bool:
-        return self.velocity_mps == _STANDING and self.acceleration_mps2 == _STANDING
-
-    def position(self, t_ns: int) -> Vector3:
-        t = (t_ns - self.start_ns) * 1e-9
-        (x, y, z), (u, v, w), (a, b, c) = self.origin_m, self.velocity_mps, self.acceleration_mps2
-        return x + (u + 0.5 * a * t) * t, y + (v + 0.5 * b * t) * t, z + (w + 0.5 * c * t) * t
-
-    def velocity(self, t_ns: int) -> Vector3:
-        return _ahead(self.velocity_mps, self.acceleration_mps2, (t_ns - self.start_ns) * 1e-9)
-
-    def upright(self, t_ns: int) -> tuple[float, float]:
-        """Height, m, and speed upwards, m/s: the last of ``position`` and of ``velocity``."""
-        t = (t_ns - self.start_ns) * 1e-9
-        z, w, c = self.origin_m[2], self.velocity_mps[2], self.acceleration_mps2[2]
-        return z + (w + 0.5 * c * t) * t, w + c * t
+    slider_s: Annotated[
+        float,
+        Meta(ge=0.01, le=10.0, description="s, from full pace to none after the speed slider is "
+             "turned, at an even rate; assumed"),
+    ] = 0.5  # fmt: skip
 
 
 class Turn(msgspec.Struct, frozen=True):
@@ -107,6 +86,8 @@ class ArmModel:
         self._chain: list[Segment] = [_rest(now_ns, settings.start_m)]
         self._starts = [now_ns]
         self._turns: list[Turn] = [Turn(now_ns, 0.0, 0.0, 0.0)]
+        self._pace = Pace(now_ns, self._period_ns, settings.slider_s)
+        self._line: list[Segment] = []  # of the last command, if a move: at full pace
         self.payload_kg = 0.0
         self.protective_stop = False
         self.contrary = False  # a fault: moves away from where it is told to go
@@ -122,13 +103,18 @@ class ArmModel:
         at_m, direction, speed = self._present(effect_ns)
         if self.contrary:
             target_m = _mirrored(target_m, at_m)
+        speed = speed and speed / self._pace.at(effect_ns)  # in the own time of a line
         chain: list[Segment] = []
         start_ns = effect_ns
         if speed and not _can_go_on(at_m, direction, target_m, speed**2, acceleration_mps2):
+            speed = self._present(effect_ns)[2]
             chain = _brake(effect_ns, at_m, direction, speed, acceleration_mps2)
             start_ns, at_m, speed = chain[-1].start_ns, chain[-1].origin_m, 0.0
-        chain += _line(start_ns, at_m, target_m, speed, speed_mps, acceleration_mps2)
+        line = _line(start_ns, at_m, target_m, speed, speed_mps, acceleration_mps2)
+        self._pace.forget(effect_ns)
+        chain += line if self._pace.full else self._pace.slowed(line, start_ns, start_ns)
         self._replace_from(effect_ns, chain)
+        self._line = line
         self._spin_to(effect_ns, 0.0, acceleration_mps2)
         return True
 
@@ -149,6 +135,24 @@ class ArmModel:
         self._spin_to(effect_ns, spin_radps, acceleration_mps2)
         return True
 
+    def turn_slider(self, fraction: float, now_ns: int) -> None:
+        """Of full pace, 0 to 1: what is on its way to a place goes on at that."""
+        effect_ns = self._effect_ns(now_ns)
+        self._pace.turn(fraction, effect_ns)
+        line = self._line
+        if not line:
+            return
+        began_ns = line[0].start_ns
+        from_ns = max(began_ns, effect_ns)
+        own_ns = began_ns + self._pace.own_ns(began_ns, from_ns)
+        if own_ns < line[-1].start_ns:  # it has not come to its end
+            self._replace_from(from_ns, self._pace.slowed(line, own_ns, from_ns))
+            self._line = line
+
+    def pace(self, t_ns: int) -> float:
+        """The share of full pace that moves have."""
+        return self._pace.at(t_ns)
+
     def follow(self, target_m: Vector3, now_ns: int) -> int:
         """Be at a point one controller cycle after this takes effect, at an even speed, and rest
         there unless told more; returns when that is, ns. For motions that somebody else plans,
@@ -161,7 +165,7 @@ class ArmModel:
         if self.contrary:
             target_m = _mirrored(target_m, at_m)
         x, y, z = (1e9 * (b - a) / self._period_ns for a, b in zip(at_m, target_m, strict=True))
-        way = Segment(effect_ns, at_m, (x, y, z), _STANDING)
+        way = Segment(effect_ns, at_m, (x, y, z), STANDING)
         self._replace_from(effect_ns, [way, _rest(there_ns, target_m)])
         if self.spin(effect_ns):
             self._spin_to(effect_ns, 0.0, _SPIN_BRAKE_RADPS2)
@@ -218,7 +222,7 @@ class ArmModel:
         sample = ArmSample(
             t_ns, segment.position(t_ns), segment.velocity(t_ns),
             not segment.at_rest or spin_radps != 0.0,
-            self.protective_stop, turn.angle(t_ns), spin_radps,
+            self.protective_stop, turn.angle(t_ns), spin_radps, self._pace.slider,
         )  # fmt: skip
         return self._lie(sample)
 
@@ -235,7 +239,7 @@ class ArmModel:
         at_m, (x, y, z) = self.position(t_ns), self.velocity(t_ns)
         speed = math.hypot(x, y, z)
         if speed < _STANDING_BELOW_MPS:
-            return at_m, _STANDING, 0.0
+            return at_m, STANDING, 0.0
         return at_m, (x / speed, y / speed, z / speed), speed
 
     def _turning(self, t_ns: int) -> Turn:
@@ -258,14 +262,10 @@ class ArmModel:
         self._turns = [*past, *chain, Turn(end_ns, reached, spin_radps, 0.0)]
 
     def _replace_from(self, effect_ns: int, chain: list[Segment]) -> None:
+        self._line = []
         past = [segment for segment in self._chain if segment.start_ns < effect_ns]
         self._chain = past[-_HISTORY:] + chain
         self._starts = [segment.start_ns for segment in self._chain]
-
-
-def _ahead(origin: Vector3, direction: Vector3, distance: float) -> Vector3:
-    (x, y, z), (dx, dy, dz) = origin, direction
-    return x + distance * dx, y + distance * dy, z + distance * dz
 
 
 def _truth(sample: ArmSample) -> ArmSample:
@@ -279,12 +279,7 @@ def _mirrored(target_m: Vector3, at_m: Vector3) -> Vector3:
 
 
 def _rest(start_ns: int, at_m: Vector3) -> Segment:
-    return Segment(start_ns, at_m, _STANDING, _STANDING)
-
-
-def _times(direction: Vector3, size: float) -> Vector3:
-    x, y, z = direction
-    return x * size, y * size, z * size
+    return Segment(start_ns, at_m, STANDING, STANDING)
 
 
 def _ramp(
@@ -293,20 +288,20 @@ def _ramp(
     """From one velocity to another, which is then kept."""
     change_s = math.dist(from_mps, to_mps) / acceleration_mps2
     if change_s == 0.0:
-        return [Segment(start_ns, at_m, to_mps, _STANDING)]
+        return [Segment(start_ns, at_m, to_mps, STANDING)]
     x, y, z = ((b - a) / change_s for a, b in zip(from_mps, to_mps, strict=True))
     ramp = Segment(start_ns, at_m, from_mps, (x, y, z))
     end_ns = start_ns + round(change_s * 1e9)
-    return [ramp, Segment(end_ns, ramp.position(end_ns), to_mps, _STANDING)]
+    return [ramp, Segment(end_ns, ramp.position(end_ns), to_mps, STANDING)]
 
 
 def _can_go_on(
     at_m: Vector3, direction: Vector3, target_m: Vector3, speed_squared: float, braking: float
 ) -> bool:
     """True when the target is ahead on the line, no nearer than the stopping distance."""
-    ahead = sum(d * (b - a) for d, a, b in zip(direction, at_m, target_m, strict=True))
-    on_line = math.dist(_ahead(at_m, direction, ahead), target_m) <= _SAME_LINE_M
-    return on_line and ahead >= speed_squared / (2.0 * braking)
+    along = sum(d * (b - a) for d, a, b in zip(direction, at_m, target_m, strict=True))
+    on_line = math.dist(ahead(at_m, direction, along), target_m) <= _SAME_LINE_M
+    return on_line and along >= speed_squared / (2.0 * braking)
 
 
 def _brake(
@@ -316,9 +311,9 @@ def _brake(
     if speed == 0.0:
         return [_rest(start_ns, at_m)]
     stop_ns = start_ns + round(speed / deceleration * 1e9)
-    stop_m = _ahead(at_m, direction, speed**2 / (2.0 * deceleration))
-    braking = _times(direction, -deceleration)
-    return [Segment(start_ns, at_m, _times(direction, speed), braking), _rest(stop_ns, stop_m)]
+    stop_m = ahead(at_m, direction, speed**2 / (2.0 * deceleration))
+    braking = times(direction, -deceleration)
+    return [Segment(start_ns, at_m, times(direction, speed), braking), _rest(stop_ns, stop_m)]
 
 
 def _line(
@@ -344,8 +339,8 @@ def _line(
     chain: list[Segment] = []
     t, s = 0.0, 0.0
     for duration, v, a in phases:
-        origin = _ahead(at_m, (x, y, z), s)
+        origin = ahead(at_m, (x, y, z), s)
         begins_ns = start_ns + round(t * 1e9)
-        chain.append(Segment(begins_ns, origin, _times((x, y, z), v), _times((x, y, z), a)))
+        chain.append(Segment(begins_ns, origin, times((x, y, z), v), times((x, y, z), a)))
         t, s = t + duration, s + (v + 0.5 * a * duration) * duration
     return [*chain, _rest(start_ns + round(t * 1e9), target_m)]

@@ -27,12 +27,13 @@ class FaultOrder(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     code: Annotated[int, Meta(ge=0, le=15)] = 0x0E  # gripper fault; its default needs a reset
     pressed: bool = True  # emergency button
     on: bool = True  # remote control
+    fraction: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.2  # of the speed slider
 
 
 UNITS = {
     "after_s": "s from now, to 600", "times": "requests or reads hit",
     "skip": "requests spared first", "seconds": "s, to 60", "code": "0 to 15",
-    "pressed": "true or false", "on": "true or false",
+    "pressed": "true or false", "on": "true or false", "fraction": "0 to 1",
 }  # fmt: skip
 # name: the settings that it takes, and what it does
 KNOWN: dict[str, tuple[tuple[str, ...], str]] = {
@@ -57,6 +58,10 @@ KNOWN: dict[str, tuple[tuple[str, ...], str]] = {
     "remote_control": (
         ("on",),
         "on=false: the pendant is turned to Local, e-Series alone; the program ends, none is taken",
+    ),
+    "speed_slider": (
+        ("fraction",),
+        "the arm's speed slider is turned: moves go on at that share of their pace",
     ),
     "arm_disconnect": ((), "the connections that are open to the arm are closed, if any"),
     "arm_freeze": (("seconds",), "the arm's controller does and answers nothing for so long"),
@@ -99,6 +104,7 @@ class CellFaults:
             "protective_stop": lambda order: arm.controller.protective_stop(),
             "emergency_stop": lambda order: arm.controller.emergency_stop(order.pressed),
             "remote_control": lambda order: arm.controller.set_remote_control(order.on),
+            "speed_slider": lambda order: arm.controller.ports.set_speed(order.fraction),
             "arm_disconnect": lambda order: arm.drop_links(),
             "arm_freeze": lambda order: arm.freeze(order.seconds),
         }

@@ -4,7 +4,6 @@ import math
 
 from drivers.errors import ConfigError
 from drivers.ur.driver import ArmSettings
-from drivers.ur.link.preflight import LEAST_SPEED_FRACTION
 from grasp.controller_settings import ControllerSettings
 from grasp.guard import ForceGuard
 from scenarios.rigs.permission import HARDWARE
@@ -129,14 +128,10 @@ def check_waits(config: TrialConfig) -> None:
         "lower_speed_mps": _way_s(s.lift_height_m, s.lower_speed_mps, down_mps2),
     }
     key, longest_s = max(ways.items(), key=lambda way: way[1])
-    slider = ""
-    if config.real and not config.devices.arm:
-        longest_s /= LEAST_SPEED_FRACTION
-        slider = f" with the speed slider at {100 * LEAST_SPEED_FRACTION:g} %, the least allowed"
     if longest_s > s.phase_timeout_s:
         raise ConfigError(
             "controller", key,
-            f"{s.lift_height_m:g} m take {longest_s:.1f} s{slider}, and a phase may last "
+            f"{s.lift_height_m:g} m take {longest_s:.1f} s, and a phase may last "
             f"{s.phase_timeout_s:g}: an object would be left in the air",
             f"faster, or a lower controller.lift_height_m, or controller.phase_timeout_s >= "
             f"{math.ceil(longest_s)}",

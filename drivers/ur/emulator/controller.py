@@ -150,7 +150,7 @@ class Controller:
         for name, values in inputs.items():
             self.registers.take_input(name, values)
         self.ports.take_inputs(inputs)
-        self.motion.speed_fraction = self.ports.speed_fraction
+        self.motion.turn_slider(self.ports.speed_fraction)
         trouble = self.motion.update(now_ns)
         powered = self.robot_mode is RobotMode.RUNNING and self.safety_mode is SafetyMode.NORMAL
         if powered and trouble:

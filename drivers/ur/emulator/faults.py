@@ -11,6 +11,7 @@ its ``token``. A request is ``{"do": verb, ...}``, the answer ``{"ok": true, ...
 - ``wrench`` with ``value``, six numbers, N and Nm
 - ``inputs`` with ``value``: the digital inputs as one number (bits 0 to 7 standard, 8 to 15
   configurable, 16 and 17 the tool's), and both analog ones
+- ``speed_slider`` with ``fraction``, 0 to 1: somebody turns it at the pendant
 - ``drop_link``: close every UR connection; ``freeze`` with ``seconds``: serve nothing meanwhile
 """
 
@@ -48,6 +49,7 @@ class FaultRequest(msgspec.Struct, forbid_unknown_fields=True):
     names: list[str] = []
     value: list[float] = []
     seconds: float = 0.0
+    fraction: float = 1.0
 
 
 class FaultChannel:
@@ -70,6 +72,7 @@ class FaultChannel:
             "unclaim": lambda request: rtde.release(_STRANGER),
             "wrench": self._wrench,
             "inputs": self._inputs,
+            "speed_slider": self._slider,
             "drop_link": lambda request: links.drop_links(),
             "freeze": self._freeze,
         }
@@ -118,6 +121,11 @@ class FaultChannel:
         bits, *analog = request.value
         self._controller.ports.digital_in = int(bits)
         self._controller.ports.analog_in = analog
+
+    def _slider(self, request: FaultRequest) -> None:
+        if not 0.0 <= request.fraction <= 1.0:
+            raise ValueError("a fraction is within 0 and 1")
+        self._controller.ports.set_speed(request.fraction)
 
     def _freeze(self, request: FaultRequest) -> None:
         if not 0.0 <= request.seconds <= _MAX_FREEZE_S:

@@ -1,9 +1,9 @@
 """Joins the arm of the world to URScript's motions and to the joints of a UR10.
 
 The arm model moves a point, the flange, and turns it about its own axis. Lines that keep the tool's
-orientation, and velocities that turn it about its axis alone, are the model's own: the same that
-virtual time runs. Everything else is planned here, cycle by cycle (`plans`), and the model follows
-with its point; how the tool is tilted is known here alone.
+orientation, at the pace of the speed slider, and velocities that turn it about its axis alone, are
+the model's own: the same that virtual time runs. Everything else is planned here, cycle by cycle
+(`plans`), and the model follows with its point; how the tool is tilted is known here alone.
 """
 
 import math
@@ -70,7 +70,7 @@ class RobotMotion:
         self._start_rotation = kinematics.rotation(settings.tool_rotation_rad)
         self._rotation = self._start_rotation
         self._turned_rad = 0.0  # the arm model's angle at the start rotation
-        self.speed_fraction = 1.0  # of the speed slider
+        self._slider = 1.0
         self._owner: Thread | None = None
         self._plan: Plan | None = None
         self._planned: deque[tuple[int, Joints, Joints]] = deque()  # when the arm is there; q, qd
@@ -125,7 +125,9 @@ class RobotMotion:
         plan, trouble = self._plan, ""
         if plan is not None:
             try:
-                plan.step(self._period_s, self.speed_fraction)
+                with self._lock:
+                    pace = self._arm.pace(self._now_ns)
+                plan.step(self._period_s, pace)
                 trouble = beyond(plan.q, plan.qd)
             except OutOfReach as error:
                 trouble = str(error)
@@ -211,6 +213,12 @@ class RobotMotion:
         with self._lock:
             self._arm.set_payload(mass_kg)
 
+    def turn_slider(self, fraction: float) -> None:
+        """The speed slider stands there: what moves to a place goes at so much of its pace."""
+        if fraction != self._slider:
+            self._slider = fraction
+            self._command(lambda arm: arm.turn_slider(fraction, self._now_ns))
+
     def joints_for(
         self, pose: Sequence[float], near: Sequence[float] | None
     ) -> Generator[None, None, Joints | None]:
@@ -254,7 +262,7 @@ class RobotMotion:
         turns = kinematics.turn_between(flange, self.flange) > _TURN_TOLERANCE_RAD
         if kinematics.inverse(flange, self.q) is None:
             raise ScriptError("target out of reach")
-        if turns or seconds or self.speed_fraction != 1.0 or self.planned:
+        if turns or seconds or self.planned:
             self._begin(
                 ToolMove(self._last_q, target, self._tcp, speed_mps, acceleration_mps2, seconds)
             )

@@ -58,6 +58,7 @@ class Ports:
             self.analog_ratio[index] = ratio
 
     def set_speed(self, fraction: float) -> None:
+        """Of the slider. Beyond 0 to 1, or no number: no effect."""
         if 0.0 <= fraction <= 1.0:
             self.speed_fraction = fraction
 

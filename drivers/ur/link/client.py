@@ -225,6 +225,7 @@ class UrLink:
             protective_stop=state.stopped_by_safety,
             angle_rad=self._angle(trusted.pose[3:]),
             spin_radps=_along_axis(trusted) if powered else 0.0,
+            speed_fraction=state.speed_fraction,
         )
 
     def _angle(self, rotation: Vector3) -> float:

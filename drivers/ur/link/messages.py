@@ -121,6 +121,7 @@ class State(Message, frozen=True):
     safety_bits: int
     program_running: bool
     turning_radps: Vector3 = (0.0, 0.0, 0.0)  # base frame
+    speed_fraction: float = 1.0  # of the speed slider
 
     @property
     def stopped_by_safety(self) -> bool:

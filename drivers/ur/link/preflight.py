@@ -15,6 +15,7 @@ from typing import Literal, TypeVar
 import msgspec
 
 from drivers.errors import DeviceFault, LinkLost
+from drivers.interfaces import LEAST_SPEED_FRACTION
 
 DASHBOARD_PORT, SCRIPT_PORT, RTDE_PORT = 29999, 30003, 30004
 
@@ -32,7 +33,6 @@ _ASK_AGAIN_S = 0.05  # for claims: a client that has just gone is noticed a mome
 _FIELDS = b"runtime_state,target_speed_fraction"
 _LOOKS_HZ = 25.0
 _PLAYING = {2: "runs", 5: "resumes"}  # runtime_state; RTDE guide
-LEAST_SPEED_FRACTION = 0.5  # of the speed slider: waits are those of full speed; assumed
 _FULL_SPEED = 0.995  # a slider that says 100 %
 TURN_UP = "set the speed slider to 100 % at the teach pendant"
 _HANG_UP_S = 0.2
@@ -296,7 +296,7 @@ def judge_speed(fraction: float) -> PreflightCheck:
     if fraction >= LEAST_SPEED_FRACTION:
         slower = f"{said}: the arm moves at so much of every speed that it is told"
         return PreflightCheck("speed slider", "warn", slower, TURN_UP)
-    least = f"{said}, and below {100 * LEAST_SPEED_FRACTION:g} % no move ends when it should"
+    least = f"{said}, and below {100 * LEAST_SPEED_FRACTION:g} % slip is not surely heard"
     return PreflightCheck("speed slider", "fail", least, f"{TURN_UP}; go slower by settings")
 
 

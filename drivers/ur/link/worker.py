@@ -53,6 +53,7 @@ _RECIPE = [
     "robot_mode",
     "safety_status_bits",
     "runtime_state",
+    "target_speed_fraction",
 ]
 _SETTLE_CYCLES = 4  # until a command shows in what the controller reports
 _KICKS_PER_LIMIT = 4  # kicks in the time after which the watchdog would bite
@@ -120,6 +121,7 @@ class Robot:
             robot_mode=receive.getRobotMode(),
             safety_bits=receive.getSafetyStatusBits(),
             program_running=receive.getRuntimeState() == PROGRAM_RUNNING,
+            speed_fraction=receive.getTargetSpeedFraction(),
         )
 
     def watch(self) -> None:

@@ -21,6 +21,7 @@ COMMAND = ("lost", "late", "repeated", "half done")
 LINK = ("cut", "blinking", "slow")
 ARM_FIELDS = (
     "t_ns", "position_m", "velocity_mps", "moving", "protective_stop", "angle_rad", "spin_radps",
+    "speed_fraction",
 )  # fmt: skip
 VECTORS = ("position_m", "velocity_mps")
 AXES = "xyz"

@@ -128,12 +128,12 @@ class HandWire(Wire):
 
 NOTHING: dict[str, Any] = {
     "t_ns": 0, "position_m": (0.0, 0.0, 0.0), "velocity_mps": (0.0, 0.0, 0.0), "moving": False,
-    "protective_stop": False, "angle_rad": 0.0, "spin_radps": 0.0,
+    "protective_stop": False, "angle_rad": 0.0, "spin_radps": 0.0, "speed_fraction": 0.0,
 }  # fmt: skip
 LEAPS = {"t_ns": 1_000_000_000, "position_m": 0.05, "velocity_mps": 0.2, "angle_rad": 0.5,
-         "spin_radps": 0.5}  # fmt: skip
+         "spin_radps": 0.5, "speed_fraction": -0.6}  # fmt: skip
 BEYOND = {"t_ns": -(1 << 40), "position_m": 99.0, "velocity_mps": 50.0, "angle_rad": 100.0,
-          "spin_radps": 100.0}  # fmt: skip
+          "spin_radps": 100.0, "speed_fraction": 100.0}  # fmt: skip
 
 
 def with_number(value: Any, axis: str, number: float, add: bool = False) -> Any:

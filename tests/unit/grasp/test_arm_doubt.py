@@ -411,3 +411,61 @@ def test_what_a_step_tells_the_arm_is_what_it_is_doubted_by(
     doubts.sent(commands, arm(0))
     said = doubts.of(Phase.IDLE, None, gripper(later), arm(later))
     assert said.partition(":")[0] == says
+
+
+def paced(fraction: float, state: ArmState) -> ArmState:
+    return msgspec.structs.replace(state, speed_fraction=fraction)
+
+
+@pytest.mark.parametrize("fraction", [math.nan, math.inf, -0.01, 1.01, 100.0])
+def test_slider_that_stands_nowhere_is_doubted(fraction: float) -> None:
+    doubt = ArmDoubt(DoubtSettings())
+    assert doubt.see(at(0.0, 0.0), False) == ""
+    assert doubt.see(paced(fraction, at(0.01, 0.0)), False).startswith("arm_slider: ")
+
+
+@pytest.mark.parametrize("fraction", [0.0, 0.05, 1.0])
+def test_slider_that_may_stand_there_is_not(fraction: float) -> None:
+    assert ArmDoubt(DoubtSettings()).see(paced(fraction, at(0.0, 0.0)), False) == ""
+
+
+def slowed(fraction: float, command: Command, *states: ArmState, **settings: Any) -> str:
+    """As ``told_up``, by an arm whose slider stands there."""
+    doubt = ArmDoubt(DoubtSettings(**settings))
+    assert doubt.see(paced(fraction, at(0.0, 0.0)), False) == ""
+    doubt.told(command, at(0.0, 0.0))  # type: ignore[arg-type]
+    return [doubt.see(paced(fraction, state), False) for state in states][-1].partition(":")[0]
+
+
+@pytest.mark.parametrize("fraction", [1.0, 0.5, 0.1])
+def test_arm_is_frozen_only_after_longer_the_slower_its_slider_makes_it(fraction: float) -> None:
+    x, y, z = arm(0).position_m
+    up = MoveArm((x, y, z + 0.2), 0.1, 0.5)
+    start_s = (0.25 + SPARE_S) / fraction
+
+    def begins(after_s: float) -> str:
+        return slowed(fraction, up, at(start_s + after_s, 0.00005), arm_start_s=0.25)
+
+    assert (begins(-0.01), begins(0.01)) == ("", "arm_frozen")
+
+    def stands(after_s: float) -> str:
+        on_its_way, there_s = at(0.1, 0.001, speed_mps=0.01), 0.1 + 0.06 / fraction
+        still = at(there_s + after_s, 0.001, speed_mps=0.01)
+        return slowed(fraction, up, on_its_way, still, arm_frozen_s=0.06)
+
+    assert (stands(-0.01), stands(0.01)) == ("", "arm_frozen")
+
+
+@pytest.mark.parametrize("value", [0.2, 2.0])
+def test_arm_slider_s(value: float) -> None:
+    """Turned from a tenth to full: half of that on, half of the pace is there."""
+    x, y, z = arm(0).position_m
+    doubt = ArmDoubt(DoubtSettings(arm_slider_s=value, arm_frozen_s=0.06))
+    assert doubt.see(paced(0.1, at(0.0, 0.0)), False) == ""
+    doubt.told(MoveArm((x, y, z + 0.2), 0.1, 0.5), at(0.0, 0.0))
+    up_s = 0.4 * value
+    assert doubt.see(paced(1.0, at(up_s, 0.001, speed_mps=0.05)), False) == ""
+    assert doubt.see(paced(0.5, at(up_s + 1e-6, 0.001, speed_mps=0.05)), False) == ""
+    for late_s, said in ((0.06 / 0.5 - 0.005, ""), (0.06 / 0.5 + 0.005, "arm_frozen")):
+        state = at(up_s + late_s, 0.001, speed_mps=0.05)
+        assert doubt.see(paced(0.5, state), False).partition(":")[0] == said

@@ -42,7 +42,7 @@ class Bench:
         self.acknowledged = True
         self.gripper_state: Any = gripper()
         self.controller = SimpleNamespace(
-            finished=False, in_safe_state=False, phase=Phase.LIFT, fault_cause="",
+            finished=False, excused_ns=0.0, in_safe_state=False, phase=Phase.LIFT, fault_cause="",
             aborted=lambda: (StopArm(2.0), HoldFingers()),
         )  # fmt: skip
         self.step: Any = SimpleNamespace(
@@ -230,6 +230,10 @@ def test_run_ends_with_its_controller_or_at_its_deadline_and_says_so() -> None:
     late = Bench(stop_s=0.2)
     late.loop.run(0.05)
     assert [told.stop for told in late.inputs] == [""] * 5 + ["the run did not end in time"] * 20
+    excused = Bench(stop_s=0.2)
+    excused.controller.excused_ns = 30_000_000.0  # by an arm that is slowed down
+    excused.loop.run(0.05)
+    assert [told.stop for told in excused.inputs][:9] == [""] * 8 + ["the run did not end in time"]
 
 
 @pytest.mark.parametrize(("phase", "kept"), [(Phase.COMPENSATE, ["close_fast"]), (Phase.LIFT, [])])

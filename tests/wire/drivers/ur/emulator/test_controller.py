@@ -481,6 +481,7 @@ def test_what_no_joint_can_do_is_a_protective_stop(bench, body, said):
 
 def test_speed_slider_slows_a_move_down(bench):
     bench.cycles(1, {"speed_slider_mask": (1,), "speed_slider_fraction": (0.5,)})
+    bench.cycles(40)  # the arm does not come to it at once
     bench.run(
         "q = get_actual_joint_positions()\nq[5] = q[5] + 0.6\nmovej(q, a=2, v=1)\n"
         "write_output_integer_register(5, 7)"
@@ -488,6 +489,32 @@ def test_speed_slider_slows_a_move_down(bench):
     done = bench.controller.registers.values["output", "int"]
     count = next(n for n in itertools.count(1) if bench.cycles(1) or done[5] == 7)
     assert count * 0.008 == pytest.approx(2.2, abs=0.05)
+
+
+def test_line_under_way_follows_the_speed_slider_as_the_arm_of_virtual_time_does(bench):
+    """0.1 m at 0.25 m/s, slowed down to two fifths after 0.2 s, and let go on after another 2."""
+    virtual = ArmModel(ArmModelSettings(command_latency_s=0.0), 0)
+    bench.run(f"movel(p[0.5, 0.1, 0.4, {DOWN}], a=1.2, v=0.25)")
+    until = bench.now_ns + PERIOD_NS
+    virtual.move_l((0.5, 0.1, 0.4), 0.25, 1.2, until)
+    for cycles, fraction in ((25, 0.4), (12, 0.0), (250, 1.0)):
+        bench.cycles(cycles)
+        virtual.turn_slider(fraction, bench.now_ns)
+        bench.controller.ports.set_speed(fraction)
+    places, told = [], []
+    for _ in range(60):
+        bench.cycles(1)
+        places.append(bench.motion.position)
+        told.append(virtual.position(bench.now_ns))
+    assert places == told
+    assert len(set(places)) > 10 and places[-1] == (0.5, 0.1, 0.4)
+
+
+@pytest.mark.parametrize("fraction", [-0.1, 1.1, math.nan])
+def test_slider_has_two_ends(bench, fraction):
+    bench.cycles(1, {"speed_slider_mask": (1,), "speed_slider_fraction": (0.4,)})
+    bench.cycles(1, {"speed_slider_mask": (1,), "speed_slider_fraction": (fraction,)})
+    assert bench.arm.read(bench.now_ns).speed_fraction == 0.4
 
 
 def test_outputs_are_read_back(bench):
@@ -543,6 +570,10 @@ def test_inputs_are_what_the_control_channel_says(bench):
     for wrong in ("[1, 2]", "[-1, 0, 0]", "[262144, 0, 0]", "[1e999, 0, 0]"):
         assert '"ok":false' in channel.answer(f'{{"do": "inputs", "value": {wrong}}}')
     assert '"ok":true' in channel.answer('{"do": "inputs", "value": [258, 1.5, 0.0]}')
+    assert '"ok":false' in channel.answer('{"do": "speed_slider", "fraction": 1.5}')
+    assert '"ok":true' in channel.answer('{"do": "speed_slider", "fraction": 0.5}')
+    bench.cycles(1)
+    assert bench.arm.read(bench.now_ns).speed_fraction == 0.5
     told(
         bench,
         "write_output_boolean_register(0, get_standard_digital_in(1))\n"

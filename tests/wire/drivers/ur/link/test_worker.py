@@ -86,6 +86,9 @@ class Recorded:
     def getRuntimeState(self):
         return self.runtime_state
 
+    def getTargetSpeedFraction(self):
+        return 0.75
+
     def names(self):
         return [call[0] for call in self.calls if call[0] != "kickWatchdog"]
 
@@ -154,6 +157,10 @@ def test_tool_payload_and_watchdog_are_set_with_every_program(commander, rtde):
 def test_setting_that_is_not_taken_is_no_start(commander, rtde):
     rtde.takes = False
     assert not commander.prepare()
+
+
+def test_sample_says_where_the_speed_slider_stands(rtde, ours):
+    assert Robot(rtde, SETUP, ours.channel).state().speed_fraction == 0.75
 
 
 def test_moves_and_stops_are_asynchronous(commander, rtde, ours):

@@ -1,0 +1,138 @@
+"""An arm that its speed slider slows down is waited for, and does not lift."""
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from drivers.interfaces import ArmState
+from grasp.commands import HoldFingers, MoveArm, StopArm
+from grasp.controller_settings import ControllerSettings
+from grasp.pace import LEAST_PACE, STANDS_NS
+from grasp.phases import Phase
+from tests.unit.grasp.builders import arm
+from tests.unit.grasp.controller_driver import HEIGHT, MOVING, TICK, Driver
+
+
+def slow(d: Driver, fraction: float, height_m: float, moving: bool = True) -> ArmState:
+    """The arm in the coming step."""
+    state = arm(d.t_ns + TICK, height_m, moving=moving)
+    return msgspec.structs.replace(state, speed_fraction=fraction)
+
+
+def seconds_in(d: Driver, phase: Phase, fraction: float, height_m: float) -> float:
+    """Until it ends, with the arm on its way all the time."""
+    assert d.controller.phase is phase
+    began_ns = d.t_ns
+    while d.controller.phase is phase:
+        d.step(arm=slow(d, fraction, height_m))
+    return (d.t_ns - began_ns) * 1e-9
+
+
+def going_down(**settings: Any) -> Driver:
+    d = Driver(hold_s=0.1, **settings).lift()
+    d.height_m = HEIGHT
+    d.until(Phase.LOWER)
+    return d
+
+
+@pytest.mark.parametrize(("fraction", "factor"), [(1.0, 1), (0.8, 1.25), (0.5, 2), (0.1, 10)])
+def test_way_down_may_take_as_much_longer_as_the_arm_is_slower(
+    fraction: float, factor: float
+) -> None:
+    d = going_down(phase_timeout_s=1.0)
+    lasted_s = seconds_in(d, Phase.LOWER, fraction, 0.1)
+    assert lasted_s == pytest.approx(factor, abs=0.011)
+    assert "phase lower lasted longer" in d.controller.fault_cause
+    assert d.controller.excused_ns == pytest.approx((factor - 1) * 1e9, abs=2e7)
+
+
+@pytest.mark.parametrize("fraction", [0.5, 0.9])
+def test_way_up_is_waited_for_likewise(fraction: float) -> None:
+    d = Driver(phase_timeout_s=1.0).lift()
+    assert seconds_in(d, Phase.LIFT, fraction, 0.1) == pytest.approx(1.0 / fraction, abs=0.011)
+
+
+def test_fingers_are_given_no_more_time_by_a_slow_arm() -> None:
+    d = Driver(phase_timeout_s=1.0)
+    d.until(Phase.GRASP)
+    began_ns = d.t_ns
+    while d.controller.phase is Phase.GRASP:
+        d.step(gripper=d.hand(detections=MOVING), arm=slow(d, 0.2, 0.0, moving=False))
+    assert (d.t_ns - began_ns) * 1e-9 == pytest.approx(1.0, abs=0.011)
+    assert d.controller.excused_ns == 0.0
+
+
+def test_time_is_counted_at_the_pace_that_the_arm_has_at_each_moment() -> None:
+    d = going_down(phase_timeout_s=1.0)
+    for _ in range(50):
+        d.step(arm=slow(d, 1.0, 0.1))
+    assert seconds_in(d, Phase.LOWER, 0.25, 0.1) == pytest.approx(2.0, abs=0.05)
+
+
+@pytest.mark.parametrize("phase", [Phase.LISTEN, Phase.LIFT])
+def test_no_lift_begins_or_goes_on_with_a_slider_below_a_half(phase: Phase) -> None:
+    d = Driver()
+    d.until(phase)
+    assert d.step(arm=slow(d, 0.5, 0.0, moving=False)).phase is phase
+    d.commands.clear()
+    d.step(arm=slow(d, 0.49, 0.0, moving=phase is Phase.LIFT))
+    assert d.controller.phase is Phase.FAULT
+    assert d.controller.fault_cause == (
+        "the arm's speed slider is at 49 %, and no lift goes on below 50 %"
+    )
+    assert isinstance(d.commands[0], StopArm)
+    assert not any(isinstance(c, MoveArm) for c in d.commands)
+    assert any(isinstance(c, HoldFingers) for c in d.commands) == (phase is Phase.LISTEN)
+
+
+@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.RELAX, Phase.COMPENSATE, Phase.HOLD])
+def test_slider_matters_to_no_phase_that_does_not_wait_for_the_arm(phase: Phase) -> None:
+    d = Driver(relax_s=0.5, hold_s=1.0)
+    if phase is Phase.COMPENSATE:
+        d.slip()
+    elif phase is Phase.HOLD:
+        d.lift()
+        d.height_m = HEIGHT
+        d.until(Phase.HOLD)
+    else:
+        d.until(phase)
+    low = slow(d, 0.0, d.height_m, moving=False)
+    assert d.step(arm=low, gripper=d.hand(detections=MOVING)).phase is phase
+
+
+def test_arm_that_its_slider_lets_stand_on_the_way_down_is_a_fault_that_names_it() -> None:
+    d = going_down()
+    lasted_s = seconds_in(d, Phase.LOWER, 0.9 * LEAST_PACE, 0.1)
+    assert lasted_s == pytest.approx(STANDS_NS * 1e-9, abs=0.011)
+    assert d.controller.fault_cause == "the arm's speed slider is at 4.5 %: it comes to no end"
+
+
+def test_slider_that_passes_nought_on_the_way_down_is_no_fault() -> None:
+    d = going_down()
+    for fraction in (0.0, 0.3, 0.0):
+        for _ in range(80):
+            d.step(arm=slow(d, fraction, 0.1))
+    assert d.controller.phase is Phase.LOWER
+
+
+def test_slowest_arm_that_is_waited_for_is_waited_for_so_long_and_no_longer() -> None:
+    d = going_down(phase_timeout_s=1.0)
+    lasted_s = seconds_in(d, Phase.LOWER, LEAST_PACE, 0.1)
+    assert lasted_s == pytest.approx(1.0 / LEAST_PACE, abs=0.011)
+
+
+def test_slow_way_is_planned_as_at_full_pace() -> None:
+    """The arm makes of it what its slider says, and the time it has is counted so."""
+    plain, slowed = (going_down(), going_down())
+    for d, fraction in ((plain, 1.0), (slowed, 0.3)):
+        d.commands.clear()
+        d.until(Phase.RELEASE, arm=slow(d, fraction, 0.0, moving=False))
+    assert plain.commands == slowed.commands
+
+
+def test_wait_of_a_plain_run_is_the_time_since_the_phase_began() -> None:
+    d = Driver(phase_timeout_s=ControllerSettings().phase_timeout_s).lift()
+    began_ns = d.t_ns
+    seconds_in(d, Phase.LIFT, 1.0, 0.1)
+    assert d.t_ns - began_ns == 30_000_000_000
