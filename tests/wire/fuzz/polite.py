@@ -79,10 +79,10 @@ class Stream:
     def __init__(self, line: Line) -> None:
         self._line = line
         names = b"timestamp,actual_q,actual_TCP_pose,robot_mode"
-        line.sock.sendall(_packet("O", struct.pack(">d", 125.0) + names) + _packet("S"))
+        line.sock.sendall(packet("O", struct.pack(">d", 125.0) + names) + packet("S"))
 
     def packet(self) -> None:
-        self._line.sock.sendall(_packet("v"))
+        self._line.sock.sendall(packet("v"))
         while True:
             size, kind = struct.unpack(">HB", self._line.exactly(3))
             self._line.exactly(size - 3)
@@ -124,7 +124,7 @@ class Heard:
         self._line.sock.close()
 
 
-def _packet(kind: str, body: bytes = b"") -> bytes:
+def packet(kind: str, body: bytes = b"") -> bytes:
     return struct.pack(">HB", 3 + len(body), ord(kind)) + body
 
 
