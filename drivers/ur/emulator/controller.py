@@ -113,6 +113,7 @@ class Controller:
         self.period_s = settings.controller.period_ns * 1e-9
         self.motion = motion
         self.registers = Registers()
+        self._untaken: dict[str, Values] = {}  # inputs that came in the midst of a program's turn
         self.ports = Ports()
         self.payload_kg = 0.0
         self.payload_cog_m: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -147,8 +148,7 @@ class Controller:
         when ``budget`` is spent, and now and then before, when ``meanwhile`` has its turn."""
         self._now_ns = now_ns
         self.cycles += 1
-        for name, values in inputs.items():
-            self.registers.take_input(name, values)
+        self._take_registers(inputs)
         self.ports.take_inputs(inputs)
         self.motion.turn_slider(self.ports.speed_fraction)
         trouble = self.motion.update(now_ns)
@@ -160,6 +160,17 @@ class Controller:
         self._watch(inputs)
         self._work(budget, meanwhile)
         self.motion.brake_if_unowned()
+
+    def _take_registers(self, inputs: dict[str, Values]) -> None:
+        """A program sees the registers of one cycle throughout its turn, also where it is
+        interrupted in the midst of it: a command, and the arguments that came with it."""
+        self._untaken.update(inputs)
+        playing = self.runtime_state is RuntimeState.PLAYING
+        if playing and self._program is not None and self._program.interrupted:
+            return
+        for name, values in self._untaken.items():
+            self.registers.take_input(name, values)
+        self._untaken.clear()
 
     def _work(self, budget: Budget, meanwhile: Callable[[], None]) -> None:
         """Programs and their compilation have slices in turn; the main one has one turn a cycle."""

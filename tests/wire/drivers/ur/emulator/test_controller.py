@@ -198,6 +198,29 @@ def test_secondary_program_that_would_take_time_or_fails_ends_alone(bench, call,
     assert bench.controller.ports.digital_out == 4
 
 
+def test_program_that_is_interrupted_goes_on_with_the_registers_that_it_began_with(bench):
+    """A client writes a command and its arguments at once; read in two cycles, they would be those
+    of two commands."""
+    bench.run(
+        "torn = 0\nwhole = 0\nwhile True:\n a = read_input_integer_register(0)\n i = 0\n"
+        "while i < 1000:\n i = i + 1\nend\nif a == read_input_float_register(0):\n"
+        " whole = whole + 1\nelse:\n torn = torn + 1\nend\n"
+        "write_output_integer_register(5, whole)\nwrite_output_integer_register(6, torn)\n"
+        "write_output_integer_register(7, a)\nsync()\nend"
+    )
+    ints, budget, last = bench.controller.registers.values["output", "int"], Budget(0.02), 400
+    for n in range(last + 1):
+        bench.now_ns += PERIOD_NS
+        written = {"input_int_register_0": (n,), "input_double_register_0": (float(n),)}
+        budget.begin(0.008)
+        bench.controller.step(bench.now_ns, written, budget)
+        budget.end()
+    assert ints[6] == 0
+    assert 0 < ints[5] < last / 2  # it was interrupted in most of its turns
+    bench.cycles(3)
+    assert ints[7] == last  # what came meanwhile is not lost
+
+
 COUNT = "n = 0\nwhile True:\n n = n + 1\nwrite_output_integer_register(1, n)\n{}sync()\nend"
 
 
