@@ -2,16 +2,19 @@
 
     grasp detector tune tcn --set network.weights=tcn-seed0.onnx --data DIR... > tcn-seed0.toml
     python scripts/default_choice.py --tcn tcn-seed0.onnx... --gru gru-seed0.onnx... --data DIR...
+    python scripts/default_choice.py --anew SEED          the packaged two, on objects drawn anew
 
 Every weights file is scored on the split `validation` with the rule in the TOML file of its name
-that lies beside it. Prints the three shares of each seed, `tcn` less `gru` of their means with 95 %
-intervals (bootstrap over recordings; with the seeds drawn as well in brackets of their own), and
-what the rule makes of them.
+that lies beside it; without files the packaged weights and rules are. `--anew` draws 400 lifts and
+100 recordings of nine blows as `config/datasets/grasped-slip.toml` has them, each of an object of
+its own, and scores them all: nothing was chosen on them. Prints the three shares of each seed,
+`tcn` less `gru` of their means with 95 % intervals (bootstrap over recordings; with the seeds drawn
+as well in brackets of their own), and what the rule makes of them.
 """
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -30,13 +33,18 @@ from detector.scores.evaluation import (
     judge_stream,
 )
 from detector.scores.intervals import HIGH, LOW, Interval
+from grasp.settings import config_dir
+from scenarios.acquire.datasets.build import make
+from scenarios.acquire.datasets.plan import load_dataset_config, plan
 from scenarios.campaign.config import load_config
+from scenarios.rigs.workers import Workers, results
 from scenarios.studies.detectors.benchmark import read_split
 from scenarios.studies.detectors.robustness import stream_together
 
 MARGIN = -0.03  # not inferior: the lower bound of each difference above it
 RESAMPLES = 2000
 LIFTS = "grasped_slip"  # the cause of recordings in which a lifted object slips
+ANEW = {"grasped_slip": 400, "grasped_blow": 100}  # recordings of a cause
 Counts = NDArray[np.float64]  # (seeds, recordings)
 Verdict = Literal["tcn", "gru", "draw"]
 
@@ -83,10 +91,24 @@ MEASURES: dict[str, Callable[[Recording, Judged], tuple[int, int]]] = {
 }
 
 
-def judged_by(name: str, weights: Path, recordings: Sequence[Recording]) -> list[Judged]:
-    """What one seed's weights and their tuned rule make of each recording."""
-    words = (f"network.weights={weights}",)
-    config = load_config("can", "simulated", name, weights.with_suffix(".toml"), words)
+def drawn_anew(seed: int, workers: Workers, numbers: Mapping[str, int] = ANEW) -> list[Recording]:
+    """Recordings of objects that no data set of another seed has, in the order of the draw."""
+    config = load_dataset_config(config_dir() / "datasets" / "grasped-slip.toml")
+    rows = [row for row in config.causes if row.cause in numbers]
+    shares = [numbers[row.cause] / sum(numbers.values()) for row in rows]
+    told = [msgspec.structs.replace(r, share=s) for r, s in zip(rows, shares, strict=True)]
+    whole = msgspec.structs.replace(
+        config, seed=seed, causes=told, recordings=sum(numbers.values())
+    )
+    made = results(make, plan(whole), workers)
+    return sorted(made, key=lambda r: r.metadata.seed if r.metadata else 0)
+
+
+def judged_by(name: str, weights: Path | None, recordings: Sequence[Recording]) -> list[Judged]:
+    """What one seed's weights and their tuned rule make of each recording; none: as packaged."""
+    words = () if weights is None else (f"network.weights={weights}",)
+    rule = None if weights is None else weights.with_suffix(".toml")
+    config = load_config("can", "simulated", name, rule, words)
     return [
         judge_stream(s, config.rule, events_by_label(s.label), WARM_UP_SAMPLES,
                      blows_of(s.recording))
@@ -163,10 +185,16 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     for name in ("tcn", "gru"):
-        parser.add_argument(f"--{name}", type=Path, nargs="+", required=True, metavar="FILE.onnx")
-    parser.add_argument("--data", type=Path, nargs="+", required=True, metavar="DIR")
+        parser.add_argument(f"--{name}", type=Path, nargs="+", default=[None], metavar="FILE.onnx")
+    drawn = parser.add_mutually_exclusive_group(required=True)
+    drawn.add_argument("--data", type=Path, nargs="+", metavar="DIR")
+    drawn.add_argument("--anew", type=int, metavar="SEED")
+    parser.add_argument("--jobs", type=int, default=2)
     args = parser.parse_args()
-    recordings = read_split(args.data, "validation")
+    if args.anew is None:
+        recordings = read_split(args.data, "validation")
+    else:
+        recordings = drawn_anew(args.anew, Workers(args.jobs))
     tcn, gru = (
         shares(recordings, [judged_by(name, path, recordings) for path in getattr(args, name)])
         for name in ("tcn", "gru")

@@ -9,8 +9,19 @@ import pytest
 from detector.blows import blows_of
 from detector.decision import RuleSettings
 from detector.recordings import Recording
-from detector.scores.evaluation import Judged, Streamed, events_by_label, judge_stream
-from scripts.default_choice import MEASURES, Difference, Shares, difference, shares, table, verdict
+from detector.scores.evaluation import Judged, Streamed, cause_of, events_by_label, judge_stream
+from scenarios.rigs.workers import Workers
+from scripts.default_choice import (
+    MEASURES,
+    Difference,
+    Shares,
+    difference,
+    drawn_anew,
+    judged_by,
+    shares,
+    table,
+    verdict,
+)
 from tests.unit.detector.blow_toys import PERIOD_S, struck
 from tests.unit.detector.toys import toy
 
@@ -108,3 +119,13 @@ def test_the_table_tells_every_seed_and_the_difference_in_points() -> None:
     assert says == "tcn"
     row = f"| {FAR_BLOWS} | 4 / 4 of 4 | 0 of 4 | +100.0 | [100.0, 100.0] | [100.0, 100.0] |"
     assert row in text
+
+
+def test_what_is_drawn_anew_is_lifts_and_blows_of_that_seed_alone() -> None:
+    made = drawn_anew(31_337, Workers(0), {"grasped_slip": 3, "grasped_blow": 3})
+    assert [cause_of(r) for r in made].count("grasped_slip") == 3
+    seeds = [r.metadata.seed for r in made if r.metadata is not None]
+    assert len(set(seeds)) == len(made) == 6
+    assert {seed // 1_000_000 for seed in seeds} == {31_337}
+    found = shares(made, [judged_by("tcn", None, made)])
+    assert all(s.of.sum() > 0 for s in found.values())  # each measure has what it asks of
