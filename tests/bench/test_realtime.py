@@ -47,7 +47,7 @@ def busy_programs(count: int) -> Iterator[None]:
 def timings(assignments: tuple[str, ...]) -> list[TimingResult]:
     results = [
         lift.run(
-            load_config("can", "emulated", "energy", None, QUICK + assignments).for_lift(),
+            load_config("can", "emulated", None, None, QUICK + assignments).for_lift(),
             seed,
             None,
         )

@@ -20,9 +20,7 @@ def test_wired_lifts_are_those_of_virtual_time_but_for_their_latency() -> None:
     for name in OBJECTS:
         for seed in SEEDS:
             wired, virtual = (
-                lift.run(
-                    load_config(name, rig, "energy", None, QUICK).for_lift(), seed, None
-                ).result
+                lift.run(load_config(name, rig, None, None, QUICK).for_lift(), seed, None).result
                 for rig in ("emulated", "simulated")
             )
             assert wired is not None and virtual is not None

@@ -34,7 +34,15 @@ RIGID = tuple(
 )  # fmt: skip
 
 
+def by_default(*assignments: str, object_name: str = "can") -> LiftConfig:
+    """A lift as it is packaged, with the default detector."""
+    return load_config(object_name, "simulated", None, None, assignments).for_lift()
+
+
 def config(*assignments: str, object_name: str = "can") -> LiftConfig:
+    """One in which `energy` hears a slip at once: for tests that ask what follows a slip, at a
+    known moment of a known seed, and not who hears it. Those of the force limit, of faults, of
+    taps and of the two rigs side by side have the default."""
     told = (QUIET, EAGER, *assignments)
     return load_config(object_name, "simulated", "energy", None, told).for_lift()
 
@@ -48,8 +56,10 @@ def judged(*assignments: str, seed: int = 0, object_name: str = "can") -> LiftRe
 class Staged:
     """One lift in which something is done to the rig at the first tick that meets a condition."""
 
-    def __init__(self, *assignments: str, seed: int = 0) -> None:
-        self.config = config(*assignments)
+    def __init__(
+        self, *assignments: str, seed: int = 0, made: Callable[..., LiftConfig] = config
+    ) -> None:
+        self.config = made(*assignments)
         self.seed = seed
         self.ticks: list[Tick] = []
         self.done_at_ns: int | None = None

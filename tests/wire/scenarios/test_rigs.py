@@ -17,7 +17,7 @@ from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.rigs.cell_process import cell_process
 from scenarios.rigs.opening import open_rig
-from tests.unit.scenarios.conftest import config
+from tests.unit.scenarios.conftest import by_default
 
 ROOT = Path(__file__).parents[3]
 GRASP = [sys.executable, "-c", "import sys; from grasp.cli.main import main; sys.exit(main())"]
@@ -78,7 +78,7 @@ def lab_file(path: Path, endpoints: dict[str, Any]) -> Path:
 
 def test_lift_on_the_emulated_rig_is_that_of_the_simulated_one(tmp_path: Path) -> None:
     code, wired = call("run", "lift", "--rig", "emulated", "--runs", str(tmp_path), *sets())
-    simulated = lift.run(config(*QUICK), 0, None).result
+    simulated = lift.run(by_default(*QUICK), 0, None).result
     assert simulated is not None
     assert code == 0, wired
     assert wired["outcome"] == simulated.outcome

@@ -7,7 +7,7 @@ from grasp.commands import CloseFast, HoldFingers, MoveArm, StopArm
 from grasp.phases import Phase
 from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import FinishedTrial
-from tests.unit.scenarios.conftest import Staged, in_phase, well_in
+from tests.unit.scenarios.conftest import Staged, by_default, in_phase, well_in
 
 CONTACT = [Phase.LIFT, Phase.COMPENSATE, Phase.HOLD]
 
@@ -50,7 +50,7 @@ def sent_after(staged: Staged) -> list[object]:
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda f: f.__name__)
 @pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.REST, Phase.GRASP, Phase.LISTEN, *CONTACT])
 def test_every_fault_in_every_phase_ends_in_its_safe_state(phase: Phase, fault: object) -> None:
-    staged = Staged()
+    staged = Staged(made=by_default)
     trial = staged.run(well_in(phase), fault)  # type: ignore[arg-type]
     assert trial.controller.phase is Phase.FAULT
     assert trial.controller.fault_cause
@@ -83,7 +83,7 @@ def _check_hand(
 
 
 def test_object_that_was_slipping_is_caught_by_the_safe_state() -> None:
-    staged = Staged("energy.threshold_counts=400")  # nobody listens, the can slips
+    staged = Staged("rule.threshold=0.9999999", made=by_default)  # nobody listens, the can slips
     staged.run(in_phase(Phase.LIFT, 60), silence_fingertips)
     truth = staged.rig.truth()
     assert truth is not None
@@ -92,7 +92,7 @@ def test_object_that_was_slipping_is_caught_by_the_safe_state() -> None:
 
 
 def test_a_single_lost_sample_is_repeated_counted_and_survived() -> None:
-    staged = Staged("tactile.conversion_ms=7.0")  # not two frames a period
+    staged = Staged("tactile.conversion_ms=7.0", made=by_default)  # not two frames a period
 
     def lose_one(rig: Rig) -> None:
         assert rig.cell is not None
@@ -105,7 +105,7 @@ def test_a_single_lost_sample_is_repeated_counted_and_survived() -> None:
 
 
 def test_interrupting_stops_the_arm_and_keeps_the_grip() -> None:
-    staged = Staged()
+    staged = Staged(made=by_default)
 
     def interrupt(rig: Rig) -> None:
         raise KeyboardInterrupt
@@ -124,7 +124,7 @@ def test_interrupting_stops_the_arm_and_keeps_the_grip() -> None:
 
 
 def test_interrupting_before_contact_stops_the_fingers() -> None:
-    staged = Staged()
+    staged = Staged(made=by_default)
 
     def interrupt(rig: Rig) -> None:
         raise KeyboardInterrupt
@@ -142,7 +142,7 @@ def test_interrupting_before_contact_stops_the_fingers() -> None:
 def test_loaded_fingertip_is_refused_before_the_grasp() -> None:
     staged = Staged(
         "controller.preshape_margin_counts=2", "controller.thumb_back_counts=0",
-        "object.half_width_m=0.039",
+        "object.half_width_m=0.039", made=by_default,
     )  # fmt: skip
     trial = staged.run(lambda tick: False, lambda rig: None)
     assert trial.controller.phase is Phase.FAULT

@@ -28,8 +28,8 @@ from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.rig import Rig, calibration
 from scenarios.rigs.simulated import Wires, simulated
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.execution import grip_plan, make_controller, make_guard
-from tests.unit.scenarios.conftest import changed, config
+from scenarios.trial.execution import grip_plan, make_controller, make_guard, run_trial
+from tests.unit.scenarios.conftest import by_default, changed
 
 FORCE_BYTES = (5, 8, 11)
 LIMIT_N = 10.0
@@ -79,7 +79,7 @@ def watched(config: GraspRigConfig, seed: int) -> tuple[Rig, Wire]:
 
 
 class FixedDetector:
-    """Says what the test wants to have felt."""
+    """Says what the test wants to have felt, by every finger."""
 
     def __init__(self) -> None:
         self.p = 0.0
@@ -87,7 +87,7 @@ class FixedDetector:
     def reset(self) -> None: ...
 
     def update(self, counts: Any) -> Any:
-        return np.array([self.p, 0.0, 0.0])
+        return np.full(3, self.p)
 
 
 def greedy(config: TrialConfig, asked_n: float) -> GraspController:
@@ -110,7 +110,7 @@ class GraspUnderStress(RuleBasedStateMachine):
         to_lift=st.booleans(),
     )
     def start(self, asked_n: float, mode: str, bound: bool, seed: int, to_lift: bool) -> None:
-        base = config("hand.activation_s=0.5")
+        base = by_default("hand.activation_s=0.5")
         base = changed(base, "guard", cap_mode=mode, travel_bound=bound)
         self.config = changed(base, "controller", grip_force_n=asked_n)
         self.asked_n = asked_n
@@ -142,14 +142,14 @@ class GraspUnderStress(RuleBasedStateMachine):
     @rule()
     def slip_is_felt(self) -> None:
         self.detector.p = 0.9
-        for _ in range(3):
+        for _ in range(self.config.rule.consecutive + 1):
             self.loop.tick()
 
     @precondition(lambda self: self.detector.p > 0.5)
     @rule()
     def slip_ends(self) -> None:
         self.detector.p = 0.0
-        for _ in range(4):
+        for _ in range(self.config.rule.release + 1):
             self.loop.tick()
 
     @rule(
@@ -222,7 +222,7 @@ def test_the_stress_would_find_a_guard_that_lets_forces_through(
 @pytest.mark.parametrize("limit_n", [10.0, 10.1, 10.19, 10.2, 10.3, 12.5, 59.9, 60.0])
 def test_bytes_keep_any_limit_sampled_densely(limit_n: float) -> None:
     for asked_n in (limit_n - 0.2, limit_n - 1e-9, limit_n, limit_n + 1e-9, limit_n + 0.2, 200.0):
-        base = changed(config("hand.activation_s=0.5"), "guard", force_limit_n=limit_n)
+        base = changed(by_default("hand.activation_s=0.5"), "guard", force_limit_n=limit_n)
         rig, wire = watched(base, 0)
         step = GraspStep(FixedDetector(), make_controller(base), make_guard(base))
         loop = ControlLoop(rig.devices, rig.clock, step, base.loop)
@@ -234,14 +234,23 @@ def test_bytes_keep_any_limit_sampled_densely(limit_n: float) -> None:
         assert wire.highest_force_n() <= limit_n
 
 
+@pytest.mark.parametrize("name", ["can", "foam"])
+def test_what_the_default_detector_hears_commands_no_byte_above_the_limit(name: str) -> None:
+    made = by_default(object_name=name)
+    rig, wire = watched(made, 0)
+    trial = run_trial(made, rig, make_guard(made), lambda *_: None)
+    assert Phase.COMPENSATE in [c.phase for c in trial.controller.machine.log]  # slip was heard
+    assert wire.highest_force_n() == LIMIT_N
+
+
 def test_force_that_the_calibration_cannot_set_is_refused_before_anything_moves() -> None:
     with pytest.raises(ConfigError) as caught:
-        make_guard(changed(config(), "controller", grip_force_n=9.99))
+        make_guard(changed(by_default(), "controller", grip_force_n=9.99))
     assert caught.value.key == "grip_force_n"
 
 
 def test_limit_just_below_the_least_force_is_refused_before_anything_moves() -> None:
     with pytest.raises(ConfigError):
-        make_guard(changed(config(), "guard", force_limit_n=9.999))
+        make_guard(changed(by_default(), "guard", force_limit_n=9.999))
     assert msgspec.structs.asdict(GuardSettings())["force_limit_n"] == LIMIT_N
-    assert calibration(config()).force_n(0) == LIMIT_N
+    assert calibration(by_default()).force_n(0) == LIMIT_N

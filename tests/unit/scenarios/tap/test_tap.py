@@ -33,19 +33,18 @@ from scenarios.world.ladder.runs import RunPlan
 from tests.unit.scenarios.conftest import phases_but_landing
 
 HELD = "tap.impulse_n_s=0.02"  # well within the friction of the grip
-# a threshold between resting noise and a blow, whatever the fingertip's latest figures are
 
 
 def config(*assignments: str, object_name: str = "can") -> TapConfig:
-    return load_config(object_name, "simulated", "energy", None, assignments).for_tap()
+    return load_config(object_name, "simulated", None, None, assignments).for_tap()
 
 
-HEARS = "energy.threshold_counts=12"
+DEAF = "rule.threshold=0.9999999"
 
 
 @cache
 def _result(assignments: tuple[str, ...], seed: int) -> TapResult:
-    result = tap.run(config(HEARS, *assignments), seed, None).result
+    result = tap.run(config(*assignments), seed, None).result
     assert result is not None
     return result
 
@@ -66,7 +65,7 @@ class Staged:
     """One tap trial with a watcher, on a rig that stays open to look at."""
 
     def __init__(self, *assignments: str, seed: int = 0) -> None:
-        self.config = tap_config(config(HEARS, *assignments))
+        self.config = tap_config(config(*assignments))
         self.seed = seed
         self.ticks: list[Tick] = []
 
@@ -123,7 +122,7 @@ def test_rigid_level_is_refused_for_a_tap_on_the_side() -> None:
 
 
 def test_recording_says_by_how_much_physics_it_was_made(tmp_path: Path) -> None:
-    c = config(HEARS)
+    c = config()
     finished = tap.run(c, 1, tmp_path)
     assert finished.result is not None and finished.result.recording is not None
     said = RunRecording.open(Path(finished.result.recording), RUN_CHANNELS).metadata["physics"]
@@ -155,15 +154,15 @@ def test_tap_within_the_friction_of_the_grip_is_reported_apart() -> None:
     assert r.moved is False
     assert not r.success
     assert r.outcome in ("unmoved_quiet", "unmoved_registered")
-    assert result_of(HELD, "energy.threshold_counts=400").outcome == "unmoved_quiet"
+    assert result_of(HELD, DEAF).outcome == "unmoved_quiet"
 
 
 def test_deaf_detector_does_not_detect() -> None:
-    assert result_of("energy.threshold_counts=400").outcome == "undetected"
+    assert result_of(DEAF).outcome == "undetected"
 
 
 def test_detector_that_is_never_quiet_leaves_nothing_to_strike() -> None:
-    r = result_of("energy.threshold_counts=0.1", "tap.patience_s=1")
+    r = result_of("rule.threshold=1e-9", "tap.patience_s=1")
     assert r.outcome == "never_nominal"
     assert r.moved is None
     assert r.impulse_n_s is None
@@ -238,8 +237,8 @@ def test_search_finds_the_blow_that_moves_the_object_as_far_as_asked(
 @pytest.mark.parametrize("name", ["can", "foam"])
 def test_blow_is_searched_at_the_force_that_the_hand_really_holds(name: str, mode: str) -> None:
     words = (f"guard.cap_mode={mode}", "guard.overshoot_n=14")
-    c = tap_config(config(HEARS, *words, object_name=name))
-    grip_n = tap.run(config(HEARS, *words, object_name=name), 0, None).result.grip_force_n
+    c = tap_config(config(*words, object_name=name))
+    grip_n = tap.run(config(*words, object_name=name), 0, None).result.grip_force_n
     held = blows.held_at(c.object, c.contact, c.guard.full_grip_n, Level.SLIDER)
     assert grip_n is not None
     assert held.contact.normal_n[0] == pytest.approx(grip_n["A"], rel=0.06)
@@ -262,7 +261,7 @@ def test_strongest_and_furthest_blow_that_settings_allow_can_be_struck(seed: int
 
 def test_level_that_the_second_tap_of_a_series_cannot_have_is_refused_before_the_first() -> None:
     with pytest.raises(ConfigError, match="no blow from the side"):
-        tap.run_series(config(HEARS, "world.level=L0"), (0, 1), Bench())  # top, then side
+        tap.run_series(config("world.level=L0"), (0, 1), Bench())  # top, then side
 
 
 def test_paper_added_weights_for_the_lift_only() -> None:
@@ -275,7 +274,7 @@ def test_watch_too_short_to_judge_is_refused() -> None:
 
 
 def test_series_is_its_taps_one_by_one() -> None:
-    series = [f.result for f in tap.run_series(config(HEARS), range(2), Bench())]
+    series = [f.result for f in tap.run_series(config(), range(2), Bench())]
     for seed, of_series in enumerate(series):
         alone = result_of(seed=seed)
         assert of_series is not None
@@ -285,7 +284,7 @@ def test_series_is_its_taps_one_by_one() -> None:
 
 
 def test_recorded_tap_replays_as_it_was(tmp_path: Path) -> None:
-    result = tap.run(config(HEARS), 1, tmp_path).result
+    result = tap.run(config(), 1, tmp_path).result
     assert result is not None and result.recording is not None
     replayed = replay_run(Path(result.recording))
     assert replayed.differences == []
@@ -321,7 +320,7 @@ class Person:
 
 def by_hand(answers: list[str], *assignments: str) -> tuple[TapResult, Person]:
     """A tap on a rig that seems to have no world: a person does the rest."""
-    c = tap_config(config(HEARS, *assignments))
+    c = tap_config(config(*assignments))
     with open_rig(c, 0, paced=False) as rig:
         person = Person(rig, swing(c, 0).blow, answers)
         blind = msgspec.structs.replace(rig, tap=None, world=None)
