@@ -20,6 +20,7 @@ from detector.recordings import Recording
 from detector.training.architecture import of_layout
 from detector.training.augment import augment
 from detector.training.networks import build
+from detector.training.score import Score
 from detector.training.sequences import (
     Batch,
     FingerSequences,
@@ -29,7 +30,7 @@ from detector.training.sequences import (
     statistics,
 )
 from detector.training.settings import TrainSettings
-from detector.training.validation import Score, odds_of, score
+from detector.training.validation import odds_of, score
 from drivers.errors import BadFile
 
 CHECKPOINT_S = 30.0
@@ -162,7 +163,7 @@ class Training:
             self.settings.budget_per_min,
             self.settings.moved_m,
         )
-        if self.best is None or found.key < self.best.key:
+        if found.better_than(self.best):
             self.best, self._waited = found, 0
             self._best_weights = {k: v.clone() for k, v in self.network.state_dict().items()}
         else:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import msgspec
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -13,24 +12,11 @@ from detector.recordings import MOVED_M, LabelName, Recording
 from detector.scores.evaluation import Streamed
 from detector.scores.sweep import MISS_MS, best, rules, sweep
 from detector.training.architecture import Architecture
+from detector.training.score import Score
 
 WINDOWS_AT_ONCE = 512
 BUDGETS = (0.5, 1.0, 2.0, 4.0)  # parts of the one asked for
 NEWTON_STEPS, RIDGE, LEAST_SLOPE = 25, 1e-6, 0.05
-
-
-class Score(msgspec.Struct, frozen=True):
-    """Of one validation; ``delay_ms`` is the least mean delay within a budget of false events
-    (`scores.sweep.best`), a mean over half to four times the budget asked for, since one alone
-    hangs on single events. Where no rule keeps to one of them, all is missed."""
-
-    delay_ms: float
-    loss: float
-    accuracy: float
-
-    @property
-    def key(self) -> tuple[float, float]:
-        return (self.delay_ms, self.loss)
 
 
 def odds_of(

@@ -1,4 +1,8 @@
-"""The default detector as it is packaged: worse weights, or a worse rule, are noticed."""
+"""The default detector as it is packaged: worse weights, or a worse rule, are noticed.
+
+By what they do a threshold of .65 for .76, a release of 1 for 8 or weights of half a training can
+hardly be told from the packaged ones, so rule and weights are held to the value as well.
+"""
 
 import lzma
 from pathlib import Path
@@ -6,7 +10,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from detector.network_file import read_network, weights_path
+from detector.decision import RuleSettings
+from detector.network_file import read_network, weights_digest, weights_path
 from detector.recordings import Recording
 from detector.scores.evaluation import stream_recordings
 from detector.scores.sweep import SweepPoint, sweep
@@ -19,6 +24,22 @@ from scenarios.campaign.config import load_config
 SEED = 77  # of no data set
 KINDS = {"grasped_blow": 12, "grasped_slip": 8}
 DEFAULT = load_config("can", "simulated")
+# What is packaged. Who changes one of them on purpose: tune the rule (`grasp detector tune`), show
+# by the rule of docs/detectors.md ("Which one is the default, and why") that the new ones are no
+# worse (`scripts/default_choice.py`), make anew the figures that rest on them (`figures.py` there),
+# and write the new values here. A test that fails for any other reason has found a mistake.
+RULES = {
+    "tcn": RuleSettings(
+        kind="consecutive", fusion="mean", consecutive=3, threshold=0.7625, release=8
+    ),
+    "gru": RuleSettings(
+        kind="consecutive", fusion="mean", consecutive=5, threshold=0.7471, release=3
+    ),
+}
+WEIGHTS = {  # SHA-256 of the file
+    "tcn": "dda15e3ae487731f5c73748aed6aa409dcaa376ea73e54f485e72fc34a08303d",
+    "gru": "9324c28a69b24f163815d4b7d35c89c1b79b7f9de3352fb54a5c98e657d6d02b",
+}
 # `grasp detector train tcn --minutes 0.35` on 63 recordings of blows: 780 of 16,000 steps
 CUT_SHORT = Path(__file__).with_name("cut_short.onnx.xz")
 
@@ -47,13 +68,23 @@ def too_bad(p: SweepPoint) -> list[str]:
     bounds = {
         "mean delay": p.mean_delay_ms < 175.0,  # 165: misses count 500
         "idle blows": p.blows.unmoved_registered <= 1,  # 1 of 17
-        "false events": p.false_per_min < 0.6,  # 0.38
+        "false events": p.false_per_min < 0.6,  # 0.38: one event; two are 0.76
     }
     return [name for name, kept in bounds.items() if not kept]
 
 
 def test_the_default_is_the_tcn() -> None:
     assert DEFAULT.detector_name == "tcn"
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_the_packaged_rule_is_the_one_that_the_figures_were_made_with(name: str) -> None:
+    assert load_config("can", "simulated", name).rule == RULES[name], "see above RULES"
+
+
+@pytest.mark.parametrize("name", WEIGHTS)
+def test_the_packaged_weights_are_those_that_the_figures_were_made_with(name: str) -> None:
+    assert weights_digest(weights_path(name)) == WEIGHTS[name], "see above RULES"
 
 
 def test_the_default_was_trained_to_its_end() -> None:
