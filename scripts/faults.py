@@ -18,27 +18,36 @@ where it stood. `run` and `list` exit with 1 if anything fell that had not been 
 import argparse
 import subprocess
 import sys
+import time
+from collections.abc import Iterable
 from contextlib import closing
+from math import ceil
 from pathlib import Path
 
 import msgspec
 
-from drivers.errors import GraspError, UsageError
+from drivers.errors import CouldNotRecord, GraspError, UsageError
 from grasp.cli.options import whole
 from scenarios.campaign.config import load_config
 from scenarios.rigs.workers import Workers, outcomes
 from scenarios.studies.faults.cases import SCENES, TOUCHING, Case, by_scene, in_turn, plan
-from scenarios.studies.faults.page import generated
+from scenarios.studies.faults.page import CODE, generated
 from scenarios.studies.faults.run import Ended, goes, run, run_scene
 from scenarios.studies.faults.schedule import line
-from scenarios.studies.faults.store import FaultStore
+from scenarios.studies.faults.store import FaultStore, Lot, make
 from scenarios.studies.faults.verdict import fell
 from scenarios.studies.faults.wired import cases_of, compared, rows_of
+from scripts.figures import Figure, changes
 
 HOME = Path(__file__).resolve().parent.parent
 PAGE = HOME / "docs" / "faults.md"
 OUT = Path("runs") / "faults.sqlite"
 LOT = 60  # runs that a worker takes at a time
+# as the page does, and on what settings are read by; how rows are kept, judged and shown is not run
+RUNS = ",".join((CODE, "scenarios/campaign/config.py", *(
+    f"-scenarios/studies/faults/{name}.py" for name in ("declared", "last_line", "store", "verdict")
+)))  # fmt: skip
+INTERRUPTED = 130
 VERBS = {
     "run": "make the runs that are lacking, and keep their rows",
     "list": "what fell, of the rows there are",
@@ -53,18 +62,43 @@ WIRE_CODE = "@wired,scenarios/lift,scenarios/studies/faults,tests/wire/scenarios
 
 
 def code() -> str:
-    """The commit, and whether anything differs from it."""
-    command = ("git", "describe", "--always", "--dirty", "--abbrev=7", "--exclude=*")
-    done = subprocess.run(command, cwd=HOME, check=False, capture_output=True, text=True)
-    return done.stdout.strip() or "unknown"
+    """The commit that changed last what runs rest on, and whether that differs from it now."""
+    paths = [p if p[0] != "-" else f":(exclude){p[1:]}" for p in _rests_on("HEAD").paths]
+    dirty = _git("status", "--porcelain", "--", *paths)
+    return _git("log", "-1", "--abbrev=7", "--format=%h", "--", *paths) + "-dirty" * bool(dirty)
+
+
+def stale(codes: Iterable[str], now: str) -> set[str]:
+    """Those of which runs would be made otherwise now, or nobody knows."""
+    return {other for other in codes if other != now and (_is_dirty(now, other) or _differs(other))}
+
+
+def _is_dirty(*codes: str) -> bool:
+    return any(one.endswith("-dirty") for one in codes)
+
+
+def _differs(commit: str) -> bool:
+    try:
+        _git("cat-file", "-e", f"{commit}^{{commit}}")
+    except subprocess.CalledProcessError:  # none of this history
+        return True
+    return bool(changes(_rests_on(commit)))
+
+
+def _rests_on(commit: str) -> Figure:
+    return Figure("runs", "", commit, RUNS)
+
+
+def _git(*words: str) -> str:
+    done = subprocess.run(("git", *words), cwd=HOME, check=True, capture_output=True, text=True)
+    return done.stdout.strip()
 
 
 def in_order(commits: list[str]) -> list[str]:
     """The oldest first; raises CalledProcessError for one that is none of this history."""
 
     def before(commit: str) -> int:
-        command = ("git", "rev-list", "--count", commit.removesuffix("-dirty"))
-        return int(subprocess.run(command, cwd=HOME, check=True, capture_output=True).stdout)
+        return int(_git("rev-list", "--count", commit.removesuffix("-dirty")))
 
     return sorted(commits, key=before)
 
@@ -76,28 +110,52 @@ def told(ended: Ended) -> str:
     return f"{ended.case.number}  {ended.case}\n    {said}\n    {found or 'nothing fell'}"
 
 
-def run_all(out: Path, jobs: int, most: int | None, again: bool, stale: bool) -> int:
+def run_all(out: Path, jobs: int, most: int | None, again: bool, anew: bool) -> int:
     """Exit code."""
-    made_with = code()
+    made_with, cases = code(), in_turn(plan())
     with FaultStore(out, writes=True) as store:
-        cases = in_turn(plan())
+        old = stale(store.codes(), made_with) if anew else set[str]()
         if again:
             todo = [ended.case for ended in store.ended() if fell(ended)]
         else:
-            todo = store.lacking(cases, made_with if stale else None)[:most]
+            lacking, todo = store.lacking(cases), store.lacking(cases, old)
+            if anew:
+                print(f"{len(todo) - len(lacking)} rows made with another commit are made again")
+            todo = todo[:most]
         print(f"{len(todo)} of {len(cases)} runs to make", flush=True)
-        made = 0
-        with closing(outcomes(run_scene, by_scene(todo, LOT), Workers(jobs))) as found:
-            for outcome in found:
-                if outcome.error is not None:
-                    print(f"{outcome.task[0]} and others: {outcome.error!r}", flush=True)
-                for ended in outcome.result or ():
-                    store.add(ended, made_with)
-                    if fell(ended):
-                        print(told(ended), flush=True)
-                made += len(outcome.task)
-                print(f"{made} of {len(todo)}", flush=True)
+        try:
+            _make(todo, out, jobs, made_with)
+        except KeyboardInterrupt:
+            kept = len(cases) - len(store.lacking(cases, old))
+            print(f"faults: {kept} of {len(cases)} kept in {out}; the same command goes on",
+                  file=sys.stderr)  # fmt: skip
+            return INTERRUPTED
         return list_fallen(store.ended(), store.lacking(todo))
+
+
+def _make(todo: list[Case], out: Path, jobs: int, made_with: str) -> None:
+    """These runs, with a line for each lot. Raises CouldNotRecord."""
+    lots = [Lot(cases, out, made_with) for cases in by_scene(todo, LOT)]
+    made, begun_s = 0, time.monotonic()
+    with closing(outcomes(make, lots, Workers(jobs))) as found:
+        for outcome in found:
+            if isinstance(outcome.error, CouldNotRecord):
+                raise outcome.error
+            if outcome.error is not None:
+                print(f"{outcome.task.cases[0]} and others: {outcome.error!r}", flush=True)
+            for ended in outcome.result or ():
+                if fell(ended):
+                    print(told(ended), flush=True)
+            made += len(outcome.task.cases)
+            print(progress(made, len(todo), time.monotonic() - begun_s), flush=True)
+
+
+def progress(made: int, of: int, spent_s: float) -> str:
+    """How many, how fast, and how long it will take at that."""
+    rate = made / max(1e-9, spent_s)
+    hours, minutes = divmod(ceil((of - made) / rate / 60.0), 60)
+    left = f"{hours} h {minutes} min" if hours else f"{minutes} min"
+    return f"{made} of {of}, {60.0 * rate:.0f} a minute, {left} left"
 
 
 def list_fallen(every: list[Ended], broken: list[Case]) -> int:
@@ -115,11 +173,11 @@ def write_page(out: Path) -> None:
 
 def write_wire() -> None:
     """Make the counterparts of the wire table, and put what differs between its marks."""
-    rows = rows_of(PAGE.read_text(encoding="utf-8"))
+    rows, head = rows_of(PAGE.read_text(encoding="utf-8")), _git("rev-parse", "--short=7", "HEAD")
     entry = (
         '<!-- figure: id=faults-two-ways command="python scripts/faults.py wire" '
         f"detector={load_config('can', 'simulated').detector_name} "
-        f"commit={code().removesuffix('-dirty')} code={WIRE_CODE} -->"
+        f"commit={head} code={WIRE_CODE} -->"
     )
     put("\n".join((entry, *compared(rows, run_scene(cases_of(rows))))), WIRE_BEGINS, WIRE_ENDS)
 
@@ -149,6 +207,9 @@ def main() -> int:
     asked = parser.parse_args()
     try:
         return do(asked)
+    except KeyboardInterrupt:
+        print("faults: interrupted", file=sys.stderr)
+        return INTERRUPTED
     except GraspError as error:
         print(f"faults: {error} ({error.remedy})", file=sys.stderr)
         return 2

@@ -227,11 +227,16 @@ def config_of(name: str, seed: int) -> LiftConfig:
     return load_config(name, "simulated").for_lift().built_for(seed)
 
 
+def _nobody(ended: Ended) -> None:
+    """Told of each run, who waits for the last."""
+
+
 class Branches:
     """The cases of one scene, each of which leaves the plain lift when its moment has come."""
 
-    def __init__(self, cases: Sequence[Case]) -> None:
-        self._waiting = list(cases)
+    def __init__(self, cases: Sequence[Case], tell: Callable[[Ended], None] = _nobody) -> None:
+        """``tell``: what a child came to, as soon as it has ended."""
+        self._waiting, self._tell = list(cases), tell
         self._phase: Phase | None = None
         self._visits: dict[Phase, int] = {}
         self._ticks = 0  # since the phase began
@@ -284,6 +289,7 @@ class Branches:
         os.waitpid(child, 0)
         if text:
             self.ended.append(msgspec.json.decode(text, type=Ended))
+            self._tell(self.ended[-1])
         return False
 
 
@@ -292,9 +298,10 @@ def run(case: Case) -> Ended:
     return run_scene([case])[0]
 
 
-def run_scene(cases: Sequence[Case]) -> list[Ended]:
-    """Cases of one object and seed; one that could not be run is left out."""
-    branches = Branches(cases)
+def run_scene(cases: Sequence[Case], tell: Callable[[Ended], None] = _nobody) -> list[Ended]:
+    """Cases of one object and seed; one that could not be run is left out. ``tell``: each as soon
+    as it is over."""
+    branches = Branches(cases, tell)
     try:
         ended = _run(cases[0].object, cases[0].seed, branches)
         if branches.write is not None:
@@ -302,8 +309,11 @@ def run_scene(cases: Sequence[Case]) -> list[Ended]:
     finally:
         if branches.is_child:
             os._exit(0)
-    own = cases if branches.case is not None else branches.left  # a plain lift, or never struck
-    return [*branches.ended, *(msgspec.structs.replace(ended, case=case) for case in own)]
+    left = cases if branches.case is not None else branches.left  # a plain lift, or never struck
+    own = [msgspec.structs.replace(ended, case=case) for case in left]
+    for one in own:
+        tell(one)
+    return [*branches.ended, *own]
 
 
 class Going(Branches):

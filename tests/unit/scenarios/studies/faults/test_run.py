@@ -5,8 +5,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from drivers.errors import BadFile, CouldNotRecord
 from grasp.guard import GuardSettings
 from grasp.phases import Phase
+from scenarios.studies.faults import store as store_module
 from scenarios.studies.faults.cases import SCENES, TOUCHING, Case, Fault, by_scene, in_turn, plan
 from scenarios.studies.faults.run import Ended, goes, run, run_scene
 from scenarios.studies.faults.schedule import SCHEDULE
@@ -306,17 +308,53 @@ def test_only_what_was_named_beforehand_and_is_told_does_not_count(lifted: list[
 
 
 def test_rows_are_kept_and_only_what_lacks_is_run(lifted: list[Ended], tmp_path: Path) -> None:
-    cases = plan()[:3]
+    cases, out = plan()[:3], tmp_path / "a.sqlite"
     row = ended(lifted[0], case=cases[1])
-    with FaultStore(tmp_path / "a.sqlite", writes=True) as store:
+    with FaultStore(out, writes=True) as store:
         assert store.lacking(cases) == cases
-        store.add(row, "abc")
-        store.add(ended(row, case=msgspec.structs.replace(cases[2], ticks=99)), "def")
-        assert store.lacking(cases, "abc") == [cases[0], cases[2]]
-        assert store.lacking(cases, "def") == cases  # made with another commit
+        store_module.add(out, row, "abc")
+        store_module.add(out, ended(row, case=msgspec.structs.replace(cases[2], ticks=99)), "def")
+        assert store.lacking(cases, {"def"}) == [cases[0], cases[2]]
+        assert store.lacking(cases, {"abc", "def"}) == cases  # made with another commit
         with FaultStore(tmp_path / "a.sqlite") as beside:
             assert len(beside.ended()) == 1
     with FaultStore(tmp_path / "a.sqlite") as store:
         assert store.ended() == [row]
         assert store.lacking(cases) == [cases[0], cases[2]]  # another plan's is none
         assert store.codes() == ["abc", "def"]
+
+
+def test_each_run_of_a_lot_is_on_the_disk_before_the_next_and_none_after_a_disk_that_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, tries, whole = tmp_path / "a.sqlite", list[int](), store_module.add
+
+    def add(path: Path, row: Ended, code: str) -> None:
+        tries.append(row.case.number)
+        if len(tries) == 2:
+            raise CouldNotRecord("the disk is full", "free it")
+        whole(path, row, code)
+
+    monkeypatch.setattr(store_module, "add", add)
+    # what is struck in the beginning: a lift that was stopped there is short
+    early = [c for c in plan() if c.fault and c.phase is Phase.APPROACH and (c.object, c.seed)
+             == ("can", 0)][:3]  # fmt: skip
+    with FaultStore(out, writes=True) as store:
+        with pytest.raises(CouldNotRecord, match="the disk is full"):
+            store_module.make(store_module.Lot(early, out, "abc"))
+        assert [row.case.number for row in store.ended()] == tries[:1]
+        assert len(tries) == 2
+
+
+def test_a_row_that_cannot_be_written_names_the_file(lifted: list[Ended], tmp_path: Path) -> None:
+    with pytest.raises(CouldNotRecord, match=r"a\.sqlite: no such table"):
+        store_module.add(tmp_path / "a.sqlite", lifted[0], "abc")
+
+
+def test_a_file_that_holds_no_rows_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a.sqlite").write_bytes(b"")
+    with (
+        pytest.raises(BadFile, match=r"a\.sqlite: no such table"),
+        FaultStore(tmp_path / "a.sqlite"),
+    ):
+        pass
