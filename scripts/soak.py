@@ -10,6 +10,7 @@ threads and processes are counted, at the same place of it.
 
 After each lift the cell is asked what became of the object and what still moves, 1.5 s after one
 that failed. `run` and `tell` exit with 1 if anything was as `soak_verdict.py` says it may not be.
+The file has each lift as soon as it is over; Ctrl-C ends the run, and `tell` tells what there is.
 """
 
 import argparse
@@ -20,8 +21,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -29,8 +30,11 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from drivers.errors import GraspError
+from drivers.errors import BadFile, CouldNotRecord, GraspError
+from grasp import interruption
+from grasp.cli.options import decimal
 from grasp.clock import Deadlines, WallClock
+from grasp.files import make_private_file, make_private_folder, partial_of, write_whole
 from grasp.phases import Phase
 from grasp.realtime import RealTimeSettings, real_time
 from scenarios.campaign.config import load_config
@@ -45,9 +49,24 @@ from scenarios.trial import series
 from scenarios.trial.result import FinishedRun
 from scenarios.trial.series import Bench
 from scenarios.world.cell import Truth
-from scripts.soak_verdict import NOT_OPENED, After, Count, Lift, Soak, tell
+from scripts.soak_verdict import (
+    NOT_OPENED,
+    After,
+    Count,
+    Lift,
+    Soak,
+    by_itself,
+    missed_of,
+    tell,
+)
 
 OUT = Path("runs") / "soak.json"
+ELSEWHERE = "free the disk, or name another file with --out"
+MOST_MINUTES = 7 * 24 * 60
+VERBS = {
+    "run": "lifts for so many minutes, then what came of them",
+    "tell": "what came of the lifts in a file",
+}
 SEED = 20261122
 BETWEEN = 4  # lifts, on average, between two faults
 COUNTED_TICKS = 300  # into a lift
@@ -176,9 +195,10 @@ class Watcher:
 
 @contextmanager
 def beside(command: Sequence[str]) -> Iterator[subprocess.Popen[str]]:
-    """Another process of ours, which ends with this."""
+    """Another process of ours, which ends with this; Ctrl-C is for this one alone."""
     child = subprocess.Popen(
         [sys.executable, "-P", *command], stdout=subprocess.PIPE, stdin=subprocess.PIPE, text=True,
+        start_new_session=True,
     )  # fmt: skip
     try:
         yield child
@@ -194,38 +214,59 @@ def config_of(name: str) -> LiftConfig:
     return load_config(name, "emulated", None, None, ("hand.activation_s=0.5",)).for_lift()
 
 
-def soak(minutes: float) -> Soak:
-    """Lifts until the time is over; a fault ends a series, and another rig is opened."""
-    start_s, draw, lifts = time.monotonic(), random.Random(SEED), list[Lift]()
+Keep = Callable[[Soak], None]
+
+
+def soak(minutes: float, keep: Keep) -> Soak:
+    """Lifts until the time is over, or a signal comes; a fault ends a series, and another rig is
+    opened. ``keep``: what there is, after each lift."""
+    start_s, draw = time.monotonic(), random.Random(SEED)
     live = LiveTrials(config_of(OBJECTS[0]), "soak", 0)
     watcher = Watcher(start_s, live)
+    made = Soak(minutes, False, [], watcher.counts, (0, 0), [], [], 0, None)
     at = urlsplit(live.feed.address)
     page = live.feed.address.replace("http", "ws", 1) + "live"
-    folder = Path(tempfile.mkdtemp(prefix="soak-"))
     with (
+        closing(live.feed),
+        tempfile.TemporaryDirectory(prefix="soak-") as folder,
         beside(("-c", VIEWER, page, f"http://{at.netloc}")) as viewer,
         beside((__file__, "idle")) as idle,
         mock.patch.object(series, "open_rig", watcher.open),
     ):
-        while time.monotonic() - start_s < minutes * 60.0:
-            config = config_of(OBJECTS[len(lifts) % len(OBJECTS)])
-            seeds = [draw.randrange(1 << 16) for _ in range(2 * BETWEEN)]
-            lifts += _series(config, seeds, draw, watcher, folder)
-            shutil.rmtree(folder)  # only how it is to record matters
-            folder.mkdir()
+        going = _until(start_s + minutes * 60.0, draw, watcher, Path(folder) / "runs")
+        with closing(going), suppress(KeyboardInterrupt):  # what came until then is told
+            for lift_made in going:
+                made.lifts.append(lift_made)
+                keep(made)
         beats, missed, granted, *late_s = idle.communicate("\n", timeout=10.0)[0].split()
         lost, there = live.feed.lost, viewer.poll() is None
         live.feed.close()
         said = viewer.communicate(timeout=10.0)[0].strip()
-    shutil.rmtree(folder)
-    return Soak(minutes, granted == "True", lifts, watcher.counts, (int(beats), int(missed)),
+    made = Soak(minutes, granted == "True", made.lifts, watcher.counts, (int(beats), int(missed)),
                 [float(at_s) for at_s in late_s], _children(os.getpid()), lost,
                 int(said) if there and said else None)  # fmt: skip
+    keep(made)
+    return made
+
+
+def _until(
+    end_s: float, draw: random.Random, watcher: Watcher, folder: Path
+) -> Generator[Lift, None, None]:
+    made = 0
+    while time.monotonic() < end_s:
+        config = config_of(OBJECTS[made % len(OBJECTS)])
+        seeds = [draw.randrange(1 << 16) for _ in range(2 * BETWEEN)]
+        folder.mkdir()
+        with closing(_series(config, seeds, draw, watcher, folder)) as going:
+            for lift_made in going:
+                yield lift_made
+                made += 1
+        shutil.rmtree(folder)  # only how it is to record matters
 
 
 def _series(
     config: LiftConfig, seeds: Sequence[int], draw: random.Random, watcher: Watcher, folder: Path
-) -> Iterator[Lift]:
+) -> Generator[Lift, None, None]:
     def draw_next() -> None:
         fault, phase = draw.choice(FAULTS), draw.choice(PHASES)
         watcher.begin((phase, fault) if draw.random() * BETWEEN < 1.0 else None)
@@ -237,6 +278,8 @@ def _series(
     )  # fmt: skip
     try:
         for seed, finished in zip(seeds, going, strict=False):
+            if interruption.asked():  # within a lift it is the lift that ended so
+                raise KeyboardInterrupt
             yield _made(seed, name, finished, watcher, begun_s)
             draw_next()
             begun_s = time.monotonic()
@@ -290,20 +333,92 @@ def _told() -> bool:
         return False
 
 
+class Kept:
+    """The file, whole after each lift, and a line a minute."""
+
+    def __init__(self, out: Path) -> None:
+        """Raises CouldNotRecord where nothing can be written; what stands there stays as yet."""
+        self._out, self._said, self._start_s = out, 0, time.monotonic()
+        self.lifts = 0
+        if out.is_dir():
+            raise CouldNotRecord(f"{out}: is a folder", ELSEWHERE)
+        probe = out.with_name(partial_of(out.name, str(os.getpid())))
+        with self._written():
+            make_private_folder(out.parent)
+            make_private_file(probe)
+            probe.unlink()
+
+    def keep(self, made: Soak) -> None:
+        with self._written():
+            write_whole(self._out, msgspec.json.encode(made))
+        self.lifts = len(made.lifts)
+        minute = int((time.monotonic() - self._start_s) / 60.0)
+        if minute > self._said:
+            self._said = minute
+            print(f"{minute} of {made.minutes:g} min: {progress(made)}", flush=True)
+
+    @contextmanager
+    def _written(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise CouldNotRecord(f"{self._out}: {error.strerror}", ELSEWHERE) from None
+
+
+def progress(made: Soak) -> str:
+    """Of the lifts until now."""
+    struck = sum(bool(one.struck) for one in made.lifts)
+    return (f"{len(made.lifts)} lifts, {struck} struck, {missed_of(made.lifts):.1%} of their "
+            f"periods missed, {len(by_itself(made))} failed by themselves")  # fmt: skip
+
+
+def run(minutes: float, out: Path) -> int:
+    """Exit code."""
+    kept = Kept(out)
+    with interruption.taken():
+        try:
+            told = soak(minutes, kept.keep)
+        except KeyboardInterrupt:  # once more, or before there was anything
+            told = None
+        if interruption.asked() or told is None:
+            print(f"soak: {kept.lifts} lifts kept in {out}", file=sys.stderr)
+            return 128 + interruption.number()
+    return tell(told)
+
+
+def read(path: Path) -> Soak:
+    """Raises BadFile."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=Soak)
+    except OSError as error:
+        raise BadFile(path, f"{error.strerror}", "make it first: soak.py run") from None
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise BadFile(path, f"{error}", "name the file of a run with --out") from None
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("verb", choices=("run", "tell", "idle"))
-    parser.add_argument("--minutes", type=float, default=60.0)
-    parser.add_argument("--out", type=Path, default=OUT)
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="{run,tell}")
+    for verb, what in VERBS.items():
+        words = verbs.add_parser(verb, help=what, description=what)
+        words.add_argument(
+            "--out", type=Path, default=OUT, help="file of the lifts (default: %(default)s)"
+        )
+        if verb == "run":
+            words.add_argument(
+                "--minutes", type=decimal(0.1, MOST_MINUTES), default=60.0,
+                help="after which no other lift is begun (default: %(default)g)",
+            )  # fmt: skip
+    verbs.add_parser("idle")  # which `run` begins
     asked = parser.parse_args()
-    if asked.verb == "idle":
-        idle()
-        return 0
-    if asked.verb == "run":
-        told = soak(asked.minutes)
-        asked.out.parent.mkdir(parents=True, exist_ok=True)
-        asked.out.write_bytes(msgspec.json.encode(told))
-    return tell(msgspec.json.decode(asked.out.read_bytes(), type=Soak))
+    try:
+        if asked.verb == "idle":
+            idle()
+            return 0
+        return run(asked.minutes, asked.out) if asked.verb == "run" else tell(read(asked.out))
+    except GraspError as error:
+        print(f"soak: {error} ({error.remedy})", file=sys.stderr)
+        return 2
 
 
 if __name__ == "__main__":

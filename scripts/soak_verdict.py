@@ -38,6 +38,10 @@ LEAST_SEEN = 0.5  # of the rows of all ticks that were watched
 # of its periods that a loop may miss beyond the idle one's share: it is watched and counted, and
 # one whose device was struck waits for it
 MOST_MISSED, MOST_MISSED_STRUCK = 0.01, 0.1
+LOADED = (
+    "beside other work on the machine a lift, which computes, is late where a loop that does "
+    "nothing is not (see uptime); alone on it, the lifts are too slow (docs/testing.md, An hour)"
+)
 LOST = frozenset({LiftOutcome.DROPPED, LiftOutcome.EXPELLED, LiftOutcome.OVER_FORCE})
 NOT_OPENED = "not opened"
 NEVER = frozenset({"", NOT_OPENED, LiftOutcome.INTERNAL_ERROR, LiftOutcome.INTERRUPTED})
@@ -148,7 +152,7 @@ def wrong(told: Soak) -> list[str]:
         if share > idle_share + most:
             which = "struck" if struck else "not struck"
             found.append(f"lifts that were {which} missed {share:.1%} of their periods, "
-                         f"the idle loop {idle_share:.2%}")  # fmt: skip
+                         f"the idle loop {idle_share:.2%}: {LOADED}")  # fmt: skip
     return found + [f"{made}: {text}" for made in told.lifts for text in wrong_in(made, told)]
 
 
@@ -190,7 +194,11 @@ def growing(told: Soak) -> list[str]:
 
 def missed_share(told: Soak, struck: bool) -> float:
     """Of all periods that were due in lifts that were struck, or in those that were not."""
-    lifts = [made for made in told.lifts if bool(made.struck) is struck]
+    return missed_of([made for made in told.lifts if bool(made.struck) is struck])
+
+
+def missed_of(lifts: Sequence[Lift]) -> float:
+    """Of all their periods."""
     missed = sum(made.missed for made in lifts)
     return missed / max(1, missed + sum(made.periods for made in lifts))
 
@@ -296,6 +304,8 @@ def tell(told: Soak) -> int:
           f"priority {'granted' if told.real_time else 'not granted'}; "
           f"rows that the page missed {told.lost_rows}, "
           f"that were looked at {told.seen_rows}")  # fmt: skip
+    if not struck:
+        print("none was struck, so this tells nothing of faults: every fourth is, on average")
     if told.minutes * 60.0 <= 2 * SETTLED_S:
         print("too short to tell what grows")
     for name, (least, most, slope) in grown(told.counts).items():

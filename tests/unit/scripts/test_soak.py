@@ -1,11 +1,20 @@
 """What an hour of lifts is judged by: made-up hours in which one thing was not as it must be."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from msgspec.structs import replace
 
 from scenarios.world.cell import Truth
+from scripts import soak
 from scripts.soak import Fate
 from scripts.soak_verdict import (
     MOST_GROWTH_MB_H,
@@ -270,3 +279,124 @@ def test_a_row_that_the_page_was_not_told_is_told() -> None:
 def test_what_is_wrong_makes_the_command_fail(capsys: pytest.CaptureFixture[str]) -> None:
     assert tell(replace(HOUR, lost_rows=1)) == 1
     assert "WRONG" in capsys.readouterr().out
+
+
+def test_an_hour_in_which_nothing_was_struck_says_that_it_tells_nothing_of_faults(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    tell(replace(HOUR, minutes=2.0, lifts=LIFTS[:1]))
+    assert "none was struck, so this tells nothing of faults" in capsys.readouterr().out
+    tell(HOUR)
+    assert "none was struck" not in capsys.readouterr().out
+
+
+def test_periods_missed_beside_an_idle_loop_that_missed_none_are_told_with_what_that_means() -> (
+    None
+):
+    late = [replace(m, periods=700, missed=300) for m in HOUR.lifts]
+    found = wrong(replace(HOUR, lifts=late))
+    assert any("other work on the machine" in text and "docs/testing.md" in text for text in found)
+
+
+def asked(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["soak.py", *words])
+    return soak.main()
+
+
+@pytest.mark.parametrize("minutes", ["nan", "inf", "0", "-1", "many"])
+def test_minutes_that_are_no_time_are_refused_before_anything_begins(
+    minutes: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        asked(monkeypatch, "run", "--minutes", minutes)
+    assert ended.value.code == 2
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_the_first_lift(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(soak, "soak", None)  # it would be called
+    (tmp_path / "file").write_text("")
+    for out in (tmp_path / "file" / "soak.json", tmp_path):
+        assert asked(monkeypatch, "run", "--out", str(out)) == 2
+        assert f"soak: {out}: " in capsys.readouterr().err
+    assert os.listdir(tmp_path) == ["file"]
+
+
+@pytest.mark.parametrize("text", [None, b"", b"[1]", b"\xff"])
+def test_a_file_without_lifts_is_named(
+    text: bytes | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    out = tmp_path / "soak.json"
+    if text is not None:
+        out.write_bytes(text)
+    assert asked(monkeypatch, "tell", "--out", str(out)) == 2
+    assert capsys.readouterr().err.startswith(f"soak: {out}: ")
+
+
+def test_lifts_are_kept_as_they_come_and_told_of_once_a_minute_until_ctrl_c(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, now_s = tmp_path / "soak.json", [0.0]
+
+    def some(minutes: float, keep: soak.Keep) -> Soak:
+        for number in range(1, 10):
+            now_s[0] += EACH_S
+            keep(replace(HOUR, minutes=minutes, lifts=LIFTS[:number]))
+            assert len(soak.read(out).lifts) == number
+        os.kill(os.getpid(), signal.SIGINT)
+        return HOUR
+
+    monkeypatch.setattr(soak, "soak", some)
+    monkeypatch.setattr(soak.time, "monotonic", lambda: now_s[0])
+    assert asked(monkeypatch, "run", "--out", str(out)) == 130
+    said = capsys.readouterr()
+    assert said.err == f"soak: 9 lifts kept in {out}\n"
+    assert said.out.splitlines() == [
+        "1 of 60 min: 5 lifts, 1 struck, 0.2% of their periods missed, 0 failed by themselves",
+        "2 of 60 min: 9 lifts, 2 struck, 0.2% of their periods missed, 0 failed by themselves",
+    ]
+    assert os.listdir(tmp_path) == ["soak.json"]
+
+
+def still_there(mark: str) -> list[str]:
+    """Processes with this in their environment."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/environ"):
+        with suppress(OSError):
+            found += [path.parent.name] if mark.encode() in path.read_bytes().split(b"\0") else []
+    return found
+
+
+@pytest.mark.slow
+def test_one_ctrl_c_for_the_whole_group_ends_all_and_keeps_the_lifts_that_were_over(
+    tmp_path: Path,
+) -> None:
+    out, mark = tmp_path / "soak.json", f"SOAK_TEST={tmp_path}"  # that all inherit
+    command = (
+        "env",
+        mark,
+        sys.executable,
+        soak.__file__,
+        "run",
+        "--minutes",
+        "30",
+        "--out",
+        str(out),
+    )
+    going = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
+    try:
+        while not out.exists():
+            assert going.poll() is None
+            time.sleep(0.2)
+        assert len(still_there(mark)) > 3
+        os.killpg(going.pid, signal.SIGINT)
+        said = going.communicate(timeout=90.0)[1]
+    finally:
+        going.kill()
+    lifts = len(msgspec.json.decode(out.read_bytes(), type=Soak).lifts)
+    assert said == f"soak: {lifts} lifts kept in {out}\n"
+    assert going.returncode == 130
+    assert lifts >= 1
+    assert still_there(mark) == []
