@@ -27,6 +27,9 @@ Counts3 = tuple[int, int, int]
 Vector3 = tuple[float, float, float]
 
 
+ENCODER_COUNTS = 8  # further away from its target no finger has come to it; assumed
+
+
 class Detection(IntEnum):
     """Object detection of one finger (gDTA..gDTC; Robotiq manual, GRIPPER STATUS register)."""
 
@@ -43,6 +46,13 @@ class FingerState(msgspec.Struct, frozen=True):
     position_counts: int
     current_ma: int  # motor current; falls to 0 when the finger has stopped
     detection: Detection
+
+    @property
+    def place_counts(self) -> int:
+        """Where it stands: at its target, if it says so; its encoder may be some counts off."""
+        off = abs(self.position_counts - self.requested_counts)
+        at_target = self.detection is Detection.AT_TARGET and off <= ENCODER_COUNTS
+        return self.requested_counts if at_target else self.position_counts
 
 
 class GripperState(msgspec.Struct, frozen=True):

@@ -5,6 +5,7 @@ import math
 from drivers.interfaces import ArmState, Vector3
 from grasp.commands import MoveArm, StopArm
 from grasp.doubt_settings import DoubtSettings
+from grasp.flicker import Flicker
 from grasp.pace import LEAST_PACE
 
 NOWHERE: Vector3 = (0.0, 0.0, 0.0)
@@ -27,10 +28,12 @@ class ArmDoubt:
         self._stop_m: Vector3 = NOWHERE  # where it was told to stop, and its way from there
         self._room_m = 0.0
         self._stop_left = False  # it was not on its way any more
+        self._flickers = Flicker()
         self._pace = 1.0  # that it has come to by its speed slider
 
     def told(self, command: MoveArm | StopArm, arm: ArmState) -> None:
         """A command goes out while the arm is like this."""
+        self._flickers.told()
         if isinstance(command, StopArm):
             if not self._stopping:
                 self._anchor = (arm.t_ns, arm.position_m)
@@ -90,9 +93,10 @@ class ArmDoubt:
             self._stop_m = arm.position_m
         self._stop_left = self._stop_left or not pending
         strayed = self._strayed(arm, pending)
-        return (
-            self._jumped(before, arm) or strayed or self._went_on(arm) or self._froze(arm, pending)
-        )
+        wrong = self._jumped(before, arm) or strayed or self._went_on(arm)
+        if not wrong and self._flickers.take(arm.t_ns, arm.moving):
+            return "arm_flickers: it says again and again that it moves and that it stands"
+        return wrong or self._froze(arm, pending)
 
     def _slow(self, before: ArmState | None, arm: ArmState) -> None:
         """An arm whose slider is turned up takes a while to be as fast."""

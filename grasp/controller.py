@@ -39,7 +39,9 @@ from grasp.slip import SlipMonitor, SlipStatus
 from grasp.steps import Steps
 
 UNTIMED_PHASES = END_PHASES | {Phase.IDLE, Phase.HOLD}
-ARM_PHASES = AIRBORNE_PHASES | {Phase.HOME, Phase.APPROACH, Phase.RETREAT}  # over once it arrives
+ARM_PHASES = frozenset({  # over once it arrives
+    Phase.HOME, Phase.APPROACH, Phase.LIFT, Phase.LOWER, Phase.LAND, Phase.RETREAT,
+})  # fmt: skip
 
 
 class Decision(msgspec.Struct, frozen=True):
@@ -197,8 +199,8 @@ class GraspController:
             return "a command has not reached its device yet"
         if not seen.gripper.at_rest:
             return "the fingers still move"
-        arm = "the arm has not arrived"
-        return arm if self.phase in ARM_PHASES else "the grip is not what it has to be"
+        arm = seen.arm.moving or self.phase in ARM_PHASES
+        return "the arm has not arrived" if arm else "the grip is not what it has to be"
 
     def _fire(self, trigger: Trigger, seen: Observation, cause: str) -> None:
         self.machine.fire(trigger, seen.t_ns, cause)

@@ -4,6 +4,7 @@ from itertools import compress
 
 from drivers.interfaces import FINGER_NAMES, FINGERS, Detection, FingerState, GripperState
 from grasp.doubt_settings import DoubtSettings
+from grasp.flicker import Flicker
 
 LOOKS = 5  # without an answer, however long each took: one may be under way for two
 TOUCHING = (Detection.CONTACT_CLOSING, Detection.CONTACT_OPENING)  # it stands since
@@ -20,6 +21,7 @@ class GripperDoubt:
         self._moved_ns: list[int]  # since when each finger reports motion without moving
         self._under_way = [False] * FINGERS  # it has moved since it was told to
         self._touched_at: list[int | None] = [None] * FINGERS  # where it first reported contact
+        self._flickers = Flicker()
 
     def begin_anew(self, state: GripperState) -> None:
         """How long it has been silent, or stood, was not seen: that counts from now."""
@@ -48,7 +50,15 @@ class GripperDoubt:
                 self._touched_at[i] = now.position_counts
         # both: a hand that has lost power may say nonsense of where it is, too
         found = "; ".join(filter(None, (self._inactive(state), self._impossible(before, state))))
-        return found or self._idle(state)
+        return found or self._flickering(before, state) or self._idle(state)
+
+    def _flickering(self, before: GripperState, state: GripperState) -> str:
+        if _asked(before) != _asked(state):
+            self._flickers.told()
+        moves = any(finger.detection is Detection.MOVING for finger in state.fingers)
+        if state.fresh and self._flickers.take(state.t_ns, moves):
+            return "gripper_flickers: it says again and again that it moves and that it stands"
+        return ""
 
     def _inactive(self, state: GripperState) -> str:
         if state.active or state.fault:
@@ -106,3 +116,7 @@ class GripperDoubt:
         if finger.current_ma >= s.pressing_ma:
             return max(s.pressing_s, s.finger_start_s)
         return s.stands_s if self._under_way[i] else s.finger_start_s
+
+
+def _asked(state: GripperState) -> tuple[int, ...]:
+    return tuple(finger.requested_counts for finger in state.fingers)

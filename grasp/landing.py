@@ -174,20 +174,23 @@ class Landing:
 
     def _probe(self, seen: Observation, level_n: float) -> Way:
         """A grip in the air takes no notice of a step down; where it does, the object stands: a
-        flank tightens it, a textured face may loosen it, and it stays tight. One that has tightened
-        much, though no step tells, may go no further."""
+        flank tightens it, a textured face may loosen it, and it stays tight; but not where none can
+        stand: codes that drift tighten a grip, too. One that has tightened much, though no step
+        tells, may go no further."""
         s = self._settings
         rise_n = level_n - self._grip_n
         tight = level_n - self._least_n >= s.landing_rise_n
-        if rise_n >= s.landing_check_n or (tight and -rise_n >= s.landing_check_n):
+        high = self._line.height_m(seen) > self._near_m + s.at_height_m
+        stands = rise_n >= s.landing_check_n or (tight and -rise_n >= s.landing_check_n)
+        if stands and not high:
             return self._let_go(seen, f"a step down changed the grip by {rise_n:+.1f} N: it stands")
         tightest_n = (1 + s.landing_most_share) * self._least_n
         if self._touches >= s.landing_tries or level_n >= tightest_n:
             unsure = "the grip tightens, and it is not certain that the object stands"
             return Way(Trigger.LOSE, unsure)
         loose = "a step down did not tighten the grip"
-        if self._line.height_m(seen) > self._near_m + s.at_height_m:
-            return self._quickly(Trigger.HIGH, loose)
+        if high:
+            return self._quickly(Trigger.HIGH, "no object can stand yet" if stands else loose)
         return self._slowly(seen, Trigger.LOOSE, loose)
 
     def _let_go(self, seen: Observation, cause: str) -> Way:

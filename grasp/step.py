@@ -71,7 +71,8 @@ class GraspStep:
         if decision.reset_detector:
             self._detector.reset()
         if decision.anchor:
-            self._guard.anchor(told.gripper.positions, self._measured_n)
+            a, b, c = (finger.place_counts for finger in told.gripper.fingers)
+            self._guard.anchor((a, b, c), self._measured_n)
         admitted = tuple(self.admit(command, told.gripper) for command in decision.commands)
         self._doubts.sent(admitted, told.arm)
         return StepResult(observation, decision, admitted)

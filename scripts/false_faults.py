@@ -54,8 +54,8 @@ BATCH = 12  # runs that a worker takes at a time
 CHECKS = (
     "fingertips_frozen", "fingertip_dead", "fingertip_deaf", "fingertips_at_rail",
     "fingertips_jump", "fingertips_absent", "detector_failed", "gripper_silent", "gripper_stands",
-    "gripper_inactive", "gripper_impossible", "arm_position_nan", "arm_frozen", "arm_wrong_way",
-    "arm_goes_on", "arm_jump",
+    "gripper_inactive", "gripper_impossible", "gripper_flickers", "arm_position_nan", "arm_frozen",
+    "arm_wrong_way", "arm_goes_on", "arm_jump", "arm_flickers",
 )  # fmt: skip
 PATIENCE = ("1", "1/2", "1/4")
 RANGES = (

@@ -57,17 +57,25 @@ def held_targets(
 ) -> tuple[int, ...]:
     """Targets that keep the fingers where they are: their positions.
 
-    A finger that rests a count beside its target keeps that target: following the report would
-    make it creep.
+    A finger that rests at its target, by its own word, keeps that target: following the report,
+    which may be some counts off, would make it creep or press. For that no finger that has met
+    something is told further than it was.
     """
     here = [finger.position_counts for finger in fingers]
     if wanted is None or not wanted.go_to:
         return tuple(here)
     for i, finger in enumerate(fingers):
         asked = wanted.axes[i].position
-        if finger.detection is not Detection.CONTACT_CLOSING and abs(asked - here[i]) <= 1:
+        if finger.detection is Detection.CONTACT_CLOSING:
+            here[i] = min(here[i], asked)
+        elif abs(asked - here[i]) <= 1 or _stands_at(finger, asked):
             here[i] = asked
     return tuple(here)
+
+
+def _stands_at(finger: FingerState, asked: int) -> bool:
+    """Whether it says that it stands where it was told to be; of that request, and of no other."""
+    return finger.detection is Detection.AT_TARGET and finger.requested_counts == asked
 
 
 def why_still(finger: FingerState, axis: AxisCommand, asked: int | None, grip_byte: int) -> str:

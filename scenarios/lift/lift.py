@@ -133,6 +133,7 @@ def _facts(config: LiftConfig, seed: int, trial: FinishedTrial) -> LiftFacts:
         cap_reached=trial.controller.cap_reached,
         alarm_stayed=trial.controller.alarm_stayed and not config.controller.hold_by_clock,
         fault=trial.fault,
+        let_go_m=trace.let_go_m,
     )
     judged = not trial.fault and not trial.interrupted
     if judged and trial.final is not None and false_start(facts, config.scoring):

@@ -82,6 +82,7 @@ class LiftFacts(msgspec.Struct, frozen=True):
     alarm_stayed: bool  # slip was registered at the end of a hold that waits for it to stop
     fault: str
     mark: TapeMark | None = None
+    let_go_m: float = 0.0  # the highest that the object was when the hand lost it; 0: nobody knows
 
 
 def outcome(facts: LiftFacts, body: GraspObject, settings: ScoringSettings) -> LiftOutcome:
@@ -120,6 +121,8 @@ def _not_held(facts: LiftFacts, settings: ScoringSettings) -> LiftOutcome | None
     if not end.touched:
         expelled = facts.had_compensated and end.flank_slope < 0.0
         return LiftOutcome.EXPELLED if expelled else LiftOutcome.DROPPED
+    if facts.let_go_m >= settings.lifted_m:  # held at the top, and not set down
+        return LiftOutcome.DROPPED
     if _at_rest_in_the_air(end, settings):
         alarm = facts.cap_reached or facts.alarm_stayed
         return LiftOutcome.ALARM_STAYED if alarm else None

@@ -20,7 +20,9 @@ UNKNOWN = "its force is not measured"
 LOOK = "look at the arm, and press the emergency stop if it still moves"
 CELL = "nothing there answers: check the cell's power and network"
 FINGERTIPS_LIE = "fingertip"  # with these letters all doubts of them begin
-STATUS_LIES = ("gripper_impossible", "gripper_silent", "gripper_stands")  # what the hand says
+STATUS_LIES = (  # what the hand says
+    "gripper_impossible", "gripper_silent", "gripper_stands", "gripper_flickers",
+)  # fmt: skip
 FELT_N = 0.5  # by taxels that can tell: less is no grip
 
 
@@ -158,7 +160,8 @@ def _hand(tick: Tick, asked: Issued | None, felt: str, deaf: bool, doubted: bool
 
 
 def _stands(tick: Tick, asked: Issued | None, felt: str) -> str:
-    if any(f.detection is Detection.MOVING for f in tick.gripper.fingers):
+    moves = any(f.detection is Detection.MOVING for f in tick.gripper.fingers)
+    if moves and tick.gripper.active:  # one that is not obeys nothing, and says nothing of motion
         return f"still moving, {felt}"
     if tick.gripper.is_open:
         return "open"

@@ -21,7 +21,9 @@ class Trace:
         self.felt_n = 0.0
         self.taxels_at_rail: Counts3 = (0, 0, 0)  # of each finger, at most at once
         self._compensated = False
+        self.let_go_m = 0.0  # the highest that the object was when the hand lost it
         self._was_touched = False
+        self._was_at_m = 0.0
 
     def add(self, tick: Tick, truth: Truth | None) -> None:
         """Take one tick; truth is None on hardware."""
@@ -42,10 +44,12 @@ class Trace:
         self._compensated = self._compensated or phase is Phase.COMPENSATE
         if phase in AIRBORNE_PHASES and phase not in LOWERING_PHASES:
             self.felt_n = max(tick.measured_n)
-        if truth is None or phase not in AIRBORNE_PHASES:
+        if truth is None:
             return
         if self._was_touched and not truth.touched:
-            self.had_compensated = self._compensated
-        self._was_touched = truth.touched
-        if phase not in LOWERING_PHASES:
+            self.let_go_m = max(self.let_go_m, self._was_at_m)
+            if phase in AIRBORNE_PHASES:
+                self.had_compensated = self._compensated
+        self._was_touched, self._was_at_m = truth.touched, truth.height_m
+        if phase in AIRBORNE_PHASES and phase not in LOWERING_PHASES:
             self.end = truth
