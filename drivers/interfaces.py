@@ -27,9 +27,6 @@ Counts3 = tuple[int, int, int]
 Vector3 = tuple[float, float, float]
 
 
-ENCODER_COUNTS = 8  # further away from its target no finger has come to it; assumed
-
-
 class Detection(IntEnum):
     """Object detection of one finger (gDTA..gDTC; Robotiq manual, GRIPPER STATUS register)."""
 
@@ -48,11 +45,11 @@ class FingerState(msgspec.Struct, frozen=True):
     detection: Detection
 
     @property
-    def place_counts(self) -> int:
-        """Where it stands: at its target, if it says so; its encoder may be some counts off."""
-        off = abs(self.position_counts - self.requested_counts)
-        at_target = self.detection is Detection.AT_TARGET and off <= ENCODER_COUNTS
-        return self.requested_counts if at_target else self.position_counts
+    def at_least_counts(self) -> int:
+        """How far it is closed at least: a finger goes no further than it was told, but for a count
+        beside its target that it may rest at; what says more is an encoder that is off."""
+        beyond = self.position_counts - self.requested_counts > 1
+        return self.requested_counts if beyond else self.position_counts
 
 
 class GripperState(msgspec.Struct, frozen=True):

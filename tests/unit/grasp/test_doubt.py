@@ -341,6 +341,30 @@ def test_after_a_standstill_of_the_loop_looks_without_an_answer_are_counted_anew
     assert [look.partition(":")[0] for look in looks] == ["", "", "", "", "gripper_silent"]
 
 
+def flickering(every: int, asked_anew: int = 1000) -> list[str]:
+    """What is said of a hand that says by turns that it moves and that it stands."""
+    doubt = GripperDoubt(DoubtSettings())
+    told = []
+    for tick in range(120):
+        asked = 60 + tick // asked_anew % 2
+        moves = bool(tick // every % 2)
+        says = Detection.MOVING if moves else Detection.AT_TARGET
+        at = (60 + tick % 2,) * 3
+        seen = gripper(tick * TICK, at, (says,) * 3, requested=(asked,) * 3)
+        told.append(doubt.see(seen).partition(":")[0])
+    return told
+
+
+@pytest.mark.parametrize("every", [2, 5, 10])
+def test_hand_that_says_again_and_again_that_it_moves_and_stands_is_doubted(every: int) -> None:
+    assert "gripper_flickers" in flickering(every)
+
+
+def test_hand_that_begins_and_ends_some_motions_or_is_told_anew_is_believed() -> None:
+    assert set(flickering(13)) == {""}
+    assert set(flickering(5, asked_anew=20)) == {""}
+
+
 def test_hand_that_is_seen_moving_at_first_has_the_time_of_a_start() -> None:
     first = moving(100.0, 55)
     assert doubted([first]) == ""

@@ -1,5 +1,7 @@
 """The way down: an object that slipped stands before the arm is where the lift began."""
 
+from typing import Any
+
 import pytest
 
 from grasp.commands import CloseFast, MoveArm, OpenFingers, StopArm
@@ -56,6 +58,21 @@ def test_way_down_goes_on_as_it_was_where_no_object_can_stand_yet() -> None:
     d.until(Phase.PROBE, measured_n=GRIP)
     d.until(Phase.LOWER, measured_n=GRIP)
     assert (moves(d)[-1].position_m[2], moves(d)[-1].speed_mps) == (pytest.approx(HOME_M), 0.05)
+
+
+@pytest.mark.parametrize("steps", [bears(3.2), bears(2.8)], ids=["tighter", "looser"])
+def test_nothing_is_let_go_where_no_object_can_stand_whatever_a_step_down_did(steps: Any) -> None:
+    """As codes that drift or swing make of it."""
+    d = Driver(hold_s=0.1, landing_most_share=1.0).lift()
+    d.height_m = 0.2
+    d.until(Phase.LOWER)
+    d.height_m = 0.1
+    d.step(measured_n=GRIP)
+    d.until(Phase.PROBE, measured_n=GRIP)
+    d.until(Phase.LOWER, measured_n=steps)
+    assert d.controller.machine.log[-1].cause == "no object can stand yet"
+    assert not any(isinstance(c, OpenFingers) for c in d.commands)
+    assert moves(d)[-1].position_m[2] == pytest.approx(HOME_M)
 
 
 @pytest.mark.parametrize(("braked_m", "step_m"), [(0.0, 0.0005), (0.001, 0.000343), (1e-4, 2e-4)])

@@ -189,6 +189,12 @@ def test_guard_is_anchored_where_the_fingers_stand_and_not_where_they_were_told_
     assert b.gate.anchors == [((51, 55, 54), (6.0,) * 3)]
 
 
+def test_guard_is_anchored_no_further_than_fingers_were_told_but_for_a_count_beside_it() -> None:
+    b = Bench(Told(anchor=True))
+    b.decide(frame(-1), gripper=gripper(positions=(60, 56, 57), requested=(55, 55, 55)))
+    assert b.gate.anchors == [((55, 56, 55), (6.0,) * 3)]
+
+
 def test_codes_that_are_not_believed_leave_the_force_as_it_was_measured_last() -> None:
     b = Bench()
     b.decide(frame(-1))

@@ -379,15 +379,33 @@ def test_a_hand_without_a_request_stands_unless_it_activates_or_changes_its_mode
     assert finger_state(AxisStatus(detection=0), status).detection is seen
 
 
-def finger(at: int, detection: int):
+def finger(at: int, detection: int, requested: int = 0):
     status = StatusRegisters(active=True, initialization=3, go_to=True)
-    return finger_state(AxisStatus(position=at, detection=detection), status)
+    axis = AxisStatus(position=at, detection=detection, echo=requested)
+    return finger_state(axis, status)
 
 
 @pytest.mark.parametrize(("at", "kept"), [(61, 60), (62, 62), (59, 60), (58, 58)])
 def test_a_finger_keeps_a_target_that_it_rests_one_count_beside(at: int, kept: int) -> None:
     resting = [finger(at, list(Detection).index(Detection.AT_TARGET))] * 3
     assert held_targets(resting, command(60, 60, 60)) == (kept,) * 3
+
+
+@pytest.mark.parametrize(("requested", "at", "kept"), [
+    (60, 65, 60), (60, 55, 60),  # an encoder that is off
+    (50, 65, 65),  # that speaks of another request
+])  # fmt: skip
+def test_a_finger_that_says_that_it_is_at_its_target_keeps_that(
+    requested: int, at: int, kept: int
+) -> None:
+    resting = [finger(at, list(Detection).index(Detection.AT_TARGET), requested)] * 3
+    assert held_targets(resting, command(60, 60, 60)) == (kept,) * 3
+
+
+@pytest.mark.parametrize(("at", "kept"), [(55, 55), (60, 60), (66, 60)])
+def test_a_finger_in_contact_is_never_told_further_than_it_was(at: int, kept: int) -> None:
+    latched = [finger(at, list(Detection).index(Detection.CONTACT_CLOSING))] * 3
+    assert held_targets(latched, command(60, 60, 60)) == (kept,) * 3
 
 
 def test_a_finger_in_contact_that_is_told_where_it_stands_is_there() -> None:

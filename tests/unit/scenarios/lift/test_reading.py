@@ -12,6 +12,7 @@ from scenarios.lift.scoring import LiftFacts, LiftOutcome, ScoringSettings, outc
 from scenarios.trial.person import HOLD_S, SlipReading, TapeMark, read_mark
 from scenarios.trial.series import Bench
 from tests.unit.scenarios.conftest import changed, config
+from tests.unit.scenarios.safety_probes import lift_verdict
 
 
 class Typist:
@@ -38,6 +39,16 @@ def facts(mark: TapeMark | None, registered_s: float | None = 1.0, **others: Any
         "cap_reached": False, "alarm_stayed": False, "fault": "",
     }  # fmt: skip
     return LiftFacts(**(known | others), mark=mark)
+
+
+@pytest.mark.parametrize(("let_go_m", "verdict"), [
+    (0.0, LiftOutcome.HELD_WITHIN_6CM), (0.0049, LiftOutcome.HELD_WITHIN_6CM),
+    (0.005, LiftOutcome.DROPPED), (0.18, LiftOutcome.DROPPED),
+])  # fmt: skip
+def test_object_that_is_let_go_in_the_air_on_its_way_down_is_dropped(
+    let_go_m: float, verdict: LiftOutcome
+) -> None:
+    assert lift_verdict({}, {}, let_go_m=let_go_m) is verdict
 
 
 @pytest.mark.parametrize(
