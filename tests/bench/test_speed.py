@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from scenarios.lift import lift
-from tests.unit.scenarios.conftest import config
+from tests.unit.scenarios.conftest import by_default
 
 LIFTS = 10
 
@@ -18,7 +18,7 @@ def seconds_a_lift(runs: Path | None) -> tuple[float, float]:
     virtual = 0.0
     start = time.perf_counter()
     for seed in range(LIFTS):
-        result = lift.run(config(), seed, runs).result
+        result = lift.run(by_default(), seed, runs).result
         assert result is not None
         virtual += result.phases[-1].t_s - result.phases[0].t_s
     return (time.perf_counter() - start) / LIFTS, virtual / LIFTS
@@ -26,7 +26,7 @@ def seconds_a_lift(runs: Path | None) -> tuple[float, float]:
 
 @pytest.mark.bench
 def test_multiple_of_real_time_with_and_without_a_recording(tmp_path: Path) -> None:
-    lift.run(config(), 0, None)
+    lift.run(by_default(), 0, None)
     bare, virtual = seconds_a_lift(None)
     recorded, _ = seconds_a_lift(tmp_path)
     print(f"\na lift of {virtual:.1f} s takes {bare * 1e3:.0f} ms: {virtual / bare:.0f} x real")
@@ -34,7 +34,7 @@ def test_multiple_of_real_time_with_and_without_a_recording(tmp_path: Path) -> N
     print(f", {recorded / bare:.2f} times the unrecorded")
     profile = cProfile.Profile()
     profile.enable()
-    lift.run(config(), 0, tmp_path)
+    lift.run(by_default(), 0, tmp_path)
     profile.disable()
     rooms: dict[str, float] = {}
     entries = pstats.Stats(profile).stats.items()  # type: ignore[attr-defined]
