@@ -91,9 +91,11 @@ def build(args: argparse.Namespace) -> int:
 
     import msgspec
 
+    from detector.scores.evaluation import WARM_UP_SAMPLES
     from grasp.settings import file_of
     from scenarios.acquire.datasets import build as datasets
     from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
+    from scenarios.studies.detectors.benchmark import too_short
 
     config = reduced(load_dataset_config(file_of("datasets", args.config)), args.share)
     if args.seed is not None:
@@ -106,6 +108,9 @@ def build(args: argparse.Namespace) -> int:
             bar.close()
             kept = f"{bar.done} of {len(jobs)} recordings are in {args.out}"
             return exits.report("interrupted", kept, "run the same command again", args.json)
+    short = sum(job.samples <= WARM_UP_SAMPLES for job in jobs)
+    if short:
+        exits.say(f"{too_short(short)}: a larger --share makes them longer")
     samples = sum(job.samples for job in jobs)
     if args.json:
         print(json_line({"folder": str(args.out), "recordings": len(jobs), "made": made,

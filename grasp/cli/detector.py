@@ -234,7 +234,7 @@ def _contenders(args: argparse.Namespace) -> Any:
     from scenarios.studies.detectors.benchmark import contender, read_split
 
     alone = args.recording is not None
-    recordings = [read(args.recording)] if alone else read_split(args.data, args.split)
+    recordings = [read(args.recording)] if alone else read_split(args.data, args.split, exits.say)
     data = _data_name(args)
     for name in one_by_one(args.detector, "streaming", hidden=args.json):
         yield contender(name, recordings, data, args.label, args.config, args.set)
@@ -245,7 +245,7 @@ def table2(args: argparse.Namespace) -> int:
     from detector.scores.variance import variance_of
     from scenarios.studies.detectors.benchmark import named, read_split
 
-    recordings = read_split(args.data, "test")
+    recordings = read_split(args.data, "test", exits.say)
     made = [
         named(name, recordings, "test", args.data)
         for name in one_by_one(args.detector, "streaming", hidden=False)
@@ -337,7 +337,7 @@ def _tune_rule(args: argparse.Namespace) -> int:
 
     from scenarios.studies.detectors.benchmark import contender, read_split, tune_rule
 
-    recordings = read_split(args.data, "validation")
+    recordings = read_split(args.data, "validation", exits.say)
     (name,) = [args.detector]
     for _ in one_by_one([name], "tuning", hidden=args.json):
         made = contender(name, recordings, "validation", "slip", args.config, args.set)
@@ -359,7 +359,7 @@ def _tune_threshold(args: argparse.Namespace) -> int:
 
     from scenarios.studies.detectors.benchmark import contender, read_split, sweep_threshold
 
-    recordings = read_split(args.data, "train")
+    recordings = read_split(args.data, "train", exits.say)
     (name,) = [args.detector]
     for _ in one_by_one([name], "tuning", hidden=args.json):
         made = contender(name, recordings, "train", "slip", args.config, args.set)

@@ -1,6 +1,6 @@
 """Detectors compared on data sets: streamed once, then scored, tuned, tabled and charted."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -68,10 +68,26 @@ class Contender(msgspec.Struct, frozen=True, eq=False):
         return sweep(self.streams, rules(self.config.rule))
 
 
-def read_split(folders: Sequence[Path], split: Split | Literal["all"]) -> list[Recording]:
-    """Recordings of one split of several data sets; raises BadFile for an empty one."""
+def read_split(
+    folders: Sequence[Path],
+    split: Split | Literal["all"],
+    tell: Callable[[str], None] = lambda line: None,
+) -> list[Recording]:
+    """Recordings of one split of several data sets; raises BadFile for an empty one.
+
+    Those too short for anything of them to be scored are left out and told, unless all are.
+    """
     wanted = None if split == "all" else split
-    return [r for folder in folders for r in read_dataset(folder, wanted)]
+    found = [r for folder in folders for r in read_dataset(folder, wanted)]
+    long = [r for r in found if len(r.t_s) > WARM_UP_SAMPLES]
+    if not long or len(long) == len(found):
+        return found  # of one without any the score says why
+    tell(f"left out: {too_short(len(found) - len(long))}")
+    return long
+
+
+def too_short(recordings: int) -> str:
+    return f"{recordings} recordings of at most {WARM_UP_SAMPLES} samples, of which none is scored"
 
 
 def contender(

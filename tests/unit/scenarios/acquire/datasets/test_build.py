@@ -271,6 +271,19 @@ def test_another_seed_draws_other_recordings_of_the_same_distribution(
     assert {seed // SEEDS for seed in seeds[1]} == {77}
 
 
+@pytest.mark.parametrize(("share", "told"), [("0.02", True), ("1", False)])
+def test_a_build_whose_recordings_are_too_short_to_be_scored_says_so(
+    share: str,
+    told: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(datasets, "build", lambda *_: 0)
+    assert main(["dataset", "build", "paper", "--share", share, "--out", str(tmp_path)]) == 0
+    assert ("none is scored: a larger --share" in capsys.readouterr().err) is told
+
+
 def test_a_build_that_is_interrupted_says_what_there_is_and_how_to_go_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,0 +1,54 @@
+"""Recordings that are read to be scored."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from detector.recordings import Recording, write
+from grasp.cli.main import main
+from scenarios.studies.detectors.benchmark import read_split
+from tests.unit.detector.toys import toy
+
+
+def cut(recording: Recording, samples: int) -> Recording:
+    parts = {
+        name: array[:samples]
+        for name in recording.__struct_fields__
+        if isinstance(array := getattr(recording, name), np.ndarray)
+    }
+    return msgspec.structs.replace(recording, **parts)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """One whole recording, and one of which nothing is scored."""
+    write(tmp_path / "whole.npz", toy(1, "test"))
+    write(tmp_path / "short.npz", cut(toy(2, "test"), 65))
+    return tmp_path
+
+
+def test_a_recording_too_short_to_be_scored_is_left_out_and_told(folder: Path) -> None:
+    told: list[str] = []
+    (found,) = read_split([folder], "test", told.append)
+    assert found.source.endswith("whole.npz")
+    (line,) = told
+    assert "1 recordings of at most 100 samples" in line
+
+
+def test_a_set_with_a_short_recording_is_evaluated_but_for_that(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["detector", "evaluate", "energy", "--data", str(folder), "--split", "test", "--json"]
+    assert main(words) == 0
+    said = capsys.readouterr()
+    assert msgspec.json.decode(said.out)["recordings"] == 1
+    assert "left out" in said.err
+
+
+def test_a_set_of_nothing_but_short_ones_is_refused(folder: Path) -> None:
+    (folder / "whole.npz").unlink()
+    assert len(read_split([folder], "test")) == 1
+    words = ["detector", "evaluate", "energy", "--data", str(folder), "--split", "test"]
+    assert main(words) == 2
