@@ -139,7 +139,7 @@ test-cluster: install-cluster
 # wires that are spoilt, in wall time: three quarters of an hour
 JOBS ?= $(shell nproc)
 faults: install-dev
-	fell=0; $(BIN)/python scripts/faults.py run --stale --jobs $(JOBS) || fell=$$?; \
+	fell=0; $(BIN)/python scripts/faults.py run --stale --jobs $(JOBS) || fell=$$?; test $$fell -lt 2 || exit $$fell; \
 	$(BIN)/python scripts/faults.py page || fell=$$?; \
 	CHAOS_PLANS=200 $(BIN)/python -m pytest -s -m slow tests/wire/scenarios/chaos || fell=$$?; \
 	exit $$fell
@@ -147,9 +147,9 @@ faults: install-dev
 # each mutant of what safety rests on, and samples of the rest by this seed, that of docs/mutants.md
 MUTANTS_SEED ?= 17
 mutants: install-dev
-	lived=0; $(BIN)/python scripts/mutants.py run || lived=$$?; \
-	$(BIN)/python scripts/mutants.py sample --seed $(MUTANTS_SEED) || lived=$$?; \
-	$(BIN)/python scripts/mutants.py twice || lived=$$?; \
+	lived=0; $(BIN)/python scripts/mutants.py run || lived=$$?; test $$lived -lt 2 || exit $$lived; \
+	$(BIN)/python scripts/mutants.py sample --seed $(MUTANTS_SEED) || lived=$$?; test $$lived -lt 2 || exit $$lived; \
+	$(BIN)/python scripts/mutants.py twice || lived=$$?; test $$lived -lt 2 || exit $$lived; \
 	$(BIN)/python scripts/mutants.py page && exit $$lived
 
 soak: install-dev

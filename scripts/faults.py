@@ -3,10 +3,10 @@
     python scripts/faults.py run [--jobs 2] [--out runs/faults.sqlite]    all, or what is lacking
     python scripts/faults.py run --most 200                               the next 200 of them
     python scripts/faults.py run --again                                  those that fell, anew
-    python scripts/faults.py run --stale                   and those made with another commit, anew
+    python scripts/faults.py run --stale                     and those made with other code, anew
     python scripts/faults.py show 17 230                                  what came of these runs
     python scripts/faults.py list                                         what fell
-    python scripts/faults.py page                                         write docs/faults.md anew
+    python scripts/faults.py page [--partial]                             write docs/faults.md anew
     python scripts/faults.py wire                                         beside its wire table
     python scripts/faults.py schedule                                     the plain lifts' schedule
 
@@ -164,9 +164,16 @@ def list_fallen(every: list[Ended], broken: list[Case]) -> int:
     return 1 if fallen or broken else 0
 
 
-def write_page(out: Path) -> None:
-    """Put what the runs gave between the two marks of the page."""
+def write_page(out: Path, partial: bool) -> None:
+    """Put what the runs gave between the two marks of the page. Raises UsageError where some lack,
+    but for a ``partial`` one."""
     with FaultStore(out) as store:
+        lacking, of = len(store.lacking(plan())), len(plan())
+        if lacking and not partial:
+            raise UsageError(
+                f"{out} lacks {lacking} of {of} runs, and the page stays as it is",
+                "make them, or give --partial for a page of those there are",
+            )
         detector = load_config("can", "simulated").detector_name
         put(generated(store.ended(), in_order(store.codes()), detector), BEGINS, ENDS)
 
@@ -194,13 +201,23 @@ def main() -> int:
     verbs = parser.add_subparsers(dest="verb", required=True)
     for verb, what in VERBS.items():
         words = verbs.add_parser(verb, help=what, description=what)
-        words.add_argument("--out", type=Path, default=OUT, help="rows (default: %(default)s)")
+        if verb in ("run", "list", "page"):
+            words.add_argument(
+                "--out", type=Path, default=OUT, help="file of the rows (default: %(default)s)"
+            )
         if verb == "run":
             words.add_argument("--jobs", type=whole(1, 256), default=1, help="workers (default: 1)")
             words.add_argument("--most", type=whole(1, 1_000_000), help="the next so many alone")
             words.add_argument("--again", action="store_true", help="those that fell, once more")
             words.add_argument(
-                "--stale", action="store_true", help="those made with another commit as well"
+                "--stale", action="store_true",
+                help="as well those made with other code: at a commit of which anything that a run "
+                "computes with (grasp, detector, drivers, config, scenarios of a lift; not pages, "
+                "tests or how rows are judged) is otherwise now, or with changes in no commit",
+            )  # fmt: skip
+        if verb == "page":
+            words.add_argument(
+                "--partial", action="store_true", help="though runs of the plan are lacking"
             )
         if verb == "show":
             words.add_argument("numbers", type=int, nargs="+", help="of runs, from 0 on")
@@ -219,7 +236,7 @@ def do(asked: argparse.Namespace) -> int:
     if asked.verb == "run":
         return run_all(asked.out, asked.jobs, asked.most, asked.again, asked.stale)
     if asked.verb == "page":
-        write_page(asked.out)
+        write_page(asked.out, asked.partial)
         return 0
     if asked.verb == "wire":
         write_wire()

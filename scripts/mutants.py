@@ -23,12 +23,16 @@ import hashlib
 import random
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import msgspec
 
+from drivers.errors import BadFile, GraspError
+from grasp.cli.options import whole
+from grasp.files import write_whole
 from scenarios.campaign.paper import wilson
 from scripts.mutation import HOME, Mutant, mutants
 from scripts.mutation_run import Fate, run
@@ -40,6 +44,8 @@ OPERATORS = "scripts/mutation.py"
 OUT = Path("runs") / "mutants.json"
 BEGINS, ENDS = "<!-- {} by scripts/mutants.py -->", "<!-- end of {} -->"
 TWICE = 80
+SAY_S = 30.0  # between two lines of progress
+INTERRUPTED = 130
 MOST_S = 30.0  # of tests that a mutant is shown; those that have killed its kin go first
 
 UNIT = "tests/unit"
@@ -220,22 +226,41 @@ def unexplained(fates: Iterable[Fate], why: dict[str, str]) -> list[str]:
 class Book:
     """What is known, kept after each mutant."""
 
-    def __init__(self, out: Path, anew: bool, tests: Sequence[str] | None) -> None:
+    def __init__(
+        self, out: Path, anew: bool = False, tests: Sequence[str] | None = None, begins: bool = True
+    ) -> None:
+        """``begins``: there need be none yet. Raises BadFile."""
         self._out, self.tests = out, tests
         self.told = Told()
-        if out.exists() and not anew:
+        if anew or (begins and not out.exists()):
+            return
+        try:
             self.told = msgspec.json.decode(out.read_bytes(), type=Told)
+        except OSError as error:
+            raise BadFile(out, f"{error.strerror}", "make it first: mutants.py run") from None
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            raise BadFile(out, f"{error}", "name another with --out, or begin --anew") from None
+
+    def kept(self) -> str:
+        """In a line."""
+        fates = sum(map(len, (*self.told.parts.values(), *self.told.twice.values())))
+        return f"{fates} fates kept in {self._out}; the same command goes on"
 
     def attack(self, name: str, fates: list[Fate], chosen: Sequence[Mutant]) -> list[Fate]:
         """Fates of all of these, of which those are run that are not among ``fates`` yet."""
         known = {fate.mutant: fate for fate in fates}
+        said_s = time.monotonic()
 
         def take(fate: Fate) -> None:
+            nonlocal said_s
             known[fate.mutant] = msgspec.structs.replace(fate, shown=shown)
             self.told.commit = commit
             fates[:] = [known[m] for m in chosen if m in known]
             self._out.parent.mkdir(parents=True, exist_ok=True)
-            self._out.write_bytes(msgspec.json.encode(self.told))
+            write_whole(self._out, msgspec.json.encode(self.told))
+            if time.monotonic() - said_s > SAY_S or len(fates) == len(chosen):
+                said_s = time.monotonic()
+                print(f"{name}: {progress(fates, len(chosen))}", flush=True)
 
         commit, shown = head(), digest(self.tests or tests_of(name))
         lacking = [mutant for mutant in chosen if mutant not in known]
@@ -244,6 +269,12 @@ class Book:
             most_s = STRATA[name].most_s if name in STRATA else MOST_S
             run(self.tests or tests_of(name), lacking, most_s, take)
         return [known[mutant] for mutant in chosen if mutant in known]
+
+
+def progress(fates: Sequence[Fate], of: int) -> str:
+    """How many of all, and what became of them."""
+    killed = sum(bool(fate.killer) for fate in fates)
+    return f"{len(fates)} of {of} mutants: {killed} killed, {len(fates) - killed} survived"
 
 
 def digest(tests: Sequence[str]) -> str:
@@ -434,17 +465,69 @@ def write_page(told: Told) -> None:
     PAGE.write_text(page, encoding="utf-8")
 
 
-def main() -> int:
+VERBS = {
+    "run": "every mutant of what safety rests on; exit code 1 if one survives without an argument",
+    "sample": "samples of the rest of grasp/ and drivers/, for a rate",
+    "after": "those of the samples that survived, once more, with tests written since",
+    "twice": "some known fates, by the samples' seed, found out again",
+    "page": "write docs/mutants.md anew from the fates there are",
+}
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("verb", choices=("run", "sample", "after", "twice", "page"))
-    parser.add_argument("--part", choices=(*PARTS, *STRATA), action="append")
-    parser.add_argument("--most", type=int)
-    parser.add_argument("--seed", type=int, default=0, help="of the samples")
-    parser.add_argument("--tests", action="append", help="to be shown, and no others")
-    parser.add_argument("--out", type=Path, default=OUT)
-    parser.add_argument("--anew", action="store_true")
-    asked = parser.parse_args()
-    book = Book(asked.out, asked.anew, asked.tests)
+    verbs = parser.add_subparsers(dest="verb", required=True)
+    for verb, what in VERBS.items():
+        words = verbs.add_parser(verb, help=what, description=what)
+        words.add_argument(
+            "--out", type=Path, default=OUT, help="file of the fates (default: %(default)s)"
+        )
+        if verb == "page":
+            continue
+        parts = {"run": (*PARTS,), "twice": (*PARTS, *STRATA)}.get(verb, (*STRATA,))
+        words.add_argument(
+            "--part", choices=parts, action="append", help="this alone; may be given several times"
+        )
+        words.add_argument(
+            "--tests", action="append", metavar="PATH",
+            help="tests to be shown, in place of those that cover it; may be given several times",
+        )  # fmt: skip
+        if verb in ("sample", "twice"):
+            words.add_argument(
+                "--most", type=whole(1, 1_000_000), metavar="N",
+                help="the first N drawn of each part (default: "
+                f"{TWICE if verb == 'twice' else 'all'})",
+            )  # fmt: skip
+        if verb in ("sample", "after"):
+            words.add_argument(
+                "--seed", type=whole(0, 2**63 - 1), default=0,
+                help="draws them, of the same code the same (default: %(default)s); another "
+                "forgets the samples that are known",
+            )  # fmt: skip
+        if verb in ("run", "sample"):
+            words.add_argument(
+                "--anew", action="store_true", help="forget all fates that are in the file"
+            )
+    return parser
+
+
+def main() -> int:
+    asked = _parser().parse_args()
+    try:
+        begins = asked.verb in ("run", "sample")
+        book = Book(asked.out, getattr(asked, "anew", False), getattr(asked, "tests", None), begins)
+    except GraspError as error:
+        print(f"mutants: {error} ({error.remedy})", file=sys.stderr)
+        return 2
+    try:
+        return do(asked, book)
+    except KeyboardInterrupt:
+        print(f"mutants: {book.kept()}", file=sys.stderr)
+        return INTERRUPTED
+
+
+def do(asked: argparse.Namespace, book: Book) -> int:
+    """Exit code."""
     if asked.verb == "run":
         return run_parts(book, asked.part or list(PARTS))
     if asked.verb == "sample":

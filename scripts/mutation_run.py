@@ -36,6 +36,7 @@ LEAST_CPU_S = 10.0  # of processor time: a mutant that takes longer than this an
 TIMES = 5.0  # the tests take is killed by its time-out
 WALL_TIMES = 20.0  # of wall time: one that waits for ever
 PATIENT = ("-o", "timeout=0")  # a busy machine fails no test: the limits above are a mutant's
+SILENT = ("-o", "console_output_style=classic")  # no share of tests that are done
 COPIED = ("grasp", "drivers", "detector", "scenarios", "scripts", "tests", "config", "docs")
 ENVIRONMENT = {"CI": "1", "PYTHONHASHSEED": "0", "OMP_NUM_THREADS": "1"}
 
@@ -67,12 +68,15 @@ Attempt = Callable[
 
 def run(tests: Sequence[str], chosen: Sequence[Mutant], most_s: float, tell: Told) -> int:
     """Fates of the chosen mutants by these tests, of which each is shown so much processor time;
-    exit code of pytest."""
+    exit code of pytest. Raises KeyboardInterrupt, which pytest would keep to itself."""
     os.environ.update(ENVIRONMENT)
     plugin = Attack(chosen, most_s, tell)
     known = "ignore::pytest.PytestAssertRewriteWarning"  # what is imported by then is not of a test
-    options = ("-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-W", known, *PATIENT)
-    return int(pytest.main([*options, *tests], plugins=[plugin]))
+    options = ("-qq", "-p", "no:cacheprovider", "-p", "no:xdist", "-W", known, *SILENT, *PATIENT)
+    code = int(pytest.main([*options, *tests], plugins=[plugin]))
+    if plugin.interrupted:
+        raise KeyboardInterrupt
+    return code
 
 
 class Attack:
@@ -81,6 +85,7 @@ class Attack:
     def __init__(self, chosen: Sequence[Mutant], most_s: float, tell: Told) -> None:
         self._paths = {str(HOME / mutant.path): mutant.path for mutant in chosen}
         self._chosen, self._most_s, self._tell = chosen, most_s, tell
+        self.interrupted = False
         self._failed = ""
         self._caches: list[Any] = []
         self._killers: dict[str, list[str]] = {}  # of a function, the latest first
@@ -88,6 +93,14 @@ class Attack:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         if report.failed and not self._failed:
             self._failed = report.nodeid
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_report_teststatus(self, report: pytest.TestReport) -> tuple[str, str, str]:
+        """Nothing: that a test fails with a mutant is as it should be, and no failing test."""
+        return report.outcome, "", ""
+
+    def pytest_keyboard_interrupt(self, excinfo: pytest.ExceptionInfo[BaseException]) -> None:
+        self.interrupted = isinstance(excinfo.value, KeyboardInterrupt)
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
         if session.testsfailed:
@@ -149,10 +162,11 @@ class Attack:
         child = os.fork()
         if child == 0:
             os.close(read)
-            with os.fdopen(write, "wb") as told:
-                told.write(msgspec.json.encode(list(self._watched())))
-                told.flush()
-            os._exit(0)
+            try:
+                with os.fdopen(write, "wb") as told:
+                    told.write(msgspec.json.encode(list(self._watched())))
+            finally:
+                os._exit(0)
         os.close(write)
         with os.fdopen(read, "rb") as told:
             text = told.read()

@@ -17,6 +17,7 @@ import msgspec
 from drivers.errors import BadFile, ConfigError, CouldNotRecord
 from grasp.files import (
     LEADS_NOWHERE,
+    is_full,
     make_private_file,
     make_private_folder,
     partial_of,
@@ -43,8 +44,21 @@ def _written(path: Path) -> Iterator[None]:
     try:
         yield
     except (sqlite3.Error, OSError) as error:
-        why = getattr(error, "strerror", None) or error
-        raise CouldNotRecord(f"{path}: {why}", FREE) from None
+        raise CouldNotRecord(f"{path}: {why(error, path)}", FREE) from None
+
+
+def why(error: Exception, path: Path) -> str:
+    """A file could not be written; SQLite calls a full disk an error of the disk as any other."""
+    said = getattr(error, "strerror", None) or str(error)
+    with suppress(OSError):
+        if of_the_disk(error) and "full" not in said and is_full(path):
+            return f"the disk is full ({said})"
+    return said
+
+
+def of_the_disk(error: Exception) -> bool:
+    """Rather than of what is in the file."""
+    return getattr(error, "sqlite_errorname", "").startswith(_OF_THE_DISK)
 
 
 @contextmanager
@@ -53,8 +67,8 @@ def _read(path: Path) -> Iterator[None]:
     try:
         yield
     except (sqlite3.Error, msgspec.MsgspecError, ValueError, OverflowError, RecursionError) as e:
-        if getattr(e, "sqlite_errorname", "").startswith(_OF_THE_DISK):
-            raise CouldNotRecord(f"{path}: {e}", FREE) from None
+        if of_the_disk(e):
+            raise CouldNotRecord(f"{path}: {why(e, path)}", FREE) from None
         raise BadFile(path, f"cannot be read: {e}", DAMAGED) from None
 
 

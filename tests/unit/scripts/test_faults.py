@@ -1,5 +1,6 @@
 """The words of the fault campaign's script."""
 
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -8,6 +9,9 @@ from typing import Any
 
 import pytest
 
+from scenarios.campaign import store as campaign_store
+from scenarios.studies.faults import store
+from scenarios.studies.faults.store import FaultStore
 from scripts import faults, figures
 
 
@@ -119,3 +123,53 @@ def test_rows_that_are_made_again_are_counted(
 def test_progress_says_how_fast_it_is_and_how_long_it_will_take() -> None:
     assert faults.progress(60, 9_292, 60.0) == "60 of 9292, 60 a minute, 2 h 34 min left"
     assert faults.progress(9_292, 9_292, 60.0) == "9292 of 9292, 9292 a minute, 0 min left"
+
+
+def test_a_page_of_a_campaign_that_lacks_runs_is_refused_unless_it_is_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, of, page = tmp_path / "faults.sqlite", len(faults.plan()), tmp_path / "faults.md"
+    page.write_text(f"{faults.BEGINS}\nall\n{faults.ENDS}\n")
+    monkeypatch.setattr(faults, "PAGE", page)
+    monkeypatch.setattr(faults, "generated", lambda *_: "none")
+    with FaultStore(out, writes=True):
+        pass
+    monkeypatch.setattr(sys, "argv", ["faults.py", "page", "--out", str(out)])
+    assert faults.main() == 2
+    assert f"{out} lacks {of} of {of} runs" in capsys.readouterr().err
+    assert "all" in page.read_text()
+    monkeypatch.setattr(sys, "argv", ["faults.py", "page", "--out", str(out), "--partial"])
+    assert faults.main() == 0
+    assert "none" in page.read_text()
+
+
+@pytest.mark.parametrize("verb", ["show 17", "wire", "schedule"])
+def test_a_verb_that_reads_no_rows_takes_no_file_of_them(
+    verb: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["faults.py", *verb.split(), "--out", "x.sqlite"])
+    with pytest.raises(SystemExit) as ended:
+        faults.main()
+    assert ended.value.code == 2
+
+
+def test_a_disk_that_failed_is_no_reason_to_name_another_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    error = sqlite3.OperationalError("disk I/O error")
+    error.sqlite_errorname = "SQLITE_IOERR_WRITE"
+
+    class Failing:
+        def execute(self, *_: object) -> None:
+            raise error
+
+        def close(self) -> None:
+            """Nothing to close."""
+
+    monkeypatch.setattr(store, "_opened", lambda path: Failing())
+    monkeypatch.setattr(campaign_store, "is_full", lambda path: True)
+    out = tmp_path / "faults.sqlite"
+    monkeypatch.setattr(sys, "argv", ["faults.py", "run", "--out", str(out)])
+    assert faults.main() == 2
+    said = f"faults: {out}: the disk is full (disk I/O error) ({store.FREE})\n"
+    assert capsys.readouterr().err == said

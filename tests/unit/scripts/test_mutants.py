@@ -2,17 +2,21 @@
 
 import ast
 import re
-from collections.abc import Sequence
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 
+from scripts import mutants as mutants_script
 from scripts.mutants import (
     BEGINS,
     ENDS,
     PAGE,
     PARTS,
     STRATA,
+    Book,
     Draw,
     Told,
     arguments,
@@ -24,11 +28,12 @@ from scripts.mutants import (
     of_stratum,
     of_twice,
     otherwise,
+    progress,
     table,
     together,
     unexplained,
 )
-from scripts.mutation import HOME, mutants, mutated
+from scripts.mutation import HOME, Mutant, mutants, mutated
 from scripts.mutation_run import Fate, sure
 
 
@@ -227,3 +232,81 @@ def test_a_mutant_that_ends_every_test_is_killed_by_its_time_out() -> None:
         assert sure(lambda names, changed, fate=fate: fate if changed else "", "abc") == fate
         with pytest.raises(RuntimeError, match=f"{fate} without a mutant"):
             sure(lambda names, changed, fate=fate: fate, "abc")
+
+
+def asked(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["mutants.py", *words])
+    return mutants_script.main()
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["run --part guard --most 4", "run --part rest", "sample --part guard", "sample --most 0",
+     "page --part guard", "after --most 4"],
+)  # fmt: skip
+def test_a_word_that_a_verb_would_not_heed_is_refused(
+    words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        asked(monkeypatch, *words.split())
+    assert ended.value.code == 2
+
+
+@pytest.mark.parametrize("verb", ["page", "twice", "after"])
+def test_fates_that_are_not_there_are_missed(
+    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "mutants.json"
+    assert asked(monkeypatch, verb, "--out", str(out)) == 2
+    assert capsys.readouterr().err.startswith(f"mutants: {out}: No such file")
+    out.write_text("[1]")
+    assert asked(monkeypatch, verb, "--out", str(out)) == 2
+    assert capsys.readouterr().err.startswith(f"mutants: {out}: ")
+
+
+def test_ctrl_c_ends_all_parts_and_says_what_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, begun = tmp_path / "mutants.json", list[str]()
+
+    def interrupted(
+        tests: Sequence[str], chosen: Sequence[Mutant], most_s: float, tell: Callable[[Fate], None]
+    ) -> None:
+        begun.append(chosen[0].path)
+        tell(Fate(chosen[0], "a test", 1))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(mutants_script, "run", interrupted)
+    assert asked(monkeypatch, "run", "--out", str(out)) == 130
+    assert begun == ["grasp/guard.py"]
+    said = capsys.readouterr().err
+    assert said == f"mutants: 1 fates kept in {out}; the same command goes on\n"
+    assert len(Book(out).told.parts["guard"]) == 1
+
+
+@pytest.mark.parametrize(("ends", "code"), [("", 0), ("import signal, os\n", -2)])
+def test_pytest_does_not_keep_ctrl_c_to_itself_nor_a_killed_mutant_look_like_a_failing_test(
+    ends: str, code: int
+) -> None:
+    """In a process of its own: pytest runs within pytest here otherwise."""
+    program = (
+        f"{ends}from scripts.mutants import PARTS, of_part\n"
+        "from scripts.mutation_run import run\n"
+        "def tell(fate):\n    print(bool(fate.killer))\n"
+        + ("    os.kill(os.getpid(), signal.SIGINT)\n" if ends else "")
+        + "chosen = [m for m in of_part(PARTS['guard']) if 'flipped' in m.operator][:2]\n"
+        "run(['tests/unit/grasp/test_guard.py'], chosen, 30.0, tell)\n"
+    )
+    made = subprocess.run(
+        (sys.executable, "-c", program), cwd=HOME, capture_output=True, text=True, check=False
+    )
+    assert made.returncode == code, made.stderr
+    # of two mutants, or the one until then, and not a letter of what pytest shows of tests
+    before, _, _ = made.stdout.partition("!!!")  # which is how it says that it was interrupted
+    assert before.split() == ["True"] * (1 if ends else 2)
+
+
+def test_progress_tells_killed_from_survived() -> None:
+    fates = [Fate(mutant, killer, 1) for mutant, killer in
+             zip(of_part(PARTS["guard"]), ("a test", "", "time-out"), strict=False)]  # fmt: skip
+    assert progress(fates, 80) == "3 of 80 mutants: 2 killed, 1 survived"

@@ -22,7 +22,7 @@ from grasp.cli.main import main
 from scenarios.campaign.lock import writing
 from scenarios.campaign.run import run
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, read_spec, trials
-from scenarios.campaign.store import CampaignStore
+from scenarios.campaign.store import CampaignStore, why
 from scenarios.campaign.worker import Finished, error_row
 from scenarios.rigs.workers import Workers
 
@@ -430,3 +430,16 @@ def test_a_campaign_s_name_is_part_of_a_path(name: str, tmp_path: Path) -> None:
     file.write_text(f'name = "{name}"\nobjects = ["can"]\n')
     with pytest.raises(ConfigError, match="name"):
         read_spec(file)
+
+
+def test_a_full_disk_is_called_one_whatever_sqlite_calls_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    error = sqlite3.OperationalError("disk I/O error")
+    error.sqlite_errorname = "SQLITE_IOERR_WRITE"
+    assert why(error, tmp_path / "a.sqlite") == "disk I/O error"
+    room = os.statvfs(tmp_path)
+    full = os.statvfs_result((*room[:4], 0, *room[5:]))
+    monkeypatch.setattr(os, "statvfs", lambda path: full)
+    assert why(error, tmp_path / "a.sqlite") == "the disk is full (disk I/O error)"
+    assert why(OSError(13, "Permission denied"), tmp_path / "a.sqlite") == "Permission denied"
