@@ -3,7 +3,8 @@
 Every field of every device's state in every way that it can be wrong, every link, the loop, the
 detector: each at three moments of every stretch of a lift, with and without recovery in turn. Every
 command where it is really sent, and once more where a safe state sends it. Then pairs drawn by a
-seed. How long a stretch is and what it sends is the plain lift's schedule.
+seed; and what is wrong by little, or by turns. How long a stretch is and what it sends is the plain
+lift's schedule.
 """
 
 import random
@@ -29,6 +30,13 @@ OF_AN_AXIS = frozenset({"not a number", "out of range", "jump"})  # the rest is 
 TAXELS = tuple(f"taxel {finger}{i}" for finger in "ABC" for i in range(6))
 TAXEL = "taxel"  # any of these: which one is drawn by a seed
 PAD_FIELDS = ("finger A", "finger B", "finger C", TAXEL, "temperatures")
+# what is wrong by little, or by turns; a device that is watched for leaps says nothing of these
+SUBTLE = (
+    *(("gripper", f"gPO{finger}", "some off") for finger in "ABC"),
+    *(("gripper", what, "flickers") for what in ("gDTA", "gDTB", "gDTC", "gGTO", "gIMC")),
+    ("arm", "moving", "flickers"),
+    *(("fingertips", what, "drifts") for what in ("finger A", "finger B", "finger C", TAXEL)),
+)
 COMMANDS = {"gripper": ("close", "open", "hold"), "arm": ("move", "stop")}
 DEVICES = ("gripper", "arm", "fingertips")
 STANDSTILLS_S = {"stands still 0.1 s": 0.1, "stands still 0.3 s": 0.3, "stands still 1 s": 1.0,
@@ -133,6 +141,11 @@ def faults() -> list[Fault]:
     return found + [Fault("detector", "whole", "", kind) for kind in DETECTOR]
 
 
+def subtle() -> list[Fault]:
+    """What is wrong by little, or by turns."""
+    return [Fault(device, "state", what, kind) for device, what, kind in SUBTLE]
+
+
 def plan() -> list[Case]:
     """Every run, numbered."""
     cases = [Case(0, name, seed, None) for name, seed in SCENES + TOUCHING]
@@ -143,6 +156,9 @@ def plan() -> list[Case]:
     cases += _in_safe_states()
     chance = random.Random(0)
     cases += [_pair(chance) for _ in range(PAIRS)]
+    for i, fault in enumerate(subtle()):
+        for j, stretch in enumerate(STRETCHES):
+            cases += _alone(fault, stretch, i + j)
     taxels, axes = random.Random(1), random.Random(2)
     drawn = (_drawn(case, taxels, axes) for case in cases)
     return [msgspec.structs.replace(case, number=n) for n, case in enumerate(drawn)]

@@ -1,6 +1,6 @@
 """Cases in which a fault takes the only thing that could have kept the object or stopped the arm.
 
-Written before any run of the plan was looked at, but for the two of the detector. A run may show
+Written before any run of the plan was looked at, but for those that say otherwise. A run may show
 what is named here, where it is named, if its last line or its outcome tells the user so.
 """
 
@@ -28,6 +28,7 @@ class Declared(msgspec.Struct, frozen=True):
     told: str  # a pattern of outcome and last line
     why: str
     lasting: bool = True  # only where the fault stays
+    beforehand: bool = True  # no run had been looked at
 
     def of(self, fault: Fault, recovers: bool) -> bool:
         return not (self.lasting and recovers) and re.fullmatch(self.faults, str(fault)) is not None
@@ -65,13 +66,14 @@ DECLARED = (
         frozenset({"missed"}), r"^(dropped|undetected|cap_reached);",
         "the grasp stays too weak: the object stays on the table or slips back to it, and the "
         "outcome says that the lift failed",
+        beforehand=False,
     ),
     Declared(
         "the detector hears a slip that there is none",
         r"detector hears slip", ANY,
         frozenset({"missed"}), r"^(false_start|alarm_stayed|cap_reached);",
         "the hand closes to the limit, which holds; the outcome says that the alarm was false",
-        lasting=False,
+        lasting=False, beforehand=False,
     ),
     Declared(
         "the arm does not take a stop", r"arm stop (lost|half done)", AIR | {"retreat", "release"},

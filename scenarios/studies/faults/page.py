@@ -28,10 +28,10 @@ def generated(ended: Sequence[Ended], codes: Sequence[str], detector: str) -> st
         _head(ended, codes),
         _entry(codes, detector, 3),
         *_summary(ended), *_by_phase(alone), *_by_fault(alone, [e for e in ended if e.case.safe]),
-        "## Named beforehand\n",
-        "What may happen is named in `scenarios/studies/faults/declared.py`, which was committed "
-        "before any run was\nlooked at. A run in which something else happens, or in which the "
-        "user is not told, fell.\n",
+        "## Named cases\n",
+        "What may happen is named in `scenarios/studies/faults/declared.py`: four cases were "
+        "committed before any run\nwas looked at, the others are marked. A run in which something "
+        "else happens, or in which the user is not told, fell.\n",
         _entry(codes, detector, 1),
         *_named(ended),
         *_fallen(ended),
@@ -41,12 +41,16 @@ def generated(ended: Sequence[Ended], codes: Sequence[str], detector: str) -> st
 
 def _head(ended: Sequence[Ended], codes: Sequence[str]) -> str:
     fallen = sum(bool(fell(e)) for e in ended)
+    named = [case for e in ended if (found := problems(e)) and (case := declared(e, found))]
+    before = sum(case.beforehand for case in named)
     unstruck = sum(not e.struck and e.case.fault is not None for e in ended)
     sent = [e for e in ended if e.case.fault is not None and e.case.fault.part == "command"]
     sent = [e for e in sent if e.case.then is None]
     safe = [e for e in ended if e.case.safe]
     return (
-        f"{len(ended)} of {len(plan())} planned runs, {fallen} fell; made at {', '.join(codes)}.\n"
+        f"{len(ended)} of {len(plan())} planned runs, {fallen} fell, {before} did what had been "
+        f"named before any run was looked at, {len(named) - before} what was named after it had "
+        f"been seen; made at {', '.join(codes)}.\n"
         f"{unstruck} were never struck: their lift did not come to the step. A command of its own "
         f"was taken in {sum(e.taken > 0 for e in sent)} of {len(sent)} runs,\nand one of the safe "
         f"state in {sum(e.taken_safe for e in safe)} of {len(safe)}.\n"
@@ -187,12 +191,19 @@ def _named(ended: Sequence[Ended]) -> list[str]:
     used = Counter(
         case.name for e in ended if (found := problems(e)) and (case := declared(e, found))
     )
+    when = {True: "before any run", False: "**after it was seen**"}
+
+    def pattern(text: str) -> str:
+        return f"`{text}`".replace("|", "\\|")
+
     rows = (
-        [d.name, f"`{d.faults}`".replace("|", "\\|"), ", ".join(sorted(d.may)),
-         d.why, f"`{d.told}`".replace("|", "\\|"), used[d.name]]
+        [d.name, when[d.beforehand], pattern(d.faults), ", ".join(sorted(d.may)), d.why,
+         pattern(d.told), used[d.name]]
         for d in DECLARED
     )  # fmt: skip
-    return table(("case", "faults", "what may be", "why", "the user is told", "runs"), rows)
+    return table(
+        ("case", "named", "faults", "what may be", "why", "the user is told", "runs"), rows
+    )
 
 
 def _fallen(ended: Sequence[Ended]) -> list[str]:

@@ -40,6 +40,7 @@ FIELDS = {
     "gPRC": Field(4, 0, 8), "gPOC": Field(5, 8, 8), "gCUC": Field(5, 0, 8),
     "gPRS": Field(6, 8, 8), "gPOS": Field(6, 0, 8), "gCUS": Field(7, 8, 8),
 }  # fmt: skip
+_OFF = 5  # counts
 _LEAP = 90  # counts, or as many steps of 10 mA
 _BESIDE = 2  # counts: a finger that holds may rest so far from what it is told, or be read late
 _RESERVED_FAULT, _WORST_FAULT = 0x01, 0x0E
@@ -52,6 +53,8 @@ def wrong(name: str, kind: str, value: int) -> int:
         return _WORST_FAULT if kind == "jump" else _RESERVED_FAULT
     if kind == "out of range":
         return field.most
+    if kind == "some off":
+        return value + _OFF
     return value + _LEAP if field.bits == 8 else value + 1  # the field keeps what fits
 
 

@@ -10,6 +10,7 @@ T = TypeVar("T")
 _FOR_EVER = 1 << 62
 BLINK_NS = 80_000_000  # a blinking link is gone for so long, and there for so long
 BEHIND_NS = 100_000_000  # what is late or slow
+FLICKER_NS = 40_000_000  # what flickers says one thing for so long, and then the other
 
 
 class Struck(msgspec.Struct):
@@ -25,6 +26,10 @@ class Struck(msgspec.Struct):
         """Of a state, a link, the detector: under way at this time."""
         end_ns = self.since_ns + RECOVERS_NS if self.recovers else _FOR_EVER
         return self.since_ns <= now_ns < end_ns
+
+    def flickers(self, now_ns: int) -> bool:
+        """Of what does: whether it says the wrong thing at this time."""
+        return (now_ns - self.since_ns) // FLICKER_NS % 2 == 0
 
     def gone(self, now_ns: int) -> bool:
         """Of a link: nothing passes at this time."""

@@ -32,6 +32,8 @@ PAD_CODES = {"finger A": slice(0, 6), "finger B": slice(6, 12), "finger C": slic
              "temperatures": slice(0, 18)}  # fmt: skip
 PAD_CODES |= {taxel: slice(i, i + 1) for i, taxel in enumerate(TAXELS)}
 RAIL, SHIFT = 1023, 150  # codes
+# codes a second, of one taxel or shared by those of a finger, as if pressed more and more
+DRIFT_PS = 60.0
 WIDTH = 6  # bits below a code in its word
 
 
@@ -94,7 +96,7 @@ class HandWire(Wire):
         if self.slow(now_ns):
             words = self._past.behind()
         for lie in self.lies(now_ns):
-            words = self._said(lie, words)
+            words = self._said(lie, words, now_ns)
         if first == 0 and len(words) == 8:
             self._here = tuple(FIELDS[name].of(words) for name in ("gPOA", "gPOB", "gPOC"))
         return words
@@ -113,14 +115,16 @@ class HandWire(Wire):
                 "the gripper does not answer", "check its power, cable and address; then try again"
             )
 
-    def _said(self, lie: Struck, words: tuple[int, ...]) -> tuple[int, ...]:
+    def _said(self, lie: Struck, words: tuple[int, ...], now_ns: int) -> tuple[int, ...]:
         field, kind = FIELDS[lie.fault.what], lie.fault.kind
         if kind == "frozen":
             value = self._kept.setdefault(id(lie), field.of(words))
         elif kind == "late":
             value = field.of(self._past.behind())
-        elif kind == "missing":
+        elif kind == "missing" or (kind == "flickers" and lie.flickers(now_ns)):
             value = 0
+        elif kind == "flickers":
+            value = field.of(words)
         else:
             value = wrong(lie.fault.what, kind, field.of(words))
         return field.set(words, value)
@@ -183,7 +187,7 @@ class ArmWire(Wire):
         if self.slow(now_ns):
             sample = self._past.behind()
         for lie in self.lies(now_ns):
-            sample = self._said(lie, sample)
+            sample = self._said(lie, sample, now_ns)
         return sample
 
     def flush(self, now_ns: int) -> None:
@@ -236,7 +240,7 @@ class ArmWire(Wire):
             x, y, z = self._model.velocity(now_ns)
             self._model.speed_l((0.5 * x, 0.5 * y, 0.5 * z), 0.0, words[0], now_ns)
 
-    def _said(self, lie: Struck, sample: ArmSample) -> ArmSample:
+    def _said(self, lie: Struck, sample: ArmSample, now_ns: int) -> ArmSample:
         (name, _, axis), kind = lie.fault.what.partition(" "), lie.fault.kind
         true = getattr(sample, name)
         if kind == "frozen":
@@ -245,6 +249,8 @@ class ArmWire(Wire):
             value = getattr(self._past.behind(), name)
         elif kind == "missing":
             value = NOTHING[name]
+        elif kind == "flickers":
+            value = true is not lie.flickers(now_ns)
         elif kind == "not a number":
             value = with_number(true, axis, float("nan"))
         elif kind == "out of range":
@@ -303,7 +309,7 @@ class PadWire(Wire):
         for lie in self.lies(now_ns):
             words = coded(transfer.data) if words is None else words
             if 2 * words.size == len(transfer.data):  # no other has cut it short
-                words = self._said(lie, words)
+                words = self._said(lie, words, now_ns)
         if words is None:
             return transfer
         return Transfer(words.astype(">u2").tobytes(), transfer.done_ns)
@@ -319,7 +325,7 @@ class PadWire(Wire):
                 into_ns = (now_ns - s.since_ns) % BLINK_NS
                 self._board.silence(now_ns + BLINK_NS - into_ns)
 
-    def _said(self, lie: Struck, words: Codes) -> Codes:
+    def _said(self, lie: Struck, words: Codes, now_ns: int) -> Codes:
         """Columns are pressure and temperature, of which one is wrong."""
         kind, cells = lie.fault.kind, PAD_CODES[lie.fault.what]
         column = int(lie.fault.what == "temperatures")
@@ -333,7 +339,10 @@ class PadWire(Wire):
             true = coded(self._past.behind())[cells, column]
         else:
             codes = (true.astype(np.uint16) >> WIDTH).astype(np.int32)
-            codes = np.full_like(codes, RAIL) if kind == "out of range" else codes - SHIFT
+            if kind == "drifts":
+                codes = codes - round(DRIFT_PS / len(codes) * (now_ns - lie.since_ns) * 1e-9)
+            else:
+                codes = np.full_like(codes, RAIL) if kind == "out of range" else codes - SHIFT
             true = (np.clip(codes, 0, RAIL).astype(np.uint16) << WIDTH).view(np.int16)
         out[cells, column] = true
         return out

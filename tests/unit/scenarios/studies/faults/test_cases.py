@@ -34,6 +34,7 @@ from scenarios.studies.faults.cases import (
     plan,
     scheduled,
     sites,
+    subtle,
 )
 from scenarios.studies.faults.registers import FIELDS
 from scenarios.studies.faults.schedule import SCHEDULE, line, read
@@ -66,7 +67,7 @@ def test_over_nine_thousand_runs_are_planned_and_always_the_same() -> None:
 
 def test_every_fault_strikes_every_stretch_of_a_lift_at_three_moments() -> None:
     struck = Counter((whole(case.fault), (case.phase, case.visit)) for case in ALONE)
-    assert struck == dict.fromkeys(product(faults(), STRETCHES), len(SHARES))
+    assert struck == dict.fromkeys(product(faults() + subtle(), STRETCHES), len(SHARES))
     assert {Phase.LOWER, Phase.RELEASE, Phase.GRASP, Phase.COMPENSATE} <= set(PHASES)
     assert SECOND_LIFT in STRETCHES
 
@@ -132,12 +133,12 @@ def test_a_schedule_is_written_as_it_is_read() -> None:
 
 def test_every_fault_in_every_phase_recovers_once_and_stays_once() -> None:
     struck = {(whole(case.fault), (case.phase, case.visit), case.recovers) for case in ALONE}
-    assert struck == set(product(faults(), STRETCHES, (False, True)))
+    assert struck == set(product(faults() + subtle(), STRETCHES, (False, True)))
 
 
 def test_every_fault_strikes_every_scene_with_recovery_and_without() -> None:
     struck = {(whole(case.fault), (case.object, case.seed), case.recovers) for case in ALONE}
-    assert struck == set(product(faults(), SCENES + TOUCHING, (False, True)))
+    assert struck == set(product(faults() + subtle(), SCENES + TOUCHING, (False, True)))
 
 
 def test_every_field_of_every_device_is_wrong_in_every_way_that_it_can_be() -> None:

@@ -171,6 +171,13 @@ def test_a_sample_of_the_arm_lies_in_one_field_along_one_axis(axis: str, leapt_m
         assert sample.t_ns == 80 * MS and not sample.moving
 
 
+def test_what_flickers_says_the_wrong_thing_and_the_right_one_by_turns() -> None:
+    _, wire = arm(Fault("arm", "state", "moving", "flickers"))
+    assert [wire.read(ms * MS).moving for ms in (0, 39, 40, 79, 80)] == [
+        True, True, False, False, True,
+    ]  # fmt: skip
+
+
 def test_a_field_of_the_arm_can_be_missing_or_a_flag_be_wrong() -> None:
     _, wire = arm(Fault("arm", "state", "position_m", "missing"))
     assert wire.read(80 * MS).position_m == (0.0, 0.0, 0.0)
