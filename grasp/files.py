@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 PRIVATE_FOLDER, PRIVATE_FILE = 0o700, 0o600
-FULL_BYTES = 64 * 1024  # so little is free: not enough for a row of a database and its journal
 NO_NAMES = frozenset({errno.ENAMETOOLONG, errno.ELOOP})  # whatever disk and rights there are
 LEADS_NOWHERE = NO_NAMES | {errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST}
 
@@ -28,12 +27,6 @@ def write_whole(path: Path, content: bytes, private: bool = False) -> None:
         raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         partial.unlink(missing_ok=True)
-
-
-def is_full(path: Path) -> bool:
-    """Whether the disk that a file is to be on has no room left. Raises OSError."""
-    disk = os.statvfs(path.parent)
-    return disk.f_bavail * disk.f_frsize < FULL_BYTES
 
 
 def save_figure(figure: Any, out: Path, dpi: float) -> None:

@@ -6,6 +6,7 @@ It has one writer at a time, and a checksum a row: what was changed is not count
 import csv
 import hashlib
 import math
+import os
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
@@ -17,7 +18,6 @@ import msgspec
 from drivers.errors import BadFile, ConfigError, CouldNotRecord
 from grasp.files import (
     LEADS_NOWHERE,
-    is_full,
     make_private_file,
     make_private_folder,
     partial_of,
@@ -35,6 +35,7 @@ FOREIGN = "name the file of a campaign"
 DAMAGED = "restore it from a copy, or run the campaign again into another --out"
 FREE = "free the disk or the file, then go on with --resume"
 MOST_NAMED = 10
+FULL_BYTES = 64 * 1024  # so little is free: not enough for a row and its journal
 _OF_THE_DISK = ("SQLITE_IOERR_SHM", "SQLITE_IOERR_WRITE", "SQLITE_FULL", "SQLITE_BUSY")
 _BEGINS = b"SQLite format 3\0"
 
@@ -54,6 +55,12 @@ def why(error: Exception, path: Path) -> str:
         if of_the_disk(error) and "full" not in said and is_full(path):
             return f"the disk is full ({said})"
     return said
+
+
+def is_full(path: Path) -> bool:
+    """Whether the disk that a file is to be on has no room left. Raises OSError."""
+    disk = os.statvfs(path.parent)
+    return disk.f_bavail * disk.f_frsize < FULL_BYTES
 
 
 def of_the_disk(error: Exception) -> bool:
