@@ -145,7 +145,8 @@ class Controller:
         meanwhile: Callable[[], None] = lambda: None,
     ) -> None:
         """One cycle: take the inputs, renew the arm's state, run the program, which is interrupted
-        when ``budget`` is spent, and now and then before, when ``meanwhile`` has its turn."""
+        when its share by ``budget`` is spent, and now and then before, when ``meanwhile`` has its
+        turn. What the arm's motion takes to compute is no part of that share."""
         self._now_ns = now_ns
         self.cycles += 1
         self._take_registers(inputs)
@@ -158,7 +159,9 @@ class Controller:
         if powered and (trouble or self.motion.tripped):
             self.protective_stop()
         self._watch(inputs)
+        budget.begin(self.period_s)
         self._work(budget, meanwhile)
+        budget.end()
         self.motion.brake_if_unowned()
 
     def _take_registers(self, inputs: dict[str, Values]) -> None:

@@ -137,9 +137,7 @@ class UrEmulator:
         if self._advance is not None:
             self._advance(now_ns)
         self._server.renew()
-        self._budget.begin(self._period_ns * 1e-9)
         self.controller.step(now_ns, self._rtde.take_inputs(), self._budget, self._meanwhile)
-        self._budget.end()
         self._server.broadcast(self._news())
 
     def _meanwhile(self) -> None:
