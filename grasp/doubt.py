@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.interfaces import FINGERS, ArmState, GripperState, TactileFrame
 from grasp.arm_doubt import ArmDoubt
-from grasp.commands import Command, MoveArm, StopArm
+from grasp.commands import Command, GripperCommand, MoveArm, StopArm
 from grasp.doubt_settings import DoubtSettings
 from grasp.fingertip_doubt import FingertipDoubt
 from grasp.gripper_doubt import GripperDoubt
@@ -82,6 +82,8 @@ class Doubts:
         for command in commands:
             if isinstance(command, MoveArm | StopArm):
                 self._arm.told(command, arm)
+            elif isinstance(command, GripperCommand):
+                self._gripper.told()
 
     def _slept(self, phase: Phase, late_ns: int) -> bool:
         return phase is not Phase.IDLE and late_ns > self._settings.standstill_s * 1e9

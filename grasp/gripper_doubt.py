@@ -7,6 +7,7 @@ from grasp.doubt_settings import DoubtSettings
 from grasp.flicker import Flicker
 
 LOOKS = 5  # without an answer, however long each took: one may be under way for two
+UNKNOWN = -1  # of a finger's motion, while the status speaks of no command
 TOUCHING = (Detection.CONTACT_CLOSING, Detection.CONTACT_OPENING)  # it stands since
 
 
@@ -21,12 +22,17 @@ class GripperDoubt:
         self._moved_ns: list[int]  # since when each finger reports motion without moving
         self._under_way = [False] * FINGERS  # it has moved since it was told to
         self._touched_at: list[int | None] = [None] * FINGERS  # where it first reported contact
-        self._flickers = Flicker()
+        self._flickers = tuple(Flicker() for _ in range(FINGERS))
 
     def begin_anew(self, state: GripperState) -> None:
         """How long it has been silent, or stood, was not seen: that counts from now."""
         self._fresh_ns, self._unanswered = state.t_ns, 0
         self._moved_ns = [state.t_ns] * FINGERS
+
+    def told(self) -> None:
+        """A command goes out: what the hand says of its motion may change for it."""
+        for flicker in self._flickers:
+            flicker.told()
 
     def see(self, state: GripperState) -> str:
         """What is wrong with it."""
@@ -53,12 +59,16 @@ class GripperDoubt:
         return found or self._flickering(before, state) or self._idle(state)
 
     def _flickering(self, before: GripperState, state: GripperState) -> str:
-        if _asked(before) != _asked(state):
-            self._flickers.told()
-        moves = any(finger.detection is Detection.MOVING for finger in state.fingers)
-        if state.fresh and self._flickers.take(state.t_ns, moves):
-            return "gripper_flickers: it says again and again that it moves and that it stands"
-        return ""
+        fingers = zip(self._flickers, before.fingers, state.fingers, strict=True)
+        wrong = []
+        for flicker, was, now in fingers:
+            if was.requested_counts != now.requested_counts:
+                flicker.told()
+            wrong.append(flicker.take(state.t_ns, now.detection if state.fresh else UNKNOWN))
+        if not any(wrong):
+            return ""
+        names = ", ".join(compress(FINGER_NAMES, wrong))
+        return f"gripper_flickers: finger {names} says one thing of its motion and then another"
 
     def _inactive(self, state: GripperState) -> str:
         if state.active or state.fault:
@@ -116,7 +126,3 @@ class GripperDoubt:
         if finger.current_ma >= s.pressing_ma:
             return max(s.pressing_s, s.finger_start_s)
         return s.stands_s if self._under_way[i] else s.finger_start_s
-
-
-def _asked(state: GripperState) -> tuple[int, ...]:
-    return tuple(finger.requested_counts for finger in state.fingers)

@@ -360,6 +360,18 @@ def test_hand_that_says_again_and_again_that_it_moves_and_stands_is_doubted(ever
     assert "gripper_flickers" in flickering(every)
 
 
+@pytest.mark.parametrize(("command_every", "doubted"), [(1000, True), (8, False)])
+def test_hand_whose_status_speaks_of_its_command_and_then_of_none_is_doubted(
+    command_every: int, doubted: bool
+) -> None:
+    doubt, told = GripperDoubt(DoubtSettings()), []
+    for tick in range(120):
+        if tick % command_every == 0:
+            doubt.told()
+        told.append(doubt.see(gripper(tick * TICK, fresh=bool(tick // 4 % 2))))
+    assert any(text.startswith("gripper_flickers") for text in told) is doubted
+
+
 def test_hand_that_begins_and_ends_some_motions_or_is_told_anew_is_believed() -> None:
     assert set(flickering(13)) == {""}
     assert set(flickering(5, asked_anew=20)) == {""}
