@@ -33,7 +33,8 @@ class ArmDoubt:
 
     def told(self, command: MoveArm | StopArm, arm: ArmState) -> None:
         """A command goes out while the arm is like this."""
-        self._flickers.told()
+        if not (self._stopping and isinstance(command, StopArm)):  # a stop is told again and again
+            self._flickers.told()
         if isinstance(command, StopArm):
             if not self._stopping:
                 self._anchor = (arm.t_ns, arm.position_m)

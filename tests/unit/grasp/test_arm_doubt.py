@@ -342,15 +342,17 @@ def test_arm_that_was_stopped_and_says_that_it_moves_does_not_keep_its_place() -
     assert after(1.0, moving=False) == ""
 
 
+@pytest.mark.parametrize("stopped", [False, True])  # a stop is told again until it is seen
 @pytest.mark.parametrize(("every", "doubted"), [(2, True), (4, True), (10, True), (13, False)])
 def test_arm_that_says_again_and_again_that_it_moves_and_stands_is_doubted(
-    every: int, doubted: bool
+    every: int, doubted: bool, stopped: bool
 ) -> None:
-    doubt = ArmDoubt(DoubtSettings())
-    told = [
-        doubt.see(msgspec.structs.replace(at(0.01 * i, 0.0), moving=bool(i // every % 2)), False)
-        for i in range(120)
-    ]
+    doubt, told = ArmDoubt(DoubtSettings()), []
+    for i in range(120):
+        if stopped:
+            doubt.told(StopArm(1.0), at(0.01 * i, 0.0))
+        says = msgspec.structs.replace(at(0.01 * i, 0.0), moving=bool(i // every % 2))
+        told.append(doubt.see(says, False))
     assert any(text.startswith("arm_flickers") for text in told) is doubted
 
 
