@@ -104,6 +104,12 @@ class GripperState(msgspec.Struct, frozen=True):
         a, b, c = self.fingers
         return a.position_counts, b.position_counts, c.position_counts
 
+    @property
+    def at_least_counts(self) -> Counts3:
+        """How far each finger is closed at least."""
+        a, b, c = self.fingers
+        return a.at_least_counts, b.at_least_counts, c.at_least_counts
+
 
 class Applied(msgspec.Struct, frozen=True):
     """What a gripper verb could really apply, after rounding to the device's own units.

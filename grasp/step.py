@@ -71,8 +71,7 @@ class GraspStep:
         if decision.reset_detector:
             self._detector.reset()
         if decision.anchor:
-            a, b, c = (finger.at_least_counts for finger in told.gripper.fingers)
-            self._guard.anchor((a, b, c), self._measured_n)
+            self._guard.anchor(told.gripper.at_least_counts, self._measured_n)
         admitted = tuple(self.admit(command, told.gripper) for command in decision.commands)
         self._doubts.sent(admitted, told.arm)
         return StepResult(observation, decision, admitted)

@@ -93,7 +93,7 @@ class Traced(GraspStep):
         positions = self.of("StepInput", "gripper", object())
         values = {name: object() for name in StepInput.__struct_fields__}
         values["frame"] = SimpleNamespace(counts=counts, stale=False)
-        values["gripper"] = SimpleNamespace(positions=positions)
+        values["gripper"] = SimpleNamespace(at_least_counts=positions)
         for name, value in values.items():
             self.of("StepInput", name, value)
         self.of("StepInput", "frame", counts)

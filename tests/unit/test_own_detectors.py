@@ -103,7 +103,7 @@ def test_tuning_its_rule_on_labelled_recordings(
     from scenarios.studies.detectors import benchmark
 
     recording = read(stroke_csv(tmp_path / "s.csv"))
-    monkeypatch.setattr(benchmark, "read_split", lambda folders, split: [recording])
+    monkeypatch.setattr(benchmark, "read_split", lambda folders, split, *tell: [recording])
     assert main(["detector", "tune", mine, "--data", str(tmp_path), "--budget", "600"]) == 0
     assert "[rule]" in capsys.readouterr().out
 
