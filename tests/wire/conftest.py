@@ -17,7 +17,13 @@ from tests.wire.stillness import StallMeter
 AGAIN = 3  # times at most
 CALM_S, PATIENCE_S = 2.0, 20.0
 TIMEOUT_S = 420  # of all attempts together
-ONE_AT_A_TIME = ("cell/", "test_acquire.py", "test_rigs.py", "test_tap.py")  # of wire/scenarios
+ONE_AT_A_TIME = (
+    "cell/",
+    "test_acquire.py",
+    "test_ends.py",
+    "test_rigs.py",
+    "test_tap.py",
+)  # of wire/scenarios
 COMPUTES = "test_cell_has_compiled_its_world_before_it_answers"  # for most of its time
 
 _meter: StallMeter | None = None

@@ -83,7 +83,7 @@ def test_whenever_it_is_turned_the_arm_neither_jumps_nor_turns_back_and_arrives(
     waiting = sorted(commands)
     z, speed = START[2], 0.0
     for t_ms in range(4, 6_000, 4):
-        while waiting and waiting[0][0] < t_ms:
+        while waiting and waiting[0][0] <= t_ms:  # before the cycle that it changes is read
             at_ms, fraction = waiting.pop(0)
             model.turn_slider(fraction, at_ms * MS)
         before, was = z, speed

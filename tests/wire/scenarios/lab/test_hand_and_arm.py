@@ -48,13 +48,14 @@ class Lab:
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    def rest(self, out: Path) -> None:
-        """Taken again while rubber that was pressed a moment ago still creeps back."""
+    def rested(self, *words: str) -> "subprocess.CompletedProcess[str]":
+        """Asked again while rubber that was pressed a moment ago still creeps back."""
         deadline = time.monotonic() + 60
-        while (taken := self.grasp("tactile", "rest", "--out", str(out))).returncode == 4:
-            assert "unsteady at rest" in taken.stderr, taken.stderr
-            assert time.monotonic() < deadline, taken.stderr
-        assert taken.returncode == 0, taken.stderr
+        while "unsteady at rest" in (done := self.grasp(*words)).stderr:
+            assert done.returncode == 4, done.stderr
+            assert time.monotonic() < deadline, done.stderr
+        assert done.returncode == 0, done.stderr
+        return done
 
     @property
     def places(self) -> Counts:
@@ -166,9 +167,7 @@ def test_dry_run_is_refused_where_the_motion_would_be(words: tuple[str, ...], re
     assert asleep.returncode == 4, asleep.stdout
     assert "the hand is not active" in asleep.stderr
     ready.done("release", "--rig", "hardware", "--activate")
-    dry = ready.grasp(*words, "--dry-run")
-    assert dry.returncode == 0, dry.stderr
-    assert dry.stdout.startswith("would move ")
+    assert ready.rested(*words, "--dry-run").stdout.startswith("would move ")
 
 
 def test_dry_run_hears_the_fingertips_and_sees_a_thumb_in_the_way(ready: Lab) -> None:
@@ -294,7 +293,7 @@ def test_thumb_never_bears_what_two_fingers_press(ready: Lab) -> None:
     assert "fingertips can tell a touch" in further.stderr
     known = ready.file.parent / "rest.toml"
     ready.done("gripper", "open")
-    ready.rest(known)
+    ready.rested("tactile", "rest", "--out", str(known))
     ready.done("gripper", "step", "--finger", "B", "--mm", "5")
     ready.done("gripper", "step", "--finger", "C", "--config", str(known))  # not open: by its rest
     ready.done("gripper", "open")
