@@ -88,7 +88,7 @@ PARTS = {
         )),
     ),
     "gripper-doubt": Part(
-        ("grasp/gripper_doubt.py",), (f"{GRASP}/test_doubt.py",)
+        ("grasp/gripper_doubt.py",), (f"{GRASP}/test_gripper_doubt.py", f"{GRASP}/test_doubt.py")
     ),
     "gripper-link": Part(
         tuple(f"drivers/robotiq/link/{name}.py" for name in ("modbus", "thread", "timing")),

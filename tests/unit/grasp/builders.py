@@ -1,6 +1,7 @@
 """Small builders of states that the controller's tests need."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.interfaces import (
     ArmState,
@@ -13,6 +14,8 @@ from drivers.interfaces import (
 from grasp.observation import Observation
 
 REST = Detection.AT_TARGET
+MOVING = (Detection.MOVING, REST, REST)  # finger A
+Codes = NDArray[np.int16]
 
 
 def gripper(
@@ -39,6 +42,16 @@ def frame(count: int = 0, stale: bool = False) -> TactileFrame:
     rest = np.full((3, 6), 450, dtype=np.int16)
     raw = (rest + counts).astype(np.int16)
     return TactileFrame(0, 0, 0, counts, raw, rest, rest, stale=stale)
+
+
+def codes(k: int) -> Codes:
+    """Living fingertips: no two samples in a row are alike in any taxel."""
+    return (400 + (k + np.arange(18)) % 3).reshape(3, 6).astype(np.int16)
+
+
+def frame_of(raw: Codes, missed: int = 0) -> TactileFrame:
+    """The codes of a hand whose rest is 450."""
+    return TactileFrame(0, 0, 0, raw - np.int16(450), raw, raw, raw, missed)
 
 
 def seen(t_ns: int, p: float = 0.0, **changes: object) -> Observation:
