@@ -60,13 +60,14 @@ class GripperState(msgspec.Struct, frozen=True):
     detections still describe the motion before it.
     """
 
-    t_ns: int  # when the status was received
+    t_ns: int  # when the status was asked for
     seq: int
     active: bool  # activation complete: the gripper obeys motion commands
     fault: int  # gFLT, 0 = none
     fault_text: str  # empty when there is none
     fresh: bool
     fingers: tuple[FingerState, FingerState, FingerState]
+    took_ns: int = 0  # until it was there: a late one tells of a moment in between
 
     def age_ns(self, now_ns: int) -> int:
         return now_ns - self.t_ns

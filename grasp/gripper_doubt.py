@@ -77,7 +77,9 @@ class GripperDoubt:
 
     def _impossible(self, before: GripperState, state: GripperState) -> str:
         s = self._settings
-        reach = s.target_counts + s.finger_counts_ps * (state.t_ns - before.t_ns) * 1e-9
+        # each tells of a moment between when it was asked for and when it was there
+        passed_s = (state.t_ns + state.took_ns - before.t_ns) * 1e-9
+        reach = s.target_counts + s.finger_counts_ps * passed_s
         fingers = zip(FINGER_NAMES, before.fingers, state.fingers, self._touched_at, strict=True)
         for name, was, now, first in fingers:
             here = now.position_counts

@@ -1,12 +1,12 @@
 """Driver core of the Robotiq 3-Finger gripper: verbs set intent, ``pump`` does one exchange.
 
-No thread, no clock, no sleep. Source of the rules: Robotiq 3-Finger manual, 2014/2018. Every
-register image carries, for each finger, a force byte whose calibrated force is within the cap of
-the verb that made it, or byte 0: the least force that the hand can be told.
+No thread, no sleep, no clock of its own. Source of the rules: Robotiq 3-Finger manual, 2014/2018.
+Every register image carries, for each finger, a force byte whose calibrated force is within the cap
+of the verb that made it, or byte 0: the least force that the hand can be told.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import Enum
 
 import msgspec
@@ -80,7 +80,11 @@ class RobotiqDriver:
         settings: DriverSettings,
         calibration: GripperCalibration,
         log: WireLog | None = None,
+        clock: Callable[[], int] | None = None,
     ) -> None:
+        """``clock`` tells how long an exchange took, where time passes meanwhile: that of the times
+        given to ``pump``."""
+        self._clock = clock
         self._settings = settings
         self._activation_ns = round(settings.activation_timeout_s * 1e9)
         self._old_ns = round(settings.status_old_s * 1e9)
@@ -213,8 +217,9 @@ class RobotiqDriver:
             self._exchange.want(self._image(where, 0, (0, 0, 0)))
 
     def _publish(self, status: StatusRegisters, now_ns: int, changed: bool) -> None:
+        took_ns = 0 if self._clock is None else self._clock() - now_ns
         if changed or self._fingers is None:
-            self._leapt = self._leapt or self._leaps(status, now_ns)
+            self._leapt = self._leapt or self._leaps(status, now_ns + took_ns)
             self._changed_ns = now_ns
             a, b, c = (finger_state(axis, status) for axis in status.fingers)
             self._fingers = (a, b, c)
@@ -228,9 +233,11 @@ class RobotiqDriver:
             fault.text,
             self._fresh,
             self._fingers,
+            took_ns,
         )
 
     def _leaps(self, status: StatusRegisters, now_ns: int) -> bool:
+        """Since the status before was asked for, ``now_ns`` being when this one was there."""
         if self._fingers is None or self._state is None:
             return False
         s, passed_s = self._settings, (now_ns - self._state.t_ns) * 1e-9

@@ -98,9 +98,9 @@ def wired_gripper(config: GraspRigConfig, now: Callable[[], int]) -> ThreadedGri
     modbus = ModbusTransport(config.modbus, config.gripper.link)
     timed = TimedTransport(modbus, now)
     return ThreadedGripper(
-        RobotiqDriver(timed, config.gripper, calibration(config)), 1 / config.gripper.refresh_hz,
-        timed=timed, write_interval_s=config.gripper.write_interval_s, close=modbus.close,
-        clock=now,
+        RobotiqDriver(timed, config.gripper, calibration(config), clock=now),
+        1 / config.gripper.refresh_hz, timed=timed,
+        write_interval_s=config.gripper.write_interval_s, close=modbus.close, clock=now,
     )  # fmt: skip
 
 

@@ -21,7 +21,8 @@ class Trace:
         self.felt_n = 0.0
         self.taxels_at_rail: Counts3 = (0, 0, 0)  # of each finger, at most at once
         self._compensated = False
-        self.let_go_m = 0.0  # the highest that the object was when the hand lost it
+        # The highest that the object was when the hand lost it on the way down, or after the run
+        self.let_go_m = 0.0
         self._was_touched = False
         self._was_at_m = 0.0
 
@@ -53,3 +54,4 @@ class Trace:
         self._was_touched, self._was_at_m = truth.touched, truth.height_m
         if phase in AIRBORNE_PHASES and phase not in LOWERING_PHASES:
             self.end = truth
+            self.let_go_m = 0.0  # lost for a moment, and held since: what became of it is its end

@@ -240,6 +240,22 @@ def test_finger_counts_ps(value: float) -> None:
     assert (leap(most), leap(most + 1)) == ("", "gripper_impossible")
 
 
+@pytest.mark.parametrize("first_took_ns", [0, 200_000_000])
+def test_a_late_status_tells_of_a_later_hand_and_a_leap_beyond_that_is_still_one(
+    first_took_ns: int,
+) -> None:
+    def leap(counts: int, took_s: float) -> str:
+        first, then = gripper(0), gripper(TICK, (55 + counts, 55, 55))
+        states = [
+            msgspec.structs.replace(first, took_ns=first_took_ns),
+            msgspec.structs.replace(then, took_ns=round(took_s * 1e9)),
+        ]
+        return doubted(states, finger_counts_ps=300.0, target_counts=8)
+
+    assert (leap(-14, 0.0), leap(-14, 0.09)) == ("gripper_impossible", "")
+    assert (leap(38, 0.09), leap(39, 0.09)) == ("", "gripper_impossible")
+
+
 def test_leap_is_one_however_long_the_run_has_lasted() -> None:
     at_ns = 10**12
     assert doubted([gripper(at_ns), gripper(at_ns + TICK, (200, 55, 55))]) == "gripper_impossible"

@@ -76,8 +76,9 @@ class Rig:
         self.frames: list[str] = []  # the same, as hex
         self.written_ns: list[int] = []
         self.driver = RobotiqDriver(
-            self.transport, settings or DriverSettings(), calibration, log=self._log
-        )
+            self.transport, settings or DriverSettings(), calibration, log=self._log,
+            clock=lambda: self.now_ns,
+        )  # fmt: skip
         self.springs = springs or Springs([0, 0, 0], [0, 0, 0])
         self.now_ns = 0
         self.peak_n = np.zeros(3)
@@ -103,6 +104,18 @@ class Rig:
         for _ in range(steps):
             self.advance(10)
             self.driver.pump(self.now_ns)
+
+    def answer_late(self, ms: int) -> None:
+        """One exchange whose answer tells of how the hand is that much later."""
+        asked_ns, read = self.now_ns, self.transport.read
+
+        def late(first_register: int, count: int, now_ns: int) -> Sequence[int]:
+            self.advance(ms)
+            return read(first_register, count, self.now_ns)
+
+        self.transport.read = late
+        self.driver.pump(asked_ns)
+        self.transport.read = read
 
     def settle(self, limit: int = 1000) -> None:
         """Pump until everything rests; fails when it does not."""

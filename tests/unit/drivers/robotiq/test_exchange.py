@@ -249,6 +249,22 @@ def test_a_finger_that_is_further_than_a_motor_can_have_brought_it_is_stopped_wh
     assert go(made) == stays
 
 
+@pytest.mark.parametrize("late_ms", [30, 90])
+def test_what_a_hand_moved_while_its_answer_was_under_way_is_no_leap(rig, late_ms: int) -> None:
+    made = rig()
+    made.driver.move_to((250, 250, 250), FAST, 10.0)
+    made.step(40)
+    before = made.state
+    made.answer_late(late_ms)
+    after = made.state
+    assert after.took_ns == late_ms * 1_000_000
+    assert after.t_ns == before.t_ns, "asked for at once"
+    assert late_ms < 90 or after.positions[0] - before.positions[0] > 8, "which would be a leap"
+    made.driver.hold()
+    made.step(2)
+    assert go(made) == "09"
+
+
 def test_positions_are_believed_again_after_a_lost_link_and_after_an_activation(rig) -> None:
     made = rig(hand=QUICK)
     leap(made, 40)
