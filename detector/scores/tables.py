@@ -109,10 +109,12 @@ def _delays(table: CellTable, cells: Mapping[Key, Cell]) -> str:
         told = []
         for c in (cells[(*row, surface)] for surface in SURFACES):
             q = c.delay_ms
-            delays = "–" if q is None else f"{q.p50:.0f} / {q.p90:.0f}"
+            delays = "–" if q is None else f"{q.p50:.0f} / {q.p90:.0f} / {q.p99:.0f}"
             told.append(f"{delays}; {c.missed} of {c.slips}")
         lines.append(f"| {_named(row)} | {' | '.join(told)} |")
-    return "\n".join([*lines, "", "ms from the label's rise, 50 / 90 % of all; how many missed."])
+    return "\n".join(
+        [*lines, "", "ms from the label's rise, 50 / 90 / 99 % of all slips; how many were missed."]
+    )
 
 
 def _statements(table: CellTable) -> str:

@@ -184,7 +184,7 @@ def _shown(cell: "Cell | None") -> str:
 def _times(variants: "list[Variant]") -> Any:
     from rich.table import Table
 
-    table = Table(title="10, 50 and 90 % of all trials; inf: that many did not get there",
+    table = Table(title="50, 90 and 99 % of all trials; inf: that many did not get there",
                   title_justify="left")  # fmt: skip
     tap = variants[0].scenario == "tap"
     third = "nominal after motion, ms" if tap else "force rises after onset, ms"
@@ -214,7 +214,7 @@ def _times(variants: "list[Variant]") -> Any:
 
 
 def _three(q: "Quantiles | None", form: str = ".0f") -> str:
-    return "-" if q is None else f"{q.p10:{form}} / {q.p50:{form}} / {q.p90:{form}}"
+    return "-" if q is None else f"{q.p50:{form}} / {q.p90:{form}} / {q.p99:{form}}"
 
 
 def _print_likelihood(console: Any, variant: "Variant") -> None:

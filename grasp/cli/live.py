@@ -249,3 +249,9 @@ def print_taps(summary: Any) -> None:
         )
     others = ", ".join(f"{spelt(name)} {n}" for name, n in summary.outcomes.items())
     print(f"outcomes  {others}")
+    delays = (("registered after first motion", summary.detection_latency_ms),
+              ("nominal after its end", summary.nominal_again_ms))  # fmt: skip
+    for what, q in delays:
+        if q is not None:
+            print(f"{what}, ms: p50 {q.p50:.0f} p90 {q.p90:.0f} p99 {q.p99:.0f} of {q.count} "
+                  "that moved it; inf: so many never were")  # fmt: skip

@@ -243,7 +243,7 @@ def _grouped(
         for at, q in found.items():
             if q is not None:
                 low, middle, high = (_on(delay, ms) for ms in (q.p10, q.p50, q.p90))
-                told = f"{_ms(q.p50)} (90 %: {_ms(q.p90)}), n {q.count}"
+                told = f"{_ms(q.p50)} (90 %: {_ms(q.p90)}, 99 %: {_ms(q.p99)}), n {q.count}"
                 words = f"{each.detector}, {places[at]} {unit}: {told}"
                 marks.append(Mark(at + aside, middle, low, high, words))
         drawn.append(Curve(each.detector, (), marks))

@@ -21,7 +21,8 @@ class TapCount(msgspec.Struct, frozen=True):
 
 
 class TapSummary(msgspec.Struct, frozen=True, kw_only=True):
-    """Of one series."""
+    """Of one series; of the taps that moved it, one that was not registered, or not nominal again,
+    counts as infinitely late."""
 
     total: TapCount
     by_direction: dict[str, TapCount]
@@ -38,9 +39,9 @@ def summarise(results: Sequence[TapResult]) -> TapSummary:
         total=count(results),
         by_direction={d: count(r for r in results if r.direction == d) for d in directions},
         outcomes=dict(Counter(r.outcome for r in results).most_common()),
-        slip_duration_ms=_quantiles(r.slip_duration_ms for r in results if r.moved),
-        detection_latency_ms=_quantiles(r.detection_latency_ms for r in results if r.moved),
-        nominal_again_ms=_quantiles(r.nominal_again_ms for r in results if r.moved),
+        slip_duration_ms=_known(r.slip_duration_ms for r in results if r.moved),
+        detection_latency_ms=quantiles(r.detection_latency_ms for r in results if r.moved),
+        nominal_again_ms=quantiles(r.nominal_again_ms for r in results if r.moved),
     )
 
 
@@ -57,6 +58,6 @@ def count(results: Iterable[TapResult]) -> TapCount:
     )
 
 
-def _quantiles(values: Iterable[float | None]) -> Quantiles | None:
-    """Of those that came."""
+def _known(values: Iterable[float | None]) -> Quantiles | None:
+    """Of those that anybody could tell."""
     return quantiles(value for value in values if value is not None)

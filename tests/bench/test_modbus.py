@@ -90,8 +90,10 @@ def through_a_socket(address: tuple[str, int]) -> list[int]:
 
 def show(name: str, taken_ns: Sequence[int], note: str = "") -> None:
     ordered = sorted(taken_ns)
-    p50, p99, most = (ordered[round((len(ordered) - 1) * q)] * 1e-6 for q in (0.5, 0.99, 1.0))
-    print(f"{name:28} {len(ordered):5} p50 {p50:7.3f}  p99 {p99:7.3f}  most {most:7.3f} ms  {note}")
+    shares = {"p50": 0.5, "p90": 0.9, "p99": 0.99, "most": 1.0}
+    told = {n: ordered[round((len(ordered) - 1) * q)] * 1e-6 for n, q in shares.items()}
+    shown = "  ".join(f"{n} {value:7.3f}" for n, value in told.items())
+    print(f"{name:28} {len(ordered):5} {shown} ms  {note}")
 
 
 @pytest.mark.bench

@@ -5,7 +5,7 @@ import math
 import msgspec
 import pytest
 
-from grasp.cli.campaign_view import _shown
+from grasp.cli.campaign_view import _shown, _three
 from scenarios.campaign.paper import (
     TABLE_IV,
     TRIALS,
@@ -68,6 +68,14 @@ def test_a_lost_object_counts_as_infinitely_far() -> None:
     rows = [row(0, "ball", "held"), row(1, "ball", "dropped", slip_m=0.3)]
     (cell,) = summarize("x", rows).variants[0].cells
     assert (cell.slip_distance_mm.p10, cell.slip_distance_mm.p90) == (20.0, math.inf)
+
+
+def test_delays_are_shown_to_the_99th_of_a_hundred_with_what_was_missed_at_their_end() -> None:
+    late = [row(i, "ball", "held", detection_latency_ms=float(i), peak_force_n=9.0)
+            for i in range(1, 99)]  # fmt: skip
+    missed = [row(i, "ball", "undetected", peak_force_n=9.0) for i in (99, 100)]
+    (cell,) = summarize("x", late + missed).variants[0].cells
+    assert _three(cell.detection_latency_ms) == "50 / 90 / inf"
 
 
 def test_how_long_the_arm_stood_for_answers_is_told_of_every_object() -> None:

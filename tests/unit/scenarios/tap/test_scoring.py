@@ -1,8 +1,11 @@
 """Each rule of the tap's verdict, on facts made by hand."""
 
+import math
+
 import msgspec
 import pytest
 
+from grasp.cli.live import print_taps
 from scenarios.tap.result import Alarm
 from scenarios.tap.scoring import ObjectMotion, TapFacts, TapOutcome, nominal_again_s, verdict
 from scenarios.tap.settings import TapScoringSettings
@@ -131,3 +134,18 @@ def test_taps_that_moved_nothing_are_counted_apart() -> None:
     assert list(summary.by_direction) == ["top", "side"]
     assert summary.by_direction["side"].moved == 0
     assert summary.outcomes["never_nominal"] == 1
+
+
+def test_a_tap_that_was_missed_is_infinitely_late_in_the_quantiles(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    good = result_of("object.name=can", seed=0)
+    missed = msgspec.structs.replace(
+        good, success=False, outcome="undetected", detection_latency_ms=None, nominal_again_ms=None
+    )
+    summary = summarise([good, missed])
+    for heard in (summary.detection_latency_ms, summary.nominal_again_ms):
+        assert heard is not None and heard.count == 2
+        assert math.isfinite(heard.p50) and math.isinf(heard.p90)
+    print_taps(summary)
+    assert f"p50 {good.detection_latency_ms:.0f} p90 inf p99 inf of 2" in capsys.readouterr().out
