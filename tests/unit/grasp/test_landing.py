@@ -49,20 +49,8 @@ def test_grip_that_tightens_where_nobody_expects_the_object_to_stand_stops_the_a
     assert d.commands == [StopArm(1.0)]
 
 
-def test_way_down_goes_on_as_it_was_where_no_object_can_stand_yet() -> None:
-    d = Driver(hold_s=0.1, landing_most_share=1.0).lift()
-    d.height_m = 0.2
-    d.until(Phase.LOWER)
-    d.height_m = 0.1
-    d.step(measured_n=GRIP)
-    d.until(Phase.PROBE, measured_n=GRIP)
-    d.until(Phase.LOWER, measured_n=GRIP)
-    assert (moves(d)[-1].position_m[2], moves(d)[-1].speed_mps) == (pytest.approx(HOME_M), 0.05)
-
-
-@pytest.mark.parametrize("steps", [bears(3.2), bears(2.8)], ids=["tighter", "looser"])
-def test_nothing_is_let_go_where_no_object_can_stand_whatever_a_step_down_did(steps: Any) -> None:
-    """As codes that drift or swing make of it."""
+def probed_high_up(steps: Any) -> Driver:
+    """Where no object can stand yet the grip tightens, and then a step down does this to it."""
     d = Driver(hold_s=0.1, landing_most_share=1.0).lift()
     d.height_m = 0.2
     d.until(Phase.LOWER)
@@ -70,6 +58,18 @@ def test_nothing_is_let_go_where_no_object_can_stand_whatever_a_step_down_did(st
     d.step(measured_n=GRIP)
     d.until(Phase.PROBE, measured_n=GRIP)
     d.until(Phase.LOWER, measured_n=steps)
+    return d
+
+
+def test_way_down_goes_on_as_it_was_where_no_object_can_stand_yet() -> None:
+    d = probed_high_up(GRIP)
+    assert (moves(d)[-1].position_m[2], moves(d)[-1].speed_mps) == (pytest.approx(HOME_M), 0.05)
+
+
+@pytest.mark.parametrize("steps", [bears(3.2), bears(2.8)], ids=["tighter", "looser"])
+def test_nothing_is_let_go_where_no_object_can_stand_whatever_a_step_down_did(steps: Any) -> None:
+    """As codes that drift or swing make of it."""
+    d = probed_high_up(steps)
     assert d.controller.machine.log[-1].cause == "no object can stand yet"
     assert not any(isinstance(c, OpenFingers) for c in d.commands)
     assert moves(d)[-1].position_m[2] == pytest.approx(HOME_M)
