@@ -10,29 +10,23 @@ from pathlib import Path
 import pytest
 
 from scripts import mutants as mutants_script
-from scripts.mutants import (
+from scripts.mutant_parts import PARTS, STRATA, drawn, of_part, of_stratum
+from scripts.mutant_tables import (
     BEGINS,
     ENDS,
     PAGE,
-    PARTS,
-    STRATA,
-    Book,
     Draw,
     Told,
     arguments,
-    digest,
-    drawn,
     draws,
     of_draws,
-    of_part,
-    of_stratum,
     of_twice,
     otherwise,
-    progress,
     table,
     together,
     unexplained,
 )
+from scripts.mutants import Book, digest, progress
 from scripts.mutation import HOME, Mutant, mutants, mutated
 from scripts.mutation_run import Fate, sure
 
@@ -290,7 +284,7 @@ def test_pytest_does_not_keep_ctrl_c_to_itself_nor_a_killed_mutant_look_like_a_f
 ) -> None:
     """In a process of its own: pytest runs within pytest here otherwise."""
     program = (
-        f"{ends}from scripts.mutants import PARTS, of_part\n"
+        f"{ends}from scripts.mutant_parts import PARTS, of_part\n"
         "from scripts.mutation_run import run\n"
         "def tell(fate):\n    print(bool(fate.killer))\n"
         + ("    os.kill(os.getpid(), signal.SIGINT)\n" if ends else "")
