@@ -22,8 +22,9 @@ def add_parser(verbs: Any) -> None:
         "SIGINT or SIGTERM. An object appears between the fingers once the hand is activated. "
         "What a person does in a laboratory is typed here, a line each: place (the object on the "
         "table), take (it away), scale (what each fingertip presses with), home (the arm, to where "
-        "it began), look, tap [top|side|closing], press FINGER TAXEL [NEWTONS] (on a pad, for a "
-        "second, as `grasp tactile identify` asks), fault NAME [SETTING=VALUE ...], fault help.",
+        "it began, its tool turned as it was), look, tap [top|side|closing], press FINGER TAXEL "
+        "[NEWTONS] (on a pad, for a second, as `grasp tactile identify` asks), fault NAME "
+        "[SETTING=VALUE ...], fault help.",
     )
     parser.add_argument(
         "--host", metavar="ADDRESS",

@@ -69,7 +69,7 @@ class Words:
             reply = cell.obey(self._request(words))
         except (ValueError, KeyError, msgspec.MsgspecError) as error:
             return f"{error.args[0] if error.args else error}: {KNOWN}"
-        while words[0] == "home" and reply.get("away_m", 0.0) > 0.0:
+        while words[0] == "home" and (reply.get("away_m") or reply.get("turned_rad")):
             time.sleep(POLL_S)
             reply = cell.obey({"verb": "home"})
         if "error" in reply:

@@ -2,6 +2,7 @@
 
 import contextlib
 import heapq
+import threading
 from collections import deque
 from collections.abc import Callable, Sized
 from typing import Annotated, Any
@@ -111,6 +112,8 @@ class CellFaults:
         self._waiting: list[tuple[int, int, FaultOrder]] = []  # a heap: when, and which came first
         self._ordered = 0
         self._for_arm: deque[FaultOrder] = deque()
+        self._of_arm = threading.Condition()
+        self._asked = self._done = 0  # of the arm
 
     def order(self, request: dict[str, Any], now_ns: int) -> str:
         """Take a request; what it will do, in words. Raises ValueError for an unknown name, an
@@ -151,6 +154,7 @@ class CellFaults:
     def _hit(self, order: FaultOrder) -> None:
         if order.name in self._arm_table:
             _check_room(self._for_arm)
+            self._asked += 1
             self._for_arm.append(order)
         else:
             self._table[order.name](order)
@@ -160,6 +164,16 @@ class CellFaults:
         while self._for_arm:
             order = self._for_arm.popleft()
             self._arm_table[order.name](order)
+            with self._of_arm:
+                self._done += 1
+                self._of_arm.notify_all()
+
+    def struck(self, seconds: float) -> bool:
+        """Wait until all that was due at the arm by now has happened there; False where that takes
+        longer. The caller must not hold the cell's lock, which the arm's thread needs."""
+        asked = self._asked
+        with self._of_arm:
+            return self._of_arm.wait_for(lambda: self._done >= asked, seconds)
 
 
 def _check_room(waiting: Sized) -> None:

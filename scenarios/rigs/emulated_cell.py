@@ -43,6 +43,11 @@ STOPPED_ARM = (
     "the line 'unlock protective stop' to its dashboard, {host} port 29999"
 )
 HOME_MPS, HOME_MPS2 = 0.1, 0.5  # as a person drives the arm by its pendant
+HOME_RADPS, HOME_RADPS2 = 0.3, 0.5  # likewise
+STANDING_SLIDER = (
+    "the arm's speed slider stands at 0: turn it up first, 'fault speed_slider fraction=1'"
+)
+ARM_TAKES_S = 1.0  # to strike a fault, at most; a frozen arm takes longer
 OPEN_M = 0.02  # fingertip travel of a hand that has room for an object
 
 
@@ -98,6 +103,7 @@ class EmulatedCell:
         self._verbs = {**of_a_grasp, "truth": self._truth, "motion": self._motion,
                        "fault": self._fault}  # fmt: skip
         self._home_m = order.config.arm_model.start_m
+        self._homeward = False
         start_m = order.config.arm_model.start_m
         arm = EmulatorSettings(host=host, start_m=start_m, token=token, profile=there.profile)
         with ExitStack() as stack:
@@ -152,6 +158,20 @@ class EmulatedCell:
         with self._lock:
             self.faults.strike(now_ns)
         self.faults.strike_arm()
+        self._go_home(now_ns)
+
+    def _go_home(self, now_ns: int) -> None:
+        """Where somebody has asked for it and nothing moves: the turn first, with the joints, then
+        what is left of the way. In the arm's own thread."""
+        motion, asked = self.arm.controller.motion, self._homeward
+        self._homeward = False
+        if not asked or motion.moving or motion.tripped:
+            return
+        if motion.turned_rad:
+            motion.turn_home(HOME_RADPS, HOME_RADPS2)
+            return
+        with self._lock:
+            self.cell.arm.move_l(self._home_m, HOME_MPS, HOME_MPS2, now_ns)
 
     def _advanced(self) -> int:
         now_ns = time.monotonic_ns()
@@ -194,7 +214,10 @@ class EmulatedCell:
             return {"error": f"unknown verb {verb!r}: one of {', '.join(self._verbs)}"}
         with self._lock:
             self.advance(time.monotonic_ns())
-            return obey(request)
+            reply = obey(request)
+        if verb == "fault" and not self.faults.struck(ARM_TAKES_S):
+            reply["told"] += "; the arm has had no cycle since, and takes it with its next"
+        return reply
 
     def _truth(self, request: Request) -> Request:
         truth = msgspec.to_builtins(self.cell.truth())
@@ -238,11 +261,14 @@ class EmulatedCell:
         def home(request: Request) -> Request:
             now_ns = time.monotonic_ns()
             away_m = math.dist(cell.arm.position(now_ns), self._home_m)
+            turned_rad = self.arm.controller.motion.turned_rad
             if cell.arm.protective_stop:
                 return {"error": STOPPED_ARM.format(host=self.host)}
-            if away_m > 0.0 and not cell.arm.moving(now_ns):
-                cell.arm.move_l(self._home_m, HOME_MPS, HOME_MPS2, now_ns)
-            return {"away_m": away_m}
+            if cell.arm.pace(now_ns) == 0.0:
+                return {"error": STANDING_SLIDER}
+            moving = self.arm.controller.motion.moving or cell.arm.moving(now_ns)
+            self._homeward = (away_m > 0.0 or turned_rad > 0.0) and not moving
+            return {"away_m": away_m, "turned_rad": turned_rad}
 
         def take(request: Request) -> Request:
             """Away with the object."""

@@ -74,7 +74,7 @@ class RobotMotion:
         self._owner: Thread | None = None
         self._plan: Plan | None = None
         self._planned: deque[tuple[int, Joints, Joints]] = deque()  # when the arm is there; q, qd
-        self._braking = False
+        self._to_its_end = False  # the plan, though no program owns it
         self._target: Vector3 | None = None
         self._speed: tuple[Vector3, float, float] | None = None
         self._still_since_ns = now_ns
@@ -88,6 +88,7 @@ class RobotMotion:
         if start is None:
             raise ValueError(f"no joint angles reach the start position {self._still_at}")
         self.q: Joints = in_range(start, kinematics.ELBOW_UP)
+        self._home = self.q
         self.qd: Joints = STILL
         self.update(now_ns)
 
@@ -180,6 +181,12 @@ class RobotMotion:
         return self._flange_at(self.position)
 
     @property
+    def turned_rad(self) -> float:
+        """How far the tool is turned from how it began; nought where that is next to nothing."""
+        turn = kinematics.turn_between(self.flange, kinematics.forward(self._home))
+        return turn if turn > _TURN_TOLERANCE_RAD else 0.0
+
+    @property
     def tcp_pose(self) -> Pose:
         return kinematics.pose(self.flange @ self._tcp)
 
@@ -246,7 +253,7 @@ class RobotMotion:
 
     def brake_if_unowned(self) -> None:
         """A motion whose thread or program has ended is braked."""
-        goes_on = self._plan is not None and not (self._plan.ends and self._braking)
+        goes_on = self._plan is not None and not (self._plan.ends and self._to_its_end)
         if self._owner is None and (self._target is not None or self._speed is not None or goes_on):
             self.stop(self._stop_mps2)
 
@@ -337,17 +344,22 @@ class RobotMotion:
         """Joint speeds that the arm has been told last."""
         return self._plan.qd if self._plan is not None else self.qd
 
-    def _begin(self, plan: Plan, braking: bool = False) -> None:
+    def turn_home(self, speed_radps: float, acceleration_radps2: float) -> None:
+        """To the joint angles of the start, as somebody at the pendant does: no program owns it."""
+        home = JointMove(self._last_q, self._home, speed_radps, acceleration_radps2)
+        self._begin(home, to_its_end=True)
+
+    def _begin(self, plan: Plan, to_its_end: bool = False) -> None:
         """Put a plan in the place of every other motion."""
         self._target = self._speed = None
-        self._plan, self._braking = plan, braking
+        self._plan, self._to_its_end = plan, to_its_end
 
     def stop(self, deceleration_mps2: float) -> None:
         """Brake. Raises ScriptError."""
         _check("deceleration", deceleration_mps2, _ACCELERATIONS)
         if self.planned:
             plan = JointSpeed(self._last_q, self._last_qd, STILL, deceleration_mps2)
-            self._begin(plan, braking=True)
+            self._begin(plan, to_its_end=True)
             return
         self._target = self._speed = None
         self._command(lambda arm: arm.stop_l(deceleration_mps2, self._now_ns))

@@ -95,6 +95,20 @@ def test_frozen_arm_is_left_no_more_faults_than_may_wait() -> None:
     faults.order({"name": "protective_stop"}, 0)
 
 
+def test_fault_of_the_arm_has_struck_after_its_next_cycle_and_not_before() -> None:
+    faults = CellFaults(Mock(), Mock(), None)
+    assert faults.struck(0.0)  # nothing was ordered
+    faults.order({"name": "emergency_stop"}, 0)
+    faults.order({"name": "unplug"}, 0)
+    assert not faults.struck(0.0)
+    faults.strike_arm()
+    assert faults.struck(0.0)
+    faults.order({"name": "emergency_stop", "after_s": 1.0}, 0)
+    assert faults.struck(0.0)  # it is told when it comes
+    faults.strike(1_000_000_000)
+    assert not faults.struck(0.0)
+
+
 def test_faults_strike_in_the_order_of_their_times() -> None:
     board = Mock()
     faults = CellFaults(board, Mock(), None)

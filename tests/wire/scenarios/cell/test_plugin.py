@@ -1,15 +1,22 @@
 """The pytest plugin: light to load, of use to a stranger, and nothing is left behind."""
 
+import math
 import re
+import socket
+import struct
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import pytest
+
+from tests.wire.drivers.ur.emulator.test_process import Rtde, ask_dashboard
 
 ROOT = Path(__file__).parents[4]
 PATIENCE_S = 20.0
@@ -102,6 +109,63 @@ def test_unknown_faults_are_refused(emulated_gripper, emulated_board, emulated_a
 def test_fault_put_off_does_not_outlive_the_test(emulated_arm) -> None:
     emulated_arm.fault("protective_stop", after_s=3600.0)
     assert emulated_arm.state()["safety_mode"] == 1
+
+
+@pytest.fixture
+def asks(emulated_cell) -> Iterator[Callable[..., dict[str, Any]]]:
+    """The cell's control channel."""
+    from scenarios.rigs.cell_control import ControlClient
+
+    with closing(ControlClient(**emulated_cell.endpoints["control"])) as control:
+        yield control.ask
+
+
+def test_fault_of_the_arm_is_answered_once_it_is_in_force(emulated_cell) -> None:
+    host = emulated_cell.endpoints["host"]
+    assert ask_dashboard(host, "robotmode") == "Robotmode: RUNNING"
+    emulated_cell.fault("emergency_stop")
+    assert ask_dashboard(host, "robotmode") == "Robotmode: POWER_OFF"
+    emulated_cell.fault("emergency_stop", pressed=False)
+    assert ask_dashboard(host, "power on") == "Powering on"
+    assert ask_dashboard(host, "robotmode") == "Robotmode: IDLE"
+
+
+def test_arm_goes_home_with_its_tool_turned_as_it_was(emulated_cell, asks) -> None:
+    arm = emulated_cell.endpoints["arm"]
+    turn = (
+        "def turn():\n  q = get_actual_joint_positions()\n"
+        "  movej([q[0] + 0.1, q[1], q[2], q[3], q[4] + 0.4, q[5] + 0.5], a=4, v=2)\nend\n"
+    )
+    with Rtde(arm["host"]) as rtde:
+        rtde.ask("O", struct.pack(">d", 125.0) + b"runtime_state,actual_q")
+        rtde.ask("S")
+
+        def state() -> tuple[int, tuple[float, ...]]:
+            _, runtime, *q = struct.unpack(">BI6d", rtde.read()[1])
+            return runtime, tuple(q)
+
+        began = state()[1]
+        with socket.create_connection((arm["host"], arm["script"]), PATIENCE_S) as sock:
+            sock.sendall(turn.encode())
+            until(lambda: math.dist(state()[1], began) > 0.64)
+            until(lambda: state()[0] == 1)
+
+        def home() -> bool:
+            reply = asks("home")
+            return not (reply["away_m"] or reply["turned_rad"])
+
+        assert not home()
+        until(home)
+        for _ in range(500):  # what was sent meanwhile
+            if math.dist(state()[1], began) < 1e-4:
+                return
+    raise AssertionError("joints are others than they were")
+
+
+def test_arm_is_not_driven_home_while_its_slider_stands_at_nought(emulated_cell, asks) -> None:
+    emulated_cell.fault("speed_slider", fraction=0.0)
+    with pytest.raises(ValueError, match="speed slider stands at 0"):
+        until(lambda: bool(asks("home")["away_m"]))
 
 
 def test_emergency_stop_of_the_cell(emulated_cell) -> None:
