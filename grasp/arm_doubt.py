@@ -23,7 +23,8 @@ class ArmDoubt:
         self._spare_s = 0.0  # to turn round
         self._anchor: tuple[int, Vector3] = (0, NOWHERE)  # last motion seen
         self._started = False
-        self._stopping = False  # it was told to, last
+        self._stop: StopArm | None = None  # it was told so, last
+        self._anew_ns = -1  # until then it may say what nobody saw it do
         self._stood_m: Vector3 | None = None  # where it said first that it does
         self._stop_m: Vector3 = NOWHERE  # where it was told to stop, and its way from there
         self._room_m = 0.0
@@ -33,18 +34,18 @@ class ArmDoubt:
 
     def told(self, command: MoveArm | StopArm, arm: ArmState) -> None:
         """A command goes out while the arm is like this."""
-        if not (self._stopping and isinstance(command, StopArm)):  # a stop is told again and again
+        if not (self._stop and isinstance(command, StopArm)):  # a stop is told again and again
             self._flickers.told()
         if isinstance(command, StopArm):
-            if not self._stopping:
+            if not self._stop:
                 self._anchor = (arm.t_ns, arm.position_m)
                 self._stop_m, self._room_m = arm.position_m, self._brakes_m(command, arm)
                 self._stop_left = False
             self._way.stop(arm, self._fastest_mps(arm), command.deceleration_mps2)
-            self._command, self._stopping = None, True
+            self._command, self._stop = None, command
             self._spare_s = self._ramp_s(command.deceleration_mps2)
             return
-        self._command, self._started, self._stopping = command, False, False
+        self._command, self._started, self._stop = command, False, None
         self._old_way, self._way = self._way, self._way_of(command, arm)
         self._spare_s = self._ramp_s(command.acceleration_mps2)
         self._anchor = (arm.t_ns, arm.position_m)
@@ -90,7 +91,10 @@ class ArmDoubt:
             return ""
         if pending and not self._started:
             self._anchor = (arm.t_ns, arm.position_m)
-        if self._stopping and pending and not self._stop_left:  # it cannot know of it yet
+        if arm.t_ns <= self._anew_ns:
+            self._forget(arm)
+            return self._strayed(arm, pending)
+        if self._stop and pending and not self._stop_left:  # it cannot know of it yet
             self._stop_m = arm.position_m
         self._stop_left = self._stop_left or not pending
         strayed = self._strayed(arm, pending)
@@ -105,17 +109,29 @@ class ArmDoubt:
         faster = self._pace + max(0.0, passed_s) / self._settings.arm_slider_s
         self._pace = max(LEAST_PACE, min(arm.speed_fraction, faster))
 
-    def begin_anew(self, arm: ArmState) -> None:
-        """How long it has stood at one place was not seen: that counts from now."""
+    def begin_anew(self, arm: ArmState, late_ns: int) -> None:
+        """For so long nobody saw what it did. It went on, and what it said meanwhile may be heard
+        only now, all at once: as long as a command may take to be heard, it is no leap, and where a
+        stop finds it is where it is then."""
+        seen_ns = (self._before or arm).t_ns
+        woken_ns = max(arm.t_ns, seen_ns + late_ns)
+        self._anew_ns = woken_ns + round(self._settings.arm_start_s * 1e9)
+
+    def _forget(self, arm: ArmState) -> None:
+        """All that what it says next would be held against, but its line."""
         self._anchor = (arm.t_ns, arm.position_m)
+        self._stood_m = None
+        self._flickers.told()
+        if self._stop:
+            self._stop_m, self._room_m = arm.position_m, self._brakes_m(self._stop, arm)
 
     def _went_on(self, arm: ArmState) -> str:
         """Told to stop, it goes further than braking takes, or goes on when it says that it stands:
         one that obeys no stop ends its move, and stands then."""
         gone_m = math.dist(arm.position_m, self._stop_m)
-        if self._stopping and gone_m > self._room_m:
+        if self._stop and gone_m > self._room_m:
             return f"arm_goes_on: {gone_m * 1e3:.0f} mm since it was told to stop"
-        if not self._stopping or arm.moving:
+        if not self._stop or arm.moving:
             self._stood_m = None
             return ""
         self._stood_m = self._stood_m or arm.position_m
@@ -151,7 +167,7 @@ class ArmDoubt:
             return ""
         command, still_s = self._command, (arm.t_ns - since_ns) * 1e-9
         if command is None or math.dist(arm.position_m, command.position_m) <= s.arm_there_m:
-            patience_s = (s.arm_frozen_s if self._stopping else s.arm_start_s) + self._spare_s
+            patience_s = (s.arm_frozen_s if self._stop else s.arm_start_s) + self._spare_s
             if arm.moving and still_s > patience_s / self._pace:
                 return f"arm_frozen: {still_s:.2f} s at one place, and it says that it moves"
             if not arm.moving:

@@ -67,7 +67,7 @@ class Doubts:
         if self._stand_ins:
             return ""
         if self._slept(phase, late_ns):  # in that time nobody saw what the devices did
-            self._arm.begin_anew(arm)
+            self._arm.begin_anew(arm, late_ns)
             self._gripper.begin_anew(gripper)
         found = (
             self._loop(phase, late_ns, took_ns),

@@ -160,6 +160,7 @@ class ControlLoop:
         """One period: wait for the next sample, step, send what was decided, then hand on."""
         now_ns = self._await_period()
         self._pump(now_ns)
+        self._late_ns += self._clock.now_ns - now_ns  # 0 in virtual time
         told = self._gather(now_ns)
         start_ns, began_ns = stopwatch_ns(), self._clock.now_ns
         result = self._step.decide(told)

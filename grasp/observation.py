@@ -16,8 +16,8 @@ class StepInput(msgspec.Struct, frozen=True, kw_only=True):
     of what went wrong in device exchanges since the last step, empty when all is well.
     ``set_down``: whoever runs the experiment has what they want; a held object may be set down.
     ``stop``: the run shall end now, and why; empty while it may go on.
-    ``late_ns``: how much later than it should this step began; ``took_ns``: how long the one before
-    took. Both are 0 in virtual time, which stands still while we compute.
+    ``late_ns``: how much later than it should this step, its devices read, began; ``took_ns``: how
+    long the one before took. Both are 0 in virtual time, which stands still while we compute.
     """
 
     t_ns: int

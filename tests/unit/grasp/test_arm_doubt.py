@@ -483,3 +483,52 @@ def test_arm_slider_s(value: float) -> None:
     for late_s, said in ((0.06 / 0.5 - 0.005, ""), (0.06 / 0.5 + 0.005, "arm_frozen")):
         state = at(up_s + late_s, 0.001, speed_mps=0.05)
         assert doubt.see(paced(0.5, state), False).partition(":")[0] == said
+
+
+def after_standstill(*backlog: ArmState, heard: ArmState, later: tuple[ArmState, ...]) -> list[str]:
+    """Of an arm on its way up at 0.02 m/s, since 0.1 s, when for 4 s nobody saw it: what it said
+    meanwhile comes in a burst, it is told to stop at the first of it, and ``heard`` is the last."""
+    doubt = ArmDoubt(DoubtSettings())
+    assert doubt.see(at(0.0, 0.0), False) == ""
+    x, y, z = arm(0).position_m
+    doubt.told(MoveArm((x, y, z + 0.2), 0.02, 0.5), at(0.0, 0.0))
+    assert doubt.see(at(0.1, 0.002, speed_mps=0.02), False) == ""
+    first, *rest = backlog
+    doubt.begin_anew(first, round(4.0 * 1e9))
+    said = [doubt.see(first, False)]
+    doubt.told(StopArm(0.8), first)
+    return [*said, *(doubt.see(state, False) for state in (*rest, heard, *later))]
+
+
+BURST = (at(4.11, 0.002, speed_mps=0.02), at(4.12, 0.04, speed_mps=0.02))
+STANDS = at(4.13, 0.082)
+
+
+def test_what_an_arm_did_while_the_loop_stood_still_is_no_leap_and_no_stop_that_it_ignored() -> (
+    None
+):
+    later = tuple(at(4.14 + 0.01 * k, 0.082) for k in range(200))
+    assert set(after_standstill(*BURST, heard=STANDS, later=later)) == {""}
+
+
+def test_what_is_heard_of_before_the_standstill_begins_no_sooner_than_the_loop_goes_on() -> None:
+    old = at(0.1, 0.002, speed_mps=0.02)
+    assert set(after_standstill(old, *BURST, heard=STANDS, later=())) == {""}
+
+
+def test_an_arm_that_goes_on_long_after_the_standstill_though_told_to_stop_is_doubted() -> None:
+    rising = tuple(
+        msgspec.structs.replace(
+            at(4.14 + 0.01 * k, 0.082 + 0.0002 * k, speed_mps=0.02), moving=True
+        )
+        for k in range(200)
+    )
+    said = after_standstill(*BURST, heard=STANDS, later=rising)
+    assert next(filter(None, said)).startswith("arm_goes_on: ")
+
+
+def test_an_arm_that_leaps_or_strays_after_the_standstill_is_doubted() -> None:
+    stood = tuple(at(4.14 + 0.01 * k, 0.082) for k in range(30))
+    leapt, aside = at(4.45, 0.14), at(4.2, 0.082, aside_m=0.003)
+    assert after_standstill(*BURST, heard=STANDS, later=(*stood, leapt))[-1].startswith("arm_jump")
+    assert after_standstill(*BURST, heard=STANDS, later=(aside,))[-1].startswith("arm_wrong_way")

@@ -212,6 +212,14 @@ def test_step_is_told_what_waits_how_late_it_is_and_how_long_the_one_before_took
     assert (bench.inputs[-1].took_ns, bench.inputs[-1].late_ns) == (0, 0)
 
 
+def test_a_loop_that_stands_still_while_it_reads_a_device_is_as_late() -> None:
+    bench = Bench()
+    bench.loop.tick()
+    bench.hand.pump = lambda _: bench.clock.sleep_until_ns(bench.clock.now_ns + 400 * MS)
+    bench.loop.tick()
+    assert (bench.inputs[-1].t_ns, bench.inputs[-1].late_ns) == (10**9 + 20 * MS, 400 * MS)
+
+
 def test_age_of_a_frame_is_counted_and_a_frame_that_is_none_has_no_age() -> None:
     bench = Bench()
     bench.loop.tick()
