@@ -31,6 +31,7 @@ from urllib.parse import urlsplit
 import msgspec
 
 from drivers.errors import BadFile, CouldNotRecord, GraspError
+from drivers.ur.link import worker
 from grasp import interruption
 from grasp.cli.options import decimal
 from grasp.clock import Deadlines, WallClock
@@ -41,7 +42,9 @@ from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.result import LiftResult
+from scenarios.report.live import server
 from scenarios.report.live.trials import LiveTrials
+from scenarios.rigs import emulated_cell
 from scenarios.rigs.emulated_cell import OPEN_M
 from scenarios.rigs.opening import open_rig
 from scenarios.studies.faults.verdict import LET_GO_M
@@ -93,6 +96,13 @@ VIEWER = (
     "    for message in page: rows += len(json.loads(message))\n"
     "print(rows)\n"
 )  # until the page ends; who ends before has seen nothing
+ROLES = {
+    "cell": emulated_cell.__name__,
+    "arm": worker.__name__,
+    "page": server.__name__,
+    "viewer": "websockets.sync.client",
+    "idle": "soak.py\0idle",
+}  # other processes, by what each was begun with
 
 
 class Fate:
@@ -115,10 +125,20 @@ class Fate:
 def count(start_s: float) -> Count:
     """Now."""
     children = [int(pid) for pid in _children(os.getpid())]
+    each_mb = dict[str, float]()
+    for pid in children:
+        role = _role(pid)
+        each_mb[role] = each_mb.get(role, 0.0) + _resident_mb(pid)
     return Count(
         time.monotonic() - start_s, _resident_mb(os.getpid()), len(os.listdir("/proc/self/fd")),
-        len(os.listdir("/proc/self/task")), len(children), sum(map(_resident_mb, children)),
+        len(os.listdir("/proc/self/task")), len(children), sum(each_mb.values()), each_mb,
     )  # fmt: skip
+
+
+def _role(pid: int) -> str:
+    """What that process is."""
+    begun = " ".join(_words(Path(f"/proc/{pid}/cmdline")))
+    return next((role for role, mark in ROLES.items() if mark in begun), "other")
 
 
 def _children(pid: int) -> list[str]:

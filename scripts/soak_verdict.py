@@ -55,7 +55,8 @@ DEVICES = {
 
 
 class Count(msgspec.Struct, frozen=True):
-    """What this process holds, `t_s` after the beginning; memory in MB."""
+    """What this process holds, `t_s` after the beginning; memory in MB. ``each_mb``: of each other
+    process, by what it is; empty in files that were made before it was counted."""
 
     t_s: float
     resident_mb: float
@@ -63,6 +64,7 @@ class Count(msgspec.Struct, frozen=True):
     threads: int
     children: int
     children_mb: float
+    each_mb: dict[str, float] = {}
 
 
 class After(msgspec.Struct, frozen=True):
@@ -123,17 +125,20 @@ class Soak(msgspec.Struct, frozen=True):
 
 def grown(counts: Sequence[Count]) -> dict[str, tuple[float, float, float]]:
     """Of each count, after the first ten minutes: least, most, and what a straight line through
-    them says that it grows by in an hour."""
+    them says that it grows by in an hour. A process that is begun anew with each rig is counted as
+    the one before it."""
     late = [c for c in counts if c.t_s > SETTLED_S]
     if len(late) < 3:
         return {}
     hours = np.array([c.t_s for c in late]) / 3600.0
-    found = {}
-    for name in ("resident_mb", "descriptors", "threads", "children", "children_mb"):
-        values = np.array([getattr(c, name) for c in late], dtype=float)
-        slope = float(np.polyfit(hours, values, 1)[0])
-        found[name] = float(values.min()), float(values.max()), slope
-    return found
+    names = ("resident_mb", "descriptors", "threads", "children", "children_mb")
+    counted = {name: [float(getattr(c, name)) for c in late] for name in names}
+    for role in sorted({role for c in late for role in c.each_mb}):
+        counted[f"{role}_mb"] = [c.each_mb.get(role, 0.0) for c in late]
+    return {
+        name: (min(values), max(values), float(np.polyfit(hours, np.array(values), 1)[0]))
+        for name, values in counted.items()
+    }
 
 
 def wrong(told: Soak) -> list[str]:

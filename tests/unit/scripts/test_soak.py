@@ -52,7 +52,8 @@ def counted(**grows: float) -> list[Count]:
     """Once a lift, the memory of one that holds what it held, or as much more an hour."""
     return [
         Count(t_s, 200.0 + grows.get("resident_mb", 0.0) * t_s / 3600.0, 24, 5, 5,
-              470.0 + grows.get("children_mb", 0.0) * t_s / 3600.0)
+              470.0 + grows.get("children_mb", 0.0) * t_s / 3600.0,
+              {"cell": 160.0, "page": 115.0 + grows.get("page_mb", 0.0) * t_s / 3600.0})
         for t_s in (number * EACH_S for number in range(257))
     ]  # fmt: skip
 
@@ -233,11 +234,41 @@ def test_an_hour_in_which_too_little_was_done_or_seen_is_told(
 
 
 def test_memory_that_grows_by_half_a_float_a_tick_is_told() -> None:
-    for name in ("resident_mb", "children_mb"):
+    for name in ("resident_mb", "children_mb", "page_mb"):
         most = MOST_GROWTH_MB_H
         assert growing(replace(HOUR, counts=counted(**{name: most - 0.5}))) == []
         found = wrong(replace(HOUR, counts=counted(**{name: most + 0.5})))
         assert found == [f"{name} grows by {most + 0.5:.1f} MB an hour"]
+
+
+def test_a_process_that_grows_while_another_shrinks_is_named() -> None:
+    counts = [
+        replace(c, each_mb={**c.each_mb, "cell": 160.0 - 9.0 * c.t_s / 3600.0})
+        for c in counted(page_mb=9.0)
+    ]
+    assert growing(replace(HOUR, counts=counts)) == ["page_mb grows by 9.0 MB an hour"]
+
+
+def test_an_hour_that_was_counted_before_each_process_was_is_told_as_ever(tmp_path: Path) -> None:
+    out = tmp_path / "soak.json"
+    old = msgspec.to_builtins(HOUR)
+    for each in old["counts"]:
+        del each["each_mb"]
+    out.write_bytes(msgspec.json.encode(old))
+    assert wrong(soak.read(out)) == []
+
+
+def test_each_other_process_is_counted_as_what_it_is() -> None:
+    waits = "import sys; sys.stdin.read()"
+    with (
+        soak.beside(("-c", waits, soak.ROLES["page"])),
+        soak.beside(("-c", waits, soak.ROLES["cell"])),
+        soak.beside(("-c", waits)),
+    ):
+        counted_now = soak.count(time.monotonic())
+    assert set(counted_now.each_mb) >= {"page", "cell", "other"}
+    assert min(counted_now.each_mb.values()) > 0.0
+    assert sum(counted_now.each_mb.values()) == pytest.approx(counted_now.children_mb)
 
 
 def test_memory_that_comes_and_goes_is_told_though_it_is_as_it_was_in_the_end() -> None:
@@ -387,7 +418,7 @@ def test_one_ctrl_c_for_the_whole_group_ends_all_and_keeps_the_lifts_that_were_o
     )
     going = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE, text=True)
     try:
-        while not out.exists():
+        while not out.exists() or not soak.read(out).counts:
             assert going.poll() is None
             time.sleep(0.2)
         assert len(still_there(mark)) > 3
@@ -395,7 +426,9 @@ def test_one_ctrl_c_for_the_whole_group_ends_all_and_keeps_the_lifts_that_were_o
         said = going.communicate(timeout=90.0)[1]
     finally:
         going.kill()
-    lifts = len(msgspec.json.decode(out.read_bytes(), type=Soak).lifts)
+    kept = soak.read(out)
+    lifts = len(kept.lifts)
+    assert set(kept.counts[-1].each_mb) == set(soak.ROLES)
     assert said == f"soak: {lifts} lifts kept in {out}\n"
     assert going.returncode == 130
     assert lifts >= 1
