@@ -42,23 +42,25 @@ def code_of(kind: str) -> int:
 
 
 def report_failure(failure: Any, as_json: bool, **extra: Any) -> int:
-    """As ``report`` for a run that had begun: what happened, how arm and hand were left, and how to
-    go on; a line each."""
+    """As ``report`` for a run that had begun: what happened, where, how arm and hand were left, and
+    only then what to do; a line each."""
     end = failure.end
     if end is None:
         return report(failure.kind, failure.message, failure.remedy, as_json, **extra)
     if as_json:
         left = {name: getattr(end, name) for name in end.__struct_fields__}
         return report(failure.kind, failure.message, failure.remedy, True, end=left, **extra)
-    code = report(failure.kind, failure.message, failure.remedy, False)
-    say_end(end)
+    code = report(failure.kind, failure.message, "", False)
+    say_end(end, failure.remedy)
     return code
 
 
-def say_end(end: Any) -> None:
-    """How arm and hand were left, and how to go on; a line each."""
-    missed = f"; NOT REACHED: {', '.join(end.unreached)}" if end.unreached else ""
-    for line in (f"{end.arm}; {end.hand}{missed}", end.advice):
+def say_end(end: Any, remedy: str = "") -> None:
+    """Where arm and hand were left, and how; what to do, and how to go on: a line each."""
+    where = f"{end.where}: " if end.where else ""
+    missed = f"; asked for, and not seen to be so: {', '.join(end.unreached)}"
+    state = f"{where}{end.arm}; {end.hand}{missed if end.unreached else ''}"
+    for line in (state, remedy, end.advice):
         say(line)
 
 

@@ -179,7 +179,8 @@ def print_verdict(result: Any, verbose: bool = False) -> None:
     for line in physics_lines(result) if verbose else ():
         print(line)
     if result.success is not None and result.outcome != "fault" and result.end is not None:
-        print(f"  {result.end.arm}; {result.end.hand}")  # an object that was lost
+        where = f"{result.end.where}: " if result.end.where else ""  # that an object was lost
+        print(f"  {where}{result.end.arm}; {result.end.hand}")
         if result.end.advice:
             print(f"  {result.end.advice}")
     if result.recording:

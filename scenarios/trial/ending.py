@@ -36,6 +36,7 @@ class End(msgspec.Struct, frozen=True):
     unreached: tuple[str, ...] = ()
     further: tuple[str, ...] = ()  # what could not be believed since
     open: bool = False  # the hand was seen to be
+    where: str = ""  # in which phase the run ended, and how high the arm was
 
 
 def stood_still(cause: str) -> bool:
@@ -170,9 +171,10 @@ def _stands(tick: Tick, asked: Issued | None, felt: str) -> str:
         return f"partly closed, at {tick.gripper.positions} counts{feels}"
     obeys = tick.gripper.fresh and tick.gripper.active  # the status speaks of the last command
     if not obeys or asked is None or not isinstance(asked.admitted, CloseFast):
-        return f"closed as it was, {felt}"
-    if felt != UNKNOWN and sum(tick.observation.felt_n) < FELT_N:
-        return "closed, and feels nothing any more"
+        return f"closed with the grip that it had, at {tick.gripper.positions} counts, {felt}"
+    if felt != UNKNOWN and sum(tick.observation.felt_n) < FELT_N:  # or they read their rest
+        at = f"closed as it was told, at {tick.gripper.positions} counts"
+        return f"{at}, and feels nothing: the object may still be in it"
     return f"{_closed(tick, asked.admitted)}, {felt}"
 
 

@@ -170,8 +170,17 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             controller.further,
         )
         return msgspec.structs.replace(
-            end, unreached=controller.unreached, further=controller.further
+            end, unreached=controller.unreached, further=controller.further, where=self._where
         )
+
+    @property
+    def _where(self) -> str:
+        """The phase in which it ended, and how far the arm was above the grasp."""
+        machine, last, home = self.controller.machine, self.trace.last, self.home
+        phase = f"in phase {machine.before if self.controller.in_safe_state else machine.phase}"
+        if last is None or home is None:
+            return phase
+        return f"{phase}, {round((last.arm.position_m[2] - home[2]) * 1e3)} mm above the grasp"
 
     @property
     def home(self) -> Vector3 | None:

@@ -11,6 +11,7 @@ FELT_N = 1.0
 TOUCH_N = 0.05  # less is nothing
 STILL_MPS = 1e-4
 TIMED_OUT = r"did not end in time|lasted longer than"  # a run that nothing else has ended
+KEPT = r"closed (as it was|with the grip that it had), "  # the first in rows made before
 LATE = r"stale|stands still|stood still|silent|does not answer|no data|in time|_late\b|loop_"
 BLAMED = {
     "gripper": r"gripper|\bhand\b|\bfingers?\b|thumb",
@@ -93,8 +94,9 @@ def of_hand(said: str, known: Known) -> dict[str, bool]:
         and ("closed to the limit" in said or "closed to its last count" in said),
         "it feels less": here and pressed_n is not None and "fingertips" not in known.wrong
         and _felt_n(said) > pressed_n + MISREAD_N,
-        "it feels something": here and "feels nothing" in said and presses,
-        "it holds nothing": here and "closed as it was" in said and "partly" not in said and empty,
+        "it feels something": here and "feels nothing" in said and presses
+        and not ("may still be in it" in said and "fingertips" in known.wrong),
+        "it holds nothing": here and re.search(KEPT, said) is not None and empty,
         "the fingers move": alone and known.fingers_move is True,
         "it let go": alone and known.gripped and empty and not known.opening,
         "by its last line the hand is left moving": here and "still moving, " in said

@@ -35,13 +35,20 @@ CLOSES = frozenset({Phase.GRASP.value, Phase.OPPOSE.value})  # it begins to touc
 BUGS = frozenset({"", LiftOutcome.INTERNAL_ERROR, LiftOutcome.INTERRUPTED})  # nobody asked for it
 # all that a last line may say, whatever is put into it
 _FELT = r"(nothing measured yet|its force is not measured|\d+\.\d N measured at finger [ABC])"
+_AT = r"at \(\d+, \d+, \d+\) counts"
+# the first of each: in rows made before it said where
 _CLOSED = (
-    r"(closed as it was|closed to the limit of \d+ N|closed to its last count, within the limit of "
-    r"\d+ N|closed by position, short of the limit of \d+ N)"
+    rf"(closed as it was|closed with the grip that it had, {_AT}|closed to the limit of \d+ N|"
+    r"closed to its last count, within the limit of \d+ N|"
+    r"closed by position, short of the limit of \d+ N)"
 )
-_PARTLY = r"partly closed, at \(\d+, \d+, \d+\) counts"
+_EMPTY = (
+    r"(closed, and feels nothing any more|"
+    rf"closed as it was told, {_AT}, and feels nothing: the object may still be in it)"
+)
+_PARTLY = rf"partly closed, {_AT}"
 _STATE = (
-    rf"(open|still moving, {_FELT}|{_CLOSED}, {_FELT}|closed, and feels nothing any more|"
+    rf"(open|still moving, {_FELT}|{_CLOSED}, {_FELT}|{_EMPTY}|"
     rf"{_PARTLY}(, and feels nothing|; what it feels is not known))"
 )
 _ALONE = r"(cannot be told anything|is not activated|refuses every motion \(.+\)) and holds"

@@ -31,6 +31,7 @@ from scripts.soak_verdict import (
 EACH_S = 14.0  # a lift
 DOWN = After(0.0, 0.0, 0.0, True, 0.0, 0.0)
 GRIPPED = After(0.0, 0.0, 9.8, False, 0.06, 0.0)
+KEPT = "the hand is closed with the grip that it had, at (60, 55, 55) counts"
 LIMIT = "the hand is closed to the limit of 10 N, its force is not measured"
 ALONE = "the hand cannot be told anything and holds by itself: when last heard it was closed"
 STANDS = "the arm stands"
@@ -144,8 +145,21 @@ def test_what_a_time_out_ended_is_told_struck_or_not(made: Lift, message: str) -
         ({"arm": "the arm is still moving at 0.09 m/s"}, "the arm is left moving"),
         ({"arm": "the arm stood when last heard"}, "the arm was heard"),
         ({"told": LIMIT, "after": replace(GRIPPED, pressed_n=2.0)}, "not closed to the limit"),
-        ({"told": "the hand is closed as it was", "after": DOWN}, "it holds nothing"),
-        ({"told": "the hand is closed as it was", "after": None, "peak_n": 0.0}, "holds nothing"),
+        (
+            {
+                "told": KEPT,
+                "after": DOWN,
+            },
+            "it holds nothing",
+        ),
+        (
+            {
+                "told": KEPT,
+                "after": None,
+                "peak_n": 0.0,
+            },
+            "holds nothing",
+        ),
     ],
 )
 def test_a_last_line_that_is_not_so_is_told(changes: dict[str, Any], found: str) -> None:

@@ -74,7 +74,9 @@ def test_signal_stops_the_arm_keeps_the_grip_and_says_so(
     assert (result["outcome"], result["success"]) == ("interrupted", None)
     assert result["phases"][-1]["phase"] == "stopped"
     assert result["end"]["arm"] == "the arm stands"
-    assert lines[1].strip() == f"the arm stands; {result['end']['hand']}"
+    where = f"in phase {result['phases'][-2]['phase']}, "
+    assert lines[1].strip().startswith(where)
+    assert lines[1].endswith(f" mm above the grasp: the arm stands; {result['end']['hand']}")
     assert "grasp release --rig hardware" in lines[2] or result["end"]["hand"].endswith("open")
     listed = subprocess.run(
         [*GRASP, "runs", "--runs", str(tmp_path / "runs")], env=ENVIRONMENT, check=True,

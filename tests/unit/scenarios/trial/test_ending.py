@@ -1,5 +1,6 @@
 """What a run says of arm and hand when it ended in a safe state: what was heard last, no more."""
 
+import re
 from collections.abc import Callable
 
 import msgspec
@@ -79,6 +80,7 @@ def test_interrupted_hand_is_closed_as_it_was_and_the_arm_stands() -> None:
     failure = trial.failure(staged.config, "interrupted")
     assert failure is not None
     assert failure.message == "stopped by hand in phase lift"
+    assert re.fullmatch(r"in phase lift, [1-9]\d* mm above the grasp", end.where), end.where
     assert staged.result(trial).end == end == failure.end
 
 
@@ -113,7 +115,9 @@ def test_hand_whose_status_cannot_be_is_said_not_to_be_believed(
 
 def test_closed_hand_whose_object_is_gone_is_said_to_feel_nothing() -> None:
     _, _, end = ended(Phase.HOLD, taken_away)
-    assert end.hand == "the hand is closed, and feels nothing any more"
+    closed = r"the hand is closed as it was told, at \(\d+, \d+, \d+\) counts"
+    nothing = "and feels nothing: the object may still be in it"
+    assert re.fullmatch(f"{closed}, {nothing}", end.hand), end.hand
 
 
 def test_hand_whose_travel_is_bounded_is_not_said_to_have_reached_the_force() -> None:
@@ -174,7 +178,9 @@ def test_gripper_whose_fault_keeps_it_from_nothing_does_not_refuse() -> None:
 
 def test_hand_that_lost_its_activation_stands() -> None:
     _, _, end = ended(Phase.HOLD, power_cycle_gripper)
-    assert end.hand.startswith("the hand is not activated and holds by itself: it is closed as it")
+    assert end.hand.startswith(
+        "the hand is not activated and holds by itself: it is closed with the"
+    )
 
 
 def test_hand_between_open_and_the_object_feels_nothing() -> None:

@@ -141,8 +141,8 @@ def test_command_ends_with_what_happened_how_it_was_left_and_a_result(
     monkeypatch.setattr(GraspController, "step", step)
     assert main(words(tmp_path)) == 5
     said = capsys.readouterr()
-    *_, first, left = said.err.strip().splitlines()
-    assert "internal_error: ZeroDivisionError: planted" in first and "report it" in first
+    *_, first, left, remedy = said.err.strip().splitlines()
+    assert "internal_error: ZeroDivisionError: planted" in first and "report it" in remedy
     assert "the arm stands; the hand is closed" in left
     assert "NOT JUDGED: internal error" in said.out
     (folder,) = tmp_path.iterdir()

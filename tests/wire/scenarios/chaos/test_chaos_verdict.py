@@ -31,6 +31,7 @@ LET_GO = [*HELD, seen(0.05, False), *[seen(0.0, False)] * 8]
 SET_DOWN = [*HELD, seen(0.0, True), *[seen(0.0, False)] * 8]
 NEVER_LIFTED = [seen(0.0, False)] * 12
 OPEN = "the hand is open"
+KEPT = "closed with the grip that it had, at (60, 55, 55) counts"
 CLOSED = "the hand is closed to the limit of 10 N, its force is not measured"
 ALONE = "the hand cannot be told anything and holds by itself: when last heard it was closed"
 
@@ -124,8 +125,8 @@ FELL: dict[str, tuple[Ended, str]] = {
         ended(hand="the hand is partly closed, at (25, 40, 40) counts, and feels nothing"),
         "it feels something",
     ),
-    "closed as it was and empty": (
-        ended(hand="the hand is closed as it was, 2.0 N", left=later(NEVER_LIFTED)),
+    "closed with a grip and empty": (
+        ended(hand=f"the hand is {KEPT}, 2.0 N", left=later(NEVER_LIFTED)),
         "it holds nothing",
     ),
     "arm unheard": (ended(arm="the arm stood when last heard"), "the arm was heard"),

@@ -146,7 +146,10 @@ def ended(plain: Ended, **changed: object) -> Ended:
 
 
 GONE = "the hand cannot be told anything and holds by itself: when last heard it was "
-GONE += "closed as it was, 2.0 N measured at finger A"
+KEPT = "closed with the grip that it had, at (60, 55, 55) counts"
+EMPTY = "closed as it was told, at (60, 55, 55) counts, and feels nothing: "
+EMPTY += "the object may still be in it"
+GONE += f"{KEPT}, 2.0 N measured at finger A"
 WRONG: list[tuple[dict[str, object], str]] = [
     ({"let_go_m": 0.0031}, "dropped"), ({"let_go_m": 0.049}, "dropped"),
     ({"slid_m": 0.0151}, "dropped"), ({"slid_m": 0.029}, "dropped"),
@@ -179,12 +182,13 @@ LIES: list[tuple[str, dict[str, object]]] = [
      {"hand": "the hand is closed to the limit of 10 N, 9 N measured", "pressed_n": 6.9}),
     ("it feels something",
      {"hand": "the hand is partly closed, and feels nothing", "pressed_n": 1.1}),
-    ("it holds nothing", {"hand": "the hand is closed as it was, 2.0 N measured",
+    ("it feels something", {"hand": f"the hand is {EMPTY}", "pressed_n": 9.6}),
+    ("it holds nothing", {"hand": f"the hand is {KEPT}, 2.0 N measured",
                           "pressed_n": 0.05}),
     ("it is not closed to the limit",
      {"hand": "the hand is closed to its last count, within the limit of 10 N, 9 N measured",
       "pressed_n": 0.0, "phase": "rest"}),
-    ("it feels less", {"hand": "the hand is closed as it was, 9.9 N measured at finger A",
+    ("it feels less", {"hand": f"the hand is {KEPT}, 9.9 N measured at finger A",
                        "pressed_n": 3.0}),
     ("it was not lifted", {"outcome": "held", "lifted_m": 0.02}),
     ("no such arm", {"arm": ""}), ("no such arm", {"arm": "the arm was told nothing"}),
