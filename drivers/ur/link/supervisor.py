@@ -21,6 +21,7 @@ from drivers.ur.link.preflight import CONNECT_AGAIN
 START_AGAIN = "make sure that the arm may move, then start the run again"
 SEE_PENDANT = "see the teach pendant for the cause, clear it there, then start the run again"
 _LOG_LINES = 200
+_SILENT_S = 0.25  # many samples of the slowest arm
 
 
 class WorkerProcess:
@@ -30,6 +31,7 @@ class WorkerProcess:
         self.state: State | None = None  # latest value
         self.log: deque[str] = deque(maxlen=_LOG_LINES)  # what ur_rtde printed
         self._failures: deque[Outcome] = deque(maxlen=16)
+        self._heard_at = time.monotonic()
         self._changed = threading.Condition()
         self._ready = False
         self._ended = ""  # why, once it has
@@ -107,7 +109,10 @@ class WorkerProcess:
             self._give_up()
 
     def _give_up(self) -> NoReturn:
+        silent = time.monotonic() - self._heard_at > _SILENT_S
         self.kill()
+        if silent:  # not even the arm's states come
+            raise LinkLost("link to the arm lost: its worker process says nothing", START_AGAIN)
         raise LinkLost("the arm controller did not take a command in time", START_AGAIN)
 
     def close(self, timeout_s: float) -> None:
@@ -162,6 +167,7 @@ class WorkerProcess:
         except (OSError, msgspec.DecodeError):
             said = None
         with self._changed:
+            self._heard_at = time.monotonic()
             if said is None:
                 self._ended = self._ended or "its worker process ended"
             elif isinstance(said, State):

@@ -279,14 +279,19 @@ def test_child_that_crashes_is_link_lost_with_its_last_words():
     assert list(worker.log) == ["stack smashed"]
 
 
-def test_child_that_answers_no_command_is_given_up():
+@pytest.mark.parametrize(("then", "said"), [
+    ("time.sleep(1000)", "its worker process says nothing"),
+    ("while True: time.sleep(0.01); send(State({fields}))", "did not take a command in time"),
+])  # fmt: skip
+def test_child_that_answers_no_command_is_given_up(then: str, said: str):
     state = State(0.0, TARGET, (0.0, 0.0, 0.0), False, 7, 1, True)
     fields = ", ".join(repr(getattr(state, name)) for name in state.__struct_fields__)
-    worker = WorkerProcess(SETUP, child(f"send(Ready()); send(State({fields})); time.sleep(1000)"))
+    body = f"send(Ready()); send(State({fields}))\n{then.format(fields=fields)}"
+    worker = WorkerProcess(SETUP, child(body))
     worker.wait_ready(30.0)
     assert worker.state == state
-    with pytest.raises(LinkLost, match="in time"):
-        worker.call(messages.SetPayload(worker.next_number(), 1.0, (0.0, 0.0, 0.0)), 0.2)
+    with pytest.raises(LinkLost, match=said):
+        worker.call(messages.SetPayload(worker.next_number(), 1.0, (0.0, 0.0, 0.0)), 0.6)
     assert not worker.running
 
 
