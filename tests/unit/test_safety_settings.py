@@ -261,6 +261,21 @@ SEEN: list[tuple[str, tuple[Any, Any], Callable[[Any], Any], float]] = [
      .velocity_mps[2], 0.0),
 ]  # fmt: skip
 
+OF_FINGERTIPS = (
+    "frozen_samples", "dead_samples", "dead_unloaded_samples", "loaded_counts", "stuck_samples",
+    "living_share", "rail_samples", "jump_counts",
+)  # fmt: skip
+OF_THE_LOOP = ("detector_s", "standstill_s")
+
+
+def doubted_in(field: str) -> str:
+    if field in OF_THE_LOOP:
+        return "doubt"
+    if field in OF_FINGERTIPS:
+        return "fingertip_doubt"
+    return "arm_doubt" if field.startswith("arm_") else "gripper_doubt"
+
+
 # setting to the test that would notice
 ELSEWHERE = {
     "DriverSettings.whole_writes": "drivers/robotiq/test_driver_faults.py",
@@ -279,7 +294,7 @@ ELSEWHERE = {
     "GripperCalibration.presses": "scenarios/rigs/test_calibration.py",
     "GripperCalibration.reason": "scenarios/rigs/test_calibration.py",
     **{
-        f"DoubtSettings.{field}": f"grasp/test_{'arm_' * field.startswith('arm_')}doubt.py"
+        f"DoubtSettings.{field}": f"grasp/test_{doubted_in(field)}.py"
         for field in DoubtSettings.__struct_fields__
     },
     "DoubtSettings.repeat_chance": "grasp/test_quiet_fingertips.py",

@@ -21,6 +21,7 @@ from scenarios.acquire.datasets.build import make
 from scenarios.acquire.datasets.plan import load_dataset_config, plan
 from scenarios.campaign.config import load_config
 
+pytestmark = pytest.mark.timeout(600)  # recordings are made: minutes beside other work
 SEED = 77  # of no data set
 KINDS = {"grasped_blow": 12, "grasped_slip": 8}
 DEFAULT = load_config("can", "simulated")
