@@ -353,6 +353,27 @@ def custom_script(site):
     assert c.moveL(site.target(dz=0.01), 0.25, 1.2)
 
 
+def pose_trans(site):
+    """As a call, and in a script of the client's own: a quarter turn about z, then a step along x,
+    is a step along y."""
+    c = site.connect()
+    quarter, step = [1.0, 2.0, 3.0, 0.0, 0.0, math.pi / 2], [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
+    wanted = [1.0, 2.1, 3.0, 0.0, 0.0, math.pi / 2]
+    for _ in range(5):
+        assert math.dist(c.poseTrans(quarter, step), wanted) < 1e-9, c.poseTrans(quarter, step)
+    script = (
+        f"there = pose_trans(p{quarter}, p{step})\n"
+        f'  textmsg("off by ", floor(1000000 * point_dist(there, p{wanted})))'
+    )
+    assert c.sendCustomScriptFunction("mine", script)
+    assert any("off by 0" in line for line in site.fault(do="state")["messages"])
+    until(c.isProgramRunning, "control script not back")
+    here = site.receive.getActualTCPPose()
+    there = c.poseTrans(here, [0.0, 0.0, -0.01, 0.0, 0.0, 0.0])  # back along the tool's axis
+    assert c.moveL(there, 0.25, 1.2)
+    assert math.dist(site.position, here[:3]) > 0.009
+
+
 def not_remote(site):
     site.fault(do="remote_control", on=False)
     try:

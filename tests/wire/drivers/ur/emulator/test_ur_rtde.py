@@ -24,6 +24,7 @@ import pytest
         "io",
         "dashboard",
         "custom_script",
+        "pose_trans",
         "in_use",
         "frozen",
         "dropped",
@@ -36,7 +37,8 @@ def test_cb3(emulator, scenario):
 
 
 @pytest.mark.parametrize(
-    "scenario", ["move_l", "speed_l", "servo", "contact_refused", "not_remote"]
+    "scenario",
+    ["move_l", "speed_l", "servo", "pose_trans", "contact_refused", "not_remote"],
 )
 def test_e_series_at_500_hz(emulate, scenario):
     """125 Hz controllers have no remote control mode that ur_rtde could ask for."""

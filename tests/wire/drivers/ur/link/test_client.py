@@ -19,8 +19,10 @@ from drivers.ur.link.client import UrLink, UrSettings
 from tests.wire.drivers.ur.link.conftest import ROOT, workers
 
 # a slow watchdog: a busy machine must not end the program
-EASY = {"watchdog_hz": 2.0, "heartbeat_timeout_s": 1.0, "stop_margin_s": 5.0}
-LONG_S = 20.0
+EASY = {
+    "watchdog_hz": 1.0, "heartbeat_timeout_s": 5.0, "stop_margin_s": 5.0, "link_timeout_s": 2.0,
+}  # fmt: skip
+LONG_S = 60.0
 PROGRAM_RUNNING = 2
 SECONDARY_PORT = 30002
 
@@ -245,7 +247,7 @@ def test_caller_that_reads_no_more_is_stopped_by_the_watchdog(emulate, connect):
 
 def test_standing_arm_needs_no_reading(emulate, connect):
     emulate()
-    arm = connect(heartbeat_timeout_s=0.1)
+    arm = connect(heartbeat_timeout_s=0.1, watchdog_hz=2.0)
     time.sleep(1.5)  # three times what the watchdog allows
     arm.pump()
     arm.rise(0.02)
