@@ -16,13 +16,13 @@ an ensemble, which hears `tcn-paper` too, is right of the paper's kind where it 
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 from pathlib import Path
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from detector.blows import blows_of
 from detector.decision import RuleSettings
 from detector.interface import DETECTORS
 from detector.recordings import Recording, Split
@@ -36,12 +36,12 @@ from detector.scores.evaluation import (
 )
 from detector.scores.intervals import HIGH, LOW
 from detector.scores.metrics import auc
-from detector.scores.quantiles import quantile
+from detector.scores.quantiles import quantile, quantiles
 from detector.scores.sweep import SweepPoint, at_the_budget, best, rules, sweep
 from scenarios.acquire.datasets.plan import BLOCKS, SEEDS
 from scenarios.campaign.config import load_config
 from scenarios.studies.detectors.benchmark import read_split
-from scenarios.studies.detectors.evaluated import slips_heard
+from scenarios.studies.detectors.evaluated import SlipHeard, slips_heard
 from scenarios.studies.detectors.robustness import stream_together
 from scenarios.trial.config import TrialConfig
 
@@ -53,7 +53,9 @@ OBSERVER, FUSED = "observer", "tcn"
 FOLDS, THINNED = 3, 3  # it learns from one sample in so many
 AHEAD = (0, 2, 5, 10, 20)  # samples by which it may answer later
 RESAMPLES = 1000
-SLID_MM = (0.0, 0.5, 1.0, 2.0, 5.0, np.inf)
+EARLY = 3  # samples before a blow in which its slip may begin
+MOVED_MM = (0.5, 1.0, 2.0)
+MOVED = ("within 0.5 mm", "0.5-1 mm", "1-2 mm", "2 mm or more")
 
 
 class Tuned(msgspec.Struct, frozen=True, eq=False):
@@ -107,13 +109,14 @@ def rows(every: Sequence[Tuned]) -> str:
              "paper's kind: slips caught", "delay", "false a minute")  # fmt: skip
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for t in every:
-        whole, slides = sheet(t, t.streams), sheet(t, [s for s in t.streams if _slides(s)])
+        pressed = [s for s in t.streams if _slides(s)] or t.streams
+        whole, slides = sheet(t, t.streams), sheet(t, pressed)
         b = whole.blows
         blows = b and (f"{b.far_registered} of {b.far}; {b.unmoved_registered} of {b.unmoved}")
         cells = (
             f"`{t.name}`", said(t.point.rule) + _over(t),
             f"{t.point.false_per_min:.2f}; {whole.false_events_per_min_hand or 0:.2f}",
-            _recall(whole), _delay(whole), blows or "–", _recall(slides), _delay(slides),
+            caught(t, t.streams), _delay(whole), blows or "–", caught(t, pressed), _delay(slides),
             f"{slides.false_events_per_min_hand or 0:.2f}",
         )  # fmt: skip
         lines.append(f"| {' | '.join(cells)} |")
@@ -143,9 +146,14 @@ def _slides(s: Streamed) -> bool:
     return cause_of(s.recording) == SLIDE
 
 
-def _recall(s: Evaluation) -> str:
-    low, high = s.intervals.get("event_recall", (np.nan, np.nan))
-    return f"{s.event_recall or 0:.3f} [{low:.3f}, {high:.3f}]"
+def caught(t: Tuned, streams: Sequence[Streamed]) -> str:
+    """Share of slips, 95 % over recordings."""
+    hits = [[s.delay_ms is not None for s in slips_heard(x, t.point.rule)] for x in streams]
+    right, of = np.array([sum(h) for h in hits]), np.array([len(h) for h in hits])
+    drawn = np.random.default_rng(0).integers(0, len(hits), (RESAMPLES, len(hits)))
+    shares = np.sort(right[drawn].sum(1) / np.maximum(of[drawn].sum(1), 1))
+    low, high = quantile(shares, LOW), quantile(shares, HIGH)
+    return f"{right.sum() / max(of.sum(), 1):.3f} [{low:.3f}, {high:.3f}]"
 
 
 def _delay(s: Evaluation) -> str:
@@ -153,20 +161,32 @@ def _delay(s: Evaluation) -> str:
     return "–" if q is None else f"{q.p50:.0f} / {q.p90:.0f} / {q.p99:.0f}"
 
 
-def by_way(every: Sequence[Tuned]) -> str:
-    """Slips of all sets caught, by how far the contact slid in all."""
-    titles = [f"{a:g}-{b:g} mm" for a, b in pairwise(SLID_MM)]
-    lines = [f"| slid in all | {' | '.join(titles)} |", "|---" * (len(titles) + 1) + "|"]
-    for t in every:
-        slips = [s for streamed in t.streams for s in slips_heard(streamed, t.point.rule)]
-        classes = np.digitize([s.slid_mm or 0.0 for s in slips], SLID_MM[1:-1])
-        hit = np.array([s.delay_ms is not None for s in slips])
-        cells = [
-            f"{int(hit[classes == k].sum())} of {int((classes == k).sum())}"
-            for k in range(len(titles))
-        ]
-        lines.append(f"| `{t.name}` | {' | '.join(cells)} |")
+def by_kind(every: Sequence[Tuned]) -> str:
+    """Slips of all sets by what made them, those of blows by how far the blow moved it for good:
+    how many were caught, and their delays."""
+    heads = ("slips of", "n", *(f"`{t.name}`: caught; delay, ms, p50 / p90 / p99" for t in every))
+    found = [
+        [(kind_of(x, s), s.delay_ms) for x in t.streams for s in slips_heard(x, t.point.rule)]
+        for t in every
+    ]
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for kind in sorted({k for k, _ in found[0]}):
+        its = [quantiles(d for k, d in each if k == kind) for each in found]
+        hit = [sum(k == kind and d is not None for k, d in each) for each in found]
+        told = [f"{h}; {q.p50:.0f} / {q.p90:.0f} / {q.p99:.0f}"
+                for h, q in zip(hit, its, strict=True) if q is not None]  # fmt: skip
+        lines.append(f"| {kind} | {sum(k == kind for k, _ in found[0])} | {' | '.join(told)} |")
     return "\n".join(lines)
+
+
+def kind_of(streamed: Streamed, slip: SlipHeard) -> str:
+    """The cause of its recording, or how far the blow moved it that it is of."""
+    recording = streamed.recording
+    at = int(np.searchsorted(recording.t_s, slip.onset_s))
+    blow = next((b for b in blows_of(recording) if b.struck - EARLY <= at < b.until), None)
+    if blow is None:
+        return cause_of(recording)
+    return f"blow, {MOVED[int(np.digitize(1e3 * blow.moved_m, MOVED_MM))]}"
 
 
 def accuracies(said: Mapping[str, Sequence[Streamed]]) -> str:
@@ -224,7 +244,7 @@ def main() -> int:
         base = bases.get(name, bases[FUSED]).rule
         every.append(tuned(name, list(rules(base)), known, asked))
         print(rows(every[-1:]), flush=True)
-    print(f"{rows(every)}\n\n{by_way(every)}")
+    print(f"{rows(every)}\n\n{by_kind(every)}")
     if args.observer:
         print(f"\n{rows(together(recordings, heard[FUSED], bases[FUSED].rule, of_split))}")
     if args.observer:
@@ -253,8 +273,8 @@ def together(
     recordings: Sequence[Recording], said: Sequence[Streamed], base: RuleSettings,
     of_split: Mapping[Split, Sequence[int]],
 ) -> list[Tuned]:  # fmt: skip
-    """Hands alone: any finger, the mean of their log-odds, and a head that has learnt from other
-    recordings what the three say together."""
+    """Hands alone, by rules of the packaged one's kind and end: any finger, the mean of their
+    log-odds, and a head that has learnt from other recordings what the three say together."""
     from detector.training.sample_observer import (  # noqa: PLC0415  (torch only where asked)
         fused_features,
         held_out,
@@ -268,9 +288,13 @@ def together(
     found = []
     for title, fusion, heard in (("any", "any", said), ("mean", "mean", said), ("head", "", head)):
         known, asked = ([heard[i] for i in its[s]] for s in SPLITS)
-        tried = [r for r in rules(base) if fusion in ("", r.fusion)]
+        tried = [r for r in rules(base) if fusion in ("", r.fusion) and _alike(r, base)]
         found.append(tuned(f"{FUSED}, {title}", tried, known, asked))
     return found
+
+
+def _alike(r: RuleSettings, base: RuleSettings) -> bool:
+    return (r.kind, r.release) == (base.kind, base.release)
 
 
 def later(recordings: Sequence[Recording], test: Sequence[int]) -> str:

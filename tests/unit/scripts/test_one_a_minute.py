@@ -6,9 +6,10 @@ import pytest
 
 from detector.decision import RuleSettings
 from detector.scores.evaluation import Streamed
-from detector.scores.sweep import rules
+from detector.scores.sweep import SweepPoint, rules
 from scripts import one_a_minute
-from scripts.one_a_minute import accuracies, by_way, rows, tuned
+from scripts.one_a_minute import Tuned, accuracies, by_kind, rows, tuned
+from tests.unit.detector.blow_toys import struck
 from tests.unit.detector.scores.test_sweep import noisy
 
 TRIED = list(rules(RuleSettings()))[::7]
@@ -42,18 +43,17 @@ def test_a_row_is_of_the_recordings_that_the_rule_was_not_tuned_by() -> None:
     assert line.count("|") == rows([found]).splitlines()[0].count("|")
 
 
-def test_slips_are_counted_by_how_far_they_slid() -> None:
-    slid = [
-        msgspec.structs.replace(
-            s, recording=msgspec.structs.replace(
-                s.recording, contact_speed_mps=np.where(s.labels, 0.004, 0.0).astype(np.float32)
-            )
-        )
-        for s in STREAMS
-    ]  # fmt: skip
-    found = tuned("tcn", TRIED, STREAMS, slid)
-    cells = by_way([found]).splitlines()[2].split(" | ")[1:]
-    assert [c.split(" of ")[1].strip(" |") for c in cells] == ["0", "0", "0", "9", "0"]
+def test_slips_are_told_by_what_made_them_and_of_blows_by_how_far_they_moved_it() -> None:
+    recording = struck((2.0, 0.003), (4.0, 0.0015), (6.0, 0.0))
+    assert recording.slip_true is not None
+    slips = msgspec.structs.replace(recording, slip=recording.slip_true)
+    p = np.full((len(slips.t_s), 1), 0.01)
+    p[203:206] = 0.99  # the first alone is heard, at once
+    point = SweepPoint(RuleSettings(consecutive=1), 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, None)
+    heard = Tuned("tcn", point, True, [Streamed(slips, p, np.empty(0))])
+    _, _, near, far = by_kind([heard]).splitlines()
+    assert near == "| blow, 1-2 mm | 1 | 0; inf / inf / inf |"
+    assert far == "| blow, 2 mm or more | 1 | 1; 0 / 0 / 0 |"
 
 
 def test_how_often_samples_are_told_right_has_an_interval() -> None:
