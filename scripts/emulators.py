@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 HOME = Path(__file__).resolve().parent.parent
 PAGE = HOME / "docs" / "emulators.md"
-BEGIN, END = "<!-- clients -->\n<!-- reference -->", "<!-- end of clients -->"
+HEAD, END = "| client | does | status |", "<!-- end of clients -->"
 UR = "tests/wire/drivers/ur/emulator"
 RTDE, STOCK = f"{UR}/test_ur_rtde.py::test", f"{UR}/test_stock_clients.py::test"
 PIP = f"{UR}/test_pip_clients.py::test_client_does_what_the_page_says"
@@ -166,7 +166,7 @@ def _name(case: ET.Element) -> str:
 
 def table(rows: tuple[Row, ...], good: set[str], kept: str = "") -> str:
     """``kept``: lines of the table so far that stay, since their tests were skipped."""
-    lines = ["| client | does | status |", "|---|---|---|"]
+    lines = [HEAD, "|---|---|---|"]
     for row in rows:
         line = f"| {row.client} | {row.function} | {row.status} |"
         well = row.test in good or line in kept.splitlines()
@@ -176,13 +176,13 @@ def table(rows: tuple[Row, ...], good: set[str], kept: str = "") -> str:
 
 def main() -> int:
     good, skipped = played(sorted({row.test for row in ROWS}))
-    before, _, rest = PAGE.read_text().partition(BEGIN)
+    before, _, rest = PAGE.read_text().partition(HEAD)
     told, _, after = rest.partition(END)
     known = "\n".join(
         line for row in ROWS if row.test in skipped for line in told.splitlines()
         if line.startswith(f"| {row.client} | {row.function} |")
     )  # fmt: skip
-    PAGE.write_text(f"{before}{BEGIN}\n{table(ROWS, good, known)}\n{END}{after}")
+    PAGE.write_text(f"{before}{table(ROWS, good, known)}\n{END}{after}")
     for row in ROWS:
         if row.test not in good:
             how = "not run, kept as it was" if row.test in skipped else "FAILS"

@@ -18,7 +18,8 @@ import time
 from pathlib import Path
 
 NOT_INSTALLED = 77
-PATIENCE_S = 20.0
+PATIENCE_S = 100.0
+WITHOUT_A_GAP = 20  # cycles in a row: 50 are more than a busy machine may give
 PLACE_M = (0.5, 0.1, 0.3)
 FIELDS = {
     "timestamp": "DOUBLE", "actual_q": "VECTOR6D", "actual_qd": "VECTOR6D",
@@ -51,6 +52,16 @@ def until(holds):
         assert time.monotonic() < deadline
         time.sleep(0.05)
     return found
+
+
+def in_a_row(rows):
+    """The most steps of one cycle, one after the other; every step is of whole cycles."""
+    times = [row["timestamp"] for row in rows]
+    steps = [round((b - a) / 0.008, 3) for a, b in itertools.pairwise(times)]
+    assert all(step == round(step) >= 1 for step in steps)
+    return max(
+        (len(list(same)) for step, same in itertools.groupby(steps) if step == 1.0), default=0
+    )
 
 
 def near(found, wanted, within=1e-4):
@@ -143,10 +154,7 @@ def record(host, _):
         wide = {"VECTOR6D": 6, "VECTOR6INT32": 6, "VECTOR3D": 3}
         assert len(head) == sum(wide.get(kind, 1) for kind in STOCK.values())
         found = [dict(zip(head, map(float, row), strict=True)) for row in rows]
-        times = [row["timestamp"] for row in found]
-        steps = {round((b - a) / 0.008, 3) for a, b in itertools.pairwise(times)}
-        assert all(step == round(step) >= 1 for step in steps)
-        return found if steps == {1.0} else None
+        return found if in_a_row(found) >= WITHOUT_A_GAP else None
 
     last = until(without_a_gap)[-1]
     assert near([last[f"actual_TCP_pose_{i}"] for i in range(3)], PLACE_M)
@@ -170,10 +178,7 @@ def urinterface(host, _):
     def without_a_gap():
         """On a busy machine the client passes over what it has not read in time."""
         rows = recorded(50)
-        times = [row["timestamp"] for row in rows]
-        steps = [round((b - a) / 0.008, 3) for a, b in itertools.pairwise(times)]
-        assert all(step == round(step) >= 1 for step in steps)
-        return rows if set(steps) == {1.0} else None
+        return rows if in_a_row(rows) >= WITHOUT_A_GAP else None
 
     rows = until(without_a_gap)
     names = [f"actual_q_{i}" for i in range(6)]
