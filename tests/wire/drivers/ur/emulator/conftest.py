@@ -16,6 +16,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.wire.drivers.ur.emulator.bench import Bench
+
 ROOT = Path(__file__).parents[5]
 CLIENTS = Path(__file__).with_name("clients.py")
 DEADLINE_S = 40.0
@@ -82,3 +84,8 @@ def emulate() -> Iterator[Callable[..., Emulated]]:
 def emulator(emulate) -> Emulated:
     """The default: UR10 of the CB3 series at 125 Hz, unlocked without the wait of five seconds."""
     return emulate("--unlock-delay", "0")
+
+
+@pytest.fixture
+def bench():
+    return Bench()
