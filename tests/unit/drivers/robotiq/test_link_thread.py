@@ -107,6 +107,26 @@ def test_first_exchange_is_at_once_and_no_other_follows_before_its_period(made: 
     assert gripper.acknowledged
 
 
+def test_one_thread_pumps_however_often_it_is_started(made: Made) -> None:
+    cell, gripper = made()
+    gripper.start()
+    names = [thread.name for thread in threading.enumerate()]
+    assert (names.count("gripper"), cell.pumped_ns) == (1, [BEGIN_NS])
+
+
+def test_one_that_was_stopped_goes_on_when_it_is_started_and_has_exchanged_then(made: Made) -> None:
+    pause, told = threading.Event(), list[str]()
+
+    def slowly(cell: Cell) -> None:
+        pause.wait(0.1)
+        told.append("exchanged")
+
+    cell, gripper = made(idle, slowly)
+    gripper.stop()
+    gripper.start()
+    assert (told, len(cell.pumped_ns)) == (["exchanged"], 2)
+
+
 def test_verb_waits_for_the_reply_to_its_write_and_is_timed_from_when_it_was_given(
     made: Made,
 ) -> None:
