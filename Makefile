@@ -135,7 +135,7 @@ test-browser: install-dev
 test-cluster: install-cluster
 	$(BIN)/python -m pytest -m "slow or not slow" tests/wire/scenarios/test_cluster.py
 
-# what is lacking is run, and what was ended goes on: half an hour on an idle core; then lifts through
+# what is lacking is run, and what was ended goes on: two hours of an idle core; then lifts through
 # wires that are spoilt, in wall time: three quarters of an hour
 JOBS ?= $(shell nproc)
 faults: install-dev
