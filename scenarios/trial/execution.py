@@ -1,5 +1,6 @@
 """One controller on an open rig, run to its end and recorded: what every scenario shares."""
 
+import math
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
@@ -180,7 +181,10 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         phase = f"in phase {machine.before if self.controller.in_safe_state else machine.phase}"
         if last is None or home is None:
             return phase
-        return f"{phase}, {round((last.arm.position_m[2] - home[2]) * 1e3)} mm above the grasp"
+        height_m = last.arm.position_m[2] - home[2]
+        if not math.isfinite(height_m):
+            return f"{phase}, at a height that the arm does not tell"
+        return f"{phase}, {round(height_m * 1e3)} mm above the grasp"
 
     @property
     def home(self) -> Vector3 | None:

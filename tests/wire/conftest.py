@@ -24,6 +24,7 @@ ONE_AT_A_TIME = (
     "test_rigs.py",
     "test_tap.py",
 )  # of wire/scenarios
+ONE_WORKER_A_FILE = "scenarios/lab/"  # its tests share one hand, one after the other
 COMPUTES = "test_cell_has_compiled_its_world_before_it_answers"  # for most of its time
 
 _meter: StallMeter | None = None
@@ -39,6 +40,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         cell = path.removeprefix("scenarios/").startswith(ONE_AT_A_TIME)
         if shared_out and cell and item.name != COMPUTES:
             item.add_marker(pytest.mark.xdist_group("cell"))
+        elif shared_out and path.startswith(ONE_WORKER_A_FILE):
+            item.add_marker(pytest.mark.xdist_group(path))
 
 
 @pytest.hookimpl(tryfirst=True)

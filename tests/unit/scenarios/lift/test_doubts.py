@@ -254,11 +254,13 @@ def test_fault_in_a_safe_state_is_told_and_neither_opens_the_hand_nor_moves_the_
     now_ns = staged.rig.clock.now_ns
     assert cell.arm.velocity(now_ns) == (0.0, 0.0, 0.0)
     failure = trial.failure(staged.config, "fault")
-    assert failure is not None
+    assert failure is not None and failure.end is not None
+    unknown = failure.end.where.endswith("at a height that the arm does not tell")
+    assert unknown == (name == "arm_position_nan")
     if trial.controller.further:
         assert trial.controller.further[0].startswith(f"{name}: ")
         assert f"; then {name}: " in failure.message
-        assert failure.end is not None and failure.end.further == tuple(trial.controller.further)
+        assert failure.end.further == tuple(trial.controller.further)
     else:
         assert name.startswith("fingertips")  # nobody hears them any more
 

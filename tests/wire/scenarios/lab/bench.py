@@ -32,9 +32,7 @@ class Lab:
         return grasp(*words, "--config", str(self.file))
 
     def done(self, *words: str) -> str:
-        done = self.grasp(*words, *CONFIRMED)
-        assert done.returncode == 0, done.stderr
-        return done.stdout
+        return self.rested(*words, *CONFIRMED).stdout
 
     def rested(self, *words: str) -> "subprocess.CompletedProcess[str]":
         """Asked again while rubber that was pressed a moment ago still creeps back."""

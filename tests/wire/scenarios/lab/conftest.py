@@ -1,4 +1,4 @@
-"""Of the tests here that move hand and arm: a lab, started once."""
+"""Of the tests here that move hand and arm: a lab, started once a file, its hand not yet active."""
 
 from collections.abc import Iterator
 
@@ -8,7 +8,7 @@ from tests.wire.scenarios.lab.bench import Lab
 from tests.wire.scenarios.test_rigs import emulate
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
     with emulate("--set", "hand.activation_s=3") as endpoints:
         found = Lab(endpoints, tmp_path_factory.mktemp("lab"))
