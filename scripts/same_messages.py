@@ -37,9 +37,10 @@ ACQUISITION = ("acquire", "--surface", "sphere", "--direction", "45", "--seconds
 RENAMED: tuple[tuple[bytes, bytes], ...] = ((b'"impulse_ns":', b'"impulse_n_s":'),)
 
 # Fields that say nothing had happened, of a message that had none of them before.
-ADDED_FIELDS: tuple[bytes, ...] = (
-    b',"late_ns":0,"took_ns":0,"doubt":""',  # of /control
-    b',"speed_fraction":1.0',  # of /arm
+ADDED_FIELDS: tuple[tuple[str, bytes], ...] = (
+    ("/control", b',"late_ns":0,"took_ns":0,"doubt":""'),
+    ("/arm", b',"speed_fraction":1.0'),
+    ("/gripper", b',"took_ns":0'),
 )
 
 # A phase that was part of another, and of which.
@@ -229,23 +230,24 @@ def comparable(
 ) -> tuple[Contents, Contents]:
     """Both sides in the same words: the old one renamed, the new one without what the old one
     could not say."""
-    said = b"".join(data for _, data in old.values())
-    more = [fields for fields in ADDED_FIELDS if fields.partition(b":")[0] not in said]
     rewritten = [
-        *((fields, b"") for fields in more),
-        *(
-            (f'"phase":"{part}"'.encode(), f'"phase":"{whole}"'.encode())
-            for whole, parts in folded.items()
-            for part in parts
-        ),
+        (f'"phase":"{part}"'.encode(), f'"phase":"{whole}"'.encode())
+        for whole, parts in folded.items()
+        for part in parts
     ]
+    for topic, fields in ADDED_FIELDS:
+        said = b"".join(data for (name, _), (_, data) in old.items() if name == topic)
+        if fields.partition(b":")[0] not in said:
+            new = _replaced(new, [(fields, b"")], topic)
     return _replaced(old, RENAMED), _replaced(new, rewritten)
 
 
-def _replaced(contents: Contents, by: Sequence[tuple[bytes, bytes]]) -> Contents:
+def _replaced(contents: Contents, by: Sequence[tuple[bytes, bytes]], topic: str = "") -> Contents:
+    """With one for the other, in the messages of a topic or in all."""
     changed = {}
     for key, (t_ns, data) in contents.items():
-        changed[key] = t_ns, functools.reduce(lambda said, pair: said.replace(*pair), by, data)
+        pairs = by if topic in ("", key[0]) else ()
+        changed[key] = t_ns, functools.reduce(lambda said, pair: said.replace(*pair), pairs, data)
     return changed
 
 

@@ -90,6 +90,15 @@ def test_fields_are_left_out_only_beside_a_tree_that_had_none_and_only_while_the
     assert not same(control("lift"), control("lift", b""), NOW)
 
 
+def test_a_field_is_left_out_of_its_own_topic_whatever_another_has_said() -> None:
+    hand = {("/gripper", 0): (0, b'{"seq":1}')}
+    timed = {("/gripper", 0): (0, b'{"seq":1,"took_ns":0}')}
+    assert same(hand | control("lift"), timed | control("lift"), NOW)
+    assert not same(timed | control("lift"), hand | control("lift"), NOW)
+    late = {("/gripper", 0): (0, b'{"seq":1,"took_ns":5}')}
+    assert not same(hand | control("lift"), late | control("lift"), NOW)
+
+
 def test_a_date_is_no_difference_and_another_time_since_the_start_is() -> None:
     assert undated(VIRTUAL_EPOCH_NS + 6_410_000_000) == undated(6_410_000_000) == 6_410_000_000
     assert undated(VIRTUAL_EPOCH_NS + 6_420_000_000) != undated(6_410_000_000)
