@@ -218,7 +218,7 @@ class ArmState(msgspec.Struct, frozen=True):
 
     ``angle_rad`` is the turn about the tool's own axis (its z, right-handed) since the start.
     ``speed_fraction`` is where the speed slider stands: the share of the speed asked for, 0 to 1,
-    that the arm moves at.
+    that the arm moves at. ``sampled_ns`` is when, by the controller's own clock; None: it has none.
     """
 
     t_ns: int
@@ -230,6 +230,7 @@ class ArmState(msgspec.Struct, frozen=True):
     angle_rad: float = 0.0
     spin_radps: float = 0.0
     speed_fraction: float = 1.0
+    sampled_ns: int | None = None
 
     def age_ns(self, now_ns: int) -> int:
         return now_ns - self.t_ns

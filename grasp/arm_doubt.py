@@ -30,6 +30,7 @@ class ArmDoubt:
         self._room_m = 0.0
         self._stop_left = False  # it was not on its way any more
         self._flickers = Flicker()
+        self._late_s = 0.0  # by how much what it says may have come later than before
         self._pace = 1.0  # that it has come to by its speed slider
 
     def told(self, command: MoveArm | StopArm, arm: ArmState) -> None:
@@ -85,6 +86,7 @@ class ArmDoubt:
             return f"arm_slider: a speed slider cannot stand at {100 * arm.speed_fraction:.3g} %"
         before, self._before = self._before, arm
         self._slow(before, arm)
+        apart_s = 0.0 if before is None else self._apart_s(before, arm)
         if before is None:
             self._way = _Way(arm.position_m, arm.position_m)
             self._anchor = (arm.t_ns, arm.position_m)
@@ -98,7 +100,7 @@ class ArmDoubt:
             self._stop_m = arm.position_m
         self._stop_left = self._stop_left or not pending
         strayed = self._strayed(arm, pending)
-        wrong = self._jumped(before, arm) or strayed or self._went_on(arm)
+        wrong = self._jumped(before, arm, apart_s) or strayed or self._went_on(arm)
         if not wrong and self._flickers.take(arm.t_ns, arm.moving):
             return "arm_flickers: it says again and again that it moves and that it stands"
         return wrong or self._froze(arm, pending)
@@ -140,10 +142,23 @@ class ArmDoubt:
             return f"arm_goes_on: {way_m * 1e3:.0f} mm since it said that it stands"
         return ""
 
-    def _jumped(self, before: ArmState, arm: ArmState) -> str:
+    def _apart_s(self, before: ArmState, arm: ArmState) -> float:
+        """How long passed between two samples: by the controller's own clock, for who reads it may
+        have been kept waiting and hear then of more than he waited for now. But no longer than has
+        passed here beside what that clock was behind before: one that lies makes room for no leap,
+        nor does one that stands still or runs back."""
+        here_s = (arm.t_ns - before.t_ns) * 1e-9
+        if arm.sampled_ns is None or before.sampled_ns is None:
+            return here_s
+        there_s = max(0, arm.sampled_ns - before.sampled_ns) * 1e-9
+        most_s = here_s + self._late_s
+        self._late_s = min(max(0.0, most_s - there_s), self._settings.arm_start_s)
+        return min(there_s, most_s)
+
+    def _jumped(self, before: ArmState, arm: ArmState, apart_s: float) -> str:
         s = self._settings
         way_m = math.dist(before.position_m, arm.position_m)
-        if way_m > s.arm_jump_m + s.arm_fastest_mps * (arm.t_ns - before.t_ns) * 1e-9:
+        if way_m > s.arm_jump_m + s.arm_fastest_mps * apart_s:
             return f"arm_jump: {way_m:.3f} m from one sample to the next"
         return ""
 

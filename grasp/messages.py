@@ -46,6 +46,7 @@ class ArmMessage(msgspec.Struct, frozen=True):
     angle_rad: Number = 0.0
     spin_radps: Number = 0.0
     speed_fraction: Number = 1.0
+    sampled_ns: int | None = None
 
 
 class ControlMessage(msgspec.Struct, frozen=True):
@@ -184,6 +185,7 @@ def recorded_arm(message: ArmMessage) -> ArmState:
     return ArmState(
         message.t_ns, message.seq, (x, y, z), (u, v, w), message.moving, message.stopped_by_safety,
         _number(message.angle_rad), _number(message.spin_radps), _number(message.speed_fraction),
+        message.sampled_ns,
     )  # fmt: skip
 
 

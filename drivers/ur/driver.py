@@ -10,6 +10,10 @@ from msgspec import Meta
 from drivers.errors import DeviceFault, Refused, Stale
 from drivers.interfaces import ArmState, Vector3
 
+UNREAD = (
+    "something keeps the program from running: see what else takes the processor, then start the "
+    "run again"
+)
 _SLACK_M = 1e-9  # rounding, when a pose is computed from the start pose and a limit
 
 
@@ -87,6 +91,7 @@ class ArmSample(msgspec.Struct, frozen=True):
     angle_rad: float = 0.0  # turn of the tool about its own axis since the start
     spin_radps: float = 0.0
     speed_fraction: float = 1.0  # of the speed slider
+    silent_s: float = 0.0  # since who reads the controller has said anything, be it "nothing new"
 
 
 class ArmLink(Protocol):
@@ -137,8 +142,8 @@ class ArmDriver:
     def pump(self, now_ns: int) -> None:
         """Read one sample.
 
-        Raises ``Stale`` for as long as the controller's own timestamp stands still, and
-        ``DeviceFault`` once for each onset of a protective stop.
+        Raises ``Stale`` for as long as the controller's own timestamp stands still, or nobody reads
+        it, and ``DeviceFault`` once for each onset of a protective stop.
         """
         self._now_ns = now_ns
         sample = self._link.read(now_ns)
@@ -157,6 +162,7 @@ class ArmDriver:
             angle_rad=sample.angle_rad,
             spin_radps=sample.spin_radps,
             speed_fraction=sample.speed_fraction,
+            sampled_ns=sample.t_ns,
         )
         self._stop_forgotten_drive(now_ns)
         self._check(now_ns, sample)
@@ -247,6 +253,8 @@ class ArmDriver:
 
     def _check(self, now_ns: int, sample: ArmSample) -> None:
         if now_ns - self._fresh_ns > self._stale_ns:
+            if 2.0 * sample.silent_s * 1e9 > self._stale_ns:
+                raise Stale("the arm's worker process says nothing", UNREAD)
             raise Stale(
                 "the arm controller's clock stands still",
                 "look at the teach pendant, then start the run again",

@@ -226,6 +226,7 @@ class UrLink:
             angle_rad=self._angle(trusted.pose[3:]),
             spin_radps=_along_axis(trusted) if powered else 0.0,
             speed_fraction=state.speed_fraction,
+            silent_s=process.silent_s,
         )
 
     def _angle(self, rotation: Vector3) -> float:

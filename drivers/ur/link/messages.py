@@ -133,4 +133,8 @@ class State(Message, frozen=True):
         return bool(self.safety_bits & _OTHER_STOP_BITS)
 
 
-FromWorker = Ready | Failed | Reply | State
+class NothingNew(Message, frozen=True):
+    """This process has run for a cycle in which the controller sent no sample."""
+
+
+FromWorker = Ready | Failed | Reply | State | NothingNew

@@ -21,7 +21,7 @@ from drivers.ur.link.preflight import CONNECT_AGAIN
 START_AGAIN = "make sure that the arm may move, then start the run again"
 SEE_PENDANT = "see the teach pendant for the cause, clear it there, then start the run again"
 _LOG_LINES = 200
-_SILENT_S = 0.25  # many samples of the slowest arm
+_SILENT_S = 0.25  # some cycles of the slowest arm
 
 
 class WorkerProcess:
@@ -50,6 +50,11 @@ class WorkerProcess:
     @property
     def running(self) -> bool:
         return not self._ended
+
+    @property
+    def silent_s(self) -> float:
+        """Since it has said anything at all; while it runs it does so each cycle."""
+        return time.monotonic() - self._heard_at
 
     def wait_ready(self, timeout_s: float) -> None:
         """Until states flow; kills the worker and raises what is wrong when they do not."""
@@ -109,9 +114,9 @@ class WorkerProcess:
             self._give_up()
 
     def _give_up(self) -> NoReturn:
-        silent = time.monotonic() - self._heard_at > _SILENT_S
+        silent = self.silent_s > _SILENT_S
         self.kill()
-        if silent:  # not even the arm's states come
+        if silent:
             raise LinkLost("link to the arm lost: its worker process says nothing", START_AGAIN)
         raise LinkLost("the arm controller did not take a command in time", START_AGAIN)
 
@@ -176,7 +181,7 @@ class WorkerProcess:
                 self._settle(said)
             elif isinstance(said, messages.Ready):
                 self._ready = True
-            else:
+            elif isinstance(said, messages.Failed):
                 self._ended = said.reason
             self._changed.notify_all()
         return said is not None

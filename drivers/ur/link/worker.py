@@ -35,6 +35,7 @@ from drivers.ur.link.messages import (
     FromWorker,
     Leave,
     Move,
+    NothingNew,
     Outcome,
     Ready,
     Reply,
@@ -55,6 +56,7 @@ _RECIPE = [
     "runtime_state",
     "target_speed_fraction",
 ]
+_PAUSE_S = 0.03  # between two looks, where 1 ms was to be slept: this process was not run
 _SETTLE_CYCLES = 4  # until a command shows in what the controller reports
 _KICKS_PER_LIMIT = 4  # kicks in the time after which the watchdog would bite
 _PR_SET_PDEATHSIG = 1  # prctl(2), Linux
@@ -125,16 +127,27 @@ class Robot:
         )
 
     def watch(self) -> None:
-        """Publish each new sample, for ever; never comes back."""
-        seen_s, seen_at = -1.0, time.monotonic()
+        """Publish each new sample, for ever; never comes back. A cycle without one is told too, so
+        that a controller whose clock stands still is no silence of this process. What passes while
+        this process is not run is no silence of the controller: what came then is read only now.
+        """
+        seen_s = -1.0
+        seen_at = said_at = ran_at = time.monotonic()
         while self._receive.isConnected():
+            now = time.monotonic()
+            if now - ran_at > _PAUSE_S:
+                seen_at, said_at = seen_at + now - ran_at, now
+            ran_at = now
             timestamp_s = self._receive.getTimestamp()
             if timestamp_s != seen_s:
-                seen_s, seen_at = timestamp_s, time.monotonic()
+                seen_s, seen_at, said_at = timestamp_s, now, now
                 if self.publishing:
                     self._channel.send(self.state())
-            elif time.monotonic() - seen_at > self._setup.link_timeout_s:
+            elif now - seen_at > self._setup.link_timeout_s:
                 break
+            elif self.publishing and now - said_at >= self.period_s:
+                said_at = now
+                self._channel.send(NothingNew())
             time.sleep(min(0.001, 0.25 * self.period_s))
         self._channel.send(Failed("the arm controller sends no data any more"))
         os._exit(3)  # no destructor: ur_rtde's would wait, and can crash

@@ -245,6 +245,66 @@ def test_arm_jump_m(value: float) -> None:
     assert (leap(value - 1e-5), leap(value + 1e-5)) == ("", "arm_jump")
 
 
+def dated(here_s: float, there_s: float | None, height_m: float) -> ArmState:
+    """Read then, and sampled then by the controller's own clock, which began 100 s before ours."""
+    sampled_ns = None if there_s is None else round((100.0 + there_s) * 1e9)
+    return msgspec.structs.replace(at(here_s, height_m), sampled_ns=sampled_ns)
+
+
+def leapt(*states: ArmState) -> list[bool]:
+    """At which of them the arm, told to rise by 0.4 m, is said to have."""
+    doubt = ArmDoubt(DoubtSettings(arm_jump_m=0.01, arm_fastest_mps=1.0, arm_start_s=0.25))
+    assert doubt.see(states[0], False) == ""
+    x, y, z = arm(0).position_m
+    doubt.told(MoveArm((x, y, z + 0.4), 0.25, 1.0), states[0])
+    return ["arm_jump" in doubt.see(state, False) for state in states[1:]]
+
+
+def test_samples_that_come_in_a_burst_after_who_reads_them_was_kept_waiting_are_no_leap() -> None:
+    """Read at its time each 10 ms, an arm at 0.25 m/s, whose samples came 0.1 s late meanwhile."""
+    late = [dated(0.01 * k, 0.0, 0.0) for k in range(1, 10)]  # all dated as the first was
+    assert leapt(dated(0.0, 0.0, 0.0), *late, dated(0.1, 0.1, 0.025)) == [False] * 10
+    slow = [dated(0.01 * k, 0.005 * k, 0.00125 * k) for k in range(1, 21)]
+    assert leapt(dated(0.0, 0.0, 0.0), *slow, dated(0.21, 0.21, 0.0525)) == [False] * 21
+    unknown = [msgspec.structs.replace(state, sampled_ns=None) for state in slow]
+    burst = dated(0.21, None, 0.0525)
+    assert leapt(dated(0.0, None, 0.0), *unknown, burst) == [False] * 20 + [True]
+
+
+@pytest.mark.parametrize(("there_s", "leaps"), [(0.039, True), (0.041, False), (0.1, False)])
+def test_a_leap_is_judged_by_the_controllers_clock_where_it_was_heard_of_late(
+    there_s: float, leaps: bool
+) -> None:
+    assert leapt(dated(0.0, 0.0, 0.0), dated(0.1, there_s, 0.05)) == [leaps]
+
+
+@pytest.mark.parametrize("there_s", [0.0, 0.01, 0.02, 0.5, 1e6, -0.5, -1e6])
+def test_no_clock_of_a_controller_hides_a_leap(there_s: float) -> None:
+    """One that stands still, goes on, runs ahead, for good or not, or runs back."""
+    there = 0.01 + there_s
+    assert leapt(
+        dated(0.0, 0.0, 0.0), dated(0.01, 0.01, 0.0), dated(0.02, there, 0.05),
+        dated(0.03, there, 0.0), dated(0.04, there + 0.02, 0.05), dated(0.05, there + 1.0, 0.0),
+        dated(0.06, 0.06, 0.05), dated(0.07, 0.07, 0.0), dated(0.08, 2.0, 0.05),
+    ) == [False] + [True] * 7  # fmt: skip
+
+
+@pytest.mark.parametrize(("height_m", "leaps"), [(0.268, False), (0.273, True)])
+def test_a_clock_that_ran_slow_for_long_makes_room_for_no_more_than_a_command_takes(
+    height_m: float, leaps: bool
+) -> None:
+    slow = [dated(0.01 * k, 0.001 * k, 0.0) for k in range(1, 100)]
+    *before, last = leapt(dated(0.0, 0.0, 0.0), *slow, dated(1.0, 1.0, height_m))
+    assert (any(before), last) == (False, leaps)
+
+
+def test_a_delay_that_was_made_up_for_makes_room_for_nothing_more() -> None:
+    assert leapt(
+        dated(0.0, 0.0, 0.0), dated(0.1, 0.05, 0.0), dated(0.11, 0.11, 0.055),
+        dated(0.12, 0.17, 0.11),
+    ) == [False, False, True]  # fmt: skip
+
+
 def test_an_arm_that_was_told_to_stop_may_stand_anywhere() -> None:
     doubt = ArmDoubt(DoubtSettings())
     doubt.see(at(0.0, 0.0), False)

@@ -366,7 +366,9 @@ def test_a_type_without_json_form_is_refused_before_the_run(tmp_path: Path) -> N
 
 def test_what_an_arm_said_that_is_no_number_is_none_again_when_it_is_read() -> None:
     nan = math.nan
-    said = ArmState(1, 2, (0.1, nan, 0.3), (nan, 0.0, nan), True, False, nan, 0.5)
+    said = ArmState(
+        1, 2, (0.1, nan, 0.3), (nan, 0.0, nan), True, False, nan, 0.5, sampled_ns=7
+    )  # fmt: skip
     message = msgspec.json.decode(msgspec.json.encode(arm_message(said)), type=ArmMessage)
     assert message.position_m == (0.1, None, 0.3)
     assert repr(recorded_arm(message)) == repr(said)

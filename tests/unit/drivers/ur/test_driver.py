@@ -171,6 +171,24 @@ def test_the_controllers_own_clock_decides_what_is_stale(wire, driver):
     assert driver.state.age_ns(170 * MS) == 0
 
 
+@pytest.mark.parametrize(
+    ("silent_s", "said"),
+    [(0.024, "arm controller's clock stands still"), (0.026, "arm's worker process says nothing")],
+)
+def test_a_worker_that_was_not_run_is_not_told_as_a_controller_that_stands_still(
+    wire, driver, silent_s, said
+):
+    wire.frozen = msgspec.structs.replace(wire.model.read(0), silent_s=silent_s)
+    with pytest.raises(Stale, match=said) as caught:
+        driver.pump(51 * MS)
+    assert ("processor" in caught.value.remedy) is (silent_s > 0.025)
+
+
+def test_a_state_is_dated_by_the_controllers_own_clock_too(wire, driver):
+    driver.pump(21 * MS)
+    assert (driver.state.t_ns, driver.state.sampled_ns) == (21 * MS, 16 * MS)
+
+
 def test_a_slow_host_alone_makes_nothing_stale(driver):
     driver.pump(5_000 * MS)
     assert driver.state.t_ns == 5_000 * MS

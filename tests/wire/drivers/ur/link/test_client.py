@@ -189,7 +189,7 @@ def test_frozen_controller_is_stale_first_then_lost(emulate, connect):
     emulator = emulate()
     arm = connect()
     emulator.do("freeze", seconds=3.0)
-    with pytest.raises(Stale):
+    with pytest.raises(Stale, match="the arm controller's clock stands still"):
         arm.pump_until(lambda: False, patient=False)
     arm.trouble(LinkLost, "sends no data")
     with pytest.raises(LinkLost):
@@ -229,6 +229,8 @@ def test_silent_worker_is_given_up(emulate, connect):
     arm = connect(command_timeout_s=0.5)
     (pid,) = workers()
     os.kill(pid, signal.SIGSTOP)
+    with pytest.raises(Stale, match="the arm's worker process says nothing"):
+        arm.pump_until(lambda: False, patient=False)
     arm.rise(0.4)
     arm.trouble(LinkLost, "its worker process says nothing")
     with pytest.raises(ProcessLookupError):

@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from types import SimpleNamespace
 
 import msgspec
@@ -237,6 +238,60 @@ def test_leaving_ends_the_program(commander, rtde):
     assert rtde.names() == ["stopScript"]
 
 
+class Slept(Exception):
+    pass
+
+
+def watched(rtde, ours, monkeypatch, sleeps, dated=lambda now: 1.0):
+    """What a robot says while its thread wakes after each of these sleeps, and whether it ends;
+    ``dated``: its controller's clock."""
+    now, left = 100.0, list(sleeps)
+
+    def sleep(_):
+        nonlocal now
+        if not left:
+            raise Slept
+        now += left.pop(0)
+
+    def end(code):
+        raise SystemExit(code)
+
+    monkeypatch.setattr(
+        "drivers.ur.link.worker.time", SimpleNamespace(monotonic=lambda: now, sleep=sleep)
+    )
+    monkeypatch.setattr("drivers.ur.link.worker.os._exit", end)
+    rtde.isConnected, rtde.getTimestamp = lambda: True, lambda: dated(now)
+    robot = Robot(rtde, SETUP, ours.channel)
+    robot.publishing = True
+    with pytest.raises((Slept, SystemExit)) as ended:
+        robot.watch()
+    said = []
+    ours.socket.setblocking(False)
+    with suppress(BlockingIOError):
+        while True:
+            data = ours.socket.recv(messages.LONGEST_MESSAGE)
+            said.append(type(msgspec.msgpack.decode(data, type=messages.FromWorker)).__name__)
+    return said, ended.type is SystemExit
+
+
+def test_a_controller_that_sends_nothing_new_is_told_of_each_cycle(rtde, ours, monkeypatch):
+    said, ended = watched(rtde, ours, monkeypatch, [0.001] * 85)
+    assert (said, ended) == (["State"] + ["NothingNew"] * 10, False)
+    said, _ = watched(rtde, ours, monkeypatch, [0.001] * 85, lambda now: now // 0.008)
+    assert set(said) == {"State"} and len(said) in (11, 12)
+
+
+def test_what_passes_while_the_worker_is_not_run_is_no_silence_of_the_controller(
+    rtde, ours, monkeypatch
+):
+    """It wakes before ur_rtde's own thread has read what came meanwhile."""
+    said, ended = watched(rtde, ours, monkeypatch, [5.0, 0.001, 0.001, 0.001])
+    assert (said, ended) == (["State"], False)
+    assert watched(rtde, ours, monkeypatch, [0.5, 0.02, *[0.01] * 90])[1] is False
+    said, ended = watched(rtde, ours, monkeypatch, [0.5, 0.02, *[0.01] * 110])
+    assert (said[-1], ended) == ("Failed", True)
+
+
 def child(body):
     """A child that runs ``body`` with its end of the socket as ``peer``."""
     start = f"import sys, time, msgspec; sys.path[:] = {sys.path!r}; import socket\n"
@@ -282,6 +337,7 @@ def test_child_that_crashes_is_link_lost_with_its_last_words():
 @pytest.mark.parametrize(("then", "said"), [
     ("time.sleep(1000)", "its worker process says nothing"),
     ("while True: time.sleep(0.01); send(State({fields}))", "did not take a command in time"),
+    ("while True: time.sleep(0.01); send(NothingNew())", "did not take a command in time"),
 ])  # fmt: skip
 def test_child_that_answers_no_command_is_given_up(then: str, said: str):
     state = State(0.0, TARGET, (0.0, 0.0, 0.0), False, 7, 1, True)
