@@ -126,6 +126,9 @@ def _content(path: Path) -> bytes:
 
 
 def _session(content: bytes) -> Any:
+    # else, from 1.29 on, it tells its maker of each session: a thread, a data base in the user's
+    # cache, a file in the temporary folder, and packets to the Internet
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime as ort  # noqa: PLC0415 (`energy` runs without it, and starts sooner)
 
     ort.set_default_logger_severity(4)  # an exception says it already

@@ -9,6 +9,7 @@ from typing import Any
 
 PRIVATE_FOLDER, PRIVATE_FILE = 0o700, 0o600
 NO_NAMES = frozenset({errno.ENAMETOOLONG, errno.ELOOP})  # whatever disk and rights there are
+TOO_MANY = (errno.EMFILE, errno.ENFILE)  # open at once
 LEADS_NOWHERE = NO_NAMES | {errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EEXIST}
 
 

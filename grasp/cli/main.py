@@ -36,7 +36,7 @@ from grasp.cli import (
 )
 from grasp.cli.output import only_json, open_standard_streams
 from grasp.cli.parser import EXAMPLES, Parser, RootParser
-from grasp.files import LEADS_NOWHERE, NO_NAMES
+from grasp.files import LEADS_NOWHERE, NO_NAMES, TOO_MANY
 
 VERBS = (
     run, campaign, grip_search, replay, runs, report, export, chart, dataset, detector, tactile,
@@ -59,6 +59,7 @@ GROUPS = {
     "set up": ("config", "completion"),
 }
 
+MORE_FILES = "let this program open more files at once: ulimit -n 1024"
 NUMBA_CACHE = ("numba", "core", "caching.py")
 BAD_CACHE = (
     "compiled functions cannot be kept or read",
@@ -160,6 +161,8 @@ def _of_the_system(error: OSError, words: Sequence[str]) -> tuple[str, str, str]
     text = f"{where}{error.strerror or error}"
     if _leads_nowhere(error, words):
         return "usage", text, "name a file or a folder that can be there"
+    if error.errno in TOO_MANY:
+        return "could_not_record", text, MORE_FILES
     return "could_not_record", text, "free the path or the disk"
 
 

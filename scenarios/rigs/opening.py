@@ -6,6 +6,7 @@ from typing import Any
 
 from drivers.errors import ConfigError
 from grasp import interruption
+from scenarios.rigs import open_files
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.emulated import emulated
 from scenarios.rigs.hardware import hardware
@@ -37,6 +38,7 @@ def open_press_rig(
 def _open(
     config: AnyRigConfig, seed: int, paced: bool, permit: MotionPermit | None
 ) -> Iterator[Rig[Any, Any]]:
+    open_files.require()
     with ExitStack() as stack:
         with interruption.allowed():  # opening may take half a minute
             if config.rig == "simulated":

@@ -1,6 +1,9 @@
 """Networks at run time: a stream is the window, a reset forgets, a bad file is refused."""
 
+import os
 import random
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +53,26 @@ def test_fingers_do_not_know_one_another(tmp_path: Path, name: str, mode: str) -
     for finger in range(3):
         alone = stream(run_network(loaded, 1), counts[:, finger : finger + 1])[0]
         assert np.abs(alone[:, 0] - together[:, finger]).max() < 1e-6
+
+
+def test_to_load_a_network_leaves_nothing_in_home_cache_or_temporary_folder(
+    tmp_path: Path,
+) -> None:
+    path = write_network(tmp_path, "tcn", "stream")
+    places = {name: tmp_path / name for name in ("HOME", "XDG_CACHE_HOME", "TMPDIR")}
+    for place in places.values():
+        place.mkdir()
+    silent = {"CI", "ORT_DISABLE_TELEMETRY", "ORT_RUNNING_UNIT_TESTS"}  # without us as well
+    kept = {name: value for name, value in os.environ.items() if name not in silent}
+    code = (
+        "import sys; from pathlib import Path; from detector.network_file import read_network; "
+        "read_network(Path(sys.argv[1]))"
+    )
+    subprocess.run(
+        [sys.executable, "-c", code, str(path)], check=True,
+        env=kept | {name: str(place) for name, place in places.items()},
+    )  # fmt: skip
+    assert [file for place in places.values() for file in place.rglob("*")] == []
 
 
 def test_a_result_outlives_the_next_update(tmp_path: Path) -> None:

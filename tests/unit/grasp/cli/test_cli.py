@@ -270,6 +270,48 @@ def test_full_disk_does_not_stop_the_lift_and_leaves_nothing_half_written(tmp_pa
     assert list((tmp_path / "runs").iterdir()) == []
 
 
+@pytest.mark.parametrize("rig", ["simulated", "emulated"])
+def test_too_few_open_files_are_refused_before_anything_is_begun(rig: str, tmp_path: Path) -> None:
+    def few_files() -> None:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (24, 24))
+
+    done = subprocess.run(
+        [*GRASP, "run", "lift", "--rig", rig, "--runs", str(tmp_path / "runs")],
+        capture_output=True, text=True, preexec_fn=few_files, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    happened, *more = done.stderr.splitlines()
+    assert more == [] and "too few open files allowed: 24" in happened and "ulimit -n" in happened
+    assert not list((tmp_path / "runs").glob("*/*"))
+
+
+def test_a_low_limit_of_open_files_is_raised_where_the_system_lets_it(tmp_path: Path) -> None:
+    def few_at_first() -> None:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (24, 1024))
+
+    subprocess.run(
+        [*GRASP, "run", "lift", "--rig", "simulated", "--pace", "max", "--runs", str(tmp_path)],
+        capture_output=True, preexec_fn=few_at_first, check=True,
+    )  # fmt: skip
+
+
+def test_open_files_that_run_out_in_a_lift_end_it_no_sooner_and_are_told(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        [*GRASP, "run", "lift", "--rig", "simulated", "--runs", str(tmp_path), "--pace", "real"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        for line in process.stdout:
+            if " lift " in line:
+                break
+        resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (3, 3))
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 5
+    assert " retreat " in out and " done " in out  # the object stands, and the hand is away
+    assert err.count("\n") == 1
+    assert "Too many open files" in err and "ulimit -n" in err
+
+
 def test_ctrl_c_stops_the_arm_keeps_the_grip_and_says_how_both_were_left(tmp_path: Path) -> None:
     with subprocess.Popen(
         [*GRASP, "run", "lift", "--rig", "simulated", "--runs", str(tmp_path), "--pace", "real"],
