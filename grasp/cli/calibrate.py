@@ -40,14 +40,14 @@ def add_parser(verbs: Any) -> None:
         "counts of a fingertip to newtons: put weights on it or press it on a scale, and type what "
         "they say; with --press the finger presses by itself, a count at a time",
     )  # fmt: skip
-    _add_scale(force, MANUAL_LEAST_N)
+    _add_scale(force, required=False)
     force.add_argument("--press", action="store_true", help="the finger presses on the scale")
     hand = _kind(
         kinds, "hand", calibrate_hand,
         "force bytes to newtons (an upper bound) and counts to millimetres: the finger presses on "
         "a scale, and you type what it says",
     )  # fmt: skip
-    _add_scale(hand, None)
+    _add_scale(hand, required=True)
     hand.add_argument(
         "--presses", type=whole(4, 100), default=10, metavar="N",
         help="of each byte; ten at least of one that turns out to press with less than the manual "
@@ -92,13 +92,13 @@ def _kind(kinds: Any, name: str, handler: Any, text: str) -> argparse.ArgumentPa
     return parser
 
 
-def _add_scale(parser: argparse.ArgumentParser, up_to_n: float | None) -> None:
+def _add_scale(parser: argparse.ArgumentParser, required: bool) -> None:
     parser.add_argument("--finger", choices=FINGERS, default="A", help="default: %(default)s")
     parser.add_argument(
-        "--up-to", type=decimal(0.1, MANUAL_MOST_N), default=up_to_n, required=up_to_n is None,
-        metavar="N", help="newtons that may be pressed, more than the limit of a run if need be, "
-        f"at most the manual's {MANUAL_MOST_N:g}; byte 0 may press with {MANUAL_LEAST_N:g} by it"
-        + ("" if up_to_n is None else " (default: %(default)g)"),
+        "--up-to", type=decimal(0.1, MANUAL_MOST_N), required=required, metavar="N",
+        help="newtons that may be pressed, more than the limit of a run if need be, at most the "
+        f"manual's {MANUAL_MOST_N:g}; byte 0 may press with {MANUAL_LEAST_N:g} by it"
+        + ("" if required else " (default: the limit of a run, guard.force_limit_n)"),
     )  # fmt: skip
     parser.add_argument("--scale", action="store_true", help=OVER_A_SCALE)
 
@@ -111,23 +111,25 @@ def calibrate_force(args: argparse.Namespace) -> int:
 
     config = lab_config(args)
     new_file(args.out)
+    up_to_n = config.guard.force_limit_n if args.up_to is None else args.up_to
     if args.press:
-        check_force(args.up_to)
-    pressing = f"finger {args.finger} by single counts, up to {args.up_to:g} N on the scale"
+        asked = "--up-to" if args.up_to is not None else "the limit of a run, without --up-to,"
+        check_force(up_to_n, called=asked)
+    pressing = f"finger {args.finger} by single counts, up to {up_to_n:g} N on the scale"
     if args.dry_run:
         check_pressing(config, hearing=True) if args.press else check_hearing(config)
         return _would(args, pressing if args.press else "nothing")
     if not args.press:
         operator = _operator()
         with interruption.held():
-            text = by_weights(config, args.finger, args.up_to, operator, _tell, args.note)
+            text = by_weights(config, args.finger, up_to_n, operator, _tell, args.note)
         return _written(args, text)
     permit = leave_to_move(config, args, lambda: f"move {pressing}")
     _over_a_scale(args)
     operator = _operator()
     will(f"move {pressing}")
     with interruption.held():
-        text = press_force(config, permit, args.finger, args.up_to, operator, _tell, args.note)
+        text = press_force(config, permit, args.finger, up_to_n, operator, _tell, args.note)
     return _written(args, text)
 
 

@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import add_settings
+from grasp.cli.options import OBJECT_HELP, add_settings
 from grasp.cli.output import json_line
 
 HELP = "check this machine and the devices without moving anything"
@@ -17,6 +17,18 @@ def add_parser(verbs: Any) -> None:
         "--rig", metavar="NAME",
         help="also ask the devices of this rig (one of config/rigs, or a .toml file)",
     )  # fmt: skip
+    parser.add_argument(
+        "--object", default="can", metavar="NAME",
+        help=f"of the lift that is to start: {OBJECT_HELP} (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--profile", default="default", metavar="NAME",
+        help="likewise: one of config/profiles (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--detector", metavar="NAME",
+        help="likewise, as of `grasp run lift` (default: the profile's)",
+    )  # fmt: skip
     add_settings(parser)
     parser.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, nothing else"
@@ -27,17 +39,22 @@ def add_parser(verbs: Any) -> None:
 def doctor(args: argparse.Namespace) -> int:
     from scenarios.rigs.doctor import examine
 
-    def load(rig: str, detector: str) -> Any:
-        from scenarios.campaign.config import load_for_devices
+    def load(rig: str, detector: str | None) -> Any:
+        from scenarios.campaign.config import load_config, load_for_devices
 
-        return load_for_devices("can", rig, args.config, args.set, detector)
+        if detector is None:  # the run that is named
+            named = args.object, rig, args.detector, args.config, args.set, args.profile
+            return load_config(*named)
+        return load_for_devices(args.object, rig, args.config, args.set, detector)
 
-    def would_run(config: Any) -> object:
+    def would_run(config: Any) -> None:
         from scenarios.trial.execution import make_guard
 
-        return make_guard(config)
+        make_guard(config)
+        config.make_detector(3)
 
-    checks = examine(args.rig, args.config, load, would_run)
+    own = (args.detector,) if args.detector else ()
+    checks = examine(args.rig, args.config, load, would_run, own)
     failed = [c for c in checks if c.status == "fail"]
     code = _code(failed)
     if args.json:

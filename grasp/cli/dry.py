@@ -1,5 +1,5 @@
-"""What `grasp run lift` and `grasp run tap` will move on real devices, how fast, how hard, and what
-will be asked; their `--dry-run`, and that of `grasp release`, which read and move nothing."""
+"""What `grasp run` will move on real devices, how fast, how hard, and what will be asked; its
+`--dry-run`, and that of `grasp release`, which read and move nothing."""
 
 import argparse
 from typing import Any
@@ -31,9 +31,43 @@ def run(config: Any, args: argparse.Namespace) -> int:
     config = _as_run(config, args)
     make_guard(config)  # raises where a limit cannot be kept
     config.make_detector(3)
-    checks = ask_devices(config, make_guard)
+    return _told(_plan(config, args), ask_devices(config, make_guard), args)
+
+
+def acquire(config: Any, course: Any, args: argparse.Namespace) -> int:
+    """As ``run``, of an acquisition; ``course``: its strokes."""
+    from scenarios.acquire.force_calibration import counts_per_newton
+    from scenarios.rigs.device_checks import ask_pressing_devices
+    from scenarios.rigs.permission import check_devices
+
+    _of_devices(config)
+    check_devices(config)
+    counts_per_newton(config, args.seed)  # raises where nobody has measured it
+    return _told(press_plan(config, course, args.seconds), ask_pressing_devices(config), args)
+
+
+def press_plan(config: Any, course: Any, seconds: float) -> list[str]:
+    """What moves in an acquisition."""
+    from drivers.interfaces import FINGER_NAMES
+
+    control, finger = config.control, FINGER_NAMES[config.finger]
+    stroke = (
+        f"by {control.turn_rad:g} rad at {course.spin_radps:g} rad/s" if course.spin_radps
+        else f"by {control.stroke_m * 1e3:.0f} mm at {course.speed_mps * 1e3:.0f} mm/s"
+    )  # fmt: skip
+    way = "" if course.spin_radps else f" along {course.direction} degrees of the fingertip"
+    return [
+        f"lower the arm at {control.approach_mps * 1e3:g} mm/s until finger {finger} feels "
+        f"{control.touch_n:g} N, for {config.session.touch_timeout_s:g} s at most; the hand stays "
+        "as it is",
+        f"press with {control.force_n:g} N, by the arm, {control.depth_m * 1e3:g} mm deep at most",
+        f"stroke there and back {stroke}{way}, for {seconds:g} s",
+        f"stop, and go back to where it began at {config.session.retreat_mps * 1e3:g} mm/s",
+    ]
+
+
+def _told(would: list[str], checks: list[Any], args: argparse.Namespace) -> int:
     against = [check for check in checks if check.status == "fail"]
-    would = _plan(config, args)
     code = exits.DEVICE if against else exits.SUCCESS
     if args.json:
         told = {"would": would, "checks": [check._asdict() for check in checks]}
@@ -75,7 +109,7 @@ def _plan(config: Any, args: argparse.Namespace) -> list[str]:
     stopped = ", and stop it where the object slips" if lift else ""
     up_mm = controller.retreat_m * 1e3
     again = f", and lift the arm by {up_mm:.0f} mm" if up_mm else ""
-    plan = ["activate the hand if it is open and not active: all fingers open and close fully"]
+    plan = []
     if args.first:
         plan.append("close them in free air to where they would grasp, and open them again")
     if asked:

@@ -23,7 +23,8 @@ from scenarios.tap.mallet import Swing, swing
 DIRECTIONS = ("top", "side", "closing")
 KNOWN = (
     f"place | take | home | look | scale | tap [{'|'.join(DIRECTIONS)}] | "
-    "press FINGER TAXEL [NEWTONS] | fault NAME [SETTING=VALUE ...] | fault help"
+    "press FINGER TAXEL [NEWTONS] | lay FINGER NEWTONS | fault NAME [SETTING=VALUE ...] | "
+    "fault help"
 )
 STDIN = 0
 POLL_S = 0.05
@@ -97,6 +98,8 @@ class Words:
             force = {"newtons": _value(newtons[0])} if newtons else {}
             return {"verb": verb, "finger": finger.upper(), "taxel": _value(taxel), **force,
                     "seconds": PRESS_S}  # fmt: skip
+        if verb == "lay" and len(rest) == 2:
+            return {"verb": verb, "finger": rest[0].upper(), "newtons": _value(rest[1])}
         if verb in ("look", "scale") and not rest:
             return {"verb": "truth"}
         if verb in ("place", "take", "home") and not rest:

@@ -112,9 +112,9 @@ def activate(args: argparse.Namespace) -> int:
     config = lab_config(args)
     if args.dry_run:
         from scenarios.lab.ready import check_activation
-        from scenarios.rigs.rig import calibration
+        from scenarios.rigs.rig import to_open
 
-        calibration(config)
+        to_open(config)  # raises where nobody has said which hand this is
         return _tell(args, {"would": ALL if check_activation(config) else IDLE})
     permit = leave_to_move(config, args, lambda: ALL)
     confirm(f"{FULLY} Is it empty, and everybody's hands away?", "empty", args.empty)

@@ -24,7 +24,7 @@ _SETTING_UP = {
 _HAND = {  # where there is one
     "simulated": "",
     "emulated": ", the gripper activates (10 s, the first time 20 s)",
-    "hardware": "; an inactive gripper opens and closes",
+    "hardware": "",
 }
 
 

@@ -92,6 +92,7 @@ def _add_acquire(scenarios: Any) -> None:
         help="length of the recording (default: %(default)g)",
     )  # fmt: skip
     _add_rig(parser, rig="emulated")
+    dry.add_dry_run(parser)
     _add_common(parser)
 
 
@@ -221,8 +222,12 @@ def _acquire(args: argparse.Namespace) -> int:
 
     config = load_acquire_config(args.surface, args.rig, args.config, args.set)
     course = motion(args.direction, args.speed, acquire.TURN_RADPS)
+    if args.dry_run:
+        return dry.acquire(config, course, args)
     permit = _permit(config, args)
     if permit is not None:
+        for line in dry.press_plan(config, course, args.seconds):
+            will(line)
         tell_slow(config)
     title = f"acquisition on {config.surface.name} · seed {args.seed}"
     with (

@@ -37,7 +37,13 @@ from scenarios.lab.touch import Touch, open_touch
 from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.device_checks import read_gripper
 from scenarios.rigs.permission import MotionPermit, require
-from scenarios.rigs.rig import ACTIVATION_TIMEOUT_S, calibration, check_fault, to_open
+from scenarios.rigs.rig import (
+    ACTIVATION_TIMEOUT_S,
+    calibration,
+    check_fault,
+    not_active,
+    to_open,
+)
 from scenarios.rigs.wired import open_gripper
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import make_guard
@@ -116,14 +122,6 @@ def check_thumb(state: GripperState, targets: Counts3, felt: bool) -> bool:
             "`grasp gripper open`, or set tactile.rest_reference (`grasp tactile rest`)",
         )
     return True
-
-
-def not_active(state: GripperState) -> Refused:
-    """What is said of a hand that obeys nothing."""
-    why = f" ({state.fault_text})" if state.fault else ""
-    return Refused(
-        f"the hand is not active{why}: nothing was moved", "empty it, then `grasp gripper activate`"
-    )
 
 
 class Hand:

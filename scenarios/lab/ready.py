@@ -6,14 +6,14 @@ from drivers.interfaces import Counts3, Detection, GripperState
 from drivers.robotiq.encoding import finger_state
 from drivers.robotiq.protocol import FAULTS, Severity
 from grasp.clock import WallClock
-from scenarios.lab.hand import check_thumb, guard_of, not_active
+from scenarios.lab.hand import check_thumb, guard_of
 from scenarios.lab.scale import check_open
 from scenarios.lab.touch import open_touch
 from scenarios.rigs.cell_lock import arm_of, driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.device_checks import arm_checks, read_gripper
 from scenarios.rigs.permission import gripper_address
-from scenarios.rigs.rig import check_fault
+from scenarios.rigs.rig import check_fault, not_active
 from scenarios.trial.config import TrialConfig
 
 

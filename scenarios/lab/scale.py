@@ -31,14 +31,14 @@ from grasp import interruption
 from grasp.clock import Clock, WallClock
 from grasp.guard import GuardSettings
 from scenarios.lab.fit import AGAIN, Byte, Law, Line
-from scenarios.lab.hand import Say, not_active
+from scenarios.lab.hand import Say
 from scenarios.lab.steps import Steps, lead_counts, walk
 from scenarios.lab.touch import Touch
 from scenarios.rigs.calibration import MANUAL
 from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.permission import MotionPermit, require
-from scenarios.rigs.rig import check_fault
+from scenarios.rigs.rig import check_fault, not_active
 from scenarios.rigs.wired import open_gripper
 from scenarios.trial.person import Operator
 
@@ -95,15 +95,16 @@ def typed(line: str, most_n: float) -> float:
     return force_n
 
 
-def check_force(up_to_n: float, bytes_: Iterable[int] = (0,)) -> None:
-    """Raises UsageError where the manual has the hand, or one of those bytes, press otherwise."""
+def check_force(up_to_n: float, bytes_: Iterable[int] = (0,), called: str = "--up-to") -> None:
+    """Raises UsageError where the manual has the hand, or one of those bytes, press otherwise;
+    ``called``: what says how much is allowed."""
     if up_to_n > MANUAL.most_force_n:
         raise UsageError(f"{up_to_n:g} N is more than the hand's", f"<= {MANUAL.most_force_n:g} N")
     for byte in bytes_:
         if (may_n := MANUAL.force_n(byte)) > up_to_n:
             remedy = f"--up-to {math.ceil(may_n * 10) / 10:g}"
             raise UsageError(
-                f"byte {byte} may press with {may_n:.1f} N by the manual, and --up-to is "
+                f"byte {byte} may press with {may_n:.1f} N by the manual, and {called} is "
                 f"{up_to_n:g} N", remedy if byte == 0 else f"{remedy}, or a lower byte",
             )  # fmt: skip
 

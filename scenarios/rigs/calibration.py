@@ -55,22 +55,27 @@ def in_words(known: GripperCalibration) -> str:
 
 
 def check_claim(known: GripperCalibration) -> None:
-    """Raises ConfigError for a hand that is said to press with less than a third of what its manual
-    states, with whichever byte, where that byte or a stronger one was not pressed as often as
-    `grasp calibrate hand` asks, or no reason is given."""
-    far = [b for b in _BYTES if known.force_n(b) < MANUAL.force_n(b) / FAR - 1e-9]
-    if not far:
+    """Raises ConfigError for a hand that is said to press with less than its manual states, with
+    whichever byte, where byte 0 was not pressed as often as `grasp calibrate hand` asks; and for
+    less than a third of it where that byte or a stronger one was not either, or no reason is
+    given."""
+    if not weak_claim(known):
         return
     byte, bytes_ = _weakest(known), known.pressed_bytes
-    pressed = 0 in bytes_ and max(bytes_) >= far[-1] and known.presses >= WEAK_PRESSES
-    if pressed and len(known.reason.split()) >= LEAST_REASON:
+    far = [b for b in _BYTES if known.force_n(b) < MANUAL.force_n(b) / FAR - 1e-9]
+    pressed = 0 in bytes_ and known.presses >= WEAK_PRESSES
+    if far:
+        pressed = pressed and max(bytes_) >= far[-1] and len(known.reason.split()) >= LEAST_REASON
+    if pressed:
         return
+    a_third, needed = ("a third of ", f"bytes 0 and {far[-1]} were") if far else ("", "byte 0 was")
+    why, more = (", and why they are so weak", f" --bytes 0 {far[-1]}") if far else ("", "")
     raise ConfigError(
         "gripper", "calibration",
-        f"{known.name!r} has force byte {byte} press with {known.force_n(byte):.4g} N, less than a "
-        f"third of the manual's {MANUAL.force_n(byte):.3g} N, by {known.source}: it does not say "
-        f"that bytes 0 and {far[-1]} were pressed {WEAK_PRESSES} times, and why they are so weak",
-        f"what `grasp calibrate hand --bytes 0 {far[-1]}` writes; until then manual",
+        f"{known.name!r} has force byte {byte} press with {known.force_n(byte):.4g} N, less than "
+        f"{a_third}the manual's {MANUAL.force_n(byte):.3g} N, by {known.source}: it does not say "
+        f"that {needed} pressed {WEAK_PRESSES} times{why}",
+        f"what `grasp calibrate hand{more}` writes; until then manual",
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from grasp.clock import WallClock
 from scenarios.rigs.calibration import in_words, weak_claim
 from scenarios.rigs.cell_lock import devices_of, driving
 from scenarios.rigs.checks import Check, guarded
-from scenarios.rigs.config import GraspRigConfig
+from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.own_devices import check_offered
 from scenarios.rigs.permission import HARDWARE, arm_address, board_address, gripper_address
 from scenarios.rigs.rig import CLOSED_AND_INACTIVE, calibration
@@ -42,6 +42,13 @@ def ask_devices(config: GraspRigConfig, would_run: Callable[[Any], object]) -> l
     return [*checks, *arm_checks(config), guarded("fingertips", lambda: _board(config))]
 
 
+def ask_pressing_devices(config: PressRigConfig) -> list[Check]:
+    """As ``ask_devices``, of a rig without a hand."""
+    cell, board = (guarded(name, partial(ask, config))
+                   for name, ask in (("cell", _cell), ("fingertips", _board)))  # fmt: skip
+    return [cell, *arm_checks(config), board]
+
+
 def _calibration(config: GraspRigConfig) -> Check:
     """Has somebody said which hand this is? A run is refused where nobody has."""
     chosen = calibration(config)
@@ -59,7 +66,7 @@ def _guard(config: GraspRigConfig, would_run: Callable[[Any], object]) -> Check:
     return Check("force guard", "ok", "; ".join([kept, *told]))
 
 
-def _cell(config: GraspRigConfig) -> Check:
+def _cell(config: AnyRigConfig) -> Check:
     """Does a run drive it? Its locks are held for an instant, and let go."""
     try:
         devices = devices_of(config)
@@ -109,9 +116,8 @@ def _gripper(config: GraspRigConfig) -> Check:
         )  # fmt: skip
     if not now.ready:
         return Check(
-            "gripper", "warn", "answers, not activated, no fault",
-            "`grasp gripper activate`, with an empty hand; a run would do it before it asks for "
-            "an object",
+            "gripper", "fail" if config.real else "warn", "answers, not activated, no fault",
+            "`grasp gripper activate`, with an empty hand: a run does it to no real one",
         )  # fmt: skip
     return Check("gripper", "ok", f"answers, active, no fault, open at {places} counts")
 
@@ -143,7 +149,7 @@ def _arm_pose(host: str, timeout_s: float) -> Check:
     return Check("arm pose", "ok", f"stands, tool at x {x:.0f}, y {y:.0f}, z {z:.0f} mm")
 
 
-def _board(config: GraspRigConfig) -> Check:
+def _board(config: AnyRigConfig) -> Check:
     """Open the board that the rig names, listen to it, take its rest, and let it go again."""
     board_address(config)  # raises where nobody has said which
     if config.devices.fingertips:

@@ -23,18 +23,21 @@ DISTRIBUTION = "grasp-controller"
 OWN_PACKAGES = ("grasp", "drivers", "detector", "scenarios")
 
 
-# a rig's name and a detector's in, the settings of a trial out; raises ConfigError
-Load = Callable[[str, str], Any]
+# a rig's name and a detector's (None: that of the run which is asked about) in, the settings of a
+# trial out; raises ConfigError
+Load = Callable[[str, str | None], Any]
 WouldRun = Callable[[Any], object]  # raises where a run with such settings would be refused
 
 
 def examine(
-    rig: str | None, files: Sequence[Path] | None, load: Load, would_run: WouldRun
-) -> list[Check]:
-    """All checks of this machine, then those of the rig's devices if one is named."""
+    rig: str | None, files: Sequence[Path] | None, load: Load, would_run: WouldRun,
+    detectors: Sequence[str] = (),
+) -> list[Check]:  # fmt: skip
+    """All checks of this machine, then those of the rig's devices if one is named. ``detectors``
+    are looked at beside those that are installed."""
     checks = [_python(), *_packages(), *_shadows(), *_rivals(), _configuration(rig, files, load)]
     readable = checks[-1].status == "ok"
-    checks += _detectors(load) if readable else [_unseen("detectors")]
+    checks += _detectors(load, detectors) if readable else [_unseen("detectors")]
     checks.append(guarded("usb", _usb))
     checks += _devices(rig, load, would_run) if readable or rig is None else [_unseen("devices")]
     checks += [guarded("loop jitter", _jitter), guarded("real-time scheduling", _scheduling)]
@@ -101,7 +104,7 @@ def _configuration(rig: str | None, files: Sequence[Path] | None, load: Load) ->
     def look() -> Check:
         from grasp.settings import config_dir
 
-        config = load(rig or "simulated", "energy")
+        config = load(rig or "simulated", None)
         own = ", ".join(map(str, files or ()))
         extra = own or os.environ.get("GRASP_CONFIG") or "no further file"
         return Check("configuration", "ok", f"{config_dir()}, {extra}, hash {config.digest()}")
@@ -109,7 +112,7 @@ def _configuration(rig: str | None, files: Sequence[Path] | None, load: Load) ->
     return guarded("configuration", look)
 
 
-def _detectors(load: Load) -> Iterator[Check]:
+def _detectors(load: Load, more: Sequence[str]) -> Iterator[Check]:
     def look(name: str) -> Check:
         import numpy as np
 
@@ -129,7 +132,7 @@ def _detectors(load: Load) -> Iterator[Check]:
     except ImportError as error:
         yield Check("detectors", "fail", str(error), "run `make install`")
         return
-    for name in dict.fromkeys([*DETECTORS, *offered()]):
+    for name in dict.fromkeys([*DETECTORS, *offered(), *more]):
         yield guarded(f"detector {name}", lambda n=name: look(n))  # type: ignore[misc]
 
 
@@ -155,7 +158,7 @@ def _unasked(load: Load) -> Iterator[Check]:
     from scenarios.rigs.permission import HARDWARE
 
     try:
-        config = load(HARDWARE, "energy")
+        config = load(HARDWARE, None)
     except GraspError:  # told as what it is, of the settings
         return
     named = {
@@ -176,7 +179,7 @@ def _devices(rig: str | None, load: Load, would_run: WouldRun) -> list[Check]:
     if rig == "simulated":
         return []
     try:
-        config = load(rig, "energy")
+        config = load(rig, None)
         if config.rig == "simulated":
             return []
         from scenarios.rigs.device_checks import ask_devices

@@ -32,7 +32,7 @@ from scenarios.rigs.cell_faults import CellFaults
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig, part
 from scenarios.rigs.world_of_seed import any_cell, cell_settings
 from scenarios.world.blow import Blow
-from scenarios.world.cell import PadPress, SimulatedCell
+from scenarios.world.cell import LaidWeight, PadPress, SimulatedCell
 
 STALL_NS = 50_000_000
 ADDRESS_TRIES = 50
@@ -258,6 +258,10 @@ class EmulatedCell:
             cell.press(msgspec.convert(request, PadPress))
             return {}
 
+        def lay(request: Request) -> Request:
+            cell.lay(msgspec.convert(request, LaidWeight))
+            return {}
+
         def home(request: Request) -> Request:
             now_ns = time.monotonic_ns()
             away_m = math.dist(cell.arm.position(now_ns), self._home_m)
@@ -278,7 +282,8 @@ class EmulatedCell:
             return {}
 
         return {
-            "load": load, "place": place, "take": take, "tap": tap, "press": press, "home": home,
+            "load": load, "place": place, "take": take, "tap": tap, "press": press, "lay": lay,
+            "home": home,
         }  # fmt: skip
 
     def _fault(self, request: Request) -> Request:

@@ -26,7 +26,7 @@ def hardware(config: AnyRigConfig, permit: MotionPermit | None) -> Iterator[Rig[
         driving(*devices_of(config)),
         wired_devices(config, clock) as (arm, tactile, gripper),
     ):
-        connect(arm, tactile, gripper, clock)
+        connect(arm, tactile, gripper, clock, real=True)
         arm.set_payload(config.arm.payload_kg)
         yield Rig(
             arm, tactile, gripper, clock, True, None, None,

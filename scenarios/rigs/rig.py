@@ -1,11 +1,12 @@
 """A rig: the three devices, their clock, and, where there is a simulation, its truth."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Generic, TypeVar
 
 import msgspec
 
-from drivers.errors import ConfigError, DeviceFault, Refused
+from drivers.errors import ConfigError, DeviceFault, LinkLost, Refused
 from drivers.interfaces import OPEN_COUNTS, Arm, Gripper, GripperState, TactileSensor
 from drivers.robotiq.calibration import GripperCalibration
 from grasp.clock import Clock
@@ -17,6 +18,7 @@ from scenarios.world.cell import SimulatedCell, Truth
 from scenarios.world.pressed_cell import PressedCell, PressedTruth
 
 POLL_NS = 100_000_000  # while waiting for activation
+TAKE_OVER_S = 5.0  # within which an active hand says how it is
 ACTIVATION_TIMEOUT_S = 25.0
 IDLE_NS = 50_000_000
 CLOSED_AND_INACTIVE = (
@@ -103,14 +105,18 @@ def to_open(config: ConfigT) -> ConfigT:
     return config
 
 
-def connect(arm: Arm, tactile: TactileSensor, gripper: Gripper | None, clock: Clock) -> None:
-    """First exchange with each device; a gripper that is not active yet is activated.
+def connect(
+    arm: Arm, tactile: TactileSensor, gripper: Gripper | None, clock: Clock, real: bool = False
+) -> None:
+    """First exchange with each device; a gripper that is not active yet is activated, but no
+    ``real`` one: nobody may have emptied it.
 
-    Raises what the devices raise, and DeviceFault when activation takes far longer than usual.
+    Raises what the devices raise, Refused for a real hand that is not active, and DeviceFault when
+    activation takes far longer than usual.
     """
     arm.pump(clock.now_ns)
     if gripper is not None:
-        activate(gripper, clock)
+        take_over(gripper, clock) if real else activate(gripper, clock)
     arm.pump(clock.now_ns)
     tactile.pump(clock.now_ns)
 
@@ -125,6 +131,42 @@ def check_fault(state: GripperState) -> None:
         )  # fmt: skip
 
 
+def not_active(state: GripperState) -> Refused:
+    """What is said of a hand that obeys nothing."""
+    why = f" ({state.fault_text})" if state.fault else ""
+    return Refused(
+        f"the hand is not active{why}: nothing was moved", "empty it, then `grasp gripper activate`"
+    )
+
+
+def take_over(gripper: Gripper, clock: Clock) -> None:
+    """Of a real hand, which must be active: activation opens and closes it fully, at a force that
+    nobody sets, and a run does that to none by itself. Raises Refused for one that is not, and
+    DeviceFault for one that reports a fault."""
+    end_ns = clock.now_ns + round(TAKE_OVER_S * 1e9)
+    while clock.now_ns < end_ns:
+        with suppress(DeviceFault):  # told below
+            gripper.pump(clock.now_ns)
+        state = gripper.state
+        if state is not None and not state.active:
+            closed = max(state.positions) > OPEN_COUNTS
+            raise closed_and_inactive(state) if closed else not_active(state)
+        if state is not None:
+            check_fault(state)
+            if state.fresh:
+                return
+        clock.sleep_until_ns(clock.now_ns + POLL_NS)
+    raise LinkLost("the gripper does not answer", "check its power, cable and address")
+
+
+def closed_and_inactive(state: GripperState) -> Refused:
+    """As after a power cut: it may hold something by itself."""
+    return Refused(
+        f"the hand is not active and stands closed, at {state.positions} counts: activation "
+        "would drop what it holds", CLOSED_AND_INACTIVE,
+    )  # fmt: skip
+
+
 def activate(gripper: Gripper, clock: Clock, dropping: bool = False) -> None:
     """Make the hand ready, unless it is; raises DeviceFault when that does not end, Refused where
     it would drop something and may not. One that is active and reports a fault obeys and may hold
@@ -134,10 +176,7 @@ def activate(gripper: Gripper, clock: Clock, dropping: bool = False) -> None:
     gripper.pump(now_ns)
     found = gripper.state
     if found is not None and not (dropping or found.active or max(found.positions) <= OPEN_COUNTS):
-        raise Refused(
-            f"the hand is not active and stands closed, at {found.positions} counts: activation "
-            "would drop what it holds", CLOSED_AND_INACTIVE,
-        )  # fmt: skip
+        raise closed_and_inactive(found)
     if found is not None and found.active:
         check_fault(found)
     gripper.activate(dropping)

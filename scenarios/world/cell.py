@@ -59,6 +59,14 @@ class PadPress(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     seconds: Annotated[float, Meta(gt=0.0, le=60.0)] = 1.0
 
 
+class LaidWeight(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A weight that a person lays on one pad of an open hand, its face curved as the scene's
+    object; it lies there until another is laid, 0 N: none."""
+
+    finger: Literal["A", "B", "C"]
+    newtons: Annotated[float, Meta(ge=0.0, le=50.0)]
+
+
 class Truth(msgspec.Struct, frozen=True):
     """What only a simulation knows. Times in seconds since the cell began, None = not yet."""
 
@@ -104,6 +112,7 @@ class SimulatedCell:
         surfaces = [surface_of(settings.body)] * FINGERS
         held = Held(SIDES, held_radps(settings.contact, settings.body))
         self.fingertips = Fingertips(in_a_grasp(settings.fingertip), surfaces, rng, held)
+        self._laid_n = np.zeros(FINGERS)
         self.shaken = False  # something shakes the arm that is not its own motion
         self._damage = Damage(settings.damage, settings.fingertip.noise_counts, rng.spawn(1)[0])
         self._pull = Pull(settings.pull, self._now_ns)
@@ -138,6 +147,10 @@ class SimulatedCell:
         """A person presses a pad from now on."""
         until_s = (self._now_ns - self._start_ns) * 1e-9 + by.seconds
         self.fingertips.press(FINGER_NAMES.index(by.finger), by.taxel, by.newtons, until_s)
+
+    def lay(self, weight: LaidWeight) -> None:
+        """A weight on a pad, which alone feels it: object and hand do not."""
+        self._laid_n[FINGER_NAMES.index(weight.finger)] = weight.newtons
 
     def advance(self, now_ns: int) -> None:
         """Advance everything to now_ns."""
@@ -180,7 +193,7 @@ class SimulatedCell:
         motion, turn, centre = self.contact.felt(s, self._frames)
         self.fingertips.advance(
             (t_ns - self._start_ns) * 1e-9,
-            s[laws.NORMAL : laws.NORMAL + FINGERS],
+            s[laws.NORMAL : laws.NORMAL + FINGERS] + self._laid_n,
             motion * 1e3,
             self._turn + turn,
             centre * 1e3,

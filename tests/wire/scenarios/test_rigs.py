@@ -13,10 +13,14 @@ from typing import Any
 
 import pytest
 
+from grasp.clock import WallClock
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.rigs.cell_process import cell_process
 from scenarios.rigs.opening import open_rig
+from scenarios.rigs.rig import activate
+from scenarios.rigs.wired import wired_gripper
+from tests.calibrations import OF_A_LAB
 from tests.unit.scenarios.conftest import by_default
 
 ROOT = Path(__file__).parents[3]
@@ -63,8 +67,10 @@ def emulate(*words: str) -> Iterator[dict[str, Any]]:
 
 def lab_file(path: Path, endpoints: dict[str, Any]) -> Path:
     gripper, arm = endpoints["gripper"], endpoints["arm"]
+    hand = path.with_name("paper.toml")
+    hand.write_text(OF_A_LAB)
     path.write_text(
-        f'[gripper]\ncalibration = "paper"\n'
+        f'[gripper]\ncalibration = "{hand}"\n'
         f'[modbus]\nhost = "{gripper["host"]}"\nport = {gripper["port"]}\ntimeout_s = 0.4\n'
         f'[usb]\nurl = "{endpoints["tactile"]["url"]}"\n'
         f'[ur]\nhost = "{arm["host"]}"\nwatchdog_hz = 4.0\nheartbeat_timeout_s = 0.5\n'
@@ -74,6 +80,14 @@ def lab_file(path: Path, endpoints: dict[str, Any]) -> Path:
         "stands_s = 0.4\narm_start_s = 0.6\narm_frozen_s = 0.3\n"
     )
     return path
+
+
+def woken(lab: Path) -> Path:
+    """Its hand activated, as by `grasp gripper activate`: a run does that to no real one."""
+    config, clock = load_config("can", "hardware", "energy", lab), WallClock()
+    with wired_gripper(config, lambda: clock.now_ns) as gripper:
+        activate(gripper, clock)
+    return lab
 
 
 def test_lift_on_the_emulated_rig_is_that_of_the_simulated_one(tmp_path: Path) -> None:
@@ -103,7 +117,7 @@ def test_lift_on_the_emulated_rig_is_that_of_the_simulated_one(tmp_path: Path) -
 
 def test_hardware_rig_pointed_at_a_cell_gives_the_verdict_without_the_truth(tmp_path: Path) -> None:
     with emulate() as endpoints:
-        lab = lab_file(tmp_path / "lab.toml", endpoints)
+        lab = woken(lab_file(tmp_path / "lab.toml", endpoints))
         code, result = call(
             "run", "lift", "--rig", "hardware", "--confirm-motion", "--config", str(lab),
             "--runs", str(tmp_path / "runs"), *sets(),
@@ -254,7 +268,7 @@ def test_control_channel_loads_another_scene_and_taps_its_object() -> None:
         cell.load(ball, 3)
         assert cell.control.ask("truth")["placed"] is False
         cell.control.ask("tap", impulse_n_s=0.1, duration_s=0.008)
-        verbs = "load, place, take, tap, press, home, truth, motion, fault"
+        verbs = "load, place, take, tap, press, lay, home, truth, motion, fault"
         with pytest.raises(ValueError, match=verbs):
             cell.control.ask("dance")
         with pytest.raises(ValueError, match="impulse_n_s"):

@@ -8,7 +8,15 @@ from typing import Any
 import pytest
 
 from scenarios.rigs.cell_control import ControlClient
-from tests.wire.scenarios.test_rigs import ENVIRONMENT, GRASP, call, emulate, lab_file, sets
+from tests.wire.scenarios.test_rigs import (
+    ENVIRONMENT,
+    GRASP,
+    call,
+    emulate,
+    lab_file,
+    sets,
+    woken,
+)
 
 QUICK_TAP = ("tap.watch_s=1.6", "tap.wait_s=0")
 
@@ -67,7 +75,7 @@ def test_person_at_the_hardware_rig_strikes_measures_and_types(
     tmp_path: Path, typed: str, moved: bool
 ) -> None:
     with emulate() as endpoints:
-        lab = lab_file(tmp_path / "lab.toml", endpoints)
+        lab = woken(lab_file(tmp_path / "lab.toml", endpoints))
         with subprocess.Popen(
             [
                 *GRASP, "run", "tap", "--rig", "hardware", "--confirm-motion", "--config", str(lab),
@@ -93,7 +101,7 @@ def test_person_at_the_hardware_rig_strikes_measures_and_types(
 
 def test_terminal_that_closes_ends_the_run_with_the_grip_kept(tmp_path: Path) -> None:
     with emulate() as endpoints:
-        lab = lab_file(tmp_path / "lab.toml", endpoints)
+        lab = woken(lab_file(tmp_path / "lab.toml", endpoints))
         with subprocess.Popen(
             [
                 *GRASP, "run", "tap", "--rig", "hardware", "--confirm-motion", "--config", str(lab),
@@ -122,7 +130,7 @@ def test_terminal_that_closes_ends_the_run_with_the_grip_kept(tmp_path: Path) ->
 
 def test_taps_that_nobody_could_answer_are_refused_before_anything_moves(tmp_path: Path) -> None:
     with emulate() as endpoints:
-        lab = lab_file(tmp_path / "lab.toml", endpoints)
+        lab = woken(lab_file(tmp_path / "lab.toml", endpoints))
         done = subprocess.run(
             [
                 *GRASP, "run", "tap", "--rig", "hardware", "--confirm-motion", "--config", str(lab),

@@ -14,14 +14,14 @@ from grasp.recording import RunRecording
 from scenarios.campaign.store import CampaignStore
 from scenarios.rigs.cell_control import ControlClient
 from scenarios.trial.run_folder import RUN_CHANNELS
-from tests.wire.scenarios.test_rigs import ENVIRONMENT, GRASP, emulate, lab_file, sets
+from tests.wire.scenarios.test_rigs import ENVIRONMENT, GRASP, emulate, lab_file, sets, woken
 
 
 class Bench:
     """A cell, the file that points at it, and a person who answers the prompts of a run there."""
 
     def __init__(self, endpoints: dict[str, Any], folder: Path) -> None:
-        self.lab = lab_file(folder / "lab.toml", endpoints)
+        self.lab = woken(lab_file(folder / "lab.toml", endpoints))
         self.out, self.runs = folder / "lifts.sqlite", folder / "runs"
         self.prompts: list[str] = []
         control = endpoints["control"]

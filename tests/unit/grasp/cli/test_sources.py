@@ -18,6 +18,7 @@ from scenarios.lab import sessions
 from scenarios.lab.fit import Line, law_of, of_byte
 from scenarios.lab.scale import force_file, hand_file
 from scenarios.studies.detectors import unlabelled as rules
+from tests.calibrations import PRESSED
 
 NOTE = 'after the "new" pads'
 LAB = """
@@ -61,7 +62,7 @@ def stub(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     ("session", "words", "section"),
     [
         ("calibrate_hand", "hand --up-to 16 --scale", "calibration"),
-        ("press_force", "force --press --scale", "source"),
+        ("press_force", "force --press --up-to 15 --scale", "source"),
         ("calibrate_force", "force", "source"),
         ("held_still", "noise", "source"),
     ],
@@ -75,7 +76,8 @@ def test_note_is_kept_in_the_source_of_every_calibration(
     typed = ["calibrate", *words.split(), "--out", str(out), "--note", NOTE, "--confirm-motion"]
     if words == "force":
         typed.remove("--confirm-motion")  # nothing moves
-    assert main([*typed, "--set", "gripper.calibration=paper"]) == 0
+    words = ("gripper.calibration=paper", *PRESSED)
+    assert main([*typed, *(word for text in words for word in ("--set", text))]) == 0
     if section == "calibration":
         known = load_config("can", "hardware", "energy", None, (f"gripper.calibration={out}",))
         assert known.calibration is not None
@@ -114,6 +116,6 @@ def test_every_run_on_real_devices_tells_the_source_of_each_calibration(
         "grasp: counts a newton by: a kitchen scale",
         "grasp: rule on slip by: a hold of three minutes",
     ]
-    Path("hand.toml").write_text(hand.format(9.0))
+    Path("hand.toml").write_text(hand.format(9.0) + "pressed_bytes = [0]\npresses = 10\n")
     (weak,) = told(monkeypatch, capsys)
     assert "9 N, less than the manual's 15 N, by: a load cell, in May" in weak

@@ -16,6 +16,7 @@ from scenarios.rigs.calibration import weak_claim
 from scenarios.rigs.permission import check_devices
 from scenarios.rigs.rig import calibration, to_open
 from scenarios.trial.execution import make_guard
+from tests.calibrations import PRESSED
 
 LAB = """[calibration]
 source = "a scale"
@@ -146,8 +147,7 @@ def test_packaged_hands_claim_what_they_did() -> None:
         "15 N, by: Grover et al. 2022: 10 N is the least force that can be programmed; the rest "
         "as in `manual`",
     }
-    for name in names("calibrations"):
-        calibration(resolved(f"gripper.calibration={name}", rig="hardware"))
+    calibration(resolved("gripper.calibration=manual", rig="hardware"))
 
 
 @pytest.mark.parametrize(
@@ -186,10 +186,43 @@ def test_presses_that_were_counted_with_a_reason_are_believed(tmp_path: Path) ->
     assert "force byte 255" in weak_claim(calibration(lab))
 
 
+@pytest.mark.parametrize(
+    "figures", [{"least_force_n": 9.0}, {"most_force_n": 58.0}, {"least_force_n": 14.9}], ids=str
+)
+@pytest.mark.parametrize(
+    ("evidence", "believed"),
+    [({}, False), ({"presses": 10}, False), ({"pressed_bytes": (0,)}, False),
+     ({"pressed_bytes": (0,), "presses": 9}, False),
+     ({"pressed_bytes": (9,), "presses": 10}, False),
+     ({"pressed_bytes": (0,), "presses": 10}, True)],
+    ids=str,
+)  # fmt: skip
+def test_a_hand_weaker_than_the_manual_s_is_refused_on_real_devices_without_ten_presses(
+    figures: dict[str, float], evidence: dict[str, Any], believed: bool, tmp_path: Path
+) -> None:
+    choice = f"gripper.calibration={file_of(stated(**figures, **evidence), tmp_path)}"
+    limits = ("guard.force_limit_n=20", "controller.grip_force_n=20")
+    lab = resolved(choice, *limits, rig="hardware")
+    if believed:
+        make_guard(lab)
+        assert weak_claim(calibration(lab))
+        return
+    with pytest.raises(ConfigError, match="does not say that byte 0 was pressed 10 times") as told:
+        make_guard(lab)
+    assert told.value.allowed == "what `grasp calibrate hand` writes; until then manual"
+    make_guard(resolved(choice, *limits))  # a simulated hand is what it is said to be
+
+
+def test_the_hand_of_the_paper_is_no_real_one_until_it_is_pressed() -> None:
+    with pytest.raises(ConfigError, match="'paper' has force byte 0 press with 10 N"):
+        calibration(resolved("gripper.calibration=paper", rig="hardware"))
+    assert calibration(resolved("gripper.calibration=paper", *PRESSED, rig="hardware"))
+
+
 def test_no_figures_keep_a_hand_from_opening(tmp_path: Path) -> None:
     lab = resolved(f"gripper.calibration={file_of(stated(**EDITED), tmp_path)}", rig="hardware")
     assert calibration(to_open(lab)).name == "manual"
-    told = resolved("gripper.calibration=paper", rig="hardware")
+    told = resolved("gripper.calibration=paper", *PRESSED, rig="hardware")
     assert to_open(told) is told
     with pytest.raises(ConfigError, match="by hand"):
         to_open(resolved(rig="hardware"))

@@ -33,6 +33,9 @@ url = "tcp://127.0.0.99:9"
 """
 
 
+PRESSED = "[calibration]\npressed_bytes=[0]\npresses=10\n"
+
+
 @pytest.fixture
 def no_arm(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(device_checks, "arm_checks", lambda config: [])
@@ -44,7 +47,8 @@ def no_arm(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ("", "fail"),
         ("[gripper]\ncalibration='manual'", "ok"),
-        ("[gripper]\ncalibration='paper'", "warn"),  # less than the manual says
+        ("[gripper]\ncalibration='paper'", "fail"),  # less than the manual says, unpressed
+        (f"[gripper]\ncalibration='paper'\n{PRESSED}", "warn"),
     ],
 )
 def test_hand_that_nobody_has_chosen_stands_against_a_run(
@@ -57,7 +61,8 @@ def test_hand_that_nobody_has_chosen_stands_against_a_run(
     )
     found = next(check for check in checks if check.name == "calibration")
     assert found.status == status
-    assert ("chosen by hand" in found.detail) == (status == "fail")
+    assert ("chosen by hand" in found.detail) == (not chosen)
+    assert ("less than the manual's 15 N" in found.detail) == ("paper" in chosen)
 
 
 @pytest.mark.usefixtures("no_arm")
@@ -88,7 +93,7 @@ def test_source_of_each_calibration_is_told_or_that_there_is_none(tmp_path: Path
 @pytest.mark.usefixtures("no_arm")
 @pytest.mark.parametrize(
     ("active", "at", "status", "remedy"),
-    [(True, 6, "ok", ""), (False, 6, "warn", "gripper activate"), (True, 90, "fail", "release"),
+    [(True, 6, "ok", ""), (False, 6, "fail", "gripper activate"), (True, 90, "fail", "release"),
      (False, 90, "fail", "release --activate")],
     ids=["ready", "not active", "closed", "closed and not active"],
 )  # fmt: skip

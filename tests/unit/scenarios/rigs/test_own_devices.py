@@ -39,7 +39,7 @@ def lost(settings, now):
     raise LinkLost("nobody answers", "switch it on")
 """
 ALL = ("devices.gripper=acme", "devices.arm=acme", "devices.fingertips=acme",
-       "gripper.calibration=paper")  # fmt: skip
+       "gripper.calibration=manual")  # fmt: skip
 
 
 @pytest.fixture(autouse=True)
@@ -78,7 +78,7 @@ def test_they_are_opened_in_place_of_ours_and_closed_again(opened: list[Any]) ->
 
 def test_a_device_that_is_left_out_is_still_ours() -> None:
     with pytest.raises(ConfigError, match="real devices have no default"):
-        check_devices(lab("devices.gripper=acme", "gripper.calibration=paper"))
+        check_devices(lab("devices.gripper=acme", "gripper.calibration=manual"))
 
 
 @pytest.mark.parametrize("device", ["gripper", "arm", "fingertips"])
@@ -144,7 +144,7 @@ def test_each_is_locked_by_its_name_and_settings() -> None:
 
 
 def test_which_they_are_is_in_the_hash_and_where_they_are_is_not() -> None:
-    plain = load_config("can", "hardware", "energy", None, ["gripper.calibration=paper"])
+    plain = load_config("can", "hardware", "energy", None, ["gripper.calibration=manual"])
     named = lab(*ALL)
     placed = lab(*ALL, 'devices.gripper_settings={port="a"}')
     assert named.digest() == placed.digest()

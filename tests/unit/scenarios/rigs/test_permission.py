@@ -26,6 +26,7 @@ from scenarios.rigs import opening
 from scenarios.rigs.permission import MotionPermit, check_devices, permit, release_command
 from scenarios.tap import tap
 from scenarios.trial.series import Bench
+from tests.calibrations import PRESSED
 from tests.unit.grasp.cli.test_recordings_cli import stroke_csv
 
 ROOT = Path(__file__).parents[4]
@@ -33,6 +34,9 @@ ROOT = Path(__file__).parents[4]
 LAB = """
 [gripper]
 calibration = "paper"
+[calibration]
+pressed_bytes = [0]
+presses = 10
 [modbus]
 host = "127.0.0.99"
 port = 9
@@ -42,7 +46,7 @@ url = "tcp://127.0.0.99:9"
 host = "127.0.0.99"
 """
 LAB_WORDS = (
-    "gripper.calibration=paper", "modbus.host=127.0.0.99", "modbus.port=9",
+    "gripper.calibration=paper", *PRESSED, "modbus.host=127.0.0.99", "modbus.port=9",
     "usb.url=tcp://127.0.0.99:9", "ur.host=127.0.0.99",
 )  # fmt: skip
 CHOICES = (
@@ -399,7 +403,8 @@ def test_hardware_moves_on_a_confirmation_alone(
 def test_hardware_has_no_default_address_and_no_default_calibration(
     left_out: str, profile: str, name: str, devices: list[str]
 ) -> None:
-    given = [word for word in LAB_WORDS if not word.startswith(left_out)]
+    left = ("gripper", "calibration") if left_out == "gripper" else (left_out,)
+    given = [word for word in LAB_WORDS if not word.startswith(left)]
     config = load_config(name, "hardware", None, None, given, profile)
     with pytest.raises(ConfigError) as told:
         check_devices(config)

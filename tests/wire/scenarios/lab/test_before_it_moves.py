@@ -6,7 +6,30 @@ import pytest
 
 from scenarios.rigs.cell_lock import driving, gripper_of
 from tests.wire.scenarios.lab.bench import CONFIRMED, Lab
+from tests.wire.scenarios.lab.person import played
 from tests.wire.scenarios.lab.terminal import grasp
+
+
+def test_a_run_leaves_an_inactive_hand_as_it_is_with_what_to_type(lab: Lab, tmp_path: Path) -> None:
+    """Activation is a full open and close at a force that nobody sets."""
+    before = lab.places
+    rig = ("--rig", "hardware")
+    told = "`grasp gripper activate`"
+    for words in (("lift",), ("lift", "--first"), ("lift", "--trials", "3"), ("tap",)):
+        dry = lab.grasp("run", *words, *rig, "--dry-run")
+        assert dry.returncode == 3, dry.stderr
+        assert told in dry.stderr and dry.stdout.endswith("would not start\n")
+    doctor = lab.grasp("doctor", *rig)
+    assert doctor.returncode == 3
+    assert told in doctor.stdout
+    script = lab.grasp("run", "lift", *rig, *CONFIRMED, "--runs", str(tmp_path))
+    code, _, said = played(lambda question: "", "run", "lift", "--trials", "2", *rig, *CONFIRMED,
+                           "--runs", str(tmp_path), "--config", str(lab.file))  # fmt: skip
+    for ended, err in ((script.returncode, script.stderr), (code, said)):
+        assert ended == 4, err
+        assert f"the hand is not active: nothing was moved (empty it, then {told})" in err
+    assert lab.places == before
+    assert lab.cell.ask("truth")["placed"] is False
 
 
 @pytest.mark.parametrize(
@@ -26,7 +49,7 @@ def test_nothing_moves_unconfirmed_or_dry(words: tuple[str, ...], ready: Lab) ->
 DRY = (
     ("gripper", "open"), ("gripper", "close"), ("gripper", "step", "--finger", "B"),
     ("calibrate", "hand", "--up-to", "16", "--out", "none.toml"),
-    ("calibrate", "force", "--press", "--out", "none.toml"),
+    ("calibrate", "force", "--press", "--up-to", "15", "--out", "none.toml"),
     ("calibrate", "noise", "--out", "none.toml"),
 )  # fmt: skip
 
@@ -77,11 +100,23 @@ def test_dry_runs_of_lift_tap_and_release_ask_the_devices_and_move_nothing(ready
     opened = ready.grasp("release", *hardware)
     assert opened.returncode == 0, opened.stderr
     assert "would open the fingers of the gripper at" in opened.stdout
+    acquire = ready.grasp("run", "acquire", *hardware, "--set", "control.counts_per_newton=200")
+    assert acquire.returncode == 0, acquire.stderr
+    assert "would press with 5 N, by the arm, 5 mm deep at most\n" in acquire.stdout
+    assert acquire.stdout.endswith("would start\n")
+    unmeasured = ready.grasp("run", "acquire", *hardware)
+    assert unmeasured.returncode == 2
+    assert "control: counts_per_newton" in unmeasured.stderr
     weak = ready.grasp("run", "lift", *hardware, "--set", "guard.force_limit_n=9")
     assert weak.returncode == 2
-    nobody = ready.grasp("run", "lift", *hardware, "--set", "modbus.port=9")
-    assert nobody.returncode == 3
-    assert nobody.stdout.endswith("would not start\n")
+    for words in (
+        ("lift", *hardware, "--set", "modbus.port=9"),
+        ("acquire", *hardware, "--set", "control.counts_per_newton=200", "--set",
+         "usb.url=tcp://127.0.0.99:9"),
+    ):  # fmt: skip
+        nobody = ready.grasp("run", *words)
+        assert nobody.returncode == 3
+        assert nobody.stdout.endswith("would not start\n")
     assert (ready.places, ready.height_m) == before
 
 
@@ -94,7 +129,7 @@ def test_a_run_says_what_will_move_and_moves_nothing_where_nobody_can_answer(
         ("run", "tap", "--rig", "hardware", "--runs", str(tmp_path)),
         ("run", "lift", "--first", "--rig", "hardware", "--runs", str(tmp_path)),
         ("calibrate", "hand", "--up-to", "16", "--scale", *out),
-        ("calibrate", "force", "--press", "--scale", *out),
+        ("calibrate", "force", "--press", "--up-to", "15", "--scale", *out),
         ("calibrate", "force", *out),
         ("calibrate", "noise", *out),
     ):

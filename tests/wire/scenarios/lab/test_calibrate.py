@@ -90,12 +90,18 @@ def test_least_force_of_the_hand_is_recovered_as_an_upper_bound(lab: Lab) -> Non
 
 def test_weak_hand_is_told_in_every_run(lab: Lab) -> None:
     weak = lab.folder / "weak.toml"
-    weak.write_text('[calibration]\nsource = "scale, ten presses"\nleast_force_n = 9.0\n')
+    told = '[calibration]\nsource = "scale, ten presses"\nleast_force_n = 9.0\n'
+    weak.write_text(f"{told}pressed_bytes = [0]\npresses = 10\n")
     more = ("--config", str(lab.file), "--set", f"gripper.calibration={weak}")
     for how in ("--confirm-motion", "--dry-run"):
         done = grasp("gripper", "open", how, *more)
         assert done.returncode == 0
         assert "'weak' has force byte 0 press with 9 N, less than the manual's 15 N" in done.stderr
+    weak.write_text(told)
+    for how in ("--confirm-motion", "--dry-run"):
+        done = grasp("gripper", "close", how, *more)
+        assert done.returncode == 2
+        assert "it does not say that byte 0 was pressed 10 times" in done.stderr
 
 
 def test_figures_that_nobody_should_believe_move_nothing_but_let_go(lab: Lab) -> None:
@@ -248,7 +254,9 @@ def test_place_typed_too_high_is_told_with_what_to_type_before_the_finger_presse
     assert "on its way to 140, and has backed off" in asked[2]
 
 
-@pytest.mark.parametrize("words", [("hand", "--up-to", "16"), ("force", "--press")], ids=" ".join)
+@pytest.mark.parametrize(
+    "words", [("hand", "--up-to", "16"), ("force", "--press", "--up-to", "15")], ids=" ".join
+)
 @pytest.mark.parametrize("how", ["end of input", "Ctrl-C"])
 def test_calibration_that_is_ended_at_a_prompt_leaves_no_finger_on_the_scale(
     lab: Lab, words: tuple[str, ...], how: str
@@ -329,7 +337,9 @@ def test_rule_of_a_still_hold_is_written_and_read(lab: Lab) -> None:
 
 
 @pytest.mark.parametrize(
-    "words", [("hand", "--up-to", "16"), ("force", "--press"), ("noise",)], ids=" ".join
+    "words",
+    [("hand", "--up-to", "16"), ("force", "--press", "--up-to", "15"), ("noise",)],
+    ids=" ".join,
 )
 def test_dry_run_says_what_would_move_and_nothing_moves_unconfirmed(
     words: tuple[str, ...], lab: Lab

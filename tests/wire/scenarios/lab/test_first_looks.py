@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.wire.scenarios.lab.terminal import grasp
-from tests.wire.scenarios.test_rigs import emulate, lab_file
+from tests.wire.scenarios.test_rigs import emulate, lab_file, woken
 
 URL, CALIBRATION = r'url = ".*"', r'calibration = ".*"'
 
@@ -40,12 +40,33 @@ def test_devices_that_answer_are_found_with_what_to_write_down(endpoints: dict[s
 def test_doctor_hears_every_device_and_says_what_a_run_would_do_first(
     endpoints: dict[str, Any], tmp_path: Path
 ) -> None:
-    code, checks = doctor(lab_file(tmp_path / "lab.toml", endpoints))
-    assert code == 0, checks
+    lab = lab_file(tmp_path / "lab.toml", endpoints)
+    code, checks = doctor(lab)
+    assert code == 3, checks
+    assert [name for name, check in checks.items() if check["status"] == "fail"] == ["gripper"]
     assert "18 taxels, rest 4" in checks["fingertips"]["detail"]
     assert checks["arm pose"]["detail"].startswith("stands, tool at x 500")
     assert checks["force guard"]["status"] == "ok"
     assert "`grasp gripper activate`" in checks["gripper"]["remedy"]
+    code, checks = doctor(woken(lab))
+    assert code == 0, checks
+
+
+@pytest.mark.parametrize(("words", "code", "told"), [
+    (("--object", "cup"), 2, "object"),
+    (("--profile", "none"), 2, "profile"),
+    (("--detector", "none"), 2, "detector"),
+    (("--object", "ball", "--profile", "paper"), 3, "does not read"),
+    (("--object", "ball", "--detector", "psd"), 0, ""),
+])  # fmt: skip
+def test_doctor_asks_of_the_run_that_is_named(
+    endpoints: dict[str, Any], tmp_path: Path, words: tuple[str, ...], code: int, told: str
+) -> None:
+    ended, checks = doctor(woken(lab_file(tmp_path / "lab.toml", endpoints)), *words)
+    assert ended == code, checks
+    against = [check for check in checks.values() if check["status"] == "fail"]
+    assert bool(against) == bool(told)
+    assert all(told in check["detail"] + check["remedy"] for check in against)
 
 
 @pytest.mark.parametrize(
