@@ -1,7 +1,6 @@
 """A rig: the three devices, their clock, and, where there is a simulation, its truth."""
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from typing import Generic, TypeVar
 
 import msgspec
@@ -141,12 +140,11 @@ def not_active(state: GripperState) -> Refused:
 
 def take_over(gripper: Gripper, clock: Clock) -> None:
     """Of a real hand, which must be active: activation opens and closes it fully, at a force that
-    nobody sets, and a run does that to none by itself. Raises Refused for one that is not, and
-    DeviceFault for one that reports a fault."""
+    nobody sets, and a run does that to none by itself. Raises Refused for one that is not,
+    DeviceFault for one that reports a fault, and what its driver raises."""
     end_ns = clock.now_ns + round(TAKE_OVER_S * 1e9)
     while clock.now_ns < end_ns:
-        with suppress(DeviceFault):  # told below
-            gripper.pump(clock.now_ns)
+        gripper.pump(clock.now_ns)
         state = gripper.state
         if state is not None and not state.active:
             closed = max(state.positions) > OPEN_COUNTS

@@ -147,7 +147,8 @@ def test_hardware_has_no_calibration_of_its_own() -> None:
 def test_devices_that_are_not_there_are_a_device_error_with_a_remedy(tmp_path: Path) -> None:
     lab = tmp_path / "lab.toml"
     lab.write_text(
-        '[gripper]\ncalibration = "paper"\n[modbus]\nhost = "127.0.0.99"\nport = 9\n'
+        '[gripper]\ncalibration = "paper"\n[calibration]\npressed_bytes = [0]\npresses = 10\n'
+        '[modbus]\nhost = "127.0.0.99"\nport = 9\n'
         '[usb]\nurl = "tcp://127.0.0.99:9"\n[ur]\nhost = "127.0.0.99"\n'
     )
     runs = tmp_path / "runs"

@@ -1,14 +1,19 @@
 """A rig waits for a hand that is ready, whatever it said before."""
 
+from collections.abc import Callable
+
 import pytest
 
 from drivers.errors import DeviceFault, Refused
+from drivers.interfaces import Gripper
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import HandSettings
-from grasp.clock import VirtualClock
-from scenarios.rigs.rig import activate
+from grasp.clock import Clock, VirtualClock
+from scenarios.rigs.rig import activate, take_over
 from tests.calibrations import PAPER
 from tests.unit.drivers.robotiq.conftest import MS, Rig
+
+Begin = Callable[[Gripper, Clock], None]
 
 
 def made(active: bool) -> tuple[Rig, VirtualClock]:
@@ -21,10 +26,11 @@ def made(active: bool) -> tuple[Rig, VirtualClock]:
     return rig, VirtualClock(advance)
 
 
+@pytest.mark.parametrize("begin", [activate, take_over])
 @pytest.mark.parametrize("at", [6, 60])
 @pytest.mark.parametrize("code", [0x05, 0x06, 0x09, 0x0A, 0x0B, 0x0C])
 def test_hand_that_is_active_and_reports_a_fault_keeps_its_grip_and_the_verb_is_told(
-    code: int, at: int
+    code: int, at: int, begin: Begin
 ) -> None:
     """Also one that holds by position: it reports no contact."""
     rig, clock = made(active=True)
@@ -42,7 +48,7 @@ def test_hand_that_is_active_and_reports_a_fault_keeps_its_grip_and_the_verb_is_
     )
     told = len(rig.frames)
     with pytest.raises(DeviceFault, match="was left as it is") as caught:
-        activate(rig.driver, clock)
+        begin(rig.driver, clock)
     assert "`grasp gripper activate`" in caught.value.remedy
     if at != 6:
         with pytest.raises(Refused, match="drop"):
@@ -54,14 +60,17 @@ def test_hand_that_is_active_and_reports_a_fault_keeps_its_grip_and_the_verb_is_
     assert rig.state.positions == (at, at, at)
 
 
+@pytest.mark.parametrize("begin", [activate, take_over])
 @pytest.mark.parametrize("code", [0x0D, 0x0E, 0x0F])
-def test_fault_that_needs_activation_is_told_with_the_verb_and_nothing_is_moved(code: int) -> None:
+def test_fault_that_needs_activation_is_told_with_the_verb_and_nothing_is_moved(
+    code: int, begin: Begin
+) -> None:
     rig, clock = made(active=True)
     rig.model.inject_fault(code)
     clock.sleep_until_ns(clock.now_ns + 100 * MS)
     told = len(rig.frames)
     with pytest.raises(DeviceFault, match="gripper fault") as caught:
-        activate(rig.driver, clock)
+        begin(rig.driver, clock)
     assert "`grasp gripper activate`" in caught.value.remedy
     assert rig.frames[told:] == []
 
@@ -101,9 +110,27 @@ def test_hand_that_is_not_active_and_stands_closed_is_activated_only_by_leave_to
     rig.driver.pump(clock.now_ns)
     assert not rig.state.active
     at = rig.state.positions
-    with pytest.raises(Refused, match="not active and stands closed"):
-        activate(rig.driver, clock)
+    for begin in (activate, take_over):
+        with pytest.raises(Refused, match="not active and stands closed"):
+            begin(rig.driver, clock)
     clock.sleep_until_ns(clock.now_ns + 1_000 * MS)
     assert rig.state.positions == at
     activate(rig.driver, clock, dropping=True)
     assert rig.state.is_open
+
+
+def test_real_hand_is_taken_over_as_it_is_or_not_at_all() -> None:
+    """Activation opens and closes it fully, whoever's hand is in it: nothing is written to it."""
+    rig, clock = made(active=True)
+    told = len(rig.frames)
+    take_over(rig.driver, clock)
+    assert clock.now_ns < 500 * MS
+    assert len(rig.frames) == told
+    rig, asleep = made(active=False)
+    told = len(rig.frames)
+    with pytest.raises(Refused, match="the hand is not active: nothing was moved") as caught:
+        take_over(rig.driver, asleep)
+    assert caught.value.remedy == "empty it, then `grasp gripper activate`"
+    asleep.sleep_until_ns(asleep.now_ns + 4_000 * MS)
+    assert not rig.state.active
+    assert len(rig.frames) == told

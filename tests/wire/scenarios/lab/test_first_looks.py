@@ -12,6 +12,7 @@ from tests.wire.scenarios.lab.terminal import grasp
 from tests.wire.scenarios.test_rigs import emulate, lab_file, woken
 
 URL, CALIBRATION = r'url = ".*"', r'calibration = ".*"'
+STOP = ("--set", "controller.answer_stop_mps2=4")
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +57,8 @@ def test_doctor_hears_every_device_and_says_what_a_run_would_do_first(
     (("--object", "cup"), 2, "object"),
     (("--profile", "none"), 2, "profile"),
     (("--detector", "none"), 2, "detector"),
-    (("--object", "ball", "--profile", "paper"), 3, "does not read"),
-    (("--object", "ball", "--detector", "psd"), 0, ""),
+    (("--profile", "paper", *STOP), 2, "answer_stop_mps2"),  # whose answer stops no arm
+    (("--object", "ball", "--detector", "psd", *STOP), 0, ""),
 ])  # fmt: skip
 def test_doctor_asks_of_the_run_that_is_named(
     endpoints: dict[str, Any], tmp_path: Path, words: tuple[str, ...], code: int, told: str
