@@ -18,6 +18,7 @@ import contextlib
 import functools
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -42,6 +43,9 @@ ADDED_FIELDS: tuple[tuple[str, bytes], ...] = (
     ("/arm", b',"speed_fraction":1.0'),
     ("/gripper", b',"took_ns":0'),
 )
+
+# A field that every message has, which says what the old tree did not record at all.
+ADDED_TIMES: tuple[tuple[str, bytes], ...] = (("/arm", rb',"sampled_ns":-?\d+'),)
 
 # A phase that was part of another, and of which.
 PARTS: tuple[tuple[str, str], ...] = (
@@ -239,6 +243,12 @@ def comparable(
         said = b"".join(data for (name, _), (_, data) in old.items() if name == topic)
         if fields.partition(b":")[0] not in said:
             new = _replaced(new, [(fields, b"")], topic)
+    for topic, pattern in ADDED_TIMES:
+        if not any(
+            name == topic and re.search(pattern, data) for (name, _), (_, data) in old.items()
+        ):
+            new = {key: (t_ns, re.sub(pattern, b"", data) if key[0] == topic else data)
+                   for key, (t_ns, data) in new.items()}  # fmt: skip
     return _replaced(old, RENAMED), _replaced(new, rewritten)
 
 

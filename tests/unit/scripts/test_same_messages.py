@@ -99,6 +99,19 @@ def test_a_field_is_left_out_of_its_own_topic_whatever_another_has_said() -> Non
     assert not same(hand | control("lift"), late | control("lift"), NOW)
 
 
+def test_when_the_arm_sampled_is_compared_only_with_a_tree_that_recorded_it() -> None:
+    arm, other = ({("/arm", 0): (0, b'{"seq":1%b}' % more)} for more in (b"", b',"moving":true'))
+    dated, later = (
+        {("/arm", 0): (0, b'{"seq":1,"sampled_ns":%d}' % t_ns)} for t_ns in (8_000_000, -16)
+    )
+    assert same(arm | control("lift"), dated | control("lift"), NOW)
+    assert same(arm | control("lift"), later | control("lift"), NOW)
+    assert not same(other | control("lift"), dated | control("lift"), NOW)
+    assert not same(dated | control("lift"), later | control("lift"), NOW)
+    pads = {("/tactile", 0): (0, b'{"seq":1,"sampled_ns":8}')}
+    assert not same(arm | {("/tactile", 0): (0, b'{"seq":1}')}, dated | pads, NOW)
+
+
 def test_a_date_is_no_difference_and_another_time_since_the_start_is() -> None:
     assert undated(VIRTUAL_EPOCH_NS + 6_410_000_000) == undated(6_410_000_000) == 6_410_000_000
     assert undated(VIRTUAL_EPOCH_NS + 6_420_000_000) != undated(6_410_000_000)

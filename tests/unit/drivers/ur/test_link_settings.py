@@ -29,6 +29,7 @@ class Told:
     """A worker that takes everything and whose arm goes on for ever; what it was told."""
 
     state = MOVING
+    silent_s = 0.0
 
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
