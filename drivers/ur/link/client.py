@@ -14,7 +14,7 @@ from msgspec import Meta
 from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.interfaces import Vector3
 from drivers.ur import kinematics
-from drivers.ur.driver import ArmSample
+from drivers.ur.driver import UNREAD, ArmSample
 from drivers.ur.link import messages
 from drivers.ur.link.look import require_standing
 from drivers.ur.link.messages import ROBOT_RUNNING, Outcome, Pose, State
@@ -22,6 +22,7 @@ from drivers.ur.link.preflight import PreflightFindings, preflight, require
 from drivers.ur.link.supervisor import SEE_PENDANT, START_AGAIN, WorkerProcess
 
 _BEAT_NS = 10_000_000
+_LATELY_S = 2.0
 
 
 class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -177,7 +178,7 @@ class UrLink:
         if state.stopped_by_safety:
             return False
         if not state.program_running:
-            raise _program_ended()
+            raise self._program_ended(process)
         self._stop_number = None
         self._beat_ns = now_ns
         process.post(motion(process.next_number()), self._settings.command_timeout_s)
@@ -262,9 +263,24 @@ class UrLink:
                 "power the robot on at the teach pendant, then start the run again",
             )
         if self._begins("program", not state.program_running and not stopped):
-            raise _program_ended()
+            raise self._program_ended(process)
         if failure is Outcome.NOT_TAKEN:
             raise Refused("the arm controller did not take a command", SEE_PENDANT)
+
+    def _program_ended(self, process: WorkerProcess) -> DeviceFault:
+        """Its own watchdog ends it, where nobody has kicked that for long enough."""
+        s, away_s = self._settings, process.away_s(_LATELY_S)
+        if away_s > max(0.5 / s.watchdog_hz, 3.0 / s.frequency_hz):
+            return DeviceFault(
+                f"the program on the arm controller has ended: for {away_s:.2f} s this computer "
+                "did not keep it alive in time",
+                UNREAD,
+            )
+        return DeviceFault(
+            "the program on the arm controller has ended",
+            "look at the log of the teach pendant, and whether it was turned to Local; "
+            f"{START_AGAIN}",
+        )
 
     def _begins(self, trouble: str, present: bool) -> bool:
         """True when it was not there at the last look."""
@@ -313,10 +329,3 @@ def _along_axis(state: State) -> float:
     """Spin about the tool's own axis, rad/s."""
     axis = kinematics.rotation(state.pose[3:])[:, 2]
     return float(sum(a * w for a, w in zip(axis.tolist(), state.turning_radps, strict=True)))
-
-
-def _program_ended() -> DeviceFault:
-    return DeviceFault(
-        "the program on the arm controller has ended",
-        f"look at the log of the teach pendant, and whether it was turned to Local; {START_AGAIN}",
-    )

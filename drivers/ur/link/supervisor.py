@@ -22,6 +22,8 @@ START_AGAIN = "make sure that the arm may move, then start the run again"
 SEE_PENDANT = "see the teach pendant for the cause, clear it there, then start the run again"
 _LOG_LINES = 200
 _SILENT_S = 0.25  # some cycles of the slowest arm
+_GAPS = 32  # of what it says, that are remembered; each at least so long
+_GAP_S = 0.03
 
 
 class WorkerProcess:
@@ -32,6 +34,7 @@ class WorkerProcess:
         self.log: deque[str] = deque(maxlen=_LOG_LINES)  # what ur_rtde printed
         self._failures: deque[Outcome] = deque(maxlen=16)
         self._heard_at = time.monotonic()
+        self._gaps: deque[tuple[float, float]] = deque(maxlen=_GAPS)  # when they ended, how long
         self._changed = threading.Condition()
         self._ready = False
         self._ended = ""  # why, once it has
@@ -55,6 +58,13 @@ class WorkerProcess:
     def silent_s(self) -> float:
         """Since it has said anything at all; while it runs it does so each cycle."""
         return time.monotonic() - self._heard_at
+
+    def away_s(self, within_s: float) -> float:
+        """The longest that it has said nothing, of lately: so long it, or this process, was not run
+        by the system."""
+        since = time.monotonic() - within_s
+        with self._changed:
+            return max((gap_s for ended_at, gap_s in self._gaps if ended_at > since), default=0.0)
 
     def wait_ready(self, timeout_s: float) -> None:
         """Until states flow; kills the worker and raises what is wrong when they do not."""
@@ -171,8 +181,11 @@ class WorkerProcess:
             return True
         except (OSError, msgspec.DecodeError):
             said = None
+        now = time.monotonic()
         with self._changed:
-            self._heard_at = time.monotonic()
+            if now - self._heard_at > _GAP_S:
+                self._gaps.append((now, now - self._heard_at))
+            self._heard_at = now
             if said is None:
                 self._ended = self._ended or "its worker process ended"
             elif isinstance(said, State):
@@ -181,6 +194,7 @@ class WorkerProcess:
                 self._settle(said)
             elif isinstance(said, messages.Ready):
                 self._ready = True
+                self._gaps.clear()  # until then it has nothing to say
             elif isinstance(said, messages.Failed):
                 self._ended = said.reason
             self._changed.notify_all()

@@ -237,6 +237,21 @@ def test_silent_worker_is_given_up(emulate, connect):
         os.kill(pid, 0)
 
 
+def test_program_that_ended_since_the_worker_was_not_run_is_told_with_that_cause(emulate, connect):
+    emulator = emulate()
+    arm = connect()
+    (pid,) = workers()
+    arm.rise(0.4)
+    arm.pump_until(arm.rising)
+    os.kill(pid, signal.SIGSTOP)
+    emulator.state_when(lambda state: state["runtime_state"] != PROGRAM_RUNNING)
+    os.kill(pid, signal.SIGCONT)
+    told = arm.trouble(
+        DeviceFault, r"has ended: for \d\.\d\d s this computer did not keep it alive"
+    )
+    assert "processor" in told.remedy
+
+
 def test_caller_that_reads_no_more_is_stopped_by_the_watchdog(emulate, connect):
     emulator = emulate()
     arm = connect(heartbeat_timeout_s=0.2)
