@@ -27,8 +27,9 @@ class Shares(Generic[Member]):
     it, the client waits.
     """
 
-    def __init__(self, part: float) -> None:
-        self._part = part
+    def __init__(self, part: float, burst_s: float = _BURST_S) -> None:
+        """``burst_s``: at that rate."""
+        self._part, self._burst_s = part, burst_s
         self._used: dict[Member, tuple[float, float]] = {}  # seconds used, as of when
         self._rate, self._counted_s = part, float("-inf")
 
@@ -39,7 +40,11 @@ class Shares(Generic[Member]):
     def wait_s(self, member: Member, now_s: float) -> float:
         """How long the client has to wait before it is served; 0 for one within its share."""
         rate = self._rate_at(now_s)
-        return max(0.0, self._left(member, now_s) / rate - _BURST_S)
+        return max(0.0, self._left(member, now_s) / rate - self._burst_s)
+
+    def used_s(self, member: Member, now_s: float) -> float:
+        """Of late: who has used less goes first."""
+        return self._left(member, now_s)
 
     def forget(self, member: Member) -> None:
         self._used.pop(member, None)
@@ -124,6 +129,30 @@ class Budget:
     def end(self) -> None:
         """No work goes on any more in this period."""
         self._left_s = self._until_s - time.thread_time()
+
+
+class Allowance:
+    """What may be begun of some kind of work: so much at once, and else a part of the time.
+
+    What was used leaks away at that rate. While more is left of it than ``at_once_s`` nothing new
+    is begun, for ``longest_s`` at most.
+    """
+
+    def __init__(self, part: float, at_once_s: float, longest_s: float) -> None:
+        self._part, self._at_once_s, self._longest_s = part, at_once_s, longest_s
+        self._used_s = 0.0
+
+    def elapse(self, seconds: float) -> None:
+        self._used_s = max(0.0, self._used_s - self._part * seconds)
+
+    def use(self, seconds: float) -> None:
+        most_s = self._at_once_s + self._part * self._longest_s
+        self._used_s = min(most_s, self._used_s + seconds)
+
+    @property
+    def wait_s(self) -> float:
+        """Before anything may begin."""
+        return max(0.0, self._used_s - self._at_once_s) / self._part
 
 
 class _Cancelled(BaseException):

@@ -26,8 +26,9 @@ _LONGEST: Final = 254  # unit and request
 _CLIENTS: Final = 16
 _BUSY: Final = 6  # exception: server device busy
 _FAREWELL_S: Final = 1.0  # for the first request of a client that is turned away
-_PART: Final = 0.25  # of the time, for all clients that ask for more than a little
-_AT_ONCE: Final = 8  # requests of one client, before others have their turn
+_PART: Final = 0.1  # of the time, for all who ask for more than a little: thousands a second
+_REST_S: Final = 0.05  # of who has used its share: to wake for each request costs more than it
+_AT_ONCE: Final = 2  # requests of one client, before others have their turn
 _UNREAD: Final = 65536  # bytes of replies that a client may leave lying
 _KEEP_UP_S: Final = 0.01
 _JOIN_S: Final = 5.0
@@ -317,7 +318,8 @@ class GripperEmulator:
         """The client has taken so much time; returns for how long it has to wait."""
         now_s = time.monotonic()
         self._shares.charge(connection, used_s, now_s)
-        return self._shares.wait_s(connection, now_s)
+        wait_s = self._shares.wait_s(connection, now_s)
+        return max(wait_s, _REST_S) if wait_s else 0.0
 
     def frozen_for_s(self) -> float:
         """How long nothing will be carried out."""

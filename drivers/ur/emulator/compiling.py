@@ -1,28 +1,43 @@
 """Programs given to a controller: their compilation, and those that run beside the main one."""
 
+import time
 from collections import deque
 from functools import partial
 from typing import Any
 
-from drivers.fairness import Budget, Slowly
+from drivers.fairness import Allowance, Budget, Slowly
 from drivers.ur.emulator.urscript.builtins import SECONDARY
 from drivers.ur.emulator.urscript.compile import compile_program
 from drivers.ur.emulator.urscript.parse import ScriptError
 from drivers.ur.emulator.urscript.run import Builtin, Compiled, Program
 
 _MOST_WAITING = 8
+_VAIN = 4.0  # times what it took: work on a text that another replaced before it was done
+
+
+def compiling_allowance() -> Allowance:
+    """Of the processor's time, for the programs that one controller is sent: the script of a client
+    takes a tenth of a second, the longest one that is taken some three, none waits for longer than
+    two."""
+    return Allowance(0.05, at_once_s=0.25, longest_s=2.0)
 
 
 class Compilation:
-    """Of the text given last, in slices of the cycles."""
+    """Of the text given last, in slices of the cycles. It is not begun while ``allowance`` says to
+    wait; one text after the other would else cost more than any of them."""
 
-    def __init__(self, builtins: dict[str, Builtin]) -> None:
+    def __init__(self, builtins: dict[str, Builtin], allowance: Allowance) -> None:
         self._builtins = builtins
+        self._allowance = allowance
         self._text: str | None = None
         self._work: Slowly[Compiled] | None = None
+        self._worked_s = 0.0
 
     @property
     def busy(self) -> bool:
+        """There is more to do in this cycle."""
+        if self._work is None and self._allowance.wait_s:
+            return False
         return self._text is not None
 
     def begin(self, text: str) -> None:
@@ -32,12 +47,17 @@ class Compilation:
 
     def go_on(self, budget: Budget) -> tuple[str, Compiled | ScriptError] | None:
         """The text and what has become of it, once that is known."""
-        if self._text is None:
+        if self._text is None or not self.busy:
             return None
+        began_s = time.thread_time()
         if self._work is None:
             self._work = Slowly(partial(compile_program, self._text, self._builtins))
+            self._worked_s = 0.0
         done = self._work.go_on(budget.left_s)
         budget.use(self._work.worked_s)
+        used_s = self._work.worked_s + time.thread_time() - began_s
+        self._worked_s += used_s
+        self._allowance.use(used_s)
         if not done:
             return None
         (text, work), self._text, self._work = (self._text, self._work), None, None
@@ -49,6 +69,7 @@ class Compilation:
     def cancel(self) -> None:
         if self._work is not None:
             self._work.cancel()
+            self._allowance.use((_VAIN - 1.0) * self._worked_s)
         self._text = self._work = None
 
 
@@ -56,10 +77,10 @@ class Secondary:
     """Secondary programs, one after the other: they take no time, move nothing and leave the main
     program alone."""
 
-    def __init__(self, robot: Any) -> None:
+    def __init__(self, robot: Any, allowance: Allowance) -> None:
         self._robot = robot
         self._waiting: deque[str] = deque()
-        self._compilation = Compilation(SECONDARY)
+        self._compilation = Compilation(SECONDARY, allowance)
         self._compiles = False
         self._program: Program | None = None
 
@@ -72,7 +93,8 @@ class Secondary:
     @property
     def busy(self) -> bool:
         """There is more to do in this cycle."""
-        return bool(self._waiting) or self._compiles or self._program is not None
+        begins = bool(self._waiting) and not self._compiles
+        return begins or self._compilation.busy or self._program is not None
 
     def step(self, budget: Budget) -> None:
         """What there is time for."""

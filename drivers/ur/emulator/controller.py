@@ -5,12 +5,13 @@ the program and unlocking it ends the program; an emergency stop ends the progra
 arm off. States and bits: "RTDE Guide".
 """
 
+import math
 from collections import deque
 from collections.abc import Callable
 from enum import IntEnum
 
 from drivers.fairness import Budget
-from drivers.ur.emulator.compiling import Compilation, Secondary
+from drivers.ur.emulator.compiling import Compilation, Secondary, compiling_allowance
 from drivers.ur.emulator.motion import RobotMotion
 from drivers.ur.emulator.ports import Ports
 from drivers.ur.emulator.rtde_wire import BITS, REGISTERS, Scalar, Values
@@ -132,8 +133,10 @@ class Controller:
         self._program: Program | None = None
         self._watchdog: Watchdog | None = None
         self._compiled: dict[str, Compiled | ScriptError] = {}
-        self._compilation = Compilation(BUILTINS)
-        self._secondary = Secondary(self)
+        self._compiling = compiling_allowance()
+        self._compilation = Compilation(BUILTINS, self._compiling)
+        self._secondary = Secondary(self, self._compiling)
+        self._told_to_wait = -math.inf  # cycle in which the log said so
         self._true_wrench: tuple[float, ...] = (0.0,) * 6
         self._zero_wrench: tuple[float, ...] = (0.0,) * 6
 
@@ -149,6 +152,7 @@ class Controller:
         turn. What the arm's motion takes to compute is no part of that share."""
         self._now_ns = now_ns
         self.cycles += 1
+        self._compiling.elapse(self.period_s)
         self._take_registers(inputs)
         self.ports.take_inputs(inputs)
         self.motion.turn_slider(self.ports.speed_fraction)
@@ -245,6 +249,14 @@ class Controller:
             self._start(self._compiled[text])
         else:
             self._compilation.begin(text)
+            self._tell_to_wait()
+
+    def _tell_to_wait(self) -> None:
+        """Once a second at most: who sends so many would fill the log too."""
+        wait_s = self._compiling.wait_s
+        if wait_s and (self.cycles - self._told_to_wait) * self.period_s > 1.0:
+            self._told_to_wait = self.cycles
+            self.log(f"program waits for {wait_s:.1f} s: too much was to be compiled of late")
 
     @property
     def ready(self) -> bool:

@@ -20,8 +20,11 @@ _MAX_LINE = 65536
 _MAX_UNSENT = 1 << 20  # a client that does not read is cut off beyond this
 _BACKLOG = 128
 _PART = 0.25  # of the time, for all clients that ask for more than a little
+_PROGRAM_PART = 0.2  # as much, for all who send programs: not heard before it is paid, but told
+_PROGRAM_BURST_S = 1.0  # of that, for who sends one after the other now and then
+_PROGRAM_S, _CHAR_S = 3e-4, 3e-6  # what it takes to compile and to begin one, about
 _LEAST_S = 0.001  # of serving, however late a cycle is
-_LOOK_S = 3e-4  # of telling the state, before it is looked who asks meanwhile
+_LOOK_S = 3e-4  # of telling the state, or of answering, before it is looked who asks meanwhile
 _FAREWELL_S = 1.0  # a client that was refused has so long to read why
 
 
@@ -64,6 +67,7 @@ class ScriptTalk:
         self._held = b""
         self._program = bytearray()  # as it came: lines of their own would be thirty times as much
         self._depth = 0
+        self.asked_s = 0.0  # of work, by programs
         self.broken = False
 
     def feed(self, data: bytes) -> bytes:
@@ -72,7 +76,7 @@ class ScriptTalk:
             self._take(line + b"\n")
         self.broken = len(self._held) + len(self._program) > MAX_CHARS
         if self.broken:  # which is refused for its length
-            self._load((self._program + self._held).decode("utf-8", "replace"))
+            self._ask((self._program + self._held).decode("utf-8", "replace"))
         return b""
 
     def _take(self, line: bytes) -> None:
@@ -83,7 +87,11 @@ class ScriptTalk:
         text = self._program.decode("utf-8", "replace")
         self._program, self._depth = bytearray(), 0
         if text.strip():
-            self._load(text)
+            self._ask(text)
+
+    def _ask(self, text: str) -> None:
+        self._load(text)
+        self.asked_s += _PROGRAM_S + _CHAR_S * len(text)
 
     def close(self) -> None: ...
 
@@ -106,7 +114,7 @@ class Connection:
         self.sock = sock
         self.talk = talk
         self.places = places
-        self.waits = False  # has used up its share
+        self.waits = False  # has used up a share
         self.closed = False
         self._unsent = bytearray()
 
@@ -153,6 +161,7 @@ class Server:
         """``refused`` is told of each client that found no place."""
         self._selector = selectors.DefaultSelector()
         self._shares: Shares[Connection] = Shares(_PART)
+        self._programs: Shares[Connection] = Shares(_PROGRAM_PART, _PROGRAM_BURST_S)
         self._refused = refused
         self._connections: dict[Connection, bool] = {}  # whether they are of our own channel
         self._farewells: dict[Connection, float] = {}  # when they are closed
@@ -201,9 +210,7 @@ class Server:
         self._keep(connection, connection.send(greeting))
 
     def _watch(self, connection: Connection) -> None:
-        self._selector.register(
-            connection.sock, selectors.EVENT_READ, lambda: self._attend(connection)
-        )
+        self._selector.register(connection.sock, selectors.EVENT_READ, connection)
 
     def _attend(self, connection: Connection) -> None:
         started_s = time.thread_time()
@@ -216,9 +223,17 @@ class Server:
         now_s = time.monotonic()
         connection.places.heard(connection, now_s)
         self._shares.charge(connection, used_s, now_s)
-        if not connection.waits and self._shares.wait_s(connection, now_s):
+        talk = connection.talk
+        if isinstance(talk, ScriptTalk) and talk.asked_s:
+            self._programs.charge(connection, talk.asked_s, now_s)
+            talk.asked_s = 0.0
+        if not connection.waits and self._has_to_wait(connection, now_s):
             connection.waits = True
             self._selector.unregister(connection.sock)
+
+    def _has_to_wait(self, connection: Connection, now_s: float) -> bool:
+        shares = self._shares, self._programs
+        return any(one.wait_s(connection, now_s) > 0.0 for one in shares)
 
     def _part_from(self, connection: Connection, last: bytes) -> None:
         """Close, but not before the client has read why."""
@@ -237,6 +252,7 @@ class Server:
         del self._connections[connection]
         connection.places.leave(connection)
         self._shares.forget(connection)
+        self._programs.forget(connection)
         if not connection.waits:
             self._selector.unregister(connection.sock)
         connection.sock.close()
@@ -246,7 +262,7 @@ class Server:
         """Once a cycle: clients who have waited long enough are heard again."""
         now_s = time.monotonic()
         for connection in self._connections:
-            if connection.waits and not self._shares.wait_s(connection, now_s):
+            if connection.waits and not self._has_to_wait(connection, now_s):
                 connection.waits = False
                 self._watch(connection)
         for connection in [one for one, until_s in self._farewells.items() if until_s < now_s]:
@@ -260,20 +276,35 @@ class Server:
         if not ready and seconds > 0.0:
             time.sleep(max(0.0, min(seconds, until_s - time.monotonic())))
             ready = self._selector.select(0)
-        for key, _ in ready:
-            if time.monotonic() > until_s:
+        while ready and time.monotonic() < until_s:
+            self._handle([key for key, _ in ready], until_s)
+            ready = self._selector.select(0)
+
+    def _handle(self, ready: list[selectors.SelectorKey], until_s: float) -> None:
+        """Who has used least comes first, and does not wait for all who came before."""
+        looked_s = time.monotonic()
+        for key in sorted(ready, key=lambda one: self._used_s(one.data, looked_s)):
+            now_s = time.monotonic()
+            if now_s > until_s or now_s - looked_s > _LOOK_S:
                 return
-            if key.fileobj.fileno() != -1:  # type: ignore[union-attr] # closed by one before it
+            if key.fileobj.fileno() == -1:  # type: ignore[union-attr] # closed by one before it
+                continue
+            if isinstance(key.data, Connection):
+                self._attend(key.data)
+            else:
                 key.data()
+
+    def _used_s(self, one: object, now_s: float) -> float:
+        return self._shares.used_s(one, now_s) if isinstance(one, Connection) else 0.0
 
     def talks(self) -> list[Talk]:
         """Of all clients."""
         return [connection.talk for connection in self._connections]
 
     def broadcast(self, sample: Callable[[Talk], bytes]) -> None:
-        """Send every client what it hears of this cycle; one that waits hears nothing. Nor does one
-        that hears the state and has not read the last one. Who asks meanwhile need not wait for all
-        of them."""
+        """Send every client what it hears of this cycle; one that waits hears nothing, unless it is
+        for its programs. Nor does one that hears the state and has not read the last one. Who asks
+        meanwhile need not wait for all of them."""
         looked_s = time.monotonic()
         for connection in list(self._connections):
             if time.monotonic() - looked_s > _LOOK_S:
@@ -282,7 +313,8 @@ class Server:
             if connection.closed:
                 continue
             deaf = connection.behind and isinstance(connection.talk, ScriptTalk)
-            if not connection.waits and not deaf:
+            waits = connection.waits and self._shares.wait_s(connection, looked_s) > 0.0
+            if not deaf and not waits:
                 started_s = time.thread_time()
                 if data := sample(connection.talk):
                     alive = connection.send(data)

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from drivers.fairness import IDLE_S, Budget, Places, Shares, Slowly
+from drivers.fairness import IDLE_S, Allowance, Budget, Places, Shares, Slowly
 
 
 def test_who_asks_for_little_never_waits_beside_one_who_floods() -> None:
@@ -41,6 +41,34 @@ def test_who_waited_long_enough_is_served_and_who_left_is_forgotten() -> None:
     assert shares.wait_s("a", wait_s) == pytest.approx(0.0, abs=0.02)
     shares.forget("a")
     assert shares.wait_s("a", 0.0) == 0.0
+
+
+def test_who_may_have_more_at_once_waits_later_and_who_used_less_goes_first() -> None:
+    """0.2 of the time: a burst of two seconds is 0.4 s of work."""
+    shares: Shares[str] = Shares(0.2, burst_s=2.0)
+    shares.charge("a", 0.39, 0.0)
+    assert shares.wait_s("a", 0.0) == 0.0
+    shares.charge("a", 0.21, 0.0)
+    assert shares.wait_s("a", 0.0) == pytest.approx(1.0)
+    assert shares.used_s("a", 0.0) == pytest.approx(0.6)
+    assert shares.used_s("a", 1.0) == pytest.approx(0.4)
+    assert shares.used_s("b", 0.0) == 0.0
+
+
+def test_more_is_begun_once_what_was_used_has_leaked_away() -> None:
+    allowance = Allowance(0.1, at_once_s=0.5, longest_s=2.0)
+    assert allowance.wait_s == 0.0
+    allowance.use(0.6)
+    assert allowance.wait_s == pytest.approx(1.0)
+    allowance.elapse(0.4)
+    assert allowance.wait_s == pytest.approx(0.6)
+    allowance.elapse(0.7)
+    assert allowance.wait_s == 0.0
+    allowance.use(1000.0)
+    assert allowance.wait_s == pytest.approx(2.0)
+    allowance.elapse(1e9)
+    allowance.use(0.5)
+    assert allowance.wait_s == 0.0
 
 
 def test_places_are_given_to_newcomers_once_somebody_is_silent() -> None:

@@ -9,6 +9,7 @@ import time
 import pytest
 
 from drivers.fairness import Budget, Slowly
+from drivers.ur.emulator.compiling import compiling_allowance
 from drivers.ur.emulator.controller import RuntimeState, SafetyMode
 from drivers.ur.emulator.faults import FaultChannel
 from drivers.ur.emulator.fields import output_values
@@ -17,7 +18,7 @@ from drivers.ur.emulator.robot import UrEmulator
 from drivers.ur.emulator.rtde import RtdeServer
 from drivers.ur.emulator.settings import EmulatorSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
-from tests.wire.drivers.ur.emulator.bench import DOWN, PERIOD_NS, told
+from tests.wire.drivers.ur.emulator.bench import DOWN, PERIOD_NS, Bench, told
 from tests.wire.drivers.ur.emulator.test_stock_clients import packages
 
 
@@ -284,6 +285,47 @@ def test_program_that_is_replaced_before_its_turn_costs_no_thread(bench, monkeyp
     bench.cycles(3)
     assert len(started) == 1
     assert sum(bench.controller.registers.values["output", "int"]) == 199
+
+
+@pytest.mark.parametrize("kind", ["def", "sec"])
+def test_program_waits_where_too_much_was_to_be_compiled_of_late_and_the_log_says_so(
+    kind, monkeypatch
+):
+    """0.05 s too much: one second, at a twentieth. Nothing but programs waits."""
+    allowance = compiling_allowance()
+    allowance.use(0.3)
+    monkeypatch.setattr("drivers.ur.emulator.controller.compiling_allowance", lambda: allowance)
+    bench = Bench()
+    program = f"{kind} f():\n write_output_integer_register(0, 7)\nend\n"
+    bench.controller.load(program)
+    bench.controller.load(program.replace("7", "8"))
+    bench.cycles(100)
+    assert bench.controller.registers.values["output", "int"][0] == 0
+    assert bench.controller.cycles == 100
+    bench.cycles(40)
+    assert bench.controller.registers.values["output", "int"][0] == 8
+    told_so = [line for line in bench.controller.messages if "too much was to be compiled" in line]
+    assert len(told_so) == (kind == "def")
+    assert not bench.controller.script_errors
+
+
+def test_programs_that_replace_one_another_are_seldom_begun(bench, monkeypatch):
+    """And a while after them a program begins at once again."""
+    started = []
+    monkeypatch.setattr(
+        "drivers.ur.emulator.compiling.Slowly", lambda work: started.append(work) or Slowly(work)
+    )
+    budget = Budget(0.2)
+    for number in range(300):
+        body = " a = [1, 2, 3]\n" * 2000
+        bench.controller.load(f"def f():\n b = {number}\n{body}end\n")
+        bench.controller.step((number + 1) * PERIOD_NS, {}, budget)
+    assert 20 < len(started) < 150
+    bench.controller.stop_program("test")
+    bench.cycles(300)
+    bench.controller.load("def g():\n write_output_integer_register(0, 7)\nend\n")
+    bench.cycles(3)
+    assert bench.controller.registers.values["output", "int"][0] == 7
 
 
 def test_state_of_an_arm_that_stands_tells_its_modes_and_the_speed_slider(bench):
