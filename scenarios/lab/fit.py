@@ -120,23 +120,26 @@ def tolerance(count: int) -> float:
 
 
 def odd_one(points: Sequence[Point]) -> int | None:
-    """Which reading the others contradict most, by a power law through them; None: none."""
+    """Which reading the others contradict, by a power law through them: that without which they
+    agree best, for a wrong one bends what it is told by. None: none."""
     if len(points) < LEAST_POINTS or any(p.force_n <= 0.0 or p.measured <= 0.0 for p in points):
         return None
     x = [math.log(p.measured) for p in points]
     y = [math.log(p.force_n) for p in points]
-    misses = []
-    for i in range(len(points)):
+
+    def misses(i: int) -> list[float]:
+        """Of all, from the law through all but one."""
         intercept, slope = _line(x[:i] + x[i + 1 :], y[:i] + y[i + 1 :])
-        misses.append(y[i] - intercept - slope * x[i])
-    # judged by the law through all others, whose own spread a wrong one does not widen
-    worst = max(range(len(points)), key=lambda i: abs(misses[i]))
-    others = [i for i in range(len(points)) if i != worst]
-    intercept, slope = _line([x[i] for i in others], [y[i] for i in others])
-    spread = _spread([y[i] - intercept - slope * x[i] for i in others])
-    expected_n = math.exp(intercept + slope * x[worst])
-    away = abs(misses[worst]) > max(math.log1p(ODD), ODD_SIGMAS * spread)
-    return worst if away and abs(points[worst].force_n - expected_n) > LEAST_ODD_N else None
+        return [b - intercept - slope * a for a, b in zip(x, y, strict=True)]
+
+    def among_others(i: int) -> list[float]:
+        return [miss for other, miss in enumerate(misses(i)) if other != i]
+
+    odd = min(range(len(points)), key=lambda i: sum(miss * miss for miss in among_others(i)))
+    miss = misses(odd)[odd]
+    away = abs(miss) > max(math.log1p(ODD), ODD_SIGMAS * _spread(among_others(odd)))
+    away_n = abs(points[odd].force_n - math.exp(y[odd] - miss))
+    return odd if away and away_n > LEAST_ODD_N else None
 
 
 def fit_counts(points: Sequence[Point]) -> Line:

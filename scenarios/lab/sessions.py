@@ -119,7 +119,8 @@ class Weighing:
         self._say(f"{force_n:.2f} N: {counts:.0f} counts")
         self._ask_about_a_leap()
         while (odd := odd_one(self.points)) is not None:
-            self._ask_again(odd)
+            if not self._correct(odd, "contradicts the others"):
+                return  # asked again after the next; of a contradiction no file is made
 
     def _load(self, line: str) -> float:
         """What was typed, N; raises UsageError for what is no reading of a load."""
@@ -137,21 +138,21 @@ class Weighing:
         if self.round and self.room_n <= 0.0 and last > LEAP * max(before, default=0.0):
             self._correct(len(self.points) - 1, "ends this round: no more may be pressed")
 
-    def _ask_again(self, odd: int) -> None:
-        self._correct(odd, "contradicts the others")
-
-    def _correct(self, odd: int, why: str) -> None:
-        told = f"reading {odd + 1}, {self.points[odd].force_n:.2f} N, {why}"
+    def _correct(self, odd: int, why: str) -> bool:
+        """Whether that changed anything: not where it was typed rightly."""
+        before = self.points[odd]
+        told = f"reading {odd + 1}, {before.force_n:.2f} N, {why}"
         question = f"{told}: type it again {UNIT}, or {LEAVE_OUT} to leave it out"
-        line = ask(self._operator, question, self.idle)
-        if line.lower() == LEAVE_OUT:
-            del self.points[odd]
-            return
-        try:
-            again = msgspec.structs.replace(self.points[odd], force_n=self._load(line))
-            self.points[odd] = again
-        except UsageError as error:
-            self._operator.say(f"{error.message}: {error.remedy}")
+        while (line := ask(self._operator, question, self.idle)).lower() != LEAVE_OUT:
+            try:
+                again = msgspec.structs.replace(before, force_n=self._load(line))
+            except UsageError as error:
+                self._operator.say(f"{error.message}: {error.remedy}")
+            else:
+                self.points[odd] = again
+                return again != before
+        del self.points[odd]
+        return True
 
 
 def calibrate_force(

@@ -15,6 +15,7 @@ from drivers.errors import UsageError
 from drivers.robotiq.calibration import GripperCalibration
 from scenarios.lab.fit import (
     LEAST_ODD_N,
+    LEAST_POINTS,
     Point,
     check_current,
     fit_counts,
@@ -232,7 +233,28 @@ def test_mistyped_weight_is_named(slip: float) -> None:
     assert caught == 40
 
 
+@pytest.mark.parametrize("slip", [10.0, 3.0, 2.0, 0.5, 0.1])
+@pytest.mark.parametrize("count", [LEAST_POINTS, 6, 7])
+def test_mistyped_weight_is_named_and_no_other_as_soon_as_there_are_enough(
+    count: int, slip: float
+) -> None:
+    """Wherever it lies: a wrong one bends the law by which another would be judged."""
+    caught = wrongly = 0
+    for seed in range(60):
+        weights = random.Random(seed).sample(WEIGHTS_N, count)
+        points = [Point(f, pad(f, random.Random(100 * seed + i))) for i, f in enumerate(weights)]
+        i = seed % count
+        points[i] = Point(points[i].force_n * slip, points[i].measured)
+        odd = odd_one(points)
+        caught += odd == i or abs(weights[i] * (slip - 1)) < LEAST_ODD_N
+        wrongly += odd not in (i, None)
+    assert (caught, wrongly) == (60, 0)
+
+
 def test_readings_rightly_typed_are_not_doubted() -> None:
+    for seed in range(200):
+        few = random.Random(seed).sample(readings(seed), LEAST_POINTS)
+        assert odd_one(few) is None
     for exponent in (0.8, 0.95, 1.0, 1.2):
         assert [s for s in range(200) if odd_one(readings(s, exponent)) is not None] == []
 

@@ -91,6 +91,18 @@ def test_correction_that_is_mistyped_too_is_asked_for_again(
     assert "99.00 N is more than --up-to 15: less" in person.said
 
 
+def test_reading_that_was_typed_rightly_and_contradicts_the_others_is_asked_about_once_a_reading(
+    weigh: Callable[..., tuple[Weighing, Person]],
+) -> None:
+    """The pad erred, not the person: it is left out in the end, or no file is written."""
+    loads = [1.0, 2.0, 1.5, 4.0, 5.0, 6.0]  # of the third, 3 N
+    typed = ["1 N", "2 N", "3 N", "4 N", "5 N", "3 N", "6 N", "x", ""]
+    weighing, person = weigh(loads, *typed)
+    assert taken(weighing) == [1.0, 2.0, 4.0, 5.0, 6.0]
+    asked = [text for text in person.said if "contradicts the others" in text]
+    assert [text.startswith("reading 3, 3.00 N") for text in asked] == [True, True]
+
+
 @pytest.mark.parametrize(("typed", "asked"), [
     (["11.4 N"], "reading 1, 11.40 N, ends this round"),  # for 1.14
     (["0.5 N", "11.4 N"], "reading 2, 11.40 N, ends this round"),

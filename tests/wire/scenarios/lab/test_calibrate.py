@@ -6,42 +6,20 @@ import re
 import signal
 import time
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from scenarios.campaign.config import load_config
 from scenarios.lab.hand import guard_of
-from scenarios.rigs.cell_control import ControlClient
-from tests.wire.scenarios.lab.person import played
+from tests.wire.scenarios.lab.scales import CONFIRMED, N_PER_G, Lab, true_slope
 from tests.wire.scenarios.lab.terminal import grasp, started
-from tests.wire.scenarios.test_rigs import emulate, lab_file
+from tests.wire.scenarios.test_rigs import emulate
 
 TRUE_N = 12.5  # of byte 0 of this hand
 STRANGE = ("--set", f"hand.least_force_n={TRUE_N}", "--set", "hand.force_exponent=1.3")
-CONFIRMED = ("--confirm-motion", "--scale")
 NO_FORCE_N = 1e-6  # what floating point leaves between surfaces that touch and do not press
-
-
-class Lab:
-    """An emulated lab whose hand is active, and a scale: what the thumb truly presses with."""
-
-    def __init__(self, endpoints: dict[str, Any], folder: Path) -> None:
-        self.folder = folder
-        self.file = lab_file(folder / "lab.toml", endpoints)
-        self.cell = ControlClient(endpoints["control"]["host"], endpoints["control"]["port"])
-
-    def done(self, *words: str) -> None:
-        done = grasp(*words, "--confirm-motion", "--config", str(self.file))
-        assert done.returncode == 0, done.stderr
-
-    def newtons(self) -> float:
-        return float(self.cell.ask("truth")["truth"]["normal_n"][0])
-
-    def played(self, answer: Callable[[str], str], *words: str) -> tuple[int, str, str]:
-        return played(answer, "calibrate", *words, "--config", str(self.file))
 
 
 @pytest.fixture(scope="module")
@@ -187,6 +165,43 @@ def test_counts_of_a_newton_are_those_of_the_pad(lab: Lab) -> None:
     within_n = 2 * float(worst[1]) + 0.05  # and how a scale is read
     assert within_n < 0.5
     assert all(abs(counts / per_newton - force) < within_n for force, counts in others)
+
+
+WEIGHTS_G = (150, 50, 250, 100, 200, 120)
+MISTYPED_G = 310  # for 100
+
+
+def test_counts_of_a_newton_are_recovered_by_laid_weights_one_of_them_mistyped(lab: Lab) -> None:
+    """Nothing moves. The wrong one is asked about as soon as the others tell, by its number."""
+    out = lab.folder / "weights.toml"
+    lab.cell.ask("take")
+    left, again, before = iter(WEIGHTS_G), [], lab.cell.ask("truth")["travel_m"]
+
+    def person(question: str) -> str:
+        if "contradicts" in question:
+            again.append(question)
+            return "100 g"
+        lab.lay(0.0)
+        if (grams := next(left, None)) is None:
+            return ""
+        lab.lay(grams * N_PER_G)
+        time.sleep(1.0)  # who lays it there does not type at once
+        return f"{MISTYPED_G if grams == 100 else grams} g"
+
+    code, shown, said = lab.played(person, "force", "--finger", "A", "--out", str(out))
+    assert code == 0, said
+    assert len(again) == 1 and again[0].startswith("reading 4, 3.04 N, contradicts the others")
+    assert f"{len(WEIGHTS_G)} readings of a scale, 0.49 to 2.45 N" in shown
+    found = re.search(r"([\d.]+) counts a newton \[([\d.]+), ([\d.]+)\]", shown)
+    assert found is not None
+    slope, low, high = map(float, found.groups())
+    truth = true_slope([grams * N_PER_G for grams in WEIGHTS_G], *STRANGE[1::2])
+    half = (high - low) / 2
+    assert half < 0.1 * slope
+    assert low - half <= truth <= high + half  # one play in twenty lies outside of 95 %
+    config = load_config("can", "hardware", "energy", [lab.file, out])
+    assert config.guard.counts_per_newton == slope
+    assert lab.cell.ask("truth")["travel_m"] == before
 
 
 def test_travel_of_a_count_is_that_of_the_hand(tmp_path: Path) -> None:

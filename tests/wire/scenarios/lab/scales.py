@@ -1,0 +1,74 @@
+"""An emulated lab with what a calibration needs: a scale, weights, a ruler, and their truth."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scenarios.campaign.config import load_for_devices
+from scenarios.lab.fit import Point, fit_counts
+from scenarios.rigs.cell_control import ControlClient
+from scenarios.rigs.world_of_seed import any_cell
+from scenarios.world.cell import LaidWeight, SimulatedCell
+from tests.wire.scenarios.lab.person import played
+from tests.wire.scenarios.lab.terminal import grasp
+from tests.wire.scenarios.test_rigs import QUICK, lab_file
+
+CONFIRMED = ("--confirm-motion", "--scale")
+N_PER_G = 0.00980665
+TICK_NS = 10_000_000
+LISTENED = 300  # samples of the truth of one weight, after as many in which the rubber settles
+
+
+class Lab:
+    """An emulated lab whose hand is active, and a scale: what the thumb truly presses with."""
+
+    def __init__(self, endpoints: dict[str, Any], folder: Path) -> None:
+        self.folder = folder
+        self.file = lab_file(folder / "lab.toml", endpoints)
+        self.cell = ControlClient(endpoints["control"]["host"], endpoints["control"]["port"])
+
+    def done(self, *words: str) -> None:
+        done = grasp(*words, "--confirm-motion", "--config", str(self.file))
+        assert done.returncode == 0, done.stderr
+
+    def newtons(self) -> float:
+        return float(self.cell.ask("truth")["truth"]["normal_n"][0])
+
+    def lay(self, newtons: float) -> None:
+        """A weight on the thumb's pad, in place of what lay there."""
+        self.cell.ask("lay", finger="A", newtons=newtons)
+
+    def played(self, answer: Callable[[str], str], *words: str) -> tuple[int, str, str]:
+        return played(answer, "calibrate", *words, "--config", str(self.file))
+
+
+def counts_under(forces_n: Sequence[float], *sets: str) -> list[float]:
+    """What the thumb's pad of `grasp emulate` truly falls by under such weights, each laid on anew,
+    without the noise of a single sample."""
+    cell = any_cell(load_for_devices("can", "emulated", None, (*QUICK, *sets)), 0)
+    assert isinstance(cell, SimulatedCell)
+    t_ns = 0
+
+    def heard() -> float:
+        nonlocal t_ns
+        codes = []
+        for _ in range(2 * LISTENED):
+            t_ns += TICK_NS
+            cell.advance(t_ns)
+            codes.append(cell._latch(t_ns)()[0].reshape(3, -1)[0].sum())  # noqa: SLF001
+        return float(np.mean(codes[LISTENED:]))
+
+    fallen = []
+    for force_n in forces_n:
+        cell.lay(LaidWeight(finger="A", newtons=0.0))
+        rest = heard()
+        cell.lay(LaidWeight(finger="A", newtons=force_n))
+        fallen.append(rest - heard())
+    return fallen
+
+
+def true_slope(forces_n: Sequence[float], *sets: str) -> float:
+    """Counts a newton of that pad, by the line that `grasp calibrate force` takes."""
+    return fit_counts(list(map(Point, forces_n, counts_under(forces_n, *sets)))).slope
