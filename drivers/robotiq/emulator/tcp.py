@@ -27,7 +27,8 @@ _CLIENTS: Final = 16
 _BUSY: Final = 6  # exception: server device busy
 _FAREWELL_S: Final = 1.0  # for the first request of a client that is turned away
 _PART: Final = 0.1  # of the time, for all who ask for more than a little: thousands a second
-_REST_S: Final = 0.05  # of who has used its share: to wake for each request costs more than it
+_REQUEST_S: Final = 3e-5  # about; a world that somebody has to move on meanwhile is nobody's work
+_REST_S: Final = 0.02  # of who has used its share: to wake for each request costs more than it
 _AT_ONCE: Final = 2  # requests of one client, before others have their turn
 _UNREAD: Final = 65536  # bytes of replies that a client may leave lying
 _KEEP_UP_S: Final = 0.01
@@ -90,7 +91,7 @@ class _Connection(asyncio.Protocol):
 
     def _work(self) -> None:
         self._later = None
-        started_s = time.thread_time()
+        served = 0
         for _ in range(_AT_ONCE):
             frozen_s = self._server.frozen_for_s()
             if frozen_s > 0:
@@ -101,7 +102,8 @@ class _Connection(asyncio.Protocol):
                 break
             if not self._server.serve(frame, self):
                 self._received[:0] = frame
-        wait_s = self._server.charge(self, time.thread_time() - started_s)
+            served += 1
+        wait_s = self._server.charge(self, served * _REQUEST_S)
         if wait_s or frame is not None:
             self._work_in(wait_s)
 

@@ -356,3 +356,25 @@ def test_a_model_of_somebody_else_is_advanced_by_them_under_their_lock(dial) -> 
         made = dial(emulator)
         made.ask(POLL, 11)
     assert 77 in advanced
+
+
+def test_a_world_that_takes_long_to_move_on_is_nobodys_work(dial) -> None:
+    """Whoever asks moves it on, and does not wait for that afterwards."""
+    model, waits = GripperModel(FROZEN, 0), []
+
+    def advance(now_ns: int) -> None:
+        until = time.thread_time() + 5e-3
+        while time.thread_time() < until:
+            pass
+
+    class Told(GripperEmulator):
+        def charge(self, connection, used_s: float) -> float:
+            waits.append(super().charge(connection, used_s))
+            return waits[-1]
+
+    with Told(model, advance=advance) as emulator:
+        made = dial(emulator)
+        for _ in range(20):
+            made.ask(POLL, 11)
+    assert len(waits) == 20
+    assert not any(waits)
