@@ -22,7 +22,7 @@ from scenarios.report.live.feed import EVERY
 from scenarios.studies.faults.declared import CANNOT_BE_TOLD
 from scenarios.studies.faults.last_line import STILL_MPS, TIMED_OUT, TOUCH_N, Known, misled
 from scenarios.studies.faults.run import SLIDES_MPS
-from scenarios.studies.faults.verdict import LET_GO_M, MOST_N, SLID_M
+from scenarios.studies.faults.verdict import LET_GO_M, MOST_N, SAID, SLID_M
 from scenarios.trial.execution import STALE
 
 SETTLED_S = 600.0  # what is made once has been made by then
@@ -45,6 +45,8 @@ LOADED = (
 LOST = frozenset({LiftOutcome.DROPPED, LiftOutcome.EXPELLED, LiftOutcome.OVER_FORCE})
 NOT_OPENED = "not opened"
 NEVER = frozenset({"", NOT_OPENED, LiftOutcome.INTERNAL_ERROR, LiftOutcome.INTERRUPTED})
+TAKE_THE_HAND = ("gripper_freeze", "gripper_disconnect", "gripper_fault")  # it obeys no more
+NEAR_S = 6.0  # a fault's safe state, and what follows before it is told, last no longer
 DEVICES = {
     "gripper": "gripper",
     "usb": "fingertips",
@@ -226,6 +228,9 @@ def wrong_in(made: Lift, told: Soak) -> list[str]:
             # a row that does not say how the arm was left is told of once, with all its like
             arm = "the arm stands" if made.arm is None else made.arm
             found += misled(made.message, arm, made.told, known(made, told))
+            found += [f"no such {name}: {said!r}" for name, said in
+                      (("arm", arm), ("hand", made.told))
+                      if said and re.fullmatch(SAID[name], said) is None]  # fmt: skip
     return found
 
 
@@ -262,7 +267,7 @@ def known(made: Lift, told: Soak) -> Known:
 def could_not_hold(made: Lift) -> bool:
     """Whether the fault took the only thing that could have held, and the last line says so."""
     told = made.outcome == LiftOutcome.FAULT and re.search(CANNOT_BE_TOLD, made.told) is not None
-    return device_of(made) == "gripper" and told
+    return made.struck.startswith(TAKE_THE_HAND) and told
 
 
 def device_of(made: Lift) -> str:
@@ -271,8 +276,9 @@ def device_of(made: Lift) -> str:
 
 
 def away(made: Lift, told: Soak) -> bool:
-    """Whether the machine was not there for the idle loop meanwhile either."""
-    return any(made.begun_s <= at_s <= made.ended_s for at_s in told.idle_late_s)
+    """Whether the machine was not there for the idle loop either, shortly before the end."""
+    since_s = max(made.begun_s, made.ended_s - NEAR_S)
+    return any(since_s <= at_s <= made.ended_s for at_s in told.idle_late_s)
 
 
 def excused(made: Lift, told: Soak) -> bool:

@@ -33,7 +33,10 @@ DOWN = After(0.0, 0.0, 0.0, True, 0.0, 0.0)
 GRIPPED = After(0.0, 0.0, 9.8, False, 0.06, 0.0)
 KEPT = "the hand is closed with the grip that it had, at (60, 55, 55) counts"
 LIMIT = "the hand is closed to the limit of 10 N, its force is not measured"
-ALONE = "the hand cannot be told anything and holds by itself: when last heard it was closed"
+ALONE = (
+    "the hand cannot be told anything and holds by itself: when last heard it was closed to the "
+    "limit of 10 N, 9.5 N measured at finger A"
+)
 STANDS = "the arm stands"
 HELD = Lift(
     1, "can", "", "held", "", "", "", 1_000, 2, 0, 10.2, 0.0, 0.0, EACH_S, "", 0.001, DOWN
@@ -94,6 +97,8 @@ def test_an_object_let_go_in_the_air_is_told_unless_the_hand_could_not_be_told_t
     assert wrong(of(HELD, let_go_m=0.05)) != []
     assert wrong(of(STRUCK, let_go_m=0.05)) == []
     assert wrong(of(STRUCK, let_go_m=0.05, told=LIMIT)) != []
+    assert wrong(of(STRUCK, struck="gripper_delay in hold")) == []
+    assert wrong(of(STRUCK, struck="gripper_delay in hold", let_go_m=0.05)) != []  # it obeys
     arm = {"struck": "arm_freeze in hold", "message": "the arm is silent", "told": LIMIT}
     assert wrong(of(STRUCK, **arm)) == []
     assert wrong(of(STRUCK, let_go_m=0.05, **arm)) != []
@@ -111,13 +116,14 @@ def test_lateness_is_excused_only_while_the_idle_loop_missed_too(kind: str, mess
     late = of(HELD, outcome="fault", kind=kind, message=message, told=LIMIT, arm=STANDS,
               after=GRIPPED)  # fmt: skip
     assert len(wrong(late)) == 1  # it missed three, long after
-    assert wrong(replace(late, idle_late_s=[7.0])) == []
+    assert wrong(replace(late, idle_late_s=[EACH_S - 5.9])) == []
+    assert wrong(replace(late, idle_late_s=[EACH_S - 6.1]))  # long before it ended
 
 
 def test_a_fault_that_is_no_lateness_is_told_however_much_the_idle_loop_missed() -> None:
     failed = of(HELD, outcome="fault", kind="device_fault", message="gripper fault 0x0E",
                 told=LIMIT, arm=STANDS, after=GRIPPED)  # fmt: skip
-    found = wrong(replace(failed, idle_late_s=[7.0]))
+    found = wrong(replace(failed, idle_late_s=[EACH_S - 1.0]))
     assert any("failed by itself" in text for text in found)
 
 
@@ -138,6 +144,8 @@ def test_what_a_time_out_ended_is_told_struck_or_not(made: Lift, message: str) -
         ({"message": "gripper_silent: 0.8 s; detector_late: 0.4 s"}, "wrong with the detector"),
         ({"message": "loop_stood_still: for 0.4 s nobody was in control"}, "wrong with the loop"),
         ({"told": ""}, "no word of the hand"),
+        ({"told": f"{ALONE}, perhaps"}, "no such hand"),
+        ({"arm": "the arm rests"}, "no such arm: 'the arm rests'"),
         ({"told": "the hand is open"}, "the hand is not open"),
         ({"told": "the hand is partly closed, and feels nothing"}, "it feels something"),
         ({"told": "the hand is still moving, 2.0 N"}, "the hand is left moving"),
@@ -170,7 +178,7 @@ def test_a_last_line_may_say_that_a_device_was_late_while_the_machine_was_not_th
     late = of(STRUCK, message="gripper_silent; loop_stood_still: for 0.4 s",
               arm="the arm stood when last heard")  # fmt: skip
     assert len(wrong(late)) == 1
-    assert wrong(replace(late, idle_late_s=[1.5 * EACH_S])) == []
+    assert wrong(replace(late, idle_late_s=[2 * EACH_S - 1.0])) == []
 
 
 @pytest.mark.parametrize("made", [HELD, STRUCK])

@@ -17,6 +17,7 @@ from scenarios.world.cell import Truth
 
 LOOK_S = 0.05
 LATER_S, MOMENT_S = 1.5, 0.5  # after the end; what moves during the moment that follows is found
+NEAR_S = 6.0  # a fault's safe state, and the closing of the rig, last no longer
 OFF_TABLE_M = 0.003
 STANDING_MPS = 1e-3
 NEVER_THERE = "never there"
@@ -47,7 +48,7 @@ class Left(msgspec.Struct, frozen=True):
     looks_later: int = 0  # in that moment
     pressed_n: float | None = None  # at last, by the most loaded finger; None: nobody looked
     opened: bool | None = None  # the hand, at last
-    gap_s: float = 0.0  # the longest between two looks
+    gap_s: float = 0.0  # the longest between two looks, of those near the end
 
 
 class Onlooker:
@@ -92,7 +93,9 @@ def left(looks: list[Look], ended: int) -> Left:
             let_go_m = max(let_go_m, before.height_m)
         if before.touched and after.touched and min(before.height_m, after.height_m) > OFF_TABLE_M:
             slid_m += abs(after.slip_distance_m - before.slip_distance_m)
-    gap_s = max((after.at_s - before.at_s for before, after in pairwise(looks)), default=0.0)
+    since_s = looks[ended].at_s - LATER_S - NEAR_S
+    near = [look.at_s for look in looks if look.at_s >= since_s]
+    gap_s = max((after - before for before, after in pairwise(near)), default=0.0)
     return Left(
         len(looks), _object(truths[-1]), max(t.height_m for t in truths), let_go_m, slid_m,
         max(max(t.peak_n) for t in truths), max(one.arm_mps for one in looks[ended:]),

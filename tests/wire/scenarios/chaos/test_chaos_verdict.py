@@ -6,11 +6,20 @@ import pytest
 from scenarios.world.cell import Truth
 from tests.wire.scenarios.chaos.one_lift import Ended, config, stated_s
 from tests.wire.scenarios.chaos.onlooker import Left, Look, left
+from tests.wire.scenarios.chaos.plans import Trouble
 from tests.wire.scenarios.chaos.proxy import Passed
-from tests.wire.scenarios.chaos.verdict import AWAY_S, GONE_S, dropped, judged, problems
+from tests.wire.scenarios.chaos.verdict import (
+    AWAY_S,
+    GONE_S,
+    dropped,
+    judged,
+    problems,
+    takes_the_hand,
+)
 from tests.wire.scenarios.chaos.waits import Wait
 
 TIPS, GRIPPER, ARM = 8, 2, 26  # plans: hardly any trouble of the fingertips; of that wire alone
+MILD = 104  # of the gripper's wire, over which the hand can be told all the same
 PRESSED_N = (9.8, 5.0, 5.0)  # of a hand that is closed to the limit
 
 
@@ -31,9 +40,12 @@ LET_GO = [*HELD, seen(0.05, False), *[seen(0.0, False)] * 8]
 SET_DOWN = [*HELD, seen(0.0, True), *[seen(0.0, False)] * 8]
 NEVER_LIFTED = [seen(0.0, False)] * 12
 OPEN = "the hand is open"
+FELT = "2.0 N measured at finger A"
 KEPT = "closed with the grip that it had, at (60, 55, 55) counts"
 CLOSED = "the hand is closed to the limit of 10 N, its force is not measured"
-ALONE = "the hand cannot be told anything and holds by itself: when last heard it was closed"
+ALONE = (
+    f"the hand cannot be told anything and holds by itself: when last heard it was {KEPT}, {FELT}"
+)
 
 
 def later(looks: list[Look]) -> Left:
@@ -73,8 +85,8 @@ def test_lifts_that_ended_as_they_must_are_not_blamed() -> None:
     assert problems(ended(), settings) == []
     assert problems(success(), settings) == []
     not_opened = ended(
-        outcome="not opened", kind="link_lost", message="the arm: no answer in time", arm="",
-        hand="", left=Left(), peak_n=0.0, passed=Passed(),
+        number=ARM, outcome="not opened", kind="link_lost", message="RTDE port: no answer in time",
+        arm="", hand="", left=Left(), peak_n=0.0, passed=Passed(),
     )  # fmt: skip
     assert problems(not_opened, settings) == []
 
@@ -108,6 +120,15 @@ FELL: dict[str, tuple[Ended, str]] = {
     "success that failed": (success(kind="stale", message="stale: gripper"), "held, and failed"),
     "no word": (ended(message=""), "no word of the cause"),
     "no word where nothing was opened": (ended(outcome="not opened", message=""), "no word"),
+    "no words of ours of the arm": (ended(arm="the arm rests"), "no such arm: 'the arm rests'"),
+    "no words of ours of the hand": (ended(hand=f"{OPEN}, I think"), "no such hand"),
+    "another blamed where nothing was opened": (
+        ended(outcome="not opened", message="the gripper does not answer", left=Left(), arm="",
+              hand="", peak_n=0.0, passed=Passed()), "nothing is wrong with the gripper",
+    ),
+    "this computer blamed, which was there": (
+        ended(message="the arm's worker process says nothing"), "nothing is wrong with the arm"
+    ),
     "no word of the arm": (ended(arm=""), "no word of the arm"),
     "no word of the hand": (ended(hand=""), "no word of the hand"),
     "time-out of the run": (ended(message="the tactile run did not end in time"), "time-out"),
@@ -154,6 +175,9 @@ def test_an_object_may_fall_only_where_the_hand_could_not_be_told_and_the_last_l
     lost = later(LET_GO)
     plain = ended(number=GRIPPER, left=lost, hand=ALONE, message="stale: gripper status too old")
     assert problems(plain, SETTINGS) == []
+    unbelieved = f"the hand is not believed, and may still move: it says that it is {KEPT}, {FELT}"
+    assert problems(msgspec.structs.replace(plain, hand=unbelieved), SETTINGS)  # it can be told
+    assert problems(msgspec.structs.replace(plain, number=MILD), SETTINGS)
     assert problems(msgspec.structs.replace(plain, hand=CLOSED), SETTINGS)  # not said
     assert problems(msgspec.structs.replace(plain, number=TIPS), SETTINGS)  # another wire
 
@@ -168,6 +192,43 @@ def test_lateness_of_a_device_whose_wire_is_well_is_excused_where_the_onlooker_w
     assert kept(AWAY_S + 0.1, "stale: gripper status too old") == []
     assert kept(AWAY_S - 0.1, "stale: gripper status too old")
     assert kept(AWAY_S + 0.1, "the gripper reports fault 0x0E")
+
+
+@pytest.mark.parametrize(
+    "message",
+    ["the arm's worker process says nothing",
+     "the program on the arm controller has ended: for 0.30 s this computer did not keep it alive "
+     "in time"],
+)  # fmt: skip
+def test_this_computer_may_be_blamed_only_where_the_onlooker_was_kept_waiting_too(
+    message: str,
+) -> None:
+    def told(gap_s: float) -> list[str]:
+        gap = msgspec.structs.replace(later(HELD), gap_s=gap_s)
+        return problems(ended(left=gap, message=message), SETTINGS)
+
+    assert (told(AWAY_S + 0.1), bool(told(AWAY_S - 0.1))) == ([], True)
+
+
+def test_only_a_wait_shortly_before_the_end_is_an_excuse() -> None:
+    def waited(at: int) -> float:
+        times_s = [0.05 * k + (0.5 if k >= at else 0.0) for k in range(300)]
+        looks = [msgspec.structs.replace(HELD[-1], at_s=at_s) for at_s in times_s]
+        return left(looks, 290).gap_s
+
+    assert waited(250) == pytest.approx(0.55)
+    assert waited(100) == pytest.approx(0.05)
+
+
+def test_a_wire_takes_the_hand_where_it_is_cut_garbled_or_slower_than_an_answer_may_be() -> None:
+    def takes(wire: str = "gripper", **spoilt: float) -> bool:
+        return takes_the_hand(Trouble(wire, 0.0, 600.0, **spoilt), 0.4)  # type: ignore[arg-type]
+
+    assert takes(reset_share=0.001) and takes(twice_share=0.001)
+    assert takes(latency_s=0.2) and not takes(latency_s=0.19)
+    assert takes(jitter_s=0.02, slice_bytes=3) and not takes(jitter_s=0.02, slice_bytes=50)
+    assert takes(bytes_per_s=150.0) and not takes(bytes_per_s=2_000.0)
+    assert not takes("arm", reset_share=0.2) and not takes(slice_bytes=1)
 
 
 def test_what_a_process_leaves_is_judged_whole() -> None:

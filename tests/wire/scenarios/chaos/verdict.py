@@ -1,18 +1,26 @@
 """What of a plan's lift was not as it must be."""
 
+import math
 import re
 
 import msgspec
 
+from grasp.doubt import STOOD_STILL
 from scenarios.lift.config import LiftConfig
 from scenarios.lift.scoring import SUCCESSES, LiftOutcome
 from scenarios.rigs.rig import calibration
-from scenarios.studies.faults.declared import CANNOT_BE_TOLD
-from scenarios.studies.faults.last_line import FELT_N, STILL_MPS, TIMED_OUT, Known, misled
-from scenarios.studies.faults.verdict import MOST_N, SLID_M
+from scenarios.studies.faults.last_line import (
+    FELT_N,
+    STILL_MPS,
+    TIMED_OUT,
+    Known,
+    blames_another,
+    misled,
+)
+from scenarios.studies.faults.verdict import MOST_N, SAID, SLID_M
 from tests.wire.scenarios.chaos.one_lift import NOT_OPENED, Ended, stated_s
 from tests.wire.scenarios.chaos.onlooker import LOOK_S, MOMENT_S, NEVER_THERE, Left
-from tests.wire.scenarios.chaos.plans import drawn
+from tests.wire.scenarios.chaos.plans import Trouble, drawn
 
 GONE_S = 10.0  # for the interpreter to end, on a busy machine too
 AWAY_S = 0.2  # that an onlooker who looks every 50 ms was kept waiting: machine or cell stood still
@@ -22,6 +30,10 @@ NEVER = frozenset({
     "", LiftOutcome.DROPPED, LiftOutcome.EXPELLED, LiftOutcome.OVER_FORCE, LiftOutcome.INTERRUPTED,
     LiftOutcome.INTERNAL_ERROR,
 })  # fmt: skip
+# what says that this computer was not there, whichever device it speaks of
+NOT_RUN = r"worker process says nothing|for \d+\.\d\d s this computer did not keep it alive in time"
+UNHEARD = "cannot be told anything"  # of the hand
+FRAME_BYTES = 30  # of a question to the hand, or its answer
 DEVICES = {"gripper": "gripper", "tactile": "fingertips", "arm": "arm"}  # at the end of each wire
 
 
@@ -56,7 +68,7 @@ def problems(ended: Ended, settings: LiftConfig) -> list[str]:
         f"the arm moves at {left.arm_mps:.4f} m/s after the end": left.arm_mps > STILL_MPS,
         f"fingers move at {left.fingers_mps:.4f} m/s after the end": left.fingers_mps > STILL_MPS,
         f"the object: {dropped(left)}; told {ended.message}; {ended.arm}; {ended.hand}":
-            bool(dropped(left)) and not could_not_be_held(ended),
+            bool(dropped(left)) and not could_not_be_held(ended, settings),
         f"{left.object}, in {left.looks} looks, {left.looks_later} after the end": unseen or blind,
         f"kind {ended.kind}: {ended.message}": ended.kind not in KINDS,
         f"outcome {ended.outcome!r}": ended.outcome in NEVER,
@@ -69,8 +81,21 @@ def problems(ended: Ended, settings: LiftConfig) -> list[str]:
     }  # fmt: skip
     found = [text for text, is_wrong in checks.items() if is_wrong]
     if ended.outcome == LiftOutcome.FAULT:
-        found += misled(ended.message, ended.arm, ended.hand, known(ended))
+        found += misled(cause(ended), ended.arm, ended.hand, known(ended))
+        found += [f"no such {name}: {said!r}" for name, said in
+                  (("arm", ended.arm), ("hand", ended.hand))
+                  if said and re.fullmatch(SAID[name], said) is None]  # fmt: skip
+    elif not opened and ended.message:
+        found += filter(None, [blames_another(cause(ended), known(ended).wrong)])
     return found
+
+
+def cause(ended: Ended) -> str:
+    """As it is told; ur_rtde speaks of its own interface where it means the arm. That this computer
+    was not there is so, and blames no device, where the onlooker was kept waiting too."""
+    told = re.sub(r"\bRTDE\b", "arm", ended.message)
+    away = "loop" in known(ended).wrong and re.search(NOT_RUN, told) is not None
+    return f"{STOOD_STILL}: {told}" if away else told
 
 
 def known(ended: Ended) -> Known:
@@ -92,7 +117,17 @@ def dropped(left: Left) -> str:
     return left.object if left.object in ("slips", "falls") else ""
 
 
-def could_not_be_held(ended: Ended) -> bool:
+def could_not_be_held(ended: Ended, settings: LiftConfig) -> bool:
     """Only a closing could have held it, the hand could not be told, and the last line says so."""
-    spoilt = any(trouble.wire == "gripper" for trouble in drawn(ended.number).troubles)
-    return spoilt and re.search(CANNOT_BE_TOLD, ended.hand) is not None
+    troubles = drawn(ended.number).troubles
+    taken = any(takes_the_hand(trouble, settings.modbus.timeout_s) for trouble in troubles)
+    return taken and UNHEARD in ended.hand
+
+
+def takes_the_hand(trouble: Trouble, timeout_s: float) -> bool:
+    """Whether its wire is cut, frames on it are none any more, or an answer takes too long."""
+    pieces = math.ceil(FRAME_BYTES / trouble.slice_bytes) if trouble.slice_bytes else 1
+    way_s = pieces * (trouble.latency_s + trouble.jitter_s)
+    way_s += FRAME_BYTES / trouble.bytes_per_s if trouble.bytes_per_s else 0.0
+    broken = trouble.reset_share > 0.0 or trouble.twice_share > 0.0
+    return trouble.wire == "gripper" and (broken or 2.0 * way_s >= timeout_s)
