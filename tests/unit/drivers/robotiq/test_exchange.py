@@ -265,6 +265,14 @@ def test_what_a_hand_moved_while_its_answer_was_under_way_is_no_leap(rig, late_m
     assert go(made) == "09"
 
 
+def test_an_answer_took_no_time_where_none_passes_meanwhile() -> None:
+    model = GripperModel(QUICK, 0, active=True)
+    driver = RobotiqDriver(Transport(model), DriverSettings(), PAPER)
+    driver.pump(0)
+    state = driver.state
+    assert state is not None and state.took_ns == 0
+
+
 def test_positions_are_believed_again_after_a_lost_link_and_after_an_activation(rig) -> None:
     made = rig(hand=QUICK)
     leap(made, 40)
