@@ -1,11 +1,13 @@
 """The loop with devices, step and clock of a test: what goes where, when, and is told of it."""
 
+import signal
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from drivers.errors import LinkLost, Refused
+from grasp import interruption
 from grasp.clock import VirtualClock
 from grasp.commands import (
     BeginRest,
@@ -333,3 +335,35 @@ def test_what_is_asked_of_a_run_is_told_to_the_step() -> None:
     bench.loop.tick()
     assert [told.set_down for told in bench.inputs] == [False, True]
     assert all(told.rest_taken and told.arm is bench.arm.state for told in bench.inputs)
+
+
+def test_the_first_step_is_told_of_no_step_before_it() -> None:
+    bench = Bench()
+    assert bench.loop.timing.missed_periods == 0
+    bench.loop.tick()
+    (first,) = bench.inputs
+    assert (first.late_ns, first.took_ns) == (0, 0)
+
+
+def test_a_tick_shows_what_its_step_observed() -> None:
+    observed = seen(7, frame=frame())
+    tick = Tick(observed, Bench().step.decide(observed).decision, ())
+    assert tick.frame is observed.frame is not None
+    assert tick.gripper is observed.gripper
+    assert tick.arm is observed.arm
+    assert (tick.t_ns, tick.measured_n) == (7, observed.measured_n)
+
+
+def test_a_signal_ends_a_run_between_two_ticks() -> None:
+    bench = Bench()
+    decide = bench.step.decide
+
+    def struck(told: Any) -> Any:
+        if len(bench.inputs) == 3:
+            signal.raise_signal(signal.SIGTERM)
+        return decide(told)
+
+    bench.step.decide = struck
+    with interruption.taken(), pytest.raises(interruption.Interruption):
+        bench.loop.run(1.0)
+    assert len(bench.inputs) == len(bench.ticks) == 4, "that tick was not cut in two"
