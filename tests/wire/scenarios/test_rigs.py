@@ -45,7 +45,7 @@ def call(*words: str, environment: dict[str, str] | None = None) -> tuple[int, d
         capture_output=True,
         text=True,
         check=False,
-        timeout=100,
+        timeout=200,  # several set a cell up, and one compiles its world
     )
     assert done.stdout.count("\n") == 1, done.stderr
     return done.returncode, json.loads(done.stdout)

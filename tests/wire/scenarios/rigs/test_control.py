@@ -2,6 +2,7 @@
 
 import json
 import socket
+from contextlib import ExitStack
 
 import pytest
 
@@ -58,15 +59,17 @@ def test_line_without_end_is_not_kept(serve) -> None:
 
 def test_client_for_whom_there_is_no_place_hears_why(serve) -> None:
     server = serve()
-    clients = [ControlClient(HOST, server.port) for _ in range(17)]
-    try:
-        for client in clients[:-1]:
+    with ExitStack() as clients:
+
+        def ask_anew() -> None:
+            client = ControlClient(HOST, server.port)
+            clients.callback(client.close)
             client.ask("truth")
+
+        for _ in range(16):  # each has been given its place before the next one comes
+            ask_anew()
         with pytest.raises(ValueError, match="too many connections"):
-            clients[-1].ask("truth")
-    finally:
-        for client in clients:
-            client.close()
+            ask_anew()
 
 
 def test_without_its_token_a_cell_obeys_nobody(serve, heard) -> None:
