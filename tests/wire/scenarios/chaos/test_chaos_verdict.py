@@ -89,6 +89,8 @@ def test_lifts_that_ended_as_they_must_are_not_blamed() -> None:
         arm="", hand="", left=Left(), peak_n=0.0, passed=Passed(),
     )  # fmt: skip
     assert problems(not_opened, settings) == []
+    script = msgspec.structs.replace(not_opened, message="ur_rtde: Failed to start control script")
+    assert problems(script, settings) == []
 
 
 SETTINGS = config()

@@ -93,7 +93,7 @@ def problems(ended: Ended, settings: LiftConfig) -> list[str]:
 def cause(ended: Ended) -> str:
     """As it is told; ur_rtde speaks of its own interface where it means the arm. That this computer
     was not there is so, and blames no device, where the onlooker was kept waiting too."""
-    told = re.sub(r"\bRTDE\b", "arm", ended.message)
+    told = re.sub(r"\b(ur_rtde|RTDE)\b", "arm", ended.message)
     away = "loop" in known(ended).wrong and re.search(NOT_RUN, told) is not None
     return f"{STOOD_STILL}: {told}" if away else told
 
