@@ -158,7 +158,7 @@ soak: install-dev
 MINUTES ?= 60
 SEED ?= 1
 fuzz: install-dev
-	nice -n 15 $(BIN)/python -m tests.wire.fuzz.campaign --minutes $(MINUTES) --seed $(SEED)
+	$(BIN)/python -m tests.wire.fuzz.campaign --minutes $(MINUTES) --seed $(SEED)
 
 bench: install-dev
 	$(BIN)/python -m pytest -m bench -s

@@ -4,13 +4,15 @@
 
 Kept cases (`kept.txt`: a port and a seed a line) go first. Prints, a line a port, the well-behaved
 client's median wait without and with the attack and their ratio, and the cell's memory; ends with 1
-when the cell died, grew, left somebody unanswered or does not end within `PATIENCE_S` of SIGTERM,
-and says which cases it met last.
+when the cell died, grew, left somebody unanswered, does not end within `PATIENCE_S` of SIGTERM, or
+had the client of some port wait more than `MOST_RATIO` times as long, and says which cases it met
+last.
 """
 
 import argparse
 import contextlib
 import json
+import math
 import os
 import random
 import signal
@@ -37,6 +39,7 @@ SAY_S = 0.5  # for one connection to say what it has to say
 MOST_GROWTH_MB = 150.0
 BLOCK_S = 20.0
 QUIET_S = 8.0
+MOST_RATIO = 2.0  # of a port's median waits, beside the attack and before and after it
 PATIENCE_S = 30.0  # from SIGTERM to the end of a cell; a busy machine may hold it up
 
 Case = tuple[str, int]
@@ -152,17 +155,24 @@ class Outcome:
         self.last: list[Case] = []
 
     def ratios(self) -> dict[str, tuple[float, float, float]]:
-        """By port: median without, with, and the ratio."""
+        """By port: median without, with, and their ratio: the median of the blocks' ratios, each
+        to the quiet before and after it, for the machine may have been another in another block."""
         found = {}
         for name in self.quiet[0]["median_ms"]:
             quiet, loud = (
-                statistics.median(
-                    one["median_ms"][name] for one in those if name in one["median_ms"]
-                )
+                [one["median_ms"].get(name, math.nan) for one in those]
                 for those in (self.quiet, self.loud)
             )
-            found[name] = (quiet, loud, loud / quiet)
+            pairs = zip(quiet, quiet[1:], loud, strict=False)
+            ratios = [2.0 * beside / (before + after) for before, after, beside in pairs]
+            found[name] = _median(quiet), _median(loud), _median(ratios)
         return found
+
+    def starved(self, most_ratio: float) -> str:
+        """Whose client waited longer than it may, or ""."""
+        slow = {name: ratio for name, (_, _, ratio) in self.ratios().items() if ratio > most_ratio}
+        told = ", ".join(f"{name} {ratio:.2f}" for name, ratio in slow.items())
+        return told and f"waited more than {most_ratio:g} times as long: {told}"
 
     def show(self) -> None:
         least, most = self.memory_mb[0], max(self.memory_mb)
@@ -175,7 +185,14 @@ class Outcome:
             print(f"TROUBLE: {self.trouble}\nlast cases: {self.last}")
 
 
-def campaign(seed: int, seconds: float, first: list[Case]) -> Outcome:
+def _median(values: list[float]) -> float:
+    """Of those that there are."""
+    return statistics.median([value for value in values if not math.isnan(value)] or [math.nan])
+
+
+def campaign(
+    seed: int, seconds: float, first: list[Case], most_ratio: float = MOST_RATIO
+) -> Outcome:
     """Attack a cell of its own in blocks, quiet in between."""
     config = load_for_devices("can", "emulated", [], [])
     outcome = Outcome()
@@ -200,6 +217,7 @@ def campaign(seed: int, seconds: float, first: list[Case]) -> Outcome:
                 f"block {block}: {attack.played} cases, {outcome.memory_mb[-1]:.0f} MB", flush=True
             )
         outcome.trouble = outcome.trouble or ended_badly(pid, PATIENCE_S)
+    outcome.trouble = outcome.trouble or outcome.starved(most_ratio)
     return outcome
 
 

@@ -11,10 +11,13 @@ import time
 import pytest
 
 from tests.wire.fuzz import polite
-from tests.wire.fuzz.campaign import campaign, ended_badly, kept_cases
+from tests.wire.fuzz.campaign import Outcome, campaign, ended_badly, kept_cases
 from tests.wire.fuzz.grammars import GRAMMARS, MOST_BYTES
 
-MOST_RATIO = 8.0  # the aim is 2, on a machine with nothing else to do; see docs/emulators.md
+# `make fuzz` asks for 2, of the median of an hour's blocks. Here are two blocks, beside other tests
+# on all cores: what the machine does between a block and the quiet beside it is as much as what the
+# cell does. One that lets somebody wait for a hostile client's work takes hundreds of times as long.
+MOST_RATIO = 8.0
 
 
 @pytest.mark.parametrize("name", GRAMMARS)
@@ -73,12 +76,28 @@ def test_a_port_that_no_longer_tells_its_state_is_told_of(said, monkeypatch) -> 
     assert len(heard.waits) == 3
 
 
+def test_a_client_that_waits_more_than_twice_as_long_is_trouble_unless_the_machine_was_slow() -> (
+    None
+):
+    """Of each block's ratio to the quiet before and after it the median counts."""
+
+    def waits(rtde_ms: float, modbus_ms: float) -> dict[str, dict[str, float]]:
+        return {"median_ms": {"rtde": rtde_ms, "modbus": modbus_ms}}
+
+    outcome = Outcome()
+    outcome.quiet = [waits(1.0, 1.0), waits(1.0, 1.0), waits(7.0, 1.0), waits(9.0, 1.0)]
+    outcome.loud = [waits(1.5, 1.9), waits(5.0, 30.0), waits(12.0, 1.5)]
+    assert outcome.ratios() == {"rtde": (4.0, 5.0, 1.5), "modbus": (1.0, 1.9, 1.9)}
+    assert not outcome.starved(2.0)
+    outcome.loud[0] = waits(1.5, 2.1)
+    assert outcome.starved(2.0) == "waited more than 2 times as long: modbus 2.10"
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(400)
 def test_hostile_clients_of_all_ports_leave_a_cell_that_serves_the_others() -> None:
-    found = campaign(7, 40.0, kept_cases())
+    found = campaign(7, 40.0, kept_cases(), MOST_RATIO)
     assert not found.trouble, found.last
     ratios = found.ratios()
     asked = {"dashboard", "modbus", "control", "faults", "hop", "rtde"}
     assert set(ratios) == asked | {"state 30001", "state 30002", "state 30003"}
-    assert max(ratio for _, _, ratio in ratios.values()) < MOST_RATIO, ratios
