@@ -16,7 +16,7 @@ from tests.wire.fuzz.grammars import GRAMMARS, MOST_BYTES
 
 # `make fuzz` asks for 2, of the median of an hour's blocks. Here are two blocks, beside other tests
 # on all cores: what the machine does between a block and the quiet beside it is as much as what the
-# cell does. One that lets somebody wait for a hostile client's work takes hundreds of times as long.
+# cell does. One that lets somebody wait for a hostile client takes hundreds of times as long.
 MOST_RATIO = 8.0
 
 

@@ -164,6 +164,52 @@ def resident_mb(process):
         return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024
 
 
+def served(host, port, peers):
+    """How many of these connections the emulator has not closed, though they have not read it."""
+    at = int.from_bytes(socket.inet_aton(host), "little")
+    ours = {f"{at:08X}:{port:04X}", *(f":{peer:04X}" for peer in peers)}
+    with open("/proc/net/tcp") as lines:
+        known = [line.split()[1:4] for line in lines][1:]
+    established = "01"
+    return sum(
+        local in ours and remote[-5:] in ours and state == established
+        for local, remote, state in known
+    )
+
+
+@pytest.mark.parametrize(
+    ("port", "count"), [(30004, 5), pytest.param(29999, 1, marks=pytest.mark.slow)]
+)
+def test_client_that_never_reads_keeps_little_and_is_cut_off(emulator, port, count):
+    """30004: 48 kB in every cycle, 29999: questions without end. A mebibyte is kept for each."""
+    before = most = resident_mb(emulator.process)
+    with contextlib.ExitStack() as stack:
+        clients = []
+        for _ in range(count):
+            client = stack.enter_context(socket.socket())
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            client.connect((emulator.host, port))
+            clients.append(client)
+        peers = [client.getsockname()[1] for client in clients]
+        assert served(emulator.host, port, peers) == len(clients)
+        for client in clients:
+            client.setblocking(False)
+            if port == 30004:
+                client.sendall(packet("O", recipe(125.0, ",".join(["actual_q"] * 1000))))
+                client.sendall(packet("S"))
+        deadline = time.monotonic() + 120.0
+        while served(emulator.host, port, peers) and time.monotonic() < deadline:
+            if port == 29999:
+                for client in clients:
+                    with contextlib.suppress(OSError):
+                        client.send(b"robotmode\n" * 5000)
+            most = max(most, resident_mb(emulator.process))
+            time.sleep(0.02)
+        assert not served(emulator.host, port, peers)
+        assert most - before < count * 1.05 + 10.0  # what they keep, and what answers are made of
+    assert answers(emulator)
+
+
 @pytest.mark.slow
 def test_programs_do_not_fill_the_memory(emulator):
     before = resident_mb(emulator.process)

@@ -3,6 +3,7 @@
 import itertools
 import math
 
+import numpy as np
 import pytest
 
 from drivers.ur import kinematics
@@ -178,6 +179,34 @@ def test_what_no_joint_can_do_is_a_protective_stop(bench, body, said):
     bench.cycles(600)
     assert bench.controller.safety_mode is SafetyMode.PROTECTIVE_STOP
     assert any(said in line for line in bench.controller.messages), bench.controller.messages
+    assert bench.motion.tcp_speed == (0.0,) * 6
+
+
+SINGULAR = {
+    "elbow, stretched": "speedl([0.2, 0, 0, 0, 0, 0], a=0.5, t=30)",
+    "shoulder, above the base": "speedl([-0.2, 0, 0, 0, 0, 0], a=0.5, t=30)",
+    "wrist, its axes in line": "movej([0, -1.2, 1.4, -1.77, -0.6, 0])\na=get_actual_tcp_pose()\n"
+    "movej([0, -1.2, 1.4, -1.77, 0.6, 0.3])\nmovel(a, a=0.5, v=0.25)",
+}
+
+
+@pytest.mark.parametrize("body", SINGULAR.values(), ids=SINGULAR)
+def test_line_through_a_singularity_ends_where_a_joint_would_be_too_fast(bench, body):
+    """By protective stop, as on a robot. The tool hardly moves there, whatever the joints do."""
+
+    def least_gain():
+        return np.linalg.svd(kinematics.jacobian(bench.motion.q), compute_uv=False)[-1]
+
+    far = least_gain()
+    bench.run(body)
+    for _ in range(3000):
+        bench.cycles(1)
+        if bench.controller.safety_mode is not SafetyMode.NORMAL:
+            break
+    assert bench.controller.safety_mode is SafetyMode.PROTECTIVE_STOP
+    assert any("too fast" in line for line in bench.controller.messages)
+    assert least_gain() < 0.1 < far
+    bench.cycles(100)
     assert bench.motion.tcp_speed == (0.0,) * 6
 
 
