@@ -91,6 +91,9 @@ def test_lifts_that_ended_as_they_must_are_not_blamed() -> None:
     assert problems(not_opened, settings) == []
     script = msgspec.structs.replace(not_opened, message="ur_rtde: Failed to start control script")
     assert problems(script, settings) == []
+    board = msgspec.structs.replace(not_opened, number=TIPS, message="no TakkTile board at tcp://x")
+    assert problems(board, settings) == []
+    assert problems(msgspec.structs.replace(board, number=ARM), settings)
 
 
 SETTINGS = config()

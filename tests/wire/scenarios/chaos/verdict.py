@@ -91,9 +91,11 @@ def problems(ended: Ended, settings: LiftConfig) -> list[str]:
 
 
 def cause(ended: Ended) -> str:
-    """As it is told; ur_rtde speaks of its own interface where it means the arm. That this computer
-    was not there is so, and blames no device, where the onlooker was kept waiting too."""
+    """As it is told, by the devices' common names: ur_rtde speaks of itself, and a board that is
+    not there is asked for by its maker. That this computer was not there is so, and blames no
+    device, where the onlooker was kept waiting too."""
     told = re.sub(r"\b(ur_rtde|RTDE)\b", "arm", ended.message)
+    told = told.replace("TakkTile board", "tactile board")
     away = "loop" in known(ended).wrong and re.search(NOT_RUN, told) is not None
     return f"{STOOD_STILL}: {told}" if away else told
 
