@@ -70,7 +70,7 @@ class Day:
         """lab.toml: addresses, what a rehearsal needs, and more."""
         blocks = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
         _, rehearsal = (tomllib.loads(block) for block in blocks if "[modbus]" in block)
-        del rehearsal["gripper"]
+        del rehearsal["gripper"], rehearsal["calibration"]  # this day measures its own
         found = {
             "modbus": {"host": HOST, "port": int(PORT)}, "ur": {"host": HOST},
             "usb": {"url": self.endpoints["tactile"]["url"]},
@@ -113,7 +113,8 @@ def _looks(day: Day) -> None:
             "for each stands once in a file.")  # fmt: skip
     day.run("find", HOST, f"{HOST}:{PORT}", url)
     day.write()
-    day.say("What stands against a run? Nobody has said yet which hand this is, and that is right.")
+    day.say("What stands against a run? Nobody has said yet which hand this is, and it is not "
+            "active: both are right.")  # fmt: skip
     day.run("doctor", "--rig", "hardware", *LAB, code=3)
     day.run("gripper", "status", *LAB)
     day.run("arm", "status", *LAB)
@@ -161,7 +162,8 @@ def _calibrates(day: Day) -> None:
         newtons = day.newtons()
         return f"{newtons:.2f} N" if newtons > 0.3 else ""
 
-    day.run("calibrate", "force", "--press", "--out", "force.toml", *MOVES, answer=pressed)
+    force = ("calibrate", "force", "--press", "--up-to", "15", "--out", "force.toml")
+    day.run(*force, *MOVES, answer=pressed)
     day.say("`lab.toml` says since the scale what `calibrate hand` ended with: `hand.toml` is this "
             "hand, and not weak enough for a limit of 10 N, so `guard.force_limit_n` and "
             "`controller.grip_force_n` are 11. Small motions.")  # fmt: skip
@@ -176,8 +178,10 @@ def _calibrates(day: Day) -> None:
 
 
 def _lifts(day: Day) -> None:
-    day.say("Everything together: would a run start?")
-    day.run("doctor", "--rig", "hardware", *LAB, "--config", "force.toml", "--config", "rule.toml")
+    day.say("Everything together, the rest of the pads too, which each run compares its own with: "
+            "would that lift start?")  # fmt: skip
+    kept = [word for name in ("rest", "force", "rule") for word in ("--config", f"{name}.toml")]
+    day.run("doctor", "--rig", "hardware", "--object", "foam", *LAB, *kept)
     does = iter(("take", "place", "place"))
 
     def answered(question: str) -> str:
@@ -187,11 +191,10 @@ def _lifts(day: Day) -> None:
         day.word(next(does))
         return ""
 
-    both = ("--config", "force.toml", "--config", "rule.toml")
     day.say("What would it do? The devices are asked, nothing moves.")
-    day.run("run", "lift", "--first", "--dry-run", "--rig", "hardware", *LAB, *both)
+    day.run("run", "lift", "--first", "--dry-run", "--rig", "hardware", *LAB, *kept)
     day.say("Then it does it.")
-    day.run("run", "lift", "--first", "-v", "--rig", "hardware", *MOVES, *both, answer=answered)
+    day.run("run", "lift", "--first", "-v", "--rig", "hardware", *MOVES, *kept, answer=answered)
     day.say("The arm stands where the lift ended; brought back by its pendant (the lab's word "
             "`home`), the day is over.")  # fmt: skip
     day.word("home")

@@ -43,6 +43,12 @@ class Lab:
     def played(self, answer: Callable[[str], str], *words: str) -> tuple[int, str, str]:
         return played(answer, "calibrate", *words, "--config", str(self.file))
 
+    def wrote(self, answer: Callable[[str], str], *words: str) -> tuple[str, str]:
+        """Of a calibration that ends well, what it showed and said."""
+        code, shown, said = self.played(answer, *words)
+        assert code == 0, said
+        return shown, said
+
 
 def counts_under(forces_n: Sequence[float], *sets: str) -> list[float]:
     """What the thumb's pad of `grasp emulate` truly falls by under such weights, each laid on anew,
