@@ -28,8 +28,9 @@ from tests.wire.scenarios.lab.scales import CONFIRMED, N_PER_G, Lab, true_slope
 from tests.wire.scenarios.lab.terminal import grasp
 from tests.wire.scenarios.test_rigs import QUICK, emulate
 
-TRUE_N, TRUE_MM = 12.5, 0.85
+TRUE_N, TRUE_MM = 12.5, 0.73
 HAND = (f"hand.least_force_n={TRUE_N}", "hand.force_exponent=1.3", f"hand.m_per_count={TRUE_MM}e-3")
+ALMOST_MM = 75.0  # of travel, short of the can
 WEIGHTS_G = (150, 50, 250, 100, 200, 120)
 MISTYPED = {100: 310}
 HOLD_S, LONG_S = 120.0, 1200.0
@@ -112,7 +113,7 @@ def of_presses(lab: Lab) -> list[Row]:
 
     def person(question: str) -> str:
         if "almost touch" in question:
-            return "88"
+            return f"{int(ALMOST_MM / TRUE_MM)}"
         if (force_n := lab.newtons()) <= 0.3:
             return ""
         typed.append(round(force_n, 2))
