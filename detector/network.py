@@ -18,10 +18,12 @@ from detector.motion import Motion
 from detector.network_file import (
     LoadedNetwork,
     is_weights,
+    packaged_networks,
     read_network,
     weights_digest,
     weights_path,
 )
+from drivers.errors import UsageError
 from drivers.interfaces import KIT_TAXELS
 
 Float32s = NDArray[np.float32]
@@ -161,10 +163,17 @@ def load_network(
     name: str, settings: NetworkSettings, fingers: int, taxels: int = KIT_TAXELS
 ) -> StreamingNetwork | WindowedNetwork:
     """Detector from its weights and the heads beside them; raises BadFile, and UsageError for
-    fingertips of another layout than it was trained on."""
+    fingertips of another layout than it was trained on, and for weights whose card names another
+    network than the packaged one whose name and rule they would run under."""
     chosen = settings.weights or name
     path = weights_path(chosen)
     loaded = read_network(path)
+    if name in packaged_networks() and loaded.card.has_own_name and loaded.card.name != name:
+        raise UsageError(
+            f"{chosen} holds a network {loaded.card.name!r}, not {name!r}",
+            f"the rule of {name!r} is not tuned for it: `--detector {loaded.card.name}` with these "
+            "weights, or `--detector FILE.onnx` and a rule of its own",
+        )
     if is_weights(chosen):  # two files may say the same name of themselves
         loaded = msgspec.structs.replace(
             loaded, card=msgspec.structs.replace(loaded.card, name=path.name)

@@ -18,13 +18,23 @@ from detector.onnx_wire import names_other_files
 from drivers.errors import BadFile
 from drivers.interfaces import FINGERS
 
-FORMAT = 1
+FORMAT = 2  # 1 had no checksum
+READ = (1, FORMAT)
+NO_CHECKSUM = "0" * 64  # stands in the card while the checksum is made
 CARD_KEY = "grasp"
 SUFFIX = ".onnx"
 LARGEST_BYTES = 4_000_000  # ours are a tenth of a megabyte
 MOST_SAMPLES = 10_000  # of a window; ours have a hundred
 MOST_STATE = 1_000_000  # numbers of a state a finger; ours have a thousand
 WEIGHTS = Path(__file__).parent / "weights"
+
+# SHA-256 of those packaged ones whose cards, of format 1, hold none
+PACKAGED = {
+    "freq-cnn-paper": "c0c83c42e9d3b557179b1d9f482c740ee06bed423bb7a2be832051993a6ce8c0",
+    "gru": "9324c28a69b24f163815d4b7d35c89c1b79b7f9de3352fb54a5c98e657d6d02b",
+    "tcn": "dda15e3ae487731f5c73748aed6aa409dcaa376ea73e54f485e72fc34a08303d",
+    "tcn-paper": "1c4e13c1a56d92b48732fb3da20fa7ef0ad0ac5569eae77a96904abc9a0a1d66",
+}
 
 Mode = Literal["stream", "window"]
 
@@ -54,6 +64,12 @@ class NetworkCard(msgspec.Struct, frozen=True, kw_only=True):
     steps: int
     training_minutes: float
     validation: dict[str, float]
+    sha256: str = ""  # of the file, with NO_CHECKSUM in its place
+
+    @property
+    def has_own_name(self) -> bool:
+        """Whether somebody wrote it: a file without a card is called as it lies there."""
+        return self.parameters > 0
 
 
 class LoadedNetwork(msgspec.Struct, frozen=True):
@@ -101,7 +117,9 @@ def read_network(path: Path) -> LoadedNetwork:
     try:
         if names_other_files(content):
             raise _bad(path, "takes data from other files, which is not allowed")
+        _check_packaged(path, content)
         loaded = _loaded(path, _session(content))
+        _check_whole(path, content, loaded.card)
         _try(path, loaded)
     except BadFile:
         raise
@@ -109,6 +127,25 @@ def read_network(path: Path) -> LoadedNetwork:
         problem = f"damaged, or no ONNX graph that can run ({type(error).__name__})"
         raise _bad(path, problem) from None
     return loaded
+
+
+def checksum(content: bytes, written: str) -> str:
+    """Of a file in which ``written`` stands for it."""
+    return hashlib.sha256(content.replace(written.encode(), NO_CHECKSUM.encode())).hexdigest()
+
+
+def _check_whole(path: Path, content: bytes, card: NetworkCard) -> None:
+    """A card of format 2 has a checksum; what has no card of ours, or an older one, has none."""
+    if card.format < FORMAT and not card.sha256:
+        return
+    if not card.sha256 or checksum(content, card.sha256) != card.sha256:
+        raise _bad(path, "damaged: it is not what its checksum says")
+
+
+def _check_packaged(path: Path, content: bytes) -> None:
+    known = PACKAGED.get(path.stem) if path.parent == WEIGHTS else None
+    if known is not None and hashlib.sha256(content).hexdigest() != known:
+        raise BadFile(path, "damaged: it is not as it was packaged", "install `grasp` again")
 
 
 def _content(path: Path) -> bytes:
@@ -179,8 +216,8 @@ def _card(path: Path, session: Any) -> NetworkCard | None:
         card = msgspec.json.decode(text, type=NetworkCard)
     except (msgspec.DecodeError, msgspec.ValidationError) as error:
         raise _bad(path, f"its card cannot be read: {error}") from None
-    if card.format != FORMAT:
-        raise _bad(path, f"format {card.format}, this version reads {FORMAT}")
+    if card.format not in READ:
+        raise _bad(path, f"format {card.format}, this version reads {READ[0]} to {FORMAT}")
     return card
 
 
@@ -198,7 +235,7 @@ def _card_of_shapes(path: Path, inputs: Ends) -> NetworkCard:
     window = min(shape[1], MOST_SAMPLES) if len(shape) == 3 else 0
     taxels = min(shape[-1], MOST_SAMPLES)
     return NetworkCard(
-        format=FORMAT, name=path.stem, mode="window" if window else "stream", window=window,
+        format=READ[0], name=path.stem, mode="window" if window else "stream", window=window,
         threshold=0.5, parameters=0, mean_counts=(0.0,) * taxels, std_counts=(1.0,) * taxels,
         change_scale_counts=1.0, temperature=1.0, shift=0.0, data_digest="", label="",
         augmentation="", balance="", seed=0, commit="", steps=0, training_minutes=0.0,

@@ -130,12 +130,13 @@ def missed_samples(t_s: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.where(periods > GAP_PERIODS, lost, 0)
 
 
-def read(path: Path | str) -> Recording:
-    """Read a recording, ``.npz`` or CSV by its suffix; raises BadFile."""
+def read(path: Path | str, labelled: bool = True) -> Recording:
+    """Read a recording, ``.npz`` or CSV by its suffix; raises BadFile. Where no label is asked for,
+    a CSV without one is read as if nothing slipped."""
     path = Path(path)
     if path.is_char_device():  # which may never end
         raise BadFile(path, "is no file", "give the path of a recording")
-    return _read_npz(path) if path.suffix == SUFFIX else read_csv(path)
+    return _read_npz(path) if path.suffix == SUFFIX else read_csv(path, labelled)
 
 
 def write(path: Path | str, recording: Recording) -> None:
@@ -276,11 +277,12 @@ def _check_arrays(arrays: dict[str, Any], source: str) -> None:
     _check_times(arrays["t_s"], None, source)
 
 
-def read_csv(path: Path | str) -> Recording:
-    """Read a recording of one fingertip; raises BadFile at the first thing that is wrong."""
+def read_csv(path: Path | str, labelled: bool = True) -> Recording:
+    """Read a recording of one fingertip; raises BadFile at the first thing that is wrong. One that
+    is not ``labelled`` may lack the label, and then holds no slip."""
     source = str(path)
     lines = _lines(Path(path))
-    columns = _columns(lines, source)
+    columns = _columns(lines, source, labelled)
     numbered = [(i, line) for i, line in enumerate(lines[1:], start=2) if line.strip()]
     rows = [_row(line, columns, source, i) for i, line in numbered]
     if len(rows) < 2:
@@ -289,9 +291,10 @@ def read_csv(path: Path | str) -> Recording:
     _check_rate(table[:, 0], source)
     _check_times(table[:, 0], [i for i, _ in numbered], source)
     slip_true = table[:, -1] == 1.0 if columns[-1] == OPTIONAL else None
-    label = columns.index(LABEL)
+    label = columns.index(LABEL) if LABEL in columns else len(columns)
     counts = table[:, 1:label].astype(np.int16)[:, None, :]
-    recording = Recording(table[:, 0].copy(), counts, table[:, label] == 1.0, slip_true, source)
+    slip = table[:, label] == 1.0 if label < len(columns) else np.zeros(len(table), np.bool_)
+    recording = Recording(table[:, 0].copy(), counts, slip, slip_true, source)
     for array in (recording.t_s, recording.counts, recording.slip, recording.slip_true):
         if array is not None:
             array.flags.writeable = False
@@ -307,7 +310,7 @@ def _lines(path: Path) -> list[str]:
         raise BadFile(path, f"cannot be read: {error}", "give a CSV file in UTF-8") from None
 
 
-def _columns(lines: list[str], source: str) -> tuple[str, ...]:
+def _columns(lines: list[str], source: str, labelled: bool) -> tuple[str, ...]:
     kit = ",".join(_names(KIT_TAXELS))
     wanted = f"the first line must be {kit}, or of other taxels, with or without ,{OPTIONAL}"
     if not lines:
@@ -315,7 +318,8 @@ def _columns(lines: list[str], source: str) -> tuple[str, ...]:
     columns = tuple(word.strip() for word in lines[0].split(","))
     taxels = sum(name.startswith("p") for name in columns)
     names = _names(taxels)
-    if taxels == 0 or columns not in (names, (*names, OPTIONAL)):
+    known = [names, (*names, OPTIONAL), *([] if labelled else [names[:-1]])]
+    if taxels == 0 or columns not in known:
         raise BadFile(source, f"columns are {','.join(columns)}", wanted, 1)
     return columns
 

@@ -52,7 +52,8 @@ def hold_of(counts: NDArray[np.int16]) -> tuple[slice, float]:
         problem = "presses nothing" if level < LEAST_LOAD_COUNTS else "does not end unloaded"
         remedy = "hold something still for three minutes, open the hand, and record until then"
         raise UsageError(f"the hand {problem}", remedy)
-    return slice(int(held[0]) + SETTLED, int(held[-1]) - SETTLED), level
+    first = int(held[0]) + SETTLED
+    return slice(first, max(first, int(held[-1]) - SETTLED)), level
 
 
 def compared(probabilities: Floats, rule: RuleSettings) -> Floats:
@@ -63,6 +64,8 @@ def compared(probabilities: Floats, rule: RuleSettings) -> Floats:
         sums: Floats = cusum(p, rule).max(axis=1)
         return sums
     odds = log_odds(p)
+    if len(odds) < rule.consecutive:
+        return np.empty(0)
     windows = np.lib.stride_tricks.sliding_window_view(odds, rule.consecutive, axis=0)
     lasting: Floats = windows.min(axis=2).max(axis=1)
     return lasting

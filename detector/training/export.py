@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from detector.network_file import FORMAT, Mode, NetworkCard
+from detector.network_file import FORMAT, Mode, NetworkCard, read_network
 from detector.recordings import Recording
 from detector.training.fit import Training
 from detector.training.graph import make_model
@@ -17,7 +17,7 @@ THRESHOLD = 0.5  # of a calibrated probability: the likelier class
 
 
 def export(training: Training, validation: list[Recording], path: Path, commit: str) -> NetworkCard:
-    """Calibrate on validation, write ``path``, give the card.
+    """Calibrate on validation, write ``path``, give the card as it is read there.
 
     Where there are recordings of the paper's kind, the probabilities are true of them: slip as
     common as there. A rule for rarer slip has a higher threshold, see `grasp detector tune`.
@@ -53,7 +53,7 @@ def export(training: Training, validation: list[Recording], path: Path, commit: 
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
-    return card
+    return read_network(path).card
 
 
 def _samples(

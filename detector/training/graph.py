@@ -13,7 +13,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from detector.network_file import CARD_KEY, Mode, NetworkCard
+from detector.network_file import CARD_KEY, NO_CHECKSUM, Mode, NetworkCard, checksum
 from detector.training.architecture import (
     NORM_EPS,
     SHIFT_MEAN,
@@ -102,9 +102,11 @@ def make_model(arch: Architecture, mode: Mode, weights: Weights, card: NetworkCa
         graph, opset_imports=[helper.make_opsetid("", OPSET)], producer_name="grasp"
     )
     model.ir_version = IR_VERSION
-    helper.set_model_props(model, {CARD_KEY: msgspec.json.encode(card).decode()})
+    open_card = msgspec.structs.replace(card, sha256=NO_CHECKSUM)
+    helper.set_model_props(model, {CARD_KEY: msgspec.json.encode(open_card).decode()})
     onnx.checker.check_model(model, full_check=True)
-    return bytes(model.SerializeToString())
+    content = bytes(model.SerializeToString())
+    return content.replace(NO_CHECKSUM.encode(), checksum(content, NO_CHECKSUM).encode())
 
 
 def _ends(shapes: Mapping[str, Shape]) -> list[onnx.ValueInfoProto]:

@@ -13,6 +13,8 @@ from grasp.cli.places import file_to_write, own_or_new
 from grasp.files import write_whole
 
 HELP = "score, tune and train slip detectors"
+FEW_SLIPS = 50  # to tune on: 14 points either way of a recall of a half
+FEW_EVENTS = 5  # that the minutes tuned on may have
 TABLE2 = (
     "psd", "freq-cnn-paper", "tcn-paper", "energy", "psd-fair", "forte", "gru", "tcn",
 )  # fmt: skip
@@ -316,6 +318,9 @@ def _quantiles(q: Any, unit: str, digits: int = 0) -> str:
 
 
 def tune(args: argparse.Namespace) -> int:
+    given = [f"--{key}" for key in ("data", "static", "unlabelled") if getattr(args, key)]
+    if len(given) > 1:
+        raise UsageError(f"{' and '.join(given)} are two ways to tune", "give one of them")
     if args.unlabelled:
         return _tune_unlabelled(args)
     if args.data:
@@ -335,7 +340,7 @@ def tune(args: argparse.Namespace) -> int:
 def _tune_rule(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.studies.detectors.benchmark import contender, read_split, tune_rule
+    from scenarios.studies.detectors.benchmark import contender, read_split, stands_on, tune_rule
 
     recordings = read_split(args.data, "validation", exits.say)
     (name,) = [args.detector]
@@ -346,10 +351,17 @@ def _tune_rule(args: argparse.Namespace) -> int:
         remedy = "allow more false events with --budget"
         text = f"no rule keeps {name} within {args.budget:g} false events a minute"
         raise UsageError(text, remedy)
+    minutes, slips = stands_on(made, chosen.rule)
     if args.json:
-        print(msgspec.json.encode(chosen).decode())
+        more = {"minutes": minutes, "slips": slips}
+        print(json_line({**msgspec.to_builtins(chosen), **more}))
         return exits.SUCCESS
     print(f"# split validation: {point_text(chosen)}")
+    events = round(chosen.false_per_min * minutes)
+    print(f"# by {slips} slips and {minutes:.1f} minutes of a hand at rest, with {events} false")
+    if slips < FEW_SLIPS or minutes * args.budget < FEW_EVENTS:
+        print("# that is little: one more or less of either would make another rule; give more "
+              "recordings, or simulated sets beside")  # fmt: skip
     _print_rule(chosen.rule)
     return exits.SUCCESS
 

@@ -17,7 +17,7 @@ REFRESH_TICKS = 6
 STATUS_TICKS = 50
 
 _SETTING_UP = {
-    "simulated": "the first time, the world is compiled",
+    "simulated": "the first run on a machine compiles the world, a minute",
     "emulated": "a cell starts",
     "hardware": "devices are connected",
 }

@@ -188,8 +188,21 @@ def run(args: argparse.Namespace) -> int:
     if args.first:
         config = first.begin(config, permit, args)
         make_guard(config)
+    if not args.json and (rule := rule_of_weights(config)):
+        print(rule)
     scenario = config.for_lift() if args.scenario == "lift" else config.for_tap()
     return run_trials(args, scenario, permit)
+
+
+def rule_of_weights(config: Any) -> str:
+    """By which rule a detector of one's own is heard: there are three that it could be. Of a
+    packaged one `grasp config show rule` tells."""
+    from detector.interface import DETECTORS
+    from scenarios.report.run_decision import in_words
+
+    if config.detector_name in DETECTORS and not config.network.weights:
+        return ""
+    return f"{config.detector_label}: {in_words(config.rule)}"
 
 
 def _permit(config: Any, args: argparse.Namespace) -> Any:

@@ -1,12 +1,12 @@
 """`grasp detector train`: fit a network and write its weights. Needs the extra `train`."""
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
+from drivers.errors import UsageError
 from grasp.cli import exits
-from grasp.cli.options import decimal, need, seed, whole
+from grasp.cli.options import decimal, need, progress, seed, whole
 from grasp.cli.places import file_with_folders, must_be_writable
 
 NETWORKS = ("tcn", "gru", "tcn-paper", "freq-cnn-paper")
@@ -32,6 +32,7 @@ def add_parser(actions: Any) -> None:
         "--out", type=file_with_folders, metavar="FILE.onnx",
         help="weights to write (default: NAME.onnx here); log and checkpoint lie beside it",
     )  # fmt: skip
+    parser.add_argument("--force", action="store_true", help="write over --out if it is there")
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="(default: %(default)s)")
     parser.add_argument("--steps", type=whole(1, 10**9), metavar="N", help="optimiser steps")
     parser.add_argument(
@@ -84,12 +85,17 @@ def train(args: argparse.Namespace) -> int:
     out = args.out or Path(f"{args.network}.onnx")
     out.parent.mkdir(parents=True, exist_ok=True)
     must_be_writable(out)
+    if out.is_file() and not (args.force or args.resume):
+        raise UsageError(f"{out} is there already", "name another with --out, or --force")
     training, validation = _prepare(args)
     checkpoint = out.with_suffix(".checkpoint")
     if args.resume:
         training.resume(checkpoint)
-    with out.with_suffix(".log").open("a", encoding="utf-8") as log:
-        training.run(args.minutes, checkpoint, _Reporter(log, live=not args.json).tell)
+    with (
+        out.with_suffix(".log").open("a", encoding="utf-8") as log,
+        progress("training", hidden=args.json) as show,
+    ):
+        training.run(args.minutes, checkpoint, _Reporter(log, show).tell)
     card = export(training, validation, out, versions()["commit"])
     checkpoint.unlink(missing_ok=True)
     if args.json:
@@ -97,7 +103,11 @@ def train(args: argparse.Namespace) -> int:
     else:
         print(f"{out}: {card.parameters} parameters, {card.steps} steps, "
               f"{card.training_minutes:.1f} processor minutes, accuracy on validation "
-              f"{card.validation['accuracy']:.3f}")  # fmt: skip
+              f"{card.validation['accuracy']:.3f} (calibrated, on the paper's kind if there is "
+              "any; the log's is of all recordings)")  # fmt: skip
+        rule = out.with_suffix(".toml")
+        if rule.is_file():
+            exits.say(f"{rule} beside it is of other weights: `grasp detector tune` makes another")
     return exits.SUCCESS
 
 
@@ -122,20 +132,17 @@ def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
 
 
 class _Reporter:
-    """One moving line for a person, one plain line a validation for the log."""
+    """How far it is for a person, one plain line a validation for the log."""
 
-    def __init__(self, log: Any, live: bool) -> None:
+    def __init__(self, log: Any, show: Any) -> None:
         self._log = log
-        self._live = live and sys.stderr.isatty()
+        self._show = show
         self._smooth = 0.0
 
     def tell(self, p: Any) -> None:
         self._smooth = p.loss if p.step <= 1 else 0.98 * self._smooth + 0.02 * p.loss
-        if self._live and p.step % 10 == 0:
-            best = f"  best delay {p.best.delay_ms:.0f} ms" if p.best else ""
-            line = f"step {p.step}/{p.steps}  loss {self._smooth:.3f}  {p.minutes:.1f} min{best}"
-            sys.stderr.write(f"\r{line:<78}")
-            sys.stderr.flush()
+        best = f", best delay {p.best.delay_ms:.0f} ms" if p.best else ""
+        self._show(p.step, p.steps, f"training, loss {self._smooth:.3f}{best}")
         if p.score is not None:
             s = p.score
             self._log.write(

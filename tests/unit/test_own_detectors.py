@@ -9,6 +9,7 @@ import pytest
 import grasp
 from drivers.errors import UsageError
 from grasp.cli.main import main
+from grasp.cli.run import rule_of_weights
 from scenarios.campaign.config import load_config
 from scenarios.campaign.spec import combinations, read_spec
 from tests.unit.detector.test_own import WHOLE, weights
@@ -209,6 +210,19 @@ def test_its_settings_are_shown_and_what_they_cannot_be_is_refused(
     for wrong in ("own.counts=[9]", "own.counts={a=1}", "own=3", "devices.gripper_settings=[1]"):
         assert main([*words, wrong]) == 2
         assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_run_says_by_which_rule_a_network_of_ones_own_is_heard(tmp_path: Path) -> None:
+    file = weights(tmp_path / "lab.onnx", ["n", 6])
+    (tmp_path / "tuned.toml").write_text("[rule]\nthreshold = 0.9\n")
+    under = [f"network.weights={file}"]
+    packaged = rule_of_weights(load_config("can", "simulated", "tcn", None, under))
+    assert packaged.startswith(f"tcn ({file}): slip is registered") and "0.7625" in packaged
+    own = load_config("can", "simulated", str(file), None, [])
+    assert "above 0.5 for 2 samples" in rule_of_weights(own)
+    tuned = load_config("can", "simulated", str(file), [tmp_path / "tuned.toml"], [])
+    assert "above 0.9 for 2 samples" in rule_of_weights(tuned)
+    assert rule_of_weights(load_config("can", "simulated", "tcn")) == ""
 
 
 def test_two_networks_are_told_apart_by_name(tmp_path: Path) -> None:

@@ -17,8 +17,8 @@ def collect(sources: Sequence[Path], out: Path) -> dict[Split, int]:
     """Copy the recordings of acquisitions' folders, and files, into a new folder; of each five,
     three are for training. Gives how many of each split.
 
-    Raises BadFile for what is no recording, UsageError for fewer than three and for a folder that
-    is not empty, OSError where nothing can be written.
+    Raises BadFile for what is no recording, UsageError for fewer than three, for several layouts of
+    taxels and for a folder that is not empty, OSError where nothing can be written.
     """
     paths = [path for source in sources for path in _files(source)]
     if len(paths) < len(set(SHARED_OUT)):
@@ -26,6 +26,12 @@ def collect(sources: Sequence[Path], out: Path) -> dict[Split, int]:
     if out.exists() and any(out.iterdir()):
         raise UsageError(f"{out} is not empty", "give a new folder with --out")
     found = [read(path) for path in paths]
+    layouts = sorted({recording.taxels for recording in found})
+    if len(layouts) > 1:
+        mixed = " and ".join(str(taxels) for taxels in layouts)
+        raise UsageError(
+            f"fingertips of {mixed} taxels make no data set", "collect those of one layout"
+        )
     make_private_folder(out)
     counts: dict[Split, int] = dict.fromkeys(SHARED_OUT, 0)
     for number, recording in enumerate(found):

@@ -7,15 +7,20 @@ from typing import Literal
 import msgspec
 import numpy as np
 
+from detector.blows import blows_of
+from detector.decision import RuleSettings
 from detector.interface import SlipDetector
 from detector.network_file import is_weights, read_network
 from detector.own import is_code
 from detector.recordings import LabelName, Recording, Split, read_dataset
 from detector.scores.evaluation import (
+    HAND_FINGERS,
     WARM_UP_SAMPLES,
     Evaluation,
     Streamed,
     evaluate_streams,
+    events_by_label,
+    judge_stream,
     spoken,
     stream_recordings,
 )
@@ -124,6 +129,19 @@ def tune_rule(made: Contender, budget_per_min: float) -> SweepPoint | None:
     points = made.points()
     points += sweep(made.streams, at_the_budget(points, budget_per_min))
     return best(points, budget_per_min)
+
+
+def stands_on(made: Contender, rule: RuleSettings) -> tuple[float, int]:
+    """Minutes of a hand's rest and slips that a rule was judged by."""
+    judged = [
+        judge_stream(
+            s, rule, events_by_label(s.label), WARM_UP_SAMPLES, blows_of(s.recording)
+        ).events
+        for s in made.streams
+    ]
+    rest = zip(made.streams, judged, strict=True)
+    hand_s = sum(j.static_s * s.recording.fingers / HAND_FINGERS for s, j in rest)
+    return hand_s / 60.0, sum(len(j.delays_ms) for j in judged)
 
 
 def sweep_threshold(made: Contender) -> SweptThreshold:

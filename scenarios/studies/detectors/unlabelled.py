@@ -1,7 +1,7 @@
 """A lab's own recordings of a hold and its unloading, as `grasp detector tune --unlabelled` takes
 them: a lift that was held for long, or a file of counts."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import msgspec
@@ -21,15 +21,20 @@ from scenarios.trial.run_folder import open_trial
 Counts = NDArray[np.int16]  # (n, fingers, taxels)
 
 
-def hold_in(path: Path) -> tuple[Counts, slice, float]:
+def hold_in(
+    path: Path, fits: Callable[[Counts], object] = lambda counts: None
+) -> tuple[Counts, slice, float]:
     """Counts of a recording, the samples of its static hold, and the load that came off after it.
 
-    Raises BadFile for what is no recording, UsageError for one without a hold or an unloading.
+    Raises BadFile for what is no recording, UsageError for one without a hold or an unloading, and
+    what ``fits`` raises of the counts, before they are looked at.
     """
     if path.suffix in (SUFFIX, ".csv"):
-        counts = read(path).counts
+        counts = read(path, labelled=False).counts
+        fits(counts)
         return counts, *hold_of(counts)
     counts, phases = _of_run(path)
+    fits(counts)
     held = np.flatnonzero([phase == Phase.HOLD for phase in phases])
     _, load = hold_of(counts)
     if not len(held):
@@ -53,7 +58,11 @@ def _of_run(path: Path) -> tuple[Counts, list[str]]:
 def tune_unlabelled(config: TrialConfig, paths: list[Path], budget_per_min: float) -> Unlabelled:
     """The configured detector's rule, its threshold set by holds in which nothing slips, and never
     below the configured one: a still hand knows nothing of closing, of lifting or of blows."""
-    return rule_of(config, [hold_in(path) for path in paths], budget_per_min)
+
+    def fits(counts: Counts) -> object:
+        return config.make_detector(counts.shape[1], counts.shape[2])
+
+    return rule_of(config, [hold_in(path, fits) for path in paths], budget_per_min)
 
 
 def rule_of(

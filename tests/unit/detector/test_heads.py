@@ -149,7 +149,7 @@ def test_network_that_holds_other_samples_has_no_heads() -> None:
 
 
 def test_heads_are_told_by_the_detector_that_has_them(weights: Path) -> None:
-    detector = load_detector("gru", {"weights": str(weights)}, 3)
+    detector = load_detector(weights.stem.partition("-")[0], {"weights": str(weights)}, 3)
     tell = motion_told_by(detector)
     detector.update(walk(1)[0])
     assert tell() is not None

@@ -13,7 +13,13 @@ from onnx import TensorProto, helper
 
 from detector.interface import load_detector
 from detector.network import StreamingNetwork, WindowedNetwork, run_network
-from detector.network_file import CARD_KEY, Mode, read_network
+from detector.network_file import (
+    CARD_KEY,
+    Mode,
+    packaged_networks,
+    read_network,
+    weights_path,
+)
 from detector.scores.evaluation import stream
 from drivers.errors import BadFile, UsageError
 from tests.unit.detector.networks import walk, write_network
@@ -104,6 +110,19 @@ def test_own_weights_are_loaded_by_path(tmp_path: Path) -> None:
     assert load_detector("mine", {"weights": str(path)}, 3).name == "tcn-stream.onnx"
 
 
+@pytest.mark.parametrize(("name", "of"), [("tcn", "tcn-paper"), ("gru", "tcn")])
+def test_weights_of_another_network_do_not_run_under_a_packaged_one_s_name_and_rule(
+    name: str, of: str, tmp_path: Path
+) -> None:
+    path = write_network(tmp_path, of, "window")
+    for weights in (str(path), of):
+        with pytest.raises(UsageError, match=f"holds a network '{of}', not '{name}'") as refused:
+            load_detector(name, {"weights": weights}, 3)
+        assert f"`--detector {of}`" in refused.value.remedy
+    load_detector(of, {"weights": str(path)}, 3)
+    load_detector(str(path), {}, 3)
+
+
 def test_a_file_of_ours_that_lost_its_card_is_told_by_its_tensors(tmp_path: Path) -> None:
     path = write_network(tmp_path, "tcn", "stream")
     whole = stream(run_network(read_network(path), 3), walk(50))[0]
@@ -135,7 +154,7 @@ def change(model: onnx.ModelProto, how: str) -> None:
         model.metadata_props[0].value = '{"format": 1}'
     elif how == "format":
         text = model.metadata_props[0].value
-        model.metadata_props[0].value = text.replace('"format":1', '"format":99')
+        model.metadata_props[0].value = text.replace('"format":2', '"format":99')
     elif how == "mode":
         text = model.metadata_props[0].value
         model.metadata_props[0].value = text.replace('"mode":"stream"', '"mode":"window"')
@@ -158,6 +177,36 @@ def test_a_damaged_or_foreign_file_is_refused_with_its_name(tmp_path: Path, how:
         read_network(path)
     assert str(path) in caught.value.message
     assert "grasp detector train" in caught.value.remedy
+
+
+@pytest.mark.parametrize("harm", ["anywhere", "the checksum", "its name"])
+def test_one_flipped_byte_is_noticed(harm: str, tmp_path: Path) -> None:
+    path = write_network(tmp_path, "tcn", "stream")
+    whole, rng = path.read_bytes(), random.Random(7)
+    places = [rng.randrange(len(whole)) for _ in range(30)]
+    if harm != "anywhere":
+        at = whole.index(b'"sha256":"')
+        places = [at + (10 + k if harm == "the checksum" else 1 + k % 6) for k in range(12)]
+    assert run_network(read_network(path), 3).card.sha256
+    for at in places:
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+        with pytest.raises(BadFile):
+            read_network(path)
+
+
+@pytest.mark.parametrize("name", packaged_networks())
+def test_one_flipped_byte_of_a_packaged_network_is_noticed(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = bytearray(weights_path(name).read_bytes())
+    monkeypatch.setattr("detector.network_file.WEIGHTS", tmp_path)
+    path = weights_path(name)
+    path.write_bytes(whole)
+    read_network(path)
+    whole[len(whole) // 2] ^= 1
+    path.write_bytes(whole)
+    with pytest.raises(BadFile, match="not as it was packaged"):
+        read_network(path)
 
 
 def outside(model: onnx.ModelProto, where: str, location: str) -> None:

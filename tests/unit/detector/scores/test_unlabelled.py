@@ -75,6 +75,21 @@ def test_what_cannot_be_told_from_slip_or_is_too_short_is_refused():
         set_rule([quiet(3.0)], RuleSettings(), 0.0, 300.0)
 
 
+@pytest.mark.parametrize("kind", ["consecutive", "cusum"])
+@pytest.mark.parametrize("samples", [0, 1, 2])
+def test_a_hold_of_hardly_a_sample_is_too_short_as_well(kind, samples):
+    rule = RuleSettings(kind=kind, consecutive=3)
+    with pytest.raises(UsageError, match="0 s of hold are too few"):
+        set_rule([quiet(3.0)[:samples]], rule, 1.0, 300.0)
+
+
+def test_a_short_hold_has_no_samples_left_and_none_of_what_comes_after_it():
+    counts = np.zeros((300, 3, 6), np.int16)
+    counts[20:60] = -60
+    hold, _ = hold_of(counts)
+    assert len(counts[hold]) == 0
+
+
 def test_a_hold_lies_between_grip_and_unloading():
     hold, load = hold_of(held())
     assert (hold.start, hold.stop) == (300 + SETTLED, 2599 - SETTLED)

@@ -66,6 +66,8 @@ def test_a_tuned_rule_is_toml_that_the_next_run_takes(
     assert main(["detector", "tune", "energy", "--data", str(data), "--budget", "6"]) == 0
     path = tmp_path / "tuned.toml"
     path.write_text(capsys.readouterr().out)
+    assert "slips and 0.1 minutes of a hand at rest, with 0 false" in path.read_text()
+    assert "that is little" in path.read_text()
     words = ["detector", "evaluate", "energy", "--data", str(data), "--split", "validation"]
     (sheet,) = answers(capsys, *words, "--config", str(path), "--json")
     assert sheet["false_events_per_min_hand"] <= 6.0  # type: ignore[operator]

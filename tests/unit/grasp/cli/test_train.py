@@ -54,6 +54,45 @@ def test_training_begins_anew_unless_told_to_go_on_and_leaves_no_checkpoint(
     assert "accuracy on validation 0.900" in capsys.readouterr().out
 
 
+def test_weights_that_are_there_are_not_written_over_unless_told_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    training = Training()
+    monkeypatch.setattr(train, "need", lambda *_: None)
+    monkeypatch.setattr(train, "_prepare", lambda _: (training, []))
+    export = SimpleNamespace(export=lambda *_: Card(1, 2, 3.0, {"accuracy": 0.9}))
+    monkeypatch.setitem(sys.modules, "detector.training.export", export)
+    out = tmp_path / "mine.onnx"
+    out.write_text("of last week")
+    (tmp_path / "mine.toml").write_text("its rule")
+    words = ["detector", "train", "tcn", "--data", ".", "--out", str(out)]
+    assert main(words) == 2
+    assert f"{out} is there already" in capsys.readouterr().err
+    assert training.told == [] and out.read_text() == "of last week"
+    assert main([*words, "--force"]) == 0
+    assert training.told == ["run"]
+    assert "mine.toml beside it is of other weights" in capsys.readouterr().err
+
+
+def test_a_training_tells_how_far_it_is_where_nobody_watches_a_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    training = Training()
+
+    def run(minutes: float | None, checkpoint: Path, tell: Any) -> None:
+        for step in range(1, 101):
+            tell(SimpleNamespace(step=step, steps=100, loss=0.5, best=None, score=None))
+
+    monkeypatch.setattr(training, "run", run)
+    monkeypatch.setattr(train, "need", lambda *_: None)
+    monkeypatch.setattr(train, "_prepare", lambda _: (training, []))
+    export = SimpleNamespace(export=lambda *_: Card(1, 2, 3.0, {"accuracy": 0.9}))
+    monkeypatch.setitem(sys.modules, "detector.training.export", export)
+    words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
+    assert main(words) == 0
+    assert "training, loss 0.500: 50 of 100" in capsys.readouterr().err
+
+
 def test_what_is_learnt_is_one_of_the_labels_of_a_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

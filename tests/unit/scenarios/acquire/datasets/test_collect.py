@@ -43,6 +43,16 @@ def test_two_recordings_and_a_folder_in_use_are_refused(
     assert "is not empty" in capsys.readouterr().err
 
 
+def test_fingertips_of_two_layouts_are_refused(
+    own: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = tmp_path / "else.csv", tmp_path / "own"
+    file.write_text(ROWS.replace(",slip", ",p6,slip").replace("0,0\n", "0,0,0\n"))
+    assert main(["dataset", "collect", *own, "--out", str(out)]) == 2
+    assert "fingertips of 6 and 7 taxels" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_a_folder_without_samples_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

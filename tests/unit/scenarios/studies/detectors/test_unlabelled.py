@@ -12,6 +12,7 @@ from detector.recordings import write
 from grasp.cli.main import main
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
+from scenarios.studies.detectors import unlabelled
 from tests.unit.detector.toys import toy
 
 
@@ -72,6 +73,59 @@ def test_a_hold_that_never_ends_is_refused(
     ))  # fmt: skip
     assert main(["detector", "tune", "energy", "--unlabelled", str(cut)]) == 2
     assert "does not end unloaded" in capsys.readouterr().err
+
+
+def test_a_lift_that_was_not_held_for_long_is_refused_with_what_to_record(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    counts = np.zeros((600, 3, 6), np.int16)
+    counts[100:500] = -60
+    phases = ["lift"] * 300 + ["hold"] * 100 + ["lower"] * 200  # held for a second
+    monkeypatch.setattr(unlabelled, "_of_run", lambda _: (counts, phases))
+    assert main(["detector", "tune", "tcn", "--unlabelled", "runs/a-lift"]) == 2
+    said = capsys.readouterr().err
+    assert "0 s of hold are too few" in said and "record 30 s or more, best 180" in said
+
+
+def csv(path: Path, taxels: int, column: str = "") -> Path:
+    names = ",".join(["t_s", *(f"p{i}" for i in range(taxels))])
+    rows = [
+        f"{k * 0.01:.2f}," + ",".join(["-60" if 200 <= k < 5500 else "0"] * taxels)
+        + (",0" if column else "")
+        for k in range(6000)
+    ]  # fmt: skip
+    path.write_text("\n".join([names + (f",{column}" if column else ""), *rows]) + "\n")
+    return path
+
+
+def test_a_csv_needs_no_label_where_nothing_slips(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with_label, without = csv(tmp_path / "a.csv", 6, "slip"), csv(tmp_path / "b.csv", 6)
+    texts = []
+    for file in (with_label, without):
+        assert main(["detector", "tune", "tcn", "--unlabelled", str(file)]) == 0
+        texts.append(capsys.readouterr().out)
+    assert texts[0] == texts[1] and "360 counts of load" in texts[0]
+    assert main(["detector", "evaluate", "energy", "--recording", str(without)]) == 2
+    assert "columns are t_s,p0" in capsys.readouterr().err
+
+
+def test_fingertips_of_another_layout_are_told_so_before_their_hold_is_judged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "five.csv"
+    file.write_text(csv(file, 5).read_text().replace("-60", "-1"))  # which presses nothing, too
+    assert main(["detector", "tune", "tcn", "--unlabelled", str(file)]) == 2
+    assert "made for fingertips of 6 taxels, not of 5" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("more", [["--data", "data"], ["--static", "rest.csv"]])
+def test_one_way_of_tuning_is_not_passed_over_for_another(
+    hold: Path, more: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["detector", "tune", "tcn", "--unlabelled", str(hold), *more]) == 2
+    assert "two ways to tune" in capsys.readouterr().err
 
 
 @pytest.mark.slow
