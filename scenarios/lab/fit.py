@@ -25,6 +25,7 @@ LEAST_MOST_N = 0.5  # of the strongest reading: ten steps of a kitchen scale of 
 MOST_HALF = 0.25  # of the slope, by which it may be uncertain
 ORDERED = 0.8  # rank correlation of force and time from which on a drift is not told from a bend
 WEIGHT = -1.5  # power of force: noise may be constant or grow with it
+STEPS_MM = 1.0, 0.5, 0.1  # in which a ruler or a caliper is read
 LEAST_DRIFT = 0.03  # of the slope, from the first reading to the last; less is let be
 # Standard deviations of a sample above its mean below which 95 % of presses lie in 95 % of samples,
 # by its size, where presses scatter exponentially to the harder side: the longest tail of laws
@@ -422,9 +423,17 @@ def fit_travel(counts: Sequence[int], places_mm: Sequence[float]) -> Line:
     square = sum((a - mean) ** 2 for a in counts)
     spread = math.sqrt(sum(a * a for a in away_mm) / (len(counts) - 2))
     half = quantile_t(0.975, len(counts) - 2) * spread / math.sqrt(square)
-    half += 2 * worst / (max(counts) - min(counts))  # the ends may be bent opposite ways
+    # the ends may be bent opposite ways, or rounded so: places may lie on a line by rounding alone
+    half += 2 * max(worst, _rounded_mm(places_mm)) / (max(counts) - min(counts))
     size, count = abs(slope), len(counts)
     return Line(size, (size - half, size + half), worst, min(counts), max(counts), count, count)
+
+
+def _rounded_mm(places_mm: Sequence[float]) -> float:
+    """By how much a place may have been rounded: half the step that all of them are read in."""
+    steps = (step for step in STEPS_MM if all(abs(p / step - round(p / step)) < 1e-6
+                                              for p in places_mm))  # fmt: skip
+    return next(steps, 0.0) / 2
 
 
 def _line(

@@ -431,6 +431,19 @@ def test_travel_of_a_count_is_recovered_within_its_interval(bend_mm: float) -> N
     assert refused / series < 0.02
 
 
+@pytest.mark.parametrize("step_mm", [1.0, 0.5, 0.1])
+def test_interval_of_travel_holds_what_a_ruler_has_rounded_off(step_mm: float) -> None:
+    """Places that lie on a line by rounding alone, as those of 0.73 mm on half millimetres do."""
+    counts = [10, 30, 50, 70, 90]
+    for true_um in range(600, 900, 3):
+        for mark in (150.0, 150.13):
+            exact = [mark - true_um * 1e-3 * c for c in counts]
+            line = fit_travel(counts, [round(p / step_mm) * step_mm for p in exact])
+            low, high = line.interval
+            assert low <= true_um * 1e-3 <= high
+            assert high - low < 0.06
+
+
 def test_place_read_wrongly_and_way_too_short_are_refused() -> None:
     rng = random.Random(3)
     counts = list(range(10, 130, 15))
