@@ -109,19 +109,22 @@ def of_weights(lab: Lab) -> list[Row]:
 def of_presses(lab: Lab) -> list[Row]:
     """Counts a newton by the finger's own presses."""
     lab.cell.ask("place")
+    typed: list[float] = []
 
     def person(question: str) -> str:
         if "almost touch" in question:
             return f"{int(ALMOST_MM / TRUE_MM)}"
-        force_n = lab.newtons()
-        return f"{force_n:.2f} N" if force_n > 0.3 else ""
+        if (force_n := lab.newtons()) <= 0.3:
+            return ""
+        typed.append(round(force_n, 2))
+        return f"{typed[-1]:.2f} N"
 
     out = str(lab.folder / "force.toml")
     words = ("force", "--press", "--up-to", "15", "--out", out, *CONFIRMED)
     shown, _ = lab.wrote(person, *words)
-    least, most = _found(r"readings of a scale, ([\d.]+) to ([\d.]+) N", shown)
-    within = [least + share * (most - least) for share in (0.4, 0.0, 1.0, 0.2, 0.8, 0.6)]
-    return [_counts(shown, "calibrate force --press", true_slope(within, *HAND))]
+    most = _found(r"readings of a scale, [\d.]+ to ([\d.]+) N", shown)[0]
+    truth = true_slope(sorted({n for n in typed if n <= most}), *HAND)
+    return [_counts(shown, "calibrate force --press", truth)]
 
 
 def of_noise(lab: Lab) -> list[Row]:

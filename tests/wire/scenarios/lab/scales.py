@@ -76,5 +76,8 @@ def counts_under(forces_n: Sequence[float], *sets: str) -> list[float]:
 
 
 def true_slope(forces_n: Sequence[float], *sets: str) -> float:
-    """Counts a newton of that pad, by the line that `grasp calibrate force` takes."""
-    return fit_counts(list(map(Point, forces_n, counts_under(forces_n, *sets)))).slope
+    """Counts a newton of that pad, which bends, at those forces: by the line that `grasp calibrate
+    force` takes."""
+    counts = counts_under(forces_n, *sets)
+    rounds = [Point(n, c, r) for r in (1, 2, 3) for n, c in zip(forces_n, counts, strict=True)]
+    return fit_counts(rounds).slope
