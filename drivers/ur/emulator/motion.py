@@ -27,6 +27,7 @@ from drivers.ur.emulator.plans import (
     ToolSpeed,
     beyond,
     in_range,
+    where,
 )
 from drivers.ur.emulator.settings import EmulatorSettings
 from drivers.ur.emulator.urscript.parse import ScriptError
@@ -129,7 +130,7 @@ class RobotMotion:
                 with self._lock:
                     pace = self._arm.pace(self._now_ns)
                 plan.step(self._period_s, pace)
-                trouble = beyond(plan.q, plan.qd)
+                trouble = where(beyond(plan.q, plan.qd), plan.q)
             except OutOfReach as error:
                 trouble = str(error)
             x, y, z = kinematics.forward(plan.q)[:3, 3].tolist()
@@ -166,7 +167,7 @@ class RobotMotion:
             self.qd = tuple(np.linalg.solve(kinematics.jacobian(q), twist).tolist())
         except np.linalg.LinAlgError:
             return "joints cannot follow the tool: singular"
-        return beyond(self.q, self.qd)
+        return where(beyond(self.q, self.qd), self.q)
 
     # state
 

@@ -141,6 +141,11 @@ class Connection:
                     return
                 self.talk.feed(data)
 
+    @property
+    def deaf(self) -> bool:
+        """It does not read what it is told."""
+        return len(self._unsent) > _MAX_UNSENT
+
     def send(self, data: bytes) -> bool:
         """Send as much as the client takes; False when it is gone or does not read."""
         self._unsent += data
@@ -148,7 +153,7 @@ class Connection:
             while self._unsent:
                 del self._unsent[: self.sock.send(self._unsent)]
         except BlockingIOError:
-            return len(self._unsent) <= _MAX_UNSENT
+            return not self.deaf
         except OSError:
             return False
         return True
@@ -249,6 +254,8 @@ class Server:
         if alive or connection.closed:
             return
         connection.closed = True
+        if connection.deaf:
+            self._refused(f"a client was cut off: it has not read {_MAX_UNSENT} bytes")
         del self._connections[connection]
         connection.places.leave(connection)
         self._shares.forget(connection)

@@ -207,6 +207,8 @@ def test_client_that_never_reads_keeps_little_and_is_cut_off(emulator, port, cou
             time.sleep(0.02)
         assert not served(emulator.host, port, peers)
         assert most - before < count * 1.05 + 10.0  # what they keep, and what answers are made of
+    said = " ".join(emulator.fault(do="state")["messages"])
+    assert said.count("cut off: it has not read 1048576 bytes") == count
     assert answers(emulator)
 
 
