@@ -46,6 +46,8 @@ class Lab:
         with self.program("emulate", "--host", HOST, "--gripper-port", PORT, *words) as cell:
             endpoints = json.loads(cell.wait_for(r"\{.*\}").group(0))
             self.write(endpoints)
+            lab = ("--confirm-motion", "--config", "lab.toml")
+            self.done("gripper", "activate", "--empty", *lab)  # no run does
             yield cell
 
     def write(self, endpoints: dict[str, Any]) -> None:
@@ -100,7 +102,6 @@ def lift_three(lab: Lab) -> None:
         assert "nothing stands against a run" in lab.done(
             "doctor", "--rig", "hardware", "--config", "lab.toml"
         )
-        lab.done("release", *MOVES, "--activate")
         with lab.program(*lifts) as run:
             put_in_place(run, cell, "Trial 1 of 3")
             run.wait_for("How far has the object slipped")
@@ -184,7 +185,6 @@ def test_object_that_falls_ends_a_series_which_goes_on_when_the_hand_is_open_aga
     lab = Lab(tmp_path)
     lifts = ("run", "lift", "--object", "can", *MOVES, "--trials", "2", "--out", "can.sqlite")
     with lab.cell(*SLEDGE) as cell:
-        lab.done("release", *MOVES, "--activate")
         with lab.program(*lifts) as run:
             put_in_place(run, cell, "Trial 1 of 2")
             run.wait_for("How far has the object slipped")
