@@ -66,7 +66,7 @@ def test_line_above_the_panel_fits_eighty_columns() -> None:
 
 @pytest.mark.parametrize("rig", ["simulated", "emulated", "hardware"])
 @pytest.mark.parametrize("hand", [True, False])
-def test_setting_up_is_one_line_and_speaks_of_a_gripper_only_where_one_is_opened(
+def test_setting_up_is_one_line_and_speaks_of_a_gripper_only_where_one_is_activated(
     rig: str, hand: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[view.Message] = []
@@ -76,7 +76,8 @@ def test_setting_up_is_one_line_and_speaks_of_a_gripper_only_where_one_is_opened
     (busy,) = told
     assert isinstance(busy, view.Busy)
     assert len(busy.text) <= 78  # beside its spinner
-    assert ("gripper" in busy.text) == (hand and rig != "simulated")
+    # no run activates a real one
+    assert ("gripper" in busy.text) == (hand and rig == "emulated")
 
 
 def test_line_and_its_end_are_one_write(monkeypatch: pytest.MonkeyPatch) -> None:
