@@ -148,7 +148,9 @@ class ControlLoop:
 
         Raises Interruption between two ticks when a signal has come.
         """
-        end_ns, controller = self._clock.now_ns + round(deadline_s * 1e9), self._step.controller
+        start_ns, controller = self._clock.now_ns, self._step.controller
+        end_ns = start_ns + round(deadline_s * 1e9)
+        self._deadlines = Deadlines(start_ns, self._period_ns)  # what came before it is no lateness
         with interruption.watched():
             while not controller.finished and self._clock.now_ns < end_ns + controller.excused_ns:
                 interruption.check()
