@@ -14,6 +14,7 @@ from drivers.robotiq.protocol import (
 )
 
 _DETECTIONS = tuple(Detection)
+_MISREAD_COUNTS = 16  # by which a position is off at most; who was told back further, opens
 
 LATCHED = "contact is latched: a close at no higher force does nothing"
 THERE = "already there"
@@ -59,7 +60,8 @@ def held_targets(
 
     A finger that rests at its target, by its own word, keeps that target: following the report,
     which may be some counts off, would make it creep or press. For that no finger that has met
-    something is told further than it was.
+    something is told further than it was; but one that was told to open since, and says still that
+    it has met something, is not to open on.
     """
     here = [finger.position_counts for finger in fingers]
     if wanted is None or not wanted.go_to:
@@ -67,7 +69,8 @@ def held_targets(
     for i, finger in enumerate(fingers):
         asked = wanted.axes[i].position
         if finger.detection is Detection.CONTACT_CLOSING:
-            here[i] = min(here[i], asked)
+            if here[i] - asked <= _MISREAD_COUNTS:
+                here[i] = min(here[i], asked)
         elif abs(asked - here[i]) <= 1 or _stands_at(finger, asked):
             here[i] = asked
     return tuple(here)
