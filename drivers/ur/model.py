@@ -4,8 +4,8 @@ form; time is an argument.
 A path is a chain of segments of constant acceleration; the last one is at rest, or keeps the
 velocity that was asked for. The turn of the tool about its own axis is a second, shorter chain. A
 command replaces the part of the chains from the controller cycle in which it takes effect, and
-nothing before it. The speed slider slows down what moves to a place; velocities that are kept, and
-stops, are what they are told to be.
+nothing before it, nor what a world that is ahead of its controller has seen. The speed slider slows
+down what moves to a place; velocities that are kept, and stops, are what they are told to be.
 """
 
 import math
@@ -83,6 +83,7 @@ class ArmModel:
         self._period_ns = round(settings.period_s * 1e9)
         self._latency_ns = round(settings.command_latency_s * 1e9)
         self._protective_mps2 = settings.protective_deceleration_mps2
+        self._seen_ns = now_ns
         self._chain: list[Segment] = [_rest(now_ns, settings.start_m)]
         self._starts = [now_ns]
         self._turns: list[Turn] = [Turn(now_ns, 0.0, 0.0, 0.0)]
@@ -194,6 +195,15 @@ class ArmModel:
     def set_payload(self, mass_kg: float) -> None:
         self.payload_kg = mass_kg
 
+    def seen(self, until_ns: int) -> None:
+        """The world has come so far: that stays as it was, whatever a controller commands that has
+        yet to make up for cycles of before."""
+        self._seen_ns = max(self._seen_ns, until_ns)
+
+    def behind(self, now_ns: int) -> bool:
+        """A command of now waits for the world, which is further than where it would act."""
+        return self._effect_ns(now_ns) > self._cycle_ns(now_ns + self._latency_ns)
+
     def position(self, t_ns: int) -> Vector3:
         return self._at(t_ns).position(t_ns)
 
@@ -227,7 +237,11 @@ class ArmModel:
         return self._lie(sample)
 
     def _effect_ns(self, now_ns: int) -> int:
-        return -(-(now_ns + self._latency_ns) // self._period_ns) * self._period_ns
+        return self._cycle_ns(max(now_ns + self._latency_ns, self._seen_ns))
+
+    def _cycle_ns(self, t_ns: int) -> int:
+        """The first one from then on."""
+        return -(-t_ns // self._period_ns) * self._period_ns
 
     def _at(self, t_ns: int) -> Segment:
         if t_ns >= self._starts[-1]:  # most often

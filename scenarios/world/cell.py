@@ -179,6 +179,7 @@ class SimulatedCell:
             before, self._travel_m,
         )  # fmt: skip
         self._arm_height_m, self._arm_rise_mps = height, rise_mps
+        self.arm.seen(end_ns)
         self._now_ns = end_ns
         if self._pull.begins(end_ns, float(self.contact.state[laws.HEIGHT]), rise_mps):
             self.contact.pull(self._pull.settings, (end_ns - self._start_ns) * 1e-9)

@@ -123,9 +123,12 @@ class RobotMotion:
         return self._plan is not None or bool(self._planned)
 
     def _go_on(self, sample: ArmSample) -> str:
-        """One cycle of the plan; the arm is told now, and its sample shows it later."""
+        """One cycle of the plan; the arm is told now, and its sample shows it later. In a cycle
+        that is made up for, behind the world, the arm stands as it did there, its plan with it."""
         plan, trouble = self._plan, ""
-        if plan is not None:
+        with self._lock:
+            stands = self._arm.behind(self._now_ns)
+        if plan is not None and not stands:
             try:
                 with self._lock:
                     pace = self._arm.pace(self._now_ns)
@@ -141,6 +144,8 @@ class RobotMotion:
                 self._plan = None
         while self._planned and self._planned[0][0] <= self._now_ns:
             _, self.q, self.qd = self._planned.popleft()
+        if stands and not self._planned:
+            self.qd = STILL
         self._turn_to(kinematics.forward(self.q)[:3, :3], sample.angle_rad)
         twist = kinematics.jacobian(self.q) @ np.array(self.qd)
         x, y, z, rx, ry, rz = twist.tolist()
