@@ -1,29 +1,42 @@
 """What calibrations at an emulated lab recover of what is known there: a table of docs/hardware.md.
 
-    python scripts/recovered.py
+    python scripts/recovered.py                the verbs, once, against an emulated lab
+    python scripts/recovered.py --coverage 40  how often an interval holds the truth, virtual time
 
 The verbs of `grasp calibrate` and `grasp tactile watch`, each in a process of its own, their
 questions answered from what the cell truly presses with, weighs and travels. The hand is not as any
 packaged file has it. What `noise` finds in a hold of two minutes is held against one of 20 minutes
 of the same cell in virtual time.
+
+Coverage takes the same readings by the same code on the simulated rig, of as many seeds, and the
+level of holds of two minutes, nine to every tenth seed, against that of all of them.
 """
 
+import argparse
 import math
 import re
 import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from detector.scores.unlabelled import hold_of
+from detector.scores.unlabelled import SETTLED, hold_of
+from drivers.errors import UsageError
 from scenarios.campaign.config import RunConfig, load_config
+from scenarios.lab.fit import Line
 from scenarios.lab.hand import Hand
+from scenarios.lab.scale import Presser
+from scenarios.lab.sessions import ROUNDS, Weighing, _press_by_counts
 from scenarios.lab.touch import Touch, taken_rest
 from scenarios.rigs.opening import open_rig
 from scenarios.studies.detectors.unlabelled import rule_of
+from scenarios.world.cell import LaidWeight, SimulatedCell
 from tests.wire.scenarios.lab.scales import CONFIRMED, N_PER_G, Lab, true_slope
 from tests.wire.scenarios.lab.terminal import grasp
 from tests.wire.scenarios.test_rigs import QUICK, emulate
@@ -36,6 +49,9 @@ MISTYPED = {100: 310}
 HOLD_S, LONG_S = 120.0, 1200.0
 BUDGET = 0.5  # false events a minute, as the verb's
 DETECTOR = "tcn"
+MOST_N, TOUCH_N = 15.0, 0.3
+MISSED = 0.0, 0.04  # of ticks: on a machine that has time, and on a busy one
+Counts = NDArray[np.int16]
 
 
 class Row(NamedTuple):
@@ -114,13 +130,13 @@ def of_presses(lab: Lab) -> list[Row]:
     def person(question: str) -> str:
         if "almost touch" in question:
             return f"{int(ALMOST_MM / TRUE_MM)}"
-        if (force_n := lab.newtons()) <= 0.3:
+        if (force_n := lab.newtons()) <= TOUCH_N:
             return ""
         typed.append(round(force_n, 2))
         return f"{typed[-1]:.2f} N"
 
     out = str(lab.folder / "force.toml")
-    words = ("force", "--press", "--up-to", "15", "--out", out, *CONFIRMED)
+    words = ("force", "--press", "--up-to", f"{MOST_N:g}", "--out", out, *CONFIRMED)
     shown, _ = lab.wrote(person, *words)
     most = _found(r"readings of a scale, [\d.]+ to ([\d.]+) N", shown)[0]
     truth = true_slope(sorted({n for n in typed if n <= most}), *HAND)
@@ -159,16 +175,132 @@ def of_noise(lab: Lab) -> list[Row]:
 def level_of_a_long_hold(own: Path) -> float:
     """In virtual time, closed by the same code as the verb's."""
     config: RunConfig = load_config("can", "simulated", DETECTOR, [own], (*QUICK, *HAND))
-    with open_rig(config, 0, paced=False) as rig:
-        tips, clock = rig.devices.tactile, rig.clock
-        rest = taken_rest(tips, clock)  # type: ignore[arg-type]  # a driver of ours, on this rig
-        touch = Touch(tips, rest, 10**9)  # type: ignore[arg-type]
-        hand = Hand(config, rig.devices.gripper, touch, clock, "")
-        hand.close((255, 255, 255), print)
-        held = hand.feel(LONG_S, print)
-        hand.move((0, 0, 0), print)
-        counts = np.concatenate([held, hand.feel(2.0, print)])
+    counts = long_hold(config, 0)
     return rule_of(config, [(counts, *hold_of(counts))], BUDGET).level
+
+
+def long_hold(config: RunConfig, seed: int) -> Counts:
+    """Counts (n, 3, taxels) of one, and of the open hand after it."""
+    with open_hand(config, seed) as (_, rig, touch):
+        hand = Hand(config, rig.devices.gripper, touch, rig.clock, "")
+        hand.close((255, 255, 255), _nothing)
+        held = hand.feel(LONG_S, _nothing)
+        hand.move((0, 0, 0), _nothing)
+        return np.concatenate([held, hand.feel(2.0, _nothing)])
+
+
+@contextmanager
+def open_hand(config: RunConfig, seed: int) -> Iterator[tuple[SimulatedCell, Any, Touch]]:
+    """With the object between its fingers, in virtual time; its fingertips' rest is taken."""
+    with open_rig(config, seed, paced=False) as rig:
+        tips: Any = rig.devices.tactile
+        assert isinstance(rig.cell, SimulatedCell)  # noqa: S101
+        yield rig.cell, rig, Touch(tips, taken_rest(tips, rig.clock), 10**9)
+
+
+# Coverage
+
+
+class Person:
+    """Answers at once; ``answer`` may let time pass. What was read rightly is typed again."""
+
+    def __init__(self, answer: Callable[[], str]) -> None:
+        self._answer, self._asked, self._typed = answer, "", ""
+
+    def say(self, text: str) -> None:
+        self._asked = text
+
+    def poll(self) -> str | None:
+        if "type it again" not in self._asked:
+            self._typed = self._answer()
+        return self._typed
+
+
+def by_presses(config: RunConfig, seed: int) -> tuple[Line, float]:
+    """What is stated of a pad that its own finger presses, and its true slope."""
+    with open_hand(config, seed) as (cell, rig, touch):
+        presser = Presser(rig.devices.gripper, rig.clock, "A", MOST_N)
+
+        def says() -> str:
+            force_n = cell.truth().normal_n[0]
+            return f"{force_n:.2f} N" if force_n > TOUCH_N else ""
+
+        weighing = Weighing(touch, rig.clock, "A", MOST_N, Person(says), _nothing, presser.look)
+        near = int(ALMOST_MM / TRUE_MM)
+        for weighing.round in range(1, ROUNDS + 1):
+            presser.to(near)
+            weighing.railed = False
+            _press_by_counts(presser, near, weighing)
+        return weighing.fit(), _true(weighing, seed)
+
+
+def by_weights(config: RunConfig, seed: int) -> tuple[Line, float]:
+    """As ``by_presses``, under weights that a person lays on, one second before each is typed."""
+    with open_hand(config, seed) as (cell, rig, touch):
+        grams = iter((*WEIGHTS_G, None))
+
+        def says() -> str:
+            cell.lay(LaidWeight(finger="A", newtons=0.0))
+            if (laid := next(grams)) is None:
+                return ""
+            cell.lay(LaidWeight(finger="A", newtons=laid * N_PER_G))
+            weighing.settle()
+            return f"{laid} g"
+
+        weighing = Weighing(touch, rig.clock, "A", MOST_N, Person(says), _nothing)
+        while weighing.ask(""):
+            pass
+        return weighing.fit(), _true(weighing, seed)
+
+
+def _true(weighing: Weighing, seed: int) -> float:
+    return true_slope(sorted({point.force_n for point in weighing.points}), *HAND, seed=seed)
+
+
+def _nothing(text: str) -> None: ...
+
+
+def levels(config: RunConfig, seed: int) -> Iterator[tuple[bool, ...]]:
+    """Whether the interval of each two minutes of a long hold holds the level of all of it; for
+    each share of ticks that have no frame of their own."""
+    counts = long_hold(config, seed)
+    held, load = hold_of(counts)
+    truth = rule_of(config, [(counts, held, load)], BUDGET).level
+    drawn, length = np.random.default_rng(seed).random(len(counts)), round(HOLD_S * 100)
+    heard = [_repeated(counts, drawn < missed) for missed in MISSED]
+    for first in range(held.start, held.stop - length + 1, length):
+        inner = slice(SETTLED, length - SETTLED)
+        parts = [(each[first : first + length], inner, load) for each in heard]
+        intervals = [rule_of(config, [part], BUDGET).interval for part in parts]
+        yield tuple(low <= truth <= high for low, high in intervals)
+
+
+def _repeated(counts: Counts, missed: NDArray[np.bool_]) -> Counts:
+    """In such a tick the frame of the one before it, as whoever listens at 100 Hz has it."""
+    own = np.where(missed, 0, np.arange(len(counts)))
+    return counts[np.maximum.accumulate(own)]
+
+
+def coverage(count: int) -> None:
+    config: RunConfig = load_config("can", "simulated", DETECTOR, None, (*QUICK, *HAND))
+    print("| 95 % interval | holds the truth | refused | half of it | off by: median, most |"
+          "\n|---|---|---|---|---|", flush=True)  # fmt: skip
+    for title, by in (("`calibrate force`", by_weights), ("`calibrate force --press`", by_presses)):
+        lines, refused = [], 0
+        for seed in range(count):
+            try:
+                lines.append(by(config, seed))
+            except UsageError:  # no file is written
+                refused += 1
+        within = sum(line.interval[0] <= truth <= line.interval[1] for line, truth in lines)
+        off = [abs(line.slope / truth - 1.0) for line, truth in lines]
+        wide = np.median([line.interval[1] / line.slope - 1.0 for line, _ in lines])
+        print(f"| {title} | {within} of {len(lines)} | {refused} | {wide:.1%} | "
+              f"{np.median(off):.1%}, {max(off):.1%} |", flush=True)  # fmt: skip
+    found = [held for seed in range(-(-count // 10)) for held in levels(config, seed)]
+    for missed, held in zip(MISSED, zip(*found, strict=True), strict=True):
+        title = f"`calibrate noise`, two minutes, {missed:.0%} of ticks without a frame"
+        print(f"| {title} | {sum(held)} of {len(held)} | | | |", flush=True)
 
 
 def _counts(shown: str, verb: str, truth: float) -> Row:
@@ -185,6 +317,11 @@ def _found(pattern: str, shown: str) -> list[float]:
 
 
 def main() -> int:
+    parser = argparse.ArgumentParser(description="What calibrations recover.")
+    parser.add_argument("--coverage", type=int, metavar="N", help="of so many seeds")
+    if count := parser.parse_args().coverage:
+        coverage(count)
+        return 0
     print("| quantity | `grasp` | true | recovered | stated |\n|---|---|---|---|---|", flush=True)
     sets = [word for text in HAND for word in ("--set", text)]
     with tempfile.TemporaryDirectory() as folder, emulate(*sets) as endpoints:

@@ -25,7 +25,10 @@ LEAST_MOST_N = 0.5  # of the strongest reading: ten steps of a kitchen scale of 
 MOST_HALF = 0.25  # of the slope, by which it may be uncertain
 ORDERED = 0.8  # rank correlation of force and time from which on a drift is not told from a bend
 WEIGHT = -1.5  # power of force: noise may be constant or grow with it
+N_PER_G = 0.00980665
 STEPS_MM = 1.0, 0.5, 0.1  # in which a ruler or a caliper is read
+STEPS_N = *(g * N_PER_G for g in (10, 5, 2, 1, 0.5, 0.1)), 0.1, 0.05, 0.02, 0.01  # a scale
+CREEP = 0.01  # of the slope: a pad that stays loaded goes on to change, by its rubber; assumed
 LEAST_DRIFT = 0.03  # of the slope, from the first reading to the last; less is let be
 # Standard deviations of a sample above its mean below which 95 % of presses lie in 95 % of samples,
 # by its size, where presses scatter exponentially to the harder side: the longest tail of laws
@@ -195,6 +198,9 @@ def fit_counts(points: Sequence[Point]) -> Line:
         )
     if drift.seen or not in_order:  # else it is as likely a bend, and said
         half += abs(drift.share) * slope
+    half += CREEP * slope
+    if all(p.round for p in points):  # at the same places, of which the ends are rounded alike
+        half += slope * _step(forces, STEPS_N) / (max(forces) - min(forces))
     interval = slope - half, slope + half
     return Line(
         slope, interval, worst_n, min(forces), max(forces), len(points), len(groups),
@@ -424,16 +430,15 @@ def fit_travel(counts: Sequence[int], places_mm: Sequence[float]) -> Line:
     spread = math.sqrt(sum(a * a for a in away_mm) / (len(counts) - 2))
     half = quantile_t(0.975, len(counts) - 2) * spread / math.sqrt(square)
     # the ends may be bent opposite ways, or rounded so: places may lie on a line by rounding alone
-    half += 2 * max(worst, _rounded_mm(places_mm)) / (max(counts) - min(counts))
+    half += 2 * max(worst, _step(places_mm, STEPS_MM) / 2) / (max(counts) - min(counts))
     size, count = abs(slope), len(counts)
     return Line(size, (size - half, size + half), worst, min(counts), max(counts), count, count)
 
 
-def _rounded_mm(places_mm: Sequence[float]) -> float:
-    """By how much a place may have been rounded: half the step that all of them are read in."""
-    steps = (step for step in STEPS_MM if all(abs(p / step - round(p / step)) < 1e-6
-                                              for p in places_mm))  # fmt: skip
-    return next(steps, 0.0) / 2
+def _step(read: Sequence[float], steps: Sequence[float]) -> float:
+    """The largest of these steps that all values are read in; 0: in none."""
+    whole = (step for step in steps if all(abs(v / step - round(v / step)) < 1e-6 for v in read))
+    return next(whole, 0.0)
 
 
 def _line(

@@ -30,7 +30,7 @@ from drivers.robotiq.calibration import GripperCalibration
 from grasp import interruption
 from grasp.clock import Clock, WallClock
 from grasp.guard import GuardSettings
-from scenarios.lab.fit import AGAIN, Byte, Law, Line
+from scenarios.lab.fit import AGAIN, N_PER_G, Byte, Law, Line
 from scenarios.lab.hand import Say
 from scenarios.lab.steps import Steps, lead_counts, walk
 from scenarios.lab.touch import Touch
@@ -42,7 +42,7 @@ from scenarios.rigs.rig import check_fault, not_active
 from scenarios.rigs.wired import open_gripper
 from scenarios.trial.person import Operator
 
-NEWTONS = {"n": 1.0, "g": 0.00980665, "kg": 9.80665}
+NEWTONS = {"n": 1.0, "g": N_PER_G, "kg": 1e3 * N_PER_G}
 READING = re.compile(r"([0-9]+(?:[.,][0-9]+)?)\s*(n|g|kg)\Z", re.IGNORECASE)
 PLACE = re.compile(r"(-?[0-9]+(?:[.,][0-9]+)?)\s*(?:mm)?\Z", re.IGNORECASE | re.ASCII)
 LONGEST_MM = 2000.0  # of a ruler

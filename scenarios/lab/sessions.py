@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import Refused, UsageError
 from drivers.interfaces import FINGER_NAMES, PERIOD_NS
+from grasp import interruption
 from grasp.clock import WallClock
 from scenarios.lab.fit import (
     Byte,
@@ -48,6 +49,7 @@ LEAVE_OUT = "x"
 ALMOST = "At how many counts does the finger almost touch the scale?"
 SHORT_OF = 5  # counts before a touch: what is felt was there some counts before
 ROUNDS = 3
+SETTLES_S = 1.0  # of a press, before it is read: what is pressed gives way, and presses back less
 LEAP = 2.0  # of the largest step of a round so far: a step beyond is asked about before it ends it
 UNLOADED_S = 2.0  # listened to after a hold
 ORDER = "They came in the order of their force: what drifts would look like the pad"
@@ -73,6 +75,14 @@ class Weighing:
         self._clock.sleep_until_ns(self._clock.now_ns + PERIOD_NS)
         self._touch.pump(self._clock.now_ns)
         self._beside()
+
+    def settle(self) -> None:
+        """Let what is pressed give way: a scale that is read at once says more than the pad feels
+        in the second after it."""
+        until_ns = self._clock.now_ns + round(SETTLES_S * 1e9)
+        while self._clock.now_ns < until_ns:
+            interruption.check()
+            self.idle()
 
     def ask(self, question: str) -> bool:
         """One reading; False where a person has no more, or none of this load."""
@@ -205,6 +215,7 @@ def _press_by_counts(presser: Presser, near: int, weighing: Weighing) -> None:
     begun = len(weighing.points)
     for counts in range(near + 1, CLOSED):
         met, _ = presser.to(counts)
+        weighing.settle()
         pressed = len(weighing.points) > begun
         more = "no more" if pressed else "nothing yet"
         question = f"At {counts} counts: type what the scale says {UNIT}; Enter alone: {more}"

@@ -125,6 +125,23 @@ def test_interval_of_counts_a_newton_holds_the_truth_in_95_of_100_whatever_the_n
     assert held / series >= 0.93
 
 
+@pytest.mark.parametrize("step_n", [0.01, 0.02, 5 * 0.00980665])
+def test_interval_of_presses_holds_what_a_scale_rounds_alike_in_every_round(step_n: float) -> None:
+    """And what the pad has changed by since: each round ends at the same places."""
+    held, series = 0, 500
+    for seed in range(series):
+        rng = random.Random(seed)
+        places = [rng.uniform(0.4, 0.8) * (1 + i) for i in range(rng.randint(2, 5))]
+        crept = rng.uniform(0.993, 1.007)
+        points = [
+            Point(round(f / step_n) * step_n, TRUE * crept * f * rng.gauss(1.0, 0.001), number)
+            for number in (1, 2, 3) for f in (*places, 3.1 * max(places))
+        ]  # fmt: skip
+        line = fit_counts(points)
+        held += line.interval[0] <= TRUE <= line.interval[1]
+    assert held / series >= 0.95
+
+
 def shifted(how: str, rng: random.Random) -> list[Point]:
     """All readings off by the same: a pad whose rest is wrong, a scale that was not tared."""
     counts, newtons = (rng.gauss(0.0, 10.0), 0.0) if how == "rest" else (0.0, rng.gauss(0.0, 0.1))

@@ -50,10 +50,10 @@ class Lab:
         return shown, said
 
 
-def counts_under(forces_n: Sequence[float], *sets: str) -> list[float]:
+def counts_under(forces_n: Sequence[float], *sets: str, seed: int = 0) -> list[float]:
     """What the thumb's pad of `grasp emulate` truly falls by under such weights, each laid on anew,
     without the noise of a single sample."""
-    cell = any_cell(load_for_devices("can", "emulated", None, (*QUICK, *sets)), 0)
+    cell = any_cell(load_for_devices("can", "emulated", None, (*QUICK, *sets)), seed)
     assert isinstance(cell, SimulatedCell)
     t_ns = 0
 
@@ -75,9 +75,9 @@ def counts_under(forces_n: Sequence[float], *sets: str) -> list[float]:
     return fallen
 
 
-def true_slope(forces_n: Sequence[float], *sets: str) -> float:
+def true_slope(forces_n: Sequence[float], *sets: str, seed: int = 0) -> float:
     """Counts a newton of that pad, which bends, at those forces: by the line that `grasp calibrate
     force` takes."""
-    counts = counts_under(forces_n, *sets)
+    counts = counts_under(forces_n, *sets, seed=seed)
     rounds = [Point(n, c, r) for r in (1, 2, 3) for n, c in zip(forces_n, counts, strict=True)]
     return fit_counts(rounds).slope
