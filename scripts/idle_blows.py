@@ -8,7 +8,9 @@ and `test`, on drawn objects, and taps of the mallet on the six objects as
 packaged rule registers slip within half a second, which is how long a recording's blow is watched,
 and within the three of a tap; how often it does in as long before the blow; how far the blow moved
 the object, and how far the fingertips then stand from where they stood (rms of the hand's taxels);
-and the share that validation's own shares, by that distance, would give.
+and the share that validation's own shares, by that distance, would give. Of the data sets' blows
+also by kind, and by how far the contact slid while they lasted, to and fro: what a blow leaves
+within half a millimetre may have slid further and come back. `--taps 0` leaves the mallet out.
 """
 
 import argparse
@@ -27,6 +29,7 @@ from detector.decision import registered_events
 from detector.recordings import Recording
 from detector.scores.evaluation import WARM_UP_SAMPLES, stream
 from detector.scores.quantiles import quantile
+from drivers.interfaces import PERIOD_S
 from grasp.settings import names
 from scenarios.campaign.config import load_config
 from scenarios.campaign.paper import wilson
@@ -36,6 +39,7 @@ from scripts.last_draw import Draw, all_taps
 
 FIRST_SEED = 95_000  # of the taps; no draw, campaign, figure or test has it
 WATCHED_TAP_S = 3.0
+SLID_MM = (0.3, 0.6, 1.0)
 CLASSES = 4  # of how far the fingertips stand off, by validation's quantiles
 REST, AFTER = slice(-15, -1), slice(6, 16)  # samples around the blow
 
@@ -46,6 +50,8 @@ class Idle(NamedTuple):
     moved_mm: float
     shift_counts: float
     answered: dict[str, tuple[bool, bool, bool]]  # within 0.5 s, within 3 s; in 0.5 s before
+    kind: str = "tap"
+    slid_mm: float = np.nan  # of the contact, to and fro; of a tap nobody noted it
 
 
 def of_recordings(recordings: Sequence[Recording], detectors: Sequence[str]) -> Iterator[Idle]:
@@ -54,11 +60,26 @@ def of_recordings(recordings: Sequence[Recording], detectors: Sequence[str]) -> 
         if not idle:
             continue
         starts = {name: _starts(name, r.counts) for name in detectors}
+        kinds = _kinds(r)
         for b in idle:
             yield Idle(
                 1e3 * b.moved_m, _shift(r.counts, b.struck),
                 {n: _answered(at, r.t_s, b.struck, b.until, b.until) for n, at in starts.items()},
+                kinds[b.struck], _slid_mm(r, b.struck, b.until),
             )  # fmt: skip
+
+
+def _kinds(r: Recording) -> dict[int, str]:
+    """Of the act that fell last before a sample."""
+    acts = r.metadata.acts if r.metadata else ()
+    at = np.searchsorted(r.t_s - r.t_s[0], [act.t_s for act in acts], side="right")
+    return {int(k): act.kind for k, act in zip(at, acts, strict=True)}
+
+
+def _slid_mm(r: Recording, struck: int, until: int) -> float:
+    if r.contact_speed_mps is None:
+        return np.nan
+    return 1e3 * PERIOD_S * float(np.abs(r.contact_speed_mps[struck:until]).sum())
 
 
 def of_taps(draw: Draw, detectors: Sequence[str], workers: Workers) -> Iterator[Idle]:
@@ -118,7 +139,9 @@ def table(every: dict[str, list[Idle]], detectors: Sequence[str]) -> str:
             cells += [share(idle, d, which) for which in range(3)]
             cells.append(f"{100 * foretold(idle, every['validation'], d, borders):.0f} %")
         lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join([*lines, "", by_class(every, detectors, borders)])
+    return "\n".join(
+        [*lines, "", by_class(every, detectors, borders), "", by_course(every, detectors)]
+    )
 
 
 def by_class(
@@ -135,6 +158,23 @@ def by_class(
             cells = [f"{int(hit[classes == k].sum())} of {int((classes == k).sum())}"
                      for k in range(CLASSES)]  # fmt: skip
             lines.append(f"| {title}, `{d}` | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def by_course(every: dict[str, list[Idle]], detectors: Sequence[str]) -> str:
+    """Of the data sets' blows together: by kind, and by how far the contact slid."""
+    idle = [i for its in every.values() for i in its if np.isfinite(i.slid_mm)]
+    lines = [f"| blows | n | slid, mm, p50 / p90 | {' | '.join(f'`{d}`' for d in detectors)} |",
+             "|---" * (len(detectors) + 3) + "|"]  # fmt: skip
+    parts = {kind: [i for i in idle if i.kind == kind] for kind in sorted({i.kind for i in idle})}
+    for low, high in pairwise((0.0, *SLID_MM, np.inf)):
+        parts[f"slid {low:g}-{high:g} mm"] = [i for i in idle if low <= i.slid_mm < high]
+    for d in detectors:
+        parts[f"answered by `{d}`"] = [i for i in idle if i.answered[d][0]]
+    for title, its in parts.items():
+        heard = [str(sum(i.answered[d][0] for i in its)) for d in detectors]
+        slid = _two([i.slid_mm for i in its], 2) if its else "–"
+        lines.append(f"| {title} | {len(its)} | {slid} | {' | '.join(heard)} |")
     return "\n".join(lines)
 
 
@@ -174,8 +214,9 @@ def main() -> int:
         split: list(of_recordings(read_split(args.data, split), args.detectors))
         for split in ("validation", "test")
     }
-    draw = Draw(FIRST_SEED, args.taps, 0)
-    every["the mallet's"] = list(of_taps(draw, args.detectors, Workers(args.jobs)))
+    if args.taps:
+        draw = Draw(FIRST_SEED, args.taps, 0)
+        every["the mallet's"] = list(of_taps(draw, args.detectors, Workers(args.jobs)))
     print(table(every, args.detectors))
     return 0
 

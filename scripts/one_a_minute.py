@@ -6,6 +6,7 @@ The rule of each is tuned on the split `validation` as `grasp detector tune` tun
 the split `test`: all sets, and those recordings of them that are of the paper's kind. A detector
 that no rule keeps within the budget and within one idle blow in twenty has a row that says so, with
 the best rule that keeps to the budget alone. Delays of slips that were missed are infinite.
+`--tune-on paper` tunes on those recordings of `validation` alone that are of the paper's kind.
 
 `--observer` adds an ensemble (extra `train`) that knows counts and what `tcn` and `gru` said until
 each sample, has learnt from other recordings of both splits, and is given a rule in the same way;
@@ -224,6 +225,7 @@ def main() -> int:
     parser.add_argument(
         "--every", type=int, nargs="+", metavar="N", help="of each set one recording in so many"
     )
+    parser.add_argument("--tune-on", choices=("all", "paper"), default="all")
     parser.add_argument("--observer", action="store_true")
     args = parser.parse_args()
     every_so = args.every or [1] * len(args.data)
@@ -241,6 +243,7 @@ def main() -> int:
     every = []
     for name in (*args.detectors, *([OBSERVER] if args.observer else [])):
         known, asked = ([heard[name][i] for i in of_split[s]] for s in SPLITS)
+        known = [s for s in known if args.tune_on == "all" or _slides(s)]
         base = bases.get(name, bases[FUSED]).rule
         every.append(tuned(name, list(rules(base)), known, asked))
         print(rows(every[-1:]), flush=True)

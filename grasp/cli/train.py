@@ -12,7 +12,10 @@ from grasp.cli.places import file_with_folders, must_be_writable
 NETWORKS = ("tcn", "gru", "tcn-paper", "freq-cnn-paper")
 NO_LIMIT_MINUTES = 1e9
 # options that are settings of a training
-ASKED = ("seed", "steps", "augmentation", "balance", "label", "moved_m", "validations")
+ASKED = (
+    *("seed", "steps", "augmentation", "balance", "label", "moved_m"),
+    *("validations", "patience"),
+)
 
 
 def add_parser(actions: Any) -> None:
@@ -38,6 +41,10 @@ def add_parser(actions: Any) -> None:
     parser.add_argument(
         "--validations", type=whole(1, 1000), metavar="N",
         help="evenly over the steps: the log's learning curve (default: the network's)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--patience", type=whole(1, 1000), metavar="N",
+        help="validations in a row without a better one that end it (default: 8)",
     )  # fmt: skip
     parser.add_argument(
         "--minutes", type=decimal(0, NO_LIMIT_MINUTES), default=NO_LIMIT_MINUTES, metavar="M",

@@ -204,3 +204,20 @@ def test_the_verb_trains_logs_resumes_and_its_weights_are_used(
     assert not out.with_suffix(".checkpoint").exists()
     assert main([*words, "--steps", "20", "--resume"]) == 2
     assert "no such file" in capsys.readouterr().err
+
+
+def test_a_training_is_as_patient_as_it_is_told_to_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for i, recording in enumerate([*TRAIN, *VALIDATION]):
+        write(tmp_path / f"{i}.npz", recording)
+    made = []
+    for patience in ("1", "1000"):
+        out = tmp_path / f"{patience}.onnx"
+        words = ["detector", "train", "gru", "--data", str(tmp_path), "--out", str(out)]
+        asked = ["--steps", "30", "--validations", "30", "--patience", patience]
+        assert main([*words, *asked]) == 0
+        made.append(len(out.with_suffix(".log").read_text().splitlines()))
+    assert made[0] < made[1] == 30
+    assert main([*words[:-1], str(tmp_path / "none.onnx"), "--patience", "0"]) == 2
+    assert "--patience" in capsys.readouterr().err

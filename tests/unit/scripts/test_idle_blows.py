@@ -1,8 +1,10 @@
 """Blows that moved nothing, told by when they were answered and by how far the fingertips stand."""
 
+import msgspec
 import numpy as np
+import pytest
 
-from scripts.idle_blows import Idle, foretold, of_recordings, table
+from scripts.idle_blows import Idle, by_course, foretold, of_recordings, table
 from tests.unit.detector.blow_toys import struck
 
 
@@ -41,3 +43,19 @@ def test_a_tap_answered_later_than_a_recording_watches_is_told_apart() -> None:
     last = table(every, ["tcn"]).splitlines()[3]
     assert "1 (50.0 %" in last
     assert "2 (100.0 %" in last
+
+
+def test_a_blow_is_told_by_its_kind_and_by_how_far_the_contact_slid_to_and_fro() -> None:
+    recording = struck((2.0, 0.0), (4.0, 0.0))
+    speed = np.zeros(len(recording.t_s), np.float32)
+    speed[205:215], speed[215:225] = 0.05, -0.05  # there and back, after the first
+    still, slid = (
+        list(of_recordings([r], ["energy"]))
+        for r in (recording, msgspec.structs.replace(recording, contact_speed_mps=speed))
+    )
+    assert {i.kind for i in slid} == {a.kind for a in recording.metadata.acts}  # type: ignore[union-attr]
+    assert [i.slid_mm for i in slid] == pytest.approx([10.0, 0.0])
+    assert np.isnan([i.slid_mm for i in still]).all()
+    told = by_course({"validation": slid, "the mallet's": still}, ["energy"])
+    assert "| slid 1-inf mm | 1 | 10.00 / 10.00 | 0 |" in told
+    assert "| slid 0-0.3 mm | 1 | 0.00 / 0.00 | 0 |" in told
