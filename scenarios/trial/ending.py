@@ -121,7 +121,7 @@ def _unknown(arm: ArmState, deaf: bool, doubted: bool) -> bool:
 
 
 def _arm(arm: ArmState, deaf: bool, doubted: bool) -> str:
-    moves = f"moving at {math.hypot(*arm.velocity_mps):.2f} m/s"
+    moves = f"moving at {_speed(math.hypot(*arm.velocity_mps))}"
     if deaf:
         return f"the arm {f'was still {moves}' if arm.moving else 'stood'} when last heard"
     if arm.stopped_by_safety:
@@ -129,6 +129,12 @@ def _arm(arm: ArmState, deaf: bool, doubted: bool) -> str:
     if doubted:
         return f"the arm says that it {'is still ' + moves if arm.moving else 'stands'}"
     return f"the arm is still {moves}" if arm.moving else "the arm stands"
+
+
+def _speed(mps: float) -> str:
+    if math.isfinite(mps):
+        return f"{mps:.2f} m/s" if mps >= 0.01 else "less than 0.01 m/s"
+    return "a speed that it does not tell"
 
 
 def _felt(tick: Tick, feels: bool) -> str:

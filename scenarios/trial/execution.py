@@ -42,6 +42,9 @@ KEEP_UP = (
 INTERRUPTED = "interrupted"  # and of one that was stopped from outside: it is not judged
 INTERNAL_ERROR = "internal_error"  # and of one that an exception of our own code ended: nor this
 REPORT = "a bug: report it with what the run has left"
+LOOK_THERE = "see the phases of the result"
+TIMED_OUT = "the run did not end in time"
+LONGER = "where it was only slow, give it longer (loop.deadline_s)"
 
 OnTick = Callable[[Tick], None]
 Watch = Callable[[Tick, Truth | None, GraspController], None]
@@ -207,12 +210,14 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         message = "; then ".join((message, *self.controller.further))
         if self.interrupted:
             return Failure("interrupted", message, "", end)
-        if stood_still(cause):
-            return Failure("safety_stop", message, KEEP_UP, end)
+        remedy = remedy_of(self.trace.last, errors, config.controller.stale_after_s)
+        if stood_still(cause):  # as it does where a verb waits for a hand that has fallen silent
+            both = "; ".join(filter(None, (remedy if errors else "", KEEP_UP)))
+            return Failure("safety_stop", message, both, end)
         for error in errors.values():
-            remedy = remedy_of(self.trace.last, errors, config.controller.stale_after_s)
             return Failure(error.kind, message, remedy, end)
-        return Failure(kind_of(cause), message, "see the phases of the result", end)
+        look = f"{LOOK_THERE}; {LONGER}" if TIMED_OUT in cause else LOOK_THERE
+        return Failure(kind_of(cause), message, look, end)
 
     def figures(self, config: TrialConfig, scenario: str, seed: int) -> dict[str, Any]:
         """What every result says alike, by the fields of ``TrialResult``."""

@@ -52,7 +52,7 @@ _STATE = (
     rf"{_PARTLY}(, and feels nothing|; what it feels is not known))"
 )
 _ALONE = r"(cannot be told anything|is not activated|refuses every motion \(.+\)) and holds"
-_MOVES = r"moving at \d+\.\d\d m/s"
+_MOVES = r"moving at (\d+\.\d\d m/s|less than 0\.01 m/s|a speed that it does not tell)"
 SAID = {
     "arm": rf"the arm (stands|is stopped by its own safety system|says that it stands|is still "
     rf"{_MOVES}|says that it is still {_MOVES}|(stood|was still {_MOVES}) when last heard)",

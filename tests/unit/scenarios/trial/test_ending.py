@@ -1,5 +1,6 @@
 """What a run says of arm and hand when it ended in a safe state: what was heard last, no more."""
 
+import math
 import re
 from collections.abc import Callable
 
@@ -21,7 +22,7 @@ from scenarios.trial.ending import (
     remedy_of,
     stood_still,
 )
-from scenarios.trial.execution import FinishedTrial
+from scenarios.trial.execution import KEEP_UP, FinishedTrial
 from tests.unit.scenarios.conftest import Staged, config, in_phase
 from tests.unit.scenarios.lift.device_faults import (
     freeze_gripper_status,
@@ -37,6 +38,7 @@ from tests.unit.scenarios.lift.test_faults import (
 )
 from tests.unit.scenarios.lift.test_first_contact import taken_away
 
+UNTOLD = "a speed that it does not tell"
 QUICK = ("controller.lift_height_m=0.08", "hand.activation_s=0.5")
 
 
@@ -135,7 +137,7 @@ def test_every_device_that_is_gone_is_named() -> None:
     for word in ("gripper: no answer", "link to the arm lost", "the tactile board"):
         assert word in failure.message
     assert "\n" not in failure.message
-    assert end.arm.startswith("the arm was still moving at 0.")
+    assert end.arm.startswith("the arm was still moving at ")
     assert len(end.unreached) == 2
     assert end.arm.endswith("when last heard")
     assert end.hand.startswith("the hand cannot be told anything and holds by itself")
@@ -151,6 +153,17 @@ def test_remedy_is_each_devices_own_and_the_cells_where_all_are_gone() -> None:
         "look at the arm; look at the hand"
     )
     assert remedy_of(None, {"arm": arm, "gripper": arm}, 0.1) == "look at the arm"
+
+
+def test_remedy_of_a_device_that_is_gone_stands_before_that_of_a_computer_that_stood() -> None:
+    def let_it_wait(rig: Rig) -> None:
+        cut_gripper(rig)
+        rig.clock.sleep_until_ns(rig.clock.now_ns + 600_000_000)  # as for an exchange under way
+
+    trial, staged, _ = ended(Phase.HOLD, let_it_wait)
+    failure = trial.failure(staged.config, "fault")
+    assert failure is not None and STOOD_STILL in failure.message
+    assert failure.remedy == f"check cable, power and address; {KEEP_UP}"
 
 
 def test_arm_that_nobody_knows_to_stand_is_to_be_looked_at() -> None:
@@ -242,3 +255,16 @@ def test_between_two_trials_what_was_heard_last_is_told_and_a_closed_hand_has_it
         "let go",
     )  # fmt: skip
     assert between_trials(None, gripper, now_ns, 0.1, "let go").advice == "let go"
+    for mps, said in ((0.25, "0.25 m/s"), (0.004, "less than 0.01 m/s"), (math.nan, UNTOLD)):
+        going = msgspec.structs.replace(arm, moving=True, velocity_mps=(0.0, 0.0, mps))
+        end = between_trials(going, gripper, now_ns, 0.1, "let go")
+        assert end.arm == f"the arm is still moving at {said}"
+
+
+def test_run_that_its_deadline_ended_is_told_where_that_is_set() -> None:
+    staged = Staged(*QUICK, "loop.deadline_s=2")
+    trial = staged.run(lambda _: False, interrupt)
+    failure = trial.failure(staged.config, "fault")
+    assert failure is not None
+    assert "did not end in time" in failure.message
+    assert "loop.deadline_s" in failure.remedy
