@@ -1,6 +1,7 @@
 """An hour of lifts at 100 Hz on the emulated cell, with a fault now and then, watched by a page.
 
     python scripts/soak.py run [--minutes 60] [--out runs/soak.json]    run it, then tell
+    python scripts/soak.py run --fault gripper_freeze [--fault ...]     each lift by one of these
     python scripts/soak.py tell [--out runs/soak.json]                  what came of it
 
 One process makes all lifts, recorded each; every fourth, by a seed, is struck in a phase by a
@@ -240,10 +241,27 @@ def config_of(name: str) -> LiftConfig:
 Keep = Callable[[Soak], None]
 
 
-def soak(minutes: float, keep: Keep) -> Soak:
+class Draw:
+    """Seeds of lifts, and by which fault, in which phase, the next is struck, if it is."""
+
+    def __init__(self, only: Sequence[str]) -> None:
+        """``only``: names of faults, one of which strikes every lift; none: any, now and then."""
+        self._random = random.Random(SEED)
+        self._faults = [fault for fault in FAULTS if not only or fault["name"] in only]
+        self._between = 1 if only else BETWEEN
+
+    def seeds(self) -> list[int]:
+        return [self._random.randrange(1 << 16) for _ in range(2 * BETWEEN)]
+
+    def due(self) -> tuple[Phase, dict[str, Any]] | None:
+        fault, phase = self._random.choice(self._faults), self._random.choice(PHASES)
+        return (phase, fault) if self._random.random() * self._between < 1.0 else None
+
+
+def soak(minutes: float, only: Sequence[str], keep: Keep) -> Soak:
     """Lifts until the time is over, or a signal comes; a fault ends a series, and another rig is
-    opened. ``keep``: what there is, after each lift."""
-    start_s, draw = time.monotonic(), random.Random(SEED)
+    opened. ``only``: as of ``Draw``. ``keep``: what there is, after each lift."""
+    start_s, draw = time.monotonic(), Draw(only)
     live = LiveTrials(config_of(OBJECTS[0]), "soak", 0)
     watcher = Watcher(start_s, live)
     made = Soak(minutes, False, [], watcher.counts, (0, 0), [], [], 0, None)
@@ -272,15 +290,12 @@ def soak(minutes: float, keep: Keep) -> Soak:
     return made
 
 
-def _until(
-    end_s: float, draw: random.Random, watcher: Watcher, folder: Path
-) -> Generator[Lift, None, None]:
+def _until(end_s: float, draw: Draw, watcher: Watcher, folder: Path) -> Generator[Lift, None, None]:
     made = 0
     while time.monotonic() < end_s:
         config = config_of(OBJECTS[made % len(OBJECTS)])
-        seeds = [draw.randrange(1 << 16) for _ in range(2 * BETWEEN)]
         folder.mkdir()
-        with closing(_series(config, seeds, draw, watcher, folder)) as going:
+        with closing(_series(config, draw, watcher, folder)) as going:
             for lift_made in going:
                 yield lift_made
                 made += 1
@@ -288,13 +303,10 @@ def _until(
 
 
 def _series(
-    config: LiftConfig, seeds: Sequence[int], draw: random.Random, watcher: Watcher, folder: Path
+    config: LiftConfig, draw: Draw, watcher: Watcher, folder: Path
 ) -> Generator[Lift, None, None]:
-    def draw_next() -> None:
-        fault, phase = draw.choice(FAULTS), draw.choice(PHASES)
-        watcher.begin((phase, fault) if draw.random() * BETWEEN < 1.0 else None)
-
-    draw_next()
+    seeds = draw.seeds()
+    watcher.begin(draw.due())
     going, name, begun_s = (
         lift.run_series(config, seeds, Bench(folder, watch=watcher.watch)), config.object.name,
         time.monotonic(),
@@ -304,7 +316,7 @@ def _series(
             if interruption.asked():  # within a lift it is the lift that ended so
                 raise KeyboardInterrupt
             yield _made(seed, name, finished, watcher, begun_s)
-            draw_next()
+            watcher.begin(draw.due())
             begun_s = time.monotonic()
     except GraspError as error:  # where a rig could not be opened
         yield Lift(0, name, watcher.struck, NOT_OPENED, error.kind, str(error), "", watcher.periods,
@@ -395,12 +407,12 @@ def progress(made: Soak) -> str:
             f"periods missed, {len(by_itself(made))} failed by themselves")  # fmt: skip
 
 
-def run(minutes: float, out: Path) -> int:
+def run(minutes: float, only: Sequence[str], out: Path) -> int:
     """Exit code."""
     kept = Kept(out)
     with interruption.taken():
         try:
-            told = soak(minutes, kept.keep)
+            told = soak(minutes, only, kept.keep)
         except KeyboardInterrupt:  # once more, or before there was anything
             told = None
         if interruption.asked() or told is None:
@@ -432,13 +444,22 @@ def main() -> int:
                 "--minutes", type=decimal(0.1, MOST_MINUTES), default=60.0,
                 help="after which no other lift is begun (default: %(default)g)",
             )  # fmt: skip
+            words.add_argument(
+                "--fault", action="append", default=[], choices=[one["name"] for one in FAULTS],
+                help="strike every lift, by this fault; may be given several times "
+                "(default: any of all, every fourth lift)",
+            )  # fmt: skip
     verbs.add_parser("idle")  # which `run` begins
     asked = parser.parse_args()
     try:
         if asked.verb == "idle":
             idle()
             return 0
-        return run(asked.minutes, asked.out) if asked.verb == "run" else tell(read(asked.out))
+        return (
+            run(asked.minutes, asked.fault, asked.out)
+            if asked.verb == "run"
+            else tell(read(asked.out))
+        )
     except GraspError as error:
         print(f"soak: {error} ({error.remedy})", file=sys.stderr)
         return 2

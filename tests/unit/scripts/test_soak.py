@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -393,7 +394,7 @@ def test_lifts_are_kept_as_they_come_and_told_of_once_a_minute_until_ctrl_c(
 ) -> None:
     out, now_s = tmp_path / "soak.json", [0.0]
 
-    def some(minutes: float, keep: soak.Keep) -> Soak:
+    def some(minutes: float, only: Sequence[str], keep: soak.Keep) -> Soak:
         for number in range(1, 10):
             now_s[0] += EACH_S
             keep(replace(HOUR, minutes=minutes, lifts=LIFTS[:number]))
@@ -411,6 +412,19 @@ def test_lifts_are_kept_as_they_come_and_told_of_once_a_minute_until_ctrl_c(
         "2 of 60 min: 9 lifts, 2 struck, 0.2% of their periods missed, 0 failed by themselves",
     ]
     assert os.listdir(tmp_path) == ["soak.json"]
+
+
+def test_faults_of_ones_choice_strike_every_lift_and_all_of_them_now_and_then() -> None:
+    chosen, any_of_all = soak.Draw(["unplug", "arm_freeze"]), soak.Draw([])
+    struck = [due for due in (chosen.due() for _ in range(200)) if due is not None]
+    assert len(struck) == 200
+    assert {(phase, fault["name"]) for phase, fault in struck} == {
+        (phase, name) for phase in soak.PHASES for name in ("unplug", "arm_freeze")
+    }
+    now_and_then = [due for due in (any_of_all.due() for _ in range(1000)) if due is not None]
+    assert {fault["name"] for _, fault in now_and_then} == {one["name"] for one in soak.FAULTS}
+    assert len(now_and_then) == pytest.approx(1000 / soak.BETWEEN, rel=0.2)
+    assert chosen.seeds() != chosen.seeds()
 
 
 def still_there(mark: str) -> list[str]:
