@@ -60,7 +60,7 @@ PARTS = {
     ),
     "loop": Part(
         ("grasp/loop.py", "grasp/commands.py"),
-        (f"{GRASP}/test_loop_alone.py", f"{GRASP}/test_loop.py"),
+        tuple(f"{GRASP}/test_{name}.py" for name in ("loop_alone", "loop", "commands")),
     ),
 }  # fmt: skip
 

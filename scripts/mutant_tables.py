@@ -1,7 +1,9 @@
 """What became of the mutants, in the tables of docs/mutants.md (scripts/mutants.py)."""
 
+import subprocess
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from functools import cache
 
 import msgspec
 
@@ -92,21 +94,46 @@ def otherwise(first: Iterable[Fate], again: Iterable[Fate]) -> list[str]:
     ]  # fmt: skip
 
 
-def table(told: Told) -> str:
-    """For the page; of a part that is not known whole, what is."""
+def git(*words: str) -> str:
+    """What it says; nothing if it fails, as of a commit that is not there."""
+    done = subprocess.run(("git", *words), cwd=HOME, check=False, capture_output=True, text=True)
+    return done.stdout if done.returncode == 0 else ""
+
+
+@cache
+def unchanged(path: str, commit: str) -> bool:
+    """Whether a file is as it was at a commit."""
+    return git("show", f"{commit}:{path}") == (HOME / path).read_text(encoding="utf-8")
+
+
+def still(fates: Iterable[Fate]) -> list[Fate]:
+    """Those of files that are as they were."""
+    return [fate for fate in fates if unchanged(fate.mutant.path, fate.commit)]
+
+
+def table(told: Told, before: str = "") -> str:
+    """For the page; of a part that is not known whole, what is, and of one that is not known at all
+    its row in the table before, if its files are as they were."""
     if not any(told.parts.get(name) for name in PARTS):
         return ""
     why = arguments()
-    columns = ("part", "mutants", "run", "killed by a test", "by time-out", "equivalent",
-               "survived")  # fmt: skip
+    columns = ("part", "found out at", "mutants", "run", "killed by a test", "by time-out",
+               "equivalent", "survived")  # fmt: skip
+    rows = {line.split(" | ")[0].strip("| "): line for line in before.splitlines()}
     paths = ",".join(path for part in PARTS.values() for path in part.paths)
     lines = [entry("mutants", told.commit, paths), *_head(columns)]
     for name, part in PARTS.items():
         there = of_part(part)
-        fates = [fate for fate in told.parts.get(name, []) if fate.mutant in set(there)]
+        fates = [fate for fate in still(told.parts.get(name, [])) if fate.mutant in set(there)]
+        if not fates and name in rows:
+            commits = rows[name].split(" | ")[1].split(", ")
+            if all(unchanged(path, commit) for path in part.paths for commit in commits):
+                lines.append(rows[name])
+                continue
         kinds = Counter(_kind(fate, why) for fate in fates)
         row = [kinds[kind] for kind in ("killed", "time-out", "equivalent", "survived")]
-        lines.append(_row(name, len(there), len(fates), *row))
+        at = ", ".join(sorted({fate.commit for fate in fates})) or "-"
+        lines.append(_row(name, at, len(there), len(fates), *row))
     return "\n".join(lines)
 
 
@@ -184,7 +211,8 @@ def of_twice(told: Told) -> str:
 def write_page(told: Told) -> None:
     """Each table anew of which all is known."""
     page = PAGE.read_text(encoding="utf-8")
-    texts = {"parts": table(told), "samples": of_draws(draws()), "twice": of_twice(told)}
+    before = page.partition(BEGINS.format("parts"))[2].partition(ENDS.format("parts"))[0]
+    texts = {"parts": table(told, before), "samples": of_draws(draws()), "twice": of_twice(told)}
     for name, text in texts.items():
         before, begins, rest = page.partition(BEGINS.format(name))
         _, ends, after = rest.partition(ENDS.format(name))

@@ -8,20 +8,19 @@
                                                       some known fates, by a seed, found out again
     python scripts/mutants.py page                    write docs/mutants.md anew
 
-All but the page write what became of each mutant to runs/mutants.json and go on where they stood;
-`--anew` forgets that, `--tests` shows others than what is covered by custom. A mutant that survives
-needs a test, or an argument why nothing can tell it from the original: those are in
-scripts/equivalent_mutants.toml. Exit code 1 if one has neither, or if an argument is refuted by a
-test; samples give a rate, and fail if one was not run. What came of a sample at first, before tests
-were aimed at it, is found out once: it is told as it is to stand in scripts/mutant_draws.toml. A
-seed draws the same of the same code alone. No test may depend on chance or on the clock here: the
-same result comes twice.
+All but the page write what became of each mutant to runs/mutants.json and go on where they stood,
+but for files that have changed since; `--anew` forgets that, `--tests` shows others than what is
+covered by custom. A mutant that survives needs a test, or an argument why nothing can tell it from
+the original: those are in scripts/equivalent_mutants.toml. Exit code 1 if one has neither, or if an
+argument is refuted by a test; samples give a rate, and fail if one was not run. What came of a
+sample at first, before tests were aimed at it, is found out once: it is told as it is to stand in
+scripts/mutant_draws.toml. A seed draws the same of the same code alone. No test may depend on
+chance or on the clock here: the same result comes twice.
 """
 
 import argparse
 import hashlib
 import random
-import subprocess
 import sys
 import time
 from collections.abc import Sequence
@@ -33,7 +32,16 @@ from drivers.errors import BadFile, GraspError
 from grasp.cli.options import whole
 from grasp.files import write_whole
 from scripts.mutant_parts import MOST_S, PARTS, STRATA, drawn, of_part, of_stratum, tests_of
-from scripts.mutant_tables import Draw, Told, arguments, otherwise, unexplained, write_page
+from scripts.mutant_tables import (
+    Draw,
+    Told,
+    arguments,
+    git,
+    otherwise,
+    still,
+    unexplained,
+    write_page,
+)
 from scripts.mutation import HOME, Mutant
 from scripts.mutation_run import Fate, run
 
@@ -45,8 +53,7 @@ INTERRUPTED = 130
 
 def head() -> str:
     """The commit of the checkout."""
-    command = ("git", "rev-parse", "--short=7", "HEAD")
-    return subprocess.run(command, cwd=HOME, check=True, capture_output=True, text=True).stdout[:7]
+    return git("rev-parse", "--short=7", "HEAD")[:7]
 
 
 class Book:
@@ -73,13 +80,14 @@ class Book:
         return f"{fates} fates kept in {self._out}; the same command goes on"
 
     def attack(self, name: str, fates: list[Fate], chosen: Sequence[Mutant]) -> list[Fate]:
-        """Fates of all of these, of which those are run that are not among ``fates`` yet."""
-        known = {fate.mutant: fate for fate in fates}
+        """Fates of all of these, of which those are run that are not among ``fates`` yet, or whose
+        file has changed since."""
+        known = {fate.mutant: fate for fate in still(fates)}
         said_s = time.monotonic()
 
         def take(fate: Fate) -> None:
             nonlocal said_s
-            known[fate.mutant] = msgspec.structs.replace(fate, shown=shown)
+            known[fate.mutant] = msgspec.structs.replace(fate, shown=shown, commit=commit)
             self.told.commit = commit
             fates[:] = [known[m] for m in chosen if m in known]
             self._out.parent.mkdir(parents=True, exist_ok=True)

@@ -4,8 +4,9 @@ Tests are collected once. For each mutant of what a function does the process fo
 puts the changed code into the functions as they are and runs the tests that call them. What runs on
 import, and what none of these kills, is written to a copy of the checkout, and the other tests run
 there in a process of their own, the nearest first: emulators and commands run in others that tests
-start. A test may fail by itself, for the clock's sake or the copy's: one that kills must fail once
-more with the mutant alone, and pass without it.
+start. A test may fail by itself, for the clock's sake or the copy's: what kills must do so once
+more with the mutant alone, and not without it. A test that waits for ever is told from one that
+waits for the processor, of which a busy machine gives it little.
 """
 
 import ast
@@ -17,24 +18,28 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
-from itertools import accumulate
+from itertools import accumulate, islice
 from pathlib import Path
 from types import CodeType, FrameType, FunctionType
-from typing import Any
+from typing import IO, Any
 
 import msgspec
 import pytest
 
 from scripts.mutation import HOME, Mutant, Place, mutants, mutated
 
-LEAST_CPU_S = 10.0  # of processor time: a mutant that takes longer than this and five times what
-TIMES = 5.0  # the tests take is killed by its time-out
-WALL_TIMES = 20.0  # of wall time: one that waits for ever
+LEAST_CPU_S = 4.0  # of processor time: a mutant with which a test takes longer than this and five
+TIMES = 5.0  # times what it takes is killed by its time-out
+IDLE_S = 20.0  # in which nothing of a test runs or would: it waits for ever
+LOOK_S = 1.0  # how often that is looked at: it takes 10 ms itself
+BEGIN_CPU_S = 10.0  # of a process of its own, until its tests begin
+TIME_OUT = "time-out"
 PATIENT = ("-o", "timeout=0")  # a busy machine fails no test: the limits above are a mutant's
 SILENT = ("-o", "console_output_style=classic")  # no share of tests that are done
 COPIED = ("grasp", "drivers", "detector", "scenarios", "scripts", "tests", "config", "docs")
@@ -48,6 +53,7 @@ class Fate(msgspec.Struct, frozen=True):
     killer: str
     tests: int  # that can see it
     shown: str = ""  # digest of the tests as they were then
+    commit: str = ""  # of the checkout then
 
 
 class Test(msgspec.Struct):
@@ -61,9 +67,24 @@ class Test(msgspec.Struct):
 
 Swap = Sequence[tuple[FunctionType, CodeType]]  # functions, and the code they are to have
 Told = Callable[[Fate], None]
-Attempt = Callable[
-    [Sequence[str], bool], str
-]  # what fails first of tests, with a mutant or without
+
+
+class Fell(msgspec.Struct, frozen=True):
+    """The first of tests that did not pass: itself, where it is known, and what was seen."""
+
+    test: str
+    how: str = ""  # empty: it failed; else "time-out", or "broken"
+
+    @property
+    def killer(self) -> str:
+        return self.how or self.test
+
+
+Attempt = Callable[[Sequence[str], bool], Fell | None]  # of tests, with a mutant or without
+
+
+class Unfit(Exception):
+    """The tests cannot be run, or not in time, without a mutant either."""
 
 
 def run(tests: Sequence[str], chosen: Sequence[Mutant], most_s: float, tell: Told) -> int:
@@ -115,39 +136,51 @@ class Attack:
         self._caches = [f for f in self._caches if f.__module__.partition(".")[0] in COPIED]
         gc.freeze()
         tests = self._measured()
+        self._seconds = {test.name: test.seconds for test in tests}
         places: dict[Mutant, Place] = {}
         for path in self._paths.values():
             places.update(mutants(path))
         # those last that need a process of their own, of which each takes ten times as long
         for mutant in sorted(self._chosen, key=lambda mutant: places[mutant].on_import):
-            place = places[mutant]
-            key = mutant.path, mutant.where
-            seeing = [] if place.on_import else [test for test in tests if key in test.called]
-            names, seconds = self._in_turn(mutant, seeing)
-            killer = sure(partial(self._forked, _swaps(mutant, place, functions), seconds), names)
-            if not killer:  # it may be seen on import, or in a process that a test starts
-                others = [test for test in tests if test.name not in names]
-                more, seconds = self._in_turn(mutant, others)
-                killer = sure(partial(_in_copy, mutant, place, seconds), more)
-                names += more
-            if killer in self._items:
-                latest = self._killers.setdefault(mutant.path + mutant.where, [])
-                latest[:] = [killer, *(name for name in latest if name != killer)][:5]
-            self._tell(Fate(mutant, killer, len(names)))
+            try:
+                self._tell(self._fate(mutant, places[mutant], tests, functions))
+            except Unfit as error:
+                print(f"not run: {mutant}: {error}", flush=True)
         return True
 
+    def _fate(
+        self, mutant: Mutant, place: Place, tests: Sequence[Test], functions: Sequence[FunctionType]
+    ) -> Fate:
+        """Raises Unfit."""
+        key = mutant.path, mutant.where
+        seeing = [] if place.on_import else [test for test in tests if key in test.called]
+        names, _ = self._in_turn(mutant, seeing)
+        killer = sure(partial(self._forked, _swaps(mutant, place, functions)), names)
+        if not killer:  # it may be seen on import, or in a process that a test starts
+            others = [test for test in tests if test.name not in names]
+            more, seconds = self._in_turn(mutant, others)
+            killer = sure(partial(in_copy, mutant, place, seconds), more)
+            names += more
+        if killer in self._items:
+            latest = self._killers.setdefault(mutant.path + mutant.where, [])
+            latest[:] = [killer, *(name for name in latest if name != killer)][:5]
+        return Fate(mutant, killer, len(names))
+
     def _in_turn(self, mutant: Mutant, seeing: Sequence[Test]) -> tuple[list[str], float]:
-        """Those first that have killed others of its function, then those named after its module,
-        that call any of it, the nearest, the quickest; and the time that all take."""
+        """Those over no wire first, which do not wait; of each those that have killed others of its
+        function, then those named after its module, that call any of it, the nearest, the quickest;
+        and the time that all take."""
         latest = self._killers.get(mutant.path + mutant.where, [])
         rank = {name: i for i, name in enumerate(latest)}
-        stem = f"test_{Path(mutant.path).stem}"
+        stem = Path(mutant.path).stem
+        named = f"test_{stem}", f"_{stem}.py::"
         folders = Path(mutant.path).parts[:-1]
 
-        def turn(test: Test) -> tuple[int, bool, bool, int, float]:
+        def turn(test: Test) -> tuple[bool, int, bool, bool, int, float]:
             far = sum(folder not in test.name.split("/") for folder in folders)
             stranger = all(path != mutant.path for path, _ in test.called)
-            early = rank.get(test.name, len(rank)), stem not in test.name
+            other = all(name not in test.name for name in named)
+            early = "/wire/" in test.name, rank.get(test.name, len(rank)), other
             return *early, stranger, far, test.seconds
 
         order = sorted(seeing, key=turn)
@@ -171,7 +204,9 @@ class Attack:
         with os.fdopen(read, "rb") as told:
             text = told.read()
         os.waitpid(child, 0)
-        tests = msgspec.json.decode(text or b"[]", type=list[Test])
+        if not text:
+            raise RuntimeError("a test ended the process that runs them, without a mutant")
+        tests = msgspec.json.decode(text, type=list[Test])
         for test in tests:
             if test.fails:
                 print(f"left out, fails without a mutant: {test.name}", flush=True)
@@ -206,85 +241,103 @@ class Attack:
             self._failed = ""
             yield Test(item.nodeid, seconds, sorted(called.copy()), fails)
 
-    def _forked(self, swap: Swap, seconds: float, names: Sequence[str], changed: bool) -> str:
-        """What failed first, in a child; empty: nothing."""
-        read, write = os.pipe()
-        child = os.fork()
-        if child == 0:
-            os.setpgid(0, 0)
-            os.close(read)
-            _limit(0, seconds)
-            _quiet()
-            try:
-                for function, code in swap if changed else ():
-                    function.__code__ = code
-                self._forget()
-                os.write(write, self._first_failing(names).encode())
-            finally:
-                os._exit(0)
-        os.close(write)
-        ended = _waited(child, seconds)
-        _end_all(child)
-        with os.fdopen(read, "rb") as told:
-            text = told.read().decode()
-        if not ended or not text:
-            return "time-out"
-        return "" if text == "none" else text
+    def _forked(self, swap: Swap, names: Sequence[str], changed: bool) -> Fell | None:
+        """What fell first, in a child."""
+        with tempfile.TemporaryFile() as told:
+            child = os.fork()
+            if child == 0:
+                os.setpgid(0, 0)
+                _quiet()
+                try:
+                    for function, code in swap if changed else ():
+                        function.__code__ = code
+                    self._forget()
+                    self._run_each(names, told.fileno())
+                finally:
+                    os._exit(0)
+            ended = _waited(child, told, lambda: os.waitpid(child, os.WNOHANG)[0] != 0)
+            _end_all(child)
+            if not ended:
+                os.waitpid(child, 0)
+            told.seek(0)
+            *begun, last = told.read().decode().split("\n")
+        if last == "passed":
+            return None
+        return Fell(begun[-1] if begun else "", "" if last == "failed" else TIME_OUT)
 
-    def _first_failing(self, names: Sequence[str]) -> str:
+    def _run_each(self, names: Sequence[str], told: int) -> None:
+        """Tell of each before it runs, and how the last one ended: of one that does not end is
+        known which it was."""
         items = [self._items[name] for name in names]
         for item, following in zip(items, [*items[1:], None], strict=True):
+            os.write(told, f"{item.nodeid}\n".encode())
+            _limit(0, self._seconds[item.nodeid], sum(os.times()[:2]))
             item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
             if self._failed:
-                return self._failed
-        return "none"
+                os.write(told, b"failed")
+                return
+        os.write(told, b"passed")
 
 
 def sure(attempt: Attempt, names: Sequence[str]) -> str:
-    """What kills a mutant; not a test that fails but once, or without the mutant too. Raises
-    RuntimeError where the tests cannot be run, or not in time, without the mutant either."""
-    left = list(names)
-    while left and (killer := attempt(left, True)) in left:
-        if not attempt([killer], False) and attempt([killer], True):
-            return killer
-        left.remove(killer)
-    if not left or not killer:
-        return ""
-    if (without := attempt(left, False)) and without not in left:
-        raise RuntimeError(f"{without} without a mutant too: {', '.join(left)}")
-    return killer
+    """What kills a mutant: what fell once more with it, and did not without it. Raises Unfit where
+    no test passes without it either."""
+    left, unfit, passed = list(names), list[str](), False
+    while left and (fell := attempt(left, True)):
+        alone = _alone(fell.test, left)
+        if without := attempt(alone, False):
+            unfit.append(without.killer)
+        elif attempt(alone, True):
+            return fell.killer
+        else:
+            passed = True
+        left = [name for name in left if name not in alone]
+    if unfit and not left and not passed:
+        raise Unfit(f"without a mutant too: {', '.join(unfit)}")
+    return ""
 
 
-def _in_copy(
+def _alone(test: str, left: list[str]) -> list[str]:
+    """Itself; of a file that cannot be imported one of it; all where none is named."""
+    named = (name for name in left if test and f"{name}::".startswith(f"{test}::"))
+    return [*islice(named, 1)] or left
+
+
+def in_copy(
     mutant: Mutant, place: Place, seconds: float, names: Sequence[str], changed: bool
-) -> str:
-    """What failed first in a copy of the checkout; empty: nothing."""
+) -> Fell | None:
+    """What fell first in a copy of the checkout."""
     home = _copy()
     path = home / mutant.path
     source = path.read_text(encoding="utf-8")
     if changed:
         path.write_text(ast.unparse(mutated(mutant.path, place)), encoding="utf-8")
     options = ("-x", "-q", "-p", "no:cacheprovider", *PATIENT)
-    child = subprocess.Popen(
-        [sys.executable, "-P", "-m", "pytest", *options, *names],
-        cwd=home, env=os.environ | {"PYTHONPATH": str(home)},
-        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True,
-    )  # fmt: skip
-    _limit(child.pid, seconds + LEAST_CPU_S)
     try:
-        said, _ = child.communicate(timeout=WALL_TIMES * (seconds + LEAST_CPU_S))
-    except subprocess.TimeoutExpired:
-        return "time-out"
+        with (
+            tempfile.TemporaryFile("w+", encoding="utf-8") as told,
+            subprocess.Popen(
+                [sys.executable, "-P", "-m", "pytest", *options, *names],
+                cwd=home, env=os.environ | {"PYTHONPATH": str(home), "PYTHONUNBUFFERED": "1"},
+                stdout=told, stderr=subprocess.DEVNULL, start_new_session=True,
+            ) as child,
+        ):  # fmt: skip
+            _limit(child.pid, seconds + BEGIN_CPU_S)
+            try:
+                ended = _waited(child.pid, told, lambda: child.poll() is not None)
+            finally:
+                _end_all(child.pid)
+            code = child.wait()
+            told.seek(0)
+            said = told.read()
     finally:
-        _end_all(child.pid)
-        child.wait()
         path.write_text(source, encoding="utf-8")
-    if child.returncode == 0:
-        return ""
+    if not ended or code < 0:
+        return Fell("", TIME_OUT)
+    if code == 0:
+        return None
     failed = [line for line in said.splitlines() if line.startswith(("FAILED ", "ERROR "))]
-    if failed:
-        return failed[0].partition(" ")[2].partition(" - ")[0]
-    return "time-out" if child.returncode < 0 else "broken"
+    return Fell(failed[0].partition(" ")[2].partition(" - ")[0]) if failed else Fell("", "broken")
 
 
 def _end_all(group: int) -> None:
@@ -326,22 +379,48 @@ def _outermost(qualified: str) -> str:
     return qualified.partition(".<locals>")[0]
 
 
-def _limit(pid: int, seconds: float) -> None:
-    """So much processor time may a process take, this one if 0."""
-    most = round(LEAST_CPU_S + TIMES * seconds)
-    resource.prlimit(pid, resource.RLIMIT_CPU, (most, most + 5))
+def _limit(pid: int, seconds: float, taken_s: float = 0.0) -> None:
+    """So much processor time may a process take besides what it has, this one if 0."""
+    most = round(taken_s + LEAST_CPU_S + TIMES * seconds)
+    _, hard = resource.prlimit(pid, resource.RLIMIT_CPU)
+    resource.prlimit(pid, resource.RLIMIT_CPU, (most, hard))
 
 
-def _waited(child: int, seconds: float) -> bool:
-    """Whether it ended by itself."""
-    until = time.monotonic() + WALL_TIMES * (seconds + LEAST_CPU_S)
-    while time.monotonic() < until:
-        if os.waitpid(child, os.WNOHANG)[0]:
+def _waited(child: int, told: IO[Any], ended: Callable[[], bool]) -> bool:
+    """Whether it ended, by itself or by its limit: not if a test of those that it tells of waits
+    for what never comes. A machine that has no time for it does not make it late."""
+    size, idle, looked_s = 0, 0, time.monotonic()
+    while idle * LOOK_S < IDLE_S:
+        if ended():
             return True
         time.sleep(0.002)
-    os.kill(child, signal.SIGKILL)
-    os.waitpid(child, 0)
+        if time.monotonic() - looked_s > LOOK_S:
+            before, size = size, os.fstat(told.fileno()).st_size
+            idle = 0 if size > before else idle + _idle(child)
+            looked_s = time.monotonic()
     return False
+
+
+def _idle(root: int) -> bool:
+    """Whether no thread of a process and of what it has started runs or would run."""
+    parents: dict[int, int] = {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):  # it has ended
+            parents[int(path.parent.name)] = int(_state(path)[1])
+    family = {root}
+    while more := {pid for pid, parent in parents.items() if parent in family} - family:
+        family |= more
+    for pid in family:
+        for path in Path(f"/proc/{pid}/task").glob("*/stat"):
+            with suppress(OSError):
+                if _state(path)[0] in "RD":
+                    return False
+    return True
+
+
+def _state(path: Path) -> list[str]:
+    """Of a process or thread: its state's letter, its parent, and what follows."""
+    return path.read_text().rpartition(")")[2].split()
 
 
 def _quiet() -> None:

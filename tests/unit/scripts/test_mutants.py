@@ -1,14 +1,17 @@
 """Mutants are what they are called, and every argument is about one that there is."""
 
 import ast
+import gc
 import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import msgspec
 import pytest
 
+from scripts import mutant_tables, mutation_run
 from scripts import mutants as mutants_script
 from scripts.mutant_parts import PARTS, STRATA, drawn, of_part, of_stratum
 from scripts.mutant_tables import (
@@ -28,7 +31,7 @@ from scripts.mutant_tables import (
 )
 from scripts.mutants import Book, digest, progress
 from scripts.mutation import HOME, Mutant, mutants, mutated
-from scripts.mutation_run import Fate, sure
+from scripts.mutation_run import Fate, Fell, Unfit, sure
 
 
 def made_of(source: str, folder: Path) -> dict[str, list[str]]:
@@ -174,13 +177,55 @@ def test_page_and_make_tell_of_the_draw_that_was_looked_at() -> None:
     assert latest == dict.fromkeys(latest.keys() & STRATA, int(asked[1]))
 
 
-def test_table_of_parts_says_how_many_were_run() -> None:
-    told = Told({name: [Fate(m, "a test", 3) for m in of_part(p)] for name, p in PARTS.items()})
+@pytest.fixture
+def history(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At each commit but "old" all files were as they are."""
+
+    def said(show: str, what: str) -> str:
+        commit, _, path = what.partition(":")
+        return "other" if commit == "old" else (HOME / path).read_text(encoding="utf-8")
+
+    monkeypatch.setattr(mutant_tables, "git", said)
+    monkeypatch.setattr(mutant_tables, "unchanged", mutant_tables.unchanged.__wrapped__)
+
+
+@pytest.mark.usefixtures("history")
+def test_table_of_parts_says_how_many_were_run_and_where() -> None:
+    told = Told({name: [Fate(m, "a test", 3, "", "new") for m in of_part(p)]
+                 for name, p in PARTS.items()})  # fmt: skip
     guard = len(told.parts["guard"])
-    assert f"| guard | {guard} | {guard} | {guard} | 0 | 0 | 0 |" in table(told)
-    del told.parts["guard"][0]
-    assert f"| guard | {guard} | {guard - 1} | {guard - 1} | 0 | 0 | 0 |" in table(told)
+    whole = table(told)
+    assert f"| guard | new | {guard} | {guard} | {guard} | 0 | 0 | 0 |" in whole
+    first = told.parts["guard"].pop(0)
+    assert f"| guard | new | {guard} | {guard - 1} | {guard - 1} | 0 | 0 | 0 |" in table(told)
+    told.parts["guard"].append(msgspec.structs.replace(first, commit="newer"))
+    assert f"| guard | new, newer | {guard} | {guard} | {guard} | 0 | 0 | 0 |" in table(told)
+    told.parts["guard"][-1] = msgspec.structs.replace(first, commit="old")
+    assert f"| guard | new | {guard} | {guard - 1} |" in table(told)
     assert table(Told()) == ""
+
+
+@pytest.mark.usefixtures("history")
+def test_row_of_a_part_that_is_not_known_stays_while_its_files_do() -> None:
+    told = Told({"step": [Fate(m, "a test", 3, "", "new") for m in of_part(PARTS["step"])]})
+    for commit, stays in (("new", True), ("old", False)):
+        row = f"| guard | {commit} | 9 | 8 | 7 | 6 | 5 | 4 |"
+        assert (row in table(told, f"| part |\n{row}\n")) is stays
+    assert "| guard | - | " in table(told, row)
+
+
+@pytest.mark.usefixtures("history")
+def test_fates_of_a_file_that_has_changed_are_found_out_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mutants_of = of_part(PARTS["guard"])[:3]
+    asked_for = list[Mutant]()
+    monkeypatch.setattr(
+        mutants_script, "run", lambda tests, chosen, most_s, tell: asked_for.extend(chosen)
+    )
+    fates = [Fate(mutants_of[0], "a", 3, "", "new"), Fate(mutants_of[1], "a", 3, "", "old")]
+    Book(tmp_path / "fates.json").attack("guard", fates, mutants_of)
+    assert asked_for == mutants_of[1:]
 
 
 def test_fates_found_out_twice_are_told_with_those_that_differ() -> None:
@@ -198,14 +243,14 @@ class Fails:
     def __init__(self, always: str = "", with_mutant: dict[str, int] | None = None) -> None:
         self._always, self._left = always, with_mutant or {}
 
-    def __call__(self, names: Sequence[str], changed: bool) -> str:
+    def __call__(self, names: Sequence[str], changed: bool) -> Fell | None:
         for name in names:
             if changed and self._left.get(name, 0):
                 self._left[name] -= 1
-                return name
-            if name == self._always:
-                return name
-        return ""
+                return Fell(name)
+            if name in self._always:
+                return Fell(name)
+        return None
 
 
 def test_what_kills_fails_twice_with_the_mutant_and_not_without() -> None:
@@ -218,14 +263,109 @@ def test_a_test_that_fails_by_itself_kills_nothing_and_others_are_asked() -> Non
     assert sure(Fails(always="a"), "abc") == ""
     assert sure(Fails(always="a", with_mutant={"c": 2}), "abc") == "c"
     assert sure(Fails(with_mutant={"a": 1}), "abc") == ""
+    assert sure(Fails(with_mutant={"a": 1}), "a") == ""
+    assert sure(Fails(always="b", with_mutant={"a": 1}), "ab") == ""
     assert sure(Fails(with_mutant={"a": 1, "b": 2}), "abc") == "b"
 
 
-def test_a_mutant_that_ends_every_test_is_killed_by_its_time_out() -> None:
-    for fate in ("time-out", "broken"):
-        assert sure(lambda names, changed, fate=fate: fate if changed else "", "abc") == fate
-        with pytest.raises(RuntimeError, match=f"{fate} without a mutant"):
-            sure(lambda names, changed, fate=fate: fate, "abc")
+def test_of_a_file_that_cannot_be_imported_one_test_is_asked_once_more() -> None:
+    asked_of = list[Sequence[str]]()
+
+    def imports(names: Sequence[str], changed: bool) -> Fell | None:
+        asked_of.append(names)
+        return Fell("b") if changed else None
+
+    assert sure(imports, ["a::1", "b::1", "b::2"]) == "b"
+    assert asked_of == [["a::1", "b::1", "b::2"], ["b::1"], ["b::1"]]
+
+
+def test_a_mutant_of_which_no_test_can_tell_has_not_survived() -> None:
+    with pytest.raises(Unfit, match="without a mutant too: a, b, c"):
+        sure(Fails(always="abc"), "abc")
+
+
+@pytest.mark.parametrize("how", ["time-out", "broken"])
+def test_a_mutant_with_which_tests_do_not_end_is_killed_if_they_do_not_once_more(how: str) -> None:
+    def ends(names: Sequence[str], changed: bool) -> Fell | None:
+        return Fell("", how) if changed else None
+
+    assert sure(ends, "abc") == how
+    once = iter([Fell("", how), None, None])
+    assert sure(lambda names, changed: next(once), "abc") == ""
+    named = iter([Fell("b", how), None, Fell("b", how)])
+    assert sure(lambda names, changed: next(named), "abc") == how
+    with pytest.raises(Unfit, match=f"without a mutant too: {how}"):
+        sure(lambda names, changed: Fell("", how), "abc")
+
+
+def of_describe(what: str) -> Mutant:
+    """One that returns nothing."""
+    mutants_of = [m for m in of_part(PARTS["loop"]) if m.where == "describe"]
+    return next(m for m in mutants_of if m.operator == "return value" and what in m.was)
+
+
+DESCRIBED = """
+import threading
+from grasp.commands import CloseFast, MoveArm, MoveFingers, describe
+
+def test_fails():
+    assert describe(MoveArm((0.0, 0.0, 0.0), 1.0, 1.0)) is not None
+
+def test_waits():
+    if describe(MoveFingers((1, 2, 3), 1.0, 1.0)) is None:
+        threading.Event().wait()
+
+def test_computes():
+    while describe(CloseFast(1.0, (True, True, True), (1, 2, 3), 1.0)) is None:
+        pass
+"""
+
+
+def test_a_mutant_that_waits_or_computes_for_ever_ends_by_its_time_out_and_those_after_it_are_seen(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "test_described.py").write_text(DESCRIBED)
+    program = (
+        "import sys\n"
+        "import scripts.mutation_run as r\n"
+        "from tests.unit.scripts.test_mutants import of_describe\n"
+        "r.IDLE_S, r.LOOK_S, r.LEAST_CPU_S = 1.0, 0.25, 1.0\n"
+        "def tell(fate):\n    print(fate.killer.rpartition(':')[2])\n"
+        "chosen = [of_describe(what) for what in ('close', 'fingers to', 'arm to')]\n"
+        f"r.run(['{tmp_path}'], chosen, 30.0, tell)\n"
+    )
+    made = subprocess.run(
+        (sys.executable, "-c", program), cwd=HOME, capture_output=True, text=True, check=False
+    )
+    assert made.returncode == 0, made.stderr
+    assert made.stdout.split() == ["time-out", "time-out", "test_fails"]
+
+
+@pytest.mark.parametrize(
+    ("body", "killer"),
+    [("import threading\n    threading.Event().wait()", "time-out"),
+     ("assert False", "test_it.py::test_it"),
+     ("import os\n    os._exit(3)", "broken"),
+     ("import os, signal\n    os.kill(os.getpid(), signal.SIGKILL)", "time-out"),
+     ("import time\n    end = time.process_time() + 1.5\n    while time.process_time() < end:"
+      "\n        pass", "")],
+)  # fmt: skip
+def test_tests_in_a_copy_are_late_if_they_wait_and_not_because_they_compute(
+    body: str, killer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And nothing of them is left open: pytest would blame the next test for it."""
+    mutant = of_describe("arm to")
+    (tmp_path / mutant.path).parent.mkdir()
+    (tmp_path / mutant.path).write_text("")
+    (tmp_path / "test_it.py").write_text(f"def test_it():\n    {body}\n")
+    monkeypatch.setattr(mutation_run, "_copy", lambda: tmp_path)
+    monkeypatch.setattr(mutation_run, "IDLE_S", 0.75)
+    monkeypatch.setattr(mutation_run, "LOOK_S", 0.25)
+    place = mutants(mutant.path)[mutant]
+    fell = mutation_run.in_copy(mutant, place, 0.0, ["test_it.py"], True)
+    gc.collect()
+    assert (fell.killer if fell else "") == killer
+    assert (tmp_path / mutant.path).read_text() == ""
 
 
 def asked(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
