@@ -15,6 +15,10 @@ from drivers.robotiq.link.timing import KEPT, Durations, TimedTransport
 _NS: Final = 1_000_000_000
 _JOIN_S: Final = 5.0
 _ERRORS_KEPT: Final = 8
+_PATIENCE_S: Final = 0.002  # a verb waits for so much of an exchange: most are over by then
+_NOT_YET = "the hand has not answered yet: told to it as soon as it has"
+
+_Verb = Callable[[], Applied]
 
 
 class ThreadStatistics(msgspec.Struct, frozen=True):
@@ -29,8 +33,12 @@ class ThreadStatistics(msgspec.Struct, frozen=True):
 class ThreadedGripper:
     """A ``Gripper`` whose core is pumped by a thread. ``pump`` of this one does no I/O.
 
-    Verbs set intent and wake the thread. They wait for an exchange in flight: with a gripper that
-    has just fallen silent that is one timeout, later the time that an attempt to connect takes.
+    Verbs set intent and wake the thread. What a verb makes of where the fingers are rests on the
+    exchange in flight, if there is one. Its caller is not kept waiting for that, as a gripper that
+    has just fallen silent takes one timeout, but for two milliseconds: then the verb is done by the
+    thread as soon as the exchange is over, unless another is given before. What it could really
+    apply is not known by then, so what was asked is returned, with a note. A refusal of it is
+    raised by ``pump``. ``activate`` alone waits.
     """
 
     def __init__(
@@ -65,6 +73,8 @@ class ThreadedGripper:
         self._bug: BaseException | None = None
         self._lost = False
         self._commanded_ns: int | None = None  # oldest verb whose write is not acknowledged
+        self._put_off: tuple[int, _Verb] | None = None  # until the exchange in flight is over
+        self._slot = threading.Lock()  # of what is put off; held for no longer than it takes
         self._written_ns = 0  # time of the pump that wrote last
         self._pumps = self._missed = self._woken = 0
         self._pump_durations, self._acknowledge = Durations(), Durations()
@@ -78,6 +88,7 @@ class ThreadedGripper:
             return
         self._stopping.clear()
         self._pumped.clear()
+        self._put_off = None  # given to the thread before, and not sent by it
         self._thread = threading.Thread(target=self._run, name="gripper", daemon=True)
         self._thread.start()
         self._pumped.wait(within_s)
@@ -114,8 +125,11 @@ class ThreadedGripper:
 
     @property
     def state(self) -> GripperState | None:
-        """Latest snapshot, without waiting for anything."""
-        return self._state
+        """Latest snapshot, without waiting for anything; not fresh while a verb is put off."""
+        state = self._state
+        if state is not None and state.fresh and self._put_off is not None:
+            return msgspec.structs.replace(state, fresh=False)
+        return state
 
     @property
     def least_force_n(self) -> float:
@@ -130,7 +144,7 @@ class ThreadedGripper:
     @property
     def acknowledged(self) -> bool:
         """Whether the gripper has answered the write of everything that was asked for."""
-        return self._commanded_ns is None
+        return self._commanded_ns is None and self._put_off is None
 
     @property
     def acknowledgements_ns(self) -> tuple[tuple[int, int], ...]:
@@ -161,13 +175,18 @@ class ThreadedGripper:
     # Verbs
 
     def activate(self, dropping: bool = False) -> Applied:
-        return self._command(lambda: self._core.activate(dropping))
+        called_ns = self._clock()
+        with self._lock:
+            self._put_off = None
+            return self._do(called_ns, lambda: self._core.activate(dropping))
 
     def open(self, speed_mps: float) -> Applied:
-        return self._command(lambda: self._core.open(speed_mps))
+        asked = Applied((0, 0, 0), speed_mps, self.least_force_n, note=_NOT_YET)
+        return self._command(lambda: self._core.open(speed_mps), asked)
 
     def move_to(self, targets_counts: Counts3, speed_mps: float, force_n: float) -> Applied:
-        return self._command(lambda: self._core.move_to(targets_counts, speed_mps, force_n))
+        asked = Applied(targets_counts, speed_mps, force_n, note=_NOT_YET)
+        return self._command(lambda: self._core.move_to(targets_counts, speed_mps, force_n), asked)
 
     def close_fast(
         self,
@@ -176,20 +195,34 @@ class ThreadedGripper:
         limits_counts: Counts3,
         speed_mps: float,
     ) -> Applied:
+        asked = Applied(limits_counts, speed_mps, force_cap_n, note=_NOT_YET)
         return self._command(
-            lambda: self._core.close_fast(force_cap_n, closing, limits_counts, speed_mps)
+            lambda: self._core.close_fast(force_cap_n, closing, limits_counts, speed_mps), asked
         )
 
     def hold(self) -> Applied:
-        return self._command(self._core.hold)
+        here = (0, 0, 0) if self._state is None else self._state.positions
+        return self._command(self._core.hold, Applied(here, 0.0, self.least_force_n, note=_NOT_YET))
 
-    def _command(self, verb: Callable[[], Applied]) -> Applied:
+    def _command(self, verb: _Verb, asked: Applied) -> Applied:
         called_ns = self._clock()
-        with self._lock:
-            answer = verb()
-            self._state = self._core.state  # no longer fresh
-            if self._commanded_ns is None:
-                self._commanded_ns = called_ns
+        if self._lock.acquire(timeout=_PATIENCE_S):
+            try:
+                self._put_off = None
+                return self._do(called_ns, verb)
+            finally:
+                self._lock.release()
+        with self._slot:
+            self._put_off = called_ns, verb
+        self._wake.set()
+        return asked
+
+    def _do(self, called_ns: int, verb: _Verb) -> Applied:
+        """Who does it has the lock."""
+        answer = verb()
+        self._state = self._core.state  # no longer fresh
+        if self._commanded_ns is None:
+            self._commanded_ns = called_ns
         self._wake.set()
         return answer
 
@@ -232,6 +265,7 @@ class ThreadedGripper:
 
     def _exchange(self, now_ns: int) -> None:
         with self._lock:
+            self._catch_up()
             try:
                 self._core.pump(now_ns)
                 self._lost = False
@@ -243,9 +277,23 @@ class ThreadedGripper:
                 self._lost = False
             self._state = self._core.state
             self._settle(now_ns)
+            self._catch_up()
         self._pumps += 1
         self._pump_durations.add(self._clock() - now_ns)
         self._pumped.set()
+
+    def _catch_up(self) -> None:
+        """Do the verb that was put off, whose caller has long gone on."""
+        put_off = self._put_off
+        if put_off is None:
+            return
+        try:
+            self._do(*put_off)
+        except GraspError as error:
+            self._note(error, again=False)
+        with self._slot:  # one that came between question and answer would be lost
+            if self._put_off is put_off:
+                self._put_off = None
 
     def _note(self, error: GraspError, *, again: bool) -> None:
         if not again and len(self._errors) < _ERRORS_KEPT:

@@ -1,5 +1,6 @@
 """What the transport makes of a client's replies and failures, without a wire."""
 
+import logging
 import termios
 from collections.abc import Sequence
 from typing import Any
@@ -253,6 +254,10 @@ def test_what_came_unasked_is_dropped_and_a_closed_socket_is_seen() -> None:
     assert client.socket.chunks == []
     client.socket = Socket(b"late", closed=True)
     assert lost(transport) == "closed the connection"
+
+
+def test_what_pymodbus_logs_by_itself_goes_to_nobody_who_has_not_asked_for_it() -> None:
+    assert logging.getLogger("pymodbus").handlers, "without any, warnings go to the terminal"
 
 
 def test_settings_are_as_the_gripper_is_shipped() -> None:
