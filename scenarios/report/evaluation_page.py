@@ -55,6 +55,7 @@ class Sheet(msgspec.Struct, frozen=True):
     delay_mm: Spread | None = None
     compute_us: Spread | None = None
     intervals: dict[str, tuple[float | None, float | None]] = {}
+    detector_hash: str = ""  # older evaluations have none
 
 
 class Missed(msgspec.Struct, frozen=True):

@@ -49,6 +49,12 @@ class SweptThreshold(msgspec.Struct, frozen=True):
         return f"{self.section}.{self.setting}={self.value:g}"
 
 
+class Scores(Evaluation, frozen=True):
+    """An evaluation, and of what it is: weights or formula, and rule, as results carry it."""
+
+    detector_hash: str  # see `TrialConfig.detector_hash`
+
+
 class Contender(msgspec.Struct, frozen=True, eq=False):
     """A detector with its configuration, and what it said of the recordings."""
 
@@ -57,10 +63,11 @@ class Contender(msgspec.Struct, frozen=True, eq=False):
     streams: list[Streamed]
     data: str
 
-    def evaluation(self) -> Evaluation:
+    def evaluation(self) -> Scores:
         """The sheet at the detector's own threshold and rule."""
         sheet = evaluate_streams(self.detector, self.config.rule, self.streams, self.data)
-        return msgspec.structs.replace(sheet, detector=self.label)
+        named = {**msgspec.structs.asdict(sheet), "detector": self.label}
+        return Scores(**named, detector_hash=self.config.detector_hash())
 
     @property
     def label(self) -> str:

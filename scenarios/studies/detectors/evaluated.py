@@ -16,7 +16,6 @@ from detector.decision import RuleSettings, registered_events
 from detector.recordings import LabelName
 from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
-    Evaluation,
     Streamed,
     events_by_label,
     scored,
@@ -25,7 +24,7 @@ from detector.scores.evaluation import (
 from detector.scores.metrics import ReliabilityBin, reliability
 from detector.scores.sweep import frontier
 from drivers.errors import BadFile
-from scenarios.studies.detectors.benchmark import Contender
+from scenarios.studies.detectors.benchmark import Contender, Scores
 
 FORMAT: Literal["grasp-evaluation"] = "grasp-evaluation"
 BEGINS = f'{{"format":"{FORMAT}"'  # how a file of ours is told from others
@@ -106,7 +105,7 @@ def no_evaluation(path: Path, why: Exception) -> BadFile:
     return BadFile(path, f"is no evaluation: {why}", remedy)
 
 
-def evaluated(made: Contender, sheet: Evaluation) -> Evaluated:
+def evaluated(made: Contender, sheet: Scores) -> Evaluated:
     """Of what was streamed; ``sheet`` is its evaluation."""
     rule, streams = made.config.rule, made.streams
     parts = [(spoken(s, rule)[WARM_UP_SAMPLES:], s.labels[WARM_UP_SAMPLES:]) for s in streams]

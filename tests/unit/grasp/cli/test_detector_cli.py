@@ -7,8 +7,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from detector.network_file import weights_path
 from detector.recordings import write
 from grasp.cli.main import main
+from scenarios.campaign.config import load_config
 from tests.unit.detector.networks import write_network
 from tests.unit.detector.toys import toy, toys
 
@@ -38,6 +40,32 @@ def test_every_detector_gets_one_json_object(
         assert sheet["n_samples"] == 3 * 800
         assert set(sheet["false_events_per_min_by_cause"]) == {"slide"}  # type: ignore[arg-type]
         assert {"accuracy", "auc", "delay_ms_p50"} <= set(sheet["intervals"])  # type: ignore[arg-type]
+
+
+def test_an_evaluation_says_which_weights_and_rule_it_is_of(
+    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As the result of a run with them does."""
+
+    def hashed(name: str, *more: str) -> object:
+        words = ["detector", "evaluate", name, "--data", str(data), "--json"]
+        return answers(capsys, *words, *more)[0]["detector_hash"]
+
+    weights = tmp_path / "other.onnx"
+    weights.write_bytes(weights_path("gru").read_bytes())
+    packaged = hashed("gru")
+    assert packaged == load_config("can", "simulated", "gru").detector_hash()
+    assert hashed("gru", "--set", f"network.weights={weights}") == packaged
+    assert hashed("gru", "--set", "guard.force_limit_n=8") == packaged
+    trained = write_network(tmp_path, "gru", "stream")
+    others = {
+        packaged,
+        hashed("gru", "--set", "rule.release=9"),
+        hashed(str(trained)),
+        hashed("energy"),
+        hashed("energy", "--set", "energy.threshold_counts=9"),
+    }
+    assert len(others) == 5
 
 
 def test_label_and_split_are_chosen(data: Path, capsys: pytest.CaptureFixture[str]) -> None:

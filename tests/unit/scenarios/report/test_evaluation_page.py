@@ -9,6 +9,7 @@ import pytest
 
 from drivers.errors import BadFile
 from grasp.cli.main import main
+from scenarios.campaign.config import load_config
 from scenarios.report.charts import BOTTOM, LEFT, RIGHT, TOP
 from scenarios.report.curves import Axis, Curve, Mark, curves
 from scenarios.report.evaluation_page import evaluation_page
@@ -59,6 +60,17 @@ def test_the_threshold_of_a_trace_is_the_rules_own(tmp_path: Path) -> None:
     told["detectors"][0]["rule"]["kind"] = "cusum"
     (tmp_path / "one.json").write_bytes(msgspec.json.encode(told))
     assert "threshold 0.765" not in evaluation_page(tmp_path / "one.json")
+
+
+def test_a_page_says_which_weights_and_rule_it_is_of(tmp_path: Path) -> None:
+    """An evaluation of an older version, which does not, still has a page."""
+    file = made(tmp_path / "one.json", ("energy",))
+    told = msgspec.json.decode(file.read_bytes())
+    kept = load_config("can", "simulated", "energy").detector_hash()
+    assert told["detectors"][0]["sheet"].pop("detector_hash") == kept
+    assert f"energy {kept}" in evaluation_page(file)
+    file.write_bytes(msgspec.json.encode(told))
+    assert "energy not kept" in evaluation_page(file)
 
 
 def test_what_a_file_says_is_text_and_never_part_of_the_page(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from detector.decision import RuleSettings
 from detector.recordings import Recording
-from detector.scores.evaluation import Streamed, evaluate_streams
+from detector.scores.evaluation import Streamed
 from drivers.errors import BadFile
 from scenarios.studies.detectors.benchmark import contender
 from scenarios.studies.detectors.evaluated import (
@@ -73,7 +73,7 @@ def test_the_worst_are_those_missed_and_then_the_latest() -> None:
 
 def test_slips_and_misses_are_those_of_the_sheet() -> None:
     made = contender("psd-fair", toys("test", 4, 50), "toys")
-    sheet = evaluate_streams(made.detector, made.config.rule, made.streams, made.data)
+    sheet = made.evaluation()
     kept = evaluated(made, sheet)
     assert len(kept.slips) == sheet.true_events
     assert sum(slip.delay_ms is None for slip in kept.slips) == sheet.missed_events
