@@ -1,25 +1,32 @@
-"""The table of the README: forty lifts of each object with the default controller."""
+"""Forty lifts of each object with `energy` at a threshold at which it hears a slip at once.
 
-import numpy as np
+So the loop is told, not a detector: the table of the README is of the default detector, and
+`scripts/last_draw.py` makes it.
+"""
+
+from collections.abc import Sequence
+
 import pytest
 
-from detector.scores.quantiles import quantile
 from grasp.settings import names
+from scenarios.lift.result import LiftResult
+from tests.bench.spread import THREE, slid_mm, slipped, three
 from tests.unit.scenarios.conftest import judged
 
 SEEDS = range(40)
 
 
+def row(name: str, results: Sequence[LiftResult]) -> str:
+    held = sum(bool(r.success) for r in results)
+    slid = slipped(results)
+    late = three(r.detection_latency_ms for r in slid)
+    return f"| {name} | {held} of {len(results)} | {late} | {three(slid_mm(slid))} |"
+
+
 @pytest.mark.bench
 def test_forty_lifts_of_each_object() -> None:
-    print("\n| object | held | slip registered after onset, ms (median, worst) "
-          "| slip distance, mm (median, worst) |")  # fmt: skip
-    print("|---|---|---|---|")
+    print(f"\nof what slipped; inf: so many never came\n\n| object | held "
+          f"| slip registered after onset, ms, {THREE} | slip distance, mm, {THREE} |\n"
+          "|---|---|---|---|")  # fmt: skip
     for name in names("objects"):
-        results = [judged(seed=seed, object_name=name) for seed in SEEDS]
-        held = sum(r.success for r in results)
-        latency = np.array([r.detection_latency_ms for r in results if r.detection_latency_ms])
-        slip = np.array([r.slip_distance_m for r in results if r.slip_distance_m]) * 1e3
-        counts = f"{held} of {len(results)}"
-        print(f"| {name} | {counts} | {quantile(np.sort(latency), 0.5):.0f}, {latency.max():.0f} "
-              f"| {quantile(np.sort(slip), 0.5):.0f}, {slip.max():.0f} |")  # fmt: skip
+        print(row(name, [judged(seed=seed, object_name=name) for seed in SEEDS]), flush=True)

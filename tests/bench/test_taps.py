@@ -2,11 +2,10 @@
 makes of blows that move nothing; and how the verdict hangs on the windows of the scoring."""
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import pytest
 
-from detector.scores.quantiles import quantiles
 from scenarios.campaign.config import load_config
 from scenarios.tap import tap
 from scenarios.tap.result import TapResult
@@ -14,6 +13,7 @@ from scenarios.tap.scoring import TapOutcome
 from scenarios.tap.settings import TapScoringSettings
 from scenarios.tap.summary import count
 from scenarios.trial.series import Bench
+from tests.bench.spread import three
 from tests.unit.scenarios.tap.windows import sensitivity
 
 OBJECTS = ("ball", "box", "can", "cardboard", "foam", "football")
@@ -34,12 +34,6 @@ def taps(name: str, detector: str, number: int, *assignments: str) -> Iterator[T
     for finished in tap.run_series(config, range(number), Bench()):
         assert finished.result is not None
         yield finished.result
-
-
-def three(values: Iterable[float | None]) -> str:
-    """What never came is infinitely late."""
-    q = quantiles(values)
-    return "-" if q is None else f"{q.p50:.0f} / {q.p90:.0f} / {q.p99:.0f}"
 
 
 def row(name: str, results: list[TapResult]) -> str:
