@@ -1,10 +1,10 @@
 """Which faults there are and when they strike: generated, nothing is picked by hand.
 
-Every field of every device's state in every way that it can be wrong, every link, the loop, the
-detector: each at three moments of every stretch of a lift, with and without recovery in turn. Every
-command where it is really sent, and once more where a safe state sends it. Then pairs drawn by a
-seed; and what is wrong by little, or by turns. How long a stretch is and what it sends is the plain
-lift's schedule.
+Every field of every device's state that the driver sees, in every way that it can be wrong, every
+link, the loop, the detector: each at three moments of every stretch of a lift, at each of them
+either with recovery or without, in turn. Every command where it is really sent, and once more where
+a safe state sends it. Then pairs drawn by a seed; and what is wrong by little, or by turns. How
+long a stretch is and what it sends is the plain lift's schedule.
 """
 
 import random

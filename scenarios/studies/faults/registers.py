@@ -43,6 +43,7 @@ FIELDS = {
 _OFF = 5  # counts
 _LEAP = 90  # counts, or as many steps of 10 mA
 _BESIDE = 2  # counts: a finger that holds may rest so far from what it is told, or be read late
+_OPEN_STOP = 6  # counts: less can be told, and no finger goes or says so
 _RESERVED_FAULT, _WORST_FAULT = 0x01, 0x0E
 
 
@@ -68,8 +69,12 @@ def verb(first: int, words: Words, here: Sequence[int]) -> str:
         return "hold"
     least = all(speed == 0 and force == 0 for _, speed, force in axes)
     ways = [axis[0] - at for axis, at in zip(axes, here, strict=True)]
-    if least and max(map(abs, ways)) <= _BESIDE:
+    if least and all(map(_stays, (axis[0] for axis in axes), here)):
         return "hold"
     if max(ways) > _BESIDE:
         return "close"
     return "open" if min(ways) < -_BESIDE or max(ways) <= 0 else "close"  # one that holds may rest
+
+
+def _stays(told: int, at: int) -> bool:
+    return abs(max(told, _OPEN_STOP) - max(at, _OPEN_STOP)) <= _BESIDE

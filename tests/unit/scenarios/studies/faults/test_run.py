@@ -32,6 +32,23 @@ def test_a_sample_of_all_faults_ends_well(lot: int) -> None:
     assert all(e.taken for e in ended if e.case.fault and e.case.fault.part == "command")
 
 
+SAFE = [case for case in plan() if case.safe]
+HOLDS = [c for c in SAFE if c.object == "ball" and c.then is not None and c.then.what == "hold"]
+
+
+@pytest.mark.parametrize(
+    "lot",
+    [pytest.param(HOLDS, id="holds of the ball"),
+     *(pytest.param(lot, id=str(lot[0].number), marks=pytest.mark.slow)
+       for lot in by_scene(SAFE, SAMPLE))],
+)  # fmt: skip
+def test_a_fault_that_is_to_take_a_safe_state_s_own_command_takes_it(lot: list[Case]) -> None:
+    ended = run_scene(lot)
+    assert len(ended) == len(lot) and HOLDS
+    assert [str(e.case) for e in ended if not e.taken_safe] == []
+    assert {str(e.case): found for e in ended if (found := fell(e))} == {}
+
+
 def test_a_plain_lift_goes_as_its_schedule_says() -> None:
     assert goes("can", 4) == SCHEDULE["can", 4]
 

@@ -69,6 +69,17 @@ def test_a_short_way_is_an_opening_or_a_closing_by_its_direction() -> None:
     assert verb(0, two(10), (8, 12, 0)) == "open"  # another finger goes far back
 
 
+def test_a_hold_at_the_open_stop_is_a_hold_though_fingers_are_told_less_than_they_say() -> None:
+    def at_least(a: int, b: int, c: int) -> tuple[int, ...]:
+        return GOES, a, 0, b << 8, c, 0, 0, 0
+
+    said = ((0, 0, 0), (6, 6, 6)), ((0, 8, 8), (6, 8, 8)), ((0, 12, 12), (6, 12, 12))
+    assert [verb(0, at_least(*told), here) for told, here in said] == ["hold"] * 3
+    assert verb(0, at_least(0, 0, 0), (0, 0, 0)) == "hold"  # of a status that lies
+    assert verb(0, at_least(0, 0, 0), (9, 6, 6)) == "open"
+    assert verb(0, OPEN, (6, 6, 6)) == "open"
+
+
 def test_commands_that_pass_are_kept_in_their_order() -> None:
     _, wire = hand(Fault("gripper", "command", "close", "lost"))
     for words in (OPEN, close(60)):
