@@ -285,11 +285,14 @@ def test_detector_that_fails_is_silent_and_a_doubt_by_name(
     assert says in seen.doubt
 
 
+@pytest.mark.parametrize("phase", [Phase.RELEASE, Phase.RETREAT, Phase.DONE])
 @pytest.mark.parametrize(("answer", "says"), FAILURES)
 def test_detector_that_fails_with_the_hand_open_is_silent_and_no_doubt(
-    answer: Callable[[], Any], says: str
+    answer: Callable[[], Any], says: str, phase: Phase
 ) -> None:
-    seen = Bench(Told(Phase.IDLE), Ears(answer)).decide(frame(-1))
+    b = Bench(Told(phase), Ears(answer))
+    seen = b.decide(frame(-1))
+    assert len(b.ears.heard) == 1  # it was asked
     assert (seen.probabilities.tolist(), seen.doubt) == ([0.0] * 3, "")
 
 
