@@ -19,6 +19,8 @@ COUNTERPARTS = {  # by the title of the wire table; the nearest that there is
     "Gripper: no reply any more": CUT,
     "Gripper: fault 0x0E": Fault("gripper", "state", "gFLT", "jump"),
     "Arm: protective stop": Fault("arm", "state", "protective_stop", "jump"),
+    "Arm: emergency stop": Fault("arm", "state", "protective_stop", "jump"),
+    "Arm: speed slider turned to 0 %": Fault("arm", "state", "speed_fraction", "missing"),
     "Arm: connections dropped": Fault("arm", "link", "link", "cut"),
     "Arm: controller frozen for 1 s": Fault("arm", "state", "t_ns", "frozen"),
     "Fingertips: USB unplugged": Fault("fingertips", "link", "link", "cut"),

@@ -14,7 +14,7 @@ from drivers.errors import GraspError
 from grasp.cli.exits import code_of
 from grasp.commands import CloseFast, HoldFingers, MoveArm, MoveFingers, OpenFingers
 from grasp.loop import Tick
-from grasp.phases import Phase
+from grasp.phases import AIRBORNE_PHASES, Phase
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
@@ -49,8 +49,10 @@ STILL_M = 1e-4
 STANDING_MPS = 1e-3
 ON_TABLE_M = 1e-3
 
-PHASES = (Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.COMPENSATE, Phase.HOLD)
-AIRBORNE = (Phase.LIFT, Phase.COMPENSATE, Phase.HOLD)
+PHASES = (
+    Phase.APPROACH, Phase.GRASP, Phase.LIFT, Phase.COMPENSATE, Phase.HOLD, Phase.LOWER,
+    Phase.RELEASE,
+)  # fmt: skip
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True):
@@ -83,6 +85,16 @@ FAULTS = {
         title="arm: protective stop",
         request={"name": "protective_stop"},
         device="arm", kinds=("device_fault", "safety_stop"),
+    ),
+    "emergency-stop": Fault(
+        title="arm: emergency stop",
+        request={"name": "emergency_stop"},
+        device="arm", kinds=("device_fault", "safety_stop"),
+    ),
+    "speed-slider": Fault(
+        title="arm: speed slider turned to 0 %",
+        request={"name": "speed_slider", "fraction": 0.0},
+        device="arm", kinds=("safety_stop",),
     ),
     "arm-disconnected": Fault(
         title="arm: connections dropped",
@@ -151,7 +163,7 @@ class Staged:
         self.config = load_config("can", "emulated", None, None, QUICK).for_lift()
         self._rig: Rig | None = None
         self.struck = False
-        self._last = Phase.IDLE
+        self._last = self._before = Phase.IDLE  # the safe state
         self._failed_ns: int | None = None
         self._sent: list[tuple[Any, str]] = []  # commands of the safe state, and why refused
         self._looks: list[tuple[Truth, dict[str, Any]]] = []
@@ -204,6 +216,8 @@ class Staged:
 
     def _tick(self, tick: Tick) -> None:
         self._last = tick.decision.phase
+        if self._last is not Phase.FAULT:
+            self._before = self._last
         if self._last is self.phase and not self.struck:
             self.struck = True
             self._cell.control.ask("fault", **self.fault.request)
@@ -258,15 +272,20 @@ class Staged:
         row.problems = [problem for problem, well in checks.items() if not well]
 
     def _safe_hands(self) -> tuple[str, ...]:
-        told = "closes" if self.phase in AIRBORNE else "stays"
+        told = "closes" if self._before in AIRBORNE_PHASES else "stays"
         if self.fault.gripper_obeys:
             return (told,)
         return (told, "not told", "refuses")
 
     def _object_safe(self) -> bool:
+        """A hand that is closed to the limit before it was struck holds whether it obeys or not."""
         if self.phase is Phase.HOLD:
             return self.row.object.startswith("held")
-        if self.phase in AIRBORNE and self.fault.gripper_obeys:
+        if self.phase is Phase.RELEASE:
+            return self.row.object.startswith("on the table")
+        if self.phase is Phase.LOWER or (
+            self.phase in AIRBORNE_PHASES and self.fault.gripper_obeys
+        ):
             return self.row.object.startswith(("held", "on the table, gripped"))
         return True
 

@@ -29,6 +29,7 @@ The same in virtual time: `tests/unit/scenarios/lift/test_faults.py`. Safe state
 `not told`: the link to the gripper is lost; it holds by itself. `refuses`: the driver sends nothing
 to a gripper that reports a fault, and it holds as it stands. `N mm late`: nothing reaches a frozen
 controller; once it thaws it goes that far until its watchdog or our stop command ends the motion.
+A speed slider at 0 is no trouble until the arm is to move: such a run ends in a later phase.
 Exit codes: 3 device, 4 safety stop.
 """
 
@@ -86,7 +87,7 @@ def test_fault_ends_in_the_safe_state(fault: str, phase: Phase, monkeypatch) -> 
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(1200)
+@pytest.mark.timeout(2400)
 def test_every_fault_in_every_phase(monkeypatch) -> None:
     rows = []
     for fault in FAULTS:

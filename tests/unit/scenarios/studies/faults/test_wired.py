@@ -1,5 +1,6 @@
 """Rows of the wire table beside runs in virtual time."""
 
+from collections import Counter
 from pathlib import Path
 
 import msgspec
@@ -8,6 +9,7 @@ import pytest
 from grasp.phases import Phase
 from scenarios.studies.faults.run import run_scene
 from scenarios.studies.faults.wired import COUNTERPARTS, cases_of, compared, rows_of
+from tests.wire.scenarios.cell.staged import FAULTS, PHASES
 
 PAGE = """# Faults on the wire
 
@@ -36,9 +38,17 @@ def test_rows_are_those_of_the_wire_table() -> None:
 
 
 def test_every_fault_of_the_wire_table_has_a_counterpart() -> None:
+    titles = [f"{fault.title[0].upper()}{fault.title[1:]}" for fault in FAULTS.values()]
+    assert titles == list(COUNTERPARTS)
     rows = rows_of(TABLE.read_text(encoding="utf-8"))
-    assert {row.title for row in rows} == set(COUNTERPARTS)
-    assert len(rows) == 5 * len(COUNTERPARTS)
+    phases = Counter(row.title for row in rows)
+    assert set(phases) <= set(COUNTERPARTS) and len(set(phases.values())) == 1
+
+
+def test_a_counterpart_strikes_where_its_row_does_in_each_phase_of_the_wire_table() -> None:
+    rows = [msgspec.structs.replace(rows_of(PAGE)[0], phase=phase) for phase in PHASES]
+    ended = run_scene(cases_of(rows))
+    assert {(e.struck_in, e.outcome) for e in ended} == {(phase, "fault") for phase in PHASES}
 
 
 def test_what_differs_is_told() -> None:
