@@ -29,9 +29,14 @@ class Declared(msgspec.Struct, frozen=True):
     why: str
     lasting: bool = True  # only where the fault stays
     beforehand: bool = True  # no run had been looked at
+    since: frozenset[str] = frozenset()  # of ``may``: what was added after runs had been
 
     def of(self, fault: Fault, recovers: bool) -> bool:
         return not (self.lasting and recovers) and re.fullmatch(self.faults, str(fault)) is not None
+
+    def foretold(self, found: Collection[str]) -> bool:
+        """Whether all of this had been named before any run was looked at."""
+        return self.beforehand and self.since.isdisjoint(found)
 
     def covers(
         self, faults: Collection[tuple[Fault, bool]], phase: str, found: Collection[str], told: str
@@ -80,5 +85,6 @@ DECLARED = (
         frozenset({"moving", "unstopped", "dropped", "time-out"}),
         r"arm (is )?still mov|cannot be believed|not heard",
         "nothing else of ours stops it: the emergency stop does, and the last line says so",
+        since=frozenset({"unstopped"}),
     ),
 )  # fmt: skip

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from statistics import median
 
 from scenarios.studies.faults.cases import STRETCHES, plan
-from scenarios.studies.faults.declared import DECLARED
+from scenarios.studies.faults.declared import DECLARED, Declared
 from scenarios.studies.faults.last_line import TOUCH_N
 from scenarios.studies.faults.run import OFF_TABLE_M, Ended
 from scenarios.studies.faults.verdict import CHECKS, declared, fell, gripped, problems
@@ -41,8 +41,11 @@ def generated(ended: Sequence[Ended], codes: Sequence[str], detector: str) -> st
 
 def _head(ended: Sequence[Ended], codes: Sequence[str]) -> str:
     fallen = sum(bool(fell(e)) for e in ended)
-    named = [case for e in ended if (found := problems(e)) and (case := declared(e, found))]
-    before = sum(case.beforehand for case in named)
+    named = [
+        case.foretold(found)
+        for e in ended if (found := problems(e)) and (case := declared(e, found))
+    ]  # fmt: skip
+    before = sum(named)
     unstruck = sum(not e.struck and e.case.fault is not None for e in ended)
     sent = [e for e in ended if e.case.fault is not None and e.case.fault.part == "command"]
     sent = [e for e in sent if e.case.then is None]
@@ -191,19 +194,26 @@ def _named(ended: Sequence[Ended]) -> list[str]:
     used = Counter(
         case.name for e in ended if (found := problems(e)) and (case := declared(e, found))
     )
-    when = {True: "before any run", False: "**after it was seen**"}
 
     def pattern(text: str) -> str:
         return f"`{text}`".replace("|", "\\|")
 
     rows = (
-        [d.name, when[d.beforehand], pattern(d.faults), ", ".join(sorted(d.may)), d.why,
+        [d.name, _when(d), pattern(d.faults), ", ".join(sorted(d.may)), d.why,
          pattern(d.told), used[d.name]]
         for d in DECLARED
     )  # fmt: skip
     return table(
         ("case", "named", "faults", "what may be", "why", "the user is told", "runs"), rows
     )
+
+
+def _when(case: Declared) -> str:
+    """It was named, as against runs that were looked at."""
+    if not case.beforehand:
+        return "**after it was seen**"
+    more = f"; {', '.join(sorted(case.since))} **after it was seen**" if case.since else ""
+    return f"before any run{more}"
 
 
 def _fallen(ended: Sequence[Ended]) -> list[str]:

@@ -10,6 +10,7 @@ from grasp.guard import GuardSettings
 from grasp.phases import Phase
 from scenarios.studies.faults import store as store_module
 from scenarios.studies.faults.cases import SCENES, TOUCHING, Case, Fault, by_scene, in_turn, plan
+from scenarios.studies.faults.page import generated
 from scenarios.studies.faults.run import Ended, goes, run, run_scene
 from scenarios.studies.faults.schedule import SCHEDULE
 from scenarios.studies.faults.store import FaultStore
@@ -97,6 +98,9 @@ def test_a_stop_that_is_lost_in_a_safe_state_is_named_and_told() -> None:
     assert fell(
         ended(found, message="the tactile board is unplugged", unreached=(), arm="the arm stands")
     )
+    page = generated([found], ["abc"], "none")  # that it goes on for longer was named later
+    assert "0 did what had been named before any run was looked at, 1 what was named after" in page
+    assert "| before any run; unstopped **after it was seen** |" in page
 
 
 @pytest.fixture(scope="module")
