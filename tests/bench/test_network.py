@@ -61,12 +61,13 @@ def grown_kb(
     update: Callable[[int], object], read_at: Sequence[int], read: Callable[[], int] = resident_kb
 ) -> list[int]:
     """What memory grew by from before the first step to each number of steps, all in one go."""
-    first, done, grown = read(), 0, []
-    for until in read_at:
+    grown = [0] * len(read_at)  # whole from the start: a list that lengthens takes pages itself
+    first, done = read(), 0
+    for k, until in enumerate(read_at):
         for i in range(done, until):
             update(i)
         done = until
-        grown.append(read() - first)
+        grown[k] = read() - first
     return grown
 
 
