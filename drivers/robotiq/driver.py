@@ -24,10 +24,12 @@ from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.encoding import (
     applied,
     checked_counts,
-    finger_state,
+    finger_states,
     held_targets,
     motion_image,
+    pinches,
     why_still,
+    with_scissor,
 )
 from drivers.robotiq.exchange import (
     ACTIVATE,
@@ -38,6 +40,7 @@ from drivers.robotiq.exchange import (
     RegisterTransport,
     WireLog,
 )
+from drivers.robotiq.modes import BASIC, SCISSOR, check_closing
 from drivers.robotiq.protocol import (
     FAULTS,
     FULL_BYTE,
@@ -49,7 +52,6 @@ from drivers.robotiq.protocol import (
 
 __all__ = ["DriverSettings", "ExchangeStatistics", "RegisterTransport", "RobotiqDriver"]
 
-_SCISSOR_MODE = 3
 LATE_COUNTS = 2  # by which a position lags that was read and refreshed
 
 _LOST = "the link is lost: nothing is sent until it answers again"
@@ -124,6 +126,11 @@ class RobotiqDriver:
     def m_per_count(self) -> float:
         """Fingertip travel of one count by the calibration, m."""
         return self._calibration.m_per_count
+
+    @property
+    def mode(self) -> int:
+        """That the hand was taken over in, and that every command leaves it in (rMOD)."""
+        return self._mode
 
     @property
     def statistics(self) -> ExchangeStatistics:
@@ -212,7 +219,7 @@ class RobotiqDriver:
         self._exchange.want(None)
         if pending:  # it may wait in the hand, which would take it up when it has booted
             self._exchange.want(RESET)
-        if status.ready and self._mode != _SCISSOR_MODE:
+        if status.ready:
             where = tuple(finger.position for finger in status.fingers)
             self._exchange.want(self._image(where, 0, (0, 0, 0)))
 
@@ -221,8 +228,7 @@ class RobotiqDriver:
         if changed or self._fingers is None:
             self._leapt = self._leapt or self._leaps(status, now_ns + took_ns)
             self._changed_ns = now_ns
-            a, b, c = (finger_state(axis, status) for axis in status.fingers)
-            self._fingers = (a, b, c)
+            self._fingers = finger_states(status)
         self._seq += 1
         fault = FAULTS[status.fault]
         self._state = GripperState(
@@ -274,39 +280,48 @@ class RobotiqDriver:
         if self._step is _Step.RESTARTING and not status.active and not status.fault:
             self._step = _Step.ACTIVATING
             self._exchange.want(ACTIVATE)
-        elif self._step is _Step.ACTIVATING and status.ready:
+        elif self._step is _Step.ACTIVATING and status.ready and status.mode == BASIC:
             self._step, self._leapt = _Step.NONE, False
 
     # Verbs
 
     def activate(self, dropping: bool = False) -> Applied:
-        """Make the hand ready. One that is ready and without fault is taken over as it is; one that
-        holds something, or is active and not open, for who holds by position feels no contact, is
-        left alone, unless it may drop that."""
+        """Make the hand ready, in basic mode. One that is so and without fault is taken over as it
+        is; one that holds something, or is active and not open, for who holds by position feels no
+        contact, is left alone, unless it may drop that. One that is ready in another mode is told
+        the basic one, for which it opens first."""
         state = self._known()
         if self._exchange.lost:
             return self._nothing(_LOST)
         if self._step is not _Step.NONE:
             return self._nothing("activation is under way")
-        if state.active and not state.fault:
+        well = state.active and not state.fault
+        if well and self._mode == BASIC:
             return self._nothing("already active: taken over as it is")
-        holding = Detection.CONTACT_CLOSING in (finger.detection for finger in state.fingers)
-        holding = holding or (state.active and not state.is_open)
-        if holding and not dropping:
+        if self._holds(state) and not dropping:
             raise Refused(
                 "activation would drop what the fingers hold",
                 "open first; switch the hand off and on if it cannot",
             )
         status = self._status
-        if status is not None and status.active and status.initialization == 1 and not state.fault:
-            self._begin(_Step.ACTIVATING, ACTIVATE)  # begun by another master
+        if well or (
+            status is not None and status.active and status.initialization == 1 and not state.fault
+        ):
+            self._begin(_Step.ACTIVATING, ACTIVATE)  # in another mode, or begun by another master
         else:
             self._begin(_Step.RESTARTING, RESET)
         return self._of(ACTIVATE)
 
+    def _holds(self, state: GripperState) -> bool:
+        """Whether it may hold something."""
+        met = Detection.CONTACT_CLOSING in (finger.detection for finger in state.fingers)
+        met = met or (self._status is not None and pinches(self._status))
+        return met or (state.active and not state.is_open)
+
     def open(self, speed_mps: float) -> Applied:
-        """Open all fingers to their software limits, at the least force."""
-        return self._move((0, 0, 0), speed_mps, (0, 0, 0))
+        """Open all fingers to their software limits, at the least force; in scissor mode spread B
+        and C too, for they may hold something between them."""
+        return self._move((0, 0, 0), speed_mps, (0, 0, 0), spread=True)
 
     def move_to(self, targets_counts: Counts3, speed_mps: float, force_n: float) -> Applied:
         """Send each finger to a count, at a force within ``force_n``."""
@@ -402,11 +417,17 @@ class RobotiqDriver:
     # Images
 
     def _move(
-        self, targets: Sequence[int], speed_mps: float, force_bytes: Sequence[int]
+        self,
+        targets: Sequence[int],
+        speed_mps: float,
+        force_bytes: Sequence[int],
+        spread: bool = False,
     ) -> Applied:
         speed = self._calibration.speed_byte_at_most(speed_mps)
         state = self._ready()
-        command = self._image(targets, speed, force_bytes)
+        if any(to > at for to, at in zip(targets, state.positions, strict=True)):
+            check_closing(self._mode)
+        command = self._image(targets, speed, force_bytes, spread)
         if self._exchange.lost:
             return self._nothing(_LOST)
         still = [self._why_still(i, command.axes[i], state) for i in range(FINGERS)]
@@ -417,9 +438,19 @@ class RobotiqDriver:
         return self._of(command, "" if "" in still else "; ".join(sorted(set(still))))
 
     def _image(
-        self, targets: Sequence[int], speed: int, force_bytes: Sequence[int]
+        self,
+        targets: Sequence[int],
+        speed: int,
+        force_bytes: Sequence[int],
+        spread: bool = False,
     ) -> CommandRegisters:
-        return motion_image(self._mode, targets, speed, force_bytes)
+        """``spread``: in scissor mode, B and C apart; else that motor stays where it is."""
+        command = motion_image(self._mode, targets, speed, force_bytes)
+        if self._mode != SCISSOR or self._status is None:
+            return command
+        if spread:
+            return with_scissor(command, 0, speed)
+        return with_scissor(command, self._status.scissor.position, 0)
 
     def _why_still(self, i: int, axis: AxisCommand, state: GripperState) -> str:
         if not self._fresh:
@@ -444,8 +475,6 @@ class RobotiqDriver:
             raise Refused(f"gripper fault: {state.fault_text}", FAULTS[state.fault].remedy)
         if not state.active:
             raise Refused("the hand is not activated", "activate it first")
-        if self._mode == _SCISSOR_MODE:
-            raise Refused("the hand is in scissor mode", "set it to basic mode")
         return state
 
     def _of(self, command: CommandRegisters, note: str = "") -> Applied:

@@ -2,9 +2,12 @@
 
 from collections.abc import Sequence
 
+import msgspec
+
 from drivers.errors import Refused
 from drivers.interfaces import FINGERS, Applied, Counts3, Detection, FingerState
 from drivers.robotiq.calibration import GripperCalibration
+from drivers.robotiq.modes import SCISSOR
 from drivers.robotiq.protocol import (
     FULL_BYTE,
     AxisCommand,
@@ -14,10 +17,19 @@ from drivers.robotiq.protocol import (
 )
 
 _DETECTIONS = tuple(Detection)
+_MOVING = Detection.MOVING
 _MISREAD_COUNTS = 16  # by which a position is off at most; who was told back further, opens
 
 LATCHED = "contact is latched: a close at no higher force does nothing"
 THERE = "already there"
+
+
+def finger_states(status: StatusRegisters) -> tuple[FingerState, FingerState, FingerState]:
+    """All fingers of a status. In scissor mode B and C are moved by a motor of their own, too."""
+    a, b, c = (finger_state(axis, status) for axis in status.fingers)
+    if status.mode == SCISSOR and status.go_to and _DETECTIONS[status.scissor.detection] is _MOVING:
+        b, c = (msgspec.structs.replace(finger, detection=_MOVING) for finger in (b, c))
+    return a, b, c
 
 
 def finger_state(axis: AxisStatus, status: StatusRegisters) -> FingerState:
@@ -26,9 +38,15 @@ def finger_state(axis: AxisStatus, status: StatusRegisters) -> FingerState:
     """
     detection = _DETECTIONS[axis.detection]
     busy = status.go_to or status.initialization in (1, 2)
-    if detection is Detection.MOVING and not busy:
+    if detection is _MOVING and not busy:
         detection = Detection.AT_TARGET
     return FingerState(axis.echo, axis.position, axis.current_ma, detection)
+
+
+def pinches(status: StatusRegisters) -> bool:
+    """Whether something was met between B and C, which in scissor mode close on each other."""
+    met = _DETECTIONS[status.scissor.detection]
+    return status.mode == SCISSOR and met is Detection.CONTACT_CLOSING
 
 
 def checked_counts(targets: Sequence[int]) -> Sequence[int]:
@@ -50,6 +68,14 @@ def motion_image(
     )
     return CommandRegisters(
         activate=True, mode=mode, go_to=True, individual_fingers=True, a=a, b=b, c=c
+    )
+
+
+def with_scissor(command: CommandRegisters, counts: int, speed: int) -> CommandRegisters:
+    """The same, with a place of its own for the scissor (rICS), at the least force: without one a
+    hand in scissor mode sends its scissor to finger A's place, and obeys no single finger."""
+    return msgspec.structs.replace(
+        command, individual_scissor=True, scissor=AxisCommand(counts, speed, 0)
     )
 
 

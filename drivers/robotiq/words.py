@@ -3,13 +3,13 @@ GRIPPER STATUS registers, 2014 p. 44-57."""
 
 from typing import Final
 
+from drivers.robotiq.modes import NAMES as MODES
 from drivers.robotiq.protocol import FAULTS, FULL_BYTE, AxisStatus, StatusRegisters
 
 NAMES: Final = ("A", "B", "C", "scissor")
 MOST_MA: Final = 2000  # of a finger's motor; assumed: the worked examples show 80 to 160 mA
 LEAP_COUNTS: Final = 8  # that a finger which stands may seem to move between two looks; assumed
 
-_MODE = ("basic", "pinch", "wide", "scissor")
 _INITIALIZATION = ("reset", "activation is under way", "the mode is being changed", "ready")
 _STOPPED = (
     "the fingers move",
@@ -33,7 +33,7 @@ def lines(status: StatusRegisters) -> list[str]:
     axes = zip(NAMES, (*status.fingers, status.scissor), strict=True)
     return [
         f"gACT {status.active:d}: {'activated' if status.active else 'not activated'}",
-        f"gMOD {status.mode}: {_MODE[status.mode]} mode",
+        f"gMOD {status.mode}: {MODES[status.mode]} mode",
         f"gGTO {status.go_to:d}: {'obeys positions' if status.go_to else _STAND_BY}",
         f"gIMC {status.initialization}: {_INITIALIZATION[status.initialization]}",
         f"gSTA {status.stopped}: {_said(_STOPPED, status.stopped, status)}",

@@ -16,6 +16,7 @@ from grasp.cli.lab import (
     lab_config,
     leave_to_move,
     new_file,
+    tell_mode,
     tell_weak,
     will,
 )
@@ -117,7 +118,11 @@ def calibrate_force(args: argparse.Namespace) -> int:
         check_force(up_to_n, called=asked)
     pressing = f"finger {args.finger} by single counts, up to {up_to_n:g} N on the scale"
     if args.dry_run:
-        check_pressing(config, hearing=True) if args.press else check_hearing(config)
+        if args.press:
+            check_pressing(config, hearing=True)
+            tell_mode(config)
+        else:
+            check_hearing(config)
         return _would(args, pressing if args.press else "nothing")
     if not args.press:
         operator = _operator()
@@ -125,6 +130,7 @@ def calibrate_force(args: argparse.Namespace) -> int:
             text = by_weights(config, args.finger, up_to_n, operator, _tell, args.note)
         return _written(args, text)
     permit = leave_to_move(config, args, lambda: f"move {pressing}")
+    tell_mode(config)
     _over_a_scale(args)
     operator = _operator()
     will(f"move {pressing}")
@@ -152,8 +158,10 @@ def calibrate_hand(args: argparse.Namespace) -> int:
     )
     if args.dry_run:
         check_pressing(config, hearing=False)
+        tell_mode(config)
         return _would(args, pressing)
     permit = leave_to_move(config, args, lambda: f"move {pressing}")
+    tell_mode(config)
     _over_a_scale(args)
     operator = _operator()
     will(f"move {pressing}")
@@ -184,7 +192,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     from detector.scores.unlabelled import hold_of
     from scenarios.campaign.config import load_config
     from scenarios.lab.hand import guard_of
-    from scenarios.lab.ready import active_hand, check_closing
+    from scenarios.lab.ready import active_hand, check_close
     from scenarios.lab.sessions import held_still
     from scenarios.studies.detectors.unlabelled import rule_of
 
@@ -195,10 +203,11 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     guard_of(config)  # raises where a run would be refused
     holding = f"the fingers, closed on an object for {args.seconds:g} s, then opened"
     if args.dry_run:
-        state = active_hand(config)
-        check_closing(config, state, CLOSED)
+        check_close(config, active_hand(config), CLOSED)
+        tell_mode(config)
         return _would(args, f"{holding}; the arm stands")
     permit = leave_to_move(config, args, lambda: f"move {holding}")
+    tell_mode(config)
     operator = _operator()
     will(f"move {holding}; the arm stands")
     with interruption.held():

@@ -4,7 +4,7 @@
 import argparse
 from typing import Any
 
-from drivers.errors import UsageError
+from drivers.errors import DeviceFault, UsageError
 from grasp.cli import exits
 from grasp.cli.output import json_line
 from grasp.cli.trials import is_asked, trials_of
@@ -68,7 +68,7 @@ def press_plan(config: Any, course: Any, seconds: float) -> list[str]:
 
 def _told(would: list[str], checks: list[Any], args: argparse.Namespace) -> int:
     against = [check for check in checks if check.status == "fail"]
-    code = exits.DEVICE if against else exits.SUCCESS
+    code = exits.code_of(against[0].kind or DeviceFault.kind) if against else exits.SUCCESS
     if args.json:
         told = {"would": would, "checks": [check._asdict() for check in checks]}
         print(json_line({**told, "exit_code": code}))
@@ -137,6 +137,7 @@ def _plan(config: Any, args: argparse.Namespace) -> list[str]:
 
 def release(config: Any, args: argparse.Namespace) -> int:
     """Raises what the release would: exits 0 only where the fingers would be opened."""
+    from drivers.robotiq.modes import SCISSOR, SPREADS
     from scenarios.lab.ready import hand_seen
     from scenarios.rigs.permission import gripper_address
     from scenarios.rigs.release import not_active
@@ -144,11 +145,12 @@ def release(config: Any, args: argparse.Namespace) -> int:
 
     _of_devices(config)
     to_open(config)  # raises where nobody has said which hand this is
-    state, where = hand_seen(config), gripper_address(config)
+    seen, where = hand_seen(config), gripper_address(config)
+    state = seen.state
     speed_mmps = config.controller.approach_speed_mps * 1e3
     would = (
         f"open the fingers of the gripper at {where} from {state.positions} counts at "
-        f"{speed_mmps:.0f} mm/s"
+        f"{speed_mmps:.0f} mm/s{SPREADS if seen.mode == SCISSOR else ''}"
     )
     if not state.active:
         if not args.activate:

@@ -14,6 +14,7 @@ from grasp.cli.lab import (
     lab_config,
     leave_to_move,
     say,
+    tell_mode,
     tell_weak,
     will,
 )
@@ -24,6 +25,7 @@ HELP = "look at a lab's gripper, activate it, move it slowly"
 SLOW = "slowly, at its least force"
 ALL = "open and close all fingers fully"
 IDLE = "do nothing: it is active"
+SET_BASIC = "open all fingers and set basic mode"
 FULLY = "activation opens and closes the hand fully, with a force that nobody sets."
 
 
@@ -32,8 +34,10 @@ def add_parser(verbs: Any) -> None:
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     _action(actions, "status", status, "every register in words; moves nothing", moves=False)
     active = _action(
-        actions, "activate", activate, "make the hand ready, which opens and closes it fully"
-    )
+        actions, "activate", activate,
+        "make the hand ready, which opens and closes it fully; one that is active in another mode "
+        "is set to the basic one, for which it opens",
+    )  # fmt: skip
     active.add_argument(
         "--empty", action="store_true", help="the hand is empty: do not ask whether it is"
     )
@@ -74,6 +78,7 @@ def _add_finger(parser: argparse.ArgumentParser, default: str) -> None:
 
 
 def status(args: argparse.Namespace) -> int:
+    from drivers.robotiq.modes import TO_BASIC, other_than_basic
     from drivers.robotiq.protocol import FAULTS
     from drivers.robotiq.words import doubts, lines
     from scenarios.rigs.device_checks import STRANGE
@@ -91,6 +96,8 @@ def status(args: argparse.Namespace) -> int:
         exits.report_line(f"{doubt} ({STRANGE})")
     if fault.code:
         exits.report_line(f"{fault.text} ({fault.remedy})")
+    if now.ready and (other := other_than_basic(now.mode)):
+        exits.report_line(f"the hand is {other} ({TO_BASIC})")
     return code
 
 
@@ -115,10 +122,12 @@ def activate(args: argparse.Namespace) -> int:
         from scenarios.rigs.rig import to_open
 
         to_open(config)  # raises where nobody has said which hand this is
-        return _tell(args, {"would": ALL if check_activation(config) else IDLE})
+        seen = check_activation(config)
+        does = IDLE if seen is None else SET_BASIC if seen.well else ALL
+        return _tell(args, {"would": does})
     permit = leave_to_move(config, args, lambda: ALL)
     confirm(f"{FULLY} Is it empty, and everybody's hands away?", "empty", args.empty)
-    will(f"{ALL}, if it is not active")
+    will(f"{ALL}, if it is not active; {SET_BASIC}, if it is active in another")
     with interruption.held():
         positions = activate_hand(config, permit, say)
     if positions is None:
@@ -132,11 +141,12 @@ def open_fingers(args: argparse.Namespace) -> int:
 
     config = _lab_config(args)
     if args.dry_run:
-        return _would(args, config, lambda at: (0, 0, 0), closing="")
+        return _would(args, config, lambda at: (0, 0, 0), closing="", spreads=True)
     permit = leave_to_move(config, args, lambda: f"open all fingers at {_how(to_open(config))}")
     with interruption.held(), open_hand(config, permit, closing=False) as hand:
-        will(_move(to_open(config), hand.state.positions, (0, 0, 0)))
-        moved = hand.move((0, 0, 0), say)
+        will(_move(to_open(config), hand.state.positions, (0, 0, 0)) + _spreads(hand.mode))
+        moved = hand.open(say)
+    tell_mode(config, opened=True)
     return _tell(args, {"done": moved.in_words()}, _ended(moved))
 
 
@@ -152,6 +162,7 @@ def close_fingers(args: argparse.Namespace) -> int:
         config, args,
         lambda: f"close finger {fingers} to {args.to} counts at {_how(config)}{order}",
     )  # fmt: skip
+    tell_mode(config)
     with interruption.held(), open_hand(config, permit, closing=True) as hand:
         targets = targets_of(hand.state.positions, fingers, args.to)
         will(_move(config, hand.state.positions, targets) + order)
@@ -175,6 +186,7 @@ def step_fingers(args: argparse.Namespace) -> int:
         config, args,
         lambda: f"move finger {fingers} by {counts:+} counts at {_how(config)}{order}",
     )  # fmt: skip
+    tell_mode(config)
     with interruption.held(), open_hand(config, permit, closing=not args.open) as hand:
         targets = step_targets(hand.state.positions, fingers, counts)
         will(_move(config, hand.state.positions, targets) + order)
@@ -190,24 +202,35 @@ def _lab_config(args: argparse.Namespace) -> Any:
 
 
 def _would(
-    args: argparse.Namespace, config: Any, targets: Callable[[Any], Any], closing: str
-) -> int:
+    args: argparse.Namespace, config: Any, targets: Callable[[Any], Any], closing: str,
+    spreads: bool = False,
+) -> int:  # fmt: skip
     """Of a dry run: where the fingers would go from where they are, and how hard at most. Raises
-    what the motion would. ``closing``: the fingers that close."""
-    from scenarios.lab.ready import active_hand, check_closing
+    what the motion would. ``closing``: the fingers that close; ``spreads``: in scissor mode B and C
+    are moved apart."""
+    from scenarios.lab.ready import active_hand, check_close
     from scenarios.rigs.rig import to_open
 
-    state = active_hand(config)
-    to = targets(state.positions)
+    seen = active_hand(config)
+    at = seen.state.positions
+    to = targets(at)
     if closing:
-        check_closing(config, state, to)
+        check_close(config, seen, to)
+    tell_mode(config, opened=not closing)
     told = config if closing else to_open(config)
-    order = _order(config, closing)
-    return _tell(args, {"would": _move(told, state.positions, to) + order})
+    more = _spreads(seen.mode) if spreads else _order(config, closing)
+    return _tell(args, {"would": _move(told, at, to) + more})
 
 
 def _move(config: Any, at: Any, to: Any) -> str:
     return f"move fingers from {at} to {to} counts at {_how(config)}"
+
+
+def _spreads(mode: int) -> str:
+    """What else a hand does that is told to open fully."""
+    from drivers.robotiq.modes import SCISSOR, SPREADS
+
+    return SPREADS if mode == SCISSOR else ""
 
 
 def _order(config: Any, closing: str) -> str:

@@ -105,6 +105,21 @@ def tell_slow(config: Any) -> None:
             exits.report_line(f"{slider.detail} ({slider.remedy})")
 
 
+def tell_mode(config: Any, opened: bool = False) -> None:
+    """On standard error, of a hand that is not in basic mode, what that means. That scissor mode
+    keeps it from closing is told by whoever opens the hand, unless it was ``opened`` only."""
+    from drivers.robotiq.modes import SCISSOR, TO_BASIC, other_than_basic
+    from scenarios.rigs.device_checks import read_gripper
+
+    if config.devices.gripper:
+        return
+    with suppress(GraspError):
+        _, now = read_gripper(config)
+        mode = now.mode if now.ready and (opened or now.mode != SCISSOR) else 0
+        if strange := other_than_basic(mode):
+            exits.report_line(f"the hand is {strange} ({TO_BASIC})")
+
+
 def say(text: str) -> None:
     """On standard error: what will move, or what became of something that was stopped."""
     exits.report_line(text)

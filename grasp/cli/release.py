@@ -4,6 +4,7 @@ import argparse
 from typing import Any
 
 from grasp.cli import dry, exits
+from grasp.cli.lab import tell_mode
 from grasp.cli.options import add_confirmation, add_settings, motion_permit
 from grasp.cli.output import json_line
 
@@ -56,4 +57,6 @@ def release(args: argparse.Namespace) -> int:
     else:
         for device, state in others.items():
             print(f"  {device}: {state}")
+    if real:
+        tell_mode(config, opened=True)
     return exits.SUCCESS

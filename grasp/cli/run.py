@@ -6,7 +6,7 @@ from typing import Any
 
 from drivers.errors import UsageError
 from grasp.cli import dry, exits, first
-from grasp.cli.lab import tell_slow, will
+from grasp.cli.lab import tell_mode, tell_slow, will
 from grasp.cli.options import (
     OBJECT_HELP,
     add_confirmation,
@@ -185,6 +185,7 @@ def run(args: argparse.Namespace) -> int:
         for line in dry.plan(config, args):
             will(line)
         tell_slow(config)
+        tell_mode(config)
     if args.first:
         config = first.begin(config, permit, args)
         make_guard(config)

@@ -26,6 +26,7 @@ from drivers.interfaces import (
 )
 from drivers.robotiq.exchange import RESET
 from drivers.robotiq.link.modbus import ModbusTransport
+from drivers.robotiq.modes import BASIC, SCISSOR, check_closing
 from drivers.robotiq.protocol import RTU, TCP
 from grasp import interruption
 from grasp.clock import Clock, WallClock
@@ -41,6 +42,7 @@ from scenarios.rigs.rig import (
     ACTIVATION_TIMEOUT_S,
     calibration,
     check_fault,
+    mode_of,
     not_active,
     to_open,
 )
@@ -50,6 +52,7 @@ from scenarios.trial.execution import make_guard
 
 MOST_STEP_M = 0.005
 STAND_S = 3.0  # within which fingers that were told to stand are seen to
+SPREAD_S = 15.0  # within which B and C are; assumed: a finger at least speed takes 9 s all the way
 TOUCH_N = 1.0  # felt by any finger: there B and C stand; above what a still pad's wander feels like
 THUMB = 0
 
@@ -141,6 +144,11 @@ class Hand:
         self._told: list[Counts3] = []  # steps of the motion so far
 
     @property
+    def mode(self) -> int:
+        """That it was taken over in."""
+        return mode_of(self._gripper)
+
+    @property
     def state(self) -> GripperState:
         state = self._gripper.state
         if state is None:
@@ -158,6 +166,20 @@ class Hand:
             if self._told:
                 self.stand(say)
             raise
+
+    def open(self, say: Say) -> Moved:
+        """All fingers, as ``move``; in scissor mode then B and C apart too, for they may hold
+        something between them."""
+        moved = self.move((0, 0, 0), say)
+        if self.mode != SCISSOR:
+            return moved
+        try:
+            self._gripper.open(self.speed_mps)
+            self._until_rest(SPREAD_S)
+        except BaseException:
+            self.stand(say)
+            raise
+        return self._moved("", "")
 
     def close(self, targets: Counts3, say: Say) -> Moved:
         """B and C first, the thumb open, then the thumb alone: as a run closes."""
@@ -216,7 +238,7 @@ class Hand:
         with interruption.sealed(), suppress(GraspError):
             self._gripper.hold()
             with suppress(DeviceFault):
-                self._until_rest()
+                self._until_rest(STAND_S)
                 seen = True
         where = self._gripper.state.positions if self._gripper.state else "unknown"
         told = f", told to go to {self._told[-1]} counts and no further" if self._told else ""
@@ -270,11 +292,12 @@ class Hand:
         walk(steps, self._clock, lambda: self.state, self._send, look)
         return self._moved(early, touched)
 
-    def _until_rest(self) -> None:
-        """Look until fingers that were told to stand are seen to, without the fingertips."""
-        end_ns = self._clock.now_ns + round(STAND_S * 1e9)
+    def _until_rest(self, within_s: float) -> None:
+        """Look until the fingers are seen to stand, without the fingertips."""
+        end_ns = self._clock.now_ns + round(within_s * 1e9)
         rested = 0
         while self._clock.now_ns < end_ns:
+            interruption.check()
             self.idle(watching=False)
             rested = rested + 1 if self.state.at_rest else 0
             if rested >= AT_REST:
@@ -296,8 +319,8 @@ def open_hand(config: TrialConfig, permit: MotionPermit | None, closing: bool) -
     """The hand of real devices, which must be active; with its fingertips where it is to close.
 
     Raises UsageError without a permit, ConfigError where a run would be refused, Refused for a hand
-    that is not active or that another process drives, DeviceFault for one that is to close and
-    reports a fault, and the drivers' errors.
+    that is not active, that another process drives or that is to close in scissor mode, DeviceFault
+    for one that is to close and reports a fault, and the drivers' errors.
     """
     allowed = require(permit)
     config = config if closing else to_open(config)
@@ -316,13 +339,15 @@ def open_hand(config: TrialConfig, permit: MotionPermit | None, closing: bool) -
             raise not_active(state)
         if closing:
             check_fault(state)
+            check_closing(mode_of(gripper))
         touch = stack.enter_context(open_touch(config, clock, state.is_open)) if closing else None
         yield Hand(config, gripper, touch, clock, allowed.release)
 
 
 def activate_hand(config: TrialConfig, permit: MotionPermit | None, say: Say) -> Counts3 | None:
     """Make it ready: it opens and closes fully, at a force that nobody sets, so it must be empty.
-    None where it was active already. Ctrl-C resets it, which stops the fingers."""
+    None where it was active already, in basic mode: one that is in another is told that one, for
+    which it opens. Ctrl-C resets it, which stops the fingers."""
     require(permit)
     config = to_open(config)  # no force of ours is told
     clock = WallClock(WallClock().now_ns)
@@ -346,7 +371,7 @@ def _begun(gripper: Gripper, clock: Clock) -> bool:
     state = gripper.state
     if state is None:
         raise LinkLost("the gripper does not answer", "check its power, cable and address")
-    if state.active and not state.fault:
+    if state.active and not state.fault and mode_of(gripper) == BASIC:
         return False
     gripper.activate()
     return True

@@ -27,6 +27,7 @@ from drivers.interfaces import (
     GripperState,
 )
 from drivers.robotiq.calibration import GripperCalibration
+from drivers.robotiq.modes import check_closing
 from grasp import interruption
 from grasp.clock import Clock, WallClock
 from grasp.guard import GuardSettings
@@ -38,7 +39,7 @@ from scenarios.rigs.calibration import MANUAL
 from scenarios.rigs.cell_lock import driving, gripper_of
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.permission import MotionPermit, require
-from scenarios.rigs.rig import check_fault, not_active
+from scenarios.rigs.rig import check_fault, mode_of, not_active
 from scenarios.rigs.wired import open_gripper
 from scenarios.trial.person import Operator
 
@@ -216,6 +217,7 @@ def open_presser(
         if not state.active:
             raise not_active(state)
         check_fault(state)
+        check_closing(mode_of(gripper))
         check_open(state)
         presser = Presser(gripper, clock, finger, up_to_n)
         try:

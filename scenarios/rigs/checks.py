@@ -7,12 +7,14 @@ from drivers.errors import GraspError
 
 
 class Check(NamedTuple):
-    """One finding: status is ok, warn or fail; the remedy is empty when all is well."""
+    """One finding: status is ok, warn or fail; the remedy is empty when all is well. ``kind``: of
+    the error that a run would end with, where that is no fault of a device."""
 
     name: str
     status: str
     detail: str
     remedy: str = ""
+    kind: str = ""
 
 
 def guarded(name: str, look: Callable[[], Check]) -> Check:
@@ -20,6 +22,6 @@ def guarded(name: str, look: Callable[[], Check]) -> Check:
     try:
         return look()
     except GraspError as error:
-        return Check(name, "fail", error.message, error.remedy)
+        return Check(name, "fail", error.message, error.remedy, error.kind)
     except Exception as error:  # a doctor reports, whatever it meets
         return Check(name, "fail", f"{type(error).__name__}: {error}", "see the message")

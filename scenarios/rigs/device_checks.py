@@ -5,9 +5,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from drivers.errors import ConfigError, DeviceFault, GraspError
+from drivers.errors import ConfigError, DeviceFault, GraspError, Refused
 from drivers.interfaces import OPEN_COUNTS, PERIOD_NS
 from drivers.robotiq.link.modbus import ModbusTransport
+from drivers.robotiq.modes import TO_BASIC, check_closing, other_than_basic
 from drivers.robotiq.protocol import FAULTS, REGISTERS, RTU, TCP, StatusRegisters
 from drivers.robotiq.words import doubts
 from drivers.takktile.driver import TakkTileDriver
@@ -107,19 +108,25 @@ def _gripper(config: GraspRigConfig) -> Check:
     state = "active" if now.ready else "not activated"
     if fault.code:
         return Check("gripper", "fail", f"answers, {state}; {fault.text}", fault.remedy)
+    if now.ready:
+        check_closing(now.mode)
     places = tuple(finger.position for finger in now.fingers)
     if max(places) > OPEN_COUNTS:
         return Check(
             "gripper", "fail", f"{state}, no fault, but not open: at {places} counts",
             "support what it holds, then `grasp release`: a run begins with an open hand"
-            if now.ready else CLOSED_AND_INACTIVE,
+            if now.ready else CLOSED_AND_INACTIVE, Refused.kind,
         )  # fmt: skip
     if not now.ready:
         return Check(
             "gripper", "fail" if config.real else "warn", "answers, not activated, no fault",
             "`grasp gripper activate`, with an empty hand: a run does it to no real one",
+            Refused.kind,
         )  # fmt: skip
-    return Check("gripper", "ok", f"answers, active, no fault, open at {places} counts")
+    well = f"answers, active, no fault, open at {places} counts"
+    if strange_mode := other_than_basic(now.mode):
+        return Check("gripper", "warn", f"{well}, {strange_mode}", TO_BASIC)
+    return Check("gripper", "ok", well)
 
 
 def arm_checks(config: Any) -> list[Check]:
@@ -130,7 +137,7 @@ def arm_checks(config: Any) -> list[Check]:
         host = arm_address(config)
         report = preflight(host, config.ur.step_timeout_s)
     except GraspError as error:
-        return [Check("arm", "fail", error.message, error.remedy)]
+        return [Check("arm", "fail", error.message, error.remedy, error.kind)]
     checks = [Check(f"arm {c.name}", c.status, c.detail, c.remedy) for c in report.checks]
     if report.version is None:
         return checks

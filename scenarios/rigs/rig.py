@@ -8,6 +8,7 @@ import msgspec
 from drivers.errors import ConfigError, DeviceFault, LinkLost, Refused
 from drivers.interfaces import OPEN_COUNTS, Arm, Gripper, GripperState, TactileSensor
 from drivers.robotiq.calibration import GripperCalibration
+from drivers.robotiq.modes import BASIC, check_closing
 from grasp.clock import Clock
 from grasp.loop import Devices
 from scenarios.rigs.calibration import MANUAL, check_claim, choices
@@ -130,6 +131,11 @@ def check_fault(state: GripperState) -> None:
         )  # fmt: skip
 
 
+def mode_of(gripper: Gripper) -> int:
+    """That the hand was taken over in: of another package's, which may know of none, basic."""
+    return int(getattr(gripper, "mode", BASIC))
+
+
 def not_active(state: GripperState) -> Refused:
     """What is said of a hand that obeys nothing."""
     why = f" ({state.fault_text})" if state.fault else ""
@@ -140,8 +146,8 @@ def not_active(state: GripperState) -> Refused:
 
 def take_over(gripper: Gripper, clock: Clock) -> None:
     """Of a real hand, which must be active: activation opens and closes it fully, at a force that
-    nobody sets, and a run does that to none by itself. Raises Refused for one that is not,
-    DeviceFault for one that reports a fault, and what its driver raises."""
+    nobody sets, and a run does that to none by itself. Raises Refused for one that is not, or that
+    is in scissor mode, DeviceFault for one that reports a fault, and what its driver raises."""
     end_ns = clock.now_ns + round(TAKE_OVER_S * 1e9)
     while clock.now_ns < end_ns:
         gripper.pump(clock.now_ns)
@@ -152,6 +158,7 @@ def take_over(gripper: Gripper, clock: Clock) -> None:
         if state is not None:
             check_fault(state)
             if state.fresh:
+                check_closing(mode_of(gripper))
                 return
         clock.sleep_until_ns(clock.now_ns + POLL_NS)
     raise LinkLost("the gripper does not answer", "check its power, cable and address")

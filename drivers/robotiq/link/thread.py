@@ -11,6 +11,7 @@ import msgspec
 from drivers.errors import GraspError, LinkLost
 from drivers.interfaces import Applied, Counts3, Gripper, GripperState
 from drivers.robotiq.link.timing import KEPT, Durations, TimedTransport
+from drivers.robotiq.modes import BASIC
 
 _NS: Final = 1_000_000_000
 _JOIN_S: Final = 5.0
@@ -140,6 +141,11 @@ class ThreadedGripper:
     def m_per_count(self) -> float:
         """Fingertip travel of one motor count, m."""
         return self._core.m_per_count
+
+    @property
+    def mode(self) -> int:
+        """That the hand was taken over in; basic for a core that knows of none."""
+        return int(getattr(self._core, "mode", BASIC))
 
     @property
     def acknowledged(self) -> bool:

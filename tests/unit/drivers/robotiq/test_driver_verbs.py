@@ -248,25 +248,6 @@ def test_writes_keep_ten_milliseconds_apart_and_the_newest_command_wins(rig) -> 
     assert made.written[-1].fingers[0].position == 119
 
 
-def test_the_mode_of_an_adopted_hand_is_kept(rig) -> None:
-    made = rig()
-    pinch = CommandRegisters(activate=True, mode=1)
-    made.model.write(0, pinch.to_registers(), made.now_ns)
-    made.step(400)
-    made.driver.move_to((50, 50, 50), FAST, 10.0)
-    made.step(20)
-    assert made.written[-1].mode == 1
-    assert made.state.active, "no mode change was provoked"
-
-
-def test_a_hand_in_scissor_mode_is_not_commanded(rig) -> None:
-    made = rig()
-    made.model.write(0, CommandRegisters(activate=True, mode=3).to_registers(), made.now_ns)
-    made.step(400)
-    with pytest.raises(Refused, match="scissor"):
-        made.driver.open(FAST)
-
-
 def test_fingers_left_by_a_simple_command_do_not_jump_when_taken_over(rig) -> None:
     made = rig()
     simple = CommandRegisters(activate=True, go_to=True, a=AxisCommand(120, 255, 0))

@@ -1,6 +1,7 @@
 """A rig waits for a hand that is ready, whatever it said before."""
 
 from collections.abc import Callable
+from typing import cast
 
 import pytest
 
@@ -8,8 +9,10 @@ from drivers.errors import DeviceFault, Refused
 from drivers.interfaces import Gripper
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import HandSettings
+from drivers.robotiq.modes import BASIC, SCISSOR
+from drivers.robotiq.protocol import CommandRegisters
 from grasp.clock import Clock, VirtualClock
-from scenarios.rigs.rig import activate, take_over
+from scenarios.rigs.rig import activate, mode_of, take_over
 from tests.calibrations import PAPER
 from tests.unit.drivers.robotiq.conftest import MS, Rig
 
@@ -117,6 +120,22 @@ def test_hand_that_is_not_active_and_stands_closed_is_activated_only_by_leave_to
     assert rig.state.positions == at
     activate(rig.driver, clock, dropping=True)
     assert rig.state.is_open
+
+
+@pytest.mark.parametrize("mode", [1, 2, 3])
+def test_real_hand_in_scissor_mode_is_not_taken_over_and_one_in_pinch_or_wide_is(mode: int) -> None:
+    """Before anything else moves: its driver would refuse the first closing alone."""
+    rig, clock = made(active=True)
+    rig.model.write(0, CommandRegisters(activate=True, mode=mode).to_registers(), rig.now_ns)
+    clock.sleep_until_ns(4_000 * MS)
+    if mode != SCISSOR:
+        take_over(rig.driver, clock)
+    else:
+        with pytest.raises(Refused, match="in scissor mode") as caught:
+            take_over(rig.driver, clock)
+        assert "`grasp gripper activate`" in caught.value.remedy
+    assert (rig.frames, mode_of(rig.driver)) == ([], mode)
+    assert mode_of(cast(Gripper, object())) == BASIC  # of another package
 
 
 def test_real_hand_is_taken_over_as_it_is_or_not_at_all() -> None:

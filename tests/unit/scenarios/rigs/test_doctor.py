@@ -116,6 +116,25 @@ def test_hand_that_a_run_would_refuse_stands_against_it(
 
 
 @pytest.mark.usefixtures("no_arm")
+@pytest.mark.parametrize(
+    ("mode", "at", "status", "told"),
+    [(1, 6, "warn", "open at (6, 0, 0) counts, in pinch mode"), (2, 6, "warn", "in wide mode"),
+     (3, 6, "fail", "in scissor mode, in which it is only opened"), (3, 90, "fail", "scissor mode"),
+     (2, 90, "fail", "not open")],
+)  # fmt: skip
+def test_mode_in_which_no_hand_closes_stands_against_a_run_and_any_other_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int, at: int, status: str, told: str
+) -> None:
+    said = StatusRegisters(active=True, mode=mode, initialization=3, a=AxisStatus(position=at))
+    monkeypatch.setattr(device_checks, "read_gripper", lambda config: (said, said))
+    monkeypatch.setattr(device_checks, "doubts", lambda *looks: [])
+    found = only("gripper", tmp_path)
+    assert (found.status, found.kind) == (status, "refused" if status == "fail" else "")
+    assert told in found.detail
+    assert ("`grasp gripper activate`" in found.remedy) == (told != "not open")
+
+
+@pytest.mark.usefixtures("no_arm")
 @pytest.mark.parametrize(("changes", "doubted"), [
     ({"fault": 0x3}, "unknown fault"), ({"a": AxisStatus(position=6, current=255)}, "mA"),
 ])  # fmt: skip
@@ -204,7 +223,7 @@ def test_fingertips_that_no_run_could_use_stand_against_it(
 @pytest.mark.usefixtures("no_arm")
 def test_cell_that_a_run_drives_is_told_with_how_to_end_that(tmp_path: Path) -> None:
     lab = tmp_path / "lab.toml"
-    lab.write_text(ADDRESSES)
+    lab.write_text(ADDRESSES.replace("127.0.0.99", "127.0.0.98"))  # looked at by no other test
 
     def found() -> doctor.Check:
         checks = doctor._devices(
