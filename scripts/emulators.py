@@ -4,9 +4,9 @@
 
 Clients of the package index that the project does not need are installed by pip into a folder of
 their own, which is gone afterwards, and found by `PYTHONPATH`
-(`tests/wire/drivers/ur/emulator/test_pip_clients.py`). A row whose test fails twice is written as
-failing; one whose client cannot be had keeps what it says on the page. Either is named, and the
-script ends with 1.
+(`tests/wire/drivers/ur/emulator/test_pip_clients.py`, `test_emulate.py` in
+`tests/wire/scenarios/cell`). A row whose test fails twice is written as failing; one whose client
+cannot be had keeps what it says on the page. Either is named, and the script ends with 1.
 """
 
 import os
@@ -30,8 +30,12 @@ SENDER = (
 )
 BUS = "tests/wire/drivers/takktile/test_bus.py::test"
 EMULATE = "tests/wire/scenarios/cell/test_emulate.py::test"
+MODBUS = f"{EMULATE}_client_of_the_package_index_activates_the_hand_moves_it_and_reads_back"
 
-CLIENTS = ("urx==0.11.0", "math3d<4", "urinterface==0.0.5")  # the versions that rows name
+CLIENTS = (  # the versions that rows name
+    "urx==0.11.0", "math3d<4", "urinterface==0.0.5",
+    "pyModbusTCP==0.3.1", "uModbus==1.0.4", "modbus-tk==1.1.5", "minimalmodbus==2.1.1",
+)  # fmt: skip
 
 REFUSED = "refused: the program ends, the next call says so, the log says why"
 
@@ -122,6 +126,14 @@ ROWS = (
         f"{EMULATE}_gripper_answers_on_tcp_and_on_a_serial_line"),
     Row("pymodbus 3", "gripper on Modbus RTU (`--rtu`)", "works",
         f"{EMULATE}_gripper_answers_on_tcp_and_on_a_serial_line"),
+    *(Row(client, f"gripper on Modbus {line}: activation, status, moves, read back", "works",
+          f"{MODBUS}[{name}]")
+      for client, line, name in (
+          ("pyModbusTCP 0.3.1", "TCP", "pymodbustcp"),
+          ("uModbus 1.0.4", "TCP", "umodbus"),
+          ("modbus-tk 1.1.5", "TCP", "modbus_tk"),
+          ("minimalmodbus 2.1.1", "RTU (`--rtu`)", "minimalmodbus"),
+      )),
     Row("pyusb 1.3", "board: descriptors, strings", "works",
         f"{BUS}_descriptors_are_those_of_the_firmware"),
     Row("pyusb 1.3", "board: versions, scan, sampling", "works",

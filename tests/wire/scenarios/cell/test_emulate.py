@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
+from tests.wire.drivers.ur.emulator.pip_clients import NOT_INSTALLED
 from tests.wire.drivers.ur.emulator.test_process import Rtde
 
 ROOT = Path(__file__).parents[4]
@@ -46,6 +47,21 @@ def test_gripper_answers_on_tcp_and_on_a_serial_line(endpoints) -> None:
     with ModbusSerialClient(line["port"], timeout=5) as client:
         status = client.read_holding_registers(0x07D0, count=1, device_id=line["unit"])
         assert status.registers[0] >> 8 == 49
+
+
+@pytest.mark.parametrize("client", ["pymodbustcp", "umodbus", "modbus_tk", "minimalmodbus"])
+def test_client_of_the_package_index_activates_the_hand_moves_it_and_reads_back(
+    endpoints, client
+) -> None:
+    """Skipped where it is not installed: this project does not need it."""
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.wire.scenarios.cell.modbus_clients", client,
+         json.dumps(endpoints)],
+        cwd=ROOT, capture_output=True, text=True, timeout=350.0, check=False,
+    )  # fmt: skip
+    if done.returncode == NOT_INSTALLED:
+        pytest.skip(done.stdout)
+    assert done.returncode == 0, f"{done.stdout}\n{done.stderr}"
 
 
 def test_arm_is_an_e_series_at_500_hz(endpoints) -> None:

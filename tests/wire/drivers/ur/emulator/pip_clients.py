@@ -192,16 +192,21 @@ def urinterface(host, _):
     assert robot.stop_program()
 
 
-if __name__ == "__main__":
+def play(scenario):
+    """Ends the program, with what came of it: the clients' threads would keep it going."""
     try:
-        globals()[sys.argv[1]](sys.argv[2], int(sys.argv[3]))
+        scenario()
     except ImportError as error:
         print(error)
         code = NOT_INSTALLED
-    except BaseException as error:  # their threads would keep the program going
+    except BaseException as error:
         print(repr(error))
         code = 1
     else:
         code = 0
     sys.stdout.flush()
     os._exit(code)
+
+
+if __name__ == "__main__":
+    play(lambda: globals()[sys.argv[1]](sys.argv[2], int(sys.argv[3])))
