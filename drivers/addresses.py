@@ -19,7 +19,8 @@ def check_host(host: str, beyond_loopback: bool) -> None:
     try:
         address = ip_address(host)
     except ValueError:
-        raise UsageError(f"{host!r} is no {what}", others) from None
+        told = f"{host!r} is no {what}" + (" but a name" if host else "")
+        raise UsageError(told, f"give the address itself; {others}") from None
     if not isinstance(address, IPv4Address):
         raise UsageError(f"{host!r} is an IPv6 address, and IPv4 alone is emulated", ANOTHER)
     if not (address.is_loopback or beyond_loopback):

@@ -3,8 +3,10 @@ whatever the umask would let through: runs, recordings, campaigns, data sets."""
 
 import errno
 import os
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 PRIVATE_FOLDER, PRIVATE_FILE = 0o700, 0o600
@@ -53,6 +55,32 @@ def make_private_folder(path: Path, exist_ok: bool = True) -> None:
 def make_private_file(path: Path) -> None:
     """An empty one, or that which is there. Raises OSError."""
     os.close(private_opener(str(path), os.O_WRONLY | os.O_CREAT))
+
+
+def nearest(folder: Path) -> Path:
+    """It or what of the way to it is there."""
+    with suppress(OSError):
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
+    return folder
+
+
+def against_writing(folder: Path) -> str:
+    """What stands against making a file in a folder; nothing where it can be done."""
+    try:
+        if not folder.exists():
+            return f"there is no folder {folder}"
+        if not folder.is_dir():
+            return f"{folder} is no folder"
+        with TemporaryFile(dir=folder):  # modes alone do not tell: mounts, users
+            return ""
+    except OSError as error:
+        return cannot(error, folder)
+
+
+def cannot(error: OSError, folder: Path) -> str:
+    """What a system said to a file there, in words."""
+    return f"cannot be written in {folder.absolute()}: {error.strerror}"
 
 
 def private_opener(path: str, flags: int) -> int:

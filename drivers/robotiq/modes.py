@@ -1,5 +1,5 @@
-"""The mode that the hand is in: how B and C are spread. Source: the manual's ACTION REQUEST
-register, 2014 p. 43. Whatever this program knows of positions and forces is of basic mode.
+"""The mode that the hand is in: how B and C are spread (rMOD, gMOD). Whatever this program knows
+of positions and forces is of basic mode.
 """
 
 from typing import Final

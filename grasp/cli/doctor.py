@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import OBJECT_HELP, add_settings
+from grasp.cli.options import OBJECT_HELP, add_runs, add_settings
 from grasp.cli.output import json_line
 
 HELP = "check this machine and the devices without moving anything"
@@ -30,6 +30,7 @@ def add_parser(verbs: Any) -> None:
         help="likewise, as of `grasp run lift` (default: the profile's)",
     )  # fmt: skip
     add_settings(parser)
+    add_runs(parser)
     parser.add_argument(
         "--json", action="store_true", help="one JSON object on standard output, nothing else"
     )
@@ -54,7 +55,7 @@ def doctor(args: argparse.Namespace) -> int:
         config.make_detector(3)
 
     own = (args.detector,) if args.detector else ()
-    checks = examine(args.rig, args.config, load, would_run, own)
+    checks = examine(args.rig, args.config, load, would_run, own, args.runs)
     failed = [c for c in checks if c.status == "fail"]
     code = _code(failed)
     if args.json:
@@ -75,7 +76,8 @@ def doctor(args: argparse.Namespace) -> int:
 
 
 def _code(failed: list[Any]) -> int:
-    """A configuration that cannot be read is a usage error here as everywhere."""
-    if any(check.name == "configuration" for check in failed):
+    """A configuration that cannot be read is a usage error here as everywhere, and so is a folder
+    of recordings in which nothing can be written."""
+    if any(check.name in ("configuration", "disk") for check in failed):
         return exits.USAGE
     return exits.DEVICE if failed else exits.SUCCESS

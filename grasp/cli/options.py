@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from scenarios.rigs.workers import Workers
 
 MOST_JOBS = 256
+RUNS = "runs"
 LINES = 10  # where there is no terminal: a line for each tenth
 OBJECT_HELP = (
     "one of config/objects (ball, box, can, cardboard, foam, football; kept for testing: book, "
@@ -107,11 +108,11 @@ def one_by_one(names: Sequence[str], doing: str, hidden: bool) -> Iterator[str]:
 
 
 def add_runs(parser: argparse.ArgumentParser, kind: Callable[[str], Path] = Path) -> None:
-    """`--runs DIR`. ``kind``: what reads it."""
+    """`--runs DIR`. ``kind``: what reads it, and the folder that nobody named too: a text."""
     parser.add_argument(
         "--runs",
         type=kind,
-        default=Path("runs"),
+        default=RUNS,
         metavar="DIR",
         help="folder of recordings (default: %(default)s)",
     )

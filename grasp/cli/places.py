@@ -1,11 +1,10 @@
 """Where verbs may write, asked before anything moves or is computed."""
 
 import argparse
-from contextlib import suppress
 from pathlib import Path
-from tempfile import TemporaryFile
 
 from drivers.errors import UsageError
+from grasp.files import against_writing, cannot, nearest
 
 
 def own_or_new(path: Path, begins: str) -> None:
@@ -34,27 +33,19 @@ def file_to_write(text: str) -> Path:
 def file_with_folders(text: str) -> Path:
     """As ``file_to_write`` where the folders that lack are made."""
     path = Path(text)
-    return _writable(path, _against(path, _nearest(path.parent)))
+    return _writable(path, _against(path, nearest(path.parent)))
 
 
 def folder_to_fill(text: str) -> Path:
     """Reads the name of a folder, one that is there or can be made."""
     path = Path(text)
-    return _writable(path, _against(None, _nearest(path)))
+    return _writable(path, _against(None, nearest(path)))
 
 
 def _writable(path: Path, problem: str) -> Path:
     if problem:
         raise argparse.ArgumentTypeError(f"{str(path)!r}: {problem}")
     return path
-
-
-def _nearest(folder: Path) -> Path:
-    """It or what of the way to it is there."""
-    with suppress(OSError):
-        while not folder.exists() and folder != folder.parent:
-            folder = folder.parent
-    return folder
 
 
 def _against(path: Path | None, folder: Path) -> str:
@@ -64,11 +55,6 @@ def _against(path: Path | None, folder: Path) -> str:
             return "is a folder"
         if path is not None and path.exists() and not path.is_file():  # /dev/stdout
             return ""
-        if not folder.exists():
-            return f"there is no folder {folder}"
-        if not folder.is_dir():
-            return f"{folder} is no folder"
-        with TemporaryFile(dir=folder):  # modes alone do not tell: mounts, users
-            return ""
     except OSError as error:
-        return f"cannot be written: {error.strerror}"
+        return cannot(error, folder)
+    return against_writing(folder)

@@ -31,17 +31,17 @@ WouldRun = Callable[[Any], object]  # raises where a run with such settings woul
 
 def examine(
     rig: str | None, files: Sequence[Path] | None, load: Load, would_run: WouldRun,
-    detectors: Sequence[str] = (),
+    detectors: Sequence[str] = (), runs: Path = Path("runs"),
 ) -> list[Check]:  # fmt: skip
     """All checks of this machine, then those of the rig's devices if one is named. ``detectors``
-    are looked at beside those that are installed."""
+    are looked at beside those that are installed; ``runs`` is where a run would be recorded."""
     checks = [_python(), *_packages(), *_shadows(), *_rivals(), _configuration(rig, files, load)]
     readable = checks[-1].status == "ok"
     checks += _detectors(load, detectors) if readable else [_unseen("detectors")]
     checks.append(guarded("usb", _usb))
     checks += _devices(rig, load, would_run) if readable or rig is None else [_unseen("devices")]
     checks += [guarded("loop jitter", _jitter), guarded("real-time scheduling", _scheduling)]
-    return [*checks, _disk()]
+    return [*checks, guarded("disk", lambda: _disk(runs))]
 
 
 def _python() -> Check:
@@ -239,8 +239,14 @@ def _scheduling() -> Check:
     )  # fmt: skip
 
 
-def _disk() -> Check:
-    free = shutil.disk_usage(".").free
+def _disk(runs: Path) -> Check:
+    from grasp.files import against_writing, nearest
+
+    folder = nearest(runs)
+    if against := against_writing(folder):
+        remedy = "start `grasp` from another folder, or record elsewhere with --runs"
+        return Check("disk", "fail", f"no run can be recorded: {str(runs)!r}: {against}", remedy)
+    free = shutil.disk_usage(folder).free
     detail = f"{free / 1e9:.1f} GB free here; a run takes about 0.3 MB"
     if free > DISK_WARN_BYTES:
         return Check("disk", "ok", detail)

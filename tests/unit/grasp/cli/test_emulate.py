@@ -20,8 +20,12 @@ def test_an_address_beyond_loopback_has_to_be_asked_for(host) -> None:
 
 @pytest.mark.parametrize("host", ["localhost", "foo"])
 def test_beyond_loopback_takes_an_address_and_no_name(host) -> None:
-    with pytest.raises(UsageError, match="is no address"):
+    with pytest.raises(UsageError, match="is no address but a name"):
         _check_host(host, True)
+    with pytest.raises(UsageError, match="is no loopback address but a name") as caught:
+        _check_host(host, False)
+    assert caught.value.remedy.startswith("give the address itself; choose another loopback")
+    assert "127.0.0.2" in caught.value.remedy
 
 
 @pytest.mark.parametrize("beyond_loopback", [False, True])

@@ -13,6 +13,7 @@ from grasp.cli.parser import Parser
 from grasp.cli.pictures import picture
 from grasp.cli.places import file_to_write, file_with_folders, folder_to_fill, must_be_writable
 from grasp.cli.report import _html
+from scenarios.rigs import doctor
 
 WRITTEN = ("--out", "--write", "--figure", "--pictures")
 MAKE_FOLDERS = (file_with_folders, folder_to_fill)
@@ -76,6 +77,36 @@ def test_a_folder_in_which_no_file_can_be_made_is_refused_whatever_its_mode_says
     for read in (file_with_folders, folder_to_fill):
         with pytest.raises(argparse.ArgumentTypeError, match="cannot be written"):
             read(f"{place}/x")
+
+
+@pytest.mark.parametrize(
+    "words", ["lift", "lift --first --dry-run --rig hardware", "tap --dry-run --rig hardware",
+              "lift --rig hardware --confirm-motion", "acquire", "lift --json"]
+)  # fmt: skip
+def test_default_folder_of_recordings_is_asked_before_anything_is_opened(
+    words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As one that is named: a run from /proc had ended so once the devices were connected."""
+    monkeypatch.chdir("/proc")
+    assert main(["run", *words.split()]) == 2
+    told = "".join(capsys.readouterr())
+    assert "argument --runs: 'runs': cannot be written in /proc" in told
+    assert told.count("\n") == 1
+
+
+def test_doctor_fails_where_no_run_can_be_recorded_unless_another_folder_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(doctor, "JITTER_S", 0.05)
+    monkeypatch.setattr(doctor, "_detectors", lambda *asked: [])
+    monkeypatch.chdir("/proc")
+    assert main(["doctor"]) == 2
+    told = capsys.readouterr().out
+    assert "FAIL  disk" in told and "'runs': cannot be written in /proc" in told
+    assert "record elsewhere with --runs" in told
+    assert main(["doctor", "--runs", str(tmp_path / "new")]) == 0
+    assert "GB free here" in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_place_that_can_be_written_is_left_as_it_was(tmp_path: Path) -> None:
