@@ -73,6 +73,22 @@ def test_a_page_says_which_weights_and_rule_it_is_of(tmp_path: Path) -> None:
     assert "energy not kept" in evaluation_page(file)
 
 
+def test_delays_of_nine_slips_in_ten_stand_beside_the_median_and_a_miss_is_drawn(
+    tmp_path: Path,
+) -> None:
+    file = made(tmp_path / "one.json", ("energy",))
+    told = msgspec.json.decode(file.read_bytes())
+    (each,) = told["detectors"]
+    each["sheet"]["delay_ms"] |= {"p50": 40.0, "p90": None, "p99": None}
+    each["sheet"]["false_events_per_min_hand"] = 1.0
+    each["choices"] = []
+    file.write_bytes(msgspec.json.encode(told))
+    page = evaluation_page(file)
+    words = "energy by its rule: 1.00 a minute, 40 ms (90 %: never, 99 %: never)"
+    of_median, of_ninety = (line for line in page.splitlines() if words in line)
+    assert f'cy="{TOP}"' in of_ninety and f'cy="{TOP}"' not in of_median
+
+
 def test_what_a_file_says_is_text_and_never_part_of_the_page(tmp_path: Path) -> None:
     page = evaluation_page(made(tmp_path / "bad.json", ("energy",), HOSTILE))
     assert HOSTILE not in page and "&lt;script&gt;" in page
