@@ -12,11 +12,14 @@ they say is reported, and nothing is tuned on it: looks are taken on other seeds
 """
 
 import argparse
+import itertools
+import math
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from statistics import fmean, variance
 from typing import NamedTuple
 
 import msgspec
@@ -33,6 +36,7 @@ from grasp.loop import Tick
 from grasp.settings import UNSEEN, names
 from scenarios.campaign.config import load_config
 from scenarios.campaign.paper import wilson
+from scenarios.lab.fit import quantile_t
 from scenarios.lift import lift
 from scenarios.rigs.workers import Workers, results
 from scenarios.studies.detectors.benchmark import contender, read_split
@@ -273,7 +277,8 @@ def data_table(detectors: Sequence[str], folders: Sequence[Path], workers: Worke
 
 
 def clip_table(detectors: Sequence[str], clip: Path, weights: Sequence[Path]) -> str:
-    """The packaged ones, then every seed of those whose weights are given, and their means."""
+    """The packaged ones, then every seed of those whose weights are given, their means and how much
+    less one has than the other."""
     lines = table("detector", "AUC", "accuracy at the deployed threshold, %", "caught", "false")
     areas: dict[str, list[float]] = {}
     named: list[tuple[str, Path | None]] = [(name, None) for name in detectors]
@@ -288,8 +293,51 @@ def clip_table(detectors: Sequence[str], clip: Path, weights: Sequence[Path]) ->
         caught = f"{s.true_events - s.missed_events} of {s.true_events}"
         lines.append(f"| {said} | {_with(s, 'auc')} | {_with(s, 'accuracy', 100.0, 1)} | {caught} "
                      f"| {s.false_events} |")  # fmt: skip
-    means = [f"`{n}`, mean of {len(a)} seeds: AUC {np.mean(a):.3f}" for n, a in areas.items()]
-    return "\n".join([*lines, "", *means])
+    means = [f"`{n}`, mean of {len(a)} seeds: AUC {fmean(a):.3f}" for n, a in areas.items()]
+    return "\n".join(
+        [*lines, "", *means, *map(less_text, itertools.combinations(areas.items(), 2))]
+    )
+
+
+class Less(NamedTuple):
+    """What one mean is less than another, and its 95 % interval; None: too few seeds for one."""
+
+    mean: float
+    interval: tuple[float, float] | None
+
+
+def less_over_seeds(a: Sequence[float], b: Sequence[float]) -> Less:
+    """The mean of ``a`` less that of ``b`` by Welch: seeds of both drawn anew, their spreads not
+    taken for equal. What was scored stands still: its own strokes or recordings are not drawn."""
+    mean = fmean(a) - fmean(b)
+    if min(len(a), len(b)) < 2:
+        return Less(mean, None)
+    parts = [(variance(x) / len(x), len(x) - 1) for x in (a, b)]
+    square = sum(part for part, _ in parts)
+    if square == 0.0:
+        return Less(mean, (mean, mean))
+    freedom = square**2 / sum(part**2 / n for part, n in parts)
+    half = student(freedom) * math.sqrt(square)
+    return Less(mean, (mean - half, mean + half))
+
+
+def student(freedom: float) -> float:
+    """What 95 % lie within on either side, by Student's distribution; between whole degrees of
+    freedom in proportion to one over them, in which it is nearly straight."""
+    low = math.floor(freedom)
+    below, above = (quantile_t(0.975, whole) for whole in (low, low + 1))
+    return below + (above - below) * (1 / low - 1 / freedom) / (1 / low - 1 / (low + 1))
+
+
+def less_text(pair: tuple[tuple[str, Sequence[float]], tuple[str, Sequence[float]]]) -> str:
+    """One network's seeds beside another's, as a person reads it."""
+    (one, a), (other, b) = pair
+    mean, interval = less_over_seeds(a, b)
+    told = f"`{one}` less `{other}`, in the mean: AUC {mean:+.3f}"
+    if interval is None:
+        return told
+    low, high = interval
+    return f"{told} [{low:+.3f}, {high:+.3f}], 95 % over seeds alone (Welch), not over strokes"
 
 
 def _with(s: Evaluation, name: str, times: float = 1.0, digits: int = 3) -> str:
