@@ -523,7 +523,8 @@ def late(made: Made, monkeypatch: pytest.MonkeyPatch) -> tuple[Cell, ThreadedGri
     gripper.stop()
     with monkeypatch.context() as patched:
         patched.setattr(Lock, "taken", True)
-        assert gripper.hold().note == NOT_YET
+        asked = gripper.hold()
+    assert (asked.targets_counts, asked.note) == ((0, 0, 0), NOT_YET), "no position is known yet"
     return cell, gripper
 
 
@@ -554,6 +555,20 @@ def test_verb_that_was_put_off_is_not_done_by_a_thread_that_is_started_later(
     settled(gripper, 2)
     assert cell.verbs == []
     assert gripper.acknowledged
+
+
+def test_verb_that_is_put_off_as_an_exchange_ends_wakes_the_thread_and_is_written_by_the_next(
+    made: Made, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = list[int]()
+    with monkeypatch.context() as patched:
+        patched.setattr(threading, "Lock", Lock)
+        cell, gripper = made(idle, lambda cell: known.append(len(cell.verbs)))
+    with monkeypatch.context() as patched:
+        patched.setattr(Lock, "taken", True)
+        assert gripper.hold().note == NOT_YET
+    until(lambda: gripper.acknowledged)
+    assert known == [1], "it was done before the exchange"
 
 
 # Timing
