@@ -563,7 +563,7 @@ def test_verb_that_is_put_off_as_an_exchange_ends_wakes_the_thread_and_is_writte
     known = list[int]()
     with monkeypatch.context() as patched:
         patched.setattr(threading, "Lock", Lock)
-        cell, gripper = made(idle, lambda cell: known.append(len(cell.verbs)))
+        _, gripper = made(idle, lambda cell: known.append(len(cell.verbs)))
     with monkeypatch.context() as patched:
         patched.setattr(Lock, "taken", True)
         assert gripper.hold().note == NOT_YET
