@@ -1,5 +1,6 @@
 """The short form of `make fuzz`: kept cases first, then new ones of a fixed seed."""
 
+import os
 import random
 import socket
 import struct
@@ -7,11 +8,23 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import pytest
 
+from tests.wire.fuzz import campaign as campaigns
 from tests.wire.fuzz import polite
-from tests.wire.fuzz.campaign import Outcome, campaign, ended_badly, kept_cases
+from tests.wire.fuzz.campaign import (
+    Outcome,
+    campaign,
+    ended_badly,
+    keep,
+    kept_cases,
+    kept_lines,
+    main,
+    marked,
+)
 from tests.wire.fuzz.grammars import GRAMMARS, MOST_BYTES
 
 # `make fuzz` asks for 2, of the median of an hour's blocks. Here are two blocks, beside other tests
@@ -26,6 +39,77 @@ def test_a_seed_says_the_same_each_time_and_not_without_end(name) -> None:
         said = GRAMMARS[name](random.Random(seed))
         assert said == GRAMMARS[name](random.Random(seed))
         assert sum(map(len, said)) <= 1.2 * MOST_BYTES
+
+
+def test_kept_cases_say_what_they_said() -> None:
+    """A grammar was changed, or a list that it draws from: find the case again, or take it out."""
+    assert kept_lines() == list(map(marked, kept_cases()))
+
+
+def test_what_a_campaign_met_last_before_trouble_is_written_down_and_played_first_the_next_time(
+    tmp_path, monkeypatch, capsys
+) -> None:
+    """The trouble is made up: the cell is this process, and a client says that it got no answer."""
+    found, played = tmp_path / "new" / "found.txt", []
+    nowhere = {"host": "127.0.0.1", "port": 1}
+    at = {
+        "pid": os.getpid(), "host": "127.0.0.1", "tactile": {"url": "tcp://127.0.0.1:1"},
+        "arm": {"rtde": 1, "dashboard": 1, "script": 1, "faults": 1},
+        "gripper": nowhere, "control": nowhere,
+    }  # fmt: skip
+
+    def unanswered(_, seconds):
+        until = time.monotonic() + 60.0
+        while (
+            seconds == campaigns.BLOCK_S
+            and len(played) < 2 * campaigns.LAST
+            and time.monotonic() < until
+        ):
+            time.sleep(0.01)
+        errors = {"modbus": "made\nup"} if seconds == campaigns.BLOCK_S else {}
+        return {"median_ms": {}, "most_ms": {}, "errors": errors}
+
+    monkeypatch.setattr(
+        campaigns, "cell_process", lambda *_: nullcontext(SimpleNamespace(endpoints=at))
+    )
+    monkeypatch.setattr(campaigns, "polite", unanswered)
+    monkeypatch.setattr(campaigns, "play", lambda _, case: not played.append(case))
+    assert main(["--found", str(found)]) == 1
+    assert str(found) in capsys.readouterr().out
+    last = kept_cases(found)
+    assert last
+    assert set(last) <= set(played)
+    assert found.read_text().startswith("# unanswered: {'modbus': 'made\\nup'}\n")
+
+    played.clear()
+    assert main(["--found", str(found), "--seed", "2"]) == 1
+    first = kept_cases() + last
+    assert set(first) <= set(played[: len(first) + campaigns.ATTACKERS])  # each may be one late
+
+
+def test_a_case_that_found_nobody_is_not_among_the_last(monkeypatch) -> None:
+    """A cell that has ended refuses them, and the one that ended it would be forgotten."""
+    at = {name: [("127.0.0.1", 1)] for name in GRAMMARS}
+    monkeypatch.setattr(campaigns, "ports", lambda _: at)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        at["rtde"] = [server.getsockname()]
+        attack = campaigns.Attack({}, 1, [("hop", 1), ("rtde", 6), ("modbus", 1)])
+        monkeypatch.setattr(
+            attack, "_random", SimpleNamespace(choice=lambda _: "hop", randrange=int)
+        )
+        with attack:
+            until = time.monotonic() + 60.0
+            while (attack.played < 20 or not attack.last) and time.monotonic() < until:
+                time.sleep(0.01)
+    assert list(attack.last) == [("rtde", 6)]
+
+
+def test_a_case_that_is_found_again_is_written_down_once(tmp_path) -> None:
+    found = tmp_path / "found.txt"
+    keep([("rtde", 1), ("hop", 2), ("rtde", 1)], "the cell\nhas grown", found)
+    keep([("hop", 2), ("modbus", 3)], "again", found)
+    assert kept_cases(found) == [("rtde", 1), ("hop", 2), ("modbus", 3)]
+    assert "# the cell has grown\n" in found.read_text()
 
 
 @pytest.mark.parametrize(

@@ -105,6 +105,7 @@ def test_any_unit_is_answered_and_echoed(wire, unit: str) -> None:
         ("17 00 00 00 08 00 00 00 01 02 01 00", "97 01"),
         ("01 00 00 00 01", "81 01"),
         ("2b 0e 01 00", "ab 01"),
+        ("84 00 00 00 08", "84 01"),  # the bit of an exception is set already
         ("04 00 00 00 09", "84 02"),
         ("04 00 08 00 01", "84 02"),
         ("04 07 d0 00 08", "84 02"),  # addresses of RTU
