@@ -36,7 +36,7 @@ PARTS = {
     ),
     "gripper": Part(
         tuple(f"drivers/robotiq/{name}.py" for name in (
-            "driver", "exchange", "encoding", "calibration", "protocol",
+            "driver", "encoding", "modes", "exchange", "calibration", "protocol",
         )),
         ROBOTIQ,
     ),
