@@ -496,6 +496,7 @@ class Lock:
     """As ``threading.Lock``; while it is taken nobody has it who would not wait for ever."""
 
     taken = False
+    patience_s = 0.0  # of whoever did not get it
 
     def __init__(self) -> None:
         lock = _thread.allocate_lock()
@@ -504,6 +505,7 @@ class Lock:
 
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
         if timeout > 0 and Lock.taken:
+            Lock.patience_s = timeout
             return False
         return self.__lock.acquire(blocking, timeout)
 
@@ -569,6 +571,7 @@ def test_verb_that_is_put_off_as_an_exchange_ends_wakes_the_thread_and_is_writte
         assert gripper.hold().note == NOT_YET
     until(lambda: gripper.acknowledged)
     assert known == [1], "it was done before the exchange"
+    assert Lock.patience_s == 0.002
 
 
 # Timing
