@@ -10,8 +10,8 @@ MOST_S = 30.0  # of tests that a mutant is shown; those that have killed its kin
 
 UNIT = "tests/unit"
 ROBOTIQ = tuple(f"{UNIT}/drivers/robotiq/test_{name}.py" for name in (
-    "calibration", "driver_contact", "driver_faults", "driver_verbs", "exchange", "protocol",
-    "registers",
+    "calibration", "driver_contact", "driver_faults", "driver_modes", "driver_verbs", "exchange",
+    "protocol", "registers",
 ))  # fmt: skip
 GRASP = f"{UNIT}/grasp"
 
