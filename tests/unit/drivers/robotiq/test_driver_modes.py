@@ -5,6 +5,7 @@ import pytest
 from drivers.errors import LinkLost, Refused
 from drivers.interfaces import Detection
 from drivers.robotiq.encoding import finger_states, pinches
+from drivers.robotiq.modes import other_than_basic
 from drivers.robotiq.protocol import AxisCommand, AxisStatus, CommandRegisters, StatusRegisters
 from tests.unit.drivers.robotiq.conftest import Rig
 from tests.unit.drivers.robotiq.gripping import ALL, FAST, QUICK
@@ -90,6 +91,7 @@ def test_what_stands_in_scissor_mode_keeps_its_scissor_too(rig, at: int) -> None
     made.step(300)
     assert (scissor_of(made), made.state.positions) == stood
     assert made.driver.acknowledged
+    assert {told.scissor.speed for told in made.written} == {0}
 
 
 def test_one_finger_opens_in_scissor_mode_and_the_others_stay(rig) -> None:
@@ -167,3 +169,13 @@ def test_somebody_elses_scissor_that_moves_is_fingers_that_move() -> None:
     assert a.detection is Detection.AT_TARGET
     assert b.detection is c.detection is Detection.MOVING
     assert not pinches(moving)
+
+
+@pytest.mark.parametrize(("mode", "name"), [(1, "pinch"), (2, "wide"), (3, "scissor")])
+def test_what_is_to_be_known_of_a_mode_names_it_and_of_the_basic_one_there_is_nothing(
+    mode: int, name: str
+) -> None:
+    assert other_than_basic(mode) == (
+        f"in {name} mode: positions, forces and calibrations here are of basic mode"
+    )
+    assert other_than_basic(0) == ""
