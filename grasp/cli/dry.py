@@ -68,7 +68,7 @@ def press_plan(config: Any, course: Any, seconds: float) -> list[str]:
 
 def _told(would: list[str], checks: list[Any], args: argparse.Namespace) -> int:
     against = [check for check in checks if check.status == "fail"]
-    code = exits.code_of(against[0].kind or DeviceFault.kind) if against else exits.SUCCESS
+    code = _code(against)
     if args.json:
         told = {"would": would, "checks": [check._asdict() for check in checks]}
         print(json_line({**told, "exit_code": code}))
@@ -79,6 +79,16 @@ def _told(would: list[str], checks: list[Any], args: argparse.Namespace) -> int:
             exits.report_line(f"{check.name}: {check.detail} ({check.remedy})")
     print("would not start" if against else "would start")
     return code
+
+
+def _code(against: list[Any]) -> int:
+    """Of the run that would not start: who drives the cell is asked first, then all devices are
+    opened, and only then the hand is looked at."""
+    if not against:
+        return exits.SUCCESS
+    codes = [exits.code_of(check.kind or DeviceFault.kind) for check in against]
+    driven = against[0].name == "cell"
+    return codes[0] if driven or exits.DEVICE not in codes else exits.DEVICE
 
 
 def plan(config: Any, args: argparse.Namespace) -> list[str]:

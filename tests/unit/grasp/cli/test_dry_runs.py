@@ -5,7 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from drivers.errors import Refused
+from grasp.cli import dry
 from grasp.cli.main import main
+from scenarios.rigs.checks import Check
 from tests.calibrations import PRESSED
 
 PRESSES = "--set " + " --set ".join(PRESSED)
@@ -97,3 +100,19 @@ def test_dry_run_is_refused_on_a_rig_without_real_devices(
 ) -> None:
     assert main([*words.split(), "--rig", "simulated", "--dry-run"]) == 2
     assert "moves nothing real" in capsys.readouterr().err
+
+
+CELL, HAND = (Check(name, "fail", "", "", Refused.kind) for name in ("cell", "gripper"))
+ARM = Check("arm program", "fail", "")
+
+
+@pytest.mark.parametrize(
+    ("against", "code"),
+    [([], 0), ([HAND], 4), ([ARM], 3), ([HAND, ARM], 3), ([CELL, ARM], 4)],
+    ids=["nothing", "hand", "arm", "both", "driven by another"],
+)
+def test_dry_run_of_a_run_ends_with_the_code_of_what_the_run_would_meet_first(
+    against: list[Check], code: int
+) -> None:
+    """It looks at the hand once all devices are opened."""
+    assert dry._code(against) == code  # noqa: SLF001
