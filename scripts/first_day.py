@@ -29,8 +29,12 @@ a person types what they do to the object (`take`, `place`, `home`) or to a pad 
 reads the scale (`scale`).
 """
 
-# what its figures rest on; a lift also on the application and the world, which others measure
-CODE = "scenarios/lab,scenarios/rigs,grasp/cli,drivers,tests/wire/scenarios/lab/day.py"
+# what the figures of its table rest on most: what else a lift rests on, others measure, and what the
+# verbs say the test compares
+CODE = (
+    "scenarios/lab,scenarios/rigs,grasp/cli/calibrate.py,grasp/cli/first.py,drivers,"
+    "tests/wire/scenarios/lab/day.py"
+)
 ENTRY = '<!-- figure: id=first-day command="python -m scripts.first_day --write" detector=tcn'
 FOUND = {
     "`calibrate hand`": r"^(byte 0: .*)$",
