@@ -29,8 +29,8 @@ a person types what they do to the object (`take`, `place`, `home`) or to a pad 
 reads the scale (`scale`).
 """
 
-# what the figures of its table rest on most: what else a lift rests on, others measure, and what the
-# verbs say the test compares
+# what the figures of its table rest on most: what else a lift rests on, others measure, and what
+# the verbs say the test compares
 CODE = (
     "scenarios/lab,scenarios/rigs,grasp/cli/calibrate.py,grasp/cli/first.py,drivers,"
     "tests/wire/scenarios/lab/day.py"
