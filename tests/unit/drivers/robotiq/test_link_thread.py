@@ -125,6 +125,15 @@ def test_first_exchange_is_at_once_and_no_other_follows_before_its_period(made: 
     assert gripper.acknowledged
 
 
+def test_program_may_end_while_an_exchange_hangs_and_the_hand_s_mode_is_the_core_s(
+    made: Made,
+) -> None:
+    cell, gripper = made()
+    assert [t.daemon for t in threading.enumerate() if t.name == "gripper"] == [True]
+    setattr(cell, "mode", 3)  # noqa: B010 - what else it is asked for is a verb
+    assert gripper.mode == 3
+
+
 def test_one_thread_pumps_however_often_it_is_started(made: Made) -> None:
     cell, gripper = made()
     gripper.start()
