@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from detector.scores.metrics import Floats, Labels
 from detector.scores.quantiles import Quantiles, quantiles
 
+MOVING_MPS = 1e-4  # a thirtieth of the labelling speed: the contact moves
 Events = NDArray[np.intp]  # (m, 2): first sample, and the first one after
 
 
@@ -29,6 +30,10 @@ class EventSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         float, Meta(ge=0.0, le=0.5, description="an event may begin this long before the label: "
                     "sliding starts below the labelling speed, s; assumed")
     ] = 0.02  # fmt: skip
+    run_up_s: Annotated[
+        float, Meta(ge=0.0, le=0.5, description="where the contact's speed is known: and as long "
+                    "before the label as it has been moving, at most this, s")
+    ] = 0.3  # fmt: skip
 
 
 class EventMetrics(msgspec.Struct, frozen=True):
@@ -78,7 +83,7 @@ class Slips(msgspec.Struct, frozen=True, eq=False):
 
     truth: Events
     t_s: Floats
-    early_s: float
+    earliest_s: Floats  # (m,) an event that begins from then on hears this slip
     counted: Labels  # (n,) samples in which slips and false events count if they begin there
     static_s: float
     path_mm: Floats | None  # (n,) slid until each sample
@@ -97,14 +102,15 @@ def slips_of(
 
     Slips and false events count if they begin at ``first_sample`` or later, and not in what is
     ``left_out`` (n,), which is no rest either. ``speed_mps`` (n,) is the sliding speed; with it
-    delays are given in mm slipped, too.
+    an event may begin as soon as the contact moves, and delays are given in mm slipped, too.
     """
     counted = np.arange(len(t_s)) >= first_sample
     if left_out is not None:
         counted &= ~left_out
     truth = true_events(slip, t_s, settings.merge_gap_s)
     return Slips(
-        truth, t_s, settings.early_s, counted, _static_s(truth, t_s, counted),
+        truth, t_s, _earliest_s(truth, t_s, settings, speed_mps), counted,
+        _static_s(truth, t_s, counted),
         None if speed_mps is None else _path_mm(speed_mps, t_s),
     )  # fmt: skip
 
@@ -112,7 +118,7 @@ def slips_of(
 def judge(registered: Events, slips: Slips) -> Judgement:
     """Judge registered events (m, 2)."""
     truth, t_s, counted, path_mm = slips.truth, slips.t_s, slips.counted, slips.path_mm
-    owner = _owners(registered, truth, t_s, slips.early_s)
+    owner = _owners(registered, truth, t_s, slips.earliest_s)
     scored = np.flatnonzero(counted[truth[:, 0]])
     first = [registered[owner == i][:1, 0] for i in scored]
     answered = np.array([len(f) > 0 for f in first], np.bool_)
@@ -155,12 +161,27 @@ def pooled(judgements: Sequence[Judgement]) -> EventMetrics:
     )
 
 
-def _owners(registered: Events, truth: Events, t_s: Floats, early_s: float) -> NDArray[np.intp]:
+def _earliest_s(
+    truth: Events, t_s: Floats, settings: EventSettings, speed_mps: Floats | None
+) -> Floats:
+    """From when on (m,) an event hears each slip: a little before the label, or since the contact
+    has been moving without rest."""
+    onset = truth[:, 0]
+    earliest_s: Floats = t_s[onset] - settings.early_s
+    if speed_mps is None:
+        return earliest_s
+    still = np.concatenate([[-1], np.flatnonzero(np.abs(speed_mps) < MOVING_MPS)])
+    began = still[np.searchsorted(still, onset) - 1] + 1
+    run_up_s = np.maximum(t_s[began], t_s[onset] - settings.run_up_s)
+    found: Floats = np.minimum(earliest_s, run_up_s)
+    return found
+
+
+def _owners(registered: Events, truth: Events, t_s: Floats, earliest_s: Floats) -> NDArray[np.intp]:
     """The slip (index into truth) in which each registered event begins, -1 if in none."""
     start = registered[:, 0]
     candidate = np.searchsorted(truth[:, 1], start, side="right")
-    onset_s = np.append(t_s[truth[:, 0]], np.inf)[candidate]
-    return np.where(t_s[start] >= onset_s - early_s, candidate, -1)
+    return np.where(t_s[start] >= np.append(earliest_s, np.inf)[candidate], candidate, -1)
 
 
 def _time(t_s: Floats, samples: Events) -> Floats:

@@ -98,11 +98,12 @@ def point(
 
 
 def _cost_ms(judged: Sequence[Judged]) -> float:
-    """Mean delay, slips and blows half each."""
+    """Mean delay, slips and blows half each; a slip heard early is heard at once."""
     slips = np.concatenate([j.events.delays_ms for j in judged])
     answered = np.concatenate([j.answers_ms for j in judged])
     blows = answered[np.concatenate([j.moved_m for j in judged]) >= MOVED_M]
-    return float(np.mean([np.minimum(d, MISS_MS).mean() for d in (slips, blows) if len(d)]))
+    each = (np.maximum(slips, 0.0), blows)
+    return float(np.mean([np.minimum(d, MISS_MS).mean() for d in each if len(d)]))
 
 
 def sweep(

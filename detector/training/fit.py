@@ -66,7 +66,7 @@ class Training:
         self.name, self.settings = name, settings
         self.data_digest = data_digest
         self._validation = validation
-        self._fingers = fingers_of(train, settings.label, settings.moved_m)
+        self._fingers = fingers_of(train, settings.label, settings.moved_m, settings.evenness)
         self.arch = msgspec.structs.replace(
             of_layout(name, self._fingers.taxels), window=settings.window, norm=settings.norm
         )
@@ -233,7 +233,7 @@ class _Batches:
         s = self._settings
         if self._windows is None:
             rng = np.random.default_rng([s.seed, step, 1])
-            return crops(self._fingers, rng, s.batch, s.crop, s.warm, s.fresh)
+            return crops(self._fingers, rng, s.batch, s.crop, s.warm, s.fresh, s.near_blows)
         slip = int(self._windows.labels.sum())
         rest = len(self._windows.labels) - slip
         n = 2 * min(slip, rest) if s.balance == "undersample" else slip + rest

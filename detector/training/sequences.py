@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from detector.blows import blows_of
 from detector.recordings import MOVED_M, LabelName, Recording
+from detector.scores.evaluation import cause_of
 from drivers.errors import UsageError
 
 Floats = NDArray[np.float32]
@@ -19,6 +20,7 @@ LEAST_CHANGE_COUNTS = 0.5  # no scale is finer than the noise of a taxel at rest
 BLOW_SAMPLES = 15  # a blow that moved it is slip so long: over at once, felt by what it leaves
 UNSURE_M = 0.0006  # from here to MOVED_M a blow teaches nothing: the pads cannot tell, nor need to
 UNMOVED_WEIGHT = 2.5  # of a blow that moved nothing: rare, and what else would be an alarm
+BEFORE_BLOW, AFTER_BLOW = 6, 60  # samples learnt around a blow that a stretch was drawn for
 
 
 class FingerSequences(msgspec.Struct, frozen=True, eq=False):
@@ -28,6 +30,8 @@ class FingerSequences(msgspec.Struct, frozen=True, eq=False):
     labels: list[NDArray[np.bool_]]  # (n,)
     weights: list[Floats]  # (n,)
     hands: NDArray[np.intp]  # which recording each is of, ascending
+    often: NDArray[np.float64]  # (hands,) share of the draws
+    blows: NDArray[np.intp]  # (m, 2): of which hand, first sample after it struck
 
     @property
     def taxels(self) -> int:
@@ -63,10 +67,13 @@ class Batch(msgspec.Struct, frozen=True, eq=False):
 
 
 def fingers_of(
-    recordings: Sequence[Recording], label: LabelName, moved_m: float = MOVED_M
+    recordings: Sequence[Recording],
+    label: LabelName,
+    moved_m: float = MOVED_M,
+    evenness: float = 0.0,
 ) -> FingerSequences:
     """Every finger of every recording, under the recording's one label; of the label `slip` with
-    blows as `targets` has them."""
+    blows as `targets` has them. ``evenness``: see `shares`."""
     counts, labels, weights = [], [], []
     layouts = sorted({r.taxels for r in recordings})
     if len(layouts) > 1:
@@ -81,7 +88,26 @@ def fingers_of(
             labels.append(known)
             weights.append(weight)
     hands = np.repeat(np.arange(len(recordings)), [r.fingers for r in recordings])
-    return FingerSequences(counts, labels, weights, hands)
+    blows = [(hand, b.struck) for hand, r in enumerate(recordings) for b in blows_of(r)]
+    return FingerSequences(
+        counts, labels, weights, hands, shares(recordings, evenness),
+        np.array(blows, np.intp).reshape(-1, 2),
+    )  # fmt: skip
+
+
+def shares(recordings: Sequence[Recording], evenness: float) -> NDArray[np.float64]:
+    """How often each recording is drawn (n,), of 1.
+
+    As often as it has samples; a cause as often as the samples of all its recordings to the power
+    of 1 - ``evenness``: 0 leaves them as they come, 1 has every cause as often as any other. What
+    is rare is so learnt too (tempered sampling: Devlin 2018, of languages).
+    """
+    causes = [cause_of(r) for r in recordings]
+    lengths = np.array([len(r.t_s) for r in recordings], np.float64)
+    of_cause = {c: lengths[[c == each for each in causes]].sum() for c in set(causes)}
+    often = lengths * np.array([of_cause[c] ** -evenness for c in causes])
+    found: NDArray[np.float64] = often / often.sum()
+    return found
 
 
 def targets(
@@ -143,25 +169,34 @@ def crops(
     crop: int,
     warm: int,
     fresh: float,
+    near_blows: float = 0.0,
 ) -> Batch:
     """Stretches of ``warm + crop`` samples, of all fingers of a hand; the first ``warm`` are not
     learnt from. ``batch`` or, with the last hand's fingers, a few more.
 
-    Hands are drawn as often as they have samples, and the fingers of one weigh as much as a finger
+    Hands are drawn as often as `shares` has it, and the fingers of one weigh as much as a finger
     that is alone: they are given one answer. A share ``fresh`` is learnt from the first sample on:
-    so looks the time after a reset.
+    so looks the time after a reset. A share ``near_blows`` is drawn for one of the blows, all of
+    them alike, and is learnt from before it to its end.
     """
-    lengths = np.array([len(c) for c in fingers.counts])
-    samples = lengths[fingers.firsts]
-    drawn = rng.choice(len(samples), batch, p=samples / samples.sum())
+    drawn = rng.choice(len(fingers.often), batch, p=fingers.often)
+    struck = np.full(batch, -1)
+    if len(fingers.blows) and near_blows:
+        near = rng.random(batch) < near_blows
+        chosen = fingers.blows[rng.integers(len(fingers.blows), size=batch)]
+        drawn, struck = np.where(near, chosen[:, 0], drawn), np.where(near, chosen[:, 1], struck)
     of_hand = [np.flatnonzero(fingers.hands == hand) for hand in drawn]
     enough = int(np.searchsorted(np.cumsum([len(each) for each in of_hand]), batch)) + 1
     rows, time = sum(len(each) for each in of_hand[:enough]), warm + crop
     counts = np.zeros((rows, time, fingers.taxels), np.float32)
     labels, weights = np.zeros((rows, time), np.float32), np.zeros((rows, time), np.float32)
     row = 0
-    for each in of_hand[:enough]:
-        start = int(rng.integers(0, max(1, lengths[each[0]] - time)))
+    for each, blow in zip(of_hand[:enough], struck, strict=False):
+        start = int(rng.integers(0, max(1, len(fingers.counts[each[0]]) - time)))
+        if blow >= 0:
+            first = warm + BEFORE_BLOW
+            at = rng.integers(first, max(first + 1, time - AFTER_BLOW))
+            start = max(0, int(blow - at))
         learnt = 0 if rng.random() < fresh else warm
         for i in each:
             part = slice(start, start + time)

@@ -42,6 +42,13 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     fresh: Annotated[
         float, Meta(ge=0.0, le=1.0, description="share learnt from the first sample on")
     ] = 0.25
+    near_blows: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="share of the stretches drawn for a blow")
+    ] = 0.0
+    evenness: Annotated[
+        float, Meta(ge=0.0, le=1.0, description="0: causes as often as they have samples, 1: each "
+                    "as often as any other")
+    ] = 0.0  # fmt: skip
     learning_rate: Annotated[float, Meta(gt=0.0, le=0.1)] = 0.004
     final_rate: Annotated[
         float, Meta(gt=0.0, le=1.0, description="share of the rate left at the end, by a cosine")
@@ -61,8 +68,10 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 # `tcn-paper` too learns from every sample of stretches as long as its window, each with the zeros
 # before it that the network will see; `--windows` trains it as its authors did.
 DEFAULTS = {
-    "tcn": TrainSettings(steps=16_000, validations=6, learning_rate=0.008),
-    "gru": TrainSettings(steps=7_000, validations=5),
+    "tcn": TrainSettings(
+        steps=10_000, validations=6, learning_rate=0.008, batch=32, near_blows=0.25, evenness=0.5
+    ),
+    "gru": TrainSettings(steps=5_500, validations=5, batch=32, near_blows=0.25, evenness=0.5),
     "tcn-paper": TrainSettings(
         steps=12_000, augmentation="as-run", batch=64, crop=100, warm=0, fresh=1.0,
         learning_rate=0.002, validations=2,

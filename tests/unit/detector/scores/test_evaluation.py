@@ -271,6 +271,40 @@ def test_with_a_speed_delays_are_given_in_mm_slipped() -> None:
     assert judge(slip, []).delay_mm is None
 
 
+def creeping(slip: NDArray[np.bool_], samples: int, gap: int = 0) -> NDArray[np.float64]:
+    """A speed that creeps for so many samples before the label's first rise, with a gap of rest."""
+    speed = np.where(slip, 0.01, 0.0)
+    onset = int(slip.argmax())
+    speed[onset - samples : onset] = 1e-3
+    speed[onset - gap - 1 : onset - 1] = 0.0
+    return speed
+
+
+@pytest.mark.parametrize(("begins", "heard"), [(92, True), (91, False), (97, True)])
+def test_an_event_while_the_contact_creeps_towards_the_label_is_early_and_not_false(
+    begins: int, heard: bool
+) -> None:
+    slip = flags(100, 30, 70)
+    m = judge(slip, [[begins, 120]], speed_mps=creeping(slip, 8))
+    assert (m.missed_events, m.false_events) == ((0, 0) if heard else (1, 1))
+
+
+def test_what_crept_and_came_to_rest_again_excuses_no_event() -> None:
+    slip = flags(100, 30, 70)
+    m = judge(slip, [[93, 120]], speed_mps=creeping(slip, 8, gap=1))
+    assert (m.missed_events, m.false_events) == (1, 1)
+
+
+def test_no_creeping_excuses_an_event_longer_than_the_run_up() -> None:
+    slip = flags(100, 30, 70)
+    rule = EventSettings(merge_gap_s=0.1, early_s=0.02, run_up_s=0.3)
+    inside, outside = (
+        judge(slip, [[begins, 120]], speed_mps=creeping(slip, 60), settings=rule)
+        for begins in (71, 68)
+    )
+    assert (inside.false_events, outside.false_events) == (0, 1)
+
+
 # --- the whole sheet
 
 
