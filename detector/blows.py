@@ -6,6 +6,7 @@ import numpy as np
 from detector.recordings import Recording
 
 KINDS = frozenset({"near", "mallet", "weak", "elastic"})
+WEAK = "weak"  # with a tenth or so of what moves it: next to nothing comes of these
 MOVED_M = 0.001  # for good: a blow that a detector has to register
 UNMOVED_M = 0.0005  # within this it stays: one that it must not
 WATCHED_S = 0.5  # after a blow, or until the next act
@@ -20,6 +21,7 @@ class Blow(msgspec.Struct, frozen=True):
     onset: int
     until: int
     moved_m: float
+    weak: bool
 
     @property
     def moved(self) -> bool:
@@ -46,5 +48,5 @@ def blows_of(recording: Recording) -> list[Blow]:
         if recording.slip_true is not None and recording.slip_true[struck:motion].any():
             onset += int(recording.slip_true[struck:motion].argmax())
         if struck < until:
-            found.append(Blow(struck, onset, until, act.moved_m))
+            found.append(Blow(struck, onset, until, act.moved_m, act.kind == WEAK))
     return found

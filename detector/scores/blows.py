@@ -24,6 +24,8 @@ class BlowScore(msgspec.Struct, frozen=True):
     far_registered: int  # of these, within 100 ms of the first motion
     unmoved: int  # within half a millimetre
     unmoved_registered: int
+    nearly: int  # of `unmoved`, those that were not struck weakly, as no mallet strikes
+    nearly_registered: int
     delay_ms: Quantiles | None  # of `moved`; infinite where missed
 
 
@@ -40,12 +42,12 @@ def answers(registered: Events, blows: Sequence[Blow], t_s: Floats) -> Floats:
     return delays
 
 
-def blow_score(moved_m: Floats, delays_ms: Floats) -> BlowScore | None:
+def blow_score(moved_m: Floats, delays_ms: Floats, weak: NDArray[np.bool_]) -> BlowScore | None:
     """The score of blows (k,) with these answers; None of none."""
     if not len(moved_m):
         return None
     moved, far, unmoved = moved_m >= MOVED_M, moved_m >= FAR_M, moved_m < UNMOVED_M
-    heard = np.isfinite(delays_ms)
+    nearly, heard = unmoved & ~weak, np.isfinite(delays_ms)
     return BlowScore(
         moved=int(moved.sum()),
         registered=int((moved & heard).sum()),
@@ -53,6 +55,8 @@ def blow_score(moved_m: Floats, delays_ms: Floats) -> BlowScore | None:
         far_registered=int((far & (delays_ms <= SOON_MS)).sum()),
         unmoved=int(unmoved.sum()),
         unmoved_registered=int((unmoved & heard).sum()),
+        nearly=int(nearly.sum()),
+        nearly_registered=int((nearly & heard).sum()),
         delay_ms=quantiles(delays_ms[moved]),
     )
 

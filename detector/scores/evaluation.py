@@ -137,6 +137,7 @@ class Judged(msgspec.Struct, frozen=True, eq=False):
     events: Judgement
     moved_m: Floats  # of each blow
     answers_ms: Floats  # see `scores.blows.answers`
+    weak: Labels  # whether it was struck weakly
 
 
 class Scored(msgspec.Struct, frozen=True, eq=False):
@@ -145,11 +146,12 @@ class Scored(msgspec.Struct, frozen=True, eq=False):
     slips: Slips
     blows: list[Blow]
     moved_m: Floats  # of each blow
+    weak: Labels  # likewise
 
     def judged(self, registered: Events) -> Judged:
         """By the events (m, 2) that a rule makes."""
         heard = answers(registered, self.blows, self.slips.t_s)
-        return Judged(judge(registered, self.slips), self.moved_m, heard)
+        return Judged(judge(registered, self.slips), self.moved_m, heard, self.weak)
 
 
 def scored(
@@ -169,7 +171,8 @@ def scored(
         left_out=within(blows, len(recording.t_s)) if apart and blows else None,
     )  # fmt: skip
     counted = [blow for blow in blows if blow.struck >= first_sample]
-    return Scored(slips, counted, np.array([blow.moved_m for blow in counted]))
+    moved_m, weak = [blow.moved_m for blow in counted], [blow.weak for blow in counted]
+    return Scored(slips, counted, np.array(moved_m, np.float64), np.array(weak, np.bool_))
 
 
 def judge_stream(
@@ -282,7 +285,9 @@ def evaluate_recording(
 def score_blows(judged: Sequence[Judged]) -> BlowScore | None:
     """Of several recordings as of one."""
     return blow_score(
-        np.concatenate([j.moved_m for j in judged]), np.concatenate([j.answers_ms for j in judged])
+        np.concatenate([j.moved_m for j in judged]),
+        np.concatenate([j.answers_ms for j in judged]),
+        np.concatenate([j.weak for j in judged]),
     )
 
 

@@ -36,7 +36,7 @@ FUSIONS: tuple[Literal["any", "mean"], ...] = ("any", "mean")
 RELEASES = (3, 8)  # a pad that settles after a slip is no new one
 BETWEEN = 3  # thresholds tried between two at the budget
 MISS_MS = 500.0  # what a miss counts, and the most that any delay does
-MOST_FALSE_BLOWS = 0.05  # of those that move nothing
+MOST_FALSE_BLOWS = 0.05  # of those that move nothing, however hard a mallet strikes
 
 
 class SweepPoint(msgspec.Struct, frozen=True):
@@ -53,10 +53,10 @@ class SweepPoint(msgspec.Struct, frozen=True):
 
     @property
     def false_blows(self) -> float:
-        """Share of the blows that moved nothing and were registered all the same."""
-        if self.blows is None or not self.blows.unmoved:
+        """Share of the blows that nearly moved it and were registered all the same."""
+        if self.blows is None or not self.blows.nearly:
             return 0.0
-        return self.blows.unmoved_registered / self.blows.unmoved
+        return self.blows.nearly_registered / self.blows.nearly
 
 
 def rules(base: RuleSettings) -> Iterator[RuleSettings]:

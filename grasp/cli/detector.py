@@ -427,7 +427,8 @@ def point_text(p: Any) -> str:
             f"{p.p90_delay_ms:.0f} p99 {p.p99_delay_ms:.0f} ms, recall {p.recall:.3f}")  # fmt: skip
     if p.blows is not None:
         text += (f"; blows: {p.blows.registered} of {p.blows.moved} that moved it, "
-                 f"{p.blows.unmoved_registered} of {p.blows.unmoved} that did not")  # fmt: skip
+                 f"{p.blows.unmoved_registered} of {p.blows.unmoved} that did not, "
+                 f"{p.blows.nearly_registered} of {p.blows.nearly} without the weak")  # fmt: skip
     return text
 
 

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import numpy as np
 
 from detector.blows import blows_of
@@ -38,13 +39,15 @@ def test_a_blow_is_answered_by_what_begins_before_the_next_one() -> None:
 
 
 def test_blows_are_scored_by_how_far_they_moved_what_is_held() -> None:
-    moved_m = np.array([0.0001, 0.0004, 0.0007, 0.0015, 0.003, 0.005])
-    score = blow_score(moved_m, np.array([math.inf, 30.0, 30.0, 40.0, 120.0, math.inf]))
+    moved_m = np.array([0.0, 0.0001, 0.0004, 0.0007, 0.0015, 0.003, 0.005])
+    delays_ms = np.array([20.0, math.inf, 30.0, 30.0, 40.0, 120.0, math.inf])
+    score = blow_score(moved_m, delays_ms, weak=np.arange(7) == 0)
     assert score is not None and score.delay_ms is not None
     assert (score.moved, score.registered, score.far, score.far_registered) == (3, 2, 2, 0)
-    assert (score.unmoved, score.unmoved_registered) == (2, 1)
+    assert (score.unmoved, score.unmoved_registered) == (3, 2)
+    assert (score.nearly, score.nearly_registered) == (2, 1)
     assert (score.delay_ms.p50, score.delay_ms.max) == (120.0, math.inf)
-    assert blow_score(np.empty(0), np.empty(0)) is None
+    assert blow_score(np.empty(0), np.empty(0), np.empty(0, np.bool_)) is None
 
 
 def test_an_answer_to_a_blow_is_neither_false_nor_a_slip_and_a_missed_blow_costs() -> None:
@@ -75,3 +78,23 @@ def test_a_rule_that_answers_blows_that_move_nothing_is_not_chosen_however_quick
     assert points[0].mean_delay_ms < points[1].mean_delay_ms
     chosen = best(points, 60.0)
     assert chosen is not None and chosen.rule == careful
+
+
+def test_weak_blows_do_not_thin_the_share_that_a_rule_may_answer() -> None:
+    """One in nine of those that nearly moved it is too many, whatever else was hardly touched."""
+    nearly = struck(*((2.0 + 0.6 * k, 0.0) for k in range(8)), (7.0, 0.003))
+    assert nearly.metadata is not None
+    acts = [
+        msgspec.structs.replace(act, kind="weak" if k > 2 else act.kind)
+        for k, act in enumerate(nearly.metadata.acts)
+    ]
+    mixed = msgspec.structs.replace(
+        nearly, metadata=msgspec.structs.replace(nearly.metadata, acts=tuple(acts))
+    )
+    slip = nearly.slip.copy()
+    slip[800:850] = True
+    shares = [
+        sweep([said(msgspec.structs.replace(r, slip=slip), 203, 703)], [ALARM])[0].false_blows
+        for r in (nearly, mixed)
+    ]
+    assert shares == [1 / 8, 1 / 3]
