@@ -31,8 +31,6 @@ WEIGHTS = Path(__file__).parent / "weights"
 # SHA-256 of those packaged ones whose cards, of format 1, hold none
 PACKAGED = {
     "freq-cnn-paper": "c0c83c42e9d3b557179b1d9f482c740ee06bed423bb7a2be832051993a6ce8c0",
-    "gru": "9324c28a69b24f163815d4b7d35c89c1b79b7f9de3352fb54a5c98e657d6d02b",
-    "tcn": "dda15e3ae487731f5c73748aed6aa409dcaa376ea73e54f485e72fc34a08303d",
     "tcn-paper": "1c4e13c1a56d92b48732fb3da20fa7ef0ad0ac5569eae77a96904abc9a0a1d66",
 }
 

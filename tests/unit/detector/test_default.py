@@ -1,6 +1,6 @@
 """The default detector as it is packaged: worse weights, or a worse rule, are noticed.
 
-By what they do a threshold of .65 for .76, a release of 1 for 8 or weights of half a training can
+By what they do a threshold of .7 for .8, a release of 1 for 8 or weights of half a training can
 hardly be told from the packaged ones, so rule and weights are held to the value as well.
 """
 
@@ -31,15 +31,15 @@ DEFAULT = load_config("can", "simulated")
 # and write the new values here. A test that fails for any other reason has found a mistake.
 RULES = {
     "tcn": RuleSettings(
-        kind="consecutive", fusion="mean", consecutive=3, threshold=0.7625, release=8
+        kind="consecutive", fusion="mean", consecutive=2, threshold=0.8048, release=8
     ),
     "gru": RuleSettings(
-        kind="consecutive", fusion="mean", consecutive=5, threshold=0.7471, release=3
+        kind="consecutive", fusion="mean", consecutive=2, threshold=0.8718, release=3
     ),
 }
 WEIGHTS = {  # SHA-256 of the file
-    "tcn": "dda15e3ae487731f5c73748aed6aa409dcaa376ea73e54f485e72fc34a08303d",
-    "gru": "9324c28a69b24f163815d4b7d35c89c1b79b7f9de3352fb54a5c98e657d6d02b",
+    "tcn": "5e11e984162a16d5e54594bdfb4f169b07ea1b69e07a73eba647870fae7c4b32",
+    "gru": "305a92732d0456f572fe7af13984b9e79ed30b6239aa1331bc75be3f5565afac",
 }
 # `grasp detector train tcn --minutes 0.35` on 63 recordings of blows: 780 of 16,000 steps
 CUT_SHORT = Path(__file__).with_name("cut_short.onnx.xz")
@@ -67,8 +67,8 @@ def too_bad(p: SweepPoint) -> list[str]:
     """What of it is worse than the packaged weights and rule have it, with some room."""
     assert p.blows is not None
     bounds = {
-        "mean delay": p.mean_delay_ms < 175.0,  # 165: misses count 500
-        "idle blows": p.blows.unmoved_registered <= 1,  # 1 of 17
+        "mean delay": p.mean_delay_ms < 170.0,  # 161: misses count 500
+        "idle blows": p.blows.unmoved_registered <= 1,  # none of 17
         "false events": p.false_per_min < 0.6,  # 0.38: one event; two are 0.76
     }
     return [name for name, kept in bounds.items() if not kept]
@@ -97,19 +97,19 @@ def test_the_default_was_trained_to_its_end() -> None:
 def test_the_default_registers_what_moves_and_hardly_what_does_not(
     recordings: list[Recording],
 ) -> None:
-    """The `tcn` before: 210 ms."""
+    """The weights before, by their own rule: 165 ms, and one idle blow."""
     assert too_bad(point(recordings)) == []
 
 
 def test_a_threshold_at_even_odds_is_noticed(recordings: list[Recording]) -> None:
-    """Three times the false events."""
+    """Four times the false events."""
     assert "false events" in too_bad(point(recordings, "rule.threshold=0.5"))
 
 
 def test_weights_of_a_training_that_was_cut_short_are_noticed(
     recordings: list[Recording], tmp_path: Path
 ) -> None:
-    """At a twentieth of the steps nine in ten of what moves are missed: 472 ms. From half the steps
+    """At a twentieth of the steps nine in ten of what moves are missed: 485 ms. From half the steps
     on the mean delay on validation is that of the end within 5 ms, so no such bound tells them."""
     path = tmp_path / "cut-short.onnx"
     path.write_bytes(lzma.decompress(CUT_SHORT.read_bytes()))
