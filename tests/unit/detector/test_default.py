@@ -1,7 +1,7 @@
 """The default detector as it is packaged: worse weights, or a worse rule, are noticed.
 
-By what they do a threshold of .7 for .8, a release of 1 for 8 or weights of half a training can
-hardly be told from the packaged ones, so rule and weights are held to the value as well.
+By what they do a release of 1 for 8 or weights of half a training can hardly be told from the
+packaged ones, so rule and weights are held to the value as well.
 """
 
 import lzma
@@ -101,9 +101,14 @@ def test_the_default_registers_what_moves_and_hardly_what_does_not(
     assert too_bad(point(recordings)) == []
 
 
-def test_a_threshold_at_even_odds_is_noticed(recordings: list[Recording]) -> None:
-    """Four times the false events."""
-    assert "false events" in too_bad(point(recordings, "rule.threshold=0.5"))
+@pytest.mark.parametrize(("threshold", "false_events"), [(0.5, 4), (0.7, 2)])
+def test_a_lower_threshold_is_noticed(
+    recordings: list[Recording], threshold: float, false_events: int
+) -> None:
+    """So many times the false events, and idle blows too."""
+    found = point(recordings, f"rule.threshold={threshold}")
+    assert too_bad(found) == ["idle blows", "false events"]
+    assert found.false_per_min == pytest.approx(false_events * point(recordings).false_per_min)
 
 
 def test_weights_of_a_training_that_was_cut_short_are_noticed(
