@@ -33,7 +33,7 @@ def ball(detector: str, *assignments: str, speed_mps: float = 0.1) -> LiftConfig
 @pytest.mark.parametrize(
     ("settings", "seed"),
     [(ball("energy", "damage.gain_lost=0.5"), 1), (ball("energy", speed_mps=0.2), 1),
-     (ball("gru", speed_mps=0.3), 6), (ball("gru", speed_mps=0.3), 4)],
+     (ball("gru", speed_mps=0.3), 2), (ball("gru", speed_mps=0.3), 10)],
     ids=["half of the gain", "0.2 m/s", "0.3 m/s", "0.3 m/s, another"],
 )  # fmt: skip
 def test_ball_that_slipped_is_let_go_where_it_stands_and_never_pressed_beyond_the_limit(
