@@ -28,9 +28,11 @@ MOST_SAMPLES = 10_000  # of a window; ours have a hundred
 MOST_STATE = 1_000_000  # numbers of a state a finger; ours have a thousand
 WEIGHTS = Path(__file__).parent / "weights"
 
-# SHA-256 of those packaged ones whose cards, of format 1, hold none
+# SHA-256 of the packaged ones: whole, and each itself
 PACKAGED = {
     "freq-cnn-paper": "c0c83c42e9d3b557179b1d9f482c740ee06bed423bb7a2be832051993a6ce8c0",
+    "gru": "305a92732d0456f572fe7af13984b9e79ed30b6239aa1331bc75be3f5565afac",
+    "tcn": "5e11e984162a16d5e54594bdfb4f169b07ea1b69e07a73eba647870fae7c4b32",
     "tcn-paper": "1c4e13c1a56d92b48732fb3da20fa7ef0ad0ac5569eae77a96904abc9a0a1d66",
 }
 

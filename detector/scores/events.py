@@ -109,7 +109,7 @@ def slips_of(
         counted &= ~left_out
     truth = true_events(slip, t_s, settings.merge_gap_s)
     return Slips(
-        truth, t_s, _earliest_s(truth, t_s, settings, speed_mps), counted,
+        truth, t_s, _earliest_s(truth, t_s, settings, speed_mps, left_out), counted,
         _static_s(truth, t_s, counted),
         None if speed_mps is None else _path_mm(speed_mps, t_s),
     )  # fmt: skip
@@ -162,17 +162,29 @@ def pooled(judgements: Sequence[Judgement]) -> EventMetrics:
 
 
 def _earliest_s(
-    truth: Events, t_s: Floats, settings: EventSettings, speed_mps: Floats | None
+    truth: Events,
+    t_s: Floats,
+    settings: EventSettings,
+    speed_mps: Floats | None,
+    left_out: Labels | None,
 ) -> Floats:
     """From when on (m,) an event hears each slip: a little before the label, or since the contact
-    has been moving without rest."""
+    has been moving without rest.
+
+    What is left out is no run-up, nor is what follows another slip so closely that it would be one
+    with it: an answer there comes late.
+    """
     onset = truth[:, 0]
     earliest_s: Floats = t_s[onset] - settings.early_s
     if speed_mps is None:
         return earliest_s
-    still = np.concatenate([[-1], np.flatnonzero(np.abs(speed_mps) < MOVING_MPS)])
-    began = still[np.searchsorted(still, onset) - 1] + 1
-    run_up_s = np.maximum(t_s[began], t_s[onset] - settings.run_up_s)
+    rests = ~(np.abs(speed_mps) >= MOVING_MPS)
+    if left_out is not None:
+        rests |= left_out
+    still = np.concatenate([[-1], np.flatnonzero(rests)])
+    began_s = t_s[still[np.searchsorted(still, onset) - 1] + 1]
+    late_s = np.concatenate([[-np.inf], _time(t_s, truth[:-1, 1]) + settings.merge_gap_s])
+    run_up_s = np.maximum(np.maximum(began_s, late_s[: len(onset)]), t_s[onset] - settings.run_up_s)
     found: Floats = np.minimum(earliest_s, run_up_s)
     return found
 

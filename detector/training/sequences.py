@@ -177,7 +177,8 @@ def crops(
     Hands are drawn as often as `shares` has it, and the fingers of one weigh as much as a finger
     that is alone: they are given one answer. A share ``fresh`` is learnt from the first sample on:
     so looks the time after a reset. A share ``near_blows`` is drawn for one of the blows, all of
-    them alike, and is learnt from before it to its end.
+    them alike, and is learnt from before it to its end (where a recording has ``warm`` samples
+    before it, and ``crop`` room for it).
     """
     drawn = rng.choice(len(fingers.often), batch, p=fingers.often)
     struck = np.full(batch, -1)

@@ -205,7 +205,7 @@ def test_one_flipped_byte_of_a_packaged_network_is_noticed(
     read_network(path)
     whole[len(whole) // 2] ^= 1
     path.write_bytes(whole)
-    with pytest.raises(BadFile, match="damaged"):
+    with pytest.raises(BadFile, match="not as it was packaged"):
         read_network(path)
 
 

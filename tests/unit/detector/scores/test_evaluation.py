@@ -305,6 +305,26 @@ def test_no_creeping_excuses_an_event_longer_than_the_run_up() -> None:
     assert (inside.false_events, outside.false_events) == (0, 1)
 
 
+def test_a_late_answer_to_one_slip_is_no_early_one_to_the_next() -> None:
+    """The contact goes on creeping between them, as it does where an object is dragged."""
+    slip = flags(100, 11, 24, 65)
+    creeps = np.full(200, 2e-3)
+    late, early = (judge(slip, [[begins, 140]], speed_mps=creeps) for begins in (112, 122))
+    assert (late.missed_events, late.false_events) == (2, 1)
+    assert (early.missed_events, early.false_events) == (1, 0)
+
+
+@pytest.mark.parametrize("blow", [(80, 130), (120, 170)], ids=["before it", "over its beginning"])
+def test_no_run_up_reaches_over_the_edge_of_a_blow(blow: tuple[int, int]) -> None:
+    slip, left_out = flags(135 if blow[0] == 80 else 122, 65, 13), np.zeros(200, bool)
+    slip = np.resize(slip, 200)
+    left_out[slice(*blow)] = True
+    event = 110 if blow[0] == 80 else 100
+    m = judge(slip, [[event, 150]], speed_mps=np.full(200, 2e-3), left_out=left_out)
+    assert m.event_recall in (0.0, None)
+    assert m.registered_events == int(not left_out[event])
+
+
 # --- the whole sheet
 
 
