@@ -115,9 +115,9 @@ def read_network(path: Path) -> LoadedNetwork:
     BadFile for anything else."""
     content = _content(path)
     try:
+        _check_packaged(path, content)
         if names_other_files(content):
             raise _bad(path, "takes data from other files, which is not allowed")
-        _check_packaged(path, content)
         loaded = _loaded(path, _session(content))
         _check_whole(path, content, loaded.card)
         _try(path, loaded)

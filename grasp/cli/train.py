@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from detector.network_file import SUFFIX
 from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.options import decimal, need, progress, seed, whole
@@ -84,12 +85,14 @@ def add_parser(actions: Any) -> None:
 
 def train(args: argparse.Namespace) -> int:
     need("train", "torch", "onnx")
+    out = args.out or Path(f"{args.network}{SUFFIX}")
+    if out.suffix != SUFFIX:
+        raise UsageError(f"{out}: weights go by their {SUFFIX}", f"--out {out.with_suffix(SUFFIX)}")
     import msgspec
 
     from detector.training.export import export
     from scenarios.trial.result import versions
 
-    out = args.out or Path(f"{args.network}.onnx")
     out.parent.mkdir(parents=True, exist_ok=True)
     must_be_writable(out)
     if out.is_file() and not (args.force or args.resume):
@@ -102,7 +105,7 @@ def train(args: argparse.Namespace) -> int:
         out.with_suffix(".log").open("a", encoding="utf-8") as log,
         progress("training", hidden=args.json) as show,
     ):
-        training.run(args.minutes, checkpoint, _Reporter(log, show).tell)
+        training.run(args.minutes, checkpoint, Reporter(log, show).tell)
     card = export(training, validation, out, versions()["commit"])
     checkpoint.unlink(missing_ok=True)
     if args.json:
@@ -138,16 +141,17 @@ def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
     return Training(args.network, settings, learnt, validation, used), validation
 
 
-class _Reporter:
+class Reporter:
     """How far it is for a person, one plain line a validation for the log."""
 
     def __init__(self, log: Any, show: Any) -> None:
         self._log = log
         self._show = show
-        self._smooth = 0.0
+        self._smooth: float | None = None  # none yet, of a training that is resumed too
 
     def tell(self, p: Any) -> None:
-        self._smooth = p.loss if p.step <= 1 else 0.98 * self._smooth + 0.02 * p.loss
+        before = p.loss if self._smooth is None else self._smooth
+        self._smooth = 0.98 * before + 0.02 * p.loss
         best = f", best delay {p.best.delay_ms:.0f} ms" if p.best else ""
         self._show(p.step, p.steps, f"training, loss {self._smooth:.3f}{best}")
         if p.score is not None:

@@ -108,3 +108,20 @@ def test_what_is_learnt_is_one_of_the_labels_of_a_recording(
     assert main([*words, "--label", "luck"]) == 2
     assert asked == ["moved"]
     assert "--label" in capsys.readouterr().err
+
+
+def test_weights_that_could_not_be_named_afterwards_are_not_trained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(train, "need", lambda *_: None)
+    out = tmp_path / "mine.txt"
+    assert main(["detector", "train", "tcn", "--data", ".", "--out", str(out)]) == 2
+    assert f"--out {tmp_path / 'mine.onnx'}" in capsys.readouterr().err
+
+
+def test_a_training_that_goes_on_tells_its_own_loss_from_the_first_step_on() -> None:
+    told: list[str] = []
+    reporter = train.Reporter(SimpleNamespace(), lambda *words: told.append(words[-1]))
+    for step, loss in ((61, 0.5), (62, 0.6)):
+        reporter.tell(SimpleNamespace(step=step, steps=200, loss=loss, best=None, score=None))
+    assert told == ["training, loss 0.500", "training, loss 0.502"]
