@@ -4,7 +4,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from detector.network_file import SUFFIX
 from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.options import decimal, need, progress, seed, whole
@@ -85,6 +84,8 @@ def add_parser(actions: Any) -> None:
 
 def train(args: argparse.Namespace) -> int:
     need("train", "torch", "onnx")
+    from detector.network_file import SUFFIX
+
     out = args.out or Path(f"{args.network}{SUFFIX}")
     if out.suffix != SUFFIX:
         raise UsageError(f"{out}: weights go by their {SUFFIX}", f"--out {out.with_suffix(SUFFIX)}")
