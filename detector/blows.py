@@ -6,7 +6,7 @@ import numpy as np
 from detector.recordings import Recording
 
 KINDS = frozenset({"near", "mallet", "weak", "elastic"})
-WEAK = "weak"  # with a tenth or so of what moves it: next to nothing comes of these
+WEAK = "weak"  # with 5 to 70 % of what moves it: next to nothing comes of most of these
 MOVED_M = 0.001  # for good: a blow that a detector has to register
 UNMOVED_M = 0.0005  # within this it stays: one that it must not
 WATCHED_S = 0.5  # after a blow, or until the next act

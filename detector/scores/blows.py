@@ -24,7 +24,7 @@ class BlowScore(msgspec.Struct, frozen=True):
     far_registered: int  # of these, within 100 ms of the first motion
     unmoved: int  # within half a millimetre
     unmoved_registered: int
-    nearly: int  # of `unmoved`, those that were not struck weakly, as no mallet strikes
+    nearly: int  # of `unmoved`, those that were not struck weakly
     nearly_registered: int
     delay_ms: Quantiles | None  # of `moved`; infinite where missed
 

@@ -36,7 +36,7 @@ FUSIONS: tuple[Literal["any", "mean"], ...] = ("any", "mean")
 RELEASES = (3, 8)  # a pad that settles after a slip is no new one
 BETWEEN = 3  # thresholds tried between two at the budget
 MISS_MS = 500.0  # what a miss counts, and the most that any delay does
-MOST_FALSE_BLOWS = 0.05  # of those that move nothing, however hard a mallet strikes
+MOST_FALSE_BLOWS = 0.05  # of those that move nothing, weak ones apart
 
 
 class SweepPoint(msgspec.Struct, frozen=True):

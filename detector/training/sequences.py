@@ -100,7 +100,7 @@ def shares(recordings: Sequence[Recording], evenness: float) -> NDArray[np.float
 
     As often as it has samples; a cause as often as the samples of all its recordings to the power
     of 1 - ``evenness``: 0 leaves them as they come, 1 has every cause as often as any other. What
-    is rare is so learnt too (tempered sampling: Devlin 2018, of languages).
+    is rare is so learnt too.
     """
     causes = [cause_of(r) for r in recordings]
     lengths = np.array([len(r.t_s) for r in recordings], np.float64)
