@@ -1,0 +1,205 @@
+"""What could be heard of the last draw's own blows: the bound that its taps are held against.
+
+    python scripts/tap_bound.py --data data/observer data/confusers data/grasped-slip
+
+The ideal observer (`grasp chart observer`, extra `train`) is asked about the very taps of
+`scripts/last_draw.py`: told when each fell, it hears all counts until 50 or 100 ms after and what
+the named detectors said. It learns from the blows of the data sets, which the detectors must not
+have learnt from, and from the mallet's taps on the eleven other objects, of this draw and of seeds
+of their own; or from the data sets alone. Of the object that it is asked about it knows nothing.
+Beside it the detectors on the same blows, their rules' thresholds moved so that as many idle ones
+are answered. Nothing is tuned on it.
+"""
+
+import argparse
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from detector.blows import blows_of
+from detector.decision import RuleSettings, log_odds
+from detector.interface import DETECTORS
+from detector.recordings import Recording
+from detector.scores.evaluation import Streamed, spoken
+from detector.scores.quantiles import quantile
+from drivers.interfaces import FINGERS
+from grasp.cli.options import whole
+from scenarios.campaign.config import load_config
+from scenarios.rigs.workers import Workers, results
+from scenarios.studies.detectors.benchmark import read_split
+from scenarios.studies.detectors.observer import (
+    MOVED_MM,
+    Moment,
+    blow_moments,
+    cases,
+    features,
+    heard,
+)
+from scripts.last_draw import FIRST_SEED as DRAW_SEED
+from scripts.last_draw import OBJECTS, SEEDS, SOON_MS, Draw, Struck, all_taps
+
+LEARNT_SEED = 120_000  # of the taps that are learnt from; no draw, campaign, figure or test has it
+TIMES_S = (0.05, 0.1)
+IDLE_SHARES = (0.03, 0.05, 0.08, 0.1)
+RESAMPLES, SEED = 2000, 0
+Floats = NDArray[np.float64]
+
+
+class Scored(NamedTuple):
+    """How sure of slip something is of each blow."""
+
+    name: str
+    scores: Floats  # (n,)
+
+
+def recording_of(blow: Struck) -> Recording:
+    """As the observer reads it; what slipped is not asked of it."""
+    still = np.zeros(len(blow.t_s), dtype=np.bool_)
+    return Recording(blow.t_s, blow.counts, still, None, f"a tap of {blow.object}")
+
+
+def moment_of(at: int, blow: Struck) -> Moment:
+    """The first sample after it struck, to the end of what is watched."""
+    struck = int(np.searchsorted(blow.t_s, blow.struck_s, side="right"))
+    end = int(np.searchsorted(blow.t_s, blow.until_s, side="right"))
+    return Moment(at, struck, end - struck, int(np.digitize(blow.moved_mm, MOVED_MM)))
+
+
+def highest_threshold(blow: Struck, streamed: Streamed, rule: RuleSettings) -> float:
+    """Log-odds of the highest threshold at which a rule of consecutive samples registers the blow:
+    one that moved it within 100 ms of its first motion, any other while it is watched."""
+    odds = log_odds(spoken(streamed, rule))
+    moved = blow.moved_mm >= MOVED_MM[0]
+    last_s = min(blow.until_s, blow.onset_s + 1e-3 * SOON_MS) if moved else blow.until_s
+    first, end = (int(np.searchsorted(blow.t_s, t, side="right")) for t in (blow.struck_s, last_s))
+    begin = max(0, first - rule.consecutive + 1)  # of samples the last of which follows the blow
+    runs = np.lib.stride_tricks.sliding_window_view(odds[begin:end], rule.consecutive)
+    return float(runs.min(axis=1).max()) if len(runs) else -np.inf
+
+
+def at_rest_share(scored: Scored, classes: NDArray[np.intp], idle_share: float) -> float:
+    """The score that so much of what did not move lies above."""
+    return quantile(np.sort(scored.scores[classes == 0]), 1.0 - idle_share)
+
+
+def hits(scored: Scored, classes: NDArray[np.intp], kind: int, idle_share: float) -> float:
+    """Share of a class above it."""
+    limit = at_rest_share(scored, classes, idle_share)
+    return float((scored.scores[classes == kind] > limit).mean())
+
+
+def interval(
+    one: Scored, other: Scored | None, classes: NDArray[np.intp], kind: int, idle_share: float
+) -> tuple[float, float]:
+    """95 % of its hits, or of its hits less the other's on the same blows: bootstrap over blows,
+    each of which has a hand of its own; the thresholds are found anew."""
+    rng = np.random.default_rng(SEED)
+    found = []
+    for _ in range(RESAMPLES):
+        rows = rng.integers(0, len(classes), len(classes))
+        drawn = [Scored(s.name, s.scores[rows]) for s in (one, other) if s is not None]
+        each = [hits(s, classes[rows], kind, idle_share) for s in drawn]
+        found.append(each[0] - sum(each[1:]))
+    found.sort()
+    return quantile(found, 0.025), quantile(found, 0.975)
+
+
+def table(every: Sequence[Scored], against: Scored, classes: NDArray[np.intp]) -> str:
+    """Hits of blows of 2 mm, and of 1-2 mm, at each share of idle ones; then by how much."""
+    shares = [f"{100 * s:.0f} %" for s in IDLE_SHARES]
+    titles = ("2 mm or more", f"less `{against.name}`", "1-2 mm")
+    heads = ("what hears", *(f"{title}, at {s}" for title in titles for s in shares))
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for scored in every:
+        far = [_share(scored, None, classes, 3, s) for s in IDLE_SHARES]
+        less = [_share(scored, against, classes, 3, s) for s in IDLE_SHARES]
+        near = [f"{100 * hits(scored, classes, 2, s):.0f}" for s in IDLE_SHARES]
+        same = ["–"] * len(less) if scored is against else less
+        lines.append(f"| {' | '.join((f'`{scored.name}`', *far, *same, *near))} |")
+    return "\n".join(lines)
+
+
+def _share(
+    one: Scored, other: Scored | None, classes: NDArray[np.intp], kind: int, idle_share: float
+) -> str:
+    less = hits(other, classes, kind, idle_share) if other else 0.0
+    value = 100 * (hits(one, classes, kind, idle_share) - less)
+    low, high = (100 * x for x in interval(one, other, classes, kind, idle_share))
+    return f"{value:{'+' if other else ''}.0f} [{low:.0f}, {high:.0f}]"
+
+
+def observed(
+    blows: Sequence[Struck], others: Sequence[Struck], folders: Sequence[Path], names: Sequence[str]
+) -> list[Scored]:
+    """The observer on the first; it may learn from the second, of other objects, and the sets."""
+    from detector.training.observer import held_out  # noqa: PLC0415  (torch only where asked)
+
+    struck = [*blows, *others]
+    taps = [recording_of(b) for b in struck]
+    drawn = [r for r in read_split(folders, "all") if r.fingers == FINGERS and blows_of(r)]
+    at_taps = cases(taps, [moment_of(i, b) for i, b in enumerate(struck)], heard(names, taps))
+    at_drawn = cases(drawn, blow_moments(drawn), heard(names, drawn))
+    if len(at_taps.classes) != len(struck):
+        raise SystemExit("a tap has less than half a second before its blow")
+    classes = np.concatenate([at_taps.classes, at_drawn.classes])
+    objects = np.array([OBJECTS.index(b.object) for b in struck])
+    of_none = np.full(len(at_drawn.classes), len(OBJECTS))
+    print(f"learnt from {len(at_drawn.classes)} blows of {len(drawn)} recordings and the taps "
+          f"of eleven of {len(others)} + {len(blows)}", flush=True)  # fmt: skip
+    found = []
+    for time_s in TIMES_S:
+        known = np.concatenate([features(at_taps, time_s), features(at_drawn, time_s)])
+        for title, groups, folds in (
+            ("data sets", np.concatenate([np.zeros_like(objects), np.ones_like(of_none)]), 2),
+            ("data sets and mallet", np.concatenate([objects, of_none]), len(OBJECTS) + 1),
+        ):
+            told = held_out(known, classes, groups, folds)[: len(blows)]
+            moved = np.logaddexp(told[:, 2], told[:, 3]) - told[:, 0]
+            found.append(Scored(f"observer, {1e3 * time_s:.0f} ms, {title}", moved))
+    return found
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--data", type=Path, nargs="+", required=True)
+    parser.add_argument("--detectors", nargs="+", choices=sorted(DETECTORS), default=["tcn", "gru"])
+    parser.add_argument("--taps", type=whole(1, 8), default=8, help="of an object and strength")
+    parser.add_argument("--learnt", type=whole(0, 20), default=4, help="draws to learn from")
+    parser.add_argument("--jobs", type=whole(1, 64), default=2)
+    args = parser.parse_args()
+    draws = [Draw(DRAW_SEED, args.taps, 0)]
+    draws += [
+        Draw(LEARNT_SEED + i * SEEDS * len(OBJECTS), args.taps, 0) for i in range(args.learnt)
+    ]
+    every = [
+        [b for taps in results(partial(all_taps, d), OBJECTS, Workers(args.jobs)) for b in taps]
+        for d in draws
+    ]
+    blows, others = every[0], [b for taps in every[1:] for b in taps]
+    classes = np.digitize([b.moved_mm for b in blows], MOVED_MM)
+    streams = heard(args.detectors, [recording_of(b) for b in blows])
+    scored = [
+        Scored(name, np.array([highest_threshold(b, s, _rule(name))
+                               for b, s in zip(blows, streams[name], strict=True)]))
+        for name in args.detectors
+    ]  # fmt: skip
+    scored += observed(blows, others, args.data, args.detectors)
+    print(table(scored, scored[0], classes))
+    return 0
+
+
+def _rule(name: str) -> RuleSettings:
+    rule = load_config("can", "simulated", name).rule
+    if rule.kind != "consecutive":
+        raise SystemExit(f"{name}: its rule is not of consecutive samples")
+    return rule
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
