@@ -19,7 +19,9 @@ def blow(moved_mm: float, probabilities: NDArray[np.float64]) -> tuple[Struck, S
     """Struck at 1 s, watched for 1.5 s, and what a detector says of three fingers."""
     n = len(probabilities)
     counts = np.zeros((n, 3, 6), np.int16)
-    struck = Struck("can", moved_mm, 0.995, 1.0, 2.495, np.arange(n) * PERIOD_S, counts)
+    struck = Struck(
+        "can", moved_mm, 0.995, 1.0, 2.495, PERIOD_S * np.arange(n, dtype=np.float64), counts
+    )
     said = np.repeat(probabilities[:, None], 3, axis=1)
     return struck, Streamed(recording_of(struck), said, np.empty(0))
 
