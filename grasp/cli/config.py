@@ -96,6 +96,18 @@ def _settings(path: Path) -> str:
     return ", ".join(sections) or "none"
 
 
+def _check_weights(config: Any) -> None:
+    """Of one's own: a rule is not shown beside weights with which a run would be refused. Raises
+    BadFile, UsageError."""
+    from detector.network_file import is_weights
+    from drivers.interfaces import FINGERS
+    from scenarios.trial.config import NETWORK
+
+    own = config.network.weights or is_weights(config.detector_name)
+    if own and config.detector_section == NETWORK:
+        config.make_detector(FINGERS)
+
+
 def run(args: argparse.Namespace) -> int:
     import msgspec
 
@@ -103,6 +115,7 @@ def run(args: argparse.Namespace) -> int:
     from scenarios.campaign.config import load_config
 
     config = load_config(args.object, args.rig, args.detector, args.config, args.set, args.profile)
+    _check_weights(config)
     table = msgspec.to_builtins(config)
     sections = [name for name, value in table.items() if isinstance(value, dict)]
     if args.section is not None and args.section not in sections:

@@ -1,12 +1,14 @@
 """A detector of one's own runs wherever a packaged one does, and nowhere by itself."""
 
 import json
+import shutil
 import sqlite3
 from pathlib import Path
 
 import pytest
 
 import grasp
+from detector.network_file import weights_path
 from drivers.errors import UsageError
 from grasp.cli.main import main
 from grasp.cli.run import rule_of_weights
@@ -223,6 +225,26 @@ def test_a_run_says_by_which_rule_a_network_of_ones_own_is_heard(tmp_path: Path)
     tuned = load_config("can", "simulated", str(file), [tmp_path / "tuned.toml"], [])
     assert "above 0.9 for 2 samples" in rule_of_weights(tuned)
     assert rule_of_weights(load_config("can", "simulated", "tcn")) == ""
+
+
+def test_settings_are_not_shown_with_weights_that_a_run_would_refuse(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    file = tmp_path / "mine.onnx"
+    shown = ["config", "show", "rule"]
+    shutil.copy(weights_path("gru"), file)
+    for words in ([f"--set=network.weights={file}"], ["--set=network.weights=gru"]):
+        assert main([*shown, *words]) == 2
+        told = capsys.readouterr()
+        assert "holds a network 'gru', not 'tcn'" in told.err and "--detector gru" in told.err
+        assert told.out == ""
+        assert main([*shown, "--detector", "gru", *words]) == 0
+        assert "threshold = 0.8718" in capsys.readouterr().out
+    assert main([*shown, "--detector", str(file)]) == 0
+    file.write_bytes(b"none")
+    for words in (["--detector", str(file)], ["--set", f"network.weights={file}"]):
+        assert main([*shown, *words]) == 2
+        assert "damaged" in capsys.readouterr().err
 
 
 def test_two_networks_are_told_apart_by_name(tmp_path: Path) -> None:
