@@ -93,7 +93,7 @@ def _settings(path: Path) -> str:
     if sections.keys() <= pressed and pressed - set(RunConfig.__struct_fields__):
         return f"of an acquisition: {', '.join(sections)}"
     load_for_devices("can", "simulated", path)
-    return ", ".join(sections) or "none"
+    return ", ".join(sections)
 
 
 def _check_weights(config: Any) -> None:

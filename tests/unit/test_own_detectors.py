@@ -1,6 +1,7 @@
 """A detector of one's own runs wherever a packaged one does, and nowhere by itself."""
 
 import json
+import os
 import shutil
 import sqlite3
 from pathlib import Path
@@ -8,8 +9,9 @@ from pathlib import Path
 import pytest
 
 import grasp
+from detector.decision import RuleSettings
 from detector.network_file import weights_path
-from drivers.errors import UsageError
+from drivers.errors import ConfigError, UsageError
 from grasp.cli.main import main
 from grasp.cli.run import rule_of_weights
 from scenarios.campaign.config import load_config
@@ -138,6 +140,24 @@ def test_its_rule_lies_beside_it(mine: str, tmp_path: Path) -> None:
     config = load_config("can", "simulated", mine)
     assert config.rule.consecutive == 7
     assert config.own == {"counts": 3.0}
+
+
+def test_a_rule_beside_it_that_says_nothing_is_refused_but_while_it_is_being_written(
+    mine: str, tmp_path: Path
+) -> None:
+    """By a shell that has emptied the file for what `grasp detector tune` will print."""
+    beside = tmp_path / "mine.toml"
+    beside.write_text("")
+    with pytest.raises(ConfigError, match="says nothing"):
+        load_config("can", "simulated", mine)
+    kept = os.dup(1)
+    try:
+        with beside.open("w") as printed:
+            os.dup2(printed.fileno(), 1)
+            assert load_config("can", "simulated", mine).rule == RuleSettings()
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
 
 
 def test_its_hash_tells_its_code_its_settings_and_not_its_place(mine: str, tmp_path: Path) -> None:
