@@ -151,6 +151,7 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
     )  # fmt: skip
     assert code == 1  # nothing moved: no success to speak of
     assert list(series) == ["scenario", "object", "rig", "detector", "seed", "summary", "taps"]
+    assert {series["detector"], *(t["detector"] for t in series["taps"])} == {"tcn"}, "unasked"
     assert series["summary"]["total"]["unmoved"] == 2
     assert [t["seed"] for t in series["taps"]] == [4, 5]
     assert {t["direction"] for t in series["taps"]} == {"side"}
