@@ -25,18 +25,18 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = "any"
     consecutive: Annotated[
         int,
-        Meta(ge=1, le=50, description="consecutive samples above threshold on one finger that "
-             "register slip (paper: 2)"),
+        Meta(ge=1, le=50, description="consecutive samples above threshold, of one finger or "
+             "of the mean, that register slip (paper: 2)"),
     ] = 2  # fmt: skip
     threshold: Annotated[
         float,
-        Meta(gt=0.0, lt=1.0, description="probability above which a sample counts; the class "
-             "border of the paper's two-way softmax"),
+        Meta(gt=0.0, lt=1.0, description="probability above which a sample counts, of a finger or "
+             "of the mean; 0.5: the class border of the paper's two-way softmax"),
     ] = 0.5  # fmt: skip
     fingers: Annotated[
         int,
-        Meta(ge=1, le=3, description="how many fingers must agree; the paper does not say: assumed "
-             "1, any finger"),
+        Meta(ge=1, le=3, description="fusion any: how many fingers must agree; the paper does not "
+             "say: assumed 1"),
     ] = 1  # fmt: skip
     drift: Annotated[
         float,
@@ -45,13 +45,13 @@ class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = 0.0  # fmt: skip
     limit: Annotated[
         float,
-        Meta(gt=0.0, le=200.0, description="cusum: summed log-odds of one finger that register "
-             "slip; assumed, tuned with `grasp detector tune`"),
+        Meta(gt=0.0, le=200.0, description="cusum: summed log-odds, of one finger or of the mean, "
+             "that register slip; assumed, tuned with `grasp detector tune`"),
     ] = 5.0  # fmt: skip
     release: Annotated[
         int,
-        Meta(ge=1, le=100, description="consecutive samples below threshold on all fingers that "
-             "end an event; assumed"),
+        Meta(ge=1, le=100, description="consecutive samples below threshold, on all fingers or "
+             "of the mean, that end an event; assumed"),
     ] = 3  # fmt: skip
 
     @property

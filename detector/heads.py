@@ -16,7 +16,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from detector.motion import SECTOR_DEG, SECTORS, Motion
-from detector.network_file import LoadedNetwork
+from detector.network_file import REINSTALL, LoadedNetwork, is_packaged
 from drivers.errors import BadFile, UsageError
 
 FORMAT = 1
@@ -133,15 +133,16 @@ def read_heads(weights: Path, digest: str, loaded: LoadedNetwork) -> Teller | No
     path = heads_path(weights)
     if not path.exists():
         return None
+    remedy = REINSTALL if is_packaged(weights) else REMEDY
     try:
         content = path.read_bytes()[: LARGEST_BYTES + 1]
         heads = msgspec.json.decode(content, type=Heads)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise BadFile(path, f"holds no heads: {error}", REMEDY) from None
+        raise BadFile(path, f"holds no heads: {error}", remedy) from None
     if heads.network != digest:
-        raise BadFile(path, f"is of another network than {weights.name}", REMEDY)
+        raise BadFile(path, f"is of another network than {weights.name}", remedy)
     if not _fits(heads, width_of(loaded)):
-        raise BadFile(path, f"do not lead from {width_of(loaded)} to {OUTPUTS} numbers", REMEDY)
+        raise BadFile(path, f"do not lead from {width_of(loaded)} to {OUTPUTS} numbers", remedy)
     return Teller(heads)
 
 

@@ -28,6 +28,7 @@ MOST_SAMPLES = 10_000  # of a window; ours have a hundred
 MOST_STATE = 1_000_000  # numbers of a state a finger; ours have a thousand
 WEIGHTS = Path(__file__).parent / "weights"
 
+REINSTALL = "install `grasp` again"
 # SHA-256 of the packaged ones: whole, and each itself
 PACKAGED = {
     "freq-cnn-paper": "c0c83c42e9d3b557179b1d9f482c740ee06bed423bb7a2be832051993a6ce8c0",
@@ -98,8 +99,14 @@ def weights_path(weights: str) -> Path:
 
 
 def packaged_networks() -> tuple[str, ...]:
-    """Names of the networks that come with the project."""
-    return tuple(sorted(path.stem for path in WEIGHTS.glob("*.onnx")))
+    """Names of the networks that come with the project, those too whose file has gone: it is told
+    where one is loaded."""
+    return tuple(sorted({*PACKAGED, *(path.stem for path in WEIGHTS.glob(f"*{SUFFIX}"))}))
+
+
+def is_packaged(path: Path) -> bool:
+    """Whether a file is that of a network that comes with the project."""
+    return path.parent == WEIGHTS and path.stem in PACKAGED
 
 
 def weights_digest(path: Path) -> str:
@@ -143,9 +150,8 @@ def _check_whole(path: Path, content: bytes, card: NetworkCard) -> None:
 
 
 def _check_packaged(path: Path, content: bytes) -> None:
-    known = PACKAGED.get(path.stem) if path.parent == WEIGHTS else None
-    if known is not None and hashlib.sha256(content).hexdigest() != known:
-        raise BadFile(path, "damaged: it is not as it was packaged", "install `grasp` again")
+    if is_packaged(path) and hashlib.sha256(content).hexdigest() != PACKAGED[path.stem]:
+        raise BadFile(path, "damaged: it is not as it was packaged", REINSTALL)
 
 
 def _content(path: Path) -> bytes:
@@ -289,6 +295,8 @@ def _check_states(
 
 
 def _bad(path: Path, problem: str) -> BadFile:
+    if is_packaged(path):
+        return BadFile(path, f"{problem}; it is part of `grasp`", REINSTALL)
     remedy = (
         "give one that `grasp detector train` wrote, or whose tensors are as in docs/extending.md"
     )

@@ -36,7 +36,7 @@ PARTS = {
     ),
     "gripper": Part(
         tuple(f"drivers/robotiq/{name}.py" for name in (
-            "driver", "encoding", "modes", "exchange", "calibration", "protocol",
+            "driver", "pumped", "encoding", "modes", "exchange", "calibration", "protocol",
         )),
         ROBOTIQ,
     ),

@@ -93,7 +93,19 @@ def _settings(path: Path) -> str:
     if sections.keys() <= pressed and pressed - set(RunConfig.__struct_fields__):
         return f"of an acquisition: {', '.join(sections)}"
     load_for_devices("can", "simulated", path)
-    return ", ".join(sections) or "none"
+    return ", ".join(sections)
+
+
+def _check_weights(config: Any) -> None:
+    """Of one's own: a rule is not shown beside weights with which a run would be refused. Raises
+    BadFile, UsageError."""
+    from detector.network_file import is_weights
+    from drivers.interfaces import FINGERS
+    from scenarios.trial.config import NETWORK
+
+    own = config.network.weights or is_weights(config.detector_name)
+    if own and config.detector_section == NETWORK:
+        config.make_detector(FINGERS)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -103,6 +115,7 @@ def run(args: argparse.Namespace) -> int:
     from scenarios.campaign.config import load_config
 
     config = load_config(args.object, args.rig, args.detector, args.config, args.set, args.profile)
+    _check_weights(config)
     table = msgspec.to_builtins(config)
     sections = [name for name, value in table.items() if isinstance(value, dict)]
     if args.section is not None and args.section not in sections:

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import BadFile, UsageError
-from grasp.cli import detector_study, exits, heads, paper_study, train
-from grasp.cli.options import add_settings, decimal, network_path, one_by_one, progress, whole
+from grasp.cli import card, detector_study, exits, heads, paper_study, train
+from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
 from grasp.cli.output import json_line
 from grasp.cli.places import file_to_write, own_or_new
 from grasp.files import write_whole
@@ -26,7 +26,7 @@ def add_parser(verbs: Any) -> None:
     _add_evaluate(actions)
     _add_tune(actions)
     _add_table2(actions)
-    _add_card(actions)
+    card.add_parser(actions)
     paper_study.add_parser(actions)
     detector_study.add_robustness(actions)
     detector_study.add_fingertips(actions)
@@ -133,52 +133,11 @@ def _add_table2(actions: Any) -> None:
     parser.set_defaults(handler=table2)
 
 
-def _add_card(actions: Any) -> None:
-    text = "what a network's weights say of themselves: data, seed, commit, calibration"
-    parser = actions.add_parser("card", help=text, description=text)
-    parser.add_argument("network", metavar="NAME|FILE.onnx", help="packaged name, or a file")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    parser.set_defaults(handler=card)
-
-
 def _add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--json", action="store_true",
         help="JSON on standard output, one object a detector, nothing else",
     )  # fmt: skip
-
-
-def card(args: argparse.Namespace) -> int:
-    import msgspec
-
-    from detector.heads import read_heads
-    from detector.network_file import read_network, weights_digest
-
-    weights = network_path(args.network)
-    loaded = read_network(weights)
-    found = msgspec.to_builtins(loaded.card)
-    found["samples"], counted = _samples(loaded.card)
-    heads = read_heads(weights, weights_digest(weights), loaded)
-    if heads is not None:
-        told = msgspec.to_builtins(heads.heads)
-        found["heads"] = {key: value for key, value in told.items() if key != "layers"}
-    if args.json:
-        print(json_line(found))
-    else:
-        for key, value in found.items():
-            print(f"{key}: {json.dumps(value)}{counted.get(key, '')}")
-    return exits.SUCCESS
-
-
-def _samples(card: Any) -> tuple[int | None, dict[str, str]]:
-    """How many samples an output depends on at most, the newest among them; None: on all, in a
-    state that fades. And what the card counts, by key."""
-    if card.mode == "window":
-        return card.window, {"window": " samples, the newest among them"}
-    if not card.window:
-        return None, {"window": " (it has a state)", "samples": " (all, in a state that fades)"}
-    told = " samples before the newest"
-    return card.window + 1, {"window": told, "samples": " that an output depends on at most"}
 
 
 def evaluate(args: argparse.Namespace) -> int:

@@ -33,7 +33,8 @@ def add_parser(actions: Any) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--out", type=file_with_folders, metavar="FILE.onnx",
-        help="weights to write (default: NAME.onnx here); log and checkpoint lie beside it",
+        help="weights to write (default: NAME.onnx here); checkpoint and log, begun anew but with "
+        "--resume, lie beside it",
     )  # fmt: skip
     parser.add_argument("--force", action="store_true", help="write over --out if it is there")
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="(default: %(default)s)")
@@ -103,7 +104,7 @@ def train(args: argparse.Namespace) -> int:
     if args.resume:
         training.resume(checkpoint)
     with (
-        out.with_suffix(".log").open("a", encoding="utf-8") as log,
+        out.with_suffix(".log").open("a" if args.resume else "w", encoding="utf-8") as log,
         progress("training", hidden=args.json) as show,
     ):
         training.run(args.minutes, checkpoint, Reporter(log, show).tell)

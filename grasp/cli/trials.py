@@ -298,7 +298,8 @@ def _report_series(
     summary = of_taps(seen.results) if tap else table
     series = {
         "scenario": args.scenario, "object": experiment.config.object.name, "rig": args.rig,
-        "detector": args.detector, "seed": args.seed, "summary": msgspec.to_builtins(summary),
+        "detector": experiment.config.detector_label, "seed": args.seed,
+        "summary": msgspec.to_builtins(summary),
         f"{args.scenario}s": msgspec.to_builtins(seen.results),
     }  # fmt: skip
     if out is not None:

@@ -1,6 +1,7 @@
 """What a trial can be told whatever it tries: the rig, and what controls it. From layers."""
 
 import hashlib
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -37,7 +38,7 @@ from grasp.settings import (
 from grasp.slip import SlipSettings
 from scenarios.rigs.calibration import calibration_layers
 from scenarios.rigs.config import GraspRigConfig
-from scenarios.rigs.own_settings import Files, own_layers, rig_layers
+from scenarios.rigs.own_settings import Files, own_layers, rig_layers, says_something
 from scenarios.rigs.permission import HARDWARE
 from scenarios.world.ladder.runs import RunPlan
 
@@ -177,15 +178,26 @@ def section_of(detector: str) -> str:
 def detector_layers(word: str) -> list[Layer]:
     """What is set for a detector: its file of config/detectors; of one's own its fingerprint, and
     the `.toml` of the same name beside it, if there is one. Raises ConfigError for an unknown
-    name."""
+    name, and where that file says nothing."""
     if is_code(word) or is_weights(word):
         file = Path(word.rpartition(":")[0] if is_code(word) else word)
         beside = file.with_suffix(".toml")
         code = Layer(str(file), {}, _fingerprint(file))
-        return [code, *([read_toml(beside)] if beside.is_file() else ())]
+        if not beside.is_file() or _is_being_written(beside):
+            return [code]
+        return [code, says_something(read_toml(beside))]
     if word in offered() and word not in names("detectors"):
         return []
     return [named_layer("detectors", word, (*offered(), f"FILE{MARK}NAME", "FILE.onnx"))]
+
+
+def _is_being_written(file: Path) -> bool:
+    """Whether what is printed goes there: with `tune mine.onnx > mine.toml` a shell has emptied the
+    file before anything is read."""
+    try:
+        return os.path.samestat(os.fstat(1), file.stat())
+    except OSError:  # closed
+        return False
 
 
 def digest_of(settings: Mapping[str, Any]) -> str:

@@ -1,13 +1,17 @@
 """A detector of one's own runs wherever a packaged one does, and nowhere by itself."""
 
 import json
+import os
+import shutil
 import sqlite3
 from pathlib import Path
 
 import pytest
 
 import grasp
-from drivers.errors import UsageError
+from detector.decision import RuleSettings
+from detector.network_file import weights_path
+from drivers.errors import ConfigError, UsageError
 from grasp.cli.main import main
 from grasp.cli.run import rule_of_weights
 from scenarios.campaign.config import load_config
@@ -138,6 +142,24 @@ def test_its_rule_lies_beside_it(mine: str, tmp_path: Path) -> None:
     assert config.own == {"counts": 3.0}
 
 
+def test_a_rule_beside_it_that_says_nothing_is_refused_but_while_it_is_being_written(
+    mine: str, tmp_path: Path
+) -> None:
+    """By a shell that has emptied the file for what `grasp detector tune` will print."""
+    beside = tmp_path / "mine.toml"
+    beside.write_text("")
+    with pytest.raises(ConfigError, match="says nothing"):
+        load_config("can", "simulated", mine)
+    kept = os.dup(1)
+    try:
+        with beside.open("w") as printed:
+            os.dup2(printed.fileno(), 1)
+            assert load_config("can", "simulated", mine).rule == RuleSettings()
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
 def test_its_hash_tells_its_code_its_settings_and_not_its_place(mine: str, tmp_path: Path) -> None:
     def hashes(word: str, *words: str) -> tuple[str, str]:
         config = load_config("can", "simulated", word, None, words)
@@ -223,6 +245,26 @@ def test_a_run_says_by_which_rule_a_network_of_ones_own_is_heard(tmp_path: Path)
     tuned = load_config("can", "simulated", str(file), [tmp_path / "tuned.toml"], [])
     assert "above 0.9 for 2 samples" in rule_of_weights(tuned)
     assert rule_of_weights(load_config("can", "simulated", "tcn")) == ""
+
+
+def test_settings_are_not_shown_with_weights_that_a_run_would_refuse(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    file = tmp_path / "mine.onnx"
+    shown = ["config", "show", "rule"]
+    shutil.copy(weights_path("gru"), file)
+    for words in ([f"--set=network.weights={file}"], ["--set=network.weights=gru"]):
+        assert main([*shown, *words]) == 2
+        told = capsys.readouterr()
+        assert "holds a network 'gru', not 'tcn'" in told.err and "--detector gru" in told.err
+        assert told.out == ""
+        assert main([*shown, "--detector", "gru", *words]) == 0
+        assert "threshold = 0.8718" in capsys.readouterr().out
+    assert main([*shown, "--detector", str(file)]) == 0
+    file.write_bytes(b"none")
+    for words in (["--detector", str(file)], ["--set", f"network.weights={file}"]):
+        assert main([*shown, *words]) == 2
+        assert "damaged" in capsys.readouterr().err
 
 
 def test_two_networks_are_told_apart_by_name(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from detector.network_file import (
 )
 from detector.scores.evaluation import stream
 from drivers.errors import BadFile, UsageError
+from grasp.cli.main import main
 from tests.unit.detector.networks import walk, write_network
 
 
@@ -209,6 +210,18 @@ def test_one_flipped_byte_of_a_packaged_network_is_noticed(
         path.write_bytes(damaged)
         with pytest.raises(BadFile, match="not as it was packaged"):
             read_network(path)
+
+
+@pytest.mark.parametrize("words", [["detector", "card"], ["run", "lift", "--detector"]])
+def test_a_packaged_network_that_has_gone_is_to_be_installed_again(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.setattr("detector.network_file.WEIGHTS", tmp_path)
+    assert main([*words, "gru"]) == 2
+    told = capsys.readouterr().err
+    assert f"{tmp_path / 'gru.onnx'}: cannot be read" in told
+    assert "install `grasp` again" in told and "detector train" not in told
 
 
 def outside(model: onnx.ModelProto, where: str, location: str) -> None:

@@ -62,6 +62,17 @@ def test_empty_variable_of_the_environment_names_no_file(monkeypatch: pytest.Mon
     assert own_files_of(None) == []
 
 
+@pytest.mark.parametrize("said", ["", "# to be measured\n", "[rule]\n"])
+def test_file_of_ones_own_that_says_nothing_is_refused_with_what_writes_a_rule(
+    said: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(said)
+    with pytest.raises(ConfigError, match="says nothing") as refused:
+        lift(file=file)
+    assert f"`grasp detector tune ... > {file}`" in str(refused.value.remedy)
+
+
 @pytest.mark.parametrize(
     ("assignment", "key", "says"),
     [

@@ -1,6 +1,8 @@
-"""A driver over a modelled hand in virtual time, with springs to close on."""
+"""A driver over a modelled hand in virtual time, with springs to close on; a core under its thread,
+closed behind each test."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,10 +10,12 @@ import pytest
 from drivers.errors import LinkLost
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
+from drivers.robotiq.link.thread import ThreadedGripper
 from drivers.robotiq.model.gripper import FingerLoads, GripperModel, HandSettings, ModelTransport
 from drivers.robotiq.model.registers import Command, decode
 from drivers.robotiq.protocol import to_bytes
 from tests.calibrations import MANUAL, PAPER
+from tests.unit.drivers.robotiq.link_cell import FOR_EVER_S, NEVER_S, Cell, Made, settled
 
 MS = 1_000_000
 
@@ -149,3 +153,24 @@ def rig():
 @pytest.fixture
 def springs():
     return Springs
+
+
+@pytest.fixture
+def made() -> Iterator[Made]:
+    opened: list[ThreadedGripper] = []
+
+    def make(
+        *acts: Callable[[Cell], None], period_s: float = NEVER_S, **more: Any
+    ) -> tuple[Cell, ThreadedGripper]:
+        cell: Any = Cell()
+        cell.acts = [lambda act=act: act(cell) for act in acts]
+        gripper = ThreadedGripper(cell, period_s, timed=cell, clock=cell.clock, **more)
+        opened.append(gripper)
+        gripper.start(within_s=FOR_EVER_S)
+        cell.wait()
+        settled(gripper, 1)
+        return cell, gripper
+
+    yield make
+    for gripper in opened:
+        gripper.close()

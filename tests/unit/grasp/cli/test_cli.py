@@ -151,6 +151,7 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
     )  # fmt: skip
     assert code == 1  # nothing moved: no success to speak of
     assert list(series) == ["scenario", "object", "rig", "detector", "seed", "summary", "taps"]
+    assert {series["detector"], *(t["detector"] for t in series["taps"])} == {"tcn"}, "unasked"
     assert series["summary"]["total"]["unmoved"] == 2
     assert [t["seed"] for t in series["taps"]] == [4, 5]
     assert {t["direction"] for t in series["taps"]} == {"side"}
@@ -370,6 +371,8 @@ def test_settings_are_shown_with_what_is_allowed(capsys: pytest.CaptureFixture[s
     code, table = run_json(capsys, "config", "show", "--set", "guard.tip_mass_kg=0.3")
     assert table["guard"]["tip_mass_kg"] == 0.3
     assert call("config", "show", "nothing", capsys=capsys)[0] == 2
+    rule = call("config", "show", "rule", capsys=capsys)[1]
+    assert 'fusion = "mean"' in rule and rule.count("or of the mean") == 4
     out = call("config", "show", capsys=capsys)[1]
     assert "grip_counts = [55, 55, 55]  # 3 x int (motor counts" in out
     assert "  # 3 x n x 2 x int (" in out and "  # n x 2 x int (" in out

@@ -36,13 +36,15 @@ class Training:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"), [([], ["run"]), (["--resume"], ["resume mine.checkpoint", "run"])]
+    ("words", "told", "logged"),
+    [([], ["run"], ""), (["--resume"], ["resume mine.checkpoint", "run"], "step 20\n")],
 )
-def test_training_begins_anew_unless_told_to_go_on_and_leaves_no_checkpoint(
-    words: list[str], told: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+def test_training_and_its_log_begin_anew_unless_told_to_go_on_and_leave_no_checkpoint(
+    words: list[str], told: list[str], logged: str, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     training = Training()
+    (tmp_path / "mine.log").write_text("step 20\n")
     monkeypatch.setattr(train, "need", lambda *_: None)
     monkeypatch.setattr(train, "_prepare", lambda _: (training, []))
     export = SimpleNamespace(export=lambda *_: Card(1, 2, 3.0, {"accuracy": 0.9}))
@@ -51,6 +53,7 @@ def test_training_begins_anew_unless_told_to_go_on_and_leaves_no_checkpoint(
     assert main(["detector", "train", "tcn", "--data", ".", "--out", str(out), *words]) == 0
     assert training.told == told
     assert [path.name for path in tmp_path.iterdir()] == ["mine.log"]
+    assert (tmp_path / "mine.log").read_text() == logged
     assert "accuracy on validation 0.900" in capsys.readouterr().out
 
 

@@ -1,0 +1,271 @@
+"""The hand as it is known, an exchange at a time: its state, its faults, resets that nobody asked
+for, and the way to an active hand. What it is told to do is in ``drivers.robotiq.driver``.
+"""
+
+from collections.abc import Callable, Sequence
+from enum import Enum
+
+import msgspec
+
+from drivers.errors import DeviceFault
+from drivers.interfaces import FINGERS, FingerState, GripperState
+from drivers.robotiq.calibration import GripperCalibration
+from drivers.robotiq.encoding import finger_states, motion_image, with_scissor
+from drivers.robotiq.exchange import (
+    ACTIVATE,
+    RESET,
+    DriverSettings,
+    Exchange,
+    ExchangeStatistics,
+    RegisterTransport,
+    WireLog,
+)
+from drivers.robotiq.modes import BASIC, SCISSOR
+from drivers.robotiq.protocol import (
+    FAULTS,
+    FULL_BYTE,
+    CommandRegisters,
+    Severity,
+    StatusRegisters,
+)
+
+_ACTIVATES = "the gripper lost its activation, and a command that met it so set it activating"
+_NOT_ACTIVATED = "activation did not complete: verify that nothing interferes with the fingers"
+_OTHER_MODE = "the gripper says that it is in mode {}, and was taken over in mode {}"
+_WHO_ELSE = "does anybody else command it? Switch it off and on, activate it"
+
+
+class Step(Enum):
+    """Where ``pump`` is on the way to an active hand."""
+
+    NONE = 0
+    RESTARTING = 1  # rACT cleared, wait for gACT = 0, then activate
+    ACTIVATING = 2  # rACT set, wait for gIMC = 3
+
+
+class PumpedHand:
+    """Everything of a driver but its verbs."""
+
+    def __init__(
+        self,
+        transport: RegisterTransport,
+        settings: DriverSettings,
+        calibration: GripperCalibration,
+        log: WireLog | None = None,
+        clock: Callable[[], int] | None = None,
+    ) -> None:
+        """``clock`` tells how long an exchange took, where time passes meanwhile: that of the times
+        given to ``pump``."""
+        self._clock = clock
+        self._settings = settings
+        self._activation_ns = round(settings.activation_timeout_s * 1e9)
+        self._old_ns = round(settings.status_old_s * 1e9)
+        self._calibration = calibration
+        self._exchange = Exchange(transport, settings, log)
+        self._status: StatusRegisters | None = None
+        self._mode = 0  # it was taken over in: to be told another would open it
+        self._other_mode = False  # it says that it is in another
+        self._fingers: tuple[FingerState, FingerState, FingerState] | None = None
+        self._state: GripperState | None = None
+        self._now_ns = 0
+        self._seq = 0
+        self._changed_ns = 0  # when the status last differed from the one before
+        self._leapt = False  # a finger was where no motor can have brought it
+        self._step = Step.NONE
+        self._deadline_ns = 0
+        self._grip_bytes = [FULL_BYTE] * FINGERS  # force of the grip; unknown counts as full
+        self._raised = 0  # major fault that was raised already
+        self._resynced = 0
+
+    # What is known
+
+    @property
+    def state(self) -> GripperState | None:
+        """Latest snapshot; None before the first exchange."""
+        state = self._state
+        if state is not None and state.fresh and not self._fresh:
+            self._state = state = msgspec.structs.replace(state, fresh=False)
+        return state
+
+    @property
+    def least_force_n(self) -> float:
+        """Calibrated static force of force byte 0, N."""
+        return self._calibration.least_force_n
+
+    @property
+    def m_per_count(self) -> float:
+        """Fingertip travel of one count by the calibration, m."""
+        return self._calibration.m_per_count
+
+    @property
+    def mode(self) -> int:
+        """That the hand was taken over in, and that every command leaves it in (rMOD)."""
+        return self._mode
+
+    @property
+    def statistics(self) -> ExchangeStatistics:
+        """Counters so far."""
+        exchange = self._exchange
+        return ExchangeStatistics(
+            writes=exchange.writes,
+            reads=exchange.reads,
+            rejected=exchange.rejected,
+            link_losses=exchange.link_losses,
+            reconnects=exchange.reconnects,
+            resynced=self._resynced,
+        )
+
+    @property
+    def acknowledged(self) -> bool:
+        """Whether the gripper has answered the write of everything that was asked for."""
+        return self._exchange.written
+
+    @property
+    def _fresh(self) -> bool:
+        return self._step is Step.NONE and self._exchange.confirmed
+
+    # Exchange
+
+    def pump(self, now_ns: int) -> None:
+        """One exchange: at most one write, one read, one change of state.
+
+        Raises ``LinkLost`` when the device does not answer, ``DeviceFault`` once for each fault
+        that stops motion and for an activation that does not end.
+        """
+        self._now_ns = now_ns
+        was_lost = self._exchange.lost
+        status = self._exchange.pump(now_ns)
+        if status is None:
+            return
+        changed, self._status = status is not self._status, status
+        if self._step is not Step.NONE or self._exchange.wanted is None:  # not ours to say yet
+            self._mode = status.mode
+        unasked = self._activates_unasked(status, was_lost)
+        if unasked:
+            self._exchange.want(RESET)
+            self._exchange.pump(now_ns)
+        elif was_lost or self._was_reset(status):
+            self._resync(status)
+        elif self._reset_was_lost(status, now_ns):
+            self._exchange.again()
+        if self._step is not Step.NONE:
+            self._proceed(status, now_ns)
+        self._publish(status, now_ns, changed)
+        self._raise_fault(status, now_ns)
+        if unasked:
+            raise DeviceFault(_ACTIVATES, "keep clear: the fingers may have moved; activate it")
+
+    def _was_reset(self, status: StatusRegisters) -> bool:
+        """The device lost what it had taken up, as after a power cycle, written yet or not."""
+        wanted = self._exchange.wanted
+        if wanted is None or not wanted.activate or self._step is not Step.NONE:
+            return False
+        return not status.active
+
+    def _activates_unasked(self, status: StatusRegisters, was_lost: bool) -> bool:
+        """The device lost power between a read and the write after it: that write set rACT."""
+        wanted = self._exchange.wanted
+        if wanted in (None, ACTIVATE) or self._step is not Step.NONE:
+            return False
+        if wanted == RESET and not was_lost:
+            return False  # told already
+        stopped = FAULTS[status.fault].severity is Severity.MAJOR
+        return status.active and status.initialization == 1 and not stopped
+
+    def _reset_was_lost(self, status: StatusRegisters, now_ns: int) -> bool:
+        """The hand goes on activating although it was told not to, two refreshes ago."""
+        told = self._exchange.wanted == RESET and self._step is Step.NONE
+        busy = status.active and status.initialization == 1
+        return told and busy and self._exchange.settled(now_ns)
+
+    def _resync(self, status: StatusRegisters) -> None:
+        """Send nothing that moves without a new verb, and never activate by oneself."""
+        self._step, self._leapt = Step.NONE, False
+        self._grip_bytes = [FULL_BYTE] * FINGERS
+        if self._exchange.wanted is None:
+            return
+        self._resynced += 1
+        pending = self._exchange.unproven and not status.active
+        self._exchange.want(None)
+        if pending:  # it may wait in the hand, which would take it up when it has booted
+            self._exchange.want(RESET)
+        if status.ready:
+            where = tuple(finger.position for finger in status.fingers)
+            self._exchange.want(self._image(where, 0, (0, 0, 0)))
+
+    def _publish(self, status: StatusRegisters, now_ns: int, changed: bool) -> None:
+        took_ns = 0 if self._clock is None else self._clock() - now_ns
+        if changed or self._fingers is None:
+            self._leapt = self._leapt or self._leaps(status, now_ns + took_ns)
+            self._changed_ns = now_ns
+            self._fingers = finger_states(status)
+        self._seq += 1
+        fault = FAULTS[status.fault]
+        self._state = GripperState(
+            now_ns,
+            self._seq,
+            status.ready and fault.severity is not Severity.MAJOR,
+            status.fault,
+            fault.text,
+            self._fresh,
+            self._fingers,
+            took_ns,
+        )
+
+    def _leaps(self, status: StatusRegisters, now_ns: int) -> bool:
+        """Since the status before was asked for, ``now_ns`` being when this one was there."""
+        if self._fingers is None or self._state is None:
+            return False
+        s, passed_s = self._settings, (now_ns - self._state.t_ns) * 1e-9
+        reach = s.leap_counts + s.fastest_counts_ps * passed_s
+        ways = zip(self._fingers, status.fingers, strict=True)
+        return any(abs(was.position_counts - now.position) > reach for was, now in ways)
+
+    def _raise_fault(self, status: StatusRegisters, now_ns: int) -> None:
+        fault = FAULTS[status.fault]
+        major = fault.severity is Severity.MAJOR
+        onset = major and fault.code != self._raised
+        self._raised = fault.code if major else 0
+        if onset:
+            if self._step is not Step.RESTARTING:
+                self._step = Step.NONE
+            raise DeviceFault(f"gripper fault 0x{fault.code:02X}: {fault.text}", fault.remedy)
+        was_other, self._other_mode = self._other_mode, status.ready and status.mode != self._mode
+        if self._other_mode and not was_other:
+            raise DeviceFault(_OTHER_MODE.format(status.mode, self._mode), _WHO_ELSE)
+        if self._step is not Step.NONE and now_ns > self._deadline_ns:
+            self._step = Step.NONE
+            raise DeviceFault(_NOT_ACTIVATED + (fault.text and f" ({fault.text})"), "activate")
+
+    # Activation
+
+    def _begin(self, step: Step, command: CommandRegisters) -> None:
+        self._step = step
+        self._deadline_ns = self._now_ns + self._activation_ns
+        self._exchange.want(command)
+
+    def _proceed(self, status: StatusRegisters, now_ns: int) -> None:
+        if not self._exchange.settled(now_ns):
+            return
+        if self._step is Step.RESTARTING and not status.active and not status.fault:
+            self._step = Step.ACTIVATING
+            self._exchange.want(ACTIVATE)
+        elif self._step is Step.ACTIVATING and status.ready and status.mode == BASIC:
+            self._step, self._leapt = Step.NONE, False
+
+    # Images
+
+    def _image(
+        self,
+        targets: Sequence[int],
+        speed: int,
+        force_bytes: Sequence[int],
+        spread: bool = False,
+    ) -> CommandRegisters:
+        """``spread``: in scissor mode, B and C apart; else that motor stays where it is."""
+        command = motion_image(self._mode, targets, speed, force_bytes)
+        if self._mode != SCISSOR or self._status is None:
+            return command
+        if spread:
+            return with_scissor(command, 0, speed)
+        return with_scissor(command, self._status.scissor.position, 0)

@@ -1,0 +1,69 @@
+"""`grasp detector card`: what a network's weights say of themselves, and the rule it comes with."""
+
+import argparse
+import json
+from typing import Any
+
+from grasp.cli import exits
+from grasp.cli.options import network_path
+from grasp.cli.output import json_line
+
+
+def add_parser(actions: Any) -> None:
+    text = "what a network's weights say of themselves: data, seed, commit, calibration"
+    parser = actions.add_parser("card", help=text, description=text)
+    parser.add_argument("network", metavar="NAME|FILE.onnx", help="packaged name, or a file")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.set_defaults(handler=card)
+
+
+def card(args: argparse.Namespace) -> int:
+    import msgspec
+
+    from detector.heads import read_heads
+    from detector.network_file import read_network, weights_digest
+    from scenarios.report.run_decision import in_words
+
+    weights = network_path(args.network)
+    loaded = read_network(weights)
+    found = msgspec.to_builtins(loaded.card)
+    found["samples"], counted = _samples(loaded.card)
+    counted["threshold"] = " (above it a sample reads as slip in scores; a rule makes events)"
+    rule = _rule(args.network)
+    if rule is not None:
+        found["rule"] = msgspec.to_builtins(rule)
+    heads = read_heads(weights, weights_digest(weights), loaded)
+    if heads is not None:
+        told = msgspec.to_builtins(heads.heads)
+        found["heads"] = {key: value for key, value in told.items() if key != "layers"}
+    if args.json:
+        print(json_line(found))
+    else:
+        for key, value in found.items():
+            shown = in_words(rule) if key == "rule" else json.dumps(value)
+            print(f"{key}: {shown}{counted.get(key, '')}")
+    return exits.SUCCESS
+
+
+def _samples(card: Any) -> tuple[int | None, dict[str, str]]:
+    """How many samples an output depends on at most, the newest among them; None: on all, in a
+    state that fades. And what the card counts, by key."""
+    if card.mode == "window":
+        return card.window, {"window": " samples, the newest among them"}
+    if not card.window:
+        return None, {"window": " (it has a state)", "samples": " (all, in a state that fades)"}
+    told = " samples before the newest"
+    return card.window + 1, {"window": told, "samples": " that an output depends on at most"}
+
+
+def _rule(network: str) -> Any:
+    """By which a packaged network is heard unless somebody says otherwise; None for a file, of
+    which it depends on how it is asked for."""
+    import msgspec
+
+    from detector.decision import RuleSettings
+    from grasp.settings import named_layer, names
+
+    if network not in names("detectors"):
+        return None
+    return msgspec.convert(named_layer("detectors", network).table.get("rule", {}), RuleSettings)

@@ -1,0 +1,231 @@
+"""Verbs of the gripper's thread while the hand is silent, on a clock that stands."""
+
+import _thread
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import msgspec
+import pytest
+
+from drivers.errors import LinkLost, Refused
+from drivers.interfaces import Applied
+from drivers.robotiq.link.thread import ThreadedGripper
+from tests.unit.drivers.robotiq.link_cell import (
+    BEGIN_NS,
+    FOR_EVER_S,
+    MS,
+    Cell,
+    Made,
+    idle,
+    settled,
+    until,
+)
+
+NOT_YET = "the hand has not answered yet: told to it as soon as it has"
+
+
+class State(msgspec.Struct, frozen=True):
+    """As much of the gripper's as its thread reads."""
+
+    fresh: bool = True
+    positions: tuple[int, int, int] = (7, 8, 9)
+
+
+class Silence:
+    """A second exchange that is over when it is told to be; its hand speaks of the verb then."""
+
+    def __init__(self, made: Made, ends: Callable[[Cell], None] = idle) -> None:
+        self._over = threading.Event()
+        self._ends = ends
+        self.cell, self.gripper = made(idle, self._lasts, idle)
+        self.cell.state = State()
+        self.gripper.hold()  # with which the exchange begins
+        self.cell.wait()
+        self.cell.verbs.clear()
+
+    def _lasts(self, cell: Cell) -> None:
+        self._over.wait()
+        self._ends(cell)
+
+    def ends(self) -> None:
+        self._over.set()
+
+
+@pytest.fixture
+def silent(made: Made) -> Iterator[Callable[..., Silence]]:
+    silences: list[Silence] = []
+
+    def make(*ends: Callable[[Cell], None]) -> Silence:
+        silences.append(Silence(made, *ends))
+        return silences[-1]
+
+    yield make
+    for silence in silences:
+        silence.ends()
+
+
+def test_verbs_to_a_silent_hand_return_what_was_asked_and_are_done_when_its_exchange_is_over(
+    silent: Callable[..., Silence],
+) -> None:
+    hand = silent()
+    cell, gripper = hand.cell, hand.gripper
+    asked: tuple[tuple[Callable[[], Applied], Applied], ...] = (
+        (lambda: gripper.open(0.1), Applied((0, 0, 0), 0.1, 10.0, note=NOT_YET)),
+        (lambda: gripper.move_to((1, 2, 3), 0.05, 7.0),
+         Applied((1, 2, 3), 0.05, 7.0, note=NOT_YET)),
+        (gripper.hold, Applied((7, 8, 9), 0.0, 10.0, note=NOT_YET)),
+        (lambda: gripper.close_fast(9.0, (True, False, True), (4, 5, 6), 0.03),
+         Applied((4, 5, 6), 0.03, 9.0, note=NOT_YET)),
+    )  # fmt: skip
+    for verb, applied in asked:
+        cell.passes(MS)
+        assert verb() == applied
+        assert not gripper.acknowledged
+        seen: Any = gripper.state
+        assert seen == State(fresh=False), "it speaks of no verb that was put off"
+    assert cell.verbs == []
+    cell.state = State(fresh=False)
+    cell.writes_from_ns = cell.now_ns
+    hand.ends()
+    until(lambda: gripper.acknowledged)
+    assert cell.verbs == [("close_fast", 9.0, (True, False, True), (4, 5, 6), 0.03)], "the latest"
+    assert gripper.acknowledgements_ns[0][0] == BEGIN_NS + 4 * MS, "from when it was given"
+
+
+def test_verb_that_was_put_off_is_done_before_the_next_write_and_not_again(
+    silent: Callable[..., Silence],
+) -> None:
+    hand = silent()
+    hand.gripper.hold()
+    hand.ends()
+    settled(hand.gripper, 3)
+    assert hand.gripper.acknowledged
+    assert hand.cell.verbs == [("hold",)]
+    hand.gripper.open(0.1)
+    settled(hand.gripper, 4)
+    assert hand.cell.verbs == [("hold",), ("open", 0.1)]
+
+
+def test_refusal_of_a_verb_that_was_put_off_is_raised_by_the_next_pump(
+    silent: Callable[..., Silence],
+) -> None:
+    hand = silent()
+    hand.cell.refuses = True
+    hand.gripper.hold()
+    hand.gripper.pump(0)
+    hand.ends()
+    until(lambda: hand.gripper.acknowledged)
+    with pytest.raises(Refused, match="not so"):
+        hand.gripper.pump(0)
+    hand.gripper.pump(0)
+    assert len(hand.cell.verbs) == 1
+
+
+def test_loss_that_ends_the_silence_is_told_before_the_verb_is_done(
+    silent: Callable[..., Silence],
+) -> None:
+    def lost(cell: Cell) -> None:
+        raise LinkLost("gone", "look")
+
+    hand = silent(lost)
+    hand.cell.refuses = True
+    hand.gripper.hold()
+    hand.ends()
+    until(lambda: hand.gripper.acknowledged)
+    for told in (LinkLost, Refused):
+        with pytest.raises(told):
+            hand.gripper.pump(0)
+
+
+def test_activation_alone_waits_for_a_silent_hand(silent: Callable[..., Silence]) -> None:
+    hand = silent()
+    waiting = threading.Thread(target=hand.gripper.activate)
+    waiting.start()
+    waiting.join(0.05)
+    assert (waiting.is_alive(), hand.cell.verbs) == (True, [])
+    hand.ends()
+    waiting.join()
+    assert hand.cell.verbs == [("activate", False)]
+
+
+class Lock:
+    """As ``threading.Lock``; while it is taken nobody has it who would not wait for ever."""
+
+    taken = False
+    patience_s = 0.0  # of whoever did not get it
+
+    def __init__(self) -> None:
+        lock = _thread.allocate_lock()
+        self.release, self.locked = lock.release, lock.locked
+        self.__lock = lock
+
+    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
+        if timeout > 0 and Lock.taken:
+            Lock.patience_s = timeout
+            return False
+        return self.__lock.acquire(blocking, timeout)
+
+    def __enter__(self) -> bool:
+        return self.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+
+@pytest.fixture
+def late(made: Made, monkeypatch: pytest.MonkeyPatch) -> tuple[Cell, ThreadedGripper]:
+    """A gripper whose thread ended while a verb was being put off, a hold."""
+    with monkeypatch.context() as patched:
+        patched.setattr(threading, "Lock", Lock)
+        cell, gripper = made()
+    gripper.stop()
+    with monkeypatch.context() as patched:
+        patched.setattr(Lock, "taken", True)
+        asked = gripper.hold()
+    assert (asked.targets_counts, asked.note) == ((0, 0, 0), NOT_YET), "no position is known yet"
+    return cell, gripper
+
+
+VERBS: list[tuple[str, Callable[[ThreadedGripper], object]]] = [
+    ("activate", lambda gripper: gripper.activate()),
+    ("open", lambda gripper: gripper.open(0.1)),
+]
+
+
+@pytest.mark.parametrize(("name", "verb"), VERBS)
+def test_verb_that_was_put_off_gives_way_to_the_next(
+    late: tuple[Cell, ThreadedGripper], name: str, verb: Callable[[ThreadedGripper], object]
+) -> None:
+    cell, gripper = late
+    assert not gripper.acknowledged
+    cell.state = State()
+    verb(gripper)
+    assert gripper.state is not None
+    assert gripper.state.fresh, "nothing is put off any more"
+    assert [done for done, *_ in cell.verbs] == [name]
+
+
+def test_verb_that_was_put_off_is_not_done_by_a_thread_that_is_started_later(
+    late: tuple[Cell, ThreadedGripper],
+) -> None:
+    cell, gripper = late
+    gripper.start(within_s=FOR_EVER_S)
+    settled(gripper, 2)
+    assert cell.verbs == []
+    assert gripper.acknowledged
+
+
+def test_verb_that_is_put_off_as_an_exchange_ends_wakes_the_thread_and_is_written_by_the_next(
+    made: Made, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = list[int]()
+    with monkeypatch.context() as patched:
+        patched.setattr(threading, "Lock", Lock)
+        _, gripper = made(idle, lambda cell: known.append(len(cell.verbs)))
+    with monkeypatch.context() as patched:
+        patched.setattr(Lock, "taken", True)
+        assert gripper.hold().note == NOT_YET
+    until(lambda: gripper.acknowledged)
+    assert known == [1], "it was done before the exchange"
+    assert Lock.patience_s == 0.002
