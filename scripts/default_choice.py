@@ -1,4 +1,4 @@
-"""Which network is the default, by the rule that docs/detectors.md writes down.
+"""Which network is the default, by the rule that docs/default-detector.md writes down.
 
     grasp detector tune tcn --set network.weights=tcn-seed0.onnx --data DIR... > tcn-seed0.toml
     python scripts/default_choice.py --tcn tcn-seed0.onnx... --gru gru-seed0.onnx... --data DIR...

@@ -26,7 +26,7 @@ SEED = 77  # of no data set
 KINDS = {"grasped_blow": 12, "grasped_slip": 8}
 DEFAULT = load_config("can", "simulated")
 # What is packaged. Who changes one of them on purpose: tune the rule (`grasp detector tune`), show
-# by the rule of docs/detectors.md ("Which one is the default, and why") that the new ones are no
+# by the rule of docs/default-detector.md ("Which one is the default, and why") that new ones are no
 # worse (`scripts/default_choice.py`), make anew the figures that rest on them (`figures.py` there),
 # and write the new values here. A test that fails for any other reason has found a mistake.
 RULES = {

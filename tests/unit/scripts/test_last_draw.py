@@ -67,7 +67,7 @@ def test_seeds_that_agree_or_are_too_few_have_no_spread_to_tell() -> None:
 
 
 def test_the_difference_that_the_pages_name_is_of_the_seeds_that_they_list() -> None:
-    """docs/detectors.md, "The real clip"."""
+    """docs/last-draw.md, "The real clip"."""
     tcn, gru = (0.911, 0.909, 0.927, 0.918, 0.910), (0.950, 0.947, 0.949, 0.913, 0.924)
     told = less_text((("tcn", tcn), ("gru", gru)))
     assert told.startswith("`tcn` less `gru`, in the mean: AUC -0.022 [-0.042, -0.001], ")
