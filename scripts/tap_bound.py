@@ -1,6 +1,6 @@
 """What could be heard of the last draw's own blows: the bound that its taps are held against.
 
-    python scripts/tap_bound.py --data data/observer data/confusers data/grasped-slip
+    python scripts/tap_bound.py --data data/observer/run data/confusers-102 data/grasped-slip-103
 
 The ideal observer (`grasp chart observer`, extra `train`) is asked about the very taps of
 `scripts/last_draw.py`: told when each fell, it hears all counts until 50 or 100 ms after and what
