@@ -1,12 +1,14 @@
 """What could be heard of the last draw's own blows: the bound that its taps are held against.
 
     python scripts/tap_bound.py --data data/observer/run data/confusers-102 data/grasped-slip-103
+    python scripts/tap_bound.py --first-seed 120000 --learnt 0 --data ...          other taps alone
 
 The ideal observer (`grasp chart observer`, extra `train`) is asked about the very taps of
 `scripts/last_draw.py`: told when each fell, it hears all counts until 50 or 100 ms after and what
 the named detectors said. It learns from the blows of the data sets, which the detectors must not
 have learnt from, and from the mallet's taps on the eleven other objects, of this draw and of seeds
-of their own; or from the data sets alone. Of the object that it is asked about it knows nothing.
+of their own; or from the data sets alone, and then also without the detectors' words, from all
+fingers at once or from one at a time. Of the object that it is asked about it knows nothing.
 Beside it the detectors on the same blows, their rules' thresholds moved so that as many idle ones
 are answered. Nothing is tuned on it.
 """
@@ -18,6 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from detector.blows import blows_of
@@ -33,6 +36,7 @@ from scenarios.rigs.workers import Workers, results
 from scenarios.studies.detectors.benchmark import read_split
 from scenarios.studies.detectors.observer import (
     MOVED_MM,
+    Cases,
     Moment,
     blow_moments,
     cases,
@@ -132,35 +136,77 @@ def _share(
     return f"{value:{'+' if other else ''}.0f} [{low:.0f}, {high:.0f}]"
 
 
-def observed(
-    blows: Sequence[Struck], others: Sequence[Struck], folders: Sequence[Path], names: Sequence[str]
-) -> list[Scored]:
-    """The observer on the first; it may learn from the second, of other objects, and the sets."""
-    from detector.training.observer import held_out  # noqa: PLC0415  (torch only where asked)
+class Known(NamedTuple):
+    """The taps, those that are asked about first, and the blows of the data sets."""
 
+    taps: Cases
+    drawn: Cases
+    asked: int
+
+    def bare(self) -> "Known":
+        """Without what detectors said of them."""
+        taps, drawn = (replace(c, said={}) for c in (self.taps, self.drawn))
+        return Known(taps, drawn, self.asked)
+
+    def finger(self, which: int) -> "Known":
+        """As one finger feels them."""
+        both = (self.taps, self.drawn)
+        taps, drawn = (replace(c, counts=c.counts[:, :, [which]]) for c in both)
+        return Known(taps, drawn, self.asked)
+
+    def features(self, time_s: float) -> Floats:
+        return np.concatenate([features(c, time_s) for c in (self.taps, self.drawn)])
+
+
+def known_of(
+    blows: Sequence[Struck], others: Sequence[Struck], folders: Sequence[Path], names: Sequence[str]
+) -> Known:
     struck = [*blows, *others]
     taps = [recording_of(b) for b in struck]
     drawn = [r for r in read_split(folders, "all") if r.fingers == FINGERS and blows_of(r)]
+    if not drawn:
+        raise SystemExit("--data: no recording of a hand that is struck")
     at_taps = cases(taps, [moment_of(i, b) for i, b in enumerate(struck)], heard(names, taps))
-    at_drawn = cases(drawn, blow_moments(drawn), heard(names, drawn))
     if len(at_taps.classes) != len(struck):
         raise SystemExit("a tap has less than half a second before its blow")
-    classes = np.concatenate([at_taps.classes, at_drawn.classes])
-    objects = np.array([OBJECTS.index(b.object) for b in struck])
-    of_none = np.full(len(at_drawn.classes), len(OBJECTS))
-    print(f"learnt from {len(at_drawn.classes)} blows of {len(drawn)} recordings and the taps "
-          f"of eleven of {len(others)} + {len(blows)}", flush=True)  # fmt: skip
+    at_drawn = cases(drawn, blow_moments(drawn), heard(names, drawn))
+    print(f"learnt from {len(at_drawn.classes)} blows of {len(drawn)} recordings", flush=True)
+    return Known(at_taps, at_drawn, len(blows))
+
+
+def observed(known: Known, objects: NDArray[np.intp], mallet: bool) -> list[Scored]:
+    """The observer, on the taps that are asked about; ``objects`` of all taps. With ``mallet`` it
+    learns from the taps on other objects too."""
+    of_none = np.full(len(known.drawn.classes), len(OBJECTS))
+    of_sets = np.concatenate([np.zeros_like(objects), np.ones_like(of_none)])
+    bare = known.bare()
     found = []
     for time_s in TIMES_S:
-        known = np.concatenate([features(at_taps, time_s), features(at_drawn, time_s)])
-        for title, groups, folds in (
-            ("data sets", np.concatenate([np.zeros_like(objects), np.ones_like(of_none)]), 2),
-            ("data sets and mallet", np.concatenate([objects, of_none]), len(OBJECTS) + 1),
-        ):
-            told = held_out(known, classes, groups, folds)[: len(blows)]
-            moved = np.logaddexp(told[:, 2], told[:, 3]) - told[:, 0]
-            found.append(Scored(f"observer, {1e3 * time_s:.0f} ms, {title}", moved))
+        title = f"observer, {1e3 * time_s:.0f} ms, data sets"
+        each = [bare.finger(i).features(time_s) for i in range(FINGERS)]
+        found += [
+            Scored(title, _moved(known, [known.features(time_s)], of_sets, 2)),
+            Scored(f"{title}, counts alone", _moved(known, [bare.features(time_s)], of_sets, 2)),
+            Scored(f"{title}, a finger at a time, counts alone", _moved(known, each, of_sets, 2)),
+        ]
+        if mallet:
+            groups = np.concatenate([objects, of_none])
+            told = _moved(known, [known.features(time_s)], groups, len(OBJECTS) + 1)
+            found.append(Scored(f"{title} and mallet", told))
     return found
+
+
+def _moved(known: Known, every: Sequence[Floats], groups: NDArray[np.intp], folds: int) -> Floats:
+    """How much likelier each tap (n,) moved it a millimetre than nothing, by an observer that has
+    learnt from other groups; of several views, which it learns as so many cases, the mean."""
+    from detector.training.observer import held_out  # noqa: PLC0415  (torch only where asked)
+
+    classes = np.concatenate([known.taps.classes, known.drawn.classes])
+    views = len(every)
+    told = held_out(np.concatenate(every), np.tile(classes, views), np.tile(groups, views), folds)
+    likelier: Floats = (np.logaddexp(told[:, 2], told[:, 3]) - told[:, 0]).reshape(views, -1)
+    mean: Floats = likelier.mean(axis=0)[: known.asked]
+    return mean
 
 
 def main() -> int:
@@ -171,9 +217,12 @@ def main() -> int:
     parser.add_argument("--detectors", nargs="+", choices=sorted(DETECTORS), default=["tcn", "gru"])
     parser.add_argument("--taps", type=whole(1, 8), default=8, help="of an object and strength")
     parser.add_argument("--learnt", type=whole(0, 20), default=4, help="draws to learn from")
+    parser.add_argument("--first-seed", type=whole(0, 10**9), default=DRAW_SEED, help="asked about")
     parser.add_argument("--jobs", type=whole(1, 64), default=2)
     args = parser.parse_args()
-    draws = [Draw(DRAW_SEED, args.taps, 0)]
+    if args.learnt and args.first_seed >= LEARNT_SEED:
+        parser.error(f"--first-seed: below {LEARNT_SEED}, or --learnt 0: those are learnt from")
+    draws = [Draw(args.first_seed, args.taps, 0)]
     draws += [
         Draw(LEARNT_SEED + i * SEEDS * len(OBJECTS), args.taps, 0) for i in range(args.learnt)
     ]
@@ -189,7 +238,9 @@ def main() -> int:
                                for b, s in zip(blows, streams[name], strict=True)]))
         for name in args.detectors
     ]  # fmt: skip
-    scored += observed(blows, others, args.data, args.detectors)
+    known = known_of(blows, others, args.data, args.detectors)
+    objects = np.array([OBJECTS.index(b.object) for b in (*blows, *others)])
+    scored += observed(known, objects, bool(others))
     print(table(scored, scored[0], classes))
     return 0
 
