@@ -164,7 +164,11 @@ def load_network(
 ) -> StreamingNetwork | WindowedNetwork:
     """Detector from its weights and the heads beside them; raises BadFile, and UsageError for
     fingertips of another layout than it was trained on, and for weights whose card names another
-    network than the packaged one whose name and rule they would run under."""
+    network than the packaged one whose name and rule they would run under, or for two files."""
+    if settings.weights and is_weights(name):
+        raise UsageError(
+            f"{name} and network.weights={settings.weights} are two files of weights", "name one"
+        )
     chosen = settings.weights or name
     path = weights_path(chosen)
     loaded = read_network(path)

@@ -29,8 +29,9 @@ from detector.interface import DETECTORS
 from detector.recordings import Recording
 from detector.scores.evaluation import Streamed, spoken
 from detector.scores.quantiles import quantile
+from drivers.errors import BadFile, UsageError
 from drivers.interfaces import FINGERS
-from grasp.cli.options import whole
+from grasp.cli.options import need, whole
 from scenarios.campaign.config import load_config
 from scenarios.rigs.workers import Workers, results
 from scenarios.studies.detectors.benchmark import read_split
@@ -158,14 +159,31 @@ class Known(NamedTuple):
         return np.concatenate([features(c, time_s) for c in (self.taps, self.drawn)])
 
 
+def struck_in(folders: Sequence[Path]) -> list[Recording]:
+    """Recordings of a hand that is struck; ends the program where there are none."""
+    try:
+        found = [r for r in read_split(folders, "all") if r.fingers == FINGERS and blows_of(r)]
+    except BadFile as error:
+        raise SystemExit(str(error)) from None
+    if not found:
+        raise SystemExit("--data: no recording of a hand that is struck")
+    return found
+
+
+def struck_by(draw: Draw, workers: Workers) -> list[Struck]:
+    """All its taps, in one order whoever is done first."""
+    found = [b for taps in results(partial(all_taps, draw), OBJECTS, workers) for b in taps]
+    return sorted(found, key=lambda b: OBJECTS.index(b.object))
+
+
 def known_of(
-    blows: Sequence[Struck], others: Sequence[Struck], folders: Sequence[Path], names: Sequence[str]
+    blows: Sequence[Struck],
+    others: Sequence[Struck],
+    drawn: Sequence[Recording],
+    names: Sequence[str],
 ) -> Known:
     struck = [*blows, *others]
     taps = [recording_of(b) for b in struck]
-    drawn = [r for r in read_split(folders, "all") if r.fingers == FINGERS and blows_of(r)]
-    if not drawn:
-        raise SystemExit("--data: no recording of a hand that is struck")
     at_taps = cases(taps, [moment_of(i, b) for i, b in enumerate(struck)], heard(names, taps))
     if len(at_taps.classes) != len(struck):
         raise SystemExit("a tap has less than half a second before its blow")
@@ -222,23 +240,25 @@ def main() -> int:
     args = parser.parse_args()
     if args.learnt and args.first_seed >= LEARNT_SEED:
         parser.error(f"--first-seed: below {LEARNT_SEED}, or --learnt 0: those are learnt from")
+    try:
+        need("train", "torch")
+    except UsageError as error:
+        parser.error(str(error))
+    rules, drawn = {name: _rule(name) for name in args.detectors}, struck_in(args.data)
     draws = [Draw(args.first_seed, args.taps, 0)]
     draws += [
         Draw(LEARNT_SEED + i * SEEDS * len(OBJECTS), args.taps, 0) for i in range(args.learnt)
     ]
-    every = [
-        [b for taps in results(partial(all_taps, d), OBJECTS, Workers(args.jobs)) for b in taps]
-        for d in draws
-    ]
-    blows, others = every[0], [b for taps in every[1:] for b in taps]
+    blows, *more = (struck_by(draw, Workers(args.jobs)) for draw in draws)
+    others = [b for taps in more for b in taps]
     classes = np.digitize([b.moved_mm for b in blows], MOVED_MM)
     streams = heard(args.detectors, [recording_of(b) for b in blows])
     scored = [
-        Scored(name, np.array([highest_threshold(b, s, _rule(name))
+        Scored(name, np.array([highest_threshold(b, s, rules[name])
                                for b, s in zip(blows, streams[name], strict=True)]))
         for name in args.detectors
     ]  # fmt: skip
-    known = known_of(blows, others, args.data, args.detectors)
+    known = known_of(blows, others, drawn, args.detectors)
     objects = np.array([OBJECTS.index(b.object) for b in (*blows, *others)])
     scored += observed(known, objects, bool(others))
     print(table(scored, scored[0], classes))

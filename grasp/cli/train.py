@@ -36,7 +36,10 @@ def add_parser(actions: Any) -> None:
         help="weights to write (default: NAME.onnx here); checkpoint and log, begun anew but with "
         "--resume, lie beside it",
     )  # fmt: skip
-    parser.add_argument("--force", action="store_true", help="write over --out if it is there")
+    parser.add_argument(
+        "--force", action="store_true",
+        help="write over --out, and over what a training that did not end left beside it",
+    )  # fmt: skip
     parser.add_argument("--seed", type=seed, default=0, metavar="N", help="(default: %(default)s)")
     parser.add_argument("--steps", type=whole(1, 10**9), metavar="N", help="optimiser steps")
     parser.add_argument(
@@ -99,8 +102,13 @@ def train(args: argparse.Namespace) -> int:
     must_be_writable(out)
     if out.is_file() and not (args.force or args.resume):
         raise UsageError(f"{out} is there already", "name another with --out, or --force")
-    training, validation = _prepare(args)
     checkpoint = out.with_suffix(".checkpoint")
+    if checkpoint.is_file() and not (args.force or args.resume):
+        raise UsageError(
+            f"{checkpoint} is of a training that did not end",
+            "--resume goes on with it, --force begins anew",
+        )
+    training, validation = _prepare(args)
     if args.resume:
         training.resume(checkpoint)
     with (

@@ -61,7 +61,8 @@ def _label(probable: bool, together: bool) -> str:
 
 def in_words(settings: RuleSettings) -> str:
     """When that rule registers slip."""
-    who = "the mean of the fingers' log-odds" if settings.fusion == "mean" else "a finger"
+    together = settings.fusion == "mean"
+    who = "the mean of the fingers' log-odds" if together else "a finger"
     if settings.fusion == "any" and settings.fingers > 1:
         who = f"each of {settings.fingers} fingers"
     if settings.kind == "cusum":
@@ -70,6 +71,7 @@ def in_words(settings: RuleSettings) -> str:
             f"(less {settings.drift:g} a sample)"
         )
     row = "one sample" if settings.consecutive == 1 else f"{settings.consecutive} samples in a row"
+    who = f"the probability by {who}" if together else who
     return (
         f"slip is registered when {who} stays above {settings.threshold:g} for {row}, and ends "
         f"after {settings.release} below it"

@@ -44,8 +44,8 @@ def says_something(layer: Layer) -> Layer:
     empty, and would pass for the settings there are without it. Raises ConfigError."""
     if any(table != {} for table in layer.table.values()):
         return layer
-    rule = f"a rule, by `grasp detector tune ... > {layer.source}`; or leave it out"
-    raise ConfigError(layer.source, "-", "says nothing: there is no setting in it", rule)
+    remedy = f"settings (a rule: `grasp detector tune ... > {layer.source}`), or no such file"
+    raise ConfigError(layer.source, "-", "says nothing: there is no setting in it", remedy)
 
 
 def rig_layers(word: str) -> tuple[str, list[Layer]]:

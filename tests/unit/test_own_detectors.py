@@ -160,6 +160,15 @@ def test_a_rule_beside_it_that_says_nothing_is_refused_but_while_it_is_being_wri
         os.close(kept)
 
 
+def test_two_files_of_weights_at_once_are_refused(tmp_path: Path) -> None:
+    mine, other = tmp_path / "mine.onnx", tmp_path / "other.onnx"
+    for file, name in ((mine, "tcn"), (other, "gru")):
+        shutil.copy(weights_path(name), file)
+    config = load_config("can", "simulated", str(mine), None, [f"network.weights={other}"])
+    with pytest.raises(UsageError, match="two files of weights"):
+        config.make_detector(3)
+
+
 def test_its_hash_tells_its_code_its_settings_and_not_its_place(mine: str, tmp_path: Path) -> None:
     def hashes(word: str, *words: str) -> tuple[str, str]:
         config = load_config("can", "simulated", word, None, words)

@@ -77,6 +77,23 @@ def test_weights_that_are_there_are_not_written_over_unless_told_to(
     assert "mine.toml beside it is of other weights" in capsys.readouterr().err
 
 
+def test_what_a_training_that_did_not_end_left_is_gone_on_with_or_begun_anew_on_purpose(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    training = Training()
+    monkeypatch.setattr(train, "need", lambda *_: None)
+    monkeypatch.setattr(train, "_prepare", lambda _: (training, []))
+    export = SimpleNamespace(export=lambda *_: Card(1, 2, 3.0, {"accuracy": 0.9}))
+    monkeypatch.setitem(sys.modules, "detector.training.export", export)
+    (tmp_path / "mine.checkpoint").write_text("of an hour ago")
+    (tmp_path / "mine.log").write_text("its first hour")
+    words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
+    assert main(words) == 2
+    assert "mine.checkpoint is of a training that did not end" in capsys.readouterr().err
+    assert training.told == [] and (tmp_path / "mine.log").read_text() == "its first hour"
+    assert main([*words, "--force"]) == 0
+
+
 def test_a_training_tells_how_far_it_is_where_nobody_watches_a_terminal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
