@@ -35,20 +35,26 @@ class Training:
         self.told.append("run")
 
 
+@pytest.fixture
+def training(monkeypatch: pytest.MonkeyPatch) -> Training:
+    """What `grasp detector train` runs and exports, without torch."""
+    made = Training()
+    monkeypatch.setattr(train, "need", lambda *_: None)
+    monkeypatch.setattr(train, "_prepare", lambda _: (made, []))
+    export = SimpleNamespace(export=lambda *_: Card(1, 2, 3.0, {"accuracy": 0.9}))
+    monkeypatch.setitem(sys.modules, "detector.training.export", export)
+    return made
+
+
 @pytest.mark.parametrize(
     ("words", "told", "logged"),
     [([], ["run"], ""), (["--resume"], ["resume mine.checkpoint", "run"], "step 20\n")],
 )
 def test_training_and_its_log_begin_anew_unless_told_to_go_on_and_leave_no_checkpoint(
-    words: list[str], told: list[str], logged: str, tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    words: list[str], told: list[str], logged: str, tmp_path: Path, training: Training,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    training = Training()
     (tmp_path / "mine.log").write_text("step 20\n")
-    monkeypatch.setattr(train, "need", lambda *_: None)
-    monkeypatch.setattr(train, "_prepare", lambda _: (training, []))
-    export = SimpleNamespace(export=lambda *_: Card(1, 2, 3.0, {"accuracy": 0.9}))
-    monkeypatch.setitem(sys.modules, "detector.training.export", export)
     out = tmp_path / "mine.onnx"
     assert main(["detector", "train", "tcn", "--data", ".", "--out", str(out), *words]) == 0
     assert training.told == told
@@ -58,13 +64,8 @@ def test_training_and_its_log_begin_anew_unless_told_to_go_on_and_leave_no_check
 
 
 def test_weights_that_are_there_are_not_written_over_unless_told_to(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, training: Training, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    training = Training()
-    monkeypatch.setattr(train, "need", lambda *_: None)
-    monkeypatch.setattr(train, "_prepare", lambda _: (training, []))
-    export = SimpleNamespace(export=lambda *_: Card(1, 2, 3.0, {"accuracy": 0.9}))
-    monkeypatch.setitem(sys.modules, "detector.training.export", export)
     out = tmp_path / "mine.onnx"
     out.write_text("of last week")
     (tmp_path / "mine.toml").write_text("its rule")
@@ -78,13 +79,8 @@ def test_weights_that_are_there_are_not_written_over_unless_told_to(
 
 
 def test_what_a_training_that_did_not_end_left_is_gone_on_with_or_begun_anew_on_purpose(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, training: Training, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    training = Training()
-    monkeypatch.setattr(train, "need", lambda *_: None)
-    monkeypatch.setattr(train, "_prepare", lambda _: (training, []))
-    export = SimpleNamespace(export=lambda *_: Card(1, 2, 3.0, {"accuracy": 0.9}))
-    monkeypatch.setitem(sys.modules, "detector.training.export", export)
     (tmp_path / "mine.checkpoint").write_text("of an hour ago")
     (tmp_path / "mine.log").write_text("its first hour")
     words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
@@ -95,34 +91,30 @@ def test_what_a_training_that_did_not_end_left_is_gone_on_with_or_begun_anew_on_
 
 
 def test_a_training_tells_how_far_it_is_where_nobody_watches_a_terminal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    training = Training()
-
+    tmp_path: Path, training: Training, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
     def run(minutes: float | None, checkpoint: Path, tell: Any) -> None:
         for step in range(1, 101):
             tell(SimpleNamespace(step=step, steps=100, loss=0.5, best=None, score=None))
 
     monkeypatch.setattr(training, "run", run)
-    monkeypatch.setattr(train, "need", lambda *_: None)
-    monkeypatch.setattr(train, "_prepare", lambda _: (training, []))
-    export = SimpleNamespace(export=lambda *_: Card(1, 2, 3.0, {"accuracy": 0.9}))
-    monkeypatch.setitem(sys.modules, "detector.training.export", export)
     words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
     assert main(words) == 0
     assert "training, loss 0.500: 50 of 100" in capsys.readouterr().err
 
 
 def test_what_is_learnt_is_one_of_the_labels_of_a_recording(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+    tmp_path: Path, training: Training, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
     asked: list[str] = []
-    monkeypatch.setattr(train, "need", lambda *_: None)
-    monkeypatch.setattr(
-        train, "_prepare", lambda args: (asked.append(args.label), (Training(), []))[1]
-    )
-    export = SimpleNamespace(export=lambda *_: Card(1, 2, 3.0, {"accuracy": 0.9}))
-    monkeypatch.setitem(sys.modules, "detector.training.export", export)
+
+    def prepare(args: Any) -> tuple[Training, list[Any]]:
+        asked.append(args.label)
+        return training, []
+
+    monkeypatch.setattr(train, "_prepare", prepare)
     words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
     assert main([*words, "--label", "moved"]) == 0
     assert main([*words, "--label", "luck"]) == 2
