@@ -44,6 +44,7 @@ from scenarios.studies.detectors.observer import (
     features,
     heard,
 )
+from scenarios.studies.detectors.observer import hits as hits_of
 from scripts.last_draw import FIRST_SEED as DRAW_SEED
 from scripts.last_draw import OBJECTS, SEEDS, SOON_MS, Draw, Struck, all_taps
 
@@ -86,15 +87,10 @@ def highest_threshold(blow: Struck, streamed: Streamed, rule: RuleSettings) -> f
     return float(runs.min(axis=1).max()) if len(runs) else -np.inf
 
 
-def at_rest_share(scored: Scored, classes: NDArray[np.intp], idle_share: float) -> float:
-    """The score that so much of what did not move lies above."""
-    return quantile(np.sort(scored.scores[classes == 0]), 1.0 - idle_share)
-
-
 def hits(scored: Scored, classes: NDArray[np.intp], kind: int, idle_share: float) -> float:
-    """Share of a class above it."""
-    limit = at_rest_share(scored, classes, idle_share)
-    return float((scored.scores[classes == kind] > limit).mean())
+    """Share of a class above all but so much of what did not move."""
+    rows = (classes == 0) | (classes == kind)
+    return hits_of(scored.scores[rows], classes[rows] == kind, idle_share)
 
 
 def interval(
