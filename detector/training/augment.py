@@ -19,6 +19,8 @@ OFFSET_COUNTS = 30.0  # rest counts that have wandered, a taxel
 NOISE_COUNTS = 1.5  # at most
 LOST_SHARE = 0.01  # samples repeated
 DEAD_SHARE = 0.03  # taxels that say nothing
+STUCK_SHARE = 0.02  # that stay where they stood
+SWAPPED_SHARE = 0.12  # of fingers: two taxels stand in each other's place
 
 
 def symmetries(taxels: int) -> NDArray[np.intp]:
@@ -65,9 +67,22 @@ def _ours(counts: Floats, rng: np.random.Generator) -> Floats:
     offset = rng.normal(0.0, OFFSET_COUNTS, (batch, 1, taxels))
     changed = (turned * gain + offset).astype(np.float32)
     changed = _noise(changed, NOISE_COUNTS * rng.random(batch), rng)
+    changed = _swapped(changed, rng)
+    stuck = rng.random((batch, 1, taxels)) < STUCK_SHARE
+    changed = np.where(stuck, changed[:, :1], changed)
     changed *= rng.random((batch, 1, taxels)) >= DEAD_SHARE
     lost = rng.random((batch, time)) < LOST_SHARE
     lost[:, 0] = False
     latest = np.maximum.accumulate(np.where(lost, 0, np.arange(time)), axis=1)
     repeated: Floats = np.take_along_axis(changed, latest[:, :, None], axis=1)
     return repeated
+
+
+def _swapped(counts: Floats, rng: np.random.Generator) -> Floats:
+    batch, _, taxels = counts.shape
+    rows = np.flatnonzero(rng.random(batch) < SWAPPED_SHARE)
+    order = np.tile(np.arange(taxels), (batch, 1))
+    pairs = rng.permuted(order[rows], axis=1)[:, :2]
+    order[rows[:, None], pairs] = pairs[:, ::-1]
+    swapped: Floats = np.take_along_axis(counts, order[:, None, :], axis=2)
+    return swapped

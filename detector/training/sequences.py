@@ -17,9 +17,9 @@ Floats = NDArray[np.float32]
 Balance = Literal["weights", "undersample"]
 LEAST_CHANGE_COUNTS = 0.5  # no scale is finer than the noise of a taxel at rest
 
-BLOW_SAMPLES = 15  # a blow that moved it is slip so long: over at once, felt by what it leaves
+BLOW_SAMPLES = 10  # a blow that moved it is slip so long: over at once, felt by what it leaves
 UNSURE_M = 0.0006  # from here to MOVED_M a blow teaches nothing: the pads cannot tell, nor need to
-UNMOVED_WEIGHT = 2.5  # of a blow that moved nothing: rare, and what else would be an alarm
+UNMOVED_WEIGHT = 5.0  # of a blow that moved nothing: rare, and what else would be an alarm
 BEFORE_BLOW, AFTER_BLOW = 6, 60  # samples learnt around a blow that a stretch was drawn for
 
 

@@ -69,9 +69,9 @@ class TrainSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 # before it that the network will see; `--windows` trains it as its authors did.
 DEFAULTS = {
     "tcn": TrainSettings(
-        steps=10_000, validations=6, learning_rate=0.008, batch=32, near_blows=0.25, evenness=0.5
+        steps=12_000, validations=6, learning_rate=0.008, batch=32, near_blows=0.4, evenness=0.5
     ),
-    "gru": TrainSettings(steps=5_500, validations=5, batch=32, near_blows=0.25, evenness=0.5),
+    "gru": TrainSettings(steps=7_000, validations=5, batch=32, near_blows=0.4, evenness=0.5),
     "tcn-paper": TrainSettings(
         steps=12_000, augmentation="as-run", batch=64, crop=100, warm=0, fresh=1.0,
         learning_rate=0.002, validations=2,

@@ -5,7 +5,14 @@ import numpy as np
 import pytest
 
 from detector.recordings import Recording
-from detector.training.sequences import AFTER_BLOW, BEFORE_BLOW, crops, fingers_of, shares
+from detector.training.sequences import (
+    AFTER_BLOW,
+    BEFORE_BLOW,
+    BLOW_SAMPLES,
+    crops,
+    fingers_of,
+    shares,
+)
 from tests.unit.detector.blow_toys import struck
 from tests.unit.detector.toys import toys
 
@@ -42,7 +49,7 @@ def test_a_stretch_that_is_drawn_for_a_blow_has_it_where_it_is_learnt_from() -> 
     batch = crops(fingers, np.random.default_rng(0), 12, crop, warm, fresh=0.0, near_blows=1.0)
     assert set(np.bincount(batch.hands)) == {3}
     onset = batch.labels.argmax(axis=1)  # this blow's label rises three samples after it struck
-    assert (batch.labels.sum(axis=1) == 15).all()
+    assert (batch.labels.sum(axis=1) == BLOW_SAMPLES).all()
     assert onset.min() >= warm + BEFORE_BLOW
     assert onset.max() <= warm + crop - AFTER_BLOW + 3
 
@@ -50,7 +57,7 @@ def test_a_stretch_that_is_drawn_for_a_blow_has_it_where_it_is_learnt_from() -> 
 def test_a_blow_in_a_recordings_first_samples_is_drawn_from_its_beginning() -> None:
     fingers = fingers_of([struck((0.5, 0.003))], "slip")
     batch = crops(fingers, np.random.default_rng(0), 6, 100, 99, fresh=1.0, near_blows=1.0)
-    assert (batch.labels.sum(axis=1) == 15).all()
+    assert (batch.labels.sum(axis=1) == BLOW_SAMPLES).all()
 
 
 def test_where_nothing_was_struck_the_draws_are_as_they_were() -> None:

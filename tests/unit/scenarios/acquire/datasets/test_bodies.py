@@ -27,7 +27,7 @@ from scenarios.acquire.datasets.grasped import GRASPED, bare_config
 from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan, pressing
 from scenarios.world.objects import GraspObject
 
-SETS = ("paper", "confusers", "grasped-slip", "turning")
+SETS = ("paper", "confusers", "grasped-slip", "mallet", "turning")
 DRAWS = 1500  # of each kind of object
 
 

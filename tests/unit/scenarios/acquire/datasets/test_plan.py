@@ -25,7 +25,7 @@ from scenarios.rigs.world_of_seed import any_cell
 from scenarios.world import fingertip
 from scenarios.world.fingertip_settings import FingertipSettings, Surface
 
-SETS = ("paper", "confusers", "grasped-slip", "turning")
+SETS = ("paper", "confusers", "grasped-slip", "mallet", "turning")
 
 
 def jobs_of(name: str, share: float = 1.0) -> list[Job]:
@@ -98,7 +98,9 @@ def some_of_each_split(jobs: list[Job]) -> Iterator[Job]:
         yield from of_split(jobs, split)[::3][:20]
 
 
-@pytest.mark.parametrize(("name", "held_out"), [("confusers", 0.25), ("grasped-slip", 0.2)])
+@pytest.mark.parametrize(
+    ("name", "held_out"), [("confusers", 0.25), ("grasped-slip", 0.2), ("mallet", 0.2)]
+)
 def test_causes_have_their_shares_and_every_split(name: str, held_out: float) -> None:
     config, jobs = load_dataset_config(config_dir() / "datasets" / f"{name}.toml"), jobs_of(name)
     assert sum(row.share for row in config.causes) == pytest.approx(1.0)
@@ -123,13 +125,14 @@ def test_fingertips_of_either_part_are_in_every_split_and_reach_that_of_a_run(na
         assert min(drawn) < getattr(run, key) < max(drawn), key
 
 
-def test_thousands_of_blows_are_planned_half_of_them_near_what_just_moves_the_object() -> None:
-    struck = [job for name in SETS for job in jobs_of(name)
+def test_thousands_of_blows_are_planned_many_of_them_near_what_just_moves_the_object() -> None:
+    struck = [(name, job) for name in SETS for job in jobs_of(name)
               if job.metadata.cause in ("grasped_tap", "grasped_blow")]  # fmt: skip
-    assert sum(job.acts.number for job in struck if job.acts) > 3500
-    for job in struck:
+    assert sum(job.acts.number for _, job in struck if job.acts) > 15_000
+    for name, job in struck:
         assert job.acts is not None
-        assert job.acts.kinds["near"] == pytest.approx(0.5 * sum(job.acts.kinds.values()))
+        near = 0.35 if name == "mallet" else 0.5
+        assert job.acts.kinds["near"] == pytest.approx(near * sum(job.acts.kinds.values()))
 
 
 def test_a_small_set_has_every_cause_three_times() -> None:
