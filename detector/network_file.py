@@ -32,8 +32,8 @@ REINSTALL = "install `grasp` again"
 # SHA-256 of the packaged ones: whole, and each itself
 PACKAGED = {
     "freq-cnn-paper": "c0c83c42e9d3b557179b1d9f482c740ee06bed423bb7a2be832051993a6ce8c0",
-    "gru": "305a92732d0456f572fe7af13984b9e79ed30b6239aa1331bc75be3f5565afac",
-    "tcn": "5e11e984162a16d5e54594bdfb4f169b07ea1b69e07a73eba647870fae7c4b32",
+    "gru": "28cca7646b5bcb489bf2acce6f80901c73ba41c50d5ae75471c457476cece696",
+    "tcn": "f5a262c4ccc4d21705dd59a20ae650aa160697c3b3adb7bf927ac90c78c56818",
     "tcn-paper": "1c4e13c1a56d92b48732fb3da20fa7ef0ad0ac5569eae77a96904abc9a0a1d66",
 }
 

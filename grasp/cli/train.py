@@ -58,7 +58,7 @@ def add_parser(actions: Any) -> None:
         "--augmentation", choices=("none", "paper", "as-run", "ours"),
         help="four symmetries at 25 %% and noise of 1 %% of the range (the paper's text), half "
         "turns at 75 %% and noise of half a count (its code as it ran), or ours: symmetries, "
-        "gain, offset, noise, lost samples, dead taxels",
+        "gain, offset, noise, lost samples, dead, stuck and swapped taxels",
     )  # fmt: skip
     parser.add_argument(
         "--balance",
