@@ -93,6 +93,11 @@ class Training:
         """Processor time spent, in this process and those it resumes."""
         return self._spent_s / 60.0
 
+    @property
+    def stands_still(self) -> bool:
+        """Whether validation has found nothing better for as long as is waited."""
+        return self._waited >= self.settings.patience
+
     def run(
         self, minutes: float, checkpoint: Path | None, tell: Callable[[TrainingProgress], None]
     ) -> None:
@@ -104,7 +109,7 @@ class Training:
         saved_s = self._spent_s
         self.network.train()
         try:
-            while self.step < self.settings.steps and self._waited < self.settings.patience:
+            while self.step < self.settings.steps and not self.stands_still:
                 before_s = time.process_time()
                 loss = self._learn()
                 due = self.step % every == 0 or self.step == self.settings.steps

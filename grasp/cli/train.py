@@ -125,6 +125,10 @@ def train(args: argparse.Namespace) -> int:
               f"{card.training_minutes:.1f} processor minutes, accuracy on validation "
               f"{card.validation['accuracy']:.3f} (calibrated, on the paper's kind if there is "
               "any; the log's is of all recordings)")  # fmt: skip
+        if training.step < training.settings.steps:
+            why = "validation stood still" if training.stands_still else "its minutes were spent"
+            option = "--patience" if training.stands_still else "--minutes"
+            exits.say(f"ended before its {training.settings.steps} steps: {why} ({option})")
         rule = out.with_suffix(".toml")
         if rule.is_file():
             exits.say(f"{rule} beside it is of other weights: `grasp detector tune` makes another")

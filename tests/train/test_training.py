@@ -217,6 +217,10 @@ def test_a_training_is_as_patient_as_it_is_told_to_be(
         words = ["detector", "train", "gru", "--data", str(tmp_path), "--out", str(out)]
         asked = ["--steps", "30", "--validations", "30", "--patience", patience]
         assert main([*words, *asked]) == 0
+        said = capsys.readouterr().err
+        assert ("before its 30 steps: validation stood still (--patience)" in said) == (
+            patience == "1"
+        )
         made.append(len(out.with_suffix(".log").read_text().splitlines()))
     assert made[0] < made[1] == 30
     assert main([*words[:-1], str(tmp_path / "none.onnx"), "--patience", "0"]) == 2
