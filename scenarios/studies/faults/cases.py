@@ -59,7 +59,7 @@ PAIRS = 60
 SCENES = (
     ("can", 0), ("box", 1), ("ball", 1), ("foam", 0), ("cardboard", 2), ("football", 0),
 )  # fmt: skip
-TOUCHING = (("can", 2), ("box", 11))  # the way down comes to a touch and a probe
+TOUCHING = (("box", 24), ("box", 6))  # the way down comes to a touch and a probe
 DOWN = frozenset({Phase.TOUCH, Phase.PROBE})
 # where a safe state tells the hand what it was not told before: elsewhere it holds or is closed to
 # the limit already, and nothing is sent

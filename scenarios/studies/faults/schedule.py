@@ -29,28 +29,28 @@ can 0: approach 33 close+0, rest 50, grasp 62 close+0, oppose 115 close+0, relax
     lift 5 move+0, compensate 55 close+0 stop+0 close+10, lift 221 move+0, hold 100, lower 404
     move+0, land 74 move+0, release 47 open+0, retreat 112 move+0, done 1
 box 1: approach 34 close+0, rest 50, grasp 62 close+0, oppose 115 close+0, relax 30, listen 30,
-    lift 8 move+0, compensate 53 close+0 stop+0 close+11, lift 220 move+0, hold 100, lower 402
-    move+0, land 65 move+0, touch 52 stop+0, probe 56 move+0, release 47 open+0, retreat 111
+    lift 6 move+0, compensate 53 close+0 stop+0 close+11, lift 220 move+0, hold 100, lower 403
+    move+0, land 65 move+0, touch 52 stop+0, probe 57 move+0, release 47 open+0, retreat 111
     move+0, done 1
 ball 1: approach 10 open+0, rest 50, grasp 62 close+0, oppose 69 close+0, relax 30, listen 30,
-    lift 5 move+0, compensate 54 close+0 stop+0 close+11, lift 221 move+0, hold 100, lower 404
-    move+0, land 75 move+0, release 25 open+0, retreat 112 move+0, done 1
+    lift 6 move+0, compensate 54 close+0 stop+0 close+11, lift 220 move+0, hold 100, lower 404
+    move+0, land 80 move+0, release 25 open+0, retreat 111 move+0, done 1
 foam 0: approach 33 close+0, rest 50, grasp 62 close+0, oppose 115 close+0, relax 30, listen 30,
-    lift 4 move+0, compensate 77 close+0 stop+0 close+17, lift 221 move+0, hold 100, lower 405
-    move+0, land 71 move+0, release 54 open+0, retreat 111 move+0, done 1
+    lift 5 move+0, compensate 77 close+0 stop+0 close+17, lift 221 move+0, hold 100, lower 404
+    move+0, land 75 move+0, release 54 open+0, retreat 111 move+0, done 1
 cardboard 2: approach 31 close+0, rest 50, grasp 62 close+0, oppose 115 close+0, relax 30, listen
-    30, lift 9 move+0, compensate 55 close+0 stop+0 close+11, lift 220 move+0, hold 100, lower 401
-    move+0, land 104 move+0, release 45 open+0, retreat 111 move+0, done 1
+    30, lift 7 move+0, compensate 55 close+0 stop+0 close+11, lift 220 move+0, hold 100, lower 403
+    move+0, land 84 move+0, release 45 open+0, retreat 111 move+0, done 1
 football 0: approach 26 close+0, rest 50, grasp 62 close+0, oppose 115 close+0, relax 30, listen
-    30, lift 11 move+0, compensate 71 close+0 stop+0 close+15, lift 218 move+0, hold 100, lower
-    398 move+0, land 129 move+0, release 45 open+0, retreat 111 move+0, done 1
-can 2: approach 34 close+0, rest 50, grasp 62 close+0, oppose 115 close+0, relax 30, listen 30,
-    lift 9 move+0, compensate 55 close+0 stop+0 close+10, lift 218 move+0, hold 100, lower 400
-    move+0, land 67 move+0, touch 52 stop+0, probe 63 move+0, land 34 move+0, release 47 open+0,
-    retreat 112 move+0, done 1
-box 11: approach 33 close+0, rest 50, grasp 62 close+0, oppose 114 close+0, relax 30, listen 30,
-    lift 13 move+0, compensate 52 close+0 stop+0 close+11, lift 217 move+0, hold 100, lower 397
-    move+0, land 68 move+0, touch 52 stop+0, probe 63 move+0, land 71 move+0, release 47 open+0,
+    30, lift 10 move+0, compensate 71 close+0 stop+0 close+15, lift 219 move+0, hold 100, lower
+    399 move+0, land 120 move+0, release 45 open+0, retreat 111 move+0, done 1
+box 24: approach 34 close+0, rest 50, grasp 62 close+0, oppose 115 close+0, relax 30, listen 30,
+    lift 12 move+0, compensate 56 close+0 stop+0 close+10, lift 218 move+0, hold 100, lower 398
+    move+0, land 107 move+0, touch 52 stop+0, probe 57 move+0, land 28 move+0, release 47 open+0,
+    retreat 111 move+0, done 1
+box 6: approach 33 close+0, rest 50, grasp 62 close+0, oppose 115 close+0, relax 30, listen 30,
+    lift 10 move+0, compensate 56 close+0 stop+0 close+10, lift 219 move+0, hold 100, lower 399
+    move+0, land 84 move+0, touch 52 stop+0, probe 57 move+0, land 30 move+0, release 47 open+0,
     retreat 112 move+0, done 1
 """
 

@@ -223,11 +223,11 @@ def test_a_card_tells_the_threshold_of_scores_from_the_rule_that_is_packaged(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (found,) = answers(capsys, "detector", "card", "tcn", "--json")
-    assert (found["threshold"], found["rule"]["threshold"]) == (0.5, 0.8048)
+    assert (found["threshold"], found["rule"]["threshold"]) == (0.5, 0.7471)
     assert main(["detector", "card", "tcn"]) == 0
     told = capsys.readouterr().out
     assert "threshold: 0.5 (above it a sample reads as slip in scores" in told
-    assert "log-odds stays above 0.8048 for 2 samples in a row" in told
+    assert "log-odds stays above 0.7471 for 2 samples in a row" in told
     path = write_network(tmp_path, "tcn", "stream")
     assert "rule" not in answers(capsys, "detector", "card", str(path), "--json")[0]
 
