@@ -26,6 +26,7 @@ class Training:
 
     def __init__(self) -> None:
         self.told: list[str] = []
+        self.step, self.settings, self.stands_still = 2, SimpleNamespace(steps=2), False
 
     def resume(self, checkpoint: Path) -> None:
         self.told.append(f"resume {checkpoint.name}")
@@ -61,6 +62,21 @@ def test_training_and_its_log_begin_anew_unless_told_to_go_on_and_leave_no_check
     assert [path.name for path in tmp_path.iterdir()] == ["mine.log"]
     assert (tmp_path / "mine.log").read_text() == logged
     assert "accuracy on validation 0.900" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("still", "why"),
+    [(True, "validation stood still (--patience)"), (False, "its minutes were spent (--minutes)")],
+)
+def test_a_training_that_ends_before_its_steps_says_why(
+    still: bool, why: str, tmp_path: Path, training: Training, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
+    assert main([*words, "--force"]) == 0
+    assert "ended before" not in capsys.readouterr().err
+    training.step, training.stands_still = 1, still
+    assert main([*words, "--force"]) == 0
+    assert f"ended before its 2 steps: {why}" in capsys.readouterr().err
 
 
 def test_weights_that_are_there_are_not_written_over_unless_told_to(
