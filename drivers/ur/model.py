@@ -89,6 +89,9 @@ class ArmModel:
         self._turns: list[Turn] = [Turn(now_ns, 0.0, 0.0, 0.0)]
         self._pace = Pace(now_ns, self._period_ns, settings.slider_s)
         self._line: list[Segment] = []  # of the last command, if a move: at full pace
+        self._acceleration_mps2 = 1.2  # of the last motion; UR manual: movel's default
+        self._read_ns = now_ns
+        self._alone_ns: int | None = None  # unread for so long it is braked
         self.payload_kg = 0.0
         self.protective_stop = False
         self.contrary = False  # a fault: moves away from where it is told to go
@@ -115,7 +118,7 @@ class ArmModel:
         self._pace.forget(effect_ns)
         chain += line if self._pace.full else self._pace.slowed(line, start_ns, start_ns)
         self._replace_from(effect_ns, chain)
-        self._line = line
+        self._line, self._acceleration_mps2 = line, acceleration_mps2
         self._spin_to(effect_ns, 0.0, acceleration_mps2)
         return True
 
@@ -133,6 +136,7 @@ class ArmModel:
         self._replace_from(
             effect_ns, _ramp(effect_ns, at_m, from_mps, velocity_mps, acceleration_mps2)
         )
+        self._acceleration_mps2 = acceleration_mps2
         self._spin_to(effect_ns, spin_radps, acceleration_mps2)
         return True
 
@@ -195,6 +199,19 @@ class ArmModel:
     def set_payload(self, mass_kg: float) -> None:
         self.payload_kg = mass_kg
 
+    def brake_unread(self, after_s: float) -> None:
+        """From now on brake a motion when nobody has read for so long: a driver's worker does it
+        for an arm whose caller stands still (``ur.heartbeat_timeout_s``)."""
+        self._alone_ns = round(after_s * 1e9)
+
+    def go_on(self, until_ns: int) -> None:
+        """The world is about to come so far: what the arm does by itself by then."""
+        if self._alone_ns is None or until_ns <= self._read_ns + self._alone_ns:
+            return
+        alone_ns = self._read_ns + self._alone_ns
+        if self._seen_ns <= alone_ns:  # not braked yet
+            self.stop_l(self._acceleration_mps2, alone_ns)
+
     def seen(self, until_ns: int) -> None:
         """The world has come so far: that stays as it was, whatever a controller commands that has
         yet to make up for cycles of before."""
@@ -226,6 +243,7 @@ class ArmModel:
 
     def read(self, now_ns: int) -> ArmSample:
         """The controller's sample of its last cycle."""
+        self._read_ns = max(self._read_ns, now_ns)
         t_ns = now_ns // self._period_ns * self._period_ns
         segment, turn = self._at(t_ns), self._turning(t_ns)
         spin_radps = turn.spin(t_ns)

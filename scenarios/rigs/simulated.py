@@ -29,6 +29,7 @@ class Wires(msgspec.Struct, frozen=True):
 
 
 DIRECT = Wires()
+UNREAD_S = 0.16  # doubt.standstill_s and a cycle: a run that goes on unharmed has not been braked
 
 
 def simulated(config: AnyRigConfig, seed: int, paced: bool, wires: Wires = DIRECT) -> Rig[Any, Any]:
@@ -41,6 +42,7 @@ def simulated(config: AnyRigConfig, seed: int, paced: bool, wires: Wires = DIREC
     fast = VirtualClock(fingertips.advance)
     connect(arm, tactile, gripper, fast)
     arm.set_payload(config.arm.payload_kg)
+    cell.arm.brake_unread(UNREAD_S)
     tap = None
     if isinstance(cell, SimulatedCell):
         cell.place_object()

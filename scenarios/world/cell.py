@@ -172,6 +172,7 @@ class SimulatedCell:
         self.gripper.advance(t1, self._loads)
         if moved:
             self._travel_m = self.gripper.travel_m + self._offset_m
+        self.arm.go_on(t1)
         height, rise_mps = self.arm.upright(t1)
         self.contact.advance(
             (t0 - self._start_ns) * 1e-9, (t1 - t0) * 1e-9,

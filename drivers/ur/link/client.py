@@ -45,8 +45,9 @@ class UrSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     ] = 10.0
     heartbeat_timeout_s: Annotated[
         float,
-        Meta(ge=0.05, le=5.0, description="s without a read() after which motion is stopped"),
-    ] = 0.2
+        Meta(ge=0.05, le=5.0, description="s without a read() after which a motion is braked and "
+             "its program left to the watchdog; doubt.standstill_s: that a step may be late"),
+    ] = 0.15  # fmt: skip
     step_timeout_s: Annotated[
         float, Meta(ge=0.1, le=30.0, description="s for each question before ur_rtde is started")
     ] = 2.0

@@ -6,8 +6,8 @@ replaced, not repaired. Messages are msgpack, one per packet of a local socket. 
 thread of Python may run, so the system ends it with its client, or by an alarm; later it looks.
 
 ur_rtde's calls share input registers with each other and with the watchdog, so one thread makes
-them all, one after the other; another one only reads. The controller's watchdog stops the program
-when it is not kicked: the main thread kicks it while the client is heard of, or nothing moves.
+them all, one after the other; another one only reads. The main thread kicks the controller's
+watchdog, unless the client is not heard of while the arm moves: that is braked and kicked no more.
 """
 
 import contextlib
@@ -196,6 +196,7 @@ class Commander:
         self._driving = False
         self._braking = False  # a drive is coming to rest
         self._stopping = False  # since the last move
+        self._forsaken = False  # the arm moved and nobody read
         self._acceleration_mps2 = 1.2  # of the last move; UR manual: movel's default
         self._deceleration_mps2 = self._acceleration_mps2  # of the last stop
         self._commanded_at = -math.inf
@@ -230,8 +231,9 @@ class Commander:
                 self._channel.send(Reply(request.number, self._carry_out(request)))
 
     def turn(self) -> None:
-        """What is due without a request: the motion that waits, and the watchdog."""
+        """What is due without a request: the motion that waits, a brake, and the watchdog."""
         self._go_on()
+        self._brake_unheard()
         self._kick()
 
     def leave(self) -> None:
@@ -322,11 +324,16 @@ class Commander:
     def _kick_period_s(self) -> float:
         return 1.0 / (_KICKS_PER_LIMIT * self._setup.watchdog_hz)
 
+    def _brake_unheard(self) -> None:
+        """Nobody reads while the arm moves: brake at once. The watchdog, kicked no more, ends the
+        program, so that whoever reads again is told."""
+        if not (self._forsaken or self._client_lives) and self.busy:
+            self._forsaken = True
+            self._stop(self._acceleration_mps2)
+
     def _kick(self) -> None:
         now = self._clock()
-        if now - self._kicked_at < self._kick_period_s:
-            return
-        if self._client_lives or not self.busy:
+        if not self._forsaken and now - self._kicked_at >= self._kick_period_s:
             self._kicked_at = now
             self._control.kickWatchdog()
 

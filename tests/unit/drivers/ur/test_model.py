@@ -336,3 +336,47 @@ def test_before_its_first_instant_the_tool_stood_as_it_did_then():
     model.speed_l((0.0, 0.0, 0.1), 1.0, 1.0, 100 * MS)
     assert (model.angle(50 * MS), model.spin(50 * MS)) == (0.0, 0.0)
     assert model.position(50 * MS) == START
+
+
+def let_stand(model: ArmModel, from_ms: int, to_ms: int) -> None:
+    """The world goes on, and nobody reads."""
+    for t_ms in range(from_ms, to_ms, 5):
+        model.go_on((t_ms + 5) * MS)
+        model.seen((t_ms + 5) * MS)
+
+
+def test_a_motion_that_nobody_reads_is_braked_as_a_drivers_worker_does_it():
+    model = arm()
+    model.brake_unread(0.16)
+    model.move_l(above(0.4), 0.1, 1.0, 0)
+    model.read(500 * MS)
+    let_stand(model, 500, 1500)
+    assert model.velocity(660 * MS)[2] == pytest.approx(0.1)
+    assert model.velocity(800 * MS) == (0.0, 0.0, 0.0)
+    braked_m = model.position(800 * MS)[2] - model.position(660 * MS)[2]
+    assert braked_m == pytest.approx(0.1**2 / 2.0, abs=0.1 * 0.008)
+    assert settle(model) == model.position(800 * MS)
+
+
+def test_a_world_that_comes_further_in_one_step_sees_it_braked_at_the_same_time():
+    stepwise, at_once = arm(), arm()
+    for model in (stepwise, at_once):
+        model.brake_unread(0.16)
+        model.speed_l((0.0, 0.0, 0.05), 0.0, 1.0, 0)
+        model.read(500 * MS)
+    let_stand(stepwise, 500, 1500)
+    at_once.go_on(1500 * MS)
+    assert settle(at_once) == settle(stepwise)
+
+
+def test_a_motion_that_is_read_goes_on_and_so_does_one_of_a_model_that_was_told_nothing():
+    for told, read in ((True, True), (False, False)):
+        model = arm()
+        if told:
+            model.brake_unread(0.16)
+        model.move_l(above(0.1), 0.1, 1.0, 0)
+        for t_ms in range(0, 1500, 150):
+            let_stand(model, t_ms, t_ms + 150)
+            if read:
+                model.read((t_ms + 150) * MS)
+        assert settle(model) == above(0.1)

@@ -22,6 +22,7 @@ from tests.unit.scenarios.lift import device_faults as fault
 from tests.unit.scenarios.lift.test_faults import FAULTS as LINK_FAULTS
 
 QUICK, ALL = 8, 60
+STANDS_STILL_OVER_A_BALL = 25  # while closed fingers slide down over it, which tightens the grip
 OBJECTS = ("ball", "box", "can", "foam")
 NOT_IN_EVERY_LIFT = {Phase.IDLE, Phase.HOME, Phase.SQUEEZE}
 PHASES = tuple(p for p in Phase if p not in SAFE_PHASES | END_PHASES | NOT_IN_EVERY_LIFT)
@@ -208,7 +209,7 @@ def wrong(pair: Pair) -> list[str]:
     return [f"{pair}: {check.__name__}: {text}" for check in CHECKS if (text := check(pair, end))]
 
 
-@pytest.mark.parametrize("number", range(QUICK))
+@pytest.mark.parametrize("number", [*range(QUICK), STANDS_STILL_OVER_A_BALL])
 def test_two_faults_in_a_lift_end_in_a_safe_state_that_is_told_as_it_is(number: int) -> None:
     assert not wrong(Pair.drawn(number))
 

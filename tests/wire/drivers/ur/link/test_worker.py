@@ -216,21 +216,40 @@ def test_false_is_told_by_the_bits(commander, rtde, ours, bits, runtime_state, o
     assert reply.outcome is outcome
 
 
-def test_watchdog_is_kicked_while_heard_or_standing_only(commander, rtde, later):
-    def kicks():
-        later.ahead_s += SETTLED_S
-        before = len(rtde.calls)
-        commander.turn()
-        return len(rtde.calls) > before
+def kicks(commander, rtde, later):
+    later.ahead_s += SETTLED_S
+    before = rtde.calls.count(("kickWatchdog",))
+    commander.turn()
+    return rtde.calls.count(("kickWatchdog",)) > before
 
-    rtde.speed_mps = 0.1
-    assert kicks()
+
+def test_standing_arm_is_kept_alive_though_nobody_reads(commander, rtde, later):
+    assert kicks(commander, rtde, later)
     later.ahead_s = SILENT_S
-    assert not kicks()
-    rtde.speed_mps = 0.0
-    assert kicks()
-    rtde.running_operation = True
-    assert not kicks()
+    assert kicks(commander, rtde, later)
+    assert rtde.names() == []
+
+
+def test_moving_arm_that_nobody_reads_is_braked_once_and_kicked_no_more(
+    commander, rtde, ours, later
+):
+    serve(commander, ours, move())
+    rtde.speed_mps = 0.1
+    assert kicks(commander, rtde, later)
+    later.ahead_s = SILENT_S
+    assert not kicks(commander, rtde, later)
+    assert not kicks(commander, rtde, later)
+    assert rtde.names() == ["moveL", "stopL"]
+    rtde.speed_mps = 0.0  # braked: the program ends all the same, so that its client is told
+    assert not kicks(commander, rtde, later)
+
+
+def test_drive_that_nobody_reads_is_braked_by_its_own_verb(commander, rtde, ours, later):
+    serve(commander, ours, messages.DriveArm(1, (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.5))
+    rtde.speed_mps = 0.1
+    later.ahead_s = SILENT_S
+    commander.turn()
+    assert rtde.calls[-1] == ("speedL", [0.0] * 6, 0.5)
 
 
 def test_leaving_ends_the_program(commander, rtde):
