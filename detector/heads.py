@@ -21,6 +21,7 @@ from drivers.errors import BadFile, UsageError
 
 FORMAT = 1
 SUFFIX = ".heads.json"
+WITH_HEADS = ("gru", "tcn")  # of the packaged networks
 CHANGES = "state1"  # that a network keeps, newest last
 SUMMARY = "state0"  # all that a recurrent network makes of what it felt
 FOUND = "state2"  # of a gated tcn: what all its blocks found in the latest samples, newest last
@@ -128,12 +129,16 @@ def heads_path(weights: Path) -> Path:
 def read_heads(weights: Path, digest: str, loaded: LoadedNetwork) -> Teller | None:
     """Heads beside a network's weights; None where it has none.
 
-    Raises BadFile for what is none, and for heads of another network (another ``digest``).
+    Raises BadFile for what is none, for heads of another network (another ``digest``), and where
+    those of a packaged network have gone.
     """
     path = heads_path(weights)
+    packaged = is_packaged(weights)
+    remedy = REINSTALL if packaged else REMEDY
     if not path.exists():
+        if packaged and weights.stem in WITH_HEADS:
+            raise BadFile(path, "is missing", remedy)
         return None
-    remedy = REINSTALL if is_packaged(weights) else REMEDY
     try:
         content = path.read_bytes()[: LARGEST_BYTES + 1]
         heads = msgspec.json.decode(content, type=Heads)

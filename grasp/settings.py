@@ -265,14 +265,24 @@ def renamed(key: str) -> str | None:
 
 def load(cls: type[T], layers: Sequence[Layer]) -> T:
     """Merge the layers and convert; raises ConfigError for the first violation."""
-    merged: Table = {}
-    sources: dict[str, str] = {}
-    for layer in layers:
-        _merge(merged, layer.table, layer.source, sources, "")
+    merged, sources = _merged(layers)
     try:
         return msgspec.convert(merged, cls)
     except msgspec.ValidationError as error:
         raise _explain(cls, str(error), sources, merged) from None
+
+
+def sources_of(layers: Sequence[Layer]) -> dict[str, str]:
+    """Where each setting that is not a class's default is from, by its dotted name."""
+    return _merged(layers)[1]
+
+
+def _merged(layers: Sequence[Layer]) -> tuple[Table, dict[str, str]]:
+    merged: Table = {}
+    sources: dict[str, str] = {}
+    for layer in layers:
+        _merge(merged, layer.table, layer.source, sources, "")
+    return merged, sources
 
 
 def _merge(into: Table, new: Table, source: str, sources: dict[str, str], prefix: str) -> None:

@@ -96,6 +96,17 @@ def _settings(path: Path) -> str:
     return ", ".join(sections)
 
 
+def _whence(source: str | None) -> str:
+    """Who set a value; of a packaged file where it lies in `config`."""
+    from grasp.settings import config_dir
+
+    if source is None:
+        return "default"
+    path = Path(source)
+    inside = path.is_relative_to(config_dir())
+    return f"from {path.relative_to(config_dir()) if inside else source}"
+
+
 def _check_weights(config: Any) -> None:
     """Of one's own: a rule is not shown beside weights with which a run would be refused. Raises
     BadFile, UsageError."""
@@ -111,10 +122,12 @@ def _check_weights(config: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     import msgspec
 
-    from grasp.settings import allowed, meant
+    from grasp.settings import allowed, meant, sources_of
     from scenarios.campaign.config import load_config
+    from scenarios.trial.config import trial_layers
 
-    config = load_config(args.object, args.rig, args.detector, args.config, args.set, args.profile)
+    chosen = (args.object, args.rig, args.detector, args.config, args.set, args.profile)
+    config = load_config(*chosen)
     _check_weights(config)
     table = msgspec.to_builtins(config)
     sections = [name for name, value in table.items() if isinstance(value, dict)]
@@ -125,10 +138,12 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json_line({name: table[name] for name in shown}))
         return exits.SUCCESS
+    sources = sources_of(trial_layers(*chosen))
     for name in shown:
         print(f"[{name}]")
         for key, value in table[name].items():
-            told = FINGERPRINT if name == "files" else allowed(type(config), f"{name}.{key}")
-            print(f"{key} = {json.dumps(value)}  # {told}")
+            place = f"{name}.{key}"
+            told = FINGERPRINT if name == "files" else allowed(type(config), place)
+            print(f"{key} = {json.dumps(value)}  # {told}; {_whence(sources.get(place))}")
         print()
     return exits.SUCCESS

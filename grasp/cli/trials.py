@@ -175,6 +175,8 @@ def _follow(
                 if live is not None and finished.result is not None:
                     live.feed.say(trial_line(finished.result))
                 if finished.result is not None and not alone:
+                    if args.json:
+                        print(trial_line(finished.result), file=sys.stderr, flush=True)
                     display.note(trial_line(finished.result))
                     if args.verbose and seen.first_of_its_physics(finished.result):
                         display.note("\n".join(physics_lines(finished.result)))

@@ -183,7 +183,7 @@ def detector_layers(word: str) -> list[Layer]:
         file = Path(word.rpartition(":")[0] if is_code(word) else word)
         beside = file.with_suffix(".toml")
         code = Layer(str(file), {}, _fingerprint(file))
-        if not beside.is_file() or _is_being_written(beside):
+        if not beside.exists() or _is_being_written(beside):
             return [code]
         return [code, says_something(read_toml(beside))]
     if word in offered() and word not in names("detectors"):

@@ -150,6 +150,11 @@ def test_a_rule_beside_it_that_says_nothing_is_refused_but_while_it_is_being_wri
     beside.write_text("")
     with pytest.raises(ConfigError, match="says nothing"):
         load_config("can", "simulated", mine)
+    beside.unlink()
+    beside.mkdir()
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_config("can", "simulated", mine)
+    beside.rmdir()
     kept = os.dup(1)
     try:
         with beside.open("w") as printed:

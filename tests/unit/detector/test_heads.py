@@ -172,13 +172,16 @@ def test_a_file_that_holds_no_heads_is_refused(weights: Path) -> None:
             loaded(weights)
 
 
-def test_damaged_heads_of_a_packaged_network_are_to_be_installed_again(
+def test_damaged_or_missing_heads_of_a_packaged_network_are_to_be_installed_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = weights_path("gru").read_bytes()
     monkeypatch.setattr("detector.network_file.WEIGHTS", tmp_path)
     path = weights_path("gru")
     path.write_bytes(whole)
+    with pytest.raises(BadFile, match="is missing") as refused:
+        load_network("gru", NetworkSettings(), 3)
+    assert refused.value.remedy == "install `grasp` again"
     heads_path(path).write_text("{}")
     with pytest.raises(BadFile, match="no heads") as refused:
         load_network("gru", NetworkSettings(), 3)

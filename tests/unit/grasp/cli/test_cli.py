@@ -380,6 +380,20 @@ def test_settings_are_shown_with_what_is_allowed(capsys: pytest.CaptureFixture[s
     assert "tuple[" not in out
 
 
+def test_settings_are_shown_with_where_they_are_from(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_text("[rule]\nrelease = 9\n", encoding="utf-8")
+    words = ("config", "show", "rule", "--config", str(mine), "--set", "rule.threshold=0.8")
+    said = call(*words, capsys=capsys)[1].splitlines()
+    ends = {line.split(" = ")[0]: line.rpartition("; ")[2] for line in said if " = " in line}
+    assert ends["fusion"] == f"from {Path('detectors') / 'tcn.toml'}"
+    assert ends["release"] == f"from {mine}"
+    assert ends["threshold"] == "from --set"
+    assert ends["drift"] == "default"
+
+
 def test_release_opens_the_fingers(capsys: pytest.CaptureFixture[str]) -> None:
     code, answer = run_json(capsys, "release", "--rig", "simulated")
     assert code == 0

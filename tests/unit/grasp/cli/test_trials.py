@@ -34,6 +34,15 @@ LIFTS = ("run", "lift", "--rig", "simulated", "--trials", "2")
 CLOSED = End("the arm stands", "the hand is closed", "to let go, run `grasp release`")
 
 
+def test_series_told_as_json_says_of_each_trial_what_became_of_it_beside_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*LIFTS, "--runs", str(tmp_path), "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert msgspec.json.decode(out)["summary"]["trials"] == 2
+    assert [line.split()[:2] for line in err.splitlines()] == [["seed", "0"], ["seed", "1"]]
+
+
 def test_series_that_was_complete_says_so_and_why_it_failed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
