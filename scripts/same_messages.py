@@ -1,6 +1,7 @@
 """Does a change leave every message of every run as it was? Compares this tree with a commit.
 
     python scripts/same_messages.py HEAD~1 [--objects can ball] [--seeds 0 1] [--topics]
+    python scripts/same_messages.py a8380c3 --profile paper     where the default's weights changed
 
 Both trees run the same lifts, taps and acquisitions on the simulated rig, each from its own
 checkout with this interpreter; then the recordings are compared message by message: channel, log
@@ -79,10 +80,11 @@ def main() -> int:
     parser.add_argument("commit", help="to compare with")
     parser.add_argument("--objects", nargs="+", default=OBJECTS, choices=OBJECTS)
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1])
+    parser.add_argument("--profile", help="of lifts and taps; those of it alone are compared")
     parser.add_argument("--topics", action="store_true", help="say how much differs by channel")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch, _tree(asked.commit, Path(scratch)) as before:
-        runs = list(_runs(asked.objects, asked.seeds))
+        runs = list(_runs(asked.objects, asked.seeds, asked.profile))
         old, new = (
             _record_all(tree, runs, Path(scratch) / name)
             for tree, name in ((before, "old"), (HOME, "new"))
@@ -118,12 +120,16 @@ def _known_whole(part: str, known: set[str]) -> str:
     return part
 
 
-def _runs(objects: list[str], seeds: list[int]) -> Iterator[tuple[str, ...]]:
+def _runs(
+    objects: list[str], seeds: list[int], profile: str | None = None
+) -> Iterator[tuple[str, ...]]:
+    chosen = ("--profile", profile) if profile else ()
     for scenario in ("lift", "tap"):
         for name in objects:
             for seed in seeds:
-                yield (scenario, "--object", name, "--seed", str(seed))
-    yield (*ACQUISITION, "--seed", "0")
+                yield (scenario, "--object", name, "--seed", str(seed), *chosen)
+    if not profile:
+        yield (*ACQUISITION, "--seed", "0")
 
 
 @contextlib.contextmanager
