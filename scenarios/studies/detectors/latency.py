@@ -23,6 +23,7 @@ class Latency(msgspec.Struct, frozen=True, kw_only=True):
     """Delays of one detector and rule, from the label's rise on."""
 
     detector: str
+    detector_hash: str  # see `TrialConfig.detector_hash`
     label: LabelName
     rule: str
     delays_ms: list[float | None]  # of every slip; None: missed
@@ -47,7 +48,7 @@ def latency(made: Contender) -> Latency:
         raise UsageError("no slip in these recordings", "a data set of the paper's kind")
     caught = delays[np.isfinite(delays)]
     return Latency(
-        detector=made.detector.name, label=label,
+        detector=made.detector.name, detector_hash=made.config.detector_hash(), label=label,
         rule=f"{rule.consecutive} in a row above {rule.threshold:g}"
         if rule.kind == "consecutive" else rule.kind,
         delays_ms=[float(d) if np.isfinite(d) else None for d in delays],

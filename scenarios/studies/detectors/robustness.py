@@ -69,6 +69,7 @@ class Endured(msgspec.Struct, frozen=True):
     false_per_min: float | None  # of a hand
     far_share: float | None  # of the blows that moved it 2 mm, registered within 100 ms
     idle_share: float | None  # of those that left it within half a millimetre, registered
+    detector_hash: str = ""  # see `TrialConfig.detector_hash`
 
 
 def chosen(recordings: Sequence[Recording], most: int) -> list[Recording]:
@@ -170,7 +171,8 @@ def study(
         for name, config in configs.items():
             streams = stream_together(config.make_detector, changed)
             threshold = config.make_detector(1).threshold
-            found[name].append(endured(kind, amount, threshold, config.rule, streams))
+            row = endured(kind, amount, threshold, config.rule, streams)
+            found[name].append(msgspec.structs.replace(row, detector_hash=config.detector_hash()))
     return found
 
 

@@ -27,6 +27,7 @@ def test_the_mean_is_of_those_caught_and_a_miss_is_later_than_any() -> None:
     assert found.false_per_min_hand == sheet.false_events_per_min_hand
     later = [d is None or d > 113 for d in found.delays_ms]
     assert found.later_than_authors == np.mean(later)
+    assert found.detector_hash == made.config.detector_hash()
 
 
 def test_recordings_without_slip_are_refused() -> None:

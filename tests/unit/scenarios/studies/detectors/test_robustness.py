@@ -6,6 +6,7 @@ from detector.decision import RuleSettings
 from detector.energy import EnergyDetector, EnergySettings
 from detector.scores.evaluation import stream_recordings
 from drivers.errors import BadFile
+from scenarios.campaign.config import load_config
 from scenarios.studies.detectors import robustness
 from scenarios.studies.detectors.figures import COLOURS, in_colour
 from scenarios.studies.detectors.robustness import (
@@ -15,6 +16,7 @@ from scenarios.studies.detectors.robustness import (
     endured,
     made_stiffer,
     stream_together,
+    study,
     table,
     versions_of,
 )
@@ -40,6 +42,13 @@ def test_recordings_side_by_side_are_heard_as_one_after_the_other():
     for one, other in zip(alone, together, strict=True):
         assert one.recording is other.recording
         assert (one.probabilities == other.probabilities).all()
+
+
+def test_every_row_says_of_which_detector_and_rule_it_is():
+    (rows,) = study(["energy"], toys("test", 2, 0), []).values()
+    assert {row.detector_hash for row in rows} == {
+        load_config("can", "simulated", "energy").detector_hash()
+    }
 
 
 def test_every_cause_keeps_its_share_and_each_at_least_one_recording():
