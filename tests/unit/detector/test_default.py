@@ -42,7 +42,7 @@ WEIGHTS = {  # SHA-256 of the file
     "tcn": "f5a262c4ccc4d21705dd59a20ae650aa160697c3b3adb7bf927ac90c78c56818",
     "gru": "28cca7646b5bcb489bf2acce6f80901c73ba41c50d5ae75471c457476cece696",
 }
-# `grasp detector train tcn --minutes 0.35` on 63 recordings of blows: 780 of 16,000 steps
+# `grasp detector train tcn --minutes 0.35` on 63 recordings of blows: 780 steps; a training has 12,000
 CUT_SHORT = Path(__file__).with_name("cut_short.onnx.xz")
 
 
@@ -118,7 +118,7 @@ def test_a_shorter_release_is_noticed(recordings: list[Recording]) -> None:
 def test_weights_of_a_training_that_was_cut_short_are_noticed(
     recordings: list[Recording], tmp_path: Path
 ) -> None:
-    """At a twentieth of the steps nine in ten of what moves are missed: 485 ms. From half the steps
+    """At a fifteenth of the steps nine in ten of what moves are missed: 485 ms. From half the steps
     on the mean delay on validation is that of the end within 5 ms, so no such bound tells them."""
     path = tmp_path / "cut-short.onnx"
     path.write_bytes(lzma.decompress(CUT_SHORT.read_bytes()))
