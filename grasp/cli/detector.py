@@ -235,7 +235,7 @@ def scores_text(s: Any, rule: Any) -> str:
         f"hand's)",
         f"  delay {_quantiles(s.delay_ms, 'ms')}{_interval(s, 'delay_ms_p50')}"
         f"{'' if s.delay_mm is None else ', ' + _quantiles(s.delay_mm, 'mm', 1)}  "
-        f"release {_quantiles(s.release_delay_ms, 'ms')}",
+        f"release of those caught {_quantiles(s.release_delay_ms, 'ms')}",
         f"  cost of one update {_quantiles(s.compute_us, 'us')}",
     ]
     if len(s.false_events_per_min_by_cause) > 1:
