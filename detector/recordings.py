@@ -171,6 +171,7 @@ def read_dataset(folder: Path | str, split: Split | None = None) -> list[Recordi
     found = [r for r in every if split is None or _split(r) == split]
     if not found:
         what = f"no {split} recordings" if split else "no recordings"
+        what = what if folder.is_dir() else "no such folder"
         raise BadFile(folder, what, "name a folder made by `grasp dataset build`")
     return found
 

@@ -117,12 +117,12 @@ def sweep(
         for s in streams
     ]
     found = []
-    for _, alike in itertools.groupby(tried, key=lambda rule: rule.fusion):
-        of_fusion = list(alike)
-        decide = [fused(s.probabilities, of_fusion[0]) for s in streams]
-        for rule in of_fusion:
-            judged = [s.judged(events_of(p, rule)) for s, p in zip(every, decide, strict=True)]
-            found.append(point(streams, rule, judged))
+    fusion = ""
+    for rule in tried:
+        if rule.fusion != fusion:
+            fusion, decide = rule.fusion, [fused(s.probabilities, rule) for s in streams]
+        judged = [s.judged(events_of(p, rule)) for s, p in zip(every, decide, strict=True)]
+        found.append(point(streams, rule, judged))
     return [p for p in found if p is not None]
 
 

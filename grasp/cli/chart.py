@@ -90,10 +90,10 @@ def draw_detectors(args: argparse.Namespace) -> int:
 
     recordings = read_split(args.data, "test")
     curves = {}
-    for name in one_by_one(args.detector or DETECTORS, "sweeping", hidden=False):
+    for name, tell in one_by_one(args.detector or DETECTORS, "sweeping", hidden=False):
         data = f"{' '.join(folder.name for folder in args.data)}, test"
-        made = contender(name, recordings, data)
-        curves[name] = curve(made.evaluation(), made.points())
+        made = contender(name, recordings, data, tell=tell)
+        curves[name] = curve(made.evaluation(), made.points(tell))
     draw_detectors(curves, args.out)
     print(args.out)
     return exits.SUCCESS

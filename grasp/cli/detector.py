@@ -197,8 +197,8 @@ def _contenders(args: argparse.Namespace) -> Any:
     alone = args.recording is not None
     recordings = [read(args.recording)] if alone else read_split(args.data, args.split, exits.say)
     data = _data_name(args)
-    for name in one_by_one(args.detector, "streaming", hidden=args.json):
-        yield contender(name, recordings, data, args.label, args.config, args.set)
+    for name, tell in one_by_one(args.detector, "streaming", hidden=args.json):
+        yield contender(name, recordings, data, args.label, args.config, args.set, tell)
 
 
 def table2(args: argparse.Namespace) -> int:
@@ -208,8 +208,8 @@ def table2(args: argparse.Namespace) -> int:
 
     recordings = read_split(args.data, "test", exits.say)
     made = [
-        named(name, recordings, "test", args.data)
-        for name in one_by_one(args.detector, "streaming", hidden=False)
+        named(name, recordings, "test", args.data, tell)
+        for name, tell in one_by_one(args.detector, "streaming", hidden=False)
     ]
     sheets = [m.evaluation() for m in made]
     print(methods_table(sheets))
@@ -291,8 +291,10 @@ def tune(args: argparse.Namespace) -> int:
     if args.json:
         print(json_line({"threshold_counts": threshold, "minutes": minutes}))
     else:
-        print(f"threshold_counts = {threshold:.3g}  # {args.budget:g} false events a minute, "
-              f"tuned on {minutes:.1f} minutes")  # fmt: skip
+        print(f"# {args.budget:g} false events a minute, tuned on {minutes:.1f} minutes of a hand")
+        if minutes * args.budget < FEW_EVENTS:
+            print("# that is little: one event more or less would make another threshold")
+        print(f"[energy]\nthreshold_counts = {threshold:.3g}")
     return exits.SUCCESS
 
 
@@ -303,9 +305,9 @@ def _tune_rule(args: argparse.Namespace) -> int:
 
     recordings = read_split(args.data, "validation", exits.say)
     (name,) = [args.detector]
-    for _ in one_by_one([name], "tuning", hidden=args.json):
-        made = contender(name, recordings, "validation", "slip", args.config, args.set)
-        chosen = tune_rule(made, args.budget)
+    for _, tell in one_by_one([name], "tuning", hidden=args.json):
+        made = contender(name, recordings, "validation", "slip", args.config, args.set, tell)
+        chosen = tune_rule(made, args.budget, tell)
     if chosen is None:
         remedy = "allow more false events with --budget"
         text = f"no rule keeps {name} within {args.budget:g} false events a minute"
@@ -332,8 +334,8 @@ def _tune_threshold(args: argparse.Namespace) -> int:
 
     recordings = read_split(args.data, "train", exits.say)
     (name,) = [args.detector]
-    for _ in one_by_one([name], "tuning", hidden=args.json):
-        made = contender(name, recordings, "train", "slip", args.config, args.set)
+    for _, tell in one_by_one([name], "tuning", hidden=args.json):
+        made = contender(name, recordings, "train", "slip", args.config, args.set, tell)
         found = sweep_threshold(made)
     if args.json:
         print(msgspec.json.encode(found).decode())

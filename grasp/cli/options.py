@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -99,12 +100,14 @@ def _lines(doing: str) -> Callable[..., None]:
     return show
 
 
-def one_by_one(names: Sequence[str], doing: str, hidden: bool) -> Iterator[str]:
-    """The names one by one, with a moving bar while each is worked on."""
+def one_by_one(
+    names: Sequence[str], doing: str, hidden: bool
+) -> Iterator[tuple[str, Callable[[int, int], None]]]:
+    """The names one by one, each with what takes how much of the work on it is done, of how much:
+    a bar or lines of its own."""
     with progress(doing, hidden) as show:
-        for number, name in enumerate(names):
-            show(number, len(names), f"{doing} {name}")
-            yield name
+        for name in names:
+            yield name, partial(show, text=f"{doing} {name}")
 
 
 def add_runs(parser: argparse.ArgumentParser, kind: Callable[[str], Path] = Path) -> None:

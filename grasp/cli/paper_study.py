@@ -171,8 +171,8 @@ def table3(args: argparse.Namespace) -> int:
     from scenarios.studies.detectors.benchmark import named, read_split
 
     recordings = read_split(args.data, args.split)
-    for name in one_by_one(args.detector, "streaming", hidden=args.json):
-        m = named(name, recordings, args.split)
+    for name, tell in one_by_one(args.detector, "streaming", hidden=args.json):
+        m = named(name, recordings, args.split, tell=tell)
         found = cell_table(m.detector.name, m.detector.threshold, m.config.rule, m.streams)
         print(msgspec.json.encode(found).decode() if args.json else cells_table(found) + "\n")
     return exits.SUCCESS
@@ -185,8 +185,8 @@ def latency(args: argparse.Namespace) -> int:
     from scenarios.studies.detectors.latency_figure import draw_latency
 
     recordings = read_split(args.data, "test")
-    for name in one_by_one([args.detector], "streaming", hidden=False):
-        found = measure(contender(name, recordings, "test", args.label))
+    for name, tell in one_by_one([args.detector], "streaming", hidden=False):
+        found = measure(contender(name, recordings, "test", args.label, tell=tell))
     draw_latency(found, args.out)
     write_numbers(args.out, found)
     print(latency_text(found))

@@ -1,8 +1,8 @@
 """Detectors compared on data sets: streamed once, then scored, tuned, tabled and charted."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import msgspec
 import numpy as np
@@ -49,6 +49,21 @@ class SweptThreshold(msgspec.Struct, frozen=True):
         return f"{self.section}.{self.setting}={self.value:g}"
 
 
+T = TypeVar("T")
+Tell = Callable[[int, int], None]  # how much is done, of how much
+
+
+def silent(done: int, total: int) -> None:
+    """Nobody is told."""
+
+
+def told(items: Sequence[T], tell: Tell) -> Iterator[T]:
+    """The items, each told before the next is asked for."""
+    for done, item in enumerate(items, 1):
+        yield item
+        tell(done, len(items))
+
+
 class Scores(Evaluation, frozen=True):
     """An evaluation, and of what it is: weights or formula, and rule, as results carry it."""
 
@@ -75,9 +90,9 @@ class Contender(msgspec.Struct, frozen=True, eq=False):
         word = self.config.detector_name
         return word if is_code(word) or is_weights(word) else self.detector.name
 
-    def points(self) -> list[SweepPoint]:
+    def points(self, tell: Tell = silent) -> list[SweepPoint]:
         """Every rule and threshold of the sweep."""
-        return sweep(self.streams, rules(self.config.rule))
+        return sweep(self.streams, told(list(rules(self.config.rule)), tell))
 
 
 def read_split(
@@ -109,31 +124,35 @@ def contender(
     label: LabelName = "slip",
     files: Files = None,
     assignments: Sequence[str] = (),
+    tell: Tell = silent,
 ) -> Contender:
     """Stream the named detector, as configured, over the recordings."""
     config = load_config("can", "simulated", name, files, assignments)
-    streams = stream_recordings(config.make_detector, recordings, stopwatch_ns, label)
+    heard = told(recordings, tell)
+    streams = stream_recordings(config.make_detector, heard, stopwatch_ns, label)
     return Contender(
         config, config.make_detector(recordings[0].fingers, recordings[0].taxels), streams, data
     )
 
 
 def named(
-    name: str, recordings: Sequence[Recording], data: str, swept_on: Sequence[Path] = ()
-) -> Contender:
+    name: str, recordings: Sequence[Recording], data: str, swept_on: Sequence[Path] = (),
+    tell: Tell = silent,
+) -> Contender:  # fmt: skip
     """A contender by name, or by the file of its weights; the threshold of a detector of one number
     swept on the split `train` of some folders, where they are given."""
     if is_weights(name) and (card := read_network(Path(name)).card).name in names("detectors"):
-        return contender(card.name, recordings, data, assignments=(f"network.weights={name}",))
+        chosen = (f"network.weights={name}",)
+        return contender(card.name, recordings, data, assignments=chosen, tell=tell)
     if name not in FORMULAS or not swept_on:
-        return contender(name, recordings, data)
-    swept = sweep_threshold(contender(name, read_split(swept_on, "train"), "train"))
-    return contender(name, recordings, data, assignments=(swept.assignment,))
+        return contender(name, recordings, data, tell=tell)
+    swept = sweep_threshold(contender(name, read_split(swept_on, "train"), "train", tell=tell))
+    return contender(name, recordings, data, assignments=(swept.assignment,), tell=tell)
 
 
-def tune_rule(made: Contender, budget_per_min: float) -> SweepPoint | None:
+def tune_rule(made: Contender, budget_per_min: float, tell: Tell = silent) -> SweepPoint | None:
     """The quickest rule within the budget of false events a minute over three fingers."""
-    points = made.points()
+    points = made.points(tell)
     points += sweep(made.streams, at_the_budget(points, budget_per_min))
     return best(points, budget_per_min)
 

@@ -14,6 +14,7 @@ import numpy as np
 from detector.recordings import Recording, read_dataset
 from detector.scores.quantiles import quantile
 from detector.training.observer import held_out
+from drivers.errors import UsageError
 from grasp.settings import file_of
 from scenarios.acquire.datasets.build import build
 from scenarios.acquire.datasets.plan import first_of_each, load_dataset_config, plan
@@ -72,6 +73,8 @@ def study(names: Sequence[str], folder: Path, share: float, workers: Workers, te
     lifted = [r for r in made if r.metadata and r.metadata.cause != STRUCK]
     blows = cases(struck, blow_moments(struck), heard(names, struck))
     lifts = cases(lifted, lift_moments(lifted), heard(names, lifted))
+    for its, titles in ((blows, BLOW_TITLES), (lifts, LIFT_TITLES)):
+        require_every_class(its, titles)
     ends = len(TIMES_S) * 2
     found: dict[str, list[tuple[Told, Any]]] = {"blows": [], "lifts": []}
     for kind, its, titles in (("blows", blows, BLOW_TITLES), ("lifts", lifts, LIFT_TITLES)):
@@ -95,6 +98,15 @@ def study(names: Sequence[str], folder: Path, share: float, workers: Workers, te
             for n in names for k in range(1, len(LIFT_TITLES)) for s in TIMES_S
         ],
     )  # fmt: skip
+
+
+def require_every_class(cases: Cases, titles: Sequence[str]) -> None:
+    """Raises UsageError where a class is in too few recordings to be learnt and asked about."""
+    for kind, title in enumerate(titles):
+        recordings = len(np.unique(cases.groups[cases.classes == kind]))
+        if recordings < FOLDS:
+            text = f"{title!r} is in {recordings} recordings, of {FOLDS} at least that are needed"
+            raise UsageError(text, "a greater --share, into another folder")
 
 
 def observed(

@@ -42,7 +42,7 @@ WEIGHTS = {  # SHA-256 of the file
     "tcn": "f5a262c4ccc4d21705dd59a20ae650aa160697c3b3adb7bf927ac90c78c56818",
     "gru": "28cca7646b5bcb489bf2acce6f80901c73ba41c50d5ae75471c457476cece696",
 }
-# `grasp detector train tcn --minutes 0.35` on 63 recordings of blows: 780 steps; a training has 12,000
+# `grasp detector train tcn --minutes 0.35` on 63 recordings of blows: 780 steps of 12,000
 CUT_SHORT = Path(__file__).with_name("cut_short.onnx.xz")
 
 

@@ -251,8 +251,12 @@ def test_false_events_are_counted_on_recordings_at_rest_and_one_slip_in_them_is_
         files[name] = tmp_path / f"{name}.npz"
         write(files[name], recording)
     assert main(["detector", "tune", "--static", str(files["rest"])]) == 0
-    assert "threshold_counts = " in capsys.readouterr().out
+    printed = tmp_path / "own.toml"
+    printed.write_text(capsys.readouterr().out)
+    assert "that is little" in printed.read_text()
+    tuned = load_config("can", "simulated", "energy", [printed])
     (found,) = answers(capsys, "detector", "tune", "--static", str(files["rest"]), "--json")
     assert found["minutes"] == pytest.approx(len(rest.t_s) / 6000)
+    assert tuned.energy.threshold_counts == pytest.approx(found["threshold_counts"], rel=0.01)
     assert main(["detector", "tune", "--static", str(files["slips"])]) == 2
     assert "holds samples labelled slip" in capsys.readouterr().err

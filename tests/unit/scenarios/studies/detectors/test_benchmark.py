@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from detector.recordings import Recording, write
+from detector.scores.sweep import rules
+from drivers.errors import BadFile
 from grasp.cli.main import main
-from scenarios.studies.detectors.benchmark import read_split
-from tests.unit.detector.toys import toy
+from scenarios.studies.detectors.benchmark import contender, read_split
+from tests.unit.detector.toys import toy, toys
 
 
 def cut(recording: Recording, samples: int) -> Recording:
@@ -52,3 +54,20 @@ def test_a_set_of_nothing_but_short_ones_is_refused(folder: Path) -> None:
     assert len(read_split([folder], "test")) == 1
     words = ["detector", "evaluate", "energy", "--data", str(folder), "--split", "test"]
     assert main(words) == 2
+
+
+def test_whoever_waits_is_told_of_each_recording_and_of_each_rule() -> None:
+    heard, swept = [], []
+    recordings = toys("test", 3, 0)
+    made = contender("energy", recordings, "test", tell=lambda *done: heard.append(done))
+    assert heard == [(1, 3), (2, 3), (3, 3)]
+    made.points(lambda *done: swept.append(done))
+    every = len(list(rules(made.config.rule)))
+    assert swept == [(n, every) for n in range(1, every + 1)]
+
+
+def test_a_folder_that_is_not_there_is_not_said_to_be_without_recordings(tmp_path: Path) -> None:
+    with pytest.raises(BadFile, match="no such folder"):
+        read_split([tmp_path / "nowhere"], "test")
+    with pytest.raises(BadFile, match="no test recordings"):
+        read_split([tmp_path], "test")
