@@ -90,6 +90,7 @@ class ArmModel:
         self._pace = Pace(now_ns, self._period_ns, settings.slider_s)
         self._line: list[Segment] = []  # of the last command, if a move: at full pace
         self._acceleration_mps2 = 1.2  # of the last motion; UR manual: movel's default
+        self._stopping = False  # since the last motion was told
         self._read_ns = now_ns
         self._alone_ns: int | None = None  # unread for so long it is braked
         self.payload_kg = 0.0
@@ -118,7 +119,7 @@ class ArmModel:
         self._pace.forget(effect_ns)
         chain += line if self._pace.full else self._pace.slowed(line, start_ns, start_ns)
         self._replace_from(effect_ns, chain)
-        self._line, self._acceleration_mps2 = line, acceleration_mps2
+        self._line, self._acceleration_mps2, self._stopping = line, acceleration_mps2, False
         self._spin_to(effect_ns, 0.0, acceleration_mps2)
         return True
 
@@ -136,7 +137,7 @@ class ArmModel:
         self._replace_from(
             effect_ns, _ramp(effect_ns, at_m, from_mps, velocity_mps, acceleration_mps2)
         )
-        self._acceleration_mps2 = acceleration_mps2
+        self._acceleration_mps2, self._stopping = acceleration_mps2, False
         self._spin_to(effect_ns, spin_radps, acceleration_mps2)
         return True
 
@@ -178,6 +179,7 @@ class ArmModel:
 
     def stop_l(self, deceleration_mps2: float, now_ns: int) -> None:
         """Brake along the present line, from the speed that the tool has when this takes effect."""
+        self._stopping = True
         effect_ns = self._effect_ns(now_ns)
         at_m, direction, speed = self._present(effect_ns)
         self._replace_from(effect_ns, _brake(effect_ns, at_m, direction, speed, deceleration_mps2))
@@ -206,10 +208,10 @@ class ArmModel:
 
     def go_on(self, until_ns: int) -> None:
         """The world is about to come so far: what the arm does by itself by then."""
-        if self._alone_ns is None or until_ns <= self._read_ns + self._alone_ns:
+        if self._alone_ns is None or self._stopping:
             return
         alone_ns = self._read_ns + self._alone_ns
-        if self._seen_ns <= alone_ns:  # not braked yet
+        if until_ns > alone_ns:
             self.stop_l(self._acceleration_mps2, alone_ns)
 
     def seen(self, until_ns: int) -> None:

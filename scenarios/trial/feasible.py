@@ -60,6 +60,7 @@ def check_arm(config: TrialConfig) -> None:
             if (asked := getattr(controller, key)) > most:
                 problem = f"{asked:g} is more than the arm may be told"
                 raise ConfigError("controller", key, problem, f"<= {most:g}, arm.{limit}")
+    _check_heartbeat(config)
     _check_start(arm)
     _check_height(controller, arm)
     there_m, at_m = doubt.arm_there_m, controller.at_height_m
@@ -69,6 +70,16 @@ def check_arm(config: TrialConfig) -> None:
             f"an arm that stands {there_m:g} m from its target would be neither doubted nor there",
             f"<= {at_m:g}, controller.at_height_m",
         )  # fmt: skip
+
+
+def _check_heartbeat(config: TrialConfig) -> None:
+    """Raises ConfigError where an arm on its way would be left alone between two steps."""
+    least_s, set_s = 2 * config.loop.period_s, config.ur.heartbeat_timeout_s
+    if config.rig != "simulated" and set_s < least_s:
+        problem = f"{set_s:g} s without a read, after which the arm is braked, are hardly a step"
+        raise ConfigError(
+            "ur", "heartbeat_timeout_s", problem, f">= {least_s:g}, two loop.period_s"
+        )
 
 
 def _check_start(arm: ArmSettings) -> None:

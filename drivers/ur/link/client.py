@@ -5,6 +5,7 @@ Nothing reconnects by itself and nothing is unlocked; ``UrLink.connect`` starts 
 
 import math
 import os
+import time
 from collections.abc import Callable
 from typing import Annotated, Self
 
@@ -105,6 +106,7 @@ class UrLink:
         self._rotation: Vector3 = (0.0, 0.0, 0.0)  # at the start
         self._turned = False
         self._beat_ns = 0
+        self._left_alone = -math.inf, 0.0  # when it was read again last after too long, s; how long
         self._told: set[str] = set()  # troubles that were raised already and have not ended
         self._stop_number: int | None = None
         self._stop_due_ns = 0
@@ -210,6 +212,9 @@ class UrLink:
         controller reports a pose that the tool does not have.
         """
         process, state = self._live()
+        unread_s = (now_ns - self._beat_ns) * 1e-9
+        if self._beat_ns and unread_s > self._settings.heartbeat_timeout_s:
+            self._left_alone = time.monotonic(), unread_s
         if now_ns - self._beat_ns >= _BEAT_NS:
             self._beat_ns = now_ns
             process.beat()
@@ -271,6 +276,9 @@ class UrLink:
     def _program_ended(self, process: WorkerProcess) -> DeviceFault:
         """Its own watchdog ends it, where nobody has kicked that for long enough."""
         s, away_s = self._settings, process.away_s(_LATELY_S)
+        again_at, unread_s = self._left_alone
+        if time.monotonic() - again_at < _LATELY_S:
+            away_s = max(away_s, unread_s)
         if away_s > max(0.5 / s.watchdog_hz, 3.0 / s.frequency_hz):
             return DeviceFault(
                 f"the program on the arm controller has ended: for {away_s:.2f} s this computer "

@@ -193,6 +193,7 @@ class Commander:
         self._setup = setup
         self._channel = channel
         self._waiting: Move | DriveArm | None = None
+        self._moving = False  # a move that was begun, and has not been seen to be over
         self._driving = False
         self._braking = False  # a drive is coming to rest
         self._stopping = False  # since the last move
@@ -201,6 +202,7 @@ class Commander:
         self._deceleration_mps2 = self._acceleration_mps2  # of the last stop
         self._commanded_at = -math.inf
         self._heard_at = self._clock()
+        self._unheard_s = 0.0
         self._kicked_at = -math.inf
 
     def prepare(self) -> bool:
@@ -217,22 +219,27 @@ class Commander:
         """Until the client says so or is gone."""
         while True:
             self.turn()
-            soon = self._waiting or self._braking
-            wait_s = self._robot.period_s if soon else self._kick_period_s
             try:
-                request = self._channel.receive(wait_s)
+                request = self._channel.receive(self._wait_s)
             except EOFError:
                 return
             if isinstance(request, Leave) or os.getppid() != self._setup.client_pid:
                 return  # where others hold its end of the socket too, its death is not heard
-            if request is not None:
-                self._heard_at = self._clock()
+            self.listened(request is not None)
             if isinstance(request, Move | DriveArm | Stop | SetPayload):
-                self._channel.send(Reply(request.number, self._carry_out(request)))
+                self._channel.send(Reply(request.number, self.carry_out(request)))
+
+    def listened(self, heard: bool) -> None:
+        """Silence is what a look at the socket did not find: where this process was held up, what
+        was said meanwhile waits there."""
+        if heard:
+            self._heard_at = self._clock()
+        self._unheard_s = self._clock() - self._heard_at
 
     def turn(self) -> None:
         """What is due without a request: the motion that waits, a brake, and the watchdog."""
         self._go_on()
+        self._moving = self._moving and self.busy
         self._brake_unheard()
         self._kick()
 
@@ -242,6 +249,7 @@ class Commander:
         if self._driving or self.busy:
             self._stop(self._acceleration_mps2)
         while self.busy and self._clock() < deadline:
+            self._go_on()
             self._control.kickWatchdog()
             time.sleep(self._robot.period_s)
         self._control.stopScript()
@@ -256,13 +264,16 @@ class Commander:
         running = self._control.getAsyncOperationProgressEx().isAsyncOperationRunning()
         return bool(running) or self._clock() - self._commanded_at < settle_s
 
-    def _carry_out(self, command: Command) -> Outcome:
+    def carry_out(self, command: Command) -> Outcome:
+        """Tell ur_rtde, and what it said; no motion begins after the arm was left alone."""
         if isinstance(command, SetPayload):
             taken = self._control.setPayload(command.mass_kg, list(command.cog_m))
             return self._robot.outcome(bool(taken))
         if isinstance(command, Stop):
             self._stop(command.deceleration_mps2)
             return Outcome.DONE  # ur_rtde does not say; the speed will
+        if self._forsaken:  # its program is about to end
+            return Outcome.PROGRAM_ENDED
         self._acceleration_mps2 = command.acceleration_mps2
         if self._driving and isinstance(command, DriveArm):
             return self._start(command)
@@ -289,6 +300,7 @@ class Commander:
 
     def _start(self, motion: Move | DriveArm) -> Outcome:
         self._stopping = False
+        self._moving = isinstance(motion, Move)
         if isinstance(motion, DriveArm):
             self._driving, self._braking = True, False
             taken = self._control.speedL(list(motion.velocity), motion.acceleration_mps2)
@@ -325,11 +337,21 @@ class Commander:
         return 1.0 / (_KICKS_PER_LIMIT * self._setup.watchdog_hz)
 
     def _brake_unheard(self) -> None:
-        """Nobody reads while the arm moves: brake at once. The watchdog, kicked no more, ends the
-        program, so that whoever reads again is told."""
-        if not (self._forsaken or self._client_lives) and self.busy:
-            self._forsaken = True
+        """Nobody reads while the arm is on its way: brake at once, unless it is braking. The
+        watchdog, kicked no more, ends the program, so that whoever reads again is told."""
+        on_its_way = self._moving or self._driving
+        if self._forsaken or self._client_lives or not on_its_way:
+            return
+        self._forsaken, self._waiting = True, None
+        if not self._stopping:
             self._stop(self._acceleration_mps2)
+
+    @property
+    def _wait_s(self) -> float:
+        """No longer than until something of all that may be due."""
+        if self._waiting or self._braking:
+            return self._robot.period_s
+        return min(self._kick_period_s, self._setup.heartbeat_timeout_s / _KICKS_PER_LIMIT)
 
     def _kick(self) -> None:
         now = self._clock()
@@ -339,7 +361,7 @@ class Commander:
 
     @property
     def _client_lives(self) -> bool:
-        return self._clock() - self._heard_at <= self._setup.heartbeat_timeout_s
+        return self._unheard_s <= self._setup.heartbeat_timeout_s
 
 
 def _start(setup: Setup, channel: Channel) -> Commander:

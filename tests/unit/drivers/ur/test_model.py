@@ -380,3 +380,16 @@ def test_a_motion_that_is_read_goes_on_and_so_does_one_of_a_model_that_was_told_
             if read:
                 model.read((t_ms + 150) * MS)
         assert settle(model) == above(0.1)
+
+
+def test_an_arm_that_brakes_already_is_not_braked_otherwise_for_being_unread():
+    model = arm()
+    model.brake_unread(0.16)
+    model.move_l(above(0.4), 0.25, 0.2, 0)
+    model.read(1300 * MS)
+    model.trip(1450 * MS)
+    alone, told = arm(), settle(model)
+    alone.move_l(above(0.4), 0.25, 0.2, 0)
+    alone.trip(1450 * MS)
+    let_stand(model, 1450, 2500)
+    assert settle(model) == told == settle(alone)

@@ -188,7 +188,8 @@ def test_move_during_a_move_brakes_and_waits(commander, rtde, ours, later):
 def test_move_that_waits_is_dropped_when_the_client_is_heard_no_more(commander, rtde, ours, later):
     rtde.speed_mps = 0.1
     serve(commander, ours, move(7))
-    rtde.speed_mps, later.ahead_s = 0.0, SILENT_S
+    rtde.speed_mps = 0.0
+    silence(commander, later)
     commander.turn()
     assert "moveL" not in rtde.names()
 
@@ -223,11 +224,31 @@ def kicks(commander, rtde, later):
     return rtde.calls.count(("kickWatchdog",)) > before
 
 
+def silence(commander, later):
+    """Nothing was found in the socket for longer than the heartbeat may be late."""
+    later.ahead_s += SILENT_S
+    commander.listened(False)
+
+
+DRIVE = messages.DriveArm(1, (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.5)
+
+
 def test_standing_arm_is_kept_alive_though_nobody_reads(commander, rtde, later):
     assert kicks(commander, rtde, later)
-    later.ahead_s = SILENT_S
+    silence(commander, later)
+    assert kicks(commander, rtde, later)
+    rtde.speed_mps = 0.1  # somebody pushes it, or the measured speed is restless
     assert kicks(commander, rtde, later)
     assert rtde.names() == []
+
+
+def test_move_that_is_over_leaves_nothing_to_brake(commander, rtde, ours, later):
+    serve(commander, ours, move())
+    assert kicks(commander, rtde, later)
+    silence(commander, later)
+    rtde.speed_mps = 0.1
+    assert kicks(commander, rtde, later)
+    assert rtde.names() == ["moveL"]
 
 
 def test_moving_arm_that_nobody_reads_is_braked_once_and_kicked_no_more(
@@ -236,7 +257,7 @@ def test_moving_arm_that_nobody_reads_is_braked_once_and_kicked_no_more(
     serve(commander, ours, move())
     rtde.speed_mps = 0.1
     assert kicks(commander, rtde, later)
-    later.ahead_s = SILENT_S
+    silence(commander, later)
     assert not kicks(commander, rtde, later)
     assert not kicks(commander, rtde, later)
     assert rtde.names() == ["moveL", "stopL"]
@@ -244,12 +265,59 @@ def test_moving_arm_that_nobody_reads_is_braked_once_and_kicked_no_more(
     assert not kicks(commander, rtde, later)
 
 
-def test_drive_that_nobody_reads_is_braked_by_its_own_verb(commander, rtde, ours, later):
-    serve(commander, ours, messages.DriveArm(1, (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), 0.5))
+def test_what_waits_in_the_socket_of_a_worker_that_was_held_up_is_no_silence(
+    commander, rtde, ours, later
+):
+    serve(commander, ours, move())
     rtde.speed_mps = 0.1
-    later.ahead_s = SILENT_S
+    later.ahead_s += SILENT_S
+    commander.listened(True)  # a beat, of many
+    assert kicks(commander, rtde, later)
+    assert rtde.names() == ["moveL"]
+
+
+@pytest.mark.parametrize("request_", [move(2), DRIVE])
+def test_nothing_begins_once_the_arm_has_been_left_alone(commander, rtde, ours, later, request_):
+    serve(commander, ours, move())
+    rtde.speed_mps = 0.1
+    silence(commander, later)
     commander.turn()
-    assert rtde.calls[-1] == ("speedL", [0.0] * 6, 0.5)
+    rtde.speed_mps = 0.0
+    commander.listened(True)
+    assert commander.carry_out(request_) is Outcome.PROGRAM_ENDED
+    assert rtde.names() == ["moveL", "stopL"]
+
+
+def test_arm_that_brakes_already_is_not_told_to_brake_otherwise(commander, rtde, ours, later):
+    serve(commander, ours, move(1), messages.Stop(2, 5.0))
+    rtde.speed_mps = 0.1
+    silence(commander, later)
+    assert not kicks(commander, rtde, later)
+    assert rtde.names() == ["moveL", "stopL"]
+
+
+@pytest.mark.parametrize("speed_mps", [0.1, 0.0005])
+def test_drive_that_nobody_reads_is_braked_by_its_own_verb_however_slow(
+    commander, rtde, ours, later, speed_mps
+):
+    serve(commander, ours, DRIVE)
+    rtde.speed_mps = speed_mps
+    later.ahead_s += SETTLED_S
+    commander.turn()
+    silence(commander, later)
+    commander.turn()
+    assert rtde.names()[:2] == ["speedL", "speedL"]
+    assert ("speedL", [0.0] * 6, 0.5) in rtde.calls
+
+
+def test_leaving_repeats_a_brake_that_a_controller_missed(commander, rtde, ours, later):
+    serve(commander, ours, DRIVE)
+    rtde.speed_mps = 0.1
+    later.ahead_s += SETTLED_S
+    commander.leave()
+    brakes = [call for call in rtde.calls if call[:2] == ("speedL", [0.0] * 6)]
+    assert len(brakes) > 1
+    assert rtde.names()[-1] == "stopScript"
 
 
 def test_leaving_ends_the_program(commander, rtde):
