@@ -5,6 +5,7 @@ of slip is what it is without them, bit for bit. A network that has none goes on
 """
 
 import math
+import os
 from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
@@ -135,7 +136,7 @@ def read_heads(weights: Path, digest: str, loaded: LoadedNetwork) -> Teller | No
     path = heads_path(weights)
     packaged = is_packaged(weights)
     remedy = REINSTALL if packaged else REMEDY
-    if not path.exists():
+    if not os.path.lexists(path):
         if packaged and weights.stem in WITH_HEADS:
             raise BadFile(path, "is missing", remedy)
         return None

@@ -93,9 +93,13 @@ def _dense(weight: NDArray[np.float64], bias: NDArray[np.float64]) -> Dense:
 
 def write_heads(heads: Heads, path: Path) -> None:
     """All of it or nothing."""
+    content = msgspec.json.encode(heads)
+    if path.exists() and not path.is_file():  # /dev/stdout
+        path.write_bytes(content)
+        return
     partial = path.with_name(f".{path.name}")
     try:
-        partial.write_bytes(msgspec.json.encode(heads))
+        partial.write_bytes(content)
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)

@@ -78,7 +78,7 @@ def evaluate(args: argparse.Namespace) -> int:
 
 def train(args: argparse.Namespace) -> int:
     need("train", "torch")
-    from detector.heads import SUFFIX, Teller
+    from detector.heads import SUFFIX, Teller, width_of
     from detector.network_file import read_network, weights_digest
     from detector.recordings import read_dataset
     from detector.scores.heads import felt
@@ -91,6 +91,7 @@ def train(args: argparse.Namespace) -> int:
     out = args.out or Path(f"{weights.stem}{SUFFIX}")
     must_be_writable(out)
     loaded = read_network(weights)
+    width_of(loaded)  # refused before hours of data, not after
     recordings = [read_dataset(folder, "train") for folder in args.data]
     used = digest([r for each in recordings for r in each])
     made = train_heads(

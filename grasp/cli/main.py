@@ -116,6 +116,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             return _run(words, as_json)
     except KeyboardInterrupt:  # before or after all that could be told of it
         return exits.INTERRUPTED
+    except OSError as error:  # of what --json had still to write
+        return exits.report(*_of_the_system(error, words), as_json=False)
 
 
 def _run(words: Sequence[str], as_json: bool) -> int:

@@ -79,8 +79,8 @@ def only_json() -> Iterator[None]:
             out.flush()
             kept = os.dup(1)
             os.dup2(2, 1)
-            out = stack.enter_context(open(kept, "w", encoding=out.encoding, closefd=False))
             stack.callback(_put_back, kept)
+            out = stack.enter_context(open(kept, "w", encoding=out.encoding, closefd=False))
         stack.enter_context(contextlib.redirect_stdout(_OnlyJson(out)))
         yield
 

@@ -183,12 +183,24 @@ def detector_layers(word: str) -> list[Layer]:
         file = Path(word.rpartition(":")[0] if is_code(word) else word)
         beside = file.with_suffix(".toml")
         code = Layer(str(file), {}, _fingerprint(file))
-        if not beside.exists() or _is_being_written(beside):
+        if not os.path.lexists(beside) or _is_being_written(beside):
             return [code]
-        return [code, says_something(read_toml(beside))]
+        return [code, _of_detector(says_something(read_toml(beside)))]
     if word in offered() and word not in names("detectors"):
         return []
     return [named_layer("detectors", word, (*offered(), f"FILE{MARK}NAME", "FILE.onnx"))]
+
+
+def _of_detector(beside: Layer) -> Layer:
+    """The layer, if it speaks of a rule and of detectors alone: a file that is read because another
+    lies beside it sets no limit, and no device. Raises ConfigError."""
+    allowed = ("rule", OWN, NETWORK, *FORMULAS.values())
+    for section in beside.table:
+        if section not in allowed:
+            problem = "is not of a detector: what lies beside one sets its rule"
+            remedy = f"[rule] and [{OWN}]; all else by --config"
+            raise ConfigError(beside.source, section, problem, remedy)
+    return beside
 
 
 def _is_being_written(file: Path) -> bool:

@@ -9,6 +9,8 @@ from detector.recordings import Metadata, Recording
 from drivers.errors import UsageError
 from scenarios.studies.signal import delay
 
+pytestmark = pytest.mark.train
+
 
 def recording(seed: int, split: str) -> Recording:
     """Strokes that are heard at once, after pauses without a sound."""

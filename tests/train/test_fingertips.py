@@ -25,6 +25,8 @@ from scenarios.studies.detectors.fingertips import (
 )
 from tests.unit.detector.blow_toys import struck
 
+pytestmark = pytest.mark.train
+
 FINGERTIPS = (*LESSER, *ANEW)
 BY_TITLE = {felt.title: felt for felt in FINGERTIPS}
 

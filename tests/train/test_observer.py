@@ -10,6 +10,8 @@ from drivers.errors import UsageError
 from scenarios.studies.detectors.observer import BLOW_TITLES, FOLDS, Cases
 from scenarios.studies.detectors.observer_study import require_every_class
 
+pytestmark = pytest.mark.train
+
 
 def test_what_is_told_of_a_group_was_learnt_from_others_alone() -> None:
     """Labels agree with the features in all groups but one, whose labels are turned round: were it

@@ -11,6 +11,8 @@ from detector.training.sample_observer import features, fused_features, held_out
 from tests.unit.detector.blow_toys import struck
 from tests.unit.detector.toys import toy
 
+pytestmark = pytest.mark.train
+
 
 def told(recording, seed=0):
     p = np.random.default_rng(seed).uniform(0.01, 0.99, (len(recording.t_s), recording.fingers))

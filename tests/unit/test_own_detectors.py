@@ -151,6 +151,10 @@ def test_a_rule_beside_it_that_says_nothing_is_refused_but_while_it_is_being_wri
     with pytest.raises(ConfigError, match="says nothing"):
         load_config("can", "simulated", mine)
     beside.unlink()
+    beside.symlink_to("nowhere.toml")
+    with pytest.raises(ConfigError, match="no such file"):
+        load_config("can", "simulated", mine)
+    beside.unlink()
     beside.mkdir()
     with pytest.raises(ConfigError, match="cannot be read"):
         load_config("can", "simulated", mine)
@@ -163,6 +167,18 @@ def test_a_rule_beside_it_that_says_nothing_is_refused_but_while_it_is_being_wri
     finally:
         os.dup2(kept, 1)
         os.close(kept)
+
+
+@pytest.mark.parametrize(
+    "setting", ["[guard]\nforce_limit_n = 15.0", "[ur]\nheartbeat_timeout_s = 5.0", "seed = 3"]
+)
+def test_what_lies_beside_a_detector_sets_its_rule_and_no_limit(
+    mine: str, tmp_path: Path, setting: str
+) -> None:
+    beside = tmp_path / "mine.toml"
+    beside.write_text(f"{setting}\n[rule]\nconsecutive = 3\n")
+    with pytest.raises(ConfigError, match="is not of a detector"):
+        load_config("can", "simulated", mine)
 
 
 def test_two_files_of_weights_at_once_are_refused(tmp_path: Path) -> None:

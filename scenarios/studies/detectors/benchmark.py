@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from detector.blows import blows_of
-from detector.decision import RuleSettings
+from detector.decision import RuleSettings, registered_events
 from detector.interface import SlipDetector
 from detector.network_file import is_weights, read_network
 from detector.own import is_code
@@ -20,7 +20,7 @@ from detector.scores.evaluation import (
     Streamed,
     evaluate_streams,
     events_by_label,
-    judge_stream,
+    scored,
     spoken,
     stream_recordings,
 )
@@ -158,11 +158,11 @@ def tune_rule(made: Contender, budget_per_min: float, tell: Tell = silent) -> Sw
 
 
 def stands_on(made: Contender, rule: RuleSettings) -> tuple[float, int]:
-    """Minutes of a hand's rest and slips that a rule was judged by."""
+    """Minutes of a hand's rest and slips that ``tune_rule`` judged a rule by, blows left out."""
     judged = [
-        judge_stream(
-            s, rule, events_by_label(s.label), WARM_UP_SAMPLES, blows_of(s.recording)
-        ).events
+        scored(s, events_by_label(s.label), WARM_UP_SAMPLES, blows_of(s.recording), apart=True)
+        .judged(registered_events(s.probabilities, rule))
+        .events
         for s in made.streams
     ]
     rest = zip(made.streams, judged, strict=True)

@@ -182,6 +182,10 @@ def test_damaged_or_missing_heads_of_a_packaged_network_are_to_be_installed_agai
     with pytest.raises(BadFile, match="is missing") as refused:
         load_network("gru", NetworkSettings(), 3)
     assert refused.value.remedy == "install `grasp` again"
+    heads_path(path).symlink_to(heads_path(path))
+    with pytest.raises(BadFile, match="no heads"):
+        load_network("gru", NetworkSettings(), 3)
+    heads_path(path).unlink()
     heads_path(path).write_text("{}")
     with pytest.raises(BadFile, match="no heads") as refused:
         load_network("gru", NetworkSettings(), 3)

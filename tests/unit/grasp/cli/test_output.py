@@ -114,3 +114,18 @@ def test_a_series_with_misses_prints_json_that_any_reader_takes(
     said = json.loads(line, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
     (cell,) = said["summary"]["variants"][0]["cells"]
     assert cell["nominal_again_ms"]["p50"] is None
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.parametrize("how", [["--json"], []])
+def test_a_disk_that_is_full_is_told_in_one_line(how: list[str]) -> None:
+    start = "import sys; from grasp.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", start, "config", "show", "guard", *how], stdout=full,
+            stderr=subprocess.PIPE, text=True, check=False,
+            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[4])},
+        )  # fmt: skip
+    assert done.returncode == 5
+    assert done.stderr.startswith("grasp: No space left on device")
+    assert done.stderr.count("\n") == 1

@@ -10,7 +10,8 @@ from detector.recordings import Recording, write
 from detector.scores.sweep import rules
 from drivers.errors import BadFile
 from grasp.cli.main import main
-from scenarios.studies.detectors.benchmark import contender, read_split
+from scenarios.studies.detectors.benchmark import contender, read_split, stands_on
+from tests.unit.detector.blow_toys import struck
 from tests.unit.detector.toys import toy, toys
 
 
@@ -71,3 +72,12 @@ def test_a_folder_that_is_not_there_is_not_said_to_be_without_recordings(tmp_pat
         read_split([tmp_path / "nowhere"], "test")
     with pytest.raises(BadFile, match="no test recordings"):
         read_split([tmp_path], "test")
+
+
+def test_a_rule_stands_on_the_slips_that_it_was_judged_by_and_on_no_blow() -> None:
+    blows = contender("energy", [struck((3.0, 0.003), n=500)], "test")
+    slips = contender("energy", toys("test", 2, 0), "test")
+    both = contender("energy", [*toys("test", 2, 0), struck((3.0, 0.003), n=500)], "test")
+    asked = slips.config.rule
+    assert stands_on(blows, asked)[1] == 0
+    assert stands_on(both, asked)[1] == stands_on(slips, asked)[1] > 0
