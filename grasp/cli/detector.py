@@ -312,15 +312,20 @@ def _tune_rule(args: argparse.Namespace) -> int:
         remedy = "allow more false events with --budget"
         text = f"no rule keeps {name} within {args.budget:g} false events a minute"
         raise UsageError(text, remedy)
-    minutes, slips = stands_on(made, chosen.rule)
+    known = stands_on(made.streams, chosen.rule)
     if args.json:
-        more = {"minutes": minutes, "slips": slips}
+        more = {"minutes": known.minutes, "slips": known.slips}
         print(json_line({**msgspec.to_builtins(chosen), **more}))
         return exits.SUCCESS
     print(f"# split validation: {point_text(chosen)}")
-    events = round(chosen.false_per_min * minutes)
-    print(f"# by {slips} slips and {minutes:.1f} minutes of a hand at rest, with {events} false")
-    if slips < FEW_SLIPS or minutes * args.budget < FEW_EVENTS:
+    for folder in args.data:
+        its = [s for s in made.streams if Path(s.recording.source).is_relative_to(folder)]
+        part = stands_on(its, chosen.rule)
+        print(f"# {folder}: {part.caught} of {part.slips} slips apart from blows, "
+              f"{part.false} false in {part.minutes:.1f} minutes of a hand at rest")  # fmt: skip
+    if chosen.rule == made.config.rule:
+        print("# which is the rule that there was")
+    if known.slips < FEW_SLIPS or known.minutes * args.budget < FEW_EVENTS:
         print("# that is little: one more or less of either would make another rule; give more "
               "recordings, or simulated sets beside")  # fmt: skip
     _print_rule(chosen.rule)

@@ -157,17 +157,27 @@ def tune_rule(made: Contender, budget_per_min: float, tell: Tell = silent) -> Sw
     return best(points, budget_per_min)
 
 
-def stands_on(made: Contender, rule: RuleSettings) -> tuple[float, int]:
-    """Minutes of a hand's rest and slips that ``tune_rule`` judged a rule by, blows left out."""
+class StandsOn(msgspec.Struct, frozen=True):
+    """What ``tune_rule`` judged a rule by, blows left out."""
+
+    minutes: float  # of a hand's rest
+    slips: int
+    caught: int
+    false: int
+
+
+def stands_on(streams: Sequence[Streamed], rule: RuleSettings) -> StandsOn:
+    """Of some of the streams that the rule was tuned on."""
     judged = [
         scored(s, events_by_label(s.label), WARM_UP_SAMPLES, blows_of(s.recording), apart=True)
         .judged(registered_events(s.probabilities, rule))
         .events
-        for s in made.streams
+        for s in streams
     ]
-    rest = zip(made.streams, judged, strict=True)
+    rest = zip(streams, judged, strict=True)
     hand_s = sum(j.static_s * s.recording.fingers / HAND_FINGERS for s, j in rest)
-    return hand_s / 60.0, sum(len(j.delays_ms) for j in judged)
+    slips, missed = sum(len(j.delays_ms) for j in judged), sum(j.missed for j in judged)
+    return StandsOn(hand_s / 60.0, slips, slips - missed, sum(j.false for j in judged))
 
 
 def sweep_threshold(made: Contender) -> SweptThreshold:

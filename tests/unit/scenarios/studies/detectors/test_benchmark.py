@@ -13,6 +13,7 @@ from grasp.cli.main import main
 from scenarios.studies.detectors.benchmark import contender, read_split, stands_on
 from tests.unit.detector.blow_toys import struck
 from tests.unit.detector.toys import toy, toys
+from tests.unit.scenarios.conftest import EAGER
 
 
 def cut(recording: Recording, samples: int) -> Recording:
@@ -75,9 +76,13 @@ def test_a_folder_that_is_not_there_is_not_said_to_be_without_recordings(tmp_pat
 
 
 def test_a_rule_stands_on_the_slips_that_it_was_judged_by_and_on_no_blow() -> None:
-    blows = contender("energy", [struck((3.0, 0.003), n=500)], "test")
-    slips = contender("energy", toys("test", 2, 0), "test")
-    both = contender("energy", [*toys("test", 2, 0), struck((3.0, 0.003), n=500)], "test")
-    asked = slips.config.rule
-    assert stands_on(blows, asked)[1] == 0
-    assert stands_on(both, asked)[1] == stands_on(slips, asked)[1] > 0
+    blows = [struck((3.0, 0.003), n=500)]
+    slips = toys("test", 2, 0)
+    rule = contender("energy", slips, "test", assignments=[EAGER]).config.rule
+    alone, both = (
+        stands_on(contender("energy", each, "test", assignments=[EAGER]).streams, rule)
+        for each in (slips, [*slips, *blows])
+    )
+    assert both.slips == alone.slips > 0
+    assert 0 < alone.caught <= alone.slips
+    assert both.minutes > alone.minutes > 0.0
