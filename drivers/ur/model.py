@@ -201,10 +201,10 @@ class ArmModel:
     def set_payload(self, mass_kg: float) -> None:
         self.payload_kg = mass_kg
 
-    def brake_unread(self, after_s: float) -> None:
+    def brake_unread(self, after_s: float | None) -> None:
         """From now on brake a motion when nobody has read for so long: a driver's worker does it
-        for an arm whose caller stands still (``ur.heartbeat_timeout_s``)."""
-        self._alone_ns = round(after_s * 1e9)
+        for an arm whose caller stands still (``ur.heartbeat_timeout_s``). None: never."""
+        self._alone_ns = None if after_s is None else round(after_s * 1e9)
 
     def go_on(self, until_ns: int) -> None:
         """The world is about to come so far: what the arm does by itself by then."""

@@ -116,7 +116,9 @@ def at_lift(config: LiftConfig, seed: int) -> Copy:
         while not controller.finished:
             tick = loop.tick()
             if controller.phase is Phase.LIFT and tick.arm.moving:
-                return copy.deepcopy((cast(SimulatedCell, rig.cell), rig.devices.gripper))
+                begun = copy.deepcopy((cast(SimulatedCell, rig.cell), rig.devices.gripper))
+                begun[0].arm.brake_unread(None)  # nobody listens in a copy
+                return begun
     raise RuntimeError(f"seed {seed}: the lift never began: {controller.fault_cause}")
 
 

@@ -145,10 +145,12 @@ def test_verbose_tap_says_its_levels_and_why_and_how_far_the_object_turned(
 def test_json_of_a_series_has_every_tap_and_the_counts(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, series = run_json(
-        capsys, "run", "tap", "--trials", "2", "--direction", "side", "--seed", "4", "--runs",
-        str(tmp_path), "--set", "tap.impulse_n_s=0.02",
+    code, out, err = call(
+        "run", "tap", "--trials", "2", "--direction", "side", "--seed", "4", "--runs",
+        str(tmp_path), "--set", "tap.impulse_n_s=0.02", "--json", capsys=capsys,
     )  # fmt: skip
+    series = json.loads(out)
+    assert [line.split()[:2] for line in err.splitlines()] == [["seed", "4"], ["seed", "5"]]
     assert code == 1  # nothing moved: no success to speak of
     assert list(series) == ["scenario", "object", "rig", "detector", "seed", "summary", "taps"]
     assert {series["detector"], *(t["detector"] for t in series["taps"])} == {"tcn"}, "unasked"

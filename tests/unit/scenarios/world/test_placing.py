@@ -15,6 +15,7 @@ def test_object_that_is_put_down_under_a_raised_arm_has_its_mark_at_the_pads_whe
     with open_rig(config(object_name="ball"), 0, paced=False) as rig:
         cell, clock = rig.cell, rig.clock
         assert isinstance(cell, SimulatedCell)
+        cell.arm.brake_unread(None)  # nobody reads it here
         x, y, z = cell.arm.position(clock.now_ns)
         for height_m, mark_m in ((UP_M, UP_M), (0.0, 0.0)):
             cell.arm.move_l((x, y, z + height_m), 0.1, 0.5, clock.now_ns)
