@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 
+import msgspec
 import pytest
 
 from drivers.errors import DeviceFault, LinkLost, Refused, Stale
@@ -365,3 +366,16 @@ def test_claimed_registers_are_refused_before_ur_rtde_is_started(emulate, host):
     with pytest.raises(DeviceFault, match="in use"):
         link.connect()
     assert workers() == []
+
+
+def test_link_before_connecting():
+    link = UrLink(UrSettings(host="127.0.0.2"))
+    with pytest.raises(LinkLost, match="connect"):
+        link.read(0)
+    link.close()
+
+
+@pytest.mark.parametrize("bad", [{"watchdog_hz": 0.0}, {"link_timeout_s": 2.5}, {"hots": "x"}])
+def test_settings_are_bounded(bad):
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({"host": "127.0.0.2"} | bad, UrSettings)

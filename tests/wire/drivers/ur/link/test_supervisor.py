@@ -1,0 +1,149 @@
+"""The worker's process with scripted children: how it starts, answers and ends."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import msgspec
+import psutil
+import pytest
+
+from drivers.errors import DeviceFault, LinkLost, Refused
+from drivers.ur.link import messages
+from drivers.ur.link.messages import Outcome, State
+from drivers.ur.link.preflight import RTDE_PORT
+from drivers.ur.link.supervisor import WorkerProcess
+from tests.wire.drivers.ur.link.conftest import ROOT, SETUP, TARGET, workers
+
+LONG_S = 30.0
+
+
+def child(body):
+    """A child that runs ``body`` with its end of the socket as ``peer``."""
+    start = f"import sys, time, msgspec; sys.path[:] = {sys.path!r}; import socket\n"
+    peer = "peer = socket.socket(fileno=int(sys.argv[1]))\n"
+    names = "from drivers.ur.link.messages import *\n"
+    names += "send = lambda m: peer.send(msgspec.msgpack.encode(m))\n"
+    return (sys.executable, "-c", start + peer + names + body)
+
+
+def test_child_that_never_gets_ready_is_killed():
+    worker = WorkerProcess(SETUP, child("time.sleep(1000)"))
+    (pid,) = workers()
+    with pytest.raises(LinkLost, match="did not start within"):
+        worker.wait_ready(0.3)
+    assert not os.path.exists(f"/proc/{pid}")
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("One of the RTDE input registers are already in use!", DeviceFault),
+        ("ur_rtde: Please enable remote control on the robot!", DeviceFault),
+        ("Failed to start control script, before timeout of 5 seconds", DeviceFault),
+        ("No module named 'rtde_receive'", Refused),
+        ("Could not connect to: 127.0.0.2 at 30004", LinkLost),
+    ],
+)
+def test_what_ur_rtde_says_at_its_start_is_typed(text, kind):
+    worker = WorkerProcess(SETUP, child(f"print('printed', flush=True); send(Failed({text!r}))"))
+    with pytest.raises(kind, match=r"RTDE|ur_rtde|script|connect|module") as caught:
+        worker.wait_ready(30.0)
+    assert caught.value.remedy
+
+
+def test_child_that_crashes_is_link_lost_with_its_last_words():
+    body = "import os; os.write(2, b'stack smashed'); os.kill(os.getpid(), 11)"
+    worker = WorkerProcess(SETUP, child(body))
+    with pytest.raises(LinkLost, match="worker process ended"):
+        worker.wait_ready(30.0)
+    assert list(worker.log) == ["stack smashed"]
+
+
+@pytest.mark.parametrize(("then", "said"), [
+    ("time.sleep(1000)", "its worker process says nothing"),
+    ("while True: time.sleep(0.01); send(State({fields}))", "did not take a command in time"),
+    ("while True: time.sleep(0.01); send(NothingNew())", "did not take a command in time"),
+])  # fmt: skip
+def test_child_that_answers_no_command_is_given_up(then: str, said: str):
+    state = State(0.0, TARGET, (0.0, 0.0, 0.0), False, 7, 1, True)
+    fields = ", ".join(repr(getattr(state, name)) for name in state.__struct_fields__)
+    body = f"send(Ready()); send(State({fields}))\n{then.format(fields=fields)}"
+    worker = WorkerProcess(SETUP, child(body))
+    worker.wait_ready(30.0)
+    assert worker.state == state
+    with pytest.raises(LinkLost, match=said):
+        worker.call(messages.SetPayload(worker.next_number(), 1.0, (0.0, 0.0, 0.0)), 0.6)
+    assert not worker.running
+
+
+def test_command_that_failed_is_told_once():
+    body = (
+        "peer.recv(65536); told = msgspec.msgpack.decode(peer.recv(65536), type=Request)\n"
+        "send(Reply(told.number, Outcome.NOT_TAKEN)); time.sleep(1000)"
+    )
+    worker = WorkerProcess(SETUP, child(body))
+    try:
+        worker.post(messages.SetPayload(worker.next_number(), 1.0, (0.0, 0.0, 0.0)), 30.0)
+        deadline = time.monotonic() + 30.0
+        while worker.awaits(1) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        assert (worker.failure(), worker.failure()) == (Outcome.NOT_TAKEN, None)
+    finally:
+        worker.kill()
+
+
+def test_child_that_leaves_when_it_is_told_is_not_killed(tmp_path):
+    """It brakes and ends its program by itself; killed, it would leave that to a watchdog."""
+    left = tmp_path / "left"
+    body = "peer.recv(65536); told = peer.recv(65536); open({!r}, 'wb').write(told)"
+    worker = WorkerProcess(SETUP, child(body.format(str(left))))
+    worker.close(30.0)
+    assert isinstance(
+        msgspec.msgpack.decode(left.read_bytes(), type=messages.Request), messages.Leave
+    )
+
+
+def test_child_that_does_not_leave_is_killed():
+    worker = WorkerProcess(SETUP, child("time.sleep(1000)"))
+    start = time.monotonic()
+    worker.close(0.2)
+    assert time.monotonic() - start < 30
+
+
+def until(condition):
+    deadline = time.monotonic() + LONG_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def held_up(client, host):
+    """Whether the worker of that process waits for what the controller does not say."""
+    return any(
+        connection.raddr == (host, RTDE_PORT)
+        for pid in workers(client)
+        for connection in psutil.Process(pid).net_connections()
+    )
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=["killed", "Ctrl-C"])
+def test_worker_that_is_held_up_in_its_start_ends_with_its_client(controller, host, number):
+    """A controller that accepts and says nothing: ur_rtde waits there and lets no Python run."""
+    pytest.importorskip("rtde_receive")
+    controller().speaks.clear()
+    script = f"""
+from drivers.ur.link.client import UrLink, UrSettings
+from drivers.ur.link import client
+client.preflight = client.require = client.require_standing = lambda *asked: None
+UrLink(UrSettings(host={host!r}, start_timeout_s=60.0, close_timeout_s=2.5)).connect()
+"""
+    parent = subprocess.Popen([sys.executable, "-c", script], cwd=ROOT, stderr=subprocess.DEVNULL)
+    with parent:
+        until(lambda: held_up(parent.pid, host))
+        (worker,) = workers(parent.pid)
+        parent.send_signal(number)
+        parent.wait(LONG_S)
+    until(lambda: not os.path.exists(f"/proc/{worker}"))
