@@ -8,7 +8,15 @@ from numpy.typing import NDArray
 from detector.decision import RuleSettings, log_odds, registered_events
 from detector.scores.evaluation import Streamed, spoken
 from scripts.last_draw import Struck
-from scripts.tap_bound import Scored, highest_threshold, hits, interval, moment_of, recording_of
+from scripts.tap_bound import (
+    Scored,
+    by_object,
+    highest_threshold,
+    hits,
+    interval,
+    moment_of,
+    recording_of,
+)
 from scripts.tap_bound import table as table_of
 
 RULE = RuleSettings(threshold=0.5, consecutive=2, fusion="mean", release=3)
@@ -86,3 +94,12 @@ def test_table_has_a_row_for_each_and_none_less_than_itself() -> None:
     *_, plain, best = table_of(every, every[0], classes).splitlines()
     assert plain.startswith("| `plain` | ") and plain.count("| – ") == 4
     assert best.startswith("| `better` | 100 [100, 100]") and best.endswith("| 50 |")
+
+
+def test_objects_are_told_apart_at_one_threshold_for_all() -> None:
+    scores = np.array([*np.linspace(0.0, 1.0, 20), 0.97, 0.5, 0.99, 2.0])
+    classes = np.array([0] * 20 + [3, 3, 3, 2])
+    objects = ["can"] * 20 + ["can", "box", "box", "box"]
+    lines = by_object([Scored("one", scores)], objects, classes).splitlines()
+    assert lines[0] == "| object | `one`, at 5 % | `one`, at 8 % |"
+    assert lines[2:] == ["| box | 1 of 2 | 1 of 2 |", "| can | 1 of 1 | 1 of 1 |"]
