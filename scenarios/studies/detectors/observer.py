@@ -2,7 +2,7 @@
 
 It is told when something happened, a blow or the first motion of a lift, and asked so much later
 whether what is held has moved, and in which class: an ensemble that knows all counts from half a
-second before, and what the detectors said of them, and that has learnt from other objects of the
+second before, and what the networks said of them, and that has learnt from other objects of the
 same kind (`detector.training.observer`). Its score of a class is how much likelier that class is
 than rest, which no other test of the same signal beats, where the classifier is as good as can be.
 A detector that does better shows that it is not.
@@ -34,6 +34,7 @@ SPEEDS_MMPS = (20.0, 50.0)  # classes of lifts that slip, by their mean speed in
 SPEED_S = 0.1
 BLOW_TITLES = ("within 0.5 mm", "0.5-1 mm", "1-2 mm", "2 mm or more")
 LIFT_TITLES = ("held", "below 20 mm/s", "20-50 mm/s", "above 50 mm/s")
+BASELINES = ("energy", "psd", "psd-fair", "forte")  # have learnt nothing that counts do not tell
 GRIPPED = 0.5  # of the load that a hand has when it holds
 PER_LIFT = 4  # moments taken of a lift in which nothing slips
 Floats = NDArray[np.float64]
@@ -161,7 +162,7 @@ def _answer_s(events: NDArray[np.intp], moment: Moment, period_s: float) -> floa
 
 def features(cases: Cases, time_s: float) -> Floats:
     """What is known so long after the moment, (n, d): of every taxel its level before, how far it
-    has shifted, how it is shaken and was; the same of fingers and of the hand; what detectors
+    has shifted, how it is shaken and was; the same of fingers and of the hand; what networks
     said."""
     n, first, k = len(cases.counts), cases.before, cases.samples(time_s)
     known = cases.counts[:, : first + k].reshape(n, first + k, -1)
@@ -183,7 +184,7 @@ def features(cases: Cases, time_s: float) -> Floats:
     of_hand = [np.sqrt((v**2).sum(axis=1, keepdims=True)) for v in every]
     load = np.sqrt((level**2).sum(axis=1, keepdims=True)) + 1.0
     said = [
-        each for odds in cases.said.values()
+        each for name, odds in cases.said.items() if name not in BASELINES
         for each in (odds[:, :k].max(axis=1, keepdims=True), odds[:, k - 1 : k])
     ]  # fmt: skip
     parts = [np.arcsinh(v / 4.0) for v in [*every, *sums]]

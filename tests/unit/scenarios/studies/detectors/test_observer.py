@@ -105,3 +105,11 @@ def test_a_share_of_the_recordings_is_the_first_of_each_cause_so_a_larger_one_ho
     assert {job.path for job in few} < {job.path for job in more}
     causes = [job.metadata.cause for job in few]
     assert (causes.count("grasped_blow"), causes.count("grasped_slip")) == (42, 11)
+
+
+def test_the_observer_hears_networks_and_not_a_threshold_on_what_it_hears_anyway():
+    c = case([0, 3], np.zeros((2, 50)))
+    energy = msgspec.structs.replace(c, said=c.said | {"energy": np.ones((2, 50))})
+    assert np.array_equal(features(energy, 0.1), features(c, 0.1))
+    network = msgspec.structs.replace(c, said=c.said | {"gru": np.ones((2, 50))})
+    assert features(network, 0.1).shape[1] == features(c, 0.1).shape[1] + 2
