@@ -5,7 +5,8 @@
     python scripts/default_choice.py --anew SEED          the packaged two, on objects drawn anew
 
 Every weights file is scored on the split `validation` with the rule in the TOML file of its name
-that lies beside it; without files the packaged weights and rules are. `--anew` draws 400 lifts and
+that lies beside it; without files the packaged weights and rules are. `--split test` asks the same
+of recordings on which nothing was chosen, and settles nothing. `--anew` draws 400 lifts and
 100 recordings of nine blows as `config/datasets/grasped-slip.toml` has them, each of an object of
 its own, and scores them all: nothing was chosen on them. Prints the three shares of each seed,
 `tcn` less `gru` of their means with 95 % intervals (bootstrap over recordings; with the seeds drawn
@@ -189,10 +190,11 @@ def main() -> int:
     drawn = parser.add_mutually_exclusive_group(required=True)
     drawn.add_argument("--data", type=Path, nargs="+", metavar="DIR")
     drawn.add_argument("--anew", type=int, metavar="SEED")
+    parser.add_argument("--split", choices=("validation", "test"), default="validation")
     parser.add_argument("--jobs", type=int, default=2)
     args = parser.parse_args()
     if args.anew is None:
-        recordings = read_split(args.data, "validation")
+        recordings = read_split(args.data, args.split)
     else:
         recordings = drawn_anew(args.anew, Workers(args.jobs))
     tcn, gru = (
