@@ -141,6 +141,8 @@ def read_heads(weights: Path, digest: str, loaded: LoadedNetwork) -> Teller | No
             raise BadFile(path, "is missing", remedy)
         return None
     try:
+        if path.is_fifo():
+            raise OSError("a named pipe, which may have no writer")
         content = path.read_bytes()[: LARGEST_BYTES + 1]
         heads = msgspec.json.decode(content, type=Heads)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:

@@ -157,6 +157,8 @@ def _check_packaged(path: Path, content: bytes) -> None:
 def _content(path: Path) -> bytes:
     """No more of the file than a network may have."""
     try:
+        if path.is_fifo():
+            raise ValueError("a named pipe, which may have no writer")
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             content = b"" if size > LARGEST_BYTES else file.read(LARGEST_BYTES + 1)

@@ -9,6 +9,7 @@ from typing import Any
 from drivers.errors import GraspError, UsageError
 from grasp.cli import exits
 from grasp.cli.output import json_line
+from grasp.cli.rules import check_weights, tell_untuned
 from grasp.cli.run import add_trial_options
 
 HELP = "show the resolved settings, check files of your own"
@@ -107,18 +108,6 @@ def _whence(source: str | None) -> str:
     return f"from {path.relative_to(config_dir()) if inside else source}"
 
 
-def _check_weights(config: Any) -> None:
-    """Of one's own: a rule is not shown beside weights with which a run would be refused. Raises
-    BadFile, UsageError."""
-    from detector.network_file import is_weights
-    from drivers.interfaces import FINGERS
-    from scenarios.trial.config import NETWORK
-
-    own = config.network.weights or is_weights(config.detector_name)
-    if own and config.detector_section == NETWORK:
-        config.make_detector(FINGERS)
-
-
 def run(args: argparse.Namespace) -> int:
     import msgspec
 
@@ -128,17 +117,20 @@ def run(args: argparse.Namespace) -> int:
 
     chosen = (args.object, args.rig, args.detector, args.config, args.set, args.profile)
     config = load_config(*chosen)
-    _check_weights(config)
+    check_weights(config)
     table = msgspec.to_builtins(config)
     sections = [name for name, value in table.items() if isinstance(value, dict)]
     if args.section is not None and args.section not in sections:
         hint = meant(args.section, sections)
         raise UsageError(f"no section {args.section!r}{hint}", f"one of: {', '.join(sections)}")
     shown = sections if args.section is None else [args.section]
+    layers = trial_layers(*chosen)
+    if {"rule", "network"} & set(shown):
+        tell_untuned(config, layers)
     if args.json:
         print(json_line({name: table[name] for name in shown}))
         return exits.SUCCESS
-    sources = sources_of(trial_layers(*chosen))
+    sources = sources_of(layers)
     for name in shown:
         print(f"[{name}]")
         for key, value in table[name].items():

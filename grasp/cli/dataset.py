@@ -69,7 +69,8 @@ def _add_collect(actions: Any) -> None:
     parser = actions.add_parser(
         "collect", help=text,
         description=text + ": labelled samples of acquisitions, and .npz or .csv files. Of each "
-        "five, three are for training, one for validation, one for test.",
+        "five of a motion on a surface, three are for training, one for validation, one for test; "
+        "three put it into each split.",
     )  # fmt: skip
     parser.add_argument(
         "source", type=Path, nargs="+", metavar="RUN|FILE", help="folders of `grasp run acquire`"
@@ -124,11 +125,15 @@ def collect(args: argparse.Namespace) -> int:
 
     from scenarios.acquire.datasets.collect import collect as collected
 
-    counts = collected(args.source, args.out)
+    made = collected(args.source, args.out)
     if args.json:
-        print(json_line({"folder": str(args.out), **counts}))
-    else:
-        print(f"{args.out}: " + ", ".join(f"{n} for {split}" for split, n in counts.items()))
+        print(json_line({"folder": str(args.out), **made.counts, "lacking": made.lacking}))
+        return exits.SUCCESS
+    print(f"{args.out}: " + ", ".join(f"{n} for {split}" for split, n in made.counts.items()))
+    for split, kinds in made.lacking.items():
+        exits.say(f"none for {split}: {', '.join(kinds)}")
+    if made.lacking:
+        exits.say("three recordings of a motion on a surface put it into each split")
     return exits.SUCCESS
 
 

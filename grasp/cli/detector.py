@@ -10,6 +10,7 @@ from grasp.cli import card, detector_study, exits, heads, paper_study, train
 from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
 from grasp.cli.output import json_line
 from grasp.cli.places import file_to_write, own_or_new
+from grasp.cli.rules import tell_untuned
 from grasp.files import write_whole
 
 HELP = "score, tune and train slip detectors"
@@ -193,12 +194,15 @@ def _contenders(args: argparse.Namespace) -> Any:
     """Each detector, as soon as it has been streamed."""
     from detector.recordings import read
     from scenarios.studies.detectors.benchmark import contender, read_split
+    from scenarios.trial.config import trial_layers
 
     alone = args.recording is not None
     recordings = [read(args.recording)] if alone else read_split(args.data, args.split, exits.say)
     data = _data_name(args)
     for name, tell in one_by_one(args.detector, "streaming", hidden=args.json):
-        yield contender(name, recordings, data, args.label, args.config, args.set, tell)
+        made = contender(name, recordings, data, args.label, args.config, args.set, tell)
+        tell_untuned(made.config, trial_layers("can", "simulated", name, args.config, args.set))
+        yield made
 
 
 def table2(args: argparse.Namespace) -> int:

@@ -17,10 +17,11 @@ REFRESH_TICKS = 6
 STATUS_TICKS = 50
 
 _SETTING_UP = {
-    "simulated": "the first run on a machine compiles the world, a minute",
+    "simulated": "a world is simulated",
     "emulated": "a cell starts",
     "hardware": "devices are connected",
 }
+_COMPILING = "setting up: the world is compiled, a minute or so; the next run finds it"
 _HAND = {  # where there is one
     "simulated": "",
     "emulated": ", the gripper activates (10 s, the first time 20 s)",
@@ -55,6 +56,7 @@ class Display:
         self._phase: Phase | None = None
         self._ticks = 0
         self._trial = ""
+        self._until_closed = contextlib.ExitStack()
         self._there: Onlooker | None = None
         self._here: view.View | None = None
         if quiet:
@@ -66,6 +68,11 @@ class Display:
             self._there.tell(view.Begin(self._panel))
 
     def __enter__(self) -> Self:
+        if self._here is not None:  # where the world is
+            from scenarios.world.compiling import told_when_compiling
+
+            said = told_when_compiling(lambda: self.tell(view.Busy(_COMPILING)))
+            self._until_closed.enter_context(said)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -120,6 +127,7 @@ class Display:
 
     def close(self) -> None:
         """Leave the last state on the screen, and say what was never on it; safe to call twice."""
+        self._until_closed.close()
         if self._there is not None:
             self._there.close()
             _tell_lost(self._there.lost)

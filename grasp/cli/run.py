@@ -17,6 +17,7 @@ from grasp.cli.options import (
     seed,
 )  # fmt: skip
 from grasp.cli.places import folder_to_fill
+from grasp.cli.rules import check_weights, rule_of_weights, tell_untuned
 from grasp.cli.trials import add_series_options, log_end, logged, paced, run_trials
 
 HELP = "run a scenario"
@@ -164,6 +165,7 @@ def _add_rig(parser: argparse.ArgumentParser, rig: str) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from scenarios.campaign.config import load_config
+    from scenarios.trial.config import trial_layers
     from scenarios.trial.execution import make_guard
 
     if args.scenario == "acquire":
@@ -174,9 +176,9 @@ def run(args: argparse.Namespace) -> int:
             raise UsageError("--taps is called --trials now", f"--trials {args.taps}")
         if args.direction is not None:
             assignments.append(f"tap.direction={args.direction}")
-    config = load_config(
-        first.object_of(args), args.rig, args.detector, args.config, assignments, args.profile
-    )
+    thing = first.object_of(args)
+    chosen = (thing, args.rig, args.detector, args.config, assignments, args.profile)
+    config = load_config(*chosen)
     if args.dry_run:
         return dry.run(config, args)
     permit = _permit(config, args)
@@ -189,21 +191,12 @@ def run(args: argparse.Namespace) -> int:
     if args.first:
         config = first.begin(config, permit, args)
         make_guard(config)
+    check_weights(config)
     if not args.json and (rule := rule_of_weights(config)):
         print(rule)
+    tell_untuned(config, trial_layers(*chosen))
     scenario = config.for_lift() if args.scenario == "lift" else config.for_tap()
     return run_trials(args, scenario, permit)
-
-
-def rule_of_weights(config: Any) -> str:
-    """By which rule a detector of one's own is heard: there are three that it could be. Of a
-    packaged one `grasp config show rule` tells."""
-    from detector.interface import DETECTORS
-    from scenarios.report.run_decision import in_words
-
-    if config.detector_name in DETECTORS and not config.network.weights:
-        return ""
-    return f"{config.detector_label}: {in_words(config.rule)}"
 
 
 def _permit(config: Any, args: argparse.Namespace) -> Any:

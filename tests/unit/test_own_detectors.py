@@ -13,7 +13,7 @@ from detector.decision import RuleSettings
 from detector.network_file import weights_path
 from drivers.errors import ConfigError, UsageError
 from grasp.cli.main import main
-from grasp.cli.run import rule_of_weights
+from grasp.cli.rules import rule_of_weights
 from scenarios.campaign.config import load_config
 from scenarios.campaign.spec import combinations, read_spec
 from tests.unit.detector.test_own import WHOLE, weights

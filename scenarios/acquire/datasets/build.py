@@ -102,12 +102,16 @@ class _Index(msgspec.Struct, frozen=True):
     dataset: Any
 
 
-def build(jobs: Sequence[Job], origin: Any, out: Path, workers: Workers, progress: Progress) -> int:
+def build(
+    jobs: Sequence[Job], origin: Any, out: Path, workers: Workers, progress: Progress,
+    option: str = "--out",
+) -> int:  # fmt: skip
     """Make every recording that ``out`` lacks; gives how many those were.
 
-    Raises UsageError when the folder holds another data set, OSError when it cannot be written.
+    Raises UsageError when the folder, which ``option`` names, holds another data set, OSError when
+    it cannot be written.
     """
-    _claim(out, jobs, origin)
+    _claim(out, jobs, origin, option)
     missing = [job for job in jobs if not (out / job.path).exists()]
     done = len(jobs) - len(missing)
     progress(done, len(jobs))
@@ -121,7 +125,7 @@ def build(jobs: Sequence[Job], origin: Any, out: Path, workers: Workers, progres
     return len(missing)
 
 
-def _claim(out: Path, jobs: Sequence[Job], origin: Any) -> None:
+def _claim(out: Path, jobs: Sequence[Job], origin: Any, option: str) -> None:
     digest = hashlib.sha256(msgspec.json.encode(list(jobs))).hexdigest()[:16]
     path = out / INDEX
     if path.exists():
@@ -130,15 +134,22 @@ def _claim(out: Path, jobs: Sequence[Job], origin: Any) -> None:
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
             found = None
         if found is None or found.digest != digest:
-            raise UsageError(
-                f"{out} holds a data set of other settings or of another version of the program",
-                "give another folder with --out, or remove this one",
-            )
+            raise _other(out, found, len(jobs), option)
         return
     make_private_folder(out)
     if any(out.iterdir()):
-        raise UsageError(f"{out} is not empty", "give a new folder with --out")
+        raise UsageError(f"{out} is not empty", f"give a new folder with {option}")
     index = _Index(digest, versions()["commit"], len(jobs), msgspec.to_builtins(origin))
     write_whole(
         path, msgspec.json.format(msgspec.json.encode(index), indent=1) + b"\n", private=True
+    )
+
+
+def _other(out: Path, found: _Index | None, wanted: int, option: str) -> UsageError:
+    """Of a folder that cannot be gone on with."""
+    many = None if found is None else found.recordings
+    told = "" if many in (None, wanted) else f", {many} recordings where {wanted} are asked for,"
+    return UsageError(
+        f"{out} holds a data set of other settings{told} or of another version of the program",
+        f"--share and settings as they were then, or another folder with {option}",
     )

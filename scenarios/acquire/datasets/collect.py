@@ -1,5 +1,6 @@
 """A data set of a lab's own recordings: acquisitions and files of counts, each given to a split."""
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,18 +11,26 @@ from drivers.errors import UsageError
 from grasp.files import make_private_folder
 
 SHARED_OUT: tuple[Split, ...] = ("train", "validation", "test", "train", "train")
+LEAST = 3  # recordings, one a split: the first of SHARED_OUT
 SAMPLES = f"samples*{SUFFIX}"  # of an acquisition's folder
 
 
-def collect(sources: Sequence[Path], out: Path) -> dict[Split, int]:
-    """Copy the recordings of acquisitions' folders, and files, into a new folder; of each five,
-    three are for training. Gives how many of each split.
+class Collected(msgspec.Struct, frozen=True):
+    """How many recordings are of each split, and of what a split has none, if of anything."""
+
+    counts: dict[Split, int]
+    lacking: dict[Split, list[str]]
+
+
+def collect(sources: Sequence[Path], out: Path) -> Collected:
+    """Copy the recordings of acquisitions' folders, and files, into a new folder; of each five of
+    a motion on a surface, three are for training.
 
     Raises BadFile for what is no recording, UsageError for fewer than three, for several layouts of
     taxels and for a folder that is not empty, OSError where nothing can be written.
     """
     paths = [path for source in sources for path in _files(source)]
-    if len(paths) < len(set(SHARED_OUT)):
+    if len(paths) < LEAST:
         raise UsageError(f"{len(paths)} recordings make no data set", "give three at least")
     if out.exists() and any(out.iterdir()):
         raise UsageError(f"{out} is not empty", "give a new folder with --out")
@@ -32,13 +41,39 @@ def collect(sources: Sequence[Path], out: Path) -> dict[Split, int]:
         raise UsageError(
             f"fingertips of {mixed} taxels make no data set", "collect those of one layout"
         )
+    kinds = [_kind(recording) for recording in found]
+    splits = shared_out(kinds)
     make_private_folder(out)
-    counts: dict[Split, int] = dict.fromkeys(SHARED_OUT, 0)
-    for number, recording in enumerate(found):
-        split = SHARED_OUT[number % len(SHARED_OUT)]
+    for number, (recording, split) in enumerate(zip(found, splits, strict=True)):
         write(out / f"{number:03d}{SUFFIX}", _of_split(recording, split))
-        counts[split] += 1
-    return counts
+    return Collected({s: splits.count(s) for s in SHARED_OUT[:LEAST]}, _lacking(kinds, splits))
+
+
+def shared_out(kinds: Sequence[str]) -> list[Split]:
+    """The split of each recording, in their order. A kind with enough of them is in every split;
+    those with fewer are dealt out as if they were one kind, or all would be for training."""
+    many, dealt = Counter(kinds), Counter[str]()
+    splits = []
+    for kind in kinds:
+        group = kind if many[kind] >= LEAST else ""
+        splits.append(SHARED_OUT[dealt[group] % len(SHARED_OUT)])
+        dealt[group] += 1
+    return splits
+
+
+def _lacking(kinds: Sequence[str], splits: Sequence[Split]) -> dict[Split, list[str]]:
+    there = set(zip(kinds, splits, strict=True))
+    all_kinds = sorted(set(kinds))
+    found = {s: [kind for kind in all_kinds if (kind, s) not in there] for s in SHARED_OUT[:LEAST]}
+    return {split: missing for split, missing in found.items() if missing}
+
+
+def _kind(recording: Recording) -> str:
+    """What was done on what, as far as it is known."""
+    known = recording.metadata
+    if known is None:
+        return "no known motion"
+    return f"{known.cause or known.motion} on {known.surface}"
 
 
 def _files(source: Path) -> list[Path]:

@@ -112,7 +112,7 @@ def recorded(
     origin = load_dataset_config(file_of("datasets", DATASET))
     out = folder / felt.folder
     if not all((out / job.path).exists() for job in jobs):
-        build(jobs, origin, out, workers, lambda done, total: tell(done, total, felt.title))
+        build(jobs, origin, out, workers, lambda n, of: tell(n, of, felt.title), "--data")
     return [lessened(read(out / job.path), felt, i) for i, job in enumerate(jobs)]
 
 

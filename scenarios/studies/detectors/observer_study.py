@@ -62,7 +62,7 @@ def drawn(folder: Path, share: float, workers: Workers, tell: Tell) -> list[Reco
     """So large a share of the recordings, made where the folder lacks them."""
     config, folder = load_dataset_config(file_of("datasets", DATASET)), folder / "run"
     jobs = first_of_each(plan(config), share)
-    build(jobs, config, folder, workers, lambda done, total: tell(done, total, "recordings"))
+    build(jobs, config, folder, workers, lambda n, of: tell(n, of, "recordings"), "--data")
     return read_dataset(folder)
 
 

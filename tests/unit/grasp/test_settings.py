@@ -1,5 +1,6 @@
 """Settings: layers, violations and what their errors say."""
 
+import os
 import re
 from pathlib import Path
 
@@ -249,3 +250,19 @@ def test_a_packaged_file_is_found_by_its_name_from_any_folder() -> None:
 def test_digest_changes_with_any_setting() -> None:
     assert lift().digest() == lift().digest()
     assert lift().digest() != lift("guard.overshoot_n=0.9").digest()
+
+
+def test_a_named_pipe_that_nobody_writes_to_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "lab.toml")
+    with pytest.raises(ConfigError, match="a named pipe"):
+        read_toml(tmp_path / "lab.toml")
+
+
+def test_a_pipe_that_a_shell_hands_over_is_read() -> None:
+    ours, theirs = os.pipe()
+    os.write(theirs, b"a = 1")
+    os.close(theirs)
+    try:
+        assert read_toml(Path(f"/dev/fd/{ours}")).table == {"a": 1}
+    finally:
+        os.close(ours)

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import msgspec
+import numba
 import pytest
 from rich.console import Console
 
@@ -170,3 +171,15 @@ def test_lines_above_a_panel_are_of_one_colour(
     said = capsys.readouterr().out
     assert "\x1b[" in said
     assert view.short_line(SLIPPING) in said and "seed 3: held, 12 mm" in said
+
+
+def test_only_who_waits_for_the_world_to_be_compiled_is_told_of_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    grown = numba.njit(lambda x: x + 1)
+    for compiled in (True, False):
+        with live.Display("simulated", quiet=False, plain=True) as display:
+            display.setting_up()
+            assert grown(1) == 2
+        told = capsys.readouterr().out
+        assert "setting up" in told and ("the world is compiled" in told) == compiled

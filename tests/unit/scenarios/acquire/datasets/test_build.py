@@ -214,8 +214,13 @@ def test_a_second_build_makes_only_what_is_missing_and_makes_it_equal(
 
 def test_a_folder_of_something_else_is_refused(tmp_path: Path, few: list[Job]) -> None:
     build(few[:1], {}, tmp_path / "set", HERE, quiet)
-    with pytest.raises(UsageError, match="other settings"):
-        build(few, {}, tmp_path / "set", HERE, quiet)
+    with pytest.raises(UsageError, match=f"1 recordings where {len(few)} are asked") as refused:
+        build(few, {}, tmp_path / "set", HERE, quiet, "--data")
+    assert (
+        "--share" in refused.value.remedy and "another folder with --data" in refused.value.remedy
+    )
+    with pytest.raises(UsageError, match="of other settings or of another version"):
+        build(few[1:2], {}, tmp_path / "set", HERE, quiet)
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.txt").touch()
     with pytest.raises(UsageError, match="not empty"):

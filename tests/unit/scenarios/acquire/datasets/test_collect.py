@@ -1,11 +1,14 @@
 """A lab's own recordings as a data set that training and tuning take."""
 
+import json
 from pathlib import Path
 
+import msgspec
 import pytest
 
-from detector.recordings import read_dataset, write
+from detector.recordings import Metadata, read_dataset, write
 from grasp.cli.main import main
+from scenarios.acquire.datasets.collect import SHARED_OUT, shared_out
 from tests.unit.detector.toys import toy
 
 ROWS = "t_s,p0,p1,p2,p3,p4,p5,slip\n" + "".join(f"{k / 100},{-k},0,0,0,0,0,0\n" for k in range(9))
@@ -58,3 +61,52 @@ def test_a_folder_without_samples_is_refused(
 ) -> None:
     assert main(["dataset", "collect", str(tmp_path), "--out", str(tmp_path / "own")]) == 2
     assert "no labelled samples" in capsys.readouterr().err
+
+
+def stroked(folder: Path, on: str, how_many: int) -> list[str]:
+    """Files of recordings of one motion on that surface."""
+    files = [folder / f"{on}-{number}.npz" for number in range(how_many)]
+    for seed, file in enumerate(files):
+        made = toy(seed, "train")
+        assert made.metadata is not None
+        told: Metadata = msgspec.structs.replace(made.metadata, surface=on)
+        write(file, msgspec.structs.replace(made, metadata=told))
+    return list(map(str, files))
+
+
+def test_a_motion_on_a_surface_with_three_recordings_is_in_each_split(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = stroked(tmp_path, "planar", 4) + stroked(tmp_path, "sphere", 3)
+    out = tmp_path / "own"
+    assert main(["dataset", "collect", *files, "--out", str(out)]) == 0
+    told = capsys.readouterr()
+    assert "3 for train, 2 for validation, 2 for test" in told.out and not told.err
+    for split in ("train", "validation", "test"):
+        known = [recording.metadata for recording in read_dataset(out, split)]
+        assert {each.surface for each in known if each} == {"planar", "sphere"}
+
+
+def test_what_a_split_has_none_of_is_told_with_the_remedy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = stroked(tmp_path, "planar", 2) + stroked(tmp_path, "sphere", 2)
+    assert main(["dataset", "collect", *files, "--out", str(tmp_path / "own")]) == 0
+    told = capsys.readouterr().err
+    assert "none for validation: primary on sphere\n" in told
+    assert "none for test: primary on planar\n" in told and "none for train" not in told
+    assert "three recordings of a motion on a surface put it into each split" in told
+    assert main(["dataset", "collect", *files, "--out", str(tmp_path / "more"), "--json"]) == 0
+    lacking = {"validation": ["primary on sphere"], "test": ["primary on planar"]}
+    assert json.loads(capsys.readouterr().out)["lacking"] == lacking
+
+
+def test_recordings_of_one_kind_and_of_kinds_too_small_are_dealt_out_by_fives() -> None:
+    assert shared_out(["a"] * 7) == [*SHARED_OUT, *SHARED_OUT[:2]]
+    assert shared_out(list("abcdefg")) == [*SHARED_OUT, *SHARED_OUT[:2]]
+
+
+def test_kinds_that_are_mixed_are_each_dealt_out_in_their_own_order() -> None:
+    splits = shared_out(list("abababc"))
+    assert splits[:6:2] == splits[1:6:2] == ["train", "validation", "test"]
+    assert splits[6] == "train"

@@ -1,0 +1,64 @@
+"""Weights of one's own that are heard by a rule which was made for others."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from detector.network_file import weights_path
+from grasp.cli.main import main
+from tests.unit.detector.test_own import weights
+from tests.unit.grasp.cli.test_recordings_cli import stroke_csv
+
+Capture = pytest.CaptureFixture[str]
+PACKAGED = "is heard by the rule of the packaged tcn, tuned for other weights"
+SHOW = ["config", "show", "rule"]
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> str:
+    return str(weights(tmp_path / "lab.onnx", ["n", 6]))
+
+
+def test_settings_that_are_shown_warn_of_a_rule_of_other_weights(lab: str, capsys: Capture) -> None:
+    for more in ([], ["--json"]):
+        assert main([*SHOW, "--set", f"network.weights={lab}", *more]) == 0
+        said = capsys.readouterr().err
+        assert PACKAGED in said and f"tune tcn --set network.weights={lab} --data DIR" in said
+    assert main([*SHOW, "--detector", lab]) == 0
+    said = capsys.readouterr().err
+    assert "no rule that was tuned for it" in said and f"tune {lab} --data DIR" in said
+    assert main(["config", "show", "gripper", "--set", f"network.weights={lab}"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_run_and_scores_warn_in_the_same_words(lab: str, tmp_path: Path, capsys: Capture) -> None:
+    under = ["--set", f"network.weights={lab}"]
+    lift = ["run", "lift", "--rig", "simulated", "--pace", "max", "--runs", str(tmp_path / "runs")]
+    main([*lift, *under])
+    told = capsys.readouterr()
+    assert PACKAGED in told.err and f"tcn ({lab}): slip is registered" in told.out
+    recording = str(stroke_csv(tmp_path / "strokes.csv"))
+    assert main(["detector", "evaluate", "tcn", "--recording", recording, *under]) == 0
+    assert PACKAGED in capsys.readouterr().err
+
+
+def test_nothing_is_said_of_a_rule_of_ones_own_nor_of_packaged_weights(
+    lab: str, tmp_path: Path, capsys: Capture
+) -> None:
+    rule, copied = tmp_path / "rule.toml", tmp_path / "copied.onnx"
+    rule.write_text("[rule]\nthreshold = 0.9\n")
+    shutil.copy(weights_path("tcn"), copied)
+    shutil.copy(weights_path("tcn").with_name("tcn.heads.json"), tmp_path / "copied.heads.json")
+    for words in (
+        ["--set", f"network.weights={lab}", "--config", str(rule)],
+        ["--set", f"network.weights={lab}", "--set", "rule.threshold=0.9"],
+        ["--set", f"network.weights={copied}"],
+        ["--detector", "energy"],
+        [],
+    ):
+        assert main([*SHOW, *words]) == 0
+        assert capsys.readouterr().err == "", words
+    rule.rename(tmp_path / "lab.toml")
+    assert main([*SHOW, "--detector", lab]) == 0
+    assert capsys.readouterr().err == ""
