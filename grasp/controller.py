@@ -161,10 +161,18 @@ class GraspController:
     def aborted(self) -> tuple[Command, ...]:
         """What is asked for when no step can be taken any more: a fault's safe state, or that which
         was entered before."""
-        fault = SafeState(Phase.FAULT, self.phase, self._entered_ns, "")
-        safe = self._pursuit.safe if self._pursuit else fault
         stop = StopArm(self._settings.stop_deceleration_mps2)
-        return (stop, *safe.of_hand(self._closing.slowly()))
+        return (stop, *self._aborted.of_hand(self._closing.slowly()))
+
+    def missing(self, seen: Observation) -> tuple[str, ...]:
+        """What of that is not seen."""
+        safe, stale_ns = self._aborted, self._settings.stale_after_s * 1e9
+        return (*safe.missing_of_arm(seen, stale_ns), *safe.missing_of_hand(seen))
+
+    @property
+    def _aborted(self) -> SafeState:
+        fault = SafeState(Phase.FAULT, self.phase, self._entered_ns, "")
+        return self._pursuit.safe if self._pursuit else fault
 
     def _trouble(self, seen: Observation) -> str:
         if seen.trouble or seen.doubt:

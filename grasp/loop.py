@@ -210,8 +210,8 @@ class ControlLoop:
             self.tick()
 
     def abort(self) -> Tick | None:
-        """As ``fail`` where no step can be taken any more: each device is told by itself, until the
-        arm stands. Returns how they were left; None where there was no step at all."""
+        """As ``fail`` where no step can be taken any more: each device is told by itself, until arm
+        and hand stand. Returns how they were left; None where there was no step at all."""
         self._queue.clear()
         end_ns = self._clock.now_ns + round(self._settings.abort_s * 1e9)
         stop, *hand = self._step.controller.aborted()
@@ -219,10 +219,12 @@ class ControlLoop:
         while True:
             with suppress(Exception):
                 self._pump(self._clock.now_ns)
-            arm = self._devices.arm.state
-            if self._clock.now_ns >= end_ns or (arm is not None and not arm.moving):
+            arm, hand = self._devices.arm.state, self._devices.gripper.state
+            arm_stands = arm is not None and not arm.moving
+            stand = arm_stands and (hand is None or hand.at_rest)
+            if stand or self._clock.now_ns >= end_ns:
                 return self._left()
-            self._attempt(stop)
+            self._attempt(*(() if arm_stands else (stop,)))
 
     def _attempt(self, *commands: Command) -> None:
         """Send each that can be sent, whatever becomes of the others; then let a moment pass."""

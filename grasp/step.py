@@ -63,13 +63,14 @@ class GraspStep:
         self._felt_n: Vector3 = (0.0, 0.0, 0.0)
         self._last_close: CloseFast | None = None
         self._rested = False  # fingertips' counts are against the rest that this run has taken
+        self._remembers = ""  # why the detector did not forget the past when it was last told to
 
     def decide(self, told: StepInput) -> StepResult:
         """Take one frame with the states of the other devices."""
         observation = self._observe(told)
         decision = self.controller.step(observation)
         if decision.reset_detector:
-            self._detector.reset()
+            self._forget()
         if decision.anchor:
             self._guard.anchor(told.gripper.at_least_counts, self._measured_n)
         admitted = tuple(self.admit(command, told.gripper) for command in decision.commands)
@@ -119,8 +120,9 @@ class GraspStep:
             if not self._doubts.all_tell:
                 self._felt_n = self._force_n(frame.counts * self._doubts.can_tell)
         if frame.stale:
-            self._detector.reset()
-            return np.zeros(FINGERS), ""
+            self._forget()
+        if frame.stale or self._remembers:
+            return np.zeros(FINGERS), self._remembers
         return self._ask(frame.counts)
 
     def _kind_of_slip(self, probabilities: NDArray[np.float64]) -> Motion | None:
@@ -133,6 +135,15 @@ class GraspStep:
     def _force_n(self, counts: NDArray[np.int16]) -> Vector3:
         a, b, c = counts.sum(axis=1).tolist()
         return self._guard.measured_n((a, b, c))
+
+    def _forget(self) -> None:
+        """One that cannot is not asked until it can: no bug of a detector may end a run."""
+        try:
+            self._detector.reset()
+        except Exception as bug:
+            self._remembers = f"detector_failed: {type(bug).__name__}: {bug}"
+        else:
+            self._remembers = ""
 
     def _ask(self, counts: NDArray[np.int16]) -> tuple[NDArray[np.float64], str]:
         """The detector's answer, or what is wrong with it: no bug of a detector may end a run."""

@@ -173,8 +173,11 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             self.controller.fault_cause,
             controller.further,
         )
+        unreached = controller.unreached
+        if self.bug is not None and trace.last is not None:  # perhaps no step could be taken
+            unreached = controller.missing(trace.last.observation)
         return msgspec.structs.replace(
-            end, unreached=controller.unreached, further=controller.further, where=self._where
+            end, unreached=unreached, further=controller.further, where=self._where
         )
 
     @property

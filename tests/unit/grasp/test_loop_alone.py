@@ -8,6 +8,7 @@ import msgspec
 import pytest
 
 from drivers.errors import LinkLost, Refused
+from drivers.interfaces import Detection
 from grasp import interruption
 from grasp.clock import VirtualClock
 from grasp.commands import (
@@ -23,7 +24,7 @@ from grasp.commands import (
 from grasp.loop import ControlLoop, Devices, Issued, Tick
 from grasp.loop_settings import LoopSettings
 from grasp.phases import Phase
-from tests.unit.grasp.builders import arm, frame, gripper, seen
+from tests.unit.grasp.builders import REST, arm, frame, gripper, seen
 
 MS = 1_000_000
 MOVE = MoveFingers((1, 2, 3), 0.05, 7.0)
@@ -312,6 +313,20 @@ def test_abort_tells_each_device_by_itself_whatever_the_others_do() -> None:
     assert left is not None
     assert left.arm.moving
     assert left.t_ns == bench.clock.now_ns
+
+
+@pytest.mark.parametrize("hand", [{"fresh": False}, {"detections": (REST, Detection.MOVING, REST)}])
+def test_an_abort_waits_for_a_hand_that_moves_and_tells_an_arm_that_stands_to_stop_once(
+    hand: dict[str, Any],
+) -> None:
+    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
+    bench.loop.tick()
+    bench.hand.state = gripper(**hand)
+    left = bench.loop.abort()
+    assert bench.verbs() == [("stop", 2.0), ("hold",)]
+    assert left is not None
+    assert not left.gripper.at_rest
+    assert bench.clock.now_ns == 10**9 + 210 * MS
 
 
 def test_on_a_wall_clock_commands_are_sent_before_anyone_watches_and_their_reply_waited_for() -> (

@@ -150,6 +150,40 @@ def railed(of: TactileFrame) -> TactileFrame:
     return msgspec.structs.replace(of, raw=raw)
 
 
+class Stubborn(Ears):
+    """Cannot forget before it is asked so often."""
+
+    def __init__(self, refusals: int) -> None:
+        super().__init__()
+        self.refusals = refusals
+
+    def reset(self) -> None:
+        self.refusals -= 1
+        if self.refusals >= 0:
+            raise ZeroDivisionError("nothing to forget")
+
+
+def test_a_detector_that_cannot_forget_is_a_doubt_and_not_asked_until_it_can() -> None:
+    b = Bench(ears=Stubborn(2))
+    failed = "detector_failed: ZeroDivisionError: nothing to forget"
+    for of in (frame(-1, stale=True), frame(-1), frame(-1, stale=True)):
+        seen = b.decide(of)
+        assert (seen.probabilities.tolist(), seen.doubt) == ([0.0] * 3, failed)
+        assert seen.measured_n == (6.0, 6.0, 6.0)
+    assert b.ears.heard == []
+    assert b.decide(frame(-1, stale=True)).doubt == ""
+    assert b.decide(frame(-1)).probabilities.tolist() == SURE.tolist()
+
+
+def test_a_detector_that_cannot_forget_when_the_controller_asks_is_a_doubt_of_the_next_step() -> (
+    None
+):
+    b = Bench(Told(Phase.REST, reset_detector=True), Stubborn(1))
+    assert b.decide(frame(-1)).doubt == ""
+    assert b.decide(frame(-1)).doubt.startswith("detector_failed: ZeroDivisionError")
+    assert b.decide(frame(-1)).doubt == ""
+
+
 def test_stale_frame_resets_the_detector_and_is_no_sample() -> None:
     b = Bench()
     seen = b.decide(frame(-1, stale=True))

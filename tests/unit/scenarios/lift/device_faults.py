@@ -95,6 +95,13 @@ def raising(patch: pytest.MonkeyPatch) -> Act:
     return lambda rig: patch.setattr(EnergyDetector, "update", update)
 
 
+def unforgetting(patch: pytest.MonkeyPatch) -> Act:
+    def reset(self: object) -> None:
+        raise MemoryError("no room for another past")
+
+    return lambda rig: patch.setattr(EnergyDetector, "reset", reset)
+
+
 def taking(patch: pytest.MonkeyPatch, seconds: float) -> Act:
     def act(rig: Rig) -> None:
         quick = EnergyDetector.update

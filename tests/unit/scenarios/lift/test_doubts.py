@@ -10,6 +10,7 @@ from scenarios.rigs.rig import Rig
 from scenarios.trial.execution import FinishedTrial
 from tests.unit.scenarios.conftest import HAND_ALONE, ONE_SPEED, Staged, in_phase, well_in
 from tests.unit.scenarios.lift import device_faults as fault
+from tests.unit.scenarios.lift.test_faults import silence_fingertips
 
 P = Phase
 HELD = (P.LIFT, P.COMPENSATE, P.HOLD, P.LOWER)
@@ -166,6 +167,23 @@ def test_a_detector_that_answers_nonsense_is_a_fault_and_the_hand_closes_to_the_
     truth = staged.rig.truth()
     assert truth is not None
     assert (truth.normal_n[0] > 8.0) == (phase in AIRBORNE_PHASES)
+
+
+@pytest.mark.parametrize("phase", [P.LIFT, P.COMPENSATE, P.HOLD])
+def test_a_detector_that_cannot_forget_what_it_heard_before_the_board_fell_silent_is_a_fault(
+    phase: Phase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    staged = Staged()
+
+    def both(rig: Rig) -> None:
+        fault.unforgetting(monkeypatch)(rig)
+        silence_fingertips(rig)
+
+    trial = staged.run(in_phase(phase, 5), both)
+    in_safe_state(staged, trial, "detector_failed")
+    assert staged.result(trial).outcome == "fault"
+    truth = staged.rig.truth()
+    assert truth is not None and truth.normal_n[0] > 8.0
 
 
 def test_a_detector_that_raises_is_a_fault_and_the_hand_closes_to_the_limit(
