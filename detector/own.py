@@ -75,9 +75,12 @@ class OwnDetector:
         shown = counts.view()
         shown.flags.writeable = False
         try:
-            told = np.array(self._inner.update(shown))
+            given = self._inner.update(shown)
+            told = np.array(given)
         except FAILURES as error:
             raise self._bad(*_told("update", error, self._file)) from error
+        if isinstance(given, np.ma.MaskedArray):  # what its mask hides would count
+            raise self._bad("update gives a masked array, not a number a finger")
         if told.dtype.kind not in "biuf":
             raise self._bad(f"update gives what is not a number a finger: {told.dtype}")
         answer = told.astype(np.float64)

@@ -102,6 +102,11 @@ def test_it_cannot_change_what_the_guard_measures_by(tmp_path: Path) -> None:
         (WHOLE.replace("self.n = 0", "1 / 0"), "Mine", "line 10: reset raised ZeroDivisionError"),
         (WHOLE.replace("self.fingers, min", "2, min"), "Mine", r"shape \(2,\), not \(3,\)"),
         (WHOLE.replace("return self.buffer", "return None"), "Mine", "not a number a finger"),
+        (
+            WHOLE.replace("return self.buffer", "return np.ma.masked_all(3)"),
+            "Mine",
+            "a masked array",
+        ),
         (WHOLE.replace("return self.buffer", "return self.buffer + 0j"), "Mine", "complex128"),
         (WHOLE.replace("return self.buffer", "return ['0.5'] * 3"), "Mine", "not a number"),
         (WHOLE.replace("self.n += 1", "raise SystemExit(0)"), "Mine", "update raised SystemExit"),

@@ -64,6 +64,30 @@ def test_each_group_has_the_rule_of_validation_and_then_that_of_hindsight(
     assert chosen.count("|") == best.count("|") == len(networks_together.HEADS) + 1
 
 
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        (["--data", "sets"], "networks are needed"),
+        (["--tcn", "one.onnx", "--data", "a", "b", "--every", "2"], "1 numbers for 2 sets"),
+        (["--tcn", "one.onnx", "--data", "nowhere"], "nowhere"),
+        (["--tcn", "one.onnx", "--data", "sets", "--every", "0"], "--every"),
+    ],
+)
+def test_a_mistake_is_told_in_a_line(
+    asked: list[str], said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["networks_together.py", *asked])
+    with pytest.raises(SystemExit) as ended:
+        networks_together.main()
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_one_network_alone_says_what_it_said() -> None:
+    alone = [noisy(0), noisy(1)]
+    assert together([alone]) == alone
+
+
 def test_the_first_of_a_kind_stands_alone_then_its_kind_then_all() -> None:
     paths = [Path(f"{i}.onnx") for i in range(3)]
     found = groups({"tcn": paths[:2], "gru": paths[2:]})
