@@ -52,7 +52,7 @@ STIFFNESS = "fingertip.foundation_n_per_mm3"
 UNITS = {
     "gain": "times", "noise": "times the board's", "lost": "of the samples",
     "temperature": "K, every 4 s", "drift": "counts a minute", RATE: "samples a second",
-    "dead": "taxels of 18", "stuck": "taxels of 18", "swapped": "taxels of 18",
+    "dead": "taxel of 18", "stuck": "taxel of 18", "swapped": "taxel of 18",
     PAD: "times the stiffness, simulated anew",
 }  # fmt: skip
 WHOLE = {"gain": 1.0, "noise": 1.0, RATE: 100.0, PAD: 1.0}  # where nothing is wrong; else 0
