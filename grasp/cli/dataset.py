@@ -124,7 +124,10 @@ def build(args: argparse.Namespace) -> int:
 def collect(args: argparse.Namespace) -> int:
 
     from scenarios.acquire.datasets.collect import collect as collected
+    from scenarios.studies.sets import require_labelled
 
+    for source in args.source:
+        require_labelled(source)
     made = collected(args.source, args.out)
     if args.json:
         print(json_line({"folder": str(args.out), **made.counts, "lacking": made.lacking}))
@@ -176,12 +179,12 @@ class _Bar:
 def describe(args: argparse.Namespace) -> int:
     import msgspec
 
-    from detector.recordings import read_dataset
     from scenarios.acquire.datasets import describe
+    from scenarios.studies.sets import read_set
 
     if args.pictures is not None:
         need("charts", "matplotlib")
-    recordings = read_dataset(args.folder, args.split)
+    recordings = read_set(args.folder, args.split, exits.say)
     figures = describe.describe(recordings)
     if args.pictures is not None:
         describe.draw(recordings, args.pictures)
