@@ -88,7 +88,7 @@ def draw_detectors(args: argparse.Namespace) -> int:
     from scenarios.studies.detectors.benchmark import contender, read_split
     from scenarios.studies.detectors.figures import curve, draw_detectors
 
-    recordings = read_split(args.data, "test")
+    recordings = read_split(args.data, "test", exits.say)
     curves = {}
     for name, tell in one_by_one(args.detector or DETECTORS, "sweeping", hidden=False):
         data = f"{' '.join(folder.name for folder in args.data)}, test"

@@ -1,12 +1,12 @@
 """`grasp dataset`: build a data set of labelled recordings, collect one, say what one holds."""
 
 import argparse
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
-from grasp.cli.options import add_workers, decimal, need, whole, workers
+from grasp.cli.options import add_workers, decimal, need, progress, whole, workers
 from grasp.cli.output import json_line
 from grasp.cli.pictures import picture
 from grasp.cli.places import folder_to_fill
@@ -39,7 +39,8 @@ def _add_build(actions: Any) -> None:
     add_workers(parser)
     parser.add_argument(
         "--share", type=decimal(1e-4, 1), default=1.0, metavar="X",
-        help="build so much of it, at most 1, with the same distribution (default: %(default)s)",
+        help="build so much of it, at most 1, with the same distribution; of each kind three "
+        "recordings at least (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--seed", type=whole(1, 2**31 - 1), metavar="N",
@@ -92,26 +93,21 @@ def build(args: argparse.Namespace) -> int:
 
     import msgspec
 
-    from detector.scores.evaluation import WARM_UP_SAMPLES
     from grasp.settings import file_of
     from scenarios.acquire.datasets import build as datasets
     from scenarios.acquire.datasets.plan import load_dataset_config, plan, reduced
-    from scenarios.studies.detectors.benchmark import too_short
 
     config = reduced(load_dataset_config(file_of("datasets", args.config)), args.share)
     if args.seed is not None:
         config = msgspec.structs.replace(config, seed=args.seed)
     jobs = plan(config)
-    with _Bar(args.json) as bar:
+    with progress("recordings", hidden=args.json) as show:
+        told = _Told(_plan_text(jobs), show)
         try:
-            made = datasets.build(jobs, config, args.out, workers(args), bar.show)
+            made = datasets.build(jobs, config, args.out, workers(args), told)
         except KeyboardInterrupt:
-            bar.close()
-            kept = f"{bar.done} of {len(jobs)} recordings are in {args.out}"
+            kept = f"{told.done} of {len(jobs)} recordings are in {args.out}"
             return exits.report("interrupted", kept, "run the same command again", args.json)
-    short = sum(job.samples <= WARM_UP_SAMPLES for job in jobs)
-    if short:
-        exits.say(f"{too_short(short)}: a larger --share makes them longer")
     samples = sum(job.samples for job in jobs)
     if args.json:
         print(json_line({"folder": str(args.out), "recordings": len(jobs), "made": made,
@@ -124,7 +120,10 @@ def build(args: argparse.Namespace) -> int:
 def collect(args: argparse.Namespace) -> int:
 
     from scenarios.acquire.datasets.collect import collect as collected
+    from scenarios.studies.sets import require_labelled
 
+    for source in args.source:
+        require_labelled(source)
     made = collected(args.source, args.out)
     if args.json:
         print(json_line({"folder": str(args.out), **made.counts, "lacking": made.lacking}))
@@ -137,51 +136,44 @@ def collect(args: argparse.Namespace) -> int:
     return exits.SUCCESS
 
 
-class _Bar:
-    """A bar in a terminal, a line for every tenth elsewhere, nothing for machines."""
+class _Told:
+    """What is to be made, as soon as it is known that it can be, then how far it is; what a build
+    before this one made tells nothing of the time left."""
 
-    def __init__(self, quiet: bool) -> None:
-        self._quiet = quiet
-        self._live: Any = None
-        self._tenths = -1
+    def __init__(self, plan: str, show: Callable[..., None]) -> None:
+        self._plan, self._show = plan, show
+        self._before: int | None = None
         self.done = 0
 
-    def __enter__(self) -> "_Bar":
-        if not self._quiet and sys.stdout.isatty():
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
-
-            self._live = Progress(
-                "recordings", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
-            )
-            self._task = self._live.add_task("recordings", total=None)
-            self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        if self._live is not None:
-            self._live.stop()
-
-    def show(self, done: int, total: int) -> None:
+    def __call__(self, done: int, total: int) -> None:
         self.done = done
-        if self._live is not None:
-            self._live.update(self._task, completed=done, total=total)
-        elif not self._quiet and (tenths := 10 * done // max(1, total)) > self._tenths:
-            self._tenths = tenths
-            print(f"{done} of {total} recordings", flush=True)
+        if self._before is None:
+            self._before = done
+            there = f"; {done} are there" if done else ""
+            exits.say(f"{self._plan}{there}")
+        else:
+            self._show(done - self._before, total - self._before)
+
+
+def _plan_text(jobs: Any) -> str:
+    """How many recordings, and how many of them nothing can be scored by."""
+    from detector.scores.evaluation import WARM_UP_SAMPLES
+    from scenarios.studies.detectors.benchmark import too_short
+
+    short = sum(job.samples <= WARM_UP_SAMPLES for job in jobs)
+    many = f"{len(jobs)} recordings"
+    return f"{many}; {too_short(short)}: a larger --share makes them longer" if short else many
 
 
 def describe(args: argparse.Namespace) -> int:
     import msgspec
 
-    from detector.recordings import read_dataset
     from scenarios.acquire.datasets import describe
+    from scenarios.studies.sets import read_set
 
     if args.pictures is not None:
         need("charts", "matplotlib")
-    recordings = read_dataset(args.folder, args.split)
+    recordings = read_set(args.folder, args.split, exits.say)
     figures = describe.describe(recordings)
     if args.pictures is not None:
         describe.draw(recordings, args.pictures)

@@ -46,8 +46,9 @@ def _add_evaluate(actions: Any) -> None:
     parser.add_argument("detector", nargs="+", metavar="NAME", help="some of config/detectors")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument(
-        "--recording", type=Path, metavar="PATH",
-        help=".npz, or CSV with t_s,p0,p1,...,slip[,slip_true], counts with the rest value removed",
+        "--recording", type=Path, metavar="RUN|FILE",
+        help="folder of `grasp run acquire`, .npz, or CSV with t_s,p0,p1,...,slip[,slip_true], "
+        "counts with the rest value removed",
     )  # fmt: skip
     source.add_argument(
         "--data", type=Path, nargs="+", metavar="DIR", help="folders made by `grasp dataset build`"
@@ -192,12 +193,14 @@ def _data_name(args: argparse.Namespace) -> str:
 
 def _contenders(args: argparse.Namespace) -> Any:
     """Each detector, as soon as it has been streamed."""
-    from detector.recordings import read
     from scenarios.studies.detectors.benchmark import contender, read_split
+    from scenarios.studies.sets import read_labelled
     from scenarios.trial.config import trial_layers
 
-    alone = args.recording is not None
-    recordings = [read(args.recording)] if alone else read_split(args.data, args.split, exits.say)
+    if args.recording is not None:
+        recordings = read_labelled(args.recording)
+    else:
+        recordings = read_split(args.data, args.split, exits.say)
     data = _data_name(args)
     for name, tell in one_by_one(args.detector, "streaming", hidden=args.json):
         made = contender(name, recordings, data, args.label, args.config, args.set, tell)

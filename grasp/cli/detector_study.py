@@ -97,7 +97,7 @@ def robustness(args: argparse.Namespace) -> int:
     from scenarios.studies.detectors.robustness import chosen, made_stiffer, study, table
     from scenarios.studies.detectors.robustness_figure import draw_robustness
 
-    recordings = chosen(read_split(args.data, "test"), args.recordings)
+    recordings = chosen(read_split(args.data, "test", exits.say), args.recordings)
     with progress("a stiffer pad") as show:
         stiffer = [] if args.no_pad else made_stiffer(args.data, recordings, show)
     with progress("streaming") as show:

@@ -60,9 +60,9 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 def evaluate(args: argparse.Namespace) -> int:
     from detector.heads import read_heads
     from detector.network_file import read_network, weights_digest
-    from detector.recordings import read_dataset
     from drivers.errors import UsageError
     from scenarios.studies.detectors.kinds import compared, sizing_table, sizings, table
+    from scenarios.studies.sets import read_set
 
     weights = network_path(args.network)
     loaded = read_network(weights)
@@ -70,7 +70,7 @@ def evaluate(args: argparse.Namespace) -> int:
     if teller is None:
         raise UsageError(f"{args.network} has no heads", "train some: `grasp detector train-heads`")
     print(table(compared(loaded, teller, args.data, args.split)))
-    lifts = sizings([r for folder in args.data for r in read_dataset(folder)])
+    lifts = sizings([r for folder in args.data for r in read_set(folder, tell=exits.say)])
     if lifts:
         print(f"\n{sizing_table(lifts)}")
     return exits.SUCCESS
@@ -85,6 +85,7 @@ def train(args: argparse.Namespace) -> int:
     from detector.training.heads import STEPS, HeadSettings, train_heads, write_heads
     from detector.training.sequences import digest
     from scenarios.studies.detectors.kinds import compared, table, with_scores
+    from scenarios.studies.sets import require_whole
     from scenarios.trial.result import versions
 
     weights = network_path(args.network)
@@ -92,6 +93,7 @@ def train(args: argparse.Namespace) -> int:
     must_be_writable(out)
     loaded = read_network(weights)
     width_of(loaded)  # refused before hours of data, not after
+    require_whole(args.data)
     recordings = [read_dataset(folder, "train") for folder in args.data]
     used = digest([r for each in recordings for r in each])
     made = train_heads(

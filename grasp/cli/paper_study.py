@@ -139,7 +139,9 @@ def _trained(args: argparse.Namespace, variants: Any) -> list[Any]:
     """A row for every variant and seed; all variants of a seed before the next."""
     from scenarios.studies.detectors.benchmark import read_split
     from scenarios.studies.detectors.variants import Sets, train
+    from scenarios.studies.sets import require_whole
 
+    require_whole(args.data)
     sets = Sets(*(read_split(args.data, split) for split in ("train", "validation", "test")))
     rows = []
     with _folder(args.networks) as folder, progress("training") as show:
@@ -170,7 +172,7 @@ def table3(args: argparse.Namespace) -> int:
     from detector.scores.tables import cells_table
     from scenarios.studies.detectors.benchmark import named, read_split
 
-    recordings = read_split(args.data, args.split)
+    recordings = read_split(args.data, args.split, exits.say)
     for name, tell in one_by_one(args.detector, "streaming", hidden=args.json):
         m = named(name, recordings, args.split, tell=tell)
         found = cell_table(m.detector.name, m.detector.threshold, m.config.rule, m.streams)
@@ -184,7 +186,7 @@ def latency(args: argparse.Namespace) -> int:
     from scenarios.studies.detectors.latency import latency as measure
     from scenarios.studies.detectors.latency_figure import draw_latency
 
-    recordings = read_split(args.data, "test")
+    recordings = read_split(args.data, "test", exits.say)
     for name, tell in one_by_one([args.detector], "streaming", hidden=False):
         found = measure(contender(name, recordings, "test", args.label, tell=tell))
     draw_latency(found, args.out)

@@ -137,6 +137,9 @@ def train(args: argparse.Namespace) -> int:
 
 def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
     """The training, ready to run, and the validation recordings."""
+    from scenarios.studies.sets import require_whole
+
+    require_whole(args.data)  # before torch, which takes seconds
     import msgspec
 
     from detector.recordings import read_dataset

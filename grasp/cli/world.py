@@ -163,8 +163,8 @@ def _judge_data(args: argparse.Namespace, recording: Any) -> int:
     """What `--data` asks for."""
     import msgspec
 
-    from detector.recordings import read_dataset
     from grasp.cli import judge_view
+    from scenarios.studies.sets import read_set
     from scenarios.studies.signal.judge.report import by_part, clip_of, judge
 
     if args.ablate:
@@ -172,7 +172,7 @@ def _judge_data(args: argparse.Namespace, recording: Any) -> int:
     clip, found = clip_of(recording), []
     for folder in args.data:
         with progress(f"judging {folder}", hidden=args.json) as show:
-            made = read_dataset(folder)
+            made = read_set(folder, tell=exits.say)
             _check_taxels(folder, made, recording)
             groups, parts = by_part(made), []
             for part, recordings in groups.items():

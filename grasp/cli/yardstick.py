@@ -67,13 +67,13 @@ def _tell(show: Any, what: str, step: int, steps: int) -> None:
 
 def _sets(args: argparse.Namespace) -> Any:
     """Names and recordings: parts as they are, then those without a term."""
-    from detector.recordings import read_dataset
+    from scenarios.studies.sets import read_set
     from scenarios.studies.signal import terms
     from scenarios.studies.signal.judge.report import by_part
 
     if unknown := set(args.without) - set(terms.TERMS):
         raise UsageError(f"no such term: {', '.join(sorted(unknown))}", ", ".join(terms.TERMS))
-    found = by_part(read_dataset(args.data))
+    found = by_part(read_set(args.data, tell=exits.say))
     yield from ((part or "all", recordings) for part, recordings in found.items())
     for term in args.without:
         config, most = terms.origin_of(args.data), len(found[terms.COMPLIANT])

@@ -12,7 +12,7 @@ from detector.decision import RuleSettings, registered_events
 from detector.interface import SlipDetector
 from detector.network_file import is_weights, read_network
 from detector.own import is_code
-from detector.recordings import LabelName, Recording, Split, read_dataset
+from detector.recordings import LabelName, Recording, Split
 from detector.scores.evaluation import (
     HAND_FINGERS,
     WARM_UP_SAMPLES,
@@ -31,6 +31,7 @@ from grasp.clock import stopwatch_ns
 from grasp.settings import names
 from scenarios.campaign.config import load_config
 from scenarios.rigs.own_settings import Files
+from scenarios.studies.sets import read_set
 from scenarios.trial.config import FORMULAS, TrialConfig
 
 
@@ -100,12 +101,13 @@ def read_split(
     split: Split | Literal["all"],
     tell: Callable[[str], None] = lambda line: None,
 ) -> list[Recording]:
-    """Recordings of one split of several data sets; raises BadFile for an empty one.
+    """Recordings of one split of several data sets; raises BadFile for an empty one, and for a
+    folder of several. A set of which some is not there is told.
 
     Those too short for anything of them to be scored are left out and told, unless all are.
     """
     wanted = None if split == "all" else split
-    found = [r for folder in folders for r in read_dataset(folder, wanted)]
+    found = [r for folder in folders for r in read_set(folder, wanted, tell)]
     long = [r for r in found if len(r.t_s) > WARM_UP_SAMPLES]
     if not long or len(long) == len(found):
         return found  # of one without any the score says why

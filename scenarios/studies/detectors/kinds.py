@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from detector.heads import Heads, Scores, Teller
 from detector.network_file import LoadedNetwork
-from detector.recordings import Recording, Split, read_dataset
+from detector.recordings import Recording, Split
 from detector.scores.heads import Figure, Score, felt, score, told_by_heads, told_without
 from scenarios.acquire.datasets.bodies import relaxed_n
 from scenarios.acquire.datasets.grasped import lift_config
+from scenarios.studies.sets import read_set
 from scenarios.world.contact import GRAVITY_MPS2
 
 Floats = NDArray[np.float64]
@@ -37,8 +38,8 @@ def compared(
     about."""
     rows = []
     for folder in folders:
-        learnt = felt(loaded, read_dataset(folder, "train"))
-        asked = felt(loaded, read_dataset(folder, split))
+        learnt = felt(loaded, read_set(folder, "train"))
+        asked = felt(loaded, read_set(folder, split))
         told = told_without(learnt, asked) | {HEADS: told_by_heads(teller, asked)}
         rows += [Row(folder.name, by, score(each, asked)) for by, each in told.items()]
     return rows

@@ -153,3 +153,17 @@ def test_a_training_that_goes_on_tells_its_own_loss_from_the_first_step_on() -> 
     for step, loss in ((61, 0.5), (62, 0.6)):
         reporter.tell(SimpleNamespace(step=step, steps=200, loss=loss, best=None, score=None))
     assert told == ["training, loss 0.500", "training, loss 0.502"]
+
+
+def test_no_network_is_trained_on_a_data_set_that_is_not_all_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(train, "need", lambda *_: None)
+    monkeypatch.setitem(sys.modules, "detector.training.export", SimpleNamespace(export=None))
+    (tmp_path / "dataset.json").write_text('{"recordings": 84}')
+    out = tmp_path / "mine.onnx"
+    words = ["detector", "train", "tcn", "--data", str(tmp_path), "--out", str(out)]
+    assert main(words) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{tmp_path}: 0 of 84 recordings are there (`grasp dataset build` goes on" in line
+    assert not list(tmp_path.glob("mine*"))

@@ -284,9 +284,34 @@ def test_a_build_whose_recordings_are_too_short_to_be_scored_says_so(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(datasets, "build", lambda *_: 0)
+    def begun(jobs: list[Job], config: object, out: Path, workers: object, show: Progress) -> int:
+        show(0, len(jobs))
+        return 0
+
+    monkeypatch.setattr(datasets, "build", begun)
     assert main(["dataset", "build", "paper", "--share", share, "--out", str(tmp_path)]) == 0
     assert ("none is scored: a larger --share" in capsys.readouterr().err) is told
+
+
+def test_a_build_says_what_it_makes_and_then_the_time_left_for_what_was_not_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def half(jobs: list[Job], config: object, out: Path, workers: object, show: Progress) -> int:
+        for done in range(len(jobs) - 10, len(jobs) + 1):
+            show(done, len(jobs))
+        return 10
+
+    monkeypatch.setattr(datasets, "build", half)
+    words = ["dataset", "build", "paper", "--share", "0.1", "--out", str(tmp_path)]
+    assert main(words) == 0
+    plan, *lines = capsys.readouterr().err.splitlines()
+    assert plan.startswith("       84 recordings; ") and plan.endswith("; 74 are there")
+    assert [line.partition(",")[0] for line in lines] == [
+        f"recordings: {done} of 10" for done in range(1, 11)
+    ]
+    assert all(line.endswith(" s left") for line in lines)
+    assert main([*words, "--json"]) == 0
+    assert "recordings: " not in capsys.readouterr().err
 
 
 def test_a_build_that_is_interrupted_says_what_there_is_and_how_to_go_on(
