@@ -11,7 +11,7 @@ from grasp.cli import card, detector_study, exits, heads, paper_study, train
 from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
 from grasp.cli.output import json_line
 from grasp.cli.places import file_to_write, own_or_new
-from grasp.cli.rules import tell_untuned
+from grasp.cli.rules import check_named, tell_untuned
 from grasp.files import write_whole
 
 HELP = "score, tune and train slip detectors"
@@ -152,6 +152,7 @@ def evaluate(args: argparse.Namespace) -> int:
 
     if args.out is not None:
         own_or_new(args.out, BEGINS)
+    check_named(args.detector, args.config, args.set)
     kept = []
     for made in _contenders(args):
         sheet = made.evaluation()
@@ -288,6 +289,7 @@ def tune(args: argparse.Namespace) -> int:
     given = [f"--{key}" for key in ("data", "static", "unlabelled") if getattr(args, key)]
     if len(given) > 1:
         raise UsageError(f"{' and '.join(given)} are two ways to tune", "give one of them")
+    check_named([args.detector], args.config, args.set)
     if args.unlabelled:
         return _tune_unlabelled(args)
     if args.data:

@@ -29,6 +29,24 @@ def answers(capsys: pytest.CaptureFixture[str], *words: str) -> list[dict[str, o
     return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
 
 
+@pytest.mark.parametrize("verb", ["evaluate", "tune"])
+def test_names_and_weights_are_checked_before_any_data_are_read(
+    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The folder of data is not there, and yet it is not what is told of."""
+    fake = tmp_path / "fake.onnx"
+    fake.write_text("no network")
+    data = ["--data", str(tmp_path / "none")]
+    for words, told in (
+        (["nosuch"], "nosuch: unknown"),
+        ([str(fake)], f"{fake}: no ONNX file, or a damaged one (give"),
+        (["tcn", "--set", f"network.weights={fake}"], f"{fake}: no ONNX file"),
+    ):
+        assert main(["detector", verb, *words, *data]) == 2
+        said = capsys.readouterr().err
+        assert told in said and "ValueError" not in said
+
+
 def test_every_detector_gets_one_json_object(
     data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
