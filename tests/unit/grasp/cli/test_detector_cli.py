@@ -282,6 +282,31 @@ def test_a_card_tells_the_threshold_of_scores_from_the_rule_that_is_packaged(
     assert "rule" not in answers(capsys, "detector", "card", str(path), "--json")[0]
 
 
+def test_a_card_without_a_name_tells_the_detectors_the_default_and_the_rule_of_each(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["detector", "card"]) == 0
+    told = capsys.readouterr().out
+    assert "energy: formula; slip is registered when a finger" in told
+    assert "tcn (default): network; slip is registered when the probability by the mean" in told
+    assert told.count("(default)") == 1
+    found = answers(capsys, "detector", "card", "--json")
+    assert [sheet["name"] for sheet in found if sheet["default"]] == ["tcn"]
+    assert len(found) == len(told.splitlines()) == 8
+
+
+def test_where_a_formula_and_the_detector_have_their_settings_is_told(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for words, told in (
+        (["detector", "card", "psd-fair"], "`grasp config show psd_fair --detector psd-fair`"),
+        (["config", "show", "detector"], "tcn is chosen: its settings are in [network] and [rule]"),
+    ):
+        assert main(words) == 2
+        assert told in capsys.readouterr().err
+    assert main(["config", "show", "psd_fair", "--detector", "psd-fair"]) == 0
+
+
 def test_a_recording_too_short_to_be_scored_is_refused_by_its_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
