@@ -130,6 +130,8 @@ def read_network(path: Path) -> LoadedNetwork:
         _try(path, loaded)
     except BadFile:
         raise
+    except ValueError:
+        raise _bad(path, "no ONNX file, or a damaged one") from None
     except Exception as error:  # onnxruntime raises classes of its own for every kind of damage
         problem = f"damaged, or no ONNX graph that can run ({type(error).__name__})"
         raise _bad(path, problem) from None

@@ -12,6 +12,7 @@ from detector.training.fit import Training
 from detector.training.graph import make_model
 from detector.training.networks import parameter_count
 from detector.training.validation import calibration, likelihood, odds_of
+from detector.training.whole import whole
 
 THRESHOLD = 0.5  # of a calibrated probability: the likelier class
 
@@ -47,12 +48,8 @@ def export(training: Training, validation: list[Recording], path: Path, commit: 
         validation=figures,
     )  # fmt: skip
     weights = {k: v.numpy() for k, v in training.network.state_dict().items()}
-    partial = path.with_name(f".{path.name}")
-    try:
+    with whole(path) as partial:
         partial.write_bytes(make_model(training.arch, mode, weights, card))
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
     return read_network(path).card
 
 

@@ -7,6 +7,7 @@ interrupted and resumed ends with the same weights as one that was not.
 import math
 import time
 from collections.abc import Callable, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from detector.training.sequences import (
 )
 from detector.training.settings import TrainSettings
 from detector.training.validation import odds_of, score
+from detector.training.whole import whole
 from drivers.errors import BadFile
 
 CHECKPOINT_S = 30.0
@@ -47,7 +49,7 @@ class TrainingProgress(msgspec.Struct, frozen=True):
     best: Score | None
 
 
-ANEW = "train anew without --resume"
+ANEW = "--force in place of --resume begins anew"
 
 
 class Training:
@@ -125,6 +127,8 @@ class Training:
         finally:
             if checkpoint is not None:
                 self.save(checkpoint)
+        if not self._best_weights:  # cut off in its last validation, and resumed
+            self._validate()
         self.network.load_state_dict(self._best_weights)
 
     def _progress(self, loss: float, found: Score | None) -> TrainingProgress:
@@ -176,17 +180,17 @@ class Training:
         return found
 
     def save(self, path: Path) -> None:
-        """Write all that `resume` needs, whole or not at all."""
-        partial = path.with_name(f".{path.name}")
+        """Write all that `resume` needs, whole or not at all. Raises OSError with its name."""
         best = msgspec.structs.asdict(self.best) if self.best else None
         state = {
             "identity": self._identity(), "step": self.step, "spent_s": self._spent_s,
             "waited": self._waited, "best": best, "network": self.network.state_dict(),
             "best_weights": self._best_weights, "optimiser": self._optimiser.state_dict(),
         }  # fmt: skip
-        with partial.open("wb") as file:  # opened here: torch refuses names of its own choice
-            torch.save(state, file)
-        partial.replace(path)
+        written = BytesIO()  # to a full disk torch tells of a position, and not of the disk
+        torch.save(state, written)
+        with whole(path) as partial:
+            partial.write_bytes(written.getvalue())
 
     def resume(self, path: Path) -> None:
         """Go on where a checkpoint left off; raises BadFile.
@@ -196,11 +200,13 @@ class Training:
         try:
             stored = torch.load(path, weights_only=True)
         except FileNotFoundError:
-            raise BadFile(path, "no such file", ANEW) from None
+            raise BadFile(path, "no such file", "leave --resume out to begin") from None
         except Exception as error:  # torch raises whatever the damage led it to
             raise BadFile(path, f"cannot be read ({type(error).__name__})", ANEW) from None
-        if not isinstance(stored, dict) or stored.get("identity") != self._identity():
-            raise BadFile(path, "is of other settings, data or another network", ANEW)
+        begun = stored.get("identity") if isinstance(stored, dict) else None
+        if begun != self._identity():
+            remedy = f"give what it was begun with, or {ANEW}"
+            raise BadFile(path, f"is of {differences(begun, self._identity())}", remedy)
         self.network.load_state_dict(stored["network"])
         self._optimiser.load_state_dict(stored["optimiser"])
         self._best_weights = stored["best_weights"]
@@ -211,6 +217,23 @@ class Training:
     def _identity(self) -> str:
         settings = msgspec.json.encode([self.arch, self.settings]).decode()
         return f"{self.name} {self.data_digest} {settings}"
+
+
+def differences(begun: object, now: str) -> str:
+    """What a checkpoint's identity has otherwise than the training that is to go on with it."""
+    try:
+        (name, data, then), (own_name, own_data, own) = (
+            str(identity).split(" ", 2) for identity in (begun, now)
+        )
+        before, after = (msgspec.json.decode(part)[1] for part in (then, own))
+        told = [f"{k}: {v}, now {after[k]}" for k, v in before.items() if v != after[k]]
+    except (ValueError, LookupError, TypeError, AttributeError):  # of another version, or foreign
+        return "other settings, data or another network"
+    if name != own_name:
+        return f"another network: {name}, now {own_name}"  # its settings differ by that alone
+    if data != own_data:
+        told.append("other recordings in --data")
+    return f"another training: {'; '.join(told)}" if told else "another version's network"
 
 
 def _loss(odds: torch.Tensor, labels: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:

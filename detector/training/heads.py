@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from detector.heads import FORMAT, OUTPUTS, Dense, Heads
 from detector.scores.heads import Felt
 from detector.scores.motion import sector_of, speed_of, turning_of
+from detector.training.whole import whole
 
 WIDTH, BATCH, STEPS = 32, 1024, 3000
 LEARNING_RATE, FINAL_RATE, WEIGHT_DECAY = 3e-3, 1e-5, 1e-5
@@ -97,9 +98,5 @@ def write_heads(heads: Heads, path: Path) -> None:
     if path.exists() and not path.is_file():  # /dev/stdout
         path.write_bytes(content)
         return
-    partial = path.with_name(f".{path.name}")
-    try:
+    with whole(path) as partial:
         partial.write_bytes(content)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

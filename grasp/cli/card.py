@@ -1,9 +1,11 @@
-"""`grasp detector card`: what a network's weights say of themselves, and the rule it comes with."""
+"""`grasp detector card`: what a network's weights say of themselves, and the rule it comes with;
+without a name, all detectors there are."""
 
 import argparse
 import json
 from typing import Any
 
+from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.options import network_path
 from grasp.cli.output import json_line
@@ -12,14 +14,21 @@ from grasp.cli.output import json_line
 def add_parser(actions: Any) -> None:
     text = "what a network's weights say of themselves: data, seed, commit, calibration"
     parser = actions.add_parser("card", help=text, description=text)
-    parser.add_argument("network", metavar="NAME|FILE.onnx", help="packaged name, or a file")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument(
+        "network", nargs="?", metavar="NAME|FILE.onnx",
+        help="packaged name, or a file; without it: the detectors there are, which is the "
+        "default, and the rule of each",
+    )  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="one JSON object a detector")
     parser.set_defaults(handler=card)
 
 
 def card(args: argparse.Namespace) -> int:
     import msgspec
 
+    if args.network is None:
+        return _list(args)
+    _check_no_formula(args.network)
     from detector.heads import read_heads
     from detector.network_file import read_network, weights_digest
     from scenarios.report.run_decision import in_words
@@ -43,6 +52,38 @@ def card(args: argparse.Namespace) -> int:
             shown = in_words(rule) if key == "rule" else json.dumps(value)
             print(f"{key}: {shown}{counted.get(key, '')}")
     return exits.SUCCESS
+
+
+def _list(args: argparse.Namespace) -> int:
+    """The packaged detectors, a line each."""
+    import msgspec
+
+    from grasp.settings import named_layer, names
+    from scenarios.report.run_decision import in_words
+    from scenarios.trial.config import DEFAULT_PROFILE, FORMULAS
+
+    default = named_layer("profiles", DEFAULT_PROFILE).table["detector_name"]
+    for name in names("detectors"):
+        kind, rule = "formula" if name in FORMULAS else "network", _rule(name)
+        if args.json:
+            told = {"name": name, "kind": kind, "default": name == default}
+            print(json_line({**told, "rule": msgspec.to_builtins(rule)}))
+        else:
+            mark = " (default)" if name == default else ""
+            print(f"{name}{mark}: {kind}; {in_words(rule)}")
+    return exits.SUCCESS
+
+
+def _check_no_formula(word: str) -> None:
+    """Raises UsageError for a detector without weights, with where its settings are."""
+    from scenarios.trial.config import FORMULAS
+
+    if word in FORMULAS:
+        raise UsageError(
+            f"{word} is a formula: it has no weights, and so no card",
+            f"`grasp config show {FORMULAS[word]} --detector {word}` has its settings, "
+            "`grasp detector card` every detector",
+        )
 
 
 def _samples(card: Any) -> tuple[int | None, dict[str, str]]:

@@ -121,6 +121,10 @@ def run(args: argparse.Namespace) -> int:
     table = msgspec.to_builtins(config)
     sections = [name for name, value in table.items() if isinstance(value, dict)]
     if args.section is not None and args.section not in sections:
+        if args.section == "detector":
+            told = f"its settings are in [{config.detector_section}] and [rule]"
+            remedy = f"`grasp detector card` names all, {config.detector_name} is chosen: {told}"
+            raise UsageError("no section 'detector'", remedy)
         hint = meant(args.section, sections)
         raise UsageError(f"no section {args.section!r}{hint}", f"one of: {', '.join(sections)}")
     shown = sections if args.section is None else [args.section]

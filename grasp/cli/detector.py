@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,14 @@ from grasp.cli import card, detector_study, exits, heads, paper_study, train
 from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
 from grasp.cli.output import json_line
 from grasp.cli.places import file_to_write, own_or_new
-from grasp.cli.rules import tell_untuned
+from grasp.cli.rules import check_named, tell_untuned
 from grasp.files import write_whole
 
 HELP = "score, tune and train slip detectors"
 FEW_SLIPS = 50  # to tune on: 14 points either way of a recall of a half
 FEW_EVENTS = 5  # that the minutes tuned on may have
+MOST_BUDGET = 6000
+SHORT_MINUTES = 2.0
 TABLE2 = (
     "psd", "freq-cnn-paper", "tcn-paper", "energy", "psd-fair", "forte", "gru", "tcn",
 )  # fmt: skip
@@ -91,8 +94,9 @@ def _add_tune(actions: Any) -> None:
         "samples are told right (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
-        "--budget", type=decimal(0, 6000), default=1.0, metavar="N",
-        help="false events a minute, three fingers together (default: %(default)s)",
+        "--budget", type=decimal(0, MOST_BUDGET), default=1.0, metavar="N",
+        help="false events a minute, three fingers together; less rest than one of them needs is "
+        "refused (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--data", type=Path, nargs="+", metavar="DIR", help="folders made by `grasp dataset build`"
@@ -149,6 +153,7 @@ def evaluate(args: argparse.Namespace) -> int:
 
     if args.out is not None:
         own_or_new(args.out, BEGINS)
+    check_named(args.detector, args.config, args.set)
     kept = []
     for made in _contenders(args):
         sheet = made.evaluation()
@@ -287,6 +292,7 @@ def tune(args: argparse.Namespace) -> int:
     given = [f"--{key}" for key in ("data", "static", "unlabelled") if getattr(args, key)]
     if len(given) > 1:
         raise UsageError(f"{' and '.join(given)} are two ways to tune", "give one of them")
+    check_named([args.detector], args.config, args.set)
     if args.unlabelled:
         return _tune_unlabelled(args)
     if args.data:
@@ -295,10 +301,11 @@ def tune(args: argparse.Namespace) -> int:
         remedy = "give --data, folders made by `grasp dataset build`"
         raise UsageError(f"{args.detector} is tuned on data sets", remedy)
     threshold, minutes = _tune_on_recordings(args) if args.static else _tune_on_lifts(args)
+    must_test(minutes, args.budget, "more recordings" if args.static else "more --lifts")
     if args.json:
         print(json_line({"threshold_counts": threshold, "minutes": minutes}))
     else:
-        print(f"# {args.budget:g} false events a minute, tuned on {minutes:.1f} minutes of a hand")
+        print(f"# {args.budget:g} false events a minute, tuned on {rest_text(minutes)} of a hand")
         if minutes * args.budget < FEW_EVENTS:
             print("# that is little: one event more or less would make another threshold")
         print(f"[energy]\nthreshold_counts = {threshold:.3g}")
@@ -314,6 +321,9 @@ def _tune_rule(args: argparse.Namespace) -> int:
     (name,) = [args.detector]
     for _, tell in one_by_one([name], "tuning", hidden=args.json):
         made = contender(name, recordings, "validation", "slip", args.config, args.set, tell)
+        rest = stands_on(made.streams, made.config.rule).minutes  # whatever the rule
+        must_test(rest, args.budget, "more `validation` recordings or simulated sets beside, of "
+                  "a finger alone three times as much")  # fmt: skip
         chosen = tune_rule(made, args.budget, tell)
     if chosen is None:
         remedy = "allow more false events with --budget"
@@ -329,7 +339,7 @@ def _tune_rule(args: argparse.Namespace) -> int:
         its = [s for s in made.streams if Path(s.recording.source).is_relative_to(folder)]
         part = stands_on(its, chosen.rule)
         print(f"# {folder}: {part.caught} of {part.slips} slips apart from blows, "
-              f"{part.false} false in {part.minutes:.1f} minutes of a hand at rest")  # fmt: skip
+              f"{part.false} false in {rest_text(part.minutes)} of a hand at rest")  # fmt: skip
     if chosen.rule == made.config.rule:
         print("# which is the rule that there was")
     if known.slips < FEW_SLIPS or known.minutes * args.budget < FEW_EVENTS:
@@ -337,6 +347,28 @@ def _tune_rule(args: argparse.Namespace) -> int:
               "recordings, or simulated sets beside")  # fmt: skip
     _print_rule(chosen.rule)
     return exits.SUCCESS
+
+
+def must_test(minutes: float, budget: float, more: str) -> None:
+    """Raises UsageError for less of a hand's rest than one false event of the budget needs: there
+    any rule that makes none is within it, and nothing tells them apart. ``more``: what would do.
+
+    A budget of none at all is asked of whatever there is.
+    """
+    if minutes * budget >= 1.0 or budget == 0.0:
+        return
+    held, most = rest_text(minutes), math.ceil(1.0 / minutes) if minutes > 0.0 else math.inf
+    looser = f", or --budget {most}" if most <= MOST_BUDGET else ""
+    event = f", in which one false event would be {1.0 / minutes:.3g} a minute" if minutes else ""
+    raise UsageError(
+        f"a budget of {budget:g} a minute cannot be tested: {held} of a hand at rest{event}",
+        f"give {more}{looser}",
+    )
+
+
+def rest_text(minutes: float) -> str:
+    """How long, in seconds where minutes would round to next to nothing."""
+    return f"{minutes:.1f} minutes" if minutes >= SHORT_MINUTES else f"{60.0 * minutes:.1f} s"
 
 
 def _tune_threshold(args: argparse.Namespace) -> int:

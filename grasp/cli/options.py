@@ -67,14 +67,17 @@ def need(extra: str, *packages: str) -> None:
 
 
 @contextmanager
-def progress(doing: str, hidden: bool = False) -> "Iterator[Callable[..., None]]":
+def progress(
+    doing: str, hidden: bool = False, every_s: float = math.inf
+) -> "Iterator[Callable[..., None]]":
     """A moving bar with the time left on standard error, a line for each tenth where that is no
-    terminal; yields what takes done, total and what is done now."""
+    terminal, and after ``every_s`` without one; yields what takes done, total and what is done
+    now."""
     from rich.console import Console
     from rich.progress import Progress
 
     if not hidden and not sys.stderr.isatty():
-        yield _lines(doing)
+        yield _lines(doing, every_s)
         return
     with Progress(console=Console(stderr=True), transient=True, disable=hidden) as bar:
         task = bar.add_task(doing, total=None)
@@ -83,18 +86,21 @@ def progress(doing: str, hidden: bool = False) -> "Iterator[Callable[..., None]]
         )
 
 
-def _lines(doing: str) -> Callable[..., None]:
+def _lines(doing: str, every_s: float) -> Callable[..., None]:
     start_s, shown, last = time.monotonic(), 0, 0
+    told_s = start_s
 
     def show(done: int, total: int, text: str = doing) -> None:
-        nonlocal start_s, shown, last
+        nonlocal start_s, shown, last, told_s
+        now_s = time.monotonic()
         if done < last:  # the next of several
-            start_s, shown = time.monotonic(), 0
+            start_s, shown = now_s, 0
         last = done
-        if LINES * done // max(1, total) <= shown:
+        silent = done < 1 or now_s - told_s < every_s
+        if LINES * done // max(1, total) <= shown and silent:
             return
-        shown = LINES * done // total
-        left_s = (time.monotonic() - start_s) * (total - done) / done
+        shown, told_s = LINES * done // total, now_s
+        left_s = (now_s - start_s) * (total - done) / done
         print(f"{text}: {done} of {total}, {left_s:.0f} s left", file=sys.stderr)
 
     return show

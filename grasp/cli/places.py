@@ -2,6 +2,7 @@
 
 import argparse
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from drivers.errors import UsageError
 from grasp.files import against_writing, cannot, nearest
@@ -22,6 +23,16 @@ def must_be_writable(path: Path) -> None:
     """Raises UsageError where no file can be written, before anything moves or is computed."""
     if problem := _against(path, path.parent):
         raise UsageError(f"{path}: {problem}", "name another file")
+
+
+def must_have_room(path: Path, least: int) -> None:
+    """Raises OSError with the name of the file where its disk has not so many bytes left, before
+    anything is computed for it."""
+    try:
+        with TemporaryFile(dir=path.parent) as file:
+            file.write(bytes(least))
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def file_to_write(text: str) -> Path:

@@ -1,5 +1,6 @@
 """By which rule a network of one's own is heard, and whether that rule was made for it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,18 @@ def check_weights(config: Any) -> None:
 
     if _own_weights(config):
         config.make_detector(FINGERS)
+
+
+def check_named(words: Sequence[str], files: Any, assignments: Sequence[str]) -> None:
+    """Of each detector asked for, name, settings and weights; before any data are read, which know
+    of how many taxels they are. Raises BadFile, ConfigError, UsageError."""
+    from detector.network_file import read_network, weights_path
+    from scenarios.campaign.config import load_config
+
+    for word in words:
+        config = load_config("can", "simulated", word, files, assignments)
+        if weights := _own_weights(config):
+            read_network(weights_path(weights))
 
 
 def tell_untuned(config: Any, layers: Any) -> None:

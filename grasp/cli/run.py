@@ -192,11 +192,14 @@ def run(args: argparse.Namespace) -> int:
         config = first.begin(config, permit, args)
         make_guard(config)
     check_weights(config)
-    if not args.json and (rule := rule_of_weights(config)):
-        print(rule)
-    tell_untuned(config, trial_layers(*chosen))
+
+    def begin() -> None:
+        if not args.json and (rule := rule_of_weights(config)):
+            print(rule)
+        tell_untuned(config, trial_layers(*chosen))
+
     scenario = config.for_lift() if args.scenario == "lift" else config.for_tap()
-    return run_trials(args, scenario, permit)
+    return run_trials(args, scenario, permit, begin)
 
 
 def _permit(config: Any, args: argparse.Namespace) -> Any:

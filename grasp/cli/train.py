@@ -1,16 +1,21 @@
 """`grasp detector train`: fit a network and write its weights. Needs the extra `train`."""
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from drivers.errors import UsageError
+from grasp import interruption
 from grasp.cli import exits
 from grasp.cli.options import decimal, need, progress, seed, whole
-from grasp.cli.places import file_with_folders, must_be_writable
+from grasp.cli.places import file_with_folders, must_be_writable, must_have_room
 
 NETWORKS = ("tcn", "gru", "tcn-paper", "freq-cnn-paper")
 NO_LIMIT_MINUTES = 1e9
+TELL_S = 10.0  # at least so often how far it is
+ROOM_BYTES = 2_000_000  # two checkpoints, weights and log of the largest network
 # options that are settings of a training
 ASKED = (
     *("seed", "steps", "augmentation", "balance", "label", "moved_m"),
@@ -93,46 +98,87 @@ def train(args: argparse.Namespace) -> int:
     out = args.out or Path(f"{args.network}{SUFFIX}")
     if out.suffix != SUFFIX:
         raise UsageError(f"{out}: weights go by their {SUFFIX}", f"--out {out.with_suffix(SUFFIX)}")
-    import msgspec
+    checkpoint = out.with_suffix(".checkpoint")
+    _check_places(args, out, checkpoint)
+    training, validation = _prepare(args)
+    if args.resume:
+        training.resume(checkpoint)
+    try:
+        card = _fit(args, training, validation, out)
+    except KeyboardInterrupt:
+        if training.step == 0:
+            raise
+        told = f"interrupted at step {training.step} of {training.settings.steps}, kept"
+        how = "the same command with --resume goes on from there"
+        return exits.report("interrupted", f"{told} in {checkpoint}", how, args.json)
+    checkpoint.unlink(missing_ok=True)
+    _tell(args, card, training, out)
+    return exits.SUCCESS
 
-    from detector.training.export import export
-    from scenarios.trial.result import versions
 
+def _check_places(args: argparse.Namespace, out: Path, checkpoint: Path) -> None:
+    """Whether weights, log and checkpoint may be written, before any data are read."""
     out.parent.mkdir(parents=True, exist_ok=True)
     must_be_writable(out)
     if out.is_file() and not (args.force or args.resume):
         raise UsageError(f"{out} is there already", "name another with --out, or --force")
-    checkpoint = out.with_suffix(".checkpoint")
     if checkpoint.is_file() and not (args.force or args.resume):
         raise UsageError(
             f"{checkpoint} is of a training that did not end",
             "--resume goes on with it, --force begins anew",
         )
-    training, validation = _prepare(args)
-    if args.resume:
-        training.resume(checkpoint)
+    must_have_room(checkpoint, ROOM_BYTES)
+
+
+def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Path) -> Any:
+    """Train to the end and write the weights; gives their card. An interruption waits for the end
+    of a step, so that the checkpoint is of whole ones."""
+    from detector.training.export import export
+    from scenarios.trial.result import versions
+
     with (
-        out.with_suffix(".log").open("a" if args.resume else "w", encoding="utf-8") as log,
-        progress("training", hidden=args.json) as show,
+        _log(out.with_suffix(".log"), "a" if args.resume else "w") as log,
+        progress("training", hidden=args.json, every_s=TELL_S) as show,
+        interruption.watched(),
     ):
-        training.run(args.minutes, checkpoint, Reporter(log, show).tell)
-    card = export(training, validation, out, versions()["commit"])
-    checkpoint.unlink(missing_ok=True)
+        reporter = Reporter(log, show)
+        training.run(args.minutes, out.with_suffix(".checkpoint"), reporter.tell)
+    interruption.check()
+    return export(training, validation, out, versions()["commit"])
+
+
+@contextmanager
+def _log(path: Path, mode: str) -> Iterator[Any]:
+    """The log of a training; where that fails, none that is empty stays. Raises OSError with its
+    name: a full disk says none of its own."""
+    try:
+        with path.open(mode, encoding="utf-8") as log:
+            yield log
+    except BaseException as error:
+        if path.is_file() and path.stat().st_size == 0:
+            path.unlink()
+        if isinstance(error, OSError) and error.filename is None:
+            raise OSError(error.errno, error.strerror, str(path)) from None
+        raise
+
+
+def _tell(args: argparse.Namespace, card: Any, training: Any, out: Path) -> None:
+    import msgspec
+
     if args.json:
         print(msgspec.json.encode(card).decode())
-    else:
-        print(f"{out}: {card.parameters} parameters, {card.steps} steps, "
-              f"{card.training_minutes:.1f} processor minutes, accuracy on validation "
-              f"{card.validation['accuracy']:.3f} (calibrated, on the paper's kind if there is "
-              "any; the log's is of all recordings)")  # fmt: skip
-        if training.step < training.settings.steps:
-            why = "validation stood still" if training.stands_still else "its minutes were spent"
-            option = "--patience" if training.stands_still else "--minutes"
-            exits.say(f"ended before its {training.settings.steps} steps: {why} ({option})")
-        rule = out.with_suffix(".toml")
-        if rule.is_file():
-            exits.say(f"{rule} beside it is of other weights: `grasp detector tune` makes another")
-    return exits.SUCCESS
+        return
+    print(f"{out}: {card.parameters} parameters, {card.steps} steps, "
+          f"{card.training_minutes:.1f} processor minutes, accuracy on validation "
+          f"{card.validation['accuracy']:.3f} (calibrated, on the paper's kind if there is "
+          "any; the log's is of all recordings)")  # fmt: skip
+    if training.step < training.settings.steps:
+        why = "validation stood still" if training.stands_still else "its minutes were spent"
+        option = "--patience" if training.stands_still else "--minutes"
+        exits.say(f"ended before its {training.settings.steps} steps: {why} ({option})")
+    rule = out.with_suffix(".toml")
+    if rule.is_file():
+        exits.say(f"{rule} beside it is of other weights: `grasp detector tune` makes another")
 
 
 def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
@@ -178,3 +224,4 @@ class Reporter:
                 f"loss {s.loss:.4f} accuracy {s.accuracy:.4f} delay_ms {s.delay_ms:.1f}\n"
             )
             self._log.flush()
+        interruption.check()

@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from datetime import datetime
 from pathlib import Path
@@ -94,8 +94,11 @@ class _Seen:
         return list(self._rows.values())
 
 
-def run_trials(args: argparse.Namespace, config: Any, permit: Any) -> int:
-    """One lift or several, or taps. ``config``: of the scenario."""
+def run_trials(
+    args: argparse.Namespace, config: Any, permit: Any, begin: Callable[[], None]
+) -> int:
+    """One lift or several, or taps. ``config``: of the scenario. ``begin`` is called when nothing
+    that was asked for stands against it any more."""
     from scenarios.campaign.experiment import Experiment
 
     alone = _is_alone(args)
@@ -111,6 +114,7 @@ def run_trials(args: argparse.Namespace, config: Any, permit: Any) -> int:
         out = args.runs / f"{stamp}-{args.scenario}-{config.object.name}.sqlite"
     with interruption.held():  # no signal cuts off what is to be told of arm and hand
         with nullcontext() if out is None else experiment.store(out, args.resume) as store:
+            begin()
             seen = _follow(args, experiment, permit, store, alone)
             rows = seen.rows if store is None else store.rows()
         with interruption.watched():

@@ -101,13 +101,52 @@ def test_another_seed_gives_another_network() -> None:
 def test_a_checkpoint_that_is_foreign_or_damaged_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "c"
     training().save(path)
-    with pytest.raises(BadFile, match="other settings"):
+    with pytest.raises(BadFile, match="another training: seed: 0, now 3") as told:
         training(seed=3).resume(path)
+    assert "--force" in told.value.remedy
+    with pytest.raises(BadFile, match="another network: tcn, now gru"):
+        training("gru").resume(path)
+    other = Training("tcn", QUICK, TRAIN, VALIDATION, "others")
+    with pytest.raises(BadFile, match="another training: other recordings in --data"):
+        other.resume(path)
+    torch.save({"identity": "of long ago"}, path)
+    with pytest.raises(BadFile, match="other settings, data or another network"):
+        training().resume(path)
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(BadFile, match="cannot be read"):
         training().resume(path)
     with pytest.raises(BadFile, match="no such file"):
         training().resume(tmp_path / "none")
+
+
+def test_a_checkpoint_for_which_there_is_no_room_leaves_nothing_and_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, content: bytes) -> int:
+        path.touch()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="No space") as told:
+        training().save(tmp_path / "mine.checkpoint")
+    assert told.value.filename == str(tmp_path / "mine.checkpoint")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_training_cut_off_in_its_last_validation_ends_with_weights_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def cut(_: Training) -> None:
+        raise KeyboardInterrupt
+
+    first = training(steps=2, validations=1)
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(Training, "_validate", cut)
+        first.run(5.0, tmp_path / "c", ignore)
+    second = training(steps=2, validations=1)
+    second.resume(tmp_path / "c")
+    second.run(5.0, None, ignore)
+    assert second.step == 2 and second.best is not None
 
 
 def test_a_checkpoint_that_would_run_code_is_refused(tmp_path: Path) -> None:

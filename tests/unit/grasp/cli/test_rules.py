@@ -62,3 +62,19 @@ def test_nothing_is_said_of_a_rule_of_ones_own_nor_of_packaged_weights(
     rule.rename(tmp_path / "lab.toml")
     assert main([*SHOW, "--detector", lab]) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_no_rule_is_spoken_of_where_the_run_is_refused(
+    lab: str, tmp_path: Path, capsys: Capture
+) -> None:
+    rows, narrow = tmp_path / "rows.sqlite", weights(tmp_path / "narrow.onnx", ["n", 4])
+    rows.touch()
+    run = ["run", "tap", "--rig", "simulated", "--runs", str(tmp_path / "runs")]
+    for words, told in (
+        (["--detector", lab, "--out", str(rows)], "exists already"),
+        (["--detector", lab, "--resume"], "--resume goes on with a file"),
+        (["--detector", str(narrow)], "4 taxels"),
+    ):
+        assert main([*run, *words]) == 2
+        said = capsys.readouterr()
+        assert told in said.err and "is heard by" not in said.err and said.out == ""

@@ -1,6 +1,10 @@
 """`grasp detector train`, without what computes: what it is asked for."""
 
+import errno
+import math
+import os
 import sys
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -8,7 +12,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from grasp.cli import train
+from grasp.cli import options, places, train
 from grasp.cli.main import main
 
 
@@ -118,6 +122,71 @@ def test_a_training_tells_how_far_it_is_where_nobody_watches_a_terminal(
     words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
     assert main(words) == 0
     assert "training, loss 0.500: 50 of 100" in capsys.readouterr().err
+
+
+def test_a_training_that_is_interrupted_says_where_it_is_kept_and_how_it_goes_on(
+    tmp_path: Path, training: Training, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    def run(minutes: float | None, checkpoint: Path, tell: Any) -> None:
+        checkpoint.write_text("how far it is")
+        training.step, training.settings.steps = 120, 2000
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(training, "run", run)
+    words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
+    assert main(words) == 130
+    told = f"interrupted at step 120 of 2000, kept in {tmp_path / 'mine.checkpoint'} (the same"
+    said = capsys.readouterr().err
+    assert told in said and "with --resume goes on" in said
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.checkpoint"]
+
+
+def test_a_disk_that_fills_up_is_told_by_name_and_leaves_no_empty_log(
+    tmp_path: Path, training: Training, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    def run(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(training, "run", run)
+    words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
+    assert main(words) == 5
+    assert f"{tmp_path / 'mine.log'}: No space left on device" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_without_room_is_told_by_name_before_any_data_are_read(
+    tmp_path: Path, training: Training, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    class Full(BytesIO):
+        def write(self, _: Any) -> int:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def prepare(_: Any) -> Any:
+        raise AssertionError("read")
+
+    monkeypatch.setattr(places, "TemporaryFile", lambda **_: Full())
+    monkeypatch.setattr(train, "_prepare", prepare)
+    words = ["detector", "train", "tcn", "--data", ".", "--out", str(tmp_path / "mine.onnx")]
+    assert main(words) == 5
+    assert f"{tmp_path / 'mine.checkpoint'}: No space left on device" in capsys.readouterr().err
+
+
+def test_lines_of_progress_come_by_time_too_where_that_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = SimpleNamespace(now_s=0.0)
+    monkeypatch.setattr("time.monotonic", lambda: clock.now_s)
+    for every_s, told in ((10.0, ["2 of 1000", "4 of 1000"]), (math.inf, [])):
+        clock.now_s = 0.0
+        with options.progress("training", every_s=every_s) as show:
+            for step in range(1, 6):
+                clock.now_s += 6.0
+                show(step, 1000)
+        lines = capsys.readouterr().err.splitlines()
+        assert [line.partition(": ")[2].partition(",")[0] for line in lines] == told
 
 
 def test_what_is_learnt_is_one_of_the_labels_of_a_recording(
