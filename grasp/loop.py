@@ -219,9 +219,9 @@ class ControlLoop:
         while True:
             with suppress(Exception):
                 self._pump(self._clock.now_ns)
-            arm, hand = self._devices.arm.state, self._devices.gripper.state
+            arm, gripper = self._devices.arm.state, self._devices.gripper.state
             arm_stands = arm is not None and not arm.moving
-            stand = arm_stands and (hand is None or hand.at_rest)
+            stand = arm_stands and (gripper is None or gripper.at_rest)
             if stand or self._clock.now_ns >= end_ns:
                 return self._left()
             self._attempt(*(() if arm_stands else (stop,)))
