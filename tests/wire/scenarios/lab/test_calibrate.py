@@ -255,7 +255,7 @@ def test_place_typed_too_high_is_told_with_what_to_type_before_the_finger_presse
         newtons = lab.newtons()
         if "almost touch" in question:
             asked.append(question)
-            assert newtons == 0.0
+            assert newtons < 1e-9  # what floats leave of a pad that has let go
             told = re.search(r"type less, (\d+) if", question)
             return next(typed) if told is None else told[1]
         return f"{newtons:.2f} N" if newtons > 0.3 else ""
