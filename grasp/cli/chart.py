@@ -18,6 +18,7 @@ from grasp.cli.options import (
     workers,
 )
 from grasp.cli.pictures import add_picture, picture, write_numbers
+from grasp.cli.rules import check_named
 
 if TYPE_CHECKING:
     from scenarios.studies.reaction.summary import ReactionSummary
@@ -88,6 +89,7 @@ def draw_detectors(args: argparse.Namespace) -> int:
     from scenarios.studies.detectors.benchmark import contender, read_split
     from scenarios.studies.detectors.figures import curve, draw_detectors
 
+    check_named(args.detector)
     recordings = read_split(args.data, "test", exits.say)
     curves = {}
     for name, tell in one_by_one(args.detector or DETECTORS, "sweeping", hidden=False):

@@ -218,6 +218,7 @@ def table2(args: argparse.Namespace) -> int:
     from detector.scores.variance import variance_of
     from scenarios.studies.detectors.benchmark import named, read_split
 
+    check_named(args.detector)
     recordings = read_split(args.data, "test", exits.say)
     made = [
         named(name, recordings, "test", args.data, tell)

@@ -8,6 +8,7 @@ from typing import Any
 from grasp.cli import exits
 from grasp.cli.options import add_workers, decimal, need, progress, whole, workers
 from grasp.cli.pictures import add_picture, write_numbers
+from grasp.cli.rules import check_named
 
 COMPARED = ("tcn", "gru", "energy", "psd-fair")
 
@@ -97,6 +98,7 @@ def robustness(args: argparse.Namespace) -> int:
     from scenarios.studies.detectors.robustness import chosen, made_stiffer, study, table
     from scenarios.studies.detectors.robustness_figure import draw_robustness
 
+    check_named(args.detector)
     recordings = chosen(read_split(args.data, "test", exits.say), args.recordings)
     with progress("a stiffer pad") as show:
         stiffer = [] if args.no_pad else made_stiffer(args.data, recordings, show)
@@ -115,6 +117,7 @@ def observer(args: argparse.Namespace) -> int:
     from scenarios.studies.detectors.observer_figure import draw_observer
     from scenarios.studies.detectors.observer_study import study, tables
 
+    check_named(args.detector)
     with progress("recordings") as show:
         found = study(args.detector, args.data, args.share, workers(args), show)
     draw_observer(found, args.out)

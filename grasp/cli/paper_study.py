@@ -12,6 +12,7 @@ from typing import Any
 from grasp.cli import exits
 from grasp.cli.options import need, one_by_one, progress, whole
 from grasp.cli.pictures import add_picture, write_numbers
+from grasp.cli.rules import check_named
 
 WINDOWS = (10, 30, 50, 70, 100)
 STEPS = 1500
@@ -81,6 +82,11 @@ def _add_table3(actions: Any) -> None:
     parser.add_argument(
         "--split", choices=("test", "all"), default="all",
         help="what to score; all is fair on a set of a seed of its own (default: %(default)s)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--swept-on", type=Path, nargs="+", default=(), metavar="DIR",
+        help="sweep the thresholds of detectors of one number on the split `train` of these, as "
+        "`table2` does (default: the packaged thresholds)",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="one JSON object a detector")
     parser.set_defaults(handler=table3)
@@ -172,9 +178,10 @@ def table3(args: argparse.Namespace) -> int:
     from detector.scores.tables import cells_table
     from scenarios.studies.detectors.benchmark import named, read_split
 
+    check_named(args.detector)
     recordings = read_split(args.data, args.split, exits.say)
     for name, tell in one_by_one(args.detector, "streaming", hidden=args.json):
-        m = named(name, recordings, args.split, tell=tell)
+        m = named(name, recordings, args.split, args.swept_on, tell=tell)
         found = cell_table(m.detector.name, m.detector.threshold, m.config.rule, m.streams)
         print(msgspec.json.encode(found).decode() if args.json else cells_table(found) + "\n")
     return exits.SUCCESS
@@ -186,6 +193,7 @@ def latency(args: argparse.Namespace) -> int:
     from scenarios.studies.detectors.latency import latency as measure
     from scenarios.studies.detectors.latency_figure import draw_latency
 
+    check_named([args.detector])
     recordings = read_split(args.data, "test", exits.say)
     for name, tell in one_by_one([args.detector], "streaming", hidden=False):
         found = measure(contender(name, recordings, "test", args.label, tell=tell))

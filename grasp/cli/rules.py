@@ -27,7 +27,7 @@ def check_weights(config: Any) -> None:
         config.make_detector(FINGERS)
 
 
-def check_named(words: Sequence[str], files: Any, assignments: Sequence[str]) -> None:
+def check_named(words: Sequence[str], files: Any = None, assignments: Sequence[str] = ()) -> None:
     """Of each detector asked for, name, settings and weights; before any data are read, which know
     of how many taxels they are. Raises BadFile, ConfigError, UsageError."""
     from detector.network_file import read_network, weights_path

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from detector.network_file import weights_path
-from detector.recordings import write
+from detector.recordings import Recording, write
+from detector.scores.cells import LEAST_RECORDINGS, ROWS, SURFACES
 from grasp.cli.main import main
 from scenarios.campaign.config import load_config
 from tests.unit.detector.networks import write_network
@@ -22,6 +23,10 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for recording in [*toys("validation", 3, 0), *toys("test", 3, 50)]:
         write(folder / f"{recording.source}.npz", recording)
     return folder
+
+
+def loud(recording: Recording) -> Recording:
+    return msgspec.structs.replace(recording, counts=(recording.counts * 6).clip(-1000, 1000))
 
 
 def answers(capsys: pytest.CaptureFixture[str], *words: str) -> list[dict[str, object]]:
@@ -45,6 +50,15 @@ def test_names_and_weights_are_checked_before_any_data_are_read(
         assert main(["detector", verb, *words, *data]) == 2
         said = capsys.readouterr().err
         assert told in said and "ValueError" not in said
+
+
+@pytest.mark.parametrize("verb", ["detector table2", "detector table3", "chart detectors"])
+def test_studies_check_names_before_any_data_are_read(
+    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("matplotlib")
+    assert main([*verb.split(), "energy", "nosuch", "--data", str(tmp_path / "none")]) == 2
+    assert "nosuch: unknown" in capsys.readouterr().err
 
 
 def test_every_detector_gets_one_json_object(
@@ -206,8 +220,7 @@ def test_the_table_of_methods_sweeps_thresholds_on_the_split_train(
         *(toy(k, "train", loudness=60.0) for k in range(3)),
         *(toy(50 + k, "test", loudness=60.0) for k in range(3)),
     ]:
-        loud = msgspec.structs.replace(recording, counts=(recording.counts * 6).clip(-1000, 1000))
-        write(tmp_path / f"{recording.source}.npz", loud)
+        write(tmp_path / f"{recording.source}.npz", loud(recording))
     words = ["--data", str(tmp_path)]
     (sheet,) = answers(capsys, "detector", "evaluate", "energy", *words, "--json")
     assert main(["detector", "table2", "energy", *words]) == 0
@@ -221,6 +234,27 @@ def test_cells_without_enough_recordings_are_refused_with_what_to_build(
 ) -> None:
     assert main(["detector", "table3", "energy", "--data", str(data)]) == 2
     assert "grasp dataset build paper --seed N" in capsys.readouterr().err
+
+
+def test_the_table_of_cells_sweeps_thresholds_on_other_recordings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Rest is as loud as slip elsewhere: the packaged threshold takes all of it for slip."""
+    train, cells = tmp_path / "train", tmp_path / "cells"
+    train.mkdir(), cells.mkdir()
+    write(train / "toy.npz", loud(toy(0, "train", loudness=60.0)))
+    keys = [(*row, surface) for row in ROWS for surface in SURFACES]
+    for k, (motion, speed, surface) in enumerate(LEAST_RECORDINGS * keys):
+        made = loud(toy(k % 7, "test", loudness=60.0))
+        told = msgspec.structs.replace(
+            made.metadata, motion=motion, speed_mps=speed, surface=surface
+        )
+        write(cells / f"{k}.npz", msgspec.structs.replace(made, metadata=told))
+    words = ["detector", "table3", "energy", "--data", str(cells), "--json"]
+    (packaged,), (swept,) = (answers(capsys, *words, *more) for more in
+                             ([], ["--swept-on", str(train)]))  # fmt: skip
+    means = [np.mean([c["f1"]["value"] for c in found["cells"]]) for found in (packaged, swept)]  # type: ignore[attr-defined]
+    assert means[1] > means[0] + 0.05
 
 
 def test_the_chart_leaves_its_numbers_beside_the_picture(
