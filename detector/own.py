@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import BadFile, one_line
+from drivers.errors import BadFile, in_words, one_line
 
 GROUP = "grasp.detectors"  # of entry points
 MARK = ".py:"  # between a file and what it calls its detector
@@ -49,7 +49,7 @@ class OwnDetector:
         self._file = word.rpartition(":")[0] if MARK in word else word
         self._inner = inner
         self._fingers = fingers
-        self.name = str(getattr(inner, "name", "") or _called(word))
+        self.name = self._told_of("name", "", one_line) or _called(word)
         self.threshold = self._number("threshold", THRESHOLD, 0.0, 1.0)
         self.memory = int(self._number("memory", 0, 0, 100_000))
         self.reset()
@@ -57,8 +57,14 @@ class OwnDetector:
             self.update(np.zeros((fingers, taxels), np.int16))
         self.reset()
 
+    def _told_of(self, name: str, default: Any, read: Callable[[Any], Any] = lambda v: v) -> Any:
+        try:
+            return read(getattr(self._inner, name, default))
+        except FAILURES as error:
+            raise self._bad(*_told(name, error, self._file)) from error
+
     def _number(self, name: str, default: float, low: float, high: float) -> float:
-        value = getattr(self._inner, name, default)
+        value = self._told_of(name, default)
         if not isinstance(value, int | float) or not low <= value <= high:
             raise self._bad(f"{name} is {value!r}, not a number from {low:g} to {high:g}")
         return value
@@ -72,8 +78,7 @@ class OwnDetector:
 
     def update(self, counts: NDArray[np.int16]) -> NDArray[np.float64]:
         """Take counts (fingers, taxels), give (fingers,); raises BadFile for what goes wrong."""
-        shown = counts.view()
-        shown.flags.writeable = False
+        shown = np.frombuffer(counts.tobytes(), counts.dtype).reshape(counts.shape)
         try:
             given = self._inner.update(shown)
             told = np.array(given)
@@ -85,7 +90,9 @@ class OwnDetector:
             raise self._bad(f"update gives what is not a number a finger: {told.dtype}")
         answer = told.astype(np.float64)
         if answer.shape != (self._fingers,):
-            raise self._bad(f"update gives shape {answer.shape}, not ({self._fingers},)")
+            raise self._bad(
+                f"update gives shape {answer.shape}, not ({self._fingers},): a number a finger"
+            )
         if not ((answer >= 0.0) & (answer <= 1.0)).all():
             raise self._bad(f"update gives {answer.tolist()}, not probabilities from 0 to 1")
         return answer
@@ -135,7 +142,7 @@ def _found(word: str) -> Any:
         try:
             return offered()[word].load()
         except FAILURES as error:
-            raise _broken(word, f"cannot be imported: {_said(error)}") from error
+            raise _broken(word, f"cannot be imported: {in_words(error)}") from error
     file, _, name = word.rpartition(":")
     found = getattr(_module(Path(file)), name, None)
     if found is None:
@@ -171,7 +178,10 @@ def _made(word: str, found: Any, settings: OwnSettings, fingers: int, taxels: in
     if not callable(found):
         if given:
             raise _broken(word, f"is an object: it takes no setting own.{next(iter(given))}")
-        made = deepcopy(found)
+        try:
+            made = deepcopy(found)
+        except FAILURES as error:
+            raise _broken(word, f"cannot be copied: {in_words(error)}") from error
     else:
         known = _parameters(found)
         unknown = [key for key in given if known is not None and key not in known]
@@ -209,11 +219,7 @@ def _told(verb: str, error: BaseException, file: str) -> tuple[str, int | None]:
     lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
     if isinstance(error, SyntaxError):
         lines = [error.lineno]
-    return f"{verb} raised {_said(error)}", lines[-1] if lines else None
-
-
-def _said(error: BaseException) -> str:
-    return one_line(f"{type(error).__name__}: {error}")
+    return f"{verb} raised {in_words(error)}", lines[-1] if lines else None
 
 
 def _called(word: str) -> str:

@@ -14,6 +14,15 @@ def one_line(text: object, most: int = MOST_SHOWN) -> str:
     return shown if len(shown) <= most else f"{shown[:most]}..."
 
 
+def in_words(error: BaseException) -> str:
+    """What somebody's code raised, in one line; its own text may raise as well."""
+    name = type(error).__name__
+    try:
+        return one_line(f"{name}: {error}")
+    except Exception:
+        return f"{name}: its text raises too"
+
+
 class GraspError(Exception):
     """Base of every expected error: one line that says what happened, one that says what to do.
 

@@ -34,7 +34,7 @@ from grasp.phases import (
     PhaseMachine,
     Trigger,
 )
-from grasp.safe_state import Pursuit, SafeState
+from grasp.safe_state import Missing, Pursuit, SafeState
 from grasp.slip import SlipMonitor, SlipStatus
 from grasp.steps import Steps
 
@@ -164,10 +164,12 @@ class GraspController:
         stop = StopArm(self._settings.stop_deceleration_mps2)
         return (stop, *self._aborted.of_hand(self._closing.slowly()))
 
-    def missing(self, seen: Observation) -> tuple[str, ...]:
-        """What of that is not seen."""
+    def missing(self, seen: Observation) -> Missing:
+        """What of that is not seen; a hand not heard of for as long as makes it stale is not."""
         safe, stale_ns = self._aborted, self._settings.stale_after_s * 1e9
-        return (*safe.missing_of_arm(seen, stale_ns), *safe.missing_of_hand(seen))
+        if seen.gripper.age_ns(seen.t_ns) > stale_ns:
+            seen = msgspec.structs.replace(seen, gripper_lost=True)
+        return Missing(safe.missing_of_arm(seen, stale_ns), safe.missing_of_hand(seen))
 
     @property
     def _aborted(self) -> SafeState:

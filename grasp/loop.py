@@ -210,21 +210,30 @@ class ControlLoop:
             self.tick()
 
     def abort(self) -> Tick | None:
-        """As ``fail`` where no step can be taken any more: each device is told by itself, until arm
-        and hand stand. Returns how they were left; None where there was no step at all."""
+        """As ``fail`` where no step can be taken any more: each device is told by itself, and once
+        more until what it says afterwards is what it was told. Returns how they were left; None
+        where there was no step at all."""
         self._queue.clear()
-        end_ns = self._clock.now_ns + round(self._settings.abort_s * 1e9)
+        began_ns = self._clock.now_ns
+        end_ns = began_ns + round(self._settings.abort_s * 1e9)
         stop, *hand = self._step.controller.aborted()
         self._attempt(stop, *hand)
         while True:
             with suppress(Exception):
                 self._pump(self._clock.now_ns)
             arm, gripper = self._devices.arm.state, self._devices.gripper.state
-            arm_stands = arm is not None and not arm.moving
-            stand = arm_stands and (gripper is None or gripper.at_rest)
-            if stand or self._clock.now_ns >= end_ns:
+            arm_stands = arm is not None and arm.t_ns > began_ns and not arm.moving
+            hand_rests = gripper is not None and gripper.t_ns > began_ns and gripper.at_rest
+            hand_due = bool(hand) and hand_rests and self._hand_is_not_as_told()
+            if (arm_stands and hand_rests and not hand_due) or self._clock.now_ns >= end_ns:
                 return self._left()
-            self._attempt(*(() if arm_stands else (stop,)))
+            self._attempt(*(() if arm_stands else (stop,)), *(hand if hand_due else ()))
+
+    def _hand_is_not_as_told(self) -> bool:
+        with suppress(Exception):
+            left = self._left()
+            return left is not None and bool(self._step.controller.missing(left.observation).hand)
+        return True
 
     def _attempt(self, *commands: Command) -> None:
         """Send each that can be sent, whatever becomes of the others; then let a moment pass."""
@@ -242,8 +251,9 @@ class ControlLoop:
             return None
         arm = self._devices.arm.state or self._last.arm
         observation = msgspec.structs.replace(
-            self._last.observation, t_ns=self._clock.now_ns, gripper=self._gripper_state(), arm=arm
-        )
+            self._last.observation, t_ns=self._clock.now_ns, gripper=self._gripper_state(), arm=arm,
+            gripper_lost=self._gripper_lost, pending=False, last_close=self._step.last_close,
+        )  # fmt: skip
         return Tick(observation, self._last.decision, tuple(self._issued))
 
     def _await_period(self) -> int:

@@ -4,6 +4,8 @@ A fault, a person who stops, an object that is lost: by the phase in which it ha
 in docs/architecture.md, "Safe states". Pursuit asks for one until it is seen.
 """
 
+from typing import NamedTuple
+
 import msgspec
 
 from grasp.closing import Closing
@@ -16,6 +18,13 @@ from grasp.phases import AIRBORNE_PHASES, CLOSING_PHASES, CONTACT_PHASES, UNMOVE
 def doubts_arm(cause: str) -> bool:
     """Whether a cause, whose parts are joined by "; ", says that the arm cannot be believed."""
     return any(part.startswith("arm_") for part in cause.split("; "))
+
+
+class Missing(NamedTuple):
+    """What is not seen of a safe state, of each device; empty: all of it is."""
+
+    arm: tuple[str, ...]
+    hand: tuple[str, ...]
 
 
 class SafeState(msgspec.Struct, frozen=True):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.motion import Motion
+from drivers.errors import in_words
 from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController
@@ -76,6 +77,11 @@ class GraspStep:
         admitted = tuple(self.admit(command, told.gripper) for command in decision.commands)
         self._doubts.sent(admitted, told.arm)
         return StepResult(observation, decision, admitted)
+
+    @property
+    def last_close(self) -> CloseFast | None:
+        """The closing that was admitted last."""
+        return self._last_close
 
     def admit(self, command: Command, gripper: GripperState) -> Command:
         """The command that may go out in place of this one, by the force measured last."""
@@ -141,7 +147,7 @@ class GraspStep:
         try:
             self._detector.reset()
         except Exception as bug:
-            self._remembers = f"detector_failed: {type(bug).__name__}: {bug}"
+            self._remembers = _failed(bug)
         else:
             self._remembers = ""
 
@@ -150,6 +156,11 @@ class GraspStep:
         try:
             answer = self._detector.update(counts)
         except Exception as bug:
-            return np.zeros(FINGERS), f"detector_failed: {type(bug).__name__}: {bug}"
+            return np.zeros(FINGERS), _failed(bug)
         wrong = wrong_probabilities(answer)
         return (np.zeros(FINGERS), wrong) if wrong else (answer, "")
+
+
+def _failed(bug: Exception) -> str:
+    """As a cause of a safe state, of which several are joined by "; "."""
+    return f"detector_failed: {in_words(bug)}".replace(";", ",")

@@ -8,9 +8,10 @@ ideal observer (`grasp chart observer`, extra `train`) has learnt from the lifts
 which no detector may have learnt, and knows nothing of the twelve objects. It is told when gross
 slip set in, as no detector is, and asked so much later, with all counts until then and what `tcn`
 and `gru` said. It calls slip what scores above all but so many of the moments in which drawn
-objects are held, by observers that have not learnt from those. Beside it the detectors by their own
-rules on the same lifts, and how many of those moments they answer; an alarm that is on already when
-slip sets in tells nothing. Nothing is tuned on it.
+objects are held, by observers that have not learnt from those: so many at each time by itself,
+where a detector's share is of moments that it answers at any time within half a second, and so the
+observer is flattered. Beside it the detectors by their own rules on the same lifts; an alarm that
+is on already when slip sets in tells nothing. Nothing is tuned on it.
 """
 
 import argparse
@@ -88,7 +89,7 @@ def slips(draw: Draw, name: str) -> Iterator[Slipped]:
         frames = [(tick.t_ns * 1e-9, tick.frame.counts) for tick in ticks if tick.frame is not None]
         t_s = np.array([t for t, _ in frames])
         resets = [tick.t_ns * 1e-9 for tick in ticks if tick.decision.reset_detector]
-        last_s = max(t for t in resets if t < result.slip_onset_s)
+        last_s = max((t for t in resets if t < result.slip_onset_s), default=-np.inf)
         reset = int(np.searchsorted(t_s, last_s, side="right"))
         counts = np.stack([counts for _, counts in frames])
         yield Slipped(name, result.slip_onset_s, reset, t_s, counts)
@@ -115,13 +116,18 @@ def heard_of(names: Sequence[str], slipped: Sequence[Slipped]) -> dict[str, list
 
 
 class Scores(NamedTuple):
-    """How much likelier slip is than rest, so long after: of the lifts (n,), of rest (m,)."""
+    """How much likelier slip is than rest, so long after: of the lifts (n,), of rest (m,). Of each
+    the group that it is drawn with, an object or a recording."""
 
     lifts: Floats
     rest: Floats
+    objects: NDArray[np.intp]  # (n,)
+    recordings: NDArray[np.intp]  # (m,)
 
 
-def observed(asked: Cases, drawn: Cases, time_s: float) -> Scores:
+def observed(
+    asked: Cases, drawn: Cases, objects: NDArray[np.intp], time_s: float
+) -> Scores:  # fmt: skip
     """What the observer says of the lifts, having learnt from all that is drawn, and of the moments
     of rest, each having learnt from other objects."""
     from detector.training.observer import held_out  # noqa: PLC0415  (torch only where asked)
@@ -129,11 +135,12 @@ def observed(asked: Cases, drawn: Cases, time_s: float) -> Scores:
     known = np.flatnonzero(drawn.lasts >= drawn.samples(time_s))
     part = drawn.part(known)
     of_lifts, of_drawn = features(asked, time_s), features(part, time_s)
-    rest = _likelier(held_out(of_drawn, part.classes, part.groups, FOLDS))[part.classes == 0]
+    idle = part.classes == 0
+    rest = _likelier(held_out(of_drawn, part.classes, part.groups, FOLDS))[idle]
     sets = np.repeat([0, 1], [len(of_lifts), len(of_drawn)])
     classes = np.concatenate([asked.classes, part.classes])
     told = held_out(np.concatenate([of_lifts, of_drawn]), classes, sets, 2)
-    return Scores(_likelier(told[: len(of_lifts)]), rest)
+    return Scores(_likelier(told[: len(of_lifts)]), rest, objects, part.groups[idle])
 
 
 def _likelier(told: Floats) -> Floats:
@@ -144,16 +151,21 @@ def _likelier(told: Floats) -> Floats:
 def share(scores: Scores, idle_share: float) -> float:
     """Of the lifts, what scores above all but so much of rest."""
     moved = np.repeat([True, False], [len(scores.lifts), len(scores.rest)])
-    return hits(np.concatenate(scores), moved, idle_share)
+    return hits(np.concatenate([scores.lifts, scores.rest]), moved, idle_share)
 
 
 def interval(scores: Scores, idle_share: float) -> tuple[float, float]:
-    """95 % of that share: bootstrap over lifts and moments of rest, the threshold found anew."""
+    """95 % of that share: bootstrap over objects and over recordings of rest, the threshold found
+    anew."""
     rng = np.random.default_rng(SEED)
-    drawn = sorted(
-        share(Scores(*(rng.choice(part, len(part)) for part in scores)), idle_share)
-        for _ in range(RESAMPLES)
-    )
+    groups = [[np.flatnonzero(of == g) for g in np.unique(of)] for of in scores[2:]]
+    drawn = []
+    for _ in range(RESAMPLES):
+        lifts, rest = (np.concatenate([its[i] for i in rng.integers(0, len(its), len(its))])
+                       for its in groups)  # fmt: skip
+        part = Scores(scores.lifts[lifts], scores.rest[rest], lifts, rest)
+        drawn.append(share(part, idle_share))
+    drawn.sort()
     return quantile(drawn, 0.025), quantile(drawn, 0.975)
 
 
@@ -229,6 +241,7 @@ def main() -> int:
     moments = [Moment(i, s.onset, len(s.t_s) - s.onset, 1) for i, s in enumerate(slipped)]
     asked = cases(recordings, moments, heard_of(names, slipped))
     drawn = cases(sets, lift_moments(sets), heard(names, sets))
+    objects = np.array([OBJECTS.index(slipped[i].object) for i in asked.groups])
     counted = np.bincount(drawn.classes, minlength=len(LIFT_TITLES))
     print(f"{len(asked.classes)} lifts of {len(slipped)} have half a second before their slip; "
           f"learnt from {counted[1:].sum()} lifts that slip and {counted[0]} moments that do not\n",
@@ -240,7 +253,7 @@ def main() -> int:
         print(f"| `{name}`, own rule | {' | '.join(detector_row(asked, drawn, name))} |")
     for said in (HEARD, ()):
         views = [replace(c, said={n: c.said[n] for n in said}) for c in (asked, drawn)]
-        every = [observed(views[0], views[1], time_s) for time_s in TIMES_S]
+        every = [observed(views[0], views[1], objects, time_s) for time_s in TIMES_S]
         title = "observer" if said else "observer, counts alone"
         for idle_share in IDLE_SHARES:
             print(f"| {title} | {' | '.join(observer_row(every, idle_share))} |", flush=True)

@@ -358,13 +358,21 @@ def must_test(minutes: float, budget: float, more: str) -> None:
     """
     if minutes * budget >= 1.0 or budget == 0.0:
         return
-    held, most = rest_text(minutes), math.ceil(1.0 / minutes) if minutes > 0.0 else math.inf
+    held, most = rest_text(minutes), _least_tested(minutes)
     looser = f", or --budget {most}" if most <= MOST_BUDGET else ""
     event = f", in which one false event would be {1.0 / minutes:.3g} a minute" if minutes else ""
     raise UsageError(
         f"a budget of {budget:g} a minute cannot be tested: {held} of a hand at rest{event}",
         f"give {more}{looser}",
     )
+
+
+def _least_tested(minutes: float) -> float:
+    """The smallest whole budget that so much rest can test; infinite without any."""
+    if minutes <= 0.0:
+        return math.inf
+    least = math.ceil(1.0 / minutes)
+    return least if minutes * least >= 1.0 else least + 1  # as floats multiply
 
 
 def rest_text(minutes: float) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
-from drivers.errors import GraspError, UsageError, one_line
+from drivers.errors import GraspError, UsageError, in_words, one_line
 from grasp import interruption
 from grasp.cli import (
     arm,
@@ -189,7 +189,7 @@ def _of_the_compiled(error: Exception) -> bool:
 def _bug(error: Exception, as_json: bool) -> int:
     """A bug keeps its traceback, unless JSON was asked for."""
     if as_json:
-        text = f"{type(error).__name__}: {error}"
+        text = in_words(error)
         return exits.report("internal", text, "a bug: run without --json and report it", True)
     traceback.print_exc()
     return exits.INTERNAL

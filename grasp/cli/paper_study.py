@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.options import need, one_by_one, progress, whole
 from grasp.cli.pictures import add_picture, write_numbers
@@ -179,6 +180,10 @@ def table3(args: argparse.Namespace) -> int:
     from scenarios.studies.detectors.benchmark import named, read_split
 
     check_named(args.detector)
+    both = {folder.resolve() for folder in args.data} & {f.resolve() for f in args.swept_on}
+    if both and args.split == "all":
+        text = f"{min(both)}: its split train would be swept on and scored"
+        raise UsageError(text, "--split test, or a set of another seed")
     recordings = read_split(args.data, args.split, exits.say)
     for name, tell in one_by_one(args.detector, "streaming", hidden=args.json):
         m = named(name, recordings, args.split, args.swept_on, tell=tell)

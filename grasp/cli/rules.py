@@ -1,10 +1,13 @@
 """By which rule a network of one's own is heard, and whether that rule was made for it."""
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from grasp.cli import exits
+
+HEARD_FROM = ("rule.threshold", "rule.limit")  # of either kind of rule
 
 
 def rule_of_weights(config: Any) -> str:
@@ -51,9 +54,9 @@ def tell_untuned(config: Any, layers: Any) -> None:
     if _rule_is_own(layers):
         return
     whose = f"the rule of the packaged {name}, tuned for other weights"
-    made = f"{name} --set network.weights={weights}"
+    made = shlex.join((name, "--set", f"network.weights={weights}"))
     if name not in PACKAGED:
-        whose, made = "no rule that was tuned for it", name
+        whose, made = "no rule that was tuned for it", shlex.quote(name)
     exits.report_line(f"{weights} is heard by {whose}")
     exits.say(f"`grasp detector tune {made} --data DIR` makes one, for --config")
 
@@ -71,8 +74,8 @@ def _own_weights(config: Any) -> str:
 
 
 def _rule_is_own(layers: Any) -> bool:
-    """Whether a file of one's own, or `--set`, says anything of the rule."""
+    """Whether a file of one's own, or `--set`, says from where on the rule hears slip."""
     from grasp.settings import config_dir, sources_of
 
-    said = {source for key, source in sources_of(layers).items() if key.startswith("rule.")}
+    said = {source for key, source in sources_of(layers).items() if key in HEARD_FROM}
     return any(not Path(source).is_relative_to(config_dir()) for source in said)

@@ -175,7 +175,8 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         )
         unreached = controller.unreached
         if self.bug is not None and trace.last is not None:  # perhaps no step could be taken
-            unreached = controller.missing(trace.last.observation)
+            missing = controller.missing(trace.last.observation)
+            unreached = (*missing.arm, *missing.hand)
         return msgspec.structs.replace(
             end, unreached=unreached, further=controller.further, where=self._where
         )
@@ -320,11 +321,12 @@ def _run_to_end(
     is put into ``bugs`` before the safe state is pursued."""
     with real_time(config.realtime) if rig.on_wall else nullcontext() as granted:
         try:
-            return _stopped(loop, deadline_s), granted
-        except (Exception, SystemExit) as error:  # of somebody's library, which knows no better
-            bugs.append(Bug.of(error))
-            _end_as_a_fault(loop, bugs[0], trace)
-            return False, granted
+            try:
+                return _stopped(loop, deadline_s), granted
+            except (Exception, SystemExit) as error:  # of somebody's library, which knows no better
+                bugs.append(Bug.of(error))
+                _end_as_a_fault(loop, bugs[0], trace)
+                return False, granted
         except BaseException:  # nothing may leave the arm moving
             loop.abort()
             raise

@@ -58,8 +58,12 @@ class Bug(msgspec.Struct, frozen=True):
 
     @classmethod
     def of(cls, error: BaseException) -> Self:
-        lines = traceback.format_exception(error)
-        return cls(type(error).__name__, str(error), "".join(lines))
+        """Raises nothing: it is asked for before the safe state is pursued."""
+        name = type(error).__name__
+        try:
+            return cls(name, str(error), "".join(traceback.format_exception(error)))
+        except Exception:  # of its own text, or for want of memory
+            return cls(name, "its text cannot be told", "")
 
     @property
     def line(self) -> str:

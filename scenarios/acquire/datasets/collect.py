@@ -1,5 +1,6 @@
 """A data set of a lab's own recordings: acquisitions and files of counts, each given to a split."""
 
+import hashlib
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,8 +27,9 @@ def collect(sources: Sequence[Path], out: Path) -> Collected:
     """Copy the recordings of acquisitions' folders, and files, into a new folder; of each five of
     a motion on a surface, three are for training.
 
-    Raises BadFile for what is no recording, UsageError for fewer than three, for several layouts of
-    taxels and for a folder that is not empty, OSError where nothing can be written.
+    Raises BadFile for what is no recording, UsageError for fewer than three, for one that is given
+    twice, by whatever name, for several layouts of taxels and for a folder that is not empty,
+    OSError where nothing can be written.
     """
     paths = [path for source in sources for path in _files(source)]
     if len(paths) < LEAST:
@@ -35,6 +37,7 @@ def collect(sources: Sequence[Path], out: Path) -> Collected:
     if out.exists() and any(out.iterdir()):
         raise UsageError(f"{out} is not empty", "give a new folder with --out")
     found = [read(path) for path in paths]
+    _require_each_once(paths, found)
     layouts = sorted({recording.taxels for recording in found})
     if len(layouts) > 1:
         mixed = " and ".join(str(taxels) for taxels in layouts)
@@ -47,6 +50,16 @@ def collect(sources: Sequence[Path], out: Path) -> Collected:
     for number, (recording, split) in enumerate(zip(found, splits, strict=True)):
         write(out / f"{number:03d}{SUFFIX}", _of_split(recording, split))
     return Collected({s: splits.count(s) for s in SHARED_OUT[:LEAST]}, _lacking(kinds, splits))
+
+
+def _require_each_once(paths: Sequence[Path], found: Sequence[Recording]) -> None:
+    """One recording in two splits would be tested on what it was learnt from."""
+    first: dict[str, Path] = {}
+    for path, recording in zip(paths, found, strict=True):
+        known = hashlib.sha256(recording.counts.tobytes() + _kind(recording).encode()).hexdigest()
+        other = first.setdefault(known, path)
+        if other is not path:
+            raise UsageError(f"{path} is the same recording as {other}", "give each once")
 
 
 def shared_out(kinds: Sequence[str]) -> list[Split]:

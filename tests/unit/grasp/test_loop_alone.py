@@ -24,6 +24,7 @@ from grasp.commands import (
 from grasp.loop import ControlLoop, Devices, Issued, Tick
 from grasp.loop_settings import LoopSettings
 from grasp.phases import Phase
+from grasp.safe_state import Missing
 from tests.unit.grasp.builders import REST, arm, frame, gripper, seen
 
 MS = 1_000_000
@@ -44,13 +45,18 @@ class Bench:
         self.decides: list[tuple[Command, ...]] = []  # a step each
         self.ticks: list[Tick] = []
         self.acknowledged = True
+        self.missing_of_hand: tuple[str, ...] = ()
         self.gripper_state: Any = gripper()
         self.controller = SimpleNamespace(
             finished=False, excused_ns=0.0, in_safe_state=False, phase=Phase.LIFT, fault_cause="",
             aborted=lambda: (StopArm(2.0), HoldFingers()),
+            missing=lambda seen: Missing((), self.missing_of_hand),
         )  # fmt: skip
         self.step: Any = SimpleNamespace(
-            controller=self.controller, decide=self._decide, admit=lambda command, state: command
+            controller=self.controller,
+            decide=self._decide,
+            last_close=None,
+            admit=lambda command, state: command,
         )
         self.frame: Any = frame()
         hand = SimpleNamespace(
@@ -321,12 +327,33 @@ def test_an_abort_waits_for_a_hand_that_moves_and_tells_an_arm_that_stands_to_st
 ) -> None:
     bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
     bench.loop.tick()
-    bench.hand.state = gripper(**hand)
+    bench.hand.state = gripper(2 * 10**9, **hand)
+    bench.arm.state = arm(2 * 10**9)
     left = bench.loop.abort()
     assert bench.verbs() == [("stop", 2.0), ("hold",)]
     assert left is not None
     assert not left.gripper.at_rest
     assert bench.clock.now_ns == 10**9 + 210 * MS
+
+
+def test_an_abort_tells_a_hand_again_that_rests_and_is_not_as_it_was_told() -> None:
+    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
+    bench.loop.tick()
+    bench.hand.state, bench.arm.state = gripper(2 * 10**9), arm(2 * 10**9)
+    bench.missing_of_hand = ("the hand is not as it should be",)
+    bench.loop.abort()
+    assert bench.verbs() == [("stop", 2.0), *[("hold",)] * 4]
+
+
+def test_an_abort_believes_no_state_from_before_it() -> None:
+    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
+    bench.loop.tick()
+    bench.hand.state, bench.arm.state = gripper(10**9), arm(10**9)
+    bench.raises["gripper pump"] = LinkLost("gone", "look")
+    left = bench.loop.abort()
+    assert bench.clock.now_ns == 10**9 + 210 * MS
+    assert bench.verbs() == [("stop", 2.0), ("hold",), *[("stop", 2.0)] * 3]
+    assert left is not None and left.observation.gripper_lost
 
 
 def test_on_a_wall_clock_commands_are_sent_before_anyone_watches_and_their_reply_waited_for() -> (

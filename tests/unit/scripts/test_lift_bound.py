@@ -11,6 +11,7 @@ from scenarios.studies.detectors.observer import Cases
 from scripts.last_draw import FIRST_SEED, Draw
 from scripts.lift_bound import (
     TIMES_S,
+    Floats,
     Scores,
     all_slips,
     detector_row,
@@ -35,6 +36,18 @@ def cases(classes: list[int], answers_s: list[float]) -> Cases:
     )  # fmt: skip
 
 
+def scored(lifts: Floats, rest: Floats, of: int = 1) -> Scores:
+    """So many of each, one after the other, belong together."""
+    return Scores(lifts, rest, np.arange(len(lifts)) // of, np.arange(len(rest)) // of)
+
+
+def test_interval_is_wider_where_moments_belong_together() -> None:
+    rng = np.random.default_rng(3)
+    rest, lifts = (np.repeat(rng.normal(mean, 1.0, 30), 4) for mean in (0.0, 1.0))
+    (low, high), (lower, higher) = (interval(scored(lifts, rest, of), 0.05) for of in (1, 4))
+    assert higher - lower > 1.3 * (high - low)
+
+
 @pytest.mark.parametrize(("wanted", "ms"), [(0.1, 25.0), (0.5, 60.0), (0.9, 150.0), (0.95, np.inf)])
 def test_time_at_which_a_share_is_told_lies_on_a_line_between_those_asked_about(
     wanted: float, ms: float
@@ -47,7 +60,7 @@ def test_share_that_falls_later_was_told_all_the_same() -> None:
 
 
 def test_lifts_count_that_score_above_all_but_so_much_of_rest() -> None:
-    scores = Scores(lifts=np.array([5.0, 15.0, 18.5, 30.0]), rest=np.arange(20.0))
+    scores = scored(np.array([5.0, 15.0, 18.5, 30.0]), np.arange(20.0))
     assert share(scores, 0.0) == 0.25
     assert share(scores, 0.05) == 0.5
     low, high = interval(scores, 0.05)
@@ -56,7 +69,7 @@ def test_lifts_count_that_score_above_all_but_so_much_of_rest() -> None:
 
 def test_row_of_the_observer_has_all_times_and_when_half_and_nine_tenths_are_told() -> None:
     rest = np.zeros(40)
-    every = [Scores(np.where(np.arange(10) < 10 * p, 1.0, -1.0), rest) for p in RISING]
+    every = [scored(np.where(np.arange(10) < 10 * p, 1.0, -1.0), rest) for p in RISING]
     idle, *told, half, late = observer_row(every, 0.05)
     assert (idle, len(told), half, late) == ("5", len(TIMES_S), "60", "150")
     assert told[3].startswith("60 [")

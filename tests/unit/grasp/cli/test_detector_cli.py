@@ -11,6 +11,8 @@ import pytest
 from detector.network_file import weights_path
 from detector.recordings import Recording, write
 from detector.scores.cells import LEAST_RECORDINGS, ROWS, SURFACES
+from drivers.errors import UsageError
+from grasp.cli.detector import must_test
 from grasp.cli.main import main
 from scenarios.campaign.config import load_config
 from tests.unit.detector.networks import write_network
@@ -155,6 +157,16 @@ def test_a_budget_of_which_the_rest_at_hand_cannot_hold_one_event_gives_no_rule(
         assert main(["detector", "tune", *source, "--budget", looser]) == 0
 
 
+@pytest.mark.parametrize("seconds", range(1, 400))
+def test_the_looser_budget_that_is_named_is_one_that_can_be_tested(seconds: int) -> None:
+    minutes = 1.0 / seconds
+    with pytest.raises(UsageError) as refused:
+        must_test(minutes, 0.9 * seconds, "more")
+    named = int(refused.value.remedy.rpartition(" ")[2])
+    must_test(minutes, named, "more")
+    assert named <= seconds + 1
+
+
 def test_recordings_without_any_rest_cannot_test_a_budget_however_loose(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -255,6 +267,14 @@ def test_the_table_of_cells_sweeps_thresholds_on_other_recordings(
                              ([], ["--swept-on", str(train)]))  # fmt: skip
     means = [np.mean([c["f1"]["value"] for c in found["cells"]]) for found in (packaged, swept)]  # type: ignore[attr-defined]
     assert means[1] > means[0] + 0.05
+
+
+def test_the_table_of_cells_does_not_sweep_on_what_it_scores(
+    data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["detector", "table3", "energy", "--data", str(data), "--swept-on", str(data)]
+    assert main(words) == 2
+    assert "its split train would be swept on and scored" in capsys.readouterr().err
 
 
 def test_the_chart_leaves_its_numbers_beside_the_picture(

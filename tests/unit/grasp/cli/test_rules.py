@@ -43,6 +43,16 @@ def test_a_run_and_scores_warn_in_the_same_words(lab: str, tmp_path: Path, capsy
     assert PACKAGED in capsys.readouterr().err
 
 
+def test_a_rule_of_which_only_the_release_is_ones_own_is_the_packaged_one_still(
+    lab: str, tmp_path: Path, capsys: Capture
+) -> None:
+    spaced = shutil.copy(lab, tmp_path / "my lab.onnx")
+    words = ["--set", f"network.weights={spaced}", "--set", "rule.release=5"]
+    assert main([*SHOW, *words]) == 0
+    said = capsys.readouterr().err
+    assert PACKAGED in said and f"tune tcn --set 'network.weights={spaced}' --data DIR" in said
+
+
 def test_nothing_is_said_of_a_rule_of_ones_own_nor_of_packaged_weights(
     lab: str, tmp_path: Path, capsys: Capture
 ) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from detector.energy import EnergyDetector
+from drivers.errors import LinkLost, Refused
 from grasp.cli.live import Display
 from grasp.cli.main import main
 from grasp.commands import MoveArm, StopArm
@@ -118,6 +119,86 @@ def test_a_library_that_ends_the_program_ends_the_run_as_a_fault_does(
     assert result.end is not None and result.end.arm == "the arm stands"
 
 
+def test_a_hand_that_refuses_once_is_told_again_where_no_step_can_be_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begin = plant(monkeypatch, GraspController, "step")
+    lift = Staged(*QUICK)
+    refused: list[bool] = []
+
+    def act(rig: Any) -> None:
+        begin()
+        close = rig.devices.gripper.close_fast
+
+        def refuses_once(*asked: Any) -> Any:
+            if not refused:
+                refused.append(True)
+                raise Refused("busy", "wait")
+            return close(*asked)
+
+        monkeypatch.setattr(type(rig.devices.gripper), "close_fast", lambda _, *a: refuses_once(*a))
+
+    trial = lift.run(in_phase(Phase.LIFT, 5), act)
+    result = lift.result(trial)
+    assert refused and result.end is not None and result.end.unreached == ()
+    assert fault.cell(lift.rig).truth().normal_n[0] > 8.0
+
+
+@pytest.mark.parametrize("phase", [Phase.LISTEN, Phase.LIFT, Phase.HOLD])
+def test_a_hand_that_is_not_heard_any_more_is_not_told_as_safe_where_no_step_can_be_taken(
+    phase: Phase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin = plant(monkeypatch, GraspController, "step")
+    lift = Staged(*QUICK)
+
+    def lost(*_: Any) -> None:
+        raise LinkLost("gone", "look")
+
+    def act(rig: Any) -> None:
+        begin()
+        monkeypatch.setattr(type(rig.devices.gripper), "pump", lost)
+
+    trial = lift.run(in_phase(phase, 5), act)
+    end = lift.result(trial).end
+    assert end is not None
+    assert any("the hand is not heard" in text for text in end.unreached)
+
+
+class Unspeakable(Exception):
+    """One whose own text raises."""
+
+    def __str__(self) -> str:
+        raise self
+
+
+def test_an_exception_whose_text_raises_leaves_a_standing_arm_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begin = plant(monkeypatch, GraspController, "step", Unspeakable)
+    lift = Staged(*QUICK)
+    result = lift.result(lift.run(in_phase(Phase.LIFT, 5), lambda rig: begin()))
+    assert result.bug is not None and result.bug.name == "Unspeakable"
+    assert result.end is not None and result.end.arm == "the arm stands"
+    assert fault.cell(lift.rig).truth().normal_n[0] > 8.0
+
+
+def test_ctrl_c_while_the_safe_state_of_a_bug_is_pursued_leaves_a_standing_arm(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begin = plant(monkeypatch, GraspController, "step", KeyboardInterrupt)
+    lift = Staged(*QUICK)
+
+    def act(rig: Any) -> None:
+        begin()
+        raise ZeroDivisionError(TEXT)
+
+    with pytest.raises(KeyboardInterrupt):
+        lift.run(in_phase(Phase.LIFT, 5), act)
+    cell = fault.cell(lift.rig)
+    assert cell.arm.velocity(cell.truth().t_ns) == (0.0, 0.0, 0.0)
+    assert cell.truth().normal_n[0] > 8.0
+
+
 def words(runs: Path, *more: str) -> list[str]:
     settings = [word for text in QUICK for word in ("--set", text)]
     return ["run", "lift", "--rig", "simulated", "--detector", "energy", "--runs", str(runs),
@@ -154,6 +235,17 @@ def test_command_ends_with_what_happened_how_it_was_left_and_a_result(
     assert result["end"]["arm"] == "the arm stands"
     assert main(["runs", "--runs", str(tmp_path)]) == 0
     assert "internal_error" in capsys.readouterr().out
+
+
+def test_exception_of_a_detector_whose_text_raises_is_a_fault_as_well(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fails(*_: Any) -> None:
+        raise Unspeakable
+
+    monkeypatch.setattr(EnergyDetector, "update", fails)
+    assert main(words(tmp_path)) == 4
+    assert "detector_failed: Unspeakable: its text raises too" in capsys.readouterr().err
 
 
 def test_exception_of_a_detector_is_a_fault_of_its_own(

@@ -17,10 +17,10 @@ ROWS = "t_s,p0,p1,p2,p3,p4,p5,slip\n" + "".join(f"{k / 100},{-k},0,0,0,0,0,0\n" 
 @pytest.fixture
 def own(tmp_path: Path) -> list[str]:
     """Two acquisitions, one of them cut in two, and a file from elsewhere."""
-    for name in ("one/samples.npz", "two/samples-1.npz", "two/samples-2.npz"):
+    for seed, name in enumerate(("one/samples.npz", "two/samples-1.npz", "two/samples-2.npz")):
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True)
-        write(path, toy(len(name), "train"))
+        write(path, toy(seed, "train"))
     (tmp_path / "else.csv").write_text(ROWS)
     return [str(tmp_path / name) for name in ("one", "two", "else.csv")]
 
@@ -44,6 +44,16 @@ def test_two_recordings_and_a_folder_in_use_are_refused(
     assert not (tmp_path / "few").exists()
     assert main(["dataset", "collect", *own, "--out", str(tmp_path / "one")]) == 2
     assert "is not empty" in capsys.readouterr().err
+
+
+def test_one_recording_by_two_names_is_refused(
+    own: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its copies would be in two splits, and what is tested on would have been learnt from."""
+    (tmp_path / "link").symlink_to(tmp_path / "one")
+    for again in (tmp_path / "one" / "samples.npz", tmp_path / "link"):
+        assert main(["dataset", "collect", *own, str(again), "--out", str(tmp_path / "own")]) == 2
+        assert "is the same recording as" in capsys.readouterr().err
 
 
 def test_fingertips_of_two_layouts_are_refused(
