@@ -122,7 +122,8 @@ def _refuse_overwritten(assignments: list[str], policies: "Sequence[Policy]") ->
 def _print(answers: "Answers") -> None:
     print(
         f"{'scene':42} {'answer':24} {'held':>9} {'lost':>4} {'of feasible':>11} "
-        f"{'slip, mm p50 p90':>17} {'in the air p50 p90':>19} {'force/least p50 p90':>20} "
+        f"{'slip, mm p50 p90 p99':>20} {'in the air p50 p90 p99':>22} "
+        f"{'force/least p50 p90 p99':>23} "
         f"{'peak N':>7} {'closings':>8} {'paused s':>9} {'lift s':>7} {'false alarms':>12}"
     )
     for cell in answers.cells:
@@ -131,11 +132,11 @@ def _print(answers: "Answers") -> None:
 
 def _row(c: "Cell") -> str:
     slip, air, force = (
-        "-" if q is None else f"{q.p50:z.{digits}f} {q.p90:z.{digits}f}"
+        "-" if q is None else " ".join(f"{v:z.{digits}f}" for v in (q.p50, q.p90, q.p99))
         for q, digits in ((c.slip_mm, 1), (c.air_slip_mm, 1), (c.over_least, 2))
     )
     return (
         f"{c.scene:42} {c.policy:24} {c.held:>5}/{c.trials:<3} {c.lost:>4} "
-        f"{c.feasible_held:>7}/{c.feasible:<3} {slip:>17} {air:>19} {force:>20} {c.peak_n:7.1f} "
+        f"{c.feasible_held:>7}/{c.feasible:<3} {slip:>20} {air:>22} {force:>23} {c.peak_n:7.1f} "
         f"{c.closings:8.1f} {c.paused_s:9.2f} {c.seconds:7.2f} {c.alarms:12.2f}"
     )
