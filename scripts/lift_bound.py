@@ -10,8 +10,9 @@ slip set in, as no detector is, and asked so much later, with all counts until t
 and `gru` said. It calls slip what scores above all but so many of the moments in which drawn
 objects are held, by observers that have not learnt from those: so many at each time by itself,
 where a detector's share is of moments that it answers at any time within half a second, and so the
-observer is flattered. Beside it the detectors by their own rules on the same lifts; an alarm that
-is on already when slip sets in tells nothing. Nothing is tuned on it.
+observer is flattered. Beside it the detectors on the same lifts: by the most that they said in one
+sample, told when as the observer is, and by their own rules; an alarm that is on already when slip
+sets in tells nothing. Nothing is tuned on it.
 """
 
 import argparse
@@ -143,6 +144,16 @@ def observed(
     return Scores(_likelier(told[: len(of_lifts)]), rest, objects, part.groups[idle])
 
 
+def surest(
+    asked: Cases, drawn: Cases, objects: NDArray[np.intp], name: str, time_s: float
+) -> Scores:  # fmt: skip
+    """The most that a detector said in one sample since, of lifts and moments of rest: what it
+    knows, whatever its rule makes of it, if it is told when as the observer is."""
+    idle = drawn.part(np.flatnonzero((drawn.classes == 0) & (drawn.lasts >= drawn.samples(time_s))))
+    of_lifts, of_rest = (c.said[name][:, : c.samples(time_s)].max(axis=1) for c in (asked, idle))
+    return Scores(of_lifts, of_rest, objects, idle.groups)
+
+
 def _likelier(told: Floats) -> Floats:
     odds: Floats = np.logaddexp.reduce(told[:, 1:], axis=1) - told[:, 0]
     return odds
@@ -180,7 +191,7 @@ def soonest_ms(shares: Sequence[float], wanted: float) -> float:
     return float(times_ms[at - 1] + part * (times_ms[at] - times_ms[at - 1]))
 
 
-def observer_row(every: Sequence[Scores], idle_share: float) -> list[str]:
+def scores_row(every: Sequence[Scores], idle_share: float) -> list[str]:
     """Shares at all times with their intervals, and when half and nine tenths are told."""
     shares = [share(scores, idle_share) for scores in every]
     limits = [interval(scores, idle_share) for scores in every]
@@ -251,13 +262,19 @@ def main() -> int:
     print(f"| {' | '.join(heads)} |\n{'|---' * len(heads)}|")
     for name in args.detectors:
         print(f"| `{name}`, own rule | {' | '.join(detector_row(asked, drawn, name))} |")
+    for name in args.detectors:
+        every = [surest(asked, drawn, objects, name, time_s) for time_s in TIMES_S]
+        _print_rows(f"`{name}`, told when", every)
     for said in (HEARD, ()):
         views = [replace(c, said={n: c.said[n] for n in said}) for c in (asked, drawn)]
         every = [observed(views[0], views[1], objects, time_s) for time_s in TIMES_S]
-        title = "observer" if said else "observer, counts alone"
-        for idle_share in IDLE_SHARES:
-            print(f"| {title} | {' | '.join(observer_row(every, idle_share))} |", flush=True)
+        _print_rows("observer" if said else "observer, counts alone", every)
     return 0
+
+
+def _print_rows(title: str, every: Sequence[Scores]) -> None:
+    for idle_share in IDLE_SHARES:
+        print(f"| {title} | {' | '.join(scores_row(every, idle_share))} |", flush=True)
 
 
 if __name__ == "__main__":

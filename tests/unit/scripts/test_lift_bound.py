@@ -18,9 +18,10 @@ from scripts.lift_bound import (
     heard_of,
     interval,
     lifts_in,
-    observer_row,
+    scores_row,
     share,
     soonest_ms,
+    surest,
 )
 from tests.unit.detector.toys import toy
 
@@ -70,9 +71,22 @@ def test_lifts_count_that_score_above_all_but_so_much_of_rest() -> None:
 def test_row_of_the_observer_has_all_times_and_when_half_and_nine_tenths_are_told() -> None:
     rest = np.zeros(40)
     every = [scored(np.where(np.arange(10) < 10 * p, 1.0, -1.0), rest) for p in RISING]
-    idle, *told, half, late = observer_row(every, 0.05)
+    idle, *told, half, late = scores_row(every, 0.05)
     assert (idle, len(told), half, late) == ("5", len(TIMES_S), "60", "150")
     assert told[3].startswith("60 [")
+
+
+def test_detector_is_told_when_by_the_most_that_it_said_since() -> None:
+    said = np.tile(np.arange(50.0), (4, 1)) * np.array([[1.0], [2.0], [3.0], [4.0]])
+    asked, drawn = (
+        msgspec.structs.replace(cases(classes, [np.inf] * 4), said={"tcn": said})
+        for classes in ([1, 1, 1, 1], [0, 2, 0, 0])
+    )
+    drawn = msgspec.structs.replace(drawn, lasts=np.array([50, 50, 3, 50]))
+    found = surest(asked, drawn, np.array([7, 7, 8, 8]), "tcn", 0.05)
+    assert found.lifts.tolist() == [4.0, 8.0, 12.0, 16.0]
+    assert (found.rest.tolist(), found.recordings.tolist()) == ([4.0, 16.0], [0, 3])
+    assert found.objects.tolist() == [7, 7, 8, 8]
 
 
 def test_row_of_a_detector_counts_its_own_answers_and_those_to_moments_of_rest() -> None:
