@@ -1,7 +1,7 @@
 """The default detector as it is packaged: worse weights, or a worse rule, are noticed.
 
-By what they do weights of half a training can hardly be told from the packaged ones, so rule and
-weights are held to the value as well.
+By what they do on as few recordings as are made here weights of half a training cannot be told
+from the packaged ones, so rule and weights are held to the value as well.
 """
 
 import lzma
@@ -118,8 +118,8 @@ def test_a_shorter_release_is_noticed(recordings: list[Recording]) -> None:
 def test_weights_of_a_training_that_was_cut_short_are_noticed(
     recordings: list[Recording], tmp_path: Path
 ) -> None:
-    """At a fifteenth of the steps nine in ten of what moves are missed: 485 ms. From half the steps
-    on the mean delay on validation is that of the end within 5 ms, so no such bound tells them."""
+    """At a fifteenth of the steps nine in ten of what moves are missed: 485 ms. At half of them no
+    bound tells them here: 152 ms and AUC .9875 of seed 0, where it has 190 and .9873 at the end."""
     path = tmp_path / "cut-short.onnx"
     path.write_bytes(lzma.decompress(CUT_SHORT.read_bytes()))
     assert read_network(path).card.steps < DEFAULTS[DEFAULT.detector_name].steps
