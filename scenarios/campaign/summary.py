@@ -136,8 +136,8 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
         outcomes=outcomes,
         apart=_outcomes([row for row in ran if row.trial not in counted]),
         alarms_stayed=sum(bool(row.success and row.alarm_stayed) for row in done),
-        detection_latency_ms=_of_a_world([row.detection_latency_ms for row in done], done),
-        reaction_latency_ms=_of_a_world([row.reaction_latency_ms for row in done], done),
+        detection_latency_ms=_of_a_world([registered_ms(row) for row in done], done),
+        reaction_latency_ms=_of_a_world([_force_rises_ms(row) for row in done], done),
         nominal_again_ms=quantiles([row.nominal_again_ms for row in done]),
         slip_distance_mm=quantiles([_slip_mm(scenario, row) for row in done]),
         turned_deg=_of_a_world([_turned_deg(scenario, row) for row in done], done),
@@ -146,6 +146,19 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
         if known
         else None,
     )
+
+
+def registered_ms(row: Row) -> float | None:
+    """After the onset of slip; an alarm that came before there was any has not registered it."""
+    return None if _false_start(row) else row.detection_latency_ms
+
+
+def _force_rises_ms(row: Row) -> float | None:
+    return None if _false_start(row) else row.reaction_latency_ms
+
+
+def _false_start(row: Row) -> bool:
+    return row.outcome == LiftOutcome.FALSE_START
 
 
 def _outcomes(rows: Sequence[Row]) -> dict[str, int]:

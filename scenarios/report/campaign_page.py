@@ -13,7 +13,7 @@ from scenarios.campaign import frontier
 from scenarios.campaign.paper import TABLE_IV, TRIALS, wilson
 from scenarios.campaign.spec import MOVED, CampaignSpec
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.summary import Cell, Variant, paper_rate, summarize
+from scenarios.campaign.summary import Cell, Variant, paper_rate, registered_ms, summarize
 from scenarios.campaign.worker import Row
 from scenarios.report.charts import Plot, Rate, rates, shares
 from scenarios.report.page import render
@@ -211,7 +211,7 @@ def _distributions(variant: Variant, rows: Sequence[Row], named: bool) -> list[P
 
     moved = "Moved" if variant.scenario == "tap" else "Slip in the hand"
     plots = (
-        shares(f"Slip registered{heading}", "ms after its onset", by_object(_late_ms)),
+        shares(f"Slip registered{heading}", "ms after its onset", by_object(registered_ms)),
         shares(f"{moved}{heading}", "mm", by_object(_slip_mm)),
     )
     return [plot for plot in plots if plot is not None]
@@ -219,10 +219,6 @@ def _distributions(variant: Variant, rows: Sequence[Row], named: bool) -> list[P
 
 def _or_never(value: float | None) -> float:
     return math.inf if value is None else value
-
-
-def _late_ms(row: Row) -> float | None:
-    return row.detection_latency_ms
 
 
 def _slip_mm(row: Row) -> float | None:

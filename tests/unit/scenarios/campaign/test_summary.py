@@ -78,6 +78,16 @@ def test_delays_are_shown_to_the_99th_of_a_hundred_with_what_was_missed_at_their
     assert _three(cell.detection_latency_ms) == "50 / 90 / inf"
 
 
+def test_false_start_has_not_registered_the_slip_that_came_later() -> None:
+    held = [row(i, "ball", "held", detection_latency_ms=5.0, reaction_latency_ms=60.0,
+                peak_force_n=9.0) for i in (0, 1)]  # fmt: skip
+    early = row(2, "ball", "false_start", detection_latency_ms=-300.0, reaction_latency_ms=-240.0,
+                peak_force_n=9.0)  # fmt: skip
+    (cell,) = summarize("x", [*held, early]).variants[0].cells
+    for q, least in ((cell.detection_latency_ms, 5.0), (cell.reaction_latency_ms, 60.0)):
+        assert q is not None and (q.p10, q.max) == (least, math.inf)
+
+
 def test_how_long_the_arm_stood_for_answers_is_told_of_every_object() -> None:
     rows = [row(i, "ball", "held", paused_s=s) for i, s in enumerate((0.0, 0.5, 1.0))]
     (cell,) = summarize("x", rows).variants[0].cells
