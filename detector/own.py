@@ -196,7 +196,11 @@ def _made(word: str, found: Any, settings: OwnSettings, fingers: int, taxels: in
             problem, line = _told("making it", error, file)
             raise BadFile(file, problem, REMEDY, line) from error
     for verb in ("reset", "update"):
-        if not callable(getattr(made, verb, None)):
+        try:
+            there = callable(getattr(made, verb, None))
+        except FAILURES as error:
+            raise _broken(word, f"{verb} raised {in_words(error)}") from error
+        if not there:
             raise _broken(word, f"has no {verb}()")
     return made
 

@@ -6,6 +6,7 @@ differences of such means that it says are above zero. It holds if all their int
 zero, does not if one lies below, and is not resolved otherwise.
 """
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Literal
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.decision import RuleSettings
+from detector.recordings import Recording
 from detector.scores.evaluation import (
     WARM_UP_SAMPLES,
     Streamed,
@@ -113,14 +115,9 @@ class Drawn(msgspec.Struct, frozen=True, eq=False):
 def cell_table(
     detector: str, threshold: float, rule: RuleSettings, streams: Sequence[Streamed], seed: int = 0
 ) -> CellTable:
-    """Score every cell. Raises UsageError where one has fewer than LEAST_RECORDINGS."""
+    """Score every cell. Raises UsageError as `require_cells` does."""
+    require_cells([s.recording for s in streams])
     groups = _groups(streams)
-    few = [key for key in _keys() if len(groups.get(key, ())) < LEAST_RECORDINGS]
-    if few:
-        raise UsageError(
-            f"{len(few)} of {len(_keys())} cells have fewer than {LEAST_RECORDINGS} recordings",
-            "a set built for it: `grasp dataset build paper --seed N`, scored with --split all",
-        )
     f1 = _resampled(groups, threshold, rule, np.random.default_rng(seed))
     return CellTable(
         detector=detector,
@@ -131,16 +128,33 @@ def cell_table(
     )
 
 
+def require_cells(recordings: Sequence[Recording]) -> None:
+    """Raises UsageError where a cell has fewer than LEAST_RECORDINGS."""
+    held = Counter(_key(recording) for recording in recordings)
+    few = [key for key in _keys() if held[key] < LEAST_RECORDINGS]
+    if few:
+        raise UsageError(
+            f"{len(few)} of {len(_keys())} cells have fewer than {LEAST_RECORDINGS} recordings",
+            "a set built for it: `grasp dataset build paper --seed N`, scored with --split all",
+        )
+
+
 def _keys() -> list[Key]:
     return [(*row, surface) for row in ROWS for surface in SURFACES]
+
+
+def _key(recording: Recording) -> Key | None:
+    """The cell that it is of; None: of none."""
+    known = recording.metadata
+    if known is None or known.set != "slide":
+        return None
+    return str(known.motion), round(known.speed_mps, 3), known.surface
 
 
 def _groups(streams: Sequence[Streamed]) -> dict[Key, list[Streamed]]:
     found: dict[Key, list[Streamed]] = {}
     for s in streams:
-        known = s.recording.metadata
-        if known is not None and known.set == "slide":
-            key = (str(known.motion), round(known.speed_mps, 3), known.surface)
+        if (key := _key(s.recording)) is not None:
             found.setdefault(key, []).append(s)
     return found
 

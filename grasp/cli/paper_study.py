@@ -13,7 +13,7 @@ from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.options import need, one_by_one, progress, whole
 from grasp.cli.pictures import add_picture, write_numbers
-from grasp.cli.rules import check_named
+from grasp.cli.rules import check_named, tell_learnt, tell_swept
 
 WINDOWS = (10, 30, 50, 70, 100)
 STEPS = 1500
@@ -175,7 +175,7 @@ def _folder(kept: Path | None) -> Iterator[Path]:
 def table3(args: argparse.Namespace) -> int:
     import msgspec
 
-    from detector.scores.cells import cell_table
+    from detector.scores.cells import cell_table, require_cells
     from detector.scores.tables import cells_table
     from scenarios.studies.detectors.benchmark import named, read_split
 
@@ -185,8 +185,11 @@ def table3(args: argparse.Namespace) -> int:
         text = f"{min(both)}: its split train would be swept on and scored"
         raise UsageError(text, "--split test, or a set of another seed")
     recordings = read_split(args.data, args.split, exits.say)
+    require_cells(recordings)
+    tell_learnt(recordings)
     for name, tell in one_by_one(args.detector, "streaming", hidden=args.json):
         m = named(name, recordings, args.split, args.swept_on, tell=tell)
+        tell_swept(m, args.swept_on)
         found = cell_table(m.detector.name, m.detector.threshold, m.config.rule, m.streams)
         print(msgspec.json.encode(found).decode() if args.json else cells_table(found) + "\n")
     return exits.SUCCESS

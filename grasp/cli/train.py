@@ -141,7 +141,7 @@ def _fit(args: argparse.Namespace, training: Any, validation: list[Any], out: Pa
         progress("training", hidden=args.json, every_s=TELL_S) as show,
         interruption.watched(),
     ):
-        reporter = Reporter(log, show)
+        reporter = Reporter(log, show, args.minutes)
         training.run(args.minutes, out.with_suffix(".checkpoint"), reporter.tell)
     interruption.check()
     return export(training, validation, out, versions()["commit"])
@@ -207,16 +207,18 @@ def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
 class Reporter:
     """How far it is for a person, one plain line a validation for the log."""
 
-    def __init__(self, log: Any, show: Any) -> None:
+    def __init__(self, log: Any, show: Any, minutes: float = NO_LIMIT_MINUTES) -> None:
+        """``minutes``: of the processor, after which the training ends."""
         self._log = log
         self._show = show
+        self._minutes = minutes
         self._smooth: float | None = None  # none yet, of a training that is resumed too
 
     def tell(self, p: Any) -> None:
         before = p.loss if self._smooth is None else self._smooth
         self._smooth = 0.98 * before + 0.02 * p.loss
         best = f", best delay {p.best.delay_ms:.0f} ms" if p.best else ""
-        self._show(p.step, p.steps, f"training, loss {self._smooth:.3f}{best}")
+        self._show(p.step, self._last_step(p), f"training, loss {self._smooth:.3f}{best}")
         if p.score is not None:
             s = p.score
             self._log.write(
@@ -225,3 +227,9 @@ class Reporter:
             )
             self._log.flush()
         interruption.check()
+
+    def _last_step(self, p: Any) -> int:
+        """Where it ends: with its steps, or with its minutes before, at the pace until now."""
+        if self._minutes >= NO_LIMIT_MINUTES or p.minutes <= 0.0:
+            return int(p.steps)
+        return int(max(p.step, min(p.steps, p.step * self._minutes / p.minutes)))

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from detector.recordings import SUFFIX, Metadata, Recording, Split, read, write
-from drivers.errors import UsageError
+from drivers.errors import BadFile, UsageError
 from grasp.files import make_private_folder
 
 SHARED_OUT: tuple[Split, ...] = ("train", "validation", "test", "train", "train")
@@ -90,6 +90,8 @@ def _kind(recording: Recording) -> str:
 
 
 def _files(source: Path) -> list[Path]:
+    if not source.exists():
+        raise BadFile(source, "is not there", "check the path")
     if not source.is_dir():
         return [source]
     found = sorted(source.glob(SAMPLES))

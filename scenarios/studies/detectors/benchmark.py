@@ -182,6 +182,12 @@ def stands_on(streams: Sequence[Streamed], rule: RuleSettings) -> StandsOn:
     return StandsOn(hand_s / 60.0, slips, slips - missed, sum(j.false for j in judged))
 
 
+def require_formula(name: str) -> None:
+    """Raises UsageError for a detector of more than one number."""
+    if name not in FORMULAS:
+        raise UsageError(f"{name} has no threshold of its own", f"one of: {', '.join(FORMULAS)}")
+
+
 def sweep_threshold(made: Contender) -> SweptThreshold:
     """The threshold with which a detector of one number has the best balanced accuracy on what was
     streamed: unbalanced, one that hears nothing is best told to say the commoner class.
@@ -189,9 +195,7 @@ def sweep_threshold(made: Contender) -> SweptThreshold:
     Its probability is logistic in the log of that number, so one stream tells all thresholds.
     Raises UsageError for a network.
     """
-    name = made.config.detector_name
-    if name not in FORMULAS:
-        raise UsageError(f"{name} has no threshold of its own", f"one of: {', '.join(FORMULAS)}")
+    require_formula(made.config.detector_name)
     section = made.config.detector_section
     settings = getattr(made.config, section)
     (setting,) = (f for f in settings.__struct_fields__ if f.startswith("threshold"))

@@ -12,6 +12,19 @@ from detector.interface import SlipDetector, load_detector
 from detector.own import OwnSettings, code_digest
 from drivers.errors import BadFile
 
+RAISING = """
+class Evil(Exception):
+    def __str__(self):
+        raise self
+
+class Mine:
+    def reset(self): pass
+
+    def update(self, counts): return [0.0] * 3
+
+    @property
+    def {0}(self): raise Evil
+"""
 WHOLE = """
 import numpy as np
 
@@ -114,6 +127,14 @@ def test_it_cannot_change_what_the_guard_measures_by(tmp_path: Path) -> None:
         (WHOLE.replace("return self.buffer", "return self.buffer + 2"), "Mine", "probabilities"),
         (WHOLE.replace("threshold = 0.4", "threshold = 4"), "Mine", "threshold is 4"),
         (WHOLE.replace("memory = 3", "memory = None"), "Mine", "memory is None"),
+        (RAISING.format("update"), "Mine", "update raised Evil: its text raises too"),
+        (RAISING.format("reset"), "Mine", "reset raised Evil"),
+        (
+            WHOLE + RAISING.format("threshold").replace("class Mine:", "class Bad(Mine):"),
+            "Bad",
+            "threshold raised Evil",
+        ),
+        (WHOLE.replace("self.n += 1", "counts.setflags(write=True)"), "Mine", "WRITEABLE"),
     ],
 )
 def test_every_mistake_is_one_line_that_names_the_file(

@@ -269,6 +269,25 @@ def test_the_table_of_cells_sweeps_thresholds_on_other_recordings(
     assert means[1] > means[0] + 0.05
 
 
+def test_scores_on_what_packaged_networks_have_learnt_from_are_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keys = [(*row, surface) for row in ROWS for surface in SURFACES]
+    for split, warned in (("train", "140 of 140 recordings are of those"), ("test", "")):
+        folder = tmp_path / split
+        folder.mkdir()
+        for k, (motion, speed, surface) in enumerate(LEAST_RECORDINGS * keys):
+            made = toy(k % 7, "test", n=400)
+            told = msgspec.structs.replace(
+                made.metadata, motion=motion, speed_mps=speed, surface=surface,
+                seed=1_000_000 + k, split=split,
+            )  # fmt: skip
+            write(folder / f"{k}.npz", msgspec.structs.replace(made, metadata=told))
+        assert main(["detector", "table3", "energy", "--data", str(folder)]) == 0
+        said = capsys.readouterr().err
+        assert warned in said if warned else "have learnt" not in said
+
+
 def test_the_table_of_cells_does_not_sweep_on_what_it_scores(
     data: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

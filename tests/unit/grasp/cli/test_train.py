@@ -236,3 +236,15 @@ def test_no_network_is_trained_on_a_data_set_that_is_not_all_there(
     (line,) = capsys.readouterr().err.splitlines()
     assert f"{tmp_path}: 0 of 84 recordings are there (`grasp dataset build` goes on" in line
     assert not list(tmp_path.glob("mine*"))
+
+
+@pytest.mark.parametrize(("minutes", "last"), [(1e9, 1000), (2.0, 400), (0.4, 100), (60.0, 1000)])
+def test_how_far_a_training_is_ends_with_its_minutes_where_they_end_first(
+    minutes: float, last: int
+) -> None:
+    told: list[int] = []
+    reporter = train.Reporter(SimpleNamespace(), lambda step, of, words: told.append(of), minutes)
+    reporter.tell(
+        SimpleNamespace(step=100, steps=1000, minutes=0.5, loss=0.3, best=None, score=None)
+    )
+    assert told == [last]
