@@ -16,6 +16,7 @@ sets in tells nothing. Nothing is tuned on it.
 """
 
 import argparse
+import sys
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -231,19 +232,25 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--data", type=Path, nargs="+", required=True)
+    parser.add_argument(
+        "--data", type=Path, nargs="+", required=True,
+        help="recordings of `grasp chart observer --data DIR --share 1`: DIR/run",
+    )  # fmt: skip
     parser.add_argument(
         "--detectors", nargs="+", choices=sorted(DETECTORS), default=["tcn", "gru", "energy"]
     )
     parser.add_argument("--lifts", type=whole(1, 60), default=10, help="of an object")
-    parser.add_argument("--first-seed", type=whole(0, 10**9), default=FIRST_SEED)
-    parser.add_argument("--jobs", type=whole(1, 64), default=2)
+    parser.add_argument(
+        "--first-seed", type=whole(0, 10**9), default=FIRST_SEED, help="(default: the last draw's)"
+    )
+    parser.add_argument("--jobs", type=whole(1, 64), default=2, help="worker processes")
     args = parser.parse_args()
     try:
         need("train", "torch")
     except UsageError as error:
         parser.error(str(error))
     sets, names = lifts_in(args.data), sorted({*HEARD, *args.detectors})
+    print("running the lifts, then streaming and learning: some minutes", file=sys.stderr)
     draw = Draw(args.first_seed, 0, args.lifts)
     found = results(partial(all_slips, draw), OBJECTS, Workers(args.jobs))
     slipped = sorted((s for of_object in found for s in of_object), key=lambda s: s.object)
