@@ -96,7 +96,7 @@ def _add_tune(actions: Any) -> None:
     parser.add_argument(
         "--budget", type=decimal(0, MOST_BUDGET), default=1.0, metavar="N",
         help="false events a minute, three fingers together; less rest than one of them needs is "
-        "refused (default: %(default)s)",
+        "refused; 0: none in whatever rest there is (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--data", type=Path, nargs="+", metavar="DIR", help="folders made by `grasp dataset build`"
