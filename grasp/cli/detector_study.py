@@ -95,7 +95,13 @@ def _add_names(parser: argparse.ArgumentParser) -> None:
 def robustness(args: argparse.Namespace) -> int:
     need("charts", "matplotlib")
     from scenarios.studies.detectors.benchmark import read_split
-    from scenarios.studies.detectors.robustness import chosen, made_stiffer, study, table
+    from scenarios.studies.detectors.robustness import (
+        chosen,
+        made_stiffer,
+        rest_min,
+        study,
+        table,
+    )
     from scenarios.studies.detectors.robustness_figure import draw_robustness
 
     check_named(args.detector)
@@ -107,6 +113,11 @@ def robustness(args: argparse.Namespace) -> int:
     draw_robustness(found, args.out)
     write_numbers(args.out, found)
     print(table(found))
+    if minutes := rest_min(recordings):
+        exits.say(
+            f"{len(recordings)} recordings, some {minutes:.1f} minutes of a hand at rest: one "
+            f"false event more or less is {1.0 / minutes:.2g} a minute"
+        )
     print(args.out)
     return exits.SUCCESS
 

@@ -17,6 +17,7 @@ from detector.decision import RuleSettings, registered_events
 from detector.interface import SlipDetector
 from detector.recordings import Recording
 from detector.scores.evaluation import (
+    HAND_FINGERS,
     SLIDE,
     WARM_UP_SAMPLES,
     Streamed,
@@ -83,6 +84,15 @@ def chosen(recordings: Sequence[Recording], most: int) -> list[Recording]:
         n = max(1, round(share * len(group)))
         found += [group[(2 * i + 1) * len(group) // (2 * n)] for i in range(n)]
     return found
+
+
+def rest_min(recordings: Sequence[Recording]) -> float:
+    """Minutes of a hand without slip, about what a rate of false events is out of."""
+    seconds = 0.0
+    for r in recordings:
+        still = ~r.label("slip")[WARM_UP_SAMPLES:]
+        seconds += still.mean() * (r.t_s[-1] - r.t_s[WARM_UP_SAMPLES]) * r.fingers / HAND_FINGERS
+    return seconds / 60.0
 
 
 def stream_together(

@@ -4,7 +4,7 @@ import pytest
 
 from detector.decision import RuleSettings
 from detector.energy import EnergyDetector, EnergySettings
-from detector.scores.evaluation import stream_recordings
+from detector.scores.evaluation import WARM_UP_SAMPLES, stream_recordings
 from drivers.errors import BadFile
 from scenarios.campaign.config import load_config
 from scenarios.studies.detectors import robustness
@@ -15,13 +15,14 @@ from scenarios.studies.detectors.robustness import (
     chosen,
     endured,
     made_stiffer,
+    rest_min,
     stream_together,
     study,
     table,
     versions_of,
 )
 from tests.unit.detector.blow_toys import struck
-from tests.unit.detector.toys import toys
+from tests.unit.detector.toys import toy, toys
 
 
 def energy(fingers, taxels=6):
@@ -107,3 +108,12 @@ def test_a_picture_leaves_no_detector_out_however_many_there_are():
 def test_a_pad_is_made_stiffer_only_from_a_folder_that_says_how_it_was_built(tmp_path):
     with pytest.raises(BadFile, match="says not how the set was made"):
         made_stiffer([tmp_path], toys("test", 1, 0))
+
+
+def test_rest_is_what_is_no_slip_after_the_warm_up_of_a_hand():
+    one = toy(3, "test")
+    still = (~one.slip[WARM_UP_SAMPLES:]).sum() * 0.01 / 60.0
+    hand = msgspec.structs.replace(one, counts=np.repeat(one.counts, 3, axis=1))
+    assert rest_min([hand]) == pytest.approx(still, rel=0.01)
+    assert rest_min([one, hand]) == pytest.approx(still * 4 / 3, rel=0.01)
+    assert rest_min([msgspec.structs.replace(one, slip=np.ones_like(one.slip))]) == 0.0
