@@ -104,7 +104,7 @@ def test_a_share_of_the_recordings_is_the_first_of_each_cause_so_a_larger_one_ho
     few, more = (first_of_each(jobs, share) for share in (0.1, 0.2))
     assert {job.path for job in few} < {job.path for job in more}
     causes = [job.metadata.cause for job in few]
-    assert (causes.count("grasped_blow"), causes.count("grasped_slip")) == (42, 11)
+    assert (causes.count("grasped_blow"), causes.count("grasped_slip")) == (42, 35)
 
 
 def test_the_observer_hears_networks_and_not_a_threshold_on_what_it_hears_anyway():
