@@ -11,7 +11,7 @@ from grasp.cli import card, detector_study, exits, heads, paper_study, train
 from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
 from grasp.cli.output import json_line
 from grasp.cli.places import file_to_write, own_or_new
-from grasp.cli.rules import check_named, tell_swept, tell_untuned
+from grasp.cli.rules import check_named, tell_untuned
 from grasp.files import write_whole
 
 HELP = "score, tune and train slip detectors"
@@ -225,7 +225,7 @@ def table2(args: argparse.Namespace) -> int:
         for name, tell in one_by_one(args.detector, "streaming", hidden=False)
     ]
     for each in made:
-        tell_swept(each, args.data)
+        paper_study.tell_swept(each, args.data)
     sheets = [m.evaluation() for m in made]
     print(methods_table(sheets))
     print(f"\n{confusions_table(sheets)}")
@@ -385,7 +385,6 @@ def rest_text(minutes: float) -> str:
 def _tune_threshold(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.campaign.config import load_config
     from scenarios.studies.detectors.benchmark import (
         contender,
         read_split,
@@ -394,7 +393,7 @@ def _tune_threshold(args: argparse.Namespace) -> int:
     )
 
     (name,) = [args.detector]
-    require_formula(load_config("can", "simulated", name, args.config, args.set).detector_name)
+    require_formula(name)
     recordings = read_split(args.data, "train", exits.say)
     for _, tell in one_by_one([name], "tuning", hidden=args.json):
         made = contender(name, recordings, "train", "slip", args.config, args.set, tell)

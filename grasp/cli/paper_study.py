@@ -3,7 +3,7 @@
 import argparse
 import itertools
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.options import need, one_by_one, progress, whole
 from grasp.cli.pictures import add_picture, write_numbers
-from grasp.cli.rules import check_named, tell_learnt, tell_swept
+from grasp.cli.rules import check_named
 
 WINDOWS = (10, 30, 50, 70, 100)
 STEPS = 1500
@@ -186,13 +186,36 @@ def table3(args: argparse.Namespace) -> int:
         raise UsageError(text, "--split test, or a set of another seed")
     recordings = read_split(args.data, args.split, exits.say)
     require_cells(recordings)
-    tell_learnt(recordings)
+    _tell_learnt(recordings)
     for name, tell in one_by_one(args.detector, "streaming", hidden=args.json):
         m = named(name, recordings, args.split, args.swept_on, tell=tell)
         tell_swept(m, args.swept_on)
         found = cell_table(m.detector.name, m.detector.threshold, m.config.rule, m.streams)
         print(msgspec.json.encode(found).decode() if args.json else cells_table(found) + "\n")
     return exits.SUCCESS
+
+
+def _tell_learnt(recordings: Sequence[Any]) -> None:
+    """Warn of recordings that the packaged networks have learnt from, or were chosen and tuned by:
+    what is scored on them is no test of these."""
+    from scenarios.studies.sets import learnt_from
+
+    if known := learnt_from(recordings):
+        exits.report_line(
+            f"{known} of {len(recordings)} recordings are of those that the packaged networks have "
+            "learnt from, or were tuned on"
+        )
+        exits.say("--split test, or a set of another seed, tests them")
+
+
+def tell_swept(made: Any, swept_on: Sequence[Path]) -> None:
+    """Which threshold a detector of one number has been given."""
+    from scenarios.studies.detectors.benchmark import threshold_of
+    from scenarios.trial.config import FORMULAS
+
+    if swept_on and made.config.detector_name in FORMULAS:
+        setting, value = threshold_of(made.config)
+        exits.say(f"{made.label}: {setting}={value:.4g}, swept")
 
 
 def latency(args: argparse.Namespace) -> int:

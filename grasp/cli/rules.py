@@ -61,30 +61,6 @@ def tell_untuned(config: Any, layers: Any) -> None:
     exits.say(f"`grasp detector tune {made} --data DIR` makes one, for --config")
 
 
-def tell_learnt(recordings: Sequence[Any]) -> None:
-    """Warn of recordings of the sets that the packaged networks have learnt from, or were chosen
-    and tuned by: what is scored on them is no test of these."""
-    from scenarios.studies.sets import learnt_from
-
-    if known := learnt_from(recordings):
-        exits.report_line(
-            f"{known} of {len(recordings)} recordings are of those that the packaged networks have "
-            "learnt from, or were tuned on"
-        )
-        exits.say("--split test, or a set of another seed, tests them")
-
-
-def tell_swept(made: Any, swept_on: Sequence[Path]) -> None:
-    """Which threshold a detector of one number has been given."""
-    from scenarios.trial.config import FORMULAS
-
-    if swept_on and made.config.detector_name in FORMULAS:
-        section = made.config.detector_section
-        settings = getattr(made.config, section)
-        (name,) = (f for f in settings.__struct_fields__ if f.startswith("threshold"))
-        exits.say(f"{made.label}: {section}.{name}={getattr(settings, name):.4g}, swept")
-
-
 def _own_weights(config: Any) -> str:
     """The file of them; empty for a packaged network by its name, and for what is no network."""
     from detector.network_file import is_weights

@@ -91,7 +91,7 @@ def _kind(recording: Recording) -> str:
 
 def _files(source: Path) -> list[Path]:
     if not source.exists():
-        raise BadFile(source, "is not there", "check the path")
+        raise BadFile(source, "no such file or folder", "check the path")
     if not source.is_dir():
         return [source]
     found = sorted(source.glob(SAMPLES))

@@ -188,6 +188,15 @@ def require_formula(name: str) -> None:
         raise UsageError(f"{name} has no threshold of its own", f"one of: {', '.join(FORMULAS)}")
 
 
+def threshold_of(config: TrialConfig) -> tuple[str, float]:
+    """The setting of a detector of one number that reads as slip, as `--set` names it, and its
+    value."""
+    section = config.detector_section
+    settings = getattr(config, section)
+    (name,) = (f for f in settings.__struct_fields__ if f.startswith("threshold"))
+    return f"{section}.{name}", float(getattr(settings, name))
+
+
 def sweep_threshold(made: Contender) -> SweptThreshold:
     """The threshold with which a detector of one number has the best balanced accuracy on what was
     streamed: unbalanced, one that hears nothing is best told to say the commoner class.
@@ -196,14 +205,14 @@ def sweep_threshold(made: Contender) -> SweptThreshold:
     Raises UsageError for a network.
     """
     require_formula(made.config.detector_name)
-    section = made.config.detector_section
+    setting, threshold = threshold_of(made.config)
+    section, _, name = setting.partition(".")
     settings = getattr(made.config, section)
-    (setting,) = (f for f in settings.__struct_fields__ if f.startswith("threshold"))
     p = np.concatenate([spoken(s, made.config.rule)[WARM_UP_SAMPLES:] for s in made.streams])
     labels = np.concatenate([s.labels[WARM_UP_SAMPLES:] for s in made.streams])
     border = best_border(p, labels)
     odds = border / (1.0 - border)
-    value = getattr(settings, setting) * odds ** (1.0 / settings.steepness)
+    value = threshold * odds ** (1.0 / settings.steepness)
     said = p > border
     balanced = float(said[labels].mean() + (~said[~labels]).mean()) / 2.0
-    return SweptThreshold(section, setting, float(value), balanced, len(labels))
+    return SweptThreshold(section, name, float(value), balanced, len(labels))
