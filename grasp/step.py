@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.motion import Motion
-from drivers.errors import in_words
+from drivers.errors import GraspError, in_words, one_line
 from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController
@@ -163,4 +163,5 @@ class GraspStep:
 
 def _failed(bug: Exception) -> str:
     """As a cause of a safe state, of which several are joined by "; "."""
-    return f"detector_failed: {in_words(bug)}".replace(";", ",")
+    said = one_line(bug.message) if isinstance(bug, GraspError) else in_words(bug)
+    return f"detector_failed: {said}".replace(";", ",")

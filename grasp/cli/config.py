@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import GraspError, UsageError
+from drivers.errors import ConfigError, GraspError, UsageError
 from grasp.cli import exits
 from grasp.cli.output import json_line
 from grasp.cli.rules import check_weights, tell_untuned
@@ -94,7 +94,27 @@ def _settings(path: Path) -> str:
     if sections.keys() <= pressed and pressed - set(RunConfig.__struct_fields__):
         return f"of an acquisition: {', '.join(sections)}"
     load_for_devices("can", "simulated", path)
+    _check_read_by_some(path)
     return ", ".join(sections)
+
+
+def _check_read_by_some(path: Path) -> None:
+    """Raises ConfigError where no detector's rule and no answer to slip reads all that is set for
+    them: every run would refuse it."""
+    from detector.interface import DETECTORS
+    from scenarios.campaign.config import load_for_devices
+    from scenarios.rigs.own_settings import own_layers
+    from scenarios.trial.config import check_answer_and_rule
+
+    refused: ConfigError | None = None
+    for name in DETECTORS:
+        config = load_for_devices("can", "simulated", path, detector=name)
+        try:
+            return check_answer_and_rule(config.rule, config.controller, own_layers(path, ()))
+        except ConfigError as error:
+            refused = error
+    if refused is not None:
+        raise refused
 
 
 def _whence(source: str | None) -> str:

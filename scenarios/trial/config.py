@@ -267,6 +267,22 @@ def check_read(
 ) -> None:
     """Raises ConfigError where the user's own layers set what that detector, its rule or the
     chosen answer to slip does not read."""
+    check_answer_and_rule(rule, controller, own)
+    for layer in own:
+        for section in sorted(_sections_of_others(detector) & layer.table.keys()):
+            said = layer.table[section]
+            key = next(iter(said), "") if isinstance(said, dict) else ""
+            raise ConfigError(
+                layer.source, f"{section}.{key}".rstrip("."), f"is not read by {detector}",
+                f"[{section_of(detector)}] alone, or another --detector",
+            )  # fmt: skip
+
+
+def check_answer_and_rule(
+    rule: RuleSettings, controller: ControllerSettings, own: Sequence[Layer]
+) -> None:
+    """Raises ConfigError where the user's own layers set what that rule or the chosen answer to
+    slip does not read, whatever the detector."""
     for layer in own:
         for key in sorted(controller.unread.keys() & layer.table.get("controller", {}).keys()):
             chosen = controller.unread[key]
@@ -279,13 +295,6 @@ def check_read(
                 layer.source, f"rule.{key}",
                 f"is not read by a rule of kind {rule.kind} and fusion {rule.fusion}",
                 "leave it out, or set rule.kind or rule.fusion",
-            )  # fmt: skip
-        for section in sorted(_sections_of_others(detector) & layer.table.keys()):
-            said = layer.table[section]
-            key = next(iter(said), "") if isinstance(said, dict) else ""
-            raise ConfigError(
-                layer.source, f"{section}.{key}".rstrip("."), f"is not read by {detector}",
-                f"[{section_of(detector)}] alone, or another --detector",
             )  # fmt: skip
 
 

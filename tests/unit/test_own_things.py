@@ -293,6 +293,7 @@ def test_packaged_files_pass_the_check(
         ('name = "c"\nobjects = ["elephant"]\n', "elephant"),
         ('rig = "lab"\n', "'lab' is none"),
         ('rig = "hardware"\ndetector_name = "tcn"\n', "is no setting"),
+        ('[rule]\nkind = "cusum"\nconsecutive = 2\n', "rule.consecutive: is not read"),
     ],
 )
 def test_a_wrong_file_is_one_line_and_the_others_are_checked_too(

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from detector.motion import Motion
+from drivers.errors import BadFile
 from drivers.interfaces import ArmState, Counts3, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand, MoveArm, OpenFingers, StopArm
 from grasp.controller import Decision, GraspController
@@ -173,6 +174,14 @@ def test_a_detector_that_cannot_forget_is_a_doubt_and_not_asked_until_it_can() -
     assert b.ears.heard == []
     assert b.decide(frame(-1, stale=True)).doubt == ""
     assert b.decide(frame(-1)).probabilities.tolist() == SURE.tolist()
+
+
+def test_an_expected_error_of_a_detector_is_told_without_its_class() -> None:
+    def broken() -> None:
+        raise BadFile("mine.py", "broken; twice", "mend it")
+
+    seen = Bench(ears=Ears(broken)).decide(frame(-1))
+    assert seen.doubt == "detector_failed: mine.py: broken, twice"
 
 
 def test_a_detector_that_cannot_forget_when_the_controller_asks_is_a_doubt_of_the_next_step() -> (
