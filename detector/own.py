@@ -64,9 +64,9 @@ class OwnDetector:
             raise self._bad(*_told(name, error, self._file)) from error
 
     def _number(self, name: str, default: float, low: float, high: float) -> float:
-        value = self._told_of(name, default)
-        if not isinstance(value, int | float) or not low <= value <= high:
-            raise self._bad(f"{name} is {value!r}, not a number from {low:g} to {high:g}")
+        value = self._told_of(name, default, _plain)
+        if not isinstance(value, float) or not low <= value <= high:
+            raise self._bad(f"{name} is {value}, not a number from {low:g} to {high:g}")
         return value
 
     def reset(self) -> None:
@@ -99,6 +99,11 @@ class OwnDetector:
 
     def _bad(self, problem: str, line: int | None = None) -> BadFile:
         return BadFile(self._file, problem, REMEDY, line)
+
+
+def _plain(value: Any) -> float | str:
+    """A number of Python's own, which compares and prints as one; else how it is written."""
+    return float(value) if isinstance(value, int | float) else one_line(repr(value))
 
 
 def is_code(word: str) -> bool:
@@ -144,7 +149,11 @@ def _found(word: str) -> Any:
         except FAILURES as error:
             raise _broken(word, f"cannot be imported: {in_words(error)}") from error
     file, _, name = word.rpartition(":")
-    found = getattr(_module(Path(file)), name, None)
+    module = _module(Path(file))
+    try:
+        found = getattr(module, name, None)
+    except FAILURES as error:
+        raise _broken(word, f"{name} raised {in_words(error)}") from error
     if found is None:
         raise BadFile(file, f"has no {name!r}", "name a class of it, as FILE.py:NAME")
     return found

@@ -14,13 +14,26 @@ def one_line(text: object, most: int = MOST_SHOWN) -> str:
     return shown if len(shown) <= most else f"{shown[:most]}..."
 
 
+def text_of(error: BaseException) -> str:
+    """What an exception says, fit for a file in UTF-8; its own text may raise as well."""
+    with SuppressBugs():
+        return str(error).encode(errors="backslashreplace").decode()
+    return "its text raises too"
+
+
 def in_words(error: BaseException) -> str:
-    """What somebody's code raised, in one line; its own text may raise as well."""
-    name = type(error).__name__
-    try:
-        return one_line(f"{name}: {error}")
-    except Exception:
-        return f"{name}: its text raises too"
+    """What somebody's code raised, in one line."""
+    return one_line(f"{type(error).__name__}: {text_of(error)}")
+
+
+class SuppressBugs:
+    """Whatever is raised inside goes no further, but for Ctrl-C: somebody's `sys.exit()`, or a task
+    that was cancelled, must not keep a device from being made safe."""
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:
+        return kind is not None and not issubclass(kind, KeyboardInterrupt)
 
 
 class GraspError(Exception):

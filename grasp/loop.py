@@ -6,11 +6,10 @@ and of what a step concludes only which commands go where.
 
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
 
 import msgspec
 
-from drivers.errors import GraspError, LinkLost
+from drivers.errors import GraspError, LinkLost, SuppressBugs
 from drivers.interfaces import (
     Applied,
     Arm,
@@ -27,6 +26,7 @@ from grasp.commands import (
     CloseFast,
     Command,
     GripperCommand,
+    HoldFingers,
     MoveArm,
     MoveFingers,
     OpenFingers,
@@ -210,49 +210,71 @@ class ControlLoop:
             self.tick()
 
     def abort(self) -> Tick | None:
-        """As ``fail`` where no step can be taken any more: each device is told by itself, and once
-        more until what it says afterwards is what it was told. Returns how they were left; None
-        where there was no step at all."""
+        """As ``fail`` where no step can be taken any more: each device is told by itself, whatever
+        becomes of the others, and again until what it says afterwards is what it was told. Returns
+        how they were left; None where there was no step at all."""
         self._queue.clear()
-        began_ns = self._clock.now_ns
-        end_ns = began_ns + round(self._settings.abort_s * 1e9)
+        end_ns = self._clock.now_ns + round(self._settings.abort_s * 1e9)
         stop, *hand = self._step.controller.aborted()
-        self._attempt(stop, *hand)
+        stop_due, hand_due, taken, told_ns = True, bool(hand), True, 0
         while True:
-            with suppress(Exception):
-                self._pump(self._clock.now_ns)
-            arm, gripper = self._devices.arm.state, self._devices.gripper.state
-            arm_stands = arm is not None and arm.t_ns > began_ns and not arm.moving
-            hand_rests = gripper is not None and gripper.t_ns > began_ns and gripper.at_rest
-            hand_due = bool(hand) and hand_rests and self._hand_is_not_as_told()
-            if (arm_stands and hand_rests and not hand_due) or self._clock.now_ns >= end_ns:
+            if stop_due:
+                self._tell(stop)
+            if hand_due:
+                taken = self._tell(*hand)
+            told_ns = told_ns or self._clock.now_ns
+            self._look_after(round(self._settings.abort_repeat_s * 1e9))
+            arm, gripper = self._arm_now(), self._gripper_now()
+            stop_due = arm is None or arm.t_ns <= told_ns or arm.moving
+            rests = gripper is not None and gripper.t_ns > told_ns and gripper.at_rest
+            # a closing that was taken is not begun anew while it lasts
+            again = rests or not taken or HoldFingers() in hand
+            hand_due = bool(hand) and again and self._hand_is_not_as_told()
+            if (rests and not stop_due and not hand_due) or self._clock.now_ns >= end_ns:
                 return self._left()
-            self._attempt(*(() if arm_stands else (stop,)), *(hand if hand_due else ()))
+
+    def _tell(self, command: Command) -> bool:
+        """At once; whether the device took it."""
+        with SuppressBugs():
+            now_ns = self._clock.now_ns
+            of_hand = isinstance(command, GripperCommand)
+            admitted = self._step.admit(command, self._gripper_state()) if of_hand else command
+            self._send(_Waiting(now_ns, now_ns, now_ns, command, admitted))
+            return not self._issued[-1].refused
+        return False
+
+    def _look_after(self, moment_ns: int) -> None:
+        """At arm and hand, each whatever becomes of the other."""
+        self._clock.sleep_until_ns(self._clock.now_ns + moment_ns)
+        for pump in (self._pump_gripper, self._pump_arm):
+            with SuppressBugs():
+                pump(self._clock.now_ns)
 
     def _hand_is_not_as_told(self) -> bool:
-        with suppress(Exception):
+        with SuppressBugs():
             left = self._left()
             return left is not None and bool(self._step.controller.missing(left.observation).hand)
         return True
 
-    def _attempt(self, *commands: Command) -> None:
-        """Send each that can be sent, whatever becomes of the others; then let a moment pass."""
-        for command in commands:
-            with suppress(Exception):
-                self.submit(command)
-                self._advance_to(self._clock.now_ns)
-        self._queue.clear()
-        moment_ns = round(self._settings.abort_repeat_s * 1e9)
-        self._clock.sleep_until_ns(self._clock.now_ns + moment_ns)
+    def _arm_now(self) -> ArmState | None:
+        with SuppressBugs():
+            return self._devices.arm.state
+        return None
+
+    def _gripper_now(self) -> GripperState | None:
+        with SuppressBugs():
+            return self._devices.gripper.state
+        return None
 
     def _left(self) -> Tick | None:
         """The last step, with what the devices say now."""
         if self._last is None:
             return None
-        arm = self._devices.arm.state or self._last.arm
+        last = self._last.observation
         observation = msgspec.structs.replace(
-            self._last.observation, t_ns=self._clock.now_ns, gripper=self._gripper_state(), arm=arm,
-            gripper_lost=self._gripper_lost, pending=False, last_close=self._step.last_close,
+            last, t_ns=self._clock.now_ns, gripper=self._gripper_now() or last.gripper,
+            arm=self._arm_now() or last.arm, gripper_lost=self._gripper_lost, pending=False,
+            last_close=self._step.last_close,
         )  # fmt: skip
         return Tick(observation, self._last.decision, tuple(self._issued))
 
@@ -282,6 +304,12 @@ class ControlLoop:
     def _pump_arm(self, now_ns: int) -> None:
         self._arm_ns = now_ns
         self._guarded("arm", lambda: self._devices.arm.pump(now_ns))
+
+    def _pump_arm_before(self) -> None:
+        """A command acts from where and when the arm was asked last."""
+        now_ns = self._clock.now_ns
+        if now_ns - self._arm_ns > SOON_NS:
+            self._pump_arm(now_ns)
 
     def _pump_gripper(self, now_ns: int) -> None:
         error = self._guarded("gripper", lambda: self._devices.gripper.pump(now_ns))
@@ -372,15 +400,16 @@ class ControlLoop:
             applied = self._to_gripper(command)
             self._pump_gripper(self._clock.now_ns)
             return applied
-        now_ns = self._clock.now_ns
-        if isinstance(command, MoveArm | StopArm) and now_ns - self._arm_ns > SOON_NS:
-            self._pump_arm(now_ns)  # for it acts from where and when the arm was asked last
         if isinstance(command, MoveArm):
+            self._pump_arm_before()
             self._devices.arm.move_to(
                 command.position_m, command.speed_mps, command.acceleration_mps2
             )
         elif isinstance(command, StopArm):
-            self._devices.arm.stop(command.deceleration_mps2)
+            try:
+                self._pump_arm_before()
+            finally:  # a stop goes out whatever is wrong
+                self._devices.arm.stop(command.deceleration_mps2)
         else:
             self._devices.tactile.begin_rest()
         return None

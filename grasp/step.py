@@ -6,7 +6,6 @@ concludes follows from what it is told now and was told before.
 """
 
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Protocol
 
 import msgspec
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.motion import Motion
-from drivers.errors import GraspError, in_words, one_line
+from drivers.errors import GraspError, SuppressBugs, in_words, one_line
 from drivers.interfaces import FINGERS, GripperState, TactileFrame, Vector3
 from grasp.commands import CloseFast, Command, GripperCommand
 from grasp.controller import Decision, GraspController
@@ -134,7 +133,7 @@ class GraspStep:
     def _kind_of_slip(self, probabilities: NDArray[np.float64]) -> Motion | None:
         """Nothing is decided by it, and no bug of it may end a run."""
         if probabilities.max() > HEARD:
-            with suppress(Exception):
+            with SuppressBugs():
                 return self._motion()
         return None
 
@@ -146,7 +145,9 @@ class GraspStep:
         """One that cannot is not asked until it can: no bug of a detector may end a run."""
         try:
             self._detector.reset()
-        except Exception as bug:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as bug:
             self._remembers = _failed(bug)
         else:
             self._remembers = ""
@@ -155,13 +156,15 @@ class GraspStep:
         """The detector's answer, or what is wrong with it: no bug of a detector may end a run."""
         try:
             answer = self._detector.update(counts)
-        except Exception as bug:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as bug:
             return np.zeros(FINGERS), _failed(bug)
         wrong = wrong_probabilities(answer)
         return (np.zeros(FINGERS), wrong) if wrong else (answer, "")
 
 
-def _failed(bug: Exception) -> str:
+def _failed(bug: BaseException) -> str:
     """As a cause of a safe state, of which several are joined by "; "."""
     said = one_line(bug.message) if isinstance(bug, GraspError) else in_words(bug)
     return f"detector_failed: {said}".replace(";", ",")

@@ -100,7 +100,7 @@ def _settings(path: Path) -> str:
 
 def _check_read_by_some(path: Path) -> None:
     """Raises ConfigError where no detector's rule and no answer to slip reads all that is set for
-    them: every run would refuse it."""
+    them: every run that is told no more would refuse it."""
     from detector.interface import DETECTORS
     from scenarios.campaign.config import load_for_devices
     from scenarios.rigs.own_settings import own_layers
@@ -110,9 +110,11 @@ def _check_read_by_some(path: Path) -> None:
     for name in DETECTORS:
         config = load_for_devices("can", "simulated", path, detector=name)
         try:
-            return check_answer_and_rule(config.rule, config.controller, own_layers(path, ()))
+            check_answer_and_rule(config.rule, config.controller, own_layers(path, ()))
         except ConfigError as error:
             refused = error
+        else:
+            return
     if refused is not None:
         raise refused
 

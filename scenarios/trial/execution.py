@@ -4,14 +4,14 @@ import math
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from typing import Any
 
 import msgspec
 
 from detector.decision import make_rule
 from detector.interface import SlipDetector, motion_told_by
-from drivers.errors import ConfigError, GraspError
+from drivers.errors import ConfigError, GraspError, SuppressBugs
 from drivers.interfaces import FINGER_NAMES, FINGERS, Vector3
 from grasp import interruption
 from grasp.controller import GraspController
@@ -174,7 +174,8 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             controller.further,
         )
         unreached = controller.unreached
-        if self.bug is not None and trace.last is not None:  # perhaps no step could be taken
+        ended = controller.finished and not controller.in_safe_state  # and nothing was asked for
+        if self.bug is not None and trace.last is not None and not ended:
             missing = controller.missing(trace.last.observation)
             unreached = (*missing.arm, *missing.hand)
         return msgspec.structs.replace(
@@ -288,7 +289,7 @@ def run_trial(
     def take(tick: Tick) -> None:
         if bugs:  # any of these may be what raised: the safe state does without them
             trace.add(tick, None)
-            with suppress(Exception):
+            with SuppressBugs():
                 watch(tick, None, controller)
             return
         truth = look()
@@ -303,7 +304,7 @@ def run_trial(
     )
     interruption.seal()  # what is left is closing, judging and writing
     final, stalls = None, Stalls()
-    with suppress(Exception) if bugs else nullcontext():
+    with SuppressBugs() if bugs else nullcontext():
         final = look()
         stalls = stalls if WORLD in loop.errors else rig.stalls()
     return FinishedTrial(
@@ -323,7 +324,9 @@ def _run_to_end(
         try:
             try:
                 return _stopped(loop, deadline_s), granted
-            except (Exception, SystemExit) as error:  # of somebody's library, which knows no better
+            except KeyboardInterrupt:
+                raise
+            except BaseException as error:  # some of somebody's library, which knows no better
                 bugs.append(Bug.of(error))
                 _end_as_a_fault(loop, bugs[0], trace)
                 return False, granted
@@ -335,7 +338,9 @@ def _run_to_end(
 def _end_as_a_fault(loop: ControlLoop, bug: Bug, trace: Trace) -> None:
     try:
         loop.fail(bug.line)
-    except (Exception, SystemExit):  # no step can be taken any more
+    except KeyboardInterrupt:
+        raise
+    except BaseException:  # no step can be taken any more
         left = loop.abort()
         if left is not None:
             trace.add(left, None)

@@ -12,6 +12,7 @@ from typing import Generic, Self, TypeVar
 import msgspec
 
 from detector.scores.quantiles import Quantiles, quantiles
+from drivers.errors import SuppressBugs, text_of
 from drivers.interfaces import FINGER_NAMES, Vector3
 from grasp.loop import Timing
 from grasp.phases import PhaseChange
@@ -59,18 +60,19 @@ class Bug(msgspec.Struct, frozen=True):
     @classmethod
     def of(cls, error: BaseException) -> Self:
         """Raises nothing: it is asked for before the safe state is pursued."""
-        name = type(error).__name__
-        try:
-            return cls(name, str(error), "".join(traceback.format_exception(error)))
-        except Exception:  # of its own text, or for want of memory
-            return cls(name, "its text cannot be told", "")
+        raised = ""
+        with SuppressBugs():  # of its own text, or for want of memory
+            told = "".join(traceback.format_exception(error))
+            raised = told.encode(errors="backslashreplace").decode()
+        return cls(type(error).__name__, text_of(error), raised)
 
     @property
     def line(self) -> str:
-        """In one line, with where it was raised."""
+        """In one line, with where it was raised; a cause, of which several are joined by "; "."""
         raised = [line for line in self.traceback.splitlines() if line.startswith("  File ")]
         where = f" ({raised[-1].strip()})" if raised else ""
-        return f"internal_error: {self.name}: {self.text.partition(chr(10))[0]}{where}"
+        text = self.text.partition(chr(10))[0].replace(";", ",")
+        return f"internal_error: {self.name}: {text}{where}"
 
 
 class TrialResult(msgspec.Struct, frozen=True, kw_only=True):

@@ -4,6 +4,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import msgspec
 
@@ -13,6 +14,8 @@ from grasp.files import make_private_folder
 
 SHARED_OUT: tuple[Split, ...] = ("train", "validation", "test", "train", "train")
 LEAST = 3  # recordings, one a split: the first of SHARED_OUT
+OWN: Final = "own"  # surface and motion of a file that tells of neither
+NO_MOTION: Final = "none"
 SAMPLES = f"samples*{SUFFIX}"  # of an acquisition's folder
 
 
@@ -84,7 +87,7 @@ def _lacking(kinds: Sequence[str], splits: Sequence[Split]) -> dict[Split, list[
 def _kind(recording: Recording) -> str:
     """What was done on what, as far as it is known."""
     known = recording.metadata
-    if known is None:
+    if known is None or (known.surface, known.motion, known.cause) == (OWN, NO_MOTION, ""):
         return "no known motion"
     return f"{known.cause or known.motion} on {known.surface}"
 
@@ -102,7 +105,7 @@ def _files(source: Path) -> list[Path]:
 
 def _of_split(recording: Recording, split: Split) -> Recording:
     known = recording.metadata or Metadata(
-        set="slide", split=split, surface="own", motion="none", speed_mps=0.0, spin_radps=0.0,
+        set="slide", split=split, surface=OWN, motion=NO_MOTION, speed_mps=0.0, spin_radps=0.0,
         direction="", seed=0,
     )  # fmt: skip
     return msgspec.structs.replace(recording, metadata=msgspec.structs.replace(known, split=split))

@@ -135,6 +135,14 @@ def test_it_cannot_change_what_the_guard_measures_by(tmp_path: Path) -> None:
             "threshold raised Evil",
         ),
         (WHOLE.replace("self.n += 1", "counts.setflags(write=True)"), "Mine", "WRITEABLE"),
+        (WHOLE.replace("threshold = 0.4", "threshold = 10**400"), "Mine", "threshold raised Overf"),
+        (
+            "class Odd(float):\n  def __le__(self, other): 1 / 0\n"
+            + WHOLE.replace("threshold = 0.4", "threshold = Odd(4)"),
+            "Mine",
+            "threshold is 4.0",
+        ),
+        ("def __getattr__(name): raise KeyError(name)", "Mine", "Mine raised KeyError"),
     ],
 )
 def test_every_mistake_is_one_line_that_names_the_file(

@@ -1,6 +1,7 @@
 """The loop with devices, step and clock of a test: what goes where, when, and is told of it."""
 
 import signal
+from asyncio import CancelledError
 from types import SimpleNamespace
 from typing import Any
 
@@ -40,7 +41,7 @@ class Bench:
         self.clock: Any = VirtualClock(lambda t_ns: None, 10**9)
         self.clock.virtual = not wall
         self.told: list[tuple[Any, ...]] = []  # to the devices, with the time
-        self.raises: dict[str, Exception] = {}
+        self.raises: dict[str, BaseException] = {}
         self.inputs: list[Any] = []
         self.decides: list[tuple[Command, ...]] = []  # a step each
         self.ticks: list[Tick] = []
@@ -354,6 +355,72 @@ def test_an_abort_believes_no_state_from_before_it() -> None:
     assert bench.clock.now_ns == 10**9 + 210 * MS
     assert bench.verbs() == [("stop", 2.0), ("hold",), *[("stop", 2.0)] * 3]
     assert left is not None and left.observation.gripper_lost
+
+
+@pytest.mark.parametrize("bug", [SystemExit(0), CancelledError(), ValueError("a bug")], ids=repr)
+@pytest.mark.parametrize("device", ["arm pump", "gripper pump", "board pump", "hold"])
+def test_an_abort_stops_the_arm_whatever_the_devices_raise(bug: BaseException, device: str) -> None:
+    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
+    bench.loop.tick()
+    bench.clock.sleep_until_ns(bench.clock.now_ns + 5 * MS)  # so that the arm is asked first
+    bench.raises[device] = bug
+    assert bench.loop.abort() is not None
+    assert ("stop", 2.0) in bench.verbs()
+    assert ("hold",) in bench.verbs() or device == "hold"
+
+
+@pytest.mark.parametrize("raises", [False, True])
+def test_an_abort_stops_the_arm_though_the_state_of_the_hand_cannot_be_had(raises: bool) -> None:
+    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
+    bench.loop.tick()
+    bench.hand.state = None
+    if raises:
+        del bench.hand.state
+    left = bench.loop.abort()
+    assert bench.verbs() == [("stop", 2.0)] * 4
+    assert left is not None and left.gripper == bench.ticks[-1].gripper
+
+
+def test_an_abort_tells_a_moving_hand_to_hold_until_it_rests() -> None:
+    """One that opens would let go of what it was told to keep."""
+    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
+    bench.loop.tick()
+    bench.hand.state = gripper(2 * 10**9, detections=(REST, Detection.MOVING, REST))
+    bench.arm.state = arm(2 * 10**9)
+    bench.missing_of_hand = ("the hand is not as it should be",)
+    bench.raises["hold"] = Refused("busy", "wait")
+    bench.arm.pump = lambda _: bench.raises.pop("hold", None)
+    bench.loop.abort()
+    assert bench.verbs() == [("stop", 2.0), *[("hold",)] * 3]
+
+
+def test_an_abort_does_not_begin_a_closing_anew_while_it_lasts() -> None:
+    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
+    bench.controller.aborted = lambda: (StopArm(2.0), CLOSE)
+    bench.loop.tick()
+    bench.hand.state = gripper(2 * 10**9, detections=(REST, Detection.MOVING, REST))
+    bench.arm.state = arm(2 * 10**9)
+    bench.missing_of_hand = ("the hand is not as it should be",)
+    bench.loop.abort()
+    assert [name for name, *_ in bench.verbs()] == ["stop", "close_fast"]
+
+
+def test_an_abort_believes_no_state_of_the_arm_from_before_its_stop() -> None:
+    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
+    bench.loop.tick()
+    bench.clock.sleep_until_ns(bench.clock.now_ns + 5 * MS)
+    bench.hand.state = gripper(2 * 10**9)
+    now_ns = bench.clock.now_ns
+
+    def heard_once(_: int) -> None:
+        if bench.when("stop"):
+            raise LinkLost("gone", "look")
+        bench.arm.state = arm(now_ns)
+
+    bench.arm.pump = heard_once
+    bench.loop.abort()
+    assert bench.clock.now_ns == now_ns + 200 * MS
+    assert bench.verbs().count(("stop", 2.0)) == 4
 
 
 def test_on_a_wall_clock_commands_are_sent_before_anyone_watches_and_their_reply_waited_for() -> (

@@ -1,6 +1,7 @@
 """An exception of our own code ends a run as a fault does, wherever it is raised."""
 
 import json
+from asyncio import CancelledError
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ import pytest
 
 from detector.energy import EnergyDetector
 from drivers.errors import LinkLost, Refused
+from drivers.robotiq.pumped import PumpedHand
 from grasp.cli.live import Display
 from grasp.cli.main import main
 from grasp.commands import MoveArm, StopArm
@@ -164,6 +166,81 @@ def test_a_hand_that_is_not_heard_any_more_is_not_told_as_safe_where_no_step_can
     assert any("the hand is not heard" in text for text in end.unreached)
 
 
+def test_a_device_that_ends_the_program_whenever_it_is_asked_leaves_a_standing_arm_and_a_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begin = plant(monkeypatch, PumpedHand, "pump", SystemExit)
+    in_the_lift(monkeypatch, begin)
+    assert main(words(tmp_path)) == 5
+    assert "the arm stands; the hand cannot be told anything" in capsys.readouterr().err
+    (folder,) = tmp_path.iterdir()
+    assert json.loads((folder / "result.json").read_text())["bug"]["name"] == "SystemExit"
+
+
+def test_a_bug_of_the_fingertips_keeps_no_hand_from_being_told_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lift = Staged(*QUICK, "controller.reactions=false")
+    refused: list[bool] = []
+
+    def act(rig: Any) -> None:
+        monkeypatch.setattr(type(rig.devices.tactile), "pump", lambda *_: 1 / 0)
+        close = rig.devices.gripper.close_fast
+
+        def refuses_once(*asked: Any) -> Any:
+            if not refused:
+                refused.append(True)
+                raise Refused("busy", "wait")
+            return close(*asked)
+
+        monkeypatch.setattr(type(rig.devices.gripper), "close_fast", lambda _, *a: refuses_once(*a))
+
+    end = lift.result(lift.run(in_phase(Phase.LIFT, 40), act)).end
+    assert refused and end is not None and (end.arm, end.unreached) == ("the arm stands", ())
+    assert fault.cell(lift.rig).truth().normal_n[0] > 8.0
+
+
+def test_a_bug_once_all_is_over_asks_for_nothing_and_misses_nothing() -> None:
+    def act(rig: Any) -> None:
+        raise ZeroDivisionError(TEXT)
+
+    lift = Staged(*QUICK, "controller.reactions=false", "controller.keep=true")
+    result = lift.result(lift.run(in_phase(Phase.KEPT, 0), act))
+    assert result.outcome == "internal_error" and result.end is not None
+    assert result.end.unreached == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "told"), [("caf\udce9", "caf\\udce9"), ("x; arm_jump: y", "x, arm_jump: y")]
+)
+def test_what_an_exception_says_is_told_in_one_cause_and_in_utf_8(
+    text: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    def begin() -> None:
+        raise ValueError(text)
+
+    in_the_lift(monkeypatch, begin)
+    assert main(words(tmp_path)) == 5
+    assert f"internal_error: ValueError: {told}" in capsys.readouterr().err
+    (folder,) = tmp_path.iterdir()
+    end = json.loads((folder / "result.json").read_text())["end"]
+    assert (end["arm"], end["unreached"]) == ("the arm stands", [])
+
+
+def in_the_lift(patch: pytest.MonkeyPatch, act: Callable[[], None]) -> None:
+    """Call it in each step of the controller from then on."""
+    inner = GraspController.step
+
+    def step(self: GraspController, seen: Any) -> Any:
+        decision = inner(self, seen)
+        if self.phase is Phase.LIFT:
+            act()
+        return decision
+
+    patch.setattr(GraspController, "step", step)
+
+
 class Unspeakable(Exception):
     """One whose own text raises."""
 
@@ -248,12 +325,17 @@ def test_exception_of_a_detector_whose_text_raises_is_a_fault_as_well(
     assert "detector_failed: Unspeakable: its text raises too" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("bug", [ZeroDivisionError, SystemExit, CancelledError])
 def test_exception_of_a_detector_is_a_fault_of_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(EnergyDetector, "update", lambda self, counts: 1 / 0)
+    bug: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    def fails(*_: Any) -> None:
+        raise bug
+
+    monkeypatch.setattr(EnergyDetector, "update", fails)
     assert main(words(tmp_path)) == 4
-    assert "detector_failed: ZeroDivisionError" in capsys.readouterr().err
+    assert f"detector_failed: {bug.__name__}" in capsys.readouterr().err
 
 
 def test_recording_of_a_run_that_an_onlooker_ended_is_replayed_to_its_safe_state(

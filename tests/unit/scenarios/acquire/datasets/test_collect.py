@@ -46,6 +46,15 @@ def test_two_recordings_and_a_folder_in_use_are_refused(
     assert "is not empty" in capsys.readouterr().err
 
 
+def test_a_recording_beside_what_was_made_of_it_is_refused(
+    own: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["dataset", "collect", *own, "--out", str(tmp_path / "own")]) == 0
+    made = [str(path) for path in (tmp_path / "own").glob("*.npz")]
+    assert main(["dataset", "collect", own[-1], *made, "--out", str(tmp_path / "again")]) == 2
+    assert "is the same recording as" in capsys.readouterr().err
+
+
 def test_one_recording_by_two_names_is_refused(
     own: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
