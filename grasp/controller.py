@@ -9,12 +9,14 @@ from collections.abc import Callable
 
 import msgspec
 
+from drivers.errors import SuppressBugs
 from drivers.interfaces import FINGER_NAMES, OPEN_COUNTS, Counts3, Detection, Vector3
 from grasp.closing import Closing
 from grasp.commands import (
     BeginRest,
     CloseFast,
     Command,
+    HoldFingers,
     MoveFingers,
     StopArm,
 )
@@ -161,8 +163,10 @@ class GraspController:
     def aborted(self) -> tuple[Command, ...]:
         """What is asked for when no step can be taken any more: a fault's safe state, or that which
         was entered before."""
-        stop = StopArm(self._settings.stop_deceleration_mps2)
-        return (stop, *self._aborted.of_hand(self._closing.slowly()))
+        hand: tuple[Command, ...] = (HoldFingers(),)  # where not even that can be told
+        with SuppressBugs():
+            hand = self._aborted.of_hand(self._closing.slowly())
+        return (StopArm(self._settings.stop_deceleration_mps2), *hand)
 
     def missing(self, seen: Observation) -> Missing:
         """What of that is not seen; a hand not heard of for as long as makes it stale is not."""

@@ -224,9 +224,7 @@ class ControlLoop:
                 taken = self._tell(*hand)
             told_ns = told_ns or self._clock.now_ns
             self._look_after(round(self._settings.abort_repeat_s * 1e9))
-            arm, gripper = self._arm_now(), self._gripper_now()
-            stop_due = arm is None or arm.t_ns <= told_ns or arm.moving
-            rests = gripper is not None and gripper.t_ns > told_ns and gripper.at_rest
+            stop_due, rests = not self._arm_stands(told_ns), self._hand_rests(told_ns)
             # a closing that was taken is not begun anew while it lasts
             again = rests or not taken or HoldFingers() in hand
             hand_due = bool(hand) and again and self._hand_is_not_as_told()
@@ -236,9 +234,9 @@ class ControlLoop:
     def _tell(self, command: Command) -> bool:
         """At once; whether the device took it."""
         with SuppressBugs():
-            now_ns = self._clock.now_ns
-            of_hand = isinstance(command, GripperCommand)
-            admitted = self._step.admit(command, self._gripper_state()) if of_hand else command
+            now_ns, admitted = self._clock.now_ns, command
+            if not isinstance(command, StopArm | HoldFingers):  # which nothing can be wrong with
+                admitted = self._step.admit(command, self._gripper_state())
             self._send(_Waiting(now_ns, now_ns, now_ns, command, admitted))
             return not self._issued[-1].refused
         return False
@@ -256,14 +254,24 @@ class ControlLoop:
             return left is not None and bool(self._step.controller.missing(left.observation).hand)
         return True
 
+    def _arm_stands(self, since_ns: int) -> bool:
+        arm = self._arm_now()
+        return arm is not None and arm.t_ns > since_ns and not arm.moving
+
+    def _hand_rests(self, since_ns: int) -> bool:
+        hand = self._gripper_now()
+        return hand is not None and hand.t_ns > since_ns and hand.at_rest
+
     def _arm_now(self) -> ArmState | None:
         with SuppressBugs():
-            return self._devices.arm.state
+            state = self._devices.arm.state
+            return state if isinstance(state, ArmState) else None
         return None
 
     def _gripper_now(self) -> GripperState | None:
         with SuppressBugs():
-            return self._devices.gripper.state
+            state = self._devices.gripper.state
+            return state if isinstance(state, GripperState) else None
         return None
 
     def _left(self) -> Tick | None:
@@ -394,12 +402,12 @@ class ControlLoop:
         self._issued.append(
             Issued(waiting.step_ns, sent_ns, waiting.asked, waiting.admitted, applied, refused)
         )
+        if applied is not None:
+            self._pump_gripper(self._clock.now_ns)
 
     def _to_device(self, command: Command) -> Applied | None:
         if isinstance(command, GripperCommand):
-            applied = self._to_gripper(command)
-            self._pump_gripper(self._clock.now_ns)
-            return applied
+            return self._to_gripper(command)
         if isinstance(command, MoveArm):
             self._pump_arm_before()
             self._devices.arm.move_to(

@@ -97,7 +97,7 @@ def _run_to_end(
         except KeyboardInterrupt as stop:
             cause = f"{interruption.cause(stop)} in phase {session.phase}"
             return _Ended(Failure("interrupted", cause, "", _left(session))), granted
-        except Exception as error:
+        except BaseException as error:
             bug = Bug.of(error)
             return _Ended(Failure("internal", bug.line, REPORT, _left(session)), bug), granted
     return _Ended(), granted
@@ -106,7 +106,7 @@ def _run_to_end(
 def _left(session: Session) -> End:
     try:
         arm = session.stand()
-    except Exception:  # what ended the session, perhaps
+    except BaseException:  # what ended the session, perhaps
         arm = "the arm may still move: it cannot be told to stand"
     return End(arm, "the hand was told nothing", "")
 

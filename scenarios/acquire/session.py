@@ -6,7 +6,7 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
-from drivers.errors import GraspError, Stale
+from drivers.errors import GraspError, Stale, in_words
 from drivers.interfaces import ArmState, TactileFrame
 from grasp import interruption
 from grasp.clock import Deadlines
@@ -179,11 +179,13 @@ class Session:
                 arm.stop(self._waits.stop_mps2)
                 clock.sleep_until_ns(clock.now_ns + SHOWN_AFTER * step_ns)
                 arm.pump(clock.now_ns)
-                trouble = ""
-            except GraspError as error:
-                trouble = f" when last heard: {error.message}"
+                trouble, moving = "", arm.state is None or arm.state.moving
+            except KeyboardInterrupt:
+                raise
+            except BaseException as error:  # whatever it is, the arm is told again
+                said = error.message if isinstance(error, GraspError) else in_words(error)
+                trouble, moving = f" when last heard: {said}", True
                 clock.sleep_until_ns(clock.now_ns + step_ns)
-            moving = bool(trouble) or arm.state is None or arm.state.moving
         if trouble:
             moving = arm.state is None or arm.state.moving
             return f"the arm {'was still moving' if moving else 'stood'}{trouble}"

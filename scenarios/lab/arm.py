@@ -2,15 +2,15 @@
 
 import math
 import time
-from contextlib import suppress
 
-from drivers.errors import DeviceFault, GraspError, LinkLost, Refused, UsageError
+from drivers.errors import DeviceFault, LinkLost, Refused, SuppressBugs, UsageError
 from drivers.interfaces import PERIOD_NS, Arm, Vector3
 from drivers.ur.link import look as arm_look
 from drivers.ur.link.preflight import CONNECT_AGAIN, DASHBOARD_PORT, Dashboard
 from grasp import interruption
 from grasp.clock import Clock, WallClock
 from scenarios.lab.hand import Say
+from scenarios.lab.insist import insist
 from scenarios.rigs.cell_lock import arm_of, driving
 from scenarios.rigs.permission import MotionPermit, arm_address, require
 from scenarios.rigs.wired import open_arm
@@ -91,12 +91,16 @@ def _until_stands(arm: Arm, clock: Clock, within_s: float, watching: bool) -> No
 
 def _stopped(arm: Arm, clock: Clock) -> str:
     """How the arm is once it was told to stop; raises nothing."""
-    with suppress(GraspError):
+
+    def stand() -> None:
         arm.stop(STOP_MPS2)
         _until_stands(arm, clock, STAND_S, watching=False)
+
+    if insist(stand, clock):
         return "the arm stands"
-    if arm.state is not None and arm.state.stopped_by_safety:
-        return "the arm is stopped by its own safety system"
+    with SuppressBugs():
+        if arm.state is not None and arm.state.stopped_by_safety:
+            return "the arm is stopped by its own safety system"
     return f"NOT SEEN TO STAND: {PRESS}"
 
 

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceFault, GraspError, LinkLost, Refused, UsageError
+from drivers.errors import DeviceFault, LinkLost, Refused, SuppressBugs, UsageError
 from drivers.interfaces import (
     FINGER_NAMES,
     OPEN_COUNTS,
@@ -33,6 +33,7 @@ from grasp.clock import Clock, WallClock
 from grasp.commands import HoldFingers, MoveFingers
 from grasp.guard import ForceGuard
 from grasp.stiffness import Stiffness
+from scenarios.lab.insist import insist
 from scenarios.lab.steps import AT_REST, Steps, lead_counts, walk
 from scenarios.lab.touch import Touch, open_touch
 from scenarios.rigs.cell_lock import driving, gripper_of
@@ -234,13 +235,16 @@ class Hand:
 
     def stand(self, say: Say) -> None:
         """Told to stand, and seen to; raises nothing."""
-        seen = False
-        with interruption.sealed(), suppress(GraspError):
+
+        def rest() -> None:
             self._gripper.hold()
-            with suppress(DeviceFault):
-                self._until_rest(STAND_S)
-                seen = True
-        where = self._gripper.state.positions if self._gripper.state else "unknown"
+            self._until_rest(STAND_S)
+
+        where: object = "unknown"
+        with interruption.sealed():
+            seen = insist(rest, self._clock)
+            with SuppressBugs():
+                where = self.state.positions
         told = f", told to go to {self._told[-1]} counts and no further" if self._told else ""
         say(
             f"the fingers stand, at {where} counts: the grip is kept; to let go, support what is "
@@ -261,8 +265,12 @@ class Hand:
                 )  # fmt: skip
             assert isinstance(admitted, MoveFingers)  # noqa: S101  (a move stays one)
             command = admitted
-        self._gripper.move_to(command.targets_counts, command.speed_mps, command.force_n)
-        self._told.append(command.targets_counts)
+        self._told.append(command.targets_counts)  # from here on it may move, whatever is raised
+        try:
+            self._gripper.move_to(command.targets_counts, command.speed_mps, command.force_n)
+        except (Refused, DeviceFault):
+            self._told.pop()
+            raise
 
     def _felt(self) -> Vector3:
         none = (0.0, 0.0, 0.0)
@@ -397,7 +405,7 @@ def _reset(config: TrialConfig, say: Say) -> None:
     """Take the activation back; raises nothing."""
     seen = False
     if not config.devices.gripper:
-        with interruption.sealed(), suppress(GraspError):
+        with interruption.sealed(), SuppressBugs():
             link = TCP if config.gripper.link == "tcp" else RTU
             transport = ModbusTransport(config.modbus, config.gripper.link)
             try:

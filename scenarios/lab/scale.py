@@ -8,13 +8,13 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from datetime import datetime
 
 import msgspec
 import numpy as np
 
-from drivers.errors import DeviceFault, GraspError, LinkLost, Refused, UsageError
+from drivers.errors import DeviceFault, LinkLost, Refused, UsageError
 from drivers.interfaces import (
     CODE_MAX,
     FINGER_NAMES,
@@ -33,6 +33,7 @@ from grasp.clock import Clock, WallClock
 from grasp.guard import GuardSettings
 from scenarios.lab.fit import AGAIN, N_PER_G, Byte, Law, Line
 from scenarios.lab.hand import Say
+from scenarios.lab.insist import insist
 from scenarios.lab.steps import Steps, lead_counts, walk
 from scenarios.lab.touch import Touch
 from scenarios.rigs.calibration import MANUAL
@@ -175,13 +176,14 @@ class Presser:
         walk(steps, self._clock, lambda: self._state, tell, look)
         return met or self._finger.detection is Detection.CONTACT_CLOSING, most_ma
 
+    def _back(self) -> None:
+        self.to(max(0, self.counts - BACK_COUNTS))
+
     def back_off(self, say: Say, release: str) -> None:
         """Off the scale by the way it came, and stand there: safe at any time, for a calibration
         holds no object, and a motor that is left on a scale goes on pressing. Raises nothing."""
-        there = False
-        with interruption.sealed(), suppress(GraspError):
-            self.to(max(0, self.counts - BACK_COUNTS))
-            there = True
+        with interruption.sealed():
+            there = insist(self._back, self._clock)
         say(
             f"the finger has backed off the scale and stands, at {self.counts} counts; to open "
             f"the hand: `{release}`" if there

@@ -176,8 +176,10 @@ class FinishedTrial(msgspec.Struct, frozen=True):
         unreached = controller.unreached
         ended = controller.finished and not controller.in_safe_state  # and nothing was asked for
         if self.bug is not None and trace.last is not None and not ended:
-            missing = controller.missing(trace.last.observation)
-            unreached = (*missing.arm, *missing.hand)
+            unreached = ("what arm and hand shall do cannot be told",)
+            with SuppressBugs():
+                missing = controller.missing(trace.last.observation)
+                unreached = (*missing.arm, *missing.hand)
         return msgspec.structs.replace(
             end, unreached=unreached, further=controller.further, where=self._where
         )
@@ -343,7 +345,9 @@ def _end_as_a_fault(loop: ControlLoop, bug: Bug, trace: Trace) -> None:
     except BaseException:  # no step can be taken any more
         left = loop.abort()
         if left is not None:
-            trace.add(left, None)
+            trace.last = left
+            with SuppressBugs():
+                trace.add(left, None)
 
 
 def _stopped(loop: ControlLoop, deadline_s: float) -> bool:

@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.errors import in_words
 from drivers.interfaces import FINGER_NAMES, Vector3
 from grasp.foxglove import (
     ERROR,
@@ -90,11 +91,11 @@ class Pictures:
         self._ended = False
         self._kept: list[tuple[str, int, msgspec.Struct]] = []
 
-    def end(self, write: Write, t_ns: int, error: Exception) -> None:
+    def end(self, write: Write, t_ns: int, error: BaseException) -> None:
         """A bug of ours: nothing more is drawn, and the log says why."""
         self._ended = True
         self._kept.clear()
-        text = f"no more pictures: {type(error).__name__}: {error}"
+        text = f"no more pictures: {in_words(error)}"
         write(LOG, t_ns, Log(self._time(t_ns), ERROR, text, "pictures"))
 
     def write(

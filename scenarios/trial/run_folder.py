@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import msgspec
 
-from drivers.errors import BadFile, CouldNotRecord, UsageError
+from drivers.errors import BadFile, CouldNotRecord, SuppressBugs, UsageError
 from drivers.interfaces import Vector3
 from grasp import interruption
 from grasp.clock import VIRTUAL_EPOCH_NS, Clock
@@ -203,11 +203,13 @@ class Record:
             write(TRUTH, tick.t_ns, truth)
         try:
             self._pictures.write(write, tick, truth, changes)
-        except Exception as error:  # no run shall end for a picture
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # no run shall end for a picture
             self._pictures.end(write, tick.t_ns, error)
 
     def _draw_the_last(self, folder: RunFolder) -> None:
-        with suppress(Exception):  # whatever a picture lacks, the result is written
+        with SuppressBugs():  # whatever a picture lacks, the result is written
             self._pictures.flush(folder.write)
 
     def _write_kept(self, result: ResultT) -> ResultT:

@@ -16,6 +16,7 @@ from drivers.robotiq.modes import BASIC
 _NS: Final = 1_000_000_000
 _JOIN_S: Final = 5.0
 _ERRORS_KEPT: Final = 8
+_MOST_BUGS: Final = 3
 _PATIENCE_S: Final = 0.002  # a verb waits for so much of an exchange: most are over by then
 _NOT_YET = "the hand has not answered yet: told to it as soon as it has"
 
@@ -71,7 +72,8 @@ class ThreadedGripper:
         self._thread: threading.Thread | None = None
         self._state: GripperState | None = core.state
         self._errors: list[GraspError] = []
-        self._bug: BaseException | None = None
+        self._bugs: list[BaseException] = []
+        self._ended = False  # by too many of them
         self._lost = False
         self._commanded_ns: int | None = None  # oldest verb whose write is not acknowledged
         self._put_off: tuple[int, _Verb] | None = None  # until the exchange in flight is over
@@ -170,11 +172,12 @@ class ThreadedGripper:
     def pump(self, now_ns: int) -> None:
         """Raise what the thread met since the last call, each error once; no I/O.
 
-        A link that stays lost is one error. A bug in the core ended the thread: it is raised by
-        every call.
+        A link that stays lost is one error. A bug in the core is raised once, and the thread goes
+        on, or no hand could be made safe any more; one that comes back too often ends it, and is
+        raised by every call.
         """
-        if self._bug is not None:
-            raise self._bug
+        if self._bugs:
+            raise self._bugs[0] if self._ended else self._bugs.pop(0)
         if self._errors:
             raise self._errors.pop(0)
 
@@ -235,9 +238,9 @@ class ThreadedGripper:
     # Thread
 
     def _run(self) -> None:
-        try:
-            tick_ns = self._clock()
-            while not self._stopping.is_set():
+        tick_ns, met = self._clock(), 0
+        while not self._stopping.is_set() and met < _MOST_BUGS:
+            try:
                 woken = self._wait_until(min(tick_ns, self._held_back_until_ns()))
                 if self._stopping.is_set():
                     return
@@ -245,9 +248,12 @@ class ThreadedGripper:
                 self._woken += woken
                 self._exchange(now_ns)
                 tick_ns = self._next_tick(tick_ns, now_ns)
-        except Exception as bug:
-            self._bug = bug
-            self._pumped.set()
+            except BaseException as bug:  # in a thread of its own nobody else is told of it
+                met += 1
+                self._bugs.append(bug)
+                self._pumped.set()
+                tick_ns = self._clock() + self._period_ns
+        self._ended = met == _MOST_BUGS
 
     def _wait_until(self, deadline_ns: int) -> bool:
         """Sleep to an absolute deadline; True when a verb ended the sleep."""

@@ -65,7 +65,7 @@ class ReadingThread:
             while not self._stopping.is_set():
                 if pause_ns := receiver.receive():
                     self._stopping.wait(pause_ns * 1e-9)
-        except Exception as bug:
+        except BaseException as bug:
             receiver.report(
                 DeviceFault(f"reading the tactile board failed: {bug!r}", "report this")
             )

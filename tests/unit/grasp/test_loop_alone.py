@@ -377,8 +377,25 @@ def test_an_abort_stops_the_arm_though_the_state_of_the_hand_cannot_be_had(raise
     if raises:
         del bench.hand.state
     left = bench.loop.abort()
-    assert bench.verbs() == [("stop", 2.0)] * 4
+    assert bench.verbs() == [("stop", 2.0), ("hold",), *[("stop", 2.0)] * 3]
     assert left is not None and left.gripper == bench.ticks[-1].gripper
+
+
+def test_an_abort_goes_on_where_a_state_is_none_of_its_kind() -> None:
+    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
+    bench.loop.tick()
+    bench.arm.state, bench.hand.state = SimpleNamespace(), "closed"
+    bench.loop.abort()
+    assert bench.verbs().count(("stop", 2.0)) == 4
+
+
+def test_a_command_that_went_out_is_told_though_the_hand_cannot_be_asked_afterwards() -> None:
+    bench = Bench(abort_s=0.05, abort_repeat_s=0.05)
+    bench.loop.tick()
+    bench.raises["gripper pump"] = ZeroDivisionError("a bug")
+    left = bench.loop.abort()
+    assert left is not None
+    assert HoldFingers() in [issued.admitted for issued in left.issued]
 
 
 def test_an_abort_tells_a_moving_hand_to_hold_until_it_rests() -> None:

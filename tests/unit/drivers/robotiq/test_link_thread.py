@@ -85,10 +85,45 @@ def test_by_custom_an_exchange_that_hangs_is_waited_for_for_five_seconds(
     goes_on.set()
 
 
-def test_who_starts_a_thread_that_a_bug_ends_is_not_kept_waiting() -> None:
-    def breaks() -> None:
-        raise ZeroDivisionError("a bug")
+def breaks(bug: type[BaseException] = ZeroDivisionError) -> None:
+    raise bug("a bug")
 
+
+@pytest.mark.parametrize("bug", [ZeroDivisionError, SystemExit])
+def test_a_bug_of_the_core_is_told_once_and_the_hand_can_still_be_told(
+    bug: type[BaseException], made: Made
+) -> None:
+    cell, gripper = made(idle, lambda cell: breaks(bug))
+    gripper.hold()
+    with pytest.raises(bug):
+        raised(gripper)
+    gripper.pump(0)
+    gripper.hold()
+    before = len(cell.pumped_ns)
+    until(lambda: len(cell.pumped_ns) > before)
+    assert cell.verbs == [("hold",)] * 2
+
+
+def raised(gripper: ThreadedGripper) -> None:
+    """Until the thread has come so far."""
+    pause = threading.Event()
+    for _ in range(2000):
+        gripper.pump(0)
+        pause.wait(0.005)
+
+
+def test_a_bug_that_comes_back_ends_the_thread_and_is_told_by_every_call(made: Made) -> None:
+    _, gripper = made(idle, *[lambda cell: breaks()] * 3)
+    for _ in range(3):
+        gripper.hold()
+        with pytest.raises(ZeroDivisionError):
+            raised(gripper)
+    for _ in range(3):
+        with pytest.raises(ZeroDivisionError):
+            gripper.pump(0)
+
+
+def test_who_starts_a_thread_that_a_bug_ends_is_not_kept_waiting() -> None:
     cell: Any = Cell()
     cell.acts = [breaks]
     gripper = ThreadedGripper(cell, NEVER_S)

@@ -3,6 +3,7 @@
 import errno
 import os
 import signal
+from asyncio import CancelledError
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 
 from detector.recordings import read
 from drivers.errors import BadFile
+from drivers.ur.driver import ArmDriver
 from grasp import interruption
 from grasp.cli.main import main
 from grasp.messages import ARM, TACTILE, TRUTH
@@ -267,6 +269,29 @@ def test_bug_of_ours_ends_a_session_as_a_fault_does_and_the_arm_stands(tmp_path:
     assert finished.failure.end.arm == "the arm stands"
     (stored,) = tmp_path.rglob("result.json")
     assert msgspec.json.decode(stored.read_bytes(), type=AcquireResult) == finished
+
+
+@pytest.mark.parametrize("bug", [ZeroDivisionError, SystemExit, CancelledError])
+def test_an_arm_whose_stop_raises_is_told_again(
+    bug: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop, told = ArmDriver.stop, list[float]()
+
+    def breaks_once(arm: ArmDriver, deceleration_mps2: float) -> None:
+        told.append(deceleration_mps2)
+        if len(told) == 1:
+            raise bug
+        stop(arm, deceleration_mps2)
+
+    def ends(sample: Sample) -> None:
+        if sample.phase is PressPhase.STROKE and abs(sample.arm.velocity_mps[0]) > 0.02:
+            monkeypatch.setattr(ArmDriver, "stop", breaks_once)
+            raise bug
+
+    finished = acquired(tmp_path, ends)
+    assert finished.outcome is AcquireOutcome.INTERNAL_ERROR and len(told) > 1
+    assert finished.failure is not None and finished.failure.end is not None
+    assert finished.failure.end.arm == "the arm stands"
 
 
 def test_bug_of_ours_that_keeps_the_arm_from_being_told_is_said(

@@ -13,6 +13,7 @@ from drivers.errors import LinkLost, Refused
 from drivers.robotiq.pumped import PumpedHand
 from grasp.cli.live import Display
 from grasp.cli.main import main
+from grasp.closing import Closing
 from grasp.commands import MoveArm, StopArm
 from grasp.controller import GraspController
 from grasp.doubt import Doubts
@@ -20,10 +21,12 @@ from grasp.guard import ForceGuard
 from grasp.loop import Tick
 from grasp.phases import AIRBORNE_PHASES, Phase
 from grasp.recording import RunRecorder
+from grasp.safe_state import SafeState
 from scenarios.campaign.spec import Task
 from scenarios.campaign.worker import run_trial as run_task
 from scenarios.tap import tap
 from scenarios.trial.replay import replay_run
+from scenarios.trial.trace import Trace
 from scenarios.world.cell import SimulatedCell
 from tests.unit.scenarios.conftest import Staged, config, in_phase
 from tests.unit.scenarios.lift import device_faults as fault
@@ -197,6 +200,28 @@ def test_a_bug_of_the_fingertips_keeps_no_hand_from_being_told_again(
 
     end = lift.result(lift.run(in_phase(Phase.LIFT, 40), act)).end
     assert refused and end is not None and (end.arm, end.unreached) == ("the arm stands", ())
+    assert fault.cell(lift.rig).truth().normal_n[0] > 8.0
+
+
+@pytest.mark.parametrize(("owner", "name"), [(Closing, "slowly"), (SafeState, "of_hand")])
+def test_where_the_closing_cannot_be_told_the_arm_is_stopped_and_the_hand_holds(
+    owner: type, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begins = [plant(monkeypatch, GraspController, "step"), plant(monkeypatch, owner, name)]
+    lift = Staged(*QUICK)
+    result = lift.result(lift.run(in_phase(Phase.LIFT, 5), lambda rig: [b() for b in begins]))
+    assert result.end is not None and result.end.arm == "the arm stands"
+    cell = fault.cell(lift.rig)
+    assert cell.arm.velocity(cell.truth().t_ns) == (0.0, 0.0, 0.0)
+    assert cell.truth().touched
+
+
+def test_a_bug_in_what_keeps_the_verdict_leaves_a_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    begin = plant(monkeypatch, Trace, "add")
+    lift = Staged(*QUICK)
+    result = lift.result(lift.run(in_phase(Phase.LIFT, 5), lambda rig: begin()))
+    assert result.outcome == "internal_error" and result.end is not None
+    assert result.end.arm == "the arm stands"
     assert fault.cell(lift.rig).truth().normal_n[0] > 8.0
 
 
