@@ -233,13 +233,13 @@ class ControlLoop:
 
     def _tell(self, command: Command) -> bool:
         """At once; whether the device took it."""
+        before = len(self._issued)
         with SuppressBugs():
             now_ns, admitted = self._clock.now_ns, command
             if not isinstance(command, StopArm | HoldFingers):  # which nothing can be wrong with
                 admitted = self._step.admit(command, self._gripper_state())
             self._send(_Waiting(now_ns, now_ns, now_ns, command, admitted))
-            return not self._issued[-1].refused
-        return False
+        return len(self._issued) > before and not self._issued[-1].refused
 
     def _look_after(self, moment_ns: int) -> None:
         """At arm and hand, each whatever becomes of the other."""

@@ -14,7 +14,7 @@ from datetime import datetime
 import msgspec
 import numpy as np
 
-from drivers.errors import DeviceFault, LinkLost, Refused, UsageError
+from drivers.errors import DeviceFault, LinkLost, Refused, SuppressBugs, UsageError
 from drivers.interfaces import (
     CODE_MAX,
     FINGER_NAMES,
@@ -176,14 +176,17 @@ class Presser:
         walk(steps, self._clock, lambda: self._state, tell, look)
         return met or self._finger.detection is Detection.CONTACT_CLOSING, most_ma
 
-    def _back(self) -> None:
-        self.to(max(0, self.counts - BACK_COUNTS))
-
     def back_off(self, say: Say, release: str) -> None:
         """Off the scale by the way it came, and stand there: safe at any time, for a calibration
         holds no object, and a motor that is left on a scale goes on pressing. Raises nothing."""
-        with interruption.sealed():
-            there = insist(self._back, self._clock)
+        there, off = False, 0
+
+        def back() -> None:
+            self.to(off)
+
+        with interruption.sealed(), SuppressBugs():
+            off = max(0, self.counts - BACK_COUNTS)
+            there = insist(back, self._clock)
         say(
             f"the finger has backed off the scale and stands, at {self.counts} counts; to open "
             f"the hand: `{release}`" if there

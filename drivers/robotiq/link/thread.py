@@ -16,7 +16,8 @@ from drivers.robotiq.modes import BASIC
 _NS: Final = 1_000_000_000
 _JOIN_S: Final = 5.0
 _ERRORS_KEPT: Final = 8
-_MOST_BUGS: Final = 3
+_MOST_BUGS: Final = 3  # in a row
+_AFTER_BUG_S: Final = 0.01
 _PATIENCE_S: Final = 0.002  # a verb waits for so much of an exchange: most are over by then
 _NOT_YET = "the hand has not answered yet: told to it as soon as it has"
 
@@ -173,8 +174,8 @@ class ThreadedGripper:
         """Raise what the thread met since the last call, each error once; no I/O.
 
         A link that stays lost is one error. A bug in the core is raised once, and the thread goes
-        on, or no hand could be made safe any more; one that comes back too often ends it, and is
-        raised by every call.
+        on, or no hand could be made safe any more; three in a row end it, and the last is raised
+        by every call.
         """
         if self._bugs:
             raise self._bugs[0] if self._ended else self._bugs.pop(0)
@@ -247,13 +248,13 @@ class ThreadedGripper:
                 now_ns = self._clock()
                 self._woken += woken
                 self._exchange(now_ns)
-                tick_ns = self._next_tick(tick_ns, now_ns)
+                tick_ns, met = self._next_tick(tick_ns, now_ns), 0
             except BaseException as bug:  # in a thread of its own nobody else is told of it
                 met += 1
+                self._ended = met == _MOST_BUGS  # before it is told
                 self._bugs.append(bug)
                 self._pumped.set()
-                tick_ns = self._clock() + self._period_ns
-        self._ended = met == _MOST_BUGS
+                self._stopping.wait(_AFTER_BUG_S)
 
     def _wait_until(self, deadline_ns: int) -> bool:
         """Sleep to an absolute deadline; True when a verb ended the sleep."""
@@ -303,9 +304,10 @@ class ThreadedGripper:
             self._do(*put_off)
         except GraspError as error:
             self._note(error, again=False)
-        with self._slot:  # one that came between question and answer would be lost
-            if self._put_off is put_off:
-                self._put_off = None
+        finally:
+            with self._slot:  # one that came between question and answer would be lost
+                if self._put_off is put_off:
+                    self._put_off = None
 
     def _note(self, error: GraspError, *, again: bool) -> None:
         if not again and len(self._errors) < _ERRORS_KEPT:

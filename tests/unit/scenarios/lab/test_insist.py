@@ -36,6 +36,18 @@ def test_what_fails_for_ever_is_given_up() -> None:
     assert len(asked) == TRIES
 
 
+def test_what_takes_long_to_fail_is_not_asked_for_again() -> None:
+    clock, asked = VirtualClock(lambda t_ns: None), list[int]()
+
+    def fails_late() -> None:
+        asked.append(1)
+        clock.sleep_until_ns(clock.now_ns + 3 * 10**9)
+        raise LinkLost("gone", "look")
+
+    assert not insist(fails_late, clock)
+    assert len(asked) == 1
+
+
 def test_ctrl_c_is_no_failure() -> None:
     def stops() -> None:
         raise KeyboardInterrupt
