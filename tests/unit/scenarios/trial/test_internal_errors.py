@@ -124,6 +124,19 @@ def test_a_library_that_ends_the_program_ends_the_run_as_a_fault_does(
     assert result.end is not None and result.end.arm == "the arm stands"
 
 
+def refuse_once(patch: pytest.MonkeyPatch, rig: Any, refused: list[bool]) -> None:
+    """The next closing is refused, and noted."""
+    close = rig.devices.gripper.close_fast
+
+    def refuses_once(*asked: Any) -> Any:
+        if not refused:
+            refused.append(True)
+            raise Refused("busy", "wait")
+        return close(*asked)
+
+    patch.setattr(type(rig.devices.gripper), "close_fast", lambda _, *a: refuses_once(*a))
+
+
 def test_a_hand_that_refuses_once_is_told_again_where_no_step_can_be_taken(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -133,15 +146,7 @@ def test_a_hand_that_refuses_once_is_told_again_where_no_step_can_be_taken(
 
     def act(rig: Any) -> None:
         begin()
-        close = rig.devices.gripper.close_fast
-
-        def refuses_once(*asked: Any) -> Any:
-            if not refused:
-                refused.append(True)
-                raise Refused("busy", "wait")
-            return close(*asked)
-
-        monkeypatch.setattr(type(rig.devices.gripper), "close_fast", lambda _, *a: refuses_once(*a))
+        refuse_once(monkeypatch, rig, refused)
 
     trial = lift.run(in_phase(Phase.LIFT, 5), act)
     result = lift.result(trial)
@@ -188,15 +193,7 @@ def test_a_bug_of_the_fingertips_keeps_no_hand_from_being_told_again(
 
     def act(rig: Any) -> None:
         monkeypatch.setattr(type(rig.devices.tactile), "pump", lambda *_: 1 / 0)
-        close = rig.devices.gripper.close_fast
-
-        def refuses_once(*asked: Any) -> Any:
-            if not refused:
-                refused.append(True)
-                raise Refused("busy", "wait")
-            return close(*asked)
-
-        monkeypatch.setattr(type(rig.devices.gripper), "close_fast", lambda _, *a: refuses_once(*a))
+        refuse_once(monkeypatch, rig, refused)
 
     end = lift.result(lift.run(in_phase(Phase.LIFT, 40), act)).end
     assert refused and end is not None and (end.arm, end.unreached) == ("the arm stands", ())
