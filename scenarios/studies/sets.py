@@ -60,8 +60,13 @@ def require_whole(folders: Sequence[Path]) -> None:
 
 
 def require_one(folder: Path) -> None:
-    """Raises BadFile for a folder of data sets, which is none itself."""
-    if (folder / INDEX).is_file() or not (found := _sets_in(folder)):
+    """Raises BadFile for a folder of data sets, which is none itself, and for a data set with
+    another one in it, whose recordings would be read as its own."""
+    if (folder / INDEX).is_file():
+        if inner := sorted(path.parent for path in folder.rglob(INDEX) if path.parent != folder):
+            raise BadFile(folder, f"has another data set in it, {inner[0]}", "move that one out")
+        return
+    if not (found := _sets_in(folder)):
         return
     what = "a data set" if len(found) == 1 else f"{len(found)} data sets"
     names = " ".join(str(path) for path in found)

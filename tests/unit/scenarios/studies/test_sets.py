@@ -95,6 +95,19 @@ def test_a_folder_of_data_sets_is_refused_with_their_names(
         require_whole([tmp_path])
 
 
+@pytest.mark.parametrize("verb", VERBS, ids=lambda verb: verb[1])
+def test_a_data_set_with_another_one_in_it_is_refused(
+    verb: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    outer = built(tmp_path, THERE)
+    inner = built(tmp_path / "deep" / "inner", THERE)
+    assert main([*verb, str(outer)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line == f"grasp: {outer}: has another data set in it, {inner} (move that one out)"
+    with pytest.raises(BadFile, match="another data set"):
+        require_whole([outer])
+
+
 def test_an_acquisition_is_scored_by_its_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,0 +1,81 @@
+"""All that a loop is made of, faked: devices, step and clock, and what it did with them."""
+
+from types import SimpleNamespace
+from typing import Any
+
+from grasp.clock import VirtualClock
+from grasp.commands import Command, HoldFingers, StopArm
+from grasp.loop import ControlLoop, Devices, Tick
+from grasp.loop_settings import LoopSettings
+from grasp.phases import Phase
+from grasp.safe_state import Missing
+from tests.unit.grasp.builders import arm, frame, gripper, seen
+
+MS = 1_000_000
+
+
+class Bench:
+    """Everything that a loop is made of, and what it did with it."""
+
+    def __init__(self, *, wall: bool = False, **settings: float) -> None:
+        self.clock: Any = VirtualClock(lambda t_ns: None, 10**9)
+        self.clock.virtual = not wall
+        self.told: list[tuple[Any, ...]] = []  # to the devices, with the time
+        self.raises: dict[str, BaseException] = {}
+        self.inputs: list[Any] = []
+        self.decides: list[tuple[Command, ...]] = []  # a step each
+        self.ticks: list[Tick] = []
+        self.acknowledged = True
+        self.missing_of_hand: tuple[str, ...] = ()
+        self.gripper_state: Any = gripper()
+        self.controller = SimpleNamespace(
+            finished=False, excused_ns=0.0, in_safe_state=False, phase=Phase.LIFT, fault_cause="",
+            aborted=lambda: (StopArm(2.0), HoldFingers()),
+            missing=lambda seen: Missing((), self.missing_of_hand),
+        )  # fmt: skip
+        self.step: Any = SimpleNamespace(
+            controller=self.controller,
+            decide=self._decide,
+            last_close=None,
+            admit=lambda command, state: command,
+        )
+        self.frame: Any = frame()
+        hand = SimpleNamespace(
+            state=self.gripper_state, acknowledged=True, pump=self._of("gripper pump"),
+            move_to=self._of("move_to"), close_fast=self._of("close_fast"), open=self._of("open"),
+            hold=self._of("hold"),
+        )  # fmt: skip
+        body = SimpleNamespace(
+            state=arm(), pump=self._of("arm pump"), move_to=self._of("arm"), stop=self._of("stop")
+        )
+        board = SimpleNamespace(
+            frame=self.frame, rest_taken=True, pump=self._of("board pump"),
+            begin_rest=self._of("rest"),
+        )  # fmt: skip
+        self.hand, self.arm, self.board = hand, body, board
+        devices: Any = Devices(hand, body, board)  # type: ignore[arg-type]
+        asked = LoopSettings(**{"decision_delay_s": 0.002} | settings)
+        self.loop = ControlLoop(devices, self.clock, self.step, asked, self.ticks.append)
+
+    def _of(self, name: str) -> Any:
+        def act(*asked: Any) -> Any:
+            if name in self.raises:
+                raise self.raises[name]
+            self.told.append((name, self.clock.now_ns, *asked))
+            return f"applied {name}"
+
+        return act
+
+    def _decide(self, told: Any) -> Any:
+        self.inputs.append(told)
+        commands = self.decides.pop(0) if self.decides else ()
+        observed = seen(told.t_ns, gripper=told.gripper, arm=told.arm)
+        return SimpleNamespace(
+            observation=observed, decision=SimpleNamespace(commands=commands), admitted=commands
+        )
+
+    def verbs(self) -> list[tuple[Any, ...]]:
+        return [(name, *asked) for name, _, *asked in self.told if "pump" not in name]
+
+    def when(self, name: str) -> list[int]:
+        return [at for said, at, *_ in self.told if said == name]
