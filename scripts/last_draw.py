@@ -1,7 +1,7 @@
 """Detectors on a draw that nothing was settled on: taps, lifts, data sets, the real clip.
 
     python scripts/last_draw.py --data DIR... [--recording FILE [--weights FILE...]] [--out FILE]
-    python scripts/last_draw.py --first-seed 90000 --objects can box        a look on other seeds
+    python scripts/last_draw.py --first-seed 90000 92000 --objects can box  a look on other seeds
 
 Taps of the six objects and of the second half dozen at five strengths are run once, with nobody
 answering; every detector hears the same counts and decides by its packaged rule. Lifts are run in
@@ -358,19 +358,22 @@ def main() -> int:
     parser.add_argument("--objects", nargs="+", choices=OBJECTS, default=OBJECTS)
     parser.add_argument("--taps", type=int, default=8, help="an object and strength")
     parser.add_argument("--lifts", type=int, default=10, help="an object and detector")
-    parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
+    parser.add_argument(
+        "--first-seed", type=int, nargs="+", default=[FIRST_SEED], help="of several, all together"
+    )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
-    draw = Draw(args.first_seed, args.taps, args.lifts)
-    if draw.overlaps:
+    draws = [Draw(first, args.taps, args.lifts) for first in args.first_seed]
+    if any(draw.overlaps for draw in draws):
         parser.error(
             f"an object has {TAP_SEEDS} seeds of taps, {SEEDS - TAP_SEEDS} of lifts: ask for fewer"
         )
     workers = Workers(args.jobs)
     rows: list[dict[str, object]] = []
     if args.taps:
-        found = results(partial(all_taps, draw), args.objects, workers)
+        found = [made for draw in draws
+                 for made in results(partial(all_taps, draw), args.objects, workers)]  # fmt: skip
         struck = sorted((s for of_object in found for s in of_object), key=lambda s: s.object)
         answers = {d: answers_ms(d, struck) for d in args.detectors}
         print(f"{len(struck)} taps\n{entry('taps')}\n{tap_table(struck, answers)}")
@@ -381,8 +384,9 @@ def main() -> int:
     lifted: dict[str, list[Lifted]] = {d: [] for d in args.detectors}
     if args.lifts:
         tasks = [(o, d) for o in args.objects for d in args.detectors]
-        for detector, made in results(partial(all_lifts, draw), tasks, workers):
-            lifted[detector] += made
+        for draw in draws:
+            for detector, made in results(partial(all_lifts, draw), tasks, workers):
+                lifted[detector] += made
         print(f"{entry('lifts')}\n{lift_table(lifted)}")
         print(f"{entry('lifts-objects')}\n{lift_objects(lifted)}", flush=True)
     if args.data:
