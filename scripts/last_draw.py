@@ -71,6 +71,7 @@ class Lifted(NamedTuple):
     """A lift in the loop."""
 
     object: str
+    seed: int
     outcome: str
     held: bool
     reaction_ms: float | None
@@ -153,13 +154,15 @@ def all_lifts(draw: Draw, task: tuple[str, str]) -> tuple[str, list[Lifted]]:
     return task[1], list(lifts(draw, *task))
 
 
-def lifts(draw: Draw, name: str, detector: str) -> Iterator[Lifted]:
-    config = load_config(name, "simulated", detector).for_lift()
+def lifts(draw: Draw, name: str, detector: str, words: Sequence[str] = ()) -> Iterator[Lifted]:
+    config = load_config(name, "simulated", detector, None, words).for_lift()
     for seed in draw.of_lifts(name):
         r = lift.run(config, seed, None).result
         if r is not None:
             slip_mm = None if r.slip_distance_m is None else 1e3 * r.slip_distance_m
-            yield Lifted(name, str(r.outcome), bool(r.success), r.reaction_latency_ms, slip_mm)
+            yield Lifted(
+                name, seed, str(r.outcome), bool(r.success), r.reaction_latency_ms, slip_mm
+            )
 
 
 def share(hits: int, n: int) -> str:
