@@ -53,7 +53,7 @@ def peak_n(results: list[LiftResult]) -> float:
 
 
 def slip_mm(results: list[LiftResult]) -> str:
-    """The median and the most: of so few no other share is worth a name."""
+    """The median and the most, which is p90 and p99 of so few (by nearest rank)."""
     slid = sorted((r.slip_distance_m or 0.0) * 1e3 for r in results)
     return f"{slid[len(slid) // 2]:.1f}, {slid[-1]:.1f}"
 
@@ -66,8 +66,8 @@ def stiffness_npm(body: GraspObject) -> float:
 @pytest.mark.bench
 @pytest.mark.timeout(3600)
 def test_true_peak_force_of_the_thumb() -> None:
-    print("\n| hand | one closing: peak, N | slip, mm: p50, most | two stages: peak, N "
-          "| settled, N | slip, mm: p50, most | outcome |")  # fmt: skip
+    print("\n| hand | one closing: peak, N | slip, mm: p50, p90 = p99 | two stages: peak, N "
+          "| settled, N | slip, mm: p50, p90 = p99 | outcome |")  # fmt: skip
     print("|---|---|---|---|---|---|---|")
     for label, assignments in CASES:
         one, two = (closed(c, assignments) for c in STAGES)
@@ -96,8 +96,8 @@ def test_true_peak_force_where_the_contact_is_not_what_is_believed(
         monkeypatch.setattr(ForceGuard, "measured_n", shifted)
 
     print("\n| object, stiffness stated of true | force 1 N too low: peak, N | right: peak, N | "
-          "without clamp, N | slip, mm: p50, most | 1 N too high: peak, N | "
-          "slip, mm: p50, most |")  # fmt: skip
+          "without clamp, N | slip, mm: p50, p90 = p99 | 1 N too high: peak, N | "
+          "slip, mm: p50, p90 = p99 |")  # fmt: skip
     print("|---|---|---|---|---|---|---|")
     for name, shares in BELIEVED.items():
         true_npm = stiffness_npm(load_config(name, "simulated", None, None, ()).for_lift().object)
