@@ -36,6 +36,14 @@ class SuppressBugs:
         return kind is not None and not issubclass(kind, KeyboardInterrupt)
 
 
+class SuppressAll(SuppressBugs):
+    """Ctrl-C too, where several devices are made safe one after the other and within a bounded
+    time: what cuts one of them off must not keep the next one from its turn."""
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> bool:
+        return kind is not None
+
+
 class GraspError(Exception):
     """Base of every expected error: one line that says what happened, one that says what to do.
 

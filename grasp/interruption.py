@@ -5,8 +5,9 @@ become an ``Interruption``, a KeyboardInterrupt: at once as a rule, and inside `
 ``check`` is called, so that no step, no recording and no closing of a device is cut in two. While a
 module is imported they wait for its end, for there some libraries turn it into an ImportError, and
 callbacks of the import system lose it; so does whoever looks up a type hint from C, as msgspec. A
-second one a second later cuts that wait. State is a process's, as signals are; in other threads
-than the main one nothing here does anything.
+second one a second later cuts that wait. What stands still is cut by a further signal: a second
+after the last look in a loop that looks often (``watched``), after ten anywhere. State is a
+process's, as signals are; in other threads than the main one nothing here does anything.
 """
 
 import signal
@@ -24,7 +25,8 @@ from grasp.clock import stopwatch_ns
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 LOSING = ("<frozen importlib._bootstrap>", typing.__file__)  # files of frames that lose exceptions
 LOOK_S = 0.01  # between two looks whether they have ended
-STUCK_NS = 1_000_000_000  # what has not looked for so long stands still: a second signal cuts in
+STUCK_NS = 1_000_000_000  # what has not looked for so long stands still: a further one cuts in
+HUNG_NS = 10_000_000_000  # and where nobody looks
 
 _WORDS = {
     signal.SIGINT: "stopped by hand",
@@ -44,7 +46,7 @@ class Interruption(KeyboardInterrupt):
 class _Mode(Enum):
     RAISE = auto()  # at once
     HOLD = auto()  # at the next look
-    WATCH = auto()  # as HOLD, but a second one cuts in where nobody has looked for long
+    WATCH = auto()  # as HOLD, but a further one cuts in where nobody has looked for a second
     ALLOW = auto()  # at once, but only the first one: what it unwinds is not cut again
     SEAL = auto()  # not any more
 
@@ -56,21 +58,20 @@ class _Taker:
         self.mode = _Mode.RAISE
         self.asked: int | None = None  # by the first signal
         self.raised = False
-        self._asked_ns = 0
+        self._since_ns = 0  # the first signal, the last look after it or the last that cut in
         self._losing = _losing(sys._getframe())  # noqa: SLF001  (whoever calls us may be imported)
         self._alarm: Any = None  # what took SIGALRM before
 
     def take(self, number: int, frame: FrameType | None) -> None:
         if self.asked is None:
-            self.asked, self._asked_ns = number, stopwatch_ns()
-        stuck = stopwatch_ns() - self._asked_ns > STUCK_NS
-        again = not self.raised
-        if self.mode is _Mode.RAISE or (again and self.mode is _Mode.ALLOW):
-            if _losing(frame) > self._losing and not stuck:
+            self.asked, self._since_ns = number, stopwatch_ns()
+        still_ns = stopwatch_ns() - self._since_ns
+        if self.mode is _Mode.RAISE or (not self.raised and self.mode is _Mode.ALLOW):
+            if _losing(frame) > self._losing and still_ns <= STUCK_NS:
                 self._end_later()
             else:
                 self.end()
-        if again and stuck and self.mode is _Mode.WATCH:
+        elif still_ns > (STUCK_NS if self.mode is _Mode.WATCH else HUNG_NS):
             self.end()
 
     def _end_later(self) -> None:
@@ -94,9 +95,15 @@ class _Taker:
     def look(self) -> None:
         if self.asked is not None and not self.raised and self.mode is not _Mode.SEAL:
             self.end()
+        self.go()
+
+    def go(self) -> None:
+        if self.asked is not None:
+            self._since_ns = stopwatch_ns()
 
     def end(self) -> NoReturn:
         self.raised = True
+        self.go()
         assert self.asked is not None  # noqa: S101
         raise Interruption(self.asked)
 
@@ -140,7 +147,8 @@ def held() -> AbstractContextManager[None]:
 
 
 def watched() -> AbstractContextManager[None]:
-    """As ``held``, for a loop that checks often: where it stands still a second signal cuts in."""
+    """As ``held``, for a loop that looks often, or says that it goes: where it stands still a
+    further signal cuts in."""
     return _in(_Mode.WATCH)
 
 
@@ -181,6 +189,20 @@ def _in(mode: _Mode) -> Iterator[None]:
         yield
     finally:
         taker.mode = before
+
+
+def goes() -> None:
+    """What no signal is to end says here, often, that it does not stand still."""
+    taker = _here()
+    if taker is not None:
+        taker.go()
+
+
+def go_on() -> None:
+    """Raises Interruption when a signal has come, though a trial has taken it for its end: whoever
+    has more than that trial to do ends too."""
+    if asked():
+        raise Interruption(number())
 
 
 def asked() -> bool:

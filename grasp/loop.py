@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import msgspec
 
-from drivers.errors import GraspError, LinkLost, SuppressBugs
+from drivers.errors import GraspError, LinkLost, SuppressAll
 from drivers.interfaces import (
     Applied,
     Arm,
@@ -184,7 +184,8 @@ class ControlLoop:
 
     def stop(self, cause: str) -> bool:
         """The run shall end now: forget what was queued, but a closing that answers slip, and tick
-        until the safe state is reached in which a grip is kept. No signal cuts this short.
+        until the safe state is reached in which a grip is kept. No signal cuts this short, but
+        where a device hangs in it: raises Interruption then.
 
         False when there was nothing to stop: it had finished, or a fault's safe state goes before.
         """
@@ -195,9 +196,7 @@ class ControlLoop:
             kept = (w for w in self._queue if answering and isinstance(w.admitted, CloseFast))
             self._queue = deque(kept)
         self._stop = cause
-        end_ns = self._clock.now_ns + round(self._settings.stop_s * 1e9)
-        while not controller.finished and self._clock.now_ns < end_ns:
-            self.tick()
+        self._pursue_safe_state()
         return stopped and controller.fault_cause == cause
 
     def fail(self, cause: str) -> None:
@@ -205,9 +204,14 @@ class ControlLoop:
         state is pursued. Raises what the bug raises where that cannot be."""
         self._queue.clear()
         self._trouble = cause
+        self._pursue_safe_state()
+
+    def _pursue_safe_state(self) -> None:
         end_ns = self._clock.now_ns + round(self._settings.stop_s * 1e9)
-        while not self._step.controller.finished and self._clock.now_ns < end_ns:
-            self.tick()
+        with interruption.watched():
+            while not self._step.controller.finished and self._clock.now_ns < end_ns:
+                interruption.goes()
+                self.tick()
 
     def abort(self) -> Tick | None:
         """As ``fail`` where no step can be taken any more: each device is told by itself, whatever
@@ -217,24 +221,26 @@ class ControlLoop:
         end_ns = self._clock.now_ns + round(self._settings.abort_s * 1e9)
         stop, *hand = self._step.controller.aborted()
         stop_due, hand_due, taken, told_ns = True, bool(hand), True, 0
-        while True:
-            if stop_due:
-                self._tell(stop)
-            if hand_due:
-                taken = self._tell(*hand)
-            told_ns = told_ns or self._clock.now_ns
-            self._look_after(round(self._settings.abort_repeat_s * 1e9))
-            stop_due, rests = not self._arm_stands(told_ns), self._hand_rests(told_ns)
-            # a closing that was taken is not begun anew while it lasts
-            again = rests or not taken or HoldFingers() in hand
-            hand_due = bool(hand) and again and self._hand_is_not_as_told()
-            if (rests and not stop_due and not hand_due) or self._clock.now_ns >= end_ns:
-                return self._left()
+        with interruption.watched():  # whatever hangs is cut by a signal, and the next one told
+            while True:
+                interruption.goes()
+                if stop_due:
+                    self._tell(stop)
+                if hand_due:
+                    taken = self._tell(*hand)
+                told_ns = told_ns or self._clock.now_ns
+                self._look_after(round(self._settings.abort_repeat_s * 1e9))
+                stop_due, rests = not self._arm_stands(told_ns), self._hand_rests(told_ns)
+                # a closing that was taken is not begun anew while it lasts
+                again = rests or not taken or HoldFingers() in hand
+                hand_due = bool(hand) and again and self._hand_is_not_as_told()
+                if (rests and not stop_due and not hand_due) or self._clock.now_ns >= end_ns:
+                    return self._left()
 
     def _tell(self, command: Command) -> bool:
         """At once; whether the device took it."""
         before = len(self._issued)
-        with SuppressBugs():
+        with SuppressAll():
             now_ns, admitted = self._clock.now_ns, command
             if not isinstance(command, StopArm | HoldFingers):  # which nothing can be wrong with
                 admitted = self._step.admit(command, self._gripper_state())
@@ -245,11 +251,11 @@ class ControlLoop:
         """At arm and hand, each whatever becomes of the other."""
         self._clock.sleep_until_ns(self._clock.now_ns + moment_ns)
         for pump in (self._pump_gripper, self._pump_arm):
-            with SuppressBugs():
+            with SuppressAll():
                 pump(self._clock.now_ns)
 
     def _hand_is_not_as_told(self) -> bool:
-        with SuppressBugs():
+        with SuppressAll():
             left = self._left()
             return left is not None and bool(self._step.controller.missing(left.observation).hand)
         return True
@@ -263,13 +269,13 @@ class ControlLoop:
         return hand is not None and hand.t_ns > since_ns and hand.at_rest
 
     def _arm_now(self) -> ArmState | None:
-        with SuppressBugs():
+        with SuppressAll():
             state = self._devices.arm.state
             return state if isinstance(state, ArmState) else None
         return None
 
     def _gripper_now(self) -> GripperState | None:
-        with SuppressBugs():
+        with SuppressAll():
             state = self._devices.gripper.state
             return state if isinstance(state, GripperState) else None
         return None

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import select
 import sys
 from typing import Any
 
@@ -91,6 +92,15 @@ def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) ->
             said, how = one_line(message, MOST_SAID), one_line(remedy, MOST_SAID)
             print(f"grasp: {said}" + (f" ({how})" if how else ""), file=sys.stderr)
     return code
+
+
+def is_unread() -> bool:
+    """Whether standard output or error leads to a pipe that nobody reads any more."""
+    poll = select.poll()
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):  # one that is no file
+            poll.register(stream.fileno(), 0)
+    return any(events & select.POLLERR for _, events in poll.poll(0))
 
 
 def nobody_reads() -> int:

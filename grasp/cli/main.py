@@ -124,24 +124,31 @@ def _run(words: Sequence[str], as_json: bool) -> int:
     try:
         _check_text(words)
         args = build_parser().parse_args(words)
+    except UsageError as error:
+        return exits.report(error.kind, error.message, error.remedy, as_json)
+    try:
         code = int(args.handler(args))
         sys.stdout.flush()
-        return code
-    except KeyboardInterrupt:
+    except OSError as error:
+        if exits.is_unread() or interruption.asked():
+            return exits.nobody_reads()
+        return _told(error, words, as_json)
+    except BaseException as error:  # some of somebody's library, as its sys.exit()
+        return _told(error, words, as_json)
+    return code
+
+
+def _told(error: BaseException, words: Sequence[str], as_json: bool) -> int:
+    if isinstance(error, KeyboardInterrupt):
         with interruption.sealed():
             return exits.report("interrupted", "interrupted", "", as_json)
-    except BrokenPipeError:
-        return exits.nobody_reads()
-    except GraspError as error:
+    if isinstance(error, GraspError):
         return exits.report(error.kind, error.message, error.remedy, as_json)
-    except OSError as error:
-        if interruption.asked():
-            return exits.nobody_reads()
+    if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):  # a device's pipe
         return exits.report(*_of_the_system(error, words), as_json)
-    except Exception as error:
-        if _of_the_compiled(error):
-            return exits.report("config", *BAD_CACHE, as_json)
-        return _bug(error, as_json)
+    if isinstance(error, Exception) and _of_the_compiled(error):
+        return exits.report("config", *BAD_CACHE, as_json)
+    return _bug(error, as_json)
 
 
 def _check_text(words: Sequence[str]) -> None:
@@ -186,7 +193,7 @@ def _of_the_compiled(error: Exception) -> bool:
     return any(Path(frame.filename).parts[-3:] == NUMBA_CACHE for frame in frames)
 
 
-def _bug(error: Exception, as_json: bool) -> int:
+def _bug(error: BaseException, as_json: bool) -> int:
     """A bug keeps its traceback, unless JSON was asked for."""
     if as_json:
         text = in_words(error)

@@ -66,8 +66,8 @@ def run_series(config: LiftConfig, seeds: Sequence[int], bench: Bench) -> Series
         ) as record:
             trial = _run_trial(held, rig, guard, record.tick, reading, home)
             mark = None if reading is None else reading.mark
-            result = judge(held, seed, trial, record.path, mark)
-            return record.finish(trial, result), trial.controller.home
+            finished = record.finish(trial, lambda: judge(held, seed, trial, record.path, mark))
+            return finished, trial.controller.home
 
     return series.run_series(held, seeds, bench, attempt)
 

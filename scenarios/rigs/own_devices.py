@@ -5,6 +5,7 @@ gives a context manager of what keeps to a protocol of `drivers.interfaces`, con
 a device counts as real, whatever it is: it is opened on the rig `hardware` alone.
 """
 
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
@@ -14,7 +15,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from drivers.errors import ConfigError, GraspError, UsageError, one_line
+from drivers.errors import ConfigError, GraspError, UsageError, in_words
 
 Scalar = bool | int | float | str
 GROUPS = {"gripper": "grasp.grippers", "arm": "grasp.arms", "fingertips": "grasp.fingertips"}
@@ -87,13 +88,22 @@ def own_device(devices: OwnDeviceSettings, device: str, now: Callable[[], int]) 
         entered = opened.__enter__()
     except GraspError:
         raise
-    except (Exception, SystemExit) as error:
-        told = one_line(f"{type(error).__name__}: {error}")
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # its sys.exit(), or a task that was cancelled
         raise UsageError(
-            f"{device} {name!r} of another package cannot be opened: {told}",
+            f"{device} {name!r} of another package cannot be opened: {in_words(error)}",
             "ask its maintainers; docs/extending.md says what is expected of it",
         ) from error
     try:
         yield entered
     finally:
+        _let_go(opened, f"{device} {name!r}")
+
+
+def _let_go(opened: Opened, who: str) -> None:
+    """What it raises costs no result and hides no error; it is told."""
+    try:
         opened.__exit__(None, None, None)
+    except BaseException as error:  # Ctrl-C in it: whoever ran it ends anyway
+        logging.getLogger(__name__).warning("%s does not let go: %s", who, in_words(error))

@@ -24,11 +24,13 @@ from typing import Generic, TypeVar, cast
 import msgspec
 
 from drivers.errors import GraspError, LinkLost, UsageError
+from grasp import interruption
 
 T = TypeVar("T")
 R = TypeVar("R")
 AHEAD = 2  # tasks handed out for every worker: none waits for the parent's disk
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+FOR_THE_PARENT = (signal.SIGINT, signal.SIGHUP)
 PARENT_POLL_S = 0.5
 LOOK_FOR_CYCLES = 20_000  # new objects in between: a trial leaves few cycles, and a look is dear
 CONNECT_S = 10.0
@@ -79,9 +81,11 @@ def outcomes(
 
 def _done(work: Callable[[T], R], task: T) -> Outcome[T, R]:
     try:
-        return Outcome(task, work(task))
+        result = work(task)
     except Exception as error:
         return Outcome(task, error=error)
+    interruption.go_on()
+    return Outcome(task, result)
 
 
 def _processes(
@@ -140,6 +144,8 @@ def _pool(processes: int) -> Iterator[Executor]:
         max_workers=processes, initializer=_prepare, initargs=(os.getpid(),), env=ONE_THREAD
     )
     try:
+        with _waiting():
+            executor.submit(_nothing)  # starts all of them
         yield executor
     except BaseException:  # Ctrl-C among them: what is half done is of no use to anyone
         executor.shutdown(wait=True, kill_workers=True)
@@ -147,12 +153,28 @@ def _pool(processes: int) -> Iterator[Executor]:
     executor.shutdown(wait=True)
 
 
+@contextmanager
+def _waiting() -> Iterator[None]:
+    """What is for the parent alone waits meanwhile, and in who is begun meanwhile until it has
+    prepared itself: while it imports, it would die of it in many words."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, FOR_THE_PARENT)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _nothing() -> None:
+    """A task."""
+
+
 def _prepare(parent: int) -> None:
     """In each worker: Ctrl-C and a hang-up are for the parent alone, and nobody outlives it. Its
     memory is looked through less often, which saves a tenth of a campaign."""
     gc.set_threshold(LOOK_FOR_CYCLES)
-    for number in (signal.SIGINT, signal.SIGHUP):
+    for number in FOR_THE_PARENT:
         signal.signal(number, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, FOR_THE_PARENT)
 
     def watch() -> None:
         while os.getppid() == parent:

@@ -125,8 +125,8 @@ def run_series(config: TapConfig, seeds: Sequence[int], bench: Bench) -> Series[
             config, SCENARIO, seed, bench.runs, bench.look, home, bench.wanted, rig.clock
         ) as record:
             trial = run_trial(config, seed, rig, guard, record.tick, bench.operator, home)
-            result = judge(config, seed, trial, record.path)
-            return record.finish(trial, result), trial.controller.home
+            finished = record.finish(trial, lambda: judge(config, seed, trial, record.path))
+            return finished, trial.controller.home
 
     return series.run_series(config, seeds, bench, attempt)
 

@@ -332,6 +332,12 @@ def _run_to_end(
                 bugs.append(Bug.of(error))
                 _end_as_a_fault(loop, bugs[0], trace)
                 return False, granted
+        except KeyboardInterrupt as cut:  # of what stood still while the safe state was pursued
+            if not _aborted(loop, trace):
+                raise
+            if not bugs:
+                bugs.append(Bug.of_hanging(cut))
+            return False, granted
         except BaseException:  # nothing may leave the arm moving
             loop.abort()
             raise
@@ -343,11 +349,18 @@ def _end_as_a_fault(loop: ControlLoop, bug: Bug, trace: Trace) -> None:
     except KeyboardInterrupt:
         raise
     except BaseException:  # no step can be taken any more
-        left = loop.abort()
-        if left is not None:
-            trace.last = left
-            with SuppressBugs():
-                trace.add(left, None)
+        _aborted(loop, trace)
+
+
+def _aborted(loop: ControlLoop, trace: Trace) -> bool:
+    """End where no step can be taken; whether there was one before."""
+    left = loop.abort()
+    if left is None:
+        return False
+    trace.last = left
+    with SuppressBugs():
+        trace.add(left, None)
+    return True
 
 
 def _stopped(loop: ControlLoop, deadline_s: float) -> bool:

@@ -14,6 +14,7 @@ import msgspec
 from detector.scores.quantiles import Quantiles, quantiles
 from drivers.errors import SuppressBugs, text_of
 from drivers.interfaces import FINGER_NAMES, Vector3
+from grasp import interruption
 from grasp.loop import Timing
 from grasp.phases import PhaseChange
 from scenarios.rigs.rig import Stalls
@@ -65,6 +66,12 @@ class Bug(msgspec.Struct, frozen=True):
             told = "".join(traceback.format_exception(error))
             raised = told.encode(errors="backslashreplace").decode()
         return cls(type(error).__name__, text_of(error), raised)
+
+    @classmethod
+    def of_hanging(cls, cut: KeyboardInterrupt) -> Self:
+        """Of what stood still until a signal cut it."""
+        text = f"{interruption.cause(cut)} while this stood still"
+        return msgspec.structs.replace(cls.of(cut), text=text)
 
     @property
     def line(self) -> str:

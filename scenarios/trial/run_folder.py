@@ -1,6 +1,6 @@
 """The folder that a run leaves: `recording.mcap` and `result.json`, complete or not at all."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from datetime import datetime
 from functools import partial
@@ -22,9 +22,9 @@ from grasp.phases import PhaseChange
 from grasp.recording import UNIX_NS, Channels, RunRecorder, RunRecording
 from scenarios.trial import pictures
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.execution import FinishedTrial, Watch
+from scenarios.trial.execution import REPORT, FinishedTrial, Watch
 from scenarios.trial.pictures import Pictures
-from scenarios.trial.result import Failure, FinishedRun, ResultT, Wanted, versions
+from scenarios.trial.result import Bug, Failure, FinishedRun, ResultT, Wanted, versions
 from scenarios.world.cell import Truth
 
 RECORDING = "recording.mcap"
@@ -133,7 +133,7 @@ class Record:
 
         with Record(config, "lift", seed, runs, watch) as record:
             trial = run_trial(config, rig, guard, record.tick)
-            return record.finish(trial, judge(config, seed, trial, record.path))
+            return record.finish(trial, lambda: judge(config, seed, trial, record.path))
 
     Left by an exception it keeps what there is, without a result. A signal never cuts it in two.
     """
@@ -222,19 +222,46 @@ class Record:
             self._write(folder.write, tick, truth, changes)
         return msgspec.structs.replace(result, recording=str(folder.recording))
 
-    def finish(self, trial: FinishedTrial, result: ResultT) -> FinishedRun[ResultT]:
-        """Close the recording and write the result."""
-        failure = trial.failure(self._config, result.outcome)
-        if self._folder is not None or self._wanted is not None:
-            try:
-                result = self._write_kept(result)
-                if self._folder is not None:
-                    self._draw_the_last(self._folder)
-                    self._folder.finish(result)
-            except CouldNotRecord as error:
+    def finish(self, trial: FinishedTrial, judge: Callable[[], ResultT]) -> FinishedRun[ResultT]:
+        """Judge, close the recording and write the result. Whatever raises on the way, of arm and
+        hand is told how they were left; a trial that could not be judged has no result."""
+        result, failure = None, None
+        try:
+            result = judge()
+            failure = trial.failure(self._config, result.outcome)
+            result = self._written(result)
+        except CouldNotRecord as error:
+            if result is not None:
                 result = msgspec.structs.replace(result, recording=None)
-                failure = failure or Failure(error.kind, error.message, error.remedy)
+            failure = failure or Failure(error.kind, error.message, error.remedy)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            failure = _with_bug(failure, Bug.of(error), trial, self._config)
+            if self._folder is not None:
+                self._folder.abandon()
         return FinishedRun(result, failure)
+
+    def _written(self, result: ResultT) -> ResultT:
+        if self._folder is None and self._wanted is None:
+            return result
+        result = self._write_kept(result)
+        if self._folder is not None:
+            self._draw_the_last(self._folder)
+            self._folder.finish(result)
+        return result
+
+
+def _with_bug(
+    failure: Failure | None, bug: Bug, trial: FinishedTrial, config: TrialConfig
+) -> Failure:
+    """A trial that failed as well keeps its kind."""
+    if failure is not None:
+        return msgspec.structs.replace(failure, message=f"{failure.message}; then {bug.line}")
+    end = None
+    with SuppressBugs():
+        end = trial.end(config)
+    return Failure("internal", bug.line, REPORT, end)
 
 
 def _known(

@@ -101,17 +101,21 @@ def read_split(
     split: Split | Literal["all"],
     tell: Callable[[str], None] = lambda line: None,
 ) -> list[Recording]:
-    """Recordings of one split of several data sets; raises BadFile for an empty one, and for a
-    folder of several. A set of which some is not there is told.
+    """Recordings of one split of several data sets. A set of which some is not there is told, and
+    those are left out and told that are too short for anything of them to be scored.
 
-    Those too short for anything of them to be scored are left out and told, unless all are.
+    Raises BadFile for an empty one and for a folder of several, UsageError where all are too short.
     """
     wanted = None if split == "all" else split
     found = [r for folder in folders for r in read_set(folder, wanted, tell)]
     long = [r for r in found if len(r.t_s) > WARM_UP_SAMPLES]
-    if not long or len(long) == len(found):
-        return found  # of one without any the score says why
-    tell(f"left out: {too_short(len(found) - len(long))}")
+    if found and not long:
+        raise UsageError(
+            f"the split {split}: {too_short(len(found))}",
+            "longer recordings, or more of them: a larger --share of `grasp dataset build`",
+        )
+    if len(long) < len(found):
+        tell(f"left out: {too_short(len(found) - len(long))}")
     return long
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.energy import tune_threshold
+from grasp import interruption
 from grasp.controller import GraspController
 from grasp.loop import Tick
 from scenarios.acquire.datasets.bodies import body_ranges, draw_object
@@ -52,6 +53,7 @@ def static_lift(config: LiftConfig, seed: int) -> NDArray[np.int16]:
 
     with open_rig(static, seed, paced=False) as rig:
         trial = run_trial(static, rig, make_guard(static), watch)
+    interruption.go_on()
     if trial.final is None or trial.final.slip_onset_s is not None:
         raise ValueError(f"the object slipped in the static lift of seed {seed}")
     return np.stack(frames)

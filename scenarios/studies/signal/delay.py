@@ -20,6 +20,7 @@ from detector.training.sequences import digest
 from detector.training.settings import DEFAULTS, WINDOWS, TrainSettings
 from detector.training.validation import odds_of
 from drivers.errors import UsageError
+from scenarios.studies.detectors.benchmark import too_short
 
 NETWORK = "tcn-paper"
 RULE = RuleSettings(kind="consecutive", consecutive=2, threshold=0.5)  # the paper's
@@ -58,8 +59,11 @@ def measure(
     recordings: Sequence[Recording], data: str, recipe: Recipe, steps: int, seed: int,
     tell: Callable[[int, int], None] = lambda step, steps: None,
 ) -> Delay:  # fmt: skip
-    """Train anew, then listen to the split `test`. Raises UsageError where a split is empty."""
+    """Train anew, then listen to the split `test`. Raises UsageError where a split is empty, or
+    nothing of what is listened to could be scored."""
     train, validation, test = (_split(recordings, split) for split in get_args(Split))
+    if all(len(r.t_s) <= WARM_UP_SAMPLES for r in test):
+        raise UsageError(f"the split test: {too_short(len(test))}", "a larger share of a data set")
     settings = settings_of(recipe, steps, seed)
     training = Training(NETWORK, settings, train, validation, digest([*train, *validation]))
     training.run(float("inf"), None, lambda p: tell(p.step, p.steps))

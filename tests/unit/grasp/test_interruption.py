@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import pytest
@@ -103,6 +103,51 @@ def test_loop_that_stands_still_is_cut_by_a_second_signal_alone(
         monkeypatch.setattr(interruption, "STUCK_NS", -1)
         with pytest.raises(Interruption):
             signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.usefixtures("taken")
+def test_what_stands_still_again_is_cut_again_and_what_goes_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now_ns = 0
+    monkeypatch.setattr(interruption, "stopwatch_ns", lambda: now_ns)
+    with interruption.watched():
+        signal.raise_signal(signal.SIGINT)
+        with pytest.raises(Interruption):
+            interruption.check()
+        for _ in range(10):
+            now_ns += interruption.STUCK_NS // 2
+            interruption.goes()
+            signal.raise_signal(signal.SIGINT)
+        now_ns += interruption.STUCK_NS + 1
+        with pytest.raises(Interruption):
+            signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize("mode", [interruption.held, interruption.sealed])
+@pytest.mark.usefixtures("taken")
+def test_where_nobody_looks_it_takes_ten_seconds_until_a_further_signal_cuts_in(
+    mode: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_ns = 0
+    monkeypatch.setattr(interruption, "stopwatch_ns", lambda: now_ns)
+    with mode():
+        signal.raise_signal(signal.SIGINT)
+        now_ns = interruption.HUNG_NS
+        signal.raise_signal(signal.SIGINT)
+        now_ns += 1
+        with pytest.raises(Interruption):
+            signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.usefixtures("taken")
+def test_a_signal_that_a_trial_took_for_its_end_ends_what_was_to_follow_too() -> None:
+    interruption.go_on()
+    with pytest.raises(Interruption):
+        signal.raise_signal(signal.SIGTERM)
+    with pytest.raises(Interruption):
+        interruption.go_on()
 
 
 @pytest.mark.usefixtures("taken")

@@ -66,7 +66,9 @@ def test_an_abort_believes_no_state_from_before_it() -> None:
     assert left is not None and left.observation.gripper_lost
 
 
-@pytest.mark.parametrize("bug", [SystemExit(0), CancelledError(), ValueError("a bug")], ids=repr)
+@pytest.mark.parametrize(
+    "bug", [SystemExit(0), CancelledError(), KeyboardInterrupt(), ValueError("a bug")], ids=repr
+)
 @pytest.mark.parametrize("device", ["arm pump", "gripper pump", "board pump", "hold"])
 def test_an_abort_stops_the_arm_whatever_the_devices_raise(bug: BaseException, device: str) -> None:
     bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
@@ -147,3 +149,11 @@ def test_an_abort_believes_no_state_of_the_arm_from_before_its_stop() -> None:
     bench.loop.abort()
     assert bench.clock.now_ns == now_ns + 200 * MS
     assert bench.verbs().count(("stop", 2.0)) == 4
+
+
+def test_an_abort_tells_the_hand_though_the_stop_of_the_arm_is_cut_off_each_time() -> None:
+    bench = Bench(abort_s=0.2, abort_repeat_s=0.05)
+    bench.loop.tick()
+    bench.raises["stop"] = KeyboardInterrupt()
+    assert bench.loop.abort() is not None
+    assert ("hold",) in bench.verbs()

@@ -224,6 +224,26 @@ def test_stop_for_which_a_fault_goes_before_says_so() -> None:
     assert not bench.loop.stop("a person")
 
 
+def test_a_stop_in_which_a_device_hangs_is_cut_by_a_further_signal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As one whose call does not come back."""
+    bench = Bench()
+    now_ns = 0
+    monkeypatch.setattr(interruption, "stopwatch_ns", lambda: now_ns)
+
+    def hangs(_: int) -> None:
+        nonlocal now_ns
+        for _s in range(3):
+            now_ns += interruption.STUCK_NS
+            signal.raise_signal(signal.SIGINT)
+        raise AssertionError("nothing cut it")
+
+    bench.board.pump = hangs
+    with interruption.taken(), interruption.held(), pytest.raises(interruption.Interruption):
+        bench.loop.stop("a person")
+
+
 def test_bug_is_told_as_trouble_and_what_waits_is_forgotten() -> None:
     bench = Bench(decision_delay_s=0.005, stop_s=0.2)
     bench.decides = [(RISE,)]
