@@ -172,7 +172,7 @@ def read_dataset(folder: Path | str, split: Split | None = None) -> list[Recordi
     if not found:
         what = f"no {split} recordings" if split else "no recordings"
         what = what if folder.is_dir() else "no such folder"
-        raise BadFile(folder, what, "name a folder made by `grasp dataset build`")
+        raise BadFile(folder, what, "name a folder of `grasp dataset build`, or `collect`")
     return found
 
 

@@ -135,7 +135,7 @@ def require_cells(recordings: Sequence[Recording]) -> None:
     if few:
         raise UsageError(
             f"{len(few)} of {len(_keys())} cells have fewer than {LEAST_RECORDINGS} recordings",
-            "a set built for it: `grasp dataset build paper --seed N`, scored with --split all",
+            "a whole set built for it: `grasp dataset build paper --seed N`",
         )
 
 

@@ -66,7 +66,7 @@ def _add_detectors(charts: Any) -> None:
     )
     parser.add_argument(
         "--data", type=Path, nargs="+", required=True, metavar="DIR",
-        help="folders made by `grasp dataset build`; the split `test` is drawn",
+        help="folders of `grasp dataset build`, or `collect`; the split `test` is drawn",
     )  # fmt: skip
     add_picture(parser, "detectors")
     parser.set_defaults(handler=draw_detectors)

@@ -3,6 +3,7 @@ of one's own what they should be?"""
 
 import argparse
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,8 @@ def add_parser(verbs: Any) -> None:
         "check", help=text,
         description=text + " Opens no device and runs no trial; the detectors of a campaign are "
         "loaded. What a file is, an object, surface, calibration, rig, campaign, data "
-        "set, or settings for --config, is told by what is in it. Exit code 2 if one is wrong.",
+        "set, or settings for --config, is told by what is in it. Each is judged alone. Exit code "
+        "2 if one is wrong.",
     )  # fmt: skip
     check.add_argument("file", nargs="+", metavar="FILE", help="path of a .toml file")
     check.set_defaults(handler=check_files)
@@ -94,29 +96,36 @@ def _settings(path: Path) -> str:
     if sections.keys() <= pressed and pressed - set(RunConfig.__struct_fields__):
         return f"of an acquisition: {', '.join(sections)}"
     load_for_devices("can", "simulated", path)
-    _check_read_by_some(path)
-    return ", ".join(sections)
+    return ", ".join(sections) + _read_by(path)
 
 
-def _check_read_by_some(path: Path) -> None:
-    """Raises ConfigError where no detector's rule and no answer to slip reads all that is set for
-    them: every run that is told no more would refuse it."""
+def _read_by(path: Path) -> str:
+    """With which detectors all that is set for the rule is read, where it is not with the default
+    one. Raises UsageError where that, or what is set for the answer to slip, is read with none: a
+    run that is told no more would refuse it."""
     from detector.interface import DETECTORS
-    from scenarios.campaign.config import load_for_devices
+    from scenarios.campaign.config import load_config, load_for_devices
     from scenarios.rigs.own_settings import own_layers
     from scenarios.trial.config import check_answer_and_rule
 
-    refused: ConfigError | None = None
-    for name in DETECTORS:
+    default = load_config("can", "simulated").detector_name
+    readers, refused = [], None
+    for name in sorted(DETECTORS, key=lambda name: (name != default, name)):
         config = load_for_devices("can", "simulated", path, detector=name)
         try:
             check_answer_and_rule(config.rule, config.controller, own_layers(path, ()))
+            readers.append(name)
         except ConfigError as error:
-            refused = error
-        else:
-            return
-    if refused is not None:
-        raise refused
+            refused = refused or error
+    if refused is None or default in readers:
+        return ""
+    if readers:
+        return f" (read with {', '.join(readers)}, not with {default}: {refused.key})"
+    layered = f"grasp config show --config THAT.toml --config {shlex.quote(str(path))}"
+    raise UsageError(
+        f"{refused.message}; so alone no run takes it",
+        f"{refused.remedy.removeprefix('allowed: ')}; beside THAT file, which does: `{layered}`",
+    )
 
 
 def _whence(source: str | None) -> str:

@@ -31,7 +31,10 @@ def _add_build(actions: Any) -> None:
         "A build that was ended goes on where it was.",
     )
     parser.add_argument(
-        "config", metavar="FILE", help="its path, or the name of one of config/datasets: paper, ..."
+        "config",
+        metavar="FILE",
+        help="its path, or the name of one of config/datasets: paper, confusers, grasped-slip, "
+        "mallet, observer, turning",
     )
     parser.add_argument(
         "--out", type=folder_to_fill, required=True, metavar="DIR", help="folder to fill"
@@ -74,7 +77,11 @@ def _add_collect(actions: Any) -> None:
         "three put it into each split.",
     )  # fmt: skip
     parser.add_argument(
-        "source", type=Path, nargs="+", metavar="RUN|FILE", help="folders of `grasp run acquire`"
+        "source",
+        type=Path,
+        nargs="+",
+        metavar="RUN|FILE",
+        help="folders of `grasp run acquire`, and files of counts (.npz, .csv)",
     )
     parser.add_argument(
         "--out", type=folder_to_fill, required=True, metavar="DIR", help="folder to fill"

@@ -23,7 +23,7 @@ def add_robustness(actions: Any) -> None:
     _add_names(parser)
     parser.add_argument(
         "--data", type=Path, nargs="+", required=True, metavar="DIR",
-        help="folders made by `grasp dataset build`",
+        help="folders of `grasp dataset build`, or `collect`",
     )  # fmt: skip
     parser.add_argument(
         "--recordings", type=whole(1, 100_000), default=150, metavar="N",

@@ -116,7 +116,7 @@ def _add_latency(actions: Any) -> None:
 def _add_data(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--data", type=Path, nargs="+", required=True, metavar="DIR",
-        help="folders made by `grasp dataset build`",
+        help="folders of `grasp dataset build`, or `collect`",
     )  # fmt: skip
 
 

@@ -34,7 +34,7 @@ def add_parser(actions: Any) -> None:
     parser.add_argument("network", metavar="NAME", choices=NETWORKS, help=", ".join(NETWORKS))
     parser.add_argument(
         "--data", type=Path, nargs="+", required=True, metavar="DIR",
-        help="folders made by `grasp dataset build`",
+        help="folders of `grasp dataset build`, or `collect`",
     )  # fmt: skip
     parser.add_argument(
         "--out", type=file_with_folders, metavar="FILE.onnx",

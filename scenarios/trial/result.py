@@ -76,7 +76,8 @@ class Bug(msgspec.Struct, frozen=True):
     @property
     def line(self) -> str:
         """In one line, with where it was raised; a cause, of which several are joined by "; "."""
-        raised = [line for line in self.traceback.splitlines() if line.startswith("  File ")]
+        frames = [line for line in self.traceback.splitlines() if line.startswith("  File ")]
+        raised = [line for line in frames if interruption.__file__ not in line]
         where = f" ({raised[-1].strip()})" if raised else ""
         text = self.text.partition(chr(10))[0].replace(";", ",")
         return f"internal_error: {self.name}: {text}{where}"

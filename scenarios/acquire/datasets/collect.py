@@ -3,6 +3,7 @@
 import hashlib
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -50,8 +51,7 @@ def collect(sources: Sequence[Path], out: Path) -> Collected:
     kinds = [_kind(recording) for recording in found]
     splits = shared_out(kinds)
     make_private_folder(out)
-    for number, (recording, split) in enumerate(zip(found, splits, strict=True)):
-        write(out / f"{number:03d}{SUFFIX}", _of_split(recording, split))
+    _write_all([_of_split(r, split) for r, split in zip(found, splits, strict=True)], out)
     return Collected({s: splits.count(s) for s in SHARED_OUT[:LEAST]}, _lacking(kinds, splits))
 
 
@@ -59,10 +59,25 @@ def _require_each_once(paths: Sequence[Path], found: Sequence[Recording]) -> Non
     """One recording in two splits would be tested on what it was learnt from."""
     first: dict[str, Path] = {}
     for path, recording in zip(paths, found, strict=True):
-        known = hashlib.sha256(recording.counts.tobytes() + _kind(recording).encode()).hexdigest()
-        other = first.setdefault(known, path)
+        other = first.setdefault(hashlib.sha256(recording.counts.tobytes()).hexdigest(), path)
         if other is not path:
-            raise UsageError(f"{path} is the same recording as {other}", "give each once")
+            same = "given twice, itself or in its folder" if other == path else (
+                f"the same recording as {other}"
+            )  # fmt: skip
+            raise UsageError(f"{path} is {same}", "give each once")
+
+
+def _write_all(recordings: Sequence[Recording], out: Path) -> None:
+    """All or none: of some nobody could tell that they were to be more."""
+    paths = [out / f"{number:03d}{SUFFIX}" for number in range(len(recordings))]
+    try:
+        for path, recording in zip(paths, recordings, strict=True):
+            write(path, recording)
+    except BaseException:
+        for path in paths:
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
+        raise
 
 
 def shared_out(kinds: Sequence[str]) -> list[Split]:

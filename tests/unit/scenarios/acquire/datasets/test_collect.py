@@ -6,8 +6,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from detector.recordings import Metadata, read_dataset, write
+from detector.recordings import Metadata, Recording, read, read_dataset, write
 from grasp.cli.main import main
+from scenarios.acquire.datasets import collect as collecting
 from scenarios.acquire.datasets.collect import SHARED_OUT, shared_out
 from tests.unit.detector.toys import toy
 
@@ -60,9 +61,36 @@ def test_one_recording_by_two_names_is_refused(
 ) -> None:
     """Its copies would be in two splits, and what is tested on would have been learnt from."""
     (tmp_path / "link").symlink_to(tmp_path / "one")
-    for again in (tmp_path / "one" / "samples.npz", tmp_path / "link"):
+    told = {
+        tmp_path / "one" / "samples.npz": "is given twice, itself or in its folder",
+        tmp_path / "link": "is the same recording as",
+    }
+    for again, how in told.items():
         assert main(["dataset", "collect", *own, str(again), "--out", str(tmp_path / "own")]) == 2
-        assert "is the same recording as" in capsys.readouterr().err
+        assert how in capsys.readouterr().err
+
+
+def test_one_recording_that_is_told_of_otherwise_is_refused(
+    own: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bare = tmp_path / "bare.npz"
+    known = read(tmp_path / "one" / "samples.npz")
+    write(bare, msgspec.structs.replace(known, metadata=None))
+    assert main(["dataset", "collect", *own, str(bare), "--out", str(tmp_path / "own")]) == 2
+    assert "is the same recording as" in capsys.readouterr().err
+
+
+def test_a_disk_that_fills_leaves_no_part_of_a_set(
+    own: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, recording: Recording) -> None:
+        if path.name == "002.npz":
+            raise OSError(28, "No space left on device")
+        write(path, recording)
+
+    monkeypatch.setattr(collecting, "write", full)
+    assert main(["dataset", "collect", *own, "--out", str(tmp_path / "own")]) == 5
+    assert list((tmp_path / "own").iterdir()) == []
 
 
 def test_fingertips_of_two_layouts_are_refused(
@@ -85,7 +113,7 @@ def test_a_folder_without_samples_is_refused(
 def stroked(folder: Path, on: str, how_many: int) -> list[str]:
     """Files of recordings of one motion on that surface."""
     files = [folder / f"{on}-{number}.npz" for number in range(how_many)]
-    for seed, file in enumerate(files):
+    for seed, file in enumerate(files, 10 * len(on)):
         made = toy(seed, "train")
         assert made.metadata is not None
         told: Metadata = msgspec.structs.replace(made.metadata, surface=on)

@@ -8,7 +8,7 @@ import pytest
 
 from detector.recordings import Recording, write
 from detector.scores.sweep import rules
-from drivers.errors import BadFile
+from drivers.errors import BadFile, UsageError
 from grasp.cli.main import main
 from scenarios.studies.detectors.benchmark import contender, read_split, stands_on
 from tests.unit.detector.blow_toys import struck
@@ -53,7 +53,8 @@ def test_a_set_with_a_short_recording_is_evaluated_but_for_that(
 
 def test_a_set_of_nothing_but_short_ones_is_refused(folder: Path) -> None:
     (folder / "whole.npz").unlink()
-    assert len(read_split([folder], "test")) == 1
+    with pytest.raises(UsageError, match="the split test: 1 recordings of at most 100 samples"):
+        read_split([folder], "test")
     words = ["detector", "evaluate", "energy", "--data", str(folder), "--split", "test"]
     assert main(words) == 2
 
