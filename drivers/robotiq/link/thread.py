@@ -216,6 +216,9 @@ class ThreadedGripper:
 
     def _command(self, verb: _Verb, asked: Applied) -> Applied:
         called_ns = self._clock()
+        if self._ended:
+            told = "nothing reaches the gripper: its thread has met too many bugs in a row"
+            raise LinkLost(told, "connect again, and report the bugs")
         if self._lock.acquire(timeout=_PATIENCE_S):
             try:
                 self._put_off = None

@@ -118,6 +118,8 @@ def test_a_bug_that_comes_back_ends_the_thread_and_is_told_by_every_call(made: M
     for _ in range(6):
         with pytest.raises(ZeroDivisionError):
             raised(gripper)
+    with pytest.raises(LinkLost, match="nothing reaches the gripper"):
+        gripper.hold()
 
 
 def test_who_starts_a_thread_that_a_bug_ends_is_not_kept_waiting() -> None:
