@@ -26,6 +26,14 @@ def test_a_packaged_network_answers_for_three_fingers(name: str) -> None:
     assert np.all((np.array(p) >= 0) & (np.array(p) <= 1))
 
 
+@pytest.mark.parametrize("name", ["tcn", "gru"])
+def test_what_a_lab_would_train_is_small_quick_to_train_and_remembers_a_second(name: str) -> None:
+    """The aims; the state of a `gru` has no end, and fades."""
+    card = read_network(weights_path(name)).card
+    assert card.parameters <= 10_000 and card.training_minutes <= 10.0
+    assert card.window < 99 and (card.window > 0 or name == "gru")
+
+
 def counts(seed: int, samples: int) -> np.ndarray:
     """A fingertip that is shaken hard, (samples, 3, 6)."""
     return np.random.default_rng(seed).integers(-300, 100, (samples, 3, 6)).astype(np.int16)
