@@ -198,6 +198,16 @@ def goes() -> None:
         taker.go()
 
 
+def put_off() -> bool:
+    """Says that what was raised has only cut off something, and that more is to end: the next look
+    raises it anew. Whether there will be one; elsewhere than in the command line there is not."""
+    taker = _here()
+    if taker is None:
+        return False
+    taker.raised = False
+    return True
+
+
 def go_on() -> None:
     """Raises Interruption when a signal has come, though a trial has taken it for its end: whoever
     has more than that trial to do ends too."""

@@ -223,7 +223,6 @@ class ControlLoop:
         stop_due, hand_due, taken, told_ns = True, bool(hand), True, 0
         with interruption.watched():  # whatever hangs is cut by a signal, and the next one told
             while True:
-                interruption.goes()
                 if stop_due:
                     self._tell(stop)
                 if hand_due:
@@ -240,6 +239,7 @@ class ControlLoop:
     def _tell(self, command: Command) -> bool:
         """At once; whether the device took it."""
         before = len(self._issued)
+        interruption.goes()
         with SuppressAll():
             now_ns, admitted = self._clock.now_ns, command
             if not isinstance(command, StopArm | HoldFingers):  # which nothing can be wrong with
@@ -249,8 +249,10 @@ class ControlLoop:
 
     def _look_after(self, moment_ns: int) -> None:
         """At arm and hand, each whatever becomes of the other."""
+        interruption.goes()
         self._clock.sleep_until_ns(self._clock.now_ns + moment_ns)
         for pump in (self._pump_gripper, self._pump_arm):
+            interruption.goes()
             with SuppressAll():
                 pump(self._clock.now_ns)
 

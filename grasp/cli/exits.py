@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import select
 import sys
 from typing import Any
 
@@ -94,18 +93,8 @@ def report(kind: str, message: str, remedy: str, as_json: bool, **extra: Any) ->
     return code
 
 
-def is_unread() -> bool:
-    """Whether standard output or error leads to a pipe that nobody reads any more."""
-    poll = select.poll()
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError, ValueError):  # one that is no file
-            poll.register(stream.fileno(), 0)
-    return any(events & select.POLLERR for _, events in poll.poll(0))
-
-
 def nobody_reads() -> int:
-    """Standard output is gone: say no more; 0, or the code of the signal that ended the run."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    for stream in (sys.stdout, sys.stderr):
-        os.dup2(nowhere, stream.fileno())
+    """Standard output is gone: say no more there; 0, or the code of the signal that ended the
+    run."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return SIGNALLED + interruption.number() if interruption.asked() else SUCCESS

@@ -1,5 +1,6 @@
 """The `grasp` command. Heavy imports live inside the verbs, so that `--help` answers at once."""
 
+import argparse
 import os
 import sys
 import traceback
@@ -34,7 +35,7 @@ from grasp.cli import (
     tactile,
     world,
 )
-from grasp.cli.output import only_json, open_standard_streams
+from grasp.cli.output import UnreadError, known_streams, only_json, open_standard_streams
 from grasp.cli.parser import EXAMPLES, Parser, RootParser
 from grasp.files import LEADS_NOWHERE, NO_NAMES, TOO_MANY
 
@@ -112,7 +113,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     as_json = "--json" in words
     asked = {"-h", "--help", "--version"} & set(words)
     try:
-        with interruption.taken(), only_json() if as_json and not asked else nullcontext():
+        json = only_json() if as_json and not asked else nullcontext()
+        with interruption.taken(), known_streams(), json:
             return _run(words, as_json)
     except KeyboardInterrupt:  # before or after all that could be told of it
         return exits.INTERRUPTED
@@ -126,13 +128,23 @@ def _run(words: Sequence[str], as_json: bool) -> int:
         args = build_parser().parse_args(words)
     except UsageError as error:
         return exits.report(error.kind, error.message, error.remedy, as_json)
+    code = _done(args, words, as_json)
+    try:
+        sys.stdout.flush()
+    except UnreadError:
+        signalled = exits.nobody_reads()
+        return code or signalled
+    except OSError as error:
+        return code or _told(error, words, as_json)
+    return code
+
+
+def _done(args: argparse.Namespace, words: Sequence[str], as_json: bool) -> int:
     try:
         code = int(args.handler(args))
-        sys.stdout.flush()
-    except OSError as error:
-        if exits.is_unread() or interruption.asked():
-            return exits.nobody_reads()
-        return _told(error, words, as_json)
+        interruption.check()  # one that only cut off what hung
+    except UnreadError:
+        return exits.nobody_reads()
     except BaseException as error:  # some of somebody's library, as its sys.exit()
         return _told(error, words, as_json)
     return code

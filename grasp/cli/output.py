@@ -2,13 +2,16 @@
 standard output, whatever a library prints."""
 
 import contextlib
+import errno
 import io
 import json
 import math
 import os
 import sys
-from collections.abc import Iterator
-from typing import Any, TextIO
+from collections.abc import Callable, Iterator
+from typing import Any, TextIO, cast
+
+GONE = (errno.EPIPE, errno.EIO)  # a pipe without a reader, a terminal that was closed
 
 
 def open_standard_streams() -> None:
@@ -20,6 +23,46 @@ def open_standard_streams() -> None:
     for name, number, mode in (("stdin", 0, "r"), ("stdout", 1, "w"), ("stderr", 2, "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(number, mode, closefd=False))
+
+
+class UnreadError(OSError):
+    """Nobody reads standard output any more. Not to be taken for a device's broken pipe; and no
+    BrokenPipeError, at which rich ends the process."""
+
+
+class _Known:
+    """A standard stream of which it is known that what is raised is its own: output raises
+    UnreadError then, and what is said beside it is said to nobody."""
+
+    def __init__(self, stream: TextIO, aside: bool) -> None:
+        self._stream, self._aside = stream, aside
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        return self._done(lambda: self._stream.write(text)) or 0
+
+    def flush(self) -> None:
+        self._done(self._stream.flush)
+
+    def _done(self, action: Callable[[], int | None]) -> int | None:
+        try:
+            return action()
+        except OSError as error:
+            if error.errno not in GONE:
+                raise
+            if not self._aside:
+                raise UnreadError(*error.args) from None
+            return None
+
+
+@contextlib.contextmanager
+def known_streams() -> Iterator[None]:
+    """Within, standard output and error raise nothing that could be taken for a device's."""
+    out, err = cast(TextIO, _Known(sys.stdout, False)), cast(TextIO, _Known(sys.stderr, True))
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        yield
 
 
 def json_line(value: Any) -> str:
@@ -80,7 +123,8 @@ def only_json() -> Iterator[None]:
             kept = os.dup(1)
             os.dup2(2, 1)
             stack.callback(_put_back, kept)
-            out = stack.enter_context(open(kept, "w", encoding=out.encoding, closefd=False))
+            kept_out = stack.enter_context(open(kept, "w", encoding=out.encoding, closefd=False))
+            out = cast(TextIO, _Known(kept_out, False))
         stack.enter_context(contextlib.redirect_stdout(_OnlyJson(out)))
         yield
 

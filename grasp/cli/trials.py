@@ -3,7 +3,7 @@
 import argparse
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from grasp import interruption
 from grasp.cli import exits
 from grasp.cli.first import tell_end
 from grasp.cli.options import whole
-from grasp.cli.output import json_line
+from grasp.cli.output import UnreadError, json_line
 from grasp.cli.places import file_with_folders
 
 TRIALS = {"lift": 1, "tap": 20}  # taps: paper, section V-B
@@ -252,12 +252,13 @@ def _report(result: Any, failure: Any, args: argparse.Namespace, config: Any) ->
 
     from grasp.cli.live import print_verdict
 
-    if not args.json:
-        print_verdict(result, args.verbose)
-        print(f"  {_by(args, config)}")
-        _tell_height(result, config)
-        if args.first and failure is None:
-            tell_end(result)
+    with suppress(UnreadError):  # how arm and hand were left is told all the same
+        if not args.json:
+            print_verdict(result, args.verbose)
+            print(f"  {_by(args, config)}")
+            _tell_height(result, config)
+            if args.first and failure is None:
+                tell_end(result)
     if failure is not None:
         extra = {"result": msgspec.to_builtins(result)} if args.json else {}
         return exits.report_failure(failure, args.json, **extra)
@@ -310,12 +311,12 @@ def _report_series(
     }  # fmt: skip
     if out is not None:
         series |= {"campaign": str(out), "table": msgspec.to_builtins(table)}
-    if not args.json:
-        if tap:
+    with suppress(UnreadError):
+        if tap and not args.json:
             print_taps(summary)
-        if rows and (out is not None or not tap):
+        if rows and (out is not None or not tap) and not args.json:
             print_summary(table)
-        if out is not None:
+        if out is not None and not args.json:
             print(out)
     if seen.failure is not None:
         code = exits.report_failure(

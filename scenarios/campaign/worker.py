@@ -77,6 +77,8 @@ def run_once(
         raise KeyboardInterrupt
     if finished.result is not None and finished.result.bug is not None:
         raise RuntimeError(finished.result.bug.traceback)
+    if finished.failure is not None and finished.failure.kind == "internal":
+        raise RuntimeError(finished.failure.message)
     return finished
 
 

@@ -16,6 +16,7 @@ import msgspec
 from msgspec import Meta
 
 from drivers.errors import ConfigError, GraspError, UsageError, in_words
+from grasp import interruption
 
 Scalar = bool | int | float | str
 GROUPS = {"gripper": "grasp.grippers", "arm": "grasp.arms", "fingertips": "grasp.fingertips"}
@@ -105,5 +106,7 @@ def _let_go(opened: Opened, who: str) -> None:
     """What it raises costs no result and hides no error; it is told."""
     try:
         opened.__exit__(None, None, None)
-    except BaseException as error:  # Ctrl-C in it: whoever ran it ends anyway
+    except BaseException as error:
         logging.getLogger(__name__).warning("%s does not let go: %s", who, in_words(error))
+        if isinstance(error, KeyboardInterrupt) and not interruption.put_off():
+            raise

@@ -144,6 +144,7 @@ def _pool(processes: int) -> Iterator[Executor]:
         max_workers=processes, initializer=_prepare, initargs=(os.getpid(),), env=ONE_THREAD
     )
     try:
+        _start_trackers()  # which would undo what waits
         with _waiting():
             executor.submit(_nothing)  # starts all of them
         yield executor
@@ -162,6 +163,15 @@ def _waiting() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _start_trackers() -> None:
+    from multiprocessing import resource_tracker
+
+    from joblib.externals.loky.backend import resource_tracker as of_loky
+
+    resource_tracker.ensure_running()
+    of_loky.ensure_running()
 
 
 def _nothing() -> None:

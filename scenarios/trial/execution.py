@@ -332,7 +332,9 @@ def _run_to_end(
                 bugs.append(Bug.of(error))
                 _end_as_a_fault(loop, bugs[0], trace)
                 return False, granted
-        except KeyboardInterrupt as cut:  # of what stood still while the safe state was pursued
+        except (
+            interruption.Interruption
+        ) as cut:  # of what stood still while the safe state was pursued
             if not _aborted(loop, trace):
                 raise
             if not bugs:

@@ -240,6 +240,8 @@ class Record:
             failure = _with_bug(failure, Bug.of(error), trial, self._config)
             if self._folder is not None:
                 self._folder.abandon()
+            if result is not None:
+                result = msgspec.structs.replace(result, recording=None)
         return FinishedRun(result, failure)
 
     def _written(self, result: ResultT) -> ResultT:

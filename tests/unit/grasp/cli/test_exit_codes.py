@@ -3,14 +3,20 @@
 import subprocess
 import sys
 from asyncio import CancelledError
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from drivers.errors import GraspError
 from grasp.cli import runs
 from grasp.cli.main import main
+from scenarios.campaign.spec import Task
+from scenarios.campaign.worker import run_trial as run_task
 from scenarios.lift import lift
 from scenarios.trial import run_folder
+from scenarios.trial.execution import FinishedTrial
+from scenarios.trial.result import Failure
 from tests.unit.scenarios.conftest import config
 
 
@@ -81,3 +87,53 @@ def test_a_grasp_error_keeps_its_own_code(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(runs, "run", raises)
     assert main(["runs"]) == 5
+
+
+class _Unread:
+    """A stream to a pipe without a reader."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, _: str) -> int:
+        raise BrokenPipeError(32, "Broken pipe")
+
+
+@pytest.mark.parametrize("raised", [BrokenPipeError(32, "Broken pipe"), OSError(28, "full")])
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_a_failure_is_one_though_nobody_reads(
+    raised: OSError, stream: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def raises(args: object) -> int:
+        print("said beside it", file=sys.stderr)
+        raise raised
+
+    monkeypatch.setattr(runs, "run", raises)
+    monkeypatch.setattr(sys, stream, _Unread(getattr(sys, stream)))
+    assert main(["runs"]) == 5
+
+
+def test_how_arm_and_hand_were_left_is_told_though_nobody_reads_the_verdict(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdout", _Unread(sys.stdout))
+    words = ["run", "lift", "--rig", "simulated", "--runs", str(tmp_path), "--pace", "max"]
+    failed = Failure("device_fault", "gone", "look", None)
+    monkeypatch.setattr(FinishedTrial, "failure", lambda *_: failed)
+    assert main(words) == 3
+    assert "gone (look)" in capfd.readouterr().err
+
+
+def test_a_campaign_has_no_good_row_of_a_trial_that_could_not_be_written(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def finish(*_: object) -> None:
+        raise ZeroDivisionError("7")
+
+    monkeypatch.setattr(run_folder.RunFolder, "finish", finish)
+    task = Task(0, "lift", 0, 0, {}, config(), "all")
+    row = run_task(task).row
+    assert row.status == "error" and "ZeroDivisionError" in (row.error or "")

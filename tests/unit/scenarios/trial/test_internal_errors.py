@@ -1,6 +1,7 @@
 """An exception of our own code ends a run as a fault does, wherever it is raised."""
 
 import json
+import signal
 from asyncio import CancelledError
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +19,7 @@ from grasp.commands import MoveArm, StopArm
 from grasp.controller import GraspController
 from grasp.doubt import Doubts
 from grasp.guard import ForceGuard
+from grasp.interruption import Interruption
 from grasp.loop import Tick
 from grasp.phases import AIRBORNE_PHASES, Phase
 from grasp.recording import RunRecorder
@@ -291,12 +293,31 @@ def test_ctrl_c_while_the_safe_state_of_a_bug_is_pursued_leaves_a_standing_arm(
         begin()
         raise ZeroDivisionError(TEXT)
 
-    result = lift.result(lift.run(in_phase(Phase.LIFT, 5), act))
-    assert result.bug is not None and result.bug.name == "ZeroDivisionError"
-    assert result.end is not None and result.end.arm == "the arm stands"
+    with pytest.raises(KeyboardInterrupt):
+        lift.run(in_phase(Phase.LIFT, 5), act)
     cell = fault.cell(lift.rig)
     assert cell.arm.velocity(cell.truth().t_ns) == (0.0, 0.0, 0.0)
     assert cell.truth().normal_n[0] > 8.0
+
+
+class Cut(Interruption):
+    def __init__(self, _: str) -> None:
+        super().__init__(signal.SIGINT)
+
+
+def test_what_hangs_while_the_safe_state_is_pursued_and_is_cut_leaves_a_result(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begin = plant(monkeypatch, GraspController, "step", Cut)
+    lift = Staged(*QUICK)
+
+    def act(rig: Any) -> None:
+        begin()
+        raise ZeroDivisionError(TEXT)
+
+    result = lift.result(lift.run(in_phase(Phase.LIFT, 5), act))
+    assert result.bug is not None and result.bug.name == "ZeroDivisionError"
+    assert result.end is not None and result.end.arm == "the arm stands"
 
 
 def words(runs: Path, *more: str) -> list[str]:
