@@ -58,6 +58,7 @@ class _Taker:
         self.mode = _Mode.RAISE
         self.asked: int | None = None  # by the first signal
         self.raised = False
+        self.put_off = False  # it has cut off no more than what hung
         self._since_ns = 0  # the first signal, the last look after it or the last that cut in
         self._losing = _losing(sys._getframe())  # noqa: SLF001  (whoever calls us may be imported)
         self._alarm: Any = None  # what took SIGALRM before
@@ -102,7 +103,7 @@ class _Taker:
             self._since_ns = stopwatch_ns()
 
     def end(self) -> NoReturn:
-        self.raised = True
+        self.raised, self.put_off = True, False
         self.go()
         assert self.asked is not None  # noqa: S101
         raise Interruption(self.asked)
@@ -204,8 +205,15 @@ def put_off() -> bool:
     taker = _here()
     if taker is None:
         return False
-    taker.raised = False
+    taker.raised, taker.put_off = False, True
     return True
+
+
+def check_put_off() -> None:
+    """As ``check``, where one was put off and nobody has looked since."""
+    taker = _here()
+    if taker is not None and taker.put_off:
+        taker.look()
 
 
 def go_on() -> None:

@@ -142,7 +142,7 @@ def _run(words: Sequence[str], as_json: bool) -> int:
 def _done(args: argparse.Namespace, words: Sequence[str], as_json: bool) -> int:
     try:
         code = int(args.handler(args))
-        interruption.check()  # one that only cut off what hung
+        interruption.check_put_off()
     except UnreadError:
         return exits.nobody_reads()
     except BaseException as error:  # some of somebody's library, as its sys.exit()

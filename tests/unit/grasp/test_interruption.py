@@ -142,6 +142,23 @@ def test_where_nobody_looks_it_takes_ten_seconds_until_a_further_signal_cuts_in(
 
 
 @pytest.mark.usefixtures("taken")
+def test_a_signal_that_only_cut_something_off_is_raised_anew_at_the_next_look() -> None:
+    interruption.check_put_off()
+    with pytest.raises(Interruption):
+        signal.raise_signal(signal.SIGINT)
+    interruption.check()
+    interruption.check_put_off()
+    assert interruption.put_off()
+    with pytest.raises(Interruption):
+        interruption.check_put_off()
+    interruption.check_put_off()
+
+
+def test_without_the_command_line_nothing_is_put_off() -> None:
+    assert not interruption.put_off()
+
+
+@pytest.mark.usefixtures("taken")
 def test_a_signal_that_a_trial_took_for_its_end_ends_what_was_to_follow_too() -> None:
     interruption.go_on()
     with pytest.raises(Interruption):
