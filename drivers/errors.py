@@ -134,3 +134,8 @@ class ConfigError(GraspError):
         self.file = file
         self.key = key
         self.allowed = allowed
+
+
+class UnreadError(OSError):
+    """Nobody reads standard output any more. Not to be taken for a device's broken pipe; and no
+    BrokenPipeError, at which rich ends the process."""

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
-from drivers.errors import GraspError, UsageError, in_words, one_line
+from drivers.errors import GraspError, UnreadError, UsageError, in_words, one_line
 from grasp import interruption
 from grasp.cli import (
     arm,
@@ -35,7 +35,7 @@ from grasp.cli import (
     tactile,
     world,
 )
-from grasp.cli.output import UnreadError, known_streams, only_json, open_standard_streams
+from grasp.cli.output import known_streams, only_json, open_standard_streams
 from grasp.cli.parser import EXAMPLES, Parser, RootParser
 from grasp.files import LEADS_NOWHERE, NO_NAMES, TOO_MANY
 

@@ -11,6 +11,8 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any, TextIO, cast
 
+from drivers.errors import UnreadError
+
 GONE = (errno.EPIPE, errno.EIO)  # a pipe without a reader, a terminal that was closed
 
 
@@ -23,11 +25,6 @@ def open_standard_streams() -> None:
     for name, number, mode in (("stdin", 0, "r"), ("stdout", 1, "w"), ("stderr", 2, "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(number, mode, closefd=False))
-
-
-class UnreadError(OSError):
-    """Nobody reads standard output any more. Not to be taken for a device's broken pipe; and no
-    BrokenPipeError, at which rich ends the process."""
 
 
 class _Known:

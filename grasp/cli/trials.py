@@ -8,12 +8,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import GraspError, UsageError
+from drivers.errors import GraspError, UnreadError, UsageError
 from grasp import interruption
 from grasp.cli import exits
 from grasp.cli.first import tell_end
 from grasp.cli.options import whole
-from grasp.cli.output import UnreadError, json_line
+from grasp.cli.output import json_line
 from grasp.cli.places import file_with_folders
 
 TRIALS = {"lift": 1, "tap": 20}  # taps: paper, section V-B
