@@ -283,18 +283,21 @@ def test_an_exception_whose_text_raises_leaves_a_standing_arm_too(
     assert fault.cell(lift.rig).truth().normal_n[0] > 8.0
 
 
+def bug_after(begin: Callable[[], None]) -> Callable[[Any], None]:
+    def act(rig: Any) -> None:
+        begin()
+        raise ZeroDivisionError(TEXT)
+
+    return act
+
+
 def test_ctrl_c_while_the_safe_state_of_a_bug_is_pursued_leaves_a_standing_arm(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     begin = plant(monkeypatch, GraspController, "step", KeyboardInterrupt)
     lift = Staged(*QUICK)
-
-    def act(rig: Any) -> None:
-        begin()
-        raise ZeroDivisionError(TEXT)
-
     with pytest.raises(KeyboardInterrupt):
-        lift.run(in_phase(Phase.LIFT, 5), act)
+        lift.run(in_phase(Phase.LIFT, 5), bug_after(begin))
     cell = fault.cell(lift.rig)
     assert cell.arm.velocity(cell.truth().t_ns) == (0.0, 0.0, 0.0)
     assert cell.truth().normal_n[0] > 8.0
@@ -310,12 +313,7 @@ def test_what_hangs_while_the_safe_state_is_pursued_and_is_cut_leaves_a_result(
 ) -> None:
     begin = plant(monkeypatch, GraspController, "step", Cut)
     lift = Staged(*QUICK)
-
-    def act(rig: Any) -> None:
-        begin()
-        raise ZeroDivisionError(TEXT)
-
-    result = lift.result(lift.run(in_phase(Phase.LIFT, 5), act))
+    result = lift.result(lift.run(in_phase(Phase.LIFT, 5), bug_after(begin)))
     assert result.bug is not None and result.bug.name == "ZeroDivisionError"
     assert result.end is not None and result.end.arm == "the arm stands"
 
