@@ -310,10 +310,10 @@ def _print_reactions(summary: "ReactionSummary") -> None:
     if not any(curve.cliff for curve in summary.curves):
         print("no cliff: no success rate falls by 30 points between neighbouring latencies")
     for each in summary.faster:
-        slip = each.slip_mm.p50
-        slipped = "lost" if math.isinf(slip) else f"{slip:.1f} mm"
+        slip = (each.slip_mm.p50, each.slip_mm.p90, each.slip_mm.p99)
+        slipped = " / ".join("lost" if math.isinf(mm) else f"{mm:.1f}" for mm in slip)
         print(f"{each.object:<12}{summary.detector} x{each.factor:g}: {each.success:4.0%} held, "
-              f"median slip {slipped}, n {each.trials}")  # fmt: skip
+              f"slip p50 / p90 / p99 {slipped} mm, n {each.trials}")  # fmt: skip
     if summary.agreement is not None:
         a = summary.agreement
         print(f"check: {a.same_verdict} of {a.trials} verdicts as in the full run, slip distance "
