@@ -25,13 +25,24 @@ from grasp.stiffness import Stiffness
 THUMB_ALONE = (True, False, False)
 
 
+CapMode = Literal["every_finger", "each_motor"]
+
+
+def limit_in_words(limit_n: float, cap_mode: CapMode) -> str:
+    """Which force limit applies: on every finger, or on each motor."""
+    if cap_mode == "every_finger":
+        return f"limit {limit_n:g} N, {cap_mode}: no finger shall bear more"
+    both = f"the thumb bears what B and C press, about {2 * limit_n:g} N"
+    return f"limit {limit_n:g} N, {cap_mode}: {both}"
+
+
 class GuardSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The force limit and what is known of the hand that must keep it."""
 
     force_limit_n: Annotated[
         float, Meta(gt=0.0, le=60.0, description="of any finger (paper, section V-B: 10 N)")
     ] = 10.0
-    cap_mode: Literal["every_finger", "each_motor"] = "every_finger"
+    cap_mode: CapMode = "every_finger"
     overshoot_n: Annotated[
         float,
         Meta(

@@ -8,6 +8,7 @@ from typing import Any, Protocol, Self, TypeVar
 
 from drivers.errors import UsageError
 from grasp.cli import view
+from grasp.guard import limit_in_words
 from grasp.loop import Tick
 from grasp.phases import Phase
 from grasp.watch import Onlooker
@@ -212,8 +213,9 @@ def facts(result: Any) -> list[str]:
         facts.append(f"the arm stood {result.paused_s:.2f} s for answers to slip")
     true_n, felt_n = result.peak_force_n, result.peak_measured_n
     peaks = ", ".join(f"{name} {force:.1f}" for name, force in (true_n or felt_n).items())
-    known = "true" if true_n else "measured"
+    known = "true" if true_n else "estimated by the fingertips"
     facts.append(f"peak force {peaks} N ({known}); commanded {result.commanded_force_n:.1f} N")
+    facts.append(limit_in_words(result.force_limit_n, result.cap_mode))
     return facts
 
 

@@ -14,6 +14,7 @@ from detector.motion import Motion
 from drivers.errors import BadFile, ConfigError, GraspError
 from drivers.interfaces import FINGERS, KIT_TAXELS, Applied, GripperState
 from grasp.commands import Command
+from grasp.guard import CapMode
 from grasp.messages import (
     ARM,
     COMMANDS,
@@ -65,6 +66,7 @@ class _Fingertip(msgspec.Struct, frozen=True):
 class _Guard(msgspec.Struct, frozen=True):
     force_limit_n: float
     overshoot_n: float = 0.0
+    cap_mode: CapMode = "every_finger"
 
 
 class _Calibration(msgspec.Struct, frozen=True):

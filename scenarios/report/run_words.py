@@ -2,6 +2,7 @@
 
 import math
 
+from grasp.guard import limit_in_words
 from scenarios.report.run_record import RunRecord, Verdict
 
 HEADS = {
@@ -87,7 +88,7 @@ def _paused(verdict: Verdict) -> str:
 
 
 def _forces(run: RunRecord, verdict: Verdict) -> str:
-    limit = f"limit {run.told.guard.force_limit_n:g} N"
+    limit = limit_in_words(run.told.guard.force_limit_n, run.told.guard.cap_mode)
     if verdict.peak_force_n:
         name, most_n = max(verdict.peak_force_n.items(), key=lambda peak: peak[1])
         return f"finger {name} pressed hardest, {most_n:.1f} N ({limit})"

@@ -237,6 +237,8 @@ class FinishedTrial(msgspec.Struct, frozen=True):
             "peak_force_n": named(self.final.peak_n) if self.final is not None else None,
             "peak_measured_n": named(self.trace.peak_measured_n),
             "commanded_force_n": self.trace.commanded_force_n,
+            "force_limit_n": config.guard.force_limit_n,
+            "cap_mode": config.guard.cap_mode,
             "paused_s": round(self.controller.pause.stood_s, 3),
             "taxels_at_rail": dict(zip(FINGER_NAMES, self.trace.taxels_at_rail, strict=True)),
             "phases": phase_entries(self.controller.machine.log),

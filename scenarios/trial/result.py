@@ -15,6 +15,7 @@ from detector.scores.quantiles import Quantiles, quantiles
 from drivers.errors import SuppressBugs, text_of
 from drivers.interfaces import FINGER_NAMES, Vector3
 from grasp import interruption
+from grasp.guard import CapMode
 from grasp.loop import Timing
 from grasp.phases import PhaseChange
 from scenarios.rigs.rig import Stalls
@@ -101,6 +102,8 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     peak_force_n: dict[str, float] | None  # true, from first contact to last; None on hardware
     peak_measured_n: dict[str, float]  # by the fingertips, likewise
     commanded_force_n: float
+    force_limit_n: float
+    cap_mode: CapMode  # whether the limit is kept by every finger, or by each motor for itself
     paused_s: float  # the arm has stood in the lift so that slip might be answered
     phases: list[PhaseEntry]
     timing: TimingResult

@@ -84,7 +84,8 @@ def test_json_verdict_has_every_promised_field(
     assert list(result) == [
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
         "slip_registered_s", "detection_latency_ms", "peak_force_n", "peak_measured_n",
-        "commanded_force_n", "paused_s", "phases", "timing", "recording", "versions", "config_hash",
+        "commanded_force_n", "force_limit_n", "cap_mode", "paused_s", "phases", "timing",
+        "recording", "versions", "config_hash",
         "detector_hash", "files", "end", "bug", "home_m", "physics", "taxels_at_rail",
         "first_detection_s", "reaction_latency_ms", "slip_distance_m", "turned_rad",
         "settled_force_n",
@@ -160,7 +161,8 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
     assert list(series["taps"][0]) == [
         "scenario", "object", "rig", "detector", "seed", "success", "outcome", "slip_onset_s",
         "slip_registered_s", "detection_latency_ms", "peak_force_n", "peak_measured_n",
-        "commanded_force_n", "paused_s", "phases", "timing", "recording", "versions", "config_hash",
+        "commanded_force_n", "force_limit_n", "cap_mode", "paused_s", "phases", "timing",
+        "recording", "versions", "config_hash",
         "detector_hash", "files", "end", "bug", "home_m", "physics", "taxels_at_rail",
         "direction", "moved", "displacement_m", "down_m", "across_m", "turned_rad", "impulse_n_s",
         "mallet_mps", "struck_s",

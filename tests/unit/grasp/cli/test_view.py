@@ -95,7 +95,7 @@ def test_slip_registered_before_its_onset_is_told_so(late_ms: float, says: str) 
     result = SimpleNamespace(
         detection_latency_ms=late_ms, reaction_latency_ms=None, slip_distance_m=None,
         peak_force_n={"A": 1.0}, peak_measured_n={"A": 1.0}, commanded_force_n=10.0,
-        paused_s=0.0,
+        force_limit_n=10.0, cap_mode="every_finger", paused_s=0.0,
     )  # fmt: skip
     assert live.facts(result)[0] == f"slip registered {says} its onset"
 
@@ -105,12 +105,34 @@ def test_slip_is_told_as_finely_as_a_person_reads_it() -> None:
     assert "the object slipped 1.5 mm" in told
 
 
+@pytest.mark.parametrize(
+    ("forces", "mode", "lines"),
+    [
+        (
+            {"peak_force_n": {"A": 21.84, "B": 11.0, "C": 10.8}}, "each_motor",
+            ["peak force A 21.8, B 11.0, C 10.8 N (true); commanded 10.0 N",
+             "limit 10 N, each_motor: the thumb bears what B and C press, about 20 N"],
+        ),
+        (
+            {"peak_force_n": None, "peak_measured_n": {"A": 9.0, "B": 4.5, "C": 4.0}},
+            "every_finger",
+            ["peak force A 9.0, B 4.5, C 4.0 N (estimated by the fingertips); commanded 10.0 N",
+             "limit 10 N, every_finger: no finger shall bear more"],
+        ),
+    ],
+)  # fmt: skip
+def test_verdict_states_the_peak_of_every_finger_and_which_limit_applies(
+    forces: dict[str, object], mode: str, lines: list[str]
+) -> None:
+    assert live.facts(verdict(cap_mode=mode, **forces))[-2:] == lines
+
+
 def verdict(**changes: object) -> SimpleNamespace:
     told = {
         "success": False, "outcome": "dropped", "object": "can", "seed": 3, "end": None,
         "detection_latency_ms": None, "slip_distance_m": None, "paused_s": 0.0,
         "peak_force_n": {"A": 1.0}, "peak_measured_n": None, "commanded_force_n": 10.0,
-        "recording": None,
+        "force_limit_n": 10.0, "cap_mode": "every_finger", "recording": None,
     }  # fmt: skip
     return SimpleNamespace(**(told | changes))
 

@@ -61,6 +61,7 @@ def test_every_motor_at_its_limit_loads_the_thumb_twice_and_is_no_excess(seed: i
     assert result is not None and result.peak_force_n is not None
     assert 18.0 < result.peak_force_n["A"] < 24.0
     assert result.commanded_force_n <= 10.0
+    assert (result.force_limit_n, result.cap_mode) == (10.0, "each_motor")
     assert result.outcome != "over_force"
 
 
