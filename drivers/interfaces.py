@@ -68,6 +68,8 @@ class GripperState(msgspec.Struct, frozen=True):
     fresh: bool
     fingers: tuple[FingerState, FingerState, FingerState]
     took_ns: int = 0  # until it was there: a late one tells of a moment in between
+    written: str = ""  # bytes of the last write that the device acknowledged, in hex
+    written_ns: int = 0  # when it acknowledged them; 0: no write is known
 
     def age_ns(self, now_ns: int) -> int:
         return now_ns - self.t_ns
@@ -117,7 +119,8 @@ class Applied(msgspec.Struct, frozen=True):
 
     ``force_n`` is the calibrated static force of the force byte that goes to the gripper.
     ``effective`` is False when the device will do nothing (latched contact); ``note``
-    says why.
+    says why. A verb that a busy device has not taken yet tells what it was asked, and says so in
+    ``note``; ``GripperState.written`` shows what became of it.
     """
 
     targets_counts: Counts3

@@ -15,6 +15,7 @@ from drivers.interfaces import FINGERS, Applied, Counts3, Detection, GripperStat
 from drivers.robotiq.encoding import (
     applied,
     checked_counts,
+    closing_targets,
     held_targets,
     pinches,
     why_still,
@@ -104,10 +105,7 @@ class RobotiqDriver(PumpedHand):
         byte = self._calibration.byte_at_most(force_cap_n)
         limits = checked_counts(limits_counts)
         held = self._held(self._known())
-        targets = tuple(
-            max(limit, here) if closes else here
-            for closes, limit, here in zip(closing, limits, held, strict=True)
-        )
+        targets = closing_targets(closing, limits, held)
         if self._doubtful(self._known()):
             speed_mps = self._no_faster(speed_mps)
         return self._move(targets, speed_mps, tuple(byte if closes else 0 for closes in closing))

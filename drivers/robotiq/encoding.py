@@ -18,7 +18,7 @@ from drivers.robotiq.protocol import (
 
 _DETECTIONS = tuple(Detection)
 _MOVING = Detection.MOVING
-_MISREAD_COUNTS = 16  # by which a position is off at most; who was told back further, opens
+MISREAD_COUNTS = 16  # by which a position is off at most; who was told back further, opens
 
 LATCHED = "contact is latched: a close at no higher force does nothing"
 THERE = "already there"
@@ -95,11 +95,20 @@ def held_targets(
     for i, finger in enumerate(fingers):
         asked = wanted.axes[i].position
         if finger.detection is Detection.CONTACT_CLOSING:
-            if here[i] - asked <= _MISREAD_COUNTS:
+            if here[i] - asked <= MISREAD_COUNTS:
                 here[i] = min(here[i], asked)
         elif abs(asked - here[i]) <= 1 or _stands_at(finger, asked):
             here[i] = asked
     return tuple(here)
+
+
+def closing_targets(closing: Sequence[bool], limits: Sequence[int], held: Sequence[int]) -> Counts3:
+    """Targets of a closing: nothing opens, and a finger that does not close stays where it is."""
+    a, b, c = (
+        max(limit, here) if closes else here
+        for closes, limit, here in zip(closing, limits, held, strict=True)
+    )
+    return a, b, c
 
 
 def _stands_at(finger: FingerState, asked: int) -> bool:

@@ -43,6 +43,24 @@ class Step(Enum):
     ACTIVATING = 2  # rACT set, wait for gIMC = 3
 
 
+class _Acknowledged:
+    """A transport that keeps the latest write that was answered, and when it was."""
+
+    def __init__(self, inner: RegisterTransport, clock: Callable[[], int] | None) -> None:
+        self._inner = inner
+        self._clock = clock
+        self.written = ""
+        self.written_ns = 0
+
+    def write(self, first_register: int, registers: Sequence[int], now_ns: int) -> None:
+        self._inner.write(first_register, registers, now_ns)
+        self.written = "".join(f"{register:04x}" for register in registers)
+        self.written_ns = now_ns if self._clock is None else self._clock()
+
+    def read(self, first_register: int, count: int, now_ns: int) -> Sequence[int]:
+        return self._inner.read(first_register, count, now_ns)
+
+
 class PumpedHand:
     """Everything of a driver but its verbs."""
 
@@ -61,7 +79,8 @@ class PumpedHand:
         self._activation_ns = round(settings.activation_timeout_s * 1e9)
         self._old_ns = round(settings.status_old_s * 1e9)
         self._calibration = calibration
-        self._exchange = Exchange(transport, settings, log)
+        self._acknowledged = _Acknowledged(transport, clock)
+        self._exchange = Exchange(self._acknowledged, settings, log)
         self._status: StatusRegisters | None = None
         self._mode = 0  # it was taken over in: to be told another would open it
         self._other_mode = False  # it says that it is in another
@@ -210,6 +229,8 @@ class PumpedHand:
             self._fresh,
             self._fingers,
             took_ns,
+            self._acknowledged.written,
+            self._acknowledged.written_ns,
         )
 
     def _leaps(self, status: StatusRegisters, now_ns: int) -> bool:

@@ -66,7 +66,8 @@ def _run(args: argparse.Namespace) -> int:
         for t_s, what in done.events:
             print(f"{t_s:7.2f} s  {what}")
         cut = "" if done.complete else " (recording was cut off)"
-        print(f"{done.steps} steps replayed{cut}: {'as recorded' if same else 'DIFFERENT'}")
+        known = f"{done.steps} steps replayed, {done.writes} writes to the gripper compared{cut}"
+        print(f"{known}: {'as recorded' if same else 'DIFFERENT'}")
         for d in done.differences[:SHOWN_DIFFERENCES]:
             print(f"  {d.t_s:7.2f} s  {d.what}: recorded {d.recorded}, replayed {d.replayed}")
         if len(done.differences) > SHOWN_DIFFERENCES:

@@ -11,7 +11,7 @@ from detector.network_file import is_weights
 from detector.own import is_code
 from drivers.errors import BadFile, ConfigError, UsageError
 from drivers.interfaces import ArmState, GripperState, TactileFrame, Vector3
-from grasp.commands import Command, describe
+from grasp.commands import Command, GripperCommand, describe
 from grasp.messages import (
     ARM,
     COMMANDS,
@@ -29,8 +29,10 @@ from grasp.messages import (
 from grasp.phases import PhaseChange
 from grasp.recording import RunRecording
 from grasp.settings import Layer, load, renamed
+from scenarios.rigs.rig import calibration
 from scenarios.trial.config import TrialConfig, digest_of
 from scenarios.trial.execution import make_controller, make_step
+from scenarios.trial.replay_writes import WriteCheck
 from scenarios.trial.run_folder import open_trial
 
 
@@ -51,6 +53,7 @@ class Replay(msgspec.Struct, frozen=True):
     complete: bool
     events: list[tuple[float, str]]  # (t_s, what): phases, registered slip, commands sent
     differences: list[Difference]
+    writes: int = 0  # to the gripper, whose bytes were compared
 
 
 def replay_run(path: Path, detector: str | None = None) -> Replay:
@@ -68,7 +71,10 @@ def replay_run(path: Path, detector: str | None = None) -> Replay:
     stepper.end(recording.complete)
     if stepper.steps == 0:
         raise BadFile(recording.path, "holds no whole control step", "record the run again")
-    return Replay(str(path), stepper.steps, recording.complete, stepper.events, stepper.differences)
+    return Replay(
+        str(path), stepper.steps, recording.complete, stepper.events, stepper.differences,
+        stepper.writes.compared,
+    )  # fmt: skip
 
 
 def _config(recording: RunRecording, detector: str | None) -> tuple[TrialConfig, str]:
@@ -127,6 +133,8 @@ class _Stepper:
         self.events: list[tuple[float, str]] = []
         self.differences: list[Difference] = []
         self._step = make_step(config, make_controller(config, home))
+        self.writes = WriteCheck(calibration(config))
+        self._own_gripper = bool(config.devices.gripper)  # of another package: no bytes of ours
         self._delay_ns = round(config.loop.decision_delay_s * 1e9)
         self._frame: TactileFrame | None = None
         self._gripper: GripperState | None = None
@@ -174,6 +182,7 @@ class _Stepper:
         for topic in (GRIPPER, ARM):
             self.compare(t_ns, f"{topic} of this step", self._heard_ns[topic], t_ns)
         self._check_queue(t_ns, recorded)
+        self._check_writes(t_ns, recorded)
         told = recorded_input(t_ns, self._frame, recorded, self._gripper, self._arm)
         known = len(self._step.controller.machine.log)
         result = self._step.decide(told)
@@ -198,6 +207,14 @@ class _Stepper:
         self.compare(t_ns, "a command waits", recorded.pending, bool(self._waiting))
         self._waiting = self._waiting if recorded.pending else []
 
+    def _check_writes(self, t_ns: int, recorded: ControlMessage) -> None:
+        """Do the bytes that the gripper acknowledged say what the replayed commands say?"""
+        if self._gripper is None or self._own_gripper:
+            return
+        troubled = recorded.gripper_lost or bool(recorded.trouble)
+        if (wrong := self.writes.take(self._gripper, troubled)) is not None:
+            self.compare(t_ns, "bytes written to the gripper", *wrong)
+
     def _check_sent(self, sent: Sequence[tuple[int, CommandMessage]]) -> None:
         for sent_ns, message in sent:
             self._check_command(sent_ns, message)
@@ -217,6 +234,8 @@ class _Stepper:
         self.compare(sent_ns, "admitted command", recorded.admitted, decided.admitted)
         due_ns = decided.step_ns + self._delay_ns
         self.compare(sent_ns, "time of sending, at least", sent_ns, max(sent_ns, due_ns))
+        if isinstance(decided.admitted, GripperCommand) and not recorded.refused:
+            self.writes.send(decided.admitted)
 
     def compare(self, t_ns: int, what: str, recorded: Any, replayed: Any) -> None:
         """Note a difference, if there is one."""

@@ -10,6 +10,7 @@ import msgspec
 
 from drivers.errors import GraspError, LinkLost
 from drivers.interfaces import Applied, Counts3, Gripper, GripperState
+from drivers.robotiq.encoding import closing_targets
 from drivers.robotiq.link.timing import KEPT, Durations, TimedTransport
 from drivers.robotiq.modes import BASIC
 
@@ -205,14 +206,20 @@ class ThreadedGripper:
         limits_counts: Counts3,
         speed_mps: float,
     ) -> Applied:
-        asked = Applied(limits_counts, speed_mps, force_cap_n, note=_NOT_YET)
+        targets = closing_targets(closing, limits_counts, self._here)
+        asked = Applied(targets, speed_mps, force_cap_n, note=_NOT_YET)
         return self._command(
             lambda: self._core.close_fast(force_cap_n, closing, limits_counts, speed_mps), asked
         )
 
     def hold(self) -> Applied:
-        here = (0, 0, 0) if self._state is None else self._state.positions
-        return self._command(self._core.hold, Applied(here, 0.0, self.least_force_n, note=_NOT_YET))
+        asked = Applied(self._here, 0.0, self.least_force_n, note=_NOT_YET)
+        return self._command(self._core.hold, asked)
+
+    @property
+    def _here(self) -> Counts3:
+        """Where the fingers were seen last."""
+        return (0, 0, 0) if self._state is None else self._state.positions
 
     def _command(self, verb: _Verb, asked: Applied) -> Applied:
         called_ns = self._clock()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.errors import DeviceFault, Refused
+from drivers.errors import DeviceFault, LinkLost, Refused
 from drivers.interfaces import Detection, Gripper
 from drivers.robotiq.driver import DriverSettings, RobotiqDriver
 from drivers.robotiq.model.gripper import GripperModel, HandSettings, ModelTransport
@@ -19,6 +19,35 @@ def test_the_driver_is_a_gripper(rig) -> None:
     driver: Gripper = rig().driver
     assert driver.least_force_n == 10.0
     assert driver.m_per_count == 0.00077
+
+
+# What was written
+
+
+def test_state_tells_the_bytes_that_were_written_and_when_they_were_acknowledged(rig) -> None:
+    made = rig()
+    assert (made.state.written, made.state.written_ns) == ("", 0)
+    made.driver.move_to((40, 50, 60), FAST, 10.0)
+    made.step(60)
+    whole, first_ns = made.frames[-1], made.written_ns[-1]
+    assert (made.state.written, made.state.written_ns) == (whole, first_ns)
+    made.driver.close_fast(10.0, THUMB, (255, 255, 255), FAST)
+    assert made.state.written == whole, "not written yet"
+    made.step()
+    short = made.state.written  # the register of rACT holds what is wanted, and is not written
+    assert short == "00" + "ffff00" + "32ff00" + "3cff00" + "00000000"
+    assert (made.frames[-1], made.written_ns[-1]) == ("0904" + short, made.state.written_ns)
+
+
+def test_a_write_that_the_hand_did_not_acknowledge_is_not_told_as_written(rig) -> None:
+    made = rig()
+    made.transport.write_lost = True
+    made.driver.move_to((40, 50, 60), FAST, 10.0)
+    with pytest.raises(LinkLost):
+        made.step()
+    made.transport.write_lost = made.transport.down = False
+    made.step()
+    assert (made.state.written, made.state.written_ns) == ("", 0)
 
 
 # Start and activation

@@ -75,8 +75,8 @@ def test_verbs_to_a_silent_hand_return_what_was_asked_and_are_done_when_its_exch
         (lambda: gripper.move_to((1, 2, 3), 0.05, 7.0),
          Applied((1, 2, 3), 0.05, 7.0, note=NOT_YET)),
         (gripper.hold, Applied((7, 8, 9), 0.0, 10.0, note=NOT_YET)),
-        (lambda: gripper.close_fast(9.0, (True, False, True), (4, 5, 6), 0.03),
-         Applied((4, 5, 6), 0.03, 9.0, note=NOT_YET)),
+        (lambda: gripper.close_fast(9.0, (True, False, True), (255, 255, 6), 0.03),
+         Applied((255, 8, 9), 0.03, 9.0, note=NOT_YET)),
     )  # fmt: skip
     for verb, applied in asked:
         cell.passes(MS)
@@ -89,7 +89,8 @@ def test_verbs_to_a_silent_hand_return_what_was_asked_and_are_done_when_its_exch
     cell.writes_from_ns = cell.now_ns
     hand.ends()
     until(lambda: gripper.acknowledged)
-    assert cell.verbs == [("close_fast", 9.0, (True, False, True), (4, 5, 6), 0.03)], "the latest"
+    latest = ("close_fast", 9.0, (True, False, True), (255, 255, 6), 0.03)
+    assert cell.verbs == [latest]
     assert gripper.acknowledgements_ns[0][0] == BEGIN_NS + 4 * MS, "from when it was given"
 
 

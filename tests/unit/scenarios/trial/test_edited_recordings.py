@@ -116,6 +116,49 @@ def phase_for_another_reason(messages: Messages) -> None:
     changed(messages, the(PHASES, messages, 3), cause="somebody said so")
 
 
+def other_bytes(act: int, edit: Callable[[list[int]], None]) -> Callable[[Messages], None]:
+    """In the first state after the write of the closing, ``act`` 0, or of a later command."""
+
+    def change(messages: Messages) -> None:
+        wrote = closing(messages)
+        told = [
+            (i, m) for i, (name, t_ns, m) in enumerate(messages)
+            if name == GRIPPER and m.written_ns >= messages[wrote][1]
+        ]  # fmt: skip
+        writes = sorted({m.written_ns for _, m in told})
+        at, state = next((i, m) for i, m in told if m.written_ns == writes[act])
+        data = list(bytes.fromhex(state.written))
+        edit(data)
+        changed(messages, at, written=bytes(data).hex())
+
+    return change
+
+
+def b_closes_too(data: list[int]) -> None:
+    data[-10] = 255
+
+
+def stronger(data: list[int]) -> None:
+    data[-11] += 1
+
+
+def faster(data: list[int]) -> None:
+    data[-12] ^= 1
+
+
+def cut_short(data: list[int]) -> None:
+    del data[4:]
+
+
+def write_never_seen(messages: Messages) -> None:
+    """The closing was not written, although the status speaks of it."""
+    at = closing(messages)
+    before = next(m for name, _, m in reversed(messages[:at]) if name == GRIPPER)
+    for i, (name, *_) in enumerate(messages):
+        if i > at and name == GRIPPER:
+            changed(messages, i, written=before.written, written_ns=before.written_ns)
+
+
 EDITS: dict[str, Callable[[Messages], None]] = {
     "a command is lost": command_lost,
     "a command is there twice": command_twice,
@@ -124,6 +167,12 @@ EDITS: dict[str, Callable[[Messages], None]] = {
     "a command is of another step": command_of_another_step,
     "a command is sent before its delay has passed": command_too_early,
     "a command is said not to wait": nothing_waits,
+    "another finger was told to close": other_bytes(0, b_closes_too),
+    "more force was written": other_bytes(0, stronger),
+    "more speed was written": other_bytes(0, faster),
+    "less was written than any command has": other_bytes(0, cut_short),
+    "fingers were not opened as told": other_bytes(-1, b_closes_too),
+    "a command was never written": write_never_seen,
     "a state of the gripper is lost": state_lost(GRIPPER),
     "a state of the arm is lost": state_lost(ARM),
     "a change of phase is lost": phase_lost,
