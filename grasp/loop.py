@@ -6,6 +6,7 @@ and of what a step concludes only which commands go where.
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 
 import msgspec
 
@@ -31,6 +32,7 @@ from grasp.commands import (
     MoveFingers,
     OpenFingers,
     StopArm,
+    describe,
 )
 from grasp.controller import Decision
 from grasp.loop_settings import LoopSettings
@@ -102,6 +104,10 @@ class Timing:
         self.repeated_frames = 0  # periods without a new frame
 
 
+# what a gripper does by itself where it is polled no more, and that in words; None: nothing
+_SetFallback = Callable[[Callable[[Gripper], Applied] | None, str], None]
+
+
 class _Waiting(msgspec.Struct, frozen=True):
     """A command that has been decided and not been sent yet."""
 
@@ -141,6 +147,8 @@ class ControlLoop:
         self._stop = ""
         self._gripper_lost = False
         self._late_ns = self._took_ns = self._arm_ns = 0
+        # only a gripper with a thread of its own can act while no step comes
+        self._set_fallback: _SetFallback | None = getattr(devices.gripper, "set_fallback", None)
 
     def run(self, deadline_s: float) -> None:
         """Tick until the controller has finished; at the latest until deadline_s from now, and what
@@ -170,6 +178,7 @@ class ControlLoop:
         self._took_ns = self._clock.now_ns - began_ns  # 0 in virtual time, so that runs are equal
         self._enqueue(now_ns, result)
         self._send_before_anyone_watches()
+        self._prepare_fallback(self._step.fallback(told.gripper) if self._set_fallback else None)
         tick = Tick(result.observation, result.decision, tuple(self._issued))
         self._issued.clear()
         self._last = tick
@@ -212,6 +221,7 @@ class ControlLoop:
             while not self._step.controller.finished and self._clock.now_ns < end_ns:
                 interruption.goes()
                 self.tick()
+        self._prepare_fallback(None)
 
     def abort(self) -> Tick | None:
         """As ``fail`` where no step can be taken any more: each device is told by itself, whatever
@@ -234,7 +244,17 @@ class ControlLoop:
                 again = rests or not taken or HoldFingers() in hand
                 hand_due = bool(hand) and again and self._hand_is_not_as_told()
                 if (rests and not stop_due and not hand_due) or self._clock.now_ns >= end_ns:
+                    self._prepare_fallback(None)
                     return self._left()
+
+    def _prepare_fallback(self, command: GripperCommand | None) -> None:
+        """What the hand's own thread is to do should no further step come."""
+        if self._set_fallback is None:
+            return
+        if command is None:
+            self._set_fallback(None, "")
+        else:
+            self._set_fallback(partial(_to_gripper, command), describe(command))
 
     def _tell(self, command: Command) -> bool:
         """At once; whether the device took it."""
@@ -415,7 +435,7 @@ class ControlLoop:
 
     def _to_device(self, command: Command) -> Applied | None:
         if isinstance(command, GripperCommand):
-            return self._to_gripper(command)
+            return _to_gripper(command, self._devices.gripper)
         if isinstance(command, MoveArm):
             self._pump_arm_before()
             self._devices.arm.move_to(
@@ -430,17 +450,17 @@ class ControlLoop:
             self._devices.tactile.begin_rest()
         return None
 
-    def _to_gripper(self, command: GripperCommand) -> Applied:
-        gripper = self._devices.gripper
-        if isinstance(command, MoveFingers):
-            return gripper.move_to(command.targets_counts, command.speed_mps, command.force_n)
-        if isinstance(command, CloseFast):
-            return gripper.close_fast(
-                command.force_cap_n, command.closing, command.limits_counts, command.speed_mps
-            )
-        if isinstance(command, OpenFingers):
-            return gripper.open(command.speed_mps)
-        return gripper.hold()
+
+def _to_gripper(command: GripperCommand, gripper: Gripper) -> Applied:
+    if isinstance(command, MoveFingers):
+        return gripper.move_to(command.targets_counts, command.speed_mps, command.force_n)
+    if isinstance(command, CloseFast):
+        return gripper.close_fast(
+            command.force_cap_n, command.closing, command.limits_counts, command.speed_mps
+        )
+    if isinstance(command, OpenFingers):
+        return gripper.open(command.speed_mps)
+    return gripper.hold()
 
 
 def _addressee(command: Command) -> str:

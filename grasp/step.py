@@ -91,13 +91,24 @@ class GraspStep:
             self._last_close = admitted
         return admitted
 
+    def fallback(self, gripper: GripperState) -> GripperCommand | None:
+        """The hand's safe command should no further step come, as the guard admits it now; None
+        where the hand stays as it is."""
+        if self.controller.finished:
+            return None
+        hand = (c for c in self.controller.aborted() if isinstance(c, GripperCommand))
+        command = next(hand, None)
+        return None if command is None else self._guard.admit(command, gripper, self._measured_n)
+
     def _observe(self, told: StepInput) -> Observation:
         phase = self.controller.phase
         doubt = self._doubts.of(
             phase, told.frame, told.gripper, told.arm, told.pending, told.late_ns, told.took_ns
         )
         self._rested = self._rested or phase not in UNRESTED_PHASES
-        probabilities, deaf = self._listen(told.frame if self._rested else None)
+        # a detector that failed or hung must not delay the safe state that this step enters
+        safe = bool(told.stop or told.trouble or doubt) or self.controller.in_safe_state
+        probabilities, deaf = self._listen(told.frame if self._rested else None, not safe)
         if phase in OPEN_PHASES:  # nobody has to feel anything
             deaf = ""
         return Observation(
@@ -113,10 +124,11 @@ class GraspStep:
             motion=self._kind_of_slip(probabilities),
         )
 
-    def _listen(self, frame: TactileFrame | None) -> tuple[NDArray[np.float64], str]:
+    def _listen(self, frame: TactileFrame | None, ask: bool) -> tuple[NDArray[np.float64], str]:
         """Probability of slip at each finger, and why there is none. A stale frame is no sample,
         and forgets the past; codes at the end of their range are no force. None: there is no frame,
-        or it is counted from the rest of an earlier run, since when the pads were pressed."""
+        or it is counted from the rest of an earlier run, since when the pads were pressed.
+        ``ask``: whether the detector may be called."""
         if frame is None:
             return np.zeros(FINGERS), ""
         if self._doubts.believes_force:
@@ -124,6 +136,8 @@ class GraspStep:
             self._felt_n = self._measured_n
             if not self._doubts.all_tell:
                 self._felt_n = self._force_n(frame.counts * self._doubts.can_tell)
+        if not ask:
+            return np.zeros(FINGERS), ""
         if frame.stale:
             self._forget()
         if frame.stale or self._remembers:

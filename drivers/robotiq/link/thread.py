@@ -1,5 +1,6 @@
 """A thin thread that pumps the driver core in wall time, and the gripper that it makes of it."""
 
+import logging
 import threading
 import time
 from collections import deque
@@ -20,7 +21,12 @@ _ERRORS_KEPT: Final = 8
 _MOST_BUGS: Final = 3  # in a row
 _AFTER_BUG_S: Final = 0.01
 _PATIENCE_S: Final = 0.002  # a verb waits for so much of an exchange: most are over by then
+# By then the program hangs: the arm has braked by its heartbeat (0.15 s), and a step so late would
+# end the run in a fault as well (doubt.standstill_s).
+_UNPOLLED_NS: Final = 1_000_000_000
 _NOT_YET = "the hand has not answered yet: told to it as soon as it has"
+
+_LOG = logging.getLogger(__name__)
 
 _Verb = Callable[[], Applied]
 
@@ -77,6 +83,9 @@ class ThreadedGripper:
         self._bugs: list[BaseException] = []
         self._ended = False  # by too many of them
         self._lost = False
+        self._fallback: tuple[Callable[[Gripper], Applied], str] | None = None
+        self._fell_back = False
+        self._polled_ns = 0
         self._commanded_ns: int | None = None  # oldest verb whose write is not acknowledged
         self._put_off: tuple[int, _Verb] | None = None  # until the exchange in flight is over
         self._slot = threading.Lock()  # of what is put off; held for no longer than it takes
@@ -178,14 +187,25 @@ class ThreadedGripper:
         on, or no hand could be made safe any more; three in a row end it, and the last is raised
         by every call.
         """
+        self._polled()
         if self._bugs:
             raise self._bugs[0] if self._ended else self._bugs.pop(0)
         if self._errors:
             raise self._errors.pop(0)
 
+    def set_fallback(self, command: Callable[[Gripper], Applied] | None, words: str = "") -> None:
+        """The command that this thread gives to the core by itself, and logs in ``words``, where
+        ``pump`` and the verbs are called no more: the program hangs. None: no command."""
+        self._fallback = None if command is None else (command, words)
+        self._polled()
+
+    def _polled(self) -> None:
+        self._polled_ns, self._fell_back = self._clock(), False
+
     # Verbs
 
     def activate(self, dropping: bool = False) -> Applied:
+        self._polled()
         called_ns = self._clock()
         with self._lock:
             self._put_off = None
@@ -222,6 +242,7 @@ class ThreadedGripper:
         return (0, 0, 0) if self._state is None else self._state.positions
 
     def _command(self, verb: _Verb, asked: Applied) -> Applied:
+        self._polled()
         called_ns = self._clock()
         if self._ended:
             told = "nothing reaches the gripper: its thread has met too many bugs in a row"
@@ -289,12 +310,13 @@ class ThreadedGripper:
     def _exchange(self, now_ns: int) -> None:
         with self._lock:
             self._catch_up()
+            self._fall_back(now_ns)
             try:
                 self._core.pump(now_ns)
                 self._lost = False
             except LinkLost as error:
                 self._note(error, again=self._lost)
-                self._lost = True
+                self._lost, self._fell_back = True, False  # what was sent may be lost as well
             except GraspError as error:
                 self._note(error, again=False)
                 self._lost = False
@@ -318,6 +340,23 @@ class ThreadedGripper:
             with self._slot:  # one that came between question and answer would be lost
                 if self._put_off is put_off:
                     self._put_off = None
+
+    def _fall_back(self, now_ns: int) -> None:
+        """Once, where nobody has polled for too long; who calls this has the lock."""
+        fallback = self._fallback
+        unpolled_ns = now_ns - self._polled_ns
+        if fallback is None or self._fell_back or self._lost or unpolled_ns < _UNPOLLED_NS:
+            return
+        command, words = fallback
+        self._fell_back = True
+        try:
+            self._do(now_ns, lambda: command(self._core))
+        except GraspError as error:
+            self._note(error, again=False)
+            words = f"cannot {words}: {error.message}"
+        # a terminal that takes no more text must not stop the exchange with the hand
+        text = f"no control step for {_UNPOLLED_NS / _NS:g} s; the gripper acts by itself: {words}"
+        threading.Thread(target=_LOG.warning, args=(f"grasp: {text}",), daemon=True).start()
 
     def _note(self, error: GraspError, *, again: bool) -> None:
         if not again and len(self._errors) < _ERRORS_KEPT:

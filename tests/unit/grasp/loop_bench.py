@@ -17,7 +17,8 @@ MS = 1_000_000
 class Bench:
     """Everything that a loop is made of, and what it did with it."""
 
-    def __init__(self, *, wall: bool = False, **settings: float) -> None:
+    def __init__(self, *, wall: bool = False, own_thread: bool = False, **settings: float) -> None:
+        """``own_thread``: the hand has one, and takes a fallback."""
         self.clock: Any = VirtualClock(lambda t_ns: None, 10**9)
         self.clock.virtual = not wall
         self.told: list[tuple[Any, ...]] = []  # to the devices, with the time
@@ -26,6 +27,8 @@ class Bench:
         self.decides: list[tuple[Command, ...]] = []  # a step each
         self.ticks: list[Tick] = []
         self.acknowledged = True
+        self.fallback: Any = HoldFingers()
+        self.fallbacks: list[Any] = []  # a step each: the command, and its words
         self.missing_of_hand: tuple[str, ...] = ()
         self.gripper_state: Any = gripper()
         self.controller = SimpleNamespace(
@@ -38,6 +41,7 @@ class Bench:
             decide=self._decide,
             last_close=None,
             admit=lambda command, state: command,
+            fallback=lambda state: self.fallback,
         )
         self.frame: Any = frame()
         hand = SimpleNamespace(
@@ -45,6 +49,8 @@ class Bench:
             move_to=self._of("move_to"), close_fast=self._of("close_fast"), open=self._of("open"),
             hold=self._of("hold"),
         )  # fmt: skip
+        if own_thread:
+            hand.set_fallback = lambda command, words: self.fallbacks.append((command, words))
         body = SimpleNamespace(
             state=arm(), pump=self._of("arm pump"), move_to=self._of("arm"), stop=self._of("stop")
         )

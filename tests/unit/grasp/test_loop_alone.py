@@ -307,6 +307,28 @@ def test_a_tick_shows_what_its_step_observed() -> None:
     assert (tick.t_ns, tick.measured_n) == (7, observed.measured_n)
 
 
+def test_each_step_tells_the_hand_s_thread_what_to_do_without_a_further_one() -> None:
+    bench = Bench(own_thread=True)
+    bench.fallback = CLOSE
+    bench.loop.tick()
+    ((command, words),) = bench.fallbacks
+    assert words == "close AC at 30 mm/s, at most 9 N"
+    command(bench.hand)
+    assert bench.verbs() == [("close_fast", 9.0, (True, False, True), (4, 5, 6), 0.03)]
+    bench.fallback = None
+    bench.loop.tick()
+    assert bench.fallbacks[1:] == [(None, "")]
+
+
+@pytest.mark.parametrize("end", ["stop", "fail", "abort"])
+def test_after_a_run_the_hand_s_thread_does_nothing_by_itself(end: str) -> None:
+    bench = Bench(own_thread=True, stop_s=0.2, abort_s=0.1)
+    bench.loop.tick()
+    getattr(bench.loop, end)(*([] if end == "abort" else ["told to end"]))
+    assert bench.fallbacks[0][0] is not None
+    assert bench.fallbacks[-1] == (None, "")
+
+
 def test_a_signal_ends_a_run_between_two_ticks() -> None:
     bench = Bench()
     decide = bench.step.decide

@@ -12,18 +12,26 @@ from numpy.typing import NDArray
 from detector.motion import Motion
 from drivers.errors import BadFile
 from drivers.interfaces import ArmState, Counts3, GripperState, TactileFrame, Vector3
-from grasp.commands import CloseFast, Command, GripperCommand, MoveArm, OpenFingers, StopArm
+from grasp.commands import (
+    CloseFast,
+    Command,
+    GripperCommand,
+    HoldFingers,
+    MoveArm,
+    OpenFingers,
+    StopArm,
+)
 from grasp.controller import Decision, GraspController
 from grasp.doubt import Doubts
 from grasp.doubt_settings import DoubtSettings
 from grasp.guard import ForceGuard, GuardSettings
 from grasp.observation import Observation, StepInput
-from grasp.phases import Phase
+from grasp.phases import SAFE_PHASES, Phase
 from grasp.slip import DISARMED
 from grasp.step import GraspStep
 from grasp.stiffness import Stiffness
 from tests.unit.grasp.builders import arm, frame, gripper
-from tests.unit.grasp.controller_driver import TICK, Driver
+from tests.unit.grasp.controller_driver import HEIGHT, TICK, Driver
 
 ANY_CLOSE = ((True, True, True), (255, 255, 255), 0.1)
 CLOSE = CloseFast(8.0, *ANY_CLOSE)
@@ -62,6 +70,10 @@ class Told:
             phase=phase, slip=DISARMED, commands=commands, finished=False, **flags
         )
         self.seen: list[Observation] = []
+
+    @property
+    def in_safe_state(self) -> bool:
+        return self.phase in SAFE_PHASES
 
     def step(self, seen: Observation) -> Decision:
         self.seen.append(seen)
@@ -191,6 +203,55 @@ def test_a_detector_that_cannot_forget_when_the_controller_asks_is_a_doubt_of_th
     assert b.decide(frame(-1)).doubt == ""
     assert b.decide(frame(-1)).doubt.startswith("detector_failed: ZeroDivisionError")
     assert b.decide(frame(-1)).doubt == ""
+
+
+@pytest.mark.parametrize(
+    ("phase", "changes"),
+    [(Phase.FAULT, {}), (Phase.STOPPED, {}), (Phase.LOST, {}), (Phase.LIFT, {"stop": "SIGTERM"}),
+     (Phase.LIFT, {"trouble": "link_lost: unplugged"}), (Phase.LIFT, {"late_ns": 10**9})],
+)  # fmt: skip
+@pytest.mark.parametrize("stale", [False, True])
+def test_no_detector_is_called_in_a_safe_state_nor_in_the_step_that_enters_it(
+    phase: Phase, changes: dict[str, Any], stale: bool
+) -> None:
+    b = Bench(Told(Phase.REST))
+    b.decide(frame(-1))
+    b.ears.heard.clear()
+    b.controller.phase = phase
+    observation = b.decide(frame(-2, stale=stale), t_ns=2 * TICK, **changes)
+    assert b.ears.heard == []
+    assert observation.probabilities.tolist() == [0.0] * 3
+    assert observation.measured_n == (12.0,) * 3
+
+
+def guarded_step(driver: Driver) -> GraspStep:
+    return GraspStep(Ears(), driver.controller, ForceGuard(GuardSettings(), 2.0, Stiffness(1.25)))
+
+
+def test_without_a_further_step_a_hand_that_may_hold_an_object_closes_as_the_guard_admits() -> None:
+    step = guarded_step(Driver().lift())
+    fallback = step.fallback(gripper())
+    assert isinstance(fallback, CloseFast)
+    assert (fallback.force_cap_n, fallback.closing) == (10.0, (True, False, False))
+    assert step.last_close is None, "it has not been sent"
+    step.decide(told(frame(-420)))  # 15.75 N measured
+    assert step.fallback(gripper()) == HoldFingers()
+
+
+@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.GRASP, Phase.OPPOSE, Phase.RELAX])
+def test_without_a_further_step_a_hand_with_the_object_on_the_table_stays(phase: Phase) -> None:
+    driver = Driver()
+    driver.until(phase)
+    assert guarded_step(driver).fallback(gripper()) == HoldFingers()
+
+
+def test_without_a_further_step_a_hand_is_left_alone_before_and_after_a_run() -> None:
+    driver = Driver(keep=True, hold_s=0.1)
+    assert guarded_step(driver).fallback(gripper()) is None
+    driver.lift()
+    driver.height_m = HEIGHT
+    driver.until(Phase.KEPT)
+    assert guarded_step(driver).fallback(gripper()) is None
 
 
 def test_stale_frame_resets_the_detector_and_is_no_sample() -> None:

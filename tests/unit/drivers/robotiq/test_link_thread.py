@@ -1,5 +1,6 @@
 """The gripper's thread on a clock that stands until it is told to go on."""
 
+import logging
 import threading
 from functools import partial
 from typing import Any
@@ -264,6 +265,87 @@ def test_a_link_that_was_found_again_and_is_lost_once_more_is_told_of_both_times
         with pytest.raises((LinkLost, DeviceFault), match=said):
             gripper.pump(0)
     gripper.pump(0)
+
+
+SECOND_NS = 1_000_000_000
+CLOSING = ("close_fast", 10.0, (True, False, False), (255, 255, 255), 0.02)
+
+
+def closes(core: Any) -> Any:
+    return core.close_fast(*CLOSING[1:])
+
+
+def exchanges(cell: Cell, gripper: ThreadedGripper) -> None:
+    """Two more, the second of which began after now."""
+    settled(gripper, gripper.statistics.pumps + 2)
+
+
+def test_without_a_poll_for_a_second_the_thread_gives_the_fallback_command_once_and_logs_it(
+    made: Made, caplog: pytest.LogCaptureFixture
+) -> None:
+    cell, gripper = made(period_s=0.001)
+    gripper.set_fallback(closes, "close A, at most 10 N")
+    cell.passes(SECOND_NS - 1)
+    exchanges(cell, gripper)
+    assert cell.verbs == []
+    cell.passes(1)
+    until(lambda: bool(caplog.records))
+    assert cell.verbs == [CLOSING]
+    cell.passes(SECOND_NS)
+    exchanges(cell, gripper)
+    assert cell.verbs == [CLOSING]
+    said = "grasp: no control step for 1 s; the gripper acts by itself: close A, at most 10 N"
+    assert caplog.record_tuples == [("drivers.robotiq.link.thread", logging.WARNING, said)]
+
+
+@pytest.mark.parametrize("polls", ["pump", "hold"])
+def test_hand_that_is_polled_or_commanded_gets_no_fallback_command(polls: str, made: Made) -> None:
+    cell, gripper = made(period_s=0.001)
+    gripper.set_fallback(closes, "close")
+    for _ in range(3):
+        cell.passes(SECOND_NS // 2)
+        gripper.pump(0) if polls == "pump" else gripper.hold()
+        exchanges(cell, gripper)
+    assert CLOSING not in cell.verbs
+
+
+def test_without_a_fallback_command_nothing_is_done_however_long_nobody_polls(made: Made) -> None:
+    cell, gripper = made(period_s=0.001)
+    gripper.set_fallback(closes, "close")
+    gripper.set_fallback(None)
+    cell.passes(100 * SECOND_NS)
+    exchanges(cell, gripper)
+    assert cell.verbs == []
+
+
+def test_fallback_command_is_given_again_once_a_lost_link_is_back(
+    made: Made, caplog: pytest.LogCaptureFixture
+) -> None:
+    cell, gripper = made(period_s=0.001)
+    gripper.set_fallback(closes, "close")
+    cell.acts = [lambda: unplugged("gone")] * 3
+    until(lambda: not cell.acts)
+    cell.passes(SECOND_NS)
+    until(lambda: len(cell.verbs) == 1)
+    exchanges(cell, gripper)
+    cell.acts = [lambda: unplugged("gone again")]
+    until(lambda: len(cell.verbs) == 2)
+    assert cell.verbs == [CLOSING] * 2
+
+
+def test_fallback_command_that_is_refused_is_logged_as_such(
+    made: Made, caplog: pytest.LogCaptureFixture
+) -> None:
+    cell, gripper = made(period_s=0.001)
+    gripper.set_fallback(closes, "close")
+    cell.refuses = True
+    cell.passes(SECOND_NS)
+    until(lambda: bool(caplog.records))
+    assert caplog.messages[0].endswith("cannot close: not so")
+
+
+def unplugged(message: str) -> None:
+    raise LinkLost(message, "look")
 
 
 def test_periods_that_passed_are_missed_and_the_grid_is_kept(made: Made) -> None:
