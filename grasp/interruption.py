@@ -6,20 +6,26 @@ become an ``Interruption``, a KeyboardInterrupt: at once as a rule, and inside `
 module is imported they wait for its end, for there some libraries turn it into an ImportError, and
 callbacks of the import system lose it; so does whoever looks up a type hint from C, as msgspec. A
 second one a second later cuts that wait. What stands still is cut by a further signal: a second
-after the last look in a loop that looks often (``watched``), after ten anywhere. State is a
+after the last look in a loop that looks often (``watched``), after ten anywhere. Inside ``guarded``
+the first signal is enough for such a loop, even where the main thread runs native code. State is a
 process's, as signals are; in other threads than the main one nothing here does anything.
 """
 
+import os
+import select
 import signal
+import socket
 import sys
 import threading
+import time
 import typing
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from enum import Enum, auto
 from types import FrameType
 from typing import Any, NoReturn
 
+from drivers.errors import SuppressAll
 from grasp.clock import stopwatch_ns
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -27,6 +33,9 @@ LOSING = ("<frozen importlib._bootstrap>", typing.__file__)  # files of frames t
 LOOK_S = 0.01  # between two looks whether they have ended
 STUCK_NS = 1_000_000_000  # what has not looked for so long stands still: a further one cuts in
 HUNG_NS = 10_000_000_000  # and where nobody looks
+MOST_CUTS = 3  # without a look in between: code that catches an Interruption and goes on
+RESCUE_S = 40.0  # more than the devices get (loop.abort_s is 30 s at most)
+INTERNAL = 5  # exit code of a bug
 
 _WORDS = {
     signal.SIGINT: "stopped by hand",
@@ -36,11 +45,11 @@ _WORDS = {
 
 
 class Interruption(KeyboardInterrupt):
-    """A signal asked for the end."""
+    """A signal asked for the end. ``cut``: it was raised inside code that did not come back."""
 
-    def __init__(self, number: int) -> None:
-        super().__init__(number)
-        self.number = number
+    def __init__(self, number: int, cut: bool = False) -> None:
+        super().__init__(number, cut)
+        self.number, self.cut = number, cut
 
 
 class _Mode(Enum):
@@ -62,8 +71,19 @@ class _Taker:
         self._since_ns = 0  # the first signal, the last look after it or the last that cut in
         self._losing = _losing(sys._getframe())  # noqa: SLF001  (whoever calls us may be imported)
         self._alarm: Any = None  # what took SIGALRM before
+        # shared with the thread of `guarded`
+        self.looks = 0
+        self.handled = False  # the main thread has taken the signal that was sent last
+        self.cutting = False  # that signal is to cut in where the loop stands still
+        self.given_up = False
+        self.report: Callable[[Any], int] = lambda failure: INTERNAL
+        self.last_acts: list[Callable[[], object]] = []
 
     def take(self, number: int, frame: FrameType | None) -> None:
+        self.handled = True
+        cutting, self.cutting = self.cutting, False
+        while self.given_up:  # another thread commands the devices and ends the process
+            time.sleep(RESCUE_S)
         if self.asked is None:
             self.asked, self._since_ns = number, stopwatch_ns()
         still_ns = stopwatch_ns() - self._since_ns
@@ -72,8 +92,8 @@ class _Taker:
                 self._end_later()
             else:
                 self.end()
-        elif still_ns > (STUCK_NS if self.mode is _Mode.WATCH else HUNG_NS):
-            self.end()
+        elif still_ns > HUNG_NS or (self.mode is _Mode.WATCH and (cutting or still_ns > STUCK_NS)):
+            self.end(cut=True)
 
     def _end_later(self) -> None:
         if self._alarm is None:
@@ -99,14 +119,15 @@ class _Taker:
         self.go()
 
     def go(self) -> None:
+        self.looks += 1
         if self.asked is not None:
             self._since_ns = stopwatch_ns()
 
-    def end(self) -> NoReturn:
+    def end(self, cut: bool = False) -> NoReturn:
         self.raised, self.put_off = True, False
-        self.go()
+        self._since_ns = stopwatch_ns()
         assert self.asked is not None  # noqa: S101
-        raise Interruption(self.asked)
+        raise Interruption(self.asked, cut)
 
 
 def _losing(frame: FrameType | None) -> int:
@@ -122,14 +143,18 @@ _taker: _Taker | None = None
 
 
 @contextmanager
-def taken() -> Iterator[None]:
-    """Take the signals, but those that whoever started us had ignored; give them back after."""
+def taken(report: Callable[[Any], int] = lambda failure: INTERNAL) -> Iterator[None]:
+    """Take the signals, but those that whoever started us had ignored; give them back after.
+
+    ``report``: says what ``guarded`` returned for a main thread that was given up; returns the
+    exit code."""
     global _taker  # noqa: PLW0603  (signals are the process's)
     if threading.current_thread() is not threading.main_thread() or _taker is not None:
         yield
         return
     before: dict[int, Any] = {}
     _taker = _Taker()
+    _taker.report = report
     try:
         for number in map(int, SIGNALS):
             if signal.getsignal(number) not in (signal.SIG_IGN, None):
@@ -151,6 +176,88 @@ def watched() -> AbstractContextManager[None]:
     """As ``held``, for a loop that looks often, or says that it goes: where it stands still a
     further signal cuts in."""
     return _in(_Mode.WATCH)
+
+
+@contextmanager
+def guarded(rescue: Callable[[], object]) -> Iterator[None]:
+    """Within, the first signal alone ends a ``watched`` loop that stands still for a second.
+
+    An Interruption is raised in it. Native code holds that up: then ``rescue`` runs in another
+    thread, then each act of ``lastly``; its result is reported, and the process ends."""
+    taker = _here()
+    if taker is None:
+        yield
+        return
+    ours, wakes = socket.socketpair()
+    wakes.setblocking(False)
+    before = signal.set_wakeup_fd(wakes.fileno(), warn_on_full_buffer=False)
+    thread = threading.Thread(target=_guard, args=(taker, ours, rescue), name="guard", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        signal.set_wakeup_fd(before)
+        wakes.close()
+        thread.join()
+        ours.close()
+
+
+def _guard(taker: _Taker, wakes: socket.socket, rescue: Callable[[], object]) -> None:
+    """Thread. Counts its own waits and reads no clock: a computer that stood still, this thread
+    with it, is no loop that stands still."""
+    number, looks, waits, cuts = taker.asked, -1, 0, 0
+    while True:
+        if select.select([wakes], [], [], None if number is None else LOOK_S)[0]:
+            received = wakes.recv(4096)
+            if not received:
+                return
+            number = number or next((n for n in received if n in SIGNALS), None)
+        elif taker.mode is not _Mode.WATCH or taker.looks != looks:
+            looks, waits, cuts = taker.looks, 0, 0
+        elif (waits := waits + 1) * LOOK_S * 1e9 >= STUCK_NS and number is not None:
+            if not taker.handled or cuts == MOST_CUTS:
+                break
+            waits, cuts = 0, cuts + 1
+            taker.handled, taker.cutting = False, True
+            _strike(number)
+    taker.asked, taker.given_up = taker.asked or number, True
+    _strike(taker.asked or signal.SIGINT)  # code that comes back now stops in `take`
+    _end_process(taker, rescue)
+
+
+def _strike(number: int) -> None:
+    """Send a signal to the main thread, so that a system call that it waits in returns."""
+    ident = threading.main_thread().ident
+    assert ident is not None  # noqa: S101
+    signal.pthread_kill(ident, number)
+
+
+def _end_process(taker: _Taker, rescue: Callable[[], object]) -> NoReturn:
+    limit = threading.Timer(RESCUE_S, os._exit, (INTERNAL,))
+    limit.daemon = True
+    limit.start()
+    code, failure = INTERNAL, None
+    with SuppressAll():
+        failure = rescue()
+    for act in reversed(taker.last_acts):
+        with SuppressAll():
+            act()
+    with SuppressAll():
+        code = taker.report(failure)
+    os._exit(code)
+
+
+@contextmanager
+def lastly(act: Callable[[], object]) -> Iterator[None]:
+    """Within, ``act`` is done before ``guarded`` ends the process, which runs no `finally`."""
+    taker = _here()
+    if taker is not None:
+        taker.last_acts.append(act)
+    try:
+        yield
+    finally:
+        if taker is not None:
+            taker.last_acts.remove(act)
 
 
 def allowed() -> AbstractContextManager[None]:

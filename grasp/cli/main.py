@@ -114,7 +114,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     asked = {"-h", "--help", "--version"} & set(words)
     try:
         json = only_json() if as_json and not asked else nullcontext()
-        with interruption.taken(), known_streams(), json:
+        with interruption.taken(lambda f: exits.report_failure(f, as_json)), known_streams(), json:
             return _run(words, as_json)
     except KeyboardInterrupt:  # before or after all that could be told of it
         return exits.INTERRUPTED

@@ -301,11 +301,23 @@ def run_trial(
         loop.set_down = follow(tick, truth)
         watch(tick, truth, controller)
 
+    def given_up() -> Failure | None:
+        """In another thread, where this one does not come back from native code."""
+        bugs.append(Bug.of_stuck())
+        _aborted(loop, trace)
+        trial = FinishedTrial(
+            controller, loop, trace, None, Stalls(), (), None, False, bugs[0], rig.way_out
+        )
+        return trial.failure(config, INTERNAL_ERROR)
+
     bugs: list[Bug] = []
     loop = make_loop(config, rig, controller, guard, take, detector)
-    interrupted, granted = _run_to_end(
-        config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs, trace
-    )
+    # virtual time moves no device, and a step of it may take longer than a second
+    with interruption.guarded(given_up) if rig.on_wall else nullcontext():
+        interrupted, granted = _run_to_end(
+            config, rig, loop, config.loop.deadline_s if deadline_s is None else deadline_s, bugs,
+            trace,
+        )  # fmt: skip
     interruption.seal()  # what is left is closing, judging and writing
     final, stalls = None, Stalls()
     with SuppressBugs() if bugs else nullcontext():
@@ -371,6 +383,8 @@ def _stopped(loop: ControlLoop, deadline_s: float) -> bool:
     try:
         loop.run(deadline_s)
     except KeyboardInterrupt as stop:
+        if isinstance(stop, interruption.Interruption) and stop.cut:
+            raise  # what hung may be called by the next step as well
         return loop.stop(interruption.cause(stop))
     return False
 

@@ -2,6 +2,8 @@
 
 import platform
 import subprocess
+import sys
+import threading
 import traceback
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -73,6 +75,14 @@ class Bug(msgspec.Struct, frozen=True):
         """Of what stood still until a signal cut it."""
         text = f"{interruption.cause(cut)} while this stood still"
         return msgspec.structs.replace(cls.of(cut), text=text)
+
+    @classmethod
+    def of_stuck(cls) -> Self:
+        """Of what the main thread does now, which no signal could cut: asked in another thread."""
+        frame = sys._current_frames()[threading.main_thread().ident or 0]  # noqa: SLF001
+        stack = "".join(traceback.format_stack(frame))
+        cut = interruption.Interruption(interruption.number())
+        return msgspec.structs.replace(cls.of_hanging(cut), traceback=stack)
 
     @property
     def line(self) -> str:

@@ -161,15 +161,20 @@ class Record:
         """Raises CouldNotRecord if there can be no folder."""
         with ExitStack() as uncut:
             uncut.enter_context(interruption.held())
+            uncut.enter_context(interruption.lastly(self._abandon))
             self._folder = self._begun() if self._wanted is None else None
             self._uncut = uncut.pop_all()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         with self._uncut:
-            if kind is not None and self._folder is not None:
-                self._draw_the_last(self._folder)
-                self._folder.abandon()
+            if kind is not None:
+                self._abandon()
+
+    def _abandon(self) -> None:
+        if self._folder is not None:
+            self._draw_the_last(self._folder)
+            self._folder.abandon()
 
     def _begun(self) -> RunFolder | None:
         if self._runs is None:

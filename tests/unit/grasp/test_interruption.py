@@ -2,6 +2,8 @@
 
 import importlib
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -14,6 +16,8 @@ import pytest
 
 from grasp import interruption
 from grasp.interruption import SIGNALS, Interruption
+
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
@@ -269,3 +273,74 @@ def test_signal_that_strikes_while_a_type_hint_is_looked_up_from_c_is_not_lost()
         msgspec.convert({}, struck)
         time.sleep(10)
     assert not strikes.armed
+
+
+GUARDED = """
+import ctypes, os, time
+from grasp import interruption
+
+def native():
+    libc, mutex = ctypes.CDLL(None), ctypes.create_string_buffer(64)
+    libc.pthread_mutex_lock(mutex)
+    print("hangs", flush=True)
+    libc.pthread_mutex_lock(mutex)  # for ever: no signal ends it
+
+def python():
+    print("hangs", flush=True)
+    time.sleep(3600)
+
+def deaf():
+    print("hangs", flush=True)
+    while True:
+        try:
+            time.sleep(3600)
+        except BaseException:
+            pass
+
+def rescue():
+    print("rescued", flush=True)
+    return "why"
+
+def report(failure):
+    print("reported", failure, flush=True)
+    return 7
+
+with interruption.taken(report), interruption.lastly(lambda: print("lastly", flush=True)):
+    with interruption.guarded(rescue), interruption.held(), interruption.watched():
+        try:
+            HANG()
+        except interruption.Interruption as stop:
+            print("cut", stop.cut, stop.number, flush=True)
+"""
+
+
+@pytest.mark.parametrize(
+    ("hang", "code", "said"),
+    [("python", 0, ["cut True 15"]), ("native", 7, ["rescued", "lastly", "reported why"]),
+     ("deaf", 7, ["rescued", "lastly", "reported why"])],
+)  # fmt: skip
+def test_guarded_loop_that_stands_still_is_ended_by_the_first_signal(
+    hang: str, code: int, said: list[str]
+) -> None:
+    script = GUARDED.replace("HANG", hang)
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, cwd=ROOT
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "hangs\n"
+            process.send_signal(signal.SIGTERM)
+            out, _ = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert (out.splitlines(), process.returncode) == (said, code)
+
+
+@pytest.mark.usefixtures("taken")
+def test_guarded_loop_that_looks_takes_a_signal_at_its_next_look_and_leaves_nothing() -> None:
+    with interruption.guarded(lambda: None), interruption.held(), interruption.watched():
+        signal.raise_signal(signal.SIGTERM)
+        with pytest.raises(Interruption) as stop:
+            interruption.check()
+        assert not stop.value.cut
+    assert signal.set_wakeup_fd(-1) == -1

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 
 from scenarios.rigs import emulated_cell
 from scenarios.rigs.emulated_cell import CellOrder
+from scenarios.trial.run_folder import open_trial
 from tests.unit.scenarios.conftest import config
 from tests.wire.scenarios.test_rigs import ENVIRONMENT, GRASP, emulate, lab_file, sets, woken
 
@@ -132,3 +134,66 @@ def test_devices_that_freeze_or_go_are_all_named_and_cost_no_result(
     assert "when last heard" in result["end"]["arm"]
     assert "cannot be told anything and holds by itself" in result["end"]["hand"]
     assert "grasp release --rig hardware" in result["end"]["advice"]
+
+
+# hangs 0.3 s into the lift: it is reset when it is made, once it grips and once the pads relaxed
+HANGS = """
+import ctypes, time
+import numpy as np
+
+class Hangs:
+    def __init__(self, fingers):
+        self.fingers, self.resets, self.frames = fingers, 0, 0
+
+    def reset(self):
+        self.resets, self.frames = self.resets + 1, 0
+
+    def update(self, counts):
+        self.frames += 1
+        if self.resets == 4 and self.frames > 50:
+            self.HANG()
+        return np.zeros(self.fingers)
+
+    def sleep(self):
+        time.sleep(3600)
+
+    def native(self):
+        libc, mutex = ctypes.CDLL(None), ctypes.create_string_buffer(64)
+        libc.pthread_mutex_lock(mutex)
+        libc.pthread_mutex_lock(mutex)  # for ever: no signal ends it
+"""
+
+
+@pytest.mark.parametrize(("hang", "results"), [("sleep", 1), ("native", 0)])
+def test_detector_that_never_returns_costs_no_grip_and_one_signal_ends_the_run(
+    hang: str, results: int, tmp_path: Path
+) -> None:
+    detector = tmp_path / "hangs.py"
+    detector.write_text(HANGS.replace("HANG()", f"{hang}()"))
+    with subprocess.Popen(
+        [*GRASP, "run", "lift", "--rig", "emulated", "--detector", f"{detector}:Hangs",
+         "--runs", str(tmp_path / "runs"), *sets()],
+        env=ENVIRONMENT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+        stdin=subprocess.DEVNULL,
+    ) as process:  # fmt: skip
+        give_up = threading.Timer(180.0, process.kill)
+        give_up.start()
+        try:
+            assert process.stderr is not None
+            line = next((text for text in process.stderr if "no control step" in text), "")
+            process.send_signal(signal.SIGTERM)
+            left = process.stderr.read().splitlines()
+            process.wait(60)
+        finally:
+            give_up.cancel()
+            process.kill()
+    assert line.startswith("grasp: no control step for 1 s; the gripper acts by itself: close A ")
+    assert line.endswith(", at most 10 N\n")
+    assert process.returncode == 5, left
+    assert left[0].startswith("grasp: internal_error: Interruption: told to end (SIGTERM)")
+    assert str(detector) in left[0]
+    assert "in phase lift" in left[1] and "the arm stands" in left[1]
+    assert "the hand is closed to the limit of 10 N" in left[1]
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert open_trial(folder).complete
+    assert len(list(folder.glob("result.json"))) == results
