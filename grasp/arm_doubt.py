@@ -76,7 +76,8 @@ class ArmDoubt:
         speed_mps = math.hypot(*arm.velocity_mps)
         braking_m = speed_mps**2 / (2.0 * command.acceleration_mps2)
         spare_m = braking_m + speed_mps * self._settings.arm_start_s
-        return _Way(arm.position_m, command.position_m, spare_m)
+        x, y, z = (v / speed_mps for v in arm.velocity_mps)
+        return _Way(arm.position_m, command.position_m, spare_m, (x, y, z))
 
     def see(self, arm: ArmState, pending: bool) -> str:
         """What is wrong with it. ``pending``: what it was told is still on its way."""
@@ -167,7 +168,7 @@ class ArmDoubt:
         if pending and way.turns and self._command is not None:  # it goes on as before
             way, self._way = self._old_way, self._way_of(self._command, arm)
         turned = way.turns
-        beyond_m = way.beyond_m(arm.position_m, s.arm_moved_m)
+        beyond_m = way.beyond_m(arm.position_m, s)
         if turned and not way.turns:
             self._anchor = (arm.t_ns, arm.position_m)
         if beyond_m > s.arm_astray_m:
@@ -199,14 +200,25 @@ class ArmDoubt:
 class _Way:
     """A straight line that an arm was told to move along, and how far it has got."""
 
-    def __init__(self, start_m: Vector3, end_m: Vector3, spare_m: float | None = None) -> None:
-        """``spare_m``: to brake in, as it has to turn round first."""
+    def __init__(
+        self,
+        start_m: Vector3,
+        end_m: Vector3,
+        spare_m: float = 0.0,
+        heading: Vector3 | None = None,
+    ) -> None:
+        """``spare_m``: to brake in along ``heading``, a unit vector: it must turn round first."""
         self._start_m, self._end_m = start_m, end_m
         self._target_m = end_m  # of the move; told to stop, the arm may end beyond it
         self._stop_mps2 = math.inf
-        self._spare_m = spare_m or 0.0
-        self._least_m = self._most_m = math.dist(start_m, end_m)  # from its end, so far
-        self.turns = spare_m is not None  # and has not yet
+        self._spare_m, self._heading = spare_m, heading
+        self._least_m = math.dist(start_m, end_m)  # from its end, so far
+        self._furthest_m = 0.0  # along its heading
+
+    @property
+    def turns(self) -> bool:
+        """It must turn round and has not yet."""
+        return self._heading is not None
 
     def stop(self, arm: ArmState, speed_mps: float, deceleration_mps2: float) -> None:
         """The arm is told to on it: it may end past the target by what braking takes from that
@@ -223,18 +235,27 @@ class _Way:
         ends = zip(self._start_m, self._target_m, strict=True)
         x, y, z = (b + over * (b - a) for a, b in ends)
         self._end_m = (x, y, z)
-        self._least_m = self._most_m = math.dist(arm.position_m, self._end_m)
+        self._least_m = math.dist(arm.position_m, self._end_m)
 
-    def beyond_m(self, at_m: Vector3, moved_m: float) -> float:
-        """How far from the line, or back on it, that is, beyond what braking takes. It has turned
-        round once it has come nearer by ``moved_m``."""
+    def beyond_m(self, at_m: Vector3, s: DoubtSettings) -> float:
+        """How far from the line, or back on it, that is, beyond what braking takes."""
         away_m = math.dist(at_m, self._end_m)
-        self._least_m, self._most_m = min(self._least_m, away_m), max(self._most_m, away_m)
-        if self.turns and away_m < self._most_m - moved_m:
-            self.turns, self._spare_m = False, 0.0
-            self._start_m, self._least_m = at_m, away_m
+        self._least_m = min(self._least_m, away_m)
         aside_m = _off_line(at_m, self._start_m, self._end_m)
-        return max(aside_m, away_m - self._least_m) - self._spare_m
+        beyond_m = max(aside_m, away_m - self._least_m) - self._spare_m
+        if self._heading is not None and self._has_turned(at_m, self._heading, s):
+            self._heading, self._spare_m = None, 0.0
+            self._start_m, self._least_m = at_m, away_m
+        return beyond_m
+
+    def _has_turned(self, at_m: Vector3, heading: Vector3, s: DoubtSettings) -> bool:
+        """It comes back, or has left the line on which it brakes. That it comes nearer to its end
+        tells nothing: an end too near to brake for is passed first."""
+        gone = [b - a for a, b in zip(self._start_m, at_m, strict=True)]
+        along_m = sum(a * b for a, b in zip(gone, heading, strict=True))
+        aside_m = math.sqrt(max(0.0, sum(x * x for x in gone) - along_m**2))
+        self._furthest_m = max(self._furthest_m, along_m)
+        return aside_m > s.arm_line_m or along_m < self._furthest_m - s.arm_moved_m
 
 
 def _lies_ahead(arm: ArmState, command: MoveArm, s: DoubtSettings) -> bool:

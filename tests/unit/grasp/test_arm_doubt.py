@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from drivers.interfaces import ArmState
+from drivers.interfaces import ArmState, Vector3
 from drivers.ur.model import ArmModel, ArmModelSettings
 from grasp.arm_doubt import ArmDoubt
 from grasp.commands import Command, HoldFingers, MoveArm, StopArm
@@ -184,6 +184,32 @@ def test_an_arm_that_turns_round_may_keep_its_place_for_as_long_as_that_takes() 
     assert turning(0.06 + SPARE_S + 1e-3).startswith("arm_frozen: ")
 
 
+def assert_never_doubted(
+    end: Vector3, speed_mps: float, ramp_mps2: float, delay_ms: int = 0, phase_ms: int = 0
+) -> None:
+    """An arm that rises is told after 2 s to go to ``end``, from where it is then."""
+    x, y, z = arm(0).position_m
+    model = ArmModel(ArmModelSettings(start_m=(x, y, z)), 0)
+    doubt = ArmDoubt(DoubtSettings())
+    goals = {(0, 0): (x, y, z + 0.5)}  # when told, when it is on its way
+    for now_ms in range(phase_ms, 8000, 10):
+        now_ns = now_ms * MS
+        sample = model.read(now_ns)
+        reported = msgspec.structs.replace(
+            arm(sample.t_ns), position_m=sample.position_m, velocity_mps=sample.velocity_mps
+        )
+        if now_ms - phase_ms == 2000:
+            a, b, c = sample.position_m
+            goals[2000, 2000 + delay_ms] = (a + end[0], b + end[1], c + end[2])
+        pending = any(due < now_ms <= sent for due, sent in goals)
+        assert doubt.see(reported, pending) == "", now_ms
+        for (due, sent), goal_m in goals.items():
+            if due == now_ms - phase_ms:
+                doubt.told(MoveArm(goal_m, speed_mps, ramp_mps2), reported)
+            if sent == now_ms - phase_ms:
+                model.move_l(goal_m, speed_mps, ramp_mps2, now_ns)
+
+
 @pytest.mark.parametrize("ramp_mps2", [0.05, 0.5, 3.0])
 @pytest.mark.parametrize("speed_mps", [0.005, 0.03, 0.1, 0.4])
 @pytest.mark.parametrize("delay_ms", [0, 280])
@@ -191,24 +217,37 @@ def test_an_arm_that_turns_round_may_keep_its_place_for_as_long_as_that_takes() 
 def test_an_arm_that_is_turned_round_on_its_way_is_never_doubted(
     speed_mps: float, ramp_mps2: float, delay_ms: int, phase_ms: int
 ) -> None:
-    x, y, z = arm(0).position_m
-    model = ArmModel(ArmModelSettings(start_m=(x, y, z)), 0)
-    doubt = ArmDoubt(DoubtSettings())
-    told = {(0, 0): z + 0.5, (2000, 2000 + delay_ms): z}  # when told, when it is on its way
-    for now_ms in range(phase_ms, 8000, 10):
-        now_ns = now_ms * MS
-        sample = model.read(now_ns)
-        seen = msgspec.structs.replace(
-            arm(sample.t_ns), position_m=sample.position_m, velocity_mps=sample.velocity_mps
-        )
-        pending = any(due < now_ms <= sent for due, sent in told)
-        assert doubt.see(seen, pending) == "", now_ms
-        for (due, sent), height_m in told.items():
-            command = MoveArm((x, y, height_m), speed_mps, ramp_mps2)
-            if due == now_ms - phase_ms:
-                doubt.told(command, seen)
-            if sent == now_ms - phase_ms:
-                model.move_l(command.position_m, speed_mps, ramp_mps2, now_ns)
+    assert_never_doubted((0.0, 0.0, -0.1), speed_mps, ramp_mps2, delay_ms, phase_ms)
+
+
+@pytest.mark.parametrize("ramp_mps2", [0.05, 0.3, 0.5, 3.0])
+@pytest.mark.parametrize("speed_mps", [0.1, 0.25, 0.4])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.6, 0.9, 0.99])
+@pytest.mark.parametrize("aside_m", [0.0, 0.002, 0.02])
+def test_an_arm_that_passes_a_target_too_near_to_brake_for_is_never_doubted(
+    share: float, aside_m: float, speed_mps: float, ramp_mps2: float
+) -> None:
+    """It comes nearer first, and turns round only then."""
+    braking_m = speed_mps**2 / (2.0 * ramp_mps2)
+    assert_never_doubted((aside_m, 0.0, share * braking_m), speed_mps, ramp_mps2)
+
+
+@pytest.mark.parametrize("ramp_mps2", [0.3, 0.5, 3.0])
+def test_an_arm_that_passes_a_target_by_more_than_braking_takes_is_doubted(
+    ramp_mps2: float,
+) -> None:
+    """Told to go 0.1 mm further at 0.25 m/s, it may brake after 0.25 s, and stray by 2 mm."""
+    room_m = 0.25 * 0.25 + 0.25**2 / (2 * ramp_mps2) + 0.002 + 0.0001
+
+    def gone(m: float) -> str:
+        doubt = ArmDoubt(DoubtSettings(arm_jump_m=0.3))
+        rising = at(0.0, 0.0, speed_mps=0.25)
+        assert doubt.see(rising, False) == ""
+        x, y, z = rising.position_m
+        doubt.told(MoveArm((x, y, z + 0.0001), 0.25, ramp_mps2), rising)
+        return doubt.see(at(0.3, m, speed_mps=0.25), False).partition(":")[0]
+
+    assert (gone(room_m - 1e-5), gone(room_m + 1e-5)) == ("", "arm_wrong_way")
 
 
 def test_an_arm_goes_on_as_before_while_what_it_is_told_is_on_its_way() -> None:

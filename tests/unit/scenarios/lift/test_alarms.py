@@ -166,6 +166,18 @@ def test_alarm_that_never_ends_sets_the_object_down_and_lets_nothing_fall() -> N
     assert held
 
 
+@pytest.mark.parametrize("speed_mps", [0.1, 0.25])
+def test_alarm_in_a_rise_that_no_stop_answers_ends_with_the_object_set_down(
+    speed_mps: float,
+) -> None:
+    """It goes down to less than its braking distance above where it is, and passes that first."""
+    words = ("controller.answer=jump", f"controller.lift_speed_mps={speed_mps}",
+             "controller.lift_height_m=0.2")  # fmt: skip
+    controller, _, held = run([(1, ALARM)], *words)
+    assert controller.cap_reached and held
+    assert controller.phase is Phase.DONE
+
+
 @pytest.mark.parametrize("window", [10, 90])
 def test_alarm_may_be_as_old_as_what_the_detector_remembers(window: int) -> None:
     _, ticks, _ = run([(1, ALARM)], f"energy.window={window}")
