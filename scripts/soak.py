@@ -52,7 +52,7 @@ from scenarios.studies.faults.verdict import LET_GO_M
 from scenarios.trial import series
 from scenarios.trial.result import FinishedRun
 from scenarios.trial.series import Bench
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 from scripts.soak_verdict import (
     NOT_OPENED,
     After,

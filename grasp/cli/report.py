@@ -83,16 +83,20 @@ def write_page(run: Path, out: Path | None = None) -> Path:
     """The page of one run, campaign or evaluation. Raises BadFile where it is none, UsageError
     where something else than a page of ours stands in the way."""
     from scenarios.campaign.store import is_database
-    from scenarios.report import campaign_page, evaluation_page, run_page
+    from scenarios.report.campaign_page import campaign_page
     from scenarios.report.page import BEGINS
+    from scenarios.report.run_page import page_path, run_page
 
-    evaluation = run.suffix == EVALUATION
-    kind = campaign_page if is_database(run) else evaluation_page if evaluation else run_page
-    path = out or kind.page_path(run)
+    database, evaluation = is_database(run), run.suffix == EVALUATION
+    path = out or (run.with_suffix(".html") if database or evaluation else page_path(run))
     own_or_new(path, BEGINS)
-    if kind is campaign_page:
-        page = campaign_page.campaign_page(run, path)
+    if database:
+        page = campaign_page(run, path)
+    elif evaluation:
+        from scenarios.report.evaluation_page import evaluation_page  # needs the compiled world
+
+        page = evaluation_page(run)
     else:
-        page = evaluation_page.evaluation_page(run) if evaluation else run_page.run_page(run)
+        page = run_page(run)
     write_whole(path, page.encode(), private=True)
     return path

@@ -6,7 +6,6 @@ import numpy as np
 from drivers.errors import ConfigError
 from drivers.interfaces import PERIOD_S
 from scenarios.acquire.config import AcquireConfig
-from scenarios.rigs.world_of_seed import make_pressed_cell
 
 
 def counts_per_newton(config: AcquireConfig, seed: int) -> float:
@@ -25,6 +24,8 @@ def counts_per_newton(config: AcquireConfig, seed: int) -> float:
 def pressed_gain(config: AcquireConfig, seed: int) -> float:
     """Sum of counts a newton of the simulated fingertip, pressed as hard as it will be: what a
     weight on this very one, tilted as it is, would tell."""
+    from scenarios.rigs.world_of_seed import make_pressed_cell
+
     still = msgspec.structs.replace(
         config.fingertip, wander_mm=0.0, vibration_mm=0.0, sway_mm=0.0, noise_counts=0.0
     )

@@ -14,7 +14,7 @@ from grasp.messages import (
 )
 from scenarios.acquire.press import PressCommand
 from scenarios.acquire.session import Sample
-from scenarios.world.pressed_cell import PressedTruth
+from scenarios.world.truth import PressedTruth
 
 PRESS = "/press"
 

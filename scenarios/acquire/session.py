@@ -2,6 +2,7 @@
 sample, on every rig."""
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -14,7 +15,10 @@ from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.force_calibration import counts_per_newton
 from scenarios.acquire.press import PressCommand, PressController, PressPhase, StrokeMotion
 from scenarios.rigs.rig import PressRig
-from scenarios.world.pressed_cell import PressedCell, PressedTruth
+from scenarios.world.truth import PressedTruth
+
+if TYPE_CHECKING:
+    from scenarios.world.pressed_cell import PressedCell
 
 SHOWN_AFTER = 4  # samples until the arm's state speaks of a command: no wait is cut short by more
 
@@ -32,7 +36,7 @@ class Sample(msgspec.Struct, frozen=True):
 
 
 OnTick = Callable[[Sample], None]
-Script = Callable[[float, PressController, PressedCell | None], None]
+Script = Callable[[float, PressController, "PressedCell | None"], None]
 
 
 class Session:

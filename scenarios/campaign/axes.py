@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from scenarios.campaign.config import RunConfig
-from scenarios.world import contact, laws
+from scenarios.world.contact_settings import GRAVITY_MPS2
 
 MOST_WIDTH_MM = 20.0
 HALVINGS = 40
@@ -54,7 +54,7 @@ def _holds_n(config: RunConfig) -> float:
 
 
 def _least_friction(config: RunConfig) -> float:
-    return _mass_kg(config) * contact.GRAVITY_MPS2 / (2 * config.guard.force_limit_n)
+    return _mass_kg(config) * GRAVITY_MPS2 / (2 * config.guard.force_limit_n)
 
 
 def _rougher(config: RunConfig, kinetic: float) -> list[str]:
@@ -83,7 +83,7 @@ def _quicker(config: RunConfig, speed_mps: float) -> list[str]:
 
 
 def _fastest_mps(config: RunConfig) -> float:
-    most_mps2 = _holds_n(config) / _mass_kg(config) - contact.GRAVITY_MPS2
+    most_mps2 = _holds_n(config) / _mass_kg(config) - GRAVITY_MPS2
     return most_mps2 / _per_speed(config)
 
 
@@ -93,11 +93,13 @@ def _pulled(config: RunConfig, force_n: float) -> list[str]:
 
 
 def _hardest_pull_n(config: RunConfig) -> float:
-    return _holds_n(config) - _mass_kg(config) * contact.GRAVITY_MPS2
+    return _holds_n(config) - _mass_kg(config) * GRAVITY_MPS2
 
 
 def _thumb_n(config: RunConfig, wider_mm: float) -> float:
     """Force at the thumb in the first grasp of an object so much wider a side."""
+    from scenarios.world import contact, laws
+
     p = contact.parameters(config.contact, config.object)
     width_m, _ = laws.width_and_slope(p, 0.0)
     travel = config.hand.m_per_count * np.array(config.object.grip_counts, float)
@@ -135,7 +137,7 @@ AXES = {
         Axis("friction", "friction of the object", "kinetic coefficient", Harder.DOWN,
              lambda c: c.object.friction_kinetic, _rougher, _least_friction),
         Axis("mass", "mass", "kg", Harder.UP,
-             _mass_kg, _heavier, lambda c: _holds_n(c) / contact.GRAVITY_MPS2),
+             _mass_kg, _heavier, lambda c: _holds_n(c) / GRAVITY_MPS2),
         Axis("speed", "arm speed, acceleration with it", "m/s", Harder.UP,
              lambda c: c.controller.lift_speed_mps, _quicker, _fastest_mps),
         Axis("pull", "pull in the hold", "N", Harder.UP,

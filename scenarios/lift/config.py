@@ -2,8 +2,7 @@
 
 from scenarios.lift.scoring import ScoringSettings
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.physics import planned, run_scene
-from scenarios.world.ladder.runs import RunPlan
+from scenarios.world.world_settings import RunPlan
 
 
 class LiftConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -13,4 +12,8 @@ class LiftConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     def physics(self, seed: int) -> RunPlan | None:
         """As ``TrialConfig.physics``; all lifts of an object are alike."""
+        if self.real:
+            return None
+        from scenarios.trial.physics import planned, run_scene
+
         return planned(self, run_scene(self))

@@ -25,7 +25,7 @@ from scenarios.trial.person import Operator, SlipReading, TapeMark
 from scenarios.trial.result import FinishedRun, Wanted, later_ms, named, seconds
 from scenarios.trial.run_folder import Record, check_runs
 from scenarios.trial.series import Bench, Series
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 
 SCENARIO = "lift"
 

@@ -11,9 +11,9 @@ import msgspec
 from msgspec import Meta
 
 from scenarios.trial.person import TapeMark
-from scenarios.world.cell import Truth
 from scenarios.world.contact_settings import GROSS_SLIP_MPS, GROSS_TURN_RADPS
 from scenarios.world.objects import GraspObject
+from scenarios.world.truth import Truth
 
 
 class LiftOutcome(StrEnum):

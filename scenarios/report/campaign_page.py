@@ -66,11 +66,6 @@ class Failed(msgspec.Struct, frozen=True):
     command: str
 
 
-def page_path(file: Path) -> Path:
-    """Where the page of a campaign goes when nobody says: beside it."""
-    return file.with_suffix(".html")
-
-
 def campaign_page(file: Path, out: Path) -> str:
     """The page of a campaign's file, with links from where it will stand; raises BadFile."""
     with CampaignStore.open(file) as store:

@@ -75,11 +75,6 @@ class Shown(msgspec.Struct, frozen=True):
     worst: list[Missed]
 
 
-def page_path(file: Path) -> Path:
-    """Where the page goes when nobody says: beside the file."""
-    return file.with_suffix(".html")
-
-
 def evaluation_page(file: Path) -> str:
     """The page of an evaluation's file; raises BadFile as ``read_evaluation``."""
     told = read_evaluation(file)

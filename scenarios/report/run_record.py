@@ -35,7 +35,7 @@ from grasp.settings import Layer, checked
 from scenarios.campaign.store import CampaignStore
 from scenarios.report.run_settings import scenario_of
 from scenarios.trial.run_folder import RESULT, open_trial
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -19,8 +19,7 @@ from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, RigConfig
 from scenarios.rigs.emulated_cell import CellOrder
 from scenarios.rigs.rig import Stalls
 from scenarios.world.blow import Blow
-from scenarios.world.cell import Truth
-from scenarios.world.pressed_cell import PressedTruth
+from scenarios.world.truth import PressedTruth, Truth
 
 READY_S = 60.0  # compiling the world on a first run included
 POLL_NS = 100_000_000

@@ -9,7 +9,7 @@ from drivers.interfaces import FINGERS, KIT_TAXELS
 from drivers.robotiq.calibration import GripperCalibration
 from drivers.robotiq.driver import DriverSettings as GripperSettings
 from drivers.robotiq.link.modbus import ModbusSettings
-from drivers.robotiq.model.gripper import HandSettings
+from drivers.robotiq.model.hand import HandSettings
 from drivers.takktile.model.board import BoardModelSettings
 from drivers.takktile.settings import TakkTileSettings, UsbSettings
 from drivers.ur.driver import ArmSettings
@@ -20,7 +20,7 @@ from scenarios.rigs.variation import VariationSettings, wider
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.fingertip_settings import FingertipSettings
 from scenarios.world.objects import GraspObject
-from scenarios.world.pressed import FixedSurface, PressSettings
+from scenarios.world.press_settings import FixedSurface, PressSettings
 from scenarios.world.scene_terms import DamageSettings, PullSettings
 from scenarios.world.world_settings import WorldSettings
 

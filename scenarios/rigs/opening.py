@@ -8,11 +8,9 @@ from drivers.errors import ConfigError
 from grasp import interruption
 from scenarios.rigs import open_files
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
-from scenarios.rigs.emulated import emulated
 from scenarios.rigs.hardware import hardware
 from scenarios.rigs.permission import HARDWARE, MotionPermit
 from scenarios.rigs.rig import GraspRig, PressRig, Rig
-from scenarios.rigs.simulated import simulated
 
 
 @contextmanager
@@ -42,8 +40,12 @@ def _open(
     with ExitStack() as stack:
         with interruption.allowed():  # opening may take half a minute
             if config.rig == "simulated":
+                from scenarios.rigs.simulated import simulated
+
                 rig: Rig[Any, Any] = simulated(config, seed, paced)
             elif config.rig == "emulated":
+                from scenarios.rigs.emulated import emulated
+
                 rig = stack.enter_context(emulated(config, seed))
             elif config.rig == HARDWARE:
                 rig = stack.enter_context(hardware(config, permit))

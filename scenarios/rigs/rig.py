@@ -1,7 +1,7 @@
 """A rig: the three devices, their clock, and, where there is a simulation, its truth."""
 
 from collections.abc import Callable, Sequence
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import msgspec
 
@@ -14,8 +14,11 @@ from grasp.loop import Devices
 from scenarios.rigs.calibration import MANUAL, check_claim, choices
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.world.blow import Blow
-from scenarios.world.cell import SimulatedCell, Truth
-from scenarios.world.pressed_cell import PressedCell, PressedTruth
+from scenarios.world.truth import PressedTruth, Truth
+
+if TYPE_CHECKING:  # a rig of real devices has no world, and needs nothing compiled
+    from scenarios.world.cell import SimulatedCell
+    from scenarios.world.pressed_cell import PressedCell
 
 POLL_NS = 100_000_000  # while waiting for activation
 TAKE_OVER_S = 5.0  # within which an active hand says how it is
@@ -30,7 +33,7 @@ STAYS = (
     "hand holds, `grasp gripper open`, then `grasp gripper activate`"
 )
 
-CellT = TypeVar("CellT", SimulatedCell, PressedCell)
+CellT = TypeVar("CellT", "SimulatedCell", "PressedCell")
 TruthT = TypeVar("TruthT", Truth, PressedTruth)
 ConfigT = TypeVar("ConfigT", bound=GraspRigConfig)
 
@@ -79,8 +82,8 @@ class Rig(msgspec.Struct, Generic[CellT, TruthT], frozen=True):
         return None if self.world is None else self.world()
 
 
-GraspRig = Rig[SimulatedCell, Truth]
-PressRig = Rig[PressedCell, PressedTruth]
+GraspRig = Rig["SimulatedCell", Truth]
+PressRig = Rig["PressedCell", PressedTruth]
 
 
 def calibration(config: GraspRigConfig) -> GripperCalibration:

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from drivers.robotiq.model.gripper import HandSettings
+from drivers.robotiq.model.hand import HandSettings
 from scenarios.world.objects import GraspObject
 
 CUT = 2.5  # deviations; no seed draws further

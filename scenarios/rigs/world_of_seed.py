@@ -5,8 +5,8 @@ import numpy as np
 from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.variation import draw
 from scenarios.world.cell import CellSettings, SimulatedCell
-from scenarios.world.contact import Level
 from scenarios.world.pressed_cell import PressedCell, PressedCellSettings
+from scenarios.world.world_settings import Level
 
 
 def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.random.Generator]:

@@ -3,6 +3,7 @@
 import copy
 import math
 from functools import cache
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
@@ -10,11 +11,13 @@ import numpy as np
 from drivers.errors import ConfigError
 from drivers.interfaces import Vector3
 from scenarios.tap.settings import TapSettings
-from scenarios.world import laws
 from scenarios.world.blow import Blow
-from scenarios.world.contact import Contact, Floats, Level, finger_stiffness, parameters
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
+from scenarios.world.world_settings import Level
+
+if TYPE_CHECKING:  # what is compiled is needed for a search, and not by a hand that strikes
+    from scenarios.world.contact import Contact, Floats
 
 MOST_N_S = 2.0
 HALVINGS = 16  # to 0.03 mN s
@@ -87,8 +90,8 @@ def blow_of(
 class Held(msgspec.Struct, frozen=True):
     """The object in the air, settled in a firm grip."""
 
-    contact: Contact
-    travel_m: Floats
+    contact: "Contact"
+    travel_m: "Floats"
 
     def waits(self, since_s: float, for_s: float) -> None:
         """Let time pass."""
@@ -97,6 +100,9 @@ class Held(msgspec.Struct, frozen=True):
 
 def held_at(body: GraspObject, hand: ContactSettings, grip_n: Vector3, level: Level) -> Held:
     """At that grip force, which is what the motors leave once the pads have relaxed."""
+    from scenarios.world import laws
+    from scenarios.world.contact import Contact, finger_stiffness, parameters
+
     contact = Contact(hand, body, level)
     contact.place()
     contact.state[laws.HEIGHT] = 1.0
@@ -111,6 +117,8 @@ def held_at(body: GraspObject, hand: ContactSettings, grip_n: Vector3, level: Le
 
 def moved_by(held: Held, mark_height_m: float, blow: Blow) -> float:
     """Displacement of the tape mark for good, m; infinite if the object was lost."""
+    from scenarios.world import laws
+
     trial = copy.deepcopy(held)
     before, after = held.contact.state, trial.contact.state
     trial.contact.strike(blow, SETTLE_S)

@@ -6,8 +6,7 @@ from scenarios.rigs.variation import CUT
 from scenarios.tap.blows import blow_of, direction_of, nominal_impulse_n_s
 from scenarios.tap.settings import TapScoringSettings, TapSettings
 from scenarios.trial.config import TrialConfig
-from scenarios.trial.physics import planned, run_scene
-from scenarios.world.ladder.runs import RunPlan
+from scenarios.world.world_settings import RunPlan
 
 
 class TapConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -18,6 +17,10 @@ class TapConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     def physics(self, seed: int) -> RunPlan | None:
         """As ``TrialConfig.physics``; all taps of an object in one direction are alike."""
+        if self.real:
+            return None
+        from scenarios.trial.physics import planned, run_scene
+
         tap = self.tap
         direction = direction_of(tap, seed)
         nominal_n_s = nominal_impulse_n_s(

@@ -28,10 +28,11 @@ class Swing(msgspec.Struct, frozen=True):
 
 
 def swing(config: TapConfig, seed: int) -> Swing:
-    """The blow that a seed stands for. Raises ConfigError when no blow moves the object enough."""
+    """The blow that a seed stands for; of a real rig only its wait counts, for a person strikes.
+    Raises ConfigError when no blow moves the object enough."""
     tap = config.tap
     direction = direction_of(tap, seed)
-    nominal_n_s = search(config, direction)
+    nominal_n_s = 0.0 if config.real else search(config, direction)
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(3)[2])
     hand = 1 + tap.spread * float(np.clip(rng.standard_normal(), -CUT, CUT))
     delay, wait = rng.uniform(size=2).tolist()

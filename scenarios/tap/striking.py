@@ -15,7 +15,7 @@ from scenarios.tap.scoring import ObjectMotion
 from scenarios.tap.settings import TapSettings
 from scenarios.trial.person import NEVER_MIND, Operator, read_mark
 from scenarios.world.blow import Blow
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 
 SIDES = {
     "top": "on the TOP, downwards",

@@ -38,7 +38,7 @@ from scenarios.trial.person import Operator
 from scenarios.trial.result import FinishedRun, Wanted, later_ms, named
 from scenarios.trial.run_folder import Record, check_runs
 from scenarios.trial.series import Bench, Series
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 
 SCENARIO = "tap"
 

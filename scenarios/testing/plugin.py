@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from drivers.takktile.emulator.server import BoardServer
     from drivers.takktile.model.board import BoardModel
     from scenarios.rigs.cell_process import CellProcess
-    from scenarios.world.cell import Truth
+    from scenarios.world.truth import Truth
 
 ANSWER_S = 70.0  # a frozen arm answers when it has thawed, after a minute at most
 END_S = 10.0

@@ -40,7 +40,7 @@ from scenarios.rigs.calibration import calibration_layers
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.own_settings import Files, own_layers, rig_layers, says_something
 from scenarios.rigs.permission import HARDWARE
-from scenarios.world.ladder.runs import RunPlan
+from scenarios.world.world_settings import RunPlan
 
 DEFAULT_PROFILE = "default"
 # detectors that are formulas, and their sections

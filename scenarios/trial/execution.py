@@ -30,7 +30,7 @@ from scenarios.trial.ending import End, end_of, happened, remedy_of, stood_still
 from scenarios.trial.feasible import check_arm, check_grip, check_override, check_waits
 from scenarios.trial.result import Bug, Failure, named, phase_entries, timing_result, versions
 from scenarios.trial.trace import Trace
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 
 WORLD = "world"  # beside the devices: the process that emulates them
 STALE, DOUBTED = "stale", "doubted"  # kinds of a failure

@@ -4,16 +4,9 @@ from drivers.errors import ConfigError
 from scenarios.rigs.variation import CUT, wider
 from scenarios.trial.config import TrialConfig
 from scenarios.world.blow import Blow
-from scenarios.world.ladder.runs import (
-    Ranges,
-    RunPlan,
-    RunScene,
-    first_travel,
-    plan_run,
-)
+from scenarios.world.ladder.runs import Ranges, RunScene, first_travel, plan_run
 from scenarios.world.ladder.scene import ArmRise
-
-HARDWARE = "hardware"
+from scenarios.world.world_settings import RunPlan
 
 
 def run_scene(
@@ -47,11 +40,9 @@ def run_scene(
     )
 
 
-def planned(config: TrialConfig, scene: RunScene) -> RunPlan | None:
-    """What the cell of such a trial is built at; None on hardware. Raises ConfigError for a level
-    that cannot do it."""
-    if config.rig == HARDWARE:
-        return None
+def planned(config: TrialConfig, scene: RunScene) -> RunPlan:
+    """What the cell of such a trial is built at. Raises ConfigError for a level that cannot do
+    it."""
     try:
         return plan_run(scene, config.world)
     except ValueError as error:

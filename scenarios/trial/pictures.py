@@ -42,7 +42,7 @@ from grasp.loop import Tick
 from grasp.messages import Write
 from grasp.phases import Phase, PhaseChange
 from scenarios.trial.config import TrialConfig
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 
 LOG, TRANSFORMS, SCENE, FORCES, TAXELS = "/log", "/tf", "/scene", "/forces", "/taxels"
 CHANNELS: dict[str, type[msgspec.Struct]] = {

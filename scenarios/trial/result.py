@@ -22,7 +22,7 @@ from grasp.loop import Timing
 from grasp.phases import PhaseChange
 from scenarios.rigs.rig import Stalls
 from scenarios.trial.ending import End
-from scenarios.world.ladder.runs import RunPlan
+from scenarios.world.world_settings import RunPlan
 
 
 def spelt(outcome: str) -> str:

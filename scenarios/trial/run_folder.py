@@ -25,7 +25,7 @@ from scenarios.trial.config import TrialConfig
 from scenarios.trial.execution import REPORT, FinishedTrial, Watch
 from scenarios.trial.pictures import Pictures
 from scenarios.trial.result import Bug, Failure, FinishedRun, ResultT, Wanted, versions
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 
 RECORDING = "recording.mcap"
 RESULT = "result.json"

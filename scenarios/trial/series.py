@@ -19,7 +19,7 @@ from scenarios.trial.ending import between_trials
 from scenarios.trial.execution import DOUBTED, INTERRUPTED, STALE, OnTick, Watch
 from scenarios.trial.person import Operator, place_object
 from scenarios.trial.result import Failure, FinishedRun, ResultT, Wanted
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 
 MOST_AGAIN = 3  # times that a person is asked for the same trial anew
 NEAR_M = 0.005  # from there the arm goes to the first trial's home by itself; assumed

@@ -4,7 +4,7 @@ from drivers.interfaces import Counts3, Vector3
 from grasp.fingertip_doubt import at_rail
 from grasp.loop import Issued, Tick
 from grasp.phases import AIRBORNE_PHASES, LOWERING_PHASES, Phase
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 
 
 class Trace:

@@ -19,12 +19,14 @@ from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world import laws
 from scenarios.world.blow import Blow
-from scenarios.world.contact import FINGERS, Contact, Floats, Level, PadFrames, held_radps
+from scenarios.world.contact import FINGERS, Contact, Floats, PadFrames, held_radps
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.fingertip import Codes, Fingertips, Held
 from scenarios.world.fingertip_settings import FingertipSettings, Surface, in_a_grasp
 from scenarios.world.objects import GraspObject
 from scenarios.world.scene_terms import Damage, DamageSettings, Pull, PullSettings
+from scenarios.world.truth import Truth
+from scenarios.world.world_settings import Level
 
 EXCHANGE_NS = 1_000_000
 SIDES = np.array([1.0, -1.0, -1.0])  # of the object: the thumb presses against the other two
@@ -47,9 +49,6 @@ class CellSettings(msgspec.Struct, frozen=True, kw_only=True):
     blow_level: Level | None = None  # while a blow moves the object; None: the same
 
 
-NOTHING_N = 1e-6  # less than this is what rounding leaves of a contact
-
-
 class PadPress(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A person's finger on one pad of an open hand, who wants to know which taxel answers."""
 
@@ -65,33 +64,6 @@ class LaidWeight(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
     finger: Literal["A", "B", "C"]
     newtons: Annotated[float, Meta(ge=0.0, le=50.0)]
-
-
-class Truth(msgspec.Struct, frozen=True):
-    """What only a simulation knows. Times in seconds since the cell began, None = not yet."""
-
-    t_ns: int
-    height_m: float
-    speed_mps: float
-    slip_distance_m: float
-    slip_speed_mps: float
-    normal_n: Vector3
-    shear_n: Vector3
-    peak_n: Vector3
-    slip_onset_s: float | None
-    force_rise_s: float | None
-    flank_slope: float  # of the surface at the pads' last contact; negative: narrowing upwards
-    across_m: float = 0.0  # of the object, across the closing axis, relative to the fingertips
-    struck_s: float | None = None  # beginning of the last blow
-    moved_from_s: float | None = None  # gross slip since that blow: its first instant
-    moved_until_s: float | None = None  # and its last one so far
-    turn_rad: float = 0.0  # in the hand, about the closing axis, from across to upwards
-    turn_speed_radps: float = 0.0  # while the object turns about at most one pad that holds on
-
-    @property
-    def touched(self) -> bool:
-        """Whether a finger bears anything: an open hand bears what is left by rounding."""
-        return max(self.normal_n) > NOTHING_N
 
 
 class SimulatedCell:

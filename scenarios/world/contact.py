@@ -5,7 +5,6 @@ state that belongs together.
 """
 
 import math
-from enum import IntEnum
 from typing import Self
 
 import msgspec
@@ -13,12 +12,13 @@ import numpy as np
 
 from scenarios.world import laws
 from scenarios.world.blow import Blow
-from scenarios.world.contact_settings import ContactSettings
-from scenarios.world.laws import FINGERS, GRAVITY_MPS2, Floats
+from scenarios.world.contact_settings import GRAVITY_MPS2, ContactSettings
+from scenarios.world.laws import FINGERS, Floats
 from scenarios.world.objects import GraspObject
 from scenarios.world.scene_terms import PullSettings
+from scenarios.world.world_settings import Level
 
-__all__ = ["FINGERS", "GRAVITY_MPS2", "Contact", "Floats", "Level", "parameters"]
+__all__ = ["FINGERS", "GRAVITY_MPS2", "Contact", "Floats", "parameters"]
 
 RAMP_S, FOREVER_S = 1e-3, 1e6  # of a push, which is all there when it begins
 BRUSH_POINTS = 6  # a side of a pad
@@ -28,21 +28,6 @@ SQUARE_SPIN = float((np.sqrt(2.0) + np.log(1.0 + np.sqrt(2.0))) / 3.0)
 # than half a swing on the pads; creeping on at that speed it would turn by 0.5 deg in ten seconds.
 REST_SHARE, REST_S = 5e-3, 0.5
 _DIRECTIONS = {"top": laws.TOP, "side": laws.SIDE, "closing": laws.CLOSING}
-
-
-class Level(IntEnum):
-    """The rungs, from the cheapest to the reference."""
-
-    RIGID = 0
-    SLIDER = 1
-    POINTS = 2
-    SPIN = 3
-    BRUSH = 4
-
-    @property
-    def label(self) -> str:
-        """As a setting names it."""
-        return f"L{int(self)}"
 
 
 def finger_stiffness(contact: ContactSettings, body: GraspObject) -> float:

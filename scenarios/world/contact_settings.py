@@ -5,6 +5,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+GRAVITY_MPS2 = 9.81
 GROSS_SLIP_MPS = 0.003  # paper, section III-B: the bound of the label `slip`
 GROSS_TURN_RADPS = 0.2  # and of that label in rotation
 

@@ -30,7 +30,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-GRAVITY_MPS2 = 9.81
+from scenarios.world.contact_settings import GRAVITY_MPS2
+
 FINGERS = 3
 Floats = NDArray[np.float64]
 

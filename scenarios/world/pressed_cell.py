@@ -11,7 +11,9 @@ from drivers.interfaces import FINGERS, PERIOD_NS
 from drivers.takktile.model.board import BoardModel, BoardModelSettings
 from drivers.ur.model import ArmModel, ArmModelSettings
 from scenarios.world.fingertip_settings import FingertipSettings
-from scenarios.world.pressed import FixedSurface, PressedPad, PressSettings
+from scenarios.world.press_settings import FixedSurface, PressSettings
+from scenarios.world.pressed import PressedPad
+from scenarios.world.truth import PressedTruth
 
 STROKE_MPS, STROKE_RADPS = (
     0.001,
@@ -30,16 +32,6 @@ class PressedCellSettings(msgspec.Struct, frozen=True, kw_only=True):
     board: BoardModelSettings
     arm: ArmModelSettings
     finger: int  # which of the three is pressed
-
-
-class PressedTruth(msgspec.Struct, frozen=True):
-    """What only a simulation knows, at the board's latest sample."""
-
-    t_ns: int
-    normal_n: float
-    contact_speed_mps: float  # surface against pad, mean of the last SPAN_S or a little more
-    contact_turn_radps: float
-    sliding_share: float
 
 
 class PressedCell:

@@ -1,13 +1,27 @@
-"""How much physics a run is asked for."""
+"""How much physics a run is asked for, and gets."""
 
+from enum import IntEnum
 from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
-from scenarios.world.contact import Level
-
 AUTO = "auto"
+
+
+class Level(IntEnum):
+    """The rungs, from the cheapest to the reference."""
+
+    RIGID = 0
+    SLIDER = 1
+    POINTS = 2
+    SPIN = 3
+    BRUSH = 4
+
+    @property
+    def label(self) -> str:
+        """As a setting names it."""
+        return f"L{int(self)}"
 
 
 def level_named(label: str) -> Level:
@@ -59,3 +73,19 @@ class WorldSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     def from_blow_on(self) -> Level | None:
         """The level of a blow; None: nobody said."""
         return None if self.blow_level == "same" else level_named(self.blow_level)
+
+
+class RunPlan(msgspec.Struct, frozen=True, kw_only=True):
+    """What the cell of a run is built at, and why. ``asked``, ``blow_asked``: as the settings say
+    it, auto and same where nobody told a level."""
+
+    level: str
+    step_s: float
+    blow_level: str  # while a blow moves the object
+    blow_step_s: float
+    asked: str
+    blow_asked: str = "same"
+    tolerance_m: float
+    tolerance_rad: float
+    tolerance_n: float  # on the peak force of a finger
+    why: tuple[str, ...] = ()  # of the corners that decided, in the planner's words

@@ -12,13 +12,14 @@ import pytest
 from grasp.settings import names
 from scenarios.studies.physics import mujoco_hand
 from scenarios.studies.physics.mujoco_hand import Assumed, Beyond, Freedom, Motion, Solver
-from scenarios.world.contact import GRAVITY_MPS2, Level
+from scenarios.world.contact import GRAVITY_MPS2
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder import experiments
 from scenarios.world.ladder.experiments import SceneSettings, World
 from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.scene import Scene
 from scenarios.world.objects import GraspObject
+from scenarios.world.world_settings import Level
 from tests.unit.scenarios.conftest import config
 
 LIMITS = 1.0, 2.0, 0.5  # slip, mm; rotation, deg; peak force, N: what a planner may be asked for

@@ -6,9 +6,9 @@ from typing import Any
 import msgspec
 import pytest
 
-from scenarios.world.contact import Level
 from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.scene import Scene
+from scenarios.world.world_settings import Level
 from tests.unit.scenarios.world.ladder.ladder_scenes import SOFT, changed, lift
 
 STEP_S = 2e-5

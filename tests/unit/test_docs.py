@@ -13,7 +13,7 @@ from scenarios.tap.result import Alarm, TapResult
 from scenarios.tap.scoring import TapOutcome
 from scenarios.trial.ending import End
 from scenarios.trial.result import Bug, PhaseEntry, TimingResult, TrialResult
-from scenarios.world.ladder.runs import RunPlan
+from scenarios.world.world_settings import RunPlan
 
 ROOT = Path(__file__).parents[2]
 

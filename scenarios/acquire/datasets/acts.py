@@ -18,7 +18,8 @@ from scenarios.acquire.datasets.bench import Bench, pressed
 from scenarios.tap.blows import MOST_N_S
 from scenarios.tap.settings import TapSettings
 from scenarios.world.blow import Blow
-from scenarios.world.cell import SimulatedCell, Truth
+from scenarios.world.cell import SimulatedCell
+from scenarios.world.truth import Truth
 
 Kind = Literal["near", "mallet", "weak", "elastic", "shove", "touch", "pull", "drag", "shake"]
 Direction = Literal["top", "side", "closing"]

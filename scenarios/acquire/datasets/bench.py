@@ -12,9 +12,10 @@ from scenarios.tap.blows import AFTER_S, MOST_N_S, SETTLE_S, Held, blow_of, held
 from scenarios.tap.settings import TapSettings
 from scenarios.world import laws
 from scenarios.world.blow import Blow
-from scenarios.world.contact import GRAVITY_MPS2, Level
+from scenarios.world.contact import GRAVITY_MPS2
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
+from scenarios.world.world_settings import Level
 
 # Drawn evenly between these bounds, of a recording's blows; assumed.
 DURATIONS_S, FOLLOWS, FOLLOWS_S = (0.004, 0.015), (0.0, 0.2), (0.02, 0.06)

@@ -21,7 +21,7 @@ from grasp.settings import UNSEEN, load, named_layer, names, thing_layer
 from scenarios.world import contact, laws
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject, Name
-from scenarios.world.pressed import FixedSurface
+from scenarios.world.press_settings import FixedSurface
 
 Range = tuple[float, float]
 MARGIN = 0.35  # as the can and the box are apart, the two most alike of the six

@@ -30,8 +30,9 @@ from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.trial.config import trial_layers
 from scenarios.trial.execution import make_guard, run_trial
-from scenarios.world.cell import SimulatedCell, Truth
+from scenarios.world.cell import SimulatedCell
 from scenarios.world.contact import PadFrames
+from scenarios.world.truth import Truth
 
 GraspedCause = Literal[
     "grasped_closing_and_tightening", "grasped_lift_acceleration", "grasped_uneven_load",

@@ -16,7 +16,7 @@ from scenarios.report.run_decision import bound_of
 from scenarios.report.run_record import Told
 from scenarios.trial.config import TrialConfig
 from scenarios.trial.pictures import taxel_places
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 
 Values = list[float | None]
 Columns = list[tuple[str, int]]

@@ -24,9 +24,9 @@ from scenarios.rigs.rig import GraspRig
 from scenarios.rigs.workers import Workers, results
 from scenarios.rigs.world_of_seed import cell_settings
 from scenarios.trial.execution import make_controller, make_guard
-from scenarios.world.cell import Truth
 from scenarios.world.contact import GRAVITY_MPS2
 from scenarios.world.contact_settings import GROSS_SLIP_MPS
+from scenarios.world.truth import Truth
 
 AIR_M = 0.005  # off the table
 FEASIBLE = 0.95  # of the force limit: what more than that is asked of, no answer holds

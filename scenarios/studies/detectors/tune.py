@@ -17,7 +17,7 @@ from scenarios.acquire.datasets.bodies import body_ranges, draw_object
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.trial.execution import make_guard, run_trial
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 
 STICKY = 4.0  # friction with which no grasp of any object here lets it slip
 FIRST_SEED = 1_000_000  # tuning seeds are kept apart from those of trials

@@ -36,7 +36,8 @@ from scenarios.studies.faults.wires import (
 )
 from scenarios.trial.ending import End
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
-from scenarios.world.cell import SimulatedCell, Truth
+from scenarios.world.cell import SimulatedCell
+from scenarios.world.truth import Truth
 
 LATER_NS, STEP_NS = 1_500_000_000, 50_000_000  # all that was still under way has ended by then
 OFF_TABLE_M = 0.001

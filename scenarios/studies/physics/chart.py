@@ -12,10 +12,11 @@ import numpy as np
 from grasp.files import save_figure
 from scenarios.studies.physics import mujoco_scene, yardsticks
 from scenarios.studies.physics.yardsticks import CostPoint, Runner
-from scenarios.world.contact import Floats, Level
+from scenarios.world.contact import Floats
 from scenarios.world.ladder import reference
 from scenarios.world.ladder.comparators import Method
 from scenarios.world.ladder.scene import Scene
+from scenarios.world.world_settings import Level
 
 STEPS_S = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)
 MUJOCO_STEPS_S = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4)

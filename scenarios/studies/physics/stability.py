@@ -10,10 +10,11 @@ import numpy as np
 from grasp.files import save_figure
 from scenarios.studies.physics import yardsticks
 from scenarios.studies.physics.yardsticks import Runner
-from scenarios.world.contact import Floats, Level
+from scenarios.world.contact import Floats
 from scenarios.world.ladder import reference
 from scenarios.world.ladder.comparators import Method
 from scenarios.world.ladder.scene import Scene
+from scenarios.world.world_settings import Level
 
 FORCE_N = 20.0  # sum of the normal forces after closing
 DAMPING_RATIO = 0.2  # of the object on its pads, at every stiffness; 0.2 at 8 kN/m and 12 N s/m

@@ -8,13 +8,14 @@ import msgspec
 import numpy as np
 
 from scenarios.world.blow import Blow
-from scenarios.world.contact import Floats, Level, finger_stiffness
+from scenarios.world.contact import Floats, finger_stiffness
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder import comparators, reference
 from scenarios.world.ladder.comparators import Method
 from scenarios.world.ladder.levels import SceneOutcome, simulate
 from scenarios.world.ladder.scene import ArmRise, Closing, Grip, Scene, Vibration, squeeze
 from scenarios.world.objects import GraspObject
+from scenarios.world.world_settings import Level
 
 PADS = ContactSettings(shear_stiffness_npm=7000.0, relaxation_fraction=0.0)
 BODY = GraspObject(

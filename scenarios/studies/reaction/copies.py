@@ -26,8 +26,9 @@ from scenarios.rigs.opening import open_rig
 from scenarios.rigs.workers import Workers, results
 from scenarios.rigs.world_of_seed import cell_settings
 from scenarios.trial.execution import make_controller, make_guard, make_loop, run_trial
-from scenarios.world.cell import SimulatedCell, Truth
+from scenarios.world.cell import SimulatedCell
 from scenarios.world.objects import GraspObject
+from scenarios.world.truth import Truth
 
 SEARCH_S = 3.0  # gross slip that has not set in by then never does: the arm is at the top
 SETTLE_S = 0.5  # at the top, before it is judged

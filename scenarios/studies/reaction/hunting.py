@@ -18,7 +18,7 @@ from msgspec import Meta
 from numba import njit
 from numpy.typing import NDArray
 
-from drivers.robotiq.model.gripper import HandSettings
+from drivers.robotiq.model.hand import HandSettings
 from scenarios.trial.config import TrialConfig
 
 RATCHET, LOOSENING, REGRASP = range(3)

@@ -10,11 +10,12 @@ from enum import IntEnum
 import numpy as np
 from numba import njit
 
-from scenarios.world.contact import GRAVITY_MPS2, Floats, Level
+from scenarios.world.contact import GRAVITY_MPS2, Floats
 from scenarios.world.ladder import drive as tables
 from scenarios.world.ladder import rigid
 from scenarios.world.ladder.levels import SceneOutcome, outcome
 from scenarios.world.ladder.scene import Scene
+from scenarios.world.world_settings import Level
 
 STRIBECK_MPS = (
     1e-3  # LuGre: speed at which static friction has given way; physics of the comparison

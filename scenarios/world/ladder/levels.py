@@ -8,7 +8,6 @@ from scenarios.world.contact import (
     BRUSH_POINTS,
     FINGERS,
     Floats,
-    Level,
     elements,
     initial_state,
     let_along,
@@ -17,6 +16,7 @@ from scenarios.world.contact import (
 from scenarios.world.ladder import rigid
 from scenarios.world.ladder.drive import Drive, drive
 from scenarios.world.ladder.scene import Scene
+from scenarios.world.world_settings import Level
 
 
 class SceneOutcome(msgspec.Struct, frozen=True):

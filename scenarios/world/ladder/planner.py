@@ -18,7 +18,6 @@ from scenarios.world.contact import (
     GRAVITY_MPS2,
     SQUARE_SPIN,
     Floats,
-    Level,
     finger_places,
     parameters,
 )
@@ -26,6 +25,7 @@ from scenarios.world.ladder.drive import UP, tap_wrench
 from scenarios.world.ladder.levels import SceneOutcome, admits_rigid, simulate
 from scenarios.world.ladder.rigid import press
 from scenarios.world.ladder.scene import Scene
+from scenarios.world.world_settings import Level
 
 # The first four from 160 random scenes (seed 7) that no figure of docs/physics.md comes from.
 COARSE_POINTS = 3  # brush points a side that confirm L3

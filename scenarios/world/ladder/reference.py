@@ -14,11 +14,12 @@ import numpy as np
 from numba import njit
 
 from scenarios.world import laws
-from scenarios.world.contact import GRAVITY_MPS2, Floats, Level, elements
+from scenarios.world.contact import GRAVITY_MPS2, Floats, elements
 from scenarios.world.ladder import rigid
 from scenarios.world.ladder.drive import tap_wrench
 from scenarios.world.ladder.levels import SceneOutcome, outcome
 from scenarios.world.ladder.scene import Scene
+from scenarios.world.world_settings import Level
 
 LEAST_STEP_S = 1e-9
 DORMAND_PRINCE = np.array([

@@ -14,14 +14,14 @@ import msgspec
 from msgspec import Meta
 
 from scenarios.world.blow import Blow
-from scenarios.world.contact import GRAVITY_MPS2, Level, finger_stiffness
+from scenarios.world.contact import GRAVITY_MPS2, finger_stiffness
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.planner import MODEL_SHARE, Plan, Tolerance, choose, gap
 from scenarios.world.ladder.scene import ArmRise, Closing, Grip, Scene, Three, Vibration, squeeze
 from scenarios.world.objects import GraspObject
 from scenarios.world.scene_terms import PullSettings
-from scenarios.world.world_settings import WorldSettings
+from scenarios.world.world_settings import Level, RunPlan, WorldSettings
 
 LIFT_S, FIRM_S, TAP_S, STRUCK_S, SETTLES_S, SHAKEN_S = 1.6, 0.6, 0.4, 0.02, 0.1, 1.0
 DECIDED_S = 1.0  # after so long a pull the object is lost, or stands
@@ -171,22 +171,6 @@ class RunScene(msgspec.Struct, frozen=True, kw_only=True):
             name=name, duration_s=seconds, body=body, contact=self.contact,
             mark_height_m=self.mark_height_m, **terms,
         )  # fmt: skip
-
-
-class RunPlan(msgspec.Struct, frozen=True, kw_only=True):
-    """What the cell of a run is built at, and why. ``asked``, ``blow_asked``: as the settings say
-    it, auto and same where nobody told a level."""
-
-    level: str
-    step_s: float
-    blow_level: str  # while a blow moves the object
-    blow_step_s: float
-    asked: str
-    blow_asked: str = "same"
-    tolerance_m: float
-    tolerance_rad: float
-    tolerance_n: float  # on the peak force of a finger
-    why: tuple[str, ...] = ()  # of the corners that decided, in the planner's words
 
 
 class _Chosen(msgspec.Struct, frozen=True):

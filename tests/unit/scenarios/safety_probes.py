@@ -25,7 +25,7 @@ from scenarios.tap.result import Alarm
 from scenarios.tap.scoring import ObjectMotion, TapFacts, TapOutcome, verdict
 from scenarios.tap.settings import TapScoringSettings
 from scenarios.trial.execution import grip_plan, make_step
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 from tests.unit.grasp.builders import arm
 from tests.unit.scenarios.conftest import Staged, config
 

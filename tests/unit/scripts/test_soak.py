@@ -14,7 +14,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 from scripts import soak
 from scripts.soak import Fate
 from scripts.soak_verdict import (

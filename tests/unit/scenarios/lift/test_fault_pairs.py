@@ -16,7 +16,7 @@ from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import Rig
 from scenarios.trial.ending import End
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 from tests.unit.scenarios.conftest import HAND_ALONE, config
 from tests.unit.scenarios.lift import device_faults as fault
 from tests.unit.scenarios.lift.test_faults import FAULTS as LINK_FAULTS

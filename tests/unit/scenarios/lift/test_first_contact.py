@@ -15,8 +15,8 @@ from scenarios.lift.result import LiftResult
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial.execution import make_guard, run_trial
-from scenarios.world.cell import Truth
 from scenarios.world.contact import initial_state
+from scenarios.world.truth import Truth
 from tests.unit.scenarios.conftest import HAND_ALONE, Staged, config, in_phase
 from tests.unit.scenarios.lift import device_faults as fault
 

@@ -13,7 +13,7 @@ from scenarios.lift.config import LiftConfig
 from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 from tests.unit.scenarios.conftest import EAGER, HAND_ALONE, RIGID
 from tests.unit.scenarios.lift.test_asked_again import lose_stops
 

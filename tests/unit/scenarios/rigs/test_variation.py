@@ -10,7 +10,7 @@ from drivers.errors import ConfigError
 from scenarios.rigs.variation import Draw, VariationSettings, draw
 from scenarios.rigs.world_of_seed import cell_settings, make_cell
 from scenarios.world import laws
-from scenarios.world.contact import Level
+from scenarios.world.world_settings import Level
 from tests.unit.scenarios.conftest import config
 
 MANY = 2000

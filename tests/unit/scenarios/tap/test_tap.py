@@ -28,8 +28,7 @@ from scenarios.trial.run_folder import RUN_CHANNELS
 from scenarios.trial.series import Bench
 from scenarios.world import laws
 from scenarios.world.cell import Blow
-from scenarios.world.contact import Level
-from scenarios.world.ladder.runs import RunPlan
+from scenarios.world.world_settings import Level, RunPlan
 from tests.unit.scenarios.conftest import phases_but_landing
 
 HELD = "tap.impulse_n_s=0.02"  # well within the friction of the grip

@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenarios.world import laws
-from scenarios.world.contact import Floats, Level, elements, initial_state, parameters
+from scenarios.world.contact import Floats, elements, initial_state, parameters
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
+from scenarios.world.world_settings import Level
 
 COUNT_M = 0.00077
 

@@ -14,7 +14,6 @@ from scenarios.world.contact import (
     FINGERS,
     Contact,
     Floats,
-    Level,
     PadFrames,
     elements,
     initial_state,
@@ -24,6 +23,7 @@ from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder import rigid
 from scenarios.world.ladder.scene import squeeze
 from scenarios.world.scene_terms import PullSettings
+from scenarios.world.world_settings import Level
 from tests.unit.scenarios.world.ladder import ladder_scenes
 from tests.unit.scenarios.world.test_contact import body, lift, travel
 

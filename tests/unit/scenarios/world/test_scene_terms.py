@@ -8,9 +8,10 @@ import pytest
 from scenarios.lift import lift
 from scenarios.rigs.variation import VariationSettings, draw
 from scenarios.world import laws
-from scenarios.world.contact import Contact, Level
+from scenarios.world.contact import Contact
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.scene_terms import Damage, DamageSettings, Pull, PullSettings
+from scenarios.world.world_settings import Level
 from tests.unit.scenarios.conftest import config, judged
 from tests.unit.scenarios.world.test_contact import body
 

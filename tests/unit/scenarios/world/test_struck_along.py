@@ -12,7 +12,6 @@ from scenarios.world.blow import Blow
 from scenarios.world.contact import (
     Contact,
     Floats,
-    Level,
     finger_stiffness,
     initial_state,
     let_along,
@@ -20,6 +19,7 @@ from scenarios.world.contact import (
 )
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder.scene import squeeze
+from scenarios.world.world_settings import Level
 from tests.unit.scenarios.world.test_contact import body
 
 MASS_KG = 0.4

@@ -22,7 +22,7 @@ from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import Rig
 from scenarios.trial import series
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 
 QUICK = (
     "hand.activation_s=0.5",

@@ -15,7 +15,7 @@ from scenarios.rigs.opening import open_rig
 from scenarios.rigs.permission import MotionPermit
 from scenarios.rigs.rig import Rig
 from scenarios.trial import series
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 from tests.wire.scenarios.cell.staged import QUICK
 
 AT_PACE = ("controller.lower_speed_mps=0.05", "controller.phase_timeout_s=5")

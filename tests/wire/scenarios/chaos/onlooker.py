@@ -13,7 +13,7 @@ import msgspec
 from drivers.errors import LinkLost
 from scenarios.rigs.cell_control import ControlClient
 from scenarios.rigs.emulated_cell import OPEN_M
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 
 LOOK_S = 0.05
 LATER_S, MOMENT_S = 1.5, 0.5  # after the end; what moves during the moment that follows is found

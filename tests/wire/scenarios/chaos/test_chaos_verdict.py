@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 from tests.wire.scenarios.chaos.one_lift import Ended, config, stated_s
 from tests.wire.scenarios.chaos.onlooker import Left, Look, left
 from tests.wire.scenarios.chaos.plans import Trouble

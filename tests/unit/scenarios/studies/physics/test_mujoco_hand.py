@@ -7,9 +7,9 @@ import pytest
 
 from scenarios.studies.physics import mujoco_hand
 from scenarios.studies.physics.mujoco_hand import Beyond, Freedom
-from scenarios.world.contact import Level
 from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.scene import Scene, Vibration
+from scenarios.world.world_settings import Level
 from tests.unit.scenarios.world.ladder.ladder_scenes import held, tap
 
 pytest.importorskip("mujoco", reason="MuJoCo is not installed (extra `dev`)")

@@ -6,10 +6,11 @@ from collections.abc import Callable, Sequence
 import msgspec
 import numpy as np
 
-from scenarios.world.contact import Floats, Level
+from scenarios.world.contact import Floats
 from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.planner import Tolerance, plan, reference
 from scenarios.world.ladder.scene import Scene
+from scenarios.world.world_settings import Level
 
 TRUTH_STEP_S, TRUTH_POINTS = 2e-4, 12  # extrapolated from this step and its half
 WARM = 20  # plans: enough of them to come by every level

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from scenarios.world.contact import Level
 from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.scene import Scene, Vibration
+from scenarios.world.world_settings import Level
 from tests.unit.scenarios.world.ladder import ladder_batch as batch
 from tests.unit.scenarios.world.ladder.ladder_scenes import SOFT, body, changed, held, lift, tap
 

@@ -7,18 +7,13 @@ import numpy as np
 import pytest
 
 from scenarios.world import laws
-from scenarios.world.contact import (
-    GRAVITY_MPS2,
-    Level,
-    elements,
-    initial_state,
-    parameters,
-)
+from scenarios.world.contact import GRAVITY_MPS2, elements, initial_state, parameters
 from scenarios.world.ladder import comparators
 from scenarios.world.ladder.comparators import Method
 from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.reference import adaptive, explicit
 from scenarios.world.ladder.scene import Closing, Grip, Scene, Vibration, squeeze
+from scenarios.world.world_settings import Level
 from tests.unit.scenarios.world.ladder.ladder_scenes import SOFT, body, changed, held, lift, tap
 
 CONE_N = 0.5 * 20.0  # of `held`

@@ -6,12 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenarios.world import laws
-from scenarios.world.contact import GRAVITY_MPS2, Level
+from scenarios.world.contact import GRAVITY_MPS2
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder import rigid
 from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.reference import adaptive
 from scenarios.world.ladder.scene import Closing, Grip, Scene, squeeze
+from scenarios.world.world_settings import Level
 from tests.unit.scenarios.world.ladder.ladder_scenes import SOFT, body, changed, held, lift, tap
 
 AWAY = {"centre_aside_m": -0.004, "centre_above_m": 0.02}

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.world.contact import Level
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder.experiments import SCENES, World
 from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.planner import Tolerance, indicators, plan
 from scenarios.world.ladder.scene import Vibration
+from scenarios.world.world_settings import Level
 from tests.unit.scenarios.world.ladder.ladder_scenes import body, held, lift, tap
 from tests.unit.scenarios.world.ladder.planner_report import scenes_of, truth
 from tests.unit.scenarios.world.ladder.random_scenes import random_lift, random_tap

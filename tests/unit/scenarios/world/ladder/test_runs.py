@@ -7,14 +7,14 @@ import pytest
 from scenarios.trial.physics import run_scene
 from scenarios.world import laws
 from scenarios.world.blow import Blow
-from scenarios.world.contact import Level, initial_state
+from scenarios.world.contact import initial_state
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.ladder.drive import drive, pull_force
 from scenarios.world.ladder.levels import simulate
 from scenarios.world.ladder.runs import Ranges, RunScene, asked_of, plan_run
 from scenarios.world.ladder.scene import ArmRise, squeeze
 from scenarios.world.scene_terms import PullSettings
-from scenarios.world.world_settings import WorldSettings
+from scenarios.world.world_settings import Level, WorldSettings
 from tests.unit.scenarios.conftest import config as trial_config
 from tests.unit.scenarios.world.ladder.ladder_scenes import body
 

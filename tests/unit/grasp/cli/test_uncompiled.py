@@ -1,0 +1,104 @@
+"""Commands of a lab's devices work where nothing can be compiled, or kept once it is."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[4]
+NOBODY = "127.9.8.7"  # nothing listens there
+LAB = f"""\
+[gripper]
+calibration = "paper"
+[calibration]
+pressed_bytes = [0]
+presses = 10
+[modbus]
+host = "{NOBODY}"
+port = 9
+[usb]
+url = "tcp://{NOBODY}:9"
+[ur]
+host = "{NOBODY}"
+"""
+STOP = ("arm stop", 3, f"dashboard at {NOBODY}")
+RELEASE = ("release --rig hardware --confirm-motion", 3, f"the gripper at {NOBODY}:9")
+COMMANDS = [
+    ("arm stop --help", 0, ""),
+    STOP,
+    ("arm status", 3, f"arm at {NOBODY}"),
+    ("arm step --z 1 --confirm-motion", 3, f"arm at {NOBODY}"),
+    ("gripper status", 3, f"the gripper at {NOBODY}:9"),
+    ("gripper open --confirm-motion", 3, f"the gripper at {NOBODY}:9"),
+    ("gripper activate --empty --confirm-motion", 3, f"the gripper at {NOBODY}:9"),
+    ("gripper close --confirm-motion", 3, NOBODY),
+    RELEASE,
+    ("tactile rest", 3, NOBODY),
+    ("run lift --rig hardware --confirm-motion --runs {folder}", 3, NOBODY),
+]
+WITHOUT_COMPILER = """
+import json, sys
+sys.modules["numba"] = None  # whoever imports it raises
+from grasp.cli.main import main
+for command in json.loads(sys.argv[1]):
+    print(">>>", flush=True, file=sys.stderr)
+    try:
+        code = main(command)
+    except SystemExit as left:  # argparse, once it has told its help
+        code = left.code
+    print("exit", code, flush=True, file=sys.stderr)
+"""
+NOTHING_KEPT = {
+    "HOME": "/nonexistent",
+    "NUMBA_CACHE_DIR": "/dev/null/cache",
+    "NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator",  # nor beside the sources
+}
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Path:
+    file = tmp_path / "lab.toml"
+    file.write_text(LAB)
+    return file
+
+
+def words_of(command: str, lab: Path) -> list[str]:
+    of_lab = [] if "--help" in command else ["--config", str(lab)]
+    return [*command.format(folder=lab.parent / "runs").split(), *of_lab]
+
+
+def python(*arguments: str, **environment: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, "-c", *arguments],
+        env={**os.environ, "PYTHONPATH": str(ROOT), **environment}, stdin=subprocess.DEVNULL,
+        capture_output=True, text=True, check=False, timeout=100,
+    )  # fmt: skip
+
+
+def test_a_command_of_devices_imports_nothing_that_compiles(lab: Path) -> None:
+    commands = [words_of(command, lab) for command, _, _ in COMMANDS]
+    done = python(WITHOUT_COMPILER, json.dumps(commands))
+    told = done.stderr.split(">>>\n")[1:]
+    assert len(told) == len(COMMANDS), done.stderr
+    for (command, code, problem), text in zip(COMMANDS, told, strict=True):
+        assert text.endswith(f"exit {code}\n") and problem in text, (command, text)
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "problem"),
+    [
+        STOP, RELEASE,
+        ("run lift --rig simulated --runs {folder}", 2, "compiled functions cannot be kept"),
+    ],
+)  # fmt: skip
+def test_only_a_simulated_world_needs_a_place_for_what_is_compiled(
+    command: str, code: int, problem: str, lab: Path
+) -> None:
+    main = "import sys; from grasp.cli.main import main; sys.exit(main())"
+    if "simulated" in command:
+        lab.write_text("[controller]\nhold_s = 0.3\n")
+    done = python(main, *words_of(command, lab), **NOTHING_KEPT)
+    assert (done.returncode, problem in done.stderr) == (code, True), done.stderr
