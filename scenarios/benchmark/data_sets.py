@@ -12,18 +12,13 @@ import msgspec
 
 from detector.recordings import SUFFIX, Recording, Split, read, read_dataset
 from drivers.errors import BadFile, UsageError
-from grasp.settings import file_of
 from scenarios.acquire.datasets.build import INDEX
 from scenarios.acquire.datasets.collect import SAMPLES
-from scenarios.acquire.datasets.plan import SEEDS, load_dataset_config
 
 RECORDINGS = f"[!.]*{SUFFIX}"  # one that begins with a dot is still being written
 MCAP = ".mcap"
 GO_ON = "`grasp dataset build` goes on with it"
 Tell = Callable[[str], None]
-
-
-LEARNT = ("paper", "confusers", "grasped-slip", "mallet")  # by the packaged networks, one or all
 
 
 class _Index(msgspec.Struct, frozen=True):
@@ -40,14 +35,6 @@ def read_set(
     if lacks := _lacks(folder):
         tell(f"{folder}: {lacks}: {GO_ON}")
     return read_dataset(folder, split)
-
-
-def learnt_from(recordings: Sequence[Recording]) -> int:
-    """How many are of the sets that packaged networks have learnt from, and not of a split that was
-    kept for a test."""
-    seeds = {load_dataset_config(file_of("datasets", name)).seed for name in LEARNT}
-    known = (r.metadata for r in recordings if r.metadata is not None)
-    return sum(m.seed // SEEDS in seeds and m.split != "test" for m in known)
 
 
 def require_whole(folders: Sequence[Path]) -> None:

@@ -1,16 +1,15 @@
-"""Detectors compared on data sets: streamed once, then scored, tuned, tabled and charted."""
+"""Detectors on data sets: streamed once, then scored and tuned."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal, TypeVar
 
 import msgspec
-import numpy as np
 
 from detector.blows import blows_of
 from detector.decision import RuleSettings, registered_events
 from detector.interface import SlipDetector
-from detector.network_file import is_weights, read_network
+from detector.network_file import is_weights
 from detector.own import is_code
 from detector.recordings import LabelName, Recording, Split
 from detector.scores.evaluation import (
@@ -21,34 +20,15 @@ from detector.scores.evaluation import (
     evaluate_streams,
     events_by_label,
     scored,
-    spoken,
     stream_recordings,
 )
-from detector.scores.metrics import best_border
 from detector.scores.sweep import SweepPoint, at_the_budget, best, rules, sweep
 from drivers.errors import UsageError
 from grasp.clock import stopwatch_ns
-from grasp.settings import names
 from scenarios.benchmark.data_sets import read_set
 from scenarios.campaign.config import load_config
 from scenarios.rigs.own_settings import Files
-from scenarios.trial.config import FORMULAS, TrialConfig
-
-
-class SweptThreshold(msgspec.Struct, frozen=True):
-    """What makes the mean recall of both classes greatest, of a detector of one number."""
-
-    section: str
-    setting: str
-    value: float
-    balanced_accuracy: float
-    samples: int
-
-    @property
-    def assignment(self) -> str:
-        """For `--set`."""
-        return f"{self.section}.{self.setting}={self.value:g}"
-
+from scenarios.trial.config import TrialConfig
 
 T = TypeVar("T")
 Tell = Callable[[int, int], None]  # how much is done, of how much
@@ -141,21 +121,6 @@ def contender(
     )
 
 
-def named(
-    name: str, recordings: Sequence[Recording], data: str, swept_on: Sequence[Path] = (),
-    tell: Tell = silent,
-) -> Contender:  # fmt: skip
-    """A contender by name, or by the file of its weights; the threshold of a detector of one number
-    swept on the split `train` of some folders, where they are given."""
-    if is_weights(name) and (card := read_network(Path(name)).card).name in names("detectors"):
-        chosen = (f"network.weights={name}",)
-        return contender(card.name, recordings, data, assignments=chosen, tell=tell)
-    if name not in FORMULAS or not swept_on:
-        return contender(name, recordings, data, tell=tell)
-    swept = sweep_threshold(contender(name, read_split(swept_on, "train"), "train", tell=tell))
-    return contender(name, recordings, data, assignments=(swept.assignment,), tell=tell)
-
-
 def tune_rule(made: Contender, budget_per_min: float, tell: Tell = silent) -> SweepPoint | None:
     """The quickest rule within the budget of false events a minute over three fingers."""
     points = made.points(tell)
@@ -184,39 +149,3 @@ def stands_on(streams: Sequence[Streamed], rule: RuleSettings) -> StandsOn:
     hand_s = sum(j.static_s * s.recording.fingers / HAND_FINGERS for s, j in rest)
     slips, missed = sum(len(j.delays_ms) for j in judged), sum(j.missed for j in judged)
     return StandsOn(hand_s / 60.0, slips, slips - missed, sum(j.false for j in judged))
-
-
-def require_formula(name: str) -> None:
-    """Raises UsageError for a detector of more than one number."""
-    if name not in FORMULAS:
-        raise UsageError(f"{name} has no threshold of its own", f"one of: {', '.join(FORMULAS)}")
-
-
-def threshold_of(config: TrialConfig) -> tuple[str, float]:
-    """The setting of a detector of one number that reads as slip, as `--set` names it, and its
-    value."""
-    section = config.detector_section
-    settings = getattr(config, section)
-    (name,) = (f for f in settings.__struct_fields__ if f.startswith("threshold"))
-    return f"{section}.{name}", float(getattr(settings, name))
-
-
-def sweep_threshold(made: Contender) -> SweptThreshold:
-    """The threshold with which a detector of one number has the best balanced accuracy on what was
-    streamed: unbalanced, one that hears nothing is best told to say the commoner class.
-
-    Its probability is logistic in the log of that number, so one stream tells all thresholds.
-    Raises UsageError for a network.
-    """
-    require_formula(made.config.detector_name)
-    setting, threshold = threshold_of(made.config)
-    section, _, name = setting.partition(".")
-    settings = getattr(made.config, section)
-    p = np.concatenate([spoken(s, made.config.rule)[WARM_UP_SAMPLES:] for s in made.streams])
-    labels = np.concatenate([s.labels[WARM_UP_SAMPLES:] for s in made.streams])
-    border = best_border(p, labels)
-    odds = border / (1.0 - border)
-    value = threshold * odds ** (1.0 / settings.steepness)
-    said = p > border
-    balanced = float(said[labels].mean() + (~said[~labels]).mean()) / 2.0
-    return SweptThreshold(section, name, float(value), balanced, len(labels))
