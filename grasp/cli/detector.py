@@ -275,13 +275,13 @@ def tune(args: argparse.Namespace) -> int:
 def _tune_rule(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.benchmark.scoring import contender, read_split, stands_on, tune_rule
+    from scenarios.benchmark.scoring import contender, evidence, read_split, tune_rule
 
     recordings = read_split(args.data, "validation", exits.say)
     (name,) = [args.detector]
     for _, tell in one_by_one([name], "tuning", hidden=args.json):
         made = contender(name, recordings, "validation", "slip", args.config, args.set, tell)
-        rest = stands_on(made.streams, made.config.rule).minutes  # whatever the rule
+        rest = evidence(made.streams, made.config.rule).minutes  # whatever the rule
         must_test(rest, args.budget, "more `validation` recordings or simulated sets beside, of "
                   "a finger alone three times as much")  # fmt: skip
         chosen = tune_rule(made, args.budget, tell)
@@ -289,7 +289,7 @@ def _tune_rule(args: argparse.Namespace) -> int:
         remedy = "allow more false events with --budget"
         text = f"no rule keeps {name} within {args.budget:g} false events a minute"
         raise UsageError(text, remedy)
-    known = stands_on(made.streams, chosen.rule)
+    known = evidence(made.streams, chosen.rule)
     if args.json:
         more = {"minutes": known.minutes, "slips": known.slips}
         print(json_line({**msgspec.to_builtins(chosen), **more}))
@@ -297,7 +297,7 @@ def _tune_rule(args: argparse.Namespace) -> int:
     print(f"# split validation: {point_text(chosen)}")
     for folder in args.data:
         its = [s for s in made.streams if Path(s.recording.source).is_relative_to(folder)]
-        part = stands_on(its, chosen.rule)
+        part = evidence(its, chosen.rule)
         print(f"# {folder}: {part.caught} of {part.slips} slips apart from blows, "
               f"{part.false} false in {rest_text(part.minutes)} of a hand at rest")  # fmt: skip
     if chosen.rule == made.config.rule:

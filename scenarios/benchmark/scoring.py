@@ -1,4 +1,4 @@
-"""Detectors on data sets: streamed once, then scored and tuned."""
+"""Streams a detector over data sets once, then scores it and tunes its rule."""
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -31,28 +31,28 @@ from scenarios.rigs.own_settings import Files
 from scenarios.trial.config import TrialConfig
 
 T = TypeVar("T")
-Tell = Callable[[int, int], None]  # how much is done, of how much
+Tell = Callable[[int, int], None]  # progress: done, total
 
 
 def silent(done: int, total: int) -> None:
-    """Nobody is told."""
+    """Reports no progress."""
 
 
-def told(items: Sequence[T], tell: Tell) -> Iterator[T]:
-    """The items, each told before the next is asked for."""
+def reported(items: Sequence[T], tell: Tell) -> Iterator[T]:
+    """The items; progress is reported after each."""
     for done, item in enumerate(items, 1):
         yield item
         tell(done, len(items))
 
 
 class Scores(Evaluation, frozen=True):
-    """An evaluation, and of what it is: weights or formula, and rule, as results carry it."""
+    """An evaluation with the digest of weights or formula and rule, as in results."""
 
     detector_hash: str  # see `TrialConfig.detector_hash`
 
 
 class Contender(msgspec.Struct, frozen=True, eq=False):
-    """A detector with its configuration, and what it said of the recordings."""
+    """A detector with its configuration, and its output on the recordings."""
 
     config: TrialConfig
     detector: SlipDetector
@@ -60,20 +60,20 @@ class Contender(msgspec.Struct, frozen=True, eq=False):
     data: str
 
     def evaluation(self) -> Scores:
-        """The sheet at the detector's own threshold and rule."""
+        """Scores at the detector's own threshold and rule."""
         sheet = evaluate_streams(self.detector, self.config.rule, self.streams, self.data)
         named = {**msgspec.structs.asdict(sheet), "detector": self.label}
         return Scores(**named, detector_hash=self.config.detector_hash())
 
     @property
     def label(self) -> str:
-        """What it is called beside others: two files may call theirs the same."""
+        """Name among others: that of the file for one's own, since names inside may be equal."""
         word = self.config.detector_name
         return word if is_code(word) or is_weights(word) else self.detector.name
 
     def points(self, tell: Tell = silent) -> list[SweepPoint]:
         """Every rule and threshold of the sweep."""
-        return sweep(self.streams, told(list(rules(self.config.rule)), tell))
+        return sweep(self.streams, reported(list(rules(self.config.rule)), tell))
 
 
 def read_split(
@@ -81,10 +81,10 @@ def read_split(
     split: Split | Literal["all"],
     tell: Callable[[str], None] = lambda line: None,
 ) -> list[Recording]:
-    """Recordings of one split of several data sets. A set of which some is not there is told, and
-    those are left out and told that are too short for anything of them to be scored.
+    """Recordings of one split of several data sets, without those too short to be scored.
 
-    Raises BadFile for an empty one and for a folder of several, UsageError where all are too short.
+    ``tell`` takes a line for an incomplete set and for what was left out. Raises BadFile for an
+    empty set and for a folder of several, UsageError where all recordings are too short.
     """
     wanted = None if split == "all" else split
     found = [r for folder in folders for r in read_set(folder, wanted, tell)]
@@ -112,24 +112,24 @@ def contender(
     assignments: Sequence[str] = (),
     tell: Tell = silent,
 ) -> Contender:
-    """Stream the named detector, as configured, over the recordings."""
+    """Stream the named detector with its settings over the recordings."""
     config = load_config("can", "simulated", name, files, assignments)
-    heard = told(recordings, tell)
-    streams = stream_recordings(config.make_detector, heard, stopwatch_ns, label)
+    counted = reported(recordings, tell)
+    streams = stream_recordings(config.make_detector, counted, stopwatch_ns, label)
     return Contender(
         config, config.make_detector(recordings[0].fingers, recordings[0].taxels), streams, data
     )
 
 
 def tune_rule(made: Contender, budget_per_min: float, tell: Tell = silent) -> SweepPoint | None:
-    """The quickest rule within the budget of false events a minute over three fingers."""
+    """The quickest rule within a budget of false events a minute of a hand; None if none is."""
     points = made.points(tell)
     points += sweep(made.streams, at_the_budget(points, budget_per_min))
     return best(points, budget_per_min)
 
 
-class StandsOn(msgspec.Struct, frozen=True):
-    """What ``tune_rule`` judged a rule by, blows left out."""
+class Evidence(msgspec.Struct, frozen=True):
+    """Events that a rule was tuned on, without taps."""
 
     minutes: float  # of a hand's rest
     slips: int
@@ -137,8 +137,8 @@ class StandsOn(msgspec.Struct, frozen=True):
     false: int
 
 
-def stands_on(streams: Sequence[Streamed], rule: RuleSettings) -> StandsOn:
-    """Of some of the streams that the rule was tuned on."""
+def evidence(streams: Sequence[Streamed], rule: RuleSettings) -> Evidence:
+    """What some of the streams say of the rule."""
     judged = [
         scored(s, events_by_label(s.label), WARM_UP_SAMPLES, blows_of(s.recording), apart=True)
         .judged(registered_events(s.probabilities, rule))
@@ -148,4 +148,4 @@ def stands_on(streams: Sequence[Streamed], rule: RuleSettings) -> StandsOn:
     rest = zip(streams, judged, strict=True)
     hand_s = sum(j.static_s * s.recording.fingers / HAND_FINGERS for s, j in rest)
     slips, missed = sum(len(j.delays_ms) for j in judged), sum(j.missed for j in judged)
-    return StandsOn(hand_s / 60.0, slips, slips - missed, sum(j.false for j in judged))
+    return Evidence(hand_s / 60.0, slips, slips - missed, sum(j.false for j in judged))
