@@ -37,9 +37,9 @@ from detector.scores.intervals import HIGH, LOW, Interval
 from grasp.settings import config_dir
 from scenarios.acquire.datasets.build import make
 from scenarios.acquire.datasets.plan import load_dataset_config, plan
+from scenarios.benchmark.scoring import read_split
 from scenarios.campaign.config import load_config
 from scenarios.rigs.workers import Workers, results
-from scenarios.studies.detectors.benchmark import read_split
 from scenarios.studies.detectors.robustness import stream_together
 
 MARGIN = -0.03  # not inferior: the lower bound of each difference above it

@@ -31,10 +31,10 @@ from detector.scores.evaluation import WARM_UP_SAMPLES, stream
 from detector.scores.quantiles import quantile
 from drivers.interfaces import PERIOD_S
 from grasp.settings import names
+from scenarios.benchmark.scoring import read_split
 from scenarios.campaign.config import load_config
 from scenarios.campaign.paper import wilson
 from scenarios.rigs.workers import Workers, results
-from scenarios.studies.detectors.benchmark import read_split
 from scripts.last_draw import Draw, all_taps
 
 FIRST_SEED = 95_000  # of the taps; no draw, campaign, figure or test has it

@@ -34,12 +34,12 @@ from detector.scores.evaluation import Evaluation, evaluate_recording, stream
 from detector.scores.quantiles import Quantiles, quantiles
 from grasp.loop import Tick
 from grasp.settings import UNSEEN, names
+from scenarios.benchmark.scoring import contender, read_split
 from scenarios.campaign.config import load_config
 from scenarios.campaign.paper import wilson
 from scenarios.lab.fit import quantile_t
 from scenarios.lift import lift
 from scenarios.rigs.workers import Workers, results
-from scenarios.studies.detectors.benchmark import contender, read_split
 from scenarios.tap import tap
 from scenarios.trial.result import versions
 from scenarios.trial.series import Bench

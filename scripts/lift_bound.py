@@ -34,10 +34,10 @@ from drivers.errors import BadFile, UsageError
 from drivers.interfaces import FINGERS
 from grasp.cli.options import need, whole
 from grasp.loop import Tick
+from scenarios.benchmark.scoring import read_split
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.rigs.workers import Workers, results
-from scenarios.studies.detectors.benchmark import read_split
 from scenarios.studies.detectors.observer import (
     AFTER_S,
     FOLDS,

@@ -26,8 +26,8 @@ from detector.scores.quantiles import Quantiles, quantiles
 from detector.scores.sweep import SweepPoint, allowed, at_the_budget, rules, sweep
 from drivers.errors import GraspError, UsageError
 from grasp.cli.options import whole
+from scenarios.benchmark.evaluation_file import slips_heard
 from scenarios.campaign.config import load_config
-from scenarios.studies.detectors.evaluated import slips_heard
 from scripts.one_a_minute import (
     BUDGET,
     MOVED,

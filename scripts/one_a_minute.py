@@ -40,9 +40,9 @@ from detector.scores.metrics import auc
 from detector.scores.quantiles import quantile, quantiles
 from detector.scores.sweep import SweepPoint, at_the_budget, best, rules, sweep
 from scenarios.acquire.datasets.plan import BLOCKS, SEEDS
+from scenarios.benchmark.evaluation_file import SlipHeard, slips_heard
+from scenarios.benchmark.scoring import read_split
 from scenarios.campaign.config import load_config
-from scenarios.studies.detectors.benchmark import read_split
-from scenarios.studies.detectors.evaluated import SlipHeard, slips_heard
 from scenarios.studies.detectors.robustness import stream_together
 from scenarios.trial.config import TrialConfig
 

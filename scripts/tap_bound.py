@@ -32,9 +32,9 @@ from detector.scores.quantiles import quantile
 from drivers.errors import BadFile, UsageError
 from drivers.interfaces import FINGERS
 from grasp.cli.options import need, whole
+from scenarios.benchmark.scoring import read_split
 from scenarios.campaign.config import load_config
 from scenarios.rigs.workers import Workers, results
-from scenarios.studies.detectors.benchmark import read_split
 from scenarios.studies.detectors.observer import (
     MOVED_MM,
     Cases,

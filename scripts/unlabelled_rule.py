@@ -28,11 +28,11 @@ from detector.scores.evaluation import Streamed, stream
 from detector.scores.perturbations import gain, perturbed
 from detector.scores.sweep import SweepPoint, rules, sweep
 from detector.scores.unlabelled import Unlabelled, set_rule
+from scenarios.benchmark.label_free import hold_in
+from scenarios.benchmark.scoring import read_split
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
-from scenarios.studies.detectors.benchmark import read_split
 from scenarios.studies.detectors.robustness import stream_together
-from scenarios.studies.detectors.unlabelled import hold_in
 from scenarios.trial.config import TrialConfig
 
 GAINS = (0.5, 1.0, 2.0)

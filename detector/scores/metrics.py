@@ -103,15 +103,6 @@ def auc(probabilities: Floats, labels: Labels) -> float | None:
     return Ranking(probabilities, labels).auc(np.ones(len(labels)))
 
 
-def best_border(values: Floats, labels: Labels) -> float:
-    """The value (of n) above which to call a sample slip gives the best mean recall of both
-    classes, the greatest of several; both classes occur."""
-    tried, group = np.unique(values, return_inverse=True)
-    slip, static = (np.cumsum(np.bincount(group, of)) for of in (labels, ~labels))
-    score = static / static[-1] - slip / slip[-1]
-    return float(tried[len(tried) - 1 - score[::-1].argmax()])
-
-
 class ReliabilityBin(msgspec.Struct, frozen=True):
     """Samples whose probability lies in one of ten equal bins: how sure the detector was of slip on
     average, and which share of them slipped."""

@@ -1,7 +1,7 @@
-"""Heads learnt on the state of a network that stays as it is: one thread, minutes at most."""
+"""Trains auxiliary outputs on the state of a network that stays as it is: one thread, minutes."""
 
 import math
-from pathlib import Path
+from collections.abc import Sequence
 
 import msgspec
 import numpy as np
@@ -10,42 +10,45 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from detector.heads import FORMAT, OUTPUTS, Dense, Heads
-from detector.scores.heads import Felt
-from detector.scores.motion import sector_of, speed_of, turning_of
-from detector.training.whole import whole
 
-WIDTH, BATCH, STEPS = 32, 1024, 3000
+WIDTH, BATCH = 32, 1024
 LEARNING_RATE, FINAL_RATE, WEIGHT_DECAY = 3e-3, 1e-5, 1e-5
 SPEED_SCALE = 0.5  # of the logarithm: errors beyond it count by their size, not its square
 SLIDES_TO_TURNS = 6.0  # a turn weighs so much more: it is so much rarer
 
 
-class HeadSettings(msgspec.Struct, frozen=True):
-    """What a training of heads depends on beside its data."""
+class Wanted(msgspec.Struct, frozen=True, eq=False):
+    """Samples of one data set."""
 
-    seed: int = 0
-    steps: int = STEPS
+    inputs: NDArray[np.float32]  # (n, width)
+    log_speed: NDArray[np.float64]  # (n,)
+    turning: NDArray[np.bool_]  # (n,)
+    sector: NDArray[np.intp]  # (n,)
 
 
 def train_heads(
-    sets: list[Felt], settings: HeadSettings, network: str, data_digest: str, commit: str
+    sets: Sequence[Wanted], seed: int, steps: int, network: str, data_digest: str, commit: str
 ) -> Heads:
-    """Heads of the network with that digest, without scores; each set weighs the same."""
+    """Outputs of the network with that digest, without scores; each set weighs the same."""
     torch.set_num_threads(1)
-    torch.manual_seed(settings.seed)
-    rng = np.random.default_rng(settings.seed)
+    torch.manual_seed(seed)
+    rng = np.random.default_rng(seed)
     inputs = np.concatenate([each.inputs for each in sets])
     middle, spread = inputs.mean(axis=0), inputs.std(axis=0) + 1e-3
-    wanted = [np.concatenate([t[i] for t in map(_wanted, sets)]) for i in range(3)]
-    x, (speed, turning, sector) = (
-        torch.tensor((inputs - middle) / spread),
-        map(torch.tensor, wanted),
+    x = torch.tensor((inputs - middle) / spread)
+    speed, turning, sector = (
+        torch.tensor(np.concatenate(each))
+        for each in (
+            [s.log_speed.astype(np.float32) for s in sets],
+            [s.turning.astype(np.float32) for s in sets],
+            [s.sector for s in sets],
+        )
     )
-    of_set = np.split(np.arange(len(inputs)), np.cumsum([len(s.recording) for s in sets])[:-1])
+    of_set = np.split(np.arange(len(inputs)), np.cumsum([len(s.inputs) for s in sets])[:-1])
     heads = nn.Sequential(nn.Linear(inputs.shape[1], WIDTH), nn.SELU(), nn.Linear(WIDTH, OUTPUTS))
     optimiser = torch.optim.Adam(heads.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
-    for step in range(settings.steps):
-        cosine = 0.5 + 0.5 * math.cos(math.pi * step / settings.steps)
+    for step in range(steps):
+        cosine = 0.5 + 0.5 * math.cos(math.pi * step / steps)
         for group in optimiser.param_groups:
             group["lr"] = LEARNING_RATE * cosine + FINAL_RATE
         some = [of[rng.integers(0, len(of), BATCH // len(sets))] for of in of_set]
@@ -55,14 +58,9 @@ def train_heads(
         loss.backward()
         optimiser.step()
     return Heads(
-        format=FORMAT, network=network, data_digest=data_digest, seed=settings.seed,
+        format=FORMAT, network=network, data_digest=data_digest, seed=seed,
         commit=commit, samples=len(inputs), scores={}, layers=_layers(heads, middle, spread),
     )  # fmt: skip
-
-
-def _wanted(samples: Felt) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.intp]]:
-    speed = np.log(speed_of(samples.motion)).astype(np.float32)
-    return speed, turning_of(samples.motion).astype(np.float32), sector_of(samples.motion)
 
 
 def _loss(out: Tensor, speed: Tensor, turning: Tensor, sector: Tensor) -> Tensor:
@@ -90,13 +88,3 @@ def _dense(weight: NDArray[np.float64], bias: NDArray[np.float64]) -> Dense:
     """In as many digits as a number of 32 bits has."""
     rows = [[float(f"{x:.7g}") for x in row] for row in (*weight.tolist(), bias.tolist())]
     return Dense(rows[:-1], rows[-1])
-
-
-def write_heads(heads: Heads, path: Path) -> None:
-    """All of it or nothing."""
-    content = msgspec.json.encode(heads)
-    if path.exists() and not path.is_file():  # /dev/stdout
-        path.write_bytes(content)
-        return
-    with whole(path) as partial:
-        partial.write_bytes(content)

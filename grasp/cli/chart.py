@@ -12,18 +12,16 @@ from grasp.cli.options import (
     add_workers,
     decimal,
     need,
-    one_by_one,
     progress,
     whole,
     workers,
 )
 from grasp.cli.pictures import add_picture, picture, write_numbers
-from grasp.cli.rules import check_named
 
 if TYPE_CHECKING:
     from scenarios.studies.reaction.summary import ReactionSummary
 
-HELP = "draw pictures of runs, of detectors and of the physics"
+HELP = "draw pictures of runs and of the physics"
 
 # of `reaction`, and of `hunting`
 OBJECTS = ("ball", "foam", "football", "box", "cardboard", "can")
@@ -49,27 +47,12 @@ def add_parser(verbs: Any) -> None:
         help="picture to write, .svg, .png or .pdf (default: run.svg beside the recording)",
     )  # fmt: skip
     run.set_defaults(handler=draw)
-    _add_detectors(charts)
     detector_study.add_observer(charts)
     _add_physics(charts)
     answers.add_parser(charts)
     _add_reaction(charts)
     _add_hunting(charts)
     _add_frontier(charts)
-
-
-def _add_detectors(charts: Any) -> None:
-    text = "detectors: false events against delay, accuracy against compute, all from one run"
-    parser = charts.add_parser("detectors", help=text, description=text)
-    parser.add_argument(
-        "detector", nargs="*", metavar="NAME", help="some of config/detectors (default: all)"
-    )
-    parser.add_argument(
-        "--data", type=Path, nargs="+", required=True, metavar="DIR",
-        help="folders of `grasp dataset build`, or `collect`; the split `test` is drawn",
-    )  # fmt: skip
-    add_picture(parser, "detectors")
-    parser.set_defaults(handler=draw_detectors)
 
 
 def draw(args: argparse.Namespace) -> int:
@@ -80,24 +63,6 @@ def draw(args: argparse.Namespace) -> int:
     out = args.out or find_recording(args.run).with_name("run.svg")
     draw_run(args.run, out)
     print(out)
-    return exits.SUCCESS
-
-
-def draw_detectors(args: argparse.Namespace) -> int:
-    need("charts", "matplotlib")
-    from detector.interface import DETECTORS
-    from scenarios.studies.detectors.benchmark import contender, read_split
-    from scenarios.studies.detectors.figures import curve, draw_detectors
-
-    check_named(args.detector)
-    recordings = read_split(args.data, "test", exits.say)
-    curves = {}
-    for name, tell in one_by_one(args.detector or DETECTORS, "sweeping", hidden=False):
-        data = f"{' '.join(folder.name for folder in args.data)}, test"
-        made = contender(name, recordings, data, tell=tell)
-        curves[name] = curve(made.evaluation(), made.points(tell))
-    draw_detectors(curves, args.out)
-    print(args.out)
     return exits.SUCCESS
 
 

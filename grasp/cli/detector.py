@@ -1,4 +1,4 @@
-"""`grasp detector`: score, tune, table and train slip detectors."""
+"""`grasp detector`: score, tune and train slip detectors."""
 
 import argparse
 import json
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import BadFile, UsageError
-from grasp.cli import card, detector_study, exits, heads, paper_study, train
+from grasp.cli import card, exits, train
 from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
 from grasp.cli.output import json_line
 from grasp.cli.places import file_to_write, own_or_new
@@ -19,9 +19,6 @@ FEW_SLIPS = 50  # to tune on: 14 points either way of a recall of a half
 FEW_EVENTS = 5  # that the minutes tuned on may have
 MOST_BUDGET = 6000
 SHORT_MINUTES = 2.0
-TABLE2 = (
-    "psd", "freq-cnn-paper", "tcn-paper", "energy", "psd-fair", "forte", "gru", "tcn",
-)  # fmt: skip
 
 
 def add_parser(verbs: Any) -> None:
@@ -29,13 +26,8 @@ def add_parser(verbs: Any) -> None:
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     _add_evaluate(actions)
     _add_tune(actions)
-    _add_table2(actions)
     card.add_parser(actions)
-    paper_study.add_parser(actions)
-    detector_study.add_robustness(actions)
-    detector_study.add_fingertips(actions)
     train.add_parser(actions)
-    heads.add_parser(actions)
 
 
 def _add_evaluate(actions: Any) -> None:
@@ -88,17 +80,11 @@ def _add_tune(actions: Any) -> None:
         description=text + ". With --data: kind, threshold and length of the decision rule of any "
         "detector, on the split `validation`. Without: the least threshold of `energy`, on "
         "simulated lifts of drawn objects in which nothing slips, or on recordings of your own in "
-        "which nothing slips. With --data and --by accuracy: the threshold of a detector of one "
-        "number, by balanced accuracy on the split `train`, as the paper swept it.",
+        "which nothing slips.",
     )
     parser.add_argument(
         "detector", nargs="?", default="energy", metavar="NAME",
         help="(default: energy, on simulated lifts: about a minute for the 120 of --lifts)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--by", choices=("delay", "accuracy"), default="delay",
-        help="with --data: the rule by its delay within the budget, or the threshold by how many "
-        "samples are told right (default: %(default)s)",
     )  # fmt: skip
     parser.add_argument(
         "--budget", type=decimal(0, MOST_BUDGET), default=1.0, metavar="N",
@@ -131,25 +117,6 @@ def _add_tune(actions: Any) -> None:
     parser.set_defaults(handler=tune)
 
 
-def _add_table2(actions: Any) -> None:
-    text = "the paper's table of methods, its figures beside ours"
-    parser = actions.add_parser(
-        "table2", help=text,
-        description=text + ", as Markdown, with confusion matrices and the variance of "
-        "predictions. Detectors of one number have their threshold swept on the split `train`, as "
-        "in the paper.",
-    )  # fmt: skip
-    parser.add_argument(
-        "detector", nargs="*", metavar="NAME|FILE.onnx", default=TABLE2,
-        help=f"(default: {' '.join(TABLE2)})",
-    )  # fmt: skip
-    parser.add_argument(
-        "--data", type=Path, nargs="+", required=True, metavar="DIR",
-        help="folders of `grasp dataset build`, or `collect`; the split `test` is scored",
-    )  # fmt: skip
-    parser.set_defaults(handler=table2)
-
-
 def _add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--json", action="store_true",
@@ -160,7 +127,7 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
 def evaluate(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.studies.detectors.evaluated import BEGINS, evaluated
+    from scenarios.benchmark.evaluation_file import BEGINS, evaluated
 
     if args.out is not None:
         own_or_new(args.out, BEGINS)
@@ -185,7 +152,7 @@ def _keep(args: argparse.Namespace, kept: list[Any]) -> None:
 
     import msgspec
 
-    from scenarios.studies.detectors.evaluated import EvaluationFile, command_of
+    from scenarios.benchmark.evaluation_file import EvaluationFile, command_of
     from scenarios.trial.result import versions
 
     source = args.data or [args.recording]
@@ -209,8 +176,8 @@ def _data_name(args: argparse.Namespace) -> str:
 
 def _contenders(args: argparse.Namespace) -> Any:
     """Each detector, as soon as it has been streamed."""
-    from scenarios.studies.detectors.benchmark import contender, read_split
-    from scenarios.studies.sets import read_labelled
+    from scenarios.benchmark.data_sets import read_labelled
+    from scenarios.benchmark.scoring import contender, read_split
     from scenarios.trial.config import trial_layers
 
     if args.recording is not None:
@@ -222,27 +189,6 @@ def _contenders(args: argparse.Namespace) -> Any:
         made = contender(name, recordings, data, args.label, args.config, args.set, tell)
         tell_untuned(made.config, trial_layers("can", "simulated", name, args.config, args.set))
         yield made
-
-
-def table2(args: argparse.Namespace) -> int:
-    from detector.scores.tables import confusions_table, methods_table, variances_table
-    from detector.scores.variance import variance_of
-    from scenarios.studies.detectors.benchmark import named, read_split
-
-    check_named(args.detector)
-    recordings = read_split(args.data, "test", exits.say)
-    made = [
-        named(name, recordings, "test", args.data, tell)
-        for name, tell in one_by_one(args.detector, "streaming", hidden=False)
-    ]
-    for each in made:
-        paper_study.tell_swept(each, args.data)
-    sheets = [m.evaluation() for m in made]
-    print(methods_table(sheets))
-    print(f"\n{confusions_table(sheets)}")
-    varied = [variance_of(m.label, m.config.rule, m.streams) for m in made]
-    print(f"\n{variances_table(varied)}")
-    return exits.SUCCESS
 
 
 def scores_text(s: Any, rule: Any) -> str:
@@ -310,7 +256,7 @@ def tune(args: argparse.Namespace) -> int:
     if args.unlabelled:
         return _tune_unlabelled(args)
     if args.data:
-        return _tune_threshold(args) if args.by == "accuracy" else _tune_rule(args)
+        return _tune_rule(args)
     if args.detector != "energy":
         remedy = "give --data, folders of `grasp dataset build`, or `collect`"
         raise UsageError(f"{args.detector} is tuned on data sets", remedy)
@@ -329,13 +275,13 @@ def tune(args: argparse.Namespace) -> int:
 def _tune_rule(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.studies.detectors.benchmark import contender, read_split, stands_on, tune_rule
+    from scenarios.benchmark.scoring import contender, evidence, read_split, tune_rule
 
     recordings = read_split(args.data, "validation", exits.say)
     (name,) = [args.detector]
     for _, tell in one_by_one([name], "tuning", hidden=args.json):
         made = contender(name, recordings, "validation", "slip", args.config, args.set, tell)
-        rest = stands_on(made.streams, made.config.rule).minutes  # whatever the rule
+        rest = evidence(made.streams, made.config.rule).minutes  # whatever the rule
         must_test(rest, args.budget, "more `validation` recordings or simulated sets beside, of "
                   "a finger alone three times as much")  # fmt: skip
         chosen = tune_rule(made, args.budget, tell)
@@ -343,7 +289,7 @@ def _tune_rule(args: argparse.Namespace) -> int:
         remedy = "allow more false events with --budget"
         text = f"no rule keeps {name} within {args.budget:g} false events a minute"
         raise UsageError(text, remedy)
-    known = stands_on(made.streams, chosen.rule)
+    known = evidence(made.streams, chosen.rule)
     if args.json:
         more = {"minutes": known.minutes, "slips": known.slips}
         print(json_line({**msgspec.to_builtins(chosen), **more}))
@@ -351,7 +297,7 @@ def _tune_rule(args: argparse.Namespace) -> int:
     print(f"# split validation: {point_text(chosen)}")
     for folder in args.data:
         its = [s for s in made.streams if Path(s.recording.source).is_relative_to(folder)]
-        part = stands_on(its, chosen.rule)
+        part = evidence(its, chosen.rule)
         print(f"# {folder}: {part.caught} of {part.slips} slips apart from blows, "
               f"{part.false} false in {rest_text(part.minutes)} of a hand at rest")  # fmt: skip
     if chosen.rule == made.config.rule:
@@ -393,36 +339,11 @@ def rest_text(minutes: float) -> str:
     return f"{minutes:.1f} minutes" if minutes >= SHORT_MINUTES else f"{60.0 * minutes:.1f} s"
 
 
-def _tune_threshold(args: argparse.Namespace) -> int:
-    import msgspec
-
-    from scenarios.studies.detectors.benchmark import (
-        contender,
-        read_split,
-        require_formula,
-        sweep_threshold,
-    )
-
-    (name,) = [args.detector]
-    require_formula(name)
-    recordings = read_split(args.data, "train", exits.say)
-    for _, tell in one_by_one([name], "tuning", hidden=args.json):
-        made = contender(name, recordings, "train", "slip", args.config, args.set, tell)
-        found = sweep_threshold(made)
-    if args.json:
-        print(msgspec.json.encode(found).decode())
-    else:
-        print(f"# split train, {found.samples} samples: balanced accuracy "
-              f"{100 * found.balanced_accuracy:.1f} %\n"
-              f"[{found.section}]\n{found.setting} = {found.value:.4g}")  # fmt: skip
-    return exits.SUCCESS
-
-
 def _tune_unlabelled(args: argparse.Namespace) -> int:
     import msgspec
 
+    from scenarios.benchmark.label_free import tune_unlabelled
     from scenarios.campaign.config import load_config
-    from scenarios.studies.detectors.unlabelled import tune_unlabelled
 
     config = load_config("can", "simulated", args.detector, args.config, args.set)
     found = tune_unlabelled(config, args.unlabelled, args.budget)
@@ -466,8 +387,8 @@ def point_text(p: Any) -> str:
 
 
 def _tune_on_lifts(args: argparse.Namespace) -> tuple[float, float]:
+    from scenarios.benchmark.static_lifts import tune as tune_on_lifts
     from scenarios.campaign.config import load_config
-    from scenarios.studies.detectors.tune import tune as tune_on_lifts
 
     config = load_config("can", "simulated", "energy", args.config, args.set).for_lift()
     with progress("static lifts", hidden=args.json) as show:

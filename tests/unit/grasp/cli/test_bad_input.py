@@ -116,7 +116,6 @@ BAD_WORDS = [
     "chart reaction --speeds 0",
     "chart reaction --seeds 0",
     "chart reaction --objects zzz",
-    "chart detectors --data DIR",
     "dataset build FILE.toml --out DIR",
     "dataset build FILE.toml --out DIR --share 2",
     "dataset describe DIR",

@@ -65,7 +65,7 @@ def test_bounds_belong_to_what_is_allowed() -> None:
         ("chart reaction --latencies 5 5.0", "--latencies: 5.0 twice"),
         ("chart frontier a.sqlite a.sqlite", "FILE: a.sqlite twice"),
         ("detector evaluate energy energy --recording x.csv", "NAME: energy twice"),
-        ("detector table2 --data sets sets/", "--data: sets twice"),
+        ("detector evaluate energy --data sets sets/", "--data: sets twice"),
         ("detector tune --static a.csv ./a.csv", "--static: a.csv twice"),
     ],
 )

@@ -1,8 +1,7 @@
-"""Data sets as verbs take them: one a folder, all of it or told what is not there.
+"""Reads data sets and labelled recordings for commands, and refuses what is none or incomplete.
 
-A folder that `grasp dataset build` filled says in ``dataset.json`` how many recordings it is to
-have. Those of `grasp dataset collect` and those that somebody put together say nothing, and are
-taken as they are.
+`grasp dataset build` writes the number of recordings into ``dataset.json``. Folders without that
+file, as of `grasp dataset collect`, count as complete.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,18 +11,13 @@ import msgspec
 
 from detector.recordings import SUFFIX, Recording, Split, read, read_dataset
 from drivers.errors import BadFile, UsageError
-from grasp.settings import file_of
 from scenarios.acquire.datasets.build import INDEX
 from scenarios.acquire.datasets.collect import SAMPLES
-from scenarios.acquire.datasets.plan import SEEDS, load_dataset_config
 
-RECORDINGS = f"[!.]*{SUFFIX}"  # one that begins with a dot is still being written
+RECORDINGS = f"[!.]*{SUFFIX}"  # a name with a leading dot is still being written
 MCAP = ".mcap"
 GO_ON = "`grasp dataset build` goes on with it"
 Tell = Callable[[str], None]
-
-
-LEARNT = ("paper", "confusers", "grasped-slip", "mallet")  # by the packaged networks, one or all
 
 
 class _Index(msgspec.Struct, frozen=True):
@@ -33,26 +27,17 @@ class _Index(msgspec.Struct, frozen=True):
 def read_set(
     folder: Path, split: Split | None = None, tell: Tell = lambda line: None
 ) -> list[Recording]:
-    """As ``read_dataset``, of one data set; that some of it is not there is told.
+    """Recordings of one data set; ``tell`` takes a line if it is incomplete.
 
-    Raises BadFile for a folder of several, too."""
+    Raises BadFile as ``read_dataset``, and for a folder of several sets."""
     require_one(folder)
     if lacks := _lacks(folder):
         tell(f"{folder}: {lacks}: {GO_ON}")
     return read_dataset(folder, split)
 
 
-def learnt_from(recordings: Sequence[Recording]) -> int:
-    """How many are of the sets that packaged networks have learnt from, and not of a split that was
-    kept for a test."""
-    seeds = {load_dataset_config(file_of("datasets", name)).seed for name in LEARNT}
-    known = (r.metadata for r in recordings if r.metadata is not None)
-    return sum(m.seed // SEEDS in seeds and m.split != "test" for m in known)
-
-
 def require_whole(folders: Sequence[Path]) -> None:
-    """Raises BadFile for a data set of which some is not there: what learns from it is not asked
-    again whether it was all."""
+    """Raises BadFile for an incomplete data set: no training learns from one."""
     for folder in folders:
         require_one(folder)
         if lacks := _lacks(folder):
@@ -60,8 +45,7 @@ def require_whole(folders: Sequence[Path]) -> None:
 
 
 def require_one(folder: Path) -> None:
-    """Raises BadFile for a folder of data sets, which is none itself, and for a data set with
-    another one in it, whose recordings would be read as its own."""
+    """Raises BadFile for a folder of data sets, and for a data set that contains another one."""
     if (folder / INDEX).is_file():
         if inner := sorted(path.parent for path in folder.rglob(INDEX) if path.parent != folder):
             raise BadFile(folder, f"has another data set in it, {inner[0]}", "move that one out")
@@ -74,8 +58,8 @@ def require_one(folder: Path) -> None:
 
 
 def _sets_in(folder: Path) -> list[Path]:
-    """Those that were built, wherever they lie, and beside them folders of recordings, each taken
-    for one that was collected. None where none was built: then it is one, with folders in it."""
+    """Sets that were built, at any depth, and folders of recordings beside them, which count as
+    collected sets. Empty where none was built: then the folder itself is one set."""
     built = [path.parent for path in folder.rglob(INDEX)]
     if not built:
         return []
@@ -85,18 +69,18 @@ def _sets_in(folder: Path) -> list[Path]:
 
 
 def _lacks(folder: Path) -> str:
-    """How much of a data set is there, if it says that there is to be more."""
+    """What an incomplete data set lacks; empty for a complete one."""
     try:
         wanted = msgspec.json.decode((folder / INDEX).read_bytes(), type=_Index).recordings
     except (OSError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return ""  # `grasp dataset build` speaks of a damaged one
+        return ""  # `grasp dataset build` refuses a damaged one
     there = sum(1 for _ in folder.rglob(RECORDINGS))
     return f"{there} of {wanted} recordings are there" if there < wanted else ""
 
 
 def read_labelled(path: Path) -> list[Recording]:
-    """Of a file of labelled samples, or of the folder of an acquisition; raises BadFile, and
-    UsageError for what holds recordings of another kind."""
+    """Recordings of a file of labelled samples, or of the folder of an acquisition. Raises BadFile,
+    and UsageError for recordings without labels."""
     if path.is_dir():
         return [read(file) for file in _samples_in(path)]
     require_labelled(path)
@@ -104,7 +88,7 @@ def read_labelled(path: Path) -> list[Recording]:
 
 
 def require_labelled(path: Path) -> None:
-    """Raises UsageError for the recording of a whole run, in which nothing is labelled."""
+    """Raises UsageError for the recording of a run, which has no labels."""
     if path.suffix != MCAP:
         return
     beside = " ".join(str(file) for file in sorted(path.parent.glob(SAMPLES)))

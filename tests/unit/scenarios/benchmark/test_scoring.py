@@ -10,7 +10,7 @@ from detector.recordings import Recording, write
 from detector.scores.sweep import rules
 from drivers.errors import BadFile, UsageError
 from grasp.cli.main import main
-from scenarios.studies.detectors.benchmark import contender, read_split, stands_on
+from scenarios.benchmark.scoring import contender, evidence, read_split
 from tests.unit.detector.blow_toys import struck
 from tests.unit.detector.toys import toy, toys
 from tests.unit.scenarios.conftest import EAGER
@@ -76,12 +76,12 @@ def test_a_folder_that_is_not_there_is_not_said_to_be_without_recordings(tmp_pat
         read_split([tmp_path], "test")
 
 
-def test_a_rule_stands_on_the_slips_that_it_was_judged_by_and_on_no_blow() -> None:
+def test_a_rule_evidence_the_slips_that_it_was_judged_by_and_on_no_blow() -> None:
     blows = [struck((3.0, 0.003), n=500)]
     slips = toys("test", 2, 0)
     rule = contender("energy", slips, "test", assignments=[EAGER]).config.rule
     alone, both = (
-        stands_on(contender("energy", each, "test", assignments=[EAGER]).streams, rule)
+        evidence(contender("energy", each, "test", assignments=[EAGER]).streams, rule)
         for each in (slips, [*slips, *blows])
     )
     assert both.slips == alone.slips > 0

@@ -1,5 +1,7 @@
-"""A lab's own recordings of a hold and its unloading, as `grasp detector tune --unlabelled` takes
-them: a lift that was held for long, or a file of counts."""
+"""Label-free calibration of a rule from a hold without slip that ends with the hand opening.
+
+A recording is a lift with a long hold, or a file of counts (`grasp detector tune --unlabelled`).
+"""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -24,10 +26,10 @@ Counts = NDArray[np.int16]  # (n, fingers, taxels)
 def hold_in(
     path: Path, fits: Callable[[Counts], object] = lambda counts: None
 ) -> tuple[Counts, slice, float]:
-    """Counts of a recording, the samples of its static hold, and the load that came off after it.
+    """Counts of a recording, the samples of its hold, and the load in counts that ended with it.
 
-    Raises BadFile for what is no recording, UsageError for one without a hold or an unloading, and
-    what ``fits`` raises of the counts, before they are looked at.
+    Raises BadFile for another file, UsageError for one without a hold or its end, and what ``fits``
+    raises for the counts.
     """
     if path.suffix in (SUFFIX, ".csv"):
         counts = read(path, labelled=False).counts
@@ -56,8 +58,8 @@ def _of_run(path: Path) -> tuple[Counts, list[str]]:
 
 
 def tune_unlabelled(config: TrialConfig, paths: list[Path], budget_per_min: float) -> Unlabelled:
-    """The configured detector's rule, its threshold set by holds in which nothing slips, and never
-    below the configured one: a still hand knows nothing of closing, of lifting or of blows."""
+    """The rule with a threshold set by holds without slip, and never below the configured
+    one: a hold has no closing, no lifting and no taps."""
 
     def fits(counts: Counts) -> object:
         return config.make_detector(counts.shape[1], counts.shape[2])
@@ -68,7 +70,7 @@ def tune_unlabelled(config: TrialConfig, paths: list[Path], budget_per_min: floa
 def rule_of(
     config: TrialConfig, recorded: Sequence[tuple[Counts, slice, float]], budget_per_min: float
 ) -> Unlabelled:
-    """As ``tune_unlabelled``, of what ``hold_in`` gives."""
+    """As ``tune_unlabelled``, from results of ``hold_in``."""
     holds, loads = [], []
     for counts, hold, load in recorded:
         detector = config.make_detector(counts.shape[1], counts.shape[2])

@@ -1,7 +1,5 @@
-"""What an evaluation leaves behind: sheets, and what a page of them is drawn from.
-
-`grasp detector evaluate --out FILE` writes it, `grasp report FILE` reads it.
-"""
+"""The file of an evaluation: `grasp detector evaluate --out FILE` writes it, `grasp report FILE`
+reads it."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -24,16 +22,16 @@ from detector.scores.evaluation import (
 from detector.scores.metrics import ReliabilityBin, reliability
 from detector.scores.sweep import frontier
 from drivers.errors import BadFile
-from scenarios.studies.detectors.benchmark import Contender, Scores
+from scenarios.benchmark.scoring import Contender, Scores
 
 FORMAT: Literal["grasp-evaluation"] = "grasp-evaluation"
-BEGINS = f'{{"format":"{FORMAT}"'  # how a file of ours is told from others
+BEGINS = f'{{"format":"{FORMAT}"'  # how our files are recognised
 MOST_TRACES = 6  # of a detector
 BEFORE_S, AFTER_S = 0.5, 1.0  # of a trace, around the begin of slip
 
 
 class Choice(msgspec.Struct, frozen=True):
-    """What one rule of the sweep makes of a detector; None: so many slips were missed."""
+    """Scores of one rule of the sweep; a delay of None: that share of slips was missed."""
 
     false_per_min: float
     delay_ms: float | None
@@ -42,7 +40,7 @@ class Choice(msgspec.Struct, frozen=True):
 
 
 class SlipHeard(msgspec.Struct, frozen=True):
-    """One slip: where, how fast, and how late it was registered; ``delay_ms`` None: never."""
+    """One slip and its delay; ``delay_ms`` None: missed."""
 
     recording: str
     onset_s: float
@@ -53,7 +51,7 @@ class SlipHeard(msgspec.Struct, frozen=True):
 
 
 class SlipTrace(msgspec.Struct, frozen=True):
-    """Samples around one slip, times in seconds from its begin."""
+    """Samples around one slip, times in seconds from its onset."""
 
     slip: SlipHeard
     t_s: list[float]
@@ -92,7 +90,7 @@ class EvaluationFile(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_evaluation(path: Path) -> EvaluationFile:
-    """Raises BadFile for what is none."""
+    """Raises BadFile for another file."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=EvaluationFile)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
@@ -106,7 +104,7 @@ def no_evaluation(path: Path, why: Exception) -> BadFile:
 
 
 def evaluated(made: Contender, sheet: Scores) -> Evaluated:
-    """Of what was streamed; ``sheet`` is its evaluation."""
+    """What the file keeps of a detector; ``sheet`` is its evaluation."""
     rule, streams = made.config.rule, made.streams
     parts = [(spoken(s, rule)[WARM_UP_SAMPLES:], s.labels[WARM_UP_SAMPLES:]) for s in streams]
     p, labels = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -127,7 +125,7 @@ def evaluated(made: Contender, sheet: Scores) -> Evaluated:
 
 
 def slips_heard(streamed: Streamed, rule: RuleSettings) -> list[SlipHeard]:
-    """Every slip that counts in one recording, as `evaluate_streams` counts."""
+    """Every slip of one recording that `evaluate_streams` counts."""
     recording = streamed.recording
     how = events_by_label(streamed.label)
     found = scored(streamed, how, WARM_UP_SAMPLES, blows_of(recording))
@@ -155,7 +153,7 @@ def trace(streamed: Streamed, slip: SlipHeard, rule: RuleSettings) -> SlipTrace:
     t_s = recording.t_s - slip.onset_s
     inside = (t_s >= -BEFORE_S) & (t_s <= AFTER_S)
     before = inside & (t_s < 0.0)
-    # a slip at the very begin has nothing before it
+    # a slip at the first sample has nothing before it
     rest = recording.counts[before if before.any() else inside].mean(axis=0)
     pressed = (rest - recording.counts[inside]).sum(axis=2)  # pressing is negative
     labels = streamed.labels[inside]
@@ -174,7 +172,7 @@ def trace(streamed: Streamed, slip: SlipHeard, rule: RuleSettings) -> SlipTrace:
 
 
 def _badness(slip: SlipHeard) -> tuple[float, float]:
-    """Misses first, of these the furthest; then the latest."""
+    """Largest for a miss, then by distance; below that by delay."""
     late_ms = math.inf if slip.delay_ms is None else slip.delay_ms
     return late_ms, slip.slid_mm or 0.0
 
@@ -209,7 +207,7 @@ def _rounded(values: Any, digits: int) -> list[float]:
 def command_of(
     names: Sequence[str], source: Sequence[Path], label: str, more: Mapping[str, Sequence[str]]
 ) -> list[str]:
-    """Words that evaluate the same again; ``more``: options and their values."""
+    """The command that repeats an evaluation; ``more``: options and their values."""
     words = ["grasp", "detector", "evaluate", *names]
     kind = "--data" if all(path.is_dir() for path in source) else "--recording"
     words += [kind, *map(str, source), "--label", label]

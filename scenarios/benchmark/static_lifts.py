@@ -1,6 +1,6 @@
-"""Tunes the threshold of `energy` for a budget of false alarms, on lifts in which nothing slips.
+"""Tunes the threshold of `energy` for a budget of false events, on lifts in which nothing slips.
 
-What is lifted is drawn, as for the data sets: no object of the experiments is among it.
+Objects are random, as in the data sets, and none is an object of the experiments.
 """
 
 from collections.abc import Callable
@@ -21,12 +21,12 @@ from scenarios.world.truth import Truth
 
 STICKY = 4.0  # friction with which no grasp of any object here lets it slip
 FIRST_SEED = 1_000_000  # tuning seeds are kept apart from those of trials
-KINDS = ("straight", "ellipsoid")  # of config/bodies, in turn
-LOAD_SHARE = (0.3, 2.0)  # of what friction would carry in the first grip, were nothing sticky
+KINDS = ("straight", "ellipsoid")  # of config/bodies, one after the other
+LOAD_SHARE = (0.3, 2.0)  # of what normal friction carries in the first grip
 
 
 def with_drawn_object(config: LiftConfig, number: int) -> LiftConfig:
-    """The settings with an object of that number, drawn."""
+    """The settings with the random object of that number."""
     body = draw_object(
         body_ranges(KINDS[number % len(KINDS)]), LOAD_SHARE, config.contact,
         config.hand.m_per_count, sum(config.guard.full_grip_n),
@@ -38,7 +38,7 @@ def with_drawn_object(config: LiftConfig, number: int) -> LiftConfig:
 def static_lift(config: LiftConfig, seed: int) -> NDArray[np.int16]:
     """Counts (n, fingers, 6) of one lift while the detector is armed and nothing slips.
 
-    Raises ValueError when it slipped all the same.
+    Raises ValueError if it slipped.
     """
     body = msgspec.structs.replace(
         config.object, friction_static=STICKY, friction_kinetic=STICKY
@@ -65,8 +65,8 @@ def tune(
     false_events_per_min: float,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[float, float]:
-    """Least threshold within the budget, and the minutes that it was tuned on; an object a lift,
-    the one of ``config`` plays no part."""
+    """Least threshold within the budget, and the minutes of the lifts. Each lift has an object of
+    its own; that of ``config`` is not used."""
     recordings = []
     for k in range(lifts):
         recordings.append(static_lift(with_drawn_object(config, k), FIRST_SEED + k))

@@ -1,0 +1,300 @@
+"""Auxiliary outputs of a network: speed, direction, sliding or turning, beside simple baselines.
+
+Scored are the samples labelled slip in which a fingertip moves, each finger by itself. Baselines
+learn from the split `train` of each set, and all are scored on `test`. Intervals are 95 %, by
+bootstrap over recordings. `--train` (extra `train`) learns new outputs from the split `train` of
+all sets and writes DIR/NAME.heads.json; without it, those beside the weights are scored.
+"""
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from detector.energy import energy_series
+from detector.heads import (
+    ENERGY_SAMPLES,
+    LEAST_ENERGY,
+    SUFFIX,
+    Float32s,
+    Heads,
+    Teller,
+    inputs_of,
+    read_heads,
+    width_of,
+)
+from detector.motion import SECTORS
+from detector.network_file import LoadedNetwork, read_network, weights_digest
+from detector.recordings import Recording
+from detector.scores.intervals import HIGH, LOW, RESAMPLES_OF_A_SET
+from detector.scores.metrics import auc
+from detector.scores.quantiles import quantile
+from drivers.errors import BadFile, UsageError
+from grasp.cli.options import need, network_path, whole
+from grasp.files import write_whole
+from scenarios.benchmark.data_sets import read_set, require_whole
+from scenarios.trial.result import versions
+from studies.runner import Study, add_data, markdown
+
+Floats = NDArray[np.float64]
+Whole = NDArray[np.intp]
+Figure = tuple[float, float, float]  # and its interval
+SPAN = 5  # a motion is the mean of so many samples: a tap is over within two
+TURN_LEVER_M = 0.003 / 0.2  # of the paper's label: 3 mm/s, 0.2 rad/s
+OWN, SEED = "auxiliary outputs", 0
+LEAST_MPS, FIRST_SAMPLE, HAND_FINGERS = 0.003, 100, 3
+UPWARDS = "fingertip.slip_direction_deg"  # of a recording's parameters
+# places of the kit's taxels, columns and rows; and the past that a centre is compared with
+PLACES = np.array([(-1.0, -0.5), (0.0, -0.5), (1.0, -0.5), (1.0, 0.5), (0.0, 0.5), (-1.0, 0.5)])
+LEAST_COUNTS, SHIFT_LAG, SHIFT_MEAN = 30.0, 9, 30
+FIGURES = ("speed factor, median", "speed, R2 of its logarithm", "direction, one of eight",
+           "or one beside it", "turning, AUC")  # fmt: skip
+
+
+class Task(msgspec.Struct, frozen=True):
+    """One network."""
+
+    network: str
+    digest: str
+    data: tuple[str, ...]
+    train: bool
+    steps: int
+    out: str
+
+
+class Row(msgspec.Struct, frozen=True):
+    """One network: FIGURES by set and predictor, None where it predicts nothing of that."""
+
+    network: str
+    scores: dict[str, tuple[Figure | None, ...]]
+
+
+class Samples(msgspec.Struct, frozen=True, eq=False):
+    """Samples of single fingers that slip."""
+
+    inputs: Float32s  # (n, width) of the auxiliary outputs
+    motion: Floats  # (n, 3): velocity x and y, spin times the lever, m/s
+    energy: Floats  # (n,) counts a sample
+    shift: Floats  # (n, 2) of the centre of pressure, taxels
+    recording: Whole  # (n,)
+    down: Whole  # (n,) direction in which an object falls over the pad; -1: unknown
+
+
+class Guess(msgspec.Struct, frozen=True, eq=False):
+    """What is predicted of samples (n,); None: nothing of that."""
+
+    log_speed: Floats | None = None
+    turning: Floats | None = None  # the more, the likelier
+    sector: Whole | None = None
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("network", nargs="*", default=["tcn", "gru"], help="(default: tcn gru)")
+    add_data(parser)
+    parser.add_argument("--train", action="store_true", help="train new outputs first")
+    parser.add_argument("--steps", type=whole(1, 10**6), default=3000, metavar="N",
+                        help="optimiser steps (default: %(default)s)")  # fmt: skip
+
+
+def grid(args: argparse.Namespace) -> list[Task]:
+    if args.train:
+        need("train", "torch")
+        require_whole(args.data)
+        args.jobs = 0  # in this process: torch makes a worker so large that it is taken for a leak
+    data = tuple(map(str, args.data))
+    rest = (data, args.train, args.steps, str(args.out))
+    return [Task(str(p), weights_digest(p), *rest) for p in map(network_path, args.network)]
+
+
+def trial(task: Task) -> Row:
+    weights, folders = Path(task.network), [Path(f) for f in task.data]
+    loaded = read_network(weights)
+    width_of(loaded)  # raises for a network without state, before data are read
+    learnt = [read_set(folder, "train") for folder in folders]
+    known = [samples_of(loaded, recordings) for recordings in learnt]
+    outputs = read_heads(weights, task.digest, loaded)
+    if task.train:
+        outputs = Teller(_trained(task, known, [r for each in learnt for r in each]))
+    if outputs is None:
+        raise UsageError(f"{weights.name} has no auxiliary outputs", "give --train")
+    scores: dict[str, tuple[Figure | None, ...]] = {}
+    for folder, samples in zip(folders, known, strict=True):
+        asked = samples_of(loaded, read_set(folder, "test"))
+        out = outputs.outputs(asked.inputs).astype(np.float64)
+        own = {OWN: Guess(out[:, 0], out[:, 1], out[:, 2:].argmax(axis=1))}
+        guesses = baselines(samples, asked) | own
+        scores |= {f"{folder.name}: {by}": score(each, asked) for by, each in guesses.items()}
+    if task.train:
+        kept = {f"{of}, {title}": figure for of, figures in scores.items() if of.endswith(OWN)
+                for title, figure in zip(FIGURES, figures, strict=True) if figure}  # fmt: skip
+        content = msgspec.json.encode(msgspec.structs.replace(outputs.heads, scores=kept))
+        write_whole(Path(task.out) / f"{weights.stem}{SUFFIX}", content)
+    return Row(weights.stem, scores)
+
+
+def _trained(task: Task, sets: Sequence[Samples], recordings: Sequence[Recording]) -> Heads:
+    from detector.training.heads import Wanted, train_heads
+    from detector.training.sequences import digest
+
+    truths = [(log_speed(s.motion), turning_of(s.motion), sector_of(s.motion)) for s in sets]
+    wanted = [Wanted(s.inputs, *truth) for s, truth in zip(sets, truths, strict=True)]
+    used, commit = digest(recordings), versions()["commit"]
+    return train_heads(wanted, SEED, task.steps, task.digest, used, commit)
+
+
+def samples_of(loaded: LoadedNetwork, recordings: Sequence[Recording]) -> Samples:
+    """Samples to learn from or to score. Raises BadFile where no motion is recorded."""
+    known = [(r, motion) for r in recordings if (motion := motion_of(r)) is not None]
+    parts = [_samples(loaded, r, motion, i) for i, (r, motion) in enumerate(known)]
+    if not sum(len(part.recording) for part in parts):
+        source = recordings[0].source if recordings else ""
+        raise BadFile(source, "has no recorded motion, or no slip", "build the set again")
+    names = Samples.__struct_fields__
+    return Samples(**{n: np.concatenate([getattr(part, n) for part in parts]) for n in names})
+
+
+def _samples(loaded: LoadedNetwork, r: Recording, motion: Floats, number: int) -> Samples:
+    states = {k: np.zeros((r.fingers, *s), np.float32) for k, s in loaded.states.items()}
+    names, inputs = [f"next_{name}" for name in states], []
+    moves = (np.linalg.norm(motion, axis=2) > LEAST_MPS) & r.slip[:, None]
+    moves[:FIRST_SAMPLE] = False
+    counts = r.counts.astype(np.float32)
+    for frame, previous, wanted in zip(counts, [counts[0], *counts[:-1]], moves, strict=True):
+        fed = {"counts": frame, "previous": previous}
+        states = dict(zip(states, loaded.session.run(names, fed | states), strict=True))
+        inputs.append(inputs_of(states, frame)[wanted])
+    n, up = int(moves.sum()), _up_rad(r)
+    down = -1 if up is None else int(sector_of(np.array([math.cos(up), math.sin(up), 0.0])))
+    return Samples(
+        np.concatenate(inputs), motion[moves], energy_series(r.counts, ENERGY_SAMPLES)[moves],
+        centre_shift(r.counts)[moves], np.full(n, number), np.full(n, down),
+    )  # fmt: skip
+
+
+def _up_rad(recording: Recording) -> float | None:
+    """Upwards on the thumb's pad; None where nothing is held, or it is not recorded."""
+    about = recording.metadata.parameters if recording.metadata else {}
+    held = recording.fingers == HAND_FINGERS and UPWARDS in about
+    return math.radians(about[UPWARDS]) if held else None
+
+
+def motion_of(recording: Recording) -> Floats | None:
+    """True motion (n, fingers, 3), mean of SPAN samples; None where it is not recorded.
+
+    The thumb's is recorded; the fingers face it, so theirs is mirrored at the line upwards.
+    """
+    up = _up_rad(recording)
+    if recording.velocity_mps is None or recording.spin_radps is None:
+        return None
+    each = np.column_stack([recording.velocity_mps, TURN_LEVER_M * recording.spin_radps])
+    sums = np.cumsum(each.astype(np.float64), axis=0)
+    thumb = np.zeros_like(sums)
+    thumb[SPAN:] = (sums[SPAN:] - sums[:-SPAN]) / SPAN
+    if recording.fingers == 1 or up is None:
+        return thumb[:, None] if recording.fingers == 1 else None
+    axis = np.array([math.cos(up), math.sin(up)])
+    mirrored = 2.0 * np.outer(thumb[:, :2] @ axis, axis) - thumb[:, :2]
+    finger = np.column_stack([mirrored, -thumb[:, 2]])
+    return np.stack([thumb, finger, finger], axis=1)
+
+
+def log_speed(motion: Floats) -> Floats:
+    found: Floats = np.log(np.linalg.norm(motion, axis=-1))
+    return found
+
+
+def turning_of(motion: Floats) -> NDArray[np.bool_]:
+    found: NDArray[np.bool_] = abs(motion[..., 2]) > np.hypot(motion[..., 0], motion[..., 1])
+    return found
+
+
+def sector_of(motion: Floats) -> Whole:
+    """Direction as one of eight: 0 along x, 2 along y."""
+    angle = np.arctan2(motion[..., 1], motion[..., 0])
+    return np.rint(angle * SECTORS / (2.0 * math.pi)).astype(np.intp) % SECTORS
+
+
+def centre_shift(counts: NDArray[np.int16]) -> Floats:
+    """Centre of pressure (n, fingers, 2) less its own mean of 0.3 s, 0.09 s ago."""
+    load = np.maximum(-counts.astype(np.float64), 0.0)
+    centre = load @ PLACES / np.maximum(load.sum(axis=2, keepdims=True), LEAST_COUNTS)
+    before = np.repeat(centre[:1], SHIFT_LAG + SHIFT_MEAN, axis=0)
+    sums, n = np.cumsum(np.concatenate([before, centre]), axis=0), len(centre)
+    found: Floats = centre - (sums[SHIFT_MEAN : SHIFT_MEAN + n] - sums[:n]) / SHIFT_MEAN
+    return found
+
+
+def baselines(learnt: Samples, asked: Samples) -> dict[str, Guess]:
+    """What can be predicted without the network."""
+    speed, turns = log_speed(learnt.motion), turning_of(learnt.motion)
+    slides = learnt.motion[~turns]
+    sign = 1.0 if (auc(learnt.energy, turns) or 0.0) >= 0.5 else -1.0
+    energy, new = (np.log(samples.energy + LEAST_ENERGY) for samples in (learnt, asked))
+    ways = slides[:, :2] / np.linalg.norm(slides[:, :2], axis=1, keepdims=True)
+    old, asked_shift = (np.insert(s.shift, 2, 1.0, axis=1) for s in (learnt, asked))
+    by_centre = np.linalg.lstsq(old[~turns], ways, rcond=None)[0]
+    by_energy: Floats = np.polyval(np.polyfit(energy, speed, 2), new).astype(np.float64)
+    n, commonest = len(asked.recording), np.bincount(sector_of(slides)).argmax()
+    found = {
+        "always the same": Guess(np.full(n, np.median(speed)), None, np.full(n, commonest)),
+        "energy": Guess(by_energy, sign * asked.energy),
+        "centre of pressure": Guess(sector=sector_of(asked_shift @ by_centre)),
+    }
+    if (asked.down >= 0).all():
+        found["down, by the mount"] = Guess(sector=asked.down)
+    return found
+
+
+def score(guess: Guess, truth: Samples) -> tuple[Figure | None, ...]:
+    """FIGURES of all samples, and their intervals."""
+    rng = np.random.default_rng(0)
+    of = [np.flatnonzero(truth.recording == r) for r in np.unique(truth.recording)]
+    drawn = [
+        figures_of(guess, truth, np.concatenate([of[k] for k in rng.integers(0, len(of), len(of))]))
+        for _ in range(RESAMPLES_OF_A_SET)
+    ]
+    found: list[Figure | None] = []
+    for i, value in enumerate(figures_of(guess, truth, np.arange(len(truth.recording)))):
+        values = sorted(x for each in drawn if (x := each[i]) is not None)
+        if value is None or not values:
+            found.append(None)
+        else:
+            found.append((value, quantile(values, LOW), quantile(values, HIGH)))
+    return tuple(found)
+
+
+def figures_of(guess: Guess, truth: Samples, at: Whole) -> tuple[float | None, ...]:
+    """FIGURES of some samples: factor and direction of those that slide."""
+    motion = truth.motion[at]
+    speed, turns = log_speed(motion), turning_of(motion)
+    factor = r2 = right = beside = area = None
+    if guess.log_speed is not None:
+        error = guess.log_speed[at] - speed
+        r2 = float(1.0 - (error**2).mean() / speed.var()) if speed.var() else None
+        factor = None if turns.all() else float(np.exp(np.median(abs(error[~turns]))))
+    if guess.sector is not None and not turns.all():
+        apart = guess.sector[at] - sector_of(motion) + SECTORS // 2
+        apart = abs(apart % SECTORS - SECTORS // 2)[~turns]
+        right, beside = float((apart == 0).mean()), float((apart <= 1).mean())
+    if guess.turning is not None:
+        area = auc(guess.turning[at], turns)
+    return factor, r2, right, beside, area
+
+
+def table(rows: Sequence[Row]) -> str:
+    parts = []
+    for row in rows:
+        columns = {f"`{row.network}`": [*row.scores]}
+        for i, title in enumerate(FIGURES):
+            found = [figures[i] for figures in row.scores.values()]
+            columns[title] = [f"{f[0]:.2f} [{f[1]:.2f}, {f[2]:.2f}]" if f else "–" for f in found]
+        parts.append(markdown(columns))
+    return "\n\n".join(parts)
+
+
+STUDY = Study("auxiliary outputs: speed, direction, sliding or turning", grid, trial, Row, table,
+              options=add_options)  # fmt: skip
