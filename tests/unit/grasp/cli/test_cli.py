@@ -58,7 +58,7 @@ def test_help_imports_nothing_heavy() -> None:
 
 @pytest.mark.parametrize(
     "verb",
-    ["run", "campaign", "grip-search", "replay", "runs", "chart", "detector", "config", "release"],
+    ["run", "campaign", "replay", "runs", "export", "detector", "config", "release"],
 )
 def test_every_verb_explains_itself(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = call(verb, "--help", capsys=capsys)
@@ -121,7 +121,7 @@ def test_taps_are_shown_counted_and_left_as_runs(
     assert call("replay", str(folders[0]), "--check", capsys=capsys)[0] == 0
     assert "registered" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
     if find_spec("matplotlib"):
-        assert call("chart", "run", str(folders[1]), capsys=capsys)[0] == 0
+        assert call("export", str(folders[1]), "--to", "svg", capsys=capsys)[0] == 0
 
 
 def test_verbose_tap_says_its_levels_and_why_and_how_far_the_object_turned(
@@ -407,7 +407,7 @@ def test_release_opens_the_fingers(capsys: pytest.CaptureFixture[str]) -> None:
 def test_picture_of_a_run_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     call("run", "lift", "--runs", str(tmp_path), capsys=capsys)
     folder = next(tmp_path.iterdir())
-    code, out, _ = call("chart", "run", str(folder), capsys=capsys)
+    code, out, _ = call("export", str(folder), "--to", "svg", capsys=capsys)
     assert code == 0
     assert (folder / "run.svg").read_text().startswith("<?xml")
     assert str(folder / "run.svg") in out
@@ -454,9 +454,8 @@ def test_pacing_follows_the_wall_and_changes_no_result(
     ("words", "says"),
     [
         (("config", "show", "contoller"), "did you mean 'controller'"),
-        (("chart", "answers", "--policies", "stop_and_jmp"), "did you mean 'stop_and_jump'"),
     ],
-    ids=["section", "policy"],
+    ids=["section"],
 )
 def test_word_that_is_nearly_a_known_one_is_told_that_one(
     words: tuple[str, ...], says: str, capsys: pytest.CaptureFixture[str]

@@ -1,4 +1,4 @@
-"""`grasp detector` and `grasp chart detectors` on data sets: scores, tuning, tables, a chart."""
+"""`grasp detector` on data sets: scores, tuning, tables."""
 
 import json
 import re
@@ -54,7 +54,7 @@ def test_names_and_weights_are_checked_before_any_data_are_read(
         assert told in said and "ValueError" not in said
 
 
-@pytest.mark.parametrize("verb", ["detector table2", "detector table3", "chart detectors"])
+@pytest.mark.parametrize("verb", ["detector table2", "detector table3"])
 def test_studies_check_names_before_any_data_are_read(
     verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -294,23 +294,6 @@ def test_the_table_of_cells_does_not_sweep_on_what_it_scores(
     words = ["detector", "table3", "energy", "--data", str(data), "--swept-on", str(data)]
     assert main(words) == 2
     assert "its split train would be swept on and scored" in capsys.readouterr().err
-
-
-def test_the_chart_leaves_its_numbers_beside_the_picture(
-    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("matplotlib")
-    out = tmp_path / "chart.svg"
-    assert (
-        main(["chart", "detectors", "energy", "psd", "--data", str(data), "--out", str(out)]) == 0
-    )
-    drawn = out.read_text()
-    assert "human grip reflex" in drawn and f"at what cost: {data.name}, test" in drawn
-    assert drawn.count("<!-- psd -->") + drawn.count("<!-- psd (later than 300 ms) -->") == 2
-    numbers = json.loads(out.with_suffix(".json").read_text())
-    assert set(numbers) == {"energy", "psd"}
-    rates = [p["false_per_min"] for p in numbers["energy"]["points"]]
-    assert rates == sorted(rates)
 
 
 def test_a_card_says_what_the_weights_are(

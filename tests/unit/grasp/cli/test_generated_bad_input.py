@@ -316,8 +316,8 @@ def test_the_same_number_is_the_same_input(kept: dict[str, bytes]) -> None:
     inputs = [drawn(number, kept) for number in range(QUICK)]
     assert [drawn(number, kept) for number in range(QUICK)] == inputs
     verbs = {given.words[0] for given in inputs}
-    assert {"config", "run", "campaign", "replay", "detector", "report", "chart"} <= verbs
-    assert {"runs", "export", "grip-search", "emulate", "dataset", "world"} <= verbs
+    assert {"config", "run", "campaign", "replay", "detector", "report"} <= verbs
+    assert {"runs", "export", "emulate", "dataset", "world"} <= verbs
     assert sum(given.words[:2] == ("config", "show") for given in inputs) < QUICK / 5
     assert sum(given.sure for given in inputs) > QUICK / 3
 
