@@ -102,8 +102,6 @@ def print_summary(summary: "Summary") -> None:
         variants = [v for v in summary.variants if v.scenario == scenario]
         console.print(_rates(scenario, variants))
         console.print(_times(variants))
-        for variant in variants:
-            _print_likelihood(console, variant)
     console.print(
         f"{_plural(summary.trials, 'trial')}, {_plural(summary.errors, 'error')}, "
         f"{summary.cpu_s:g} s of CPU time"
@@ -215,16 +213,3 @@ def _times(variants: "list[Variant]") -> Any:
 
 def _three(q: "Quantiles | None", form: str = ".0f") -> str:
     return "-" if q is None else f"{q.p50:{form}} / {q.p90:{form}} / {q.p99:{form}}"
-
-
-def _print_likelihood(console: Any, variant: "Variant") -> None:
-    if variant.log_likelihood is None or variant.best_log_likelihood is None:
-        return
-    away = variant.best_log_likelihood - variant.log_likelihood
-    console.print(
-        f"{_heading(variant)}: log-likelihood of the paper's column {variant.log_likelihood:.1f}, "
-        f"{away:.1f} below the best that any model could have"
-    )
-    unlikely = [c for c in variant.cells if c.p_value is not None and c.p_value < 0.05]
-    for cell in unlikely:
-        console.print(f"  {cell.object}: the paper's figure has p = {cell.p_value:.2g} under it")

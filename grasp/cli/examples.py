@@ -26,7 +26,11 @@ EXAMPLES = {
         "grasp report runs/campaigns/paper.sqlite",
         "grasp report scores.json",
     ),
-    "export": ("grasp export runs/20260102-101500-lift-can --to csv",),
+    "export": (
+        "grasp export runs/20260102-101500-lift-can --to csv",
+        "grasp export runs/20260102-101500-lift-can --to svg",
+        "grasp export runs/campaigns/paper.sqlite --out paper.csv",
+    ),
     "config show": (
         "grasp config show object --object ball",
         "grasp config show --config lab.toml --config grip.toml",

@@ -14,7 +14,6 @@ from grasp.cli import (
     arm,
     calibrate,
     campaign,
-    chart,
     completion,
     config,
     dataset,
@@ -25,7 +24,6 @@ from grasp.cli import (
     exits,
     export,
     find,
-    grip_search,
     gripper,
     release,
     replay,
@@ -40,13 +38,13 @@ from grasp.cli.parser import EXAMPLES, Parser, RootParser
 from grasp.files import LEADS_NOWHERE, NO_NAMES, TOO_MANY
 
 VERBS = (
-    run, campaign, grip_search, replay, runs, report, export, chart, dataset, detector, tactile,
+    run, campaign, replay, runs, report, export, dataset, detector, tactile,
     world, config, doctor, find, gripper, arm, calibrate, emulate, release,
     completion,
 )  # fmt: skip
 GROUPS = {
     "try": ("run", "replay", "runs", "report", "export"),
-    "measure": ("campaign", "chart", "grip-search", "dataset", "detector", "world"),
+    "measure": ("campaign", "dataset", "detector", "world"),
     "a lab's devices": (
         "find",
         "doctor",

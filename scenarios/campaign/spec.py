@@ -14,9 +14,7 @@ from detector.own import is_code
 from drivers.errors import ConfigError, GraspError
 from drivers.interfaces import FINGERS
 from grasp.settings import by_path, load, read_toml
-from scenarios.campaign.axes import AXES
 from scenarios.campaign.config import RunConfig, load_config
-from scenarios.campaign.unknowns import Unknown, latin_hypercube
 from scenarios.lift.config import LiftConfig
 from scenarios.tap import tap
 from scenarios.tap.config import TapConfig
@@ -25,9 +23,6 @@ from scenarios.trial.execution import make_guard
 from scenarios.world.objects import Name
 
 MOST_TRIALS = 1_000_000
-# keys of a row's `swept`: places on axes as [value, share of the bound], the axis that was moved
-# (empty: none), number of a draw
-AT, MOVED, DRAW = "at", "moved", "draw"
 SEEDS_APART = 10_000  # so the seeds of two campaigns with different `seeds` never meet
 
 
@@ -52,19 +47,6 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     sweep: Annotated[
         dict[str, tuple[Any, ...]], Meta(description="settings, section.key = [values]")
     ] = {}
-    axes: Annotated[
-        dict[str, tuple[float, ...]],
-        Meta(
-            description="of scenarios/campaign/axes.py, each in its unit and each moved alone from "
-            "the settings as they are, which are run too; lifts only"
-        ),
-    ] = {}
-    unknowns: Annotated[
-        dict[str, Unknown], Meta(description="settings, section.key = {low, high}, drawn together")
-    ] = {}
-    draws: Annotated[
-        int, Meta(ge=0, le=10_000, description="Latin hypercube over the unknowns")
-    ] = 0
     config: Annotated[
         tuple[str, ...],
         Meta(description="TOML files beside the campaign's, for every trial; later ones on top"),
@@ -139,9 +121,7 @@ def combinations(spec: CampaignSpec) -> list[Combination]:
         if called.setdefault(base.object.name, name) != name:
             both = f"{called[base.object.name]} and {name} are both called {base.object.name!r}"
             raise ConfigError("campaign", "objects", both, "an object.name of its own for each")
-        for said, more in _shifts(spec, base):
-            whole = _load(name, detector, files, [*words, *more], profile, swept)
-            found.append(Combination(scenario, {**swept, **said}, _of(scenario, whole)))
+        found.append(Combination(scenario, swept, _of(scenario, base)))
     _check_detectors([each.config for each in found])
     return found
 
@@ -170,57 +150,23 @@ def _of(scenario: str, whole: RunConfig) -> LiftConfig | TapConfig:
     return whole.for_tap()
 
 
-def _shifts(spec: CampaignSpec, base: RunConfig) -> Iterator[tuple[dict[str, Any], list[str]]]:
-    """What a row says of each place beside the grid, and the assignments that lead there."""
-    if spec.axes:
-        here = {name: AXES[name].here(base) for name in spec.axes}
-        at = {name: [value, AXES[name].share(base, value)] for name, value in here.items()}
-        yield {MOVED: "", AT: at}, []
-        for name, values in spec.axes.items():
-            for value in values:
-                axis = AXES[name]
-                at = {name: [value, axis.share(base, value)]}
-                yield {MOVED: name, AT: at}, axis.moved(base, value)
-    elif spec.unknowns:
-        for number, drawn in enumerate(latin_hypercube(spec.unknowns, spec.draws)):
-            words = [w for key, x in drawn.items() for w in spec.unknowns[key].words(key, x, base)]
-            yield {DRAW: number, **drawn}, words
-    else:
-        yield {}, []
-
-
-def _check_shifts(spec: CampaignSpec) -> None:
-    for name in spec.axes:
-        if name not in AXES:
-            raise ConfigError("campaign", f"axes.{name}", "is none", ", ".join(AXES))
-    if spec.axes and spec.unknowns:
-        raise ConfigError("campaign", "axes", "stand beside unknowns", "one of them")
-    if spec.axes and spec.scenarios != ("lift",):
-        raise ConfigError("campaign", "axes", "make lifts harder", 'scenarios = ["lift"]')
-    if bool(spec.unknowns) != bool(spec.draws):
-        raise ConfigError("campaign", "draws", "and unknowns go together", "both or neither")
-
-
 def _check_axes(spec: CampaignSpec) -> None:
     """Nothing is run twice and counted twice, and a sweep sweeps."""
     named = ("scenarios", "objects", "profiles", "detectors", "seeds")
-    _check_shifts(spec)
     swept = {f"sweep.{key}": values for key, values in spec.sweep.items()}
-    moved = {f"axes.{name}": values for name, values in spec.axes.items()}
-    for axis, values in ({name: getattr(spec, name) for name in named} | swept | moved).items():
+    for axis, values in ({name: getattr(spec, name) for name in named} | swept).items():
         seen = set()
         for value in values:
             known = _hashable(value)
             if known in seen:
                 raise ConfigError("campaign", axis, f"{value!r} twice", "each value once")
             seen.add(known)
-    for axis, values in (swept | moved).items():
+    for axis, values in swept.items():
         if not values:
             raise ConfigError("campaign", axis, "is empty", "one value or more")
     places = math.prod(
         len(values) or 1 for values in (*(getattr(spec, name) for name in named), *swept.values())
     )
-    places *= spec.draws or 1 + sum(len(values) for values in spec.axes.values())
     if places * spec.repetitions > MOST_TRIALS:
         raise ConfigError("campaign", "-", "is too large", f"{MOST_TRIALS} trials")
 

@@ -11,10 +11,6 @@ from scenarios.campaign.paper import (
     LONG,
     TABLE_IV,
     TRIALS,
-    log_multinomial,
-    log_predictive,
-    p_value,
-    paper_counts,
     wilson,
 )
 from scenarios.campaign.worker import Row
@@ -43,7 +39,6 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     slip_distance_mm: Quantiles | None
     turned_deg: Quantiles | None  # in the hand, either way
     paused_s: Quantiles | None  # the arm, for answers to slip
-    p_value: float | None  # of the paper's counts under this model; None: the paper has none
 
     @property
     def rate(self) -> float:
@@ -66,8 +61,6 @@ class Variant(msgspec.Struct, frozen=True, kw_only=True):
     cells: list[Cell]
     average: float
     average_of_all: float  # what drops out of the rates counted as failed
-    log_likelihood: float | None  # of the paper's column under this one; None: other objects
-    best_log_likelihood: float | None  # under its own frequencies: no model can do better
 
 
 class Summary(msgspec.Struct, frozen=True):
@@ -102,19 +95,10 @@ def _variant(key: tuple[str, str, str, str], rows: Sequence[Row]) -> Variant:
     for row in rows:
         by_object.setdefault(row.object, []).append(row)
     cells = [_cell(scenario, name, group) for name, group in by_object.items()]
-    known = {name: group for name, group in by_object.items() if name in TABLE_IV}
-    score = best = None
-    if len(known) == len(TABLE_IV):
-        score = sum(
-            log_predictive(paper_counts(scenario, name), class_counts(scenario, name, group))
-            for name, group in known.items()
-        )
-        best = sum(log_multinomial(paper_counts(scenario, name)) for name in known)
     return Variant(
         scenario=scenario, profile=key[1], detector=key[2], swept=key[3], cells=cells,
         average=sum(cell.rate for cell in cells if cell.trials) / max(1, len(cells)),
         average_of_all=sum(c.rate_of_all for c in cells if c.outcomes) / max(1, len(cells)),
-        log_likelihood=score, best_log_likelihood=best,
     )  # fmt: skip
 
 
@@ -124,7 +108,6 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
     successes = sum(bool(row.success) for row in done)
     outcomes, counted = _outcomes(ran), {row.trial for row in done}
     split = scenario == "lift" and name in LONG
-    known = name in TABLE_IV and done
     return Cell(
         object=name,
         trials=len(done),
@@ -142,9 +125,6 @@ def _cell(scenario: str, name: str, rows: Sequence[Row]) -> Cell:
         slip_distance_mm=quantiles([_slip_mm(scenario, row) for row in done]),
         turned_deg=_of_a_world([_turned_deg(scenario, row) for row in done], done),
         paused_s=quantiles([row.paused_s for row in done]),
-        p_value=p_value(paper_counts(scenario, name), class_counts(scenario, name, done))
-        if known
-        else None,
     )
 
 
@@ -181,16 +161,6 @@ def _counted(scenario: str, rows: Sequence[Row]) -> list[Row]:
     """Trials that a success rate is out of: of taps, those that moved the object."""
     done = [row for row in rows if row.status == "done"]
     return done if scenario == "lift" else [row for row in done if row.moved]
-
-
-def class_counts(scenario: str, name: str, rows: Sequence[Row]) -> tuple[int, ...]:
-    """Counts by the classes of the paper's cell."""
-    done = _counted(scenario, rows)
-    failed = sum(not row.success for row in done)
-    if scenario == "tap" or name not in LONG:
-        return len(done) - failed, failed
-    near = sum(row.outcome == NEAR for row in done)
-    return near, len(done) - failed - near, failed
 
 
 def _slip_mm(scenario: str, row: Row) -> float | None:

@@ -98,6 +98,16 @@ class Lift(Trial, frozen=True, kw_only=True):
 
     result: LiftResult
 
+    @property
+    def success(self) -> bool:
+        """Whether the object was held in spite of slip; False for a lift that was not judged."""
+        return bool(self.result.success)
+
+    @property
+    def outcome(self) -> str:
+        """How it ended, as `held_within_6cm` or `dropped`."""
+        return self.result.outcome
+
 
 class Tap(Trial, frozen=True, kw_only=True):
     """One tap, as `grasp.tap` returns it."""

@@ -9,9 +9,8 @@ from typing import Any
 
 import msgspec
 
-from scenarios.campaign import frontier
 from scenarios.campaign.paper import TABLE_IV, TRIALS, wilson
-from scenarios.campaign.spec import MOVED, CampaignSpec
+from scenarios.campaign.spec import CampaignSpec
 from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.summary import Cell, Variant, paper_rate, registered_ms, summarize
 from scenarios.campaign.worker import Row
@@ -22,7 +21,6 @@ from scenarios.tap.scoring import UNMOVED
 from scenarios.trial.result import spelt
 
 MOST_FAILURES = 400  # that are listed: a page stays below its size
-BINS = 5  # of an unknown that was drawn from a range
 GOOD = ("held", "registered")  # how outcomes of a success begin
 TITLES = {"lift": "Object lift", "tap": "Mallet tap"}
 
@@ -123,13 +121,10 @@ def _counts(row: Row) -> bool:
 
 
 def _tables(spec: CampaignSpec, rows: Sequence[Row]) -> list[Table]:
-    """A table a scenario. Of axes only the settings as they are count; what was drawn from ranges
-    counts together."""
-    asked = [row for row in rows if not _told(row).get(MOVED)]
-    same = [msgspec.structs.replace(row, swept=json.dumps(_grid(spec, row))) for row in asked]
-    summary = summarize(spec.name, same)
+    """A table a scenario."""
+    summary = summarize(spec.name, rows)
     scenarios = dict.fromkeys(variant.scenario for variant in summary.variants)
-    return [_table(scenario, summary.variants, same) for scenario in scenarios]
+    return [_table(scenario, summary.variants, rows) for scenario in scenarios]
 
 
 def _table(scenario: str, every: Sequence[Variant], rows: Sequence[Row]) -> Table:
@@ -230,18 +225,12 @@ def _told(row: Row) -> dict[str, Any]:
     return table
 
 
-def _grid(spec: CampaignSpec, row: Row) -> dict[str, Any]:
-    """What of it the campaign swept on a grid."""
-    told = _told(row)
-    return {key: told[key] for key in spec.sweep if key in told}
-
-
 def _swept(spec: CampaignSpec, rows: Sequence[Row]) -> list[Plot]:
     """Success against each thing that was varied, all others taken together."""
-    plots = _along_axes(spec, rows) if spec.axes else []
-    for key in (*spec.sweep, *spec.unknowns):
+    plots = []
+    for key in spec.sweep:
         values = [_told(row).get(key) for row in rows]
-        places = _places(values, bool(spec.unknowns.get(key)))
+        places = _places(values)
         groups: dict[str, dict[float, list[Row]]] = {}
         for row, place in zip(rows, places, strict=True):
             if place is not None and _counts(row):
@@ -262,9 +251,9 @@ def _rated(by_place: dict[float, list[Row]], labels: dict[float, str]) -> list[R
     return found
 
 
-def _places(values: Sequence[Any], binned: bool) -> list[tuple[float, str] | None]:
-    """Where each value stands, and its name: a number where it is one, in equal parts of the trials
-    where it was drawn from a range, in its order where it is no number."""
+def _places(values: Sequence[Any]) -> list[tuple[float, str] | None]:
+    """Where each value stands, and its name: a number where it is one, else its place in the order
+    of the values."""
     numbers = [v for v in values if isinstance(v, int | float) and not isinstance(v, bool)]
     if len(numbers) < sum(value is not None for value in values):
         order = list(dict.fromkeys(json.dumps(value) for value in values if value is not None))
@@ -272,38 +261,7 @@ def _places(values: Sequence[Any], binned: bool) -> list[tuple[float, str] | Non
             None if value is None else (float(order.index(json.dumps(value))), json.dumps(value))
             for value in values
         ]
-    if not binned or len(set(numbers)) <= 2 * BINS:
-        return [None if value is None else (float(value), f"{value:g}") for value in values]
-    ordered = sorted(numbers)
-    edges = [ordered[len(ordered) * i // BINS] for i in range(1, BINS)]
-    parts: list[list[float]] = [[] for _ in range(BINS)]
-    for number in numbers:
-        parts[sum(number >= edge for edge in edges)].append(number)
-    middles = [sum(part) / len(part) if part else math.nan for part in parts]
-    here = [None if v is None else middles[sum(v >= edge for edge in edges)] for v in values]
-    return [None if middle is None else (middle, f"{middle:.3g}") for middle in here]
-
-
-def _along_axes(spec: CampaignSpec, rows: Sequence[Row]) -> list[Plot]:
-    found = frontier.summarize(spec.name, rows)
-    plots = []
-    for axis in dict.fromkeys(line.axis for line in found.lines):
-        lines = [line for line in found.lines if line.axis == axis]
-        named = [
-            (
-                f"{line.profile}, {line.detector}",
-                [
-                    Rate(t.value, f"{t.value:g}", t.held, t.tested, t.interval)
-                    for t in line.tried
-                    if t.value is not None and t.tested
-                ],
-            )
-            for line in lines
-        ]
-        known = [(name, found_rates) for name, found_rates in named if found_rates]
-        if known:
-            plots.append(rates(lines[0].title, lines[0].unit, known))
-    return plots
+    return [None if value is None else (float(value), f"{value:g}") for value in values]
 
 
 # Failures
@@ -316,10 +274,7 @@ def _shown(spec: CampaignSpec, row: Row, settings: dict[str, Any], file: Path, o
         recording = _link(kept, out)
         page = _link(kept.with_suffix(".html"), out)
     told = _told(row)
-    varied = [f"{key} = {told[key]}" for key in (*spec.sweep, *spec.unknowns) if key in told]
-    moved = told.get(MOVED)
-    if moved:
-        varied.append(f"{moved} = {told['at'][moved][0]:g}")
+    varied = [f"{key} = {told[key]}" for key in spec.sweep if key in told]
     command = command_of(settings, str(row.seed), begun=False)
     return Failed(row, ", ".join(varied), recording, page, shell(command))
 

@@ -270,7 +270,7 @@ def test_a_file_is_told_by_what_is_in_it(
     [
         ("surfaces", "sphere", "a surface"),
         ("calibrations", "paper", "a calibration"),
-        ("campaigns", "table4", "a campaign"),
+        ("campaigns", "paper", "a campaign"),
         ("datasets", "confusers", "a data set"),
         ("layouts", "eight", "settings"),
     ],

@@ -21,14 +21,12 @@ from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.datasets.plan import DatasetConfig
 from scenarios.campaign.config import RunConfig
 from scenarios.campaign.spec import CampaignSpec
-from scenarios.studies.grip_search import GripCriteria
 from scenarios.world.ladder.experiments import World
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("grasp", "drivers", "detector", "scenarios")
 FILES = (
-    RunConfig, AcquireConfig, CampaignSpec, DatasetConfig, GripCriteria, World, TrainSettings,
-    EmulatorSettings,
+    RunConfig, AcquireConfig, CampaignSpec, DatasetConfig, World, TrainSettings, EmulatorSettings,
 )  # fmt: skip
 
 

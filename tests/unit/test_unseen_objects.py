@@ -9,7 +9,6 @@ from drivers.errors import ConfigError
 from grasp.settings import config_dir, named_layer, names
 from scenarios.campaign.config import load_config
 from scenarios.campaign.spec import CampaignSpec
-from scenarios.studies.grip_search import GripCriteria, present_grip
 from scenarios.tap.mallet import search
 from scenarios.tap.tap import tap_config
 
@@ -84,12 +83,6 @@ def test_however_a_figure_names_them_it_is_seen() -> None:
     last = f'<!-- figure: id={LAST}-lifts command="grasp campaign run" -->\n| mug | 20 |'
     assert named_in_figures(last) == []
     assert named_in_figures(last + "\n<!-- figure: id=other -->\n| mug | 20 |") == ["| mug | 20 |"]
-
-
-@pytest.mark.parametrize("name", UNSEEN)
-def test_their_first_grip_is_held_and_sure_to_slip(name: str) -> None:
-    grip = present_grip(load_config(name, "simulated", "energy").for_lift(), GripCriteria())
-    assert grip.meets(GripCriteria()), grip
 
 
 @pytest.mark.parametrize("name", UNSEEN)

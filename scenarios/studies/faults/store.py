@@ -12,7 +12,7 @@ import msgspec
 from drivers.errors import BadFile, CouldNotRecord
 from grasp.files import make_private_file, make_private_folder
 from scenarios.campaign.lock import writing
-from scenarios.campaign.store import of_the_disk, why
+from scenarios.campaign.store import of_the_disk
 from scenarios.studies.faults.cases import Case, plan
 from scenarios.studies.faults.run import Ended, run_scene
 
@@ -45,7 +45,7 @@ class FaultStore:
         except sqlite3.Error as error:
             self._held.close()
             if of_the_disk(error):
-                raise CouldNotRecord(f"{self._path}: {why(error, self._path)}", FREE) from None
+                raise CouldNotRecord(f"{self._path}: {error}", FREE) from None
             raise BadFile(self._path, str(error), "name another file with --out") from None
         return self
 
@@ -116,7 +116,7 @@ def _written(path: Path) -> Iterator[None]:
     try:
         yield
     except sqlite3.Error as error:
-        raise CouldNotRecord(f"{path}: {why(error, path)}", FREE) from None
+        raise CouldNotRecord(f"{path}: {error}", FREE) from None
 
 
 def _read(row: bytes) -> Ended | None:

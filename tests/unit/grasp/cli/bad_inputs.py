@@ -163,7 +163,7 @@ SETTLED_BY = (
     ("run", "tap", "--rig", "simulated", "--runs", "OUT"),
     ("run", "lift", "--rig", "simulated", "--runs", "OUT", "--trials", "2", "--out", "OUT.sqlite"),
     ("run", "lift", "--rig", "emulated", "--runs", "OUT", "--json"),
-    ("grip-search", "--write", "OUT.toml"), ("emulate",),
+    ("emulate",),
 )  # fmt: skip
 
 
@@ -378,9 +378,9 @@ PLACES: tuple[tuple[tuple[str, ...], tuple[tuple[str, str], ...]], ...] = (
     (("runs", "--runs=NAME"), ()), (("runs", "--json", "--runs=NAME"), ()),
     (("report", "--", "NAME"), ()), (("report", "IN/run", "--out=NAME.html"), RECORDED),
     (("export", "--", "NAME"), ()), (("export", "IN/run", "--out=NAME"), RECORDED),
-    (("chart", "run", "--", "NAME"), ()), (("chart", "run", "IN/run", "--out=NAME.svg"), RECORDED),
-    (("campaign", "summary", "--", "NAME"), ()), (("campaign", "export", "--", "NAME"), ()),
-    (("campaign", "export", "IN/a.sqlite", "--out=NAME"), (("a.sqlite", "a.sqlite"),)),
+    (("export", "IN/run", "--out=NAME.svg"), RECORDED),
+    (("campaign", "summary", "--", "NAME"), ()),
+    (("export", "IN/a.sqlite", "--out=NAME"), (("a.sqlite", "a.sqlite"),)),
     (("campaign", "run", "--out", "OUT.sqlite", "--", "NAME.toml"), ()),
     (("campaign", "run", "IN/c.toml", "--jobs", "1", "--out=NAME"), (("c.toml", OWN_CAMPAIGN),)),
     (("config", "check", "--", "NAME"), ()), (("config", "show", "--", "NAME"), ()),
@@ -425,18 +425,18 @@ READERS_OF_RESULTS: dict[
     "a.mcap": tuple(
         (words, "run/recording.mcap", RECORDED[1:]) for words in (
             ("replay", "FILE"), ("replay", "IN/run", "--check"), ("export", "IN/run", "--out",
-             "OUT.csv"), ("report", "FILE", "--out", "OUT.html"), ("chart", "run", "FILE", "--out",
-             "OUT.svg"))
+             "OUT.csv"), ("report", "FILE", "--out", "OUT.html"),
+             ("export", "FILE", "--out", "OUT.svg"))
     ),
     "result.json": tuple(
         (words, "run/result.json", RECORDED[:1]) for words in (
             ("runs", "--runs", "IN", "--json"), ("report", "IN/run", "--out", "OUT.html"),
-            ("replay", "IN/run"), ("chart", "run", "IN/run", "--out", "OUT.svg"),
+            ("replay", "IN/run"), ("export", "IN/run", "--out", "OUT.svg"),
             ("export", "IN/run", "--out", "OUT.csv"))
     ),
     "a.sqlite": tuple(
         (words, "a.sqlite", ()) for words in (
-            ("campaign", "summary", "FILE"), ("campaign", "export", "FILE", "--out", "OUT.csv"),
+            ("campaign", "summary", "FILE"), ("export", "FILE", "--out", "OUT.csv"),
             ("report", "FILE", "--out", "OUT.html"))
     ),
     "a.onnx": tuple(

@@ -40,7 +40,7 @@ def test_every_number_of_the_command_line_has_bounds(name: str) -> None:
 
 def test_numbers_are_found_in_every_group_of_verbs() -> None:
     verbs = {name.split()[1] for name in NUMBERS}
-    assert {"run", "campaign", "chart", "detector", "world", "emulate", "grip-search"} <= verbs
+    assert {"run", "campaign", "detector", "world", "emulate"} <= verbs
 
 
 def test_a_number_out_of_bounds_is_a_usage_error_that_names_them(
@@ -49,8 +49,6 @@ def test_a_number_out_of_bounds_is_a_usage_error_that_names_them(
     words = ["world", "calibrate", "--recording", "x.csv", "--clips"]
     assert main([*words, "-1"]) == 2
     assert "2 to 100000" in capsys.readouterr().err
-    assert main(["grip-search", "--least", "11"]) == 2
-    assert "0 to 10" in capsys.readouterr().err
 
 
 def test_bounds_belong_to_what_is_allowed() -> None:
@@ -61,9 +59,6 @@ def test_bounds_belong_to_what_is_allowed() -> None:
 @pytest.mark.parametrize(
     ("words", "twice"),
     [
-        ("chart reaction --objects can ball can", "--objects: can twice"),
-        ("chart reaction --latencies 5 5.0", "--latencies: 5.0 twice"),
-        ("chart frontier a.sqlite a.sqlite", "FILE: a.sqlite twice"),
         ("detector evaluate energy energy --recording x.csv", "NAME: energy twice"),
         ("detector evaluate energy --data sets sets/", "--data: sets twice"),
         ("detector tune --static a.csv ./a.csv", "--static: a.csv twice"),
@@ -85,14 +80,10 @@ def test_a_package_that_is_not_installed_is_refused_with_its_extra() -> None:
 
 
 @pytest.mark.parametrize("name", ["x", ".", "", "run.xyz", "/"])
-@pytest.mark.parametrize(
-    "words", [["chart", "run", "RUN", "--out"], ["dataset", "describe", "DIR", "--pictures"],
-              ["chart", "frontier", "FILE", "--out"]],
-)  # fmt: skip
 def test_a_picture_of_no_kind_that_can_be_drawn_is_refused_before_anything_is_computed(
-    words: list[str], name: str, capsys: pytest.CaptureFixture[str]
+    name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([*words, name]) == 2
+    assert main(["dataset", "describe", "DIR", "--pictures", name]) == 2
     assert "a name that ends in .svg, .png or .pdf" in capsys.readouterr().err
 
 

@@ -41,7 +41,7 @@ PLACES = [
 
 
 def test_verbs_that_write_are_found() -> None:
-    assert len(PLACES) > 25
+    assert len(PLACES) > 15
     assert {"grasp calibrate hand", "grasp run lift", "grasp tactile rest"} <= {
         p[0] for p in PLACES
     }
@@ -136,9 +136,7 @@ def test_a_verb_that_takes_files_of_settings_takes_single_ones_too(words: str) -
         assert isinstance(taken["--config"], argparse._AppendAction)  # noqa: SLF001
 
 
-@pytest.mark.parametrize(
-    "words", ["runs", "report RUN", "export RUN", "campaign summary FILE", "campaign export FILE"]
-)
+@pytest.mark.parametrize("words", ["runs", "report RUN", "export RUN", "campaign summary FILE"])
 @pytest.mark.parametrize("given", ["--config lab.toml", "--set a.b=1", "--set=a.b=1"])
 def test_a_verb_that_shows_what_was_made_says_why_it_takes_no_settings(
     words: str, given: str, capsys: pytest.CaptureFixture[str]

@@ -59,16 +59,6 @@ def test_plan_refuses_what_it_cannot_read(
     assert capsys.readouterr().err.startswith("grasp: ")
 
 
-def test_chart_that_cannot_be_written_fails_before_the_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("matplotlib")
-    for chart in ("physics", "stability"):
-        out = tmp_path / "no-such-folder" / "chart.svg"
-        assert main(["chart", chart, "--out", str(out)]) == exits.USAGE
-    assert "no-such-folder" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("error", [
     RuntimeError("cannot cache function 'f': no locator available for file 'laws.py'"), EOFError(),
 ])  # fmt: skip

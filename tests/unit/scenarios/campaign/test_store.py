@@ -1,16 +1,15 @@
-"""A campaign's file: one writer, a checksum a row, and what damage or a full disk may leave."""
+"""A campaign's file: one writer, and what damage or a full disk may leave."""
 
 import errno
 import fcntl
 import os
 import random
-import resource
 import shutil
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ from grasp.cli.main import main
 from scenarios.campaign.lock import writing
 from scenarios.campaign.run import run
 from scenarios.campaign.spec import CampaignSpec, Task, combinations, read_spec, trials
-from scenarios.campaign.store import CampaignStore, why
+from scenarios.campaign.store import CampaignStore
 from scenarios.campaign.worker import Finished, error_row
 from scenarios.rigs.workers import Workers
 
@@ -58,17 +57,6 @@ def limit_pages(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
         return database
 
     monkeypatch.setattr(sqlite3, "connect", limited)
-
-
-@contextmanager
-def files_of_at_most(size: int) -> Iterator[None]:
-    """As on a disk with so little room left: this process can make no file larger, in bytes."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +128,7 @@ def test_a_lock_that_cannot_be_made_is_told(tmp_path: Path) -> None:
         CampaignStore.create(tmp_path / "a.sqlite", SPEC, combinations(SPEC))
 
 
-# A checksum a row
+# What a file holds
 
 
 def test_what_was_written_is_read_whatever_the_values(whole: Path) -> None:
@@ -154,42 +142,24 @@ def test_what_was_written_is_read_whatever_the_values(whole: Path) -> None:
 @pytest.mark.parametrize(
     ("statement", "named"),
     [
-        ("UPDATE trials SET success = 1 WHERE trial IN (1, 3)", r"trials: .*: 1, 3"),
-        ("UPDATE trials SET outcome = 'held' WHERE trial = 4", r"trials: .*: 4"),
-        ("UPDATE trials SET trial = 17 WHERE trial = 5", r"trials: .*: 17"),
-        ("UPDATE trials SET peak_force_n = peak_force_n + 1e-12", r"0, 1, 2, 3, 4, 5"),
-        ("UPDATE trials SET checksum = NULL WHERE trial = 2", r"trials: .*: 2"),
-        ("UPDATE trials SET checksum = (SELECT checksum FROM trials WHERE trial = 1)", r"0, 2, 3"),
-        ("UPDATE campaign SET value = replace(value, 'can', 'box')", "campaign: .*'spec'"),
+        ("UPDATE trials SET peak_force_n = 'strong' WHERE trial = 2", "peak_force_n"),
+        ("UPDATE campaign SET value = replace(value, 'objects', 'object')", "object"),
+        ("UPDATE campaign SET value = 'grasp-campaign 1' WHERE key = 'format'", "run the campaign"),
+        ("DROP TABLE configs", "not a campaign"),
     ],
 )
-def test_a_changed_row_is_named_and_not_counted(
+def test_a_file_whose_content_does_not_fit_is_refused_and_left_as_it_is(
     statement: str, named: str, copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     change(copy, statement)
-    with pytest.raises(BadFile, match=named):
-        everything(copy)
     before = copy.read_bytes()
-    with pytest.raises(BadFile, match=named):
+    with pytest.raises(BadFile):
         run(SPEC, copy, Workers(0), resume=True, work=judged)
     assert copy.read_bytes() == before
-    for verb in ("summary", "export"):
-        assert main(["campaign", verb, str(copy)]) == 2
+    for words in (["campaign", "summary"], ["export"]):
+        assert main([*words, str(copy)]) == 2
         out, err = capsys.readouterr()
-        assert out == "" and "another --out" in err
-
-
-def test_settings_that_were_changed_are_noticed_on_resume(copy: Path) -> None:
-    change(copy, "UPDATE configs SET settings = replace(settings, '10.0', '11.0')")
-    with pytest.raises(BadFile, match="configs: changed"):
-        run(SPEC, copy, Workers(0), resume=True, work=judged)
-
-
-def test_a_file_without_checksums_is_refused_with_what_to_do(copy: Path) -> None:
-    change(copy, "UPDATE campaign SET value = 'grasp-campaign 1' WHERE key = 'format'")
-    with pytest.raises(BadFile, match="grasp-campaign 1") as caught:
-        everything(copy)
-    assert "run the campaign again" in caught.value.remedy
+        assert out == "" and named in err
 
 
 def test_to_read_a_campaign_changes_nothing(copy: Path) -> None:
@@ -203,59 +173,39 @@ def test_to_read_a_campaign_changes_nothing(copy: Path) -> None:
 
 
 def damage(content: bytes, rng: random.Random) -> bytes:
-    """A few bits, a run of bytes, a page of zeros, two pages exchanged, or a file cut short."""
+    """A page of zeros or with another head, two pages exchanged, or a file cut short."""
     data = bytearray(content)
-    kind = rng.choice(("bits", "bytes", "zeros", "exchange", "cut", "text"))
-    at = rng.randrange(len(data))
-    if kind == "bits":
-        for _ in range(rng.choice((1, 3, 30))):
-            data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
-    elif kind == "bytes":
-        size = rng.choice((1, 16, 400))
-        data[at : at + size] = rng.randbytes(len(data[at : at + size]))
+    kind = rng.choice(("head", "zeros", "exchange", "cut"))
+    a, b = (rng.randrange(len(data) // 4096) * 4096 for _ in range(2))
+    if kind == "head":
+        data[a : a + 16] = rng.randbytes(16)
     elif kind == "zeros":
-        page = at // 4096 * 4096
-        data[page : page + 4096] = bytes(len(data[page : page + 4096]))
+        data[a : a + 4096] = bytes(4096)
     elif kind == "exchange":
-        a, b = (rng.randrange(len(data) // 4096) * 4096 for _ in range(2))
         data[a : a + 4096], data[b : b + 4096] = data[b : b + 4096], data[a : a + 4096]
-    elif kind == "cut":
-        del data[at:]
     else:
-        at = max(data.find(b"can", at), data.find(b"can"))
-        data[at : at + 3] = rng.choice((b"\xff\xfe\xfd", b"\0\0\0", b"cat"))
+        del data[rng.randrange(len(data)) :]
     return bytes(data)
 
 
-def tells_or_is_whole(path: Path, content: bytes, wanted: object) -> None:
-    path.write_bytes(content)
-    try:
-        found = everything(path)
-    except BadFile as error:
-        assert path.name in error.message and "\n" not in error.message
-        return
-    assert found == wanted  # the damage was where nothing is
-
-
-def test_150_damaged_files_are_refused_or_read_whole(whole: Path, tmp_path: Path) -> None:
-    rng, content, wanted = random.Random(20_26), whole.read_bytes(), everything(whole)
-    for _ in range(150):
-        tells_or_is_whole(tmp_path / "a.sqlite", damage(content, rng), wanted)
-
-
-def test_damaged_files_are_refused_by_every_verb_in_one_line(
+def test_damaged_files_are_refused_in_one_line_or_read_whole(
     whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    rng, content = random.Random(3), whole.read_bytes()
-    out = tmp_path / "a.sqlite"
-    for _ in range(20):
+    rng, content, wanted = random.Random(20_26), whole.read_bytes(), everything(whole)
+    out, refused = tmp_path / "a.sqlite", 0
+    for _ in range(60):
         out.write_bytes(damage(content, rng))
         code = main(["campaign", "summary", str(out), "--json"])
         said = capsys.readouterr()
         assert (code, said.err, said.out.count("\n")) in ((0, "", 1), (2, "", 1))
-        with suppress(BadFile, ConfigError):
-            run(SPEC, out, Workers(0), resume=True, work=judged)
-        shutil.rmtree(tmp_path / "a.recordings", ignore_errors=True)
+        refused += code == 2
+        if code == 0:
+            assert everything(out) == wanted  # the damage was where nothing is
+        else:
+            assert out.name in said.out
+            with pytest.raises(BadFile):
+                run(SPEC, out, Workers(0), resume=True, work=judged)
+    assert refused > 40
 
 
 # A disk that is full, or may not be written
@@ -349,20 +299,20 @@ def test_a_folder_that_may_not_be_written_is_told_before_anything_runs(
 def test_an_export_that_the_disk_refuses_leaves_what_was_there(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    out = tmp_path / "a.csv"
-    out.write_text("before")
+    out, before = tmp_path / "a.csv", "trial,scenario,object\n"
+    out.write_text(before)
     with monkeypatch.context() as patch:
         patch.setattr(Path, "write_bytes", after_half)
-        assert main(["campaign", "export", str(whole), "--out", str(out)]) == 5
+        assert main(["export", str(whole), "--out", str(out)]) == 5
     assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
-    assert out.read_text() == "before"
-    assert main(["campaign", "export", str(whole), "--out", str(out)]) == 0
+    assert out.read_text() == before
+    assert main(["export", str(whole), "--out", str(out)]) == 0
     assert len(out.read_text()) > 100
 
 
 def test_an_export_over_a_campaign_is_refused(copy: Path) -> None:
     before = copy.read_bytes()
-    assert main(["campaign", "export", str(copy), "--out", str(copy)]) == 2
+    assert main(["export", str(copy), "--out", str(copy)]) == 2
     assert copy.read_bytes() == before
 
 
@@ -370,21 +320,8 @@ def test_an_export_into_a_folder_that_is_not_there_says_what_to_do(
     whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "nowhere" / "a.csv"
-    assert main(["campaign", "export", str(whole), "--out", str(out)]) == 2
+    assert main(["export", str(whole), "--out", str(out)]) == 2
     assert f"there is no folder {out.parent}" in capsys.readouterr().err
-
-
-def test_a_disk_without_room_for_the_log_is_no_damage(tmp_path: Path) -> None:
-    out, left = tmp_path / "a.sqlite", tmp_path / "left.sqlite"
-    places = combinations(SPEC)
-    with CampaignStore.create(out, SPEC, places) as opened:
-        opened.add(judged(next(iter(trials(SPEC, places)))))
-        for part in ("", "-wal"):  # what a kill leaves: a log that has to be read with an index
-            shutil.copy(f"{out}{part}", f"{left}{part}")
-    with files_of_at_most(16_384), pytest.raises(CouldNotRecord, match="disk I/O error"):
-        run(SPEC, left, Workers(0), resume=True, work=judged)
-    run(SPEC, left, Workers(0), resume=True, work=judged)
-    assert isinstance(everything(left), tuple)
 
 
 # What a campaign file may say
@@ -430,16 +367,3 @@ def test_a_campaign_s_name_is_part_of_a_path(name: str, tmp_path: Path) -> None:
     file.write_text(f'name = "{name}"\nobjects = ["can"]\n')
     with pytest.raises(ConfigError, match="name"):
         read_spec(file)
-
-
-def test_a_full_disk_is_called_one_whatever_sqlite_calls_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    error = sqlite3.OperationalError("disk I/O error")
-    error.sqlite_errorname = "SQLITE_IOERR_WRITE"
-    assert why(error, tmp_path / "a.sqlite") == "disk I/O error"
-    room = os.statvfs(tmp_path)
-    full = os.statvfs_result((*room[:4], 0, *room[5:]))
-    monkeypatch.setattr(os, "statvfs", lambda path: full)
-    assert why(error, tmp_path / "a.sqlite") == "the disk is full (disk I/O error)"
-    assert why(OSError(13, "Permission denied"), tmp_path / "a.sqlite") == "Permission denied"

@@ -1,4 +1,4 @@
-"""The figures of Table IV: intervals, likelihoods, quantiles in which a drop is infinity."""
+"""The figures of Table IV: intervals, quantiles in which a drop is infinity."""
 
 import math
 
@@ -6,15 +6,7 @@ import msgspec
 import pytest
 
 from grasp.cli.campaign_view import _shown, _three
-from scenarios.campaign.paper import (
-    TABLE_IV,
-    TRIALS,
-    log_multinomial,
-    log_predictive,
-    p_value,
-    paper_counts,
-    wilson,
-)
+from scenarios.campaign.paper import TABLE_IV, TRIALS, wilson
 from scenarios.campaign.summary import summarize
 from scenarios.campaign.worker import Row
 
@@ -41,27 +33,6 @@ def test_averages_are_those_that_the_paper_prints() -> None:
 )
 def test_wilson_interval(successes: int, n: int, low: float, high: float) -> None:
     assert wilson(successes, n) == pytest.approx((low, high), abs=5e-4)
-
-
-def test_predictive_probabilities_sum_to_one() -> None:
-    total = sum(
-        math.exp(log_predictive((a, b, 20 - a - b), (12, 5, 3)))
-        for a in range(21)
-        for b in range(21 - a)
-    )
-    assert total == pytest.approx(1.0)
-
-
-def test_a_model_that_was_run_often_and_agrees_is_nearly_the_best() -> None:
-    counts = paper_counts("lift", "cardboard")
-    agreeing = tuple(1000 * k for k in counts)
-    assert log_predictive(counts, agreeing) == pytest.approx(log_multinomial(counts), abs=0.01)
-    assert p_value(counts, agreeing) == pytest.approx(1.0)
-
-
-def test_a_model_that_never_fails_does_not_explain_a_third() -> None:
-    assert p_value((7, 13), (100, 0)) < 1e-6
-    assert p_value((19, 1), (100, 0)) > 0.05
 
 
 def test_a_lost_object_counts_as_infinitely_far() -> None:
@@ -148,7 +119,7 @@ def test_errors_are_counted_apart_from_failures() -> None:
     assert (cell.trials, cell.successes, cell.errors, summary.errors) == (2, 1, 1, 1)
 
 
-def test_long_objects_are_split_at_6_and_12_cm_and_all_six_give_a_likelihood() -> None:
+def test_long_objects_are_split_at_6_and_12_cm() -> None:
     names = list(TABLE_IV)
     rows = []
     for name in names:
@@ -161,13 +132,9 @@ def test_long_objects_are_split_at_6_and_12_cm_and_all_six_give_a_likelihood() -
     assert (cells["cardboard"].within_6cm, cells["cardboard"].within_12cm) == (9, 8)
     assert cells["ball"].within_6cm is None
     assert variant.average == pytest.approx(0.725)
-    assert variant.log_likelihood is not None and variant.best_log_likelihood is not None
-    assert 0 < variant.best_log_likelihood - variant.log_likelihood < 6
-    assert all(cell.p_value is not None and cell.p_value > 0.5 for cell in variant.cells)
 
 
 def test_variants_are_kept_apart() -> None:
     rows = [row(0, "ball", "held"), row(1, "ball", "dropped", profile="paper")]
     variants = summarize("x", rows).variants
     assert [(v.profile, v.average) for v in variants] == [("default", 1.0), ("paper", 0.0)]
-    assert variants[0].log_likelihood is None

@@ -6,7 +6,6 @@ import pytest
 
 from grasp.loop import Tick
 from grasp.phases import LOWERING_PHASES, Phase
-from scenarios.campaign.axes import AXES
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
@@ -25,9 +24,13 @@ def ball(detector: str, *assignments: str, speed_mps: float = 0.1) -> LiftConfig
     """The hand alone answers, so that it slips far."""
     eager = (EAGER,) if detector == "energy" else ()
     assignments = (*RIGID, HAND_ALONE, *eager, *assignments)
-    plain = load_config("ball", "simulated", detector, None, assignments)
-    quicker = AXES["speed"].moved(plain, speed_mps)
-    return load_config("ball", "simulated", detector, None, [*assignments, *quicker]).for_lift()
+    ramp_mps2 = 5 * speed_mps
+    faster = (
+        f"controller.lift_speed_mps={speed_mps}", f"controller.lift_acceleration_mps2={ramp_mps2}",
+        f"arm.max_speed_mps={max(0.25, speed_mps)}",
+        f"arm.max_acceleration_mps2={max(1.2, ramp_mps2)}",
+    )  # fmt: skip
+    return load_config("ball", "simulated", detector, None, [*assignments, *faster]).for_lift()
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from scenarios.campaign.config import load_config
 from scenarios.campaign.paper import wilson
 from scenarios.campaign.spec import CampaignSpec, combinations, trials
 from scenarios.campaign.store import CampaignStore
-from scenarios.campaign.unknowns import Unknown
 from scenarios.campaign.worker import Finished, Row
 from scenarios.report.campaign_page import campaign_page
 from scenarios.report.run_record import read_run
@@ -123,31 +122,6 @@ def test_success_is_drawn_against_what_was_swept(page: str) -> None:
     assert "controller.lift_speed_mps" in swept
     assert {"0.05", "0.1"} <= set(re.findall(r">([\d.]+)</text>", swept))
     assert swept.count("<circle") == 4  # two places of lift and of tap
-
-
-def test_an_unknown_that_was_drawn_is_shown_in_parts_of_its_range(tmp_path: Path) -> None:
-    spec = CampaignSpec(
-        name="range", objects=("can",), detectors=("energy",), repetitions=2, draws=30,
-        unknowns={"object.mass_kg": Unknown(low=0.2, high=0.6)},
-    )  # fmt: skip
-    file = made(tmp_path / "range.sqlite", spec)
-    page = campaign_page(file, tmp_path / "range.html")
-    swept = page.split("<h2>Success against what was varied</h2>")[1].split("</section>")[0]
-    assert swept.count("<circle") == 5
-    table = page.split("<h2>Object lift</h2>")[1].split("</table>")[0]
-    assert len(re.findall("<th>default, energy</th>", table)) == 1  # all draws together
-
-
-def test_along_an_axis_only_the_settings_as_they_are_are_in_the_table(tmp_path: Path) -> None:
-    spec = CampaignSpec(
-        name="axes", objects=("can",), detectors=("energy",), repetitions=3,
-        axes={"mass": (0.9, 1.2)},
-    )  # fmt: skip
-    file = made(tmp_path / "axes.sqlite", spec)
-    page = campaign_page(file, tmp_path / "axes.html")
-    table = page.split("<h2>Object lift</h2>")[1].split("</table>")[0]
-    assert "n 3" in table
-    assert "mass" in page.split("<h2>Success against what was varied</h2>")[1]
 
 
 def test_a_page_of_240_trials_is_small_and_asks_for_nothing(tmp_path: Path) -> None:

@@ -107,7 +107,6 @@ LINES = {
     ("run", "lift"): ["run", "lift", "--rig", "simulated", "--pace", "max"],
     ("run", "tap"): ["run", "tap", "--rig", "simulated", "--pace", "max", "--trials", "1"],
     ("run", "acquire"): ["run", "acquire", "--rig", "simulated", "--pace", "max"],
-    ("grip-search",): ["grip-search", "--object", "can"],
     ("config", "show"): ["config", "show"],
     ("doctor",): ["doctor", "--rig", "simulated"],
     ("emulate",): ["emulate"],
@@ -120,7 +119,6 @@ LINES = {
     ("detector", "evaluate"): ["detector", "evaluate", "energy", "--recording", "strokes.csv"],
     ("detector", "tune"): ["detector", "tune", "energy"],
     ("campaign", "run"): ["campaign", "run", "c.toml", "--jobs", "1", "--out", "c.sqlite"],
-    ("chart", "answers"): ["chart", "answers", "--seeds", "1", "--objects", "can", "--jobs", "1"],
 }
 
 
@@ -271,14 +269,12 @@ def test_a_rig_file_for_real_devices_is_hardware_under_any_name(
     for call in (grasp.lift, grasp.tap):
         with pytest.raises(UsageError, match="moves no real devices"):
             call(rig=lab_rig)
-    assert main(["chart", "answers", "--rig", lab_rig, "--seeds", "1", "--objects", "can"]) != 0
     assert devices == []
 
 
 WITH_A_RIG = {
     ("run", "lift"): [], ("run", "tap"): [], ("run", "acquire"): [], ("config", "show"): [],
-    ("grip-search",): ["--object", "can"], ("release",): [], ("doctor",): [],
-    ("chart", "answers"): ["--seeds", "1", "--objects", "can", "--jobs", "1"],
+    ("release",): [], ("doctor",): [],
     **{("gripper", name): [] for name in GRIPPER}, ("arm", "status"): [],
     ("arm", "step"): ["--z", "1"], ("arm", "stop"): [], **{("tactile", n): [] for n in TACTILE},
     **{("calibrate", name): more for name, more in CALIBRATE.items()},
@@ -306,7 +302,7 @@ def test_no_verb_opens_real_devices_of_a_rig_file_unconfirmed(
     monkeypatch.chdir(tmp_path)
     code = main([*words, *WITH_A_RIG[words], "--rig", lab_rig])
     assert "Traceback" not in "".join(capsys.readouterr())
-    expected = {("config", "show"): 0, ("grip-search",): 0, **dict.fromkeys(LOOKS, 3)}
+    expected = {("config", "show"): 0, **dict.fromkeys(LOOKS, 3)}
     assert code == expected.get(words, 2)
     assert devices == []
 

@@ -1,1 +1,0 @@
-"""What an answer to slip is worth: force against slip, and success against severity."""

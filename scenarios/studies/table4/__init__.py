@@ -1,1 +1,0 @@
-"""The paper's Table IV: what its lift column can tell, and what it cannot."""

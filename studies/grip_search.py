@@ -1,0 +1,216 @@
+"""Finger positions, in whole counts, that hold an object and are sure to let it slip in the lift.
+
+The paper's lift needs a grasp that keeps contact and is too weak, and calls such grasps challenging
+to find (section V-C): one motor count is 2 to 4 N on a rigid object. Each finger has a position of
+its own (individual mode), which divides that step. All triples near first contact are judged on
+many draws of the variation between trials, by the contact law's balance of forces.
+"""
+
+import argparse
+import itertools
+from collections.abc import Iterator, Sequence
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.errors import UsageError
+from drivers.interfaces import Counts3
+from grasp.cli.options import OBJECT_HELP, add_settings, decimal, whole
+from scenarios.campaign.config import load_config
+from scenarios.lift.config import LiftConfig
+from scenarios.lift.lift import twin_onset_s
+from scenarios.rigs.variation import Draw, draw
+from scenarios.world import contact, laws
+from scenarios.world.contact import Floats
+from studies.runner import PAPER_OBJECTS, Study, markdown
+
+REACH_COUNTS = 4  # searched past first contact
+SHOWN = 5  # of the triples found
+
+
+class Criteria(msgspec.Struct, frozen=True):
+    """A grasp that is weak enough; the paper gives no numbers."""
+
+    least_n: float = 0.5  # at the thumb, after the rubber has relaxed
+    most_n: float = 3.0  # at the thumb, at first
+    finger_n: float = 0.1  # at both other fingers, at least
+    slip_margin: float = 0.05  # friction carries this share less than the weight
+    least_sure: float = 0.99  # share of draws that fail in nothing
+    draws: int = 200
+
+
+class Task(msgspec.Struct, frozen=True):
+    """One object."""
+
+    config: LiftConfig
+    criteria: Criteria
+    verify: int  # simulated lifts without reaction
+
+
+class Grip(msgspec.Struct, frozen=True):
+    """One triple of positions over all draws."""
+
+    counts: Counts3
+    thumb_n: tuple[float, float, float]  # least (relaxed), median, most
+    finger_n: float  # least of B and C, relaxed
+    carried: float  # most of the weight that friction carries, at first
+    fails: dict[str, float]  # shares of draws: loose, firm, finger (lost touch), holds
+    sure: float  # share of draws that fail in nothing
+
+    def meets(self, criteria: Criteria) -> bool:
+        """True when it slips in every draw and rarely fails otherwise."""
+        return self.fails["holds"] == 0.0 and self.sure >= criteria.least_sure
+
+
+class Row(msgspec.Struct, frozen=True):
+    """The object's own positions, the best that were found, and lifts with the first of them."""
+
+    object: str
+    present: Grip
+    found: list[Grip]
+    meets: bool
+    slipped: int
+    lifts: int
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    default = Criteria()
+    parser.add_argument("--objects", nargs="+", default=PAPER_OBJECTS, metavar="NAME",
+                        help=OBJECT_HELP)  # fmt: skip
+    for name in ("least", "most"):
+        parser.add_argument(f"--{name}", type=decimal(0, 10), default=getattr(default, f"{name}_n"),
+                            metavar="N", help="force at the thumb, N")  # fmt: skip
+    parser.add_argument("--draws", type=whole(1, 10_000), default=default.draws, metavar="N")
+    parser.add_argument("--verify", type=whole(0, 10_000), default=5, metavar="N",
+                        help="lifts without reaction, each of which must slip")  # fmt: skip
+    add_settings(parser)
+
+
+def grid(args: argparse.Namespace) -> list[Task]:
+    if args.least >= args.most:
+        raise UsageError(f"--least {args.least:g} N is not below --most {args.most:g} N",
+                         "give a larger --most")  # fmt: skip
+    criteria = Criteria(least_n=args.least, most_n=args.most, draws=args.draws)
+    return [
+        Task(load_config(name, "simulated", None, args.config, args.set).for_lift(), criteria,
+             args.verify)
+        for name in args.objects
+    ]  # fmt: skip
+
+
+def trial(task: Task) -> Row:
+    config, criteria = task.config, task.criteria
+    found = search(config, criteria)
+    body = msgspec.structs.replace(config.object, grip_counts=found[0].counts)
+    best = msgspec.structs.replace(config, object=body)
+    slipped = sum(twin_onset_s(best, seed) is not None for seed in range(task.verify))
+    return Row(config.object.name, present(config, criteria), found[:SHOWN],
+               found[0].meets(criteria), slipped, task.verify)  # fmt: skip
+
+
+def search(config: LiftConfig, criteria: Criteria) -> list[Grip]:
+    """All triples near first contact, best first: fewest draws fail, then middle force."""
+    trials = _trials(config, criteria.draws)
+    grips = [_judge(config, criteria, counts, trials) for counts in _candidates(config)]
+    middle_n = 0.5 * (criteria.least_n + criteria.most_n)
+    return sorted(
+        grips,
+        key=lambda g: (
+            -g.sure,
+            abs(round(g.thumb_n[1] - middle_n, 6)),
+            max(g.counts) - min(g.counts),
+        ),
+    )
+
+
+def present(config: LiftConfig, criteria: Criteria) -> Grip:
+    """The object's own positions."""
+    trials = _trials(config, criteria.draws)
+    return _judge(config, criteria, config.object.grip_counts, trials)
+
+
+def _judge(config: LiftConfig, criteria: Criteria, counts: Counts3, trials: list[Draw]) -> Grip:
+    pressed, carried = _forces(config, counts, trials)
+    relaxed = pressed * (1 - config.contact.relaxation_fraction)
+    flags = {
+        "loose": relaxed[:, 0] < criteria.least_n,
+        "firm": pressed[:, 0] > criteria.most_n,
+        "finger": relaxed[:, 1:].min(axis=1) < criteria.finger_n,
+        "holds": carried > 1.0 - criteria.slip_margin,
+    }
+    thumb = relaxed[:, 0].min(), np.median(pressed[:, 0]), pressed[:, 0].max()
+    return Grip(
+        counts=counts,
+        thumb_n=(float(thumb[0]), float(thumb[1]), float(thumb[2])),
+        finger_n=float(relaxed[:, 1:].min()),
+        carried=float(carried.max()),
+        fails={name: float(flag.mean()) for name, flag in flags.items()},
+        sure=float((~np.any(list(flags.values()), axis=0)).mean()),
+    )
+
+
+def _trials(config: LiftConfig, draws: int) -> list[Draw]:
+    return [
+        draw(config.variation, config.object, config.hand, np.random.default_rng(child))
+        for child in np.random.SeedSequence(0).spawn(draws)
+    ]
+
+
+def _candidates(config: LiftConfig) -> Iterator[Counts3]:
+    """Triples around first contact. B and C are alike, and the object is free along the closing
+    axis, so only one order of the two and triples about its middle are tried."""
+    p = contact.parameters(config.contact, config.object)
+    width_m, _ = laws.width_and_slope(p, 0.0)
+    first = int((config.contact.half_aperture_m - width_m) / config.hand.m_per_count)
+    near = range(max(0, first - 2), min(255, first + REACH_COUNTS) + 1)
+    for a, b, c in itertools.product(near, near, near):
+        if c <= b <= c + 1 and abs(2 * a - b - c) <= 2:
+            yield a, b, c
+
+
+def _forces(
+    config: LiftConfig, counts: Counts3, trials: list[Draw]
+) -> tuple[Floats, NDArray[np.float64]]:
+    """Normal forces (n, 3), N, at first, and the share (n,) of the weight that friction carries."""
+    pressed = np.zeros((len(trials), contact.FINGERS))
+    carried = np.zeros(len(trials))
+    for k, one in enumerate(trials):
+        p = contact.parameters(config.contact, one.body)
+        width_m, slope = laws.width_and_slope(p, 0.0)
+        travel = config.hand.m_per_count * np.array(counts, float) + one.finger_offset_m
+        laws.normal_forces(p, width_m, travel, contact.initial_state(), pressed[k])
+        flank = slope + one.body.friction_static / np.sqrt(1 + slope * slope)
+        mass_kg = one.body.mass_kg + one.body.added_mass_kg
+        carried[k] = pressed[k].sum() * flank / (mass_kg * contact.GRAVITY_MPS2)
+    return pressed, carried
+
+
+def table(rows: Sequence[Row]) -> str:
+    lines = [("now", row.object, row.present) for row in rows]
+    lines += [(f"{i + 1}", row.object, g) for row in rows for i, g in enumerate(row.found)]
+    lines.sort(key=lambda line: line[1])
+    grips = [grip for *_, grip in lines]
+    text = markdown({
+        "object": [name for _, name, _ in lines],
+        "rank": [rank for rank, *_ in lines],
+        "counts A B C": ["{} {} {}".format(*g.counts) for g in grips],
+        "thumb, N: least relaxed, median, most": [
+            ", ".join(f"{f:.2f}" for f in g.thumb_n) for g in grips
+        ],
+        "friction carries at most, %": [100 * g.carried for g in grips],
+        "draws that fail, %": [
+            ", ".join(f"{name} {100 * f:.1f}" for name, f in g.fails.items() if f) or "none"
+            for g in grips
+        ],
+    })  # fmt: skip
+    found = [
+        f"{row.object}: {row.slipped} of {row.lifts} lifts with the best slipped; the criteria are "
+        f"{'met' if row.meets else 'not met'}."
+        for row in rows
+    ]
+    return "\n".join([text, "", *found])
+
+
+STUDY = Study("finger positions that hold an object too weakly to lift it", grid, trial, Row, table,
+              options=options)  # fmt: skip
