@@ -31,7 +31,7 @@ from scenarios.rigs.world_of_seed import cell_settings
 from scenarios.testing.lift_start import LiftStart, at_lift
 from scenarios.trial.config import DEFAULT_PROFILE
 from scenarios.trial.execution import make_guard, run_trial
-from scenarios.world.cell import Truth
+from scenarios.world.truth import Truth
 from studies.runner import Study, add_trials, markdown, seeds_of
 
 LATENCIES_MS = (0.0, 25.0, 50.0, 75.0, 100.0, 134.0, 150.0, 200.0, 250.0, 300.0, 350.0, 400.0)

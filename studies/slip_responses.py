@@ -26,9 +26,9 @@ from scenarios.rigs.opening import open_rig
 from scenarios.rigs.rig import GraspRig
 from scenarios.rigs.world_of_seed import cell_settings
 from scenarios.trial.execution import make_controller, make_guard
-from scenarios.world.cell import Truth
 from scenarios.world.contact import GRAVITY_MPS2
 from scenarios.world.contact_settings import GROSS_SLIP_MPS
+from scenarios.world.truth import Truth
 from studies.runner import Study, add_trials, markdown, seeds_of
 
 AIR_M = 0.005  # off the table
