@@ -14,6 +14,7 @@ from itertools import product
 import msgspec
 
 from grasp.phases import Phase
+from scenarios.studies.faults.registers import COMMAND_FIELDS, IMAGES
 from scenarios.studies.faults.registers import FIELDS as HAND_FIELDS
 from scenarios.studies.faults.schedule import SCHEDULE, Stretch
 
@@ -37,6 +38,11 @@ SUBTLE = (
     ("arm", "moving", "flickers"),
     *(("fingertips", what, "drifts") for what in ("finger A", "finger B", "finger C", TAXEL)),
 )
+# what another client of the hand makes of a command register: a flag is turned, for the rest is no
+# change
+ANOTHER = "by another client"
+TURNED = {"rACT": "cleared", "rMOD": "set", "rGTO": "cleared", "rATR": "set", "rICF": "cleared",
+          "rICS": "set"}  # fmt: skip
 COMMANDS = {"gripper": ("close", "open", "hold"), "arm": ("move", "stop")}
 DEVICES = ("gripper", "arm", "fingertips")
 STANDSTILLS_S = {"stands still 0.1 s": 0.1, "stands still 0.3 s": 0.3, "stands still 1 s": 1.0,
@@ -74,7 +80,7 @@ class Fault(msgspec.Struct, frozen=True):
     """One thing that goes wrong."""
 
     device: str  # gripper, arm, fingertips, loop, detector
-    part: str  # state, command, link, whole
+    part: str  # state, command, link, registers, whole
     what: str  # the field, with a vector's axis, or the command; empty of a whole; ``TAXEL``: one
     # is to be drawn
     kind: str
@@ -146,6 +152,15 @@ def subtle() -> list[Fault]:
     return [Fault(device, "state", what, kind) for device, what, kind in SUBTLE]
 
 
+def written_by_another() -> list[Fault]:
+    """Every command register, and all of them at once."""
+    values = {name: (TURNED[name],) if name in TURNED else ("cleared", "set")
+              for name in COMMAND_FIELDS}  # fmt: skip
+    made = [(name, what) for name, whats in values.items() for what in whats]
+    made += [("all fingers", what) for what in IMAGES]
+    return [Fault("gripper", "registers", name, f"{what} {ANOTHER}") for name, what in made]
+
+
 def plan() -> list[Case]:
     """Every run, numbered."""
     cases = [Case(0, name, seed, None) for name, seed in SCENES + TOUCHING]
@@ -156,7 +171,7 @@ def plan() -> list[Case]:
     cases += _in_safe_states()
     chance = random.Random(0)
     cases += [_pair(chance) for _ in range(PAIRS)]
-    for i, fault in enumerate(subtle()):
+    for i, fault in enumerate(subtle() + written_by_another()):
         for j, stretch in enumerate(STRETCHES):
             cases += _alone(fault, stretch, i + j)
     taxels, axes = random.Random(1), random.Random(2)

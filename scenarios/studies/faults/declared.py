@@ -87,4 +87,25 @@ DECLARED = (
         "nothing else of ours stops it: the emergency stop does, and the last line says so",
         since=frozenset({"unstopped"}),
     ),
+    Declared(
+        "another client has the hand release or change its mode",
+        r"gripper (rATR|rMOD) set by another client", ANY,
+        frozenset({"dropped", "hand", "misleading"}), r"automatic release|mode change|in mode",
+        "it opens, and obeys nobody until it has: nothing that is written here stops that",
+        lasting=False, beforehand=False,
+    ),
+    Declared(
+        "another client raises force or speed while a finger closes",
+        r"gripper (r(FR|SP)[ABC] set|all fingers closed) by another client", ANY,
+        frozenset({"force"}), r"^over_force;",
+        "no status shows either, and targets beside them are written over at the next refresh",
+        lasting=False, beforehand=False,
+    ),
+    Declared(
+        "another client goes on commanding the hand", r"gripper .* by another client", ANY,
+        frozenset({"force", "unstopped", "hand", "dropped"}), r"another client",
+        "each of its commands is written over at the next refresh and no earlier: what it presses "
+        "or opens until then adds up",
+        beforehand=False,
+    ),
 )  # fmt: skip

@@ -103,7 +103,8 @@ FIGURES = (
     "nothing moves", "peak, N",
 )  # fmt: skip
 TWO = "two of all"
-PARTS = {"state": ": a field of its state", "command": ": a command", "link": ": its link"}
+PARTS = {"state": ": a field of its state", "command": ": a command", "link": ": its link",
+         "registers": ": another client's writes"}  # fmt: skip
 
 
 def _summary(ended: Sequence[Ended]) -> list[str]:

@@ -5,7 +5,7 @@ from itertools import product
 
 import msgspec
 
-from drivers.robotiq.model.registers import AxisStatus, HandStatus, encode
+from drivers.robotiq.model.registers import AxisStatus, HandStatus, Request, decode, encode
 from drivers.ur.driver import ArmSample
 from grasp.phases import Phase
 from scenarios.studies.faults.cases import (
@@ -35,11 +35,13 @@ from scenarios.studies.faults.cases import (
     scheduled,
     sites,
     subtle,
+    written_by_another,
 )
-from scenarios.studies.faults.registers import FIELDS
+from scenarios.studies.faults.registers import COMMAND_FIELDS, FIELDS, IMAGES
 from scenarios.studies.faults.schedule import SCHEDULE, line, read
 
 EVERY = plan()
+ALL_FAULTS = faults() + subtle() + written_by_another()
 STRUCK = [case for case in EVERY if case.fault is not None]
 ALONE = [c for c in STRUCK if c.then is None and c.fault is not None and c.fault.part != "command"]
 COMMANDED = [
@@ -67,7 +69,7 @@ def test_over_nine_thousand_runs_are_planned_and_always_the_same() -> None:
 
 def test_every_fault_strikes_every_stretch_of_a_lift_at_three_moments() -> None:
     struck = Counter((whole(case.fault), (case.phase, case.visit)) for case in ALONE)
-    assert struck == dict.fromkeys(product(faults() + subtle(), STRETCHES), len(SHARES))
+    assert struck == dict.fromkeys(product(ALL_FAULTS, STRETCHES), len(SHARES))
     assert {Phase.LOWER, Phase.RELEASE, Phase.GRASP, Phase.COMPENSATE} <= set(PHASES)
     assert SECOND_LIFT in STRETCHES
 
@@ -133,12 +135,12 @@ def test_a_schedule_is_written_as_it_is_read() -> None:
 
 def test_every_fault_in_every_phase_recovers_once_and_stays_once() -> None:
     struck = {(whole(case.fault), (case.phase, case.visit), case.recovers) for case in ALONE}
-    assert struck == set(product(faults() + subtle(), STRETCHES, (False, True)))
+    assert struck == set(product(ALL_FAULTS, STRETCHES, (False, True)))
 
 
 def test_every_fault_strikes_every_scene_with_recovery_and_without() -> None:
     struck = {(whole(case.fault), (case.object, case.seed), case.recovers) for case in ALONE}
-    assert struck == set(product(faults() + subtle(), SCENES + TOUCHING, (False, True)))
+    assert struck == set(product(ALL_FAULTS, SCENES + TOUCHING, (False, True)))
 
 
 def test_every_field_of_every_device_is_wrong_in_every_way_that_it_can_be() -> None:
@@ -170,6 +172,25 @@ def test_fields_of_the_hand_are_where_its_model_puts_them() -> None:
         changed = field.set(words, field.most)
         assert field.of(changed) == field.most
         assert field.set(changed, field.of(words)) == words
+
+
+def test_another_client_writes_every_register_and_where_the_model_reads_it() -> None:
+    for name, field in COMMAND_FIELDS.items():
+        told = decode(field.set((0,) * 8, field.most))
+        said = {
+            "ACT": told.activate, "MOD": told.mode, "GTO": told.go_to, "ATR": told.auto_release,
+            "ICF": told.individual_fingers, "ICS": told.individual_scissor,
+        }  # fmt: skip
+        for axis, request in zip("ABCS", (*told.fingers, told.scissor), strict=True):
+            said |= {f"PR{axis}": request.position, f"SP{axis}": request.speed,
+                     f"FR{axis}": request.force}  # fmt: skip
+        assert {"r" + at for at, value in said.items() if value} == {name}
+        assert said[name[1:]] == field.most
+    assert {fault.what for fault in written_by_another()} == {*COMMAND_FIELDS, "all fingers"}
+    opened, closed = (decode(image) for image in IMAGES.values())
+    assert opened.go_to and not opened.individual_fingers and opened.fingers[0] == Request()
+    assert closed.go_to and not closed.individual_fingers
+    assert closed.fingers[0] == Request(255, 255, 255)
 
 
 def test_runs_are_mixed_and_lots_are_of_one_scene() -> None:

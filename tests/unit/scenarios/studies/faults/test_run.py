@@ -1,5 +1,6 @@
 """Runs of the fault campaign: a sample of all, and that sharing a lift changes none."""
 
+import re
 from pathlib import Path
 
 import msgspec
@@ -19,7 +20,9 @@ from scenarios.studies.faults.wires import ArmWire
 from scenarios.trial.ending import LOOK
 
 SAMPLE = 40
-SAMPLES = by_scene(in_turn(plan(), seed=1)[:SAMPLE], SAMPLE)
+MIXED = in_turn(plan(), seed=1)
+BY_ANOTHER = [case for case in MIXED if case.fault and case.fault.part == "registers"][:8]
+SAMPLES = by_scene([*MIXED[:SAMPLE], *BY_ANOTHER], SAMPLE)
 CUT = Fault("gripper", "link", "link", "cut")
 FROZEN = Fault("arm", "state", "moving", "frozen")
 
@@ -139,8 +142,40 @@ def test_what_a_fault_led_to_is_told(lifted: list[Ended]) -> None:
     assert none.entered_n is None and none.least_n is None
 
 
+OPENED = Fault("gripper", "registers", "all fingers", "opened by another client")
+FORCED = Fault("gripper", "registers", "all fingers", "closed by another client")
+
+
+@pytest.mark.parametrize(
+    ("fault", "most_n"),
+    [(OPENED, 10.3), (FORCED, 11.5)],  # 20.1 and 65.5 N as long as it was not written over
+    ids=str,
+)
+def test_what_another_client_writes_once_is_written_over_and_told_with_its_values(
+    fault: Fault, most_n: float
+) -> None:
+    ticks = range(0, 55, 6)
+    struck = [Case(t, "can", 0, fault, Phase.COMPENSATE, 1, t, recovers=True) for t in ticks]
+    for found in run_scene(struck):
+        assert found.peak_n < most_n and fell(found) == {}
+        assert found.outcome == ("over_force" if found.peak_n > MOST_N else "fault")
+        assert re.search(r"another client changed .*targets \(.*\), expected", found.message)
+
+
+def test_a_force_of_another_client_beyond_the_limit_is_the_verdict_and_its_writes_the_cause() -> (
+    None
+):
+    found = run(Case(0, "ball", 1, FORCED, Phase.COMPENSATE, 1, 18))
+    assert found.peak_n > MOST_N and found.outcome == "over_force"
+    assert "another client changed the gripper's registers" in found.message and found.hand
+
+
 # what fell once
 MENDED = [
+    # it had closed by all motors, 20.1 N, for rICF was taken for written
+    Case(0, "can", 0, OPENED, Phase.COMPENSATE, 1, 4, recovers=True),
+    # it had opened in the air
+    Case(0, "can", 0, OPENED, Phase.HOLD, 1, 33, recovers=True),
     Case(0, "foam", 0, Fault("gripper", "state", "gMOD", "jump"), Phase.GRASP),
     Case(0, "can", 0, Fault("gripper", "state", "gMOD", "jump"), Phase.LISTEN, 1, 20),
     Case(0, "ball", 1, FROZEN, Phase.RETREAT),
