@@ -13,7 +13,6 @@ from grasp.cli.options import (
     decimal,
     need,
     one_by_one,
-    progress,
     whole,
     workers,
 )
@@ -23,7 +22,7 @@ from grasp.cli.rules import check_named
 if TYPE_CHECKING:
     from scenarios.studies.reaction.summary import ReactionSummary
 
-HELP = "draw pictures of runs, of detectors and of the physics"
+HELP = "draw pictures of runs and of detectors"
 
 # of `reaction`, and of `hunting`
 OBJECTS = ("ball", "foam", "football", "box", "cardboard", "can")
@@ -51,7 +50,6 @@ def add_parser(verbs: Any) -> None:
     run.set_defaults(handler=draw)
     _add_detectors(charts)
     detector_study.add_observer(charts)
-    _add_physics(charts)
     answers.add_parser(charts)
     _add_reaction(charts)
     _add_hunting(charts)
@@ -97,50 +95,6 @@ def draw_detectors(args: argparse.Namespace) -> int:
         made = contender(name, recordings, data, tell=tell)
         curves[name] = curve(made.evaluation(), made.points(tell))
     draw_detectors(curves, args.out)
-    print(args.out)
-    return exits.SUCCESS
-
-
-def _add_physics(charts: Any) -> None:
-    _add_computed(
-        charts, "physics", draw_physics,
-        "error against processor time of every contact model, integrator and step (1-2 minutes)",
-    )  # fmt: skip
-    _add_computed(
-        charts, "stability", draw_stability,
-        "at which step and stiffness each integrator holds a lift together (half a minute)",
-    )  # fmt: skip
-
-
-def _add_computed(charts: Any, name: str, handler: Any, text: str) -> None:
-    parser = charts.add_parser(name, help=text, description=text)
-    add_picture(parser, name)
-    parser.set_defaults(handler=handler)
-
-
-def draw_physics(args: argparse.Namespace) -> int:
-    need("charts", "matplotlib")
-    from scenarios.studies.physics import chart as physics_chart
-
-    with progress("reference") as show:
-        chart = physics_chart.compute(lambda text, done, total: show(done, total, text))
-    physics_chart.draw(chart, args.out)
-    write_numbers(args.out, chart)
-    print(physics_chart.table(chart))
-    print(args.out)
-    return exits.SUCCESS
-
-
-def draw_stability(args: argparse.Namespace) -> int:
-    need("charts", "matplotlib")
-    from scenarios.studies.physics import stability
-
-    with progress("reference") as show:
-        found = stability.compute(lambda text, done, total: show(done, total, text))
-    stability.draw(found, args.out)
-    write_numbers(args.out, found)
-    for name, share in found.broken().items():
-        print(f"{name:40} broken on {share:4.0%} of the map")
     print(args.out)
     return exits.SUCCESS
 

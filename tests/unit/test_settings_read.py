@@ -22,12 +22,11 @@ from scenarios.acquire.datasets.plan import DatasetConfig
 from scenarios.campaign.config import RunConfig
 from scenarios.campaign.spec import CampaignSpec
 from scenarios.studies.grip_search import GripCriteria
-from scenarios.world.ladder.experiments import World
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("grasp", "drivers", "detector", "scenarios")
 FILES = (
-    RunConfig, AcquireConfig, CampaignSpec, DatasetConfig, GripCriteria, World, TrainSettings,
+    RunConfig, AcquireConfig, CampaignSpec, DatasetConfig, GripCriteria, TrainSettings,
     EmulatorSettings,
 )  # fmt: skip
 
