@@ -42,6 +42,8 @@ RENAMED = {
     "control.integral_limit_ns": "control.integral_limit_n_s",
     "fingertip.grasp_share": "fingertip.holding_share",
     "doubt.live_taxels": "doubt.dead_samples, whatever number of taxels is loaded",
+    "scene.aside_m": "object.centre_aside_m",
+    "scene.radius_of_gyration_m": "object.radius_of_gyration_m",
 }
 
 
