@@ -40,8 +40,6 @@ RENAMED = {
     "control.integral_mps_ns": "control.integral_mps_per_n_s",
     "control.derivative_m_n": "control.derivative_m_per_n",
     "control.integral_limit_ns": "control.integral_limit_n_s",
-    "scene.top_impulse_ns": "scene.top_impulse_n_s",
-    "scene.side_impulse_ns": "scene.side_impulse_n_s",
     "fingertip.grasp_share": "fingertip.holding_share",
     "doubt.live_taxels": "doubt.dead_samples, whatever number of taxels is loaded",
     "scene.aside_m": "object.centre_aside_m",

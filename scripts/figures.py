@@ -59,7 +59,7 @@ SETS = {
         *("drivers/takktile/model", "config/datasets", "config/bodies", "config/detectors"),
     ),
     "@contact": (
-        *("scenarios/world/ladder", "scenarios/world/contact.py", "scenarios/world/laws.py"),
+        *("scenarios/world/contact.py", "scenarios/world/laws.py"),
         *("scenarios/world/contact_settings.py", "scenarios/world/objects.py"),
     ),
 }

@@ -13,7 +13,8 @@ NOT_STUDIES = ("__main__", "runner")
 
 def names() -> list[str]:
     """All modules that declare a study."""
-    return [m.name for m in iter_modules(studies.__path__) if m.name not in NOT_STUDIES]
+    found = iter_modules(studies.__path__)
+    return [m.name for m in found if not m.ispkg and m.name not in NOT_STUDIES]
 
 
 def main(words: list[str]) -> int:

@@ -1,7 +1,6 @@
 """What a person sees of a run: a picture that follows it, then the verdict."""
 
 import contextlib
-import math
 import sys
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol, Self, TypeVar
@@ -162,25 +161,19 @@ def viewed(args: Any, make: Callable[[], LiveT]) -> Iterator[LiveT | None]:
 
 
 def physics_lines(result: Any) -> list[str]:
-    """What the world of a trial was computed by, and why; none on hardware."""
+    """The contact levels of a trial, in one line; none on hardware."""
     found = result.physics
     if found is None:
         return []
-    told = "" if found.asked == "auto" else " as told"
-    parts = [f"{found.level}{told}, step {found.step_s * 1e3:g} ms"]
+    text = f"  contact level {found.level}, step {found.step_s * 1e3:g} ms"
     if result.scenario == "tap":
-        told = told if found.blow_asked == "same" else " as told"
         step = f"step {found.blow_step_s * 1e3:g} ms"
-        parts.append(f"{found.blow_level}{told}, {step}, while a blow moves the object")
-    within = f"{found.tolerance_m * 1e3:g} mm, {math.degrees(found.tolerance_rad):.1f} deg"
-    within = f"{within}, {found.tolerance_n:g} N of L4, held or lost as there"
-    checked = f"within {within}" if not told else "what was told is not held against L4"
-    first = f"  physics: {'; '.join(parts)}; {checked}"
-    return [first, *(f"    {line}" for line in found.why)]
+        text += f"; {found.blow_level}, {step}, while a blow moves the object"
+    return [text]
 
 
 def print_verdict(result: Any, verbose: bool = False) -> None:
-    """The short verdict of a trial and where its recording is; ``verbose``: its physics too."""
+    """The short verdict of a trial and where its recording is; ``verbose``: its level too."""
     word = {True: "SUCCESS", False: "FAILED", None: "NOT JUDGED"}[result.success]
     print(f"\n{word}: {spelt(result.outcome)}  ({result.object}, seed {result.seed})")
     for text in facts(result):

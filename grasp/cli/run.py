@@ -101,8 +101,8 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
     add_runs(parser, folder_to_fill)
     parser.add_argument(
         "-v", "--verbose", action="store_true",
-        help="leave a log in --runs, with the wall clock's times; of a lift or taps say also by "
-        "how much physics the simulated world was computed, and why",
+        help="leave a log in --runs, with the wall clock's times; of a simulated lift or taps say "
+        "the contact level too",
     )  # fmt: skip
     parser.add_argument(
         "--view", action="store_true",

@@ -73,7 +73,7 @@ class _Seen:
         self._physics: list[Any] = []
 
     def first_of_its_physics(self, result: Any) -> bool:
-        """Whether no trial before it was computed by the same, for the same reasons."""
+        """Whether no trial before it had the same contact levels."""
         known = result.physics in self._physics
         self._physics.append(result.physics)
         return not known

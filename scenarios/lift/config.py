@@ -2,7 +2,8 @@
 
 from scenarios.lift.scoring import ScoringSettings
 from scenarios.trial.config import TrialConfig
-from scenarios.world.world_settings import RunPlan
+from scenarios.trial.physics import contact_levels
+from scenarios.world.world_settings import ContactLevels
 
 
 class LiftConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -10,10 +11,5 @@ class LiftConfig(TrialConfig, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     scoring: ScoringSettings = ScoringSettings()
 
-    def physics(self, seed: int) -> RunPlan | None:
-        """As ``TrialConfig.physics``; all lifts of an object are alike."""
-        if self.real:
-            return None
-        from scenarios.trial.physics import planned, run_scene
-
-        return planned(self, run_scene(self))
+    def physics(self, seed: int) -> ContactLevels | None:
+        return contact_levels(self, "lift")

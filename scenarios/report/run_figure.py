@@ -152,7 +152,7 @@ Clip = tuple[str, NDArray[np.float64], NDArray[np.int16], NDArray[np.bool_]]
 
 
 def simulated(clips: Any) -> list[Clip]:
-    """Each of `Clips` of `scenarios.studies.signal.strokes` with a title of its own."""
+    """Each of `Clips` of `scenarios.acquire.strokes` with a title of its own."""
     draws = enumerate(clips.counts, 1)
     return [(f"simulated, draw {i}", clips.t_s, counts, clips.slip) for i, counts in draws]
 

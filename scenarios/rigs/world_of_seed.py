@@ -6,7 +6,7 @@ from scenarios.rigs.config import AnyRigConfig, GraspRigConfig, PressRigConfig
 from scenarios.rigs.variation import draw
 from scenarios.world.cell import CellSettings, SimulatedCell
 from scenarios.world.pressed_cell import PressedCell, PressedCellSettings
-from scenarios.world.world_settings import Level
+from scenarios.world.world_settings import Level, level_named
 
 
 def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.random.Generator]:
@@ -30,13 +30,13 @@ def cell_settings(config: GraspRigConfig, seed: int) -> tuple[CellSettings, np.r
     return settings, world
 
 
-def _levels(config: GraspRigConfig) -> tuple[Level, Level | None]:
-    """As told; where nobody said what happens to the object, that of a lift, and while a blow moves
-    it the fullest."""
-    forced, struck = config.world.forced, config.world.from_blow_on
-    if forced is None:
-        return Level.SLIDER, struck or Level.BRUSH
-    return forced, struck
+def _levels(config: GraspRigConfig) -> tuple[Level, Level]:
+    """As told. Where no scenario is known: that of a lift, and the fullest while a blow moves the
+    object."""
+    level, blow_level = config.world.level, config.world.blow_level
+    if level == "auto":
+        return Level.SLIDER, Level.BRUSH if blow_level == "auto" else level_named(blow_level)
+    return level_named(level), level_named(level if blow_level == "auto" else blow_level)
 
 
 def make_cell(config: GraspRigConfig, seed: int, start_ns: int = 0) -> SimulatedCell:

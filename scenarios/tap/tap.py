@@ -116,7 +116,6 @@ def run_series(config: TapConfig, seeds: Sequence[int], bench: Bench) -> Series[
     first = {direction_of(config.tap, seed): seed for seed in reversed(seeds)}
     for seed in first.values():  # what cannot be had is told before anything moves
         swing(config, seed)
-        config.physics(seed)
 
     def attempt(
         seed: int, rig: GraspRig, home: Vector3 | None

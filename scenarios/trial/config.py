@@ -39,7 +39,7 @@ from scenarios.rigs.calibration import calibration_layers
 from scenarios.rigs.config import GraspRigConfig
 from scenarios.rigs.own_settings import Files, own_layers, rig_layers, says_something
 from scenarios.rigs.permission import HARDWARE
-from scenarios.world.world_settings import RunPlan
+from scenarios.world.world_settings import ContactLevels
 
 DEFAULT_PROFILE = "default"
 # detectors that are formulas, and their sections
@@ -137,13 +137,12 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
         settings: DetectorSettings = getattr(self, self.detector_section)
         return settings
 
-    def physics(self, seed: int) -> RunPlan | None:
-        """What the cell of that trial is built at: decided once for an object, scenario and ranges.
-        None where no scene is known, or no world."""
+    def physics(self, seed: int) -> ContactLevels | None:
+        """Contact levels of that trial; None on hardware, and where no scenario is known."""
         return None
 
     def built_for(self, seed: int) -> Self:
-        """With that decided, for whoever opens a rig."""
+        """The settings that a rig is opened with: those levels and steps put in."""
         found = self.physics(seed)
         if found is None:
             return self

@@ -1,49 +1,36 @@
-"""The scene of a trial as the world's planner takes it, from the settings and what seeds draw."""
+"""The contact levels of a simulated run: a table by scenario, and what settings say instead."""
 
-from drivers.errors import ConfigError
-from scenarios.rigs.variation import CUT, wider
-from scenarios.trial.config import TrialConfig
-from scenarios.world.blow import Blow
-from scenarios.world.ladder.runs import Ranges, RunScene, first_travel, plan_run
-from scenarios.world.ladder.scene import ArmRise
-from scenarios.world.world_settings import RunPlan
+from functools import cache
+
+from grasp.settings import config_dir, load, read_toml
+from scenarios.rigs.config import GraspRigConfig
+from scenarios.world.world_settings import ContactLevels, ContactTable
 
 
-def run_scene(
-    config: TrialConfig, blow: Blow | None = None, impulse: float = 0.0, offset_m: float = 0.0
-) -> RunScene:
-    """A lift, or a blow on what is held; ``impulse`` (relative) and ``offset_m``: the most that one
-    blow differs from the next."""
-    varied, controller, counts = config.variation, config.controller, config.object.grip_counts
-    body = wider(config.object, varied)
-    return RunScene(
-        body=body,
-        contact=config.contact,
-        first_travel_m=first_travel(counts, config.hand.m_per_count, config.contact, body),
-        full_grip_n=config.guard.full_grip_n,
-        closing_mps=min(0.11, controller.closing_speed_mps),
-        arm=ArmRise(
-            speed_mps=controller.lift_speed_mps,
-            acceleration_mps2=controller.lift_acceleration_mps2,
-        ),
-        ranges=Ranges(
-            friction=CUT * varied.friction_cv,
-            mass=CUT * varied.mass_cv,
-            height_m=CUT * varied.start_height_m,
-            aside_m=CUT * varied.aside_m,
-            scatter_m=CUT * varied.finger_scatter_m,
-            impulse=impulse,
-            offset_m=offset_m,
-        ),
-        blow=blow,
-        pull=config.pull,
+@cache
+def contact_table() -> ContactTable:
+    """The packaged table. Raises ConfigError."""
+    return load(ContactTable, [read_toml(config_dir() / "contact_levels.toml")])
+
+
+def contact_levels(config: GraspRigConfig, scene: str) -> ContactLevels | None:
+    """Levels and steps of a lift, or of a tap by its direction; None on hardware."""
+    if config.real:
+        return None
+    table, world, contact = contact_table(), config.world, config.contact
+    rows: list[ContactLevels] = [getattr(table, scene)]
+    if config.object.centre_aside_m != 0.0:
+        rows.append(table.aside)
+    if config.pull.force_n > 0.0:
+        rows.append(table.pull)
+    level, blow_level = max(row.level for row in rows), max(row.blow_level for row in rows)
+    if world.level != "auto":
+        level = blow_level = world.level
+    if world.blow_level != "auto":
+        blow_level = world.blow_level
+    return ContactLevels(
+        level=level,
+        step_s=min(contact.step_s, *(row.step_s for row in rows)),
+        blow_level=max(level, blow_level),
+        blow_step_s=min(contact.blow_step_s, *(row.blow_step_s for row in rows)),
     )
-
-
-def planned(config: TrialConfig, scene: RunScene) -> RunPlan:
-    """What the cell of such a trial is built at. Raises ConfigError for a level that cannot do
-    it."""
-    try:
-        return plan_run(scene, config.world)
-    except ValueError as error:
-        raise ConfigError("world", "level", str(error), "auto, or L1 to L4") from None

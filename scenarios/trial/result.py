@@ -22,7 +22,7 @@ from grasp.loop import Timing
 from grasp.phases import PhaseChange
 from scenarios.rigs.rig import Stalls
 from scenarios.trial.ending import End
-from scenarios.world.world_settings import RunPlan
+from scenarios.world.world_settings import ContactLevels
 
 
 def spelt(outcome: str) -> str:
@@ -125,7 +125,7 @@ class TrialResult(msgspec.Struct, frozen=True, kw_only=True):
     end: End | None = None  # where it ended in a safe state
     bug: Bug | None = None  # where an internal error ended it
     home_m: Vector3 | None = None  # of the arm, which its descents end at; None: it never began
-    physics: RunPlan | None = None  # what the world was computed by; None on hardware
+    physics: ContactLevels | None = None  # None on hardware
     taxels_at_rail: dict[str, int] = {}  # of each finger, at most at once; normal in a firm grip
 
 

@@ -1,4 +1,4 @@
-"""One object between three fingers, at one level of the contact ladder: what a cell advances.
+"""One object between three fingers, at one contact level: what a cell advances.
 
 The laws themselves are compiled, in ``laws``; here are their parameters, their elements and a
 state that belongs together.
@@ -155,15 +155,10 @@ class Contact:
         self._elements[:, laws.E_SLIDES :] = 0.0
 
     def _go_on_at(self, level: Level) -> None:
-        """Another level from now on: each element takes over its finger's stretch; after L0, which
-        keeps none, what carries that finger's force."""
+        """Another level from now on: each element takes over its finger's stretch."""
         if level is self.level:
             return
         old, new = self._elements, elements(self._settings, level)
-        if self.level is Level.RIGID:
-            steeper = math.hypot(1.0, self.state[laws.SLOPE])
-            shear_n = self.state[laws.SHEAR : laws.SHEAR + FINGERS]
-            old[:, laws.E_STRETCH_Z] = shear_n * steeper / self._settings.shear_stiffness_npm
         for finger in range(FINGERS):
             was = old[old[:, laws.E_FINGER] == finger, laws.E_SLIDES :].mean(axis=0)
             new[new[:, laws.E_FINGER] == finger, laws.E_SLIDES :] = was
@@ -172,11 +167,8 @@ class Contact:
         self._parameters[laws.P_LEVEL] = float(level)
 
     def strike(self, blow: Blow, start_s: float) -> None:
-        """A blow from start_s on. What an earlier one moved is forgotten. Raises ValueError for one
-        from the side at L0, which moves up and down only."""
+        """A blow from start_s on. What an earlier one moved is forgotten."""
         self._go_on_at(self._blow_level)
-        if self.level is Level.RIGID and blow.direction == "side":
-            raise ValueError("L0 knows no blow from the side; world.level = L1 or above does")
         s = self.state
         s[laws.TAP_DIRECTION], s[laws.TAP_START_S] = _DIRECTIONS[blow.direction], start_s
         s[laws.TAP_S], s[laws.TAP_N_S] = blow.duration_s, blow.impulse_n_s

@@ -1,4 +1,4 @@
-"""The contact laws of levels L0 to L4, compiled: one object between three fingers, one state.
+"""The contact laws of levels L1 to L4, compiled: one object between three fingers, one state.
 
 Numba's cache sees no change in an imported kernel, so all of them are in this file.
 
@@ -10,7 +10,7 @@ the object is a table that can push but not pull; while it does, it keeps the ob
 and sliding.
 
 Friction: a pad is one or more elements, each a Kelvin-Voigt spring behind a friction limit (Jenkins
-element). L0 has rigid ones; L1 a point a finger and moves along z, or, once it is struck from the
+element). L1 has a point a finger and moves along z, or, once it is struck from the
 side, without turning; L2 a point a finger that may turn; L3 a point whose third spring is the
 patch's spin (the ellipsoid limit surface |(f_y, f_z, tau / a)| <= mu N); L4 a grid of points.
 
@@ -70,7 +70,7 @@ NEWTON_LIMIT = 60
 # Columns of the scratch of a planar step (E, 8): the element's force were the object at rest, its
 # loss per m/s, its limit, its place about the centre of mass and its spin radius.
 W_Y, W_Z, W_TURN, W_LOSS, W_CAP, W_ARM_Y, W_ARM_Z, W_SPIN = range(8)
-RIGID, SLIDER = 0.0, 1.0  # of P_LEVEL: what may turn is above
+SLIDER = 1.0  # of P_LEVEL: what may turn is above
 
 
 @njit(cache=True)
@@ -396,27 +396,6 @@ def pull_force(s: Floats, t_s: float) -> float:
 
 
 @njit(cache=True)
-def _rigid(p: Floats, s: Floats, e: Floats, h: float, v_hand: float, cos: float, push: float,
-           n: Floats) -> float:  # fmt: skip
-    """L0: the object's velocity up. It goes with the hand unless that takes more than the pads can
-    bear; the elements only say whether they slide."""
-    inertia = p[P_MASS] / h
-    cap = 0.0
-    for i in range(FINGERS):
-        cap += (p[P_MU_K] if e[i, E_SLIDES] != 0.0 else p[P_MU_S]) * n[i] * cos
-    need = inertia * v_hand + push
-    pull = min(max(need, -cap), cap)
-    v = v_hand if pull == need else (pull - push) / inertia
-    if s[HEIGHT] + h * v < 0.0:
-        v = -s[HEIGHT] / h  # the table
-    total = n[0] + n[1] + n[2]
-    for i in range(FINGERS):
-        e[i, E_SLIDES] = 1.0 if v != v_hand and n[i] > 0.0 else 0.0
-        s[SHEAR + i] = pull * n[i] / total if total > 0.0 else 0.0
-    return v
-
-
-@njit(cache=True)
 def _along(
     p: Floats, s: Floats, e: Floats, h: float, v_hand: float, cos: float, push: float, n: Floats,
     a: Floats, cap: Floats,
@@ -567,7 +546,7 @@ def _moved(
 
 
 @njit(cache=True)
-def _step(
+def step(
     p: Floats, s: Floats, e: Floats, h: float, v_hand: float, travel: Floats, blow: Floats,
     n: Floats, work: Floats, small: Floats,
 ) -> None:  # fmt: skip
@@ -583,10 +562,7 @@ def _step(
     push = p[P_MASS] * (GRAVITY_MPS2 - s[SPEED] / h) - blow[1]
     for i in range(FINGERS):
         push -= n[i] * slope  # above the widest point (slope < 0) closing pushes the object down
-    if p[P_LEVEL] == RIGID:
-        v = _rigid(p, s, e, h, v_hand, cos, push, n)
-        _moved_along(s, e, h, v_hand, v, n)
-    elif p[P_LEVEL] == SLIDER and s[ACROSS_SPEED] == 0.0 and blow[0] == 0.0:
+    if p[P_LEVEL] == SLIDER and s[ACROSS_SPEED] == 0.0 and blow[0] == 0.0:
         v = _along(p, s, e, h, v_hand, cos, push, n, small[0], small[1])
         _moved_along(s, e, h, v_hand, v, n)
     else:
@@ -617,7 +593,7 @@ def _note(p: Floats, s: Floats, t_s: float) -> None:
 
 @njit(cache=True)
 def _blow(s: Floats, t_s: float, h: float, out: Floats) -> None:
-    """What mallet and pull do in a step of h seconds from t_s on, as ``_step`` takes it."""
+    """What mallet and pull do in a step of h seconds from t_s on, as ``step`` takes it."""
     force = tap_force(s, t_s, h)
     out[:] = 0.0
     if s[TAP_DIRECTION] == CLOSING:
@@ -657,7 +633,7 @@ def advance(
         if struck or s[PULL_N] != 0.0:
             _blow(s, t_s + j * h, h, blow)
         v_hand = mean + (v1 - v0) * (middle - 0.5)
-        _step(p, s, e, h, v_hand, travel, blow, n, work, small)
+        step(p, s, e, h, v_hand, travel, blow, n, work, small)
         _note(p, s, t_s + (j + 1) * h)
     normal_stiffness(p, n, s[INERT] * p[P_MASS] / dt_s**2, s[STIFFNESS:])
 
@@ -677,48 +653,3 @@ def felt(
             motion[i, d] = s[ACROSS] * across[i, d] + rise * up[i, d]
             centre[i, d] = middle * up[i, d]
         turn[i] = turns[i] * s[TURN]
-
-
-@njit(cache=True)
-def _close(
-    p: Floats, s: Floats, t_s: float, h: float, closing: Floats, travel: Floats, n: Floats
-) -> None:
-    """Move the closing fingers through a step that ends at t_s, each until its own force stop.
-
-    ``closing`` (8,): start, s; stop, N; speed of each finger, m/s; 1 for each that has stopped. A
-    finger that would pass its stop is put where it just reaches it, so that no step is too large.
-    """
-    moved_s = min(h, t_s - closing[0])
-    if moved_s <= 0.0:
-        return
-    width, _ = width_and_slope(p, s[SLIP])
-    for i in range(FINGERS):
-        if closing[2 + i] == 0.0 or closing[5 + i] != 0.0:
-            continue
-        before = travel[i]
-        travel[i] = min(before + closing[2 + i] * moved_s, p[P_APERTURE])
-        normal_forces(p, width, travel, s, n)
-        if n[i] >= closing[1]:
-            closing[5 + i] = 1.0
-            total = 0.0
-            for j in range(FINGERS):
-                total += p[P_STIFFNESS + j] if n[j] > 0.0 else 0.0
-            k = p[P_STIFFNESS + i]
-            back = (n[i] - closing[1]) / (k * (1.0 - k / total))
-            travel[i] = max(before, travel[i] - back)
-
-
-@njit(cache=True)
-def follow(
-    p: Floats, s: Floats, e: Floats, steps: int, h: float, hand_mps: Floats, load: Floats,
-    closing: Floats, travel: Floats,
-) -> None:  # fmt: skip
-    """A stated scene: ``steps`` steps of h seconds, with tables over them as in drive.Drive;
-    ``travel`` (3,) is where the fingers are, m."""
-    n, work, small = np.empty(FINGERS), np.empty((e.shape[0], 8)), np.empty((9, 3))
-    for j in range(steps):
-        t_s = (j + 1) * h
-        _close(p, s, t_s, h, closing, travel, n)
-        hand, blow = hand_mps[min(j, hand_mps.shape[0] - 1)], load[min(j, load.shape[0] - 1)]
-        _step(p, s, e, h, hand, travel, blow, n, work, small)
-        _note(p, s, t_s)

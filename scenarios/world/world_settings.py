@@ -1,4 +1,4 @@
-"""How much physics a run is asked for, and gets."""
+"""At which contact level a run is computed."""
 
 from enum import IntEnum
 from typing import Annotated, Literal
@@ -6,13 +6,12 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-AUTO = "auto"
+LevelName = Literal["L1", "L3", "L4"]
 
 
 class Level(IntEnum):
-    """The rungs, from the cheapest to the reference."""
+    """From the cheapest to the reference. POINTS is that of a study: it costs what SPIN does."""
 
-    RIGID = 0
     SLIDER = 1
     POINTS = 2
     SPIN = 3
@@ -24,68 +23,51 @@ class Level(IntEnum):
         return f"L{int(self)}"
 
 
-def level_named(label: str) -> Level:
+def level_named(label: LevelName) -> Level:
     """The level that a setting names."""
     return Level(int(label[1:]))
 
 
-class WorldSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Level of the contact ladder, or how exactly it must answer."""
+class ContactLevels(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Level and longest step, and those while a blow moves the object."""
 
-    level: Annotated[
-        Literal["auto", "L0", "L1", "L2", "L3", "L4"],
-        Meta(
-            description="of the contact ladder; auto: the cheapest that keeps the tolerance in "
-            "every corner of a lift or tap, L1 where no scene is known"
-        ),
-    ] = "auto"
-    blow_level: Annotated[
-        Literal["same", "L0", "L1", "L2", "L3", "L4"],
-        Meta(
-            description="while a blow moves the object, no less than level; same: as level, and "
-            "where that is auto, the cheapest that keeps the tolerance"
-        ),
-    ] = "same"
-    tolerance: Annotated[
-        float,
-        Meta(
-            gt=1e-6,
-            le=0.1,
-            description="m, on slip distance, and on rotation by the lever of the paper's label "
-            "(3 mm/s over 0.2 rad/s); a sample of 10 ms at 0.1 m/s",
-        ),
-    ] = 1e-3
-    force_tolerance_n: Annotated[
-        float, Meta(gt=0.0, le=10.0, description="on the peak force of a finger; assumed")
-    ] = 0.2
+    level: LevelName
+    step_s: Annotated[float, Meta(gt=0.0)]
+    blow_level: LevelName
+    blow_step_s: Annotated[float, Meta(gt=0.0)]
 
     def __post_init__(self) -> None:
-        before = Level.SLIDER if self.forced is None else self.forced  # auto never takes less
-        if self.from_blow_on is not None and self.from_blow_on < before:
+        if self.blow_level < self.level:
             raise ValueError(f"blow_level: {self.blow_level} is less than level, {self.level}")
 
-    @property
-    def forced(self) -> Level | None:
-        """The level that was asked for by name."""
-        return None if self.level == AUTO else level_named(self.level)
 
-    @property
-    def from_blow_on(self) -> Level | None:
-        """The level of a blow; None: nobody said."""
-        return None if self.blow_level == "same" else level_named(self.blow_level)
+class ContactTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """`config/contact_levels.toml`: levels of a lift, of a tap by the direction of its blow, and
+    the least of any run whose object has its weight aside or is pulled."""
+
+    lift: ContactLevels
+    top: ContactLevels
+    side: ContactLevels
+    closing: ContactLevels
+    aside: ContactLevels
+    pull: ContactLevels
 
 
-class RunPlan(msgspec.Struct, frozen=True, kw_only=True):
-    """What the cell of a run is built at, and why. ``asked``, ``blow_asked``: as the settings say
-    it, auto and same where nobody told a level."""
+class WorldSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Contact levels in place of those that `config/contact_levels.toml` has for a run."""
 
-    level: str
-    step_s: float
-    blow_level: str  # while a blow moves the object
-    blow_step_s: float
-    asked: str
-    blow_asked: str = "same"
-    tolerance_m: float
-    tolerance_rad: float
-    tolerance_n: float  # on the peak force of a finger
-    why: tuple[str, ...] = ()  # of the corners that decided, in the planner's words
+    level: Annotated[
+        Literal["auto", "L1", "L3", "L4"],
+        Meta(description="auto: by scenario; L1 where no scenario is known"),
+    ] = "auto"
+    blow_level: Annotated[
+        Literal["auto", "L1", "L3", "L4"],
+        Meta(
+            description="while a blow moves the object, never less than level; auto: as level, and "
+            "where that is auto, by scenario; L4 where none is known"
+        ),
+    ] = "auto"
+
+    def __post_init__(self) -> None:
+        if "auto" not in (self.level, self.blow_level) and self.blow_level < self.level:
+            raise ValueError(f"blow_level: {self.blow_level} is less than level, {self.level}")

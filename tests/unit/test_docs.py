@@ -13,7 +13,7 @@ from scenarios.tap.result import Alarm, TapResult
 from scenarios.tap.scoring import TapOutcome
 from scenarios.trial.ending import End
 from scenarios.trial.result import Bug, PhaseEntry, TimingResult, TrialResult
-from scenarios.world.world_settings import RunPlan
+from scenarios.world.world_settings import ContactLevels
 
 ROOT = Path(__file__).parents[2]
 
@@ -71,7 +71,7 @@ def test_every_key_of_a_result_is_explained_and_no_other() -> None:
 
 def test_parts_of_a_result_are_explained() -> None:
     section = read("docs/data-formats.md").split("\n## A result: ")[1].split("\n## ")[0]
-    parts = (PhaseEntry, TimingResult, End, Bug, RunPlan, Alarm)
+    parts = (PhaseEntry, TimingResult, End, Bug, ContactLevels, Alarm)
     keys = {key for part in parts for key in part.__struct_fields__}
     assert [key for key in sorted(keys) if f"`{key}`" not in section] == []
 

@@ -74,26 +74,13 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
         thing_layer("objects", "object", str(tmp_path / "none.toml"))
 
 
-def test_a_lift_and_its_plan_take_an_object_of_ones_own(
+def test_a_lift_takes_an_object_of_ones_own(
     own: Own, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = str(own())
     words = ["run", "lift", "--object", file, "--rig", "simulated", "--runs", str(tmp_path)]
     assert main([*words, "--detector", "energy", "--json"]) in (0, 1)
     assert Path(json.loads(capsys.readouterr().out)["recording"]).parent.name.endswith("-mine")
-    assert main(["world", "plan", "tap", "--object", file]) == 0
-    assert "choice: L" in capsys.readouterr().out
-
-
-def test_levels_are_checked_on_objects_of_ones_own(
-    own: Own, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "draws.json"
-    words = ["world", "check", "--draws", "1", "--objects", str(own()), "--jobs", "1"]
-    assert main([*words, "--detector", "energy", "--out", str(out)]) == 0
-    assert "detector energy" in capsys.readouterr().out
-    (draw,) = json.loads(out.read_text())
-    assert draw["object"] == "mine"
 
 
 def test_a_campaign_finds_objects_beside_its_own_file(

@@ -21,12 +21,11 @@ from scenarios.acquire.config import AcquireConfig
 from scenarios.acquire.datasets.plan import DatasetConfig
 from scenarios.campaign.config import RunConfig
 from scenarios.campaign.spec import CampaignSpec
-from scenarios.world.ladder.experiments import World
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("grasp", "drivers", "detector", "scenarios")
 FILES = (
-    RunConfig, AcquireConfig, CampaignSpec, DatasetConfig, World, TrainSettings, EmulatorSettings,
+    RunConfig, AcquireConfig, CampaignSpec, DatasetConfig, TrainSettings, EmulatorSettings,
 )  # fmt: skip
 
 

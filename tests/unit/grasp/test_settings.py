@@ -132,7 +132,7 @@ def test_a_file_of_ones_own_has_the_section_of_its_thing_alone(text: str, tmp_pa
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [("world.tolerance=1mm", "not 1mm: 0.001"), ("object.mass_kg=300 g", "not 300 g: 0.3"),
+    [("object.half_width_m=30mm", "not 30mm: 0.03"), ("object.mass_kg=300 g", "not 300 g: 0.3"),
      ("fingertip.slip_direction_deg=90deg", "not 90deg: 90"),
      ("tactile.max_age_ms=0.02s", "not 0.02s: 20"), ("guard.force_limit_n=9.5N", "not 9.5N: 9.5"),
      ("controller.lift_height_m=3N", "not 3N"), ("controller.lift_speed_mps=5mm", "not 5mm")],

@@ -223,7 +223,6 @@ A_LIFT = ("run", "lift", "--rig", "simulated", "--runs", "OUT", "--set", "contro
 READERS_OF_SETTINGS: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...] = (
     ("objects/can.toml", (
         CHECK, (*SHOW, "--object", "FILE"), (*A_LIFT, "--object", "FILE"),
-        ("world", "plan", "hold", "--object", "FILE", "--json"),
     )),
     ("surfaces/planar.toml", (CHECK, (*ACQUIRE, "--surface", "FILE"))),
     ("calibrations/paper.toml", (
@@ -393,7 +392,6 @@ PLACES: tuple[tuple[tuple[str, ...], tuple[tuple[str, str], ...]], ...] = (
      (("d.toml", "datasets/paper.toml"),)),
     (("dataset", "describe", "--", "NAME"), ()),
     (("dataset", "collect", "--out=OUT", "--", "NAME"), ()),
-    (("world", "plan", "hold", "--json", "--object=NAME.toml"), ()),
     ((*LIFTED, "--runs=NAME"), ()), ((*LIFTED, "--runs", "OUT", "--out=NAME", "--trials", "2"), ()),
 )  # fmt: skip
 

@@ -121,7 +121,6 @@ BAD_WORDS = [
     "tactile identify --url nonsense --seconds 1",
     "tactile identify --seconds nan",
     "world calibrate --recording FILE",
-    "world plan --scene zzz",
     "config show zzz",
     "config show --object zzz",
     "emulate --object zzz",

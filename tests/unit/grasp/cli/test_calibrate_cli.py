@@ -1,15 +1,17 @@
-"""`grasp world calibrate`: what it writes, what it leaves alone, what it does not compare."""
+"""`grasp world calibrate`: what it writes and what it leaves alone."""
 
 import json
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from detector.recordings import Metadata, Recording, write
+from grasp.cli import exits, world
 from grasp.cli.main import main
-from scenarios.studies.signal import calibrate
+from scenarios.acquire import fingertip_fit
 
 CHECK = ("world", "calibrate", "--check", "--clips", "2")
 
@@ -39,7 +41,6 @@ def test_judgement_in_json_is_one_object_with_every_figure(
 ) -> None:
     assert main([*CHECK, "--recording", str(clip), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert len(found["data_set"]["mean"]) == 6
     assert found["misfit"] > 0.0 and not found["fitted"]
 
 
@@ -49,17 +50,14 @@ def test_judgement_for_a_person_leaves_out_the_ratio_to_a_figure_that_is_nought(
     row = {"simulated": 0.2, "low": 0.1, "high": 0.3, "within_aim": True}
     rows = [SimpleNamespace(name="kurtosis", real=0.4, **row),
             SimpleNamespace(name="hiss", real=0.0, **row)]  # fmt: skip
-    levels = SimpleNamespace(**{name: np.arange(6.0) for name in ("mean", "std", "least", "most")})
-    for name, found in {"figures": None, "mean": None, "misfit": 1.5, "compare": rows,
-                        "data_set_levels": levels}.items():  # fmt: skip
-        monkeypatch.setattr(calibrate, name, lambda *_, found=found: found)
+    for name, found in {"figures": None, "mean": None, "misfit": 1.5, "compare": rows}.items():
+        monkeypatch.setattr(fingertip_fit, name, lambda *_, found=found: found)
     assert main([*CHECK, "--recording", str(clip)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].endswith("ratio") and lines[1].split()[-1] == "0.50"
     assert lines[2].split() == ["hiss", "0", "0.2", "0.1", "0.3"]
     assert {len(line) for line in lines[:3]} == {len(lines[0])}
     assert "misfit 1.50 (1: on average just within the aims)" in lines
-    assert any(line.startswith("levels a taxel, ") for line in lines)
 
 
 def test_nothing_but_a_fit_of_its_own_is_written_over(
@@ -71,33 +69,21 @@ def test_nothing_but_a_fit_of_its_own_is_written_over(
     assert clip.read_bytes() == before
 
 
-@pytest.mark.parametrize("wishes", ["--check --out", "--check --data . --figure", "--data . --out"])
-def test_what_would_be_left_undone_is_refused_and_leaves_no_file(
-    wishes: str, clip: Path, tmp_path: Path
-) -> None:
-    out = tmp_path / "x.svg"
-    assert main(["world", "calibrate", "--recording", str(clip), *wishes.split(), str(out)]) == 2
+def test_check_that_is_to_write_fitted_values_is_refused(clip: Path, tmp_path: Path) -> None:
+    out = tmp_path / "x.toml"
+    assert main([*CHECK, "--recording", str(clip), "--out", str(out)]) == 2
     assert not out.exists()
 
 
-def test_data_set_of_another_layout_is_refused_by_name(
-    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("error", [
+    RuntimeError("cannot cache function 'f': no locator available for file 'laws.py'"), EOFError(),
+])  # fmt: skip
+def test_compiled_functions_that_can_be_kept_nowhere_are_told_with_what_to_do(
+    error: Exception, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = tmp_path / "eight"
-    folder.mkdir()
-    write(folder / "a.npz", stroked(taxels=8))
-    assert main([*CHECK, "--recording", str(clip), "--data", str(folder)]) == 2
-    assert "of 8 taxels, the recording's of 6" in capsys.readouterr().err
-
-
-def test_set_too_small_to_be_judged_says_so(
-    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = tmp_path / "small"
-    folder.mkdir()
-    write(folder / "a.npz", stroked(strokes=5))
-    assert main([*CHECK, "--recording", str(clip), "--data", str(folder)]) == 0
-    out, err = capsys.readouterr()
-    assert f"judging {folder}: 1 of 1" in err
-    assert "few pieces: ranks say little" in out
-    assert out.count("too few strokes, pauses or recordings") == 2
+    file = "/usr/lib/python3/site-packages/numba/core/caching.py"
+    scope: dict[str, Any] = {"error": error}
+    exec(compile("def fails(args): raise error", file, "exec"), scope)
+    monkeypatch.setattr(world, "calibrate", scope["fails"])
+    assert main([*CHECK, "--recording", "clip.csv"]) == exits.USAGE
+    assert "NUMBA_CACHE_DIR" in capsys.readouterr().err

@@ -90,7 +90,7 @@ def test_a_picture_of_no_kind_that_can_be_drawn_is_refused_before_anything_is_co
 def test_a_picture_in_a_folder_that_is_not_there_is_refused_before_anything_is_computed(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert main(["world", "strokes", "--out", "nowhere/a.svg"]) == 2
+    assert main(["world", "calibrate", "--recording", "x.csv", "--figure", "nowhere/a.svg"]) == 2
     assert "there is no folder nowhere" in capsys.readouterr().err
 
 

@@ -126,7 +126,7 @@ def with_own_settings() -> dict[tuple[str, ...], set[str]]:
     found = {}
     for words, parser in verbs(build_parser()):
         options = {text for action in parser._actions for text in action.option_strings}
-        if options & {"--config", "--set"} and words != ("world", "plan"):  # settings of its own
+        if options & {"--config", "--set"}:
             found[words] = options
     return found
 

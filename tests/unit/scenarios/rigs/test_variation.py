@@ -42,13 +42,13 @@ def test_every_variation_has_the_spread_that_its_setting_states() -> None:
     assert np.std([t.hand.tick_phase_s for t in trials]) > 0.002
 
 
-def test_blow_on_what_no_plan_was_made_for_is_followed_at_the_fullest_level() -> None:
+def test_blow_in_no_known_scenario_is_followed_at_the_fullest_level() -> None:
     made = cell_settings(config(), 0)[0]
     assert (made.level, made.blow_level) == (Level.SLIDER, Level.BRUSH)
     told = cell_settings(config("world.level=L3"), 0)[0]
-    assert (told.level, told.blow_level) == (Level.SPIN, None)
-    told = cell_settings(config("world.blow_level=L2"), 0)[0]
-    assert (told.level, told.blow_level) == (Level.SLIDER, Level.POINTS)
+    assert (told.level, told.blow_level) == (Level.SPIN, Level.SPIN)
+    told = cell_settings(config("world.blow_level=L3"), 0)[0]
+    assert (told.level, told.blow_level) == (Level.SLIDER, Level.SPIN)
 
 
 def test_rotation_of_the_object_is_felt_by_every_fingertip(monkeypatch: pytest.MonkeyPatch) -> None:

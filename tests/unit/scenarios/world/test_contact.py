@@ -8,7 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scenarios.world import laws
-from scenarios.world.contact import Floats, elements, initial_state, parameters
+from scenarios.world.contact import (
+    Floats,
+    elements,
+    finger_stiffness,
+    initial_state,
+    parameters,
+)
 from scenarios.world.contact_settings import ContactSettings
 from scenarios.world.objects import GraspObject
 from scenarios.world.world_settings import Level
@@ -30,6 +36,12 @@ def fresh_pads() -> Floats:
 
 def travel(a: float, b: float, c: float) -> Floats:
     return np.array([a, b, c]) * COUNT_M
+
+
+def squeeze(what: GraspObject, pads: ContactSettings, b_n: float, c_n: float) -> Floats:
+    """Travel (3,) at which B and C press with b_n and c_n and the thumb with their sum."""
+    k = finger_stiffness(pads, what)
+    return pads.half_aperture_m - what.half_width_m + np.array([b_n + c_n, b_n, c_n]) / k
 
 
 def forces_at(p: Floats, positions: Floats, state: Floats | None = None) -> Floats:

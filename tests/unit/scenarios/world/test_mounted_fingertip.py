@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from scenarios.studies.signal.held import transfer, wander_share
 from scenarios.world import disturbance
 from scenarios.world import spring_bed as bed
 from scenarios.world.disturbance import on_a_free_object
@@ -222,6 +221,12 @@ def test_weight_that_hangs_on_held_pads_loads_or_unloads_them_alike_by_its_direc
 HELD_HZ, DAMPING, PERIOD_S = 20.0, 0.2, 0.01
 
 
+def transfer(hz: Floats) -> Floats:
+    """Relative motion of object and hand over the hand's, of a mass on springs."""
+    r = hz / HELD_HZ
+    return r**2 / np.sqrt((1.0 - r**2) ** 2 + (2.0 * DAMPING * r) ** 2)
+
+
 @pytest.mark.parametrize("hz", [2.0, 8.0, 20.0])
 def test_an_object_follows_the_hand_as_a_mass_on_springs_does(hz: float) -> None:
     following = np.zeros((disturbance.WAYS, disturbance.FOLLOWING))
@@ -230,7 +235,7 @@ def test_an_object_follows_the_hand_as_a_mass_on_springs_does(hz: float) -> None
         hand = np.full(disturbance.WAYS, math.sin(2 * math.pi * hz * 0.001 * (k + 1)))
         disturbance.follow(2 * math.pi * HELD_HZ, DAMPING, 0.001, hand, following)
         left.append(hand[0] - following[0, disturbance.FOLLOWED])
-    wanted = transfer(np.array([hz]), HELD_HZ, DAMPING)[0]
+    wanted = transfer(np.array([hz]))[0]
     assert max(left[1000:]) == pytest.approx(wanted, rel=0.03)
 
 
@@ -249,7 +254,9 @@ def test_what_a_held_object_leaves_of_the_hand_s_wander_is_what_its_inertia_says
     fast = {"wander_fast_s": 0.02, "wander_slow_s": 0.02}
     pressed = restless_loads(None, **fast).std(axis=0)
     held = restless_loads(Held(SIDES, 2 * math.pi * HELD_HZ), **fast).std(axis=0)
-    wanted = wander_share((0.02, 0.02), HELD_HZ, DAMPING)
+    hz = np.arange(0.05, 500.0, 0.05)
+    power = 1.0 / (1.0 + (2 * math.pi * hz * 0.02) ** 2) ** 2
+    wanted = np.sqrt((power * transfer(hz) ** 2).sum() / power.sum())
     assert 0.2 < wanted < 0.6
     assert held == pytest.approx(wanted * pressed, rel=0.15)
 

@@ -18,9 +18,8 @@ from scenarios.world.contact import (
     parameters,
 )
 from scenarios.world.contact_settings import ContactSettings
-from scenarios.world.ladder.scene import squeeze
 from scenarios.world.world_settings import Level
-from tests.unit.scenarios.world.test_contact import body
+from tests.unit.scenarios.world.test_contact import body, squeeze
 
 MASS_KG = 0.4
 CAN = body(mass_kg=MASS_KG)

@@ -1,1 +1,0 @@
-"""Contact models compared: scenes, the planner that chooses one, stability, cost of accuracy."""

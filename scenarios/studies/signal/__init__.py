@@ -1,1 +1,0 @@
-"""The simulated fingertip beside a real one: strokes, their statistics, the fit."""

@@ -1,1 +1,0 @@
-"""The contact ladder: one scene, five contact models of rising fidelity, one interface."""

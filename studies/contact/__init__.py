@@ -1,0 +1,1 @@
+"""What the studies of contact models share: stated scenes, and other ways to solve them."""

@@ -1,0 +1,206 @@
+"""How far off is every contact model and integrator, and what does it cost?
+
+Times are processor times of one thread and vary between runs: use --workers 0 on a quiet machine.
+"""
+
+import argparse
+import math
+import time
+from collections.abc import Callable, Iterable, Sequence
+from functools import cache, partial
+from importlib.util import find_spec
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from scenarios.world.contact import Floats
+from scenarios.world.world_settings import Level
+from studies.contact import comparators, mujoco_scene, reference, scene
+from studies.contact.comparators import Method
+from studies.contact.scene import Scene, simulate
+from studies.runner import Study, markdown
+
+Runner = Callable[[Scene, float], Floats]
+SCENES = {"lift": scene.lift, "tap": scene.tap, "vibration": scene.vibration}
+STEPS_S = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1e-4)
+MUJOCO_STEPS_S = STEPS_S[1:-1]
+TOLERANCES_M = (1e-6, 1e-8, 1e-10)
+ERRORS_MM = (1.0, 0.5, 0.2, 0.1)  # at which costs are compared
+FLOOR_MM = 1e-6  # errors below are drawn here
+REPEATS = 5  # the least time counts
+COLOURS = {
+    "L1": "#1f5f99", "L2": "#3a7d44", "L3": "#8a6fb0", "L4": "#c2571a", "LuGre": "#b5a000",
+    "regularised": "#b00020", "explicit": "#7fb2d9", "adaptive": "#009999", "MuJoCo": "#888888",
+}  # fmt: skip
+
+
+class Task(msgspec.Struct, frozen=True):
+    """One method at one step (of `adaptive`: at one tolerance, m)."""
+
+    scene: str
+    curve: str
+    step_s: float
+
+
+class Row(msgspec.Struct, frozen=True):
+    """What it cost, and the error of the tape mark. NaN: diverged."""
+
+    scene: str
+    curve: str
+    step_s: float
+    cost_us: float
+    error_m: float
+
+
+def at_level(level: Level, of: Scene, step_s: float) -> Floats:
+    """Backward Euler."""
+    return simulate(of, level, step_s)
+
+
+def extrapolated(level: Level, of: Scene, step_s: float) -> Floats:
+    """Two steps, extrapolated: backward Euler is of first order."""
+    return 2 * simulate(of, level, 0.5 * step_s) - simulate(of, level, step_s)
+
+
+def best_level(of: Scene) -> Level:
+    """The least level that has all that moves."""
+    return Level.SLIDER if of.tap is None else Level.BRUSH
+
+
+def explicit(order: int, of: Scene, step_s: float) -> Floats:
+    return reference.explicit(of, best_level(of), step_s, order)
+
+
+def adaptive(of: Scene, tolerance_m: float) -> Floats:
+    return reference.adaptive(of, best_level(of), tolerance_m)
+
+
+def other_law(method: Method, of: Scene, step_s: float) -> Floats:
+    return comparators.run(of, method, step_s)
+
+
+def by_mujoco(impratio: float, of: Scene, step_s: float) -> Floats:
+    return mujoco_scene.run(of, step_s, impratio)
+
+
+def methods() -> dict[str, tuple[Runner, Sequence[float]]]:
+    """What runs a curve, and its steps; MuJoCo's where it is installed (extra `dev`)."""
+    found: dict[str, tuple[Runner, Sequence[float]]] = {}
+    for level in Level:
+        found[level.label] = partial(at_level, level), STEPS_S
+        found[f"{level.label} extrapolated"] = partial(extrapolated, level), STEPS_S
+    found["explicit Euler"] = partial(explicit, 1), STEPS_S
+    found["explicit RK4"] = partial(explicit, 4), STEPS_S
+    found["adaptive Runge-Kutta"] = adaptive, TOLERANCES_M
+    found["LuGre RK4"] = partial(other_law, Method.LUGRE_RK4), STEPS_S
+    found["LuGre EXP2"] = partial(other_law, Method.LUGRE_EXP2), STEPS_S
+    found["regularised implicit"] = partial(other_law, Method.REGULAR_IMPLICIT), STEPS_S
+    if find_spec("mujoco") is not None:
+        for ratio in (1, 10, 100):
+            found[f"MuJoCo impratio {ratio}"] = partial(by_mujoco, ratio), MUJOCO_STEPS_S
+    return found
+
+
+@cache
+def exact(name: str) -> Floats:
+    """The reference: adaptive, with 12 x 12 brush points where something turns."""
+    of = SCENES[name]()
+    if of.tap is not None:
+        return reference.adaptive(of, Level.BRUSH, 1e-10, 12)
+    return reference.adaptive(of, Level.SLIDER, 1e-12)
+
+
+def trial(task: Task) -> Row:
+    """Error and cost. The first run, which may compile, is not timed."""
+    of, run = SCENES[task.scene](), methods()[task.curve][0]
+    error_m = float(np.linalg.norm(run(of, task.step_s) - exact(task.scene)))
+    least = math.inf
+    for _ in range(REPEATS):
+        start = time.thread_time()
+        run(of, task.step_s)
+        least = min(least, time.thread_time() - start)
+    return Row(task.scene, task.curve, task.step_s, least * 1e6, error_m)
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=[*SCENES])
+    parser.add_argument("--curves", nargs="+", choices=methods(), default=[*methods()])
+
+
+def grid(args: argparse.Namespace) -> list[Task]:
+    known = methods()
+    return [
+        Task(name, curve, step_s)
+        for name in args.scenes
+        for curve in args.curves
+        for step_s in known[curve][1]
+    ]
+
+
+def cheapest(rows: Iterable[Row], prefix: str, error_mm: float) -> Row | None:
+    """The cheapest row so near. It counts only if all smaller steps are as near: a lucky hit at one
+    step is no accuracy."""
+    curves: dict[str, list[Row]] = {}
+    for row in rows:
+        if row.curve.startswith(prefix) and not row.curve.startswith("LuGre"):
+            curves.setdefault(row.curve, []).append(row)
+    good = [
+        row
+        for curve in curves.values()
+        for row in curve
+        if all(r.error_m * 1e3 <= error_mm for r in curve if r.step_s <= row.step_s)
+    ]
+    return min(good, key=lambda row: row.cost_us, default=None)
+
+
+def table(rows: Sequence[Row]) -> str:
+    """Costs at equal error."""
+    found = []
+    for name in dict.fromkeys(row.scene for row in rows):
+        here = [row for row in rows if row.scene == name]
+        for error_mm in ERRORS_MM:
+            theirs, ours = cheapest(here, "MuJoCo", error_mm), cheapest(here, "L", error_mm)
+            times = theirs.cost_us / ours.cost_us if theirs and ours else None
+            found.append((name, error_mm, *_cells(theirs), *_cells(ours), times))
+    names = ("scene", "error at most, mm", "MuJoCo", "µs", "level", "µs ", "times cheaper")
+    return markdown(dict(zip(names, zip(*found, strict=True), strict=True)))
+
+
+def _cells(row: Row | None) -> tuple[str, float | None]:
+    if row is None:
+        return "does not get there", None
+    return f"{row.curve}, {row.step_s * 1e3:g} ms", row.cost_us
+
+
+def chart(rows: Sequence[Row], figure: Any) -> None:
+    """Error over processor time, a panel a scene."""
+    scenes = list(dict.fromkeys(row.scene for row in rows))
+    panels = figure.subplots(1, len(scenes), sharey=True, squeeze=False)[0]
+    for axes, name in zip(panels, scenes, strict=True):
+        here = [row for row in rows if row.scene == name]
+        for curve in dict.fromkeys(row.curve for row in here):
+            _plot(axes, curve, [row for row in here if row.curve == curve])
+        axes.set(xscale="log", yscale="log", title=name, xlabel="processor time of a scene, µs")
+        axes.grid(alpha=0.3)
+    panels[0].set_ylabel("error of the tape mark, mm")
+    panels[0].set_ylim(0.5 * FLOOR_MM, 300.0)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=6, fontsize=8, frameon=False)
+
+
+def _plot(axes: Any, curve: str, rows: Sequence[Row]) -> None:
+    shown = [row for row in rows if math.isfinite(row.error_m)]
+    dashed = "extrapolated" in curve or "RK4" in curve or curve.endswith(" 10")
+    axes.plot(
+        [row.cost_us for row in shown], [max(row.error_m * 1e3, FLOOR_MM) for row in shown],
+        color=COLOURS[curve.split(maxsplit=1)[0]], label=curve, lw=1.1, ms=3.5,
+        ls="--" if dashed else (":" if curve.endswith("100") else "-"),
+        marker="s" if curve.startswith("MuJoCo") else "o",
+    )  # fmt: skip
+
+
+STUDY = Study(
+    "error against processor time of every contact level and integrator",
+    grid, trial, Row, table, chart, options, figure_size=(15.0, 6.5),
+)  # fmt: skip

@@ -1,0 +1,146 @@
+"""The contact levels against an explicit reference, and cases on which known methods fail."""
+
+import math
+from importlib.util import find_spec
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from scenarios.world.blow import Blow
+from scenarios.world.contact import GRAVITY_MPS2
+from scenarios.world.contact_settings import ContactSettings
+from scenarios.world.world_settings import Level
+from studies.contact import comparators, mujoco_scene
+from studies.contact.comparators import Method
+from studies.contact.reference import adaptive, explicit
+from studies.contact.scene import (
+    BODY,
+    PADS,
+    Closing,
+    Scene,
+    lift,
+    simulate,
+    squeeze,
+    tap,
+    vibration,
+)
+
+changed = msgspec.structs.replace
+BALL = {"shape": "ellipsoid", "half_width_m": 0.0603, "half_height_m": 0.0603}
+
+
+def held(**fields: Any) -> Scene:
+    """In a 10 N grip, nothing else happening."""
+    return changed(vibration(), **{"duration_s": 0.4, "shake_mps2": 0.0, **fields})
+
+
+SAME = changed(BODY, friction_kinetic=0.5)  # no jump of the force as it begins to slide
+TOP = changed(tap(), body=SAME)
+SIDE_BLOW = Blow(impulse_n_s=0.12, duration_s=8e-3, offset_m=0.04, direction="side")
+SIDE = changed(TOP, tap=SIDE_BLOW)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [lift(), held(tap=Blow(impulse_n_s=0.2, duration_s=8e-3, offset_m=0.0)),
+     lift(pads=ContactSettings()),
+     changed(lift(), body=changed(BODY, **BALL, grip_height_m=0.012))],
+    ids=["lift", "tap", "relaxing", "flank"],
+)  # fmt: skip
+def test_without_lever_and_side_load_all_levels_move_alike(scene: Scene) -> None:
+    first, *others = (simulate(scene, level, 1e-3) for level in Level)
+    for other in others:
+        assert other == pytest.approx(first, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("scene", "level"),
+    [(lift(), Level.SLIDER), (TOP, Level.POINTS), (SIDE, Level.SPIN), (TOP, Level.BRUSH)],
+)
+def test_backward_euler_extrapolated_meets_adaptive_runge_kutta(scene: Scene, level: Level) -> None:
+    exact = adaptive(scene, level, 1e-11)
+    found = 2 * simulate(scene, level, 5e-5) - simulate(scene, level, 1e-4)
+    assert np.linalg.norm(found - exact) < 2e-6
+    assert np.linalg.norm(exact) > 2e-3
+
+
+def test_patches_resist_turning_and_points_do_not() -> None:
+    blow = Blow(impulse_n_s=0.4, duration_s=8e-3, offset_m=0.02)
+    points, spin, brush = (
+        simulate(changed(tap(), tap=blow), level, 5e-4)[0] for level in list(Level)[1:]
+    )
+    assert points > brush > 0.0  # the mark moves aside as the object turns
+    assert abs(spin - brush) < abs(points - brush)
+
+
+def test_ball_held_past_its_widest_point_is_expelled_and_a_long_box_is_not() -> None:
+    def moved(**what: Any) -> float:
+        body = changed(BODY, mass_kg=0.05, friction_static=0.3, friction_kinetic=0.3, **what)
+        closing = Closing(start_s=0.1, speed_mps=0.02, force_stop_n=10.0)
+        travel = squeeze(body, PADS, 1.0, 1.0)
+        scene = held(body=body, travel_m=travel, closing=closing, duration_s=1.0)
+        return -float(simulate(scene, Level.SLIDER, 5e-4)[1])
+
+    assert moved(**BALL, grip_height_m=0.035) > 0.1
+    assert moved(**BALL, grip_height_m=-0.005) < 0.01
+    assert moved() < 0.001
+
+
+def loaded(ratio: float, **fields: Any) -> Scene:
+    """A held object whose weight is this share of the friction cone."""
+    mass_kg = ratio * 0.5 * 20.0 / GRAVITY_MPS2
+    body = changed(BODY, mass_kg=mass_kg, friction_kinetic=0.5, body_above_grip_m=0.5)
+    return held(**{"body": body, "duration_s": 2.0, **fields})
+
+
+@pytest.mark.parametrize("level", [Level.SLIDER, Level.POINTS, Level.BRUSH])
+def test_inside_the_cone_nothing_creeps_and_regularised_friction_does(level: Level) -> None:
+    short, long = (simulate(loaded(0.99, duration_s=t), level, 1e-2) for t in (1.0, 8.0))
+    assert abs(long[1] - short[1]) < 1e-12
+    for step_s in (1e-2, 1e-3):
+        creep = comparators.run(loaded(0.99), Method.REGULAR_IMPLICIT, step_s)
+        assert -creep[1] == pytest.approx(1.98e-3, rel=0.02)  # no step helps
+
+
+def test_outside_the_cone_the_object_falls_at_the_rate_of_the_closed_form() -> None:
+    expected = 0.5 * GRAVITY_MPS2 * (1 - 1 / 1.01) * 2.0**2
+    assert -simulate(loaded(1.01), Level.SLIDER, 1e-3)[1] == pytest.approx(expected, rel=2e-3)
+
+
+def test_vibration_inside_the_cone_drifts_in_lugre_only() -> None:
+    stiff = changed(PADS, shear_stiffness_npm=1e5)  # the pads' own resonance far above
+    scenes = [changed(vibration(), contact=stiff, duration_s=t) for t in (0.5, 1.5)]
+
+    def drift(run: Any) -> float:
+        return abs(float(run(scenes[1])[1] - run(scenes[0])[1]))  # whole periods, 1 s apart
+
+    assert drift(lambda s: simulate(s, Level.SLIDER, 1e-3)) < 1e-7
+    fine = drift(lambda s: comparators.run(s, Method.LUGRE_EXP2, 2e-4))
+    other = drift(lambda s: comparators.run(s, Method.LUGRE_RK4, 2e-5))
+    assert fine > 1e-4
+    assert fine == pytest.approx(other, rel=0.05)  # neither step nor integrator: the law
+
+
+@pytest.mark.parametrize("stiffness_npm", [7e3, 1e6])
+def test_steps_up_to_50_ms_stay_within_first_order_at_any_stiffness(stiffness_npm: float) -> None:
+    scene = lift(changed(PADS, shear_stiffness_npm=stiffness_npm))
+    exact = adaptive(scene, Level.SLIDER, 1e-9)
+    for step_s in (5e-2, 8e-3, 1e-3):
+        for level in (Level.SLIDER, Level.BRUSH):
+            error = np.linalg.norm(simulate(scene, level, step_s) - exact)
+            assert error < 0.11 * step_s, (level, step_s)  # the arm rises 0.1 m/s
+    if stiffness_npm > 1e4:
+        for order in (1, 4):
+            assert not abs(explicit(scene, Level.SLIDER, 2e-3, order)[1]) < 0.1
+        assert math.isnan(comparators.run(scene, Method.LUGRE_RK4, 2e-3)[1])
+
+
+@pytest.mark.skipif(find_spec("mujoco") is None, reason="MuJoCo is not installed")
+def test_mujoco_sees_the_same_lift_but_for_its_creep() -> None:
+    exact = adaptive(lift(), Level.SLIDER, 1e-9)
+    errors = [
+        np.linalg.norm(mujoco_scene.run(lift(), 2e-3, ratio) - exact) for ratio in (1.0, 10.0)
+    ]
+    assert errors[1] < 0.6e-3 < 2e-3 < errors[0]

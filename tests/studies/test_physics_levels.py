@@ -1,0 +1,38 @@
+"""Error against processor time: a tiny grid, and what counts as accuracy."""
+
+from pathlib import Path
+
+import pytest
+
+from studies import physics_levels, physics_stability
+from studies.physics_levels import Row, cheapest
+from studies.runner import main
+
+
+def row(curve: str, step_s: float, cost_us: float, error_mm: float) -> Row:
+    return Row("lift", curve, step_s, cost_us, error_mm * 1e-3)
+
+
+def test_a_lucky_hit_at_one_step_is_no_accuracy() -> None:
+    rows = [row("L1", 4e-3, 10.0, 0.01), row("L1", 2e-3, 20.0, 0.4), row("L2", 2e-3, 90.0, 0.05),
+            row("LuGre EXP2", 4e-3, 0.1, 0.01)]  # fmt: skip
+    assert cheapest(rows, "L", 0.1) == rows[2]
+    assert cheapest(rows[:2], "L", 0.1) is None
+
+
+def test_a_small_grid_gives_table_and_chart(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    words = ["--scenes", "lift", "--curves", "L1", "explicit Euler", "--jobs", "1"]
+    main("physics_levels", physics_levels.STUDY, [*words, "--out", str(tmp_path)])
+    assert "| lift | 0.1 |" in (tmp_path / "table.md").read_text()
+    assert (tmp_path / "chart.svg").stat().st_size > 1000
+
+
+def test_integrators_that_break_are_told_from_those_that_hold(tmp_path: Path) -> None:
+    found = physics_stability.trial(physics_stability.Task(1.5e5, (5e-3,)))
+    broken = {m for m in physics_stability.METHODS if physics_stability.broken([found], m)}
+    assert broken == {
+        "same law, explicit Euler", "same law, RK4", "LuGre, explicit Euler", "LuGre, RK4",
+        "regularised Coulomb, explicit",
+    }  # fmt: skip
+    assert "| LuGre, RK4 | 100 |" in physics_stability.table([found])
