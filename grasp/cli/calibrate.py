@@ -8,14 +8,15 @@ import tomllib
 from typing import Any
 
 from grasp import interruption
-from grasp.cli import exits
+from grasp.cli import exits, fingertip
 from grasp.cli.lab import (
     FINGERS,
-    add_lab,
+    add_verb,
     confirm,
     lab_config,
     leave_to_move,
     new_file,
+    tell,
     tell_mode,
     tell_weak,
     will,
@@ -25,7 +26,7 @@ from grasp.cli.output import json_line
 from grasp.cli.places import file_to_write
 from grasp.files import write_whole
 
-HELP = "measure what counts and bytes are worth, on a scale"
+HELP = "measure what counts and bytes are worth, on a scale; fit the simulated fingertip"
 SCALE = "One finger presses on a scale, harder than the limit of a run allows."
 OVER_A_SCALE = "one fingertip over a scale, and no object in the hand: do not ask"
 MANUAL_LEAST_N, MANUAL_MOST_N = 15.0, 60.0
@@ -77,10 +78,11 @@ def add_parser(verbs: Any) -> None:
         "--seconds", type=decimal(SHORTEST_S + 5, 3600), default=LONG_S, metavar="N",
         help="of hold (default: %(default)g)",
     )  # fmt: skip
+    fingertip.add_parser(kinds)
 
 
 def _kind(kinds: Any, name: str, handler: Any, text: str) -> argparse.ArgumentParser:
-    parser: argparse.ArgumentParser = kinds.add_parser(name, help=text, description=text + ".")
+    parser = add_verb(kinds, name, handler, text)
     parser.add_argument(
         "--out", type=file_to_write, required=True, metavar="FILE",
         help="what is written: a new .toml file, with date, spread and source",
@@ -88,8 +90,6 @@ def _kind(kinds: Any, name: str, handler: Any, text: str) -> argparse.ArgumentPa
     parser.add_argument(
         "--note", default="", metavar="TEXT", help="what else the file shall say of its source"
     )
-    add_lab(parser, moves=True)
-    parser.set_defaults(handler=handler)
     return parser
 
 
@@ -123,7 +123,7 @@ def calibrate_force(args: argparse.Namespace) -> int:
             tell_mode(config)
         else:
             check_hearing(config)
-        return _would(args, pressing if args.press else "nothing")
+        return tell(args, {"would": f"move {pressing if args.press else 'nothing'}"})
     if not args.press:
         operator = _operator()
         with interruption.held():
@@ -159,7 +159,7 @@ def calibrate_hand(args: argparse.Namespace) -> int:
     if args.dry_run:
         check_pressing(config, hearing=False)
         tell_mode(config)
-        return _would(args, pressing)
+        return tell(args, {"would": f"move {pressing}"})
     permit = leave_to_move(config, args, lambda: f"move {pressing}")
     tell_mode(config)
     _over_a_scale(args)
@@ -205,7 +205,7 @@ def calibrate_noise(args: argparse.Namespace) -> int:
     if args.dry_run:
         check_close(config, active_hand(config), CLOSED)
         tell_mode(config)
-        return _would(args, f"{holding}; the arm stands")
+        return tell(args, {"would": f"move {holding}; the arm stands"})
     permit = leave_to_move(config, args, lambda: f"move {holding}")
     tell_mode(config)
     operator = _operator()
@@ -254,14 +254,6 @@ def _operator() -> Any:
 
 def _tell(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
-
-
-def _would(args: argparse.Namespace, what: str) -> int:
-    if args.json:
-        print(json_line({"would": f"move {what}", "exit_code": exits.SUCCESS}))
-    else:
-        print(f"would move {what}")
-    return exits.SUCCESS
 
 
 def _written(args: argparse.Namespace, text: str) -> int:

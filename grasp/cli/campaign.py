@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.errors import UsageError
 from grasp.cli import exits
-from grasp.cli.options import add_workers, no_settings, whole, workers
+from grasp.cli.options import add_workers, whole, workers
 from grasp.cli.places import file_with_folders
 
 if TYPE_CHECKING:
@@ -21,11 +21,6 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("campaign", help=HELP, description=HELP)
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     _add_run(actions)
-    summary = actions.add_parser("summary", help="rates with intervals, latencies, slip distances")
-    summary.add_argument("file", type=Path, metavar="FILE", help="SQLite file of a campaign")
-    summary.add_argument("--json", action="store_true", help="one JSON object")
-    no_settings(summary)
-    summary.set_defaults(handler=summarize)
 
 
 def _add_run(actions: Any) -> None:
@@ -57,7 +52,7 @@ def _add_run(actions: Any) -> None:
     )  # fmt: skip
     run.add_argument(
         "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
-        help="one setting, for every trial; may be repeated; `grasp config show` lists them",
+        help="one setting, for every trial; may be repeated; `grasp config` lists them",
     )  # fmt: skip
     run.add_argument(
         "--repetitions",
@@ -122,21 +117,17 @@ def run_campaign(args: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             view.close()
             return exits.report("interrupted", view.kept(out), "go on with --resume", args.json)
-    _print_summary(out, args.json)
+    print_summary(out, args.json)
     if not args.json:
         print(out)
     return exits.TRIAL_FAILED if progress.errors else exits.SUCCESS
 
 
-def summarize(args: argparse.Namespace) -> int:
-    _print_summary(args.file, args.json)
-    return exits.SUCCESS
-
-
-def _print_summary(path: Path, as_json: bool) -> None:
+def print_summary(path: Path, as_json: bool) -> None:
+    """Table IV of a campaign's file."""
     import msgspec
 
-    from grasp.cli.campaign_view import print_summary
+    from grasp.cli.campaign_view import print_summary as print_tables
     from scenarios.campaign.store import CampaignStore
     from scenarios.campaign.summary import summarize
 
@@ -145,4 +136,4 @@ def _print_summary(path: Path, as_json: bool) -> None:
     if as_json:
         print(msgspec.json.encode(found).decode())
     else:
-        print_summary(found)
+        print_tables(found)

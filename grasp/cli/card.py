@@ -81,7 +81,7 @@ def _check_no_formula(word: str) -> None:
     if word in FORMULAS:
         raise UsageError(
             f"{word} is a formula: it has no weights, and so no card",
-            f"`grasp config show {FORMULAS[word]} --detector {word}` has its settings, "
+            f"`grasp config {FORMULAS[word]} --detector {word}` has its settings, "
             "`grasp detector card` every detector",
         )
 

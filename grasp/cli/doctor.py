@@ -1,18 +1,30 @@
-"""`grasp doctor`: looks at everything a run needs, moves nothing, names every remedy."""
+"""`grasp doctor`: looks at everything a run needs, moves nothing, names every remedy; `grasp doctor
+HOST...`: which devices answer there."""
 
 import argparse
 from typing import Any
 
+from drivers.errors import one_line
 from grasp.cli import exits
-from grasp.cli.options import OBJECT_HELP, add_runs, add_settings
+from grasp.cli.options import OBJECT_HELP, add_runs, add_settings, decimal
 from grasp.cli.output import json_line
 
-HELP = "check this machine and the devices without moving anything"
+HELP = "check this machine and the devices, or who answers at addresses; moves nothing"
 _MARK = {"ok": "ok  ", "warn": "warn", "fail": "FAIL"}
 
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("doctor", help=HELP, description=HELP + ". Reads only.")
+    parser.add_argument(
+        "hosts", nargs="*", metavar="HOST",
+        help="ask these alone, on the ports known, and print what to write into a file for "
+        "--config. HOST: gripper (Modbus, port 502) and arm (29999, 30002, 30004); HOST:PORT: a "
+        "gripper there; tcp://HOST:PORT: an emulated fingertip board",
+    )  # fmt: skip
+    parser.add_argument(
+        "--timeout", type=decimal(0.05, 10), default=1.0, metavar="S",
+        help="each HOST answers a question within S seconds (default: %(default)g)",
+    )  # fmt: skip
     parser.add_argument(
         "--rig", metavar="NAME",
         help="also ask the devices of this rig (one of config/rigs, or a .toml file)",
@@ -38,6 +50,8 @@ def add_parser(verbs: Any) -> None:
 
 
 def doctor(args: argparse.Namespace) -> int:
+    if args.hosts:
+        return _find(args)
     from scenarios.rigs.doctor import examine
 
     def load(rig: str, detector: str | None) -> Any:
@@ -81,3 +95,26 @@ def _code(failed: list[Any]) -> int:
     if any(check.name in ("configuration", "disk") for check in failed):
         return exits.USAGE
     return exits.DEVICE if failed else exits.SUCCESS
+
+
+def _find(args: argparse.Namespace) -> int:
+    """Asks those that are named, and the USB bus, and nobody else."""
+    import msgspec
+
+    from scenarios.lab.find import ask, settings_of, usb_boards
+
+    found = []
+    for each in (*ask(args.hosts, args.timeout), *usb_boards()):
+        found.append(each)
+        if not args.json:
+            heard = "yes " if each.answered else "no  "
+            print(one_line(f"{heard}  {each.device} at {each.where}: {each.said}"))
+    answered = any(each.answered for each in found)
+    code = exits.SUCCESS if answered else exits.DEVICE
+    if args.json:
+        print(json_line({"asked": msgspec.to_builtins(found), "exit_code": code}))
+    elif answered:
+        print(f"\nfor a file of your own, as lab.toml:\n\n{settings_of(found)}", end="")
+    else:
+        exits.report_line("nobody answers: check power, cables and addresses")
+    return code

@@ -10,6 +10,7 @@ from typing import Any
 from drivers.errors import GraspError, UsageError
 from grasp.cli import exits
 from grasp.cli.options import add_confirmation, add_settings, motion_permit
+from grasp.cli.output import json_line
 
 FINGERS = ("A", "B", "C")
 
@@ -30,6 +31,26 @@ def add_lab(parser: argparse.ArgumentParser, moves: bool) -> None:
         parser.add_argument(
             "--dry-run", action="store_true", help="say what would move, and move nothing"
         )
+
+
+def add_verb(
+    verbs: Any, name: str, handler: Callable[..., int], text: str, moves: bool = True
+) -> argparse.ArgumentParser:
+    """A verb of a lab's devices, with what all of them take."""
+    parser: argparse.ArgumentParser = verbs.add_parser(name, help=text, description=text)
+    add_lab(parser, moves)
+    parser.set_defaults(handler=handler)
+    return parser
+
+
+def tell(args: argparse.Namespace, told: dict[str, Any], code: int = exits.SUCCESS) -> int:
+    """What was done, or would be."""
+    if args.json:
+        print(json_line({**told, "exit_code": code}))
+    else:
+        for key, text in told.items():
+            print(f"would {text}" if key == "would" else text)
+    return code
 
 
 def lab_config(args: argparse.Namespace) -> Any:

@@ -136,7 +136,7 @@ def add_settings(parser: argparse.ArgumentParser, of: str = "") -> None:
     )  # fmt: skip
     parser.add_argument(
         "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
-        help=f"{of}one setting; may be repeated; `grasp config show` lists them",
+        help=f"{of}one setting; may be repeated; `grasp config` lists them",
     )  # fmt: skip
 
 

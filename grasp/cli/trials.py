@@ -28,7 +28,7 @@ def add_series_options(parser: argparse.ArgumentParser, scenario: str) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--out", type=file_with_folders, metavar="FILE",
-        help="keep a row a trial in this file, as a campaign does; `grasp campaign summary` reads "
+        help="keep a row a trial in this file, as a campaign does; `grasp runs FILE` reads "
         "it (default on the hardware rig, for several trials: a new one in --runs)",
     )  # fmt: skip
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""`grasp world calibrate`: fit the simulated fingertip to a real recording."""
+"""`grasp calibrate fingertip`: fit the simulated fingertip to a real recording."""
 
 import argparse
 from pathlib import Path
@@ -7,19 +7,14 @@ from typing import Any
 from drivers.errors import BadFile, UsageError
 from grasp.cli import exits
 from grasp.cli.options import need, progress, whole
-from grasp.cli.pictures import picture
-from grasp.cli.places import file_to_write, own_or_new
+from grasp.cli.places import file_to_write, own_or_new, picture
 from grasp.files import write_whole
 
-HELP = "fit the simulated world"
 
-
-def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("world", help=HELP, description=HELP)
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
+def add_parser(kinds: Any) -> None:
     text = "fit the simulated fingertip to a real recording, and show both side by side"
-    parser = actions.add_parser(
-        "calibrate",
+    parser = kinds.add_parser(
+        "fingertip",
         help=text,
         description=text + ". The recording should be strokes with pauses, labelled. Fitted values "
         "are judged on simulated clips that the search has not seen. To use them, pass the file "
