@@ -34,7 +34,7 @@ def test_a_lab_comes_from_its_own_recordings_to_a_lift_with_a_rule_and_weights_o
 
     rule, weights = tmp_path / "own.toml", tmp_path / "mine.onnx"
     rule.write_text(said(capsys, "detector", "tune", "tcn", "--data", own, "--budget", 20))
-    said(capsys, "config", "check", rule)
+    said(capsys, "config", rule)
     said(capsys, "detector", "train", "tcn", "--data", own, "--steps", 60, "--validations", 1,
          "--out", weights)  # fmt: skip
     chosen = f"network.weights={weights}"
@@ -47,6 +47,6 @@ def test_a_lab_comes_from_its_own_recordings_to_a_lift_with_a_rule_and_weights_o
                  "--config", str(rule), "--json"])  # fmt: skip
     result = json.loads(capsys.readouterr().out)
     assert code in (0, 1) and result["outcome"] != "fault"  # so short a training hears what it may
-    shown = json.loads(said(capsys, "config", "show", "--set", chosen, "--config", rule, "--json"))
+    shown = json.loads(said(capsys, "config", "--set", chosen, "--config", rule, "--json"))
     assert shown["network"]["weights"] == str(weights)
     assert shown["files"][str(rule)]

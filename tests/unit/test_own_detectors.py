@@ -256,7 +256,7 @@ def test_a_name_that_nobody_knows_is_told_what_else_it_may_be(capsys: Capture) -
 def test_its_settings_are_shown_and_what_they_cannot_be_is_refused(
     mine: str, capsys: Capture
 ) -> None:
-    words = ["config", "show", "own", "--detector", mine, "--set"]
+    words = ["config", "own", "--detector", mine, "--set"]
     assert main([*words, "own.counts=9"]) == 0
     assert "counts = 9  # dict[str, bool | int | float | str]" in capsys.readouterr().out
     for wrong in ("own.counts=[9]", "own.counts={a=1}", "own=3", "devices.gripper_settings=[1]"):
@@ -281,7 +281,7 @@ def test_settings_are_not_shown_with_weights_that_a_run_would_refuse(
     tmp_path: Path, capsys: Capture
 ) -> None:
     file = tmp_path / "mine.onnx"
-    shown = ["config", "show", "rule"]
+    shown = ["config", "rule"]
     shutil.copy(weights_path("gru"), file)
     for words in ([f"--set=network.weights={file}"], ["--set=network.weights=gru"]):
         assert main([*shown, *words]) == 2

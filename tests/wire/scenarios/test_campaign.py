@@ -100,15 +100,15 @@ def test_ctrl_c_keeps_the_rows_and_ends_all_workers(whole: Path, tmp_path: Path)
 
 
 def test_summary_and_csv_of_a_campaign(whole: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["campaign", "summary", str(whole), "--json"]) == 0
+    assert main(["runs", str(whole), "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     (variant,) = summary["variants"]
     assert [cell["object"] for cell in variant["cells"]] == ["can", "ball"]
     assert sum(cell["trials"] for cell in variant["cells"]) == 2 * REPETITIONS
-    assert main(["campaign", "summary", str(whole)]) == 0
+    assert main(["runs", str(whole)]) == 0
     shown = capsys.readouterr().out
     assert "75+20" in shown  # the paper's metal can
-    assert main(["export", str(whole)]) == 0
+    assert main(["report", str(whole), "--to", "csv"]) == 0
     lines = whole.with_suffix(".csv").read_text().splitlines()
     assert lines[0].startswith("trial,scenario,object,profile,detector,")
     assert len(lines) == 1 + 2 * REPETITIONS

@@ -101,7 +101,7 @@ def test_lifts_with_a_person_leave_the_rows_of_a_campaign(bench: Bench) -> None:
     assert [row.outcome for row in rows] == [r["outcome"] for r in series["lifts"]]
     assert all(row.status == "done" and row.recording for row in rows)
     done = subprocess.run(
-        [*GRASP, "campaign", "summary", str(bench.out)], env=ENVIRONMENT, check=True,
+        [*GRASP, "runs", str(bench.out)], env=ENVIRONMENT, check=True,
         capture_output=True, text=True,
     )  # fmt: skip
     assert "n 3" in done.stdout and "1 dropped" in done.stdout

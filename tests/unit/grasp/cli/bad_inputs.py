@@ -156,7 +156,7 @@ def toml(value: Any) -> str:
     return f"{{{', '.join(f'{key} = {toml(part)}' for key, part in value.items())}}}"
 
 
-SHOW = ("config", "show")
+SHOW = ("config",)
 # whoever resolves all settings of a run before anything else
 SETTLED_BY = (
     SHOW, ("run", "lift", "--rig", "simulated", "--runs", "OUT"),
@@ -217,7 +217,7 @@ def of_acquisition(chance: random.Random, nth: int) -> Input:
     return Input((*ACQUIRE, "--set", f"{way}={toml(value)}"), tries=way)
 
 
-CHECK = ("config", "check", "FILE")
+CHECK = ("config", "FILE")
 A_LIFT = ("run", "lift", "--rig", "simulated", "--runs", "OUT", "--set", "controller.hold_s=0.2")
 # of each kind of packaged file of settings one, and who reads such a file of one's own
 READERS_OF_SETTINGS: tuple[tuple[str, tuple[tuple[str, ...], ...]], ...] = (
@@ -376,21 +376,21 @@ PLACES: tuple[tuple[tuple[str, ...], tuple[tuple[str, str], ...]], ...] = (
     (("replay", "IN/run", "--detector=NAME.py:x"), RECORDED),
     (("runs", "--runs=NAME"), ()), (("runs", "--json", "--runs=NAME"), ()),
     (("report", "--", "NAME"), ()), (("report", "IN/run", "--out=NAME.html"), RECORDED),
-    (("export", "--", "NAME"), ()), (("export", "IN/run", "--out=NAME"), RECORDED),
-    (("export", "IN/run", "--out=NAME.svg"), RECORDED),
-    (("campaign", "summary", "--", "NAME"), ()),
-    (("export", "IN/a.sqlite", "--out=NAME"), (("a.sqlite", "a.sqlite"),)),
+    (("report", "--to=csv", "--", "NAME"), ()),
+    (("report", "IN/run", "--to=csv", "--out=NAME"), RECORDED),
+    (("report", "IN/run", "--out=NAME.svg"), RECORDED),
+    (("runs", "--", "NAME"), ()),
+    (("report", "IN/a.sqlite", "--to=csv", "--out=NAME"), (("a.sqlite", "a.sqlite"),)),
     (("campaign", "run", "--out", "OUT.sqlite", "--", "NAME.toml"), ()),
     (("campaign", "run", "IN/c.toml", "--jobs", "1", "--out=NAME"), (("c.toml", OWN_CAMPAIGN),)),
-    (("config", "check", "--", "NAME"), ()), (("config", "show", "--", "NAME"), ()),
-    (("config", "show", "--set=gripper.calibration=NAME.toml"), ()),
+    (("config", "--", "NAME"), ()),
+    (("config", "--set=gripper.calibration=NAME.toml"), ()),
     (("detector", "card", "--", "NAME.onnx"), ()),
     (("detector", "evaluate", "energy", "--recording=NAME"), ()),
     (("detector", "evaluate", "energy", "--recording", "IN/a.csv", "--out=NAME.json"),
      (("a.csv", "a.csv"),)),
     (("dataset", "build", "IN/d.toml", "--jobs", "1", "--out=NAME"),
      (("d.toml", "datasets/paper.toml"),)),
-    (("dataset", "describe", "--", "NAME"), ()),
     (("dataset", "collect", "--out=OUT", "--", "NAME"), ()),
     ((*LIFTED, "--runs=NAME"), ()), ((*LIFTED, "--runs", "OUT", "--out=NAME", "--trials", "2"), ()),
 )  # fmt: skip
@@ -422,19 +422,19 @@ READERS_OF_RESULTS: dict[
 ] = {
     "a.mcap": tuple(
         (words, "run/recording.mcap", RECORDED[1:]) for words in (
-            ("replay", "FILE"), ("replay", "IN/run", "--check"), ("export", "IN/run", "--out",
+            ("replay", "FILE"), ("replay", "IN/run", "--check"), ("report", "IN/run", "--out",
              "OUT.csv"), ("report", "FILE", "--out", "OUT.html"),
-             ("export", "FILE", "--out", "OUT.svg"))
+             ("report", "FILE", "--out", "OUT.svg"))
     ),
     "result.json": tuple(
         (words, "run/result.json", RECORDED[:1]) for words in (
             ("runs", "--runs", "IN", "--json"), ("report", "IN/run", "--out", "OUT.html"),
-            ("replay", "IN/run"), ("export", "IN/run", "--out", "OUT.svg"),
-            ("export", "IN/run", "--out", "OUT.csv"))
+            ("replay", "IN/run"), ("report", "IN/run", "--out", "OUT.svg"),
+            ("report", "IN/run", "--out", "OUT.csv"))
     ),
     "a.sqlite": tuple(
         (words, "a.sqlite", ()) for words in (
-            ("campaign", "summary", "FILE"), ("export", "FILE", "--out", "OUT.csv"),
+            ("runs", "FILE"), ("report", "FILE", "--out", "OUT.csv"),
             ("report", "FILE", "--out", "OUT.html"))
     ),
     "a.onnx": tuple(

@@ -94,20 +94,18 @@ BAD_WORDS = [
     "campaign run paper --detector zzz",
     "campaign run paper --jobs 0",
     "campaign run paper --repetitions 0",
-    "campaign summary FILE",
-    "campaign summary DIR",
-    "campaign summary /dev/null",
+    "runs FILE",
+    "runs DIR",
+    "runs /dev/null",
     "replay",
     "replay FILE",
     "replay DIR",
     "replay --tactile FILE",
     "replay --tactile FILE --detector=",
     "runs --runs FILE --json=1",
-    "export FILE --to svg",
+    "report FILE --to svg",
     "dataset build FILE.toml --out DIR",
     "dataset build FILE.toml --out DIR --share 2",
-    "dataset describe DIR",
-    "dataset describe FILE",
     "detector evaluate energy --recording FILE",
     "detector evaluate zzz --recording FILE",
     "detector evaluate energy --data DIR",
@@ -120,9 +118,9 @@ BAD_WORDS = [
     "detector train zzz --data DIR",
     "tactile identify --url nonsense --seconds 1",
     "tactile identify --seconds nan",
-    "world calibrate --recording FILE",
-    "config show zzz",
-    "config show --object zzz",
+    "calibrate fingertip --recording FILE",
+    "config zzz",
+    "config --object zzz",
     "emulate --object zzz",
     "emulate --gripper-port 70000",
     "emulate --host nonsense",
@@ -150,7 +148,7 @@ def test_a_file_of_settings_that_cannot_be_used_is_refused_by_name(
     file = tmp_path / "lab.toml"
     content = BAD_TOML[what]
     file.write_bytes(content if isinstance(content, bytes) else content.encode())
-    for words in (["config", "show", "--config"], ["dataset", "build", "--out", "x"],
+    for words in (["config", "--config"], ["dataset", "build", "--out", "x"],
                   ["campaign", "run", "--out", str(tmp_path / "x")]):  # fmt: skip
         assert "lab.toml" in refused([*words, str(file)], capsys)
     assert list(tmp_path.iterdir()) == [file]
@@ -179,7 +177,7 @@ def test_every_verb_refuses_what_it_cannot_do_in_one_line(
 
 
 def test_a_refusal_in_json_is_one_object(capsys: pytest.CaptureFixture[str]) -> None:
-    code = main(["config", "show", "--json", "--set", f"{'a.' * DEEP}a=1"])
+    code = main(["config", "--json", "--set", f"{'a.' * DEEP}a=1"])
     out, err = capsys.readouterr()
     answer = json.loads(out)
     assert (code, err, out.count("\n")) == (2, "", 1)
@@ -208,8 +206,8 @@ def test_json_that_is_no_text_is_refused_by_whoever_reads_it(
 @pytest.mark.parametrize(
     "words",
     [
-        ("replay", "NAME"), ("report", "NAME"), ("export", "NAME"),
-        ("campaign", "summary", "NAME"), ("runs", "--runs=NAME"), ("run", "lift", "--runs=NAME"),
+        ("replay", "NAME"), ("report", "NAME"), ("report", "--to=csv", "NAME"),
+        ("runs", "NAME"), ("runs", "--runs=NAME"), ("run", "lift", "--runs=NAME"),
         ("run", "lift", "--rig", "simulated", "--trials", "2", "--out=NAME"),
     ],
     ids=" ".join,

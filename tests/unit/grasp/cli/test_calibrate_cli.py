@@ -1,4 +1,4 @@
-"""`grasp world calibrate`: what it writes and what it leaves alone."""
+"""`grasp calibrate fingertip`: what it writes and what it leaves alone."""
 
 import json
 from pathlib import Path
@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from detector.recordings import Metadata, Recording, write
-from grasp.cli import exits, world
+from grasp.cli import exits, fingertip
 from grasp.cli.main import main
 from scenarios.acquire import fingertip_fit
 
-CHECK = ("world", "calibrate", "--check", "--clips", "2")
+CHECK = ("calibrate", "fingertip", "--check", "--clips", "2")
 
 
 def stroked(taxels: int = 6, strokes: int = 3) -> Recording:
@@ -64,7 +64,7 @@ def test_nothing_but_a_fit_of_its_own_is_written_over(
     clip: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = clip.read_bytes()
-    assert main(["world", "calibrate", "--recording", str(clip), "--out", str(clip)]) == 2
+    assert main(["calibrate", "fingertip", "--recording", str(clip), "--out", str(clip)]) == 2
     assert "is there already" in capsys.readouterr().err
     assert clip.read_bytes() == before
 
@@ -84,6 +84,6 @@ def test_compiled_functions_that_can_be_kept_nowhere_are_told_with_what_to_do(
     file = "/usr/lib/python3/site-packages/numba/core/caching.py"
     scope: dict[str, Any] = {"error": error}
     exec(compile("def fails(args): raise error", file, "exec"), scope)
-    monkeypatch.setattr(world, "calibrate", scope["fails"])
+    monkeypatch.setattr(fingertip, "calibrate", scope["fails"])
     assert main([*CHECK, "--recording", "clip.csv"]) == exits.USAGE
     assert "NUMBA_CACHE_DIR" in capsys.readouterr().err

@@ -58,7 +58,7 @@ def test_help_imports_nothing_heavy() -> None:
 
 @pytest.mark.parametrize(
     "verb",
-    ["run", "campaign", "replay", "runs", "export", "detector", "config", "release"],
+    ["run", "campaign", "replay", "runs", "report", "detector", "config", "release"],
 )
 def test_every_verb_explains_itself(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = call(verb, "--help", capsys=capsys)
@@ -122,7 +122,7 @@ def test_taps_are_shown_counted_and_left_as_runs(
     assert call("replay", str(folders[0]), "--check", capsys=capsys)[0] == 0
     assert "registered" in call("runs", "--runs", str(tmp_path), capsys=capsys)[1]
     if find_spec("matplotlib"):
-        assert call("export", str(folders[1]), "--to", "svg", capsys=capsys)[0] == 0
+        assert call("report", str(folders[1]), "--to", "svg", capsys=capsys)[0] == 0
 
 
 def test_verbose_tap_says_its_levels_and_how_far_the_object_turned(
@@ -362,15 +362,15 @@ def test_damaged_result_is_one_line_and_hides_no_other(
 
 
 def test_settings_are_shown_with_what_is_allowed(capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, _ = call("config", "show", "guard", capsys=capsys)
+    code, out, _ = call("config", "guard", capsys=capsys)
     assert code == 0
     assert "force_limit_n = 10.0  # float" in out
-    code, table = run_json(capsys, "config", "show", "--set", "guard.tip_mass_kg=0.3")
+    code, table = run_json(capsys, "config", "--set", "guard.tip_mass_kg=0.3")
     assert table["guard"]["tip_mass_kg"] == 0.3
-    assert call("config", "show", "nothing", capsys=capsys)[0] == 2
-    rule = call("config", "show", "rule", capsys=capsys)[1]
+    assert call("config", "nothing", capsys=capsys)[0] == 2
+    rule = call("config", "rule", capsys=capsys)[1]
     assert 'fusion = "mean"' in rule and rule.count("or of the mean") == 4
-    out = call("config", "show", capsys=capsys)[1]
+    out = call("config", capsys=capsys)[1]
     assert "grip_counts = [55, 55, 55]  # 3 x int (motor counts" in out
     assert "  # 3 x n x 2 x int (" in out and "  # n x 2 x int (" in out
     assert "  # 3 x n x int | None (" in out
@@ -382,7 +382,7 @@ def test_settings_are_shown_with_where_they_are_from(
 ) -> None:
     mine = tmp_path / "mine.toml"
     mine.write_text("[rule]\nrelease = 9\n", encoding="utf-8")
-    words = ("config", "show", "rule", "--config", str(mine), "--set", "rule.threshold=0.8")
+    words = ("config", "rule", "--config", str(mine), "--set", "rule.threshold=0.8")
     said = call(*words, capsys=capsys)[1].splitlines()
     ends = {line.split(" = ")[0]: line.rpartition("; ")[2] for line in said if " = " in line}
     assert ends["fusion"] == f"from {Path('detectors') / 'tcn.toml'}"
@@ -391,18 +391,10 @@ def test_settings_are_shown_with_where_they_are_from(
     assert ends["drift"] == "default"
 
 
-def test_release_opens_the_fingers(capsys: pytest.CaptureFixture[str]) -> None:
-    code, answer = run_json(capsys, "release", "--rig", "simulated")
-    assert code == 0
-    assert max(answer["positions_counts"]) < 10
-    assert answer["gripper"] == "gripper of a cell of its own"
-    assert not {"arm", "fingertips"} & answer.keys()  # of no device that others may be using
-
-
 def test_picture_of_a_run_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     call("run", "lift", "--runs", str(tmp_path), capsys=capsys)
     folder = next(tmp_path.iterdir())
-    code, out, _ = call("export", str(folder), "--to", "svg", capsys=capsys)
+    code, out, _ = call("report", str(folder), "--to", "svg", capsys=capsys)
     assert code == 0
     assert (folder / "run.svg").read_text().startswith("<?xml")
     assert str(folder / "run.svg") in out
@@ -448,7 +440,7 @@ def test_pacing_follows_the_wall_and_changes_no_result(
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("config", "show", "contoller"), "did you mean 'controller'"),
+        (("config", "contoller"), "did you mean 'controller'"),
     ],
     ids=["section"],
 )

@@ -225,12 +225,12 @@ def test_where_a_formula_and_the_detector_have_their_settings_is_told(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     for words, told in (
-        (["detector", "card", "psd-fair"], "`grasp config show psd_fair --detector psd-fair`"),
-        (["config", "show", "detector"], "tcn is chosen: its settings are in [network] and [rule]"),
+        (["detector", "card", "psd-fair"], "`grasp config psd_fair --detector psd-fair`"),
+        (["config", "detector"], "tcn is chosen: its settings are in [network] and [rule]"),
     ):
         assert main(words) == 2
         assert told in capsys.readouterr().err
-    assert main(["config", "show", "psd_fair", "--detector", "psd-fair"]) == 0
+    assert main(["config", "psd_fair", "--detector", "psd-fair"]) == 0
 
 
 def test_a_recording_too_short_to_be_scored_is_refused_by_its_name(

@@ -21,7 +21,6 @@ from detector import recordings
 from detector.network_file import WEIGHTS
 from detector.recordings import Recording
 from grasp.cli.main import main
-from grasp.cli.pictures import PICTURES
 from grasp.messages import CONTROL
 from scenarios.campaign.run import run
 from scenarios.campaign.spec import CampaignSpec, Task
@@ -257,7 +256,7 @@ def _rows_of(file: Path) -> int:
 def _check_file(words: Sequence[str], file: Path) -> None:
     """Whether it can be read, and a table has as many rows as what it tells of."""
     content = file.read_bytes()
-    exported = words[0] == "export" and file.suffix not in PICTURES
+    exported = words[0] == "report" and file.suffix == ".csv"
     READ[".csv" if exported else file.suffix](content)
     if not exported:
         return
@@ -318,8 +317,8 @@ def test_the_same_number_is_the_same_input(kept: dict[str, bytes]) -> None:
     assert [drawn(number, kept) for number in range(QUICK)] == inputs
     verbs = {given.words[0] for given in inputs}
     assert {"config", "run", "campaign", "replay", "detector", "report"} <= verbs
-    assert {"runs", "export", "emulate", "dataset", "world"} <= verbs
-    assert sum(given.words[:2] == ("config", "show") for given in inputs) < QUICK / 5
+    assert {"runs", "emulate", "dataset", "calibrate"} <= verbs
+    assert sum(given.words[0] == "config" for given in inputs) < QUICK / 5
     assert sum(given.sure for given in inputs) > QUICK / 3
 
 
@@ -433,7 +432,7 @@ def test_a_run_whose_recording_was_cut_off_is_caught(
         (ONE_RUN, ()), ((*ONE_RUN, "--trials", "2", "--out", "OUT.sqlite"), ()),
         (("campaign", "run", "FILE", "--out", "OUT.sqlite"), ()),
         (("report", "IN/a.sqlite", "--out", "OUT.html"), ("a.sqlite",)),
-        (("export", "IN/a.mcap", "--out", "OUT.csv"), ("a.mcap",)),
+        (("report", "IN/a.mcap", "--out", "OUT.csv"), ("a.mcap",)),
     ],
 )  # fmt: skip
 def test_a_command_that_ends_well_and_leaves_nothing_is_caught(
@@ -466,9 +465,9 @@ def test_a_table_cut_at_the_end_of_a_line_is_caught(
     which: str, kept: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / which).write_bytes(kept[which])
-    assert main(["export", str(tmp_path / which), "--out", str(tmp_path / "out.csv")]) == 0
+    assert main(["report", str(tmp_path / which), "--out", str(tmp_path / "out.csv")]) == 0
     lines = (tmp_path / "out.csv").read_bytes().splitlines(keepends=True)
-    words = ("export", f"IN/{which}", "--out", "OUT.csv")
+    words = ("report", f"IN/{which}", "--out", "OUT.csv")
     given = Input(words, sure=False, beside=((which, which),))
     answers(monkeypatch, 0, **{"out.csv": b"".join(lines)})
     assert found(given, kept, tmp_path / "work") == ""
@@ -491,6 +490,6 @@ def test_settings_from_a_good_file_of_one_s_own_are_shown(
 ) -> None:
     file = tmp_path / "lab.toml"
     file.write_text("[guard]\nforce_limit_n = 9.0\n", encoding="utf-8")
-    assert main(["config", "show", "--config", str(file)]) == 0
+    assert main(["config", "--config", str(file)]) == 0
     out, err = capsys.readouterr()
     assert "force_limit_n = 9.0" in out and "lab.toml" in out and err == ""

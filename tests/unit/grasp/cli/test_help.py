@@ -25,8 +25,6 @@ def helped(*words: str, capsys: pytest.CaptureFixture[str]) -> str:
 
 @pytest.mark.parametrize("line", [line for lines in EXAMPLES.values() for line in lines])
 def test_every_example_is_a_command_of_this_program(line: str) -> None:
-    if line.startswith("eval"):
-        line = line.partition("$(")[2].partition(")")[0]
     first, *words = shlex.split(line)
     assert first == "grasp"
     assert callable(build_parser().parse_args(words).handler)
@@ -102,11 +100,3 @@ def test_a_shell_completes_names_and_files_of_one_s_own(tmp_path: Path) -> None:
     detectors = completed("grasp run lift --detector ", tmp_path)
     assert {"tcn", "mine.py"} <= set(detectors)
     assert "paper" in completed("grasp campaign run ", tmp_path)
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_prints_what_a_shell_reads(
-    shell: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["completion", shell]) == 0
-    assert "grasp" in capsys.readouterr().out

@@ -9,8 +9,7 @@ import pytest
 from drivers.errors import UsageError
 from grasp.cli.main import build_parser, main
 from grasp.cli.options import decimal, need, progress, whole
-from grasp.cli.pictures import picture
-from grasp.cli.places import file_to_write, file_with_folders, folder_to_fill
+from grasp.cli.places import file_to_write, file_with_folders, folder_to_fill, picture
 
 PLACES = (file_to_write, file_with_folders, folder_to_fill)
 
@@ -40,13 +39,13 @@ def test_every_number_of_the_command_line_has_bounds(name: str) -> None:
 
 def test_numbers_are_found_in_every_group_of_verbs() -> None:
     verbs = {name.split()[1] for name in NUMBERS}
-    assert {"run", "campaign", "detector", "world", "emulate"} <= verbs
+    assert {"run", "campaign", "detector", "calibrate", "emulate"} <= verbs
 
 
 def test_a_number_out_of_bounds_is_a_usage_error_that_names_them(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    words = ["world", "calibrate", "--recording", "x.csv", "--clips"]
+    words = ["calibrate", "fingertip", "--recording", "x.csv", "--clips"]
     assert main([*words, "-1"]) == 2
     assert "2 to 100000" in capsys.readouterr().err
 
@@ -83,14 +82,15 @@ def test_a_package_that_is_not_installed_is_refused_with_its_extra() -> None:
 def test_a_picture_of_no_kind_that_can_be_drawn_is_refused_before_anything_is_computed(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["dataset", "describe", "DIR", "--pictures", name]) == 2
+    assert main(["calibrate", "fingertip", "--recording", "x.csv", "--figure", name]) == 2
     assert "a name that ends in .svg, .png or .pdf" in capsys.readouterr().err
 
 
 def test_a_picture_in_a_folder_that_is_not_there_is_refused_before_anything_is_computed(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert main(["world", "calibrate", "--recording", "x.csv", "--figure", "nowhere/a.svg"]) == 2
+    words = ["calibrate", "fingertip", "--recording", "x.csv", "--figure", "nowhere/a.svg"]
+    assert main(words) == 2
     assert "there is no folder nowhere" in capsys.readouterr().err
 
 

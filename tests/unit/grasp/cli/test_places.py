@@ -10,8 +10,13 @@ import pytest
 from drivers.errors import UsageError
 from grasp.cli.main import build_parser, main
 from grasp.cli.parser import Parser
-from grasp.cli.pictures import picture
-from grasp.cli.places import file_to_write, file_with_folders, folder_to_fill, must_be_writable
+from grasp.cli.places import (
+    file_to_write,
+    file_with_folders,
+    folder_to_fill,
+    must_be_writable,
+    picture,
+)
 from grasp.cli.report import _html
 from scenarios.rigs import doctor
 
@@ -42,7 +47,7 @@ PLACES = [
 
 def test_verbs_that_write_are_found() -> None:
     assert len(PLACES) > 15
-    assert {"grasp calibrate hand", "grasp run lift", "grasp tactile rest"} <= {
+    assert {"grasp calibrate hand", "grasp run lift", "grasp tactile watch"} <= {
         p[0] for p in PLACES
     }
 
@@ -136,7 +141,7 @@ def test_a_verb_that_takes_files_of_settings_takes_single_ones_too(words: str) -
         assert isinstance(taken["--config"], argparse._AppendAction)  # noqa: SLF001
 
 
-@pytest.mark.parametrize("words", ["runs", "report RUN", "export RUN", "campaign summary FILE"])
+@pytest.mark.parametrize("words", ["runs", "report RUN", "report RUN --to csv", "runs FILE"])
 @pytest.mark.parametrize("given", ["--config lab.toml", "--set a.b=1", "--set=a.b=1"])
 def test_a_verb_that_shows_what_was_made_says_why_it_takes_no_settings(
     words: str, given: str, capsys: pytest.CaptureFixture[str]

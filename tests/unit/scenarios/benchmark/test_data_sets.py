@@ -16,7 +16,6 @@ from tests.unit.detector.toys import toy, toys
 THERE = 9
 GO_ON = "`grasp dataset build` goes on with it"
 VERBS = [
-    ["dataset", "describe"],
     ["detector", "evaluate", "energy", "--data"],
     ["detector", "tune", "energy", "--budget", "60", "--data"],
 ]

@@ -16,20 +16,10 @@ def test_what_is_no_address_of_one_device_is_refused(word: str) -> None:
 
 
 def test_nobody_at_an_address_is_told_for_each_port(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["find", "127.0.0.99", "tcp://127.0.0.99:9", "--timeout", "0.2"]) == 3
+    assert main(["doctor", "127.0.0.99", "tcp://127.0.0.99:9", "--timeout", "0.2"]) == 3
     shown = capsys.readouterr()
     assert [line.split()[0] for line in shown.out.splitlines()] == ["no"] * 5
     assert "nobody answers" in shown.err
-
-
-def test_without_an_address_it_is_said_that_none_was_named(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("scenarios.lab.find.usb_boards", list)
-    assert main(["find"]) == 3
-    told = capsys.readouterr().err
-    assert "no address was named: `grasp find HOST HOST` asks" in told
-    assert "cables" not in told
 
 
 def test_file_of_what_answered_leaves_the_rest_out() -> None:
@@ -43,6 +33,6 @@ def test_file_of_what_answered_leaves_the_rest_out() -> None:
 def test_shortest_question_waits_a_twentieth_of_a_second(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert main(["find", "tcp://127.0.0.99:9", "--timeout", "0.05"]) == 3
-    assert main(["find", "tcp://127.0.0.99:9", "--timeout", "0.04"]) == 2
+    assert main(["doctor", "tcp://127.0.0.99:9", "--timeout", "0.05"]) == 3
+    assert main(["doctor", "tcp://127.0.0.99:9", "--timeout", "0.04"]) == 2
     assert "--timeout" in capsys.readouterr().err

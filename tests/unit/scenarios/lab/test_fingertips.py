@@ -26,7 +26,7 @@ def test_comment_codes_and_json_of_a_rest_say_the_same(
         yield Heard(500, table(450.0), table(-3.6), table(0.5), lost)
 
     monkeypatch.setattr(fingertips, "listen", listen)
-    assert main(["tactile", "rest", "--json"]) == 0
+    assert main(["tactile", "watch", "--rest", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["rest"] == [[446] * 6] * 3
     assert tomllib.loads(told["file"])["tactile"]["rest_reference"] == told["rest"]

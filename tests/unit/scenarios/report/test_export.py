@@ -57,13 +57,13 @@ def test_export_says_where_it_wrote_and_overwrites_its_own_alone(
 ) -> None:
     run = changed(recorded, tmp_path / "run")
     for _ in range(2):
-        assert main(["export", str(run)]) == 0
+        assert main(["report", str(run), "--to", "csv"]) == 0
         assert capsys.readouterr().out == f"{run / 'recording.csv'}\n"
     (run / "recording.csv").write_text("mine")
-    assert main(["export", str(run)]) == 2
+    assert main(["report", str(run), "--to", "csv"]) == 2
     assert "is there already" in capsys.readouterr().err
     for _ in range(2):
-        assert main(["export", str(run), "--to", "layout"]) == 0
+        assert main(["report", str(run), "--to", "layout"]) == 0
     assert (run / "foxglove-layout.json").read_text() == LAYOUT.read_text()
 
 
@@ -74,7 +74,7 @@ def test_a_picture_is_drawn_by_its_kind_or_by_its_name(
     pytest.importorskip("matplotlib")
     run = changed(recorded, tmp_path / "run")
     monkeypatch.chdir(run)
-    assert main(["export", str(run), *words]) == 0
+    assert main(["report", str(run), *words]) == 0
     begins = {"svg": b"<?xml", "png": b"\x89PNG"}[words[1][-3:]]
     assert (run / f"run.{words[1][-3:]}").read_bytes().startswith(begins)
 
@@ -84,7 +84,7 @@ def test_a_picture_of_no_known_kind_is_refused(
 ) -> None:
     pytest.importorskip("matplotlib")
     out = tmp_path / "run.xyz"
-    assert main(["export", str(recorded), "--to", "svg", "--out", str(out)]) == 2
+    assert main(["report", str(recorded), "--to", "svg", "--out", str(out)]) == 2
     assert "ends in .svg, .png, .pdf" in capsys.readouterr().err
     assert not out.exists()
 
@@ -96,10 +96,10 @@ def test_a_campaign_becomes_a_table_of_its_trials_beside_its_file(
     words = ["run", "tap", "--rig", "simulated", "--detector", "energy", "--trials", "1"]
     assert main([*words, "--runs", str(tmp_path), "--out", str(file)]) == 0
     capsys.readouterr()
-    assert main(["export", str(file)]) == 0
+    assert main(["report", str(file), "--to", "csv"]) == 0
     assert capsys.readouterr().out == f"{out}\n"
     assert [row["scenario"] for row in rows(out.read_text())] == ["tap"]
-    assert main(["export", str(file), "--to", "svg"]) == 2
+    assert main(["report", str(file), "--to", "svg"]) == 2
     assert "is a campaign" in capsys.readouterr().err
 
 

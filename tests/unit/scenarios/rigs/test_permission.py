@@ -94,9 +94,9 @@ def verbs(parser: argparse.ArgumentParser) -> Iterator[tuple[tuple[str, ...], An
             yield from (((name, *rest), leaf) for rest, leaf in verbs(sub))
 
 
-GRIPPER = ("status", "activate", "open", "close", "step")
+GRIPPER = ("status", "activate", "close", "step")
 ARM = ("status", "step", "stop")
-TACTILE = ("watch", "rest")
+TACTILE = ("watch",)
 CALIBRATE = {
     "force": ["--out", "f.toml"], "hand": ["--out", "f.toml", "--up-to", "16"],
     "noise": ["--out", "f.toml"],
@@ -107,10 +107,10 @@ LINES = {
     ("run", "lift"): ["run", "lift", "--rig", "simulated", "--pace", "max"],
     ("run", "tap"): ["run", "tap", "--rig", "simulated", "--pace", "max", "--trials", "1"],
     ("run", "acquire"): ["run", "acquire", "--rig", "simulated", "--pace", "max"],
-    ("config", "show"): ["config", "show"],
+    ("config",): ["config"],
     ("doctor",): ["doctor", "--rig", "simulated"],
     ("emulate",): ["emulate"],
-    ("release",): ["release", "--rig", "simulated"],
+    ("release",): ["release"],
     **{("gripper", name): ["gripper", name] for name in GRIPPER},
     **{("arm", name): ["arm", name] for name in ARM},
     **{("tactile", name): ["tactile", name] for name in (*TACTILE, "identify")},
@@ -273,7 +273,7 @@ def test_a_rig_file_for_real_devices_is_hardware_under_any_name(
 
 
 WITH_A_RIG = {
-    ("run", "lift"): [], ("run", "tap"): [], ("run", "acquire"): [], ("config", "show"): [],
+    ("run", "lift"): [], ("run", "tap"): [], ("run", "acquire"): [], ("config",): [],
     ("release",): [], ("doctor",): [],
     **{("gripper", name): [] for name in GRIPPER}, ("arm", "status"): [],
     ("arm", "step"): ["--z", "1"], ("arm", "stop"): [], **{("tactile", n): [] for n in TACTILE},
@@ -302,7 +302,7 @@ def test_no_verb_opens_real_devices_of_a_rig_file_unconfirmed(
     monkeypatch.chdir(tmp_path)
     code = main([*words, *WITH_A_RIG[words], "--rig", lab_rig])
     assert "Traceback" not in "".join(capsys.readouterr())
-    expected = {("config", "show"): 0, **dict.fromkeys(LOOKS, 3)}
+    expected = {("config",): 0, **dict.fromkeys(LOOKS, 3)}
     assert code == expected.get(words, 2)
     assert devices == []
 

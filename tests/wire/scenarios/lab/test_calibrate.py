@@ -34,7 +34,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
 @pytest.fixture(autouse=True)
 def in_place(lab: Lab) -> None:
     """The can stands where a scale would."""
-    lab.done("gripper", "open")
+    lab.done("release")
     lab.cell.ask("place")
 
 
@@ -72,7 +72,7 @@ def test_weak_hand_is_told_in_every_run(lab: Lab) -> None:
     weak.write_text(f"{told}pressed_bytes = [0]\npresses = 10\n")
     more = ("--config", str(lab.file), "--set", f"gripper.calibration={weak}")
     for how in ("--confirm-motion", "--dry-run"):
-        done = grasp("gripper", "open", how, *more)
+        done = grasp("release", how, *more)
         assert done.returncode == 0
         assert "'weak' has force byte 0 press with 9 N, less than the manual's 15 N" in done.stderr
     weak.write_text(told)
@@ -105,9 +105,8 @@ def test_figures_that_nobody_should_believe_move_nothing_but_let_go(lab: Lab) ->
     told = grasp("doctor", *rig, *more)
     assert told.returncode != 0
     assert re.search("^FAIL +calibration .*less than a third", told.stdout, re.MULTILINE)
-    for verb in (("gripper", "open"), ("release", *rig)):
-        for how in ("--dry-run", "--confirm-motion"):
-            assert grasp(*verb, how, *more).returncode == 0
+    for how in ("--dry-run", "--confirm-motion"):
+        assert grasp("release", how, *more).returncode == 0
 
 
 def test_too_few_presses_of_a_weak_byte_write_nothing(lab: Lab) -> None:

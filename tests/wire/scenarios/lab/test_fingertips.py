@@ -66,7 +66,8 @@ def test_rest_is_a_file_that_settings_read_and_none_is_overwritten(
     lab: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / "rest.toml"
-    words = ("tactile", "rest", "--seconds", "1", "--config", str(lab), "--out", str(out))
+    words = ("tactile", "watch", "--rest", "--seconds", "1", "--config", str(lab))
+    words = (*words, "--out", str(out))
     done = grasp(*words)
     assert done.returncode == 0, done.stderr
     assert out.read_text() == done.stdout

@@ -40,7 +40,7 @@ def test_hand_is_activated_only_by_whoever_says_that_it_is_empty(lab: Lab) -> No
 
 def test_activation_that_is_refused_or_finds_nobody_leaves_the_hand_as_it_was(ready: Lab) -> None:
     """A hand that holds something is not reset either: it could not be opened gently after that."""
-    ready.done("gripper", "open")
+    ready.done("release")
     ready.cell.ask("place")
     ready.done("gripper", "close")
     ready.cell.ask("fault", name="gripper_fault", code=10)
@@ -60,7 +60,7 @@ def test_activation_that_is_refused_or_finds_nobody_leaves_the_hand_as_it_was(re
 
 
 def test_finger_steps_there_and_back(ready: Lab) -> None:
-    ready.done("gripper", "open")
+    ready.done("release")
     assert "fingers at (6, 12, 6)" in ready.done("gripper", "step", "--finger", "B", "--mm", "5")
     assert "fingers at (6, 10, 6)" in ready.done("gripper", "step", "--finger", "B", "--open")
     refused = ready.grasp("gripper", "step", "--mm", "6", *CONFIRMED)
@@ -69,7 +69,7 @@ def test_finger_steps_there_and_back(ready: Lab) -> None:
 
 def test_thumb_never_bears_what_two_fingers_press(ready: Lab) -> None:
     """B and C push the can against the open thumb, unless they stand where they feel it."""
-    ready.done("gripper", "open")
+    ready.done("release")
     ready.cell.ask("place")
     closed = ready.done("gripper", "close")
     truth = ready.cell.ask("truth")["truth"]
@@ -80,11 +80,11 @@ def test_thumb_never_bears_what_two_fingers_press(ready: Lab) -> None:
     assert further.returncode == 4
     assert "fingertips can tell a touch" in further.stderr
     known = ready.file.parent / "rest.toml"
-    ready.done("gripper", "open")
-    ready.rested("tactile", "rest", "--out", str(known))
+    ready.done("release")
+    ready.rested("tactile", "watch", "--rest", "--out", str(known))
     ready.done("gripper", "step", "--finger", "B", "--mm", "5")
     ready.done("gripper", "step", "--finger", "C", "--config", str(known))  # not open: by its rest
-    ready.done("gripper", "open")
+    ready.done("release")
 
 
 def test_closing_is_refused_where_a_run_would_be(ready: Lab) -> None:
@@ -98,7 +98,7 @@ def test_closing_is_refused_where_a_run_would_be(ready: Lab) -> None:
 
 
 def test_nothing_closes_while_the_hand_reports_a_fault(ready: Lab) -> None:
-    ready.done("gripper", "open")
+    ready.done("release")
     before = ready.places
     ready.cell.ask("fault", name="gripper_fault", code=5)
     presses = ("calibrate", "hand", "--up-to", "16", "--out", "none.toml")
@@ -110,14 +110,14 @@ def test_nothing_closes_while_the_hand_reports_a_fault(ready: Lab) -> None:
     status = ready.grasp("gripper", "status")
     assert status.returncode == 3
     assert "action delayed: activation must complete first (wait)" in status.stderr
-    assert ready.grasp("gripper", "open", "--dry-run").returncode == 0  # what is held can be let go
+    assert ready.grasp("release", "--dry-run").returncode == 0  # what is held can be let go
     assert ready.places == before
     ready.cell.ask("fault", name="gripper_fault", code=0)
-    ready.done("gripper", "open")
+    ready.done("release")
 
 
 def test_closing_is_stopped_by_ctrl_c_where_it_is(ready: Lab) -> None:
-    ready.done("gripper", "open")
+    ready.done("release")
     words = ("gripper", "close", "--finger", "A", *CONFIRMED, "--config", str(ready.file))
     with started(*words) as run:
         while ready.places[0] < 30:
@@ -130,11 +130,11 @@ def test_closing_is_stopped_by_ctrl_c_where_it_is(ready: Lab) -> None:
     assert 30 <= stood[0] < 105  # short of the can
     time.sleep(0.3)
     assert ready.places == stood
-    ready.done("gripper", "open")
+    ready.done("release")
 
 
 def test_fingers_stand_where_the_fingertips_fall_silent(ready: Lab) -> None:
-    ready.done("gripper", "open")
+    ready.done("release")
     words = ("gripper", "close", "--finger", "A", *CONFIRMED, "--config", str(ready.file))
     with started(*words) as run:
         while ready.places[0] < 30:
@@ -145,7 +145,7 @@ def test_fingers_stand_where_the_fingertips_fall_silent(ready: Lab) -> None:
     assert run.returncode in (3, 4), said
     assert "the fingers stand, at (" in said
     assert 30 <= ready.places[0] < 105
-    ready.done("gripper", "open")
+    ready.done("release")
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_fingers_stand_where_the_fingertips_fall_silent(ready: Lab) -> None:
 def test_fingers_whose_link_freezes_go_no_further_than_a_step(
     ready: Lab, fingers: tuple[str, ...], watched: int
 ) -> None:
-    ready.done("gripper", "open")
+    ready.done("release")
     ready.cell.ask("place")
     words = ("gripper", "close", *fingers, *CONFIRMED, "--config", str(ready.file))
     with started(*words) as run:
@@ -167,5 +167,5 @@ def test_fingers_whose_link_freezes_go_no_further_than_a_step(
     run_on = [end - at for end, at in zip(ready.places, frozen_at, strict=True)]
     assert max(run_on) <= 6 + 3  # 5 mm, and what it moved between look and freeze
     assert max(ready.cell.ask("truth")["truth"]["normal_n"]) < 0.01  # the can is at 103
-    ready.done("gripper", "open")
+    ready.done("release")
     ready.cell.ask("take")

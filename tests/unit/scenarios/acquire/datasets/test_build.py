@@ -21,13 +21,6 @@ from grasp.settings import config_dir
 from scenarios.acquire.config import load_acquire_config
 from scenarios.acquire.datasets import build as datasets
 from scenarios.acquire.datasets.build import Progress, build, window
-from scenarios.acquire.datasets.describe import (
-    PAPER_SLIP,
-    PAPER_STATIC,
-    PAPER_TABLE,
-    SURFACES,
-    describe,
-)
 from scenarios.acquire.datasets.draws import with_values
 from scenarios.acquire.datasets.plan import (
     DIRECTIONS,
@@ -42,6 +35,18 @@ from scenarios.acquire.datasets.plan import (
 from scenarios.rigs.workers import Workers
 
 PAPER = config_dir() / "datasets" / "paper.toml"
+SURFACES = ("planar", "sphere", "cylinder-y", "cylinder-x")
+# Grover et al. 2022, Table I: percent of the samples, surfaces as above; speeds in m/s or rad/s.
+PAPER_TABLE = {
+    ("primary", 0.05): (5.3, 3.7, 3.5, 3.6),
+    ("primary", 0.075): (4.5, 4.7, 3.7, 3.7),
+    ("primary", 0.1): (4.8, 4.7, 3.3, 3.2),
+    ("oblique", 0.05): (4.9, 3.3, 3.3, 3.3),
+    ("oblique", 0.075): (3.5, 4.2, 3.5, 3.4),
+    ("oblique", 0.1): (3.9, 4.2, 3.0, 3.1),
+    ("rotation", 1.0): (3.8, 1.2, 1.5, 1.2),
+}
+PAPER_STATIC, PAPER_SLIP = 143_584, 122_918
 HERE = Workers(0)
 
 
@@ -327,36 +332,7 @@ def test_a_build_that_is_interrupted_says_what_there_is_and_how_to_go_on(
     assert f"3 of 84 recordings are in {tmp_path} (run the same command again)" in err
 
 
-def test_a_report_counts_what_is_there(tmp_path: Path, few: list[Job]) -> None:
-    build(few, {}, tmp_path / "set", HERE, quiet)
-    report = describe(read_dataset(tmp_path / "set"))
-    assert report.recordings == 3
-    assert report.samples == sum(job.samples for job in few)
-    assert report.slip == sum(job.slip for job in few)
-    assert len(report.table) == 3
-    assert sum(cell.percent for cell in report.table) == pytest.approx(100.0)
-    counts = np.concatenate([read(tmp_path / "set" / j.path).counts[:, 0] for j in few])
-    assert [t.mean for t in report.taxels] == pytest.approx(counts.mean(axis=0).tolist())
-
-
-def test_the_command_line_describes_and_draws(
-    tmp_path: Path, few: list[Job], capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("matplotlib")
-    build(few, {}, tmp_path / "set", HERE, quiet)
-    picture = tmp_path / "few.svg"
-    folder = str(tmp_path / "set")
-    assert main(["dataset", "describe", folder, "--pictures", str(picture)]) == 0
-    assert "Table I" in capsys.readouterr().out
-    assert "<svg" in picture.read_text()
-    assert main(["dataset", "describe", folder, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["recordings"] == 3
-
-
-def test_an_empty_folder_and_a_wrong_share_are_usage_errors(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["dataset", "describe", str(tmp_path)]) == 2
+def test_a_wrong_share_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["dataset", "build", str(PAPER), "--out", str(tmp_path), "--share", "2"]) == 2
     assert "share" in capsys.readouterr().err
 

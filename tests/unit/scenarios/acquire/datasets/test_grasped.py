@@ -10,7 +10,6 @@ from detector.recordings import Recording, write
 from grasp.settings import config_dir
 from scenarios.acquire.datasets import acts
 from scenarios.acquire.datasets.build import make
-from scenarios.acquire.datasets.describe import describe
 from scenarios.acquire.datasets.grasped import GRASPED, as_felt, lift_config
 from scenarios.acquire.datasets.plan import Job, load_dataset_config, plan
 from scenarios.acquire.rest import REST_M
@@ -122,18 +121,6 @@ def test_the_mallets_own_blows_slide_the_object_and_the_labels_say_how_far(
         after = (r.t_s > act.t_s) & (r.t_s < act.t_s + 0.15)
         assert r.slip[after].any()
         assert r.moved_m[after].max() == pytest.approx(act.furthest_m, rel=0.25)
-
-
-def test_a_description_counts_acts_and_both_labels(slips: list[Job]) -> None:
-    made = of(slips, "grasped_blow") + of(slips, "grasped_slip")
-    figures = describe(made)
-    assert set(figures.kinds) == {"grasped_blow", "grasped_slip"}
-    assert figures.moved == sum(int(r.label("moved").sum()) for r in made)
-    done = [act for r in made if r.metadata for act in r.metadata.acts]
-    assert sum(deeds.number for deeds in figures.acts.values()) == len(done) > 4
-    hard = figures.acts["mallet"]
-    assert 0.5 <= hard.above_two_mm <= 1.0 - hard.below_half_mm
-    assert hard.furthest_p50_m > 0.002
 
 
 @pytest.mark.parametrize("cause", ["grasped_blow", "grasped_drag", "grasped_slip"])

@@ -179,9 +179,9 @@ def test_a_data_set_is_checked_without_being_made(
 ) -> None:
     file = own("surfaces", "sphere", "dome")
     path = data_set(tmp_path, '"things/dome.toml" = 1.0')
-    assert main(["config", "check", str(path)]) == 0
+    assert main(["config", str(path)]) == 0
     assert "a data set of 3 recordings" in capsys.readouterr().out
     file.with_name("dish.toml").write_text('[surface]\nname = "dish"\nradius_x_m = -1.0\n')
     other = data_set(tmp_path, '"things/dish.toml" = 1.0')
-    assert main(["config", "check", str(other)]) == 2
+    assert main(["config", str(other)]) == 2
     assert "radius_x_m" in capsys.readouterr().err
