@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.errors import UsageError
 from grasp.cli import exits
-from grasp.cli.options import add_workers, whole, workers
+from grasp.cli.options import add_workers, progress, whole, workers
 from grasp.cli.places import file_with_folders
 
 if TYPE_CHECKING:
@@ -106,21 +106,30 @@ def _check_set(spec: "CampaignSpec", assignments: Sequence[str]) -> None:
 
 
 def run_campaign(args: argparse.Namespace) -> int:
-    from grasp.cli.campaign_view import View
     from scenarios.campaign.run import default_path, run
 
     spec = _spec(args)
-    out = args.out or default_path(spec)
-    with View(spec.name, quiet=args.json) as view:
+    out, last = args.out or default_path(spec), None
+    with progress(spec.name, hidden=args.json) as bar:
+
+        def show(at: Any) -> None:
+            nonlocal last
+            last = at
+            good = f", {at.successes / at.new:.0%} succeeded" if at.new else ""
+            wrong = f", {at.errors} ERRORS" if at.errors else ""
+            bar(at.new, at.total - at.done + at.new, f"{spec.name}{good}{wrong}")
+
         try:
-            progress = run(spec, out, workers(args), args.resume, view.show)
+            ended = run(spec, out, workers(args), args.resume, show)
         except KeyboardInterrupt:
-            view.close()
-            return exits.report("interrupted", view.kept(out), "go on with --resume", args.json)
+            kept = "interrupted before anything ran"
+            if last is not None:
+                kept = f"{last.done} of {last.total} trials are in {out}"
+            return exits.report("interrupted", kept, "go on with --resume", args.json)
     print_summary(out, args.json)
     if not args.json:
         print(out)
-    return exits.TRIAL_FAILED if progress.errors else exits.SUCCESS
+    return exits.TRIAL_FAILED if ended.errors else exits.SUCCESS
 
 
 def print_summary(path: Path, as_json: bool) -> None:

@@ -4,7 +4,6 @@ import argparse
 import json
 from typing import Any
 
-from drivers.errors import UsageError
 from grasp.cli import dry, exits, first
 from grasp.cli.lab import tell_mode, tell_slow, will
 from grasp.cli.options import (
@@ -64,7 +63,6 @@ def _add_tap(scenarios: Any) -> None:
     )  # fmt: skip
     add_series_options(parser, "tap")
     dry.add_dry_run(parser)
-    parser.add_argument("--taps", metavar="N", help=argparse.SUPPRESS)  # told its new name
     _add_common(parser)
     parser.set_defaults(keep=False, first=False)
 
@@ -171,11 +169,8 @@ def run(args: argparse.Namespace) -> int:
     if args.scenario == "acquire":
         return _acquire(args)
     assignments = [*args.set, *(["controller.keep=true"] if args.keep else [])]
-    if args.scenario == "tap":
-        if args.taps is not None:
-            raise UsageError("--taps is called --trials now", f"--trials {args.taps}")
-        if args.direction is not None:
-            assignments.append(f"tap.direction={args.direction}")
+    if args.scenario == "tap" and args.direction is not None:
+        assignments.append(f"tap.direction={args.direction}")
     thing = first.object_of(args)
     chosen = (thing, args.rig, args.detector, args.config, assignments, args.profile)
     config = load_config(*chosen)

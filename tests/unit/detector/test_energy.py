@@ -7,13 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from detector.decision import RuleSettings, registered_events
 from detector.energy import (
     EnergyDetector,
     EnergySettings,
     energy_series,
     probability_of,
-    tune_threshold,
 )
 from detector.interface import DETECTORS, load_detector
 from detector.scores.evaluation import stream
@@ -159,34 +157,3 @@ def test_an_unknown_detector_is_refused_with_the_known_ones() -> None:
 def test_settings_out_of_range_or_unknown_are_refused(table: dict[str, float]) -> None:
     with pytest.raises(msgspec.ValidationError):
         load_detector("energy", table, 3)
-
-
-@pytest.mark.parametrize("rule", [RuleSettings(), RuleSettings(consecutive=4, threshold=0.8)])
-@pytest.mark.parametrize("budget", [0.0, 3.0, 30.0])
-def test_the_tuned_threshold_keeps_to_the_budget_and_one_step_less_does_not(
-    rule: RuleSettings, budget: float
-) -> None:
-    static = [frames(6000, seed=seed, spread=3 + seed) for seed in (1, 2)]
-
-    def events_per_min(threshold: float) -> float:
-        settings = EnergySettings(threshold_counts=threshold)
-        streams = (stream(EnergyDetector(settings, 3), counts)[0] for counts in static)
-        return sum(len(registered_events(p, rule)) for p in streams) / 2.0
-
-    tuned = tune_threshold(static, EnergySettings(), rule, budget)
-    assert tuned == tune_threshold(static, EnergySettings(), rule, budget)
-    assert events_per_min(tuned) <= budget < events_per_min(tuned / 1.02)
-
-
-def test_perfectly_still_data_give_the_least_threshold_there_is() -> None:
-    still = [np.zeros((100, 3, 6), np.int16)]
-    assert tune_threshold(still, EnergySettings(), RuleSettings(), 0.0) == pytest.approx(0.1)
-
-
-def test_tuning_needs_data_and_a_threshold_that_is_high_enough() -> None:
-    with pytest.raises(UsageError, match="no static data"):
-        tune_threshold([], EnergySettings(), RuleSettings(), 1.0)
-    wild = np.zeros((100, 1, 6), np.int16)
-    wild[::2] = 1000
-    with pytest.raises(UsageError, match="over the budget even at 500"):
-        tune_threshold([wild], EnergySettings(), RuleSettings(), 1.0)

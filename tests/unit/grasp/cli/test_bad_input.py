@@ -109,7 +109,7 @@ BAD_WORDS = [
     "detector evaluate energy --recording FILE",
     "detector evaluate zzz --recording FILE",
     "detector evaluate energy --data DIR",
-    "detector tune zzz --lifts 1",
+    "detector tune zzz --data FILE",
     "detector tune energy --budget -1",
     "detector compare --data DIR",
     "detector card zzz",

@@ -167,7 +167,7 @@ def test_json_of_a_series_has_every_tap_and_the_counts(
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["tap", "--taps", "3"], "--taps is called --trials now"),
+        (["tap", "--taps", "3"], "--taps 3: it is called --trials"),
         (["lift", "--direction", "top"], "`grasp run lift` does not take --direction top"),
         (["tap", "--keep"], "`grasp run tap` does not take --keep"),
         (["tap", "--trials", "0"], "a whole number"),

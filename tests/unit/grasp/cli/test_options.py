@@ -60,7 +60,7 @@ def test_bounds_belong_to_what_is_allowed() -> None:
     [
         ("detector evaluate energy energy --recording x.csv", "NAME: energy twice"),
         ("detector evaluate energy --data sets sets/", "--data: sets twice"),
-        ("detector tune --static a.csv ./a.csv", "--static: a.csv twice"),
+        ("detector tune energy --unlabelled a.csv ./a.csv", "--unlabelled: a.csv twice"),
     ],
 )
 def test_what_is_listed_twice_is_refused_because_it_would_count_twice(

@@ -150,7 +150,7 @@ def test_trials_are_shown_kept_and_summed_up(
         (["lift", "--resume"], "name it with --out FILE"),
         (["lift", "--keep", "--trials", "2"], "--trials 1"),
         (["acquire", "--trials", "2"], "`grasp run acquire` does not take --trials 2"),
-        (["tap", "--taps", "4"], "--trials 4"),
+        (["tap", "--taps", "4"], "it is called --trials"),
     ],
 )
 def test_options_of_a_series_that_do_not_fit_are_told(
