@@ -23,6 +23,7 @@ from grasp.cli.lab import (
 )
 from grasp.cli.options import decimal, whole
 from grasp.cli.output import json_line
+from grasp.cli.parser import Parser
 from grasp.cli.places import file_to_write
 from grasp.files import write_whole
 
@@ -43,65 +44,46 @@ def add_parser(verbs: Any) -> None:
         "they say; with --press the finger presses by itself, a count at a time",
     )  # fmt: skip
     _add_scale(force, required=False)
-    force.add_argument("--press", action="store_true", help="the finger presses on the scale")
+    force.flag("--press", "the finger presses on the scale")
     hand = _kind(
         kinds, "hand", calibrate_hand,
         "force bytes to newtons (an upper bound) and counts to millimetres: the finger presses on "
         "a scale, and you type what it says",
     )  # fmt: skip
     _add_scale(hand, required=True)
-    hand.add_argument(
-        "--presses", type=whole(4, 100), default=10, metavar="N",
-        help="of each byte; ten at least of one that turns out to press with less than the manual "
-        "says of it, 15 N of byte 0 (default: %(default)s)",
-    )  # fmt: skip
-    hand.add_argument(
-        "--bytes", type=whole(0, 255), nargs="+", default=[0], metavar="BYTE",
-        help="force bytes that are pressed, 0 among them in any case (default: 0)",
-    )  # fmt: skip
-    hand.add_argument(
-        "--places", type=whole(0, 255), nargs="+", default=[], metavar="COUNTS",
-        help="positions at which you read a ruler, five or more (default: none, travel is not "
-        "measured)",
-    )  # fmt: skip
+    hand.option("--presses N", "of each byte; ten at least of one that turns out to press with "
+        "less than the manual says of it, 15 N of byte 0", whole(4, 100), default=10)  # fmt: skip
+    hand.option("--bytes BYTE", "force bytes that are pressed, 0 among them in any case (default: "
+        "0)", whole(0, 255), nargs="+", default=[0])  # fmt: skip
+    hand.option("--places COUNTS", "positions at which you read a ruler, five or more (default: "
+        "none, travel is not measured)", whole(0, 255), nargs="+", default=[])  # fmt: skip
     noise = _kind(
         kinds, "noise", calibrate_noise,
         "the rule on slip that your fingertips allow, without labels: the hand holds something "
         "still for three minutes and lets it go; never below the rule that is there",
     )  # fmt: skip
-    noise.add_argument("--detector", default="tcn", metavar="NAME", help="default: %(default)s")
-    noise.add_argument(
-        "--budget", type=decimal(0.001, 60), default=0.5, metavar="N",
-        help="false events a minute of a hand (default: %(default)g)",
-    )  # fmt: skip
-    noise.add_argument(
-        "--seconds", type=decimal(SHORTEST_S + 5, 3600), default=LONG_S, metavar="N",
-        help="of hold (default: %(default)g)",
-    )  # fmt: skip
+    noise.option("--detector NAME", "", default="tcn")
+    noise.option("--budget N", "false events a minute of a hand", decimal(0.001, 60), default=0.5)
+    noise.option("--seconds N", "of hold", decimal(SHORTEST_S + 5, 3600), default=LONG_S)
     fingertip.add_parser(kinds)
 
 
-def _kind(kinds: Any, name: str, handler: Any, text: str) -> argparse.ArgumentParser:
+def _kind(kinds: Any, name: str, handler: Any, text: str) -> Parser:
     parser = add_verb(kinds, name, handler, text)
-    parser.add_argument(
-        "--out", type=file_to_write, required=True, metavar="FILE",
-        help="what is written: a new .toml file, with date, spread and source",
-    )  # fmt: skip
-    parser.add_argument(
-        "--note", default="", metavar="TEXT", help="what else the file shall say of its source"
-    )
+    parser.option("--out FILE", "what is written: a new .toml file, with date, spread and source",
+        file_to_write, required=True)  # fmt: skip
+    parser.option("--note TEXT", "what else the file shall say of its source", default="")
     return parser
 
 
-def _add_scale(parser: argparse.ArgumentParser, required: bool) -> None:
-    parser.add_argument("--finger", choices=FINGERS, default="A", help="default: %(default)s")
-    parser.add_argument(
-        "--up-to", type=decimal(0.1, MANUAL_MOST_N), required=required, metavar="N",
-        help="newtons that may be pressed, more than the limit of a run if need be, at most the "
+def _add_scale(parser: Parser, required: bool) -> None:
+    parser.option("--finger", "", choices=FINGERS, default="A")
+    parser.option("--up-to N",
+        "newtons that may be pressed, more than the limit of a run if need be, at most the "
         f"manual's {MANUAL_MOST_N:g}; byte 0 may press with {MANUAL_LEAST_N:g} by it"
         + ("" if required else " (default: the limit of a run, guard.force_limit_n)"),
-    )  # fmt: skip
-    parser.add_argument("--scale", action="store_true", help=OVER_A_SCALE)
+        decimal(0.1, MANUAL_MOST_N), required=required)  # fmt: skip
+    parser.flag("--scale", OVER_A_SCALE)
 
 
 def calibrate_force(args: argparse.Namespace) -> int:

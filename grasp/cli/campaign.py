@@ -31,42 +31,19 @@ def _add_run(actions: Any) -> None:
         "file when it finishes. Exit code 0 when every trial ran, whatever its verdict; 1 if any "
         "errored; 130 when interrupted, with all finished rows kept.",
     )
-    run.add_argument(
-        "campaign", metavar="FILE", help="campaign file, or the name of one of config/campaigns"
-    )
+    run.option("campaign FILE", "campaign file, or the name of one of config/campaigns")
     add_workers(run)
-    run.add_argument(
-        "--out", type=file_with_folders, metavar="FILE",
-        help="SQLite file to make (default: runs/campaigns/<name>.sqlite)",
-    )  # fmt: skip
-    run.add_argument(
-        "--detector", metavar="NAME", help="in place of the detectors of the campaign file"
-    )
-    run.add_argument(
-        "--profile", metavar="NAME", help="in place of the profiles of the campaign file"
-    )
-    run.add_argument(
-        "--config", type=Path, action="append", metavar="FILE",
-        help="TOML over the packaged settings and the campaign's `config`, for every trial; "
-        "several: later ones on top",
-    )  # fmt: skip
-    run.add_argument(
-        "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
-        help="one setting, for every trial; may be repeated; `grasp config` lists them",
-    )  # fmt: skip
-    run.add_argument(
-        "--repetitions",
-        type=whole(1, MOST_REPETITIONS),
-        metavar="N",
-        help="in place of the campaign file's",
-    )
-    run.add_argument(
-        "--resume", action="store_true",
-        help="go on with an existing file: run what is missing or errored",
-    )  # fmt: skip
-    run.add_argument(
-        "--json", action="store_true", help="the summary as one JSON object, nothing else"
-    )
+    run.option("--out FILE", "SQLite file to make (default: runs/campaigns/<name>.sqlite)",
+        file_with_folders)  # fmt: skip
+    run.option("--detector NAME", "in place of the detectors of the campaign file")
+    run.option("--profile NAME", "in place of the profiles of the campaign file")
+    run.option("--config FILE", "TOML over the packaged settings and the campaign's `config`, for "
+        "every trial; several: later ones on top", Path, action="append")  # fmt: skip
+    run.option("--set SECTION.KEY=VALUE", "one setting, for every trial; may be repeated; `grasp "
+        "config` lists them", action="append", default=[])  # fmt: skip
+    run.option("--repetitions N", "in place of the campaign file's", whole(1, MOST_REPETITIONS))
+    run.flag("--resume", "go on with an existing file: run what is missing or errored")
+    run.flag("--json", "the summary as one JSON object, nothing else")
     run.set_defaults(handler=run_campaign)
 
 

@@ -14,12 +14,9 @@ from grasp.cli.output import json_line
 def add_parser(actions: Any) -> None:
     text = "what a network's weights say of themselves: data, seed, commit, calibration"
     parser = actions.add_parser("card", help=text, description=text)
-    parser.add_argument(
-        "network", nargs="?", metavar="NAME|FILE.onnx",
-        help="packaged name, or a file; without it: the detectors there are, which is the "
-        "default, and the rule of each",
-    )  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="one JSON object a detector")
+    parser.option("network NAME|FILE.onnx", "packaged name, or a file; without it: the detectors "
+        "there are, which is the default, and the rule of each", nargs="?")  # fmt: skip
+    parser.flag("--json", "one JSON object a detector")
     parser.set_defaults(handler=card)
 
 

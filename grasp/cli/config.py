@@ -25,13 +25,9 @@ def add_parser(verbs: Any) -> None:
         "for --config) instead whether it is what it should be, judged alone. Opens no device and "
         "runs no trial; the detectors of a campaign are loaded. Exit code 2 if a file is wrong.",
     )  # fmt: skip
-    parser.add_argument(
-        "section", nargs="*", metavar="SECTION|FILE", help="sections to show, or files to check"
-    )
+    parser.option("section SECTION|FILE", "sections to show, or files to check", nargs="*")
     add_trial_options(parser, rig="emulated")
-    parser.add_argument(
-        "--json", action="store_true", help="the resolved settings as one JSON object"
-    )
+    parser.flag("--json", "the resolved settings as one JSON object")
     parser.set_defaults(handler=run)
 
 

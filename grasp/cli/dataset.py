@@ -8,6 +8,7 @@ from typing import Any
 from grasp.cli import exits
 from grasp.cli.options import add_workers, decimal, progress, whole, workers
 from grasp.cli.output import json_line
+from grasp.cli.parser import Parser
 from grasp.cli.places import folder_to_fill
 
 HELP = "build and collect data sets of labelled fingertip recordings"
@@ -28,25 +29,14 @@ def _add_build(actions: Any) -> None:
         description=text + ". The same file gives the same recordings, on any number of processes. "
         "A build that was ended goes on where it was.",
     )
-    parser.add_argument(
-        "config",
-        metavar="FILE",
-        help="its path, or the name of one of config/datasets: paper, confusers, grasped-slip, "
-        "mallet, observer, turning",
-    )
-    parser.add_argument(
-        "--out", type=folder_to_fill, required=True, metavar="DIR", help="folder to fill"
-    )
+    parser.option("config FILE", "its path, or the name of one of config/datasets: paper, "
+        "confusers, grasped-slip, mallet, observer, turning")  # fmt: skip
+    parser.option("--out DIR", "folder to fill", folder_to_fill, required=True)
     add_workers(parser)
-    parser.add_argument(
-        "--share", type=decimal(1e-4, 1), default=1.0, metavar="X",
-        help="build so much of it, at most 1, with the same distribution; of each kind three "
-        "recordings at least (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--seed", type=whole(1, 2**31 - 1), metavar="N",
-        help="draw other recordings of the same distribution (default: the file's seed)",
-    )  # fmt: skip
+    parser.option("--share X", "build so much of it, at most 1, with the same distribution; of "
+        "each kind three recordings at least", decimal(1e-4, 1), default=1.0)  # fmt: skip
+    parser.option("--seed N", "draw other recordings of the same distribution (default: the file's "
+        "seed)", whole(1, 2**31 - 1))  # fmt: skip
     _add_json(parser)
     parser.set_defaults(handler=build)
 
@@ -59,24 +49,15 @@ def _add_collect(actions: Any) -> None:
         "five of a motion on a surface, three are for training, one for validation, one for test; "
         "three put it into each split.",
     )  # fmt: skip
-    parser.add_argument(
-        "source",
-        type=Path,
-        nargs="+",
-        metavar="RUN|FILE",
-        help="folders of `grasp run acquire`, and files of counts (.npz, .csv)",
-    )
-    parser.add_argument(
-        "--out", type=folder_to_fill, required=True, metavar="DIR", help="folder to fill"
-    )
+    parser.option("source RUN|FILE", "folders of `grasp run acquire`, and files of counts (.npz, "
+        ".csv)", Path, nargs="+")  # fmt: skip
+    parser.option("--out DIR", "folder to fill", folder_to_fill, required=True)
     _add_json(parser)
     parser.set_defaults(handler=collect)
 
 
-def _add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--json", action="store_true", help="one JSON object on standard output, nothing else"
-    )
+def _add_json(parser: Parser) -> None:
+    parser.flag("--json", "one JSON object on standard output, nothing else")
 
 
 def build(args: argparse.Namespace) -> int:

@@ -10,6 +10,7 @@ from drivers.errors import UsageError
 from grasp.cli import card, exits, train
 from grasp.cli.options import add_settings, decimal, one_by_one
 from grasp.cli.output import json_line
+from grasp.cli.parser import Parser
 from grasp.cli.places import file_to_write, own_or_new
 from grasp.cli.rules import check_named, tell_untuned
 from grasp.files import write_whole
@@ -38,7 +39,7 @@ def _add_evaluate(actions: Any) -> None:
         description=text + ". Samples from the hundredth of a recording on are scored; a miss "
         "counts as a delay without end.",
     )
-    parser.add_argument("detector", nargs="+", metavar="NAME", help="some of config/detectors")
+    parser.option("detector NAME", "some of config/detectors", nargs="+")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument(
         "--recording", type=Path, metavar="RUN|FILE",
@@ -52,21 +53,15 @@ def _add_evaluate(actions: Any) -> None:
         metavar="DIR",
         help="folders of `grasp dataset build`, or `collect`",
     )
-    parser.add_argument(
-        "--split", choices=("train", "validation", "test", "all"), default="test",
-        help="with --data: what to score on; all is fair on a set built from a seed of its own "
-        "(default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--label", choices=("slip", "slip_true", "moved"), default="slip",
-        help="slip: by the fingertip's speed, as in the paper; slip_true: the contact itself "
-        "slides; moved: 1 mm from where it last rested (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--out", type=file_to_write, metavar="FILE.json",
-        help="keep the scores, with what each rule of the sweep of `tune` would make of them and "
-        "the worst misses; `grasp report FILE.json` makes a page of it",
-    )  # fmt: skip
+    parser.option("--split", "with --data: what to score on; all is fair on a set built from a "
+        "seed of its own",
+        choices=("train", "validation", "test", "all"), default="test")  # fmt: skip
+    parser.option("--label", "slip: by the fingertip's speed, as in the paper; slip_true: the "
+        "contact itself slides; moved: 1 mm from where it last rested",
+        choices=("slip", "slip_true", "moved"), default="slip")  # fmt: skip
+    parser.option("--out FILE.json", "keep the scores, with what each rule of the sweep of `tune` "
+        "would make of them and the worst misses; `grasp report FILE.json` makes a page of it",
+        file_to_write)  # fmt: skip
     add_settings(parser)
     _add_json(parser)
     parser.set_defaults(handler=evaluate)
@@ -80,12 +75,10 @@ def _add_tune(actions: Any) -> None:
         description=text + ". With --data: kind, threshold and length of the decision rule, on the "
         "split `validation`; with --unlabelled its threshold, on holds in which nothing slips.",
     )
-    parser.add_argument("detector", metavar="NAME", help="one of config/detectors, or your own")
-    parser.add_argument(
-        "--budget", type=decimal(0, MOST_BUDGET), default=1.0, metavar="N",
-        help="false events a minute, three fingers together; less rest than one of them needs is "
-        "refused; 0: none in whatever rest there is (default: %(default)s)",
-    )  # fmt: skip
+    parser.option("detector NAME", "one of config/detectors, or your own")
+    parser.option("--budget N", "false events a minute, three fingers together; less rest than one "
+        "of them needs is refused; 0: none in whatever rest there is", decimal(0, MOST_BUDGET),
+        default=1.0)  # fmt: skip
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument(
         "--data", type=Path, nargs="+", metavar="DIR",
@@ -101,11 +94,8 @@ def _add_tune(actions: Any) -> None:
     parser.set_defaults(handler=tune)
 
 
-def _add_json(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--json", action="store_true",
-        help="JSON on standard output, one object a detector, nothing else",
-    )  # fmt: skip
+def _add_json(parser: Parser) -> None:
+    parser.flag("--json", "JSON on standard output, one object a detector, nothing else")
 
 
 def evaluate(args: argparse.Namespace) -> int:

@@ -15,37 +15,22 @@ _MARK = {"ok": "ok  ", "warn": "warn", "fail": "FAIL"}
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("doctor", help=HELP, description=HELP + ". Reads only.")
-    parser.add_argument(
-        "hosts", nargs="*", metavar="HOST",
-        help="ask these alone, on the ports known, and print what to write into a file for "
-        "--config. HOST: gripper (Modbus, port 502) and arm (29999, 30002, 30004); HOST:PORT: a "
-        "gripper there; tcp://HOST:PORT: an emulated fingertip board",
-    )  # fmt: skip
-    parser.add_argument(
-        "--timeout", type=decimal(0.05, 10), default=1.0, metavar="S",
-        help="each HOST answers a question within S seconds (default: %(default)g)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--rig", metavar="NAME",
-        help="also ask the devices of this rig (one of config/rigs, or a .toml file)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--object", default="can", metavar="NAME",
-        help=f"of the lift that is to start: {OBJECT_HELP} (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--profile", default="default", metavar="NAME",
-        help="likewise: one of config/profiles (default: %(default)s)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--detector", metavar="NAME",
-        help="likewise, as of `grasp run lift` (default: the profile's)",
-    )  # fmt: skip
+    parser.option("hosts HOST", "ask these alone, on the ports known, and print what to write into "
+        "a file for --config. HOST: gripper (Modbus, port 502) and arm (29999, 30002, 30004); "
+        "HOST:PORT: a gripper there; tcp://HOST:PORT: an emulated fingertip board",
+        nargs="*")  # fmt: skip
+    parser.option("--timeout S", "each HOST answers a question within S seconds", decimal(0.05, 10),
+        default=1.0)  # fmt: skip
+    parser.option("--rig NAME", "also ask the devices of this rig (one of config/rigs, or a .toml "
+        "file)")  # fmt: skip
+    parser.option("--object NAME",
+        f"of the lift that is to start: {OBJECT_HELP} (default: %(default)s)",
+        default="can")  # fmt: skip
+    parser.option("--profile NAME", "likewise: one of config/profiles", default="default")
+    parser.option("--detector NAME", "likewise, as of `grasp run lift` (default: the profile's)")
     add_settings(parser)
     add_runs(parser)
-    parser.add_argument(
-        "--json", action="store_true", help="one JSON object on standard output, nothing else"
-    )
+    parser.flag("--json", "one JSON object on standard output, nothing else")
     parser.set_defaults(handler=doctor)
 
 

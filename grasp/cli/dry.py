@@ -7,14 +7,12 @@ from typing import Any
 from drivers.errors import DeviceFault, UsageError
 from grasp.cli import exits
 from grasp.cli.output import json_line
+from grasp.cli.parser import Parser
 from grasp.cli.trials import is_asked, trials_of
 
 
-def add_dry_run(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--dry-run", action="store_true",
-        help="on real devices: ask them, say what would move, and move nothing",
-    )  # fmt: skip
+def add_dry_run(parser: Parser) -> None:
+    parser.flag("--dry-run", "on real devices: ask them, say what would move, and move nothing")
 
 
 def run(config: Any, args: argparse.Namespace) -> int:

@@ -26,32 +26,19 @@ def add_parser(verbs: Any) -> None:
         "[NEWTONS] (on a pad, for a second, as `grasp tactile identify` asks), fault NAME "
         "[SETTING=VALUE ...], fault help.",
     )
-    parser.add_argument(
-        "--host", metavar="ADDRESS",
-        help="loopback address, e.g. 127.0.0.2 (default: a free one; never 127.0.0.1, where "
-        "ur_rtde skips a check)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--gripper-port", type=whole(0, 65_535), default=0, metavar="PORT",
-        help="Modbus TCP port (default: a free one; 502 needs privileges)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--beyond-loopback", action="store_true",
-        help="let --host be any address of this machine, e.g. in a container; what the control and "
-        "fault channels are asked then needs the token that is printed with the endpoints",
-    )  # fmt: skip
-    parser.add_argument(
-        "--profile", choices=("cb3", "e-series"), default="cb3",
-        help="the arm's controller: CB3 at 125 Hz (default), or e-Series at 500 Hz",
-    )  # fmt: skip
-    parser.add_argument(
-        "--rtu",
-        action="store_true",
-        help="put the gripper on a serial line too, a pseudo-terminal that is printed with the "
-        "endpoints",
-    )
-    parser.add_argument("--object", default="can", metavar="NAME", help=OBJECT_HELP)
-    parser.add_argument("--seed", type=seed, default=0, metavar="N")
+    parser.option("--host ADDRESS", "loopback address, e.g. 127.0.0.2 (default: a free one; never "
+        "127.0.0.1, where ur_rtde skips a check)")  # fmt: skip
+    parser.option("--gripper-port PORT", "Modbus TCP port (default: a free one; 502 needs "
+        "privileges)", whole(0, 65_535), default=0)  # fmt: skip
+    parser.flag("--beyond-loopback", "let --host be any address of this machine, e.g. in a "
+        "container; what the control and fault channels are asked then needs the token that is "
+        "printed with the endpoints")  # fmt: skip
+    parser.option("--profile", "the arm's controller: CB3 at 125 Hz (default), or e-Series at 500 "
+        "Hz", choices=("cb3", "e-series"), default="cb3")  # fmt: skip
+    parser.flag("--rtu", "put the gripper on a serial line too, a pseudo-terminal that is printed "
+        "with the endpoints")  # fmt: skip
+    parser.option("--object NAME", OBJECT_HELP, default="can")
+    parser.option("--seed N", seed, default=0)
     add_settings(parser)
     parser.set_defaults(handler=emulate)
 

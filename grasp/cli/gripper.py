@@ -22,6 +22,7 @@ from grasp.cli.lab import (
 )
 from grasp.cli.options import decimal, whole
 from grasp.cli.output import json_line
+from grasp.cli.parser import Parser
 
 HELP = "look at a lab's gripper, activate it, move it slowly"
 SLOW = "slowly, at its least force"
@@ -41,26 +42,19 @@ def add_parser(verbs: Any) -> None:
         "make the hand ready, which opens and closes it fully; one that is active in another mode "
         "is set to the basic one, for which it opens",
     )  # fmt: skip
-    active.add_argument(
-        "--empty", action="store_true", help="the hand is empty: do not ask whether it is"
-    )
+    active.flag("--empty", "the hand is empty: do not ask whether it is")
     close = add_verb(
         actions, "close", close_fingers,
         f"close fingers {SLOW}: B and C until anything is felt, then the thumb alone, under the "
         "force guard of a run, and refused where a run would be",
     )  # fmt: skip
     _add_finger(close, "all")
-    close.add_argument(
-        "--to", type=whole(0, 255), default=255, metavar="COUNTS",
-        help="no further than this (default: %(default)s, closed)",
-    )  # fmt: skip
+    close.option("--to COUNTS", "no further than this (default: %(default)s, closed)",
+        whole(0, 255), default=255)  # fmt: skip
     step = add_verb(actions, "step", step_fingers, f"move a finger by a few millimetres {SLOW}")
     _add_finger(step, "A")
-    step.add_argument(
-        "--mm", type=decimal(0.01, 5), default=2.0, metavar="MM",
-        help="travel of the fingertip, at most 5 (default: %(default)g)",
-    )  # fmt: skip
-    step.add_argument("--open", action="store_true", help="open by that instead of closing")
+    step.option("--mm MM", "travel of the fingertip, at most 5", decimal(0.01, 5), default=2.0)
+    step.flag("--open", "open by that instead of closing")
 
 
 def add_release(verbs: Any) -> None:
@@ -69,18 +63,12 @@ def add_release(verbs: Any) -> None:
         f"{parser.description}. Support the object first: it falls when the fingers open. Needs "
         "the gripper alone: how arm and fingertips are is told, and does not matter."
     )
-    parser.add_argument(
-        "--activate", action="store_true",
-        help="activate a hand that is not active, which opens and closes it fully: it must be "
-        "empty, or what it holds supported",
-    )  # fmt: skip
+    parser.flag("--activate", "activate a hand that is not active, which opens and closes it "
+        "fully: it must be empty, or what it holds supported")  # fmt: skip
 
 
-def _add_finger(parser: argparse.ArgumentParser, default: str) -> None:
-    parser.add_argument(
-        "--finger", choices=(*FINGERS, "all"), default=default,
-        help="A is the thumb (default: %(default)s)",
-    )  # fmt: skip
+def _add_finger(parser: Parser, default: str) -> None:
+    parser.option("--finger", "A is the thumb", choices=(*FINGERS, "all"), default=default)
 
 
 def status(args: argparse.Namespace) -> int:

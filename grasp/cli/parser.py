@@ -1,7 +1,7 @@
 """The parser of every verb: errors reported as all others are, help in groups, examples."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from drivers.errors import UsageError
@@ -43,6 +43,28 @@ class Parser(argparse.ArgumentParser):
             self._titled[title] = self.add_argument_group(title)
         action: argparse.Action = self._titled[title].add_argument(*args, **given)
         return action
+
+    def flag(self, name: str, text: str) -> None:
+        """An option without a value."""
+        self.add_argument(name, action="store_true", help=text)
+
+    def option(
+        self, names: str, text: str, reads: Callable[[str], Any] | None = None, **given: Any
+    ) -> None:
+        """``names``: its own and what its value is called, as `--seed N` or `file FILE`. The help
+        ends with the default where it says nothing of one."""
+        *words, last = names.split()
+        if not words or last.startswith("-"):
+            words.append(last)
+        else:
+            given["metavar"] = last
+        default = given.get("default")
+        if "default" not in text and default not in (None, "", [], ()):
+            shown = f"{default:g}" if isinstance(default, float) else "%(default)s"
+            text = f"{text} (default: {shown})".lstrip()
+        if reads is not None:
+            given["type"] = reads
+        self.add_argument(*words, help=text, **given)
 
     def refuse(self, *options: str, because: str) -> None:
         """Say why it does not take what other verbs take."""

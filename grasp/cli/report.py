@@ -29,21 +29,14 @@ def add_parser(verbs: Any) -> None:
         "over time (needs the extra `charts`). layout: how Foxglove and Lichtblick show a "
         "recording.mcap.",
     )  # fmt: skip
-    parser.add_argument(
-        "run", type=Path, metavar="RUN",
-        help="folder or recording.mcap of a lift or a tap, a folder of such folders (each gets a "
-        "page of its own), the SQLite file of a campaign, or the .json file of `grasp detector "
-        "evaluate --out`",
-    )  # fmt: skip
-    parser.add_argument(
-        "--to", choices=("page", "csv", "svg", "layout"),
-        help="(default: by the name of --out, else page)",
-    )  # fmt: skip
-    parser.add_argument(
-        "--out", type=file_to_write, metavar="FILE",
-        help="(default: beside the recording, or beside the file of a campaign or an evaluation, "
-        "with its name; page: .html, csv: .csv, svg: .svg, .png or .pdf, layout: .json)",
-    )  # fmt: skip
+    parser.option("run RUN", "folder or recording.mcap of a lift or a tap, a folder of such "
+        "folders (each gets a page of its own), the SQLite file of a campaign, or the .json file "
+        "of `grasp detector evaluate --out`", Path)  # fmt: skip
+    parser.option("--to", "(default: by the name of --out, else page)",
+        choices=("page", "csv", "svg", "layout"))  # fmt: skip
+    parser.option("--out FILE", "(default: beside the recording, or beside the file of a campaign "
+        "or an evaluation, with its name; page: .html, csv: .csv, svg: .svg, .png or .pdf, layout: "
+        ".json)", file_to_write)  # fmt: skip
     no_settings(parser)
     parser.set_defaults(handler=report)
 

@@ -16,14 +16,10 @@ HELP = "list recorded runs with their verdicts; sum a campaign up as the paper's
 
 def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("runs", help=HELP, description=HELP)
-    parser.add_argument(
-        "file", nargs="?", type=Path, metavar="FILE",
-        help="SQLite file of a campaign: rates with intervals, latencies, slip distances",
-    )  # fmt: skip
+    parser.option("file FILE", "SQLite file of a campaign: rates with intervals, latencies, slip "
+        "distances", Path, nargs="?")  # fmt: skip
     add_runs(parser)
-    parser.add_argument(
-        "--json", action="store_true", help="one JSON array of results, or the summary's object"
-    )
+    parser.flag("--json", "one JSON array of results, or the summary's object")
     no_settings(parser)
     parser.set_defaults(handler=run)
 

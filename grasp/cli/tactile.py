@@ -20,48 +20,23 @@ def add_parser(verbs: Any) -> None:
     parser = verbs.add_parser("tactile", help=HELP, description=HELP)
     actions = parser.add_subparsers(metavar="ACTION", required=True)
     which = actions.add_parser("identify", help="press a pad: which finger and taxel answers")
-    which.add_argument(
-        "--url",
-        metavar="URL",
-        help="an emulated board, tcp://HOST:PORT (default: usb.url, else the board on the USB bus)",
-    )
-    which.add_argument(
-        "--serial", help="the board with this number (default: usb.serial, else the first)"
-    )
+    which.option("--url URL", "an emulated board, tcp://HOST:PORT (default: usb.url, else the "
+        "board on the USB bus)")  # fmt: skip
+    which.option("--serial", "the board with this number (default: usb.serial, else the first)")
     add_settings(which)
-    which.add_argument(
-        "--seconds",
-        type=decimal(0.01, 86_400),
-        default=10.0,
-        metavar="N",
-        help="watch for N seconds (default: %(default)g)",
-    )
-    which.add_argument(
-        "--least-fall",
-        type=whole(2, 1023),
-        default=20,
-        metavar="COUNTS",
-        help="a code so far below its rest is a press (default: %(default)d, about half a newton; "
-        "an untouched taxel moves by one or two)",
-    )
-    which.add_argument(
-        "--json", action="store_true", help="one JSON object on standard output, nothing else"
-    )
+    which.option("--seconds N", "watch for N seconds", decimal(0.01, 86_400), default=10.0)
+    which.option("--least-fall COUNTS", "a code so far below its rest is a press (default: "
+        "%(default)d, about half a newton; an untouched taxel moves by one or two)", whole(2, 1023),
+        default=20)  # fmt: skip
+    which.flag("--json", "one JSON object on standard output, nothing else")
     which.set_defaults(handler=identify)
     text = "counts, noise and lost frames of each second, then of every taxel; begin unloaded"
     listen = add_verb(actions, "watch", watch, text, moves=False)
-    listen.add_argument(
-        "--seconds", type=decimal(1, 86_400), metavar="N",
-        help="listen for N seconds (default: 3600, with --rest 5)",
-    )  # fmt: skip
-    listen.add_argument(
-        "--rest", action="store_true",
-        help="the rest codes of the unloaded hand, as tactile.rest_reference for a file of your "
-        "own",
-    )  # fmt: skip
-    listen.add_argument(
-        "--out", type=file_to_write, metavar="FILE", help="with --rest: write that file (a new one)"
-    )
+    listen.option("--seconds N", "listen for N seconds (default: 3600, with --rest 5)",
+        decimal(1, 86_400))  # fmt: skip
+    listen.flag("--rest", "the rest codes of the unloaded hand, as tactile.rest_reference for a "
+        "file of your own")  # fmt: skip
+    listen.option("--out FILE", "with --rest: write that file (a new one)", file_to_write)
 
 
 def watch(args: argparse.Namespace) -> int:

@@ -117,7 +117,7 @@ LINES = {
     **{("calibrate", name): ["calibrate", name, *more] for name, more in CALIBRATE.items()},
     ("replay",): ["replay", "--tactile", "strokes.csv", "--detector", "energy"],
     ("detector", "evaluate"): ["detector", "evaluate", "energy", "--recording", "strokes.csv"],
-    ("detector", "tune"): ["detector", "tune", "energy"],
+    ("detector", "tune"): ["detector", "tune", "energy", "--data", "sets"],
     ("campaign", "run"): ["campaign", "run", "c.toml", "--jobs", "1", "--out", "c.sqlite"],
 }
 
