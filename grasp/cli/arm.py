@@ -8,14 +8,14 @@ from grasp.cli import exits
 from grasp.cli.lab import add_verb, lab_config, leave_to_move, say, tell, tell_slow, will
 from grasp.cli.options import decimal
 from grasp.cli.output import json_line
+from grasp.cli.parser import group
 
 HELP = "look at a lab's arm, move it by one slow step, stop it"
 PLAN = "10 mm/s in a straight line"
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("arm", help=HELP, description=HELP)
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    actions = group(verbs, "arm", HELP)
     text = "modes, joints, tool, and what stands against a run; moves nothing"
     add_verb(actions, "status", status, text, moves=False)
     text = f"one step of at most 5 mm in the base frame, at {PLAN}"

@@ -23,7 +23,7 @@ from grasp.cli.lab import (
 )
 from grasp.cli.options import decimal, whole
 from grasp.cli.output import json_line
-from grasp.cli.parser import Parser
+from grasp.cli.parser import Parser, group
 from grasp.cli.places import file_to_write
 from grasp.files import write_whole
 
@@ -36,8 +36,7 @@ CLOSED = (255, 255, 255)
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("calibrate", help=HELP, description=HELP)
-    kinds = parser.add_subparsers(metavar="WHAT", required=True)
+    kinds = group(verbs, "calibrate", HELP, "WHAT")
     force = _kind(
         kinds, "force", calibrate_force,
         "counts of a fingertip to newtons: put weights on it or press it on a scale, and type what "

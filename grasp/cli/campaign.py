@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.options import add_workers, progress, whole, workers
+from grasp.cli.parser import group, verb
 from grasp.cli.places import file_with_folders
 
 if TYPE_CHECKING:
@@ -18,19 +19,15 @@ HELP = "run a grid of trials in parallel; sum it up as the paper's Table IV"
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("campaign", help=HELP, description=HELP)
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    actions = group(verbs, "campaign", HELP)
     _add_run(actions)
 
 
 def _add_run(actions: Any) -> None:
-    run = actions.add_parser(
-        "run",
-        help="run the trials of a campaign file",
-        description="Runs every trial of a campaign file and writes each as a row of an SQLite "
-        "file when it finishes. Exit code 0 when every trial ran, whatever its verdict; 1 if any "
-        "errored; 130 when interrupted, with all finished rows kept.",
-    )
+    run = verb(actions, "run", run_campaign, "run the trials of a campaign file", ". Runs every "
+        "trial of a campaign file and writes each as a row of an SQLite file when it finishes. "
+        "Exit code 0 when every trial ran, whatever its verdict; 1 if any errored; 130 when "
+        "interrupted, with all finished rows kept.")  # fmt: skip
     run.option("campaign FILE", "campaign file, or the name of one of config/campaigns")
     add_workers(run)
     run.option("--out FILE", "SQLite file to make (default: runs/campaigns/<name>.sqlite)",
@@ -44,7 +41,6 @@ def _add_run(actions: Any) -> None:
     run.option("--repetitions N", "in place of the campaign file's", whole(1, MOST_REPETITIONS))
     run.flag("--resume", "go on with an existing file: run what is missing or errored")
     run.flag("--json", "the summary as one JSON object, nothing else")
-    run.set_defaults(handler=run_campaign)
 
 
 def _spec(args: argparse.Namespace) -> "CampaignSpec":

@@ -9,15 +9,15 @@ from drivers.errors import UsageError
 from grasp.cli import exits
 from grasp.cli.options import network_path
 from grasp.cli.output import json_line
+from grasp.cli.parser import verb
 
 
 def add_parser(actions: Any) -> None:
-    text = "what a network's weights say of themselves: data, seed, commit, calibration"
-    parser = actions.add_parser("card", help=text, description=text)
+    parser = verb(actions, "card", card, "what a network's weights say of themselves: data, seed, "
+        "commit, calibration")  # fmt: skip
     parser.option("network NAME|FILE.onnx", "packaged name, or a file; without it: the detectors "
         "there are, which is the default, and the rule of each", nargs="?")  # fmt: skip
     parser.flag("--json", "one JSON object a detector")
-    parser.set_defaults(handler=card)
 
 
 def card(args: argparse.Namespace) -> int:

@@ -10,6 +10,7 @@ from typing import Any
 from drivers.errors import ConfigError, GraspError, UsageError
 from grasp.cli import exits
 from grasp.cli.output import json_line
+from grasp.cli.parser import verb
 from grasp.cli.rules import check_weights, tell_untuned
 from grasp.cli.run import add_trial_options
 
@@ -18,17 +19,14 @@ FINGERPRINT = "a file of your own that settings came from, and its fingerprint"
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser(
-        "config", help=HELP,
-        description="Every setting, its value, what is allowed and whence it is; of each FILE (a "
-        ".toml of your own: an object, surface, calibration, rig, campaign, data set, or settings "
-        "for --config) instead whether it is what it should be, judged alone. Opens no device and "
-        "runs no trial; the detectors of a campaign are loaded. Exit code 2 if a file is wrong.",
-    )  # fmt: skip
+    parser = verb(verbs, "config", run, HELP, ". Every setting, its value, what is allowed and "
+        "whence it is; of each FILE (a .toml of your own: an object, surface, calibration, rig, "
+        "campaign, data set, or settings for --config) instead whether it is what it should be, "
+        "judged alone. Opens no device and runs no trial; the detectors of a campaign are loaded. "
+        "Exit code 2 if a file is wrong.")  # fmt: skip
     parser.option("section SECTION|FILE", "sections to show, or files to check", nargs="*")
     add_trial_options(parser, rig="emulated")
     parser.flag("--json", "the resolved settings as one JSON object")
-    parser.set_defaults(handler=run)
 
 
 def run(args: argparse.Namespace) -> int:

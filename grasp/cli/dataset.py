@@ -8,27 +8,22 @@ from typing import Any
 from grasp.cli import exits
 from grasp.cli.options import add_workers, decimal, progress, whole, workers
 from grasp.cli.output import json_line
-from grasp.cli.parser import Parser
+from grasp.cli.parser import group, verb
 from grasp.cli.places import folder_to_fill
 
 HELP = "build and collect data sets of labelled fingertip recordings"
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("dataset", help=HELP, description=HELP)
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    actions = group(verbs, "dataset", HELP)
     _add_build(actions)
     _add_collect(actions)
 
 
 def _add_build(actions: Any) -> None:
-    text = "make all recordings of a data set, on the simulated rig"
-    parser = actions.add_parser(
-        "build",
-        help=text,
-        description=text + ". The same file gives the same recordings, on any number of processes. "
-        "A build that was ended goes on where it was.",
-    )
+    parser = verb(actions, "build", build, "make all recordings of a data set, on the simulated "
+        "rig", ". The same file gives the same recordings, on any number of processes. A build "
+        "that was ended goes on where it was.")  # fmt: skip
     parser.option("config FILE", "its path, or the name of one of config/datasets: paper, "
         "confusers, grasped-slip, mallet, observer, turning")  # fmt: skip
     parser.option("--out DIR", "folder to fill", folder_to_fill, required=True)
@@ -37,26 +32,17 @@ def _add_build(actions: Any) -> None:
         "each kind three recordings at least", decimal(1e-4, 1), default=1.0)  # fmt: skip
     parser.option("--seed N", "draw other recordings of the same distribution (default: the file's "
         "seed)", whole(1, 2**31 - 1))  # fmt: skip
-    _add_json(parser)
-    parser.set_defaults(handler=build)
+    parser.flag("--json", "one JSON object on standard output, nothing else")
 
 
 def _add_collect(actions: Any) -> None:
-    text = "make a data set of your own recordings"
-    parser = actions.add_parser(
-        "collect", help=text,
-        description=text + ": labelled samples of acquisitions, and .npz or .csv files. Of each "
-        "five of a motion on a surface, three are for training, one for validation, one for test; "
-        "three put it into each split.",
-    )  # fmt: skip
+    parser = verb(actions, "collect", collect, "make a data set of your own recordings",
+        ": labelled samples of acquisitions, and .npz or .csv files. Of each five of a motion on a "
+        "surface, three are for training, one for validation, one for test; three put it into each "
+        "split.")  # fmt: skip
     parser.option("source RUN|FILE", "folders of `grasp run acquire`, and files of counts (.npz, "
         ".csv)", Path, nargs="+")  # fmt: skip
     parser.option("--out DIR", "folder to fill", folder_to_fill, required=True)
-    _add_json(parser)
-    parser.set_defaults(handler=collect)
-
-
-def _add_json(parser: Parser) -> None:
     parser.flag("--json", "one JSON object on standard output, nothing else")
 
 

@@ -10,7 +10,7 @@ from drivers.errors import UsageError
 from grasp.cli import card, exits, train
 from grasp.cli.options import add_settings, decimal, one_by_one
 from grasp.cli.output import json_line
-from grasp.cli.parser import Parser
+from grasp.cli.parser import group, verb
 from grasp.cli.places import file_to_write, own_or_new
 from grasp.cli.rules import check_named, tell_untuned
 from grasp.files import write_whole
@@ -23,8 +23,7 @@ SHORT_MINUTES = 2.0
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("detector", help=HELP, description=HELP)
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    actions = group(verbs, "detector", HELP)
     _add_evaluate(actions)
     _add_tune(actions)
     card.add_parser(actions)
@@ -32,13 +31,9 @@ def add_parser(verbs: Any) -> None:
 
 
 def _add_evaluate(actions: Any) -> None:
-    text = "score detectors on labelled fingertip recordings"
-    parser = actions.add_parser(
-        "evaluate",
-        help=text,
-        description=text + ". Samples from the hundredth of a recording on are scored; a miss "
-        "counts as a delay without end.",
-    )
+    parser = verb(actions, "evaluate", evaluate, "score detectors on labelled fingertip recordings",
+        ". Samples from the hundredth of a recording on are scored; a miss counts as a delay "
+        "without end.")  # fmt: skip
     parser.option("detector NAME", "some of config/detectors", nargs="+")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument(
@@ -63,18 +58,14 @@ def _add_evaluate(actions: Any) -> None:
         "would make of them and the worst misses; `grasp report FILE.json` makes a page of it",
         file_to_write)  # fmt: skip
     add_settings(parser)
-    _add_json(parser)
-    parser.set_defaults(handler=evaluate)
+    parser.flag("--json", "JSON on standard output, one object a detector, nothing else")
 
 
 def _add_tune(actions: Any) -> None:
-    text = "find the quickest decision within a budget of false events"
-    parser = actions.add_parser(
-        "tune",
-        help=text,
-        description=text + ". With --data: kind, threshold and length of the decision rule, on the "
-        "split `validation`; with --unlabelled its threshold, on holds in which nothing slips.",
-    )
+    parser = verb(actions, "tune", tune, "find the quickest decision within a budget of false "
+        "events", ". With --data: kind, threshold and length of the decision rule, on the split "
+        "`validation`; with --unlabelled its threshold, on holds in which nothing "
+        "slips.")  # fmt: skip
     parser.option("detector NAME", "one of config/detectors, or your own")
     parser.option("--budget N", "false events a minute, three fingers together; less rest than one "
         "of them needs is refused; 0: none in whatever rest there is", decimal(0, MOST_BUDGET),
@@ -90,11 +81,6 @@ def _add_tune(actions: Any) -> None:
         "lifts with a long controller.hold_s, .npz or .csv",
     )  # fmt: skip
     add_settings(parser)
-    _add_json(parser)
-    parser.set_defaults(handler=tune)
-
-
-def _add_json(parser: Parser) -> None:
     parser.flag("--json", "JSON on standard output, one object a detector, nothing else")
 
 

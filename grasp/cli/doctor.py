@@ -8,13 +8,14 @@ from drivers.errors import one_line
 from grasp.cli import exits
 from grasp.cli.options import OBJECT_HELP, add_runs, add_settings, decimal
 from grasp.cli.output import json_line
+from grasp.cli.parser import verb
 
 HELP = "check this machine and the devices, or who answers at addresses; moves nothing"
 _MARK = {"ok": "ok  ", "warn": "warn", "fail": "FAIL"}
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("doctor", help=HELP, description=HELP + ". Reads only.")
+    parser = verb(verbs, "doctor", doctor, HELP, ". Reads only.")
     parser.option("hosts HOST", "ask these alone, on the ports known, and print what to write into "
         "a file for --config. HOST: gripper (Modbus, port 502) and arm (29999, 30002, 30004); "
         "HOST:PORT: a gripper there; tcp://HOST:PORT: an emulated fingertip board",
@@ -31,7 +32,6 @@ def add_parser(verbs: Any) -> None:
     add_settings(parser)
     add_runs(parser)
     parser.flag("--json", "one JSON object on standard output, nothing else")
-    parser.set_defaults(handler=doctor)
 
 
 def doctor(args: argparse.Namespace) -> int:

@@ -7,20 +7,17 @@ from typing import Any
 from drivers.errors import BadFile, UsageError
 from grasp.cli import exits
 from grasp.cli.options import need, progress, whole
+from grasp.cli.parser import verb
 from grasp.cli.places import file_to_write, own_or_new, picture
 from grasp.files import write_whole
 
 
 def add_parser(kinds: Any) -> None:
-    text = "fit the simulated fingertip to a real recording, and show both side by side"
-    parser = kinds.add_parser(
-        "fingertip",
-        help=text,
-        description=text + ". The recording should be strokes with pauses, labelled. Fitted values "
-        "are judged on simulated clips that the search has not seen. To use them, pass the file "
-        "written by --out as --config to `grasp run`; the built-in values are those fitted "
-        "to the clip of the paper's authors.",
-    )
+    parser = verb(kinds, "fingertip", calibrate, "fit the simulated fingertip to a real recording, "
+        "and show both side by side", ". The recording should be strokes with pauses, labelled. "
+        "Fitted values are judged on simulated clips that the search has not seen. To use them, "
+        "pass the file written by --out as --config to `grasp run`; the built-in values are those "
+        "fitted to the clip of the paper's authors.")  # fmt: skip
     parser.option("--recording PATH", "one fingertip, columns t_s,p0,p1,...,slip", Path,
         required=True)  # fmt: skip
     parser.flag("--check", "judge the built-in values; search for no others")
@@ -32,7 +29,6 @@ def add_parser(kinds: Any) -> None:
     parser.option("--out FILE.toml", "write the fitted values", file_to_write)
     parser.option("--figure FILE", "draw a simulated clip under the recording", picture)
     parser.flag("--json", "one JSON object on standard output, nothing else")
-    parser.set_defaults(handler=calibrate)
 
 
 def calibrate(args: argparse.Namespace) -> int:

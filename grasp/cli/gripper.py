@@ -22,7 +22,7 @@ from grasp.cli.lab import (
 )
 from grasp.cli.options import decimal, whole
 from grasp.cli.output import json_line
-from grasp.cli.parser import Parser
+from grasp.cli.parser import Parser, group
 
 HELP = "look at a lab's gripper, activate it, move it slowly"
 SLOW = "slowly, at its least force"
@@ -34,8 +34,7 @@ OPEN = (0, 0, 0)
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("gripper", help=HELP, description=HELP)
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
+    actions = group(verbs, "gripper", HELP)
     add_verb(actions, "status", status, "every register in words; moves nothing", moves=False)
     active = add_verb(
         actions, "activate", activate,

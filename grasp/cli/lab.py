@@ -11,7 +11,7 @@ from drivers.errors import GraspError, UsageError
 from grasp.cli import exits
 from grasp.cli.options import add_confirmation, add_settings, motion_permit
 from grasp.cli.output import json_line
-from grasp.cli.parser import Parser
+from grasp.cli.parser import Parser, verb
 
 FINGERS = ("A", "B", "C")
 
@@ -32,9 +32,8 @@ def add_verb(
     verbs: Any, name: str, handler: Callable[..., int], text: str, moves: bool = True
 ) -> Parser:
     """A verb of a lab's devices, with what all of them take."""
-    parser: Parser = verbs.add_parser(name, help=text, description=text)
+    parser = verb(verbs, name, handler, text)
     add_lab(parser, moves)
-    parser.set_defaults(handler=handler)
     return parser
 
 

@@ -126,3 +126,18 @@ class RootParser(Parser):
             formatter.end_section()
         formatter.add_text(self.epilog)
         return formatter.format_help()
+
+
+def group(
+    verbs: Any, name: str, text: str, metavar: str = "ACTION", dest: str | None = None
+) -> Any:
+    """A verb that has verbs of its own: where they are added."""
+    parser = verbs.add_parser(name, help=text, description=text)
+    return parser.add_subparsers(dest=dest, metavar=metavar, required=True)
+
+
+def verb(verbs: Any, name: str, does: Callable[..., int], text: str, more: str = "") -> Parser:
+    """A verb that does something. ``more``: what its own help says after the line of the list."""
+    parser: Parser = verbs.add_parser(name, help=text, description=text + more)
+    parser.set_defaults(handler=does)
+    return parser

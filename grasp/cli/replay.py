@@ -9,13 +9,14 @@ from grasp.cli import exits
 from grasp.cli.detector import scores_text
 from grasp.cli.options import add_settings
 from grasp.cli.output import json_line
+from grasp.cli.parser import verb
 
 HELP = "feed a recording through detector, slip monitor and controller"
 SHOWN_DIFFERENCES = 10
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("replay", help=HELP, description=HELP)
+    parser = verb(verbs, "replay", replay, HELP)
     parser.option("run RUN", "folder or recording.mcap of a run", Path, nargs="?")
     parser.flag("--check", "exit 1 if any event or command differs from the recording")
     parser.option("--tactile PATH", "a fingertip recording instead of a run: .npz, or .csv "
@@ -25,7 +26,6 @@ def add_parser(verbs: Any) -> None:
         "recorded with")  # fmt: skip
     add_settings(parser, of="with --tactile: ")
     parser.flag("--json", "one JSON object on standard output, nothing else")
-    parser.set_defaults(handler=replay)
 
 
 def replay(args: argparse.Namespace) -> int:

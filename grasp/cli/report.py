@@ -8,6 +8,7 @@ from typing import Any
 from drivers.errors import BadFile, UsageError
 from grasp.cli import exits
 from grasp.cli.options import need, no_settings
+from grasp.cli.parser import verb
 from grasp.cli.places import PICTURES, file_to_write, must_be_writable, own_or_new
 from grasp.files import write_whole
 
@@ -19,16 +20,13 @@ ENDINGS = {".html": "page", ".csv": "csv", ".json": "layout", **dict.fromkeys(PI
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser(
-        "report", help=HELP,
-        description="page: a run (verdict, a picture that plays, forces, slip probability, "
-        "commands, settings), a campaign (Table IV, distributions, what was varied, failures) or "
-        "an evaluation of detectors (false events against delay, calibration, the worst misses), "
-        "in one file that opens from disk. csv: one row a control step, units in the names of the "
-        "columns; of a campaign one row a trial. svg: force, slip probability and slip distance "
-        "over time (needs the extra `charts`). layout: how Foxglove and Lichtblick show a "
-        "recording.mcap.",
-    )  # fmt: skip
+    parser = verb(verbs, "report", report, HELP, ". page: a run (verdict, a picture that plays, "
+        "forces, slip probability, commands, settings), a campaign (Table IV, distributions, what "
+        "was varied, failures) or an evaluation of detectors (false events against delay, "
+        "calibration, the worst misses), in one file that opens from disk. csv: one row a control "
+        "step, units in the names of the columns; of a campaign one row a trial. svg: force, slip "
+        "probability and slip distance over time (needs the extra `charts`). layout: how Foxglove "
+        "and Lichtblick show a recording.mcap.")  # fmt: skip
     parser.option("run RUN", "folder or recording.mcap of a lift or a tap, a folder of such "
         "folders (each gets a page of its own), the SQLite file of a campaign, or the .json file "
         "of `grasp detector evaluate --out`", Path)  # fmt: skip
@@ -38,7 +36,6 @@ def add_parser(verbs: Any) -> None:
         "or an evaluation, with its name; page: .html, csv: .csv, svg: .svg, .png or .pdf, layout: "
         ".json)", file_to_write)  # fmt: skip
     no_settings(parser)
-    parser.set_defaults(handler=report)
 
 
 def report(args: argparse.Namespace) -> int:

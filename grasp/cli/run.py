@@ -15,7 +15,7 @@ from grasp.cli.options import (
     motion_permit,
     seed,
 )  # fmt: skip
-from grasp.cli.parser import Parser
+from grasp.cli.parser import Parser, group, verb
 from grasp.cli.places import folder_to_fill
 from grasp.cli.rules import check_weights, rule_of_weights, tell_untuned
 from grasp.cli.trials import add_series_options, log_end, logged, paced, run_trials
@@ -25,21 +25,14 @@ SPEED_MPS, SECONDS = 0.05, 20.0  # of an acquisition
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("run", help=HELP, description=HELP)
-    scenarios = parser.add_subparsers(dest="scenario", metavar="SCENARIO", required=True)
+    scenarios = group(verbs, "run", HELP, "SCENARIO", dest="scenario")
     _add_lift(scenarios)
     _add_tap(scenarios)
     _add_acquire(scenarios)
 
 
-def _scenario(scenarios: Any, name: str, text: str) -> Parser:
-    parser: Parser = scenarios.add_parser(name, help=text, description=text)
-    parser.set_defaults(handler=run)
-    return parser
-
-
 def _add_lift(scenarios: Any) -> None:
-    parser = _scenario(scenarios, "lift", "lift an object held too weakly")
+    parser = verb(scenarios, "lift", run, "lift an object held too weakly")
     add_trial_options(parser, rig="emulated")
     parser.flag("--keep", "keep holding the object instead of setting it down")
     parser.flag("--first", "a lab's first lift: closed in free air, then a soft object, at half "
@@ -50,7 +43,7 @@ def _add_lift(scenarios: Any) -> None:
 
 
 def _add_tap(scenarios: Any) -> None:
-    parser = _scenario(scenarios, "tap", "strike an object held at the force cap")
+    parser = verb(scenarios, "tap", run, "strike an object held at the force cap")
     add_trial_options(parser, rig="emulated")
     parser.option("--direction DIR", "of the blows: top, side (across the closing axis), alternate "
         "(the two in turn), or closing (along that axis; default: alternate)")  # fmt: skip
@@ -63,8 +56,7 @@ def _add_tap(scenarios: Any) -> None:
 
 def _add_acquire(scenarios: Any) -> None:
     """It uses neither an object nor a detector."""
-    parser = _scenario(
-        scenarios, "acquire",
+    parser = verb(scenarios, "acquire", run,
         "press one fingertip on a fixed surface and stroke it, for labelled slip data",
     )  # fmt: skip
     parser.option("--surface NAME", "one of config/surfaces: planar, sphere, cylinder-x, "

@@ -10,18 +10,18 @@ from grasp.cli import exits
 from grasp.cli.campaign import print_summary
 from grasp.cli.options import add_runs, no_settings
 from grasp.cli.output import json_line
+from grasp.cli.parser import verb
 
 HELP = "list recorded runs with their verdicts; sum a campaign up as the paper's Table IV"
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("runs", help=HELP, description=HELP)
+    parser = verb(verbs, "runs", run, HELP)
     parser.option("file FILE", "SQLite file of a campaign: rates with intervals, latencies, slip "
         "distances", Path, nargs="?")  # fmt: skip
     add_runs(parser)
     parser.flag("--json", "one JSON array of results, or the summary's object")
     no_settings(parser)
-    parser.set_defaults(handler=run)
 
 
 def run(args: argparse.Namespace) -> int:

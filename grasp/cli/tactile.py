@@ -10,6 +10,7 @@ from grasp.cli import exits
 from grasp.cli.lab import add_verb, lab_config, new_file
 from grasp.cli.options import add_settings, decimal, whole
 from grasp.cli.output import json_line
+from grasp.cli.parser import group, verb
 from grasp.cli.places import file_to_write
 from grasp.files import write_whole
 
@@ -17,9 +18,9 @@ HELP = "fingertips: wiring, rest and noise"
 
 
 def add_parser(verbs: Any) -> None:
-    parser = verbs.add_parser("tactile", help=HELP, description=HELP)
-    actions = parser.add_subparsers(metavar="ACTION", required=True)
-    which = actions.add_parser("identify", help="press a pad: which finger and taxel answers")
+    actions = group(verbs, "tactile", HELP)
+    which = verb(actions, "identify", identify, "press a pad: which finger and taxel "
+        "answers")  # fmt: skip
     which.option("--url URL", "an emulated board, tcp://HOST:PORT (default: usb.url, else the "
         "board on the USB bus)")  # fmt: skip
     which.option("--serial", "the board with this number (default: usb.serial, else the first)")
@@ -29,7 +30,6 @@ def add_parser(verbs: Any) -> None:
         "%(default)d, about half a newton; an untouched taxel moves by one or two)", whole(2, 1023),
         default=20)  # fmt: skip
     which.flag("--json", "one JSON object on standard output, nothing else")
-    which.set_defaults(handler=identify)
     text = "counts, noise and lost frames of each second, then of every taxel; begin unloaded"
     listen = add_verb(actions, "watch", watch, text, moves=False)
     listen.option("--seconds N", "listen for N seconds (default: 3600, with --rest 5)",

@@ -10,6 +10,7 @@ from drivers.errors import UsageError
 from grasp import interruption
 from grasp.cli import exits
 from grasp.cli.options import decimal, need, progress, seed, whole
+from grasp.cli.parser import verb
 from grasp.cli.places import file_with_folders, must_be_writable, must_have_room
 
 NETWORKS = ("tcn", "gru", "tcn-paper", "freq-cnn-paper")
@@ -24,13 +25,9 @@ ASKED = (
 
 
 def add_parser(actions: Any) -> None:
-    text = "train a network on data sets and write its weights (extra `train`)"
-    parser = actions.add_parser(
-        "train",
-        help=text,
-        description=text + ". One thread. Learns from the split `train`, stops early on events of "
-        "the split `validation`, calibrates on it, never sees `test`.",
-    )
+    parser = verb(actions, "train", train, "train a network on data sets and write its weights "
+        "(extra `train`)", ". One thread. Learns from the split `train`, stops early on events of "
+        "the split `validation`, calibrates on it, never sees `test`.")  # fmt: skip
     parser.option("network NAME", ", ".join(NETWORKS), choices=NETWORKS)
     parser.option("--data DIR", "folders of `grasp dataset build`, or `collect`", Path, nargs="+",
         required=True)  # fmt: skip
@@ -61,7 +58,6 @@ def add_parser(actions: Any) -> None:
         "0.001)", decimal(1e-5, 0.1))  # fmt: skip
     parser.flag("--resume", "go on from the checkpoint beside --out")
     parser.flag("--json", "the network's card as one JSON object")
-    parser.set_defaults(handler=train)
 
 
 def train(args: argparse.Namespace) -> int:
