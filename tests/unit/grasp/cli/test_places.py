@@ -17,7 +17,6 @@ from grasp.cli.places import (
     must_be_writable,
     picture,
 )
-from grasp.cli.report import _html
 from scenarios.rigs import doctor
 
 WRITTEN = ("--out", "--write", "--figure", "--pictures")
@@ -46,7 +45,7 @@ PLACES = [
 
 
 def test_verbs_that_write_are_found() -> None:
-    assert len(PLACES) > 15
+    assert len(PLACES) > 12
     assert {"grasp calibrate hand", "grasp run lift", "grasp tactile watch"} <= {
         p[0] for p in PLACES
     }
@@ -60,7 +59,7 @@ def test_a_place_that_cannot_be_written_is_refused_as_a_word_of_the_command_line
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     (tmp_path / "file").write_text("")
-    name = "a.svg" if action.type is picture else "a.html" if action.type is _html else "a"
+    name = "a.svg" if action.type is picture else "a"
     places = [tmp_path / "file" / name]
     if action.type not in MAKE_FOLDERS:
         places.append(tmp_path / "nowhere" / name)
