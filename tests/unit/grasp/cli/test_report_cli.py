@@ -86,7 +86,7 @@ def test_what_is_no_page_of_ours_is_not_written_over(
         (["."], "there is no recording in it (give the folder of a run"),
         (["note.txt"], "is no MCAP recording (give the path of a run's .mcap file)"),
         (["pipe.json"], "pipe.json: is no file"),
-        ([".", "--out", "page.pdf"], "a name that ends in .html"),
+        ([".", "--out", "page.txt"], "a name that ends in .html"),
         ([".", "--out", "nowhere/page.html"], "there is no folder nowhere"),
     ],
 )
