@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from detector.energy import EnergyDetector, EnergySettings
-from detector.forte import ForteDetector, ForteSettings
 from detector.motion import Motion
 from detector.network import NetworkSettings, StreamingNetwork, load_network
 from detector.network_file import is_weights, packaged_networks
@@ -38,15 +37,12 @@ class SlipDetector(Protocol):
         """Take counts (fingers, taxels), raw minus rest, pressing negative; give (fingers,)."""
 
 
-DetectorSettings = (
-    EnergySettings | PsdSettings | PsdFairSettings | ForteSettings | NetworkSettings | OwnSettings
-)
+DetectorSettings = EnergySettings | PsdSettings | PsdFairSettings | NetworkSettings | OwnSettings
 
 _FORMULAS: dict[str, tuple[type[msgspec.Struct], Callable[[Any, int, int], SlipDetector]]] = {
     "energy": (EnergySettings, EnergyDetector),
     "psd": (PsdSettings, PsdDetector),
     "psd-fair": (PsdFairSettings, PsdFairDetector),
-    "forte": (ForteSettings, ForteDetector),
 }
 DETECTORS = (*_FORMULAS, *packaged_networks())
 

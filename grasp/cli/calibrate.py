@@ -190,11 +190,11 @@ def _to_use(args: argparse.Namespace, text: str, limit_n: float) -> str:
 
 def calibrate_noise(args: argparse.Namespace) -> int:
     from detector.scores.unlabelled import hold_of
+    from scenarios.benchmark.label_free import rule_of
     from scenarios.campaign.config import load_config
     from scenarios.lab.hand import guard_of
     from scenarios.lab.ready import active_hand, check_close
     from scenarios.lab.sessions import held_still
-    from scenarios.studies.detectors.unlabelled import rule_of
 
     config = lab_config(args)
     judged = load_config("can", args.rig, args.detector, args.config, args.set)

@@ -86,7 +86,7 @@ def draw(args: argparse.Namespace) -> int:
 def draw_detectors(args: argparse.Namespace) -> int:
     need("charts", "matplotlib")
     from detector.interface import DETECTORS
-    from scenarios.studies.detectors.benchmark import contender, read_split
+    from scenarios.benchmark.scoring import contender, read_split
     from scenarios.studies.detectors.figures import curve, draw_detectors
 
     check_named(args.detector)

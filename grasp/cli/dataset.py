@@ -127,7 +127,7 @@ def build(args: argparse.Namespace) -> int:
 def collect(args: argparse.Namespace) -> int:
 
     from scenarios.acquire.datasets.collect import collect as collected
-    from scenarios.studies.sets import require_labelled
+    from scenarios.benchmark.data_sets import require_labelled
 
     for source in args.source:
         require_labelled(source)
@@ -165,7 +165,7 @@ class _Told:
 def _plan_text(jobs: Any) -> str:
     """How many recordings, and how many of them nothing can be scored by."""
     from detector.scores.evaluation import WARM_UP_SAMPLES
-    from scenarios.studies.detectors.benchmark import too_short
+    from scenarios.benchmark.scoring import too_short
 
     short = sum(job.samples <= WARM_UP_SAMPLES for job in jobs)
     many = f"{len(jobs)} recordings"
@@ -176,7 +176,7 @@ def describe(args: argparse.Namespace) -> int:
     import msgspec
 
     from scenarios.acquire.datasets import describe
-    from scenarios.studies.sets import read_set
+    from scenarios.benchmark.data_sets import read_set
 
     if args.pictures is not None:
         need("charts", "matplotlib")

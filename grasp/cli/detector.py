@@ -160,7 +160,7 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
 def evaluate(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.studies.detectors.evaluated import BEGINS, evaluated
+    from scenarios.benchmark.evaluation_file import BEGINS, evaluated
 
     if args.out is not None:
         own_or_new(args.out, BEGINS)
@@ -185,7 +185,7 @@ def _keep(args: argparse.Namespace, kept: list[Any]) -> None:
 
     import msgspec
 
-    from scenarios.studies.detectors.evaluated import EvaluationFile, command_of
+    from scenarios.benchmark.evaluation_file import EvaluationFile, command_of
     from scenarios.trial.result import versions
 
     source = args.data or [args.recording]
@@ -209,8 +209,8 @@ def _data_name(args: argparse.Namespace) -> str:
 
 def _contenders(args: argparse.Namespace) -> Any:
     """Each detector, as soon as it has been streamed."""
-    from scenarios.studies.detectors.benchmark import contender, read_split
-    from scenarios.studies.sets import read_labelled
+    from scenarios.benchmark.data_sets import read_labelled
+    from scenarios.benchmark.scoring import contender, read_split
     from scenarios.trial.config import trial_layers
 
     if args.recording is not None:
@@ -227,7 +227,7 @@ def _contenders(args: argparse.Namespace) -> Any:
 def table2(args: argparse.Namespace) -> int:
     from detector.scores.tables import confusions_table, methods_table, variances_table
     from detector.scores.variance import variance_of
-    from scenarios.studies.detectors.benchmark import named, read_split
+    from scenarios.benchmark.scoring import named, read_split
 
     check_named(args.detector)
     recordings = read_split(args.data, "test", exits.say)
@@ -329,7 +329,7 @@ def tune(args: argparse.Namespace) -> int:
 def _tune_rule(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.studies.detectors.benchmark import contender, read_split, stands_on, tune_rule
+    from scenarios.benchmark.scoring import contender, read_split, stands_on, tune_rule
 
     recordings = read_split(args.data, "validation", exits.say)
     (name,) = [args.detector]
@@ -396,7 +396,7 @@ def rest_text(minutes: float) -> str:
 def _tune_threshold(args: argparse.Namespace) -> int:
     import msgspec
 
-    from scenarios.studies.detectors.benchmark import (
+    from scenarios.benchmark.scoring import (
         contender,
         read_split,
         require_formula,
@@ -421,8 +421,8 @@ def _tune_threshold(args: argparse.Namespace) -> int:
 def _tune_unlabelled(args: argparse.Namespace) -> int:
     import msgspec
 
+    from scenarios.benchmark.label_free import tune_unlabelled
     from scenarios.campaign.config import load_config
-    from scenarios.studies.detectors.unlabelled import tune_unlabelled
 
     config = load_config("can", "simulated", args.detector, args.config, args.set)
     found = tune_unlabelled(config, args.unlabelled, args.budget)
@@ -466,8 +466,8 @@ def point_text(p: Any) -> str:
 
 
 def _tune_on_lifts(args: argparse.Namespace) -> tuple[float, float]:
+    from scenarios.benchmark.static_lifts import tune as tune_on_lifts
     from scenarios.campaign.config import load_config
-    from scenarios.studies.detectors.tune import tune as tune_on_lifts
 
     config = load_config("can", "simulated", "energy", args.config, args.set).for_lift()
     with progress("static lifts", hidden=args.json) as show:

@@ -94,7 +94,7 @@ def _add_names(parser: argparse.ArgumentParser) -> None:
 
 def robustness(args: argparse.Namespace) -> int:
     need("charts", "matplotlib")
-    from scenarios.studies.detectors.benchmark import read_split
+    from scenarios.benchmark.scoring import read_split
     from scenarios.studies.detectors.robustness import (
         chosen,
         made_stiffer,

@@ -61,8 +61,8 @@ def evaluate(args: argparse.Namespace) -> int:
     from detector.heads import read_heads
     from detector.network_file import read_network, weights_digest
     from drivers.errors import UsageError
+    from scenarios.benchmark.data_sets import read_set
     from scenarios.studies.detectors.kinds import compared, sizing_table, sizings, table
-    from scenarios.studies.sets import read_set
 
     weights = network_path(args.network)
     loaded = read_network(weights)
@@ -84,8 +84,8 @@ def train(args: argparse.Namespace) -> int:
     from detector.scores.heads import felt
     from detector.training.heads import STEPS, HeadSettings, train_heads, write_heads
     from detector.training.sequences import digest
+    from scenarios.benchmark.data_sets import require_whole
     from scenarios.studies.detectors.kinds import compared, table, with_scores
-    from scenarios.studies.sets import require_whole
     from scenarios.trial.result import versions
 
     weights = network_path(args.network)

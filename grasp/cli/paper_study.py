@@ -144,9 +144,9 @@ def ablations(args: argparse.Namespace) -> int:
 
 def _trained(args: argparse.Namespace, variants: Any) -> list[Any]:
     """A row for every variant and seed; all variants of a seed before the next."""
-    from scenarios.studies.detectors.benchmark import read_split
+    from scenarios.benchmark.data_sets import require_whole
+    from scenarios.benchmark.scoring import read_split
     from scenarios.studies.detectors.variants import Sets, train
-    from scenarios.studies.sets import require_whole
 
     require_whole(args.data)
     sets = Sets(*(read_split(args.data, split) for split in ("train", "validation", "test")))
@@ -177,7 +177,7 @@ def table3(args: argparse.Namespace) -> int:
 
     from detector.scores.cells import cell_table, require_cells
     from detector.scores.tables import cells_table
-    from scenarios.studies.detectors.benchmark import named, read_split
+    from scenarios.benchmark.scoring import named, read_split
 
     check_named(args.detector)
     both = {folder.resolve() for folder in args.data} & {f.resolve() for f in args.swept_on}
@@ -198,7 +198,7 @@ def table3(args: argparse.Namespace) -> int:
 def _tell_learnt(recordings: Sequence[Any]) -> None:
     """Warn of recordings that the packaged networks have learnt from, or were chosen and tuned by:
     what is scored on them is no test of these."""
-    from scenarios.studies.sets import learnt_from
+    from scenarios.benchmark.data_sets import learnt_from
 
     if known := learnt_from(recordings):
         exits.report_line(
@@ -210,7 +210,7 @@ def _tell_learnt(recordings: Sequence[Any]) -> None:
 
 def tell_swept(made: Any, swept_on: Sequence[Path]) -> None:
     """Which threshold a detector of one number has been given."""
-    from scenarios.studies.detectors.benchmark import threshold_of
+    from scenarios.benchmark.scoring import threshold_of
     from scenarios.trial.config import FORMULAS
 
     if swept_on and made.config.detector_name in FORMULAS:
@@ -220,7 +220,7 @@ def tell_swept(made: Any, swept_on: Sequence[Path]) -> None:
 
 def latency(args: argparse.Namespace) -> int:
     need("charts", "matplotlib")
-    from scenarios.studies.detectors.benchmark import contender, read_split
+    from scenarios.benchmark.scoring import contender, read_split
     from scenarios.studies.detectors.latency import latency as measure
     from scenarios.studies.detectors.latency_figure import draw_latency
 

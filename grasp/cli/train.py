@@ -183,7 +183,7 @@ def _tell(args: argparse.Namespace, card: Any, training: Any, out: Path) -> None
 
 def _prepare(args: argparse.Namespace) -> tuple[Any, list[Any]]:
     """The training, ready to run, and the validation recordings."""
-    from scenarios.studies.sets import require_whole
+    from scenarios.benchmark.data_sets import require_whole
 
     require_whole(args.data)  # before torch, which takes seconds
     import msgspec

@@ -164,7 +164,7 @@ def _judge_data(args: argparse.Namespace, recording: Any) -> int:
     import msgspec
 
     from grasp.cli import judge_view
-    from scenarios.studies.sets import read_set
+    from scenarios.benchmark.data_sets import read_set
     from scenarios.studies.signal.judge.report import by_part, clip_of, judge
 
     if args.ablate:

@@ -67,7 +67,7 @@ def _tell(show: Any, what: str, step: int, steps: int) -> None:
 
 def _sets(args: argparse.Namespace) -> Any:
     """Names and recordings: parts as they are, then those without a term."""
-    from scenarios.studies.sets import read_set
+    from scenarios.benchmark.data_sets import read_set
     from scenarios.studies.signal import terms
     from scenarios.studies.signal.judge.report import by_part
 

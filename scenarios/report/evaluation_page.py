@@ -9,11 +9,7 @@ import msgspec
 
 from detector.decision import RuleSettings
 from detector.scores.quantiles import Quantiles, quantiles
-from scenarios.report.charts import Plot
-from scenarios.report.curves import Axis, Curve, Mark, curves
-from scenarios.report.page import render
-from scenarios.report.run_decision import in_words
-from scenarios.studies.detectors.evaluated import (
+from scenarios.benchmark.evaluation_file import (
     AFTER_S,
     BEFORE_S,
     Choice,
@@ -23,6 +19,10 @@ from scenarios.studies.detectors.evaluated import (
     no_evaluation,
     read_evaluation,
 )
+from scenarios.report.charts import Plot
+from scenarios.report.curves import Axis, Curve, Mark, curves
+from scenarios.report.page import render
+from scenarios.report.run_decision import in_words
 
 LEAST_SCALE_MS, STEP_MS = 100.0, 50.0  # of delays: what is later, or never came, is at its top
 RATES = (0.1, 1000.0)  # false events a minute that have a place; fewer are drawn at the left

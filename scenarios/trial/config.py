@@ -11,7 +11,6 @@ from msgspec import Meta
 
 from detector.decision import RuleSettings
 from detector.energy import EnergySettings
-from detector.forte import ForteSettings
 from detector.interface import DetectorSettings, SlipDetector, load_detector, memory_of
 from detector.network import NetworkSettings
 from detector.network_file import is_weights, weights_digest, weights_path
@@ -44,7 +43,7 @@ from scenarios.world.ladder.runs import RunPlan
 
 DEFAULT_PROFILE = "default"
 # detectors that are formulas, and their sections
-FORMULAS = {"energy": "energy", "psd": "psd", "psd-fair": "psd_fair", "forte": "forte"}
+FORMULAS = {"energy": "energy", "psd": "psd", "psd-fair": "psd_fair"}
 NETWORK = "network"  # the section of packaged networks, and of weights of one's own
 OWN = "own"  # of code of one's own
 
@@ -81,8 +80,8 @@ class SourceSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Rig and control of one trial; ``rig``, ``profile`` and ``detector_name`` are names.
 
-    Of the sections `energy`, `psd`, `psd_fair`, `forte`, `network` and `own`, the one counts that
-    the detector asked for takes.
+    Of the sections `energy`, `psd`, `psd_fair`, `network` and `own`, the one counts that the
+    detector asked for takes.
     """
 
     profile: str = DEFAULT_PROFILE
@@ -97,7 +96,6 @@ class TrialConfig(GraspRigConfig, frozen=True, forbid_unknown_fields=True, kw_on
     energy: EnergySettings = EnergySettings()
     psd: PsdSettings = PsdSettings()
     psd_fair: PsdFairSettings = PsdFairSettings()
-    forte: ForteSettings = ForteSettings()
     network: NetworkSettings = NetworkSettings()
     own: Annotated[
         dict[str, Scalar],

@@ -105,10 +105,10 @@ def test_tuning_its_rule_on_labelled_recordings(
     mine: str, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from detector.recordings import read
-    from scenarios.studies.detectors import benchmark
+    from scenarios.benchmark import scoring
 
     recording = read(stroke_csv(tmp_path / "s.csv"))
-    monkeypatch.setattr(benchmark, "read_split", lambda folders, split, *tell: [recording])
+    monkeypatch.setattr(scoring, "read_split", lambda folders, split, *tell: [recording])
     assert main(["detector", "tune", mine, "--data", str(tmp_path), "--budget", "600"]) == 0
     assert "[rule]" in capsys.readouterr().out
 

@@ -80,7 +80,7 @@ def test_every_setting_is_read(file: type[msgspec.Struct], said: Said) -> None:
 
 # what is looked up by a name: sections, and a file that is one more layer; and what people read
 NOT_BY_TYPE = {
-    "RunConfig.network", "RunConfig.psd", "RunConfig.psd_fair", "RunConfig.forte",
+    "RunConfig.network", "RunConfig.psd", "RunConfig.psd_fair",
     "DriverSettings.calibration", "GraspObject.description", "FixedSurface.description",
     "DatasetConfig.name",
 }  # fmt: skip

@@ -14,7 +14,7 @@ from detector.recordings import Recording, Split
 from detector.scores.heads import Figure, Score, felt, score, told_by_heads, told_without
 from scenarios.acquire.datasets.bodies import relaxed_n
 from scenarios.acquire.datasets.grasped import lift_config
-from scenarios.studies.sets import read_set
+from scenarios.benchmark.data_sets import read_set
 from scenarios.world.contact import GRAVITY_MPS2
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ from detector.scores.evaluation import (
 )
 from detector.scores.quantiles import Quantiles, quantiles
 from drivers.errors import UsageError
-from scenarios.studies.detectors.benchmark import Contender
+from scenarios.benchmark.scoring import Contender
 
 AUTHORS_MS = 113.0  # Grover et al. 2022, section V-B; 134 ms with 21 ms of computing
 

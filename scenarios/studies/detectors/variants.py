@@ -23,7 +23,7 @@ from detector.training.export import export
 from detector.training.fit import Training
 from detector.training.sequences import digest
 from detector.training.settings import DEFAULTS, TrainSettings
-from scenarios.studies.detectors.benchmark import contender
+from scenarios.benchmark.scoring import contender
 from scenarios.trial.result import versions
 
 NETWORK = "tcn-paper"

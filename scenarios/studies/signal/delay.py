@@ -20,7 +20,7 @@ from detector.training.sequences import digest
 from detector.training.settings import DEFAULTS, WINDOWS, TrainSettings
 from detector.training.validation import odds_of
 from drivers.errors import UsageError
-from scenarios.studies.detectors.benchmark import too_short
+from scenarios.benchmark.scoring import too_short
 
 NETWORK = "tcn-paper"
 RULE = RuleSettings(kind="consecutive", consecutive=2, threshold=0.5)  # the paper's

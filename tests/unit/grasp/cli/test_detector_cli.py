@@ -365,7 +365,7 @@ def test_a_card_without_a_name_tells_the_detectors_the_default_and_the_rule_of_e
     assert told.count("(default)") == 1
     found = answers(capsys, "detector", "card", "--json")
     assert [sheet["name"] for sheet in found if sheet["default"]] == ["tcn"]
-    assert len(found) == len(told.splitlines()) == 8
+    assert len(found) == len(told.splitlines()) == 7
 
 
 def test_where_a_formula_and_the_detector_have_their_settings_is_told(

@@ -13,11 +13,11 @@ from detector.scores import unlabelled
 from grasp.cli import run
 from grasp.cli.main import main
 from grasp.cli.operator import TerminalOperator
+from scenarios.benchmark import label_free as rules
 from scenarios.campaign.config import load_config
 from scenarios.lab import sessions
 from scenarios.lab.fit import Line, law_of, of_byte
 from scenarios.lab.scale import force_file, hand_file
-from scenarios.studies.detectors import unlabelled as rules
 from tests.calibrations import PRESSED
 
 NOTE = 'after the "new" pads'

@@ -9,12 +9,12 @@ import pytest
 
 from drivers.errors import BadFile
 from grasp.cli.main import main
+from scenarios.benchmark.evaluation_file import EvaluationFile, evaluated
+from scenarios.benchmark.scoring import contender
 from scenarios.campaign.config import load_config
 from scenarios.report.charts import BOTTOM, LEFT, RIGHT, TOP
 from scenarios.report.curves import Axis, Curve, Mark, curves
 from scenarios.report.evaluation_page import evaluation_page
-from scenarios.studies.detectors.benchmark import contender
-from scenarios.studies.detectors.evaluated import EvaluationFile, evaluated
 from tests.unit.detector.toys import toys
 
 HOSTILE = "</p><script>alert(1)</script>"

@@ -25,7 +25,6 @@ LEFT_OUT = {
     "realtime",
     "psd",
     "psd_fair",
-    "forte",
     "files",
     "network",
     "own",

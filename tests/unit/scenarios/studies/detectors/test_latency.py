@@ -9,7 +9,7 @@ import pytest
 from detector.recordings import write
 from drivers.errors import UsageError
 from grasp.cli.main import main
-from scenarios.studies.detectors.benchmark import contender
+from scenarios.benchmark.scoring import contender
 from scenarios.studies.detectors.latency import latency
 from tests.unit.detector.toys import toy, toys
 from tests.unit.scenarios.conftest import EAGER

@@ -10,8 +10,7 @@ from detector.decision import RuleSettings
 from detector.recordings import Recording
 from detector.scores.evaluation import Streamed
 from drivers.errors import BadFile
-from scenarios.studies.detectors.benchmark import contender
-from scenarios.studies.detectors.evaluated import (
+from scenarios.benchmark.evaluation_file import (
     MOST_TRACES,
     EvaluationFile,
     evaluated,
@@ -19,6 +18,7 @@ from scenarios.studies.detectors.evaluated import (
     slips_heard,
     trace,
 )
+from scenarios.benchmark.scoring import contender
 from tests.unit.detector.toys import toys
 
 RULE = RuleSettings(kind="consecutive", consecutive=1, threshold=0.5, fusion="any", release=1)

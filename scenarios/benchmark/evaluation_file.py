@@ -24,7 +24,7 @@ from detector.scores.evaluation import (
 from detector.scores.metrics import ReliabilityBin, reliability
 from detector.scores.sweep import frontier
 from drivers.errors import BadFile
-from scenarios.studies.detectors.benchmark import Contender, Scores
+from scenarios.benchmark.scoring import Contender, Scores
 
 FORMAT: Literal["grasp-evaluation"] = "grasp-evaluation"
 BEGINS = f'{{"format":"{FORMAT}"'  # how a file of ours is told from others

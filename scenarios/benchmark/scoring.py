@@ -29,9 +29,9 @@ from detector.scores.sweep import SweepPoint, at_the_budget, best, rules, sweep
 from drivers.errors import UsageError
 from grasp.clock import stopwatch_ns
 from grasp.settings import names
+from scenarios.benchmark.data_sets import read_set
 from scenarios.campaign.config import load_config
 from scenarios.rigs.own_settings import Files
-from scenarios.studies.sets import read_set
 from scenarios.trial.config import FORMULAS, TrialConfig
 
 

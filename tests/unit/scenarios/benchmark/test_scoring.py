@@ -10,7 +10,7 @@ from detector.recordings import Recording, write
 from detector.scores.sweep import rules
 from drivers.errors import BadFile, UsageError
 from grasp.cli.main import main
-from scenarios.studies.detectors.benchmark import contender, read_split, stands_on
+from scenarios.benchmark.scoring import contender, read_split, stands_on
 from tests.unit.detector.blow_toys import struck
 from tests.unit.detector.toys import toy, toys
 from tests.unit.scenarios.conftest import EAGER

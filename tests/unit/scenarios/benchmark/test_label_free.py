@@ -10,9 +10,9 @@ import pytest
 
 from detector.recordings import write
 from grasp.cli.main import main
+from scenarios.benchmark import label_free
 from scenarios.campaign.config import load_config
 from scenarios.lift import lift
-from scenarios.studies.detectors import unlabelled
 from tests.unit.detector.toys import toy
 
 
@@ -81,7 +81,7 @@ def test_a_lift_that_was_not_held_for_long_is_refused_with_what_to_record(
     counts = np.zeros((600, 3, 6), np.int16)
     counts[100:500] = -60
     phases = ["lift"] * 300 + ["hold"] * 100 + ["lower"] * 200  # held for a second
-    monkeypatch.setattr(unlabelled, "_of_run", lambda _: (counts, phases))
+    monkeypatch.setattr(label_free, "_of_run", lambda _: (counts, phases))
     assert main(["detector", "tune", "tcn", "--unlabelled", "runs/a-lift"]) == 2
     said = capsys.readouterr().err
     assert "0 s of hold are too few" in said and "record 30 s or more, best 180" in said

@@ -10,7 +10,7 @@ from detector.recordings import write
 from drivers.errors import BadFile
 from grasp.cli.main import main
 from scenarios.acquire.datasets.build import INDEX
-from scenarios.studies.sets import read_set, require_whole
+from scenarios.benchmark.data_sets import read_set, require_whole
 from tests.unit.detector.toys import toy, toys
 
 THERE = 9
