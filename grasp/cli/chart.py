@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from grasp.cli import answers, detector_study, exits
+from grasp.cli import answers, exits
 from grasp.cli.options import (
     OBJECT_HELP,
     add_workers,
@@ -50,7 +50,6 @@ def add_parser(verbs: Any) -> None:
     )  # fmt: skip
     run.set_defaults(handler=draw)
     _add_detectors(charts)
-    detector_study.add_observer(charts)
     _add_physics(charts)
     answers.add_parser(charts)
     _add_reaction(charts)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.errors import BadFile, UsageError
-from grasp.cli import card, detector_study, exits, heads, paper_study, train
+from grasp.cli import card, exits, heads, paper_study, train
 from grasp.cli.options import add_settings, decimal, one_by_one, progress, whole
 from grasp.cli.output import json_line
 from grasp.cli.places import file_to_write, own_or_new
@@ -32,8 +32,6 @@ def add_parser(verbs: Any) -> None:
     _add_table2(actions)
     card.add_parser(actions)
     paper_study.add_parser(actions)
-    detector_study.add_robustness(actions)
-    detector_study.add_fingertips(actions)
     train.add_parser(actions)
     heads.add_parser(actions)
 
