@@ -13,7 +13,7 @@ import time
 
 import msgspec
 
-from tests.wire.scenarios.chaos.plans import Plan, Trouble
+from tests.nightly.chaos.plans import Plan, Trouble
 
 PIECE = 65_536
 FC16 = 16  # of Modbus: write registers
