@@ -19,9 +19,9 @@ from drivers.takktile.receiver import UsbBoard
 from drivers.ur.driver import ArmSample
 from drivers.ur.model import ArmModel
 from grasp.clock import Clock
-from scenarios.studies.faults.cases import AXES, TAXELS
-from scenarios.studies.faults.registers import FIELDS, verb, wrong
-from scenarios.studies.faults.struck import BEHIND_NS, BLINK_NS, Past, Struck
+from tests.nightly.faults.cases import AXES, TAXELS
+from tests.nightly.faults.registers import FIELDS, verb, wrong
+from tests.nightly.faults.struck import BEHIND_NS, BLINK_NS, Past, Struck
 
 Codes = NDArray[np.int16]
 WATCHDOG_NS = 100_000_000  # of the arm's controller: unkicked for so long it stops the program

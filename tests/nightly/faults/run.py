@@ -1,8 +1,7 @@
-"""Lifts in which something fails, and what came of them: by what was said, and by what only the
-simulation knows, until long after the run has ended.
+"""Lifts in virtual time in which something fails, and what came of them until long after the end.
 
-Up to the fault a lift is the plain one, so many cases of one scene share it: where one is struck
-the process forks, and the child goes on with the fault.
+Up to the fault a lift is the plain one, so cases of one scene share it: where one is struck the
+process forks, and the child goes on with the fault.
 """
 
 import gc
@@ -10,6 +9,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 import msgspec
@@ -23,10 +23,12 @@ from scenarios.lift import lift
 from scenarios.lift.config import LiftConfig
 from scenarios.rigs.rig import Rig
 from scenarios.rigs.simulated import Wires, simulated
-from scenarios.studies.faults.cases import STANDSTILLS_S, Case, Fault
-from scenarios.studies.faults.schedule import Stretch
-from scenarios.studies.faults.struck import Struck
-from scenarios.studies.faults.wires import (
+from scenarios.trial.ending import End
+from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
+from scenarios.world.cell import SimulatedCell, Truth
+from tests.nightly.faults.cases import STANDSTILLS_S, Case, Fault, Stretch
+from tests.nightly.faults.struck import Struck
+from tests.nightly.faults.wires import (
     HEARTBEAT_NS,
     ArmWire,
     FailingDetector,
@@ -34,56 +36,48 @@ from scenarios.studies.faults.wires import (
     PadWire,
     Wire,
 )
-from scenarios.trial.ending import End
-from scenarios.trial.execution import FinishedTrial, make_guard, run_trial
-from scenarios.world.cell import SimulatedCell, Truth
+from tests.nightly.last_line import WAY_OUT
 
-LATER_NS, STEP_NS = 1_500_000_000, 50_000_000  # all that was still under way has ended by then
+LATER_NS, STEP_NS = 1_500_000_000, 50_000_000  # everything under way has ended by then
 OFF_TABLE_M = 0.001
-SLIDES_MPS = 1e-3
 REACTION_S = 0.15  # from the safe state until an arm brakes: its own watchdog takes 0.1 s of it
-WAY_OUT = "open the hand"  # told as to a person beside a real cell, which this rig is not
 
 
 class Ended(msgspec.Struct, frozen=True, kw_only=True):
     """What came of one run. Heights and ways in m, forces in N, times in s."""
 
     case: Case
-    struck: bool  # whether the phase ever came
-    struck_in: str  # the phase that was under way then; empty: it was not struck
+    struck_in: str  # phase that was under way; empty: never struck
     taken: int = 0  # commands that the fault took
     then_taken: int = 0  # and the second of a pair
     taken_safe: bool = False  # one of them was the safe state's own
     outcome: str
-    phase: str  # the last one but for the safe state
+    phase: str  # the last one before the safe state
     cause: str
     message: str  # the last line, without the remedy; empty where nothing failed
-    arm: str = ""  # as the last line has it
+    arm: str = ""  # by the last line
     hand: str = ""
     advice: str = ""
     unreached: tuple[str, ...] = ()
     finished: bool
-    noticed_s: float | None  # from the fault to the safe state
-    arm_s: float | None  # from there until the arm stood for good
+    arm_s: float | None  # from the safe state until the arm stood for good
     hand_s: float | None  # and the fingers
-    safe_mps: float  # the fastest that the arm was as the safe state had just begun
+    safe_mps: float  # highest speed of the arm as the safe state had just begun
     safe_way_m: float  # its way from there until long after
     arm_mps: float  # at the end of the run
     fingers_mps: float
     later_arm_mps: float
     later_fingers_mps: float
     peak_n: float
-    entered_n: float | None  # when the safe state began, by the most loaded finger
-    least_n: float | None  # the least of it from there until long after
+    entered_n: float | None  # by the most loaded finger, as the safe state began
+    least_n: float | None  # the least of it until long after
     pressed_n: float  # at the end
     later_pressed_n: float
-    held_before: bool  # in the air and at rest in the hand when it struck
     lifted_m: float  # the highest that the object came
     let_go_m: float  # height at which the hand lost it; 0: it did not, or on the table
     slid_m: float  # in the hand, in the air, since the fault
     height_m: float  # long after
     slip_mps: float
-    ran_s: float
 
 
 class Attack:
@@ -119,7 +113,7 @@ class Attack:
         self.pads.tick(now_ns)
 
     def told(self) -> list[str]:
-        """Commands to hand and arm since it was last asked."""
+        """Commands to hand and arm since the last call."""
         found = [*self.hand.told, *self.arm.told]
         self.hand.told.clear()
         self.arm.told.clear()
@@ -162,15 +156,14 @@ class Attack:
             clock.sleep_until_ns(end_ns)
 
 
-class Seen:
-    """What the simulation knew, instant by instant."""
+class Observer:
+    """Follows arm, fingers and object by what the simulation knows."""
 
     def __init__(self, cell: SimulatedCell) -> None:
         self._cell = cell
         self._last: Truth | None = None
         self.arm_moved_ns = self.hand_moved_ns = 0
         self.lifted_m = self.let_go_m = self.slid_m = 0.0
-        self.at_strike: Truth | None = None
         self.safe_ns: int | None = None
         self.safe_mps = self.safe_way_m = 0.0
         self._at_m: Vector3 | None = None
@@ -193,7 +186,6 @@ class Seen:
         last, self._last = self._last, truth
         if not struck or last is None:
             return
-        self.at_strike = self.at_strike or truth
         if last.touched and not truth.touched and last.height_m > OFF_TABLE_M:
             self.let_go_m = max(self.let_go_m, last.height_m)
         if last.touched and truth.touched and min(last.height_m, truth.height_m) > OFF_TABLE_M:
@@ -208,41 +200,26 @@ class Seen:
         if t_ns - self.safe_ns <= REACTION_S * 1e9:
             self.safe_mps = max(self.safe_mps, speed(self._cell, t_ns))
 
-    @property
-    def held_before(self) -> bool:
-        t = self.at_strike
-        return t is not None and t.touched and t.height_m > OFF_TABLE_M and rests(t)
-
-
-def rests(truth: Truth) -> bool:
-    return abs(truth.slip_speed_mps) < SLIDES_MPS
-
 
 def speed(cell: SimulatedCell, t_ns: int) -> float:
     return float(np.linalg.norm(cell.arm.velocity(t_ns)))
 
 
 def config_of(name: str, seed: int) -> LiftConfig:
-    """As a plain `grasp run lift --rig simulated --object NAME` has it."""
     return load_config(name, "simulated").for_lift().built_for(seed)
-
-
-def _nobody(ended: Ended) -> None:
-    """Told of each run, who waits for the last."""
 
 
 class Branches:
     """The cases of one scene, each of which leaves the plain lift when its moment has come."""
 
-    def __init__(self, cases: Sequence[Case], tell: Callable[[Ended], None] = _nobody) -> None:
-        """``tell``: what a child came to, as soon as it has ended."""
-        self._waiting, self._tell = list(cases), tell
+    def __init__(self, cases: Sequence[Case]) -> None:
+        self._waiting = list(cases)
         self._phase: Phase | None = None
         self._visits: dict[Phase, int] = {}
         self._ticks = 0  # since the phase began
         self.case = cases[0] if len(cases) == 1 else None  # that this process goes on with
         self.ended: list[Ended] = []  # by children
-        self.write: int | None = None  # of a child: where it tells what came of it
+        self.write: int | None = None  # of a child: pipe of its result
 
     @property
     def is_child(self) -> bool:
@@ -289,7 +266,6 @@ class Branches:
         os.waitpid(child, 0)
         if text:
             self.ended.append(msgspec.json.decode(text, type=Ended))
-            self._tell(self.ended[-1])
         return False
 
 
@@ -298,10 +274,9 @@ def run(case: Case) -> Ended:
     return run_scene([case])[0]
 
 
-def run_scene(cases: Sequence[Case], tell: Callable[[Ended], None] = _nobody) -> list[Ended]:
-    """Cases of one object and seed; one that could not be run is left out. ``tell``: each as soon
-    as it is over."""
-    branches = Branches(cases, tell)
+def run_scene(cases: Sequence[Case]) -> list[Ended]:
+    """Cases of one object and seed; one that could not be run is left out."""
+    branches = Branches(cases)
     try:
         ended = _run(cases[0].object, cases[0].seed, branches)
         if branches.write is not None:
@@ -310,18 +285,15 @@ def run_scene(cases: Sequence[Case], tell: Callable[[Ended], None] = _nobody) ->
         if branches.is_child:
             os._exit(0)
     left = cases if branches.case is not None else branches.left  # a plain lift, or never struck
-    own = [msgspec.structs.replace(ended, case=case) for case in left]
-    for one in own:
-        tell(one)
-    return [*branches.ended, *own]
+    return [*branches.ended, *(msgspec.structs.replace(ended, case=case) for case in left)]
 
 
-class Going(Branches):
-    """A plain lift that is only looked at."""
+class Plain(Branches):
+    """A plain lift whose stretches are noted."""
 
     def __init__(self, scene: tuple[str, int]) -> None:
         super().__init__([Case(0, *scene, None)])
-        self.told: Callable[[], list[str]] = list  # commands since it was last asked
+        self.told: Callable[[], list[str]] = list  # commands since the last call
         self._found: list[tuple[Phase, int, list[tuple[str, int]]]] = []
 
     def due(self, phase: Phase) -> Case | None:
@@ -345,23 +317,24 @@ class Going(Branches):
         return tuple(found)
 
 
-def goes(name: str, seed: int) -> tuple[Stretch, ...]:
-    """How a plain lift of this scene goes."""
-    going = Going((name, seed))
-    _run(name, seed, going)
-    return going.stretches
+@lru_cache
+def schedule(name: str, seed: int) -> tuple[Stretch, ...]:
+    """The stretches of a plain lift."""
+    plain = Plain((name, seed))
+    _run(name, seed, plain)
+    return plain.stretches
 
 
 def _run(name: str, seed: int, branches: Branches) -> Ended:
     config, attack = config_of(name, seed), Attack()
     rig = attack.rig = simulated(config, seed, paced=False, wires=attack.wires)
     cell = rig.cell
-    assert isinstance(cell, SimulatedCell)  # noqa: S101
+    assert isinstance(cell, SimulatedCell)
     attack.pads.of(cell.board)
     attack.arm.clock = rig.clock
     attack.detector = FailingDetector(config.make_detector(FINGERS), rig.clock)
-    seen, struck_in = Seen(cell), ""
-    if isinstance(branches, Going):
+    seen, struck_in = Observer(cell), ""
+    if isinstance(branches, Plain):
         branches.told = attack.told
 
     def watch(tick: Tick, truth: Truth | None, controller: Any) -> None:
@@ -374,7 +347,7 @@ def _run(name: str, seed: int, branches: Branches) -> Ended:
             seen.take(truth, bool(attack.struck_ns), tick.decision.phase in SAFE_PHASES)
 
     trial = run_trial(config, rig, make_guard(config), watch, detector=attack.detector)
-    at_end, arm_mps, ran_s = cell.truth(), speed(cell, rig.clock.now_ns), rig.clock.now_ns * 1e-9
+    at_end, arm_mps = cell.truth(), speed(cell, rig.clock.now_ns)
     fingers_mps = float(np.abs(cell.gripper.velocity_mps).max())
     trial = msgspec.structs.replace(trial, way_out=WAY_OUT)
     safe = trial.controller.phase in SAFE_PHASES
@@ -382,40 +355,35 @@ def _run(name: str, seed: int, branches: Branches) -> Ended:
     later = cell.truth()
     outcome = lift.judge(config, seed, trial, None).outcome
     failure, said = trial.failure(config, outcome), trial.end(config) or End("", "", "")
-    noticed_s, arm_s, hand_s = _delays(trial, attack.struck_ns, seen)
+    arm_s, hand_s = _delays(trial, seen) if attack.struck_ns else (None, None)
     (taken, took_ns), (then_taken, then_took_ns) = attack.took(0), attack.took(1)
     safe_ns = seen.safe_ns
     return Ended(
-        case=branches.case or Case(0, name, seed, None), struck=bool(attack.struck_ns),
-        struck_in=struck_in, taken=taken, then_taken=then_taken,
+        case=branches.case or Case(0, name, seed, None), struck_in=struck_in, taken=taken,
+        then_taken=then_taken,
         taken_safe=safe_ns is not None and max(took_ns, then_took_ns) >= safe_ns,
-        outcome=outcome, phase=_phase(trial),
-        cause=trial.controller.fault_cause, message="" if failure is None else failure.message,
+        outcome=outcome, phase=_phase(trial), cause=trial.controller.fault_cause,
+        message="" if failure is None else failure.message,
         arm=said.arm, hand=said.hand, advice=said.advice, unreached=said.unreached,
-        finished=trial.controller.finished and _in_time(trial),
-        noticed_s=noticed_s, arm_s=arm_s, hand_s=hand_s,
+        finished=trial.controller.finished and _in_time(trial), arm_s=arm_s, hand_s=hand_s,
         safe_mps=seen.safe_mps, safe_way_m=seen.safe_way_m, fingers_mps=fingers_mps,
         arm_mps=arm_mps, later_arm_mps=speed(cell, rig.clock.now_ns),
         later_fingers_mps=float(np.abs(cell.gripper.velocity_mps).max()),
         peak_n=max(later.peak_n), entered_n=seen.entered_n, least_n=seen.least_n,
-        pressed_n=max(at_end.normal_n),
-        later_pressed_n=max(later.normal_n), held_before=seen.held_before,
+        pressed_n=max(at_end.normal_n), later_pressed_n=max(later.normal_n),
         lifted_m=seen.lifted_m, let_go_m=seen.let_go_m, slid_m=seen.slid_m,
-        height_m=later.height_m, slip_mps=abs(later.slip_speed_mps), ran_s=ran_s,
+        height_m=later.height_m, slip_mps=abs(later.slip_speed_mps),
     )  # fmt: skip
 
 
-def _delays(
-    trial: FinishedTrial, struck_ns: Sequence[int], seen: Seen
-) -> tuple[float | None, float | None, float | None]:
-    """From the first fault to the safe state, and from there until the arm and until the fingers
-    moved no more, s; None where no safe state was entered."""
+def _delays(trial: FinishedTrial, seen: Observer) -> tuple[float | None, float | None]:
+    """From the safe state until the arm and until the fingers moved no more, s; None without."""
     entered = [e.t_ns for e in trial.controller.machine.log if e.phase in SAFE_PHASES]
-    if not entered or not struck_ns:
-        return None, None, None
-    noticed_s = (entered[0] - struck_ns[0]) * 1e-9
-    arm_s = max(0, seen.arm_moved_ns - entered[0]) * 1e-9
-    return noticed_s, arm_s, max(0, seen.hand_moved_ns - entered[0]) * 1e-9
+    if not entered:
+        return None, None
+    moved_ns = seen.arm_moved_ns, seen.hand_moved_ns
+    arm_s, hand_s = (max(0, t_ns - entered[0]) * 1e-9 for t_ns in moved_ns)
+    return arm_s, hand_s
 
 
 def _wait(rig: Rig[Any, Any], flush: Callable[[int], None], look: Callable[[], None]) -> None:

@@ -4,7 +4,7 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from scenarios.studies.faults.cases import RECOVERS_NS, Fault
+from tests.nightly.faults.cases import RECOVERS_NS, Fault
 
 T = TypeVar("T")
 _FOR_EVER = 1 << 62
